@@ -1,0 +1,35 @@
+"""Why a point has a value, or has none."""
+
+from __future__ import annotations
+
+from enum import IntEnum
+
+__all__ = ["Status"]
+
+
+class Status(IntEnum):
+    """Reason code kept beside every field as ``uint8``; everything above FILLED has the value NaN."""
+
+    VALID = 0
+    """Measured."""
+    FILLED = 1
+    """Not measured here: taken from the neighbours, and marked."""
+    OUTSIDE = 2
+    """Not in the region of interest, or outside the photograph."""
+    LOW_TEXTURE = 3
+    """Too little grey-level variation to match."""
+    NO_MATCH = 4
+    """Stereo matching found no partner."""
+    LEFT_RIGHT = 5
+    """Matching left to right and right to left disagree."""
+    SPECKLE = 6
+    """A small island of disparities unlike those around it."""
+    BACKGROUND = 7
+    """At a depth that is not the specimen's."""
+    UNTRACKED = 8
+    """No transform carries this point to this step."""
+
+    @property
+    def label(self) -> str:
+        """The reason in plain words."""
+        return self.name.lower().replace("_", " ")

@@ -1,0 +1,1 @@
+"""Nodes, keys, store and scheduling. Knows nothing of images."""

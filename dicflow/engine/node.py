@@ -1,0 +1,137 @@
+"""Nodes: one frozen pydantic model per stage, and the types of its parameters."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from enum import StrEnum
+from pathlib import Path
+from typing import Annotated, Any, ClassVar, Literal
+
+from pydantic import BaseModel, BeforeValidator, ConfigDict, Field
+
+from dicflow.engine.product import Product
+from dicflow.engine.units import quantity
+
+__all__ = ["Affects", "At", "Degrees", "InputFile", "Millimetres", "Node", "Pixels", "Port", "Scope", "parameter"]
+
+
+class Scope(StrEnum):
+    """What a stage repeats over.
+
+    The steps are those of the images that its inputs descend from; a stage with files of its own
+    (``Node.steps``) starts a new series of steps.
+    """
+
+    RIG = "rig"
+    """Once for the cameras: takes all steps of the board photographs."""
+    STEP = "step"
+    """Once for each step."""
+    PAIR = "pair"
+    """Once for each step but the first: from the step before to this one."""
+    TEST = "test"
+    """Once for all steps."""
+
+
+class At(StrEnum):
+    """Which step of its producer an input takes, seen from step k of the consumer."""
+
+    SAME = "same"
+    """Step k; of a pair, the one that ends in k (None at the first step); the only one of a rig or test."""
+    PREVIOUS = "previous"
+    """Step k − 1; None at the first step of a STEP stage. A stage may take its own output so."""
+    FIRST = "first"
+    """The first step, the reference."""
+    ALL = "all"
+    """A tuple of all steps in order, each read when it is first used."""
+
+
+@dataclass(frozen=True)
+class Port:
+    """One input of a stage.
+
+    kinds : kinds of product that fit
+    at : which step is taken
+    optional : the stage also works without it and then gets None
+    own : the producer is this very stage, at another step
+    """
+
+    kinds: tuple[str, ...]
+    at: At = At.SAME
+    optional: bool = False
+    own: bool = False
+
+    def __init__(self, *kinds: str, at: At = At.SAME, optional: bool = False, own: bool = False) -> None:
+        object.__setattr__(self, "kinds", kinds)
+        object.__setattr__(self, "at", at)
+        object.__setattr__(self, "optional", optional)
+        object.__setattr__(self, "own", own)
+
+
+Affects = Literal["result", "speed", "report"]
+
+
+def parameter(
+    default: Any = ..., description: str = "", *, unit: str = "", affects: Affects = "result", **limits: Any
+) -> Any:
+    """A parameter of a node: its default, meaning, unit and limits (``gt``, ``ge``, ``le`` … of pydantic).
+
+    Only parameters that affect the result enter a key.
+    """
+    return Field(default, description=description, json_schema_extra={"unit": unit, "affects": affects}, **limits)
+
+
+Millimetres = Annotated[float, BeforeValidator(quantity("mm"))]
+"""A length; a bare number is in mm, text carries its unit: ``"2 cm"``."""
+Pixels = Annotated[float, BeforeValidator(quantity("px"))]
+"""A length in the image; a bare number is in px."""
+Degrees = Annotated[float, BeforeValidator(quantity("deg"))]
+"""An angle; a bare number is in degrees, text may say ``"0.1 rad"``."""
+InputFile = Annotated[str, Field(json_schema_extra={"file": True})]
+"""Path of a file that the user brings. Its contents, not its path, enter the key; ``run`` gets the Path."""
+
+
+class Node(BaseModel):
+    """A stage: its parameters as fields, its place in the graph as class variables, its work in :meth:`run`.
+
+    A subclass declares ``stage: Literal["its name"]`` and the class variables below. ``run`` is a pure function of the
+    parameters and its keyword arguments: one per port of ``takes`` (a :class:`Product`, a tuple of them for
+    ``At.ALL``, or None), one per file that :meth:`steps` names, and one ``<field>_path`` per :data:`InputFile` given.
+    It imports its chapters of ``core`` inside, so that planning a run loads no numerics.
+    """
+
+    model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
+
+    title: ClassVar[str]
+    """What it does, as the graph and the progress display name it."""
+    scope: ClassVar[Scope]
+    takes: ClassVar[Mapping[str, Port]] = {}
+    gives: ClassVar[str]
+    """Kind of the product."""
+    impl_version: ClassVar[int] = 1
+    """Raised by hand whenever the same inputs may give other results."""
+
+    stage: str
+    keep: Literal["always", "auto", "never"] = parameter(
+        "auto", "whether the product is kept in the store; auto keeps what is dearer to remake than to read",
+        affects="speed",
+    )
+
+    def steps(self, folder: Path) -> Mapping[str, Mapping[str, Path]] | None:
+        """Files of each step, for a stage that starts a series of steps: step name → argument of run → path.
+
+        folder : where relative paths start
+        Raises InputError where the files do not make a series. None for every other stage.
+        """
+        return None
+
+    def check(self, path: Path) -> dict[str, Any]:
+        """Look at one file before anything runs; what is returned is remembered while the file is unchanged.
+
+        Raises InputError that names the file where it cannot be used.
+        """
+        return {}
+
+    def run(self, **inputs: Any) -> Product:
+        """Make the product. Raises StageError where the inputs do not allow it."""
+        raise NotImplementedError

@@ -1,0 +1,65 @@
+"""Products: what a stage gives and what the next one takes."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+if TYPE_CHECKING:
+    import numpy as np
+    import xarray
+
+__all__ = ["Product", "Variable"]
+
+
+class Variable(NamedTuple):
+    """One array of a product.
+
+    dims : names of the axes, one per axis of ``values``
+    values : the array
+    units : unit of the values, ``"1"`` for pure numbers and codes
+    long_name : what it is, as an axis label would say it
+    """
+
+    dims: tuple[str, ...]
+    values: np.ndarray
+    units: str = "1"
+    long_name: str = ""
+
+
+@dataclass(frozen=True)
+class Product:
+    """A named set of arrays plus plain attributes.
+
+    kind : what it is, the word by which inputs and outputs are matched ("rig", "disparity", …)
+    variables : the arrays by name; one that comes from a store reads an array when it is first asked for
+    attrs : JSON values only. ``attrs["summary"]``, where present, maps names to the scalars of this product
+        that a sweep's table compares; a name ends in its unit where it has one (``residual_px``)
+    """
+
+    kind: str
+    variables: Mapping[str, Variable] = field(default_factory=dict)
+    attrs: Mapping[str, Any] = field(default_factory=dict)
+
+    def __getitem__(self, name: str) -> np.ndarray:
+        """The values of one array."""
+        return self.variables[name].values
+
+    def __contains__(self, name: object) -> bool:
+        return name in self.variables
+
+    @property
+    def nbytes(self) -> int:
+        """Size of all arrays in memory [bytes]."""
+        return sum(variable.values.nbytes for variable in self.variables.values())
+
+    def to_dataset(self) -> xarray.Dataset:
+        """The same as an xarray dataset, with ``units`` and ``long_name`` on every array."""
+        import xarray
+
+        arrays = {
+            name: (v.dims, v.values, {"units": v.units, "long_name": v.long_name or name})
+            for name, v in self.variables.items()
+        }
+        return xarray.Dataset(arrays, attrs={"kind": self.kind, **self.attrs})

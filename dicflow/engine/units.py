@@ -1,0 +1,39 @@
+"""Quantities as users write them: ``14.5 mm``, ``2 cm``, ``20``."""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Callable
+from typing import Any
+
+__all__ = ["quantity"]
+
+_FACTORS = {
+    "mm": {"um": 1e-3, "µm": 1e-3, "mm": 1.0, "cm": 10.0, "m": 1000.0, "in": 25.4},
+    "px": {"px": 1.0},
+    "deg": {"deg": 1.0, "°": 1.0, "rad": 180.0 / math.pi},
+}
+_TEXT = re.compile(r"\s*([-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)\s*(\S+)\s*")
+
+
+def quantity(unit: str) -> Callable[[Any], Any]:
+    """A validator that turns text with a unit into a number in ``unit`` and leaves all else alone.
+
+    unit : "mm", "px" or "deg"
+    The function it returns raises ValueError for a unit of another dimension.
+
+    >>> quantity("mm")("2 cm")
+    20.0
+    """
+    factors = _FACTORS[unit]
+
+    def convert(value: Any) -> Any:
+        if not isinstance(value, str):
+            return value
+        match = _TEXT.fullmatch(value)
+        if match is None or match[2] not in factors:
+            raise ValueError(f"'{value}' is no quantity in {unit}; write a number, or one with {', '.join(factors)}")
+        return round(float(match[1]) * factors[match[2]], 12)
+
+    return convert

@@ -1,0 +1,43 @@
+"""The errors a user can meet, all under one root.
+
+::
+
+    DicflowError
+    ├── ConfigurationError   the YAML, a parameter or a command line is wrong   (exit code 2)
+    ├── InputError           a file that the user brings is missing or unusable (exit code 2)
+    ├── StageError           a stage could not do its work on its inputs        (exit code 1)
+    └── StoreError           the store cannot be read or written                (exit code 1)
+
+Every message is a sentence that says what was expected, what was found, where, and what to do.
+Any other exception that reaches a user is a defect of dicflow.
+"""
+
+from __future__ import annotations
+
+__all__ = ["ConfigurationError", "DicflowError", "InputError", "StageError", "StoreError"]
+
+
+class DicflowError(Exception):
+    """Root of all errors with a message made for users."""
+
+    exit_code = 1
+
+
+class ConfigurationError(DicflowError):
+    """The pipeline file, a parameter or an option of the command line is wrong."""
+
+    exit_code = 2
+
+
+class InputError(DicflowError):
+    """A file that the user brings is missing, unreadable or does not fit the others."""
+
+    exit_code = 2
+
+
+class StageError(DicflowError):
+    """A stage could not do its work on the inputs it was given."""
+
+
+class StoreError(DicflowError):
+    """The store cannot be read or written as needed."""
