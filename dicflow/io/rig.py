@@ -1,0 +1,79 @@
+"""A calibrated rig as JSON: the form it has in a product's attributes and in a file of its own."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from dicflow.core.camera import Camera, Rig
+from dicflow.errors import InputError
+
+__all__ = ["read_rig", "rig_from_dict", "rig_to_dict", "write_rig"]
+
+
+def rig_to_dict(rig: Rig) -> dict[str, Any]:
+    """The rig in JSON values; the numbers come back bit for bit.
+
+    ``rotation`` and ``translation_mm`` carry the left camera's frame into the right one's: X1 = R @ X0 + T.
+    """
+    return {
+        "left": _camera_to_dict(rig.left),
+        "right": _camera_to_dict(rig.right),
+        "rotation": np.asarray(rig.rotation, dtype=float).tolist(),
+        "translation_mm": np.asarray(rig.translation, dtype=float).tolist(),
+    }
+
+
+def rig_from_dict(values: Mapping[str, Any]) -> Rig:
+    """The inverse of :func:`rig_to_dict`. Raises KeyError for a missing entry and ValueError for a wrong shape."""
+    return Rig(
+        left=_camera_from_dict(values["left"]),
+        right=_camera_from_dict(values["right"]),
+        rotation=_numbers(values["rotation"], (3, 3), "rotation"),
+        translation=_numbers(values["translation_mm"], (3,), "translation_mm"),
+    )
+
+
+def write_rig(path: Path, rig: Rig) -> None:
+    """Write the rig to a JSON file."""
+    path.write_text(json.dumps(rig_to_dict(rig), indent=2) + "\n", encoding="utf-8")
+
+
+def read_rig(path: Path) -> Rig:
+    """Read what :func:`write_rig` wrote. Raises InputError where the file does not hold a rig."""
+    try:
+        return rig_from_dict(json.loads(path.read_text(encoding="utf-8")))
+    except OSError as error:
+        raise InputError(f"{path}: expected a rig, but the file cannot be read ({error.strerror}).") from error
+    except KeyError as error:
+        raise InputError(f"{path}: expected a rig, but the entry {error} is missing; write it with dicflow.") from error
+    except (ValueError, TypeError) as error:
+        raise InputError(f"{path}: expected a rig as dicflow writes it, but found that {error}.") from error
+
+
+def _camera_to_dict(camera: Camera) -> dict[str, Any]:
+    return {
+        "matrix": np.asarray(camera.matrix, dtype=float).tolist(),
+        "distortion": np.asarray(camera.distortion, dtype=float).tolist(),
+        "size": [int(side) for side in camera.size],
+    }
+
+
+def _camera_from_dict(values: Mapping[str, Any]) -> Camera:
+    width, height = values["size"]
+    return Camera(
+        matrix=_numbers(values["matrix"], (3, 3), "matrix"),
+        distortion=_numbers(values["distortion"], (5,), "distortion"),
+        size=(int(width), int(height)),
+    )
+
+
+def _numbers(values: Any, shape: tuple[int, ...], name: str) -> np.ndarray:
+    array = np.asarray(values, dtype=float)
+    if array.shape != shape or not np.isfinite(array).all():
+        raise ValueError(f"{name} is not {' × '.join(map(str, shape))} finite numbers")
+    return array

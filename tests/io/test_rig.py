@@ -1,0 +1,40 @@
+import numpy as np
+import pytest
+
+from dicflow.core.camera import Camera, Rig, camera_matrix, rotation_matrix
+from dicflow.errors import InputError
+from dicflow.io.rig import read_rig, rig_to_dict, write_rig
+
+
+def make_rig() -> Rig:
+    left = Camera(camera_matrix(2400.1, (720.3, 960.7)), np.array([-0.1, 0.05, 1e-4, -2e-4, 0.0]), (1440, 1920))
+    right = left._replace(matrix=camera_matrix(2390.7, (715.0, 955.5)))
+    return Rig(left, right, rotation_matrix([0.01, 0.2, -0.003]), np.array([-101.3, 0.4, 7.9]))
+
+
+def test_a_rig_comes_back_bit_for_bit(tmp_path):
+    write_rig(tmp_path / "rig.json", make_rig())
+    back = read_rig(tmp_path / "rig.json")
+    assert rig_to_dict(back) == rig_to_dict(make_rig())
+    assert back.left.size == (1440, 1920)
+
+
+@pytest.mark.parametrize(
+    ("text", "word"),
+    [("[1, 2", "rig.json"), ("{}", "left"), ('{"left": 3}', "rig.json"), ("[]", "rig.json")],
+)
+def test_a_file_without_a_rig_is_refused_by_name(tmp_path, text, word):
+    (tmp_path / "rig.json").write_text(text)
+    with pytest.raises(InputError, match=word):
+        read_rig(tmp_path / "rig.json")
+
+
+def test_a_wrong_shape_is_named(tmp_path):
+    write_rig(tmp_path / "rig.json", make_rig()._replace(translation=np.zeros(2)))
+    with pytest.raises(InputError, match="translation_mm"):
+        read_rig(tmp_path / "rig.json")
+
+
+def test_a_missing_file_is_named(tmp_path):
+    with pytest.raises(InputError, match=r"none\.json"):
+        read_rig(tmp_path / "none.json")
