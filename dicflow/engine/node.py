@@ -132,6 +132,12 @@ class Node(BaseModel):
         """
         return {}
 
+    def agree(self, facts: Mapping[Path, Mapping[str, Any]], steps: Mapping[str, Mapping[str, Path]]) -> None:
+        """Look at all files together before anything runs: ``facts`` holds what :meth:`check` said of each.
+
+        Raises InputError that names the first file that does not fit the others.
+        """
+
     def run(self, **inputs: Any) -> Product:
         """Make the product. Raises StageError where the inputs do not allow it."""
         raise NotImplementedError

@@ -1,0 +1,106 @@
+"""Photographs of one or two cameras, one product per step."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any, ClassVar, Literal
+
+from dicflow.engine.node import Node, Scope, parameter
+from dicflow.engine.product import Product, Variable
+from dicflow.errors import InputError
+
+__all__ = ["Images"]
+
+
+class Images(Node):
+    """Read the photographs as grey levels.
+
+    One step per left photograph, in natural order of the names; the step is named by the left photograph's stem.
+    With ``right`` the photographs are paired by the numbers in their names, or by order where these do not agree.
+    """
+
+    title: ClassVar = "read photographs"
+    scope: ClassVar = Scope.STEP
+    gives: ClassVar = "images"
+
+    stage: Literal["images"] = "images"
+    left: str | list[str] = parameter(
+        ..., "photographs of the left camera: a pattern such as left/*.png, or a list", affects="speed"
+    )
+    right: str | list[str] | None = parameter(
+        None, "photographs of the right camera; absent for a measurement with one camera", affects="speed"
+    )
+
+    def steps(self, folder: Path) -> Mapping[str, Mapping[str, Path]]:
+        from dicflow.io.images import natural_key, pair_names
+
+        left = _found(folder, self.left, "left")
+        if self.right is None:
+            return {Path(name).stem: {"left": left[name]} for name in sorted(left, key=natural_key)}
+        right = _found(folder, self.right, "right")
+        pairs = pair_names(list(left), list(right)).pairs
+        return {Path(a).stem: {"left": left[a], "right": right[b]} for a, b in pairs}
+
+    def check(self, path: Path) -> dict[str, Any]:
+        from dicflow.io.images import probe
+
+        return dict(probe(path))
+
+    def agree(self, facts: Mapping[Path, Mapping[str, Any]], steps: Mapping[str, Mapping[str, Path]]) -> None:
+        first = next(iter(facts))
+        for path, fact in facts.items():
+            for side in ("width", "height", "bits"):
+                if fact[side] != facts[first][side]:
+                    raise InputError(
+                        f"{path}: {_size(fact)}, but {first.name} has {_size(facts[first])}; "
+                        "all photographs of both cameras must have one size and depth"
+                    )
+        for files in steps.values():
+            turned = {path: facts[path]["orientation"] for path in files.values()}
+            if len(set(turned.values())) > 1:
+                path = next(path for path, value in turned.items() if value != 1)
+                raise InputError(
+                    f"{path}: marked as rotated (EXIF orientation {turned[path]}) while its partner is not; "
+                    "take the mark out of the file, and hold both cameras alike"
+                )
+
+    def run(self, left: Path, right: Path | None = None) -> Product:
+        from dicflow.io.images import read_grey
+
+        files = {"left": left} if right is None else {"left": left, "right": right}
+        variables = {
+            side: Variable(("row", "col"), read_grey(path), "grey level", f"{side} photograph")
+            for side, path in files.items()
+        }
+        return Product("images", variables)
+
+
+def _found(folder: Path, patterns: str | list[str], side: str) -> dict[str, Path]:
+    """Files that the patterns name, by file name."""
+    from dicflow.io.images import SUFFIXES
+
+    found: dict[str, Path] = {}
+    for pattern in [patterns] if isinstance(patterns, str) else patterns:
+        names_one = not any(sign in pattern for sign in "*?[")
+        paths = [folder / pattern] if names_one else sorted(_glob(folder, pattern))
+        found.update({path.name: path for path in paths if names_one or path.suffix.lower() in SUFFIXES})
+    if not found:
+        raise InputError(
+            f"{side}: no photograph matches {patterns!r} in {folder}; check the pattern, or start from 'dicflow init'"
+        )
+    return found
+
+
+def _glob(folder: Path, pattern: str) -> list[Path]:
+    """Files below a folder that a pattern names; an absolute pattern starts at its own root."""
+    path = Path(pattern)
+    return (
+        list(Path(path.anchor).glob(str(path.relative_to(path.anchor))))
+        if path.is_absolute()
+        else list(folder.glob(pattern))
+    )
+
+
+def _size(fact: Mapping[str, Any]) -> str:
+    return f"{fact['width']} × {fact['height']} px at {fact['bits']} bit"

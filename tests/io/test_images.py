@@ -1,0 +1,118 @@
+"""Photographs: reading, naming, pairing."""
+
+import numpy as np
+import pytest
+from PIL import Image
+
+from dicflow.errors import InputError
+from dicflow.io.images import natural_key, pair_names, probe, read_grey
+from dicflow.stages.images import Images
+
+RAMP = np.arange(12, dtype=np.uint8).reshape(3, 4) * 20
+
+
+@pytest.mark.parametrize("suffix", [".png", ".tif", ".bmp"])
+def test_perfect_grey_levels_come_back(tmp_path, suffix):
+    path = tmp_path / f"a{suffix}"
+    Image.fromarray(RAMP).save(path)
+    np.testing.assert_array_equal(read_grey(path), RAMP)
+
+
+@pytest.mark.parametrize("suffix", [".png", ".tif"])
+def test_sixteen_bits_come_back(tmp_path, suffix):
+    levels = RAMP.astype(np.uint16) * 200
+    path = tmp_path / f"a{suffix}"
+    Image.fromarray(levels).save(path)
+    np.testing.assert_array_equal(read_grey(path), levels)
+    assert probe(path)["bits"] == 16
+
+
+def test_colour_is_weighted_to_luma(tmp_path):
+    path = tmp_path / "a.png"
+    Image.fromarray(np.full((2, 2, 3), (200, 100, 50), np.uint8)).save(path)
+    assert abs(int(read_grey(path)[0, 0]) - (0.299 * 200 + 0.587 * 100 + 0.114 * 50)) <= 1
+
+
+def test_orientation_is_reported_and_not_applied(tmp_path):
+    exif = Image.Exif()
+    exif[0x0112] = 6
+    path = tmp_path / "a.jpg"
+    Image.fromarray(RAMP).save(path, exif=exif)
+    assert probe(path) == {"width": 4, "height": 3, "bits": 8, "orientation": 6}
+    assert read_grey(path).shape == (3, 4)
+
+
+@pytest.mark.parametrize("suffix", [".jpg", ".png", ".tif"])
+def test_truncated_file_is_named(tmp_path, suffix):
+    path = tmp_path / f"cut{suffix}"
+    noise = np.random.default_rng(1).integers(0, 255, (64, 64), dtype=np.uint8)
+    Image.fromarray(noise).save(path)
+    path.write_bytes(path.read_bytes()[:-1000])
+    with pytest.raises(InputError, match=r"cut\..*truncated or damaged"):
+        probe(path)
+
+
+def test_names_sort_naturally():
+    assert sorted(["s10.png", "s9.png", "S1.png"], key=natural_key) == ["S1.png", "s9.png", "s10.png"]
+
+
+@pytest.mark.parametrize(
+    ("left", "right", "by"),
+    [
+        (["a_2_0.tif", "a_10_0.tif"], ["a_10_1.tif", "a_2_1.tif"], "name"),
+        (["ImageLeft7.jpg", "ImageLeft8.jpg"], ["ImageRight7.jpg", "ImageRight8.jpg"], "name"),
+        (["IMG_101.jpg", "IMG_102.jpg"], ["IMG_877.jpg", "IMG_878.jpg"], "order"),
+        (["only.png"], ["other.png"], "name"),
+    ],
+)
+def test_partners(left, right, by):
+    pairing = pair_names(left, right)
+    assert pairing.by == by
+    assert [natural_key(a) for a, _ in pairing.pairs] == sorted(natural_key(name) for name in left)
+    assert [b for _, b in pairing.pairs] == sorted(right, key=natural_key)
+
+
+def test_missing_partner_is_named_even_if_it_is_the_last():
+    left = [f"l{i:02d}.png" for i in range(1, 11)]
+    right = [f"r{i:02d}.png" for i in range(1, 10)]
+    with pytest.raises(InputError, match=r"without a partner: l10\.png"):
+        pair_names(left, right)
+
+
+def _series(folder, **turned):
+    for side in ("left", "right"):
+        (folder / side).mkdir()
+        for step in range(2):
+            exif = Image.Exif()
+            exif[0x0112] = turned.get(side, 1)
+            Image.fromarray(RAMP).save(folder / side / f"{step}.jpg", exif=exif)
+    return Images(left="left/*.jpg", right="right/*.jpg")
+
+
+def _agree(node, folder):
+    steps = node.steps(folder)
+    facts = {path: node.check(path) for files in steps.values() for path in files.values()}
+    node.agree(facts, steps)
+
+
+def test_series_agrees(tmp_path):
+    node = _series(tmp_path)
+    _agree(node, tmp_path)
+    assert list(node.steps(tmp_path)) == ["0", "1"]
+
+
+def test_rotation_on_one_side_is_refused(tmp_path):
+    with pytest.raises(InputError, match=r"right.0\.jpg: marked as rotated \(EXIF orientation 6\)"):
+        _agree(_series(tmp_path, right=6), tmp_path)
+
+
+def test_two_sizes_are_refused(tmp_path):
+    node = _series(tmp_path)
+    Image.fromarray(RAMP[:2]).save(tmp_path / "right" / "1.jpg")
+    with pytest.raises(InputError, match=r"1\.jpg: 4 × 2 px at 8 bit, but 0\.jpg has 4 × 3 px"):
+        _agree(node, tmp_path)
+
+
+def test_empty_folder_is_refused(tmp_path):
+    with pytest.raises(InputError, match="no photograph matches"):
+        Images(left="*.png").steps(tmp_path)
