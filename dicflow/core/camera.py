@@ -10,7 +10,7 @@ MATLAB's toolboxes use. With x = X/Z, y = Y/Z and r² = x² + y²::
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import NamedTuple, TypeVar
 
 import cv2
 import numpy as np
@@ -19,6 +19,8 @@ from numpy.typing import ArrayLike, NDArray
 __all__ = [
     "Camera",
     "Rig",
+    "bend",
+    "bend_slopes",
     "camera_matrix",
     "distort",
     "project",
@@ -30,6 +32,7 @@ __all__ = [
 ]
 
 Array = NDArray[np.float64]
+_Number = TypeVar("_Number", float, Array)
 
 _NEWTON_STEPS = 40
 _NEWTON_TOLERANCE = 1e-13
@@ -94,8 +97,8 @@ def distort(camera: Camera, normalised: ArrayLike) -> Array:
     Returns (..., 2) [px].
     """
     ideal = np.asarray(normalised, dtype=float)
-    matrix = camera.matrix
-    return _bend(ideal, camera.distortion) @ matrix[:2, :2].T + matrix[:2, 2]
+    bent = np.stack(bend(ideal[..., 0], ideal[..., 1], camera.distortion), axis=-1)
+    return bent @ camera.matrix[:2, :2].T + camera.matrix[:2, 2]
 
 
 def undistort(camera: Camera, pixels: ArrayLike) -> Array:
@@ -105,41 +108,39 @@ def undistort(camera: Camera, pixels: ArrayLike) -> Array:
     Returns (..., 2) — undistorted normalised coordinates [-]; NaN where the distortion has no inverse, beyond the
     radius at which it folds the image back.
     """
-    matrix = camera.matrix
+    matrix, distortion = camera.matrix, camera.distortion
     bent = (np.asarray(pixels, dtype=float) - matrix[:2, 2]) @ np.linalg.inv(matrix[:2, :2]).T
-    ideal = bent.copy()
+    bent_x, bent_y = bent[..., 0], bent[..., 1]
+    x, y = bent_x, bent_y
     for _ in range(_NEWTON_STEPS):
-        residual = bent - _bend(ideal, camera.distortion)
-        xx, xy, yy = _bend_slopes(ideal, camera.distortion)
+        at_x, at_y = bend(x, y, distortion)
+        dx, dy = bent_x - at_x, bent_y - at_y
+        if not np.any(np.abs(dx) + np.abs(dy) > _NEWTON_TOLERANCE):
+            break
+        xx, xy, yy = bend_slopes(x, y, distortion)
         determinant = xx * yy - xy * xy
         determinant = np.where(determinant > 0.0, determinant, np.nan)
-        x, y = residual[..., 0], residual[..., 1]
-        ideal = ideal + np.stack([yy * x - xy * y, xx * y - xy * x], axis=-1) / determinant[..., None]
-        if not np.any(np.abs(residual) > _NEWTON_TOLERANCE):
-            break
-    missed = np.abs(bent - _bend(ideal, camera.distortion)) > 10.0 * _NEWTON_TOLERANCE
-    return np.where(missed.any(axis=-1, keepdims=True), np.nan, ideal)
+        x, y = x + (yy * dx - xy * dy) / determinant, y + (xx * dy - xy * dx) / determinant
+    missed = np.abs(dx) + np.abs(dy) > 10.0 * _NEWTON_TOLERANCE
+    return np.where(missed[..., None], np.nan, np.stack([x, y], axis=-1))
 
 
-def _bend(ideal: Array, distortion: Array) -> Array:
-    """Distorted normalised coordinates (..., 2) of undistorted ones."""
-    k1, k2, p1, p2, k3 = distortion
-    x, y = ideal[..., 0], ideal[..., 1]
+def bend(x: _Number, y: _Number, distortion: Array) -> tuple[_Number, _Number]:
+    """Distorted normalised coordinates (x', y') of undistorted ones: plain arithmetic, for numbers and arrays alike."""
     r2 = x * x + y * y
-    radial = 1.0 + r2 * (k1 + r2 * (k2 + r2 * k3))
+    radial = 1.0 + r2 * (distortion[0] + r2 * (distortion[1] + r2 * distortion[4]))
     cross = 2.0 * x * y
-    return np.stack(
-        [x * radial + p1 * cross + p2 * (r2 + 2.0 * x * x), y * radial + p1 * (r2 + 2.0 * y * y) + p2 * cross], axis=-1
-    )
+    bent_x = x * radial + distortion[2] * cross + distortion[3] * (r2 + 2.0 * x * x)
+    bent_y = y * radial + distortion[2] * (r2 + 2.0 * y * y) + distortion[3] * cross
+    return bent_x, bent_y
 
 
-def _bend_slopes(ideal: Array, distortion: Array) -> tuple[Array, Array, Array]:
-    """∂x'/∂x, ∂x'/∂y = ∂y'/∂x and ∂y'/∂y of the distortion, each (...)."""
-    k1, k2, p1, p2, k3 = distortion
-    x, y = ideal[..., 0], ideal[..., 1]
+def bend_slopes(x: _Number, y: _Number, distortion: Array) -> tuple[_Number, _Number, _Number]:
+    """∂x'/∂x, ∂x'/∂y = ∂y'/∂x and ∂y'/∂y of :func:`bend`."""
     r2 = x * x + y * y
-    radial = 1.0 + r2 * (k1 + r2 * (k2 + r2 * k3))
-    slope = 2.0 * (k1 + r2 * (2.0 * k2 + r2 * 3.0 * k3))
+    radial = 1.0 + r2 * (distortion[0] + r2 * (distortion[1] + r2 * distortion[4]))
+    slope = 2.0 * (distortion[0] + r2 * (2.0 * distortion[1] + r2 * 3.0 * distortion[4]))
+    p1, p2 = distortion[2], distortion[3]
     xx = radial + x * x * slope + 2.0 * p1 * y + 6.0 * p2 * x
     xy = x * y * slope + 2.0 * (p1 * x + p2 * y)
     yy = radial + y * y * slope + 6.0 * p1 * y + 2.0 * p2 * x
