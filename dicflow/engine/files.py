@@ -1,0 +1,116 @@
+"""What is known of files, remembered for as long as they are unchanged.
+
+A run with nothing to do must not read gigabytes of photographs to learn that. So a file's digest, what a stage's
+``check`` found in it, and the syntax of a source file are kept beside the file's size, time and inode.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import time
+from collections.abc import Callable
+from contextlib import suppress
+from pathlib import Path
+from typing import Any, NamedTuple
+
+from dicflow.engine.hashing import digest_file
+from dicflow.errors import InputError
+
+__all__ = ["FileIndex", "Stamp", "stamp"]
+
+_FRESH_NS = 2_000_000_000
+"""A file changed more recently than the coarsest file system's clock ticks may change again unseen."""
+
+
+class Stamp(NamedTuple):
+    """Size [bytes], time of the last change [ns] and inode: equal stamps, unchanged file."""
+
+    size: int
+    mtime_ns: int
+    inode: int
+
+
+def stamp(path: Path) -> Stamp:
+    """The stamp of a file. Raises InputError that names a file that cannot be found."""
+    try:
+        status = os.stat(path)
+    except OSError as error:
+        raise _unreadable(path, error) from error
+    return Stamp(status.st_size, status.st_mtime_ns, status.st_ino)
+
+
+class FileIndex:
+    """Facts about files by path and stamp, kept in one JSON file.
+
+    path : where it is kept; a missing or damaged file is an empty index
+    """
+
+    def __init__(self, path: Path) -> None:
+        self.path = path
+        self._entries = _read(path)
+        self._new: dict[str, Any] = {}
+
+    def fact(self, file: Path, purpose: str, find: Callable[[Path], Any]) -> Any:
+        """What ``find(file)`` gives, a JSON value; found again only after the file has changed.
+
+        purpose : which fact it is
+        Raises InputError where the file cannot be read, and whatever ``find`` raises.
+        """
+        name, now = os.path.abspath(file), stamp(file)
+        entry = self._entries.get(name)
+        if entry is not None and entry["stamp"] == list(now) and purpose in entry["facts"]:
+            return entry["facts"][purpose]
+        try:
+            value = find(file)
+        except OSError as error:
+            raise _unreadable(file, error) from error
+        self._remember(name, now, purpose, value)
+        return value
+
+    def digest(self, file: Path) -> str:
+        """Digest of the file's bytes. Raises InputError where it cannot be read."""
+        return str(self.fact(file, "digest", digest_file))
+
+    def save(self) -> None:
+        """Keep what is new, together with what other processes kept meanwhile; in vain where nothing may be written.
+
+        The index only saves time, so that a store that is read-only or full is no reason to stop here.
+        """
+        if not self._new:
+            return
+        merged = {**_read(self.path), **self._new}
+        draft = self.path.with_name(f"{self.path.name}.{os.getpid()}.tmp")
+        try:
+            draft.write_text(json.dumps(merged, separators=(",", ":")), encoding="utf-8")
+            os.replace(draft, self.path)
+        except OSError:
+            with suppress(OSError):
+                draft.unlink(missing_ok=True)
+        self._new = {}
+
+    def _remember(self, name: str, now: Stamp, purpose: str, value: Any) -> None:
+        if time.time_ns() - now.mtime_ns < _FRESH_NS:
+            return
+        entry = self._entries.get(name)
+        if entry is None or entry["stamp"] != list(now):
+            entry = {"stamp": list(now), "facts": {}}
+        entry["facts"][purpose] = value
+        self._entries[name] = self._new[name] = entry
+
+
+def _read(path: Path) -> dict[str, Any]:
+    try:
+        entries = json.loads(path.read_bytes())
+    except (OSError, ValueError):
+        return {}
+    return {name: entry for name, entry in entries.items() if _sound(entry)} if isinstance(entries, dict) else {}
+
+
+def _sound(entry: Any) -> bool:
+    return isinstance(entry, dict) and isinstance(entry.get("stamp"), list) and isinstance(entry.get("facts"), dict)
+
+
+def _unreadable(path: Path, error: OSError) -> InputError:
+    reason = error.strerror or type(error).__name__
+    return InputError(f"{path}: cannot be read ({reason.lower()}); check the path, or leave the file out")
