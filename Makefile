@@ -1,0 +1,44 @@
+# Every command sets up what it needs first. VENV and PYTHON may be given: make test VENV=/tmp/venv PYTHON=python3.12
+VENV   ?= .venv
+PYTHON ?= $(firstword $(foreach version,3.11 3.12 3.13,$(shell command -v python$(version) 2>/dev/null)) python3)
+BIN    := $(VENV)/bin
+READY  := $(VENV)/.ready
+.DEFAULT_GOAL := help
+.PHONY: help setup quickstart test check accuracy bench samples lock clean
+
+help:           ## show these lines
+	@grep -hE '^[a-z]+: .*##' $(MAKEFILE_LIST) | sed -E 's/^([a-z]+):.*## */\1\t/' | expand -t 14
+
+$(READY): pyproject.toml constraints.txt
+	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' || { echo "dicflow needs Python 3.11 or newer; name one with PYTHON=..."; exit 1; }
+	$(PYTHON) -m venv $(VENV)
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check --constraint constraints.txt --editable '.[dev]'
+	@touch $@
+
+setup: $(READY) ## make the virtual environment in .venv
+
+quickstart: $(READY) ## measure the specimen in data_samples and say where the maps are
+	$(BIN)/dicflow run pipelines/quickstart.yaml
+
+test: $(READY)  ## run the tests
+	$(BIN)/python -m pytest
+
+check: $(READY) ## ruff and mypy
+	$(BIN)/ruff check .
+	$(BIN)/ruff format --check .
+	$(BIN)/mypy
+
+accuracy: $(READY) ## the five replicas and the real images against their truth; takes a while
+	$(BIN)/python -m tests.accuracy
+
+bench: $(READY) ## cost of a cold and a warm run, of two workers against one, of the engine
+	$(BIN)/python -m tests.bench
+
+samples: $(READY) ## make data_samples again; the bytes do not change
+	$(BIN)/dicflow synth sample data_samples --force
+
+lock: $(READY)  ## write constraints.txt from the installed versions
+	$(BIN)/python -m pip freeze --exclude-editable --exclude dicflow > constraints.txt
+
+clean:          ## remove the environment, caches, stores and results
+	rm -rf $(VENV) .mypy_cache .pytest_cache .ruff_cache .hypothesis build dist pipelines/.dicflow pipelines/results

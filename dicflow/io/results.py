@@ -1,0 +1,96 @@
+"""Products as files that other programs read: CSV and NPZ."""
+
+from __future__ import annotations
+
+import csv
+import io
+import json
+from collections.abc import Iterator, Mapping
+
+import numpy as np
+
+from dicflow._version import __version__
+from dicflow.engine.product import Product, Variable
+from dicflow.errors import InputError
+
+__all__ = ["csv_text", "npz_bytes", "table_text"]
+
+
+def csv_text(product: Product, name: str) -> str:
+    """One row per point of the product's grid; a commented header gives units and attributes.
+
+    Arrays on the grid of the first two axes become one column each, a further axis one column per component.
+    Products without arrays give their table of rows, or their summary.
+
+    Raises InputError where the product has neither.
+    """
+    if "rows" in product.attrs:
+        return _header(product, name) + table_text(product.attrs["rows"])
+    if not product.variables:
+        return _header(product, name) + table_text([_summary(product, name)])
+    grid = next(iter(product.variables.values())).dims[:2]
+    columns = {
+        label: (values, variable.units)
+        for key, variable in product.variables.items()
+        if variable.dims[: len(grid)] == grid
+        for label, values in _columns(key, variable, len(grid))
+    }
+    shape = next(iter(columns.values()))[0].shape
+    indices = {dim: index.ravel() for dim, index in zip(grid, np.indices(shape), strict=True)}
+    units = "".join(f"# {label}: {unit}\n" for label, (_, unit) in columns.items())
+    buffer = io.StringIO()
+    buffer.write(_header(product, name) + units + ",".join([*indices, *columns]) + "\n")
+    table = np.column_stack([*indices.values(), *(values.ravel() for values, _ in columns.values())])
+    np.savetxt(buffer, table, fmt="%.9g", delimiter=",")
+    return buffer.getvalue()
+
+
+def table_text(rows: list[Mapping[str, object]]) -> str:
+    """Rows of equal keys as CSV."""
+    buffer = io.StringIO()
+    keys = list(dict.fromkeys(key for row in rows for key in row))
+    writer = csv.DictWriter(buffer, keys, lineterminator="\n")
+    writer.writeheader()
+    writer.writerows(rows)
+    return buffer.getvalue()
+
+
+def npz_bytes(product: Product) -> bytes:
+    """All arrays under their names, and ``attributes`` as JSON text with the units of each."""
+    units = {key: variable.units for key, variable in product.variables.items()}
+    attributes = json.dumps({"kind": product.kind, "units": units, **product.attrs}, ensure_ascii=False)
+    buffer = io.BytesIO()
+    arrays = {key: variable.values for key, variable in product.variables.items()}
+    np.savez_compressed(buffer, attributes=np.array(attributes), **arrays)  # type: ignore[arg-type]
+    return buffer.getvalue()
+
+
+def _header(product: Product, name: str) -> str:
+    notes = {key: value for key, value in product.attrs.items() if isinstance(value, str | int | float)}
+    lines = [f"dicflow {__version__}", f"product: {name}", f"kind: {product.kind}"]
+    return "".join(f"# {line}\n" for line in [*lines, *(f"{key}: {value}" for key, value in notes.items())])
+
+
+def _summary(product: Product, name: str) -> Mapping[str, object]:
+    summary: Mapping[str, object] | None = product.attrs.get("summary")
+    if not summary:
+        raise InputError(f"{name}: a product of kind {product.kind} holds nothing that fits a table; export it as npz")
+    return summary
+
+
+def _columns(key: str, variable: Variable, grid_axes: int) -> Iterator[tuple[str, np.ndarray]]:
+    values = variable.values
+    if values.ndim == grid_axes:
+        yield key, values
+        return
+    flat = values.reshape(*values.shape[:grid_axes], -1)
+    for index, label in enumerate(_component_labels(key, values.shape[grid_axes:])):
+        yield label, flat[..., index]
+
+
+def _component_labels(key: str, shape: tuple[int, ...]) -> list[str]:
+    letters = {"xyz": "XYZ", "xyz_reference": "XYZ", "xy": "xy", "points": "xy"}.get(key)
+    if letters and shape == (len(letters),):
+        stem = {"xyz_reference": "reference_"}.get(key, "")
+        return [f"{stem}{letter}" for letter in letters]
+    return [f"{key}_{'_'.join(map(str, index))}" for index in np.ndindex(*shape)]

@@ -1,0 +1,211 @@
+"""A pipeline: the file, its variants, and the graph they make."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Literal
+
+from dicflow.engine.graph import Graph, StageSpec, expand
+from dicflow.engine.plan import Plan, make_plan
+from dicflow.engine.store import Store
+from dicflow.errors import ConfigurationError, InputError
+from dicflow.io.configuration import Document, read
+from dicflow.pipeline.result import Result
+from dicflow.pipeline.sweep import Variant, variants, with_settings
+from dicflow.pipeline.wiring import Wired, wire
+
+if TYPE_CHECKING:
+    from dicflow.engine.journal import Event
+
+__all__ = ["CodePolicy", "Pipeline"]
+
+CodePolicy = Literal["recompute", "warn", "ignore"]
+
+
+@dataclass(frozen=True)
+class Pipeline:
+    """A validated pipeline file.
+
+    path : the file
+    document : what it says
+    folder : where relative paths of photographs and tables start
+    store_folder : where products are kept
+    """
+
+    path: Path
+    document: Document
+    folder: Path
+    store_folder: Path
+
+    @classmethod
+    def load(
+        cls,
+        path: str | Path,
+        *,
+        data: str | Path | None = None,
+        store: str | Path | None = None,
+        settings: Sequence[str] = (),
+    ) -> Pipeline:
+        """Read and validate a pipeline file.
+
+        data : folder where the file's relative paths start; default the file's own
+        store : folder for the products; default ``.dicflow`` beside the file
+        settings : as on the command line, ``["surface.robust=LAR", "smooth.degree=1,2,3"]``; several values make a sweep
+
+        Raises ConfigurationError that lists everything wrong with ``file:line:column``.
+        """
+        path = Path(path)
+        document = read(path)
+        document = with_settings(document, settings)
+        folder = Path(data) if data is not None else path.parent
+        if not folder.is_dir():
+            raise ConfigurationError(f"{folder}: no such folder; --data names the folder that holds the photographs")
+        pipeline = cls(path, document, folder, Path(store) if store is not None else path.parent / ".dicflow")
+        assert pipeline._wired
+        return pipeline
+
+    @property
+    def name(self) -> str:
+        """The file's stem; results and runs carry it."""
+        return self.path.stem
+
+    @property
+    def title(self) -> str:
+        """The title that the file gives, else its name."""
+        return str(self.document.data.get("title", self.name))
+
+    @cached_property
+    def variants(self) -> list[Variant]:
+        """What the sweep makes of the file; one variant without values where there is none."""
+        return variants(self.document)
+
+    @cached_property
+    def _wired(self) -> list[dict[str, Wired]]:
+        return [wire(variant.document) for variant in self.variants]
+
+    @cached_property
+    def _instances(self) -> tuple[list[dict[str, str]], dict[str, StageSpec]]:
+        """Per variant: stage → instance; and the instances. Equal stages of several variants are one instance."""
+        names: list[dict[str, str]] = []
+        specs: dict[str, StageSpec] = {}
+        known: dict[tuple[str, str, tuple[tuple[str, str], ...]], str] = {}
+        for number, wired in enumerate(self._wired, start=1):
+            names.append({})
+            for stage in _in_order(wired):
+                entry = wired[stage]
+                inputs = {port: names[-1][producer] for port, producer in entry.inputs.items() if producer != stage}
+                identity = (stage, entry.node.model_dump_json(), tuple(sorted(inputs.items())))
+                if identity not in known:
+                    known[identity] = stage if stage not in specs else f"{stage}@{number}"
+                    specs[known[identity]] = StageSpec(entry.node, inputs, self.folder, entry.where)
+                names[-1][stage] = known[identity]
+        return names, specs
+
+    @property
+    def instances(self) -> list[dict[str, str]]:
+        """Per variant: name of a stage in the file → its name in the graph (``surface``, ``surface@2``)."""
+        return self._instances[0]
+
+    @cached_property
+    def graph(self) -> Graph:
+        """Every task of every variant.
+
+        Raises InputError for photographs that are missing or that lie outside the folders this file may read.
+        """
+        graph = expand(self._instances[1])
+        roots = [root.resolve() for root in (self.path.parent, self.folder, Path.cwd())]
+        for task in graph.tasks.values():
+            for file in task.files.values():
+                if not any(file.resolve().is_relative_to(root) for root in roots):
+                    raise InputError(
+                        f"{task.stage}: {file} lies outside the folder of {self.path.name}; a pipeline reads only below "
+                        "its own folder, the working directory, and the folder given with --data"
+                    )
+        return graph
+
+    @cached_property
+    def store(self) -> Store:
+        """The store, made where there is none."""
+        return Store.open(self.store_folder)
+
+    def plan(self, code_policy: CodePolicy = "recompute") -> Plan:
+        """What is there and what has to be computed, with reasons."""
+        return make_plan(self.graph, self.store, pipeline=self.name, code_policy=code_policy)
+
+    def run(
+        self,
+        *,
+        scheduler: str = "processes",
+        workers: int = 2,
+        dashboard: bool = False,
+        code_policy: CodePolicy = "recompute",
+        keep_going: bool = False,
+        on_event: Callable[[Event], None] | None = None,
+        linger: Callable[[], None] | None = None,
+    ) -> Result:
+        """Compute what is missing and return everything by name.
+
+        scheduler : "sync", "threads", "processes", or the address of a dask scheduler (``tcp://…``, ``tls://…``)
+        workers : number of workers of "threads" and "processes"
+        dashboard : whether dask's dashboard is served, on loopback only; its link comes as an event
+        code_policy : what to do with products of code that has changed since: "recompute", "warn" or "ignore"
+        keep_going : whether a failed stage stops only what depends on it
+        on_event : called with every event of the run
+        linger : called before the workers stop
+        """
+        from dicflow.engine.execute import run
+
+        outcome = run(
+            self.graph,
+            self.store,
+            pipeline=self.name,
+            resolved=self.resolved(),
+            scheduler=scheduler,
+            workers=workers,
+            dashboard=dashboard,
+            code_policy=code_policy,
+            keep_going=keep_going,
+            on_event=on_event,
+            worker_setup=_single_threaded,
+            linger=linger,
+        )
+        refs = {name: result.ref for name, result in outcome.outcomes.items() if result.ref is not None}
+        return Result(self.graph, self.store, refs, self.instances, [dict(v.values) for v in self.variants], outcome)
+
+    def result(self) -> Result:
+        """What the store already holds of this pipeline, without computing anything."""
+        refs = {name: entry.ref for name, entry in self.plan("ignore").entries.items() if entry.ref is not None}
+        return Result(self.graph, self.store, refs, self.instances, [dict(v.values) for v in self.variants], None)
+
+    def resolved(self) -> dict[str, Any]:
+        """The pipeline with every default written out, as a run keeps it."""
+        stages = {
+            name: {**spec.node.model_dump(mode="json"), "inputs": dict(spec.inputs)}
+            for name, spec in self._instances[1].items()
+        }
+        return {"title": self.title, "stages": stages, "variants": [dict(variant.values) for variant in self.variants]}
+
+
+def _in_order(wired: Mapping[str, Wired]) -> Iterable[str]:
+    """Names of stages, each after those it takes from."""
+    done: dict[str, None] = {}
+
+    def visit(name: str) -> None:
+        for producer in wired[name].inputs.values():
+            if producer != name and producer not in done:
+                visit(producer)
+        done.setdefault(name)
+
+    for name in wired:
+        visit(name)
+    return done
+
+
+def _single_threaded() -> None:
+    """One thread per worker: dask already uses every core."""
+    import cv2
+
+    cv2.setNumThreads(1)

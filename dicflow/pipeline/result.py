@@ -1,0 +1,145 @@
+"""The products of a run, by the names of the pipeline file."""
+
+from __future__ import annotations
+
+import difflib
+import math
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from dicflow.engine.graph import Graph
+from dicflow.engine.product import Product
+from dicflow.engine.store import Store
+from dicflow.errors import ConfigurationError, DicflowError
+
+if TYPE_CHECKING:
+    import xarray
+
+    from dicflow.engine.execute import RunResult
+    from dicflow.engine.references import Ref
+
+__all__ = ["Result"]
+
+
+class Result:
+    """Products by stage and step, of one variant or of several.
+
+    ``outcome`` is what the run did, None where nothing was run.
+    """
+
+    def __init__(
+        self,
+        graph: Graph,
+        store: Store,
+        refs: Mapping[str, Ref],
+        instances: Sequence[Mapping[str, str]],
+        values: Sequence[Mapping[str, Any]],
+        outcome: RunResult | None,
+    ) -> None:
+        self._graph, self._store, self._refs, self._instances = graph, store, refs, instances
+        self.values, self.outcome = values, outcome
+
+    @property
+    def stages(self) -> tuple[str, ...]:
+        """Names of the stages in the file."""
+        return tuple(self._instances[0])
+
+    def steps(self, stage: str) -> tuple[str, ...]:
+        """Names of the steps of a stage; empty for one that runs once."""
+        return self._graph.steps[self._instance(stage, 0)]
+
+    def kind(self, stage: str) -> str:
+        """The kind of product that a stage gives."""
+        return self._graph.stages[self._instance(stage, 0)].node.gives
+
+    @property
+    def store_folder(self) -> Path:
+        """Where the products are kept."""
+        return self._store.path
+
+    def source(self, stage: str, port: str, variant: int = 0) -> str:
+        """The stage in the file that feeds a port of another."""
+        names = self._instances[variant]
+        producer = self._graph.stages[names[stage]].inputs[port]
+        return next(name for name, instance in names.items() if instance == producer)
+
+    def stages_of(self, kind: str) -> list[str]:
+        """Stages that give a kind of product."""
+        return [stage for stage in self.stages if self.kind(stage) == kind]
+
+    def has(self, stage: str, step: str | int | None = None, variant: int = 0) -> bool:
+        """Whether the product is there."""
+        return self.task(stage, step, variant) in self._refs
+
+    def digest(self, stage: str, step: str | int | None = None, variant: int = 0) -> str:
+        """Name of the product's contents."""
+        return self.ref(stage, step, variant).digest
+
+    def product(self, stage: str, step: str | int | None = None, variant: int = 0) -> Product:
+        """One product; its arrays are read when they are first used.
+
+        step : name or number of the step, None for a stage that runs once
+        variant : number of the sweep's variant
+        Raises ConfigurationError for a name that does not exist and lists those that do, DicflowError for a product
+        that was not computed.
+        """
+        return self._store.load(self.ref(stage, step, variant))
+
+    def dataset(self, stage: str, step: str | int | None = None, variant: int = 0) -> xarray.Dataset:
+        """One product as an xarray dataset."""
+        return self.product(stage, step, variant).to_dataset()
+
+    def table(self) -> list[dict[str, Any]]:
+        """One row per variant: the values of the sweep, then the scalars of every stage, as means over its steps."""
+        return [{**values, **self._scalars(variant)} for variant, values in enumerate(self.values)]
+
+    def task(self, stage: str, step: str | int | None, variant: int) -> str:
+        """Name of the task that gives a product."""
+        instance = self._instance(stage, variant)
+        steps = self._graph.steps[instance]
+        if not steps:
+            if step is not None:
+                raise ConfigurationError(f"{stage} runs once and has no steps; leave the step out")
+            return instance
+        if step is None:
+            raise ConfigurationError(f"{stage} has steps; name one of {_listed(steps)}")
+        if isinstance(step, int) and -len(steps) <= step < len(steps):
+            step = steps[step]
+        if step not in steps:
+            raise ConfigurationError(f"{stage} has no step '{step}'; it has {_listed(steps)}")
+        return f"{instance}/{step}"
+
+    def _instance(self, stage: str, variant: int) -> str:
+        if not 0 <= variant < len(self._instances):
+            raise ConfigurationError(f"no variant {variant}; the sweep has 0 … {len(self._instances) - 1}")
+        if stage not in self._instances[variant]:
+            near = difflib.get_close_matches(stage, self.stages, n=1)
+            hint = f", did you mean '{near[0]}'?" if near else ""
+            raise ConfigurationError(f"no stage '{stage}'{hint}; stages: {', '.join(self.stages)}")
+        return self._instances[variant][stage]
+
+    def ref(self, stage: str, step: str | int | None = None, variant: int = 0) -> Ref:
+        """Reference by which the store, also in another process, loads a product."""
+        task = self.task(stage, step, variant)
+        if task not in self._refs:
+            raise DicflowError(
+                f"{task} is not in the store; run the pipeline first, 'dicflow plan' says what is missing"
+            )
+        return self._refs[task]
+
+    def _scalars(self, variant: int) -> dict[str, float]:
+        columns: dict[str, float] = {}
+        for stage in self.stages:
+            names = [step for step in self.steps(stage) or (None,) if self.has(stage, step, variant)]
+            summaries = [self.product(stage, step, variant).attrs.get("summary", {}) for step in names]
+            for key in dict.fromkeys(key for summary in summaries for key in summary):
+                numbers = [summary[key] for summary in summaries if isinstance(summary.get(key), int | float)]
+                finite = [number for number in numbers if math.isfinite(number)]
+                if finite:
+                    columns[f"{stage}.{key}"] = sum(finite) / len(finite)
+        return columns
+
+
+def _listed(names: Sequence[str]) -> str:
+    return ", ".join(names) if len(names) <= 12 else f"{', '.join(names[:5])} … {names[-1]}"

@@ -1,0 +1,129 @@
+"""Variants of a pipeline: every combination of values that a sweep lists."""
+
+from __future__ import annotations
+
+import copy
+import itertools
+from collections.abc import Mapping, Sequence
+from typing import Any, NamedTuple
+
+from dicflow.errors import ConfigurationError
+from dicflow.io.configuration import Document, parse_value
+from dicflow.pipeline.registry import nearest
+
+__all__ = ["Variant", "variants", "with_settings", "with_values"]
+
+_KEYS = ("grid", "zip", "list", "exclude")
+
+
+class Variant(NamedTuple):
+    """One combination of values.
+
+    values : dotted parameter (``surface.degree.z``) → value; empty for a pipeline without a sweep
+    document : the pipeline file with these values in their places
+    """
+
+    values: dict[str, Any]
+    document: Document
+
+
+def variants(document: Document) -> list[Variant]:
+    """All variants of a pipeline file, in the order of the sweep; one with no values where there is no sweep.
+
+    ``grid`` combines every value with every other, ``zip`` takes the n-th of each, ``list`` adds combinations given
+    one by one, ``exclude`` removes those that hold all values of one of its entries. Grid and zip multiply.
+
+    Raises ConfigurationError with the place.
+    """
+    sweep = document.data.get("sweep")
+    if sweep is None:
+        return [Variant({}, document)]
+    _check(document, sweep)
+    rows = [*_products(sweep), *sweep.get("list", [])]
+    kept = [row for row in rows if not any(_holds(row, entry) for entry in sweep.get("exclude", []))]
+    if not kept:
+        raise ConfigurationError(f"{document.where(('sweep',))}: the sweep has no variant left; take out an exclude")
+    return [Variant(dict(row), with_values(document, row)) for row in kept]
+
+
+def with_values(document: Document, values: Mapping[str, Any]) -> Document:
+    """The file with other values at dotted places, ``stage.parameter`` or deeper.
+
+    Raises ConfigurationError where the stage does not exist.
+    """
+    data = copy.deepcopy(document.data)
+    for dotted, value in values.items():
+        stage, *path = dotted.split(".")
+        stages = data.get("stages") or {}
+        if stage not in stages or not path:
+            raise ConfigurationError(
+                f"{document.source}: '{dotted}': no stage '{stage}'{nearest(stage, stages)}; write stage.parameter, "
+                f"the stages are {', '.join(stages)}"
+            )
+        _put(stages[stage], path, value)
+    return document._replace(data=data)
+
+
+def with_settings(document: Document, settings: Sequence[str]) -> Document:
+    """The file as the command line changes it: ``stage.parameter=value``, and ``=v1,v2,v3`` for one more sweep.
+
+    Raises ConfigurationError for a setting of another form.
+    """
+    for setting in settings:
+        dotted, sign, text = setting.partition("=")
+        if not sign or "." not in dotted:
+            raise ConfigurationError(f"--set {setting}: write stage.parameter=value, or =v1,v2,v3 to sweep over values")
+        values = parse_value(f"[{text}]")
+        if len(values) == 1:
+            document = with_values(document, {dotted: values[0]})
+        else:
+            sweep = copy.deepcopy(document.data.get("sweep") or {})
+            sweep.setdefault("grid", {})[dotted] = values
+            document = document._replace(data={**document.data, "sweep": sweep})
+    return document
+
+
+def _put(entry: dict[str, Any], path: Sequence[str], value: Any) -> None:
+    for key in path[:-1]:
+        inner = entry.get(key)
+        entry[key] = inner if isinstance(inner, dict) else {}
+        entry = entry[key]
+    entry[path[-1]] = value
+
+
+def _products(sweep: Mapping[str, Any]) -> list[dict[str, Any]]:
+    grid = [[{key: value} for value in values] for key, values in sweep.get("grid", {}).items()]
+    columns = sweep.get("zip", {})
+    zipped = [dict(zip(columns, row, strict=True)) for row in zip(*columns.values(), strict=True)]
+    if not grid and not zipped:
+        return []
+    return [
+        {key: value for part in parts for key, value in part.items()}
+        for parts in itertools.product(*grid, zipped or [{}])
+    ]
+
+
+def _holds(row: Mapping[str, Any], entry: Mapping[str, Any]) -> bool:
+    return all(key in row and row[key] == value for key, value in entry.items())
+
+
+def _check(document: Document, sweep: Any) -> None:
+    def fail(place: tuple[str | int, ...], message: str) -> None:
+        raise ConfigurationError(f"{document.where(('sweep', *place))}: sweep: {message}")
+
+    if not isinstance(sweep, dict) or not sweep:
+        fail((), f"expected a mapping with {', '.join(_KEYS)}")
+    for key, part in sweep.items():
+        if key not in _KEYS:
+            fail((key,), f"unknown key '{key}'{nearest(key, _KEYS)}; keys: {', '.join(_KEYS)}")
+        if key in ("list", "exclude"):
+            if not isinstance(part, list) or not all(isinstance(row, dict) and row for row in part):
+                fail((key,), f"'{key}' is a list of mappings, parameter: value")
+        elif not isinstance(part, dict) or not all(isinstance(values, list) and values for values in part.values()):
+            fail((key,), f"'{key}' maps each parameter to a list of values")
+    lengths = {len(values) for values in sweep.get("zip", {}).values()}
+    if len(lengths) > 1:
+        fail(("zip",), f"the lists under 'zip' must have one length, found {sorted(lengths)}")
+    twice = set(sweep.get("grid", {})) & set(sweep.get("zip", {}))
+    if twice:
+        fail(("zip",), f"'{twice.pop()}' stands under grid and zip; keep one")

@@ -1,0 +1,115 @@
+"""What all maps of a test share: one colour range per quantity, one frame for the specimen."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any, ClassVar, Literal
+
+from dicflow.engine.node import At, Node, Port, Scope, parameter
+from dicflow.engine.product import Product
+from dicflow.errors import StageError
+
+__all__ = ["Maps"]
+
+Quantity = Literal["U", "V", "W", "exx", "eyy", "gxy"]
+
+
+class Maps(Node):
+    """Choose the colour range of each quantity over all steps, and the window of the specimen that every map shows.
+
+    The range runs from the least to the largest of the steps' percentiles, so that a few outliers at an edge do
+    not take the colours. The pictures themselves are drawn from this product and the totals.
+    """
+
+    title: ClassVar = "choose the maps' ranges"
+    scope: ClassVar = Scope.TEST
+    takes: ClassVar = {
+        "total": Port("total", at=At.ALL),
+        "comparison": Port("comparison", optional=True),
+    }
+    gives: ClassVar = "maps"
+
+    stage: Literal["maps"] = "maps"
+    quantities: tuple[Quantity, ...] = parameter(
+        ("U", "V", "exx", "eyy", "gxy"), "what to draw: U, V, W (displacement), exx, eyy, gxy (strain)", min_length=1
+    )
+    configuration: Literal["deformed", "reference"] = parameter(
+        "deformed", "shape in which the specimen is drawn: at each step, or at the first"
+    )
+    percentile: float = parameter(
+        0.5, "share of the points left out at either end of a colour range", unit="%", ge=0, lt=50
+    )
+    colour_map: str = parameter("viridis", "name of a matplotlib colour map; the thesis used jet")
+
+    def run(self, total: Sequence[Product], comparison: Product | None = None) -> Product:
+        import numpy as np
+
+        positions = "xyz" if self.configuration == "deformed" else "xyz_reference"
+        extent = _Range(2)
+        ranges = {name: _Range(1) for name in self.quantities}
+        for product in total:
+            extent.include(product[positions][..., :2])
+            for name, seen in ranges.items():
+                values = product[name][np.isfinite(product[name])]
+                if values.size:
+                    seen.include(np.percentile(values, [self.percentile, 100 - self.percentile])[:, None])
+        if not np.isfinite(extent.low).all():
+            raise StageError("no step has a single measured point; look at the tracking and the region of interest")
+        first = total[0]
+        quantities = {
+            name: {
+                "range": seen.around_value(),
+                "unit": first.variables[name].units,
+                "title": first.variables[name].long_name,
+            }
+            for name, seen in ranges.items()
+        }
+        attrs = {
+            "quantities": quantities,
+            "positions": positions,
+            "extent": [*extent.low.tolist(), *extent.high.tolist()],
+            "unit": first.attrs["unit"],
+            "colour_map": self.colour_map,
+            "phases": _phases(total, comparison),
+        }
+        return Product("maps", attrs=attrs)
+
+
+class _Range:
+    """Least and largest value seen, per component; NaN is not seen."""
+
+    def __init__(self, components: int) -> None:
+        import numpy as np
+
+        self.low, self.high = np.full(components, np.inf), np.full(components, -np.inf)
+
+    def include(self, values: Any) -> None:
+        import numpy as np
+
+        rows = values.reshape(-1, values.shape[-1])
+        rows = rows[np.isfinite(rows).all(axis=1)]
+        if len(rows):
+            self.low, self.high = np.minimum(self.low, rows.min(axis=0)), np.maximum(self.high, rows.max(axis=0))
+
+    def around_value(self) -> list[float]:
+        """The range as two different numbers, also where nothing or one value was seen."""
+        low, high = float(self.low[0]), float(self.high[0])
+        if not low <= high:
+            return [-1.0, 1.0]
+        return [low, high] if high - low > 1e-12 else [low - 0.5e-6, high + 0.5e-6]
+
+
+def _phases(total: Sequence[Product], comparison: Product | None) -> list[str]:
+    """Loading or unloading for each total: as the comparison says, else unloading after the largest displacement."""
+    import numpy as np
+
+    if comparison is not None:
+        return [row["phase"] for row in comparison.attrs["rows"][1:]]
+    motion = [
+        float(np.nan_to_num(np.nanmean(np.hypot(product["U"], product["V"]))))
+        if np.isfinite(product["U"]).any()
+        else 0.0
+        for product in total
+    ]
+    peak = int(np.argmax(motion))
+    return ["loading" if index <= peak else "unloading" for index in range(len(motion))]

@@ -1,0 +1,112 @@
+"""What the command line shows: progress of a run, plans, tables."""
+
+from __future__ import annotations
+
+import sys
+import time
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+from rich.console import Console
+from rich.live import Live
+from rich.table import Table
+
+from dicflow.engine.journal import Event
+
+__all__ = ["Progress", "simple_table"]
+
+_COLUMNS = ("hit", "computed", "failed", "skipped")
+
+
+class Progress:
+    """Shows a run as it goes: per stage what was cached, computed, failed, and what is left.
+
+    On a terminal the table renews itself; elsewhere one line tells of each stage that is done.
+    Give :meth:`on_event` to the run, and use the object as a context.
+    """
+
+    def __init__(self, console: Console) -> None:
+        self._console = console
+        self._live = Live(console=console, refresh_per_second=4) if console.is_terminal else None
+        self._stages: dict[str, dict[str, int]] = {}
+        self._totals: dict[str, int] = {}
+        self._seconds: dict[str, float] = {}
+        self._started = time.monotonic()
+
+    def __enter__(self) -> Progress:
+        if self._live:
+            self._live.__enter__()
+        return self
+
+    def __exit__(self, *error: Any) -> None:
+        if self._live:
+            self._live.update(self._table())
+            self._live.__exit__(*error)
+
+    def on_event(self, event: Event) -> None:
+        """Take in one event of the run."""
+        if event.kind == "planned":
+            self._plan(event)
+        elif event.kind == "finished":
+            self._finish(event)
+        elif event.kind in ("warning", "dashboard"):
+            self._console.print(event.text, style="yellow" if event.kind == "warning" else "cyan", soft_wrap=True)
+        if self._live:
+            self._live.update(self._table())
+
+    def _plan(self, event: Event) -> None:
+        self._started = time.monotonic()
+        for stage, counts in event.stages.items():
+            self._totals[stage] = sum(counts.values())
+            self._stages[stage] = dict.fromkeys(_COLUMNS, 0) | {"hit": counts.get("hit", 0)}
+            self._seconds[stage] = 0.0
+
+    def _finish(self, event: Event) -> None:
+        counts = self._stages[event.stage]
+        counts[event.status] += 1
+        self._seconds[event.stage] += event.seconds or 0.0
+        if event.status == "failed":
+            self._console.print(f"{event.task}: {event.text}", style="red", soft_wrap=True, highlight=False)
+        elif not self._live and sum(counts.values()) == self._totals[event.stage]:
+            self._console.print(f"{event.stage}: {_told(counts)}, {self._seconds[event.stage]:.1f} s", highlight=False)
+
+    def _table(self) -> Table:
+        table = Table(box=None, pad_edge=False)
+        for title in ("stage", *_COLUMNS, "left", "seconds"):
+            table.add_column(title, justify="left" if title == "stage" else "right")
+        for stage, counts in self._stages.items():
+            left = self._totals[stage] - sum(counts.values())
+            cells = [str(counts[name] or "·") for name in _COLUMNS]
+            style = "red" if counts["failed"] else "dim" if left else ""
+            table.add_row(stage, *cells, str(left or "·"), f"{self._seconds[stage]:.1f}", style=style)
+        table.caption = self._time_left()
+        return table
+
+    def _time_left(self) -> str:
+        """From the share of the tasks done, at the pace so far."""
+        to_do = sum(self._totals.values()) - sum(counts["hit"] for counts in self._stages.values())
+        done = sum(counts["computed"] + counts["failed"] for counts in self._stages.values())
+        elapsed = time.monotonic() - self._started
+        if not done or done >= to_do:
+            return f"{elapsed:.0f} s"
+        return f"{elapsed:.0f} s, about {elapsed * (to_do - done) / done:.0f} s left"
+
+
+def simple_table(titles: Sequence[str], rows: Sequence[Sequence[Any]]) -> Table:
+    """A plain table; numbers stand to the right."""
+    table = Table(box=None, pad_edge=False, header_style="bold")
+    for index, title in enumerate(titles):
+        numeric = bool(rows) and all(isinstance(row[index], int | float) for row in rows)
+        table.add_column(title, justify="right" if numeric else "left", overflow="fold")
+    for row in rows:
+        table.add_row(*(f"{cell:.4g}" if isinstance(cell, float) else str(cell) for cell in row))
+    return table
+
+
+def _told(counts: Mapping[str, int]) -> str:
+    return ", ".join(f"{number} {name}" for name, number in counts.items() if number) or "nothing to do"
+
+
+def consoles() -> tuple[Console, Console]:
+    """Standard output for results, standard error for progress."""
+    return Console(), Console(file=sys.stderr)
