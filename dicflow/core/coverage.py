@@ -1,0 +1,86 @@
+"""How much of the frame the boards cover, and what a calibration is worth, in words."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from dicflow.core.calibrate import Calibration
+
+__all__ = ["covered_area", "empty_parts", "verdict"]
+
+Array = NDArray[np.float64]
+Size = tuple[int, int]
+
+_PARTS = (("upper left", "top", "upper right"), ("left", "centre", "right"), ("lower left", "bottom", "lower right"))
+_EMPTY_SHARE = 0.2
+_GOOD_COVERAGE = 0.5
+_GOOD_PAIRS = 10
+_GOOD_TILT_DEG = 10.0
+
+
+def covered_area(boards: Array, image_size: Size, cells: int = 240) -> NDArray[np.bool_]:
+    """Part of the frame that the boards cover: the union of the convex hulls of their corners.
+
+    boards : (n, m, 2) [px]
+    image_size : (width, height) [px]
+    cells : number of cells along the longer side
+    Returns (rows, cols) bool, one per cell of the frame.
+    """
+    scale = cells / max(image_size)
+    area = np.zeros((max(1, round(image_size[1] * scale)), max(1, round(image_size[0] * scale))), np.uint8)
+    for corners in boards:
+        hull = cv2.convexHull(np.round((corners + 0.5) * scale - 0.5).astype(np.int32))
+        cv2.fillConvexPoly(area, hull, 1)
+    return area.astype(bool)
+
+
+def empty_parts(area: NDArray[np.bool_]) -> list[str]:
+    """Which ninths of the frame no board covers to a fifth, by name ("upper left", …).
+
+    area : (rows, cols) bool, from :func:`covered_area`
+    """
+    thirds = [np.array_split(band, 3, axis=1) for band in np.array_split(area, 3, axis=0)]
+    return [
+        name
+        for names, band in zip(_PARTS, thirds, strict=True)
+        for name, part in zip(names, band, strict=True)
+        if part.mean() < _EMPTY_SHARE
+    ]
+
+
+def verdict(calibration: Calibration, areas: Sequence[NDArray[np.bool_]], max_error_px: float, pairs: int) -> str:
+    """What the calibration is worth, and what to photograph again.
+
+    areas : covered areas of the left and right frame
+    max_error_px : limit of a pair's mean reprojection error
+    pairs : pairs that were photographed, those in which no board was found included
+    """
+    used = calibration.used
+    share = min(float(area.mean()) for area in areas)
+    figures = (
+        f"{calibration.rms_px[2]:.2f} px, {np.count_nonzero(used)} of {pairs} pairs, "
+        f"boards cover {share:.0%} of the frame".replace("%", " %")
+    )
+    poor = float(calibration.error_px[used].mean(axis=1).max()) > max_error_px
+    advice = _advice(calibration, areas, max_error_px if poor else None)
+    return f"{'poor' if poor else 'usable' if advice else 'good'}: {'; '.join([figures, *advice])}"
+
+
+def _advice(calibration: Calibration, areas: Sequence[NDArray[np.bool_]], missed_limit_px: float | None) -> list[str]:
+    """What to photograph again, one entry per shortcoming."""
+    advice = []
+    if missed_limit_px is not None:
+        advice.append(f"some pairs are above {missed_limit_px:g} px: photograph a flat board, sharp and at rest")
+    if np.count_nonzero(calibration.used) < _GOOD_PAIRS:
+        advice.append("take more pairs, 20 are a good number")
+    if np.nanmax(calibration.tilt_deg) < _GOOD_TILT_DEG:
+        advice.append("tilt the board by 20° to 40° in some of the photographs")
+    for side, area in zip(("left", "right"), areas, strict=True):
+        if area.mean() < _GOOD_COVERAGE:
+            parts = ", ".join(empty_parts(area)) or "edges"
+            advice.append(f"show the board also in the {side} camera's {parts}")
+    return advice

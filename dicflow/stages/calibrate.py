@@ -1,0 +1,146 @@
+"""The calibrated rig, from the corners of all board photographs."""
+
+from __future__ import annotations
+
+from collections import Counter
+from typing import TYPE_CHECKING, Any, ClassVar, Literal
+
+from dicflow.engine.node import At, Millimetres, Node, Pixels, Port, Scope, parameter
+from dicflow.engine.product import Product
+from dicflow.errors import StageError
+
+if TYPE_CHECKING:
+    import numpy as np
+
+    from dicflow.core.calibrate import Calibration
+
+__all__ = ["Calibrate"]
+
+
+class Calibrate(Node):
+    """Calibrate both cameras and their relative pose.
+
+    Pairs above ``max_error_px`` are dropped one at a time, the worst first, and the rig is solved again. Left and
+    right orders of the corners of a board that looks the same turned by 180° are reconciled.
+    """
+
+    title: ClassVar = "calibrate the rig"
+    scope: ClassVar = Scope.RIG
+    takes: ClassVar = {"corners": Port("corners", at=At.ALL)}
+    gives: ClassVar = "rig"
+
+    stage: Literal["calibrate"] = "calibrate"
+    square: Millimetres = parameter(..., "side of one square of the board", unit="mm", gt=0)
+    radial: Literal[2, 3] = parameter(2, "coefficients of radial distortion; 3 for wide angles")
+    tangential: bool = parameter(False, "estimate the tangential distortion of a lens that is not centred, too")
+    max_error_px: Pixels = parameter(0.5, "limit of a pair's mean reprojection error", unit="px", gt=0)
+    min_pairs: int = parameter(8, "no pair is dropped when only this many remain, and none is solved with fewer", ge=3)
+
+    def run(self, corners: tuple[Product, ...]) -> Product:
+        import numpy as np
+
+        from dicflow.core.bundle import Model
+        from dicflow.core.calibrate import calibrate_rig
+
+        size, image_size = self._agreed(corners)
+        seen = [k for k, product in enumerate(corners) if all(_found(product, side) for side in ("left", "right"))]
+        if len(seen) < self.min_pairs:
+            raise StageError(_too_few(corners, seen, self.min_pairs))
+        left, right = (np.stack([corners[k][side] for k in seen]) for side in ("left", "right"))
+        model = Model(self.radial, self.tangential)
+        found = calibrate_rig(left, right, (size, self.square), image_size, model, self.max_error_px, self.min_pairs)
+        return _product(found, seen, len(corners), (left, right), self.max_error_px)
+
+    def _agreed(self, corners: tuple[Product, ...]) -> tuple[tuple[int, int], tuple[int, int]]:
+        """Size of the board and of the photographs; raises StageError where they differ between pairs."""
+        if any("right" not in product for product in corners):
+            raise StageError(
+                "two cameras are calibrated together, but the board photographs have no right ones; name them"
+            )
+        first = corners[0].attrs
+        for k, product in enumerate(corners):
+            if product.attrs["image_size"] != first["image_size"]:
+                raise StageError(
+                    "all board photographs must have one size, but pair 1 has {} × {} px and pair {} has {} × {}; "
+                    "take out those that do not belong".format(
+                        *first["image_size"], k + 1, *product.attrs["image_size"]
+                    )
+                )
+        columns, rows = first["size"]
+        width, height = first["image_size"]
+        return (columns, rows), (width, height)
+
+
+def _found(product: Product, side: str) -> bool:
+    return bool(product.attrs["found"][side])
+
+
+def _too_few(corners: tuple[Product, ...], seen: list[int], needed: int) -> str:
+    """The message for boards that too few pairs show; it names the size of the board that they show instead."""
+    size = corners[0].attrs["size"]
+    wanted = "a board of {} × {} inner corners".format(*size)
+    others = Counter(
+        tuple(other)
+        for product in corners
+        for side, other in product.attrs["seen"].items()
+        if other is not None and not _found(product, side)
+    )
+    if others:
+        (columns, rows), count = others.most_common(1)[0]
+        hint = f"{count} photographs show one of {columns} × {rows}: set size to [{columns}, {rows}]"
+    else:
+        hint = "show the whole board to both cameras, evenly lit and sharp"
+    if not seen:
+        return f"{wanted} is seen in no pair of {len(corners)}; {hint}"
+    return f"{wanted} is seen by both cameras in {len(seen)} of {len(corners)} pairs, and {needed} are needed; {hint}"
+
+
+def _product(
+    found: Calibration, seen: list[int], total: int, corners: tuple[np.ndarray, np.ndarray], max_error_px: float
+) -> Product:
+    """The rig, what each pair says of it, and the verdict."""
+    from dicflow.core.coverage import covered_area, verdict
+    from dicflow.io.rig import rig_to_dict
+
+    image_size = found.rig.left.size
+    areas = [covered_area(side[found.used], image_size) for side in corners]
+    coverage = {side: float(area.mean()) for side, area in zip(("left", "right"), areas, strict=True)}
+    attrs = {
+        "rig": rig_to_dict(found.rig),
+        "pairs": _pairs(found, seen, total),
+        "coverage": coverage,
+        "verdict": verdict(found, areas, max_error_px, total),
+        "summary": _summary(found, coverage),
+    }
+    return Product("rig", {}, attrs)
+
+
+def _pairs(found: Calibration, seen: list[int], total: int) -> list[dict[str, Any]]:
+    """One entry per board pair, in order; a pair whose board is not seen by both cameras has no figures."""
+    pairs: list[dict[str, Any]] = [{"name": f"pair {k + 1}", "used": False} for k in range(total)]
+    for k, used, turned, (left, right), epipolar in zip(
+        seen, found.used, found.turned, found.error_px, found.epipolar_px, strict=True
+    ):
+        pairs[k] |= {"used": bool(used), "turned": bool(turned)}
+        pairs[k] |= {"left_px": float(left), "right_px": float(right), "epipolar_px": float(epipolar)}
+    return pairs
+
+
+def _summary(found: Calibration, coverage: dict[str, float]) -> dict[str, float]:
+    import numpy as np
+
+    from dicflow.core.camera import rotation_angle_deg
+
+    left, right, both = found.rms_px.tolist()
+    return {
+        "rms_px": both,
+        "left_rms_px": left,
+        "right_rms_px": right,
+        "mean_px": float(found.error_px[found.used].mean()),
+        "epipolar_px": float(found.epipolar_px[found.used].mean()),
+        "pairs_used": int(found.used.sum()),
+        "coverage_left": coverage["left"],
+        "coverage_right": coverage["right"],
+        "baseline_mm": float(np.linalg.norm(found.rig.translation)),
+        "angle_deg": rotation_angle_deg(found.rig.rotation),
+    }
