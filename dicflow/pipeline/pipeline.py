@@ -53,7 +53,7 @@ class Pipeline:
 
         data : folder where the file's relative paths start; default the file's own
         store : folder for the products; default ``.dicflow`` beside the file
-        settings : as on the command line, ``["surface.robust=LAR", "smooth.degree=1,2,3"]``; several values make a sweep
+        settings : as after ``--set``: ``["surface.robust=LAR", "smooth.degree=1,2,3"]``; several values make a sweep
 
         Raises ConfigurationError that lists everything wrong with ``file:line:column``.
         """
@@ -121,8 +121,8 @@ class Pipeline:
             for file in task.files.values():
                 if not any(file.resolve().is_relative_to(root) for root in roots):
                     raise InputError(
-                        f"{task.stage}: {file} lies outside the folder of {self.path.name}; a pipeline reads only below "
-                        "its own folder, the working directory, and the folder given with --data"
+                        f"{task.stage}: {file} lies outside the folder of {self.path.name}; a pipeline reads only "
+                        "below its own folder, the working directory, and the folder given with --data"
                     )
         return graph
 

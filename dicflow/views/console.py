@@ -2,18 +2,26 @@
 
 from __future__ import annotations
 
+import json
+import math
 import sys
 import time
-from collections.abc import Mapping, Sequence
+from collections import Counter, defaultdict
+from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
+import numpy as np
 from rich.console import Console
 from rich.live import Live
 from rich.table import Table
 
 from dicflow.engine.journal import Event
+from dicflow.engine.plan import Plan
+from dicflow.engine.product import Product
+from dicflow.errors import ConfigurationError
+from dicflow.pipeline.result import Result
 
-__all__ = ["Progress", "simple_table"]
+__all__ = ["Progress", "consoles", "plan_table", "product_tables", "products_table", "simple_table", "why_lines"]
 
 _COLUMNS = ("hit", "computed", "failed", "skipped")
 
@@ -92,6 +100,58 @@ class Progress:
         return f"{elapsed:.0f} s, about {elapsed * (to_do - done) / done:.0f} s left"
 
 
+def plan_table(plan: Plan) -> Table:
+    """Per stage what is cached and what would run, with each reason once and how often it holds."""
+    reasons: dict[str, Counter[str]] = defaultdict(Counter)
+    for entry in plan.entries.values():
+        if entry.state != "hit":
+            reasons[entry.task.stage][entry.reason] += 1
+    rows = [
+        (stage, counts.get("hit", 0), counts.get("run", 0), counts.get("pending", 0), _reasons(reasons[stage]))
+        for stage, counts in plan.by_stage().items()
+    ]
+    return simple_table(("stage", "hit", "run", "waits", "because"), rows)
+
+
+def why_lines(plan: Plan, name: str) -> Iterator[str]:
+    """What has changed for a stage or one of its tasks, in words.
+
+    Raises ConfigurationError for a name that does not exist.
+    """
+    tasks = [task for task in plan.entries if name in (task, plan.entries[task].task.stage)]
+    if not tasks:
+        raise ConfigurationError(f"no stage or task '{name}'; stages: {', '.join(plan.graph.stages)}")
+    for task in tasks:
+        entry = plan.entries[task]
+        yield f"{task}: {entry.state if entry.state == 'hit' else entry.reason}"
+        for change in plan.why(task):
+            yield f"    {change.text}"
+
+
+def products_table(result: Result) -> Table:
+    """Every stage with the kind it gives, how many of its products are there, and its steps."""
+    rows = []
+    for stage in result.stages:
+        steps = result.steps(stage)
+        present = sum(result.has(stage, step) for step in steps or (None,))
+        named = f"{steps[0]} … {steps[-1]}" if len(steps) > 1 else "".join(steps) or "once"
+        rows.append((stage, result.kind(stage), f"{present} of {len(steps) or 1}", named))
+    return simple_table(("stage", "gives", "there", "steps"), rows)
+
+
+def product_tables(product: Product) -> Iterator[Table | str]:
+    """The arrays of a product with their ranges, then its attributes as JSON."""
+    rows = []
+    for name, variable in product.variables.items():
+        values = variable.values[np.isfinite(variable.values)] if variable.values.dtype.kind == "f" else variable.values
+        low, mean, high = (float(f(values)) for f in (np.min, np.mean, np.max)) if values.size else (math.nan,) * 3
+        shape = " × ".join(f"{size} {dim}" for size, dim in zip(variable.values.shape, variable.dims, strict=True))
+        rows.append((name, variable.units, str(variable.values.dtype), shape, low, mean, high))
+    if rows:
+        yield simple_table(("array", "unit", "type", "shape", "least", "mean", "largest"), rows)
+    yield json.dumps(dict(product.attrs), indent=1, ensure_ascii=False)
+
+
 def simple_table(titles: Sequence[str], rows: Sequence[Sequence[Any]]) -> Table:
     """A plain table; numbers stand to the right."""
     table = Table(box=None, pad_edge=False, header_style="bold")
@@ -105,6 +165,12 @@ def simple_table(titles: Sequence[str], rows: Sequence[Sequence[Any]]) -> Table:
 
 def _told(counts: Mapping[str, int]) -> str:
     return ", ".join(f"{number} {name}" for name, number in counts.items() if number) or "nothing to do"
+
+
+def _reasons(counted: Counter[str]) -> str:
+    """The two commonest reasons."""
+    told = [f"{reason} ({count} ×)" if count > 1 else reason for reason, count in counted.most_common(2)]
+    return "; ".join(told) + ("; …" if len(counted) > 2 else "")
 
 
 def consoles() -> tuple[Console, Console]:

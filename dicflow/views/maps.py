@@ -16,9 +16,9 @@ from matplotlib.collections import QuadMesh
 from matplotlib.colors import Normalize
 from matplotlib.figure import Figure
 
-from dicflow.engine.product import Product
+from dicflow.engine.product import Product, Variable
 
-__all__ = ["Style", "contact_sheet", "field_map", "gif", "png", "style"]
+__all__ = ["Style", "contact_sheet", "field_map", "gif", "picture", "png", "style"]
 
 _HEIGHT_IN = 5.0
 _GREY = "0.93"
@@ -139,3 +139,18 @@ def _draw(axes: Axes, total: Product, look: Style) -> QuadMesh:
     x0, y0, x1, y1 = look.extent
     axes.set(xlim=(x0, x1), ylim=(y1, y0), aspect="equal", facecolor=_GREY)
     return mesh
+
+
+def picture(variable: Variable, title: str) -> Figure:
+    """One array on the grid of its rows and columns; grey levels in grey, all else in colour with a bar."""
+    rows, cols = variable.values.shape
+    width = min(max(6.0 * cols / rows, 2.0), 10.0)
+    figure = Figure(figsize=(width + 1.5, min(6.0, width * rows / cols) + 0.8), dpi=110, layout="constrained")
+    axes = figure.add_subplot()
+    grey = variable.values.dtype.kind == "u" and variable.units == "grey level"
+    image = axes.imshow(variable.values, cmap="gray" if grey else "viridis", interpolation="nearest")
+    axes.set(xlabel="column", ylabel="row")
+    axes.set_title(title, fontsize=9)
+    unit = "–" if variable.units == "1" else variable.units
+    figure.colorbar(image, ax=axes, label=f"{variable.long_name or title} [{unit}]")
+    return figure

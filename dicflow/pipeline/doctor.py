@@ -1,0 +1,85 @@
+"""Whether this machine and installation can do what dicflow needs."""
+
+from __future__ import annotations
+
+import os
+import platform
+import shutil
+import socket
+from collections.abc import Iterator
+from importlib.metadata import version
+from pathlib import Path
+from typing import NamedTuple
+
+__all__ = ["Check", "checks"]
+
+_PACKAGES = ("numpy", "scipy", "numba", "opencv-python-headless", "zarr", "dask", "distributed", "pydantic", "xarray")
+_DETECTORS = ("KAZE", "AKAZE", "BRISK", "ORB", "SIFT")
+_FREE_GB = 2.0
+
+
+class Check(NamedTuple):
+    """What was looked at, whether it is well, and what was found with the remedy."""
+
+    subject: str
+    ok: bool
+    finding: str
+
+
+def checks(store: Path) -> Iterator[Check]:
+    """Look at Python, the packages, the machine, the store's folder and the loopback address."""
+    yield Check("python", True, f"{platform.python_version()} on {platform.system()} {platform.machine()}")
+    yield Check("packages", True, ", ".join(f"{name} {version(name)}" for name in _PACKAGES))
+    yield _detectors()
+    yield _compiler()
+    yield Check("cores", True, str(os.cpu_count()))
+    yield from _folder(store)
+    yield _loopback()
+
+
+def _detectors() -> Check:
+    import cv2
+
+    missing = [name for name in _DETECTORS if not hasattr(cv2, f"{name}_create")]
+    if missing:
+        return Check(
+            "detectors", False, f"OpenCV {cv2.__version__} lacks {', '.join(missing)}; install opencv-python-headless<5"
+        )
+    return Check("detectors", True, ", ".join(_DETECTORS))
+
+
+def _compiler() -> Check:
+    """Compiled kernels are cached beside the code, or in the user's cache folder."""
+    from numba import njit
+
+    try:
+        njit(lambda x: x + 1)(1)
+    except Exception as error:
+        return Check("compiler", False, f"numba cannot compile: {error}; install numba and llvmlite again")
+    return Check("compiler", True, "numba compiles")
+
+
+def _folder(store: Path) -> Iterator[Check]:
+    place = store.absolute()
+    while not place.exists():
+        place = place.parent
+    writable = os.access(place, os.W_OK)
+    yield Check(
+        "store",
+        writable,
+        f"{place} can be written" if writable else f"{place} is read-only; choose another with --store",
+    )
+    free = shutil.disk_usage(place).free / 1e9
+    enough = free >= _FREE_GB
+    yield Check(
+        "disk", enough, f"{free:.1f} GB free" + ("" if enough else f"; a test of 22 steps needs about {_FREE_GB} GB")
+    )
+
+
+def _loopback() -> Check:
+    try:
+        with socket.socket() as probe:
+            probe.bind(("127.0.0.1", 0))
+    except OSError as error:
+        return Check("loopback", False, f"127.0.0.1 cannot be used: {error}; run with --scheduler threads")
+    return Check("loopback", True, "workers and dashboard can use 127.0.0.1")

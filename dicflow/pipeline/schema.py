@@ -1,0 +1,52 @@
+"""JSON schema of pipeline files, for completion and checks in an editor."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from dicflow.engine.node import Node
+from dicflow.pipeline.registry import node_class, stage_names
+from dicflow.pipeline.wiring import FORMAT
+
+__all__ = ["pipeline_schema"]
+
+
+def pipeline_schema() -> dict[str, Any]:
+    """The schema: each stage's parameters with defaults, units and descriptions, and its inputs."""
+    definitions: dict[str, Any] = {}
+    stages = []
+    for name in stage_names():
+        own = _stage_schema(node_class(name))
+        definitions.update(own.pop("$defs", {}))
+        stages.append(own)
+    values = {"type": "object", "additionalProperties": {"type": "array", "minItems": 1}}
+    rows = {"type": "array", "items": {"type": "object"}}
+    return {
+        "$schema": "https://json-schema.org/draft/2020-12/schema",
+        "title": "dicflow pipeline",
+        "type": "object",
+        "required": ["stages"],
+        "additionalProperties": False,
+        "properties": {
+            "dicflow": {"const": FORMAT, "description": "version of the file's format"},
+            "title": {"type": "string"},
+            "stages": {"type": "object", "minProperties": 1, "additionalProperties": {"oneOf": stages}},
+            "sweep": {
+                "type": "object",
+                "additionalProperties": False,
+                "properties": {"grid": values, "zip": values, "list": rows, "exclude": rows},
+            },
+        },
+        "$defs": definitions,
+    }
+
+
+def _stage_schema(kind: type[Node]) -> dict[str, Any]:
+    schema = kind.model_json_schema()
+    for port_name, port in kind.takes.items():
+        if not port.own:
+            types = ["string", "null"] if port.optional else ["string"]
+            description = f"stage that gives {' or '.join(port.kinds)}"
+            schema["properties"][port_name] = {"type": types, "description": description}
+    schema["required"] = sorted({"stage", *schema.get("required", [])})
+    return schema

@@ -1,0 +1,48 @@
+"""Products as files in a chosen format."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+
+from dicflow.engine.product import Product, Variable
+from dicflow.errors import ConfigurationError
+from dicflow.io.results import csv_text, npz_bytes
+from dicflow.pipeline.result import Result
+
+__all__ = ["exported"]
+
+
+def exported(result: Result, stage: str, step: str | None, to: str, variant: int) -> Iterator[tuple[str, bytes]]:
+    """File name and contents of every product that is asked for.
+
+    stage, step : names; without a step every step of the stage
+    to : "csv", "npz" or "png"; a PNG shows one array, so there are as many as the product has on a grid
+    """
+    steps: tuple[str | None, ...] = (step,) if step is not None else result.steps(stage) or (None,)
+    for name in steps:
+        product = result.product(stage, name, variant)
+        stem = stage if name is None else f"{stage}_{name}"
+        if to == "csv":
+            yield f"{stem}.csv", csv_text(product, stem).encode()
+        elif to == "npz":
+            yield f"{stem}.npz", npz_bytes(product)
+        else:
+            yield from _pictures(product, stem)
+
+
+def _pictures(product: Product, stem: str) -> Iterator[tuple[str, bytes]]:
+    from dicflow.views.maps import picture, png
+
+    drawable = {key: variable for key, variable in product.variables.items() if _is_field(variable)}
+    if not drawable:
+        raise ConfigurationError(
+            f"{stem}: a product of kind {product.kind} has no array to draw; export it as csv or npz"
+        )
+    for key, variable in drawable.items():
+        yield f"{stem}_{key}.png", png(picture(variable, f"{stem} · {key}"))
+
+
+def _is_field(variable: Variable) -> bool:
+    return len(variable.dims) == 2 and variable.dims == ("row", "col") and bool(np.isfinite(variable.values).any())

@@ -1,0 +1,109 @@
+"""The stages of a pipeline and what flows between them, as text and as SVG."""
+
+from __future__ import annotations
+
+from html import escape
+from typing import NamedTuple
+
+from dicflow.engine.graph import Graph
+
+__all__ = ["graph_svg", "graph_text"]
+
+_WIDTH, _HEIGHT, _GAP_X, _GAP_Y, _MARGIN = 190, 46, 60, 22, 20
+
+
+class _Box(NamedTuple):
+    x: float
+    y: float
+
+
+def graph_text(graph: Graph) -> str:
+    """One line per stage, each below those it takes from."""
+    width = max(len(name) for name in graph.stages)
+    lines = []
+    for name in _ordered(graph):
+        inputs = ", ".join(f"{port} ← {producer}" for port, producer in graph.stages[name].inputs.items())
+        lines.append(
+            f"{name:<{width}}  {_count(graph, name):<10} {graph.stages[name].node.title}"
+            + (f"   [{inputs}]" if inputs else "")
+        )
+    return "\n".join(lines)
+
+
+def graph_svg(graph: Graph) -> str:
+    """Columns of boxes from left to right, an arrow for every input; no scripts, no links."""
+    boxes = _layout(graph)
+    width = max(box.x for box in boxes.values()) + _WIDTH + _MARGIN
+    height = max(box.y for box in boxes.values()) + _HEIGHT + _MARGIN
+    arrows = [
+        _arrow(boxes[producer], boxes[name], port)
+        for name, spec in graph.stages.items()
+        for port, producer in spec.inputs.items()
+        if producer != name
+    ]
+    drawn = [_drawn(graph, name, box) for name, box in boxes.items()]
+    return (
+        f'<svg xmlns="http://www.w3.org/2000/svg" width="{width:.0f}" height="{height:.0f}" '
+        f'viewBox="0 0 {width:.0f} {height:.0f}" font-family="sans-serif">\n'
+        '<defs><marker id="tip" viewBox="0 0 8 8" refX="8" refY="4" markerWidth="7" markerHeight="7" orient="auto">'
+        '<path d="M0 0L8 4L0 8z" fill="#777"/></marker></defs>\n'
+        f'<rect width="100%" height="100%" fill="white"/>\n{"".join(arrows)}{"".join(drawn)}</svg>\n'
+    )
+
+
+def _ordered(graph: Graph) -> list[str]:
+    return sorted(graph.stages, key=lambda name: (_depths(graph)[name], list(graph.stages).index(name)))
+
+
+def _depths(graph: Graph) -> dict[str, int]:
+    """Length of the longest way from a source to each stage."""
+    depths: dict[str, int] = {}
+
+    def depth(name: str) -> int:
+        if name not in depths:
+            producers = [producer for producer in graph.stages[name].inputs.values() if producer != name]
+            depths[name] = 1 + max((depth(producer) for producer in producers), default=-1)
+        return depths[name]
+
+    for name in graph.stages:
+        depth(name)
+    return depths
+
+
+def _layout(graph: Graph) -> dict[str, _Box]:
+    """One column per depth; within a column in the order of the producers' heights, so that few arrows cross."""
+    depths = _depths(graph)
+    boxes: dict[str, _Box] = {}
+    for column in range(max(depths.values()) + 1):
+        names = [name for name in graph.stages if depths[name] == column]
+        names.sort(key=lambda name: _mean([boxes[p].y for p in graph.stages[name].inputs.values() if p in boxes]))
+        for row, name in enumerate(names):
+            boxes[name] = _Box(_MARGIN + column * (_WIDTH + _GAP_X), _MARGIN + row * (_HEIGHT + _GAP_Y))
+    return boxes
+
+
+def _mean(values: list[float]) -> float:
+    return sum(values) / len(values) if values else 0.0
+
+
+def _arrow(start: _Box, end: _Box, port: str) -> str:
+    x0, y0, x1, y1 = start.x + _WIDTH, start.y + _HEIGHT / 2, end.x, end.y + _HEIGHT / 2
+    bend = max(30.0, (x1 - x0) / 2)
+    path = f"M{x0:.1f} {y0:.1f}C{x0 + bend:.1f} {y0:.1f} {x1 - bend:.1f} {y1:.1f} {x1:.1f} {y1:.1f}"
+    return f'<path d="{path}" fill="none" stroke="#999" marker-end="url(#tip)"><title>{escape(port)}</title></path>\n'
+
+
+def _drawn(graph: Graph, name: str, box: _Box) -> str:
+    centre = box.x + _WIDTH / 2
+    return (
+        f'<rect x="{box.x:.1f}" y="{box.y:.1f}" width="{_WIDTH}" height="{_HEIGHT}" rx="6" '
+        'fill="#eef3f8" stroke="#31688e"/>'
+        f'<text x="{centre:.1f}" y="{box.y + 19:.1f}" text-anchor="middle" font-size="13">{escape(name)}</text>'
+        f'<text x="{centre:.1f}" y="{box.y + 36:.1f}" text-anchor="middle" font-size="10" fill="#555">'
+        f"{escape(graph.stages[name].node.title)} · {_count(graph, name)}</text>\n"
+    )
+
+
+def _count(graph: Graph, name: str) -> str:
+    steps = graph.steps[name]
+    return f"{len(steps)} ×" if steps else "once"
