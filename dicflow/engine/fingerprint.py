@@ -11,6 +11,7 @@ from __future__ import annotations
 import ast
 import sys
 from collections.abc import Iterator
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -47,7 +48,7 @@ def fingerprint(cls: type, index: FileIndex) -> Fingerprint:
         module, path = waiting.pop()
         if module in found:
             continue
-        code = index.fact(path, f"code:{module}", lambda file, name=module: code_of(file, name))
+        code = index.fact(path, f"code:{module}", partial(code_of, module=module))
         found[module] = code["digest"]
         names = [pair for pair in code["imports"] if pair[0].partition(".")[0] in packages]
         waiting += [(name, file) for pair in names for name, file in _files(roots, *pair) if _counts(name)]

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import graphlib
 import typing
-from collections.abc import Collection, Iterable, Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from functools import cache
 from pathlib import Path
@@ -12,7 +12,7 @@ from typing import Any
 
 from pydantic.fields import FieldInfo
 
-from dicflow.engine.node import At, Node, Port, Scope
+from dicflow.engine.node import At, Node, Scope
 from dicflow.errors import ConfigurationError
 
 __all__ = ["Graph", "StageSpec", "Task", "TaskInput", "expand", "file_fields"]
@@ -107,21 +107,16 @@ def expand(stages: Mapping[str, StageSpec]) -> Graph:
     Raises ConfigurationError with the stage's position where the stages do not fit together (an unknown or missing
     input, one of another kind, a cycle, two series of steps in one stage), and InputError where files are missing.
     """
-    ordered = _in_order(stages)
+    ordered = {name: stages[name] for name in _in_order(stages)}
     for name in ordered:
         _check_inputs(name, stages)
     series: dict[str, _Series | None] = {}
     for name in ordered:
         series[name] = _series_of(name, stages, series)
-    tasks: dict[str, Task] = {}
-    for name in ordered:
-        tasks.update((task.name, task) for task in _tasks(name, stages, series))
-    return Graph(
-        {name: stages[name] for name in ordered},
-        tasks,
-        {name: _steps(stages[name].node, series[name]) for name in ordered},
-        {name: one.files for name in ordered if (one := series[name]) is not None and one.start == name},
-    )
+    joints = _Joints(ordered, series)
+    tasks = {task.name: task for name in ordered for task in joints.tasks(name)}
+    files = {name: one.files for name, one in series.items() if one is not None and one.start == name}
+    return Graph(ordered, tasks, joints.steps, files)
 
 
 @cache
@@ -169,9 +164,9 @@ def _in_order(stages: Mapping[str, StageSpec]) -> list[str]:
 def _check_inputs(name: str, stages: Mapping[str, StageSpec]) -> None:
     spec = stages[name]
     takes = spec.node.takes
-    for port in spec.inputs:
-        if port not in takes:
-            _fail(name, spec, f"has no input '{port}'; its inputs are {', '.join(takes) or 'none'}")
+    for given in spec.inputs:
+        if given not in takes:
+            _fail(name, spec, f"has no input '{given}'; its inputs are {', '.join(takes) or 'none'}")
     for port_name, port in takes.items():
         source = name if port.own else spec.inputs.get(port_name)
         if source is None:
@@ -180,8 +175,8 @@ def _check_inputs(name: str, stages: Mapping[str, StageSpec]) -> None:
         elif source not in stages:
             _fail(name, spec, f"input '{port_name}' names no stage: '{source}'; stages: {', '.join(stages)}")
         elif stages[source].node.gives not in port.kinds:
-            given = stages[source].node.gives
-            _fail(name, spec, f"input '{port_name}' needs {' or '.join(port.kinds)}, but '{source}' gives {given}")
+            kind = stages[source].node.gives
+            _fail(name, spec, f"input '{port_name}' needs {' or '.join(port.kinds)}, but '{source}' gives {kind}")
         elif port.own and port.at not in (At.PREVIOUS, At.FIRST):
             _fail(name, spec, f"input '{port_name}' takes its own output at the step before or the first only")
 
@@ -210,65 +205,53 @@ def _series_of(name: str, stages: Mapping[str, StageSpec], series: Mapping[str, 
     return next(iter(found.values()))
 
 
-def _steps(node: Node, series: _Series | None) -> tuple[str, ...]:
-    names = tuple(series.files) if series is not None else ()
-    return names[1:] if node.scope is Scope.PAIR else names
+class _Joints:
+    """Joins the tasks of all stages, port by port."""
 
+    def __init__(self, stages: Mapping[str, StageSpec], series: Mapping[str, _Series | None]) -> None:
+        self.stages = stages
+        self.series = series
+        self.all_steps = {name: tuple(one.files) if one is not None else () for name, one in series.items()}
+        self.offset = {name: int(spec.node.scope is Scope.PAIR) for name, spec in stages.items()}
+        self.steps = {name: steps[self.offset[name] :] for name, steps in self.all_steps.items()}
 
-def _tasks(name: str, stages: Mapping[str, StageSpec], series: Mapping[str, _Series | None]) -> list[Task]:
-    spec, own = stages[name], series[name]
-    files = _own_files(spec)
-    if own is None:
-        inputs = {port: _joined(name, port, None, None, stages, series) for port in spec.node.takes}
-        return [Task(name, name, None, spec.node, inputs, files)]
-    result = []
-    places = {step: place for place, step in enumerate(own.files)}
-    starts = own.start == name
-    for step in _steps(spec.node, own):
-        inputs = {port: _joined(name, port, own, places[step], stages, series) for port in spec.node.takes}
-        here = {**files, **own.files[step]} if starts else files
-        result.append(Task(f"{name}/{step}", name, step, spec.node, inputs, here))
-    return result
+    def tasks(self, name: str) -> list[Task]:
+        """The tasks of one stage, in the order of its steps."""
+        node, own, files = self.stages[name].node, self.series[name], _own_files(self.stages[name])
+        if own is None:
+            return [Task(name, name, None, node, self._inputs(name, None), files)]
+        here = own.files if own.start == name else {}
+        return [
+            Task(f"{name}/{step}", name, step, node, self._inputs(name, place), {**files, **here.get(step, {})})
+            for place, step in enumerate(self.steps[name], start=self.offset[name])
+        ]
+
+    def _inputs(self, name: str, place: int | None) -> dict[str, TaskInput]:
+        return {port: self._joined(name, port, place) for port in self.stages[name].node.takes}
+
+    def _joined(self, name: str, port_name: str, place: int | None) -> TaskInput:
+        """What one port is joined to, at one place in the series of its stage (None: the stage runs once)."""
+        spec = self.stages[name]
+        port = spec.node.takes[port_name]
+        source = name if port.own else spec.inputs.get(port_name)
+        if source is None:
+            return None
+        if self.series[source] is None:
+            return ((source, source),) if port.at is At.ALL else source
+        if port.at is At.ALL:
+            return tuple((step, f"{source}/{step}") for step in self.steps[source])
+        if port.at is At.FIRST:
+            wanted = self.offset[source]
+        elif place is None:
+            _fail(name, spec, f"runs once, so input '{port_name}' cannot follow the steps of '{source}'")
+        else:
+            wanted = place - (port.at is At.PREVIOUS)
+        steps = self.all_steps[source]
+        if not self.offset[source] <= wanted < len(steps) or (port.own and wanted == place):
+            return None
+        return f"{source}/{steps[wanted]}"
 
 
 def _own_files(spec: StageSpec) -> dict[str, Path]:
     given = {name: getattr(spec.node, name) for name in sorted(file_fields(type(spec.node)))}
     return {f"{name}_path": spec.folder / value for name, value in given.items() if value is not None}
-
-
-def _joined(
-    name: str,
-    port_name: str,
-    own: _Series | None,
-    place: int | None,
-    stages: Mapping[str, StageSpec],
-    series: Mapping[str, _Series | None],
-) -> TaskInput:
-    """The task, or tasks, that one port is joined to, at one place in the series of its stage."""
-    spec = stages[name]
-    port: Port = spec.node.takes[port_name]
-    source = name if port.own else spec.inputs.get(port_name)
-    if source is None:
-        return None
-    steps: Collection[str] = _steps(stages[source].node, series[source])
-    if port.at is At.ALL:
-        return tuple((step, f"{source}/{step}") for step in steps) if series[source] else ((source, source),)
-    if series[source] is None:
-        return source
-    step = _step_taken(port.at, own, place, tuple(steps))
-    if place is None and port.at is not At.FIRST:
-        _fail(name, spec, f"runs once, so input '{port_name}' cannot follow the steps of '{source}'")
-    if step is None or (port.own and place is not None and own is not None and step == tuple(own.files)[place]):
-        return None
-    return f"{source}/{step}"
-
-
-def _step_taken(at: At, own: _Series | None, place: int | None, steps: tuple[str, ...]) -> str | None:
-    """Name of the step that a port takes, None where the producer has none there."""
-    if at is At.FIRST:
-        return steps[0] if steps else None
-    if own is None or place is None:
-        return None
-    wanted = place - 1 if at is At.PREVIOUS else place
-    names = tuple(own.files)
-    return names[wanted] if wanted >= 0 and names[wanted] in steps else None

@@ -113,7 +113,8 @@ class Node(BaseModel):
 
     stage: str
     keep: Literal["always", "auto", "never"] = parameter(
-        "auto", "whether the product is kept in the store; auto keeps what is dearer to remake than to read",
+        "auto",
+        "whether the product is kept in the store; auto keeps what is dearer to remake than to read",
         affects="speed",
     )
 

@@ -1,0 +1,110 @@
+"""Keys: the name of an action, by everything that its result depends on and nothing else."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from typing import Any, Literal
+
+from dicflow.engine.graph import file_fields
+from dicflow.engine.hashing import digest_json
+from dicflow.engine.node import Node
+from dicflow.engine.references import Ref, RefInput
+
+__all__ = ["Change", "differences", "input_digests", "key_of", "key_parts", "parameters"]
+
+
+@dataclass(frozen=True)
+class Change:
+    """One thing that differs from the last time. name : which parameter, input, file or module it is."""
+
+    what: Literal["parameter", "input", "file", "code", "version", "record", "object", "stage"]
+    name: str = ""
+    old: Any = None
+    new: Any = None
+
+    @property
+    def text(self) -> str:
+        """The change in words."""
+        if self.what in ("parameter", "version"):
+            return f"{self.name}: {_shown(self.old)} → {_shown(self.new)}"
+        if self.what in ("input", "file"):
+            verb = "is new" if self.old is None else "is no longer given" if self.new is None else "changed"
+            return f"{self.what} {self.name} {verb}"
+        if self.what == "code":
+            return f"code of {self.name} changed"
+        return self.name
+
+
+def parameters(node: Node) -> dict[str, Any]:
+    """Parameters that affect the result, defaults and units resolved, as JSON; files count by their contents instead."""
+    chosen = {name for name, field in type(node).model_fields.items() if _affects_result(field.json_schema_extra)}
+    return node.model_dump(mode="json", include=chosen - file_fields(type(node)) - {"stage"})
+
+
+def key_parts(
+    node: Node, values: Mapping[str, Any], inputs: Mapping[str, Any], files: Mapping[str, str]
+) -> dict[str, Any]:
+    """Everything that the result of a task depends on.
+
+    values : :func:`parameters` of the node
+    inputs : :func:`input_digests`
+    files : argument → digest of the file
+    """
+    return {
+        "stage": node.stage,
+        "impl_version": node.impl_version,
+        "parameters": values,
+        "inputs": inputs,
+        "files": dict(files),
+    }
+
+
+def input_digests(inputs: Mapping[str, RefInput]) -> dict[str, Any]:
+    """Digests by port; for all steps pairs [step, digest], since such a stage sees the names of the steps."""
+    found: dict[str, Any] = {}
+    for port, source in inputs.items():
+        if isinstance(source, Ref):
+            found[port] = source.digest
+        elif source is not None:
+            found[port] = [[step, ref.digest] for step, ref in source]
+    return found
+
+
+def key_of(parts: Mapping[str, Any]) -> str:
+    """The key: digest of its parts. Raises TypeError or ValueError for a parameter without one spelling."""
+    return digest_json(parts)
+
+
+def differences(old: Mapping[str, Any], new: Mapping[str, Any]) -> list[Change]:
+    """What differs between the parts of two keys, in the order in which one would ask."""
+    changes = []
+    if old["stage"] != new["stage"]:
+        changes.append(Change("stage", f"stage: {old['stage']} → {new['stage']}"))
+    if old["impl_version"] != new["impl_version"]:
+        changes.append(Change("version", "impl_version", old["impl_version"], new["impl_version"]))
+    changes += [Change("parameter", *change) for change in _leaves(old["parameters"], new["parameters"])]
+    for what, part in (("file", "files"), ("input", "inputs")):
+        for name in {**old[part], **new[part]}:
+            before, after = old[part].get(name), new[part].get(name)
+            if before != after:
+                changes.append(Change("file" if what == "file" else "input", name, before, after))
+    return changes
+
+
+def _leaves(old: Any, new: Any, name: str = "") -> Iterator[tuple[str, Any, Any]]:
+    """The innermost values that differ, with dotted names."""
+    if isinstance(old, Mapping) and isinstance(new, Mapping):
+        for key in {**old, **new}:
+            yield from _leaves(old.get(key), new.get(key), f"{name}.{key}" if name else key)
+    elif old != new:
+        yield name, old, new
+
+
+def _affects_result(extra: Any) -> bool:
+    return not isinstance(extra, dict) or extra.get("affects", "result") == "result"
+
+
+def _shown(value: Any) -> str:
+    text = "none" if value is None else str(value)
+    return text if len(text) <= 60 else f"{text[:57]}…"

@@ -1,0 +1,185 @@
+"""Products as zarr groups: writing one, and reading its arrays when they are first used."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass, field, replace
+from pathlib import Path, PurePosixPath
+from typing import TYPE_CHECKING, Any
+
+from dicflow.engine.hashing import digest_array, digest_json, is_digest, plain
+from dicflow.engine.product import Product, Variable
+from dicflow.errors import StageError
+
+if TYPE_CHECKING:
+    import numpy as np
+
+__all__ = ["LazyVariables", "Manifest", "describe", "normalised", "read_array", "write_group"]
+
+_ONE_CHUNK = 4_000_000
+"""Arrays up to this size [bytes] are one chunk; above, one chunk per plane of their two longest axes."""
+
+
+@dataclass(frozen=True)
+class Manifest:
+    """What a product is, and how it is kept.
+
+    digest : of the content
+    content : kind, attrs, and of every variable dims, dtype, shape, units, long_name and digest
+    nbytes : size of all arrays in memory [bytes]
+    kept : whether the arrays are in the store; if not, they are remade when they are used
+    files : size [bytes] of every file of the group by relative path
+    """
+
+    digest: str
+    content: Mapping[str, Any]
+    nbytes: int
+    kept: bool = True
+    files: Mapping[str, int] = field(default_factory=dict)
+
+    def to_json(self) -> dict[str, Any]:
+        """The manifest as JSON."""
+        return {
+            "digest": self.digest,
+            "kept": self.kept,
+            "nbytes": self.nbytes,
+            "files": dict(self.files),
+            "content": self.content,
+        }
+
+    @classmethod
+    def from_json(cls, value: Any) -> Manifest | None:
+        """The manifest, or None where the JSON is none, or names files outside the object."""
+        try:
+            files = {str(name): int(size) for name, size in value["files"].items()}
+            names = [*files, *value["content"]["variables"]]
+            sound = is_digest(value["digest"]) and all(_is_inside(name) for name in names)
+            loaded = cls(value["digest"], value["content"], int(value["nbytes"]), bool(value["kept"]), files)
+        except (TypeError, KeyError, ValueError, AttributeError):
+            return None
+        return loaded if sound else None
+
+
+class LazyVariables(Mapping[str, Variable]):
+    """Variables whose arrays are read at their first use.
+
+    specs : content of a manifest's ``variables``
+    read : gives the array of one variable
+    """
+
+    def __init__(self, specs: Mapping[str, Any], read: Callable[[str], np.ndarray]) -> None:
+        self._specs = specs
+        self._read = read
+        self._found: dict[str, Variable] = {}
+
+    def __getitem__(self, name: str) -> Variable:
+        if name not in self._found:
+            spec = self._specs[name]
+            values = self._read(name)
+            self._found[name] = Variable(tuple(spec["dims"]), values, spec["units"], spec["long_name"])
+        return self._found[name]
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self._specs)
+
+    def __len__(self) -> int:
+        return len(self._specs)
+
+    def __contains__(self, name: object) -> bool:
+        return name in self._specs
+
+
+def normalised(product: Product) -> Product:
+    """The product with attributes in JSON's own types, as it will come back from the store.
+
+    Raises StageError that names an attribute or array that cannot be kept.
+    """
+    for name, variable in product.variables.items():
+        if variable.values.ndim != len(variable.dims):
+            raise StageError(f"{product.kind}.{name}: {variable.values.ndim} axes, but dims {variable.dims}")
+        if not _is_inside(name) or "/" in name:
+            raise StageError(f"{product.kind}: '{name}' cannot name an array; use letters, digits and _")
+    try:
+        return replace(product, attrs=plain(product.attrs))
+    except TypeError as error:
+        raise StageError(f"{product.kind}: an attribute cannot be kept ({error}); give JSON values") from error
+
+
+def describe(product: Product) -> Manifest:
+    """Manifest of a product in memory. Raises StageError for an array that has no digest."""
+    try:
+        variables = {name: _spec(variable) for name, variable in product.variables.items()}
+    except TypeError as error:
+        raise StageError(f"{product.kind}: {error}") from error
+    content = {"kind": product.kind, "attrs": product.attrs, "variables": variables}
+    nbytes = sum(variable.values.nbytes for variable in product.variables.values())
+    return Manifest(digest_json(content), content, nbytes)
+
+
+def write_group(folder: Path, product: Product) -> dict[str, int]:
+    """Write the arrays into a new zarr group, which xarray can open; size of each file by relative path.
+
+    Images and codes (integers) are packed with lz4, fields (floats) with blosc-zstd; every chunk has a check sum.
+    Raises OSError.
+    """
+    import zarr
+
+    attributes = {"kind": product.kind, **product.attrs}
+    group = zarr.create_group(store=str(folder), zarr_format=3, attributes=attributes)
+    for name, variable in product.variables.items():
+        values = variable.values
+        array = group.create_array(
+            name,
+            shape=values.shape,
+            dtype=values.dtype,
+            chunks=_chunks(values.shape, values.nbytes),
+            compressors=_compressors(values.dtype.kind),
+            dimension_names=variable.dims,
+            attributes={"units": variable.units, "long_name": variable.long_name or name},
+        )
+        array[...] = values
+    paths = (path for path in sorted(folder.rglob("*")) if path.is_file())
+    return {path.relative_to(folder).as_posix(): path.stat().st_size for path in paths}
+
+
+def read_array(folder: Path, name: str) -> np.ndarray:
+    """One array of a group. Raises whatever zarr raises for a damaged one."""
+    import numpy as np
+    import zarr
+
+    array = zarr.open_array(store=str(folder / name), mode="r", zarr_format=3)
+    return np.asarray(array[...])
+
+
+def _spec(variable: Variable) -> dict[str, Any]:
+    return {
+        "dims": list(variable.dims),
+        "dtype": variable.values.dtype.newbyteorder("<").str,
+        "shape": list(variable.values.shape),
+        "units": variable.units,
+        "long_name": variable.long_name,
+        "digest": digest_array(variable.values),
+    }
+
+
+def _chunks(shape: tuple[int, ...], nbytes: int) -> tuple[int, ...]:
+    sizes = [max(length, 1) for length in shape]
+    if nbytes <= _ONE_CHUNK or math.prod(sizes) == 0:
+        return tuple(sizes)
+    longest = sorted(range(len(sizes)), key=lambda axis: -sizes[axis])[:2]
+    return tuple(size if axis in longest else 1 for axis, size in enumerate(sizes))
+
+
+def _compressors(kind: str) -> list[Any]:
+    from zarr.codecs import BloscCodec, Crc32cCodec
+
+    if kind == "f":
+        return [BloscCodec(cname="zstd", clevel=1, shuffle="shuffle"), Crc32cCodec()]
+    return [BloscCodec(cname="lz4", clevel=1, shuffle="shuffle"), Crc32cCodec()]
+
+
+def _is_inside(name: str) -> bool:
+    """Whether a relative path stays in its folder."""
+    path = PurePosixPath(name)
+    return bool(name) and "\\" not in name and not path.is_absolute() and ".." not in path.parts

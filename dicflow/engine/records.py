@@ -1,0 +1,75 @@
+"""Records of what was done: one per key, with the parts of the key and what came out."""
+
+from __future__ import annotations
+
+import importlib.metadata
+import platform
+import re
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import cache
+from typing import Any
+
+from dicflow.engine.hashing import is_digest
+
+__all__ = ["Record", "versions"]
+
+
+@dataclass(frozen=True)
+class Record:
+    """What came out of one action.
+
+    key : digest of the parts
+    parts : stage, impl_version, parameters, inputs and files, see :mod:`dicflow.engine.keys`
+    digest : of the product
+    code : module → digest of the code that made it
+    made : provenance: task, run, time, host, seconds, peak memory, versions
+    """
+
+    key: str
+    parts: Mapping[str, Any]
+    digest: str
+    code: Mapping[str, str]
+    made: Mapping[str, Any]
+
+    def to_json(self) -> dict[str, Any]:
+        """The record as JSON."""
+        return {
+            "key": self.key,
+            "parts": self.parts,
+            "digest": self.digest,
+            "code": dict(self.code),
+            "made": dict(self.made),
+        }
+
+    @classmethod
+    def from_json(cls, value: Any) -> Record | None:
+        """The record, or None where the JSON is none."""
+        try:
+            loaded = cls(value["key"], value["parts"], value["digest"], value["code"], value["made"])
+        except (TypeError, KeyError):
+            return None
+        sound = is_digest(loaded.key) and is_digest(loaded.digest) and isinstance(loaded.code, dict)
+        return loaded if sound else None
+
+
+@cache
+def versions() -> dict[str, str]:
+    """Versions of Python, dicflow, and everything dicflow needs, as installed here."""
+    found = {"python": platform.python_version()}
+    try:
+        needs = importlib.metadata.requires("dicflow") or []
+    except importlib.metadata.PackageNotFoundError:
+        return found
+    for line in ["dicflow", *(need for need in needs if "extra ==" not in need)]:
+        match = re.match(r"[A-Za-z0-9._-]+", line)
+        if match is not None:
+            found[match[0]] = _version(match[0])
+    return found
+
+
+def _version(name: str) -> str:
+    try:
+        return importlib.metadata.version(name)
+    except importlib.metadata.PackageNotFoundError:
+        return "absent"

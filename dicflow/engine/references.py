@@ -1,0 +1,229 @@
+"""References: the small things that travel between tasks in the place of arrays.
+
+A reference names a product by its digest. Where the product itself was not kept, the reference also carries the recipe
+for it, and whoever uses the product makes it again; a small cache per process holds the ones last made.
+"""
+
+from __future__ import annotations
+
+import threading
+import time
+from collections import OrderedDict
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager, suppress
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, overload
+
+from dicflow.engine.node import Node
+from dicflow.engine.objects import LazyVariables, describe, normalised, read_array
+from dicflow.engine.product import Product
+from dicflow.engine.store import DamagedError, Store
+from dicflow.errors import StageError, StoreError
+
+if TYPE_CHECKING:
+    import numpy as np
+
+__all__ = ["Clock", "ProductCache", "Recipe", "Ref", "RefInput", "Series", "arguments", "cache", "clock", "load"]
+
+
+@dataclass(frozen=True)
+class Ref:
+    """A product by name. recipe : how to make it again, where it is not kept."""
+
+    digest: str
+    recipe: Recipe | None = None
+
+    @cached_property
+    def depth(self) -> int:
+        """How many stages must run, one after the other, before the product can be used."""
+        return 0 if self.recipe is None else self.recipe.depth
+
+
+RefInput = Ref | None | tuple[tuple[str, Ref], ...]
+"""What a port is given: a product, nothing, or for ``At.ALL`` pairs (step, product)."""
+
+
+@dataclass(frozen=True)
+class Recipe:
+    """How to make a product again: its task's name, node, inputs by port and files by argument."""
+
+    task: str
+    node: Node
+    inputs: Mapping[str, RefInput]
+    files: Mapping[str, Path]
+
+    @cached_property
+    def depth(self) -> int:
+        """How many stages must run, one after the other, this one included."""
+        return 1 + max((ref.depth for ref in _refs(self.inputs)), default=0)
+
+
+class Series(Sequence[Product]):
+    """The products of all steps in order, as a tuple of them would be; each is opened when it is asked for.
+
+    It keeps nothing, so that going through it needs the memory of one step only.
+
+    steps : names of the steps
+    """
+
+    def __init__(self, store: Store, refs: tuple[tuple[str, Ref], ...]) -> None:
+        self._store = store
+        self._refs = refs
+
+    @property
+    def steps(self) -> tuple[str, ...]:
+        """Names of the steps, in order."""
+        return tuple(step for step, _ in self._refs)
+
+    @overload
+    def __getitem__(self, place: int) -> Product: ...
+    @overload
+    def __getitem__(self, place: slice) -> Series: ...
+    def __getitem__(self, place: int | slice) -> Product | Series:
+        if isinstance(place, slice):
+            return Series(self._store, self._refs[place])
+        return load(self._store, self._refs[place][1])
+
+    def __len__(self) -> int:
+        return len(self._refs)
+
+
+class ProductCache:
+    """Products last made in this process, up to a number of bytes. Safe between threads.
+
+    limit : size of all arrays together [bytes]
+    """
+
+    def __init__(self, limit: int = 256_000_000) -> None:
+        self.limit = limit
+        self._products: OrderedDict[str, tuple[int, Product]] = OrderedDict()
+        self._size = 0
+        self._lock = threading.Lock()
+
+    def get(self, digest: str) -> Product | None:
+        """The product, if it is still there."""
+        with self._lock:
+            if digest not in self._products:
+                return None
+            self._products.move_to_end(digest)
+            return self._products[digest][1]
+
+    def put(self, digest: str, product: Product, nbytes: int) -> None:
+        """Remember a product; those not used for longest give way."""
+        with self._lock:
+            if nbytes > self.limit or digest in self._products:
+                return
+            self._products[digest] = (nbytes, product)
+            self._size += nbytes
+            while self._size > self.limit:
+                _, (freed, _) = self._products.popitem(last=False)
+                self._size -= freed
+
+    def clear(self) -> None:
+        """Forget all."""
+        with self._lock:
+            self._products.clear()
+            self._size = 0
+
+
+class Clock(threading.local):
+    """Seconds that this thread has spent reading products, and making again what was not kept."""
+
+    read_s = 0.0
+    remake_s = 0.0
+
+    @contextmanager
+    def reading(self) -> Iterator[None]:
+        """Count the time inside as reading."""
+        start = time.perf_counter()
+        try:
+            yield
+        finally:
+            self.read_s += time.perf_counter() - start
+
+    @contextmanager
+    def remaking(self) -> Iterator[None]:
+        """Count the time inside, but for what is counted already, as making again."""
+        start, before = time.perf_counter(), self.read_s + self.remake_s
+        try:
+            yield
+        finally:
+            counted = self.read_s + self.remake_s - before
+            self.remake_s += time.perf_counter() - start - counted
+
+
+cache = ProductCache()
+clock = Clock()
+
+
+def load(store: Store, ref: Ref) -> Product:
+    """A product by its reference; an array is read, or made again, at its first use, and belongs to the caller.
+
+    Raises DamagedError where it is no longer there; so does the use of an array that cannot be read.
+    """
+    manifest = store.manifest(ref.digest)
+    if manifest is None:
+        raise DamagedError(f"{store.path}: the product {ref.digest[:19]}… has gone; run again to make it")
+
+    def read(name: str) -> np.ndarray:
+        made = cache.get(ref.digest)
+        if made is None and not manifest.kept:
+            made = _remade(store, ref)
+        return made[name].copy() if made is not None else _stored(store, ref.digest, name)
+
+    content = manifest.content
+    return Product(content["kind"], LazyVariables(content["variables"], read), content["attrs"])
+
+
+def arguments(store: Store, inputs: Mapping[str, RefInput], files: Mapping[str, Path]) -> dict[str, Any]:
+    """The keyword arguments of ``run``: products by port and paths by name. Raises DamagedError."""
+    return {**{port: _opened(store, source) for port, source in inputs.items()}, **files}
+
+
+def _opened(store: Store, source: RefInput) -> Product | Series | None:
+    if source is None or isinstance(source, Ref):
+        return None if source is None else load(store, source)
+    return Series(store, source)
+
+
+def _refs(inputs: Mapping[str, RefInput]) -> Iterator[Ref]:
+    for source in inputs.values():
+        if isinstance(source, Ref):
+            yield source
+        elif source is not None:
+            yield from (ref for _, ref in source)
+
+
+def _remade(store: Store, ref: Ref) -> Product:
+    recipe = ref.recipe
+    if recipe is None:
+        raise StoreError(
+            f"{store.path}: {ref.digest[:19]}… was not kept; run the pipeline that makes it, then use that"
+        )
+    with clock.remaking():
+        product = normalised(recipe.node.run(**arguments(store, recipe.inputs, recipe.files)))
+        manifest = describe(product)
+    if manifest.digest != ref.digest:
+        raise StageError(
+            f"{recipe.task}: made again, it gave another result than before; "
+            "run with the code policy 'recompute', or set 'keep: always' if the stage involves chance"
+        )
+    cache.put(ref.digest, product, manifest.nbytes)
+    return product
+
+
+def _stored(store: Store, digest: str, name: str) -> np.ndarray:
+    folder = store.object_path(digest)
+    try:
+        with clock.reading():
+            return read_array(folder, name)
+    except MemoryError:
+        raise
+    except Exception as error:
+        if isinstance(error, OSError) and not isinstance(error, FileNotFoundError):
+            raise StoreError(f"{folder / name}: cannot be read ({error}); check the disk") from error
+        with suppress(StoreError):
+            store.quarantine(digest)
+        raise DamagedError(f"{folder / name}: is damaged and was put into quarantine; run again to make it") from error

@@ -1,0 +1,231 @@
+"""The store: products by the digest of their contents, records by the key of the action that made them.
+
+::
+
+    store/  dicflow.json  files.index  pins.json
+      objects/ab/<digest>/       a zarr group, and last of all manifest.json
+      objects/ab/<digest>.json   the manifest alone: a product without arrays, or one that is remade when it is used
+      actions/ab/<key>.json      a record
+      runs/<id>/                 pipeline, journal and index of a run
+      tmp/  quarantine/
+
+Nothing is ever changed in its place: it is written in ``tmp`` and renamed, the object before the record that names it.
+So a killed process leaves nothing that could be taken for a result, and writers need no lock.
+"""
+
+from __future__ import annotations
+
+import errno
+import json
+import os
+import shutil
+import uuid
+from collections.abc import Iterator
+from contextlib import contextmanager
+from functools import cached_property
+from pathlib import Path
+from typing import Any, Literal
+
+from dicflow.engine.files import FileIndex
+from dicflow.engine.hashing import is_digest
+from dicflow.engine.objects import Manifest, write_group
+from dicflow.engine.product import Product
+from dicflow.engine.records import Record
+from dicflow.errors import StoreError
+
+__all__ = ["FORMAT", "DamagedError", "State", "Store", "read_json"]
+
+FORMAT = 1
+"""Version of the layout that this release reads and writes."""
+
+State = Literal["complete", "missing", "damaged"]
+
+_FULL = {errno.ENOSPC, errno.EDQUOT}
+_DENIED = {errno.EROFS, errno.EACCES, errno.EPERM}
+
+
+class DamagedError(StoreError):
+    """An object that had passed for complete is not; it has been moved into quarantine."""
+
+
+class Store:
+    """A store in a folder. Use :meth:`open`."""
+
+    def __init__(self, path: Path) -> None:
+        self.path = path
+
+    @classmethod
+    def open(cls, path: Path | str, create: bool = True) -> Store:
+        """The store in a folder, which is made where it does not exist.
+
+        Raises StoreError for a newer format, a folder that holds something else, or one that cannot be made.
+        """
+        store = cls(Path(path).absolute())
+        mark = store.path / "dicflow.json"
+        if mark.is_file():
+            store._check_format(mark)
+            return store
+        if not create:
+            raise StoreError(f"{store.path}: holds no store; run a pipeline first, or name the store's folder")
+        if store.path.is_dir() and any(store.path.iterdir()) and not (store.path / "tmp").is_dir():
+            raise StoreError(f"{store.path}: holds other files and no store; name an empty or new folder")
+        with store.writing():
+            (store.path / "tmp").mkdir(parents=True, exist_ok=True)
+        store.write_json(mark, {"format": FORMAT})
+        return store
+
+    @cached_property
+    def files(self) -> FileIndex:
+        """What is known of input files and source files."""
+        return FileIndex(self.path / "files.index")
+
+    @contextmanager
+    def writing(self) -> Iterator[None]:
+        """Turns failures of the file system into StoreErrors that say what to do."""
+        try:
+            yield
+        except OSError as error:
+            reason = error.strerror or str(error)
+            if error.errno in _FULL:
+                message = "the disk is full; free some space ('dicflow gc' shows what the store could give)"
+            elif error.errno in _DENIED:
+                message = f"cannot be written ({reason.lower()}); get write access, or name another store"
+            else:
+                message = f"cannot be written ({reason.lower()}); check the disk, or name another store"
+            raise StoreError(f"{self.path}: {message}; nothing that was stored is lost") from error
+
+    # records
+
+    def record(self, key: str) -> Record | None:
+        """The record of a key; None where there is none that can be read."""
+        record = Record.from_json(read_json(self.record_path(key)))
+        return record if record is not None and record.key == key else None
+
+    def put_record(self, record: Record) -> None:
+        """Keep a record, in the place of an older one. Raises StoreError."""
+        self.write_json(self.record_path(record.key), record.to_json())
+
+    def record_path(self, key: str) -> Path:
+        """Where the record of a key is."""
+        return self.path / "actions" / _hex(key)[:2] / f"{_hex(key)}.json"
+
+    # objects
+
+    def object_path(self, digest: str) -> Path:
+        """Where the group of a product is; its manifest alone has the suffix ``.json`` instead."""
+        return self.path / "objects" / _hex(digest)[:2] / _hex(digest)
+
+    def manifest(self, digest: str) -> Manifest | None:
+        """The manifest of a product, None where there is none that can be read."""
+        folder = self.object_path(digest)
+        for path in (folder / "manifest.json", folder.with_suffix(".json")):
+            found = Manifest.from_json(read_json(path))
+            if found is not None and found.digest == digest:
+                return found
+        return None
+
+    def inspect(self, digest: str) -> tuple[State, Manifest | None]:
+        """Whether a product is there with all its files in their sizes, and its manifest if so."""
+        folder = self.object_path(digest)
+        found = self.manifest(digest)
+        if found is None:
+            return ("damaged" if folder.exists() or folder.with_suffix(".json").exists() else "missing"), None
+        try:
+            whole = all(os.stat(folder / name).st_size == size for name, size in found.files.items())
+        except OSError:
+            whole = False
+        return ("complete", found) if whole else ("damaged", None)
+
+    def put(self, product: Product, manifest: Manifest, keep: bool) -> Manifest:
+        """Keep a product, or where ``keep`` is false its manifest alone. What is there already is left as it is.
+
+        Raises StoreError; the store is then as it was.
+        """
+        state, present = self.inspect(manifest.digest)
+        if state == "damaged":
+            self.quarantine(manifest.digest)
+        if present is not None and (present.kept or not keep):
+            return present
+        if not manifest.content["variables"] or not keep:
+            alone = Manifest(manifest.digest, manifest.content, manifest.nbytes, not manifest.content["variables"])
+            self.write_json(self.object_path(alone.digest).with_suffix(".json"), alone.to_json())
+            return alone
+        return self._put_group(product, manifest)
+
+    def quarantine(self, digest: str) -> None:
+        """Move what is left of a damaged product aside. Raises StoreError."""
+        folder = self.object_path(digest)
+        with self.writing():
+            (self.path / "quarantine").mkdir(exist_ok=True)
+            for path in (folder, folder.with_suffix(".json")):
+                if path.exists():
+                    os.replace(path, self.path / "quarantine" / f"{path.name}.{uuid.uuid4().hex[:8]}")
+
+    # files
+
+    def write_json(self, path: Path, value: Any) -> None:
+        """Write one JSON file, whole or not at all. Raises StoreError."""
+        with self.writing():
+            draft = self._draft()
+            try:
+                draft.write_text(json.dumps(value, ensure_ascii=False, separators=(",", ":")), encoding="utf-8")
+                path.parent.mkdir(parents=True, exist_ok=True)
+                os.replace(draft, path)
+            except OSError:
+                draft.unlink(missing_ok=True)
+                raise
+
+    def _put_group(self, product: Product, manifest: Manifest) -> Manifest:
+        folder = self.object_path(manifest.digest)
+        with self.writing():
+            draft = self._draft()
+            try:
+                files = write_group(draft, product)
+                whole = Manifest(manifest.digest, manifest.content, manifest.nbytes, True, files)
+                (draft / "manifest.json").write_text(json.dumps(whole.to_json()), encoding="utf-8")
+                folder.parent.mkdir(parents=True, exist_ok=True)
+                self._rename_group(draft, folder)
+            finally:
+                shutil.rmtree(draft, ignore_errors=True)
+        return whole
+
+    @staticmethod
+    def _rename_group(draft: Path, folder: Path) -> None:
+        """Put the group in its place, unless another writer was there first: its contents are the same."""
+        try:
+            os.rename(draft, folder)
+        except OSError:
+            if not (folder / "manifest.json").is_file():
+                raise
+
+    def _draft(self) -> Path:
+        """A new name in ``tmp``."""
+        folder = self.path / "tmp"
+        folder.mkdir(exist_ok=True)
+        return folder / f"{os.getpid()}-{uuid.uuid4().hex}"
+
+    def _check_format(self, mark: Path) -> None:
+        content = read_json(mark)
+        found = content.get("format") if isinstance(content, dict) else None
+        if not isinstance(found, int):
+            raise StoreError(f"{mark}: says no format; this is no store of dicflow, or its mark is damaged")
+        if found > FORMAT:
+            raise StoreError(
+                f"{self.path}: has format {found}, this release reads up to {FORMAT}; "
+                "use the dicflow that wrote it, or name another store"
+            )
+
+
+def read_json(path: Path) -> Any:
+    """What a JSON file holds, None where it cannot be read."""
+    try:
+        return json.loads(path.read_bytes())
+    except (OSError, ValueError):
+        return None
+
+
+def _hex(digest: str) -> str:
+    """The part of a digest that names a file; nothing but a digest ever becomes a path."""
+    if not is_digest(digest):
+        raise StoreError(f"{digest!r} is no digest; the store's files are damaged, run 'dicflow verify'")
+    return digest.partition(":")[2]
