@@ -1,0 +1,88 @@
+"""The checkerboard: black and white squares on white, its first outer corner at (0, 0), X along its columns."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numba import njit
+from numpy.typing import ArrayLike, NDArray
+
+__all__ = ["Checkerboard", "board_corners", "board_darkness", "board_outline"]
+
+Array = NDArray[np.float64]
+
+
+class Checkerboard(NamedTuple):
+    """A flat board.
+
+    columns, rows : number of squares, one more than the inner corners in each direction
+    square : side of a square [mm]
+    margin : width of the white paper around the squares [mm]
+    edge : width over which black turns into white, as a printer and a lens leave it [mm]
+    """
+
+    columns: int = 10
+    rows: int = 7
+    square: float = 14.5
+    margin: float = 7.0
+    edge: float = 0.12
+
+
+def board_corners(board: Checkerboard) -> Array:
+    """Inner corners (rows − 1, columns − 1, 2) on the board [mm]."""
+    x, y = np.meshgrid(np.arange(1, board.columns), np.arange(1, board.rows))
+    return board.square * np.stack([x, y], axis=-1).astype(float)
+
+
+def board_outline(board: Checkerboard) -> Array:
+    """The four corners (4, 2) of the paper on the board's plane [mm], in order around it."""
+    left = -board.margin
+    right, bottom = board.columns * board.square + board.margin, board.rows * board.square + board.margin
+    return np.array([[left, left], [right, left], [right, bottom], [left, bottom]])
+
+
+def board_darkness(board: Checkerboard, points: ArrayLike) -> Array:
+    """How dark points (..., 2) of the board [mm] are: 0 white … 1 black, shape (...); the first square is black."""
+    points = np.asarray(points, dtype=float)
+    return np.asarray(_darkness(board, points.reshape(-1, 2))).reshape(points.shape[:-1])
+
+
+@njit(cache=True, nogil=True)
+def _step(distance, width):  # type: ignore[no-untyped-def]
+    """0 … 1 across a soft edge of a width, ½ on it."""
+    t = min(max(0.5 + distance / width, 0.0), 1.0)
+    return t * t * (3.0 - 2.0 * t)
+
+
+@njit(cache=True, nogil=True)
+def _alternation(coordinate, count, square, edge):  # type: ignore[no-untyped-def]
+    """Square wave −1 … 1 over the squares of one direction; the outermost squares go on beyond the board."""
+    line = min(max(round(coordinate / square), 1), count - 1)
+    wave = 2.0 * _step(coordinate - line * square, edge) - 1.0
+    return wave if line % 2 == 0 else -wave
+
+
+@njit(cache=True, nogil=True)
+def _within(coordinate, count, square, edge):  # type: ignore[no-untyped-def]
+    """1 on the squares, 0 beyond the outermost line."""
+    return _step(coordinate, edge) * _step(count * square - coordinate, edge)
+
+
+@njit(cache=True, nogil=True)
+def _ink(board, x, y):  # type: ignore[no-untyped-def]
+    """Ink at one point of the board [-]."""
+    inside = _within(x, board.columns, board.square, board.edge) * _within(y, board.rows, board.square, board.edge)
+    if inside == 0.0:
+        return 0.0
+    wave_x = _alternation(x, board.columns, board.square, board.edge)
+    wave_y = _alternation(y, board.rows, board.square, board.edge)
+    return 0.5 * inside * (1.0 + wave_x * wave_y)
+
+
+@njit(cache=True, nogil=True)
+def _darkness(board, points):  # type: ignore[no-untyped-def]
+    out = np.empty(len(points))
+    for i in range(len(points)):
+        out[i] = _ink(board, points[i, 0], points[i, 1])
+    return out
