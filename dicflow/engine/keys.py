@@ -37,7 +37,7 @@ class Change:
 
 
 def parameters(node: Node) -> dict[str, Any]:
-    """Parameters that affect the result, defaults and units resolved, as JSON; files count by their contents instead."""
+    """Parameters that affect the result as JSON, with defaults and units resolved; files count by their contents."""
     chosen = {name for name, field in type(node).model_fields.items() if _affects_result(field.json_schema_extra)}
     return node.model_dump(mode="json", include=chosen - file_fields(type(node)) - {"stage"})
 

@@ -199,9 +199,7 @@ def _refs(inputs: Mapping[str, RefInput]) -> Iterator[Ref]:
 def _remade(store: Store, ref: Ref) -> Product:
     recipe = ref.recipe
     if recipe is None:
-        raise StoreError(
-            f"{store.path}: {ref.digest[:19]}… was not kept; run the pipeline that makes it, then use that"
-        )
+        raise StoreError(f"{store.path}: {ref.digest[:19]}… was not kept; run the pipeline again to use it")
     with clock.remaking():
         product = normalised(recipe.node.run(**arguments(store, recipe.inputs, recipe.files)))
         manifest = describe(product)

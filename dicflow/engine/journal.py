@@ -1,0 +1,174 @@
+"""Runs: what happened, written as it happens, and which product every task came to."""
+
+from __future__ import annotations
+
+import json
+import re
+import time
+import uuid
+from collections.abc import Iterator, Mapping
+from contextlib import suppress
+from dataclasses import asdict, dataclass, field
+from functools import cached_property
+from pathlib import Path
+from typing import Any, Literal
+
+from dicflow.engine.hashing import digest_json
+from dicflow.engine.store import Store, read_json
+from dicflow.errors import StoreError
+
+__all__ = ["Entry", "Event", "Journal", "RunInfo", "find_run", "is_run_id", "latest", "runs"]
+
+_RUN = re.compile(r"\d{8}-\d{6}-[0-9a-f]{6}")
+
+Entry = dict[str, str]
+"""What an index holds for a task: ``key`` and ``digest``."""
+
+
+@dataclass(frozen=True)
+class Event:
+    """One thing that happened in a run.
+
+    status : of a finished task: hit, computed, failed or skipped
+    seconds : of a finished task, in its stage; of an ended run, altogether
+    text : message of an error or warning, or the dashboard's link
+    counts : planned: hit, run, pending; ended: hit, computed, failed, skipped
+    stages : planned: the same counts per stage
+    """
+
+    kind: Literal["planned", "dashboard", "started", "finished", "warning", "ended"]
+    time: float = field(default_factory=time.time)
+    task: str = ""
+    stage: str = ""
+    step: str | None = None
+    status: str = ""
+    seconds: float = 0.0
+    text: str = ""
+    key: str = ""
+    digest: str = ""
+    counts: Mapping[str, int] = field(default_factory=dict)
+    stages: Mapping[str, Mapping[str, int]] = field(default_factory=dict)
+
+
+@dataclass(frozen=True)
+class RunInfo:
+    """A run as its folder tells of it."""
+
+    id: str
+    folder: Path
+
+    @cached_property
+    def _about(self) -> dict[str, Any]:
+        found = read_json(self.folder / "pipeline.json")
+        return found if isinstance(found, dict) else {}
+
+    @property
+    def pipeline(self) -> str:
+        """Name of the pipeline."""
+        return str(self._about.get("pipeline", ""))
+
+    @property
+    def resolved(self) -> Any:
+        """The pipeline as it was run, as the caller of ``run`` described it."""
+        return self._about.get("resolved")
+
+    @property
+    def started(self) -> float:
+        """When it started [s since 1970]."""
+        return float(self._about.get("started", 0.0))
+
+    @cached_property
+    def result(self) -> dict[str, Any] | None:
+        """Counts, seconds and ok; None while it runs, or where it was killed."""
+        found = read_json(self.folder / "result.json")
+        return found if isinstance(found, dict) else None
+
+    @cached_property
+    def index(self) -> dict[str, Entry]:
+        """Task → key and digest, of everything that was found or made."""
+        found = read_json(self.folder / "index.json")
+        entries = dict(found) if isinstance(found, dict) else {}
+        for event in self.events():
+            if event.get("kind") == "finished" and event.get("digest"):
+                entries[event["task"]] = {"key": event["key"], "digest": event["digest"]}
+        return entries
+
+    def events(self) -> Iterator[dict[str, Any]]:
+        """The journal, without a last line cut short."""
+        try:
+            lines = (self.folder / "journal.jsonl").read_text(encoding="utf-8").splitlines()
+        except OSError:
+            return
+        for line in lines:
+            with suppress(ValueError):
+                yield json.loads(line)
+
+
+class Journal:
+    """The folder of a run that is under way.
+
+    Raises StoreError where it cannot be made.
+    """
+
+    def __init__(self, store: Store, pipeline: str, resolved: Any) -> None:
+        now = time.time()
+        self.id = f"{time.strftime('%Y%m%d-%H%M%S', time.gmtime(now))}-{uuid.uuid4().hex[:6]}"
+        self.pipeline = pipeline
+        self.folder = store.path / "runs" / self.id
+        self._store = store
+        with store.writing():
+            self.folder.mkdir(parents=True)
+            self._file = (self.folder / "journal.jsonl").open("a", encoding="utf-8")
+        about = {"id": self.id, "pipeline": pipeline, "started": now, "resolved": resolved}
+        store.write_json(self.folder / "pipeline.json", about)
+
+    def write(self, event: Event) -> None:
+        """Append an event, in vain on a full disk: the tasks tell of that themselves."""
+        said = {name: value for name, value in asdict(event).items() if value not in ("", None, {}, 0.0)}
+        with suppress(OSError):
+            self._file.write(json.dumps(said, ensure_ascii=False) + "\n")
+            self._file.flush()
+
+    def write_index(self, entries: Mapping[str, Entry]) -> None:
+        """Keep which product each task came to. Raises StoreError."""
+        self._store.write_json(self.folder / "index.json", entries)
+
+    def close(self, entries: Mapping[str, Entry], result: Mapping[str, Any]) -> None:
+        """Keep the index, also as the pipeline's latest, and the counts. Raises StoreError."""
+        with suppress(OSError):
+            self._file.close()
+        self.write_index(entries)
+        merged = {**latest(self._store, self.pipeline), **entries}
+        self._store.write_json(_latest_path(self._store, self.pipeline), merged)
+        self._store.write_json(self.folder / "result.json", result)
+
+
+def is_run_id(text: str) -> bool:
+    """Whether a text has the form of a run's id."""
+    return _RUN.fullmatch(text) is not None
+
+
+def runs(store: Store) -> list[RunInfo]:
+    """All runs in a store, newest first."""
+    folder = store.path / "runs"
+    names = [path.name for path in folder.iterdir()] if folder.is_dir() else []
+    found = [RunInfo(name, folder / name) for name in names if is_run_id(name)]
+    return sorted(found, key=lambda run: (run.started, run.id), reverse=True)
+
+
+def find_run(store: Store, name: str = "latest", pipeline: str | None = None) -> RunInfo:
+    """A run by its id, or the latest one. Raises StoreError where there is none."""
+    for run in runs(store):
+        if name in ("latest", run.id) and pipeline in (None, run.pipeline):
+            return run
+    raise StoreError(f"{store.path}: no run '{name}'; 'dicflow ls' shows the runs there are")
+
+
+def latest(store: Store, pipeline: str) -> dict[str, Entry]:
+    """Key and digest that each task of a pipeline came to when it was last run."""
+    found = read_json(_latest_path(store, pipeline))
+    return found if isinstance(found, dict) else {}
+
+
+def _latest_path(store: Store, pipeline: str) -> Path:
+    return store.path / "runs" / "latest" / f"{digest_json(pipeline).partition(':')[2][:16]}.json"

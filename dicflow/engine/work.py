@@ -1,0 +1,232 @@
+"""What a worker does with one task: look again, run the stage, keep the product, and report in a few bytes."""
+
+from __future__ import annotations
+
+import platform
+import sys
+import time
+import traceback
+from collections.abc import Mapping
+from contextlib import suppress
+from dataclasses import dataclass, replace
+from functools import cache
+from pathlib import Path
+from typing import Any, Literal
+
+from dicflow.engine.files import stamp
+from dicflow.engine.fingerprint import Fingerprint
+from dicflow.engine.graph import Task, TaskInput
+from dicflow.engine.keys import input_digests, key_of, key_parts
+from dicflow.engine.node import At, Node
+from dicflow.engine.objects import Manifest, describe, normalised
+from dicflow.engine.plan import CodePolicy, FileStamp, find_hit
+from dicflow.engine.product import Product
+from dicflow.engine.records import Record, versions
+from dicflow.engine.references import Recipe, Ref, RefInput, arguments, clock
+from dicflow.engine.references import cache as products
+from dicflow.engine.store import DamagedError, Store
+from dicflow.errors import DicflowError, InputError, StageError
+
+__all__ = ["Job", "Outcome", "is_kept", "perform", "stop_path"]
+
+_DEEPEST = 2
+"""Products that are not kept may rest on one another this deep."""
+_WRITE_AND_READ_S, _WRITE_AND_READ_BYTES_S = 0.012, 4e8
+"""What keeping costs: per product [s], and bytes written and read again per second."""
+_WORTH = 3.0
+"""A product is kept when making it took so many times longer than keeping it."""
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """What became of a task. It travels in the place of the product.
+
+    status : hit (found when its turn came), computed, failed, or skipped
+    stage_s : in the stage itself [s]; remake_s : making again inputs that were not kept; engine_s : hashing, reading
+        and storing
+    peak_bytes : most memory that its process held while it ran
+    damaged : failed because an input's object turned out damaged; running again mends it
+    """
+
+    name: str
+    stage: str
+    step: str | None
+    status: Literal["hit", "computed", "failed", "skipped"]
+    ref: Ref | None = None
+    key: str = ""
+    error: str = ""
+    stage_s: float = 0.0
+    remake_s: float = 0.0
+    engine_s: float = 0.0
+    peak_bytes: int = 0
+    damaged: bool = False
+
+
+@dataclass(frozen=True)
+class Job:
+    """Everything that a worker needs to know of a task.
+
+    store : folder of the store
+    known : producers that were hits in the plan
+    files : argument of ``run`` → contents
+    code : fingerprint of the stage
+    retries : how often a failure that is no DicflowError is tried again
+    """
+
+    run_id: str
+    store: Path
+    task: Task
+    parameters: Mapping[str, Any]
+    known: Mapping[str, Ref]
+    files: Mapping[str, FileStamp]
+    code: Fingerprint
+    code_policy: CodePolicy = "recompute"
+    retries: int = 0
+
+    def outcome(self, status: Literal["hit", "computed", "failed", "skipped"], **more: Any) -> Outcome:
+        """An outcome of this task."""
+        return Outcome(self.task.name, self.task.stage, self.task.step, status, **more)
+
+
+def stop_path(store: Path, run_id: str) -> Path:
+    """The file whose presence tells all workers of a run to start nothing more."""
+    return store / "runs" / run_id / "stop"
+
+
+def perform(job: Job, *inputs: Outcome) -> Outcome:
+    """Do one task. Never raises: what goes wrong is told in the outcome.
+
+    inputs : outcomes of the producers that were no hits in the plan
+    """
+    start = time.perf_counter()
+    lacking = next((outcome for outcome in inputs if outcome.ref is None), None)
+    if lacking is not None:
+        return job.outcome("skipped", error=f"{lacking.name} {lacking.status}")
+    if stop_path(job.store, job.run_id).exists():
+        return job.outcome("skipped", error="the run was stopped")
+    for attempt in range(job.retries + 1):
+        try:
+            return _performed(job, inputs, start)
+        except DicflowError as error:
+            return job.outcome("failed", error=_told(job, error), damaged=isinstance(error, DamagedError))
+        except Exception as error:
+            if attempt == job.retries:
+                return job.outcome("failed", error=_defect(job, error))
+    raise AssertionError("the last attempt returns")
+
+
+def is_kept(node: Node, nbytes: int, seconds: float, depth: int) -> bool:
+    """Whether a product is stored, or made again by those who use it.
+
+    nbytes : size of its arrays in memory
+    seconds : what making it took
+    depth : how many stages must run to make it again
+
+    Chains of steps and products of whole series are always kept, so that nothing needs a long way to be made again.
+    """
+    chained = any(port.own or port.at is At.ALL for port in node.takes.values())
+    if node.keep == "always" or chained or depth > _DEEPEST:
+        return True
+    return node.keep == "auto" and seconds > _WORTH * (_WRITE_AND_READ_S + nbytes / _WRITE_AND_READ_BYTES_S)
+
+
+def _performed(job: Job, inputs: tuple[Outcome, ...], start: float) -> Outcome:
+    store, task = _store(job.store), job.task
+    refs = {**job.known, **{outcome.name: outcome.ref for outcome in inputs if outcome.ref is not None}}
+    sources = {port: _joined(source, refs) for port, source in task.inputs.items()}
+    digests = {name: file.digest for name, file in job.files.items()}
+    parts = key_parts(task.node, job.parameters, input_digests(sources), digests)
+    key = key_of(parts)
+    recipe = Recipe(task.name, task.node, sources, task.files)
+    record, kept, against = find_hit(store, key, job.code, job.code_policy)
+    if record is not None and not against:
+        return job.outcome("hit", ref=Ref(record.digest, None if kept else recipe), key=key)
+    product, times = _run(job, store, recipe)
+    manifest = describe(product)
+    keep = is_kept(task.node, manifest.nbytes, sum(times), recipe.depth)
+    kept = store.put(product, manifest, keep).kept
+    products.put(manifest.digest, product, manifest.nbytes)
+    ref = Ref(manifest.digest, None if kept else recipe)
+    stage_s, remake_s = times
+    engine_s = time.perf_counter() - start - stage_s - remake_s
+    done = job.outcome(
+        "computed", ref=ref, key=key, stage_s=stage_s, remake_s=remake_s, engine_s=engine_s, peak_bytes=_peak()
+    )
+    store.put_record(Record(key, parts, manifest.digest, job.code, _provenance(job, done, manifest)))
+    return replace(done, engine_s=time.perf_counter() - start - stage_s - remake_s)
+
+
+def _joined(source: TaskInput, refs: Mapping[str, Ref]) -> RefInput:
+    if source is None or isinstance(source, str):
+        return None if source is None else refs[source]
+    return tuple((step, refs[name]) for step, name in source)
+
+
+def _run(job: Job, store: Store, recipe: Recipe) -> tuple[Product, tuple[float, float]]:
+    """The product, and the seconds spent in the stage and in making its inputs again."""
+    node = job.task.node
+    _reset_peak()
+    start, read, remade = time.perf_counter(), clock.read_s, clock.remake_s
+    product = node.run(**arguments(store, recipe.inputs, recipe.files))
+    remake_s = clock.remake_s - remade
+    stage_s = time.perf_counter() - start - remake_s - (clock.read_s - read)
+    if not isinstance(product, Product) or product.kind != node.gives:
+        found = f"a product '{product.kind}'" if isinstance(product, Product) else type(product).__name__
+        raise StageError(f"the stage '{node.stage}' gave {found} where it declares '{node.gives}'; mend the stage")
+    for name, file in job.files.items():
+        if stamp(job.task.files[name])[:2] != file.stamp[:2]:
+            raise InputError(f"{job.task.files[name]}: changed while it was used; run again when it is at rest")
+    return normalised(product), (stage_s, remake_s)
+
+
+def _provenance(job: Job, done: Outcome, manifest: Manifest) -> dict[str, Any]:
+    return {
+        "task": done.name,
+        "run": job.run_id,
+        "time": time.strftime("%Y-%m-%dT%H:%M:%SZ", time.gmtime()),
+        "host": platform.node(),
+        "stage_s": round(done.stage_s, 6),
+        "remake_s": round(done.remake_s, 6),
+        "engine_s": round(done.engine_s, 6),
+        "peak_bytes": done.peak_bytes,
+        "nbytes": manifest.nbytes,
+        "versions": versions(),
+    }
+
+
+def _told(job: Job, error: DicflowError) -> str:
+    """The message of an error, with the task that met it."""
+    text = str(error)
+    return text if text.startswith(f"{job.task.name}:") else f"{job.task.name}: {text}"
+
+
+def _defect(job: Job, error: Exception) -> str:
+    """Message for an error that was not foreseen; the traceback goes into a file."""
+    path = stop_path(job.store, job.run_id).with_name("errors") / f"{job.task.name.replace('/', '.')}.txt"
+    with suppress(OSError):
+        path.parent.mkdir(exist_ok=True)
+        path.write_text(traceback.format_exc(), encoding="utf-8")
+    hint = "not enough memory; use fewer workers" if isinstance(error, MemoryError) else f"details in {path}"
+    return f"{job.task.name}: {type(error).__name__}: {str(error) or 'no message'}; {hint}"
+
+
+@cache
+def _store(path: Path) -> Store:
+    """One store per process and folder."""
+    return Store(path)
+
+
+def _reset_peak() -> None:
+    """Let the kernel measure the peak from here on, where it can."""
+    if sys.platform == "linux":
+        with suppress(OSError):
+            Path("/proc/self/clear_refs").write_text("5")
+
+
+def _peak() -> int:
+    """Most memory that this process has held [bytes], 0 where the system does not tell."""
+    with suppress(OSError):
+        for line in Path("/proc/self/status").read_text().splitlines():
+            if line.startswith("VmHWM:"):
+                return int(line.split()[1]) * 1024
+    return 0
