@@ -1,0 +1,261 @@
+"""A first pipeline file for a folder of photographs."""
+
+from __future__ import annotations
+
+import re
+from collections import defaultdict
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from typing import Any, NamedTuple
+
+from dicflow.errors import InputError, StageError
+from dicflow.io.images import SUFFIXES, read_grey
+from dicflow.pipeline.registry import node_class
+
+__all__ = ["Found", "Series", "look", "pipeline_text"]
+
+_SIDE_WORDS = {"left": "left", "l": "left", "right": "right", "r": "right"}
+_SIDE_WORD = re.compile(r"(?:^|[^a-z])(left|right|l|r)(?=[^a-z]|$)|(Left|Right)(?=[0-9_]|$)", re.IGNORECASE)
+_CAMERA_NUMBER = re.compile(r"(?:cam(?:era)?[ _-]?|[_-])([0-2])$", re.IGNORECASE)
+_SKIPPED = {"results", "export", "truth", "reference"}
+_DEPTH = 4
+_PAIRS_FOR_RANGE = 10
+
+
+class Series(NamedTuple):
+    """Photographs of one subject.
+
+    left, right : patterns below the folder; right is None for one camera
+    steps : files of each step, as the stage of the photographs finds them
+    """
+
+    left: str
+    right: str | None
+    steps: Mapping[str, Mapping[str, Path]]
+
+    def __str__(self) -> str:
+        cameras = "pairs" if self.right else "photographs of one camera"
+        return f"{len(self.steps)} {cameras}, {self.left}" + (f" and {self.right}" if self.right else "")
+
+
+class Found(NamedTuple):
+    """What lies in a folder.
+
+    board_size : inner corners (columns, rows) of the board
+    disparity_range : least and largest disparity of the first pair in the rectified photographs [px]
+    region, caliper : names of files that the pipeline can use
+    """
+
+    photos: Series
+    boards: Series | None
+    board_size: tuple[int, int] | None
+    disparity_range: tuple[int, int] | None
+    region: str | None
+    caliper: str | None
+
+
+def look(folder: Path, say: Callable[[str], None]) -> Found:
+    """Find the photographs, the boards, their size and the range of disparity.
+
+    folder : searched to a depth of three folders
+    say : told each finding
+    Raises InputError where there are no photographs of a specimen.
+    """
+    if not folder.is_dir():
+        raise InputError(f"{folder}: no such folder; name the folder that holds the photographs")
+    series = _series(folder)
+    sizes = {one.left: _board_size(one) for one in series}
+    photos = _best([one for one in series if not sizes[one.left]])
+    boards = _best([one for one in series if sizes[one.left]])
+    if photos is None:
+        raise InputError(f"{folder}: no photographs of a specimen found; expected {', '.join(SUFFIXES)} in it or below")
+    say(f"specimen: {photos}")
+    size = sizes[boards.left] if boards else None
+    if boards and size:
+        say(f"boards: {boards}, {size[0]} × {size[1]} inner corners")
+    for other in series:
+        if other not in (photos, boards):
+            say(f"left out: {other}")
+    disparities = _disparity_range(photos, boards, size) if boards and size and photos.right else None
+    if disparities:
+        say("disparity of the first pair: {} … {} px".format(*disparities))
+    return Found(photos, boards, size, disparities, _first(folder, "*.geojson"), _first(folder, "caliper*.csv"))
+
+
+def _series(folder: Path) -> list[Series]:
+    """Photographs grouped by folder; the two cameras are told apart by their folders' or their files' names."""
+    groups: dict[Path, dict[str, list[Path]]] = defaultdict(lambda: defaultdict(list))
+    for path in _photographs(folder):
+        in_folder = path.parent != folder and _side(path.parent.name)
+        base, side = (path.parent.parent, in_folder) if in_folder else (path.parent, _side(path.stem))
+        groups[base][side or "left"].append(path)
+    return [one for sides in groups.values() for one in _paired(folder, sides)]
+
+
+def _paired(folder: Path, sides: Mapping[str, list[Path]]) -> list[Series]:
+    """Both cameras as one series where there are both."""
+    patterns = {side: _pattern(folder, paths, sides) for side, paths in sides.items()}
+    if len(patterns) == 1:
+        patterns = {"left": next(iter(patterns.values()))}
+    node: Any = node_class("images")(stage="images", **patterns)
+    return [Series(patterns["left"], patterns.get("right"), node.steps(folder))]
+
+
+def _photographs(folder: Path) -> list[Path]:
+    depth = len(folder.parts)
+    return sorted(
+        path
+        for path in folder.rglob("*")
+        if path.suffix.lower() in SUFFIXES
+        and len(path.parts) <= depth + _DEPTH
+        and not any(part in _SKIPPED or part.startswith(".") for part in path.parts[depth:-1])
+    )
+
+
+def _side(name: str) -> str | None:
+    """The camera that a name tells: by a word, else by a number at its end."""
+    word = _SIDE_WORD.search(name)
+    if word:
+        return _SIDE_WORDS[(word[1] or word[2]).lower()]
+    number = _CAMERA_NUMBER.search(name)
+    return {"0": "left", "1": "right"}.get(number[1]) if number else None
+
+
+def _pattern(folder: Path, paths: list[Path], sides: Mapping[str, list[Path]]) -> str:
+    """A pattern that finds these files and none of the other camera's."""
+    where = paths[0].parent.relative_to(folder).as_posix()
+    prefix = "" if where == "." else f"{where}/"
+    suffix = paths[0].suffix
+    others = [
+        path for other in sides.values() for path in other if path not in paths and path.parent == paths[0].parent
+    ]
+    if not others:
+        return f"{prefix}*{suffix}"
+    word = _SIDE_WORD.search(paths[0].stem)
+    return f"{prefix}*{word[1] or word[2]}*{suffix}" if word else f"{prefix}*{paths[0].stem[-2:]}{suffix}"
+
+
+def _best(series: list[Series]) -> Series | None:
+    """The series of two cameras, else of most photographs."""
+    return max(series, key=lambda one: (one.right is not None, len(one.steps)), default=None)
+
+
+def _board_size(series: Series) -> tuple[int, int] | None:
+    """Size of the board that a photograph in the middle or at the start shows."""
+    from dicflow.core.targets import board_size
+
+    steps = list(series.steps.values())
+    for files in (steps[len(steps) // 2], steps[0]):
+        size = board_size(read_grey(files["left"]))
+        if size:
+            return size
+    return None
+
+
+def _disparity_range(photos: Series, boards: Series, size: tuple[int, int]) -> tuple[int, int] | None:
+    """The range that the first pair shows, with a rig from a few of the boards; None where that does not calibrate."""
+    images, corners, calibrate, rectify = (node_class(name) for name in ("images", "corners", "calibrate", "rectify"))
+    read = images(stage="images", left=photos.left, right=photos.right)
+    finder = corners(stage="corners", size=size)
+    every = max(1, len(boards.steps) // _PAIRS_FOR_RANGE)
+    try:
+        found = tuple(finder.run(images=read.run(**files)) for files in list(boards.steps.values())[::every])
+        rig = calibrate(stage="calibrate", square=1.0).run(corners=found)
+        pair = rectify(stage="rectify").run(images=read.run(**next(iter(photos.steps.values()))), rig=rig)
+        product = node_class("disparity")(stage="disparity").run(pair=pair, rig=rig)
+    except StageError:
+        return None
+    low, high = product.attrs["range"]
+    return int(low), int(high)
+
+
+def _first(folder: Path, pattern: str) -> str | None:
+    return next((path.name for path in sorted(folder.glob(pattern))), None)
+
+
+def pipeline_text(found: Found, square: str | None) -> str:
+    """The pipeline file, commented: two cameras with boards where both were found, else one camera.
+
+    square : side of a square of the board; left open, for the user to fill in, where it is None
+    """
+    lines = [
+        "dicflow: 1",
+        "stages:",
+        "  # photographs of the specimen, in the order of the steps; the first is the reference",
+    ]
+    lines.append(f"  photos: {{stage: images, {_quoted('left', found.photos.left)}{_right(found.photos)}}}")
+    stereo = found.boards is not None and found.photos.right is not None
+    lines += _stereo_lines(found, square) if stereo else _planar_lines(found)
+    lines += _common_lines(found, stereo)
+    return "\n".join(lines) + "\n"
+
+
+def _quoted(key: str, value: str) -> str:
+    return f'{key}: "{value}"'
+
+
+def _right(series: Series) -> str:
+    return f", {_quoted('right', series.right)}" if series.right else ""
+
+
+def _stereo_lines(found: Found, square: str | None) -> list[str]:
+    assert found.boards is not None
+    assert found.board_size is not None
+    columns, rows = found.board_size
+    side = square or "  # FILL IN the side of one square as you measured it, such as 14.5 mm"
+    range_note = "  # the first pair shows {} … {} px".format(*found.disparity_range) if found.disparity_range else ""
+    return [
+        "",
+        "  # the rig, from photographs of a checkerboard",
+        f"  boards: {{stage: images, {_quoted('left', found.boards.left)}{_right(found.boards)}}}",
+        f"  corners: {{stage: corners, images: boards, size: [{columns}, {rows}]}}  # inner corners: columns, rows",
+        "  rig:",
+        "    stage: calibrate",
+        f"    square: {side}",
+        "",
+        "  # row-aligned photographs, the region of interest, and the specimen followed from step to step",
+        "  pair: {stage: rectify, images: photos}",
+        _region_line(found, "pair"),
+        "  features: {stage: features, images: pair, detector: KAZE}",
+        "  matches: {stage: match}",
+        "  track: {stage: track}",
+        "",
+        "  # the surface of each step",
+        f"  disparity: {{stage: disparity, range: auto}}{range_note}",
+        "  cloud: {stage: reconstruct}",
+        "  filled: {stage: fill, cloud: cloud}",
+        "  surface: {stage: surface, cloud: filled}",
+    ]
+
+
+def _planar_lines(found: Found) -> list[str]:
+    return [
+        "",
+        "  # one camera: everything in pixels",
+        "  plane: {stage: undistort, images: photos}",
+        _region_line(found, "plane"),
+        "  features: {stage: features, images: plane, detector: KAZE}",
+        "  matches: {stage: match}",
+        "  track: {stage: track, subsets: [4, 2]}",
+    ]
+
+
+def _region_line(found: Found, images: str) -> str:
+    given = f", file: {found.region}" if found.region else ""
+    note = "" if given else "  # finds the speckled specimen; or give a rectangle, polygons or a file"
+    return f"  region: {{stage: region, images: {images}{given}}}{note}"
+
+
+def _common_lines(found: Found, stereo: bool) -> list[str]:
+    cloud = ", cloud: surface, cloud_before: surface" if stereo else ""
+    lines = [
+        "",
+        "  # displacement and strain",
+        f"  increment: {{stage: displacement{cloud}}}",
+        "  smooth: {stage: smooth, increment: increment}",
+        "  strain: {stage: strain, increment: smooth}",
+        "  total: {stage: accumulate}",
+    ]
+    if found.caliper:
+        lines.append(f"  compare: {{stage: compare, caliper: {found.caliper}{', cloud: surface' if stereo else ''}}}")
+    return [*lines, "  maps: {stage: maps}"]
