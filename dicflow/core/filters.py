@@ -18,7 +18,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import ArrayLike, NDArray
 
-__all__ = ["Filled", "Kernel", "LocalFit", "fill_moving_mean", "local_polynomial", "odd_window"]
+__all__ = ["Filled", "Kernel", "LocalFit", "fill_moving_mean", "local_polynomial", "odd_window", "within_reach"]
 
 Array = NDArray[np.float64]
 Kernel = Literal["box", "tricube"]
@@ -103,6 +103,15 @@ def odd_window(window_px: tuple[float, float], step_px: float = 1.0) -> tuple[in
     """
     rows, cols = (max(3, 2 * int(side / step_px / 2.0) + 1) for side in window_px)
     return rows, cols
+
+
+def within_reach(mask: ArrayLike, distance: float) -> NDArray[np.bool_]:
+    """Which points (row, col) lie in the mask or at most ``distance`` points from one that does."""
+    inside: NDArray[np.bool_] = np.array(mask, dtype=np.bool_)
+    if not inside.any():
+        return inside
+    away = cv2.distanceTransform((~inside).astype(np.uint8), cv2.DIST_L2, cv2.DIST_MASK_PRECISE)
+    return np.asarray(away <= distance)
 
 
 def local_polynomial(

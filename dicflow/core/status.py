@@ -28,6 +28,8 @@ class Status(IntEnum):
     """At a depth that is not the specimen's."""
     UNTRACKED = 8
     """No transform carries this point to this step."""
+    TOO_FEW_NEIGHBOURS = 9
+    """Too few points around it for a local fit."""
 
     @property
     def label(self) -> str:

@@ -1,0 +1,185 @@
+"""Compare lengths with a caliper's, step by step."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, ClassVar, Literal
+
+from dicflow.engine.node import At, InputFile, Node, Port, Scope, parameter
+from dicflow.engine.product import Product, Variable
+from dicflow.errors import StageError
+
+if TYPE_CHECKING:
+    import numpy as np
+
+    from dicflow.io.caliper import Caliper
+
+__all__ = ["Compare"]
+
+
+class Compare(Node):
+    """Length of the region at every step, its displacement and strain, and how far they are from a caliper's.
+
+    Two lengths are measured. ``cloud``: the distance in space between the two loaded edges of the region as it was
+    carried to the step, in the cloud of the step. ``tracked``: the distance between the material points that lay on
+    these edges at the first step, continued from the grid to the outline. Both are means over the width. With one
+    camera the lengths are in pixels, and only strains can be compared. The columns are those of the thesis's Tables
+    6–10, with both lengths and the mean strain of the field beside them.
+    """
+
+    title: ClassVar = "compare with the caliper"
+    scope: ClassVar = Scope.TEST
+    takes: ClassVar = {
+        "track": Port("track", at=At.ALL),
+        "cloud": Port("cloud", at=At.ALL, optional=True),
+        "total": Port("total", at=At.ALL, optional=True),
+    }
+    gives: ClassVar = "comparison"
+
+    stage: Literal["compare"] = "compare"
+    caliper: InputFile = parameter(..., "CSV table with the columns phase, load_g, length_mm; one row per step")
+    axis: Literal["y", "x"] = parameter("y", "direction of the load in the image")
+    length: Literal["tracked", "cloud"] = parameter("tracked", "which of the two lengths is compared")
+
+    def check(self, path: Path) -> dict[str, Any]:
+        from dicflow.io.caliper import read_caliper
+
+        return {"rows": len(read_caliper(path).phase)}
+
+    def run(
+        self,
+        track: Sequence[Product],
+        caliper_path: Path,
+        cloud: Sequence[Product] | None = None,
+        total: Sequence[Product] | None = None,
+    ) -> Product:
+        from dicflow.io.caliper import read_caliper
+
+        caliper = read_caliper(caliper_path)
+        if len(caliper.phase) != len(track):
+            raise StageError(
+                f"{caliper_path}: has {len(caliper.phase)} rows, but there are {len(track)} steps; "
+                "write one row per step, the first for the unloaded specimen"
+            )
+        if self.length == "cloud" and cloud is None:
+            raise StageError("there is no cloud to measure a length in; use length: tracked, or name a cloud")
+        unit = "px" if cloud is None else "mm"
+        lengths = _lengths(track, cloud, self.axis)
+        table = _table(caliper, lengths[self.length], unit)
+        table.update({f"{name}_length_{unit}": values for name, values in lengths.items()})
+        if total is not None:
+            table["field_strain"] = _field_strain(total, {"y": "eyy", "x": "exx"}[self.axis])
+        variables = {name: Variable(("step",), values, _unit(name), name) for name, values in table.items()}
+        rows = [
+            {"phase": phase, **{name: _json(values[index]) for name, values in table.items()}}
+            for index, phase in enumerate(caliper.phase)
+        ]
+        return Product("comparison", variables, {"rows": rows, "length": self.length, "summary": _summary(table)})
+
+
+def _lengths(track: Sequence[Product], cloud: Sequence[Product] | None, axis: str) -> dict[str, np.ndarray]:
+    """The lengths that can be measured, at every step."""
+    import numpy as np
+
+    from dicflow.core.length import cloud_length, edge_pairs, tracked_length
+
+    reference, outline = _upright(track[0]["points"], axis)[..., :: _order(axis)], _outline(track[0], axis)
+    found: dict[str, list[float]] = {"tracked": []} if cloud is None else {"tracked": [], "cloud": []}
+    for index, step in enumerate(track):
+        surface = None if cloud is None else cloud[index]
+        found["tracked"].append(tracked_length(_upright(_in_space(step, surface), axis), reference, outline))
+        if surface is not None:
+            x, y = surface.attrs["origin"][:: _order(axis)]
+            pairs = edge_pairs(_outline(step, axis))
+            found["cloud"].append(cloud_length(_upright(surface["xyz"], axis), (x, y), pairs))
+    return {name: np.array(values) for name, values in found.items()}
+
+
+def _order(axis: str) -> int:
+    """Step through (x, y) that puts the axis of the load last."""
+    return 1 if axis == "y" else -1
+
+
+def _upright(field: Any, axis: str) -> Any:
+    """A field (row, col, k) turned so that the load acts along its rows' direction."""
+    return field if axis == "y" else field.swapaxes(0, 1)
+
+
+def _outline(track: Product, axis: str) -> np.ndarray:
+    """Outline of the region's largest part, (n, 2) [px]."""
+    from dicflow.core.region import area, polygons_from_attrs
+
+    polygons = polygons_from_attrs(track.attrs["polygons"])
+    return max(polygons, key=lambda polygon: area([polygon])).exterior[:, :: _order(axis)]
+
+
+def _in_space(track: Product, cloud: Product | None) -> np.ndarray:
+    """The material points in space [mm], or in the image without a cloud [px]; (row, col, k)."""
+    from dicflow.core.displacement import bilinear
+
+    return track["points"] if cloud is None else bilinear(cloud["xyz"], track["points"], cloud.attrs["origin"])
+
+
+def _table(caliper: Caliper, length: np.ndarray, unit: str) -> dict[str, np.ndarray]:
+    """The columns of the thesis's Tables 6–10; without those that cannot be compared in pixels."""
+    displacement = {"caliper": caliper.length_mm - caliper.length_mm[0], "dic": length - length[0]}
+    strain = {"caliper": displacement["caliper"] / caliper.length_mm[0], "dic": displacement["dic"] / length[0]}
+    table = {
+        "load_g": caliper.load_g,
+        "caliper_length_mm": caliper.length_mm,
+        "caliper_displacement_mm": displacement["caliper"],
+        "caliper_strain": strain["caliper"],
+        f"dic_length_{unit}": length,
+        f"dic_displacement_{unit}": displacement["dic"],
+        "dic_strain": strain["dic"],
+    }
+    if unit == "mm":
+        error = displacement["dic"] - displacement["caliper"]
+        table["displacement_error_mm"] = error
+        table["displacement_error_pct"] = _percent(error, displacement["caliper"])
+    table["strain_error"] = strain["dic"] - strain["caliper"]
+    table["strain_error_pct"] = _percent(table["strain_error"], strain["caliper"])
+    return table
+
+
+def _percent(error: np.ndarray, truth: np.ndarray) -> np.ndarray:
+    """Error in percent of the truth; 0 where both are 0, NaN where only the truth is."""
+    import numpy as np
+
+    whole = np.where(truth == 0.0, np.nan, truth)
+    return np.where((truth == 0.0) & (error == 0.0), 0.0, 100.0 * error / whole)
+
+
+def _field_strain(total: Sequence[Product], measure: str) -> np.ndarray:
+    """Mean strain of the field at every step; 0 at the first, NaN where there is no field."""
+    import numpy as np
+
+    fields = (product[measure] for product in total)
+    means = [float(field[np.isfinite(field)].mean()) if np.isfinite(field).any() else math.nan for field in fields]
+    return np.array([0.0, *means])
+
+
+def _summary(table: Mapping[str, np.ndarray]) -> dict[str, float]:
+    """The largest errors, and on how many steps they stand."""
+    import numpy as np
+
+    errors = ("displacement_error_mm", "displacement_error_pct", "strain_error_pct")
+    summary: dict[str, float] = {"measured_steps": int(np.isfinite(table["dic_strain"]).sum())}
+    for name in errors:
+        sizes = np.abs(table[name][np.isfinite(table[name])]) if name in table else np.zeros(0)
+        if sizes.size:
+            summary[f"max_{name}"] = float(sizes.max())
+    return summary
+
+
+def _unit(column: str) -> str:
+    """Unit at the end of a column's name."""
+    units = {"_mm": "mm", "_px": "px", "_pct": "%", "_g": "g"}
+    return next((unit for ending, unit in units.items() if column.endswith(ending)), "1")
+
+
+def _json(value: float) -> float | None:
+    """A number that JSON has."""
+    return float(value) if math.isfinite(value) else None
