@@ -25,7 +25,7 @@ class Checkerboard(NamedTuple):
     columns: int = 10
     rows: int = 7
     square: float = 14.5
-    margin: float = 7.0
+    margin: float = 5.0
     edge: float = 0.12
 
 
