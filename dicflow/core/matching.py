@@ -1,0 +1,137 @@
+"""Pairs of features that show the same material point in two images."""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+import cv2
+import numpy as np
+import numpy.typing as npt
+from scipy.spatial import cKDTree
+
+from dicflow.core.features import Features
+from dicflow.core.transform import apply_transform, estimate_transform, msac
+
+__all__ = ["LocalMotion", "consistent", "guided_matches", "local_motion", "match_features"]
+
+Array = npt.NDArray[np.float64]
+Pairs = npt.NDArray[np.intp]
+
+NEIGHBOURS = 16  # matches around a point that tell its motion
+CANDIDATES = 8  # features around a predicted position that are compared
+
+
+class LocalMotion(NamedTuple):
+    """Motion at points, from the matches around them.
+
+    position : (n, 2) float64 — where the points are in the deformed image [px]
+    gradient : (n, 2, 2) float64 — ∂(deformed)/∂(reference) there
+    """
+
+    position: Array
+    gradient: Array
+
+
+def match_features(reference: Features, deformed: Features, *, ratio: float = 0.8, mutual: bool = True) -> Pairs:
+    """Pairs of indices (m, 2) of features that are each other's nearest by descriptor, in order of the reference.
+
+    ratio : nearest distance over the second nearest, at most (Lowe, Int. J. Computer Vision 60, 2004)
+    mutual : the reference feature must also be the nearest one of its partner
+    """
+    if len(reference.xy) == 0 or len(deformed.xy) < 2:
+        return np.zeros((0, 2), dtype=np.intp)
+    distance, nearest = _nearest(reference.descriptors, deformed.descriptors, 2)
+    chosen = np.flatnonzero(distance[:, 0] < ratio * distance[:, 1])
+    partner = nearest[chosen, 0]
+    if mutual and len(chosen):
+        _, back = _nearest(deformed.descriptors[partner], reference.descriptors, 1)
+        chosen, partner = chosen[back[:, 0] == chosen], partner[back[:, 0] == chosen]
+    return np.stack([chosen, partner], axis=1)
+
+
+def guided_matches(
+    reference: Features, deformed: Features, predicted: Array, *, radius_px: float = 4.0, ratio: float = 0.95
+) -> Pairs:
+    """Pairs of indices (m, 2) of features that are each other's nearest among those near the predicted positions.
+
+    predicted : (n, 2) — where each reference feature is expected in the deformed image [px]
+    radius_px : how far from there partners are looked for [px]
+    ratio : as in :func:`match_features`, among the candidates alone; a single candidate passes
+    """
+    if len(reference.xy) == 0 or len(deformed.xy) == 0:
+        return np.zeros((0, 2), dtype=np.intp)
+    tree = cKDTree(deformed.xy)
+    _, candidate = tree.query(predicted, k=CANDIDATES, distance_upper_bound=radius_px)
+    row, column = np.nonzero(candidate < len(deformed.xy))
+    partner = candidate[row, column]
+    distance = _distances(reference.descriptors[row], deformed.descriptors[partner])
+    table = np.full(candidate.shape, np.inf)
+    table[row, column] = distance
+    ranked = np.sort(table, axis=1)
+    chosen = np.flatnonzero(np.isfinite(ranked[:, 0]) & (ranked[:, 0] <= ratio * ranked[:, 1]))
+    partner = candidate[chosen, table[chosen].argmin(axis=1)]
+    best = np.full(len(deformed.xy), np.inf)
+    np.minimum.at(best, partner, ranked[chosen, 0])
+    mutual = ranked[chosen, 0] <= best[partner]
+    _, first = np.unique(partner[mutual], return_index=True)
+    order = np.sort(first)
+    return np.stack([chosen[mutual][order], partner[mutual][order]], axis=1)
+
+
+def consistent(source: Array, target: Array, *, tolerance_px: float = 2.0, seed: int = 0) -> npt.NDArray[np.bool_]:
+    """Which matches move like those around them, (n,) bool.
+
+    source, target : (n, 2) [px]
+    tolerance_px : deviation from the median motion of the neighbours that is always allowed [px]
+
+    Motion is taken relative to the affine transform that most matches agree on. A match is kept where it differs from
+    the median of its neighbours by no more than the tolerance plus twice their median deviation (after Westerweel and
+    Scarano, Experiments in Fluids 39, 2005).
+    """
+    if len(source) <= NEIGHBOURS:
+        return np.ones(len(source), dtype=bool)
+    overall = msac("affine", source, target, threshold_px=0.1 * float(np.ptp(source, axis=0).max()), seed=seed)
+    rest = target - apply_transform(overall.transform, source)
+    keep = overall.inliers
+    for _ in range(2):
+        if keep.sum() <= NEIGHBOURS:
+            break
+        _, near = cKDTree(source[keep]).query(source, k=NEIGHBOURS + 1)
+        around = rest[keep][near[:, 1:]]
+        middle = np.median(around, axis=1)
+        spread = np.median(np.linalg.norm(around - middle[:, None], axis=2), axis=1)
+        keep = np.linalg.norm(rest - middle, axis=1) <= tolerance_px + 2 * spread
+    return keep
+
+
+def local_motion(source: Array, target: Array, points: Array) -> LocalMotion:
+    """Motion at points by an affine transform of the nearest matches each.
+
+    source, target : (m, 2) — matches without false ones, m at least 3 [px]
+    points : (n, 2) — in the reference image [px]
+    """
+    _, near = cKDTree(source).query(points, k=min(NEIGHBOURS, len(source)))
+    transforms = estimate_transform("affine", source[near], target[near])
+    position = apply_transform(transforms, points[:, None])[:, 0]
+    return LocalMotion(position, transforms[:, :2, :2])
+
+
+def _nearest(queries: npt.NDArray[Any], others: npt.NDArray[Any], count: int) -> tuple[Array, Pairs]:
+    """Distances and indices (n, count) of the nearest descriptors."""
+    norm, dtype = _norm(queries)
+    distance, index = cv2.batchDistance(queries, others, dtype, normType=norm, K=count)
+    return distance.astype(np.float64), index.astype(np.intp)
+
+
+def _distances(a: npt.NDArray[Any], b: npt.NDArray[Any]) -> Array:
+    """Distance of each descriptor from the one in the same row, (n,)."""
+    if a.dtype == np.uint8:
+        return np.asarray(np.bitwise_count(a ^ b).sum(axis=1), dtype=np.float64)
+    return np.asarray(np.linalg.norm(a - b, axis=1), dtype=np.float64)
+
+
+def _norm(descriptors: npt.NDArray[Any]) -> tuple[int, int]:
+    """Norm and the type of its values: Euclidean, or the number of different bits."""
+    if descriptors.dtype == np.uint8:
+        return cv2.NORM_HAMMING, cv2.CV_32S
+    return cv2.NORM_L2, cv2.CV_32F
