@@ -1,0 +1,330 @@
+"""Running a graph: plan, hand what is missing to a scheduler, keep the journal, and tell how it went."""
+
+from __future__ import annotations
+
+import signal
+import threading
+import time
+from collections import Counter
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager, suppress
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from types import FrameType
+from typing import Any
+
+from dicflow.engine.graph import Graph
+from dicflow.engine.journal import Event, Journal
+from dicflow.engine.plan import CodePolicy, Plan, make_plan
+from dicflow.engine.product import Product
+from dicflow.engine.references import load
+from dicflow.engine.schedulers import Backend, build_graph, check_scheduler, open_backend
+from dicflow.engine.store import Store
+from dicflow.engine.work import Job, Outcome, stop_path
+from dicflow.errors import StageError, StoreError
+
+__all__ = ["STATUSES", "Options", "RunResult", "dask_graph", "run"]
+
+STATUSES = ("hit", "computed", "failed", "skipped")
+
+_WINDOW = 2000
+"""Tasks handed to the scheduler at once."""
+_WIDE_OPEN = "tcp:// to another machine is neither encrypted nor authenticated, and runs what it is sent; use tls://"
+
+
+@dataclass(frozen=True)
+class Options:
+    """How a graph is run; nothing here changes a result.
+
+    scheduler : "sync", "threads", "processes", or the address of a running one, "tcp://…" or "tls://…"
+    dashboard : show dask's dashboard on this machine's loopback
+    code_policy : what to do with results that other code has made
+    keep_going : after a failure go on with all that does not need what failed
+    retries : how often a failure that is no DicflowError is tried again
+    on_event : told of everything that happens, in the thread that called ``run``
+    worker_setup : called once in every worker, a function of a module
+    linger : called when all is done, before workers and dashboard end
+    """
+
+    scheduler: str = "processes"
+    workers: int = 2
+    dashboard: bool = False
+    code_policy: CodePolicy = "recompute"
+    keep_going: bool = False
+    retries: int = 0
+    on_event: Callable[[Event], None] | None = None
+    worker_setup: Callable[[], None] | None = None
+    linger: Callable[[], None] | None = None
+
+
+@dataclass(frozen=True)
+class RunResult:
+    """What became of every task.
+
+    folder : of the run in the store; None where nothing was to do in a store that cannot be written
+    seconds : from the call of ``run`` to its return
+    """
+
+    run_id: str
+    folder: Path | None
+    store: Store
+    outcomes: Mapping[str, Outcome]
+    seconds: float
+    interrupted: bool = False
+    warnings: list[str] = field(default_factory=list)
+
+    @property
+    def counts(self) -> dict[str, int]:
+        """How many tasks were hit, computed, failed and skipped."""
+        found = Counter[str](outcome.status for outcome in self.outcomes.values())
+        return {status: found[status] for status in STATUSES}
+
+    @property
+    def ok(self) -> bool:
+        """Whether every task has its product."""
+        return all(outcome.ref is not None for outcome in self.outcomes.values())
+
+    @property
+    def errors(self) -> list[str]:
+        """Messages of the tasks that failed."""
+        return [outcome.error for outcome in self.outcomes.values() if outcome.status == "failed"]
+
+    def by_stage(self) -> dict[str, dict[str, float]]:
+        """The counts of each stage, and the seconds spent in it."""
+        found: dict[str, dict[str, float]] = {}
+        for outcome in self.outcomes.values():
+            row = found.setdefault(outcome.stage, {**dict.fromkeys(STATUSES, 0), "seconds": 0.0})
+            row[outcome.status] += 1
+            row["seconds"] += outcome.stage_s
+        return found
+
+    def product(self, name: str) -> Product:
+        """The product of a task. Raises StageError where it has none."""
+        outcome = self.outcomes[name]
+        if outcome.ref is None:
+            raise StageError(f"{name}: has no product, it {outcome.status}: {outcome.error}")
+        return load(self.store, outcome.ref)
+
+
+def run(
+    graph: Graph, store: Store, *, pipeline: str = "", resolved: Any = None, options: Options | None = None
+) -> RunResult:
+    """Make every product of a graph that is not in the store.
+
+    pipeline : its name, under which the run is kept
+    resolved : the pipeline as JSON, kept with the run
+    The first Ctrl-C lets running tasks finish; the second raises KeyboardInterrupt. What is done is kept either way.
+    An object that turns out damaged while it is read is made again, once.
+
+    Raises ConfigurationError, InputError and StoreError for what is wrong before anything runs. What fails in a
+    stage is told in the outcomes.
+    """
+    options, start = options or Options(), time.perf_counter()
+    check_scheduler(options.scheduler, options.workers)
+    result = _run_once(graph, store, pipeline, resolved, options, {})
+    if not result.interrupted and any(outcome.damaged for outcome in result.outcomes.values()):
+        result = _run_once(graph, store, pipeline, resolved, options, result.outcomes)
+    result = replace(result, seconds=time.perf_counter() - start)
+    if options.on_event is not None:
+        options.on_event(Event("ended", counts=result.counts, seconds=result.seconds))
+    return result
+
+
+def dask_graph(plan: Plan, store: Store, run_id: str = "plan") -> dict[tuple[str, ...], tuple[Any, ...]]:
+    """The plain dask graph of what a plan lacks: (stage, step, run) → a call and the names of its inputs."""
+    return build_graph(_jobs(plan, store, run_id, Options()), {})
+
+
+class _Run:
+    """A run under way: its outcomes, and whom to tell of them."""
+
+    def __init__(self, plan: Plan, store: Store, journal: Journal | None, options: Options) -> None:
+        self.plan = plan
+        self.store = store
+        self.journal = journal
+        self.options = options
+        self.interrupted = False
+        self.stopped = False
+        hits = {name: entry for name, entry in plan.entries.items() if entry.state == "hit"}
+        self.outcomes = {
+            name: Outcome(name, entry.task.stage, entry.task.step, "hit", entry.ref, entry.key or "")
+            for name, entry in hits.items()
+        }
+
+    def tell(self, event: Event) -> None:
+        """Journal an event and pass it on."""
+        if self.journal is not None:
+            self.journal.write(event)
+        if self.options.on_event is not None:
+            self.options.on_event(event)
+
+    def finished(self, outcome: Outcome) -> None:
+        """Take in the outcome of a task."""
+        self.outcomes[outcome.name] = outcome
+        if outcome.status == "failed" and not self.options.keep_going:
+            self.stop()
+        self.tell(
+            Event(
+                "finished",
+                task=outcome.name,
+                stage=outcome.stage,
+                step=outcome.step,
+                status=outcome.status,
+                seconds=outcome.stage_s,
+                text=outcome.error,
+                key=outcome.key,
+                digest=outcome.ref.digest if outcome.ref is not None else "",
+            )
+        )
+
+    def stop(self) -> None:
+        """Let no worker start another task."""
+        self.stopped = True
+        if self.journal is not None:
+            with suppress(OSError):
+                stop_path(self.store.path, self.journal.id).touch()
+
+    def interrupt(self) -> None:
+        """The same, asked for by Ctrl-C."""
+        self.interrupted = True
+        self.stop()
+
+    def compute(self, backend: Backend, jobs: dict[str, Job]) -> None:
+        """Hand over all jobs, in windows; what is not reached any more is skipped."""
+        names = list(jobs)
+        for first in range(0, len(names), _WINDOW):
+            if self.stopped:
+                break
+            window = {name: jobs[name] for name in names[first : first + _WINDOW]}
+            graph = build_graph(window, self.outcomes)
+            backend.compute(graph, dict(zip(graph, window.values(), strict=True)), self.finished)
+        for name in names:
+            if name not in self.outcomes:
+                self.finished(jobs[name].outcome("skipped", error="the run was stopped"))
+
+    def index(self) -> dict[str, dict[str, str]]:
+        """Key and digest of every task that has its product."""
+        return {
+            name: {"key": outcome.key, "digest": outcome.ref.digest}
+            for name, outcome in self.outcomes.items()
+            if outcome.ref is not None
+        }
+
+
+def _run_once(
+    graph: Graph, store: Store, pipeline: str, resolved: Any, options: Options, before: Mapping[str, Outcome]
+) -> RunResult:
+    """Plan and run. before : outcomes of a first try; what that computed counts as computed."""
+    plan = make_plan(graph, store, pipeline=pipeline, code_policy=options.code_policy)
+    journal = _journal(plan, store, pipeline, resolved)
+    state = _Run(plan, store, journal, options)
+    state.tell(Event("planned", counts=plan.counts, stages=plan.by_stage()))
+    for text in plan.warnings:
+        state.tell(Event("warning", text=text))
+    if journal is not None:
+        jobs = _jobs(plan, store, journal.id, options)
+        journal.write_index(state.index())
+        try:
+            if jobs:
+                _compute(state, journal.id, jobs)
+        finally:
+            _close(state, journal)
+    computed = {name: outcome for name, outcome in before.items() if outcome.status == "computed"}
+    outcomes = {name: computed.get(name, state.outcomes[name]) for name in plan.entries}
+    return RunResult(
+        journal.id if journal is not None else "",
+        journal.folder if journal is not None else None,
+        store,
+        outcomes,
+        0.0,
+        state.interrupted,
+        plan.warnings,
+    )
+
+
+def _journal(plan: Plan, store: Store, pipeline: str, resolved: Any) -> Journal | None:
+    """The journal, or None in a store that cannot be written while there is nothing to write."""
+    try:
+        return Journal(store, pipeline, resolved)
+    except StoreError:
+        if plan.counts["hit"] == len(plan.entries):
+            return None
+        raise
+
+
+def _jobs(plan: Plan, store: Store, run_id: str, options: Options) -> dict[str, Job]:
+    """A job for every task that is no hit."""
+    jobs = {}
+    for name, entry in plan.entries.items():
+        if entry.state != "hit":
+            task = entry.task
+            refs = {producer: plan.entries[producer].ref for producer in task.producers()}
+            jobs[name] = Job(
+                run_id,
+                store.path,
+                task,
+                plan.parameters[task.stage],
+                {producer: ref for producer, ref in refs.items() if ref is not None},
+                plan.files[name],
+                plan.code[task.stage],
+                options.code_policy,
+                options.retries,
+            )
+    return jobs
+
+
+def _compute(state: _Run, run_id: str, jobs: dict[str, Job]) -> None:
+    options = state.options
+    if options.scheduler.startswith("tcp://"):
+        from dicflow.engine.cluster import is_loopback
+
+        if not is_loopback(options.scheduler):
+            state.tell(Event("warning", text=f"{options.scheduler}: {_WIDE_OPEN}"))
+    with (
+        _interruptible(state.interrupt),
+        open_backend(
+            options.scheduler,
+            workers=options.workers,
+            dashboard=options.dashboard,
+            store=state.store,
+            run_id=run_id,
+            setup=options.worker_setup,
+        ) as backend,
+    ):
+        if backend.link:
+            state.tell(Event("dashboard", text=backend.link))
+        state.compute(backend, jobs)
+        if options.linger is not None:
+            options.linger()
+
+
+def _close(state: _Run, journal: Journal) -> None:
+    """Keep the index and counts; a disk that is full by now has been told of by the tasks."""
+    counts = Counter[str](outcome.status for outcome in state.outcomes.values())
+    result = {"counts": {status: counts[status] for status in STATUSES}, "interrupted": state.interrupted}
+    with suppress(OSError):
+        stop_path(state.store.path, journal.id).unlink(missing_ok=True)
+    with suppress(StoreError):
+        journal.close(state.index(), result)
+
+
+@contextmanager
+def _interruptible(first: Callable[[], None]) -> Iterator[None]:
+    """Turn the first Ctrl-C into a call of ``first``, and the second into KeyboardInterrupt."""
+    if threading.current_thread() is not threading.main_thread():
+        yield
+        return
+    asked = False
+
+    def handle(_signal: int, _frame: FrameType | None) -> None:
+        nonlocal asked
+        if asked:
+            raise KeyboardInterrupt
+        asked = True
+        first()
+
+    previous = signal.signal(signal.SIGINT, handle)
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGINT, previous)

@@ -1,0 +1,43 @@
+"""How a process is prepared for work: one thread per task, and the store in sight."""
+
+from __future__ import annotations
+
+import os
+import signal
+import sys
+import threading
+from collections.abc import Callable
+from pathlib import Path
+
+__all__ = ["prepare", "reads_probe"]
+
+_LIMITS = ("NUMBA_NUM_THREADS", "OPENCV_FOR_THREADS_NUM", "OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
+
+
+def prepare(setup: Callable[[], None] | None = None) -> None:
+    """Hold the libraries in this process to one thread each, since every worker runs tasks beside others.
+
+    A library that is not loaded yet finds its limit in the environment, so that nothing is loaded only to be limited.
+
+    setup : anything else that has to be done once in every worker
+    """
+    os.environ.update({name: "1" for name in _LIMITS if name not in os.environ})
+    for name, function in (("cv2", "setNumThreads"), ("numba", "set_num_threads")):
+        if name in sys.modules:
+            getattr(sys.modules[name], function)(1)
+    if setup is not None:
+        setup()
+
+
+def ignore_interrupts() -> None:
+    """Leave Ctrl-C to the main process, which lets the workers finish what they are at."""
+    if threading.current_thread() is threading.main_thread():
+        signal.signal(signal.SIGINT, signal.SIG_IGN)
+
+
+def reads_probe(path: Path) -> str:
+    """What stands in a file of the store, "" where this process does not see it."""
+    try:
+        return path.read_text(encoding="utf-8")
+    except OSError:
+        return ""
