@@ -1,0 +1,203 @@
+"""Keeping a store in order: what may be deleted, what is damaged, what must stay."""
+
+from __future__ import annotations
+
+import os
+import shutil
+import time
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+
+from dicflow.engine.hashing import digest_array, digest_json, is_digest
+from dicflow.engine.journal import find_run, runs
+from dicflow.engine.objects import Manifest, read_array
+from dicflow.engine.records import Record
+from dicflow.engine.store import Store, read_json
+from dicflow.errors import StoreError
+
+__all__ = ["Damage", "Garbage", "collect", "pin", "pins", "size", "unpin", "verify"]
+
+_GRACE_S = 3600.0
+"""What is younger may belong to a run that is under way elsewhere."""
+
+
+@dataclass(frozen=True)
+class Garbage:
+    """What no run that is kept and no pin needs.
+
+    objects, records, runs : digests, keys, ids
+    leftovers : files of killed processes, and what is in quarantine
+    nbytes : what it takes on the disk
+    deleted : whether it is gone, or was only looked for
+    """
+
+    objects: list[str] = field(default_factory=list)
+    records: list[str] = field(default_factory=list)
+    runs: list[str] = field(default_factory=list)
+    leftovers: list[str] = field(default_factory=list)
+    nbytes: int = 0
+    deleted: bool = False
+
+
+@dataclass(frozen=True)
+class Damage:
+    """Something in the store that is not what it should be. what : digest of a product, or key of a record"""
+
+    what: str
+    reason: str
+
+
+def collect(store: Store, *, keep_runs: int = 5, delete: bool = False, grace_s: float = _GRACE_S) -> Garbage:
+    """Find what can be deleted, and delete it if asked to.
+
+    keep_runs : so many of the newest runs of each pipeline stay, with all their products; pinned ones do besides
+    grace_s : what is younger stays [s]
+    Raises StoreError where something cannot be deleted.
+    """
+    keys, digests, old_runs = _marked(store, keep_runs)
+    before = time.time() - grace_s
+    objects = [(name, path) for name, path in _named(store, "objects") if name not in digests and _older(path, before)]
+    records = [(name, path) for name, path in _named(store, "actions") if name not in keys and _older(path, before)]
+    folders = [(name, store.path / "runs" / name) for name in old_runs if _older(store.path / "runs" / name, before)]
+    loose = [path for path in _listed(store.path / "tmp") if _older(path, before)]
+    loose += _listed(store.path / "quarantine")
+    paths = [path for _, path in (*records, *objects, *folders)] + loose
+    nbytes = sum(_size(path) for path in paths)
+    if delete:
+        with store.writing():
+            for path in paths:
+                shutil.rmtree(path) if path.is_dir() else path.unlink(missing_ok=True)
+    return Garbage(
+        [name for name, _ in objects],
+        [name for name, _ in records],
+        [name for name, _ in folders],
+        [str(path.relative_to(store.path)) for path in loose],
+        nbytes,
+        delete,
+    )
+
+
+def verify(store: Store, *, repair: bool = False) -> list[Damage]:
+    """Read everything and compare it with its digests.
+
+    repair : move damaged products into quarantine and delete damaged records, so that they are made again
+    Raises StoreError where that cannot be done.
+    """
+    found = []
+    for name, path in _named(store, "objects"):
+        reason = _fault(store, name, path)
+        if reason:
+            found.append(Damage(name, reason))
+            if repair and name:
+                store.quarantine(name)
+    for name, path in _named(store, "actions"):
+        record = Record.from_json(read_json(path))
+        if record is None or record.key != name or digest_json(record.parts) != name:
+            found.append(Damage(name, f"{path}: the record does not fit its key"))
+            if repair:
+                with store.writing():
+                    path.unlink(missing_ok=True)
+    return found
+
+
+def pins(store: Store) -> dict[str, str]:
+    """What is pinned, runs and products, with the note given."""
+    found = read_json(store.path / "pins.json")
+    return {str(name): str(note) for name, note in found.items()} if isinstance(found, dict) else {}
+
+
+def pin(store: Store, what: str, note: str = "") -> None:
+    """Keep a run with all its products, or one product, until it is unpinned.
+
+    what : id of a run, or digest of a product
+    Raises StoreError where there is no such thing.
+    """
+    if is_digest(what):
+        if store.manifest(what) is None:
+            raise StoreError(f"{store.path}: holds no product {what}; nothing to pin")
+    else:
+        find_run(store, what)
+    store.write_json(store.path / "pins.json", {**pins(store), what: note})
+
+
+def unpin(store: Store, what: str) -> None:
+    """Take a pin away. Raises StoreError where there is none."""
+    left = pins(store)
+    if left.pop(what, None) is None:
+        raise StoreError(f"{store.path}: {what} is not pinned; pinned are {', '.join(left) or 'none'}")
+    store.write_json(store.path / "pins.json", left)
+
+
+def size(store: Store) -> int:
+    """What the store takes on the disk [bytes]."""
+    return _size(store.path)
+
+
+def _marked(store: Store, keep_runs: int) -> tuple[set[str], set[str], list[str]]:
+    """Keys and digests that stay, and the runs that do not."""
+    pinned = pins(store)
+    seen: dict[str, int] = {}
+    keys, old = set(), []
+    digests = {name for name in pinned if is_digest(name)}
+    for run in runs(store):
+        seen[run.pipeline] = seen.get(run.pipeline, 0) + 1
+        if seen[run.pipeline] > keep_runs and run.id not in pinned:
+            old.append(run.id)
+            continue
+        keys |= {entry["key"] for entry in run.index.values()}
+        digests |= {entry["digest"] for entry in run.index.values()}
+    return keys, digests, old
+
+
+def _named(store: Store, part: str) -> Iterator[tuple[str, Path]]:
+    """Name and path of everything in ``objects`` or ``actions``; the name is "" for what has none."""
+    for folder in _listed(store.path / part):
+        for path in _listed(folder):
+            name = f"sha256:{path.name.partition('.')[0]}"
+            yield (name if is_digest(name) else ""), path
+
+
+def _fault(store: Store, name: str, path: Path) -> str:
+    """What is wrong with a product, "" where nothing is."""
+    manifest = Manifest.from_json(read_json(path / "manifest.json" if path.is_dir() else path))
+    if not name or manifest is None or manifest.digest != name:
+        return f"{path}: no manifest that fits its name"
+    if digest_json(manifest.content) != name:
+        return f"{path}: the manifest's content does not fit its digest"
+    lacking = [file for file, nbytes in manifest.files.items() if _size(path / file) != nbytes]
+    if lacking:
+        return f"{path}: {lacking[0]} is missing or has another size"
+    return _array_fault(path, manifest.content["variables"]) if manifest.kept else ""
+
+
+def _array_fault(folder: Path, variables: Mapping[str, Mapping[str, str]]) -> str:
+    for name, spec in variables.items():
+        try:
+            digest = digest_array(read_array(folder, name))
+        except Exception as error:
+            return f"{folder / name}: cannot be read ({type(error).__name__})"
+        if digest != spec["digest"]:
+            return f"{folder / name}: the values do not fit their digest"
+    return ""
+
+
+def _listed(folder: Path) -> list[Path]:
+    return sorted(folder.iterdir()) if folder.is_dir() else []
+
+
+def _older(path: Path, before: float) -> bool:
+    try:
+        return path.stat().st_mtime <= before
+    except OSError:
+        return False
+
+
+def _size(path: Path) -> int:
+    """Size of a file, or of all files below a folder; 0 of what is not there."""
+    if path.is_dir():
+        return sum(_size(Path(folder) / name) for folder, _, names in os.walk(path) for name in names)
+    try:
+        return path.lstat().st_size
+    except OSError:
+        return 0
