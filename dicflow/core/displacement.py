@@ -25,7 +25,7 @@ Codes = NDArray[np.uint8]
 Mask = NDArray[np.bool_]
 
 WINDOW_PX = 3
-"""Side of the thesis's small windows, and spacing of its grid [px]."""
+"""Side of the thesis's small windows, and of the cells of its grid [px]."""
 _FILL_WINDOW_PX = 20
 _FILL_PASSES = 5
 
@@ -120,12 +120,12 @@ def thesis_increment(
     cloud_before: Cloud | None = None,
     cloud: Cloud | None = None,
 ) -> Increment:
-    """Displacement as the thesis defines it, on a grid of every third pixel of the deformed region's box.
+    """Displacement as the thesis defines it, on the centres of 3 × 3 px cells of the deformed region's box.
 
     The box of the region at the step before is divided into subsets, and these into windows of 3 × 3 px. The centre of
     a window is carried by the transform of its subset, and its displacement
-    dx = ±√(Δx² + Δz²), dy = ±√(Δy² + Δz²), with the sign of Δx and Δy, is kept at the grid point nearest to where it
-    arrives; several at one point are averaged, and points without any are filled from their neighbours.
+    dx = ±√(Δx² + Δz²), dy = ±√(Δy² + Δz²), with the sign of Δx and Δy, is kept in the cell where it arrives; several
+    in one cell are averaged, and cells without any are filled from their neighbours.
 
     transforms : (subset_row, subset_col, 3, 3)
     region_before, region : at the two steps [px]
@@ -138,7 +138,8 @@ def thesis_increment(
     start, end = _place(centres, cloud_before)[0], _place(arrived, cloud)[0]
     motion = end - start
     signed = np.copysign(np.hypot(motion[:, :2], motion[:, 2:]), motion[:, :2])
-    grid, box = _pixel_grid(region)
+    box_before, box = np.array(bounding_box(region_before)), np.array(bounding_box(region))
+    grid = _cell_centres(box)
     means = _scatter(np.concatenate([signed, motion[:, 2:]], axis=1), arrived, grid)
     inside = contains(region, grid)
     means[~inside] = np.nan
@@ -146,7 +147,6 @@ def thesis_increment(
     missing = np.isnan(filled.values).any(axis=-1)
     status = np.where(filled.filled, Status.FILLED, np.where(missing, Status.OUTSIDE, Status.VALID))
     status[missing & inside] = Status.UNTRACKED
-    box_before = np.array(bounding_box(region_before))
     scale = (box_before[2:] - box_before[:2]) / (box[2:] - box[:2])
     reference = _place(box_before[:2] + (grid - box[:2]) * scale, cloud_before)[0]
     xyz = _place(grid, cloud)[0]
@@ -154,16 +154,22 @@ def thesis_increment(
 
 
 def _place(points: Array, cloud: Cloud | None) -> tuple[Array, Codes]:
-    """Points in space (..., 3) under points of the image, and the cloud's status at the nearest pixel."""
+    """Points in space (..., 3) under points of the image, and the worst status of the pixels around them."""
     if cloud is None:
         flat = np.where(np.isnan(points[..., :1]), np.nan, 0.0)
         return np.concatenate([points, flat], axis=-1), np.zeros(points.shape[:-1], np.uint8)
-    rows, cols = cloud.status.shape
-    place = np.rint(np.nan_to_num(points - np.asarray(cloud.origin), nan=-1.0)).astype(np.int64)
-    inside = ((place >= 0) & (place < (cols, rows))).all(axis=-1)
-    col, row = np.moveaxis(np.where(inside[..., None], place, 0), -1, 0)
-    status = np.where(inside, cloud.status[row, col], np.uint8(Status.OUTSIDE))
-    return bilinear(cloud.xyz, points, cloud.origin), status
+    return bilinear(cloud.xyz, points, cloud.origin), _worst_neighbour(cloud.status, points, cloud.origin)
+
+
+def _worst_neighbour(status: Codes, points: Array, origin: tuple[float, float]) -> Codes:
+    """Largest code among the pixels around each point (..., 2); OUTSIDE where one is beyond the field."""
+    rows, cols = status.shape
+    place = np.nan_to_num(points - np.asarray(origin, dtype=np.float64), nan=-1.0)
+    low, high = np.floor(place).astype(np.int64), np.ceil(place).astype(np.int64)
+    inside: Mask = np.asarray(((low >= 0) & (high < (cols, rows))).all(axis=-1))
+    (left, top), (right, bottom) = (np.moveaxis(np.where(inside[..., None], c, 0), -1, 0) for c in (low, high))
+    around = [status[row, col] for row in (top, bottom) for col in (left, right)]
+    return np.where(inside, np.max(around, axis=0), np.uint8(Status.OUTSIDE))
 
 
 def _carried_windows(transforms: Array, region: Sequence[Polygon]) -> tuple[Array, Array]:
@@ -182,15 +188,17 @@ def _carried_windows(transforms: Array, region: Sequence[Polygon]) -> tuple[Arra
     return np.concatenate(centres), np.concatenate(arrived)
 
 
-def _pixel_grid(region: Sequence[Polygon]) -> tuple[Array, Array]:
-    """Every third pixel of the box around a region, (row, col, 2), and the box (x0, y0, x1, y1) [px]."""
-    x0, y0, x1, y1 = np.rint(bounding_box(region))
-    grid = np.stack(np.meshgrid(np.arange(x0, x1 + 1, WINDOW_PX), np.arange(y0, y1 + 1, WINDOW_PX)), axis=-1)
-    return grid, np.array([x0, y0, x1, y1])
+def _cell_centres(box: Array) -> Array:
+    """Centres (row, col, 2) of the cells of a box (x0, y0, x1, y1) [px]."""
+    x, y = (
+        np.arange(low, max(high - 1e-9, low + 1e-9), WINDOW_PX) + WINDOW_PX / 2.0
+        for low, high in ((box[0], box[2]), (box[1], box[3]))
+    )
+    return np.stack(np.meshgrid(x, y), axis=-1)
 
 
 def _scatter(values: Array, points: Array, grid: Array) -> Array:
-    """Mean of the values (n, k) at the grid point nearest to each of their points (n, 2); NaN where there is none."""
+    """Mean of the values (n, k) with points (n, 2) in the cell around each point of the grid; NaN where none are."""
     rows, cols = grid.shape[:2]
     known = np.isfinite(values).all(axis=1) & np.isfinite(points).all(axis=1)
     place = np.rint((points[known] - grid[0, 0]) / WINDOW_PX).astype(np.int64)

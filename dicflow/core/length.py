@@ -1,7 +1,7 @@
 """Length of a specimen between the two edges that a caliper touches, from a cloud or from tracked points.
 
-Everything here measures along y, from the upper edge to the lower one; swap the two pixel coordinates to measure along x.
-A value at an edge that the data do not reach is extrapolated along the line towards it: by the parabola through the
+Everything here measures along y, from the upper edge to the lower one; swap the two pixel coordinates to measure along
+x. A value at an edge that the data do not reach is extrapolated along the line towards it: by the parabola through the
 third of the line that is next to the edge, over a gap of 15 % of the line at most.
 """
 
@@ -113,7 +113,8 @@ def _at(values: Array, places: Array, edge: float) -> Array:
     if distance.min() > _WIDEST_GAP * whole or np.count_nonzero(near) < 4:
         return missing
     unit = (here[near] - edge) / whole
-    return np.linalg.lstsq(np.vander(unit, 3, increasing=True), values[known][near], rcond=None)[0][0]
+    parabola = np.linalg.lstsq(np.vander(unit, 3, increasing=True), values[known][near], rcond=None)[0]
+    return np.asarray(parabola[0])
 
 
 def _mean_distance(ends: Array) -> float:
