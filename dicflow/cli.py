@@ -9,7 +9,6 @@ from enum import StrEnum
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
-import click
 import typer
 
 from dicflow._version import __version__
@@ -414,19 +413,10 @@ def root(version: Annotated[bool, typer.Option("--version", help="print the vers
 def main() -> None:
     """Run the command line; every error meant for users is one message, without a traceback."""
     try:
-        code = app(standalone_mode=False)
+        app()
     except DicflowError as error:
         typer.secho(str(error), fg="red", err=True)
-        code = error.exit_code
-    except click.ClickException as error:
-        error.show()
-        code = error.exit_code
-    except (click.Abort, KeyboardInterrupt):
-        typer.secho("interrupted; what was finished is kept, run again to go on", fg="yellow", err=True)
-        code = 130
-    except BrokenPipeError:
-        code = 0
-    sys.exit(code)
+        sys.exit(error.exit_code)
 
 
 def _load(pipeline: Path, data: Path | None, store: Path | None, settings: list[str]) -> Pipeline:

@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal
+from typing import TYPE_CHECKING, Any
 
 from dicflow.engine.graph import Graph, StageSpec, expand
-from dicflow.engine.plan import Plan, make_plan
+from dicflow.engine.plan import CodePolicy, Plan, make_plan
 from dicflow.engine.store import Store
 from dicflow.errors import ConfigurationError, InputError
 from dicflow.io.configuration import Document, read
@@ -18,11 +18,10 @@ from dicflow.pipeline.sweep import Variant, variants, with_settings
 from dicflow.pipeline.wiring import Wired, wire
 
 if TYPE_CHECKING:
-    from dicflow.engine.journal import Event
+    from dicflow.engine.execute import RunResult
+    from dicflow.engine.references import Ref
 
-__all__ = ["CodePolicy", "Pipeline"]
-
-CodePolicy = Literal["recompute", "warn", "ignore"]
+__all__ = ["Pipeline"]
 
 
 @dataclass(frozen=True)
@@ -135,50 +134,26 @@ class Pipeline:
         """What is there and what has to be computed, with reasons."""
         return make_plan(self.graph, self.store, pipeline=self.name, code_policy=code_policy)
 
-    def run(
-        self,
-        *,
-        scheduler: str = "processes",
-        workers: int = 2,
-        dashboard: bool = False,
-        code_policy: CodePolicy = "recompute",
-        keep_going: bool = False,
-        on_event: Callable[[Event], None] | None = None,
-        linger: Callable[[], None] | None = None,
-    ) -> Result:
+    def run(self, **options: Any) -> Result:
         """Compute what is missing and return everything by name.
 
-        scheduler : "sync", "threads", "processes", or the address of a dask scheduler (``tcp://…``, ``tls://…``)
-        workers : number of workers of "threads" and "processes"
-        dashboard : whether dask's dashboard is served, on loopback only; its link comes as an event
-        code_policy : what to do with products of code that has changed since: "recompute", "warn" or "ignore"
-        keep_going : whether a failed stage stops only what depends on it
-        on_event : called with every event of the run
-        linger : called before the workers stop
+        options : fields of :class:`dicflow.engine.execute.Options`: ``scheduler``, ``workers``, ``dashboard``, …
         """
-        from dicflow.engine.execute import run
+        from dicflow.engine.execute import Options, run
 
-        outcome = run(
-            self.graph,
-            self.store,
-            pipeline=self.name,
-            resolved=self.resolved(),
-            scheduler=scheduler,
-            workers=workers,
-            dashboard=dashboard,
-            code_policy=code_policy,
-            keep_going=keep_going,
-            on_event=on_event,
-            worker_setup=_single_threaded,
-            linger=linger,
-        )
-        refs = {name: result.ref for name, result in outcome.outcomes.items() if result.ref is not None}
-        return Result(self.graph, self.store, refs, self.instances, [dict(v.values) for v in self.variants], outcome)
+        chosen = Options(worker_setup=_single_threaded, **options)
+        outcome = run(self.graph, self.store, pipeline=self.name, resolved=self.resolved(), options=chosen)
+        refs = {name: done.ref for name, done in outcome.outcomes.items() if done.ref is not None}
+        return self._result(refs, outcome)
 
     def result(self) -> Result:
         """What the store already holds of this pipeline, without computing anything."""
         refs = {name: entry.ref for name, entry in self.plan("ignore").entries.items() if entry.ref is not None}
-        return Result(self.graph, self.store, refs, self.instances, [dict(v.values) for v in self.variants], None)
+        return self._result(refs, None)
+
+    def _result(self, refs: Mapping[str, Ref], outcome: RunResult | None) -> Result:
+        values = [dict(variant.values) for variant in self.variants]
+        return Result(self.graph, self.store, refs, self.instances, values, outcome)
 
     def resolved(self) -> dict[str, Any]:
         """The pipeline with every default written out, as a run keeps it."""

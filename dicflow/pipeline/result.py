@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 from dicflow.engine.graph import Graph
 from dicflow.engine.product import Product
+from dicflow.engine.references import Ref, load
 from dicflow.engine.store import Store
 from dicflow.errors import ConfigurationError, DicflowError
 
@@ -17,7 +18,6 @@ if TYPE_CHECKING:
     import xarray
 
     from dicflow.engine.execute import RunResult
-    from dicflow.engine.references import Ref
 
 __all__ = ["Result"]
 
@@ -84,7 +84,7 @@ class Result:
         Raises ConfigurationError for a name that does not exist and lists those that do, DicflowError for a product
         that was not computed.
         """
-        return self._store.load(self.ref(stage, step, variant))
+        return load(self._store, self.ref(stage, step, variant))
 
     def dataset(self, stage: str, step: str | int | None = None, variant: int = 0) -> xarray.Dataset:
         """One product as an xarray dataset."""

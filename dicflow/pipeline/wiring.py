@@ -103,11 +103,9 @@ def _node(document: Document, name: str, entry: Mapping[str, Any], problems: lis
 def _complaint(document: Document, place: Place, kind: type[Node], detail: Mapping[str, Any]) -> str:
     """One line for one of pydantic's errors."""
     known = [*kind.model_fields, *kind.takes]
-    location = (
-        tuple(part for part in detail["loc"] if (*place, part) in document.positions or part in known) or detail["loc"]
-    )
-    dotted = ".".join(str(part) for part in (place[-1], *location))
-    where = document.where((*place, *_path(document, place, detail["loc"])))
+    path = _path(document, place, detail["loc"])
+    where = document.where((*place, *path))
+    dotted = ".".join(str(part) for part in (place[-1], *(path or detail["loc"])))
     if detail["type"] == "extra_forbidden":
         word = str(detail["loc"][-1])
         return f"{where}: {dotted}: unknown parameter{nearest(word, known)}; it takes {', '.join(known[1:])}"

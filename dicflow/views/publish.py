@@ -14,7 +14,7 @@ from typing import Any, NamedTuple
 
 from dicflow._version import __version__
 from dicflow.engine.product import Product
-from dicflow.engine.references import Ref
+from dicflow.engine.references import Ref, load
 from dicflow.engine.store import Store
 from dicflow.io.results import csv_text, table_text
 from dicflow.pipeline.result import Result
@@ -105,14 +105,14 @@ def _draw(
     look = views.style(maps, quantity)
     phases = maps["phases"]
     pictures = {
-        f"{base}/{step}.png": views.png(views.field_map(store.load(ref), look, f"{step} · {phase}"))
+        f"{base}/{step}.png": views.png(views.field_map(load(store, ref), look, f"{step} · {phase}"))
         for step, ref, phase in zip(steps, refs, phases, strict=True)
     }
     frames = list(pictures.values())
     for phase in dict.fromkeys(phases):
         chosen = [index for index, other in enumerate(phases) if other == phase]
         sheet = views.contact_sheet(
-            [store.load(refs[index]) for index in chosen],
+            [load(store, refs[index]) for index in chosen],
             [steps[index] for index in chosen],
             look,
             f"{look.title}, {phase}",

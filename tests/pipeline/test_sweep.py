@@ -1,0 +1,72 @@
+"""Variants of a pipeline."""
+
+import pytest
+
+from dicflow.errors import ConfigurationError
+from dicflow.io.configuration import parse
+from dicflow.pipeline.sweep import variants, with_settings
+
+BASE = "stages:\n  a: {stage: x, p: 1, deep: {q: 2}}\n  b: {stage: y}\n"
+
+
+def _values(sweep):
+    return [variant.values for variant in variants(parse(BASE + sweep, "p.yaml"))]
+
+
+def test_no_sweep_is_one_variant_without_values():
+    assert _values("") == [{}]
+
+
+def test_grid_combines_every_value_with_every_other():
+    assert _values("sweep: {grid: {a.p: [1, 2], b.r: [x, y, z]}}") == [
+        {"a.p": p, "b.r": r} for p in (1, 2) for r in ("x", "y", "z")
+    ]
+
+
+def test_zip_goes_along_and_multiplies_with_grid():
+    values = _values("sweep: {grid: {a.p: [1, 2]}, zip: {b.r: [5, 6], b.s: [7, 8]}}")
+    assert values == [{"a.p": p, "b.r": r, "b.s": s} for p in (1, 2) for r, s in ((5, 7), (6, 8))]
+
+
+def test_list_adds_and_exclude_removes():
+    values = _values("sweep: {grid: {a.p: [1, 2]}, list: [{a.p: 9}], exclude: [{a.p: 2}]}")
+    assert values == [{"a.p": 1}, {"a.p": 9}]
+
+
+def test_a_value_goes_to_its_place_and_leaves_the_file_alone():
+    document = parse(BASE + "sweep: {grid: {a.deep.q: [3], b.new.r: [4]}}", "p.yaml")
+    (variant,) = variants(document)
+    assert variant.document.data["stages"] == {
+        "a": {"stage": "x", "p": 1, "deep": {"q": 3}},
+        "b": {"stage": "y", "new": {"r": 4}},
+    }
+    assert document.data["stages"]["a"]["deep"] == {"q": 2}
+
+
+def test_settings_change_or_sweep():
+    document = with_settings(parse(BASE, "p.yaml"), ["a.p=[1, 2]", "a.deep.q=1e-3,2 cm"])
+    assert document.data["stages"]["a"]["p"] == [1, 2]
+    assert [variant.values for variant in variants(document)] == [{"a.deep.q": 0.001}, {"a.deep.q": "2 cm"}]
+
+
+@pytest.mark.parametrize(
+    ("sweep", "message"),
+    [
+        ("sweep: {gird: {}}", r"p.yaml:4:9: sweep: unknown key 'gird', did you mean 'grid'\?"),
+        ("sweep: {grid: {a.p: 3}}", "p.yaml:4:9: sweep: 'grid' maps each parameter to a list"),
+        ("sweep: {zip: {a.p: [1], b.r: [1, 2]}}", "one length"),
+        ("sweep: {grid: {a.p: [1]}, zip: {a.p: [2]}}", "under grid and zip"),
+        ("sweep: {grid: {c.p: [1]}}", "no stage 'c'"),
+        ("sweep: {grid: {a.p: [1]}, exclude: [{a.p: 1}]}", "no variant left"),
+        ("sweep: 3", "expected a mapping"),
+    ],
+)
+def test_what_is_wrong_with_a_sweep(sweep, message):
+    with pytest.raises(ConfigurationError, match=message):
+        _values(sweep)
+
+
+@pytest.mark.parametrize("setting", ["a.p", "p=3", "=3"])
+def test_settings_of_another_form(setting):
+    with pytest.raises(ConfigurationError, match=r"write stage\.parameter=value"):
+        with_settings(parse(BASE, "p.yaml"), [setting])

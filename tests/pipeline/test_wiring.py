@@ -1,0 +1,75 @@
+"""Pipeline files: what is wrong is told with its place, all at once."""
+
+import pytest
+
+from dicflow.errors import ConfigurationError
+from dicflow.io.configuration import parse
+from dicflow.pipeline.wiring import wire
+
+GOOD = """\
+dicflow: 1
+stages:
+  photos:  {stage: images, left: l/*.png, right: r/*.png}
+  boards:  {stage: images, left: bl/*.png, right: br/*.png}
+  corners: {stage: corners, images: boards, size: [9, 6]}
+  rig:     {stage: calibrate, square: 14.5 mm}
+  pair:    {stage: rectify, images: photos}
+"""
+
+
+def _wire(text):
+    return wire(parse(text, "p.yaml"))
+
+
+def test_an_input_that_can_be_only_one_need_not_be_named():
+    wired = _wire(GOOD)
+    assert wired["rig"].inputs == {"corners": "corners"}
+    assert wired["pair"].inputs == {"images": "photos", "rig": "rig"}
+
+
+def test_units_are_resolved():
+    other = _wire(GOOD.replace("14.5 mm", "1.45 cm"))
+    assert other["rig"].node == _wire(GOOD)["rig"].node
+    assert other["rig"].node.square == 14.5
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "message"),
+    [
+        ("square: 14.5 mm", "sqare: 14.5 mm", r"p.yaml:6:31: rig.sqare: unknown parameter, did you mean 'square'\?"),
+        ("square: 14.5 mm", "square: 14.5 px", r"p.yaml:6:31: rig.square: '14.5 px' is no quantity in mm"),
+        ("square: 14.5 mm", "square: -3", r"p.yaml:6:31: rig.square: .*greater than 0, found -3"),
+        ("square: 14.5 mm", "square: .nan", r"p.yaml:6:31: rig.square: .*finite"),
+        (", square: 14.5 mm", "", r"p.yaml:6:3: rig.square: is missing; give side of one square"),
+        ("stage: rectify", "stage: rectfy", r"p.yaml:7:13: pair: no stage 'rectfy', did you mean 'rectify'\?"),
+        ("images: photos", "images: photo", r"p.yaml:7:29: pair.images: no stage 'photo', did you mean 'photos'\?"),
+        ("images: photos", "images: rig", r"p.yaml:7:29: pair.images: 'rig' gives rig, not images; name one of"),
+        (", images: photos", "", r"p.yaml:7:3: pair.images: needs images; name one of photos, boards"),
+        ("size: [9, 6]", "size: [9]", r"p.yaml:5:46: corners.size"),
+        ("size: [9, 6]", "size: [9, 1]", r"p.yaml:5:55: corners.size.1: .*greater than or equal to 3, found 1"),
+        ("dicflow: 1", "dicflow: 9", r"p.yaml:1:1: this release reads format 1, the file says 9"),
+        ("dicflow: 1", "sweeps: {}", r"p.yaml:1:1: unknown key 'sweeps', did you mean 'sweep'\?"),
+        ("rig:     {stage: calibrate", "3rig:    {stage: calibrate", r"p.yaml:6:3: '3rig' is no name for a stage"),
+        (
+            "pair:    {stage: rectify",
+            "pair:    {kind: rectify",
+            r"p.yaml:7:3: pair: expected a mapping with 'stage: …'",
+        ),
+    ],
+)
+def test_typical_typos(old, new, message):
+    assert old in GOOD
+    with pytest.raises(ConfigurationError, match=message):
+        _wire(GOOD.replace(old, new, 1))
+
+
+def test_all_that_is_wrong_is_told_at_once():
+    text = GOOD.replace("square: 14.5 mm", "square: 0").replace("photos}", "phots}")
+    with pytest.raises(ConfigurationError) as caught:
+        _wire(text)
+    assert str(caught.value).count("p.yaml:") == 2
+
+
+def test_no_stages():
+    with pytest.raises(ConfigurationError, match="'stages:' must map names to stages"):
+        _wire("dicflow: 1\n")
