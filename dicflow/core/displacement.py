@@ -190,10 +190,8 @@ def _carried_windows(transforms: Array, region: Sequence[Polygon]) -> tuple[Arra
 
 def _cell_centres(box: Array) -> Array:
     """Centres (row, col, 2) of the cells of a box (x0, y0, x1, y1) [px]."""
-    x, y = (
-        np.arange(low, max(high - 1e-9, low + 1e-9), WINDOW_PX) + WINDOW_PX / 2.0
-        for low, high in ((box[0], box[2]), (box[1], box[3]))
-    )
+    x0, y0, x1, y1 = box
+    x, y = np.arange(x0, x1, WINDOW_PX) + WINDOW_PX / 2.0, np.arange(y0, y1, WINDOW_PX) + WINDOW_PX / 2.0
     return np.stack(np.meshgrid(x, y), axis=-1)
 
 

@@ -69,12 +69,12 @@ def outline_span(exterior: Array, x: Array) -> Array:
 def tracked_length(points: Array, reference: Array, exterior: Array) -> float:
     """Mean distance between the material points that lay on the upper and lower edge at the first step.
 
-    points : (row, col, 3) — the material grid in space at this step [mm]
+    points : (row, col, k) — the material grid at this step, in space [mm] or in the image [px]
     reference : (row, col, 2) — the grid in the image at the first step [px]
     exterior : (n, 2) — outline of the region at the first step [px]
 
     The grid ends before the edges: every column is continued to the outline along its reference y.
-    Returns the length [mm]; NaN where no column comes near both edges.
+    Returns the length [mm or px]; NaN where no column comes near both edges.
     """
     spans = outline_span(exterior, reference[0, :, 0])
     ends = [
@@ -82,7 +82,7 @@ def tracked_length(points: Array, reference: Array, exterior: Array) -> float:
         for col, span in enumerate(spans)
         if np.isfinite(span).all()
     ]
-    return _mean_distance(np.array(ends).reshape(-1, 2, 3))
+    return _mean_distance(np.array(ends).reshape(-1, 2, points.shape[-1]))
 
 
 def _path(ring: Array, first: int, last: int, avoid: tuple[int, int]) -> Array:
@@ -100,7 +100,7 @@ def _divide(line: Array) -> Array:
 
 
 def _at(values: Array, places: Array, edge: float) -> Array:
-    """Value (3,) at an edge of values (n, 3) along increasing places (n,); NaN where none is near."""
+    """Value (k,) at an edge of values (n, k) along increasing places (n,); NaN where none is near."""
     known = np.isfinite(values).all(axis=1) & np.isfinite(places)
     missing = np.full(values.shape[1], np.nan)
     if not known.any():
@@ -118,7 +118,7 @@ def _at(values: Array, places: Array, edge: float) -> Array:
 
 
 def _mean_distance(ends: Array) -> float:
-    """Mean over n of the distance between ends (n, 2, 3); NaN without any."""
+    """Mean over n of the distance between ends (n, 2, k); NaN without any."""
     distances = np.linalg.norm(ends[:, 1] - ends[:, 0], axis=-1)
     distances = distances[np.isfinite(distances)]
     return float(distances.mean()) if distances.size else float("nan")

@@ -106,6 +106,12 @@ def test_bisquare_keeps_95_percent_efficiency():
     assert plain / robust == pytest.approx(0.95, abs=0.04)
 
 
+def test_rmse_of_a_bisquare_fit_reads_low():
+    """√(∫ w r² φ / ∫ w φ) = 0.913 with the weights of bisquare and the normal density φ."""
+    _, field = bowl(noise=0.25)
+    assert fit_surface(field, (2, 2), "bisquare").quality.rmse == pytest.approx(0.913 * 0.25, rel=0.03)
+
+
 def test_lar_of_a_constant_is_the_median():
     field = np.random.default_rng(4).exponential(size=(60, 50))
     surface = fit_surface(field, (0, 0), "lar")
@@ -183,3 +189,8 @@ def test_lowess_rmse_is_the_noise():
     _, field = bowl(noise=0.2)
     fit = fit_lowess(field, (31, 31), 2).quality
     assert fit.rmse == pytest.approx(0.2, rel=0.03)
+
+
+def test_lowess_without_points_is_refused():
+    with pytest.raises(ValueError, match="no window of 21 × 21 holds enough points"):
+        fit_lowess(np.full((30, 30), np.nan), (21, 21), 1, "bisquare")

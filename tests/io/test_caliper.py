@@ -1,0 +1,59 @@
+import numpy as np
+import pytest
+
+from dicflow.errors import InputError
+from dicflow.io.caliper import read_caliper
+
+
+def written(tmp_path, text):
+    path = tmp_path / "lengths.csv"
+    path.write_text(text, encoding="utf-8")
+    return path
+
+
+def test_table(tmp_path):
+    path = written(tmp_path, "phase,load_g,length_mm\nloading,0,59.95\nLoading, 68.53, 64.4\nunloading,0,60\n")
+    table = read_caliper(path)
+    assert table.phase == ("loading", "loading", "unloading")
+    assert np.array_equal(table.load_g, [0.0, 68.53, 0.0])
+    assert np.array_equal(table.length_mm, [59.95, 64.4, 60.0])
+
+
+def test_comments_blank_lines_a_mark_and_other_columns(tmp_path):
+    text = "\ufeff# specimen 3\n\nlength, caliper_length_mm ,phase,load_g\n# at rest\na,59.95,loading,0\n\n"
+    assert read_caliper(written(tmp_path, text)).length_mm.tolist() == [59.95]
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("", "has no rows"),
+        ("phase,load_g,length_mm\n", "has no rows"),
+        ("phase,load_g,size\nloading,0,1\n", r"lengths\.csv:1: no column 'length_mm' among phase, load_g, size"),
+        ("# a\nphase,length_mm\nloading,1\n", r"lengths\.csv:2: no column 'load_g'"),
+        ("phase,load_g,length_mm\nloading,0,1\nloading,1\n", r"lengths\.csv:3: has 2 values under 3 columns"),
+        (
+            "phase,load_g,length_mm\nloading,0,59;9\n",
+            r"lengths\.csv:2: length_mm is '59;9'; expected a positive number",
+        ),
+        ("phase,load_g,length_mm\nloading,0,0\n", r"lengths\.csv:2: length_mm is '0'"),
+        ("phase,load_g,length_mm\nloading,-1,5\n", r"lengths\.csv:2: load_g is '-1'; expected a number, not negative"),
+        ("phase,load_g,length_mm\nloading,nan,5\n", r"lengths\.csv:2: load_g is 'nan'"),
+        (
+            "phase,load_g,length_mm\nresting,0,5\n",
+            r"lengths\.csv:2: the phase is 'resting'; write loading or unloading",
+        ),
+    ],
+)
+def test_what_is_wrong_is_named(tmp_path, text, message):
+    with pytest.raises(InputError, match=message):
+        read_caliper(written(tmp_path, text))
+
+
+def test_a_missing_or_binary_file_is_named(tmp_path):
+    with pytest.raises(InputError, match="cannot be read"):
+        read_caliper(tmp_path / "absent.csv")
+    path = tmp_path / "picture.csv"
+    path.write_bytes(b"\xff\xd8\xff\xe0")
+    with pytest.raises(InputError, match=r"picture\.csv: cannot be read"):
+        read_caliper(path)

@@ -1,0 +1,133 @@
+import json
+
+import numpy as np
+import pytest
+from analytic import affine, cloud, run_all, track, tracks
+
+from dicflow.core.region import polygons_to_attrs
+from dicflow.engine.product import Product, Variable
+from dicflow.errors import InputError, StageError
+from dicflow.stages.compare import Compare
+
+LENGTHS = [12.0, 15.0, 24.0, 18.0]
+PHASES = ["loading", "loading", "loading", "unloading"]
+TOTALS = [affine(xx=(12.0 / length) ** 0.5, yy=length / 12.0) for length in LENGTHS]
+
+
+def table(tmp_path, lengths=LENGTHS):
+    path = tmp_path / "caliper.csv"
+    rows = [f"{phase},{100 * k},{length}" for k, (phase, length) in enumerate(zip(PHASES, lengths, strict=False))]
+    path.write_text("\n".join(["phase,load_g,length_mm", *rows]) + "\n")
+    return path
+
+
+def compare(path, clouds=None, totals=TOTALS, **parameters):
+    return Compare(caliper=str(path), **parameters).run(track=tracks(totals), cloud=clouds, caliper_path=path)
+
+
+@pytest.mark.parametrize("length", ["tracked", "cloud"])
+def test_perfect_lengths_have_no_error(tmp_path, length):
+    result = compare(table(tmp_path), [cloud()] * 4, length=length)
+    assert np.allclose(result["dic_length_mm"], LENGTHS, atol=1e-8)
+    assert np.allclose(result["cloud_length_mm"], result["tracked_length_mm"], atol=1e-8)
+    assert np.allclose(result["displacement_error_mm"], 0.0, atol=1e-8)
+    assert np.allclose(result["dic_strain"], np.array(LENGTHS) / 12 - 1)
+    assert result.attrs["summary"]["max_strain_error_pct"] < 1e-6
+    assert result.attrs["summary"]["measured_steps"] == 4
+    assert result.attrs["length"] == length
+
+
+def test_columns_are_the_thesis_tables(tmp_path):
+    result = compare(table(tmp_path), [cloud()] * 4)
+    expected = [
+        *("phase", "load_g", "caliper_length_mm", "caliper_displacement_mm", "caliper_strain"),
+        *("dic_length_mm", "dic_displacement_mm", "dic_strain"),
+        *("displacement_error_mm", "displacement_error_pct", "strain_error", "strain_error_pct"),
+    ]
+    assert list(result.attrs["rows"][0])[: len(expected)] == expected
+    assert [row["phase"] for row in result.attrs["rows"]] == PHASES
+    assert result.variables["displacement_error_pct"].units == "%"
+    assert result.variables["caliper_strain"].units == "1"
+    assert result.variables["load_g"].units == "g"
+    json.dumps(result.attrs, allow_nan=False)
+
+
+def test_errors_as_in_the_tables(tmp_path):
+    """A caliper that reads 12, 14.7, … against 12, 15, …: 0.3 mm of 2.7 mm too much."""
+    result = compare(table(tmp_path, [12.0, 14.7, 24.0, 18.0]), [cloud()] * 4)
+    row = result.attrs["rows"][1]
+    assert row["displacement_error_mm"] == pytest.approx(0.3)
+    assert row["displacement_error_pct"] == pytest.approx(100 * 0.3 / 2.7)
+    assert row["strain_error"] == pytest.approx(0.025)
+    assert row["strain_error_pct"] == pytest.approx(100 * 0.025 / 0.225)
+    assert result.attrs["rows"][0]["displacement_error_pct"] == 0.0
+    assert result.attrs["summary"]["max_displacement_error_pct"] == pytest.approx(100 * 0.3 / 2.7)
+    assert result.attrs["summary"]["max_displacement_error_mm"] == pytest.approx(0.3)
+
+
+def test_a_tilted_specimen_is_measured_in_space(tmp_path):
+    result = compare(table(tmp_path), [cloud((0.0, 0.75))] * 4)
+    assert np.allclose(result["dic_length_mm"], 1.25 * np.array(LENGTHS), atol=1e-8)
+    assert result.attrs["summary"]["max_strain_error_pct"] < 1e-6
+
+
+def test_axis_x(tmp_path):
+    totals = [affine(xx=length / 12.0) for length in LENGTHS]
+    for length in ("tracked", "cloud"):
+        result = compare(table(tmp_path), [cloud(shape=(200, 200))] * 4, totals, axis="x", length=length)
+        assert np.allclose(result["dic_length_mm"], 0.5 * np.array(LENGTHS), atol=1e-8)
+
+
+def test_one_camera_compares_strain_only(tmp_path):
+    result = compare(table(tmp_path))
+    assert np.allclose(result["dic_length_px"], 10 * np.array(LENGTHS))
+    assert "displacement_error_mm" not in result
+    assert "cloud_length_px" not in result
+    assert set(result.attrs["summary"]) == {"measured_steps", "max_strain_error_pct"}
+    with pytest.raises(StageError, match="use length: tracked"):
+        compare(table(tmp_path), length="cloud")
+
+
+def test_mean_strain_of_the_field_stands_beside(tmp_path):
+    path = table(tmp_path)
+    totals = [total for _, _, total in run_all(TOTALS, [cloud()] * 4)]
+    result = Compare(caliper=str(path)).run(track=tracks(TOTALS), cloud=[cloud()] * 4, total=totals, caliper_path=path)
+    assert np.allclose(result["field_strain"], np.array(LENGTHS) / 12 - 1)
+
+
+def test_a_lost_step_is_empty_and_the_others_count(tmp_path):
+    steps = tracks(TOTALS)
+    lost = np.full_like(steps[2]["points"], np.nan)
+    variables = {**steps[2].variables, "points": Variable(("row", "col", "component"), lost)}
+    steps[2] = Product("track", variables, steps[2].attrs)
+    path = table(tmp_path)
+    result = Compare(caliper=str(path)).run(track=steps, caliper_path=path)
+    assert result.attrs["rows"][2]["dic_length_px"] is None
+    assert result.attrs["summary"]["measured_steps"] == 3
+
+
+def test_the_largest_part_of_a_region_is_measured(tmp_path):
+    steps = tracks(TOTALS)
+    crumb = [{"exterior": [[0, 0], [3, 0], [3, 3]], "holes": []}]
+    parts = [Product("track", s.variables, {**s.attrs, "polygons": crumb + s.attrs["polygons"]}) for s in steps]
+    path = table(tmp_path)
+    result = Compare(caliper=str(path)).run(track=parts, cloud=[cloud()] * 4, caliper_path=path)
+    assert np.allclose(result["cloud_length_mm"], LENGTHS, atol=1e-8)
+
+
+def test_wrong_number_of_rows_names_both(tmp_path):
+    with pytest.raises(StageError, match=r"caliper\.csv: has 3 rows, but there are 4 steps"):
+        compare(table(tmp_path, LENGTHS[:3]))
+
+
+def test_the_table_is_checked_before_anything_runs(tmp_path):
+    path = table(tmp_path)
+    assert Compare(caliper=str(path)).check(path) == {"rows": 4}
+    path.write_text("phase,load_g,length_mm\nloading,0,long\n")
+    with pytest.raises(InputError, match=r"caliper\.csv:2: length_mm is 'long'"):
+        Compare(caliper=str(path)).check(path)
+
+
+def test_polygons_of_the_track_are_json():
+    assert json.loads(json.dumps(track(np.eye(3)).attrs["polygons"])) == track(np.eye(3)).attrs["polygons"]
+    assert polygons_to_attrs([]) == []
