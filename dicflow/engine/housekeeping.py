@@ -69,7 +69,7 @@ def collect(store: Store, *, keep_runs: int = 5, delete: bool = False, grace_s: 
             for path in paths:
                 shutil.rmtree(path) if path.is_dir() else path.unlink(missing_ok=True)
     return Garbage(
-        [name for name, _ in objects],
+        sorted({name for name, _ in objects}),
         [name for name, _ in records],
         [name for name, _ in folders],
         [str(path.relative_to(store.path)) for path in loose],
@@ -79,14 +79,14 @@ def collect(store: Store, *, keep_runs: int = 5, delete: bool = False, grace_s: 
 
 
 def verify(store: Store, *, repair: bool = False) -> list[Damage]:
-    """Read everything and compare it with its digests.
+    """Read everything and compare it with its digests; arrays without a manifest, left by a kill, do no harm.
 
     repair : move damaged products into quarantine and delete damaged records, so that they are made again
     Raises StoreError where that cannot be done.
     """
     found = []
     for name, path in _named(store, "objects"):
-        reason = _fault(store, name, path)
+        reason = _fault(store, name, path) if path.suffix == ".json" or not name else ""
         if reason:
             found.append(Damage(name, reason))
             if repair and name:
@@ -159,16 +159,17 @@ def _named(store: Store, part: str) -> Iterator[tuple[str, Path]]:
 
 
 def _fault(store: Store, name: str, path: Path) -> str:
-    """What is wrong with a product, "" where nothing is."""
-    manifest = Manifest.from_json(read_json(path / "manifest.json" if path.is_dir() else path))
+    """What is wrong with a product by its manifest, "" where nothing is."""
+    manifest = Manifest.from_json(read_json(path))
     if not name or manifest is None or manifest.digest != name:
         return f"{path}: no manifest that fits its name"
     if digest_json(manifest.content) != name:
         return f"{path}: the manifest's content does not fit its digest"
-    lacking = [file for file, nbytes in manifest.files.items() if _size(path / file) != nbytes]
+    folder = store.object_path(name)
+    lacking = [file for file, nbytes in manifest.files.items() if _size(folder / file) != nbytes]
     if lacking:
-        return f"{path}: {lacking[0]} is missing or has another size"
-    return _array_fault(path, manifest.content["variables"]) if manifest.kept else ""
+        return f"{folder / lacking[0]}: is missing or has another size"
+    return _array_fault(folder, manifest.content["variables"]) if manifest.kept else ""
 
 
 def _array_fault(folder: Path, variables: Mapping[str, Mapping[str, str]]) -> str:

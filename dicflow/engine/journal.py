@@ -116,11 +116,10 @@ class Journal:
         self.pipeline = pipeline
         self.folder = store.path / "runs" / self.id
         self._store = store
-        with store.writing():
-            self.folder.mkdir(parents=True)
-            self._file = (self.folder / "journal.jsonl").open("a", encoding="utf-8")
         about = {"id": self.id, "pipeline": pipeline, "started": now, "resolved": resolved}
         store.write_json(self.folder / "pipeline.json", about)
+        with store.writing():
+            self._file = (self.folder / "journal.jsonl").open("a", encoding="utf-8")
 
     def write(self, event: Event) -> None:
         """Append an event, in vain on a full disk: the tasks tell of that themselves."""

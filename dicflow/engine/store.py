@@ -3,13 +3,14 @@
 ::
 
     store/  dicflow.json  files.index  pins.json
-      objects/ab/<digest>/       a zarr group, and last of all manifest.json
-      objects/ab/<digest>.json   the manifest alone: a product without arrays, or one that is remade when it is used
+      objects/ab/<digest>/       the arrays of a product as a zarr group; none where it is remade when it is used
+      objects/ab/<digest>.json   its manifest: what it is, and the sizes of the group's files
       actions/ab/<key>.json      a record
       runs/<id>/                 pipeline, journal and index of a run
       tmp/  quarantine/
 
-Nothing is ever changed in its place: it is written in ``tmp`` and renamed, the object before the record that names it.
+Nothing is ever changed in its place: it is written in ``tmp`` and renamed, first the arrays, then the manifest that
+names them, then the record that names the product.
 So a killed process leaves nothing that could be taken for a result, and writers need no lock.
 """
 
@@ -20,8 +21,9 @@ import json
 import os
 import shutil
 import uuid
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
+from dataclasses import replace
 from functools import cached_property
 from pathlib import Path
 from typing import Any, Literal
@@ -112,29 +114,20 @@ class Store:
     # objects
 
     def object_path(self, digest: str) -> Path:
-        """Where the group of a product is; its manifest alone has the suffix ``.json`` instead."""
+        """Where the group of a product is; its manifest has the suffix ``.json``."""
         return self.path / "objects" / _hex(digest)[:2] / _hex(digest)
 
     def manifest(self, digest: str) -> Manifest | None:
         """The manifest of a product, None where there is none that can be read."""
-        folder = self.object_path(digest)
-        for path in (folder / "manifest.json", folder.with_suffix(".json")):
-            found = Manifest.from_json(read_json(path))
-            if found is not None and found.digest == digest:
-                return found
-        return None
+        found = Manifest.from_json(read_json(self.object_path(digest).with_suffix(".json")))
+        return found if found is not None and found.digest == digest else None
 
     def inspect(self, digest: str) -> tuple[State, Manifest | None]:
         """Whether a product is there with all its files in their sizes, and its manifest if so."""
-        folder = self.object_path(digest)
         found = self.manifest(digest)
         if found is None:
-            return ("damaged" if folder.exists() or folder.with_suffix(".json").exists() else "missing"), None
-        try:
-            whole = all(os.stat(folder / name).st_size == size for name, size in found.files.items())
-        except OSError:
-            whole = False
-        return ("complete", found) if whole else ("damaged", None)
+            return ("damaged" if self.object_path(digest).with_suffix(".json").exists() else "missing"), None
+        return ("complete", found) if _holds(self.object_path(digest), found.files) else ("damaged", None)
 
     def put(self, product: Product, manifest: Manifest, keep: bool) -> Manifest:
         """Keep a product, or where ``keep`` is false its manifest alone. What is there already is left as it is.
@@ -146,11 +139,11 @@ class Store:
             self.quarantine(manifest.digest)
         if present is not None and (present.kept or not keep):
             return present
-        if not manifest.content["variables"] or not keep:
-            alone = Manifest(manifest.digest, manifest.content, manifest.nbytes, not manifest.content["variables"])
-            self.write_json(self.object_path(alone.digest).with_suffix(".json"), alone.to_json())
-            return alone
-        return self._put_group(product, manifest)
+        kept = keep or not manifest.content["variables"]
+        files = self._put_group(product, manifest.digest) if kept and manifest.content["variables"] else {}
+        whole = replace(manifest, kept=kept, files=files)
+        self.write_json(self.object_path(manifest.digest).with_suffix(".json"), whole.to_json())
+        return whole
 
     def quarantine(self, digest: str) -> None:
         """Move what is left of a damaged product aside. Raises StoreError."""
@@ -175,27 +168,27 @@ class Store:
                 draft.unlink(missing_ok=True)
                 raise
 
-    def _put_group(self, product: Product, manifest: Manifest) -> Manifest:
-        folder = self.object_path(manifest.digest)
+    def _put_group(self, product: Product, digest: str) -> dict[str, int]:
+        folder = self.object_path(digest)
         with self.writing():
             draft = self._draft()
             try:
                 files = write_group(draft, product)
-                whole = Manifest(manifest.digest, manifest.content, manifest.nbytes, True, files)
-                (draft / "manifest.json").write_text(json.dumps(whole.to_json()), encoding="utf-8")
                 folder.parent.mkdir(parents=True, exist_ok=True)
-                self._rename_group(draft, folder)
+                if folder.exists() and not _holds(folder, files):
+                    self.quarantine(digest)
+                self._rename_group(draft, folder, files)
             finally:
                 shutil.rmtree(draft, ignore_errors=True)
-        return whole
+        return files
 
     @staticmethod
-    def _rename_group(draft: Path, folder: Path) -> None:
-        """Put the group in its place, unless another writer was there first: its contents are the same."""
+    def _rename_group(draft: Path, folder: Path, files: Mapping[str, int]) -> None:
+        """Put the group in its place, unless the same stands there: another writer was first, or was killed."""
         try:
             os.rename(draft, folder)
         except OSError:
-            if not (folder / "manifest.json").is_file():
+            if not _holds(folder, files):
                 raise
 
     def _draft(self) -> Path:
@@ -222,6 +215,14 @@ def read_json(path: Path) -> Any:
         return json.loads(path.read_bytes())
     except (OSError, ValueError):
         return None
+
+
+def _holds(folder: Path, files: Mapping[str, int]) -> bool:
+    """Whether all files are in a folder, in their sizes."""
+    try:
+        return all(os.stat(folder / name).st_size == size for name, size in files.items())
+    except OSError:
+        return False
 
 
 def _hex(digest: str) -> str:

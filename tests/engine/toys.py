@@ -9,8 +9,11 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, ClassVar, Literal
 
+from dicflow.engine.execute import Options, RunResult, run
+from dicflow.engine.graph import Graph, StageSpec, expand
 from dicflow.engine.node import At, InputFile, Millimetres, Node, Port, Scope, parameter
 from dicflow.engine.product import Product, Variable
+from dicflow.engine.store import Store
 from dicflow.errors import InputError, StageError
 
 
@@ -183,3 +186,38 @@ class Trouble(Node):
         if self.how == "interrupt":
             os.kill(os.getpid(), signal.SIGINT)
         return field("other" if self.how == "kind" else "number", number["values"])
+
+
+def numbers(folder: Path, count: int = 6) -> Path:
+    """A folder of files 1 … count, old enough for the index of files to trust them."""
+    folder.mkdir(parents=True, exist_ok=True)
+    for number in range(1, count + 1):
+        write(folder / f"step_{number:02d}.txt", str(number))
+    return folder
+
+
+def write(path: Path, text: str, age_s: float = 60.0) -> None:
+    """Write a file as if it had been written some time ago."""
+    path.write_text(text)
+    then = time.time() - age_s
+    os.utime(path, (then, then))
+
+
+def chain(folder: Path, keep: str = "auto", **parameters: Any) -> Graph:
+    """Files → rig and scaled numbers → differences → totals → report. For 6 files 24 tasks."""
+    scale = Scale(keep=keep, **parameters)
+    return expand(
+        {
+            "read": StageSpec(Read(keep=keep), {}, folder),
+            "rig": StageSpec(Rig(), {"numbers": "read"}),
+            "scale": StageSpec(scale, {"number": "read", "rig": "rig"}, folder),
+            "difference": StageSpec(Difference(keep=keep), {"before": "scale", "now": "scale"}),
+            "total": StageSpec(Total(), {"difference": "difference", "first": "read"}),
+            "report": StageSpec(Report(), {"totals": "total"}),
+        }
+    )
+
+
+def run_sync(graph: Graph, store: Store, **options: Any) -> RunResult:
+    """Run in this process, under the pipeline name "toys"."""
+    return run(graph, store, pipeline="toys", options=Options(**{"scheduler": "sync", **options}))

@@ -1,0 +1,31 @@
+"""The engine's toy stages for all of its tests; worker processes inherit the path to them."""
+
+import sys
+from pathlib import Path
+
+import pytest
+
+sys.path.insert(0, str(Path(__file__).parent))
+
+from dicflow.engine.references import cache
+from dicflow.engine.store import Store
+
+
+@pytest.fixture
+def folder(tmp_path):
+    """Six files, step_01 … step_06, that hold the numbers 1 … 6."""
+    from toys import numbers
+
+    return numbers(tmp_path / "numbers")
+
+
+@pytest.fixture
+def store(tmp_path):
+    """An empty store."""
+    return Store.open(tmp_path / "store")
+
+
+@pytest.fixture(autouse=True)
+def _no_products_in_memory():
+    """Every test reads from its store, not from what another test has made."""
+    cache.clear()

@@ -1,0 +1,286 @@
+import errno
+import json
+import os
+import shutil
+import subprocess
+from pathlib import Path
+
+import numpy as np
+import pytest
+import xarray
+from toys import chain, field, run_sync
+
+from dicflow.engine import objects
+from dicflow.engine.objects import Manifest, describe, normalised
+from dicflow.engine.product import Product, Variable
+from dicflow.engine.records import Record, versions
+from dicflow.engine.references import Ref, load
+from dicflow.engine.store import FORMAT, DamagedError, Store
+from dicflow.errors import StageError, StoreError
+
+ROOT = getattr(os, "geteuid", lambda: 1)() == 0
+
+
+def put(store, product, keep=True):
+    product = normalised(product)
+    return store.put(product, describe(product), keep)
+
+
+def cloud(rows=400):
+    rng = np.random.default_rng(1)
+    xyz = rng.normal(size=(rows, 600, 3)).astype(np.float32)
+    xyz[0, 0] = np.nan
+    return Product(
+        "cloud",
+        {
+            "xyz": Variable(("row", "col", "component"), xyz, "mm", "position"),
+            "status": Variable(("row", "col"), rng.integers(0, 5, (rows, 600)).astype(np.uint8), "1", "reason"),
+            "nothing": Variable(("feature",), np.zeros(0), "px", "nothing"),
+            "one": Variable((), np.array(3.5), "mm", "a number"),
+        },
+        {"origin": [1.5, 2.5], "summary": {"valid_share": 0.9}},
+    )
+
+
+def test_a_product_comes_back_as_it_was(store):
+    before = cloud()
+    after = load(store, Ref(put(store, before).digest))
+    assert (after.kind, after.attrs) == (before.kind, before.attrs)
+    assert list(after.variables) == list(before.variables)
+    for name, variable in before.variables.items():
+        np.testing.assert_array_equal(after[name], variable.values)
+        assert after[name].dtype == variable.values.dtype
+        assert after.variables[name][0::2] == variable[0::2]
+
+
+def test_arrays_are_read_when_they_are_used(store, monkeypatch):
+    digest = put(store, cloud()).digest
+    read = []
+    monkeypatch.setattr("dicflow.engine.references.read_array", lambda _, name: read.append(name) or np.zeros(1))
+    product = load(store, Ref(digest))
+    assert "xyz" in product
+    assert read == []
+    assert product["status"] is product["status"]
+    assert read == ["status"]
+
+
+def test_xarray_opens_a_stored_product(store):
+    digest = put(store, cloud()).digest
+    with xarray.open_zarr(store.object_path(digest), consolidated=False) as dataset:
+        assert dataset.xyz.dims == ("row", "col", "component")
+        assert dataset.xyz.attrs == {"units": "mm", "long_name": "position"}
+        np.testing.assert_array_equal(dataset.xyz.values, cloud()["xyz"])
+        assert dataset.attrs["origin"] == [1.5, 2.5]
+
+
+def test_a_large_field_has_one_chunk_per_plane():
+    assert objects._chunks((1200, 2400, 3), 69_000_000) == (1200, 2400, 1)
+    assert objects._chunks((1200, 2400), 23_000_000) == (1200, 2400)
+    assert objects._chunks((40, 40, 3), 38_400) == (40, 40, 3)
+
+
+def test_a_product_without_arrays_is_one_file(store):
+    digest = put(store, Product("rig", attrs={"a": (1, 2)})).digest
+    assert not store.object_path(digest).exists()
+    assert load(store, Ref(digest)).attrs == {"a": [1, 2]}
+
+
+def test_one_content_is_kept_once(store):
+    first = put(store, cloud())
+    path = store.object_path(first.digest).with_suffix(".json")
+    inode = path.stat().st_ino
+    assert put(store, cloud()) == first
+    assert path.stat().st_ino == inode
+    assert not list((store.path / "tmp").iterdir())
+
+
+def test_what_was_not_kept_can_be_kept_later(store):
+    alone = put(store, field("a", [1.0]), keep=False)
+    assert (alone.kept, store.inspect(alone.digest)[0]) == (False, "complete")
+    with pytest.raises(StoreError, match="was not kept; run the pipeline again"):
+        load(store, Ref(alone.digest))["values"]
+    assert put(store, field("a", [1.0])).kept
+    assert load(store, Ref(alone.digest))["values"] == [1.0]
+
+
+def test_losing_or_cutting_any_file_of_an_object_is_noticed(store):
+    digest = put(store, cloud()).digest
+    folder = store.object_path(digest)
+    for path in [path for path in sorted(folder.rglob("*")) if path.is_file()]:
+        content = path.read_bytes()
+        path.write_bytes(content[:-1])
+        assert store.inspect(digest)[0] == "damaged", path
+        path.unlink()
+        assert store.inspect(digest)[0] == "damaged", path
+        path.write_bytes(content)
+    assert store.inspect(digest)[0] == "complete"
+    shutil.rmtree(folder)
+    assert store.inspect(digest)[0] == "damaged"
+
+
+def test_a_damaged_object_is_replaced(store):
+    digest = put(store, cloud()).digest
+    store.object_path(digest).with_suffix(".json").write_text("{")
+    put(store, cloud())
+    assert store.inspect(digest)[0] == "complete"
+    assert len(list((store.path / "quarantine").iterdir())) == 2
+
+
+def test_arrays_left_by_a_killed_writer_are_taken_over_or_put_aside(store):
+    """The arrays were renamed, the manifest was not written."""
+    digest = put(store, cloud()).digest
+    manifest = store.object_path(digest).with_suffix(".json")
+    manifest.unlink()
+    assert store.inspect(digest)[0] == "missing"
+    put(store, cloud())
+    assert not (store.path / "quarantine").exists()
+    manifest.unlink()
+    next((store.object_path(digest) / "xyz" / "c").rglob("0")).rename(store.path / "elsewhere")
+    put(store, cloud())
+    assert len(list((store.path / "quarantine").iterdir())) == 1
+    np.testing.assert_array_equal(load(store, Ref(digest))["xyz"], cloud()["xyz"])
+
+
+def test_a_flipped_bit_is_found_by_the_check_sum(store):
+    digest = put(store, cloud()).digest
+    chunk = next(path for path in (store.object_path(digest) / "xyz" / "c").rglob("*") if path.is_file())
+    content = bytearray(chunk.read_bytes())
+    content[len(content) // 2] ^= 1
+    chunk.write_bytes(content)
+    assert store.inspect(digest)[0] == "complete"
+    with pytest.raises(DamagedError, match="put into quarantine; run again"):
+        load(store, Ref(digest))["xyz"]
+    assert store.inspect(digest)[0] == "missing"
+
+
+@pytest.mark.parametrize("name", ["../../secret", "/etc/passwd", "a/../../b", "..\\x"])
+def test_no_path_leads_out_of_the_store(store, name):
+    manifest = put(store, cloud()).to_json()
+    assert Manifest.from_json(manifest) is not None
+    assert Manifest.from_json({**manifest, "files": {name: 1}}) is None
+    content = {**manifest["content"], "variables": {name: {}}}
+    assert Manifest.from_json({**manifest, "content": content}) is None
+    with pytest.raises(StoreError, match="is no digest"):
+        store.object_path(f"sha256:{name}")
+    with pytest.raises(StageError, match="cannot name an array"):
+        normalised(Product("a", {name: Variable((), np.array(1.0))}))
+
+
+@pytest.mark.parametrize(
+    ("product", "message"),
+    [
+        (Product("a", {"b": Variable(("row",), np.array([object()]))}), "object has no digest"),
+        (Product("a", {"b": Variable(("row",), np.zeros((2, 2)))}), "2 axes, but dims"),
+        (Product("a", attrs={"b": np.zeros(2)}), "an attribute cannot be kept"),
+    ],
+)
+def test_what_cannot_be_kept_is_refused(product, message):
+    with pytest.raises(StageError, match=message):
+        describe(normalised(product))
+
+
+def test_a_record_comes_back(store):
+    record = Record("sha256:" + "a" * 64, {"stage": "x"}, "sha256:" + "b" * 64, {"m": "sha256:c"}, {"task": "x"})
+    store.put_record(record)
+    assert store.record(record.key) == record
+    store.record_path(record.key).write_text('{"key": 3}')
+    assert store.record(record.key) is None
+
+
+def test_versions_name_what_results_depend_on():
+    assert {"python", "dicflow", "numpy", "zarr"} <= set(versions())
+
+
+def test_a_newer_format_is_refused(store):
+    (store.path / "dicflow.json").write_text(json.dumps({"format": FORMAT + 1}))
+    with pytest.raises(StoreError, match=r"has format 2, this release reads up to 1; use the dicflow that wrote it"):
+        Store.open(store.path)
+
+
+@pytest.mark.parametrize("text", ["", "[]", "{}", '{"format": "x"}'])
+def test_a_damaged_mark_is_refused(store, text):
+    (store.path / "dicflow.json").write_text(text)
+    with pytest.raises(StoreError, match="says no format"):
+        Store.open(store.path)
+
+
+def test_a_folder_of_other_things_is_no_store(tmp_path):
+    (tmp_path / "thesis.doc").touch()
+    with pytest.raises(StoreError, match="holds other files and no store"):
+        Store.open(tmp_path)
+    with pytest.raises(StoreError, match="holds no store; run a pipeline first"):
+        Store.open(tmp_path / "nothing", create=False)
+
+
+def fill_disk(monkeypatch, after):
+    """From so many writes on, the disk is full."""
+    left = [after]
+    original = Path.write_bytes, Path.write_text
+
+    def limited(function):
+        def write(*arguments, **options):
+            left[0] -= 1
+            if left[0] < 0:
+                raise OSError(errno.ENOSPC, "No space left on device")
+            return function(*arguments, **options)
+
+        return write
+
+    monkeypatch.setattr(Path, "write_bytes", limited(original[0]))
+    monkeypatch.setattr(Path, "write_text", limited(original[1]))
+
+
+@pytest.mark.parametrize("after", [0, 4, 8, 13, 20])
+def test_a_full_disk_is_told_and_loses_nothing(folder, store, monkeypatch, after):
+    graph = chain(folder, keep="always")
+    run_sync(graph.upstream(["read"]), store)
+    with monkeypatch.context() as patch:
+        fill_disk(patch, after)
+        try:
+            message = "\n".join(run_sync(graph, store).errors)
+        except StoreError as error:
+            message = str(error)
+    assert "the disk is full; free some space" in message
+    assert not list((store.path / "tmp").iterdir())
+    again = run_sync(graph, store)
+    assert again.ok
+    assert again.counts["hit"] >= 6
+    assert run_sync(graph, store).counts["hit"] == len(graph.tasks)
+
+
+@pytest.fixture
+def disk(tmp_path):
+    """A disk of 300 kB of our own, which can be remounted."""
+    place = tmp_path / "disk"
+    place.mkdir()
+    if not ROOT or subprocess.run(["mount", "-t", "tmpfs", "-o", "size=300k", "tmpfs", place]).returncode != 0:
+        pytest.skip("mounting a disk is not permitted here")
+    yield place
+    subprocess.run(["umount", place], check=True)
+
+
+def test_a_disk_that_is_really_full(folder, disk):
+    store = Store.open(disk / "store")
+    result = run_sync(chain(folder, keep="always", factor=1 / 3), store, keep_going=True)
+    assert any("the disk is full" in error for error in result.errors)
+    for outcome in result.outcomes.values():
+        assert outcome.ref is None or store.inspect(outcome.ref.digest)[0] == "complete"
+
+
+def test_a_read_only_store_serves_hits_and_says_what_to_do(folder, disk):
+    store = Store.open(disk / "store")
+    graph = chain(folder).upstream(["rig"])
+    run_sync(graph, store)
+    subprocess.run(["mount", "-o", "remount,ro", disk], check=True)
+    result = run_sync(graph, Store.open(store.path))
+    assert (result.counts["hit"], result.folder) == (7, None)
+    assert result.product("rig").attrs["mean"] == 3.5
+    with pytest.raises(StoreError, match=r"cannot be written \(read-only file system\); get write access") as caught:
+        run_sync(chain(folder), store)
+    assert "nothing that was stored is lost" in str(caught.value)
+
+
+def test_a_new_store_in_a_read_only_place(disk):
+    subprocess.run(["mount", "-o", "remount,ro", disk], check=True)
+    with pytest.raises(StoreError, match="cannot be written"):
+        Store.open(disk / "store")
