@@ -9,15 +9,15 @@ from __future__ import annotations
 
 from typing import Any, NamedTuple
 
-import numba
+import cv2
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from dicflow.core.camera import Camera, Rig, bend, distort, undistort
-from dicflow.core.interpolate import cubic
+from dicflow.core.camera import Camera, Rig, distort, undistort
 
 __all__ = [
     "Rectification",
+    "footprint",
     "raw_to_rectified",
     "rectification",
     "rectified_to_raw",
@@ -28,7 +28,7 @@ __all__ = [
 Array = NDArray[np.float64]
 
 _WIDEST_DEG = 75.0
-_bend = numba.njit(cache=True, nogil=True, inline="always")(bend)
+_OUTLINE_POINTS = 65
 
 
 class Rectification(NamedTuple):
@@ -88,22 +88,21 @@ def rectified_to_raw(points: ArrayLike, camera: Camera, rotation: Array, matrix:
 def rectify(image: NDArray[Any], camera: Camera, rotation: Array, matrix: Array, size: tuple[int, int]) -> NDArray[Any]:
     """The rectified image of a photograph; 0 where the photograph does not reach.
 
+    By Lanczos' kernel of 8 × 8 pixels: the waves that interpolation leaves in the disparity of fine speckles are lower
+    than with cubic convolution. Places are rounded to 1/32 px, which leaves less than the kernel does.
+
     image : (rows, cols) uint8 or uint16
     rotation, matrix : (3, 3) — of a :class:`Rectification`
     size : (width, height) [px]
     Returns (height, width) of the same type.
     """
-    backward = rotation.T @ np.linalg.inv(matrix)
-    return np.asarray(
-        _resample(
-            np.ascontiguousarray(image),
-            backward,
-            camera.matrix,
-            camera.distortion,
-            *size,
-            float(np.iinfo(image.dtype).max),
-        )
-    )
+    maps = cv2.initUndistortRectifyMap(camera.matrix, camera.distortion, rotation, matrix, size, cv2.CV_32FC1)
+    return np.asarray(cv2.remap(image, *maps, cv2.INTER_LANCZOS4, borderMode=cv2.BORDER_CONSTANT, borderValue=0))
+
+
+def footprint(camera: Camera, rotation: Array, matrix: Array) -> Array:
+    """Outline (n, 2) [px] of a photograph in its rectified image."""
+    return raw_to_rectified(_border(camera.size, _OUTLINE_POINTS), camera, rotation, matrix)
 
 
 def triangulate(xy_left: ArrayLike, disparity: ArrayLike, rectified: Rectification) -> Array:
@@ -120,8 +119,9 @@ def triangulate(xy_left: ArrayLike, disparity: ArrayLike, rectified: Rectificati
     parallax = np.asarray(disparity, dtype=float) - rectified.matrix_left[0, 2] + rectified.matrix_right[0, 2]
     meet = parallax * np.sign(rectified.baseline_mm) > 0.0
     depth = focal * rectified.baseline_mm / np.where(meet, parallax, np.nan)
-    directions = _homogeneous((xy - rectified.matrix_left[:2, 2]) / focal)
-    return np.asarray((directions * depth[..., None]) @ rectified.rotation_left)
+    turn = rectified.rotation_left
+    directions = (xy - rectified.matrix_left[:2, 2]) / focal @ turn[:2] + turn[2]
+    return np.asarray(directions * depth[..., None])
 
 
 def _common_axes(centre: Array, rotation: Array) -> Array:
@@ -139,15 +139,7 @@ def _common_axes(centre: Array, rotation: Array) -> Array:
 
 def _extent(camera: Camera, rotation: Array) -> Array:
     """Least and greatest rectified normalised (x, y) over the frame of a photograph, (2, 2)."""
-    width, height = camera.size
-    x, y = np.arange(width, dtype=float), np.arange(height, dtype=float)
-    border = np.concatenate(
-        [
-            np.stack(np.broadcast_arrays(a, b), axis=-1)
-            for a, b in ((x, 0.0), (x, height - 1.0), (0.0, y), (width - 1.0, y))
-        ]
-    )
-    directions = _homogeneous(undistort(camera, border)) @ rotation.T
+    directions = _homogeneous(undistort(camera, _border(camera.size, max(camera.size)))) @ rotation.T
     directions /= np.linalg.norm(directions, axis=-1, keepdims=True)
     if not np.nanmin(directions[:, 2]) > np.cos(np.radians(_WIDEST_DEG)):
         raise ValueError(
@@ -158,31 +150,17 @@ def _extent(camera: Camera, rotation: Array) -> Array:
     return np.stack([np.nanmin(seen, axis=0), np.nanmax(seen, axis=0)])
 
 
+def _border(size: tuple[int, int], points: int) -> Array:
+    """Places on the outermost pixels of a photograph, once around, (4 · points, 2)."""
+    width, height = size
+    x, y = np.linspace(0.0, width - 1.0, points), np.linspace(0.0, height - 1.0, points)
+    sides = ((x, 0.0), (width - 1.0, y), (x[::-1], height - 1.0), (0.0, y[::-1]))
+    return np.concatenate([np.stack(np.broadcast_arrays(*side), axis=-1) for side in sides])
+
+
 def _matrix(focal: float, x: float, y: float) -> Array:
     return np.array([[focal, 0.0, x], [0.0, focal, y], [0.0, 0.0, 1.0]])
 
 
 def _homogeneous(points: Array) -> Array:
     return np.concatenate([points, np.ones((*points.shape[:-1], 1))], axis=-1)
-
-
-@numba.njit(cache=True, nogil=True)
-def _resample(
-    image: NDArray[Any], backward: Array, matrix: Array, distortion: Array, width: int, height: int, top: float
-) -> NDArray[Any]:
-    """Grey values of the photograph along the rays of the rectified pixels; ``backward`` turns a pixel into its ray."""
-    result = np.zeros((height, width), image.dtype)
-    for row in range(height):
-        for col in range(width):
-            z = backward[2, 0] * col + backward[2, 1] * row + backward[2, 2]
-            x = (backward[0, 0] * col + backward[0, 1] * row + backward[0, 2]) / z
-            y = (backward[1, 0] * col + backward[1, 1] * row + backward[1, 2]) / z
-            x, y = _bend(x, y, distortion)
-            value = cubic(
-                image,
-                matrix[0, 0] * x + matrix[0, 1] * y + matrix[0, 2],
-                matrix[1, 1] * y + matrix[1, 2],
-            )
-            if value == value:
-                result[row, col] = int(min(max(value, 0.0), top) + 0.5)
-    return result

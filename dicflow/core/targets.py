@@ -9,6 +9,8 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from dicflow.core.grey import to_8bit
+
 __all__ = ["board_orders", "board_points", "board_size", "find_board"]
 
 Array = NDArray[np.float64]
@@ -51,7 +53,7 @@ def find_board(image: NDArray[np.uint8] | NDArray[np.uint16], size: Size) -> Arr
 
     Returns (columns·rows, 2) [px], row by row; None where the photograph shows no board of this size.
     """
-    grey = _grey_8bit(image)
+    grey = to_8bit(image)
     coarse = _locate(grey, size)
     if coarse is None:
         return None
@@ -65,17 +67,8 @@ def board_size(image: NDArray[np.uint8] | NDArray[np.uint16]) -> Size | None:
 
     Of a board that is cut off by the frame it is the size of the part that is seen.
     """
-    found, _, marks = cv2.findChessboardCornersSBWithMeta(_grey_8bit(image), _SMALLEST_BOARD, cv2.CALIB_CB_LARGER)
+    found, _, marks = cv2.findChessboardCornersSBWithMeta(to_8bit(image), _SMALLEST_BOARD, cv2.CALIB_CB_LARGER)
     return (max(marks.shape), min(marks.shape)) if found else None
-
-
-def _grey_8bit(image: NDArray[np.uint8] | NDArray[np.uint16]) -> NDArray[np.uint8]:
-    """The detector takes 8 bit; deeper photographs are stretched over what they use."""
-    if image.dtype == np.uint8:
-        return np.ascontiguousarray(image)
-    low, high = np.percentile(image, (0.1, 99.9))
-    stretched = (image - low) * (255.0 / max(high - low, 1.0))
-    return np.asarray(np.clip(np.round(stretched), 0, 255), dtype=np.uint8)
 
 
 def _locate(grey: NDArray[np.uint8], size: Size) -> Array | None:

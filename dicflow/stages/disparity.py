@@ -1,0 +1,166 @@
+"""The disparity map of one step."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal
+
+from pydantic import AfterValidator
+
+from dicflow.engine.node import Node, Pixels, Port, Scope, parameter
+from dicflow.engine.product import Product, Variable
+from dicflow.errors import StageError
+
+if TYPE_CHECKING:
+    import numpy as np
+
+    from dicflow.core.region import Polygon
+
+__all__ = ["Disparity"]
+
+WEAK_PATTERN = 3.0  # mean intensity gradient below which a pattern, not the range, is the likely trouble
+LEAST_VALID_SHARE = 0.005
+
+
+def _ordered(value: tuple[int, int]) -> tuple[int, int]:
+    if value[0] >= value[1]:
+        raise ValueError(f"a range is [least, largest] with least < largest, but {value[0]} ≥ {value[1]}")
+    return value
+
+
+def _odd(value: int) -> int:
+    if value % 2 == 0:
+        raise ValueError(f"{value} is even; use an odd number ({value + 1} is the nearest)")
+    return value
+
+
+Range = Annotated[tuple[int, int], AfterValidator(_ordered)]
+Odd = Annotated[int, AfterValidator(_odd)]
+
+
+class Disparity(Node):
+    """Match both rectified photographs along their rows by semi-global matching, to a few hundredths of a pixel.
+
+    Only the part of the photograph that holds the tracked region is matched, with a margin, where ``track`` is given.
+    """
+
+    title: ClassVar = "disparity"
+    scope: ClassVar = Scope.STEP
+    takes: ClassVar = {
+        "pair": Port("rectified"),
+        "rig": Port("rig", optional=True),
+        "track": Port("track", optional=True),
+    }
+    gives: ClassVar = "disparity"
+
+    stage: Literal["disparity"] = "disparity"
+    range: Literal["auto"] | Range = parameter(
+        "auto", "least and largest x_left − x_right, widened to a multiple of 16; auto finds it by features", unit="px"
+    )
+    window: Odd = parameter(5, "side of the window of the semi-global matching", unit="px", ge=1, le=31)
+    uniqueness: int = parameter(5, "margin by which the best match must beat the second", unit="%", ge=0, le=100)
+    left_right: Pixels = parameter(1.0, "how far matching from left and from right may disagree", unit="px", ge=0)
+    speckle: int = parameter(200, "islands of similar disparity of fewer pixels are taken out", unit="px²", ge=0)
+    texture: float = parameter(1.5, "least root mean square slope of the grey level along a row", unit="1/px", ge=0)
+    refine: Odd = parameter(21, "side of the window of the sub-pixel refinement", unit="px", ge=5, le=101)
+    margin: Pixels = parameter(24.0, "what is matched around the region", unit="px", ge=0)
+
+    def run(self, pair: Product, rig: Product | None = None, track: Product | None = None) -> Product:
+        import numpy as np
+
+        from dicflow.core.disparity import box_around, match_rows
+        from dicflow.core.region import bounding_box, rasterise
+        from dicflow.core.status import Status
+
+        left, right = pair["left"], pair["right"]
+        polygons = _polygons(left.shape, track)
+        box = box_around(bounding_box(polygons), self.margin, left.shape)
+        if box is None:
+            raise StageError("the region lies outside the rectified photograph at this step; check the region's track")
+        photographed = _photographed(left.shape, rig)
+        counts = rasterise(polygons, left.shape) & photographed
+        limits = self._limits(left, right, counts)
+        found = match_rows(left, right, box, limits, self._matching())
+        part = np.s_[box[1] : box[3], box[0] : box[2]]
+        status = np.where(photographed[part], found.status, np.uint8(Status.OUTSIDE))
+        summary = _summary(status[counts[part]], limits)
+        if not summary["valid_share"] > LEAST_VALID_SHARE:
+            raise StageError(_nothing_matched(left, counts, limits))
+        values = np.where(status == Status.VALID, found.disparity, np.float32(np.nan))
+        return Product(
+            "disparity",
+            {
+                "disparity": Variable(("row", "col"), values, "px", "disparity"),
+                "status": Variable(("row", "col"), status, "1", "status"),
+            },
+            {"origin": list(found.origin), "range": list(limits), "summary": summary},
+        )
+
+    def _limits(self, left: np.ndarray, right: np.ndarray, counts: np.ndarray) -> tuple[int, int]:
+        """Range [low, high) of disparities, a multiple of 16 long."""
+        from dicflow.core.disparity import disparity_range
+
+        if self.range != "auto":
+            low, high = self.range
+            return low, low + 16 * -(-(high + 1 - low) // 16)
+        limits = disparity_range(left, right, counts)
+        if limits is None:
+            raise StageError(_nothing_matched(left, counts, None))
+        return limits
+
+    def _matching(self) -> Any:
+        from dicflow.core.disparity import Matching
+
+        return Matching(self.window, self.uniqueness, self.left_right, self.speckle, self.texture, self.refine)
+
+
+def _polygons(shape: tuple[int, ...], track: Product | None) -> list[Polygon]:
+    """The region at this step, the whole image where it is not tracked."""
+    from dicflow.core.region import polygons_from_attrs, rectangle
+
+    rows, cols = shape
+    return [rectangle(0, 0, cols - 1, rows - 1)] if track is None else polygons_from_attrs(track.attrs["polygons"])
+
+
+def _photographed(shape: tuple[int, int], rig: Product | None) -> np.ndarray:
+    """Pixels of the rectified left image that its photograph reaches; all of them where the rig is not given."""
+    import numpy as np
+
+    from dicflow.core.region import Polygon, rasterise
+    from dicflow.core.stereo import footprint, rectification
+    from dicflow.io.rig import rig_from_dict
+
+    if rig is None:
+        return np.ones(shape, dtype=bool)
+    cameras = rig_from_dict(rig.attrs["rig"])
+    view = rectification(cameras)
+    return rasterise([Polygon(footprint(cameras.left, view.rotation_left, view.matrix_left))], shape)
+
+
+def _summary(status: np.ndarray, limits: tuple[int, int]) -> dict[str, float]:
+    """Shares of the region's pixels by status, and the range."""
+    from dicflow.core.status import Status
+
+    codes = (Status.VALID, Status.LOW_TEXTURE, Status.NO_MATCH, Status.LEFT_RIGHT, Status.SPECKLE)
+    shares = {f"{code.name.lower()}_share": float((status == code).mean()) if status.size else 0.0 for code in codes}
+    return shares | {"range_low_px": limits[0], "range_high_px": limits[1]}
+
+
+def _nothing_matched(left: np.ndarray, counts: np.ndarray, limits: tuple[int, int] | None) -> str:
+    """The message for a region without disparities: the pattern or else the range is to blame."""
+    from dicflow.core.texture import mean_intensity_gradient
+
+    gradient = mean_intensity_gradient(left, counts) if counts.any() else 0.0
+    if gradient < WEAK_PATTERN:
+        return (
+            f"the region has too little texture to match: its mean intensity gradient is {gradient:.1f} grey levels "
+            "per px, and a speckle pattern has 5 or more; light the specimen better, speckle it anew or correct the region"
+        )
+    if limits is None:
+        return (
+            "no range of disparities was found, since too few features match along the rows; check that the rig is the "
+            "one that took these photographs, or give the range as [least, largest]"
+        )
+    return (
+        f"no disparity was found between {limits[0]} and {limits[1]} px; check that the rig is the one that took these "
+        "photographs, and give another range, or auto"
+    )

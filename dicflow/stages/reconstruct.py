@@ -1,0 +1,92 @@
+"""The point cloud of one step."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Annotated, ClassVar, Literal
+
+from pydantic import Field
+
+from dicflow.engine.node import Millimetres, Node, Port, Scope, parameter
+from dicflow.engine.product import Product, Variable
+
+if TYPE_CHECKING:
+    import numpy as np
+
+__all__ = ["Reconstruct"]
+
+Gate = Annotated[Millimetres, Field(gt=0)]
+
+
+class Reconstruct(Node):
+    """Turn disparities into points in the left camera's frame.
+
+    Points outside the tracked region have no value, and neither have points of the background seen over its edge.
+    """
+
+    title: ClassVar = "reconstruct points"
+    scope: ClassVar = Scope.STEP
+    takes: ClassVar = {"disparity": Port("disparity"), "rig": Port("rig"), "track": Port("track", optional=True)}
+    gives: ClassVar = "cloud"
+
+    stage: Literal["reconstruct"] = "reconstruct"
+    depth_gate: Literal["auto", "off"] | Gate = parameter(
+        "auto",
+        "how far a point may be off the specimen's surface; auto takes it from the scatter where a region is tracked",
+        unit="mm",
+    )
+
+    def run(self, disparity: Product, rig: Product, track: Product | None = None) -> Product:
+        import numpy as np
+
+        from dicflow.core.status import Status
+        from dicflow.core.stereo import rectification, triangulate
+        from dicflow.io.rig import rig_from_dict
+
+        x0, y0 = disparity.attrs["origin"]
+        values, status = disparity["disparity"], disparity["status"].copy()
+        if track is not None:
+            status[~_inside(track, (x0, y0), values.shape)] = Status.OUTSIDE
+        view = rectification(rig_from_dict(rig.attrs["rig"]))
+        places = np.stack(
+            np.broadcast_arrays(np.arange(values.shape[1]) + x0, np.arange(values.shape[0])[:, None] + y0), -1
+        )
+        xyz = triangulate(places, np.where(status == Status.VALID, values, np.nan), view)
+        status[(status == Status.VALID) & np.isnan(xyz[..., 2])] = Status.NO_MATCH
+        status[self._background(xyz[..., 2], track is not None)] = Status.BACKGROUND
+        xyz[status != Status.VALID] = np.nan
+        return Product(
+            "cloud",
+            {
+                "xyz": Variable(("row", "col", "component"), xyz.astype(np.float32), "mm", "position"),
+                "status": Variable(("row", "col"), status, "1", "status"),
+            },
+            {"origin": [x0, y0], "summary": _summary(status)},
+        )
+
+    def _background(self, depth: np.ndarray, in_region: bool) -> np.ndarray:
+        """Points beyond the depth gate (rows, cols)."""
+        import numpy as np
+
+        from dicflow.core.depth import background
+
+        if self.depth_gate == "off" or (self.depth_gate == "auto" and not in_region):
+            return np.zeros(depth.shape, dtype=bool)
+        return background(depth, None if self.depth_gate == "auto" else self.depth_gate)
+
+
+def _inside(track: Product, origin: tuple[int, int], shape: tuple[int, int]) -> np.ndarray:
+    """Pixels of the map that lie in the region at this step."""
+    from dicflow.core.region import carry, polygons_from_attrs, rasterise
+
+    return rasterise(carry(polygons_from_attrs(track.attrs["polygons"]), lambda ring: ring - origin), shape)
+
+
+def _summary(status: np.ndarray) -> dict[str, float]:
+    """Share of the region's points that have a value, and that were taken for background."""
+    from dicflow.core.status import Status
+
+    region = max(1, int((status != Status.OUTSIDE).sum()))
+    return {
+        "valid_share": float((status == Status.VALID).sum() / region),
+        "background_share": float((status == Status.BACKGROUND).sum() / region),
+    }

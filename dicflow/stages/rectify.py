@@ -1,0 +1,53 @@
+"""The photographs of one step with their rows aligned."""
+
+from __future__ import annotations
+
+from typing import ClassVar, Literal
+
+from dicflow.engine.node import Node, Port, Scope, parameter
+from dicflow.engine.product import Product, Variable
+from dicflow.errors import StageError
+
+__all__ = ["Rectify"]
+
+
+class Rectify(Node):
+    """Align the rows of both photographs; all of both is seen, at their own scale."""
+
+    title: ClassVar = "rectify"
+    scope: ClassVar = Scope.STEP
+    takes: ClassVar = {"images": Port("images"), "rig": Port("rig")}
+    gives: ClassVar = "rectified"
+
+    stage: Literal["rectify"] = "rectify"
+    keep: Literal["always", "auto", "never"] = parameter(
+        "never", "whether the product is kept in the store; it is quicker to remake than to read", affects="speed"
+    )
+
+    def run(self, images: Product, rig: Product) -> Product:
+        from dicflow.core.stereo import rectification, rectify
+        from dicflow.io.rig import rig_from_dict
+
+        if "right" not in images:
+            raise StageError("rectifying takes photographs of two cameras, but there are no right ones; name them")
+        cameras = rig_from_dict(rig.attrs["rig"])
+        for side, camera in (("left", cameras.left), ("right", cameras.right)):
+            size = images[side].shape[::-1]
+            if size != camera.size:
+                raise StageError(
+                    f"the {side} camera was calibrated on photographs of {camera.size[0]} × {camera.size[1]} px, but "
+                    f"this one has {size[0]} × {size[1]}; photograph the board with the settings used for the specimen"
+                )
+        try:
+            view = rectification(cameras)
+        except ValueError as error:
+            raise StageError(f"the rig cannot be rectified: {error}; calibrate again") from error
+        left = rectify(images["left"], cameras.left, view.rotation_left, view.matrix_left, view.size)
+        right = rectify(images["right"], cameras.right, view.rotation_right, view.matrix_right, view.size)
+        return Product(
+            "rectified",
+            {
+                "left": Variable(("row", "col"), left, "grey level", "rectified left photograph"),
+                "right": Variable(("row", "col"), right, "grey level", "rectified right photograph"),
+            },
+        )
