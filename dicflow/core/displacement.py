@@ -18,7 +18,7 @@ from dicflow.core.region import Polygon, bounding_box, contains
 from dicflow.core.status import Status
 from dicflow.core.transform import apply_transform
 
-__all__ = ["Cloud", "Increment", "bilinear", "material_increment", "resize", "thesis_increment"]
+__all__ = ["Cloud", "Increment", "bilinear", "material_increment", "resize", "resize_codes", "thesis_increment"]
 
 Array = NDArray[np.float64]
 Codes = NDArray[np.uint8]
@@ -90,6 +90,14 @@ def resize(field: Array, shape: tuple[int, int]) -> Array:
         for new, old in zip(shape, field.shape[:2], strict=True)
     )
     return bilinear(field, np.stack(np.meshgrid(x, y), axis=-1))
+
+
+def resize_codes(codes: Codes, shape: tuple[int, int]) -> Codes:
+    """The same stretch for codes (row, col), which cannot be interpolated: each point takes the nearest."""
+    row, col = (
+        ((np.arange(new) + 0.5) * old / new).astype(np.int64) for new, old in zip(shape, codes.shape, strict=True)
+    )
+    return codes[np.ix_(row, col)]
 
 
 def material_increment(

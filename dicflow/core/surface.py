@@ -54,7 +54,7 @@ _HIGHEST_DEGREE = 5
 class Quality(NamedTuple):
     """How well a surface fits, with the weights w of its points; n = Σw (thesis, §3.2.6).
 
-    Bisquare weights take some share of normal noise too, so that its RMSE reads 0.913 of its deviation.
+    Bisquare weights take some share of normal noise too, so that its RMSE reads 0.910 of its deviation.
 
     sse : Σ w (z − ẑ)²
     r2 : Σ w (ẑ − z̄)² / Σ w (z − z̄)², z̄ the weighted mean

@@ -77,7 +77,8 @@ def _thesis(strain: Product, before: Product | None) -> dict[str, Any]:
     """The fields of the total by stretching and adding."""
     import numpy as np
 
-    from dicflow.core.displacement import resize
+    from dicflow.core.displacement import resize, resize_codes
+    from dicflow.core.status import Status
 
     summed = ("U", "V", "W", "exx", "eyy", "gxy")
     fields = {name: strain[name] for name in (*summed, "xy", "xyz", "xyz_reference", "status")}
@@ -86,8 +87,11 @@ def _thesis(strain: Product, before: Product | None) -> dict[str, Any]:
         stretched = resize(np.stack([before[name] for name in summed], axis=-1), shape)
         fields.update({name: strain[name] + stretched[..., index] for index, name in enumerate(summed)})
         fields["xyz_reference"] = resize(before["xyz_reference"], shape)
-        reach = resize(before["status"][..., None].astype(np.float64), shape)[..., 0]
-        fields["status"] = np.maximum(strain["status"], np.rint(reach).astype(np.uint8))
+        worst = np.maximum(strain["status"], resize_codes(before["status"], shape))
+        known = np.isfinite(fields["V"])
+        fields["status"] = np.where(known, np.minimum(worst, Status.FILLED), np.maximum(worst, Status.OUTSIDE)).astype(
+            np.uint8
+        )
     return fields
 
 

@@ -68,7 +68,7 @@ class Surface(Node):
                 fitted[..., index], facts[name] = self._fit(xyz[..., index], name)
             except ValueError as error:
                 raise StageError(
-                    f"coordinate {name}: {error}; lower the degree, or look at the disparity and the region of this step"
+                    f"coordinate {name}: {error}; lower the degree, or look at the disparity and region of this step"
                 ) from error
         has = within_reach(had, self.margin) & np.isfinite(fitted).all(axis=2)
         fitted[~has] = np.nan

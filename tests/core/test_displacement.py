@@ -3,7 +3,14 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from dicflow.core.displacement import Cloud, bilinear, material_increment, resize, thesis_increment
+from dicflow.core.displacement import (
+    Cloud,
+    bilinear,
+    material_increment,
+    resize,
+    resize_codes,
+    thesis_increment,
+)
 from dicflow.core.region import Polygon, contains, rectangle
 from dicflow.core.status import Status
 
@@ -52,6 +59,11 @@ def test_resize_maps_borders_on_borders():
     field = (COL + 0.5)[..., None]
     assert np.allclose(resize(field, (80, 60))[0, 1:-1, 0], (np.arange(60) + 0.5)[1:-1] / 2)
     assert np.array_equal(resize(field, (40, 30)), field)
+
+
+def test_codes_are_stretched_without_mixing():
+    codes = np.array([[0, 8], [2, 1]], np.uint8)
+    assert resize_codes(codes, (4, 2)).tolist() == [[0, 8], [0, 8], [2, 1], [2, 1]]
 
 
 @given(shift=st.tuples(*[st.floats(-20.0, 20.0)] * 3))
