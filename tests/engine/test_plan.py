@@ -1,0 +1,148 @@
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+import toys
+from toys import chain, run_sync, write
+
+from dicflow.engine.journal import find_run
+from dicflow.engine.plan import make_plan
+from dicflow.errors import InputError
+
+
+def plan(graph, store, **options):
+    return make_plan(graph, store, pipeline="toys", **options)
+
+
+def reasons(graph, store, *names):
+    entries = plan(graph, store).entries
+    return [entries[name].reason for name in names]
+
+
+def test_an_empty_store(folder, store):
+    found = plan(chain(folder), store)
+    assert found.counts == {"hit": 0, "run": 6, "pending": 18}
+    assert found.by_stage()["scale"] == {"hit": 0, "run": 0, "pending": 6}
+    assert found.entries["read/step_01"].reason == "not made before"
+    assert found.entries["rig"].reason == "waits for read/step_01 and 5 more"
+    assert found.entries["difference/step_02"].waits_for == ("scale/step_01", "scale/step_02")
+
+
+def test_a_changed_parameter_is_shown_old_and_new(folder, store):
+    run_sync(chain(folder), store)
+    found = plan(chain(folder, factor=3.0, length="3 cm"), store)
+    assert found.entries["scale/step_02"].reason == "factor: 2.0 → 3.0; length: 20.0 → 30.0"
+    assert [change.text for change in found.why("report")] == ["factor: 2.0 → 3.0", "length: 20.0 → 30.0"]
+    assert found.entries["rig"].reason == "stored"
+
+
+def test_a_changed_file_and_input_are_named(folder, store):
+    run_sync(chain(folder), store)
+    write(folder / "step_03.txt", "3.5")
+    assert reasons(chain(folder), store, "read/step_03") == ["file source changed"]
+    run_sync(chain(folder).upstream(["read"]), store)
+    assert reasons(chain(folder), store, "scale/step_03") == ["waits for rig"]
+    run_sync(chain(folder).upstream(["rig"]), store)
+    assert reasons(chain(folder), store, "scale/step_03", "scale/step_01") == [
+        "input number changed; input rig changed",
+        "input rig changed",
+    ]
+
+
+def test_a_changed_version_is_shown(folder, store, monkeypatch):
+    run_sync(chain(folder), store)
+    monkeypatch.setattr(toys.Scale, "impl_version", 2)
+    assert reasons(chain(folder), store, "scale/step_01") == ["impl_version: 1 → 2"]
+
+
+def test_lost_and_damaged_products_and_records(folder, store):
+    index = run_sync(chain(folder, keep="always"), store).store and find_run(store).index
+    manifest = store.object_path(index["scale/step_01"]["digest"]).with_suffix(".json")
+    manifest.unlink()
+    manifest = store.object_path(index["scale/step_02"]["digest"]).with_suffix(".json")
+    manifest.write_text("")
+    store.record_path(index["scale/step_03"]["key"]).unlink()
+    assert reasons(chain(folder, keep="always"), store, "scale/step_01", "scale/step_02", "scale/step_03") == [
+        "the stored product is missing",
+        "the stored product is damaged",
+        "its record is no longer in the store",
+    ]
+
+
+@pytest.fixture
+def edited(monkeypatch):
+    """After this, the code of the toys is another."""
+    from dicflow.engine import fingerprint
+
+    original = fingerprint.code_of
+
+    def change():
+        def code_of(path, module):
+            code = original(path, module)
+            return {**code, "digest": "sha256:" + "0" * 64} if module == "toys" else code
+
+        monkeypatch.setattr(fingerprint, "code_of", code_of)
+        monkeypatch.setattr("dicflow.engine.files.FileIndex._remember", lambda *_: None)
+
+    return change
+
+
+@pytest.mark.parametrize(("policy", "hits", "warned"), [("recompute", 0, 0), ("warn", 24, 6), ("ignore", 24, 0)])
+def test_edited_code_never_passes_in_silence_unless_told_so(folder, store, edited, policy, hits, warned):
+    run_sync(chain(folder), store)
+    edited()
+    (store.path / "files.index").unlink()
+    fresh = type(store).open(store.path)
+    found = plan(chain(folder), fresh, code_policy=policy)
+    assert (found.counts["hit"], len(found.warnings)) == (hits, warned)
+    if policy == "recompute":
+        assert found.entries["read/step_01"].reason == "code of toys changed"
+    if policy == "warn":
+        assert "scale: code of toys changed since its results were made; they are used" in found.warnings
+
+
+def test_files_are_checked_before_anything_runs(folder, store):
+    write(folder / "step_04.txt", "four")
+    with pytest.raises(InputError, match=r"step_04\.txt: holds no number; write one"):
+        run_sync(chain(folder), store)
+    write(folder / "step_04.txt", "4e9")
+    with pytest.raises(InputError, match="too large beside the others"):
+        run_sync(chain(folder), store)
+    assert not (store.path / "objects").exists()
+
+
+def test_checked_files_are_not_opened_again(folder, store, monkeypatch):
+    run_sync(chain(folder), store)
+    monkeypatch.setattr(Path, "read_text", None)
+    monkeypatch.setattr("dicflow.engine.files.digest_file", None)
+    assert plan(chain(folder), type(store).open(store.path)).counts["hit"] == 24
+
+
+def test_touching_a_file_changes_nothing(folder, store):
+    run_sync(chain(folder), store)
+    os.utime(folder / "step_02.txt")
+    assert plan(chain(folder), store).counts["hit"] == 24
+
+
+THOUSAND = """
+import sys
+from pathlib import Path
+sys.path[:0] = sys.argv[3:]
+from toys import chain, run_sync
+from dicflow.engine.store import Store
+result = run_sync(chain(Path(sys.argv[1])), Store.open(Path(sys.argv[2])), scheduler="processes", dashboard=True)
+loaded = {"dask", "distributed", "zarr", "numpy"} & set(sys.modules)
+print(result.counts["hit"], len(result.outcomes), sorted(loaded))
+"""
+
+
+def test_a_thousand_hits_start_no_cluster_and_load_no_numerics(tmp_path, store):
+    folder = toys.numbers(tmp_path / "many", 250)
+    graph = chain(folder)
+    assert len(graph.tasks) == 1000
+    assert run_sync(graph, store).ok
+    command = [sys.executable, "-c", THOUSAND, folder, store.path, str(Path(__file__).parent)]
+    done = subprocess.run(command, capture_output=True, text=True, check=True)
+    assert done.stdout.strip() == "1000 1000 []"
