@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from io import BytesIO
 from typing import Any, NamedTuple
 
@@ -18,7 +18,7 @@ from matplotlib.figure import Figure
 
 from dicflow.engine.product import Product, Variable
 
-__all__ = ["Style", "contact_sheet", "field_map", "gif", "picture", "png", "style"]
+__all__ = ["Style", "contact_sheet", "field_map", "field_pngs", "gif", "picture", "png", "style"]
 
 _HEIGHT_IN = 5.0
 _GREY = "0.93"
@@ -85,14 +85,31 @@ def field_map(total: Product, look: Style, title: str) -> Figure:
     return figure
 
 
+def field_pngs(totals: Iterable[Product], look: Style, titles: Iterable[str]) -> Iterator[bytes]:
+    """:func:`field_map` of many steps as PNG; the axes are laid out once, and one step is held at a time."""
+    figure: Figure | None = None
+    for total, title in zip(totals, titles, strict=True):
+        if figure is None:
+            figure = field_map(total, look, title)
+            figure.draw_without_rendering()
+            figure.set_layout_engine("none")
+        else:
+            axes = figure.axes[0]
+            axes.collections[0].remove()
+            _draw(axes, total, look)
+            axes.set_title(title, fontsize=9)
+        yield png(figure)
+
+
 def contact_sheet(totals: Sequence[Product], names: Sequence[str], look: Style, title: str) -> Figure:
     """All steps of a phase side by side with one colour bar; each is read, drawn and let go."""
     x0, y0, x1, y1 = look.extent
     aspect = (x1 - x0) / (y1 - y0)
-    tile = (1.0 + 2.4 * min(aspect, 1.6), 0.5 + 2.4 * min(aspect, 1.6) / aspect)
-    columns = max(1, min(len(totals), math.floor(15.0 / tile[0])))
+    tall = 2.4 * min(1.0, 1.6 / aspect)
+    tile = (0.4 + max(tall * aspect, 0.7), 0.4 + tall)
+    columns = max(1, min(len(totals), math.floor(14.0 / tile[0])))
     rows = math.ceil(len(totals) / columns)
-    figure = Figure(figsize=(columns * tile[0] + 1.5, rows * tile[1] + 0.8), dpi=100, layout="constrained")
+    figure = Figure(figsize=(columns * tile[0] + 2.2, rows * tile[1] + 1.0), dpi=100, layout="constrained")
     grid = figure.subplots(rows, columns, squeeze=False, sharex=True, sharey=True)
     for axes in grid.flat[len(totals) :]:
         axes.set_axis_off()

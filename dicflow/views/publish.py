@@ -104,11 +104,9 @@ def _draw(
     store = Store.open(store_folder)
     look = views.style(maps, quantity)
     phases = maps["phases"]
-    pictures = {
-        f"{base}/{step}.png": views.png(views.field_map(load(store, ref), look, f"{step} · {phase}"))
-        for step, ref, phase in zip(steps, refs, phases, strict=True)
-    }
-    frames = list(pictures.values())
+    titles = [f"{step} · {phase}" for step, phase in zip(steps, phases, strict=True)]
+    frames = list(views.field_pngs((load(store, ref) for ref in refs), look, titles))
+    pictures = {f"{base}/{step}.png": frame for step, frame in zip(steps, frames, strict=True)}
     for phase in dict.fromkeys(phases):
         chosen = [index for index, other in enumerate(phases) if other == phase]
         sheet = views.contact_sheet(
