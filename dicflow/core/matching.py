@@ -10,14 +10,14 @@ import numpy.typing as npt
 from scipy.spatial import cKDTree
 
 from dicflow.core.features import Features
-from dicflow.core.transform import apply_transform, estimate_transform, msac
+from dicflow.core.transform import apply_transform, msac
 
 __all__ = ["LocalMotion", "consistent", "guided_matches", "local_motion", "match_features"]
 
 Array = npt.NDArray[np.float64]
 Pairs = npt.NDArray[np.intp]
 
-NEIGHBOURS = 16  # matches around a point that tell its motion
+NEIGHBOURS = 24  # matches around a point that tell its motion
 CANDIDATES = 8  # features around a predicted position that are compared
 
 
@@ -105,15 +105,30 @@ def consistent(source: Array, target: Array, *, tolerance_px: float = 2.0, seed:
 
 
 def local_motion(source: Array, target: Array, points: Array) -> LocalMotion:
-    """Motion at points by an affine transform of the nearest matches each.
+    """Motion at points by moving least squares: an affine transform of the nearest matches, weighted by distance.
 
     source, target : (m, 2) — matches without false ones, m at least 3 [px]
     points : (n, 2) — in the reference image [px]
+
+    The weight (1 − d²/d_max²)² vanishes at the farthest neighbour, so that the motion is continuous (Lancaster and
+    Salkauskas, Mathematics of Computation 37, 1981). Where the neighbours lie on a line, or are fewer than three, they
+    tell only their mean motion.
     """
-    _, near = cKDTree(source).query(points, k=min(NEIGHBOURS, len(source)))
-    transforms = estimate_transform("affine", source[near], target[near])
-    position = apply_transform(transforms, points[:, None])[:, 0]
-    return LocalMotion(position, transforms[:, :2, :2])
+    count = min(NEIGHBOURS + 1, len(source))
+    distance, near = cKDTree(source).query(points, k=np.arange(1, count + 1))
+    with np.errstate(divide="ignore", invalid="ignore"):
+        weight = np.nan_to_num((1 - (distance / distance[:, -1:]) ** 2) ** 2, nan=1.0)
+    weight = np.where(weight.sum(axis=1, keepdims=True) > 0, weight, 1.0)
+    weight /= weight.sum(axis=1, keepdims=True)
+    centre = np.einsum("nk,nki->ni", weight, source[near])
+    x = source[near] - centre[:, None]
+    u = target[near] - source[near]
+    mean = np.einsum("nk,nki->ni", weight, u)
+    xx = np.einsum("nk,nki,nkj->nij", weight, x, x)
+    ux = np.einsum("nk,nki,nkj->nij", weight, u - mean[:, None], x)
+    slope = ux @ np.linalg.pinv(xx, rcond=1e-6, hermitian=True)
+    position = points + mean + np.einsum("nij,nj->ni", slope, points - centre)
+    return LocalMotion(position, slope + np.eye(2))
 
 
 def _nearest(queries: npt.NDArray[Any], others: npt.NDArray[Any], count: int) -> tuple[Array, Pairs]:

@@ -12,15 +12,17 @@ from typing import Any, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
+from dicflow.core.matching import consistent, local_motion
 from dicflow.core.region import Polygon, contains
 from dicflow.core.transform import TransformKind, apply_transform, estimate_transform, jacobian, msac
 
-__all__ = ["SubsetGrid", "Tracked", "carry_points", "nearest_subset", "subset_grid", "track_subsets"]
+__all__ = ["SubsetGrid", "Tracked", "carry_points", "follow_matches", "nearest_subset", "subset_grid", "track_subsets"]
 
 Array = npt.NDArray[np.float64]
 Mask = npt.NDArray[np.bool_]
 
 AREA_CHANGE = 3.0  # a subset whose area changes by this factor more, or less, than that of the others is wrong
+ENOUGH = 12  # matches below which nothing can be said about deviations
 PROBES = 32  # points per side of a subset that tell whether the region reaches into it
 
 
@@ -145,6 +147,23 @@ def carry_points(grid: SubsetGrid, transforms: Array, points: Array, *, blend: b
         own = transforms[np.minimum(i + di, rows - 1), np.minimum(j + dj, columns - 1)]
         carried += np.where(weight > 0, weight, 0)[:, None] * apply_transform(own, flat[:, None])[:, 0]
     return carried.reshape(points.shape)
+
+
+def follow_matches(grid: SubsetGrid, transforms: Array, source: Array, target: Array, points: Array) -> Array:
+    """Carry points (..., 2) [px] by the blended transforms and by what the matches around each deviate from these.
+
+    source, target : (m, 2) — matches [px]; those that move unlike their neighbours are left out
+
+    A plane transform per subset misses what varies inside the subset, such as a neck; the matches do not.
+    """
+    keep = consistent(source, target)
+    source, deviation = source[keep], target[keep] - carry_points(grid, transforms, source[keep])
+    flat, carried = points.reshape(-1, 2), carry_points(grid, transforms, points)
+    exist = np.flatnonzero(np.isfinite(flat).all(axis=1))
+    if len(source) >= ENOUGH and len(exist):
+        local = local_motion(source, source + deviation, flat[exist]).position - flat[exist]
+        carried.reshape(-1, 2)[exist] += local
+    return carried
 
 
 def nearest_subset(grid: SubsetGrid, points: Array) -> tuple[npt.NDArray[np.intp], npt.NDArray[np.intp]]:

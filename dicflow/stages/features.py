@@ -1,0 +1,91 @@
+"""Distinct points of every photograph."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Annotated, ClassVar, Literal
+
+from pydantic import Field
+
+from dicflow.engine.node import Node, Port, Scope, parameter
+from dicflow.engine.product import Product, Variable
+from dicflow.errors import StageError
+
+if TYPE_CHECKING:
+    import numpy as np
+
+__all__ = ["FindFeatures"]
+
+Pixel = Annotated[int, Field(ge=0)]
+
+
+class FindFeatures(Node):
+    """Find features in the left image and describe them, once per image.
+
+    KAZE's cost goes with the area it searches, so ``area: auto`` searches the bounding box of the speckles only.
+    """
+
+    title: ClassVar = "find features"
+    scope: ClassVar = Scope.STEP
+    takes: ClassVar = {"images": Port("rectified", "plane", "images")}
+    gives: ClassVar = "features"
+
+    stage: Literal["features"] = "features"
+    detector: Literal["KAZE", "AKAZE", "BRISK", "ORB", "SIFT"] = parameter("KAZE", "detector and its own descriptor")
+    area: Literal["auto", "full"] | tuple[Pixel, Pixel, Pixel, Pixel] = parameter(
+        "auto", "where to search: auto (bounding box of the speckles), full, or [x0, y0, x1, y1]", unit="px"
+    )
+    upright: bool = parameter(
+        True, "describe without an orientation: more matches while the specimen turns by less than 15° between steps"
+    )
+    octaves: int = parameter(
+        3, "doublings of scale to search (KAZE, AKAZE, BRISK); large speckles need more", ge=1, le=8
+    )
+    max_features: int = parameter(6000, "the strongest features, evenly spread, up to this number", ge=50)
+
+    def run(self, images: Product) -> Product:
+        from dicflow.core.features import detect
+
+        image = images["left"]
+        box = self._box(image)
+        found = detect(
+            image, self.detector, box=box, upright=self.upright, octaves=self.octaves, max_features=self.max_features
+        )
+        height, width = image.shape
+        variables = {
+            "xy": Variable(("feature", "component"), found.xy, "px", "position in the left image"),
+            "size": Variable(("feature",), found.size, "px", "diameter of what is described"),
+            "angle": Variable(("feature",), found.angle, "deg", "orientation"),
+            "response": Variable(("feature",), found.response, "1", "strength"),
+            "descriptors": Variable(("feature", "d"), found.descriptors, "1", f"{self.detector} descriptor"),
+        }
+        attrs = {
+            "detector": self.detector,
+            "area": list(box),
+            "image_size": [width, height],
+            "summary": {"features": len(found.xy)},
+        }
+        return Product("features", variables, attrs)
+
+    def _box(self, image: np.ndarray) -> tuple[int, int, int, int]:
+        """The area (x0, y0, x1, y1) to search."""
+        from dicflow.core.texture import LEAST_TEXTURE, mean_intensity_gradient, textured_box
+
+        height, width = image.shape
+        if self.area == "full":
+            return 0, 0, width, height
+        if self.area == "auto":
+            box = textured_box(image)
+            if box is None:
+                raise StageError(
+                    f"found no speckles in the photograph: its mean intensity gradient is "
+                    f"{mean_intensity_gradient(image):.2f} grey levels per px, and a pattern needs {LEAST_TEXTURE} or "
+                    "more; check light, exposure and focus"
+                )
+            return box
+        x0, y0, x1, y1 = self.area
+        if not (x0 < x1 <= width and y0 < y1 <= height):
+            raise StageError(
+                f"area [{x0}, {y0}, {x1}, {y1}] is not inside the image, which has {width} × {height} px; "
+                "give x0 < x1 and y0 < y1 inside it, or area: auto"
+            )
+        return x0, y0, x1, y1

@@ -1,0 +1,117 @@
+"""Features of one step found again in the next."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, ClassVar, Literal
+
+from dicflow.engine.node import At, Node, Port, Scope, parameter
+from dicflow.engine.product import Product, Variable
+from dicflow.errors import StageError
+
+if TYPE_CHECKING:
+    import numpy as np
+
+    from dicflow.core.features import Features
+
+    Pairs = tuple[np.ndarray, np.ndarray]
+
+__all__ = ["Match"]
+
+PASSES = 2  # the windows' shape comes from the matches; the second pass has it from refined ones
+ENOUGH = 12  # matches below which nothing can be said about the motion around a point
+
+
+class Match(Node):
+    """Match the features of the step before with those of this one.
+
+    First by descriptor over the whole image. Then ``guided``: where the motion of the first matches says the others
+    should be, which finds several times as many after a large stretch. Then ``refine``: each position is moved to
+    where the grey levels around it fit best, and what does not fit is dropped.
+    """
+
+    title: ClassVar = "match features"
+    scope: ClassVar = Scope.PAIR
+    takes: ClassVar = {
+        "features": Port("features"),
+        "features_before": Port("features", at=At.PREVIOUS),
+        "images": Port("rectified", "plane", "images"),
+        "images_before": Port("rectified", "plane", "images", at=At.PREVIOUS),
+    }
+    gives: ClassVar = "matches"
+
+    stage: Literal["match"] = "match"
+    ratio: float = parameter(0.8, "nearest over second nearest descriptor distance, at most", gt=0, le=1)
+    mutual: bool = parameter(True, "both features must be each other's nearest")
+    guided: bool = parameter(True, "match again near the positions that the first matches predict")
+    radius: float = parameter(4.0, "how far from a predicted position a guided match may be", unit="px", gt=0)
+    refine: bool = parameter(True, "refine positions by the grey levels around them")
+    window: int = parameter(21, "side of the window that refinement compares; odd", unit="px", ge=7, multiple_of=1)
+    min_correlation: float = parameter(0.6, "correlation of the two windows, at least", ge=-1, le=1)
+
+    def run(self, features: Product, features_before: Product, images: Product, images_before: Product) -> Product:
+        from dicflow.core.matching import match_features
+
+        before, after = _features(features_before), _features(features)
+        if (
+            before.descriptors.dtype != after.descriptors.dtype
+            or before.descriptors.shape[1:] != after.descriptors.shape[1:]
+        ):
+            raise StageError("the features of the two steps come from different detectors; use one detector for both")
+        first = match_features(before, after, ratio=self.ratio, mutual=self.mutual)
+        pairs = before.xy[first[:, 0]].astype(float), after.xy[first[:, 1]].astype(float)
+        if self.guided:
+            pairs = self._guided(before, after, pairs)
+        if self.refine:
+            pairs = self._refined(images_before["left"], images["left"], pairs)
+        return _product(before, after, pairs, len(first), features.attrs["image_size"])
+
+    def _guided(self, before: Features, after: Features, pairs: Pairs) -> Pairs:
+        """Matches near where those around them, without false ones, say they should be."""
+        from dicflow.core.matching import consistent, guided_matches, local_motion
+
+        source, target = _kept(pairs, consistent(*pairs))
+        if len(source) < ENOUGH:
+            return pairs
+        predicted = local_motion(source, target, before.xy.astype(float)).position
+        found = guided_matches(before, after, predicted, radius_px=self.radius)
+        pairs = before.xy[found[:, 0]].astype(float), after.xy[found[:, 1]].astype(float)
+        return _kept(pairs, consistent(*pairs))
+
+    def _refined(self, image_before: np.ndarray, image: np.ndarray, pairs: Pairs) -> Pairs:
+        """Matches whose windows correlate, at the positions where they do so best."""
+        from dicflow.core.matching import consistent, local_motion
+        from dicflow.core.refine import refine_matches
+
+        pairs = _kept(pairs, consistent(*pairs))
+        for _ in range(PASSES):
+            if len(pairs[0]) < ENOUGH:
+                break
+            gradient = local_motion(*pairs, pairs[0]).gradient
+            found = refine_matches(image_before, image, *pairs, gradient, window_px=self.window)
+            pairs = _kept((found.reference, found.deformed), found.correlation >= self.min_correlation)
+        return pairs
+
+
+def _features(product: Product) -> Features:
+    from dicflow.core.features import Features
+
+    return Features(*(product[name] for name in Features._fields))
+
+
+def _kept(pairs: Pairs, keep: np.ndarray) -> Pairs:
+    return pairs[0][keep], pairs[1][keep]
+
+
+def _product(before: Features, after: Features, pairs: Pairs, by_descriptor: int, image_size: list[int]) -> Product:
+    summary = {
+        "features_reference": len(before.xy),
+        "features_deformed": len(after.xy),
+        "matches_by_descriptor": by_descriptor,
+        "matches": len(pairs[0]),
+    }
+    variables = {
+        "reference": Variable(("match", "component"), pairs[0].astype("float32"), "px", "position at the step before"),
+        "deformed": Variable(("match", "component"), pairs[1].astype("float32"), "px", "position at this step"),
+        "features": Variable(("feature", "component"), before.xy, "px", "all features of the step before"),
+    }
+    return Product("matches", variables, {"image_size": image_size, "summary": summary})

@@ -1,0 +1,229 @@
+"""The part of the photograph that is measured."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal, NamedTuple, Self
+
+from pydantic import AfterValidator, BaseModel, BeforeValidator, ConfigDict, Field, model_validator
+
+from dicflow.engine.node import At, InputFile, Node, Port, Scope, parameter
+from dicflow.engine.product import Product
+from dicflow.errors import StageError
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Sequence
+
+    import numpy as np
+
+    from dicflow.core.region import Polygon
+
+__all__ = ["Region"]
+
+SLACK_PX = 1.0  # a region may touch the outermost pixels' outer edges
+OUTLINE_PX = 20.0  # a longer edge would leave the curve that lens distortion makes of it
+WAYS = ("rectangle", "polygons", "file")
+
+Ring = Annotated[list[tuple[float, float]], Field(min_length=3)]
+
+
+class Outline(BaseModel):
+    """One part of a region: its outline and the outlines of its holes, corners [x, y] in px."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
+
+    exterior: Ring
+    holes: list[Ring] = []
+
+
+def _outline(value: Any) -> Any:
+    """A bare list of corners is an outline without holes."""
+    return {"exterior": value} if isinstance(value, list | tuple) else value
+
+
+def _ordered(value: tuple[float, float, float, float]) -> tuple[float, float, float, float]:
+    x0, y0, x1, y1 = value
+    if not (x0 < x1 and y0 < y1):
+        raise ValueError("a rectangle is [x0, y0, x1, y1] with x0 < x1 and y0 < y1")
+    return value
+
+
+class Selected(NamedTuple):
+    """A region in the pixels of an image called ``name``, which is ``size`` (width, height) large."""
+
+    polygons: Sequence[Polygon]
+    size: tuple[int, int]
+    name: str
+
+
+class Region(Node):
+    """Choose the region of interest on the first photograph: a rectangle, polygons with holes, a file, or by itself.
+
+    With none of the three given, the largest speckled part of the image is taken, its openings left out. Later steps
+    need no choice, since the tracked transforms carry the region along.
+    """
+
+    title: ClassVar = "region of interest"
+    scope: ClassVar = Scope.TEST
+    takes: ClassVar = {
+        "images": Port("rectified", "plane", "images", at=At.FIRST),
+        "rig": Port("rig", optional=True),
+    }
+    gives: ClassVar = "region"
+
+    stage: Literal["region"] = "region"
+    rectangle: Annotated[tuple[float, float, float, float], AfterValidator(_ordered)] | None = parameter(
+        None, "[x0, y0, x1, y1]", unit="px"
+    )
+    polygons: list[Annotated[Outline, BeforeValidator(_outline)]] | None = parameter(
+        None, "outlines: each a list of corners [x, y], or {exterior: corners, holes: [corners, …]}", unit="px"
+    )
+    file: InputFile | None = parameter(None, "GeoJSON polygons in px, or an image that is white inside the region")
+    auto: bool = parameter(False, "find the speckled specimen; so it is done when nothing else is given")
+    frame: Literal["photograph", "tracked"] = parameter(
+        "photograph", "what the coordinates and the mask refer to: the left photograph, or the rectified image"
+    )
+    window: int = parameter(
+        32, "auto: side of the window that sees speckles; several should fit in it", unit="px", ge=8
+    )
+
+    @model_validator(mode="before")
+    @classmethod
+    def _auto_alone(cls, values: Any) -> Any:
+        """Nothing given means auto, so that both have one key."""
+        if isinstance(values, dict) and all(values.get(way) is None for way in WAYS):
+            return {**values, "auto": values.get("auto", True)}
+        return values
+
+    @model_validator(mode="after")
+    def _one_way(self) -> Self:
+        given = [way for way in WAYS if getattr(self, way) is not None] + ["auto"] * self.auto
+        if len(given) != 1:
+            raise ValueError(f"give exactly one of {', '.join(WAYS)} and auto, found {', '.join(given) or 'none'}")
+        return self
+
+    def run(self, images: Product, rig: Product | None = None, file_path: Path | None = None) -> Product:
+        from dicflow.core.region import area, carry, polygons_to_attrs
+
+        image = images["left"]
+        polygons: Sequence[Polygon]
+        if self.auto:
+            polygons = self._found(image)
+        else:
+            chosen = self._chosen(images, rig, file_path)
+            _check_inside(chosen)
+            polygons = chosen.polygons
+            if self.frame == "photograph" and images.kind != "images":
+                polygons = carry(polygons, _to_tracked(images.kind, rig), spacing_px=OUTLINE_PX)
+        _check_texture(image, polygons)
+        area_px = area(polygons)
+        attrs = {"polygons": polygons_to_attrs(polygons), "area_px": area_px, "summary": {"area_px": area_px}}
+        return Product("region", {}, attrs)
+
+    def _found(self, image: np.ndarray) -> Sequence[Polygon]:
+        """The speckled specimen."""
+        from dicflow.core.region import speckled_region
+        from dicflow.core.texture import texture
+
+        polygons = speckled_region(texture(image, self.window))
+        if not polygons:
+            raise StageError(
+                f"found no speckled specimen in the first photograph; {_texture_sentence(image)}, "
+                "or give the region as rectangle, polygons or file"
+            )
+        return polygons
+
+    def _chosen(self, images: Product, rig: Product | None, file_path: Path | None) -> Selected:
+        """The region as the user gave it."""
+        import numpy as np
+
+        from dicflow.core.region import Polygon, rectangle
+
+        height, width = images["left"].shape
+        size, name = (width, height), "the image"
+        if self.frame == "photograph" and images.kind != "images":
+            size, name = _camera(rig).size, "the left photograph"
+        if self.rectangle is not None:
+            return Selected([rectangle(*self.rectangle)], size, name)
+        if self.polygons is not None:
+            outlines = [Polygon(np.array(o.exterior), tuple(np.array(hole) for hole in o.holes)) for o in self.polygons]
+            return Selected(outlines, size, name)
+        assert file_path is not None
+        return Selected(_from_file(file_path, size, name), size, name)
+
+
+def _from_file(path: Path, size: tuple[int, int], name: str) -> Sequence[Polygon]:
+    from dicflow.core.region import mask_polygons
+    from dicflow.io.region import is_geojson, read_geojson, read_mask
+
+    if is_geojson(path):
+        return read_geojson(path)
+    mask = read_mask(path)
+    if mask.shape[::-1] != tuple(size):
+        raise StageError(
+            f"{path.name}: the mask has {mask.shape[1]} × {mask.shape[0]} px but {name} has {size[0]} × {size[1]}; "
+            "paint the mask on that photograph"
+        )
+    polygons = mask_polygons(mask)
+    if not polygons:
+        raise StageError(f"{path.name}: the mask has no white area of useful size; paint the region white")
+    return polygons
+
+
+def _camera(rig: Product | None) -> Any:
+    """The left camera."""
+    from dicflow.io.rig import rig_from_dict
+
+    if rig is None:
+        raise StageError(
+            "a region given in the photograph needs the rig to be found in the rectified image; name the stage that "
+            "calibrates as 'rig', or say frame: tracked"
+        )
+    return rig_from_dict(rig.attrs["rig"]).left
+
+
+def _to_tracked(kind: str, rig: Product | None) -> Callable[[np.ndarray], np.ndarray]:
+    """The mapping from pixels of the left photograph to those of the image that is tracked."""
+    from dicflow.core.camera import undistort
+    from dicflow.core.stereo import raw_to_rectified, rectification
+    from dicflow.io.rig import rig_from_dict
+
+    camera = _camera(rig)
+    if kind == "plane":
+        return lambda points: undistort(camera, points) @ camera.matrix[:2, :2].T + camera.matrix[:2, 2]
+    assert rig is not None
+    rectified = rectification(rig_from_dict(rig.attrs["rig"]))
+    return lambda points: raw_to_rectified(points, camera, rectified.rotation_left, rectified.matrix_left)
+
+
+def _check_inside(chosen: Selected) -> None:
+    from dicflow.core.region import bounding_box
+
+    x0, y0, x1, y1 = bounding_box(chosen.polygons)
+    width, height = chosen.size
+    if min(x0, y0) < -SLACK_PX or x1 > width - 1 + SLACK_PX or y1 > height - 1 + SLACK_PX:
+        raise StageError(
+            f"the region spans x {x0:g} … {x1:g} and y {y0:g} … {y1:g} px, but {chosen.name} has x 0 … {width - 1} and "
+            f"y 0 … {height - 1}; choose the region inside it"
+        )
+
+
+def _check_texture(image: np.ndarray, polygons: Sequence[Polygon]) -> None:
+    """A region must show a pattern."""
+    from dicflow.core.region import rasterise
+    from dicflow.core.texture import LEAST_TEXTURE, mean_intensity_gradient
+
+    mask = rasterise(polygons, image.shape)
+    if not mask.any():
+        raise StageError("the region covers no pixel of the image; choose a larger one")
+    if mean_intensity_gradient(image, mask) < LEAST_TEXTURE:
+        raise StageError(f"the region shows too little texture; {_texture_sentence(image, mask)}, or move the region")
+
+
+def _texture_sentence(image: np.ndarray, mask: np.ndarray | None = None) -> str:
+    from dicflow.core.texture import LEAST_TEXTURE, mean_intensity_gradient
+
+    return (
+        f"the mean intensity gradient is {mean_intensity_gradient(image, mask):.2f} grey levels per px and a pattern "
+        f"needs {LEAST_TEXTURE} or more: check light, exposure and focus"
+    )

@@ -1,0 +1,215 @@
+"""The region and its points followed from step to step."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any, ClassVar, Literal, NamedTuple
+
+from dicflow.engine.node import At, Node, Port, Scope, parameter
+from dicflow.engine.product import Product, Variable
+from dicflow.errors import StageError
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Sequence
+
+    import numpy as np
+
+    from dicflow.core.region import Polygon
+    from dicflow.core.tracking import Tracked
+
+__all__ = ["Track"]
+
+OUTLINE_STEPS = 4  # material steps between the points of the carried outline
+
+
+class State(NamedTuple):
+    """What is carried: the material points (rows, cols, 2) with their status (rows, cols), and the region."""
+
+    points: np.ndarray
+    status: np.ndarray
+    polygons: Sequence[Polygon]
+
+
+class Track(Node):
+    """Follow the region: one plane transform per subset, estimated from the matches in it by MSAC.
+
+    The material points, a regular grid at the first step, and the region's outline go along from step to step. By
+    default they follow the transforms, blended between the subsets' centres, and what the matches around each point
+    deviate from these; without refined matches ``follow: blend`` is less noisy. A subset with too few matches, or a
+    folding transform, gets that of its neighbours' matches; its points are marked as filled from then on. Points
+    that leave the photograph are given up, since nothing tells where they are.
+    """
+
+    title: ClassVar = "track subsets"
+    scope: ClassVar = Scope.STEP
+    takes: ClassVar = {
+        "matches": Port("matches", optional=True),
+        "region": Port("region"),
+        "track_before": Port("track", at=At.PREVIOUS, own=True),
+    }
+    gives: ClassVar = "track"
+
+    stage: Literal["track"] = "track"
+    transform: Literal["similarity", "affine", "projective"] = parameter("projective", "transform of each subset")
+    subsets: tuple[int, int] = parameter((3, 3), "rows and columns of subsets over the region's bounding box")
+    overlap: float = parameter(0.25, "share of its size by which each side of a subset reaches over", ge=0, le=1)
+    threshold: float = parameter(1.5, "distance from which a match counts as wrong", unit="px", gt=0)
+    confidence: float = parameter(0.99, "probability of having tried a sample without wrong matches", gt=0, lt=1)
+    min_inliers: int = parameter(8, "a subset with fewer fitting matches is filled from its neighbours", ge=4)
+    seed: int = parameter(0, "of the random samples", ge=0)
+    follow: Literal["matches", "blend", "subset"] = parameter(
+        "matches",
+        "points follow the matches around them, the transforms blended between subsets, or their own subset's alone",
+    )
+    step_size: float = parameter(5.0, "distance of the material points at the first step", unit="px", ge=1)
+
+    def run(self, region: Product, matches: Product | None = None, track_before: Product | None = None) -> Product:
+        if track_before is None:
+            return self._first(region)
+        if matches is None:
+            raise StageError("no matches from the step before; add a stage 'match' and name it as 'matches'")
+        return self._next(matches, track_before)
+
+    def _first(self, region: Product) -> Product:
+        """The material grid on the region of the first step, and transforms that change nothing."""
+        import numpy as np
+
+        from dicflow.core.region import bounding_box, carry, contains, polygons_from_attrs
+        from dicflow.core.status import Status
+
+        polygons = polygons_from_attrs(region.attrs["polygons"])
+        polygons = carry(polygons, lambda ring: ring, spacing_px=OUTLINE_STEPS * self.step_size)
+        x0, y0, x1, y1 = bounding_box(polygons)
+        axes = (np.arange(np.ceil(low), high + 1e-9, self.step_size) for low, high in ((x0, x1), (y0, y1)))
+        points = np.stack(np.meshgrid(*axes), axis=-1)
+        inside = contains(polygons, points)
+        if not inside.any():
+            raise StageError(
+                f"the region of {x1 - x0:.0f} × {y1 - y0:.0f} px holds no point of a grid of {self.step_size} px; "
+                "use a smaller step_size or a larger region"
+            )
+        points[~inside] = np.nan
+        status = np.where(inside, Status.VALID, Status.OUTSIDE).astype(np.uint8)
+        return self._product(State(points, status, polygons), None)
+
+    def _next(self, matches: Product, before: Product) -> Product:
+        """Everything carried from the step before to this one."""
+        from dicflow.core.region import bounding_box, contains, polygons_from_attrs
+        from dicflow.core.tracking import carry_points, follow_matches, nearest_subset, subset_grid, track_subsets
+
+        polygons = polygons_from_attrs(before.attrs["polygons"])
+        grid = subset_grid(bounding_box(polygons), self.subsets, self.overlap)
+        source, target, features = (matches[name].astype(float) for name in ("reference", "deformed", "features"))
+        inside = contains(polygons, source)
+        tracked = track_subsets(
+            grid,
+            polygons,
+            source,
+            target,
+            features,
+            kind=self.transform,
+            threshold_px=self.threshold,
+            confidence=self.confidence,
+            min_inliers=self.min_inliers,
+            seed=self.seed,
+        )
+        if tracked is None:
+            raise StageError(self._lost(int(inside.sum())))
+        state = State(before["points"], before["status"], polygons)
+
+        def carried(points: np.ndarray) -> np.ndarray:
+            if self.follow == "matches":
+                return follow_matches(grid, tracked.transforms, source[inside], target[inside], points)
+            return carry_points(grid, tracked.transforms, points, blend=self.follow == "blend")
+
+        filled = tracked.filled[nearest_subset(grid, state.points)]
+        return self._product(_carried(state, carried, filled, matches.attrs["image_size"]), tracked)
+
+    def _lost(self, matches: int) -> str:
+        return (
+            f"{matches} matches in the region, and none of its {self.subsets[0]} × {self.subsets[1]} subsets has the "
+            f"{self.min_inliers} that agree on one {self.transform} transform; use smaller load steps, fewer subsets "
+            "or another detector"
+        )
+
+    def _product(self, state: State, tracked: Tracked | None) -> Product:
+        from dicflow.core.region import polygons_to_attrs
+
+        attrs = {
+            "polygons": polygons_to_attrs(state.polygons),
+            "step_size": self.step_size,
+            "summary": _summary(state, tracked),
+        }
+        variables = {
+            "points": Variable(("row", "col", "component"), state.points, "px", "material points at this step"),
+            "status": Variable(("row", "col"), state.status, "1", "why a point has a place, or has none"),
+            **_subset_variables(self.subsets, tracked),
+        }
+        return Product("track", variables, attrs)
+
+
+def _carried(
+    state: State, mapping: Callable[[np.ndarray], np.ndarray], filled: np.ndarray, image_size: Sequence[int]
+) -> State:
+    """The state at the next step.
+
+    mapping : carries points (..., 2) there
+    filled : (rows, cols) — points in subsets whose transform is that of their neighbours
+    """
+    import numpy as np
+
+    from dicflow.core.region import carry
+    from dicflow.core.status import Status
+
+    points, status = mapping(state.points), state.status.copy()
+    alive, placed = status <= Status.FILLED, np.isfinite(points).all(axis=-1)
+    with np.errstate(invalid="ignore"):
+        seen = ((points >= 0) & (points <= np.asarray(image_size) - 1)).all(axis=-1)
+    status[alive & filled] = Status.FILLED
+    status[alive & ~placed] = Status.UNTRACKED
+    status[alive & placed & ~seen] = Status.OUTSIDE
+    points[status > Status.FILLED] = np.nan
+    return State(points, status, carry(state.polygons, mapping))
+
+
+def _subset_variables(shape: tuple[int, int], tracked: Tracked | None) -> dict[str, Variable]:
+    """The transforms and what they rest on; at the first step the identity and nothing."""
+    import numpy as np
+
+    from dicflow.core.tracking import Tracked
+
+    if tracked is None:
+        none, no = np.zeros(shape, dtype=np.int32), np.zeros(shape, dtype=bool)
+        identity = np.broadcast_to(np.eye(3), (*shape, 3, 3)).copy()
+        tracked = Tracked(identity, none, none, none, np.full(shape, np.nan), no, no)
+    dims = ("subset_row", "subset_col")
+    return {
+        "transforms": Variable((*dims, "i", "j"), tracked.transforms, "1", "transform from the step before"),
+        "features": Variable(dims, tracked.features, "1", "features of the step before in the subset"),
+        "matches": Variable(dims, tracked.matches, "1", "matches in the subset"),
+        "inliers": Variable(dims, tracked.inliers, "1", "matches that the transform fits"),
+        "residual": Variable(dims, tracked.residual_px, "px", "root mean square distance of the inliers"),
+        "filled": Variable(dims, tracked.filled, "1", "transform taken from the neighbours' matches"),
+        "empty": Variable(dims, tracked.empty, "1", "no part of the region is in the subset"),
+    }
+
+
+def _summary(state: State, tracked: Tracked | None) -> dict[str, Any]:
+    """Counts over the subsets, and the share of the material points that are still followed."""
+    import numpy as np
+
+    from dicflow.core.status import Status
+
+    followed = {"points": int((state.status <= Status.FILLED).sum())}
+    if tracked is None:
+        return followed
+    measured = ~tracked.filled & ~tracked.empty
+    inliers = tracked.inliers[measured]
+    residual = float(np.sqrt(np.average(tracked.residual_px[measured] ** 2, weights=inliers)))
+    return {
+        **followed,
+        "subsets": int((~tracked.empty).sum()),
+        "subsets_filled": int(tracked.filled.sum()),
+        "matches": int(tracked.matches[~tracked.empty].sum()),
+        "inliers": int(inliers.sum()),
+        "residual_px": residual,
+    }
