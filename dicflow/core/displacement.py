@@ -13,12 +13,21 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from dicflow.core.filters import fill_moving_mean
+from dicflow.core.filters import Filled, fill_moving_mean
 from dicflow.core.region import Polygon, bounding_box, contains
 from dicflow.core.status import Status
 from dicflow.core.transform import apply_transform
 
-__all__ = ["Cloud", "Increment", "bilinear", "material_increment", "resize", "resize_codes", "thesis_increment"]
+__all__ = [
+    "Cloud",
+    "Increment",
+    "bilinear",
+    "fill_cells",
+    "material_increment",
+    "resize",
+    "resize_codes",
+    "thesis_increment",
+]
 
 Array = NDArray[np.float64]
 Codes = NDArray[np.uint8]
@@ -27,7 +36,6 @@ Mask = NDArray[np.bool_]
 WINDOW_PX = 3
 """Side of the thesis's small windows, and of the cells of its grid [px]."""
 _FILL_WINDOW_PX = 20
-_FILL_PASSES = 5
 
 
 class Cloud(NamedTuple):
@@ -84,12 +92,20 @@ def bilinear(field: ArrayLike, points: Array, origin: tuple[float, float] = (0.0
 
 
 def resize(field: Array, shape: tuple[int, int]) -> Array:
-    """Stretch a field (row, col, k) to another number of rows and columns, as an image is: borders fall on borders."""
+    """Stretch a field (row, col, k) to another number of rows and columns, as an image is: borders fall on borders.
+
+    Between four neighbours, or those of them that have a value and at least half of the weight; so a field with an
+    irregular border does not shrink, however often it is stretched. A point with any NaN has no value.
+    """
     y, x = (
         np.clip((np.arange(new) + 0.5) * old / new - 0.5, 0.0, old - 1.0)
         for new, old in zip(shape, field.shape[:2], strict=True)
     )
-    return bilinear(field, np.stack(np.meshgrid(x, y), axis=-1))
+    places = np.stack(np.meshgrid(x, y), axis=-1)
+    known = np.isfinite(field).all(axis=2, keepdims=True)
+    weight = bilinear(known.astype(np.float64), places)
+    total = bilinear(np.where(known, field, 0.0), places)
+    return np.where(weight >= 0.5, total / np.maximum(weight, 0.5), np.nan)
 
 
 def resize_codes(codes: Codes, shape: tuple[int, int]) -> Codes:
@@ -98,6 +114,11 @@ def resize_codes(codes: Codes, shape: tuple[int, int]) -> Codes:
         ((np.arange(new) + 0.5) * old / new).astype(np.int64) for new, old in zip(shape, codes.shape, strict=True)
     )
     return codes[np.ix_(row, col)]
+
+
+def fill_cells(field: Array, inside: Mask) -> Filled:
+    """Fill cells (row, col, k) of the thesis's grid from their neighbours: five passes of a window of 20 px."""
+    return fill_moving_mean(field, round(_FILL_WINDOW_PX / WINDOW_PX), 5, inside)
 
 
 def material_increment(
@@ -128,10 +149,10 @@ def thesis_increment(
     cloud_before: Cloud | None = None,
     cloud: Cloud | None = None,
 ) -> Increment:
-    """Displacement as the thesis defines it, on the centres of 3 × 3 px cells of the deformed region's box.
+    """Displacement as the thesis defines it, on the centres of equal cells that fill the deformed region's box.
 
-    The box of the region at the step before is divided into subsets, and these into windows of 3 × 3 px. The centre of
-    a window is carried by the transform of its subset, and its displacement
+    The box of the region at the step before is divided into subsets, and these into windows of 3 × 3 px, the size of
+    the cells. The centre of a window is carried by the transform of its subset, and its displacement
     dx = ±√(Δx² + Δz²), dy = ±√(Δy² + Δz²), with the sign of Δx and Δy, is kept in the cell where it arrives; several
     in one cell are averaged, and cells without any are filled from their neighbours.
 
@@ -151,7 +172,7 @@ def thesis_increment(
     means = _scatter(np.concatenate([signed, motion[:, 2:]], axis=1), arrived, grid)
     inside = contains(region, grid)
     means[~inside] = np.nan
-    filled = fill_moving_mean(means, max(3, round(_FILL_WINDOW_PX / WINDOW_PX)), _FILL_PASSES, inside)
+    filled = fill_cells(means, inside)
     missing = np.isnan(filled.values).any(axis=-1)
     status = np.where(filled.filled, Status.FILLED, np.where(missing, Status.OUTSIDE, Status.VALID))
     status[missing & inside] = Status.UNTRACKED
@@ -197,17 +218,21 @@ def _carried_windows(transforms: Array, region: Sequence[Polygon]) -> tuple[Arra
 
 
 def _cell_centres(box: Array) -> Array:
-    """Centres (row, col, 2) of the cells of a box (x0, y0, x1, y1) [px]."""
-    x0, y0, x1, y1 = box
-    x, y = np.arange(x0, x1, WINDOW_PX) + WINDOW_PX / 2.0, np.arange(y0, y1, WINDOW_PX) + WINDOW_PX / 2.0
+    """Centres (row, col, 2) of equal cells of about 3 × 3 px that fill a box (x0, y0, x1, y1) [px]."""
+    x, y = (_middles(low, high) for low, high in ((box[0], box[2]), (box[1], box[3])))
     return np.stack(np.meshgrid(x, y), axis=-1)
+
+
+def _middles(low: float, high: float) -> Array:
+    count = max(2, round((high - low) / WINDOW_PX))
+    return low + (np.arange(count) + 0.5) * (high - low) / count
 
 
 def _scatter(values: Array, points: Array, grid: Array) -> Array:
     """Mean of the values (n, k) with points (n, 2) in the cell around each point of the grid; NaN where none are."""
     rows, cols = grid.shape[:2]
     known = np.isfinite(values).all(axis=1) & np.isfinite(points).all(axis=1)
-    place = np.rint((points[known] - grid[0, 0]) / WINDOW_PX).astype(np.int64)
+    place = np.rint((points[known] - grid[0, 0]) / (grid[1, 1] - grid[0, 0])).astype(np.int64)
     inside = ((place >= 0) & (place < (cols, rows))).all(axis=1)
     index = place[inside, 1] * cols + place[inside, 0]
     count = np.bincount(index, minlength=rows * cols)

@@ -21,6 +21,7 @@ from numpy.typing import ArrayLike, NDArray
 __all__ = ["Filled", "Kernel", "LocalFit", "fill_moving_mean", "local_polynomial", "odd_window", "within_reach"]
 
 Array = NDArray[np.float64]
+Mask = NDArray[np.bool_]
 Kernel = Literal["box", "tricube"]
 
 _SINGULAR = 1e-9
@@ -35,7 +36,7 @@ class Filled(NamedTuple):
     """
 
     values: Array
-    filled: NDArray[np.bool_]
+    filled: Mask
 
 
 class LocalFit(NamedTuple):
@@ -52,9 +53,7 @@ class LocalFit(NamedTuple):
     leverage: Array
 
 
-def fill_moving_mean(
-    values: ArrayLike, window: int, passes: int = 5, inside: NDArray[np.bool_] | None = None
-) -> Filled:
+def fill_moving_mean(values: ArrayLike, window: int, passes: int = 5, inside: Mask | None = None) -> Filled:
     """Fill missing points with the mean of a moving window, along columns and then along rows, several times.
 
     values : (row, col) or (row, col, k) — a point with any NaN is missing
@@ -63,33 +62,35 @@ def fill_moving_mean(
     inside : (row, col) bool — where to fill; everywhere if absent
     """
     field: Array = np.array(values, dtype=np.float64)
-    missing = np.isnan(field).reshape(*field.shape[:2], -1).any(axis=2)
-    field[missing] = np.nan
-    fillable: NDArray[np.bool_] = np.logical_and(missing, True if inside is None else inside)
-    open_points: NDArray[np.bool_] = fillable.copy()
+    planes = field.reshape(*field.shape[:2], -1)
+    missing = np.isnan(planes).any(axis=2)
+    planes[missing] = np.nan
+    fillable: Mask = np.logical_and(missing, True if inside is None else inside)
+    still: Mask = fillable.copy()
     for axis in (0, 1) * passes:
-        if not open_points.any():
+        if not still.any():
             break
-        means = _moving_mean(field, window, axis)
-        field[open_points] = means[open_points]
-        open_points = np.logical_and(fillable, np.isnan(field.reshape(*field.shape[:2], -1)[..., 0]))
-    return Filled(field, np.logical_and(fillable, ~open_points))
+        lines = np.flatnonzero(still.any(axis=axis))
+        means = _moving_mean(planes.take(lines, axis=1 - axis), window, axis)
+        row, col = np.nonzero(still.take(lines, axis=1 - axis))
+        at = (row, lines[col]) if axis == 0 else (lines[row], col)
+        planes[at] = means[row, col]
+        still[at] = np.isnan(means[row, col, 0])
+    return Filled(field, np.logical_and(fillable, ~still))
 
 
-def _moving_mean(field: Array, window: int, axis: int) -> Array:
-    """Mean of the valid points in a window along one axis; NaN where there is none."""
-    valid = np.isfinite(field)
+def _moving_mean(planes: Array, window: int, axis: int) -> Array:
+    """Mean of the valid points in a window along one axis of (row, col, k); NaN where there is none."""
+    valid = np.isfinite(planes[..., 0])
     count = _moving_sum(valid.astype(np.float64), window, axis)
-    total = _moving_sum(np.where(valid, field, 0.0), window, axis)
-    return np.divide(total, count, out=np.full_like(total, np.nan), where=count > 0.5)
+    total = _moving_sum(np.where(valid[..., None], planes, 0.0), window, axis)
+    return np.where(count[..., None] > 0.5, total / np.maximum(count, 1.0)[..., None], np.nan)
 
 
 def _moving_sum(field: Array, window: int, axis: int) -> Array:
-    before = window // 2
-    padding = [(0, 0)] * field.ndim
-    padding[axis] = (before + 1, window - 1 - before)
-    sums = np.moveaxis(np.cumsum(np.pad(field, padding), axis=axis), axis, 0)
-    return np.moveaxis(sums[window:] - sums[:-window], 0, axis)
+    size, anchor = ((1, window), (0, window // 2)) if axis == 0 else ((window, 1), (window // 2, 0))
+    sums = cv2.boxFilter(field, cv2.CV_64F, size, anchor=anchor, normalize=False, borderType=cv2.BORDER_CONSTANT)
+    return np.asarray(sums).reshape(field.shape)
 
 
 def odd_window(window_px: tuple[float, float], step_px: float = 1.0) -> tuple[int, int]:
@@ -105,9 +106,9 @@ def odd_window(window_px: tuple[float, float], step_px: float = 1.0) -> tuple[in
     return rows, cols
 
 
-def within_reach(mask: ArrayLike, distance: float) -> NDArray[np.bool_]:
+def within_reach(mask: ArrayLike, distance: float) -> Mask:
     """Which points (row, col) lie in the mask or at most ``distance`` points from one that does."""
-    inside: NDArray[np.bool_] = np.array(mask, dtype=np.bool_)
+    inside: Mask = np.array(mask, dtype=np.bool_)
     if not inside.any():
         return inside
     away = cv2.distanceTransform((~inside).astype(np.uint8), cv2.DIST_L2, cv2.DIST_MASK_PRECISE)
@@ -139,7 +140,7 @@ def local_polynomial(
         raise ValueError(f"expected odd windows and a degree of 0 to 4, got {window} and {degree}")
     field = np.asarray(values, dtype=np.float64)
     data = field.reshape(*field.shape[:2], -1)
-    valid: NDArray[np.bool_] = np.asarray(np.isfinite(data).all(axis=2))
+    valid: Mask = np.asarray(np.isfinite(data).all(axis=2))
     weight: Array = np.where(valid, 1.0 if weights is None else np.asarray(weights, np.float64), 0.0)
     centre = data[valid].mean(axis=0) if valid.any() else np.zeros(data.shape[2])
     powers = _powers(degree)

@@ -29,8 +29,9 @@ class Accumulate(Node):
 
     In the material definition displacements are added and deformation gradients multiplied point by point,
     F = f · F before; a point that was lost once stays lost. In the thesis's the total before is stretched to the new
-    grid like an image, and displacements and strains are added. The sum of incremental engineering strains is not the
-    engineering strain: it comes near ln(1 + ε), so at a stretch of 2.2 it reads about 0.8 instead of 1.2.
+    grid like an image, gaps are filled, and displacements and strains are added. The sum of incremental engineering
+    strains is not the engineering strain: it comes near ln(1 + ε), so at a stretch of 2.2 it reads about 0.8 instead
+    of 1.2.
     """
 
     title: ClassVar = "accumulate the steps"
@@ -77,21 +78,21 @@ def _thesis(strain: Product, before: Product | None) -> dict[str, Any]:
     """The fields of the total by stretching and adding."""
     import numpy as np
 
-    from dicflow.core.displacement import resize, resize_codes
+    from dicflow.core.displacement import fill_cells, resize, resize_codes
     from dicflow.core.status import Status
 
     summed = ("U", "V", "W", "exx", "eyy", "gxy")
     fields = {name: strain[name] for name in (*summed, "xy", "xyz", "xyz_reference", "status")}
     if before is not None:
-        shape = strain["U"].shape
+        shape, status = strain["U"].shape, strain["status"]
         stretched = resize(np.stack([before[name] for name in summed], axis=-1), shape)
-        fields.update({name: strain[name] + stretched[..., index] for index, name in enumerate(summed)})
+        filled = fill_cells(stretched, np.isfinite(strain["U"]))
+        fields.update({name: strain[name] + filled.values[..., index] for index, name in enumerate(summed)})
         fields["xyz_reference"] = resize(before["xyz_reference"], shape)
-        worst = np.maximum(strain["status"], resize_codes(before["status"], shape))
-        known = np.isfinite(fields["V"])
-        fields["status"] = np.where(known, np.minimum(worst, Status.FILLED), np.maximum(worst, Status.OUTSIDE)).astype(
-            np.uint8
-        )
+        known = np.isfinite(fields["U"])
+        worst = np.maximum(np.maximum(status, resize_codes(before["status"], shape)), Status.FILLED * filled.filled)
+        fields["status"] = np.where(known, np.minimum(worst, Status.FILLED), np.maximum(worst, Status.OUTSIDE))
+        fields["status"] = fields["status"].astype(np.uint8)
     return fields
 
 

@@ -61,6 +61,15 @@ def test_resize_maps_borders_on_borders():
     assert np.array_equal(resize(field, (40, 30)), field)
 
 
+def test_a_field_with_a_border_keeps_its_size_when_stretched_often():
+    field = np.where(np.hypot(COL - 15, ROW - 20) < 10, 1.0, np.nan)[..., None]
+    again = field
+    for shape in [(43, 31), (47, 32), (53, 31), (47, 30), (40, 30)] * 4:
+        again = resize(again, shape)
+    assert np.isfinite(again).sum() == pytest.approx(np.isfinite(field).sum(), rel=0.05)
+    assert np.allclose(again[np.isfinite(again)], 1.0)
+
+
 def test_codes_are_stretched_without_mixing():
     codes = np.array([[0, 8], [2, 1]], np.uint8)
     assert resize_codes(codes, (4, 2)).tolist() == [[0, 8], [0, 8], [2, 1], [2, 1]]
