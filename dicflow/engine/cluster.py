@@ -22,6 +22,7 @@ __all__ = ["ClusterBackend", "is_loopback", "local_cluster", "remote_cluster"]
 _LOOPBACK = "127.0.0.1"
 _MUST_AGREE = ("python", "dicflow", "dask", "distributed", "numpy")
 _PATIENCE_S = 15
+_DIED = "its worker died again and again, even with nothing beside it; most likely it needs more memory than there is"
 
 
 class ClusterBackend:
@@ -32,13 +33,40 @@ class ClusterBackend:
         self.link = link
 
     def compute(self, graph: Mapping[Any, Any], jobs: Mapping[Any, Job], finished: Callable[[Outcome], None]) -> None:
-        """Run a graph; ``finished`` is told of every task as it ends."""
+        """Run a graph; ``finished`` is told of every task as it ends.
+
+        What was lost with a worker, and what comes after it, is tried once more with the cluster to itself: the worker
+        may have died of what ran beside it, and alone a task has all the memory there is.
+        """
+        outcomes: dict[Any, Outcome] = {}
+        self._run(graph, jobs, outcomes, finished)
+        for key in [key for key in graph if key not in outcomes]:
+            call, job, *needs = graph[key]
+            inputs = [outcomes.get(need, need) if isinstance(need, tuple) else need for need in needs]
+            if all(outcome.ref is not None for outcome in inputs):
+                self._run({key: (call, job, *inputs)}, jobs, outcomes, finished)
+            else:
+                outcomes[key] = call(job, *inputs)
+                finished(outcomes[key])
+            if key not in outcomes:
+                outcomes[key] = job.outcome("failed", error=f"{job.task.name}: {_DIED}")
+                finished(outcomes[key])
+
+    def _run(
+        self,
+        graph: Mapping[Any, Any],
+        jobs: Mapping[Any, Job],
+        outcomes: dict[Any, Outcome],
+        finished: Callable[[Outcome], None],
+    ) -> None:
+        """Run a graph; what is lost with its worker gets no outcome."""
         futures = self._client.get(dict(graph), list(graph), sync=False)
         try:
             for future in distributed.as_completed(futures, loop=self._client.loop):
                 error = future.exception()
-                job = jobs[future.key]
-                finished(future.result() if error is None else _lost(job, error, future.key))
+                if not isinstance(error, distributed.KilledWorker):
+                    outcomes[future.key] = future.result() if error is None else _broken(jobs[future.key], error)
+                    finished(outcomes[future.key])
         finally:
             self._client.cancel(futures)
 
@@ -54,10 +82,16 @@ def local_cluster(
     address = f"{_LOOPBACK}:0" if dashboard else None
     options: dict[str, Any] = {"n_workers": workers, "threads_per_worker": 1}
     if not processes:
-        options = {"n_workers": 1, "threads_per_worker": workers, "worker_dashboard_address": f"{_LOOPBACK}:0"}
+        options = {"n_workers": 1, "threads_per_worker": workers, "worker_dashboard_address": address}
+        options["protocol"] = "tcp://"  # within a process dask would else talk to itself, but cannot be held to a host
     with (
         distributed.LocalCluster(
-            processes=processes, host=_LOOPBACK, dashboard_address=address, silence_logs=logging.CRITICAL, **options
+            processes=processes,
+            host=_LOOPBACK,
+            dashboard_address=address,
+            silence_logs=logging.CRITICAL,
+            scheduler_kwargs={"allowed_failures": 1},
+            **options,
         ) as cluster,
         distributed.Client(cluster, set_as_default=False) as client,
     ):
@@ -106,14 +140,8 @@ class _Prepare(distributed.WorkerPlugin):  # type: ignore[misc]
         prepare(self._setup)
 
 
-def _lost(job: Job, error: BaseException, key: Any) -> Outcome:
-    """The outcome of a task that no worker could bring home, or that comes after such a one."""
-    killer = getattr(error, "task", key)
-    if killer != key:
-        return job.outcome("skipped", error=f"{'/'.join(killer[:-1])} failed")
-    if isinstance(error, distributed.KilledWorker):
-        message = "its worker died again and again; most likely the memory did not suffice: use fewer workers"
-        return job.outcome("failed", error=f"{job.task.name}: {message}")
+def _broken(job: Job, error: BaseException) -> Outcome:
+    """The outcome of a task that dask itself could not bring home."""
     return job.outcome("failed", error=f"{job.task.name}: {type(error).__name__}: {error}; run again")
 
 
@@ -124,9 +152,8 @@ def _check_workers(client: distributed.Client, address: str) -> None:
         raise ConfigurationError(f"{address}: the scheduler has no workers; start 'dask worker {address}'") from error
     here = versions()
     for worker, there in client.run(versions).items():
-        other = [
-            f"{name} {there.get(name)} (here {here[name]})" for name in _MUST_AGREE if there.get(name) != here[name]
-        ]
+        differing = [name for name in _MUST_AGREE if there.get(name) != here.get(name)]
+        other = [f"{name} {there.get(name)} (here {here.get(name)})" for name in differing]
         if other:
             raise ConfigurationError(f"{worker}: has {', '.join(other)}; install the same versions there and here")
 

@@ -61,7 +61,7 @@ def versions() -> dict[str, str]:
         needs = importlib.metadata.requires("dicflow") or []
     except importlib.metadata.PackageNotFoundError:
         return found
-    for line in ["dicflow", *(need for need in needs if "extra ==" not in need)]:
+    for line in ["dicflow", "distributed", *(need for need in needs if "extra ==" not in need)]:
         match = re.match(r"[A-Za-z0-9._-]+", line)
         if match is not None:
             found[match[0]] = _version(match[0])

@@ -161,7 +161,9 @@ def trouble(folder, how, above=5.0, **parameters):
     return expand(
         {
             "read": StageSpec(toys.Read(), {}, folder),
-            "trouble": StageSpec(toys.Trouble(how=how, above=above, marks=str(folder), **parameters), {"number": "read"}),
+            "trouble": StageSpec(
+                toys.Trouble(how=how, above=above, marks=str(folder), **parameters), {"number": "read"}
+            ),
             "scale": StageSpec(toys.Scale(), {"number": "trouble"}),
         }
     )

@@ -221,3 +221,20 @@ def chain(folder: Path, keep: str = "auto", **parameters: Any) -> Graph:
 def run_sync(graph: Graph, store: Store, **options: Any) -> RunResult:
     """Run in this process, under the pipeline name "toys"."""
     return run(graph, store, pipeline="toys", options=Options(**{"scheduler": "sync", **options}))
+
+
+class Threads(Node):
+    """Per step: how many threads the libraries may use in this worker."""
+
+    title: ClassVar = "threads"
+    scope: ClassVar = Scope.STEP
+    gives: ClassVar = "threads"
+    takes: ClassVar = {"number": Port("number")}
+    stage: Literal["threads"] = "threads"
+
+    def run(self, number: Product) -> Product:
+        """The numbers of threads."""
+        import cv2
+        import numba
+
+        return Product("threads", attrs={"cv2": cv2.getNumThreads(), "numba": numba.get_num_threads()})

@@ -1,0 +1,175 @@
+import os
+import signal
+import subprocess
+import sys
+import time
+import urllib.request
+from pathlib import Path
+
+import distributed
+import psutil
+import pytest
+import toys
+from test_execute import index, trouble
+from toys import StageSpec, chain, expand, run_sync
+
+from dicflow.engine import cluster
+from dicflow.engine.store import Store
+from dicflow.errors import ConfigurationError, StoreError
+
+
+def listeners():
+    """Addresses on which this process and its children listen."""
+    here = psutil.Process()
+    processes = [here, *here.children(recursive=True)]
+    return {
+        connection.laddr.ip
+        for process in processes
+        for connection in process.net_connections(kind="inet")
+        if connection.status == psutil.CONN_LISTEN
+    }
+
+
+def page(link, part):
+    with urllib.request.urlopen(link.replace("/status", part), timeout=10) as answer:
+        return answer.read().decode()
+
+
+@pytest.mark.parametrize("scheduler", ["processes", "threads"])
+def test_the_dashboard_answers_on_loopback_only(folder, store, tmp_path, scheduler):
+    seen = {}
+
+    def look():
+        seen["listeners"] = listeners()
+        seen["page"] = page(seen["link"], "/status")
+
+    def told(event):
+        if event.kind == "dashboard":
+            seen["link"] = event.text
+
+    stages = chain(folder).stages
+    graph = expand({**stages, "threads": StageSpec(toys.Threads(), {"number": "read"})})
+    options = {"scheduler": scheduler, "workers": 2, "dashboard": True, "on_event": told, "linger": look}
+    result = run_sync(graph, store, **options)
+    assert result.ok, result.errors
+    assert seen["link"].startswith("http://127.0.0.1:")
+    assert "bokeh" in seen["page"].lower()
+    assert seen["listeners"] == {"127.0.0.1"}
+    assert result.product("threads/step_01").attrs == {"cv2": 1, "numba": 1}
+    if scheduler == "processes":
+        other = run_sync(chain(folder), Store.open(tmp_path / "other"))
+        assert {name: digest for name, digest in index(result).items() if "threads" not in name} == index(other)
+
+
+def test_without_a_dashboard_nothing_listens_beyond_loopback_either(folder, store):
+    seen = []
+    result = run_sync(chain(folder), store, scheduler="processes", linger=lambda: seen.append(listeners()))
+    assert result.ok
+    assert seen == [{"127.0.0.1"}]
+
+
+def test_a_worker_killed_in_the_middle_costs_nothing(folder, store, tmp_path):
+    result = run_sync(trouble(folder, "kill once"), store, scheduler="processes")
+    assert result.ok
+    again = run_sync(trouble(folder, "kill once"), Store.open(tmp_path / "other"))
+    assert index(again) == index(result)
+
+
+def test_a_task_that_always_kills_its_worker_is_named_and_no_other_suffers(folder, store):
+    result = run_sync(trouble(folder, "kill"), store, scheduler="processes", keep_going=True)
+    assert result.errors == [f"trouble/step_06: {cluster._DIED}"]
+    assert result.outcomes["scale/step_06"].error == "trouble/step_06 failed"
+    assert result.counts == {"hit": 0, "computed": 16, "failed": 1, "skipped": 1}
+
+
+def test_a_scheduler_that_is_already_there(folder, store, tmp_path):
+    options = {"processes": False, "protocol": "tcp://", "host": "127.0.0.1", "dashboard_address": None}
+    with distributed.LocalCluster(n_workers=1, worker_dashboard_address=None, **options) as there:
+        result = run_sync(chain(folder), store, scheduler=there.scheduler_address)
+    assert result.counts["computed"] == 24
+    assert index(result) == index(run_sync(chain(folder), Store.open(tmp_path / "other")))
+
+
+def test_a_scheduler_that_is_not_there(folder, store, monkeypatch):
+    monkeypatch.setattr(cluster, "_PATIENCE_S", 0.3)
+    with pytest.raises(ConfigurationError, match=r"tcp://127\.0\.0\.1:9: no scheduler answers there"):
+        run_sync(chain(folder), store, scheduler="tcp://127.0.0.1:9")
+
+
+class Fake:
+    """A client of workers that answer as they are told to."""
+
+    def __init__(self, **answers):
+        self.answers = answers
+
+    def wait_for_workers(self, *_, **__):
+        if self.answers.get("workers", 1) == 0:
+            raise TimeoutError
+
+    def run(self, function, *_):
+        return {"tcp://far:1": self.answers[function.__name__]}
+
+
+def test_workers_with_other_versions_are_refused():
+    there = {**cluster.versions(), "numpy": "1.0"}
+    with pytest.raises(ConfigurationError, match=r"tcp://far:1: has numpy 1\.0 \(here .*install the same versions"):
+        cluster._check_workers(Fake(versions=there), "tcp://far:0")
+    cluster._check_workers(Fake(versions=cluster.versions()), "tcp://far:0")
+    with pytest.raises(ConfigurationError, match="the scheduler has no workers; start"):
+        cluster._check_workers(Fake(workers=0), "tcp://far:0")
+
+
+def test_workers_that_do_not_see_the_store_are_refused(store):
+    (store.path / "runs" / "x").mkdir(parents=True)
+    with pytest.raises(StoreError, match=r"the worker tcp://far:1 does not see .*put the store on a shared disk"):
+        cluster._check_store(Fake(reads_probe=""), "tcp://far:0", store, "x")
+    assert not list((store.path / "runs" / "x").iterdir())
+
+
+@pytest.mark.parametrize(
+    ("address", "here"),
+    [("tcp://127.0.0.1:1", True), ("tcp://localhost:1", True), ("tcp://[::1]:1", True), ("tcp://10.0.0.1:1", False)],
+)
+def test_loopback(address, here):
+    assert cluster.is_loopback(address) == here
+
+
+def test_an_open_scheduler_elsewhere_is_warned_of(folder, store, monkeypatch):
+    monkeypatch.setattr(cluster, "_PATIENCE_S", 0.1)
+    seen = []
+    with pytest.raises(ConfigurationError):
+        run_sync(chain(folder), store, scheduler="tcp://192.0.2.1:1", on_event=seen.append)
+    assert ["neither encrypted nor authenticated" in e.text for e in seen if e.kind == "warning"] == [True]
+
+
+INTERRUPTED = """
+import sys
+from pathlib import Path
+sys.path[:0] = sys.argv[3:]
+from toys import chain, run_sync
+from dicflow.engine.store import Store
+def told(event):
+    print(event.kind, event.stage, flush=True)
+if __name__ == "__main__":
+    graph = chain(Path(sys.argv[1]), sleep_s=0.5)
+    result = run_sync(graph, Store.open(Path(sys.argv[2])), scheduler="processes", on_event=told)
+    print(result.interrupted, result.counts["failed"], result.counts["skipped"] > 0, flush=True)
+"""
+
+
+def test_an_interrupt_of_the_whole_group_lets_workers_finish(folder, store, tmp_path):
+    """Ctrl-C in a terminal reaches every process."""
+    script = tmp_path / "script.py"
+    script.write_text(INTERRUPTED)
+    command = [sys.executable, script, folder, store.path, str(Path(__file__).parent)]
+    process = subprocess.Popen(
+        command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, start_new_session=True
+    )
+    lines = iter(process.stdout.readline, "")
+    next(line for line in lines if line == "finished scale\n")
+    time.sleep(0.1)
+    os.killpg(process.pid, signal.SIGINT)
+    out, err = process.communicate(timeout=30)
+    assert out.splitlines()[-1] == "True 0 True", out + err
+    assert "Traceback" not in err
+    assert run_sync(chain(folder), store).counts["hit"] >= 8
