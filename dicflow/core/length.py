@@ -70,13 +70,15 @@ def tracked_length(points: Array, reference: Array, exterior: Array) -> float:
     """Mean distance between the material points that lay on the upper and lower edge at the first step.
 
     points : (row, col, k) — the material grid at this step, in space [mm] or in the image [px]
-    reference : (row, col, 2) — the grid in the image at the first step [px]
+    reference : (row, col, 2) — the grid in the image at the first step [px]; NaN outside the region
     exterior : (n, 2) — outline of the region at the first step [px]
 
     The grid ends before the edges: every column is continued to the outline along its reference y.
     Returns the length [mm or px]; NaN where no column comes near both edges.
     """
-    spans = outline_span(exterior, reference[0, :, 0])
+    known = np.isfinite(reference[..., 0])
+    x = np.where(known, reference[..., 0], 0.0).sum(axis=0) / np.maximum(known.sum(axis=0), 1)
+    spans = outline_span(exterior, np.where(known.any(axis=0), x, np.nan))
     ends = [
         [_at(points[:, col], reference[:, col, 1], edge) for edge in span]
         for col, span in enumerate(spans)

@@ -4,7 +4,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from dicflow.core.length import cloud_length, edge_pairs, outline_span, tracked_length
-from dicflow.core.region import densify, rectangle
+from dicflow.core.region import Polygon, contains, densify, rectangle
 
 ROW, COL = np.mgrid[:200, :80].astype(float)
 OUTLINE = rectangle(20, 30, 60, 170).exterior
@@ -83,6 +83,15 @@ def test_tracked_length_of_an_uneven_stretch_with_lost_points():
     points[:, 5] = np.nan
     ends = np.array([[0.1 * e + 5e-4 * (e - 100) ** 2, 0.02 * e] for e in (30.0, 170.0)])
     assert tracked_length(points, reference, OUTLINE) == pytest.approx(np.linalg.norm(ends[1] - ends[0]), rel=1e-9)
+
+
+def test_tracked_length_of_a_region_that_is_no_rectangle():
+    """Upper edge from (20, 30) to (60, 50), lower edge at 170: a mean length of 13 mm."""
+    ring = np.array([[20.0, 30.0], [60.0, 50.0], [60.0, 170.0], [20.0, 170.0]])
+    reference = np.stack(np.meshgrid(np.arange(16.0, 65.0), np.arange(26.0, 180.0, 2.0)), axis=-1)
+    reference[~contains([Polygon(ring)], reference)] = np.nan
+    points = 0.1 * np.concatenate([reference, reference[..., :1]], axis=-1)
+    assert tracked_length(points, reference, ring) == pytest.approx(13.0, rel=2e-3)
 
 
 def test_tracked_length_without_points():
