@@ -217,7 +217,7 @@ def _stereo_lines(found: Found, square: str | None) -> list[str]:
         "  pair: {stage: rectify, images: photos}",
         _region_line(found, "pair"),
         "  features: {stage: features, images: pair, detector: KAZE}",
-        "  matches: {stage: match}",
+        "  matches: {stage: match, images: pair}",
         "  track: {stage: track}",
         "",
         "  # the surface of each step",
@@ -235,7 +235,7 @@ def _planar_lines(found: Found) -> list[str]:
         "  plane: {stage: undistort, images: photos}",
         _region_line(found, "plane"),
         "  features: {stage: features, images: plane, detector: KAZE}",
-        "  matches: {stage: match}",
+        "  matches: {stage: match, images: plane}",
         "  track: {stage: track, subsets: [4, 2]}",
     ]
 
@@ -247,7 +247,7 @@ def _region_line(found: Found, images: str) -> str:
 
 
 def _common_lines(found: Found, stereo: bool) -> list[str]:
-    cloud = ", cloud: surface, cloud_before: surface" if stereo else ""
+    cloud = ", cloud: surface" if stereo else ""
     lines = [
         "",
         "  # displacement and strain",

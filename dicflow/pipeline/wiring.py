@@ -128,10 +128,11 @@ def _path(document: Document, place: Place, location: tuple[str | int, ...]) -> 
 def _inputs(
     document: Document, name: str, entry: Mapping[str, Any], nodes: Mapping[str, Node], problems: list[str]
 ) -> dict[str, str]:
-    """Port → stage for every input that is named or can be only one."""
-    found = {}
+    """Port → stage for every input that is named or can be only one; ``cloud_before`` is by default what ``cloud`` is."""
+    found: dict[str, str] = {}
     for port_name, port in nodes[name].takes.items():
-        producer = name if port.own else _producer(document, name, port_name, port, entry, nodes, problems)
+        same = found.get(port_name.removesuffix("_before")) if port_name not in entry else None
+        producer = name if port.own else same or _producer(document, name, port_name, port, entry, nodes, problems)
         if producer is not None:
             found[port_name] = producer
     return found

@@ -13,7 +13,6 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from dicflow._version import __version__
-from dicflow.engine.product import Product
 from dicflow.engine.references import Ref, load
 from dicflow.engine.store import Store
 from dicflow.io.results import csv_text, table_text
@@ -68,9 +67,7 @@ def _jobs(result: Result) -> Iterator[_Job]:
                 yield from _map_jobs(result, stage, variant, prefix)
         for stage in result.stages_of("comparison"):
             if result.has(stage, None, variant):
-                yield _table_job(
-                    result.product(stage, None, variant), stage, result.digest(stage, None, variant), prefix
-                )
+                yield _table_job(result, stage, variant, prefix)
     if len(result.values) > 1:
         table = result.table()
         digest = hashlib.sha256(table_text(table).encode()).hexdigest()
@@ -120,12 +117,13 @@ def _draw(
     return pictures
 
 
-def _table_job(product: Product, stage: str, digest: str, prefix: str) -> _Job:
-    return _Job((f"{prefix}{stage}.csv",), (__version__, digest), partial(_table_file, product, stage, prefix))
+def _table_job(result: Result, stage: str, variant: int, prefix: str) -> _Job:
+    ref, file = result.ref(stage, None, variant), f"{prefix}{stage}.csv"
+    return _Job((file,), (__version__, ref.digest), partial(_table_file, result.store_folder, ref, stage, file))
 
 
-def _table_file(product: Product, stage: str, prefix: str) -> dict[str, bytes]:
-    return {f"{prefix}{stage}.csv": csv_text(product, stage).encode()}
+def _table_file(store_folder: Path, ref: Ref, stage: str, file: str) -> dict[str, bytes]:
+    return {file: csv_text(load(Store.open(store_folder), ref), stage).encode()}
 
 
 def _sweep_files(values: list[Mapping[str, Any]], table: list[dict[str, Any]]) -> dict[str, bytes]:
