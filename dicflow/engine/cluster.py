@@ -32,19 +32,19 @@ class ClusterBackend:
         self._client = client
         self.link = link
 
-    def compute(self, graph: Mapping[Any, Any], jobs: Mapping[Any, Job], finished: Callable[[Outcome], None]) -> None:
+    def compute(self, graph: Mapping[Any, Any], finished: Callable[[Outcome], None]) -> None:
         """Run a graph; ``finished`` is told of every task as it ends.
 
         What was lost with a worker, and what comes after it, is tried once more with the cluster to itself: the worker
         may have died of what ran beside it, and alone a task has all the memory there is.
         """
-        outcomes: dict[Any, Outcome] = {}
-        self._run(graph, jobs, outcomes, finished)
+        outcomes = self._run(graph, finished)
         for key in [key for key in graph if key not in outcomes]:
             call, job, *needs = graph[key]
-            inputs = [outcomes.get(need, need) if isinstance(need, tuple) else need for need in needs]
+            inputs: list[Outcome] = [need if isinstance(need, Outcome) else outcomes[need] for need in needs]
             if all(outcome.ref is not None for outcome in inputs):
-                self._run({key: (call, job, *inputs)}, jobs, outcomes, finished)
+                alone = (*key, "alone")
+                outcomes |= {key: found for found in self._run({alone: (call, job, *inputs)}, finished).values()}
             else:
                 outcomes[key] = call(job, *inputs)
                 finished(outcomes[key])
@@ -52,23 +52,20 @@ class ClusterBackend:
                 outcomes[key] = job.outcome("failed", error=f"{job.task.name}: {_DIED}")
                 finished(outcomes[key])
 
-    def _run(
-        self,
-        graph: Mapping[Any, Any],
-        jobs: Mapping[Any, Job],
-        outcomes: dict[Any, Outcome],
-        finished: Callable[[Outcome], None],
-    ) -> None:
+    def _run(self, graph: Mapping[Any, Any], finished: Callable[[Outcome], None]) -> dict[Any, Outcome]:
         """Run a graph; what is lost with its worker gets no outcome."""
+        outcomes = {}
         futures = self._client.get(dict(graph), list(graph), sync=False)
         try:
             for future in distributed.as_completed(futures, loop=self._client.loop):
                 error = future.exception()
                 if not isinstance(error, distributed.KilledWorker):
-                    outcomes[future.key] = future.result() if error is None else _broken(jobs[future.key], error)
+                    _, job, *_ = graph[future.key]
+                    outcomes[future.key] = future.result() if error is None else _broken(job, error)
                     finished(outcomes[future.key])
         finally:
             self._client.cancel(futures)
+        return outcomes
 
 
 @contextmanager

@@ -196,8 +196,7 @@ class _Run:
             if self.stopped:
                 break
             window = {name: jobs[name] for name in names[first : first + _WINDOW]}
-            graph = build_graph(window, self.outcomes)
-            backend.compute(graph, dict(zip(graph, window.values(), strict=True)), self.finished)
+            backend.compute(build_graph(window, self.outcomes), self.finished)
         for name in names:
             if name not in self.outcomes:
                 self.finished(jobs[name].outcome("skipped", error="the run was stopped"))

@@ -22,9 +22,7 @@ class Backend(Protocol):
 
     link: str
 
-    def compute(
-        self, graph: Mapping[GraphKey, Any], jobs: Mapping[GraphKey, Job], finished: Callable[[Outcome], None]
-    ) -> None:
+    def compute(self, graph: Mapping[GraphKey, Any], finished: Callable[[Outcome], None]) -> None:
         """Run a graph; ``finished`` is told of every task as it ends."""
 
 
@@ -84,9 +82,7 @@ class _InProcess:
     def __init__(self, threads: int) -> None:
         self._threads = threads
 
-    def compute(
-        self, graph: Mapping[GraphKey, Any], jobs: Mapping[GraphKey, Job], finished: Callable[[Outcome], None]
-    ) -> None:
+    def compute(self, graph: Mapping[GraphKey, Any], finished: Callable[[Outcome], None]) -> None:
         """Run a graph; ``finished`` is told of every task as it ends."""
         from dask.callbacks import Callback
 
