@@ -39,7 +39,8 @@ class Matching(NamedTuple):
     uniqueness_percent : margin by which the best match must beat the second
     left_right_px : how far both directions of matching may disagree
     speckle_px : islands of similar disparity of fewer pixels are taken out
-    texture : least root mean square of the grey level's slope along the row [grey levels of 255 per px]
+    texture : least root mean square of the grey level's slope along the row, in a window of half the size of the
+        refinement's, so that it ends near the specimen's edge [grey levels of 255 per px]
     refine_px : side of the window of the sub-pixel refinement, odd
     """
 
@@ -119,7 +120,7 @@ def match_rows(
     bytes_left, bytes_right = to_8bit(grey_left), to_8bit(grey_right)
     found = _semi_global(bytes_left, bytes_right, length, matching)
     backward = _semi_global(bytes_right[:, ::-1], bytes_left[:, ::-1], length, matching)[:, ::-1]
-    status = _judge(found, backward, _texture(bytes_left, matching.refine_px), matching)
+    status = _judge(found, backward, _texture(bytes_left, matching.refine_px // 2 | 1), matching)
     kept = np.where(status == Status.VALID, found, np.float32(np.nan))
     refined = refine(grey_left.astype(np.float32), grey_right.astype(np.float32), kept, matching.refine_px)
     inside = np.s_[:, length : length + box[2] - box[0]]

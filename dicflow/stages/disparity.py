@@ -153,7 +153,7 @@ def _nothing_matched(left: np.ndarray, counts: np.ndarray, limits: tuple[int, in
     if gradient < WEAK_PATTERN:
         return (
             f"the region has too little texture to match: its mean intensity gradient is {gradient:.1f} grey levels "
-            "per px, and a speckle pattern has 5 or more; light the specimen better, speckle it anew or correct the region"
+            "per px, and a speckle pattern has 5 or more; light the specimen, speckle it anew, or correct the region"
         )
     if limits is None:
         return (
