@@ -41,16 +41,27 @@ class ClusterBackend:
         outcomes = self._run(graph, finished)
         for key in [key for key in graph if key not in outcomes]:
             call, job, *needs = graph[key]
-            inputs: list[Outcome] = [need if isinstance(need, Outcome) else outcomes[need] for need in needs]
-            if all(outcome.ref is not None for outcome in inputs):
-                alone = (*key, "alone")
-                outcomes |= {key: found for found in self._run({alone: (call, job, *inputs)}, finished).values()}
-            else:
-                outcomes[key] = call(job, *inputs)
-                finished(outcomes[key])
-            if key not in outcomes:
-                outcomes[key] = job.outcome("failed", error=f"{job.task.name}: {_DIED}")
-                finished(outcomes[key])
+            inputs = [need if isinstance(need, Outcome) else outcomes[need] for need in needs]
+            outcomes[key] = self._alone(key, call, job, inputs, finished)
+
+    def _alone(
+        self,
+        key: Any,
+        call: Callable[..., Outcome],
+        job: Job,
+        inputs: list[Outcome],
+        finished: Callable[[Outcome], None],
+    ) -> Outcome:
+        """Run one task with nothing beside it."""
+        if all(outcome.ref is not None for outcome in inputs):
+            found = self._run({(*key, "alone"): (call, job, *inputs)}, finished)
+            if found:
+                return next(iter(found.values()))
+            outcome = job.outcome("failed", error=f"{job.task.name}: {_DIED}")
+        else:
+            outcome = call(job, *inputs)
+        finished(outcome)
+        return outcome
 
     def _run(self, graph: Mapping[Any, Any], finished: Callable[[Outcome], None]) -> dict[Any, Outcome]:
         """Run a graph; what is lost with its worker gets no outcome."""

@@ -140,7 +140,10 @@ def _performed(job: Job, inputs: tuple[Outcome, ...], start: float) -> Outcome:
     recipe = Recipe(task.name, task.node, sources, task.files)
     record, kept, against = find_hit(store, key, job.code, job.code_policy)
     if record is not None and not against:
-        return job.outcome("hit", ref=Ref(record.digest, None if kept else recipe), key=key)
+        ref = Ref(record.digest, None if kept else recipe)
+        if record.made.get("run") == job.run_id:  # done before by a worker that died of something else
+            return job.outcome("computed", ref=ref, key=key, stage_s=record.made.get("stage_s", 0.0))
+        return job.outcome("hit", ref=ref, key=key)
     product, times = _run(job, store, recipe)
     manifest = describe(product)
     keep = is_kept(task.node, manifest.nbytes, sum(times), recipe.depth)

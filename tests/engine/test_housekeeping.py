@@ -1,0 +1,104 @@
+import json
+
+import pytest
+from test_execute import index
+from toys import chain, run_sync
+
+from dicflow.engine.housekeeping import collect, pin, pins, size, unpin, verify
+from dicflow.engine.journal import find_run, runs
+from dicflow.errors import StoreError
+
+
+@pytest.fixture
+def three(folder, store):
+    """Three runs with three factors; only files and rig are common to them."""
+    return [run_sync(chain(folder, keep="always", factor=factor), store) for factor in (2.0, 3.0, 5.0)]
+
+
+def digests(*results):
+    return {digest for result in results for digest in index(result).values()}
+
+
+def test_a_look_shows_what_could_go_and_deletes_nothing(store, three):
+    before = size(store)
+    found = collect(store, keep_runs=1, grace_s=0)
+    assert set(found.objects) == digests(*three[:2]) - digests(three[2])
+    assert set(found.runs) == {three[0].run_id, three[1].run_id}
+    assert not found.deleted
+    assert 0 < found.nbytes < before
+    assert size(store) == before
+
+
+def test_deleting_frees_what_was_shown_and_keeps_the_rest(folder, store, three):
+    shown = collect(store, keep_runs=1, grace_s=0)
+    before = size(store)
+    gone = collect(store, keep_runs=1, grace_s=0, delete=True)
+    assert (gone.objects, gone.deleted) == (shown.objects, True)
+    assert before - size(store) == shown.nbytes
+    assert verify(store) == []
+    assert run_sync(chain(folder, keep="always", factor=5.0), store).counts["hit"] == 24
+    assert run_sync(chain(folder, keep="always", factor=2.0), store).counts == {
+        "hit": 7, "computed": 17, "failed": 0, "skipped": 0,
+    }  # fmt: skip
+
+
+def test_the_newest_runs_of_each_pipeline_and_pinned_ones_stay(store, three):
+    assert [run.id for run in runs(store)] == [result.run_id for result in reversed(three)]
+    assert collect(store, keep_runs=3, grace_s=0).objects == []
+    pin(store, three[0].run_id, "as published")
+    assert set(collect(store, keep_runs=1, grace_s=0).objects) == digests(three[1]) - digests(three[0], three[2])
+    assert pins(store) == {three[0].run_id: "as published"}
+    unpin(store, three[0].run_id)
+    assert set(collect(store, keep_runs=1, grace_s=0).runs) == {three[0].run_id, three[1].run_id}
+
+
+def test_one_product_can_be_pinned(store, three):
+    digest = index(three[0])["report"]
+    pin(store, digest)
+    assert digest not in collect(store, keep_runs=1, grace_s=0).objects
+
+
+@pytest.mark.parametrize("what", ["20200101-000000-abcdef", "sha256:" + "0" * 64, "../x"])
+def test_only_what_is_there_can_be_pinned(store, what):
+    with pytest.raises(StoreError):
+        pin(store, what)
+    with pytest.raises(StoreError, match="is not pinned"):
+        unpin(store, what)
+
+
+def test_a_run_under_way_keeps_what_its_journal_tells_of(store, three):
+    (three[2].folder / "index.json").unlink()
+    made = {name for name, outcome in three[2].outcomes.items() if outcome.status == "computed"}
+    assert len(made) == 17
+    assert set(find_run(store, three[2].run_id).index) == made
+    found = collect(store, keep_runs=1, grace_s=0).objects
+    assert not {index(three[2])[name] for name in made} & set(found)
+
+
+def test_what_is_young_stays(store, three):
+    (store.path / "tmp" / "left by a kill").mkdir()
+    assert collect(store, keep_runs=0).objects == []
+    assert collect(store, keep_runs=0).leftovers == []
+    assert collect(store, keep_runs=0, grace_s=0).leftovers == ["tmp/left by a kill"]
+
+
+def test_verify_finds_all_kinds_of_damage_and_mends_them(folder, store, three):
+    found = index(three[0])
+    victims = [found[name] for name in ("scale/step_01", "scale/step_02", "scale/step_03", "rig")]
+    chunk, metadata = (store.object_path(victims[n]) / "values" / name for n, name in ((0, "c/0"), (1, "zarr.json")))
+    content = bytearray(chunk.read_bytes())
+    content[20] ^= 1
+    chunk.write_bytes(content)
+    metadata.unlink()
+    for victim, change in ((victims[2], ("mm", "cm")), (victims[3], ("3.5", "4.5"))):
+        manifest = store.object_path(victim).with_suffix(".json")
+        manifest.write_text(manifest.read_text().replace(*change))
+    key = three[0].outcomes["report"].key
+    record = store.record_path(key)
+    record.write_text(json.dumps({**json.loads(record.read_text()), "parts": {}}))
+    assert {damage.what for damage in verify(store)} == {*victims, key}
+    verify(store, repair=True)
+    assert verify(store) == []
+    again = run_sync(chain(folder, keep="always"), store)
+    assert again.ok
+    assert index(again) == found
