@@ -49,7 +49,7 @@ def detect(
     image : (rows, cols) uint8 or uint16 grey
     box : (x0, y0, x1, y1) [px], ends excluded: features outside are left out and, but for a margin, not searched
     upright : describe without an orientation of their own: more matches, as long as the specimen turns by less than
-        about 15° from one image to the next
+        about 15° from one image to the next; BRISK always has orientations
     octaves : doublings of scale that are searched (KAZE, AKAZE, BRISK); large speckles need more
     max_features : above this number the strongest ones in each cell of a grid are kept, so that they stay spread out
 
@@ -61,11 +61,13 @@ def detect(
     left, top = max(0, x0 - MARGIN), max(0, y0 - MARGIN)
     crop = _stretched(image[top : y1 + MARGIN, left : x1 + MARGIN])
     finder = _finder(detector, upright, octaves)
-    keypoints, descriptors = _describe(finder, crop, recompute=upright and detector not in ("KAZE", "AKAZE"))
+    keypoints, descriptors = _describe(finder, crop, recompute=upright and detector in ("ORB", "SIFT"))
     if descriptors is None or not keypoints:
         return _none(finder)
     # cv2's corner detectors and SIFT, like KAZE, put pixel centres at integers
-    table = np.array([(*k.pt, k.size, max(k.angle, 0.0), k.response) for k in keypoints], dtype=np.float32)
+    table = np.array([(*k.pt, k.size, k.angle, k.response) for k in keypoints], dtype=np.float32)
+    if upright and detector != "BRISK":
+        table[:, 3] = 0.0
     table[:, :2] += np.array([left, top], dtype=np.float32)
     x, y = table[:, 0], table[:, 1]
     keep = np.flatnonzero((x >= x0) & (x <= x1 - 1) & (y >= y0) & (y <= y1 - 1))

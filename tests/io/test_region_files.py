@@ -1,0 +1,89 @@
+import json
+
+import numpy as np
+import pytest
+from PIL import Image
+
+from dicflow.core.region import area
+from dicflow.errors import InputError
+from dicflow.io.region import is_geojson, read_geojson, read_mask, write_geojson
+
+SQUARE = [[0, 0], [10, 0], [10, 8], [0, 8], [0, 0]]
+HOLE = [[2, 2], [4, 2], [4, 4], [2, 4], [2, 2]]
+POLYGON = {"type": "Polygon", "coordinates": [SQUARE, HOLE]}
+
+
+def written(path, value):
+    path.write_text(value if isinstance(value, str) else json.dumps(value))
+    return path
+
+
+@pytest.mark.parametrize(
+    ("value", "expected"),
+    [
+        (POLYGON, 76),
+        ({"type": "Feature", "properties": {}, "geometry": POLYGON}, 76),
+        ({"type": "FeatureCollection", "features": [{"type": "Feature", "geometry": POLYGON}] * 2}, 152),
+        ({"type": "MultiPolygon", "coordinates": [[SQUARE], [SQUARE, HOLE]]}, 156),
+        ({"type": "GeometryCollection", "geometries": [POLYGON]}, 76),
+    ],
+)
+def test_every_nesting_of_polygons(tmp_path, value, expected):
+    assert area(read_geojson(written(tmp_path / "r.geojson", value))) == expected
+
+
+def test_closing_points_and_heights_are_dropped(tmp_path):
+    ring = [[*corner, 5.0] for corner in SQUARE]
+    (polygon,) = read_geojson(written(tmp_path / "r.json", {"type": "Polygon", "coordinates": [ring]}))
+    np.testing.assert_array_equal(polygon.exterior, SQUARE[:-1])
+
+
+def test_what_is_written_is_read(tmp_path):
+    polygons = read_geojson(written(tmp_path / "a.json", POLYGON))
+    write_geojson(tmp_path / "b.json", polygons)
+    (again,) = read_geojson(tmp_path / "b.json")
+    for one, two in zip(polygons[0].rings, again.rings, strict=True):
+        np.testing.assert_array_equal(one, two)
+
+
+@pytest.mark.parametrize(
+    ("value", "message"),
+    [
+        ("{", "not valid JSON"),
+        ({"type": "Point", "coordinates": [1, 2]}, "found Point"),
+        ([1, 2], "found list"),
+        ({"type": "FeatureCollection", "features": []}, "holds no polygon"),
+        ({"type": "Polygon", "coordinates": []}, "no coordinates"),
+        ({"type": "Polygon", "coordinates": [[[0, 0], [1, 1], [0, 0]]]}, "at least three"),
+        ({"type": "Polygon", "coordinates": [[[0, 0], [1, "a"], [2, 2]]]}, "at least three"),
+        ('{"type": "Polygon", "coordinates": [[[0, 0], [1, NaN], [2, 2]]]}', "finite"),
+    ],
+)
+def test_what_is_no_region_is_refused_by_name(tmp_path, value, message):
+    path = written(tmp_path / "bad.geojson", value)
+    with pytest.raises(InputError, match=rf"bad\.geojson: .*{message}"):
+        read_geojson(path)
+
+
+def test_a_missing_file_is_named(tmp_path):
+    with pytest.raises(InputError, match=r"none\.json"):
+        read_geojson(tmp_path / "none.json")
+
+
+@pytest.mark.parametrize("white", [1, 255])
+def test_mask_is_the_bright_part(tmp_path, white):
+    mask = np.zeros((20, 30), dtype=np.uint8)
+    mask[5:10, 3:17] = white
+    Image.fromarray(mask).save(tmp_path / "m.png")
+    np.testing.assert_array_equal(read_mask(tmp_path / "m.png"), mask > 0)
+
+
+def test_a_black_mask_is_refused(tmp_path):
+    Image.fromarray(np.zeros((5, 5), dtype=np.uint8)).save(tmp_path / "m.png")
+    with pytest.raises(InputError, match=r"m\.png: the mask is black"):
+        read_mask(tmp_path / "m.png")
+
+
+@pytest.mark.parametrize(("name", "expected"), [("a.json", True), ("a.GeoJSON", True), ("a.png", False)])
+def test_the_name_tells_the_kind(tmp_path, name, expected):
+    assert is_geojson(tmp_path / name) is expected
