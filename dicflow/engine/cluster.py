@@ -87,7 +87,7 @@ def local_cluster(
 
     workers : processes with one thread each, or threads of this process
     """
-    address = f"{_LOOPBACK}:0" if dashboard else None
+    address = f"{_LOOPBACK}:0"  # a server for the cluster's own needs listens there even without a dashboard
     options: dict[str, Any] = {"n_workers": workers, "threads_per_worker": 1}
     if not processes:
         options = {"n_workers": 1, "threads_per_worker": workers, "worker_dashboard_address": address}
@@ -98,7 +98,7 @@ def local_cluster(
             host=_LOOPBACK,
             dashboard_address=address,
             silence_logs=logging.CRITICAL,
-            scheduler_kwargs={"allowed_failures": 1},
+            scheduler_kwargs={"allowed_failures": 1, "dashboard": dashboard},
             **options,
         ) as cluster,
         distributed.Client(cluster, set_as_default=False) as client,
@@ -159,11 +159,17 @@ def _check_workers(client: distributed.Client, address: str) -> None:
     except TimeoutError as error:
         raise ConfigurationError(f"{address}: the scheduler has no workers; start 'dask worker {address}'") from error
     here = versions()
-    for worker, there in client.run(versions).items():
+    for worker, found in client.run(versions).items():
+        there = {**found, "python": here["python"]} if _minor(found) == _minor(here) else found
         differing = [name for name in _MUST_AGREE if there.get(name) != here.get(name)]
         other = [f"{name} {there.get(name)} (here {here.get(name)})" for name in differing]
         if other:
             raise ConfigurationError(f"{worker}: has {', '.join(other)}; install the same versions there and here")
+
+
+def _minor(found: Mapping[str, str]) -> list[str]:
+    """Python's version without the last number, which does not matter here."""
+    return found["python"].split(".")[:2]
 
 
 def _check_store(client: distributed.Client, address: str, store: Store, run_id: str) -> None:

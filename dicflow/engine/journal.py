@@ -36,7 +36,7 @@ class Event:
     stages : planned: the same counts per stage
     """
 
-    kind: Literal["planned", "dashboard", "started", "finished", "warning", "ended"]
+    kind: Literal["planned", "dashboard", "finished", "warning", "ended"]
     time: float = field(default_factory=time.time)
     task: str = ""
     stage: str = ""

@@ -132,17 +132,18 @@ from pathlib import Path
 sys.path[:0] = sys.argv[3:]
 from toys import chain, run_sync
 from dicflow.engine.store import Store
-result = run_sync(chain(Path(sys.argv[1])), Store.open(Path(sys.argv[2])), scheduler="processes", dashboard=True)
+graph, store = chain(Path(sys.argv[1])).upstream(["scale"]), Store.open(Path(sys.argv[2]))
+result = run_sync(graph, store, scheduler="processes", dashboard=True)
 loaded = {"dask", "distributed", "zarr", "numpy"} & set(sys.modules)
 print(result.counts["hit"], len(result.outcomes), sorted(loaded))
 """
 
 
 def test_a_thousand_hits_start_no_cluster_and_load_no_numerics(tmp_path, store):
-    folder = toys.numbers(tmp_path / "many", 250)
-    graph = chain(folder)
-    assert len(graph.tasks) == 1000
+    folder = toys.numbers(tmp_path / "many", 500)
+    graph = chain(folder).upstream(["scale"])
+    assert len(graph.tasks) == 1001
     assert run_sync(graph, store).ok
     command = [sys.executable, "-c", THOUSAND, folder, store.path, str(Path(__file__).parent)]
     done = subprocess.run(command, capture_output=True, text=True, check=True)
-    assert done.stdout.strip() == "1000 1000 []"
+    assert done.stdout.strip() == "1001 1001 []"
