@@ -79,7 +79,7 @@ class Track(Node):
         polygons = polygons_from_attrs(region.attrs["polygons"])
         polygons = carry(polygons, lambda ring: ring, spacing_px=OUTLINE_STEPS * self.step_size)
         x0, y0, x1, y1 = bounding_box(polygons)
-        axes = (np.arange(np.ceil(low), high + 1e-9, self.step_size) for low, high in ((x0, x1), (y0, y1)))
+        axes = (np.arange(np.ceil(low), high, self.step_size) for low, high in ((x0, x1), (y0, y1)))
         points = np.stack(np.meshgrid(*axes), axis=-1)
         inside = contains(polygons, points)
         if not inside.any():
