@@ -232,7 +232,7 @@ def _affine(source: Array, target: Array) -> Array:
 
 
 def _projective(source: Array, target: Array) -> Array:
-    """Null vector of the 2n × 9 system x' × H x = 0."""
+    """Null vector of the 2n × 9 system x' × H x = 0, brought to 9 × 9 by QR first."""
     ones, zeros = np.ones_like(source[..., :1]), np.zeros((*source.shape[:-1], 3))
     homogeneous = np.concatenate([source, ones], axis=-1)
     rows_x = np.concatenate([homogeneous, zeros, -target[..., :1] * homogeneous], axis=-1)
@@ -240,6 +240,8 @@ def _projective(source: Array, target: Array) -> Array:
     system = np.concatenate([rows_x, rows_y], axis=-2)
     valid = np.isfinite(system).all(axis=(-2, -1))
     safe = np.where(valid[..., None, None], system, 0.0)
+    if safe.shape[-2] > 9:
+        safe = np.linalg.qr(safe, mode="r")
     _, singular, basis = np.linalg.svd(safe, full_matrices=system.shape[-2] < 9)
     determined = valid & (singular[..., 7] > 1e-9 * singular[..., 0])
     transform: Array = basis[..., 8, :].reshape(*basis.shape[:-2], 3, 3)
