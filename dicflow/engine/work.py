@@ -31,7 +31,7 @@ __all__ = ["Job", "Outcome", "is_kept", "perform", "stop_path"]
 
 _DEEPEST = 2
 """Products that are not kept may rest on one another this deep."""
-_WRITE_AND_READ_S, _WRITE_AND_READ_BYTES_S = 0.012, 4e8
+_WRITE_AND_READ_S, _WRITE_AND_READ_BYTES_S = 0.012, 2e8
 """What keeping costs: per product [s], and bytes written and read again per second."""
 _WORTH = 3.0
 """A product is kept when making it took so many times longer than keeping it."""
