@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from dicflow.core.displacement import bilinear
 
-__all__ = ["cloud_length", "edge_pairs", "outline_span", "tracked_length"]
+__all__ = ["cloud_length", "edge_pairs", "edge_span", "tracked_length"]
 
 Array = NDArray[np.float64]
 
@@ -53,17 +53,13 @@ def cloud_length(xyz: NDArray[np.floating], origin: tuple[float, float], pairs: 
     return _mean_distance(np.array(ends))
 
 
-def outline_span(exterior: Array, x: Array) -> Array:
-    """Uppermost and lowermost y of an outline at each x, (n, 2) [px]; NaN where the outline is not."""
-    start, end = exterior, np.roll(exterior, -1, axis=0)
-    spans = np.full((len(x), 2), np.nan)
-    for index, place in enumerate(x):
-        crossed = (start[:, 0] <= place) != (end[:, 0] <= place)
-        (xa, ya), (xb, yb) = start[crossed].T, end[crossed].T
-        if xa.size:
-            y = ya + (place - xa) * (yb - ya) / (xb - xa)
-            spans[index] = y.min(), y.max()
-    return spans
+def edge_span(exterior: Array, x: Array) -> Array:
+    """y of the upper and of the lower edge of an outline at each x, (n, 2) [px]; NaN beside either edge."""
+    spans = []
+    for edge in edge_pairs(exterior):
+        along = edge[np.argsort(edge[:, 0])]
+        spans.append(np.interp(x, along[:, 0], along[:, 1], left=np.nan, right=np.nan))
+    return np.stack(spans, axis=-1)
 
 
 def tracked_length(points: Array, reference: Array, exterior: Array) -> float:
@@ -78,7 +74,7 @@ def tracked_length(points: Array, reference: Array, exterior: Array) -> float:
     """
     known = np.isfinite(reference[..., 0])
     x = np.where(known, reference[..., 0], 0.0).sum(axis=0) / np.maximum(known.sum(axis=0), 1)
-    spans = outline_span(exterior, np.where(known.any(axis=0), x, np.nan))
+    spans = edge_span(exterior, np.where(known.any(axis=0), x, np.nan))
     ends = [
         [_at(points[:, col], reference[:, col, 1], edge) for edge in span]
         for col, span in enumerate(spans)

@@ -3,7 +3,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from dicflow.core.length import cloud_length, edge_pairs, outline_span, tracked_length
+from dicflow.core.length import cloud_length, edge_pairs, edge_span, tracked_length
 from dicflow.core.region import Polygon, contains, densify, rectangle
 
 ROW, COL = np.mgrid[:200, :80].astype(float)
@@ -54,11 +54,11 @@ def test_a_cloud_far_from_the_edge_gives_nothing():
     assert np.isnan(cloud_length(np.full_like(cloud, np.nan), (0.0, 0.0), edge_pairs(OUTLINE)))
 
 
-def test_span_of_an_outline():
-    triangle = np.array([[0.0, 0.0], [10.0, 0.0], [10.0, 20.0]])
-    spans = outline_span(triangle, np.array([5.0, 9.0, -1.0, 11.0]))
-    assert np.allclose(spans[:2], [[0.0, 10.0], [0.0, 18.0]])
-    assert np.isnan(spans[2:]).all()
+def test_edges_of_a_tilted_outline_are_not_mistaken_for_its_sides():
+    tilted_outline = np.array([[0.0, 0.0], [10.0, 1.0], [8.0, 41.0], [-2.0, 40.0]])
+    spans = edge_span(tilted_outline, np.array([0.0, 4.0, 9.0, -1.0, 11.0]))
+    assert np.allclose(spans[:2], [[0.0, 40.2], [0.4, 40.6]])
+    assert np.isnan(spans[2:]).any(axis=1).all()
 
 
 def grid(step=5.0):
