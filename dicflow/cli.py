@@ -264,7 +264,9 @@ def gc(
     dicflow gc .dicflow
     dicflow gc .dicflow --keep-runs 1 --delete
     """
-    garbage = _store(store).gc(keep_runs=keep_runs, delete=delete)
+    from dicflow.engine.housekeeping import collect
+
+    garbage = collect(_store(store), keep_runs=keep_runs, delete=delete)
     verb = "freed" if delete else "would free"
     typer.echo(
         f"{verb} {garbage.nbytes / 1e6:.1f} MB: {len(garbage.objects)} products, {len(garbage.records)} records, "
@@ -284,9 +286,11 @@ def verify(
     \b
     dicflow verify .dicflow
     """
-    damages = _store(store).verify(repair=repair)
+    from dicflow.engine import housekeeping
+
+    damages = housekeeping.verify(_store(store), repair=repair)
     for damage in damages:
-        typer.echo(f"{damage.digest}: {damage.reason}")
+        typer.echo(f"{damage.what}: {damage.reason}")
     typer.echo(
         "nothing is damaged"
         if not damages
@@ -299,7 +303,7 @@ def verify(
 def pin(
     store: Annotated[Path, typer.Argument(metavar="STORE", help="folder of the store, such as .dicflow")],
     run_id: Annotated[
-        str | None, typer.Argument(metavar="RUN", help="id of a run; without it the pins are listed")
+        str | None, typer.Argument(metavar="RUN", help="id of a run; without it the runs and their pins are listed")
     ] = None,
     note: Annotated[str, typer.Option(help="why it is kept")] = "",
     remove: Annotated[bool, typer.Option("--remove", help="take the pin away")] = False,
@@ -310,14 +314,18 @@ def pin(
     dicflow pin .dicflow
     dicflow pin .dicflow 20260131-101500-ab12 --note "figures of the paper"
     """
+    from dicflow.engine import housekeeping
+    from dicflow.engine.journal import runs
+
     opened = _store(store)
     if run_id is None:
-        for name, entry in opened.pins().items():
-            typer.echo(f"{name}  {entry}")
+        kept = housekeeping.pins(opened)
+        for info in runs(opened):
+            typer.echo(f"{info.id}  {info.pipeline}" + (f"  pinned: {kept[info.id]}" if info.id in kept else ""))
     elif remove:
-        opened.unpin(run_id)
+        housekeeping.unpin(opened, run_id)
     else:
-        opened.pin(run_id, note)
+        housekeeping.pin(opened, run_id, note)
 
 
 @app.command()
@@ -364,10 +372,11 @@ def synth_latex(
     workers: Annotated[int, typer.Option(min=1, help="photographs rendered at once")] = os.cpu_count() or 1,
     force: Force = False,
 ) -> None:
-    """Replicate a tensile test on latex: photographs, boards, caliper table, truth and pipeline.
+    """Replicate a tensile test on latex: photographs, boards, caliper table, region and truth.
 
     \b
     dicflow synth latex replica_3 --experiment 3
+    dicflow run pipelines/latex_experiment_3.yaml --data replica_3
     """
     from dicflow.synth import latex_experiment, write_experiment
 

@@ -62,7 +62,7 @@ def read_grey(path: Path) -> np.ndarray:
 
     data = np.fromfile(path, dtype=np.uint8)
     flags = cv2.IMREAD_ANYDEPTH | cv2.IMREAD_GRAYSCALE | cv2.IMREAD_IGNORE_ORIENTATION
-    grey = cv2.imdecode(data, flags) if data.size else None
+    grey: np.ndarray | None = cv2.imdecode(data, flags) if data.size else None
     if grey is None or grey.dtype not in (np.uint8, np.uint16):
         raise InputError(f"{path}: expected grey levels of 8 or 16 bits; save the photograph as PNG or TIFF")
     return grey

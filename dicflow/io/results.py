@@ -5,7 +5,7 @@ from __future__ import annotations
 import csv
 import io
 import json
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 
 import numpy as np
 
@@ -45,7 +45,7 @@ def csv_text(product: Product, name: str) -> str:
     return buffer.getvalue()
 
 
-def table_text(rows: list[Mapping[str, object]]) -> str:
+def table_text(rows: Sequence[Mapping[str, object]]) -> str:
     """Rows of equal keys as CSV."""
     buffer = io.StringIO()
     keys = list(dict.fromkeys(key for row in rows for key in row))

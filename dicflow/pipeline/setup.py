@@ -8,6 +8,7 @@ from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any, NamedTuple
 
+from dicflow.engine.node import Node
 from dicflow.errors import InputError, StageError
 from dicflow.io.images import SUFFIXES, read_grey
 from dicflow.pipeline.registry import node_class
@@ -97,7 +98,7 @@ def _paired(folder: Path, sides: Mapping[str, list[Path]]) -> list[Series]:
     patterns = {side: _pattern(folder, paths, sides) for side, paths in sides.items()}
     if len(patterns) == 1:
         patterns = {"left": next(iter(patterns.values()))}
-    node: Any = node_class("images")(stage="images", **patterns)
+    node = _maker("images")(**patterns)
     return [Series(patterns["left"], patterns.get("right"), node.steps(folder))]
 
 
@@ -154,19 +155,26 @@ def _board_size(series: Series) -> tuple[int, int] | None:
 
 def _disparity_range(photos: Series, boards: Series, size: tuple[int, int]) -> tuple[int, int] | None:
     """The range that the first pair shows, with a rig from a few of the boards; None where that does not calibrate."""
-    images, corners, calibrate, rectify = (node_class(name) for name in ("images", "corners", "calibrate", "rectify"))
-    read = images(stage="images", left=photos.left, right=photos.right)
-    finder = corners(stage="corners", size=size)
+    images, corners, calibrate, rectify, disparity = (
+        _maker(name) for name in ("images", "corners", "calibrate", "rectify", "disparity")
+    )
+    read = images(left=photos.left, right=photos.right)
+    finder = corners(size=size)
     every = max(1, len(boards.steps) // _PAIRS_FOR_RANGE)
     try:
         found = tuple(finder.run(images=read.run(**files)) for files in list(boards.steps.values())[::every])
-        rig = calibrate(stage="calibrate", square=1.0).run(corners=found)
-        pair = rectify(stage="rectify").run(images=read.run(**next(iter(photos.steps.values()))), rig=rig)
-        product = node_class("disparity")(stage="disparity").run(pair=pair, rig=rig)
+        rig = calibrate(square=1.0).run(corners=found)
+        pair = rectify().run(images=read.run(**next(iter(photos.steps.values()))), rig=rig)
+        product = disparity().run(pair=pair, rig=rig)
     except StageError:
         return None
     low, high = product.attrs["range"]
     return int(low), int(high)
+
+
+def _maker(stage: str) -> Callable[..., Node]:
+    """The node of a stage as a function of its parameters."""
+    return node_class(stage)
 
 
 def _first(folder: Path, pattern: str) -> str | None:

@@ -163,8 +163,9 @@ def _producer(
         problems.append(f"{where}: {name}.{port_name}: {said}; {_offer(fitting, wanted)}")
     elif len(fitting) == 1:
         return fitting[0]
-    elif not port.optional and (fitting or len(nodes) == len(document.data["stages"])):
-        problems.append(f"{where}: {name}.{port_name}: needs {wanted}; {_offer(fitting, wanted)}")
+    elif fitting or (not port.optional and len(nodes) == len(document.data["stages"])):
+        none = ", or null for none" if port.optional else ""
+        problems.append(f"{where}: {name}.{port_name}: needs {wanted}; {_offer(fitting, wanted)}{none}")
     return None
 
 

@@ -10,7 +10,6 @@ from typing import Any, NamedTuple
 import matplotlib
 import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.cm import ScalarMappable
 from matplotlib.collections import QuadMesh
 from matplotlib.colors import Normalize
@@ -128,7 +127,7 @@ def contact_sheet(totals: Sequence[Product], names: Sequence[str], look: Style, 
 def png(figure: Figure) -> bytes:
     """The figure as a PNG; equal figures give equal bytes."""
     buffer = BytesIO()
-    FigureCanvasAgg(figure).print_png(buffer, metadata={"Software": None})
+    figure.savefig(buffer, format="png", metadata={"Software": None})
     return buffer.getvalue()
 
 
