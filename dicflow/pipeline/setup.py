@@ -6,7 +6,7 @@ import re
 from collections import defaultdict
 from collections.abc import Callable, Mapping
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 from dicflow.engine.node import Node
 from dicflow.errors import InputError, StageError
@@ -99,7 +99,7 @@ def _paired(folder: Path, sides: Mapping[str, list[Path]]) -> list[Series]:
     if len(patterns) == 1:
         patterns = {"left": next(iter(patterns.values()))}
     node = _maker("images")(**patterns)
-    return [Series(patterns["left"], patterns.get("right"), node.steps(folder))]
+    return [Series(patterns["left"], patterns.get("right"), node.steps(folder) or {})]
 
 
 def _photographs(folder: Path) -> list[Path]:

@@ -128,7 +128,7 @@ def _path(document: Document, place: Place, location: tuple[str | int, ...]) -> 
 def _inputs(
     document: Document, name: str, entry: Mapping[str, Any], nodes: Mapping[str, Node], problems: list[str]
 ) -> dict[str, str]:
-    """Port → stage for every input that is named or can be only one; ``cloud_before`` is by default what ``cloud`` is."""
+    """Port → stage for every input that is named or can be only one; ``cloud_before`` is what ``cloud`` is by default."""
     found: dict[str, str] = {}
     for port_name, port in nodes[name].takes.items():
         same = found.get(port_name.removesuffix("_before")) if port_name not in entry else None
