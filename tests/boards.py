@@ -51,7 +51,7 @@ def board_corners(rig: Rig, count: int = 12, seed: int = 3) -> tuple[np.ndarray,
 def board_photograph(
     homography: np.ndarray, shape: tuple[int, int], size: tuple[int, int] = SIZE, finer: int = 6
 ) -> np.ndarray:
-    """A board photographed through a homography from its squares to pixels; a pixel is the mean of finer × finer points.
+    """A board seen through a homography from its squares to pixels; a pixel is the mean of finer × finer points.
 
     The square's corner (0, 0) is the first inner corner. Returns (rows, cols) uint8.
     """

@@ -42,6 +42,7 @@ class Matching(NamedTuple):
     texture : least root mean square of the grey level's slope along the row, in a window of half the size of the
         refinement's, so that it ends near the specimen's edge [grey levels of 255 per px]
     refine_px : side of the window of the sub-pixel refinement, odd
+    correlation : least correlation of the windows that the refinement compares
     """
 
     window_px: int = 5
@@ -50,6 +51,7 @@ class Matching(NamedTuple):
     speckle_px: int = 200
     texture: float = 1.5
     refine_px: int = 21
+    correlation: float = 0.6
 
 
 class Disparity(NamedTuple):
@@ -121,10 +123,16 @@ def match_rows(
     found = _semi_global(bytes_left, bytes_right, length, matching)
     backward = _semi_global(bytes_right[:, ::-1], bytes_left[:, ::-1], length, matching)[:, ::-1]
     status = _judge(found, backward, _texture(bytes_left, matching.refine_px // 2 | 1), matching)
-    kept = np.where(status == Status.VALID, found, np.float32(np.nan))
+    kept = _where_valid(found, status)
     refined = refine(grey_left.astype(np.float32), grey_right.astype(np.float32), kept, matching.refine_px)
+    status[(status == Status.VALID) & ~(refined.correlation >= matching.correlation)] = Status.NO_MATCH
     inside = np.s_[:, length : length + box[2] - box[0]]
-    return Disparity(refined[inside] + np.float32(low), status[inside], (box[0], box[1]))
+    values = _where_valid(refined.disparity + np.float32(low), status)
+    return Disparity(values[inside], status[inside], (box[0], box[1]))
+
+
+def _where_valid(values: Image, status: NDArray[np.uint8]) -> Image:
+    return np.where(status == Status.VALID, values, np.float32(np.nan))
 
 
 def _matched_disparities(left: NDArray[np.uint8], right: NDArray[np.uint8], mask: Mask) -> NDArray[np.float64]:

@@ -8,20 +8,34 @@ the surface.
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import cv2
 import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 from scipy.ndimage import spline_filter1d
 
-__all__ = ["refine"]
+__all__ = ["Refined", "refine"]
 
 Image = NDArray[np.float32]
 
 _FARTHEST_PX = 1.0
 
 
-def refine(left: Image, right: Image, disparity: Image, window_px: int = 21, iterations: int = 2) -> Image:
+class Refined(NamedTuple):
+    """A refined disparity map.
+
+    disparity : (rows, cols) float32 — x_left − x_right [px], NaN where none was given
+    correlation : (rows, cols) float32 — zero-mean normalised cross-correlation of the windows, before the last
+        correction; NaN where there is nothing to compare
+    """
+
+    disparity: Image
+    correlation: Image
+
+
+def refine(left: Image, right: Image, disparity: Image, window_px: int = 21, iterations: int = 2) -> Refined:
     """Refine a disparity map that is right to about half a pixel.
 
     In each window the left image is fitted by a R + b ∂R/∂x + c with R the warped right image; what the disparity lacks
@@ -30,8 +44,8 @@ def refine(left: Image, right: Image, disparity: Image, window_px: int = 21, ite
     left, right : (rows, cols) float32 — rectified grey levels
     disparity : (rows, cols) float32 — x_left − x_right [px], NaN where there is none
     window_px : side of the window, odd
-    Returns (rows, cols) float32 [px]; the given value where the window shows an edge of depth or no contrast, NaN where
-    none was given.
+
+    Where the window shows an edge of depth or no contrast the given value is kept.
     """
     refined = disparity
     known = np.isfinite(disparity)
@@ -39,10 +53,10 @@ def refine(left: Image, right: Image, disparity: Image, window_px: int = 21, ite
     for _ in range(iterations):
         smooth = _window_mean(np.where(known, refined, 0.0), known, window_px)
         grey, slope = _warp_rows(coefficients, smooth)
-        correction = _correction(left, grey, slope, known & np.isfinite(grey), window_px)
+        correction, correlation = _correction(left, grey, slope, known & np.isfinite(grey), window_px)
         refined = smooth + np.clip(correction, -0.5, 0.5)
         refined = np.where(np.abs(refined - disparity) <= _FARTHEST_PX, refined, disparity)
-    return np.asarray(refined, dtype=np.float32)
+    return Refined(np.asarray(refined, dtype=np.float32), correlation)
 
 
 def _window_mean(values: Image, known: NDArray[np.bool_], window_px: int) -> Image:
@@ -52,8 +66,10 @@ def _window_mean(values: Image, known: NDArray[np.bool_], window_px: int) -> Ima
         return np.asarray(_box(np.where(known, values, 0.0).astype(np.float32), window_px) / share, dtype=np.float32)
 
 
-def _correction(left: Image, grey: Image, slope: Image, known: NDArray[np.bool_], window_px: int) -> Image:
-    """−b/a of the least-squares fit left ≈ a·grey + b·slope + c in every window."""
+def _correction(
+    left: Image, grey: Image, slope: Image, known: NDArray[np.bool_], window_px: int
+) -> tuple[Image, Image]:
+    """−b/a of the fit left ≈ a·grey + b·slope + c in every window, and the correlation of left and grey."""
     share = _box(known.astype(np.float32), window_px)
     images = [np.where(known, image, 0.0).astype(np.float32) for image in (left, grey, slope)]
     with np.errstate(invalid="ignore", divide="ignore"):
@@ -66,14 +82,15 @@ def _correction(left: Image, grey: Image, slope: Image, known: NDArray[np.bool_]
         grey_grey, grey_slope, slope_slope = covariance(1, 1), covariance(1, 2), covariance(2, 2)
         a = with_grey * slope_slope - with_slope * grey_slope
         b = with_slope * grey_grey - with_grey * grey_slope
-        return np.asarray(-b / a, dtype=np.float32)
+        correlation = with_grey / np.sqrt(covariance(0, 0) * grey_grey)
+        return np.asarray(-b / a, dtype=np.float32), np.asarray(correlation, dtype=np.float32)
 
 
 def _box(image: Image, window_px: int) -> Image:
     return np.asarray(cv2.blur(image, (window_px, window_px), borderType=cv2.BORDER_CONSTANT))
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True)  # type: ignore[untyped-decorator]
 def _warp_rows(coefficients: Image, disparity: Image) -> tuple[Image, Image]:
     """Cubic B-spline and its derivative along x at x − disparity in every row; NaN outside the image."""
     rows, cols = disparity.shape

@@ -19,6 +19,7 @@ __all__ = ["Disparity"]
 
 WEAK_PATTERN = 3.0  # mean intensity gradient below which a pattern, not the range, is the likely trouble
 LEAST_VALID_SHARE = 0.005
+LEAST_MATCHED_SHARE = 0.1  # of what has texture; chance alone matches some hundredths
 
 
 def _ordered(value: tuple[int, int]) -> tuple[int, int]:
@@ -62,6 +63,7 @@ class Disparity(Node):
     speckle: int = parameter(200, "islands of similar disparity of fewer pixels are taken out", unit="px²", ge=0)
     texture: float = parameter(1.5, "least root mean square slope of the grey level along a row", unit="1/px", ge=0)
     refine: Odd = parameter(21, "side of the window of the sub-pixel refinement", unit="px", ge=5, le=101)
+    correlation: float = parameter(0.6, "least correlation of the windows that the refinement compares", ge=-1, le=1)
     margin: Pixels = parameter(24.0, "what is matched around the region", unit="px", ge=0)
 
     def run(self, pair: Product, rig: Product | None = None, track: Product | None = None) -> Product:
@@ -83,7 +85,8 @@ class Disparity(Node):
         part = np.s_[box[1] : box[3], box[0] : box[2]]
         status = np.where(photographed[part], found.status, np.uint8(Status.OUTSIDE))
         summary = _summary(status[counts[part]], limits)
-        if not summary["valid_share"] > LEAST_VALID_SHARE:
+        textured = 1.0 - summary["low_texture_share"]
+        if summary["valid_share"] < max(LEAST_VALID_SHARE, LEAST_MATCHED_SHARE * textured):
             raise StageError(_nothing_matched(left, counts, limits))
         values = np.where(status == Status.VALID, found.disparity, np.float32(np.nan))
         return Product(
@@ -110,7 +113,9 @@ class Disparity(Node):
     def _matching(self) -> Any:
         from dicflow.core.disparity import Matching
 
-        return Matching(self.window, self.uniqueness, self.left_right, self.speckle, self.texture, self.refine)
+        return Matching(
+            self.window, self.uniqueness, self.left_right, self.speckle, self.texture, self.refine, self.correlation
+        )
 
 
 def _polygons(shape: tuple[int, ...], track: Product | None) -> list[Polygon]:
@@ -161,6 +166,6 @@ def _nothing_matched(left: np.ndarray, counts: np.ndarray, limits: tuple[int, in
             "one that took these photographs, or give the range as [least, largest]"
         )
     return (
-        f"no disparity was found between {limits[0]} and {limits[1]} px; check that the rig is the one that took these "
-        "photographs, and give another range, or auto"
+        f"next to nothing matches at disparities from {limits[0]} to {limits[1]} px; check that the rig is the "
+        "one that took these photographs, and give another range, or auto"
     )

@@ -1,0 +1,147 @@
+import json
+
+import numpy as np
+import pytest
+from boards import SIZE, SQUARE_MM, board_corners, board_photograph, verged_rig
+from pydantic import ValidationError
+
+from dicflow.core.camera import rotation_angle_deg
+from dicflow.engine.product import Product, Variable
+from dicflow.errors import StageError
+from dicflow.io.rig import rig_from_dict
+from dicflow.stages.calibrate import Calibrate
+from dicflow.stages.corners import Corners
+
+RIG = verged_rig()
+HOMOGRAPHY = np.array([[30.0, -4.0, 90.0], [5.0, 28.0, 70.0], [6e-3, 1e-2, 1.0]])
+BLANK = np.full((300, 400), 120, np.uint8)
+
+
+@pytest.fixture(scope="module")
+def photograph():
+    return board_photograph(HOMOGRAPHY, (300, 400))
+
+
+def images(**sides):
+    return Product("images", {side: Variable(("row", "col"), image) for side, image in sides.items()})
+
+
+def corners(left, right, size=SIZE, image_size=(640, 480), seen=None):
+    """The product of the stage for corners that are given, none where they are None."""
+    sides = {"left": left, "right": right}
+    found = {side: xy is not None for side, xy in sides.items()}
+    arrays = {side: np.empty((0, 2)) if xy is None else xy for side, xy in sides.items()}
+    return Product(
+        "corners",
+        {side: Variable(("corner", "component"), xy, "px") for side, xy in arrays.items()},
+        {
+            "size": list(size),
+            "image_size": list(image_size),
+            "found": found,
+            "seen": {side: list(size) if found[side] else seen for side in sides},
+        },
+    )
+
+
+@pytest.fixture(scope="module")
+def pairs():
+    return [corners(left, right) for left, right in zip(*board_corners(RIG), strict=True)]
+
+
+def stage(**values):
+    return Calibrate(stage="calibrate", square=SQUARE_MM, **values)
+
+
+def test_corners_of_both_photographs(photograph):
+    product = Corners(stage="corners", size=SIZE).run(images=images(left=photograph, right=photograph[:, ::-1].copy()))
+    assert product.kind == "corners"
+    assert product["left"].shape == product["right"].shape == (54, 2)
+    assert product.attrs == {
+        "size": [9, 6],
+        "image_size": [400, 300],
+        "found": {"left": True, "right": True},
+        "seen": {"left": [9, 6], "right": [9, 6]},
+    }
+
+
+def test_a_board_that_is_not_seen_is_no_error(photograph):
+    product = Corners(stage="corners", size=(8, 5)).run(images=images(left=photograph, right=BLANK))
+    assert product["left"].shape == product["right"].shape == (0, 2)
+    assert product.attrs["found"] == {"left": False, "right": False}
+    assert product.attrs["seen"] == {"left": [9, 6], "right": None}
+
+
+def test_one_camera_has_one_set_of_corners(photograph):
+    product = Corners(stage="corners", size=SIZE).run(images=images(left=photograph))
+    assert set(product.variables) == {"left"}
+
+
+def test_photographs_of_two_sizes_are_refused(photograph):
+    with pytest.raises(StageError, match=r"400 × 300 px and the right one 300 × 200"):
+        Corners(stage="corners", size=SIZE).run(images=images(left=photograph, right=BLANK[:200, :300]))
+
+
+@pytest.mark.parametrize("size", [[9], [9, 6, 2], [2, 6], [9, -6], [9.5, 6]])
+def test_a_size_is_two_numbers_of_corners(size):
+    with pytest.raises(ValidationError):
+        Corners(stage="corners", size=size)
+
+
+def test_rig_from_corners(pairs):
+    product = stage(tangential=True).run(corners=tuple(pairs))
+    rig = rig_from_dict(product.attrs["rig"])
+    assert rotation_angle_deg(rig.rotation, RIG.rotation) < 1e-6
+    np.testing.assert_allclose(rig.translation, RIG.translation, atol=1e-4)
+    assert len(product.attrs["pairs"]) == 12
+    assert all(pair["used"] and pair["left_px"] < 1e-5 for pair in product.attrs["pairs"])
+    assert "0.00 px, 12 of 12 pairs" in product.attrs["verdict"]
+    assert product.attrs["summary"]["baseline_mm"] == pytest.approx(np.linalg.norm(RIG.translation))
+    json.dumps(product.attrs, allow_nan=False)
+
+
+def test_pairs_without_a_board_are_told_apart(pairs):
+    product = stage(tangential=True).run(corners=(pairs[0], corners(None, pairs[1]["right"]), *pairs[2:]))
+    assert product.attrs["pairs"][1] == {"name": "pair 2", "used": False}
+    assert "11 of 12 pairs" in product.attrs["verdict"]
+
+
+def test_the_square_is_a_length_with_a_unit(pairs):
+    product = Calibrate(stage="calibrate", square="1 cm", tangential=True).run(corners=tuple(pairs))
+    np.testing.assert_allclose(rig_from_dict(product.attrs["rig"]).translation, RIG.translation, atol=1e-4)
+
+
+@pytest.mark.parametrize("square", [0, -3.0, float("nan"), "14 px"])
+def test_the_square_is_positive(square):
+    with pytest.raises(ValidationError):
+        Calibrate(stage="calibrate", square=square)
+
+
+def test_a_board_seen_in_no_pair():
+    none = tuple(corners(None, None) for _ in range(9))
+    with pytest.raises(
+        StageError, match=r"a board of 9 × 6 inner corners is seen in no pair of 9; show the whole board"
+    ):
+        stage().run(corners=none)
+
+
+def test_a_wrong_board_size_names_the_size_that_is_seen():
+    none = tuple(corners(None, None, size=(8, 5), seen=[9, 6]) for _ in range(9))
+    with pytest.raises(StageError, match=r"18 photographs show one of 9 × 6: set size to \[9, 6\]"):
+        stage().run(corners=none)
+
+
+def test_too_few_pairs(pairs):
+    with pytest.raises(StageError, match="in 7 of 9 pairs, and 8 are needed"):
+        stage().run(corners=(*pairs[:7], corners(None, pairs[7]["right"]), corners(pairs[8]["left"], None)))
+
+
+def test_pairs_of_two_sizes(pairs):
+    odd = corners(pairs[3]["left"], pairs[3]["right"], image_size=(800, 600))
+    with pytest.raises(StageError, match=r"pair 1 has 640 × 480 px and pair 4 has 800 × 600"):
+        stage().run(corners=(*pairs[:3], odd, *pairs[4:]))
+
+
+def test_one_camera_is_not_enough(pairs):
+    left = Product("corners", {"left": pairs[0].variables["left"]}, pairs[0].attrs)
+    with pytest.raises(StageError, match="two cameras are calibrated together"):
+        stage().run(corners=(left,) * 9)
