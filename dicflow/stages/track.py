@@ -202,7 +202,7 @@ def _summary(state: State, tracked: Tracked | None) -> dict[str, Any]:
     followed = {"points": int((state.status <= Status.FILLED).sum())}
     if tracked is None:
         return followed
-    measured = ~tracked.filled & ~tracked.empty
+    measured = np.isfinite(tracked.residual_px)
     inliers = tracked.inliers[measured]
     residual = float(np.sqrt(np.average(tracked.residual_px[measured] ** 2, weights=inliers)))
     return {
