@@ -241,7 +241,7 @@ def _projective(source: Array, target: Array) -> Array:
     valid = np.isfinite(system).all(axis=(-2, -1))
     safe = np.where(valid[..., None, None], system, 0.0)
     if safe.shape[-2] > 9:
-        safe = np.linalg.qr(safe, mode="r")
+        safe = np.asarray(np.linalg.qr(safe, mode="r"))
     _, singular, basis = np.linalg.svd(safe, full_matrices=system.shape[-2] < 9)
     determined = valid & (singular[..., 7] > 1e-9 * singular[..., 0])
     transform: Array = basis[..., 8, :].reshape(*basis.shape[:-2], 3, 3)
