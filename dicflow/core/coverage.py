@@ -65,8 +65,9 @@ def verdict(calibration: Calibration, areas: Sequence[NDArray[np.bool_]], max_er
         f"{calibration.rms_px[2]:.2f} px, {np.count_nonzero(used)} of {pairs} pairs, "
         f"boards cover {share:.0%} of the frame".replace("%", " %")
     )
-    poor = float(calibration.error_px[used].mean(axis=1).max()) > max_error_px
-    advice = _advice(calibration, areas, max_error_px if poor else None)
+    above = float(calibration.error_px[used].mean(axis=1).max()) > max_error_px
+    advice = _advice(calibration, areas, max_error_px if above else None)
+    poor = above or np.nanmax(calibration.tilt_deg) < _GOOD_TILT_DEG
     return f"{'poor' if poor else 'usable' if advice else 'good'}: {'; '.join([figures, *advice])}"
 
 
@@ -78,7 +79,7 @@ def _advice(calibration: Calibration, areas: Sequence[NDArray[np.bool_]], missed
     if np.count_nonzero(calibration.used) < _GOOD_PAIRS:
         advice.append("take more pairs, 20 are a good number")
     if np.nanmax(calibration.tilt_deg) < _GOOD_TILT_DEG:
-        advice.append("tilt the board by 20° to 40° in some of the photographs")
+        advice.append("the focal length is uncertain: tilt the board by 20° to 40° in some of the photographs")
     for side, area in zip(("left", "right"), areas, strict=True):
         if area.mean() < _GOOD_COVERAGE:
             parts = ", ".join(empty_parts(area)) or "edges"

@@ -131,7 +131,9 @@ def test_verdict_says_what_to_photograph_again(corners):
     assert text.startswith("usable: 0.00 px, 12 of 14 pairs, boards cover 42 % of the frame; ")
     assert "right camera's upper right, right, lower right" in text
     flat = found._replace(tilt_deg=np.full(12, 3.0))
-    assert "tilt the board" in verdict(flat, [full, full], 0.5, 12)
+    text = verdict(flat, [full, full], 0.5, 12)
+    assert text.startswith("poor")
+    assert "tilt the board" in text
 
 
 def found_boards(folder, size):
