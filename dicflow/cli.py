@@ -99,11 +99,15 @@ def run(
     dicflow run pipeline.yaml --set surface.robust=LAR
     dicflow run pipeline.yaml --set smooth.degree=1,2,3 --workers 4
     """
+    from dicflow.io.files import make_folder
     from dicflow.views.console import Progress, consoles
     from dicflow.views.publish import publish
 
     out, progress = consoles()
     loaded = _load(pipeline, data, store, settings)
+    folder = output or pipeline.parent / "results" / loaded.name
+    assert loaded.graph
+    make_folder(folder)
     with Progress(progress) as shown:
         result = loaded.run(
             scheduler=scheduler,
@@ -114,11 +118,10 @@ def run(
             on_event=shown.on_event,
             linger=_until_enter if dashboard and wait else None,
         )
-    folder = output or pipeline.parent / "results" / loaded.name
     files = publish(result, folder, workers)
     _tell_run(progress, result, folder, files)
     if as_json:
-        out.print(json.dumps(_run_line(result)), soft_wrap=True, highlight=False, markup=False)
+        out.print(json.dumps(_run_line(result)), soft_wrap=True)
     raise typer.Exit(_exit_code(result))
 
 
@@ -153,7 +156,9 @@ def why(
     data: Data = None,
     store: StoreFolder = None,
 ) -> None:
-    """Say what has changed for a stage since it was computed: parameters old → new, inputs, files, code.
+    """Say what has changed for a stage since it was computed.
+
+    Parameters old → new, inputs, files, code.
 
     \b
     dicflow why pipeline.yaml strain
@@ -162,7 +167,7 @@ def why(
 
     out, _ = consoles()
     for line in why_lines(_load(pipeline, data, store, settings).plan(), stage):
-        out.print(line, soft_wrap=True, highlight=False)
+        out.print(line, soft_wrap=True)
 
 
 @app.command()
@@ -190,7 +195,7 @@ def graph(
 
 @app.command("ls")
 def list_products(pipeline: PipelineFile, settings: Settings, data: Data = None, store: StoreFolder = None) -> None:
-    """List the products of a pipeline and which of them are in the store.
+    """List the products of a pipeline, and how many are there.
 
     \b
     dicflow ls pipeline.yaml
@@ -210,7 +215,7 @@ def show(
     store: StoreFolder = None,
     variant: VariantNumber = 1,
 ) -> None:
-    """Show what one product holds: arrays with units and ranges, and its attributes.
+    """Show one product: its arrays, their units and ranges.
 
     \b
     dicflow show pipeline.yaml rig
@@ -221,8 +226,8 @@ def show(
     out, _ = consoles()
     stage, _sign, step = product.partition("/")
     result = _load(pipeline, data, store, settings).result()
-    for part in product_tables(result.product(stage, step or None, variant - 1)):
-        out.print(part)
+    for part in product_tables(result.product(stage, step or None, _index(result, variant))):
+        out.print(part, soft_wrap=isinstance(part, str))
 
 
 @app.command()
@@ -238,7 +243,7 @@ def export(
     variant: VariantNumber = 1,
     force: Force = False,
 ) -> None:
-    """Write products as files that other programs read, by the names of the stage and the step.
+    """Write products as CSV, NPZ or PNG, by stage and step.
 
     \b
     dicflow export pipeline.yaml total --format csv
@@ -247,7 +252,7 @@ def export(
     from dicflow.views.exports import exported
 
     result = _load(pipeline, data, store, settings).result()
-    for name, content in exported(result, stage, step, to.value, variant - 1):
+    for name, content in exported(result, stage, step, to.value, _index(result, variant)):
         _write(output / name, content, force)
         typer.echo(output / name)
 
@@ -346,7 +351,7 @@ def init(
     square: Annotated[str | None, typer.Option(help="side of a square of the board, such as '14.5 mm'")] = None,
     force: Force = False,
 ) -> None:
-    """Look at a folder of photographs and write a commented pipeline.yaml into it.
+    """Write a commented pipeline.yaml for a folder of photographs.
 
     \b
     dicflow init experiment --square "14.5 mm"
@@ -459,13 +464,13 @@ def _tell_run(console: Console, result: Result, folder: Path, files: list[Path])
     assert outcome is not None
     for stage in result.stages_of("rig"):
         if result.has(stage):
-            console.print(f"{stage}: {result.product(stage).attrs['verdict']}", soft_wrap=True, highlight=False)
+            console.print(f"{stage}: {result.product(stage).attrs['verdict']}", soft_wrap=True)
     counts = ", ".join(f"{number} {name}" for name, number in outcome.counts.items() if number)
-    console.print(f"{counts} in {outcome.seconds:.1f} s, run {outcome.run_id}", highlight=False)
-    for error in outcome.errors:
-        console.print(error, style="red", soft_wrap=True, highlight=False)
+    console.print(f"{counts} in {outcome.seconds:.1f} s, run {outcome.run_id}", soft_wrap=True)
+    if outcome.interrupted:
+        console.print("interrupted; what is done is kept, and the same command goes on from here", style="yellow")
     if files:
-        console.print(f"{len(files)} maps and tables in {folder}", soft_wrap=True, highlight=False)
+        console.print(f"{len(files)} maps and tables in {folder}", soft_wrap=True)
 
 
 def _until_enter() -> None:
@@ -483,12 +488,18 @@ def _free(folder: Path, force: bool) -> None:
 
 def _write(path: Path, content: bytes, force: bool) -> None:
     """A new file, whole or not at all."""
+    from dicflow.io.files import write_whole
+
     if path.exists() and not force:
         raise ConfigurationError(f"{path} exists; add --force to overwrite it, or name another")
-    path.parent.mkdir(parents=True, exist_ok=True)
-    part = path.with_name(path.name + ".part")
-    part.write_bytes(content)
-    os.replace(part, path)
+    write_whole(path, content)
+
+
+def _index(result: Result, variant: int) -> int:
+    """The place of a variant that is counted from 1."""
+    if variant > len(result.values):
+        raise ConfigurationError(f"--variant {variant}: there are {len(result.values)}, counted from 1")
+    return variant - 1
 
 
 if __name__ == "__main__":

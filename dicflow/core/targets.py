@@ -107,7 +107,8 @@ def board_size(image: NDArray[np.uint8] | NDArray[np.uint16]) -> Size | None:
 
     Of a board that is cut off by the frame it is the size of the part that is seen.
     """
-    found, _, marks = cv2.findChessboardCornersSBWithMeta(to_8bit(image), _SMALLEST_BOARD, cv2.CALIB_CB_LARGER)
+    flags = cv2.CALIB_CB_LARGER | cv2.CALIB_CB_EXHAUSTIVE | cv2.CALIB_CB_NORMALIZE_IMAGE
+    found, _, marks = cv2.findChessboardCornersSBWithMeta(to_8bit(image), _SMALLEST_BOARD, flags)
     return (max(marks.shape), min(marks.shape)) if found else None
 
 

@@ -13,7 +13,7 @@ from typing import Any
 from pydantic.fields import FieldInfo
 
 from dicflow.engine.node import At, Node, Scope
-from dicflow.errors import ConfigurationError
+from dicflow.errors import ConfigurationError, InputError
 
 __all__ = ["Graph", "StageSpec", "Task", "TaskInput", "expand", "file_fields"]
 
@@ -190,7 +190,10 @@ def _series_of(name: str, stages: Mapping[str, StageSpec], series: Mapping[str, 
     spec = stages[name]
     if not _repeats(spec.node):
         return None
-    own = spec.node.steps(spec.folder)
+    try:
+        own = spec.node.steps(spec.folder)
+    except InputError as error:
+        raise InputError(f"{spec.where}: {name}: {error}" if spec.where else f"{name}: {error}") from error
     if own is not None:
         return _Series(name, own)
     outer = _outer_inputs(name, spec)

@@ -125,7 +125,7 @@ def unpin(store: Store, what: str) -> None:
     """Take a pin away. Raises StoreError where there is none."""
     left = pins(store)
     if left.pop(what, None) is None:
-        raise StoreError(f"{store.path}: {what} is not pinned; pinned are {', '.join(left) or 'none'}")
+        raise StoreError(f"{store.path}: {what} is not pinned; pins: {', '.join(left) or 'none'}")
     store.write_json(store.path / "pins.json", left)
 
 

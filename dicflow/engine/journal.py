@@ -160,7 +160,7 @@ def find_run(store: Store, name: str = "latest", pipeline: str | None = None) ->
     for run in runs(store):
         if name in ("latest", run.id) and pipeline in (None, run.pipeline):
             return run
-    raise StoreError(f"{store.path}: no run '{name}'; 'dicflow ls' shows the runs there are")
+    raise StoreError(f"{store.path}: no run '{name}'; 'dicflow pin STORE' lists the runs there are")
 
 
 def latest(store: Store, pipeline: str) -> dict[str, Entry]:

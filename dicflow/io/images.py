@@ -41,10 +41,16 @@ def probe(path: Path) -> dict[str, int]:
         with Image.open(path) as image:
             orientation = int(image.getexif().get(_EXIF_ORIENTATION, 1))
             image.load()
-            bits = 16 if image.mode.startswith(("I", "F")) else 8
+            if image.mode == "F":
+                raise InputError(f"{path}: holds numbers with fractions; save it as PNG or TIFF with 8 or 16 bits")
+            bits = 16 if image.mode.startswith("I") else 8
             return {"width": image.width, "height": image.height, "bits": bits, "orientation": orientation}
     except FileNotFoundError as error:
         raise InputError(f"{path}: no such file; check the folder and the pattern") from error
+    except PermissionError as error:
+        raise InputError(f"{path}: may not be read; get the right to, or leave it out") from error
+    except Image.DecompressionBombError as error:
+        raise InputError(f"{path}: larger than any camera's photograph; cut it to the specimen") from error
     except (UnidentifiedImageError, OSError, SyntaxError, ValueError) as error:
         reason = "empty" if path.stat().st_size == 0 else "truncated or damaged"
         raise InputError(
@@ -94,10 +100,11 @@ def pair_names(left: Sequence[str], right: Sequence[str]) -> Pairing:
         return Pairing(tuple((keys_left[key], keys_right[key]) for key in keys_left), "name")
     if len(left) == len(right) and not shared:
         return Pairing(tuple(zip(left, right, strict=True)), "order")
-    alone = [keys_left[key] for key in keys_left.keys() - shared] + [
-        keys_right[key] for key in keys_right.keys() - shared
+    alone = [
+        f"{side} {name}"
+        for side, keys in (("left", keys_left), ("right", keys_right))
+        for name in sorted((keys[key] for key in keys.keys() - shared), key=natural_key)
     ]
-    alone.sort(key=natural_key)
     named = ", ".join(alone[:5]) + (f" and {len(alone) - 5} more" if len(alone) > 5 else "")
     raise InputError(
         f"{len(left)} left and {len(right)} right photographs; without a partner: {named}; "

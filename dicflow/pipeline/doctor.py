@@ -6,6 +6,7 @@ import os
 import platform
 import shutil
 import socket
+import tempfile
 from collections.abc import Iterator
 from importlib.metadata import version
 from pathlib import Path
@@ -63,17 +64,26 @@ def _folder(store: Path) -> Iterator[Check]:
     place = store.absolute()
     while not place.exists():
         place = place.parent
-    writable = os.access(place, os.W_OK)
+    writable = _writable(place)
     yield Check(
         "store",
         writable,
-        f"{place} can be written" if writable else f"{place} is read-only; choose another with --store",
+        f"{place} can be written" if writable else f"{place} cannot be written; choose another with --store",
     )
     free = shutil.disk_usage(place).free / 1e9
     enough = free >= _FREE_GB
     yield Check(
         "disk", enough, f"{free:.1f} GB free" + ("" if enough else f"; a test of 22 steps needs about {_FREE_GB} GB")
     )
+
+
+def _writable(folder: Path) -> bool:
+    """Whether a file can be made there; asking for permission alone is not enough for root."""
+    try:
+        with tempfile.TemporaryFile(dir=folder):
+            return True
+    except OSError:
+        return False
 
 
 def _loopback() -> Check:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections import defaultdict
+from collections import Counter, defaultdict
 from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import NamedTuple
@@ -21,6 +21,8 @@ _CAMERA_NUMBER = re.compile(r"(?:cam(?:era)?[ _-]?|[_-])([0-2])$", re.IGNORECASE
 _SKIPPED = {"results", "export", "truth", "reference"}
 _DEPTH = 4
 _PAIRS_FOR_RANGE = 10
+_LOOKS = 5
+_LEAST_CORNERS = 4
 
 
 class Series(NamedTuple):
@@ -142,15 +144,15 @@ def _best(series: list[Series]) -> Series | None:
 
 
 def _board_size(series: Series) -> tuple[int, int] | None:
-    """Size of the board that a photograph in the middle or at the start shows."""
+    """Size of the board in most of a few photographs; speckles may look like a small one here and there."""
     from dicflow.core.targets import board_size
 
     steps = list(series.steps.values())
-    for files in (steps[len(steps) // 2], steps[0]):
-        size = board_size(read_grey(files["left"]))
-        if size:
-            return size
-    return None
+    looked_at = [steps[k * len(steps) // _LOOKS] for k in range(_LOOKS)] if len(steps) > _LOOKS else steps
+    sizes = Counter(board_size(read_grey(files["left"])) for files in looked_at)
+    size, count = sizes.most_common(1)[0]
+    is_board = size is not None and min(size) >= _LEAST_CORNERS and 2 * count > len(looked_at)
+    return size if is_board else None
 
 
 def _disparity_range(photos: Series, boards: Series, size: tuple[int, int]) -> tuple[int, int] | None:

@@ -73,7 +73,7 @@ def with_settings(document: Document, settings: Sequence[str]) -> Document:
         dotted, sign, text = setting.partition("=")
         if not sign or "." not in dotted:
             raise ConfigurationError(f"--set {setting}: write stage.parameter=value, or =v1,v2,v3 to sweep over values")
-        values = parse_value(f"[{text}]")
+        values = _values(setting, text)
         if len(values) == 1:
             document = with_values(document, {dotted: values[0]})
         else:
@@ -81,6 +81,18 @@ def with_settings(document: Document, settings: Sequence[str]) -> Document:
             sweep.setdefault("grid", {})[dotted] = values
             document = document._replace(data={**document.data, "sweep": sweep})
     return document
+
+
+def _values(setting: str, text: str) -> list[Any]:
+    """The values of a setting. Raises ConfigurationError where it has none, or is cut short."""
+    try:
+        values = parse_value(f"[{text}]")
+    except ConfigurationError as error:
+        reason = str(error).partition(": ")[2]
+        raise ConfigurationError(f"--set {setting}: {reason}; close every bracket and quote") from error
+    if not isinstance(values, list) or not values:
+        raise ConfigurationError(f"--set {setting}: has no value; write stage.parameter=value, null for none")
+    return values
 
 
 def _put(entry: dict[str, Any], path: Sequence[str], value: Any) -> None:

@@ -69,7 +69,9 @@ def _stages(document: Document, problems: list[str]) -> dict[str, dict[str, Any]
         )
     stages = data.get("stages")
     if not isinstance(stages, dict) or not stages:
-        problems.append(f"{document.where(('stages',))}: 'stages:' must map names to stages")
+        problems.append(
+            f"{document.where(('stages',))}: 'stages:' must map names to stages; 'dicflow init' writes such a file"
+        )
         return {}
     return {name: entry for name, entry in stages.items() if _is_entry(document, name, entry, problems)}
 
@@ -95,25 +97,49 @@ def _node(document: Document, name: str, entry: Mapping[str, Any], problems: lis
     try:
         return kind.model_validate({key: value for key, value in entry.items() if key not in kind.takes})
     except ValidationError as error:
-        for detail in error.errors():
-            problems.append(_complaint(document, place, kind, dict(detail)))
+        problems += _complaints(document, place, kind, [dict(detail) for detail in error.errors()])
         return None
 
 
-def _complaint(document: Document, place: Place, kind: type[Node], detail: Mapping[str, Any]) -> str:
-    """One line for one of pydantic's errors."""
-    known = [*kind.model_fields, *kind.takes]
-    path = _path(document, place, detail["loc"])
+def _complaints(document: Document, place: Place, kind: type[Node], details: list[dict[str, Any]]) -> list[str]:
+    """One line per place; where a parameter may have several forms, of the form that was understood furthest."""
+    placed: dict[Place, list[dict[str, Any]]] = {}
+    for detail in details:
+        placed.setdefault(_path(document, place, detail["loc"]), []).append(detail)
+    deepest = [path for path in placed if not path or not any(_within(path, other) for other in placed)]
+    return [_complaint(document, place, kind, path, placed[path]) for path in deepest]
+
+
+def _within(path: Place, other: Place) -> bool:
+    return len(other) > len(path) and other[: len(path)] == path
+
+
+def _complaint(document: Document, place: Place, kind: type[Node], path: Place, details: list[dict[str, Any]]) -> str:
+    """One line for what pydantic says of one place."""
+    first = details[0]
     where = document.where((*place, *path))
-    dotted = ".".join(str(part) for part in (place[-1], *(path or detail["loc"])))
-    if detail["type"] == "extra_forbidden":
-        word = str(detail["loc"][-1])
+    dotted = ".".join(str(part) for part in (place[-1], *(path or first["loc"])))
+    field = kind.model_fields.get(str(first["loc"][0])) if first["loc"] else None
+    meaning = field.description if field is not None and field.description else "a value"
+    if first["type"] == "extra_forbidden":
+        known = [*kind.model_fields, *kind.takes]
+        word = str(first["loc"][-1])
         return f"{where}: {dotted}: unknown parameter{nearest(word, known)}; it takes {', '.join(known[1:])}"
-    if detail["type"] == "missing":
-        description = kind.model_fields[str(detail["loc"][0])].description if len(detail["loc"]) == 1 else ""
-        return f"{where}: {dotted}: is missing; give {description or 'a value'}"
-    message = re.sub(r"^Value error, ", "", detail["msg"])
-    return f"{where}: {dotted}: {message[:1].lower() + message[1:]}, found {detail['input']!r}"
+    if first["type"] == "missing":
+        lack = "has too few values" if path and isinstance(first["loc"][-1], int) else "is missing"
+        return f"{where}: {dotted}: {lack}; give {meaning}"
+    said = " or ".join(dict.fromkeys(_said(detail) for detail in details))
+    found = repr(first["input"])
+    return f"{where}: {dotted}: {said}" + ("" if found in said else f", found {found}") + f"; give {meaning}"
+
+
+def _said(detail: Mapping[str, Any]) -> str:
+    """What pydantic says, in the words of a pipeline file."""
+    forms = {"tuple_type": "a list", "list_type": "a list", "model_type": "a mapping", "string_type": "text"}
+    if detail["type"] in forms:
+        return f"must be {forms[detail['type']]}"
+    message = re.sub(r"^Value error, ", "", detail["msg"]).replace("Input should be", "must be")
+    return message[:1].lower() + message[1:]
 
 
 def _path(document: Document, place: Place, location: tuple[str | int, ...]) -> Place:
@@ -128,11 +154,19 @@ def _path(document: Document, place: Place, location: tuple[str | int, ...]) -> 
 def _inputs(
     document: Document, name: str, entry: Mapping[str, Any], nodes: Mapping[str, Node], problems: list[str]
 ) -> dict[str, str]:
-    """Port → stage for every input that is named or can be only one; ``cloud_before`` is what ``cloud`` is by default."""
-    found: dict[str, str] = {}
-    for port_name, port in nodes[name].takes.items():
-        same = found.get(port_name.removesuffix("_before")) if port_name not in entry else None
-        producer = name if port.own else same or _producer(document, name, port_name, port, entry, nodes, problems)
+    """Port → stage for every input that is named or can be only one.
+
+    ``cloud_before`` is by default what ``cloud`` is.
+    """
+    takes, found = nodes[name].takes, dict[str, str]()
+    for port_name, port in takes.items():
+        same = port_name.removesuffix("_before")
+        if port.own:
+            producer: str | None = name
+        elif same != port_name and same in takes and port_name not in entry:
+            producer = found.get(same)
+        else:
+            producer = _producer(document, name, port_name, port, entry, nodes, problems)
         if producer is not None:
             found[port_name] = producer
     return found
@@ -154,7 +188,9 @@ def _producer(
         given = entry[port_name]
         if given in fitting or (given is None and port.optional):
             return None if given is None else str(given)
-        if given in nodes:
+        if given == name:
+            said = "takes what it gives itself"
+        elif given in nodes:
             said = f"'{given}' gives {nodes[given].gives}, not {wanted}"
         elif isinstance(given, str) and given in document.data["stages"]:
             return None  # the fault of that stage is told at its own place

@@ -83,6 +83,8 @@ def _found(folder: Path, patterns: str | list[str], side: str) -> dict[str, Path
     found: dict[str, Path] = {}
     for pattern in [patterns] if isinstance(patterns, str) else patterns:
         names_one = not any(sign in pattern for sign in "*?[")
+        if names_one and (folder / pattern).is_dir():
+            raise InputError(f"{side}: {pattern!r} is a folder; write a pattern such as {pattern.rstrip('/')}/*.png")
         paths = [folder / pattern] if names_one else sorted(_glob(folder, pattern))
         found.update({path.name: path for path in paths if names_one or path.suffix.lower() in SUFFIXES})
     if not found:

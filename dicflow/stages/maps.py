@@ -12,6 +12,9 @@ from dicflow.errors import StageError
 __all__ = ["Maps"]
 
 Quantity = Literal["U", "V", "W", "exx", "eyy", "gxy"]
+ColourMap = Literal[
+    "viridis", "cividis", "plasma", "inferno", "magma", "turbo", "jet", "coolwarm", "RdBu_r", "Spectral_r", "gray"
+]
 
 
 class Maps(Node):
@@ -39,7 +42,7 @@ class Maps(Node):
     percentile: float = parameter(
         0.5, "share of the points left out at either end of a colour range", unit="%", ge=0, lt=50
     )
-    colour_map: str = parameter("viridis", "name of a matplotlib colour map; the thesis used jet")
+    colour_map: ColourMap = parameter("viridis", "matplotlib's colour map; the thesis used jet")
 
     def run(self, total: Sequence[Product], comparison: Product | None = None) -> Product:
         import numpy as np

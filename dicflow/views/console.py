@@ -8,7 +8,7 @@ import sys
 import time
 from collections import Counter, defaultdict
 from collections.abc import Iterator, Mapping, Sequence
-from typing import Any
+from typing import IO, Any
 
 import numpy as np
 from rich.console import Console
@@ -24,6 +24,7 @@ from dicflow.pipeline.result import Result
 __all__ = ["Progress", "consoles", "plan_table", "product_tables", "products_table", "simple_table", "why_lines"]
 
 _COLUMNS = ("hit", "computed", "failed", "skipped")
+_FILE_WIDTH = 240
 
 
 class Progress:
@@ -74,9 +75,9 @@ class Progress:
         counts[event.status] += 1
         self._seconds[event.stage] += event.seconds or 0.0
         if event.status == "failed":
-            self._console.print(f"{event.task}: {event.text}", style="red", soft_wrap=True, highlight=False)
-        elif not self._live and sum(counts.values()) == self._totals[event.stage]:
-            self._console.print(f"{event.stage}: {_told(counts)}, {self._seconds[event.stage]:.1f} s", highlight=False)
+            self._console.print(event.text, style="red", soft_wrap=True)
+        elif not self._live and sum(counts.values()) == self._totals[event.stage] and event.status != "skipped":
+            self._console.print(f"{event.stage}: {_told(counts)}, {self._seconds[event.stage]:.1f} s", soft_wrap=True)
 
     def _table(self) -> Table:
         table = Table(box=None, pad_edge=False)
@@ -174,5 +175,11 @@ def _reasons(counted: Counter[str]) -> str:
 
 
 def consoles() -> tuple[Console, Console]:
-    """Standard output for results, standard error for progress."""
-    return Console(), Console(file=sys.stderr)
+    """Standard output for results, standard error for progress; text is shown as it is."""
+    return _console(sys.stdout), _console(sys.stderr)
+
+
+def _console(file: IO[str]) -> Console:
+    """Square brackets are no markup here; what goes into a file or to another program is not folded."""
+    width = None if file.isatty() else _FILE_WIDTH
+    return Console(file=file, width=width, markup=False, highlight=False)

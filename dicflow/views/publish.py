@@ -5,7 +5,6 @@ from __future__ import annotations
 import hashlib
 import json
 import multiprocessing
-import os
 from collections.abc import Callable, Iterator, Mapping
 from concurrent.futures import ProcessPoolExecutor
 from functools import partial
@@ -15,6 +14,7 @@ from typing import Any, NamedTuple
 from dicflow._version import __version__
 from dicflow.engine.references import Ref, load
 from dicflow.engine.store import Store
+from dicflow.io.files import make_folder, write_whole
 from dicflow.io.results import csv_text, table_text
 from dicflow.pipeline.result import Result
 
@@ -38,9 +38,9 @@ def publish(result: Result, folder: Path, workers: int = 1) -> list[Path]:
     workers : processes that draw at once
     Returns the paths of all files, new or not.
     """
-    folder.mkdir(parents=True, exist_ok=True)
+    make_folder(folder)
     manifest = folder / _MANIFEST
-    made: dict[str, list[str]] = json.loads(manifest.read_text()) if manifest.is_file() else {}
+    made = _read(manifest)
     jobs = list(_jobs(result))
     stale = [
         job
@@ -49,10 +49,10 @@ def publish(result: Result, folder: Path, workers: int = 1) -> list[Path]:
     ]
     for job, contents in zip(stale, _make(stale, workers), strict=True):
         for file, content in contents.items():
-            _write(folder / file, content)
+            write_whole(folder / file, content)
             made[file] = list(job.sources)
     if stale:
-        _write(manifest, json.dumps(made, indent=1).encode())
+        write_whole(manifest, json.dumps(made, indent=1).encode())
     return [folder / file for job in jobs for file in job.files]
 
 
@@ -146,9 +146,10 @@ def _call(make: Callable[[], dict[str, bytes]]) -> dict[str, bytes]:
     return make()
 
 
-def _write(path: Path, content: bytes) -> None:
-    """Replace a file as a whole or not at all."""
-    path.parent.mkdir(parents=True, exist_ok=True)
-    partial_path = path.with_name(path.name + ".part")
-    partial_path.write_bytes(content)
-    os.replace(partial_path, path)
+def _read(manifest: Path) -> dict[str, list[str]]:
+    """What each file was made of; nothing where that is not known any more."""
+    try:
+        made = json.loads(manifest.read_bytes())
+    except (OSError, ValueError):
+        return {}
+    return made if isinstance(made, dict) else {}

@@ -75,7 +75,7 @@ def test_partners(left, right, by):
 def test_missing_partner_is_named_even_if_it_is_the_last():
     left = [f"l{i:02d}.png" for i in range(1, 11)]
     right = [f"r{i:02d}.png" for i in range(1, 10)]
-    with pytest.raises(InputError, match=r"without a partner: l10\.png"):
+    with pytest.raises(InputError, match=r"without a partner: left l10\.png"):
         pair_names(left, right)
 
 

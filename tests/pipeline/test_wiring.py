@@ -45,7 +45,7 @@ def test_units_are_resolved():
         ("images: photos", "images: photo", r"p.yaml:7:29: pair.images: no stage 'photo', did you mean 'photos'\?"),
         ("images: photos", "images: rig", r"p.yaml:7:29: pair.images: 'rig' gives rig, not images; name one of"),
         (", images: photos", "", r"p.yaml:7:3: pair.images: needs images; name one of photos, boards"),
-        ("size: [9, 6]", "size: [9]", r"p.yaml:5:46: corners.size"),
+        ("size: [9, 6]", "size: [9]", r"p.yaml:5:45: corners.size: has too few values; give inner corners"),
         ("size: [9, 6]", "size: [9, 1]", r"p.yaml:5:55: corners.size.1: .*greater than or equal to 3, found 1"),
         ("dicflow: 1", "dicflow: 9", r"p.yaml:1:1: this release reads format 1, the file says 9"),
         ("dicflow: 1", "sweeps: {}", r"p.yaml:1:1: unknown key 'sweeps', did you mean 'sweep'\?"),
