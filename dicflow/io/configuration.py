@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -37,18 +37,26 @@ class Document(NamedTuple):
     source : its name, as messages show it
     data : mapping of plain Python values
     positions : (line, column), counted from 1, of every key and list element by its place
+    given : what other values were given by, as messages show it, by their places: the command line, or a sweep
     """
 
     source: str
     data: dict[str, Any]
     positions: dict[Place, tuple[int, int]]
+    given: Mapping[Place, str] = {}
 
     def where(self, place: Place) -> str:
         """``file:line:column`` of a place, or of the nearest one around it that the file holds."""
-        while place and place not in self.positions:
+        while place and not self.holds(place):
             place = place[:-1]
+        if place in self.given:
+            return self.given[place]
         line, column = self.positions.get(place, (1, 1))
         return f"{self.source}:{line}:{column}"
+
+    def holds(self, place: Place) -> bool:
+        """Whether a place has a position, or was given otherwise."""
+        return place in self.positions or place in self.given
 
 
 def read(path: Path) -> Document:

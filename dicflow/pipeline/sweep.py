@@ -8,7 +8,7 @@ from collections.abc import Mapping, Sequence
 from typing import Any, NamedTuple
 
 from dicflow.errors import ConfigurationError
-from dicflow.io.configuration import Document, parse_value
+from dicflow.io.configuration import Document, Place, parse_value
 from dicflow.pipeline.registry import nearest
 
 __all__ = ["Variant", "variants", "with_settings", "with_values"]
@@ -46,22 +46,27 @@ def variants(document: Document) -> list[Variant]:
     return [Variant(dict(row), with_values(document, row)) for row in kept]
 
 
-def with_values(document: Document, values: Mapping[str, Any]) -> Document:
+def with_values(document: Document, values: Mapping[str, Any], given_by: str = "") -> Document:
     """The file with other values at dotted places, ``stage.parameter`` or deeper.
 
+    given_by : what messages about these values shall name; default the place of each in the sweep
     Raises ConfigurationError where the stage does not exist.
     """
-    data = copy.deepcopy(document.data)
+    data, positions, given = copy.deepcopy(document.data), dict(document.positions), dict(document.given)
     for dotted, value in values.items():
+        where = given_by or _sweep_place(document, dotted)
         stage, *path = dotted.split(".")
-        stages = data.get("stages") or {}
-        if stage not in stages or not path:
+        stages = data["stages"] if isinstance(data.get("stages"), dict) else {}
+        if not isinstance(stages.get(stage), dict) or not path:
             raise ConfigurationError(
-                f"{document.source}: '{dotted}': no stage '{stage}'{nearest(stage, stages)}; write stage.parameter, "
+                f"{where}: '{dotted}': no stage '{stage}'{nearest(stage, stages)}; write stage.parameter, "
                 f"the stages are {', '.join(stages)}"
             )
         _put(stages[stage], path, value)
-    return document._replace(data=data)
+        place = ("stages", stage, *path)
+        positions = {other: position for other, position in positions.items() if other[: len(place)] != place}
+        given[place] = where
+    return document._replace(data=data, positions=positions, given=given)
 
 
 def with_settings(document: Document, settings: Sequence[str]) -> Document:
@@ -75,12 +80,21 @@ def with_settings(document: Document, settings: Sequence[str]) -> Document:
             raise ConfigurationError(f"--set {setting}: write stage.parameter=value, or =v1,v2,v3 to sweep over values")
         values = _values(setting, text)
         if len(values) == 1:
-            document = with_values(document, {dotted: values[0]})
+            document = with_values(document, {dotted: values[0]}, f"--set {setting}")
         else:
             sweep = copy.deepcopy(document.data.get("sweep") or {})
+            if sweep:
+                _check(document, sweep)
             sweep.setdefault("grid", {})[dotted] = values
-            document = document._replace(data={**document.data, "sweep": sweep})
+            given = {**document.given, ("sweep", "grid", dotted): f"--set {setting}"}
+            document = document._replace(data={**document.data, "sweep": sweep}, given=given)
     return document
+
+
+def _sweep_place(document: Document, dotted: str) -> str:
+    """Where a sweep gives the values of a parameter."""
+    places: list[Place] = [("sweep", "grid", dotted), ("sweep", "zip", dotted)]
+    return document.where(next((place for place in places if document.holds(place)), ("sweep",)))
 
 
 def _values(setting: str, text: str) -> list[Any]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import re
 from collections.abc import Mapping
 from typing import Any, NamedTuple
@@ -118,7 +119,8 @@ def _complaint(document: Document, place: Place, kind: type[Node], path: Place, 
     """One line for what pydantic says of one place."""
     first = details[0]
     where = document.where((*place, *path))
-    dotted = ".".join(str(part) for part in (place[-1], *(path or first["loc"])))
+    named = path or tuple(itertools.takewhile(_is_name, first["loc"]))
+    dotted = ".".join(str(part) for part in (place[-1], *named))
     field = kind.model_fields.get(str(first["loc"][0])) if first["loc"] else None
     meaning = field.description if field is not None and field.description else "a value"
     if first["type"] == "extra_forbidden":
@@ -128,9 +130,14 @@ def _complaint(document: Document, place: Place, kind: type[Node], path: Place, 
     if first["type"] == "missing":
         lack = "has too few values" if path and isinstance(first["loc"][-1], int) else "is missing"
         return f"{where}: {dotted}: {lack}; give {meaning}"
-    said = " or ".join(dict.fromkeys(_said(detail) for detail in details))
+    said = " or ".join(dict.fromkeys(_said(detail) for detail in details)).replace(" or must be ", " or ")
     found = repr(first["input"])
     return f"{where}: {dotted}: {said}" + ("" if found in said else f", found {found}") + f"; give {meaning}"
+
+
+def _is_name(part: str | int) -> bool:
+    """Whether a part of an error's location is a parameter or an index, not one of several forms."""
+    return isinstance(part, int) or (part.isidentifier() and part.islower())
 
 
 def _said(detail: Mapping[str, Any]) -> str:
@@ -146,7 +153,7 @@ def _path(document: Document, place: Place, location: tuple[str | int, ...]) -> 
     """The part of an error's location that stands in the file; tags of unions do not."""
     path: Place = ()
     for part in location:
-        if (*place, *path, part) in document.positions:
+        if document.holds((*place, *path, part)):
             path = (*path, part)
     return path
 
