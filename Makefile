@@ -18,7 +18,7 @@ $(READY): pyproject.toml constraints.txt
 setup: $(READY) ## make the virtual environment in .venv
 
 quickstart: $(READY) ## measure the specimen in data_samples and say where the maps are
-	$(BIN)/dicflow run pipelines/quickstart.yaml
+	$(BIN)/dicflow run pipelines/quickstart.yaml --data data_samples
 
 test: $(READY)  ## run the tests
 	$(BIN)/python -m pytest

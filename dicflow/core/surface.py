@@ -135,7 +135,7 @@ def polynomial_terms(degree: tuple[int, int]) -> Mask:
 
 
 def fit_surface(
-    values: ArrayLike, degree: tuple[int, int], robust: Robust = "none", max_points: int = 200_000
+    values: ArrayLike, degree: tuple[int, int], robust: Robust = "none", max_points: int = 50_000
 ) -> Surface:
     """Fit a polynomial surface to a field with holes.
 
@@ -186,7 +186,7 @@ def quality(values: Array, fitted: Array, weights: Array, coefficients: float) -
     return Quality(sse, ssr / sst, adjusted, (sse / freedom) ** 0.5)
 
 
-def choose_degree(values: ArrayLike, robust: Robust = "none", max_points: int = 200_000) -> Choice:
+def choose_degree(values: ArrayLike, robust: Robust = "none", max_points: int = 50_000) -> Choice:
     """Choose the degree of a polynomial surface among 1 … 5 by the Bayesian information criterion.
 
     BIC = N ln(SSE / n) + coefficients · ln N (Schwarz 1978, Ann. Stat. 6:461). Neighbouring points of a dense field err

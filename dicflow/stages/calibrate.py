@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
+from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any, ClassVar, Literal
 
 from dicflow.engine.node import At, Millimetres, Node, Pixels, Port, Scope, parameter
@@ -36,7 +37,7 @@ class Calibrate(Node):
     max_error_px: Pixels = parameter(0.5, "limit of a pair's mean reprojection error", unit="px", gt=0)
     min_pairs: int = parameter(8, "no pair is dropped when only this many remain, and none is solved with fewer", ge=3)
 
-    def run(self, corners: tuple[Product, ...]) -> Product:
+    def run(self, corners: Sequence[Product]) -> Product:
         import numpy as np
 
         from dicflow.core.bundle import Model
@@ -49,9 +50,9 @@ class Calibrate(Node):
         left, right = (np.stack([corners[k][side] for k in seen]) for side in ("left", "right"))
         model = Model(self.radial, self.tangential)
         found = calibrate_rig(left, right, (size, self.square), image_size, model, self.max_error_px, self.min_pairs)
-        return _product(found, seen, len(corners), (left, right), self.max_error_px)
+        return _product(found, seen, _names(corners), (left, right), self.max_error_px)
 
-    def _agreed(self, corners: tuple[Product, ...]) -> tuple[tuple[int, int], tuple[int, int]]:
+    def _agreed(self, corners: Sequence[Product]) -> tuple[tuple[int, int], tuple[int, int]]:
         """Size of the board and of the photographs; raises StageError where they differ between pairs."""
         if any("right" not in product for product in corners):
             raise StageError(
@@ -75,7 +76,7 @@ def _found(product: Product, side: str) -> bool:
     return bool(product.attrs["found"][side])
 
 
-def _too_few(corners: tuple[Product, ...], seen: list[int], needed: int) -> str:
+def _too_few(corners: Sequence[Product], seen: list[int], needed: int) -> str:
     """The message for boards that too few pairs show; it names the size of the board that they show instead."""
     size = corners[0].attrs["size"]
     wanted = "a board of {} × {} inner corners".format(*size)
@@ -95,8 +96,17 @@ def _too_few(corners: tuple[Product, ...], seen: list[int], needed: int) -> str:
     return f"{wanted} is seen by both cameras in {len(seen)} of {len(corners)} pairs, and {needed} are needed; {hint}"
 
 
+def _names(corners: Sequence[Product]) -> Sequence[str]:
+    """Names of the pairs, where the series of them has names."""
+    return getattr(corners, "steps", None) or [f"pair {k + 1}" for k in range(len(corners))]
+
+
 def _product(
-    found: Calibration, seen: list[int], total: int, corners: tuple[np.ndarray, np.ndarray], max_error_px: float
+    found: Calibration,
+    seen: list[int],
+    names: Sequence[str],
+    corners: tuple[np.ndarray, np.ndarray],
+    max_error_px: float,
 ) -> Product:
     """The rig, what each pair says of it, and the verdict."""
     from dicflow.core.coverage import covered_area, verdict
@@ -107,17 +117,17 @@ def _product(
     coverage = {side: float(area.mean()) for side, area in zip(("left", "right"), areas, strict=True)}
     attrs = {
         "rig": rig_to_dict(found.rig),
-        "pairs": _pairs(found, seen, total),
+        "pairs": _pairs(found, seen, names),
         "coverage": coverage,
-        "verdict": verdict(found, areas, max_error_px, total),
+        "verdict": verdict(found, areas, max_error_px, len(names)),
         "summary": _summary(found, coverage),
     }
     return Product("rig", {}, attrs)
 
 
-def _pairs(found: Calibration, seen: list[int], total: int) -> list[dict[str, Any]]:
+def _pairs(found: Calibration, seen: list[int], names: Sequence[str]) -> list[dict[str, Any]]:
     """One entry per board pair, in order; a pair whose board is not seen by both cameras has no figures."""
-    pairs: list[dict[str, Any]] = [{"name": f"pair {k + 1}", "used": False} for k in range(total)]
+    pairs: list[dict[str, Any]] = [{"name": name, "used": False} for name in names]
     for k, used, turned, (left, right), epipolar in zip(
         seen, found.used, found.turned, found.error_px, found.epipolar_px, strict=True
     ):

@@ -51,7 +51,7 @@ class Surface(Node):
     lowess_degree: Literal[1, 2] = parameter(1, "degree of the local regression")
     margin: Pixels = parameter(12.0, "width of the band around the cloud that gets a value too", unit="px", ge=0)
     max_points: int = parameter(
-        200_000, "points on which outliers are judged at most; all points take part in the last solution", ge=1000
+        50_000, "points on which outliers are judged at most; all points take part in the last solution", ge=1000
     )
 
     def run(self, cloud: Product) -> Product:

@@ -1,0 +1,140 @@
+"""What a measurement costs: cold and warm runs, two workers against one, memory, disk, the engine's share.
+
+Run it with ``make bench``. Uses the replica of experiment 1: 22 pairs of 1440 × 1920 px and 20 board pairs.
+"""
+
+from __future__ import annotations
+
+import csv
+import json
+import os
+import shutil
+import subprocess
+import sys
+import threading
+import time
+from pathlib import Path
+from typing import NamedTuple
+
+import psutil
+
+from tests.figures import ROOT, WORK, Figure, replica, report
+
+PIPELINE = ROOT / "pipelines" / "latex_experiment_1.yaml"
+MEASURE = """\
+import json, sys
+from dicflow.pipeline import Pipeline
+if __name__ == "__main__":
+    pipeline, data, store, workers = sys.argv[1:]
+    outcome = Pipeline.load(pipeline, data=data, store=store).run(workers=int(workers)).outcome
+    done = outcome.outcomes.values()
+    totals = {name: sum(getattr(one, name) for one in done) for name in ("stage_s", "engine_s", "remake_s")}
+    print(json.dumps({"ok": outcome.ok, "seconds": outcome.seconds, **totals}))
+"""
+
+
+class Cost(NamedTuple):
+    """Cost of one process with its children.
+
+    seconds : wall time; peak_bytes : largest sum of the proportional or resident sizes; said : last line of output
+    """
+
+    seconds: float
+    peak_bytes: int
+    said: dict
+
+
+def cost(command: list[str]) -> Cost:
+    """Run a command and watch the memory of all its processes."""
+    start, peak, stop = time.perf_counter(), [0], threading.Event()
+    process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True)
+    watcher = threading.Thread(target=_watch, args=(process.pid, peak, stop))
+    watcher.start()
+    output, _ = process.communicate()
+    stop.set()
+    watcher.join()
+    if process.returncode:
+        sys.exit(f"{' '.join(command)} ended with {process.returncode}")
+    lines = output.strip().splitlines()
+    said = json.loads(lines[-1]) if lines and lines[-1].startswith("{") else {}
+    return Cost(time.perf_counter() - start, peak[0], said)
+
+
+def _watch(pid: int, peak: list[int], stop: threading.Event) -> None:
+    while not stop.wait(0.2):
+        try:
+            family = [psutil.Process(pid), *psutil.Process(pid).children(recursive=True)]
+            peak[0] = max(peak[0], sum(member.memory_info().rss for member in family))
+        except psutil.NoSuchProcess:
+            continue
+
+
+def fresh(name: str) -> Path:
+    store = WORK / name
+    shutil.rmtree(store, ignore_errors=True)
+    return store
+
+
+def computed(data: Path, store: Path, workers: int) -> Cost:
+    """A cold run without pictures, through the library."""
+    script = WORK / "measure.py"
+    script.write_text(MEASURE)
+    return cost([sys.executable, str(script), str(PIPELINE), str(data), str(store), str(workers)])
+
+
+def shortened(folder: Path, steps: int) -> Path:
+    """The first steps of an experiment, as hard links."""
+    short = fresh(f"replica_{steps}_steps")
+    for side in ("photos/left", "photos/right", "boards/left", "boards/right"):
+        (short / side).mkdir(parents=True)
+        for path in sorted((folder / side).glob("*.png"))[: steps if side.startswith("photos") else None]:
+            os.link(path, short / side / path.name)
+    shutil.copy(folder / "region.geojson", short)
+    lines = [line for line in (folder / "caliper.csv").read_text().splitlines() if not line.startswith("#")]
+    with (short / "caliper.csv").open("w", newline="") as file:
+        csv.writer(file).writerows(line.split(",") for line in lines[: steps + 1])
+    return short
+
+
+def size_of(folder: Path) -> int:
+    return sum(path.stat().st_size for path in folder.rglob("*") if path.is_file())
+
+
+def main() -> int:
+    data = replica(1)
+    dicflow = str(Path(sys.executable).with_name("dicflow"))
+    two, one = computed(data, fresh("bench_two"), 2), computed(data, fresh("bench_one"), 1)
+    store, output = fresh("bench"), fresh("bench_out")
+    command = [
+        dicflow,
+        "run",
+        str(PIPELINE),
+        "--data",
+        str(data),
+        "--store",
+        str(store),
+        "--output",
+        str(output),
+        "--json",
+    ]
+    cold, warm = cost(command), min((cost(command) for _ in range(3)), key=lambda run: run.seconds)
+    helped = min((cost([dicflow, "--help"]) for _ in range(3)), key=lambda run: run.seconds)
+    short = computed(shortened(data, 8), fresh("bench_short"), 2)
+    stages = two.said["stage_s"] + two.said["remake_s"]
+    return report([
+        Figure("cold run with pictures, 2 workers", cold.seconds, 150, unit="s"),
+        Figure("peak memory over all processes", cold.peak_bytes / 2**30, 2, unit="GiB"),
+        Figure("store", size_of(store) / 1e9, 1.5, unit="GB"),
+        Figure("one worker / two workers, same run", one.said["seconds"] / two.said["seconds"], 1.6, at_least=True),
+        Figure("engine / stages, one worker", one.said["engine_s"] / (one.said["stage_s"] + one.said["remake_s"]), 0.1),
+        Figure("engine / stages, two workers", two.said["engine_s"] / stages, 0.1),
+        Figure("making again what is not kept / stages", two.said["remake_s"] / stages),
+        Figure("peak memory, 22 steps / 8 steps", two.peak_bytes / short.peak_bytes),
+        Figure("run with nothing to do, whole process", warm.seconds, 1.5, unit="s"),
+        Figure("  of it computed", warm.said["counts"]["computed"], 0),
+        Figure("dicflow --help, whole process", helped.seconds, 0.5, unit="s"),
+    ])  # fmt: skip
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,54 @@
+"""What `make accuracy` and `make bench` share: replicas on the disk, and tables of bars."""
+
+from __future__ import annotations
+
+import platform
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+from typing import NamedTuple
+
+from dicflow.synth import latex_experiment, write_experiment
+
+ROOT = Path(__file__).resolve().parents[1]
+WORK = ROOT / "build" / "figures"
+SHARED = ROOT.parent / "shared" / "data"
+
+
+class Figure(NamedTuple):
+    """One measured quantity against its bar; a bar of None is only reported."""
+
+    quantity: str
+    measured: float
+    bar: float | None = None
+    at_least: bool = False
+    unit: str = ""
+
+    @property
+    def verdict(self) -> str:
+        if self.bar is None:
+            return ""
+        met = self.measured >= self.bar if self.at_least else self.measured <= self.bar
+        return "ok" if met else "MISSED"
+
+
+def report(figures: Sequence[Figure]) -> int:
+    """Print the table; returns the exit code, 1 where a bar is missed."""
+    width = max(len(figure.quantity) for figure in figures)
+    print(f"\n{platform.processor() or platform.machine()}, Python {platform.python_version()}")
+    print(f"{'quantity':<{width}}  {'bar':>12}  {'measured':>12}")
+    for figure in figures:
+        bar = "" if figure.bar is None else f"{'≥' if figure.at_least else '≤'} {figure.bar:.4g}"
+        print(f"{figure.quantity:<{width}}  {bar:>12}  {figure.measured:>12.4g} {figure.unit:<4} {figure.verdict}")
+    return int(any(figure.verdict == "MISSED" for figure in figures))
+
+
+def replica(experiment: int) -> Path:
+    """Folder of a replica, made at the first call."""
+    folder = WORK / f"replica_{experiment}"
+    done = folder / ".complete"
+    if not done.is_file():
+        print(f"making {folder.relative_to(ROOT)} …", file=sys.stderr)
+        write_experiment(folder, latex_experiment(experiment), workers=2)
+        done.touch()
+    return folder

@@ -1,0 +1,82 @@
+"""Every pipeline of the repository runs, on reduced input where its own is large."""
+
+import itertools
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from dicflow.pipeline import Pipeline
+from dicflow.synth import latex_experiment, write_experiment
+from tests.reference_points import difference
+
+ROOT = Path(__file__).resolve().parents[1]
+SAMPLES = ROOT / "data_samples"
+FIRST_STEPS = [
+    f'photos.{side}=["photos/{side}/step_00.png", "photos/{side}/step_01.png", "photos/{side}/step_02.png"]'
+    for side in ("left", "right")
+]
+
+
+@pytest.fixture(scope="module")
+def store(tmp_path_factory):
+    """One store for all, so that what pipelines share is computed once."""
+    return tmp_path_factory.mktemp("store")
+
+
+def _run(name, data, store, settings=()):
+    pipeline = Pipeline.load(ROOT / "pipelines" / f"{name}.yaml", data=data, store=store, settings=settings)
+    result = pipeline.run(scheduler="threads", workers=2)
+    assert result.outcome.ok, result.outcome.errors
+    return result
+
+
+def test_quickstart_measures_all_steps_within_half_a_per_cent(store):
+    result = _run("quickstart", SAMPLES, store)
+    summary = result.product("comparison").attrs["summary"]
+    assert summary["measured_steps"] == 8
+    assert summary["max_displacement_error_pct"] < 0.5
+    assert summary["max_strain_error_pct"] < 0.5
+
+
+def test_planar_strain_follows_the_caliper(store):
+    result = _run("planar", SAMPLES, store)
+    assert result.product("comparison").attrs["summary"]["max_strain_error_pct"] < 2.0
+
+
+def test_polynomial_degree_sse_never_grows(store):
+    result = _run("polynomial_degree", SAMPLES, store, FIRST_STEPS)
+    for step in result.steps("surface"):
+        for axis in "xyz":
+            sse = [result.product("surface", step, variant).attrs["fit"][axis]["sse"] for variant in range(5)]
+            assert all(after <= before * (1 + 1e-9) for before, after in itertools.pairwise(sse))
+
+
+def test_detectors_side_by_side(store):
+    table = _run("detectors", SAMPLES, store, FIRST_STEPS).table()
+    assert [row["features.detector"] for row in table] == ["KAZE", "AKAZE", "SIFT", "BRISK", "ORB"]
+    assert all(row["track.subsets_filled"] == 0 and row["matches.matches"] > 100 for row in table)
+
+
+@pytest.mark.parametrize("number", [1, 2, 3, 4, 5])
+def test_latex_experiments(number, tmp_path):
+    """The second step of each, on photographs reduced to 3/8 of the size."""
+    write_experiment(tmp_path, latex_experiment(number, scale=0.375, steps=[0, 1], boards=9), workers=2)
+    result = _run(f"latex_experiment_{number}", tmp_path, tmp_path / "store")
+    table = result.product("comparison").attrs["rows"]
+    assert table[1]["dic_strain"] == pytest.approx(table[1]["caliper_strain"], rel=0.03)
+
+
+def test_d_specimen(shared_data, tmp_path):
+    """The whole motion in one step, with every second pair of boards."""
+    settings = [
+        f'photos.{side}=["{side}/GT4-0000_{n}.tif", "{side}/GT4-0273_{n}.tif"]'
+        for n, side in enumerate(("left", "right"))
+    ]
+    names = [f"{number:02d}_0.jpeg" for number in range(0, 21, 2)]
+    for n, side in enumerate(("left", "right")):
+        files = ", ".join(f'"boards/{side}/{name.replace("_0.", f"_{n}.")}"' for name in names)
+        settings.append(f"boards.{side}=[{files}]")
+    against = difference(_run("d_specimen", shared_data / "d_specimen", tmp_path, settings), shared_data / "d_specimen")
+    assert against.share > 0.97
+    np.testing.assert_allclose(against.mean, 0.0, atol=0.05)
