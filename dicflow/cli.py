@@ -335,7 +335,7 @@ def pin(
 
 @app.command()
 def schema() -> None:
-    """Print the JSON schema of pipeline files, for completion in an editor.
+    """Print the JSON schema of pipeline files, for an editor.
 
     \b
     dicflow schema > pipeline.schema.json

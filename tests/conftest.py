@@ -15,3 +15,24 @@ def shared_data() -> Path:
     if not SHARED_DATA.is_dir():
         pytest.skip(f"needs the real photographs in {SHARED_DATA}")
     return SHARED_DATA
+
+
+@pytest.fixture(scope="session")
+def pipeline(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A pipeline file beside the photographs of a small experiment; its folder is to be copied before it is changed."""
+    from small import photograph_experiment
+
+    return photograph_experiment(tmp_path_factory.mktemp("experiment") / "small")
+
+
+@pytest.fixture(scope="session")
+def measured(pipeline: Path) -> Path:
+    """The store of that pipeline with all its products, and its pictures in ``results/quickstart`` beside it.
+
+    It may be added to; to be copied by whoever counts what is in it.
+    """
+    from small import dicflow
+
+    answer = dicflow("run", pipeline, "--scheduler", "sync", "--workers", 1)
+    assert answer.code == 0, answer.err
+    return pipeline.parent / ".dicflow"
