@@ -262,7 +262,7 @@ def test_show(given):
     row = next(line for line in told.out.splitlines() if line.startswith("eyy"))
     assert row.split()[1:3] == ["1", "float64"]
     attrs = json.loads(told.out[told.out.index("\n{") :])
-    assert attrs["measures"]["gxy"].endswith("[rad]")
+    assert attrs["measures"]["gxy"].startswith("shear γxy")
     rig = json.loads(dicflow("show", *given, "rig").out)
     assert rig["summary"]["pairs_used"] == 8
 

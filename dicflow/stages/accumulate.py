@@ -12,16 +12,17 @@ __all__ = ["Accumulate"]
 _VECTOR = ("row", "col", "component")
 _MEASURES = {
     "material": {
-        "exx": "engineering strain |F e1| - 1 of the direction that was x",
-        "eyy": "engineering strain |F e2| - 1 of the direction that was y",
-        "gxy": "decrease of the angle between them [rad]",
+        "exx": "engineering strain εxx = |F e₁| − 1",
+        "eyy": "engineering strain εyy = |F e₂| − 1",
+        "gxy": "shear γxy, decrease of the right angle",
     },
     "thesis": {
-        "exx": "sum of the increments' engineering strains along x",
-        "eyy": "sum of the increments' engineering strains along y",
-        "gxy": "sum of the increments' shear strains",
+        "exx": "strain εxx, sum of ΔDX/ΔX",
+        "eyy": "strain εyy, sum of ΔDY/ΔY",
+        "gxy": "shear strain, sum of ΔDY/ΔX + ΔDX/ΔY",
     },
 }
+"""What the strains of a total are; e₁ and e₂ are the material directions that were x and y at the first step."""
 
 
 class Accumulate(Node):

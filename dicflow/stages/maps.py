@@ -63,7 +63,7 @@ class Maps(Node):
             name: {
                 "range": seen.around_value(),
                 "unit": first.variables[name].units,
-                "title": first.variables[name].long_name,
+                "title": first.attrs["measures"].get(name, first.variables[name].long_name),
             }
             for name, seen in ranges.items()
         }
