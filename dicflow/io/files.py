@@ -41,4 +41,6 @@ def make_folder(folder: Path) -> None:
 
 def _unwritable(path: Path, error: OSError) -> InputError:
     reason = (error.strerror or type(error).__name__).lower()
+    if isinstance(error, FileExistsError | NotADirectoryError):
+        reason = "a file stands where a folder should be"
     return InputError(f"{path}: cannot be written ({reason}); name another place, or free this one")

@@ -102,6 +102,15 @@ class Region(Node):
             raise ValueError(f"give exactly one of {', '.join(WAYS)} and auto, found {', '.join(given) or 'none'}")
         return self
 
+    def check(self, path: Path) -> dict[str, Any]:
+        from dicflow.io.region import is_geojson, read_geojson, read_mask
+
+        if is_geojson(path):
+            read_geojson(path)
+        else:
+            read_mask(path)
+        return {}
+
     def run(self, images: Product, rig: Product | None = None, file_path: Path | None = None) -> Product:
         from dicflow.core.region import area, carry, polygons_to_attrs
 

@@ -2,13 +2,17 @@
 
 from __future__ import annotations
 
-from typing import ClassVar, Literal
+from typing import Annotated, ClassVar, Literal
+
+from pydantic import Field
 
 from dicflow.engine.node import Node, Pixels, Port, Scope, parameter
 from dicflow.engine.product import Product, Variable
 from dicflow.errors import StageError
 
 __all__ = ["Smooth"]
+
+Side = Annotated[Pixels, Field(gt=0)]
 
 
 class Smooth(Node):
@@ -24,7 +28,7 @@ class Smooth(Node):
     gives: ClassVar = "increment"
 
     stage: Literal["smooth"] = "smooth"
-    window: tuple[Pixels, Pixels] = parameter((80.0, 20.0), "rows and columns of the window", unit="px")
+    window: tuple[Side, Side] = parameter((80.0, 20.0), "rows and columns of the window", unit="px")
     degree: int = parameter(2, "total degree of the polynomial", ge=0, le=4)
 
     def run(self, increment: Product) -> Product:

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any, ClassVar, Literal
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal
+
+from pydantic import Field
 
 from dicflow.engine.node import Node, Pixels, Port, Scope, parameter
 from dicflow.engine.product import Product, Variable
@@ -12,6 +14,8 @@ if TYPE_CHECKING:
     from dicflow.core.strain import Strain as Measures
 
 __all__ = ["Strain"]
+
+Side = Annotated[Pixels, Field(gt=0)]
 
 
 class Strain(Node):
@@ -28,7 +32,7 @@ class Strain(Node):
     gives: ClassVar = "strain_increment"
 
     stage: Literal["strain"] = "strain"
-    window: tuple[Pixels, Pixels] = parameter((80.0, 20.0), "rows and columns of the window", unit="px")
+    window: tuple[Side, Side] = parameter((80.0, 20.0), "rows and columns of the window", unit="px")
     degree: int = parameter(2, "total degree of the polynomial", ge=1, le=4)
 
     def run(self, increment: Product) -> Product:

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any, ClassVar, Literal, NamedTuple
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal, NamedTuple
+
+from pydantic import Field
 
 from dicflow.engine.node import At, Node, Port, Scope, parameter
 from dicflow.engine.product import Product, Variable
@@ -17,6 +19,8 @@ if TYPE_CHECKING:
     from dicflow.core.tracking import Tracked
 
 __all__ = ["Track"]
+
+Count = Annotated[int, Field(ge=1)]
 
 OUTLINE_STEPS = 4  # material steps between the points of the carried outline
 
@@ -50,7 +54,7 @@ class Track(Node):
 
     stage: Literal["track"] = "track"
     transform: Literal["similarity", "affine", "projective"] = parameter("projective", "transform of each subset")
-    subsets: tuple[int, int] = parameter((3, 3), "rows and columns of subsets over the region's bounding box")
+    subsets: tuple[Count, Count] = parameter((3, 3), "rows and columns of subsets over the region's bounding box")
     overlap: float = parameter(0.25, "share of its size by which each side of a subset reaches over", ge=0, le=1)
     threshold: float = parameter(1.5, "distance from which a match counts as wrong", unit="px", gt=0)
     confidence: float = parameter(0.99, "probability of having tried a sample without wrong matches", gt=0, lt=1)
