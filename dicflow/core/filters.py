@@ -217,12 +217,14 @@ def _solve_all(normal, right, pairs, count, needed):  # type: ignore[no-untyped-
             for i in range(n):
                 for j in range(i + 1):
                     matrix[i, j] = normal[pairs[i, j], row, col]
-                side[i, :planes] = right[:, i, row, col]
+                for plane in range(planes):
+                    side[i, plane] = right[plane, i, row, col]
                 side[i, planes] = 1.0 if i == 0 else 0.0
             if _cholesky(matrix):
                 _substitute(matrix, side)
-                solved[row, col, :] = 0.0
-                solved[row, col, : min(n, 3)] = side[: min(n, 3)]
+                for i in range(3):
+                    for plane in range(planes + 1):
+                        solved[row, col, i, plane] = side[i, plane] if i < n else 0.0
     return solved
 
 
