@@ -99,6 +99,9 @@ def run(
     dicflow run pipeline.yaml --set surface.robust=LAR
     dicflow run pipeline.yaml --set smooth.degree=1,2,3 --workers 4
     """
+    from dicflow.engine.workers import limit_threads
+
+    limit_threads()
     from dicflow.io.files import make_folder
     from dicflow.views.console import Progress, consoles
     from dicflow.views.publish import publish

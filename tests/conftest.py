@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import subprocess
+import sys
 from pathlib import Path
 
 import pytest
@@ -31,8 +33,7 @@ def measured(pipeline: Path) -> Path:
 
     It may be added to; to be copied by whoever counts what is in it.
     """
-    from small import dicflow
-
-    answer = dicflow("run", pipeline, "--scheduler", "sync", "--workers", 1)
-    assert answer.code == 0, answer.err
+    command = [sys.executable, "-m", "dicflow", "run", pipeline, "--scheduler", "sync", "--workers", "1"]
+    done = subprocess.run(command, capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr
     return pipeline.parent / ".dicflow"

@@ -55,11 +55,23 @@ class Product:
         return sum(variable.values.nbytes for variable in self.variables.values())
 
     def to_dataset(self) -> xarray.Dataset:
-        """The same as an xarray dataset, with ``units`` and ``long_name`` on every array."""
+        """The same as an xarray dataset, with ``units`` and ``long_name`` on every array.
+
+        A dimension along which arrays differ in length, as of a board that one camera sees alone, is named with it.
+        """
         import xarray
 
+        lengths: dict[str, set[int]] = {}
+        for v in self.variables.values():
+            for dim, length in zip(v.dims, v.values.shape, strict=True):
+                lengths.setdefault(dim, set()).add(length)
+
+        def named(v: Variable) -> list[str]:
+            sizes = zip(v.dims, v.values.shape, strict=True)
+            return [dim if len(lengths[dim]) == 1 else f"{dim}_{length}" for dim, length in sizes]
+
         arrays = {
-            name: (v.dims, v.values, {"units": v.units, "long_name": v.long_name or name})
+            name: (named(v), v.values, {"units": v.units, "long_name": v.long_name or name})
             for name, v in self.variables.items()
         }
         return xarray.Dataset(arrays, attrs={"kind": self.kind, **self.attrs})

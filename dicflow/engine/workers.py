@@ -9,7 +9,7 @@ import threading
 from collections.abc import Callable
 from pathlib import Path
 
-__all__ = ["prepare", "reads_probe"]
+__all__ = ["limit_threads", "prepare", "reads_probe"]
 
 _LIMITS = ("NUMBA_NUM_THREADS", "OPENCV_FOR_THREADS_NUM", "OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
 
@@ -21,12 +21,20 @@ def prepare(setup: Callable[[], None] | None = None) -> None:
 
     setup : anything else that has to be done once in every worker
     """
-    os.environ.update({name: "1" for name in _LIMITS if name not in os.environ})
+    limit_threads()
     for name, function in (("cv2", "setNumThreads"), ("numba", "set_num_threads")):
         if name in sys.modules:
             getattr(sys.modules[name], function)(1)
     if setup is not None:
         setup()
+
+
+def limit_threads() -> None:
+    """Let libraries that are loaded from here on use one thread each, unless the environment says otherwise.
+
+    Linear algebra in several threads sums in another order, so that one thread everywhere keeps results equal.
+    """
+    os.environ.update({name: "1" for name in _LIMITS if name not in os.environ})
 
 
 def ignore_interrupts() -> None:

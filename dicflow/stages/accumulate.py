@@ -112,7 +112,7 @@ def _variables(fields: dict[str, Any], unit: str) -> dict[str, Variable]:
         **strain_variables([fields[name] for name in ("exx", "eyy", "gxy")], ""),
         "xyz": Variable(_VECTOR, fields["xyz"], unit, "place"),
         "xyz_reference": Variable(_VECTOR, fields["xyz_reference"], unit, "place at the first step"),
-        "xy": Variable(_VECTOR, fields["xy"], "px", "place in the image"),
+        "xy": Variable(("row", "col", "image_component"), fields["xy"], "px", "place in the image"),
         **(
             {"gradient": Variable(("row", "col", "out", "in"), fields["gradient"], "1", "deformation gradient")}
             if "gradient" in fields

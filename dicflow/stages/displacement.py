@@ -87,7 +87,7 @@ def _thesis(
 def _variables(increment: Increment, unit: str) -> dict[str, Variable]:
     vector = ("row", "col", "component")
     return {
-        "xy": Variable(vector, increment.xy, "px", "place in the image"),
+        "xy": Variable(("row", "col", "image_component"), increment.xy, "px", "place in the image"),
         "xyz_reference": Variable(vector, increment.xyz_reference, unit, "place at the step before"),
         "xyz": Variable(vector, increment.xyz, unit, "place"),
         "displacement": Variable(vector, increment.displacement, unit, "displacement since the step before"),
