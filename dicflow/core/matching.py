@@ -18,6 +18,7 @@ Array = npt.NDArray[np.float64]
 Pairs = npt.NDArray[np.intp]
 
 NEIGHBOURS = 24  # matches around a point that tell its motion
+BLOCK = 512  # descriptors compared at once with all others: their distances stay in the cache
 CANDIDATES = 8  # features around a predicted position that are compared
 
 
@@ -132,10 +133,25 @@ def local_motion(source: Array, target: Array, points: Array) -> LocalMotion:
 
 
 def _nearest(queries: npt.NDArray[Any], others: npt.NDArray[Any], count: int) -> tuple[Array, Pairs]:
-    """Distances and indices (n, count) of the nearest descriptors."""
-    norm, dtype = _norm(queries)
-    distance, index = cv2.batchDistance(queries, others, dtype, normType=norm, K=count)
-    return distance.astype(np.float64), index.astype(np.intp)
+    """Distances and indices (n, count) of the nearest one or two descriptors: by different bits, or Euclidean."""
+    if queries.dtype == np.uint8:
+        distance, index = cv2.batchDistance(queries, others, cv2.CV_32S, normType=cv2.NORM_HAMMING, K=count)
+        return distance.astype(np.float64), index.astype(np.intp)
+    blocks = [_nearest_euclidean(queries[k : k + BLOCK], others, count) for k in range(0, len(queries), BLOCK)]
+    square, index = (np.concatenate(parts) for parts in zip(*blocks, strict=True))
+    return np.sqrt(np.maximum(square, 0.0)), index
+
+
+def _nearest_euclidean(queries: npt.NDArray[Any], others: npt.NDArray[Any], count: int) -> tuple[Array, Pairs]:
+    """Squared distances |q|² + |o|² − 2 q·o and indices (n, count); one matrix product instead of n² differences."""
+    table = np.einsum("ij,ij->i", others, others) - 2.0 * (queries @ others.T)
+    length, rows = np.einsum("ij,ij->i", queries, queries).astype(np.float64), np.arange(len(queries))
+    square, index = np.empty((len(queries), count)), np.empty((len(queries), count), dtype=np.intp)
+    for rank in range(count):
+        index[:, rank] = table.argmin(axis=1)
+        square[:, rank] = table[rows, index[:, rank]] + length
+        table[rows, index[:, rank]] = np.inf
+    return square, index
 
 
 def _distances(a: npt.NDArray[Any], b: npt.NDArray[Any]) -> Array:
@@ -143,10 +159,3 @@ def _distances(a: npt.NDArray[Any], b: npt.NDArray[Any]) -> Array:
     if a.dtype == np.uint8:
         return np.asarray(np.bitwise_count(a ^ b).sum(axis=1), dtype=np.float64)
     return np.asarray(np.linalg.norm(a - b, axis=1), dtype=np.float64)
-
-
-def _norm(descriptors: npt.NDArray[Any]) -> tuple[int, int]:
-    """Norm and the type of its values: Euclidean, or the number of different bits."""
-    if descriptors.dtype == np.uint8:
-        return cv2.NORM_HAMMING, cv2.CV_32S
-    return cv2.NORM_L2, cv2.CV_32F

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import ClassVar, Literal
 
-from dicflow.engine.node import Node, Port, Scope, parameter
+from dicflow.engine.node import Node, Port, Scope
 from dicflow.engine.product import Product, Variable
 from dicflow.errors import StageError
 
@@ -20,9 +20,6 @@ class Undistort(Node):
     gives: ClassVar = "plane"
 
     stage: Literal["undistort"] = "undistort"
-    keep: Literal["always", "auto", "never"] = parameter(
-        "never", "whether the product is kept in the store; it is quicker to remake than to read", affects="speed"
-    )
 
     def run(self, images: Product, rig: Product | None = None) -> Product:
         import numpy as np
