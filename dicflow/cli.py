@@ -359,11 +359,14 @@ def init(
     \b
     dicflow init experiment --square "14.5 mm"
     """
-    from dicflow.pipeline.setup import look, pipeline_text
+    from dicflow.pipeline.setup import OPEN, look, pipeline_text
 
-    found = look(folder, typer.echo)
-    _write(folder / "pipeline.yaml", pipeline_text(found, square).encode(), force)
-    typer.echo(f"wrote {folder / 'pipeline.yaml'}; read it, then: dicflow run {folder / 'pipeline.yaml'}")
+    path = folder / "pipeline.yaml"
+    _vacant(path, force)
+    text = pipeline_text(look(folder, typer.echo), square, path)
+    _write(path, text.encode(), force)
+    first = "fill in the side of a square" if OPEN in text else "read it"
+    typer.echo(f"wrote {path}; {first}, then: dicflow run {path}")
 
 
 synth = typer.Typer(
@@ -493,9 +496,13 @@ def _write(path: Path, content: bytes, force: bool) -> None:
     """A new file, whole or not at all."""
     from dicflow.io.files import write_whole
 
+    _vacant(path, force)
+    write_whole(path, content)
+
+
+def _vacant(path: Path, force: bool) -> None:
     if path.exists() and not force:
         raise ConfigurationError(f"{path} exists; add --force to overwrite it, or name another")
-    write_whole(path, content)
 
 
 def _index(result: Result, variant: int) -> int:

@@ -177,8 +177,8 @@ def quality(values: Array, fitted: Array, weights: Array, coefficients: float) -
     used = weights > 0.0
     z, surface, w = values[used], fitted[used], weights[used]
     count = float(w.sum())
-    mean = float(w @ z) / count
-    sse, ssr, sst = (float(w @ difference**2) for difference in (z - surface, surface - mean, z - mean))
+    mean = float((w * z).sum()) / count  # a dot product would depend on the number of threads
+    sse, ssr, sst = (float((w * difference**2).sum()) for difference in (z - surface, surface - mean, z - mean))
     freedom = max(count - coefficients, 1.0)
     if sst == 0.0:
         return Quality(sse, 1.0, 1.0, (sse / freedom) ** 0.5)

@@ -10,10 +10,16 @@ from typing import NamedTuple
 
 from dicflow.engine.node import Node
 from dicflow.errors import InputError, StageError
+from dicflow.io.configuration import parse
 from dicflow.io.images import SUFFIXES, read_grey
 from dicflow.pipeline.registry import node_class
+from dicflow.pipeline.wiring import wire
 
-__all__ = ["Found", "Series", "look", "pipeline_text"]
+__all__ = ["OPEN", "Found", "Series", "look", "pipeline_text"]
+
+OPEN = "FILL IN the side"
+"""Stands in the file where the user has to say something."""
+
 
 _SIDE_WORDS = {"left": "left", "l": "left", "right": "right", "r": "right"}
 _SIDE_WORD = re.compile(r"(?:^|[^a-z])(left|right|l|r)(?=[^a-z]|$)|(Left|Right)(?=[0-9_]|$)", re.IGNORECASE)
@@ -101,7 +107,11 @@ def _paired(folder: Path, sides: Mapping[str, list[Path]]) -> list[Series]:
     if len(patterns) == 1:
         patterns = {"left": next(iter(patterns.values()))}
     node = _maker("images")(**patterns)
-    return [Series(patterns["left"], patterns.get("right"), node.steps(folder) or {})]
+    try:
+        steps = node.steps(folder) or {}
+    except InputError as error:
+        raise InputError(f"{folder / patterns['left']}: {error}") from error
+    return [Series(patterns["left"], patterns.get("right"), steps)]
 
 
 def _photographs(folder: Path) -> list[Path]:
@@ -183,10 +193,12 @@ def _first(folder: Path, pattern: str) -> str | None:
     return next((path.name for path in sorted(folder.glob(pattern))), None)
 
 
-def pipeline_text(found: Found, square: str | None) -> str:
+def pipeline_text(found: Found, square: str | None, path: Path) -> str:
     """The pipeline file, commented: two cameras with boards where both were found, else one camera.
 
     square : side of a square of the board; left open, for the user to fill in, where it is None
+    path : of the file, for messages
+    Raises ConfigurationError where the square is no length.
     """
     lines = [
         "dicflow: 1",
@@ -197,7 +209,10 @@ def pipeline_text(found: Found, square: str | None) -> str:
     stereo = found.boards is not None and found.photos.right is not None
     lines += _stereo_lines(found, square) if stereo else _planar_lines(found)
     lines += _common_lines(found, stereo)
-    return "\n".join(lines) + "\n"
+    text = "\n".join(lines) + "\n"
+    if OPEN not in text:
+        wire(parse(text, str(path)))
+    return text
 
 
 def _quoted(key: str, value: str) -> str:
@@ -212,7 +227,7 @@ def _stereo_lines(found: Found, square: str | None) -> list[str]:
     assert found.boards is not None
     assert found.board_size is not None
     columns, rows = found.board_size
-    side = square or "  # FILL IN the side of one square as you measured it, such as 14.5 mm"
+    side = square or f"  # {OPEN} of one square as you measured it, such as 14.5 mm"
     range_note = "  # the first pair shows {} … {} px".format(*found.disparity_range) if found.disparity_range else ""
     return [
         "",

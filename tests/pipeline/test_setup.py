@@ -1,0 +1,120 @@
+"""The first pipeline file for a folder: pairs, boards and their size are found, and what is written runs."""
+
+from __future__ import annotations
+
+import shutil
+
+import numpy as np
+import pytest
+from PIL import Image
+from small import BOARDS, STEPS, dicflow
+
+from dicflow.pipeline import Pipeline
+from dicflow.pipeline.setup import OPEN
+
+
+@pytest.fixture(scope="module")
+def photographs(pipeline):
+    return pipeline.parent
+
+
+@pytest.fixture(scope="module")
+def stereo(photographs, tmp_path_factory):
+    """A folder of both cameras that init has looked at, and what it said."""
+    folder = tmp_path_factory.mktemp("init") / "stereo"
+    shutil.copytree(photographs, folder, ignore=shutil.ignore_patterns("*.yaml", "truth", ".dicflow", "results"))
+    return folder, dicflow("init", folder, "--square", "1.45 cm")
+
+
+def test_what_is_found_is_told(stereo):
+    folder, answer = stereo
+    assert answer.code == 0, answer.err
+    said = answer.out.splitlines()
+    assert said[0] == f"specimen: {STEPS} pairs, photos/left/*.png and photos/right/*.png"
+    assert said[1] == f"boards: {BOARDS} pairs, boards/left/*.png and boards/right/*.png, 9 × 6 inner corners"
+    assert said[2].startswith("disparity of the first pair: -")
+    assert said[3] == f"wrote {folder}/pipeline.yaml; read it, then: dicflow run {folder}/pipeline.yaml"
+
+
+def test_the_file_is_valid_and_shares_products_with_the_quick_start(stereo, measured):
+    """Photographs, boards and rig are the same stages on the same files, so nothing of them is computed."""
+    folder, _ = stereo
+    loaded = Pipeline.load(folder / "pipeline.yaml", store=measured)
+    assert loaded.graph.stages["rig"].node.square == 14.5
+    states = loaded.plan().by_stage()
+    assert all(states[stage]["run"] == states[stage]["pending"] == 0 for stage in ("photos", "boards", "rig", "pair"))
+    comments = [line for line in (folder / "pipeline.yaml").read_text().splitlines() if "#" in line]
+    assert len(comments) >= 5
+    result = loaded.run(scheduler="sync")
+    assert result.outcome.ok, result.outcome.errors
+    rows = result.product("compare").attrs["rows"]
+    assert rows[-1]["dic_strain"] == pytest.approx(rows[-1]["caliper_strain"], rel=0.02)
+
+
+def test_an_existing_file_is_kept(stereo):
+    folder, _ = stereo
+    before = (folder / "pipeline.yaml").read_bytes()
+    dicflow("init", folder).refuses(2, "pipeline.yaml exists; add --force to overwrite it")
+    dicflow("init", folder, "--square", "3 px", "--force").refuses(2, "pipeline.yaml:11:5: rig.square: '3 px' is no")
+    assert (folder / "pipeline.yaml").read_bytes() == before
+
+
+def test_without_the_square_it_is_left_open(photographs, tmp_path):
+    for part in ("photos", "boards"):
+        shutil.copytree(photographs / part, tmp_path / part)
+    answer = dicflow("init", tmp_path)
+    assert "; fill in the side of a square, then: dicflow run" in answer.out
+    assert OPEN in (tmp_path / "pipeline.yaml").read_text()
+    dicflow("run", tmp_path / "pipeline.yaml").refuses(2, "rig.square: ", "give side of one square of the board")
+
+
+def test_one_camera_is_measured_in_pixels(photographs, tmp_path):
+    for path in (photographs / "photos" / "left").iterdir():
+        shutil.copy(path, tmp_path / path.name.replace("step_", "img"))
+    answer = dicflow("init", tmp_path)
+    assert answer.out.startswith(f"specimen: {STEPS} photographs of one camera, *.png\n")
+    result = Pipeline.load(tmp_path / "pipeline.yaml").run(scheduler="sync")
+    assert result.outcome.ok, result.outcome.errors
+    total = result.product("total", -1)
+    assert total.attrs["unit"] == "px"
+    assert np.nanmean(total["eyy"]) > 0.3
+
+
+@pytest.mark.parametrize(
+    ("left", "right", "patterns"),
+    [
+        ("s{}_0.png", "s{}_1.png", ("*_0.png", "*_1.png")),
+        ("ImageLeft{}.png", "ImageRight{}.png", ("*Left*.png", "*Right*.png")),
+        ("cam0/{}.png", "cam1/{}.png", ("cam0/*.png", "cam1/*.png")),
+        ("test/L/{}.png", "test/R/{}.png", ("test/L/*.png", "test/R/*.png")),
+    ],
+)
+def test_cameras_told_apart_by_names(photographs, tmp_path, left, right, patterns):
+    for step in range(2):
+        for side, name in (("left", left), ("right", right)):
+            place = tmp_path / name.format(step)
+            place.parent.mkdir(parents=True, exist_ok=True)
+            shutil.copy(photographs / "photos" / side / f"step_0{step}.png", place)
+    assert dicflow("init", tmp_path).out.startswith(f"specimen: 2 pairs, {patterns[0]} and {patterns[1]}\n")
+
+
+def test_folders_that_hold_nothing_to_measure(photographs, tmp_path):
+    dicflow("init", tmp_path / "none").refuses(2, "none: no such folder; name the folder that holds the photographs")
+    dicflow("init", tmp_path).refuses(2, f"{tmp_path}: no photographs of a specimen found; expected .png")
+    for side in ("left", "right"):
+        shutil.copytree(photographs / "photos" / side, tmp_path / side)
+    (tmp_path / "right" / "step_01.png").unlink()
+    dicflow("init", tmp_path).refuses(2, "left/*.png: 3 left and 2 right", "without a partner: left step_01.png")
+    Image.new("L", (4, 4)).save(tmp_path / "right" / "step_01.png")
+    (tmp_path / "left" / "step_01.png").write_bytes(b"")
+    dicflow("init", tmp_path).refuses(2, "step_01.png: ")
+
+
+def test_boards_are_told_from_speckles_in_the_samples(stereo):
+    """Speckles look like a small board here and there; most photographs must show one of the same size."""
+    from small import ROOT
+
+    from dicflow.pipeline.setup import _board_size, _series
+
+    sizes = {one.left: _board_size(one) for one in _series(ROOT / "data_samples")}
+    assert sizes == {"photos/left/*.png": None, "boards/left/*.png": (9, 6)}
