@@ -9,7 +9,7 @@ from dicflow.engine.graph import Graph
 
 __all__ = ["graph_svg", "graph_text"]
 
-_WIDTH, _HEIGHT, _GAP_X, _GAP_Y, _MARGIN = 190, 46, 60, 22, 20
+_WIDTH, _HEIGHT, _GAP_X, _GAP_Y, _MARGIN = 200, 46, 30, 26, 20
 
 
 class _Box(NamedTuple):
@@ -31,9 +31,9 @@ def graph_text(graph: Graph) -> str:
 
 
 def graph_svg(graph: Graph) -> str:
-    """Columns of boxes from left to right, an arrow for every input; no scripts, no links."""
+    """Rows of boxes from top to bottom, an arrow for every input; no scripts, no links."""
     boxes = _layout(graph)
-    width = max(box.x for box in boxes.values()) + _WIDTH + _MARGIN
+    width = max(box.x for box in boxes.values()) + _WIDTH + _bulge(_MARGIN, boxes) + _MARGIN
     height = max(box.y for box in boxes.values()) + _HEIGHT + _MARGIN
     arrows = [
         _arrow(boxes[producer], boxes[name], port)
@@ -71,13 +71,13 @@ def _depths(graph: Graph) -> dict[str, int]:
 
 
 def _layout(graph: Graph) -> dict[str, _Box]:
-    """One column per depth; within a column in the order of the producers' heights, so that few arrows cross."""
+    """One row per depth; within a row in the order of the producers' places, so that few arrows cross."""
     depths = _depths(graph)
     boxes: dict[str, _Box] = {}
-    for column in range(max(depths.values()) + 1):
-        names = [name for name in graph.stages if depths[name] == column]
-        names.sort(key=lambda name: _mean([boxes[p].y for p in graph.stages[name].inputs.values() if p in boxes]))
-        for row, name in enumerate(names):
+    for row in range(max(depths.values()) + 1):
+        names = [name for name in graph.stages if depths[name] == row]
+        names.sort(key=lambda name: _mean([boxes[p].x for p in graph.stages[name].inputs.values() if p in boxes]))
+        for column, name in enumerate(names):
             boxes[name] = _Box(_MARGIN + column * (_WIDTH + _GAP_X), _MARGIN + row * (_HEIGHT + _GAP_Y))
     return boxes
 
@@ -86,11 +86,21 @@ def _mean(values: list[float]) -> float:
     return sum(values) / len(values) if values else 0.0
 
 
+def _bulge(start: float, boxes: dict[str, _Box]) -> float:
+    """Room for the widest arrow that passes rows by."""
+    return start + 0.2 * max(box.y for box in boxes.values())
+
+
 def _arrow(start: _Box, end: _Box, port: str) -> str:
-    x0, y0, x1, y1 = start.x + _WIDTH, start.y + _HEIGHT / 2, end.x, end.y + _HEIGHT / 2
-    bend = max(30.0, (x1 - x0) / 2)
-    path = f"M{x0:.1f} {y0:.1f}C{x0 + bend:.1f} {y0:.1f} {x1 - bend:.1f} {y1:.1f} {x1:.1f} {y1:.1f}"
-    return f'<path d="{path}" fill="none" stroke="#999" marker-end="url(#tip)"><title>{escape(port)}</title></path>\n'
+    """To the next row straight down; past other rows around their right side, the further the longer."""
+    if end.y - start.y <= _HEIGHT + _GAP_Y:
+        x0, y0, x1, y1 = start.x + _WIDTH / 2, start.y + _HEIGHT, end.x + _WIDTH / 2, end.y
+        path = f"M{x0:.1f} {y0:.1f}C{x0:.1f} {y0 + _GAP_Y / 2:.1f} {x1:.1f} {y1 - _GAP_Y / 2:.1f} {x1:.1f} {y1:.1f}"
+    else:
+        x0, y0, x1, y1 = start.x + _WIDTH, start.y + _HEIGHT / 2, end.x + _WIDTH, end.y + _HEIGHT / 2
+        out = max(x0, x1) + _MARGIN + 0.2 * (y1 - y0)
+        path = f"M{x0:.1f} {y0:.1f}C{out:.1f} {y0:.1f} {out:.1f} {y1:.1f} {x1:.1f} {y1:.1f}"
+    return f'<path d="{path}" fill="none" stroke="#888" marker-end="url(#tip)"><title>{escape(port)}</title></path>\n'
 
 
 def _drawn(graph: Graph, name: str, box: _Box) -> str:
