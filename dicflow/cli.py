@@ -99,9 +99,6 @@ def run(
     dicflow run pipeline.yaml --set surface.robust=LAR
     dicflow run pipeline.yaml --set smooth.degree=1,2,3 --workers 4
     """
-    from dicflow.engine.workers import limit_threads
-
-    limit_threads()
     from dicflow.io.files import make_folder
     from dicflow.views.console import Progress, consoles
     from dicflow.views.publish import publish
@@ -432,6 +429,9 @@ def root(version: Annotated[bool, typer.Option("--version", help="print the vers
 
 def main() -> None:
     """Run the command line; every error meant for users is one message, without a traceback."""
+    from dicflow.engine.workers import limit_threads
+
+    limit_threads()
     try:
         app()
     except DicflowError as error:

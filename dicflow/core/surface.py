@@ -271,20 +271,28 @@ def _basis(x: ArrayLike, y: ArrayLike, centre: tuple[float, float], half: tuple[
 
 
 def _values(basis: _Basis, coefficients: Array) -> Array:
-    return np.asarray(basis.down @ coefficients.T @ basis.across.T)
+    return np.asarray(np.einsum("rq,qc->rc", basis.down, coefficients.T @ basis.across.T))
 
 
 def _solve(basis: _Basis, field: Array, weights: Array) -> Array:
-    """Coefficients of weighted least squares; field and weights (row, col), finite."""
+    """Coefficients of weighted least squares; field and weights (row, col), finite.
+
+    Long sums are taken by einsum: a matrix product's order of summation depends on the number of threads.
+    """
     (cols, p), (rows, q) = basis.across.shape, basis.down.shape
     across = (basis.across[:, :, None] * basis.across[:, None, :]).reshape(cols, p * p)
     down = (basis.down[:, :, None] * basis.down[:, None, :]).reshape(rows, q * q)
-    moments = (down.T @ (weights @ across)).reshape(q, q, p, p).transpose(2, 0, 3, 1)
-    normal = moments[basis.used][:, basis.used]
-    right = (basis.across.T @ (weights * field).T @ basis.down)[basis.used]
+    moments = np.einsum("rj,rk->jk", down, _along_rows(weights, across))
+    normal = moments.reshape(q, q, p, p).transpose(2, 0, 3, 1)[basis.used][:, basis.used]
+    right = np.einsum("rp,rq->pq", _along_rows(weights * field, basis.across), basis.down)[basis.used]
     coefficients = np.zeros((p, q))
     coefficients[basis.used] = np.linalg.lstsq(normal, right, rcond=1e-13)[0]
     return coefficients
+
+
+def _along_rows(values: Array, functions: Array) -> Array:
+    """Σ over the columns of values (row, col) times functions (col, k); (row, k)."""
+    return np.asarray(np.einsum("rc,kc->rk", values, np.ascontiguousarray(functions.T)))
 
 
 def _stride(valid: Mask, max_points: int) -> int:

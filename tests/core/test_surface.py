@@ -1,7 +1,10 @@
-from itertools import pairwise
+import subprocess
+import sys
+from itertools import os
 
 import cv2
 import numpy as np
+import pairwise
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
@@ -194,3 +197,25 @@ def test_lowess_rmse_is_the_noise():
 def test_lowess_without_points_is_refused():
     with pytest.raises(ValueError, match="no window of 21 × 21 holds enough points"):
         fit_lowess(np.full((30, 30), np.nan), (21, 21), 1, "bisquare")
+
+
+def test_the_number_of_threads_of_linear_algebra_changes_no_bit():
+    """Products are made again in other processes, and must come out the same."""
+    code = """
+import numpy as np
+from dicflow.core.surface import fit_surface
+field = np.random.default_rng(0).normal(400.0, 1.0, (1300, 420))
+surface = fit_surface(field, (3, 3), "bisquare")
+print(surface.coefficients.tobytes().hex(), surface.quality)
+"""
+    said = [
+        subprocess.run(
+            [sys.executable, "-c", code],
+            env={**os.environ, "OPENBLAS_NUM_THREADS": threads},
+            capture_output=True,
+            text=True,
+            check=True,
+        ).stdout
+        for threads in ("1", "2")
+    ]
+    assert said[0] == said[1]
