@@ -5,7 +5,6 @@ from itertools import pairwise
 
 import cv2
 import numpy as np
-import pairwise
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
