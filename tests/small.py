@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import io
 import json
+import os
 import sys
 from contextlib import redirect_stderr, redirect_stdout
 from pathlib import Path
@@ -63,4 +64,6 @@ def photograph_experiment(folder: Path) -> Path:
     text = (ROOT / "pipelines" / "quickstart.yaml").read_text()
     assert "{stage: maps}" in text
     pipeline.write_text(text.replace("{stage: maps}", "{stage: maps, quantities: [eyy]}"))
+    for path in folder.rglob("*"):
+        os.utime(path, (1e9, 1e9))  # what is younger than two seconds may still change, and is looked at each time
     return pipeline

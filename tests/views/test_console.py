@@ -1,0 +1,84 @@
+"""What the terminal shows: progress, plans and tables, with brackets as they are."""
+
+from __future__ import annotations
+
+import io
+import re
+
+import numpy as np
+import pytest
+from rich.console import Console
+
+from dicflow.engine.journal import Event
+from dicflow.engine.product import Product, Variable
+from dicflow.views.console import Progress, consoles, product_tables, simple_table
+
+STAGES = {"photos": {"hit": 2, "run": 0, "pending": 0}, "pair": {"hit": 0, "run": 2, "pending": 0}}
+
+
+def finished(stage, number, status, text="", seconds=0.5):
+    name = f"{stage}/step_{number}"
+    return Event("finished", task=name, stage=stage, step=f"step_{number}", status=status, seconds=seconds, text=text)
+
+
+def told(events, terminal=False):
+    """What a run with these events leaves on the screen."""
+    buffer = io.StringIO()
+    console = Console(file=buffer, force_terminal=terminal, width=120, markup=False, highlight=False)
+    with Progress(console) as progress:
+        progress.on_event(Event("planned", counts={}, stages=STAGES))
+        for event in events:
+            progress.on_event(event)
+    return re.sub(r"\x1b\[[0-9;?]*[a-zA-Z]", "", buffer.getvalue())
+
+
+def test_a_line_per_stage_that_is_done():
+    assert told([finished("pair", 0, "computed")]) == ""
+    assert told([finished("pair", 0, "computed"), finished("pair", 1, "computed")]) == "pair: 2 computed, 1.0 s\n"
+
+
+def test_a_failure_is_told_with_its_brackets_and_what_is_skipped_is_not():
+    lines = told([finished("pair", 0, "failed", "pair/step_0: give [x, y]"), finished("pair", 1, "skipped")])
+    assert lines == "pair/step_0: give [x, y]\n"
+
+
+def test_warnings_and_the_dashboards_link():
+    events = [Event("warning", text="surface: [rad] changed"), Event("dashboard", text="http://127.0.0.1:1/status")]
+    assert told(events) == "surface: [rad] changed\nhttp://127.0.0.1:1/status\n"
+
+
+def test_a_terminal_shows_counts_and_the_time_left():
+    shown = told([finished("pair", 0, "computed")], terminal=True)
+    last = shown[shown.rindex("stage") :]
+    assert re.search(r"photos\s+2\s+·\s+·\s+·\s+·\s+0\.0", last)
+    assert re.search(r"pair\s+·\s+1\s+·\s+·\s+1\s+0\.5", last)
+    assert re.search(r"\d+ s, about \d+ s left", last)
+
+
+def test_output_to_a_file_is_neither_folded_nor_interpreted(capsys):
+    out, err = consoles()
+    out.print("[rad] " + "word " * 100, soft_wrap=True)
+    out.print(simple_table(("what", "value"), [("a [b]", 1.5), ("c" * 150, 20.25)]))
+    err.print("[x]")
+    printed = capsys.readouterr()
+    lines = printed.out.splitlines()
+    assert lines[0].startswith("[rad] word")
+    assert lines[2].split() == ["a", "[b]", "1.5"]
+    assert lines[3].split() == ["c" * 150, "20.25"]
+    assert printed.err == "[x]\n"
+
+
+@pytest.mark.parametrize(
+    ("values", "row"),
+    [
+        ([1.0, np.nan, 4.0], ["a", "mm", "float64", "3", "row", "1", "2.5", "4"]),
+        ([np.nan, np.nan], ["a", "mm", "float64", "2", "row", "nan", "nan", "nan"]),
+        ([], ["a", "mm", "float64", "0", "row", "nan", "nan", "nan"]),
+    ],
+)
+def test_ranges_leave_out_what_is_missing(capsys, values, row):
+    product = Product("thing", {"a": Variable(("row",), np.array(values, float), "mm")}, {"measure": "angle [rad]"})
+    table, attrs = product_tables(product)
+    consoles()[0].print(table)
+    assert capsys.readouterr().out.splitlines()[1].split() == row
+    assert attrs == '{\n "measure": "angle [rad]"\n}'

@@ -1,0 +1,145 @@
+"""Maps, contact sheets, animations and pictures of arrays: valid, of the right size, and equal for equal input."""
+
+from __future__ import annotations
+
+from io import BytesIO
+
+import numpy as np
+import pytest
+from PIL import Image
+
+from dicflow.engine.product import Product, Variable
+from dicflow.views import maps as views
+
+ROWS, COLS = 41, 11
+MAPS = {
+    "quantities": {
+        "eyy": {"range": [0.0, 0.4], "unit": "1", "title": "strain along y"},
+        "V": {"range": [0.0, 16.0], "unit": "mm", "title": "displacement along y"},
+    },
+    "positions": "xyz",
+    "extent": [-10.0, 0.0, 10.0, 80.0],
+    "unit": "mm",
+    "colour_map": "viridis",
+    "phases": ["loading", "loading"],
+}
+
+
+def total(stretch, hole=False):
+    """A strip of 20 mm by 40 mm, stretched along y; a hole in its middle if asked."""
+    y, x = np.mgrid[0.0 : 40.0 : ROWS * 1j, -10.0 : 10.0 : COLS * 1j]
+    xyz = np.stack([x, y * stretch, np.full_like(x, 400.0)], axis=-1)
+    eyy = np.full_like(x, stretch - 1.0)
+    if hole:
+        eyy[10:20, 3:8], xyz[10:20, 3:8] = np.nan, np.nan
+    arrays = {"eyy": eyy, "V": y * (stretch - 1.0)}
+    return Product(
+        "total",
+        {
+            **{name: Variable(("row", "col"), values, "mm") for name, values in arrays.items()},
+            "xyz": Variable(("row", "col", "component"), xyz, "mm"),
+        },
+    )
+
+
+def opened(content):
+    image = Image.open(BytesIO(content))
+    image.load()
+    return image
+
+
+def drawn(product, quantity="eyy"):
+    return views.png(views.field_map(product, views.style(MAPS, quantity), "step_01 · loading"))
+
+
+def colour_of(image, colour):
+    """Share of the pixels near a colour of the map, given by its place from 0 to 1."""
+    import matplotlib
+
+    wanted = 255 * np.array(matplotlib.colormaps["viridis"](colour)[:3])
+    return (np.abs(np.asarray(image.convert("RGB"), float) - wanted).max(axis=-1) < 6).mean()
+
+
+def test_a_map_is_a_png_of_its_size():
+    image = opened(drawn(total(1.2)))
+    assert image.format == "PNG"
+    look = views.style(MAPS, "eyy")
+    width_mm, height_mm = look.extent[2] - look.extent[0], look.extent[3] - look.extent[1]
+    inches = max(5.0 * width_mm / height_mm, 1.6) + 2.0
+    assert image.size == (int(inches * 110), 660)
+    assert "Software" not in image.info
+
+
+def test_equal_input_gives_equal_bytes():
+    assert drawn(total(1.2)) == drawn(total(1.2))
+    assert drawn(total(1.2)) != drawn(total(1.3))
+
+
+def test_colours_tell_the_value_within_one_range():
+    """A strain in the middle of the range shows the middle of the map, the largest its end."""
+    assert colour_of(opened(drawn(total(1.2))), 0.5) > 0.02
+    assert colour_of(opened(drawn(total(1.4))), 1.0) > 0.02
+    assert colour_of(opened(drawn(total(1.4))), 0.5) < 0.01
+
+
+def test_the_strip_is_drawn_in_its_proportion():
+    """Twice as long along y, as wide along x: the coloured area doubles."""
+    once, twice = (colour_of(opened(drawn(total(s), "eyy")), (s - 1) / 0.4) for s in (1.0, 2.0))
+    values = total(2.0)
+    values.variables["eyy"].values[:] = 0.0
+    assert colour_of(opened(drawn(values)), 0.0) / once == pytest.approx(2.0, rel=0.1)
+    assert twice > 0
+
+
+def test_where_nothing_is_known_nothing_is_drawn():
+    whole, holed = (colour_of(opened(drawn(total(1.2, hole))), 0.5) for hole in (False, True))
+    cells, lost = (ROWS - 1) * (COLS - 1), 11 * 6
+    assert holed / whole == pytest.approx(1 - lost / cells, abs=0.06)
+
+
+def test_maps_of_many_steps_have_one_layout():
+    look = views.style(MAPS, "V")
+    steps = [total(s) for s in (1.1, 1.2, 1.3)]
+    frames = list(views.field_pngs(iter(steps), look, ["a", "b", "c"]))
+    assert {opened(frame).size for frame in frames} == {opened(frames[0]).size}
+    assert len(set(frames)) == 3
+    assert frames == list(views.field_pngs(iter(steps), look, ["a", "b", "c"]))
+
+
+def test_an_animation_has_a_frame_per_step_and_repeats():
+    look = views.style(MAPS, "eyy")
+    frames = list(views.field_pngs((total(s) for s in (1.1, 1.2, 1.3)), look, "abc"))
+    content = views.gif(frames, seconds=0.25)
+    image = Image.open(BytesIO(content))
+    assert (image.format, image.n_frames, image.size) == ("GIF", 3, opened(frames[0]).size)
+    assert image.info["duration"] == 250
+    assert image.info["loop"] == 0
+    assert content == views.gif(frames, seconds=0.25)
+
+
+@pytest.mark.parametrize(("count", "columns"), [(1, 1), (3, 3), (30, 12)])
+def test_a_sheet_holds_all_steps_in_rows(count, columns):
+    look = views.style(MAPS, "eyy")
+    figure = views.contact_sheet([total(1.2)] * count, [f"{k}" for k in range(count)], look, "strain, loading")
+    grid = figure.axes[0].get_subplotspec().get_gridspec()
+    assert grid.ncols == columns
+    assert grid.nrows == -(-count // columns)
+    image = opened(views.png(figure))
+    assert image.format == "PNG"
+    assert image.size == tuple(int(round(inches * 100, 6)) for inches in figure.get_size_inches())
+
+
+def test_labels_name_measure_and_unit():
+    assert views.style(MAPS, "V").label == "displacement along y [mm]"
+    assert views.style(MAPS, "eyy").label == "strain along y [–]"
+
+
+@pytest.mark.parametrize(("shape", "units"), [((30, 40), "grey level"), ((40, 30), "mm"), ((4, 400), "1")])
+def test_a_picture_of_any_array(shape, units):
+    values = np.arange(np.prod(shape)).reshape(shape) % 251
+    variable = Variable(("row", "col"), values.astype(np.uint8 if units == "grey level" else float), units, "something")
+    image = opened(views.png(views.picture(variable, "pair · left")))
+    assert image.format == "PNG"
+    assert min(image.size) > 80
+    coloured = np.ptp(np.asarray(image.convert("RGB"), int), axis=-1).max() > 20
+    assert coloured == (units != "grey level")

@@ -1,0 +1,45 @@
+"""Bars of the variants of a sweep."""
+
+import math
+
+import numpy as np
+from matplotlib.figure import Figure
+
+from dicflow.views.maps import png
+from dicflow.views.sweep import sweep_figure, variant_labels
+
+VALUES = [{"surface.degree.z": [1, 1]}, {"surface.degree.z": [2, 2]}]
+TABLE = [
+    {"surface.degree.z": [1, 1], "surface.sse": 3.0, "surface.same": 1.0, "rig.rms": math.nan},
+    {"surface.degree.z": [2, 2], "surface.sse": 1.0, "surface.same": 1.0, "track.only_here": 5.0},
+]
+
+
+def panels(figure):
+    return {axes.get_title(): axes for axes in figure.axes if axes.get_title()}
+
+
+def test_a_panel_for_each_scalar_that_differs():
+    figure = sweep_figure(VALUES, TABLE)
+    assert isinstance(figure, Figure)
+    assert set(panels(figure)) == {"surface.sse"}
+    bars = panels(figure)["surface.sse"].patches
+    assert [bar.get_height() for bar in bars] == [3.0, 1.0]
+    labels = [text.get_text() for text in panels(figure)["surface.sse"].get_xticklabels()]
+    assert labels == ["z 1,1", "z 2,2"]
+
+
+def test_bars_that_hardly_differ_are_told_apart():
+    table = [{"surface.degree.z": 1, "a.b": 100.0}, {"surface.degree.z": 2, "a.b": 101.0}]
+    low, high = panels(sweep_figure(VALUES, table))["a.b"].get_ylim()
+    assert low == 99.5
+    assert np.isclose(high, 101.2)
+
+
+def test_nothing_that_differs_is_an_empty_figure_and_equal_tables_give_equal_bytes():
+    assert panels(sweep_figure(VALUES, [{}, {}])) == {}
+    assert png(sweep_figure(VALUES, TABLE)) == png(sweep_figure(VALUES, TABLE))
+
+
+def test_labels():
+    assert variant_labels([{"a.b": {"x": [1, 2]}, "c.d": "LAR"}]) == ["b x1,2\nd LAR"]
