@@ -153,7 +153,7 @@ def test_variants_share_stages_and_give_a_table(own):
 
 
 def test_variants_with_equal_values_are_one(own):
-    loaded = Pipeline.load(own, settings=["strain.window=[60, 60],[60.0, 6 ]", "strain.window=[60, 60],[60.0, 60]"])
+    loaded = Pipeline.load(own, settings=["strain.window=[60, 60],[60.0, 60 px]"])
     assert len(loaded.variants) == 2
     assert len(loaded.graph.stages) == 19
 
