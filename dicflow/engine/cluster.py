@@ -9,6 +9,7 @@ from contextlib import contextmanager
 from typing import Any
 from urllib.parse import urlsplit
 
+import dask
 import distributed
 
 from dicflow.engine.records import versions
@@ -22,6 +23,9 @@ __all__ = ["ClusterBackend", "is_loopback", "local_cluster", "remote_cluster"]
 _LOOPBACK = "127.0.0.1"
 _MUST_AGREE = ("python", "dicflow", "dask", "distributed", "numpy")
 _PATIENCE_S = 15
+_ARRAYS = 256 * 1024 * 1024
+_ALLOCATOR = {"MALLOC_TRIM_THRESHOLD_": _ARRAYS, "MALLOC_MMAP_THRESHOLD_": _ARRAYS}
+"""Workers keep freed memory up to so many bytes: fetching it page by page for every array costs more than using it."""
 _DIED = "its worker died again and again, even with nothing beside it; most likely it needs more memory than there is"
 
 
@@ -92,7 +96,9 @@ def local_cluster(
     if not processes:
         options = {"n_workers": 1, "threads_per_worker": workers, "worker_dashboard_address": address}
         options["protocol"] = "tcp://"  # within a process dask would else talk to itself, but cannot be held to a host
+    spawned = {f"distributed.nanny.pre-spawn-environ.{name}": value for name, value in _ALLOCATOR.items()}
     with (
+        dask.config.set(spawned),
         distributed.LocalCluster(
             processes=processes,
             host=_LOOPBACK,
