@@ -130,8 +130,9 @@ def _complaint(document: Document, place: Place, kind: type[Node], path: Place, 
     if first["type"] == "missing":
         lack = "has too few values" if path and isinstance(first["loc"][-1], int) else "is missing"
         return f"{where}: {dotted}: {lack}; give {meaning}"
+    details = [detail for detail in details if detail["type"] == "value_error"] or details
     said = " or ".join(dict.fromkeys(_said(detail) for detail in details)).replace(" or must be ", " or ")
-    found = repr(first["input"])
+    found = repr(details[0]["input"])
     return f"{where}: {dotted}: {said}" + ("" if found in said else f", found {found}") + f"; give {meaning}"
 
 
