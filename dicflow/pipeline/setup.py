@@ -77,7 +77,8 @@ def look(folder: Path, say: Callable[[str], None]) -> Found:
     photos = _best([one for one in series if not sizes[one.left]])
     boards = _best([one for one in series if sizes[one.left]])
     if photos is None:
-        raise InputError(f"{folder}: no photographs of a specimen found; expected {', '.join(SUFFIXES)} in it or below")
+        found = f"only those of a board ({boards})" if boards else f"expected {', '.join(SUFFIXES)} in it or below"
+        raise InputError(f"{folder}: no photographs of a specimen found, {found}; name the folder that holds them")
     say(f"specimen: {photos}")
     size = sizes[boards.left] if boards else None
     if boards and size:
@@ -92,26 +93,32 @@ def look(folder: Path, say: Callable[[str], None]) -> Found:
 
 
 def _series(folder: Path) -> list[Series]:
-    """Photographs grouped by folder; the two cameras are told apart by their folders' or their files' names."""
+    """Photographs grouped by folder; the two cameras are told apart by their folders' or their files' names.
+
+    A word or number tells a camera only where there is one for the other camera too.
+    """
     groups: dict[Path, dict[str, list[Path]]] = defaultdict(lambda: defaultdict(list))
     for path in _photographs(folder):
         in_folder = path.parent != folder and _side(path.parent.name)
         base, side = (path.parent.parent, in_folder) if in_folder else (path.parent, _side(path.stem))
-        groups[base][side or "left"].append(path)
-    return [one for sides in groups.values() for one in _paired(folder, sides)]
+        groups[base][side or ""].append(path)
+    series = []
+    for sides in groups.values():
+        if {"left", "right"} <= sides.keys():
+            series.append(_found_by(folder, {side: _pattern(folder, sides, side) for side in ("left", "right")}))
+        else:
+            parents = dict.fromkeys(path.parent for paths in sides.values() for path in paths)
+            series += [_found_by(folder, {"left": _pattern_of_all(folder, parent, sides)}) for parent in parents]
+    return series
 
 
-def _paired(folder: Path, sides: Mapping[str, list[Path]]) -> list[Series]:
-    """Both cameras as one series where there are both."""
-    patterns = {side: _pattern(folder, paths, sides) for side, paths in sides.items()}
-    if len(patterns) == 1:
-        patterns = {"left": next(iter(patterns.values()))}
-    node = _maker("images")(**patterns)
+def _found_by(folder: Path, patterns: Mapping[str, str]) -> Series:
+    """The photographs that patterns name."""
     try:
-        steps = node.steps(folder) or {}
+        steps = _maker("images")(**patterns).steps(folder) or {}
     except InputError as error:
         raise InputError(f"{folder / patterns['left']}: {error}") from error
-    return [Series(patterns["left"], patterns.get("right"), steps)]
+    return Series(patterns["left"], patterns.get("right"), steps)
 
 
 def _photographs(folder: Path) -> list[Path]:
@@ -134,18 +141,21 @@ def _side(name: str) -> str | None:
     return {"0": "left", "1": "right"}.get(number[1]) if number else None
 
 
-def _pattern(folder: Path, paths: list[Path], sides: Mapping[str, list[Path]]) -> str:
-    """A pattern that finds these files and none of the other camera's."""
-    where = paths[0].parent.relative_to(folder).as_posix()
-    prefix = "" if where == "." else f"{where}/"
-    suffix = paths[0].suffix
-    others = [
-        path for other in sides.values() for path in other if path not in paths and path.parent == paths[0].parent
-    ]
-    if not others:
-        return f"{prefix}*{suffix}"
-    word = _SIDE_WORD.search(paths[0].stem)
-    return f"{prefix}*{word[1] or word[2]}*{suffix}" if word else f"{prefix}*{paths[0].stem[-2:]}{suffix}"
+def _pattern(folder: Path, sides: Mapping[str, list[Path]], side: str) -> str:
+    """A pattern that finds the files of one camera and none of the other's."""
+    first = sides[side][0]
+    if all(path.parent != first.parent for other in sides if other != side for path in sides[other]):
+        return _pattern_of_all(folder, first.parent, sides)
+    word = _SIDE_WORD.search(first.stem)
+    sign = f"{word[1] or word[2]}*" if word else first.stem[-2:]
+    return _pattern_of_all(folder, first.parent, sides).replace("*", f"*{sign}")
+
+
+def _pattern_of_all(folder: Path, parent: Path, sides: Mapping[str, list[Path]]) -> str:
+    """A pattern that finds all photographs in one folder that end like the first."""
+    suffix = next(path.suffix for paths in sides.values() for path in paths if path.parent == parent)
+    where = parent.relative_to(folder).as_posix()
+    return f"*{suffix}" if where == "." else f"{where}/*{suffix}"
 
 
 def _best(series: list[Series]) -> Series | None:
