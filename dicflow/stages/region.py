@@ -134,10 +134,10 @@ class Region(Node):
         from dicflow.core.region import speckled_region
         from dicflow.core.texture import texture
 
-        if self.window > min(image.shape) / 4:
+        if self.window > min(image.shape) / 2:
             raise StageError(
-                f"a window of {self.window} px sees no outline in a photograph of {image.shape[1]} × {image.shape[0]} px; "
-                f"take {min(image.shape) // 4} px at most"
+                f"a window of {self.window} px sees no outline in a photograph of "
+                f"{image.shape[1]} × {image.shape[0]} px; take {min(image.shape) // 2} px at most"
             )
         polygons = speckled_region(texture(image, self.window))
         if not polygons:
