@@ -25,14 +25,15 @@ from dicflow.engine.records import Record, versions
 from dicflow.engine.references import Recipe, Ref, RefInput, arguments, clock
 from dicflow.engine.references import cache as products
 from dicflow.engine.store import DamagedError, Store
+from dicflow.engine.workers import hold_to_one_thread
 from dicflow.errors import DicflowError, InputError, StageError
 
 __all__ = ["Job", "Outcome", "is_kept", "perform", "stop_path"]
 
-_DEEPEST = 2
+_DEEPEST = 3
 """Products that are not kept may rest on one another this deep."""
-_WRITE_AND_READ_S, _WRITE_AND_READ_BYTES_S = 0.012, 2e8
-"""What keeping costs: per product [s], and bytes written and read again per second."""
+_PER_ARRAY_S, _BYTES_PER_S = 0.006, 2e8
+"""What keeping costs: per array [s], and bytes written and read again per second."""
 _WORTH = 3.0
 """A product is kept when making it took so many times longer than keeping it."""
 
@@ -115,10 +116,10 @@ def perform(job: Job, *inputs: Outcome) -> Outcome:
     raise AssertionError("the last attempt returns")
 
 
-def is_kept(node: Node, nbytes: int, seconds: float, depth: int) -> bool:
+def is_kept(node: Node, arrays: int, nbytes: int, seconds: float, depth: int) -> bool:
     """Whether a product is stored, or made again by those who use it.
 
-    nbytes : size of its arrays in memory
+    arrays, nbytes : number and size of its arrays in memory
     seconds : what making it took
     depth : how many stages must run to make it again
 
@@ -127,7 +128,7 @@ def is_kept(node: Node, nbytes: int, seconds: float, depth: int) -> bool:
     chained = any(port.own or port.at is At.ALL for port in node.takes.values())
     if node.keep == "always" or chained or depth > _DEEPEST:
         return True
-    return node.keep == "auto" and seconds > _WORTH * (_WRITE_AND_READ_S + nbytes / _WRITE_AND_READ_BYTES_S)
+    return node.keep == "auto" and seconds > _WORTH * (arrays * _PER_ARRAY_S + nbytes / _BYTES_PER_S)
 
 
 def _performed(job: Job, inputs: tuple[Outcome, ...], start: float) -> Outcome:
@@ -146,7 +147,7 @@ def _performed(job: Job, inputs: tuple[Outcome, ...], start: float) -> Outcome:
         return job.outcome("hit", ref=ref, key=key)
     product, times = _run(job, store, recipe)
     manifest = describe(product)
-    keep = is_kept(task.node, manifest.nbytes, sum(times), recipe.depth)
+    keep = is_kept(task.node, len(product.variables), manifest.nbytes, sum(times), recipe.depth)
     kept = store.put(product, manifest, keep).kept
     products.put(manifest.digest, product, manifest.nbytes)
     ref = Ref(manifest.digest, None if kept else recipe)
@@ -168,6 +169,7 @@ def _joined(source: TaskInput, refs: Mapping[str, Ref]) -> RefInput:
 def _run(job: Job, store: Store, recipe: Recipe) -> tuple[Product, tuple[float, float]]:
     """The product, and the seconds spent in the stage and in making its inputs again."""
     node = job.task.node
+    hold_to_one_thread()
     _reset_peak()
     start, read, remade = time.perf_counter(), clock.read_s, clock.remake_s
     product = node.run(**arguments(store, recipe.inputs, recipe.files))

@@ -9,7 +9,7 @@ import threading
 from collections.abc import Callable
 from pathlib import Path
 
-__all__ = ["limit_threads", "prepare", "reads_probe"]
+__all__ = ["hold_to_one_thread", "limit_threads", "prepare", "reads_probe"]
 
 _LIMITS = ("NUMBA_NUM_THREADS", "OPENCV_FOR_THREADS_NUM", "OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
 
@@ -22,11 +22,16 @@ def prepare(setup: Callable[[], None] | None = None) -> None:
     setup : anything else that has to be done once in every worker
     """
     limit_threads()
+    hold_to_one_thread()
+    if setup is not None:
+        setup()
+
+
+def hold_to_one_thread() -> None:
+    """The same for libraries that are loaded already; numba keeps its number per thread, so every task asks anew."""
     for name, function in (("cv2", "setNumThreads"), ("numba", "set_num_threads")):
         if name in sys.modules:
             getattr(sys.modules[name], function)(1)
-    if setup is not None:
-        setup()
 
 
 def limit_threads() -> None:

@@ -138,15 +138,18 @@ class Track(Node):
     def _product(self, state: State, tracked: Tracked | None) -> Product:
         from dicflow.core.region import polygons_to_attrs
 
+        subsets = tracked or _unmoved(self.subsets)
         attrs = {
             "polygons": polygons_to_attrs(state.polygons),
             "step_size": self.step_size,
+            "subsets": _subsets(subsets),
             "summary": _summary(state, tracked),
         }
+        dims = ("subset_row", "subset_col", "i", "j")
         variables = {
             "points": Variable(("row", "col", "component"), state.points, "px", "material points at this step"),
             "status": Variable(("row", "col"), state.status, "1", "why a point has a place, or has none"),
-            **_subset_variables(self.subsets, tracked),
+            "transforms": Variable(dims, subsets.transforms, "1", "transform from the step before"),
         }
         return Product("track", variables, attrs)
 
@@ -175,25 +178,26 @@ def _carried(
     return State(points, status, carry(state.polygons, mapping))
 
 
-def _subset_variables(shape: tuple[int, int], tracked: Tracked | None) -> dict[str, Variable]:
-    """The transforms and what they rest on; at the first step the identity and nothing."""
+def _unmoved(shape: tuple[int, int]) -> Tracked:
+    """The identity in every subset, resting on nothing, as it stands at the first step."""
     import numpy as np
 
     from dicflow.core.tracking import Tracked
 
-    if tracked is None:
-        none, no = np.zeros(shape, dtype=np.int32), np.zeros(shape, dtype=bool)
-        identity = np.broadcast_to(np.eye(3), (*shape, 3, 3)).copy()
-        tracked = Tracked(identity, none, none, none, np.full(shape, np.nan), no, no)
-    dims = ("subset_row", "subset_col")
+    none, no = np.zeros(shape, dtype=np.int32), np.zeros(shape, dtype=bool)
+    identity = np.broadcast_to(np.eye(3), (*shape, 3, 3)).copy()
+    return Tracked(identity, none, none, none, np.full(shape, np.nan), no, no)
+
+
+def _subsets(tracked: Tracked) -> dict[str, Any]:
+    """What is known of each subset, by rows and columns of subsets; residual_px is null without inliers."""
     return {
-        "transforms": Variable((*dims, "i", "j"), tracked.transforms, "1", "transform from the step before"),
-        "features": Variable(dims, tracked.features, "1", "features of the step before in the subset"),
-        "matches": Variable(dims, tracked.matches, "1", "matches in the subset"),
-        "inliers": Variable(dims, tracked.inliers, "1", "matches that the transform fits"),
-        "residual": Variable(dims, tracked.residual_px, "px", "root mean square distance of the inliers"),
-        "filled": Variable(dims, tracked.filled, "1", "transform taken from the neighbours' matches"),
-        "empty": Variable(dims, tracked.empty, "1", "no part of the region is in the subset"),
+        "features": tracked.features.tolist(),
+        "matches": tracked.matches.tolist(),
+        "inliers": tracked.inliers.tolist(),
+        "residual_px": tracked.residual_px.tolist(),
+        "filled": tracked.filled.tolist(),
+        "empty": tracked.empty.tolist(),
     }
 
 

@@ -181,11 +181,11 @@ def test_points_of_a_filled_subset_are_marked_from_then_on():
     first = track.run(region=GAUGE)
     second = track.run(region=GAUGE, matches=pairs(source[~bare], source[~bare] + 2), track_before=first)
     third = track.run(region=GAUGE, matches=pairs(source + 2, source + 4), track_before=second)
-    np.testing.assert_array_equal(np.argwhere(second["filled"]), [[0, 0]])
+    np.testing.assert_array_equal(np.argwhere(second.attrs["subsets"]["filled"]), [[0, 0]])
     marked = (first["points"] < (50 + 140 / 3, 100)).all(axis=-1)
     for found in (second, third):
         np.testing.assert_array_equal(found["status"] == Status.FILLED, marked)
-    assert not third["filled"].any()
+    assert not np.any(third.attrs["subsets"]["filled"])
     np.testing.assert_allclose(third["points"], first["points"] + 4, atol=1e-3)
 
 
