@@ -90,7 +90,7 @@ def _box(image: Image, window_px: int) -> Image:
     return np.asarray(cv2.blur(image, (window_px, window_px), borderType=cv2.BORDER_CONSTANT))
 
 
-@njit(cache=True, nogil=True)  # type: ignore[untyped-decorator]
+@njit(cache=True, nogil=True)
 def _warp_rows(coefficients: Image, disparity: Image) -> tuple[Image, Image]:
     """Cubic B-spline and its derivative along x at x − disparity in every row; NaN outside the image."""
     rows, cols = disparity.shape

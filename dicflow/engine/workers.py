@@ -28,10 +28,14 @@ def prepare(setup: Callable[[], None] | None = None) -> None:
 
 
 def hold_to_one_thread() -> None:
-    """The same for libraries that are loaded already; numba keeps its number per thread, so every task asks anew."""
+    """The same for libraries that are loaded already; numba keeps its number per thread, so every task asks anew.
+
+    One that another thread is just loading has no such function yet, and finds its limit in the environment.
+    """
     for name, function in (("cv2", "setNumThreads"), ("numba", "set_num_threads")):
-        if name in sys.modules:
-            getattr(sys.modules[name], function)(1)
+        limit = getattr(sys.modules.get(name), function, None)
+        if limit is not None:
+            limit(1)
 
 
 def limit_threads() -> None:
