@@ -34,7 +34,7 @@ _DEEPEST = 3
 """Products that are not kept may rest on one another this deep."""
 _PER_ARRAY_S, _BYTES_PER_S = 0.006, 2e8
 """What keeping costs: per array [s], and bytes written and read again per second."""
-_WORTH = 3.0
+_WORTH = 5.0
 """A product is kept when making it took so many times longer than keeping it."""
 
 
