@@ -1,0 +1,64 @@
+"""The command line. Exit codes: 0 ok, 1 some stages failed, 2 bad configuration, 130 interrupted."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Callable
+from typing import Annotated
+
+import typer
+
+from dicflow._version import __version__
+from dicflow.cli.measure import plan, run, why
+from dicflow.cli.products import export, graph, list_products, show
+from dicflow.cli.store import gc, pin, verify
+from dicflow.cli.tools import doctor, init, schema, synth
+from dicflow.errors import DicflowError
+
+__all__ = ["app", "main"]
+
+app = typer.Typer(
+    name="dicflow",
+    help="Full-field displacement and strain from photographs of two cameras.",
+    no_args_is_help=True,
+    add_completion=False,
+    rich_markup_mode=None,
+    pretty_exceptions_enable=False,
+)
+COMMANDS: dict[str, Callable[..., None]] = {
+    "run": run,
+    "plan": plan,
+    "why": why,
+    "graph": graph,
+    "ls": list_products,
+    "show": show,
+    "export": export,
+    "gc": gc,
+    "verify": verify,
+    "pin": pin,
+    "schema": schema,
+    "init": init,
+    "doctor": doctor,
+}
+for name, command in COMMANDS.items():
+    app.command(name)(command)
+app.add_typer(synth, name="synth")
+
+
+@app.callback(invoke_without_command=True)
+def root(version: Annotated[bool, typer.Option("--version", help="print the version")] = False) -> None:
+    if version:
+        typer.echo(f"dicflow {__version__}")
+        raise typer.Exit
+
+
+def main() -> None:
+    """Run the command line; every error meant for users is one message, without a traceback."""
+    from dicflow.engine.workers import limit_threads
+
+    limit_threads()
+    try:
+        app()
+    except DicflowError as error:
+        typer.secho(str(error), fg="red", err=True)
+        sys.exit(error.exit_code)

@@ -1,0 +1,149 @@
+"""Commands that measure: run, and what a run would do."""
+
+from __future__ import annotations
+
+import json
+import os
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from dicflow.cli.options import CodePolicy, Data, PipelineFile, Policy, Settings, StoreFolder, load
+
+if TYPE_CHECKING:
+    from rich.console import Console
+
+    from dicflow.pipeline import Result
+
+__all__ = ["plan", "run", "why"]
+
+
+def run(
+    pipeline: PipelineFile,
+    settings: Settings,
+    data: Data = None,
+    store: StoreFolder = None,
+    output: Annotated[
+        Path | None, typer.Option(help="folder of pictures and tables; default: results/NAME beside the file")
+    ] = None,
+    workers: Annotated[int, typer.Option(min=1, help="workers at once; default: one per core")] = os.cpu_count() or 1,
+    scheduler: Annotated[
+        str, typer.Option(help="processes, threads, sync, or tcp://… or tls://… of a dask scheduler")
+    ] = "processes",
+    dashboard: Annotated[
+        bool, typer.Option("--dashboard", help="serve dask's dashboard on this machine and print its link")
+    ] = False,
+    wait: Annotated[bool, typer.Option("--wait", help="keep the dashboard until Enter is pressed")] = False,
+    keep_going: Annotated[
+        bool, typer.Option("--keep-going", help="after a failure go on with all that does not depend on it")
+    ] = False,
+    code_policy: Policy = CodePolicy.recompute,
+    as_json: Annotated[bool, typer.Option("--json", help="end with one line of JSON on standard output")] = False,
+) -> None:
+    """Compute what is missing, then write maps and tables.
+
+    \b
+    dicflow run pipeline.yaml
+    dicflow run pipeline.yaml --set surface.robust=LAR
+    dicflow run pipeline.yaml --set smooth.degree=1,2,3 --workers 4
+    """
+    from dicflow.io.files import make_folder
+    from dicflow.views.console import Progress, consoles
+    from dicflow.views.publish import publish
+
+    out, progress = consoles()
+    loaded = load(pipeline, data, store, settings)
+    folder = output or pipeline.parent / "results" / loaded.name
+    assert loaded.graph
+    make_folder(folder)
+    with Progress(progress) as shown:
+        result = loaded.run(
+            scheduler=scheduler,
+            workers=workers,
+            dashboard=dashboard,
+            code_policy=code_policy.value,
+            keep_going=keep_going,
+            on_event=shown.on_event,
+            linger=_until_enter if dashboard and wait else None,
+        )
+    files = publish(result, folder, workers)
+    _tell_run(progress, result, folder, files)
+    if as_json:
+        out.print(json.dumps(_run_line(result)), soft_wrap=True)
+    raise typer.Exit(_exit_code(result))
+
+
+def plan(
+    pipeline: PipelineFile,
+    settings: Settings,
+    data: Data = None,
+    store: StoreFolder = None,
+    code_policy: Policy = CodePolicy.recompute,
+) -> None:
+    """Say what a run would compute, and why; nothing is computed.
+
+    \b
+    dicflow plan pipeline.yaml
+    dicflow plan pipeline.yaml --set smooth.window=[40,20]
+    """
+    from dicflow.views.console import consoles, plan_table
+
+    out, _ = consoles()
+    made = load(pipeline, data, store, settings).plan(code_policy.value)
+    for warning in made.warnings:
+        out.print(f"warning: {warning}", style="yellow", soft_wrap=True)
+    out.print(plan_table(made))
+
+
+def why(
+    pipeline: PipelineFile,
+    stage: Annotated[str, typer.Argument(help="name of a stage, or of one task such as disparity/step_03")],
+    settings: Settings,
+    data: Data = None,
+    store: StoreFolder = None,
+) -> None:
+    """Say what has changed for a stage since it was computed.
+
+    Parameters old → new, inputs, files, code.
+
+    \b
+    dicflow why pipeline.yaml strain
+    """
+    from dicflow.views.console import consoles, why_lines
+
+    out, _ = consoles()
+    for line in why_lines(load(pipeline, data, store, settings).plan(), stage):
+        out.print(line, soft_wrap=True)
+
+
+def _exit_code(result: Result) -> int:
+    assert result.outcome is not None
+    return 130 if result.outcome.interrupted else 0 if result.outcome.ok else 1
+
+
+def _run_line(result: Result) -> dict[str, Any]:
+    """The line that ``--json`` ends with."""
+    outcome = result.outcome
+    assert outcome is not None
+    counts = {name: outcome.counts.get(name, 0) for name in ("hit", "computed", "failed", "skipped")}
+    return {"run": outcome.run_id, "counts": counts, "seconds": round(outcome.seconds, 3), "stages": outcome.by_stage()}
+
+
+def _tell_run(console: Console, result: Result, folder: Path, files: list[Path]) -> None:
+    """Verdicts, counts and where the files are."""
+    outcome = result.outcome
+    assert outcome is not None
+    for stage in result.stages_of("rig"):
+        if result.has(stage):
+            console.print(f"{stage}: {result.product(stage).attrs['verdict']}", soft_wrap=True)
+    counts = ", ".join(f"{number} {name}" for name, number in outcome.counts.items() if number)
+    console.print(f"{counts} in {outcome.seconds:.1f} s, run {outcome.run_id}", soft_wrap=True)
+    if outcome.interrupted:
+        console.print("interrupted; what is done is kept, and the same command goes on from here", style="yellow")
+    if files:
+        console.print(f"{len(files)} maps and tables in {folder}", soft_wrap=True)
+
+
+def _until_enter() -> None:
+    typer.prompt("dashboard stays up; press Enter to end", default="", show_default=False, err=True)

@@ -1,0 +1,114 @@
+"""What several commands share: their arguments and options, and how files are opened and written."""
+
+from __future__ import annotations
+
+from enum import StrEnum
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from dicflow.errors import ConfigurationError
+
+if TYPE_CHECKING:
+    from dicflow.engine.store import Store
+    from dicflow.pipeline import Pipeline, Result
+
+__all__ = [
+    "CodePolicy",
+    "Data",
+    "Force",
+    "Format",
+    "PipelineFile",
+    "Policy",
+    "Settings",
+    "Step",
+    "StoreFolder",
+    "VariantNumber",
+    "load",
+    "open_store",
+    "refuse_existing",
+    "refuse_full",
+    "tick",
+    "variant_index",
+    "write_new",
+]
+
+
+class CodePolicy(StrEnum):
+    """What to do with products whose stage's code has changed since."""
+
+    recompute = "recompute"
+    warn = "warn"
+    ignore = "ignore"
+
+
+class Format(StrEnum):
+    """File formats of exports."""
+
+    csv = "csv"
+    npz = "npz"
+    png = "png"
+
+
+PipelineFile = Annotated[Path, typer.Argument(metavar="PIPELINE", help="pipeline file, such as pipeline.yaml")]
+Data = Annotated[
+    Path | None, typer.Option(help="folder where the file's relative paths start; default: the file's own")
+]
+StoreFolder = Annotated[
+    Path | None, typer.Option("--store", help="folder of the products; default: .dicflow beside the file")
+]
+Settings = Annotated[
+    list[str],
+    typer.Option(
+        "--set",
+        default_factory=list,
+        metavar="STAGE.PARAMETER=VALUE",
+        help="another value; several, v1,v2,v3, make a sweep",
+    ),
+]
+Policy = Annotated[CodePolicy, typer.Option(help="for products of code that has changed since")]
+Step = Annotated[str | None, typer.Option(help="name of the step; default: every step")]
+Force = Annotated[bool, typer.Option("--force", help="overwrite files that exist")]
+VariantNumber = Annotated[int, typer.Option("--variant", min=1, help="number of the sweep's variant")]
+
+
+def load(pipeline: Path, data: Path | None, store: Path | None, settings: list[str]) -> Pipeline:
+    from dicflow.pipeline import Pipeline
+
+    return Pipeline.load(pipeline, data=data, store=store, settings=settings)
+
+
+def open_store(folder: Path) -> Store:
+    from dicflow.engine.store import Store
+
+    return Store.open(folder, create=False)
+
+
+def tick(done: int, total: int, name: str) -> None:
+    typer.echo(f"{done}/{total} {name}", err=True)
+
+
+def refuse_full(folder: Path, force: bool) -> None:
+    if folder.is_dir() and any(folder.iterdir()) and not force:
+        raise ConfigurationError(f"{folder} is not empty; name another folder or add --force")
+
+
+def write_new(path: Path, content: bytes, force: bool) -> None:
+    """A new file, whole or not at all."""
+    from dicflow.io.files import write_whole
+
+    refuse_existing(path, force)
+    write_whole(path, content)
+
+
+def refuse_existing(path: Path, force: bool) -> None:
+    if path.exists() and not force:
+        raise ConfigurationError(f"{path} exists; add --force to overwrite it, or name another")
+
+
+def variant_index(result: Result, variant: int) -> int:
+    """The place of a variant that is counted from 1."""
+    if variant > len(result.values):
+        raise ConfigurationError(f"--variant {variant}: there are {len(result.values)}, counted from 1")
+    return variant - 1

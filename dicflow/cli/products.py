@@ -1,0 +1,107 @@
+"""Commands that show what a pipeline is and what it has made."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from dicflow.cli.options import (
+    Data,
+    Force,
+    Format,
+    PipelineFile,
+    Settings,
+    Step,
+    StoreFolder,
+    VariantNumber,
+    load,
+    variant_index,
+    write_new,
+)
+
+__all__ = ["export", "graph", "list_products", "show"]
+
+
+def graph(
+    pipeline: PipelineFile,
+    settings: Settings,
+    data: Data = None,
+    output: Annotated[Path | None, typer.Option(help="SVG file to write; default: text on the terminal")] = None,
+    force: Force = False,
+) -> None:
+    """Show the stages and what each takes from which.
+
+    \b
+    dicflow graph pipeline.yaml
+    dicflow graph pipeline.yaml --output graph.svg
+    """
+    from dicflow.views.graph import graph_svg, graph_text
+
+    loaded = load(pipeline, data, None, settings)
+    if output is None:
+        typer.echo(graph_text(loaded.graph))
+    else:
+        write_new(output, graph_svg(loaded.graph).encode(), force)
+
+
+def list_products(pipeline: PipelineFile, settings: Settings, data: Data = None, store: StoreFolder = None) -> None:
+    """List the products of a pipeline, and how many are there.
+
+    \b
+    dicflow ls pipeline.yaml
+    """
+    from dicflow.views.console import consoles, products_table
+
+    out, _ = consoles()
+    out.print(products_table(load(pipeline, data, store, settings).result()))
+
+
+def show(
+    pipeline: PipelineFile,
+    product: Annotated[str, typer.Argument(help="stage, or stage/step")],
+    settings: Settings,
+    data: Data = None,
+    store: StoreFolder = None,
+    variant: VariantNumber = 1,
+) -> None:
+    """Show one product: its arrays, their units and ranges.
+
+    \b
+    dicflow show pipeline.yaml rig
+    dicflow show pipeline.yaml total/step_03
+    """
+    from dicflow.views.console import consoles, product_tables
+
+    out, _ = consoles()
+    stage, _sign, step = product.partition("/")
+    result = load(pipeline, data, store, settings).result()
+    for part in product_tables(result.product(stage, step or None, variant_index(result, variant))):
+        out.print(part, soft_wrap=isinstance(part, str))
+
+
+def export(
+    pipeline: PipelineFile,
+    stage: Annotated[str, typer.Argument(help="stage whose products are written")],
+    settings: Settings,
+    step: Step = None,
+    to: Annotated[Format, typer.Option("--format", help="csv: a table; npz: all arrays; png: pictures")] = Format.csv,
+    output: Annotated[Path, typer.Option(help="folder for the files")] = Path("export"),
+    data: Data = None,
+    store: StoreFolder = None,
+    variant: VariantNumber = 1,
+    force: Force = False,
+) -> None:
+    """Write products as CSV, NPZ or PNG, by stage and step.
+
+    \b
+    dicflow export pipeline.yaml total --format csv
+    dicflow export pipeline.yaml disparity --step step_03 --format png --output pictures
+    """
+    from dicflow.views.exports import exported
+
+    result = load(pipeline, data, store, settings).result()
+    for name, content in exported(result, stage, step, to.value, variant_index(result, variant)):
+        write_new(output / name, content, force)
+        typer.echo(output / name)

@@ -1,0 +1,97 @@
+"""Commands around a measurement: a first file, its schema, synthetic photographs, a check of the machine."""
+
+from __future__ import annotations
+
+import json
+import os
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from dicflow.cli.options import Force, refuse_existing, refuse_full, tick, write_new
+
+__all__ = ["doctor", "init", "schema", "synth"]
+
+
+def schema() -> None:
+    """Print the JSON schema of pipeline files, for an editor.
+
+    \b
+    dicflow schema > pipeline.schema.json
+    """
+    from dicflow.pipeline.schema import pipeline_schema
+
+    typer.echo(json.dumps(pipeline_schema(), indent=1, ensure_ascii=False))
+
+
+def init(
+    folder: Annotated[Path, typer.Argument(help="folder that holds the photographs and the board photographs")],
+    square: Annotated[str | None, typer.Option(help="side of a square of the board, such as '14.5 mm'")] = None,
+    force: Force = False,
+) -> None:
+    """Write a commented pipeline.yaml for a folder of photographs.
+
+    \b
+    dicflow init experiment --square "14.5 mm"
+    """
+    from dicflow.pipeline.setup import OPEN, look, pipeline_text
+
+    path = folder / "pipeline.yaml"
+    refuse_existing(path, force)
+    text = pipeline_text(look(folder, typer.echo), square, path)
+    write_new(path, text.encode(), force)
+    first = "fill in the side of a square" if OPEN in text else "read it"
+    typer.echo(f"wrote {path}; {first}, then: dicflow run {path}")
+
+
+synth = typer.Typer(
+    no_args_is_help=True, rich_markup_mode=None, help="Make photographs of experiments whose truth is known."
+)
+
+
+@synth.command("latex")
+def synth_latex(
+    folder: Annotated[Path, typer.Argument(help="folder to write")],
+    experiment: Annotated[int, typer.Option(min=1, max=5, help="number of the tensile test that is replicated")] = 1,
+    scale: Annotated[float, typer.Option(min=0.2, max=2, help="size of the photographs against 1440 × 1920 px")] = 1.0,
+    workers: Annotated[int, typer.Option(min=1, help="photographs rendered at once")] = os.cpu_count() or 1,
+    force: Force = False,
+) -> None:
+    """Replicate a tensile test on latex: photographs, boards, caliper table, region and truth.
+
+    \b
+    dicflow synth latex replica_3 --experiment 3
+    dicflow run pipelines/latex_experiment_3.yaml --data replica_3
+    """
+    from dicflow.synth import latex_experiment, write_experiment
+
+    refuse_full(folder, force)
+    write_experiment(folder, latex_experiment(experiment, scale=scale), workers=workers, on_progress=tick)
+
+
+@synth.command("sample")
+def synth_sample(folder: Annotated[Path, typer.Argument(help="folder to write")], force: Force = False) -> None:
+    """Make the reduced experiment of data_samples again.
+
+    \b
+    dicflow synth sample data_samples --force
+    """
+    from dicflow.synth import write_sample
+
+    refuse_full(folder, force)
+    write_sample(folder, on_progress=tick)
+
+
+def doctor(store: Annotated[Path, typer.Option(help="folder where products would be kept")] = Path(".dicflow")) -> None:
+    """Check this machine and installation.
+
+    \b
+    dicflow doctor
+    """
+    from dicflow.pipeline.doctor import checks
+
+    found = list(checks(store))
+    for check in found:
+        typer.echo(f"{'ok     ' if check.ok else 'PROBLEM'}  {check.subject}: {check.finding}")
+    raise typer.Exit(0 if all(check.ok for check in found) else 1)
