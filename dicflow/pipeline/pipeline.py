@@ -31,7 +31,7 @@ class Pipeline:
     path : the file
     document : what it says
     folder : where relative paths of photographs and tables start
-    store_folder : where products are kept
+    store_folder : where products are kept; both absolute, since workers may stand elsewhere
     """
 
     path: Path
@@ -62,7 +62,8 @@ class Pipeline:
         folder = Path(data) if data is not None else path.parent
         if not folder.is_dir():
             raise ConfigurationError(f"{folder}: no such folder; --data names the folder that holds the photographs")
-        pipeline = cls(path, document, folder, Path(store) if store is not None else path.parent / ".dicflow")
+        store_folder = Path(store) if store is not None else path.parent / ".dicflow"
+        pipeline = cls(path, document, folder.absolute(), store_folder.absolute())
         assert pipeline._wired
         return pipeline
 
