@@ -6,6 +6,7 @@ import logging
 import uuid
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
+from importlib import import_module
 from typing import Any
 from urllib.parse import urlsplit
 
@@ -152,6 +153,7 @@ class _Prepare(distributed.WorkerPlugin):  # type: ignore[misc]
         if worker.nanny is not None:
             ignore_interrupts()
         prepare(self._setup)
+        import_module("zarr")  # every task stores with it; all workers load it at once, before the first task
 
 
 def _broken(job: Job, error: BaseException) -> Outcome:
