@@ -125,9 +125,11 @@ def write_group(folder: Path, product: Product) -> dict[str, int]:
     Raises OSError.
     """
     import zarr
+    from zarr.storage import MemoryStore
 
+    files: dict[str, Any] = {}  # encoded in memory: each of zarr's own writes would wait for a thread of its own
     attributes = {"kind": product.kind, **product.attrs}
-    group = zarr.create_group(store=str(folder), zarr_format=3, attributes=attributes)
+    group = zarr.create_group(store=MemoryStore(files), zarr_format=3, attributes=attributes)
     for name, variable in product.variables.items():
         values = variable.values
         array = group.create_array(
@@ -140,10 +142,7 @@ def write_group(folder: Path, product: Product) -> dict[str, int]:
             attributes={"units": variable.units, "long_name": variable.long_name or name},
         )
         array[...] = values
-    paths = (path for path in sorted(folder.rglob("*")) if path.is_file())
-    return {path.relative_to(folder).as_posix(): path.stat().st_size for path in paths}
-
-
+    return _write_out(files, folder)
 def read_array(folder: Path, name: str) -> np.ndarray:
     """One array of a group. Raises whatever zarr raises for a damaged one."""
     import numpy as np
@@ -151,6 +150,18 @@ def read_array(folder: Path, name: str) -> np.ndarray:
 
     array = zarr.open_array(store=str(folder / name), mode="r", zarr_format=3)
     return np.asarray(array[...])
+
+
+def _write_out(files: Mapping[str, Any], folder: Path) -> dict[str, int]:
+    """Write encoded files into a folder; size of each by relative path."""
+    sizes = {}
+    for name, buffer in files.items():
+        content = buffer.to_bytes()
+        path = folder / name
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.write_bytes(content)
+        sizes[name] = len(content)
+    return sizes
 
 
 def _spec(variable: Variable) -> dict[str, Any]:
