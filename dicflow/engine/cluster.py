@@ -27,6 +27,7 @@ _PATIENCE_S = 15
 _ARRAYS = 256 * 1024 * 1024
 _ALLOCATOR = {"MALLOC_TRIM_THRESHOLD_": _ARRAYS, "MALLOC_MMAP_THRESHOLD_": _ARRAYS}
 """Workers keep freed memory up to so many bytes: fetching it page by page for every array costs more than using it."""
+_CERTIFICATES = "DASK_DISTRIBUTED__COMM__TLS__CA_FILE, …__CLIENT__CERT and …__CLIENT__KEY to files in PEM"
 _DIED = "its worker died again and again, even with nothing beside it; most likely it needs more memory than there is"
 
 
@@ -121,13 +122,16 @@ def remote_cluster(
     """Workers of a scheduler that is already there.
 
     address : ``tcp://host:port``, or ``tls://host:port`` with dask's own configuration of certificates
-    Raises ConfigurationError where it does not answer, has no workers or other versions, and StoreError where a
-    worker does not see the store.
+    Raises ConfigurationError where there are no such certificates, it does not answer, has no workers or other
+    versions, and StoreError where a worker does not see the store.
     """
+    _check_certificates(address)
     try:
         client = distributed.Client(address, timeout=_PATIENCE_S, set_as_default=False)
     except (OSError, TimeoutError, ValueError) as error:
-        raise ConfigurationError(f"{address}: no scheduler answers there; start 'dask scheduler' first") from error
+        stranger = " to these certificates" if address.startswith("tls://") else ""
+        message = f"{address}: no scheduler answers there{stranger}; start 'dask scheduler' first"
+        raise ConfigurationError(message) from error
     with client:
         _check_workers(client, address)
         _check_store(client, address, store, run_id)
@@ -159,6 +163,17 @@ class _Prepare(distributed.WorkerPlugin):  # type: ignore[misc]
 def _broken(job: Job, error: BaseException) -> Outcome:
     """The outcome of a task that dask itself could not bring home."""
     return job.outcome("failed", error=f"{job.task.name}: {type(error).__name__}: {error}; run again")
+
+
+def _check_certificates(address: str) -> None:
+    if not address.startswith("tls://"):
+        return
+    try:
+        context = distributed.Security().get_connection_args("client")["ssl_context"]
+    except OSError as error:
+        raise ConfigurationError(f"{address}: a certificate cannot be used ({error}); set {_CERTIFICATES}") from error
+    if context is None:
+        raise ConfigurationError(f"{address}: dask has been told of no certificates; set {_CERTIFICATES}")
 
 
 def _check_workers(client: distributed.Client, address: str) -> None:

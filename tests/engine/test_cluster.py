@@ -1,4 +1,5 @@
 import os
+import shutil
 import signal
 import subprocess
 import sys
@@ -6,6 +7,7 @@ import time
 import urllib.request
 from pathlib import Path
 
+import dask
 import distributed
 import psutil
 import pytest
@@ -16,6 +18,8 @@ from toys import StageSpec, chain, expand, run_sync
 from dicflow.engine import cluster
 from dicflow.engine.store import Store
 from dicflow.errors import ConfigurationError, StoreError
+
+ROLES, PARTS = ("client", "scheduler", "worker"), ("cert", "key")
 
 
 def listeners():
@@ -85,6 +89,65 @@ def test_a_scheduler_that_is_already_there(folder, store, tmp_path):
         result = run_sync(chain(folder), store, scheduler=there.scheduler_address)
     assert result.counts["computed"] == 24
     assert index(result) == index(run_sync(chain(folder), Store.open(tmp_path / "other")))
+
+
+def certified(folder):
+    """A certificate that vouches for itself, and its key."""
+    openssl = shutil.which("openssl")
+    if openssl is None:
+        pytest.skip("needs openssl to make a certificate")
+    folder.mkdir()
+    files = folder / "certificate.pem", folder / "key.pem"
+    kind = ["-x509", "-newkey", "ec", "-pkeyopt", "ec_paramgen_curve:prime256v1", "-nodes", "-subj", "/CN=dicflow"]
+    command = [openssl, "req", *kind, "-out", files[0], "-keyout", files[1]]
+    subprocess.run(command, check=True, capture_output=True)
+    return tuple(map(str, files))
+
+
+@pytest.fixture
+def certificate(tmp_path):
+    """What :func:`certified` makes, for the scheduler and those it trusts."""
+    return certified(tmp_path / "certificate")
+
+
+def told_of(certificate):
+    """The certificate in dask's configuration, where a user's environment variables end up."""
+    names = ("ca-file", "client.cert", "client.key")
+    files = (certificate[0], *certificate)
+    return dask.config.set({f"distributed.comm.tls.{name}": file for name, file in zip(names, files, strict=True)})
+
+
+@pytest.fixture
+def guarded(certificate):
+    """Address of a scheduler with one worker that speak only to those who have the certificate."""
+    roles = {f"tls_{role}_{part}": file for role in ROLES for part, file in zip(PARTS, certificate, strict=True)}
+    security = distributed.Security(require_encryption=True, tls_ca_file=certificate[0], **roles)
+    here = {"host": "127.0.0.1", "dashboard_address": "127.0.0.1:0", "worker_dashboard_address": None}
+    options = {"processes": False, "protocol": "tls://", "security": security, **here}
+    with distributed.LocalCluster(n_workers=1, **options) as there:
+        yield there.scheduler_address
+
+
+def test_a_scheduler_behind_certificates(folder, store, tmp_path, guarded, certificate):
+    seen = []
+    with told_of(certificate):
+        result = run_sync(chain(folder), store, scheduler=guarded, on_event=seen.append)
+    assert guarded.startswith("tls://127.0.0.1:")
+    assert result.counts["computed"] == 24
+    assert index(result) == index(run_sync(chain(folder), Store.open(tmp_path / "other")))
+    assert not [event for event in seen if event.kind == "warning"]
+
+
+def test_certificates_that_are_missing_or_others(folder, store, tmp_path, guarded, monkeypatch):
+    monkeypatch.setattr(cluster, "_PATIENCE_S", 0.3)
+    nowhere = (str(tmp_path / "nowhere.pem"),) * 2
+    for given, words in (
+        ((None, None), "dask has been told of no certificates; set DASK_DISTRIBUTED__COMM__TLS__CA_FILE"),
+        (nowhere, r"a certificate cannot be used \(.*No such file or directory\); set DASK_"),
+        (certified(tmp_path / "other"), "no scheduler answers there to these certificates; start 'dask scheduler'"),
+    ):
+        with told_of(given), pytest.raises(ConfigurationError, match=f"{guarded}: {words}"):
+            run_sync(chain(folder), store, scheduler=guarded)
 
 
 def test_a_scheduler_that_is_not_there(folder, store, monkeypatch):
