@@ -143,6 +143,8 @@ def write_group(folder: Path, product: Product) -> dict[str, int]:
         )
         array[...] = values
     return _write_out(files, folder)
+
+
 def read_array(folder: Path, name: str) -> np.ndarray:
     """One array of a group. Raises whatever zarr raises for a damaged one."""
     import numpy as np
