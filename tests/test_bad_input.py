@@ -212,8 +212,8 @@ def test_a_region_file_that_holds_no_region(run, data, text, words):
 @pytest.mark.parametrize(
     ("spoil", "code", "words"),
     [
-        (lambda rows: rows[:-1], 1, f"has {STEPS - 1} rows, but there are {STEPS} steps; write one row per step"),
-        (lambda rows: rows + rows[-1:], 1, f"has {STEPS + 1} rows, but there are {STEPS} steps"),
+        (lambda rows: rows[:-1], 2, f"has {STEPS - 1} rows, but there are {STEPS} steps; write one row per step"),
+        (lambda rows: rows + rows[-1:], 2, f"has {STEPS + 1} rows, but there are {STEPS} steps"),
         (lambda rows: [], 2, "caliper.csv: has no rows; expected a header line 'phase,load_g,length_mm'"),
         (lambda rows: [row.replace("length_mm", "length") for row in rows], 2, "no column 'length_mm' among phase"),
         (lambda rows: [row.replace("loading,0.00", "loading,nan") for row in rows], 2, "load_g is 'nan'; expected"),

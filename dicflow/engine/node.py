@@ -133,9 +133,17 @@ class Node(BaseModel):
         """
         return {}
 
-    def agree(self, facts: Mapping[Path, Mapping[str, Any]], steps: Mapping[str, Mapping[str, Path]]) -> None:
-        """Look at all files together before anything runs: ``facts`` holds what :meth:`check` said of each.
+    def agree(
+        self,
+        facts: Mapping[Path, Mapping[str, Any]],
+        steps: Mapping[str, Mapping[str, Path]],
+        inputs: Mapping[str, tuple[str, ...]],
+    ) -> None:
+        """Look at all files together before anything runs.
 
+        facts : what :meth:`check` said of each file
+        steps : what :meth:`steps` gave; empty for a stage that starts no series
+        inputs : port → names of the steps of the stage joined to it; none of a stage that runs once
         Raises InputError that names the first file that does not fit the others.
         """
 

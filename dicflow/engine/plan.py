@@ -219,7 +219,8 @@ def _check_files(graph: Graph, store: Store) -> None:
         node = graph.stages[name].node
         purpose = f"check:{node.stage}:{node.impl_version}"
         facts = {path: store.files.fact(path, purpose, partial(_facts, node)) for path in found}
-        node.agree(facts, graph.files.get(name, {}))
+        inputs = {port: graph.steps[source] for port, source in graph.stages[name].inputs.items()}
+        node.agree(facts, graph.files.get(name, {}), inputs)
 
 
 def _facts(node: Node, path: Path) -> Any:

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any, ClassVar, Literal
 
 from dicflow.engine.node import At, InputFile, Node, Port, Scope, parameter
 from dicflow.engine.product import Product, Variable
-from dicflow.errors import StageError
+from dicflow.errors import InputError, StageError
 
 if TYPE_CHECKING:
     import numpy as np
@@ -48,6 +48,19 @@ class Compare(Node):
 
         return {"rows": len(read_caliper(path).phase)}
 
+    def agree(
+        self,
+        facts: Mapping[Path, Mapping[str, Any]],
+        steps: Mapping[str, Mapping[str, Path]],
+        inputs: Mapping[str, tuple[str, ...]],
+    ) -> None:
+        for path, fact in facts.items():
+            if fact["rows"] != len(inputs["track"]):
+                raise InputError(
+                    f"{path}: has {fact['rows']} rows, but there are {len(inputs['track'])} steps; "
+                    "write one row per step, the first for the unloaded specimen"
+                )
+
     def run(
         self,
         track: Sequence[Product],
@@ -58,11 +71,6 @@ class Compare(Node):
         from dicflow.io.caliper import read_caliper
 
         caliper = read_caliper(caliper_path)
-        if len(caliper.phase) != len(track):
-            raise StageError(
-                f"{caliper_path}: has {len(caliper.phase)} rows, but there are {len(track)} steps; "
-                "write one row per step, the first for the unloaded specimen"
-            )
         if self.length == "cloud" and cloud is None:
             raise StageError("there is no cloud to measure a length in; use length: tracked, or name a cloud")
         unit = "px" if cloud is None else "mm"

@@ -47,7 +47,12 @@ class Images(Node):
 
         return dict(probe(path))
 
-    def agree(self, facts: Mapping[Path, Mapping[str, Any]], steps: Mapping[str, Mapping[str, Path]]) -> None:
+    def agree(
+        self,
+        facts: Mapping[Path, Mapping[str, Any]],
+        steps: Mapping[str, Mapping[str, Path]],
+        inputs: Mapping[str, tuple[str, ...]],
+    ) -> None:
         first = next(iter(facts))
         for path, fact in facts.items():
             for side in ("width", "height", "bits"):

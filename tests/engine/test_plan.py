@@ -113,6 +113,14 @@ def test_files_are_checked_before_anything_runs(folder, store):
     assert not (store.path / "objects").exists()
 
 
+def test_files_are_held_against_the_steps_that_a_stage_takes(folder, store, monkeypatch):
+    seen = []
+    monkeypatch.setattr(toys.Scale, "agree", lambda _, *given: seen.append(given))
+    table = folder / "step_01.txt"
+    plan(chain(folder, table=str(table)), store)
+    assert seen == [({table: {}}, {}, {"number": tuple(f"step_0{k}" for k in range(1, 7)), "rig": ()})]
+
+
 def test_checked_files_are_not_opened_again(folder, store, monkeypatch):
     run_sync(chain(folder), store)
     monkeypatch.setattr(Path, "read_text", None)

@@ -48,7 +48,12 @@ class Read(Node):
         except (ValueError, IndexError) as error:
             raise InputError(f"{path}: holds no number; write one") from error
 
-    def agree(self, facts: Mapping[Path, Mapping[str, Any]], steps: Mapping[str, Mapping[str, Path]]) -> None:
+    def agree(
+        self,
+        facts: Mapping[Path, Mapping[str, Any]],
+        steps: Mapping[str, Mapping[str, Path]],
+        inputs: Mapping[str, tuple[str, ...]],
+    ) -> None:
         """Refuses files above a million."""
         for path, fact in facts.items():
             if fact["value"] > 1e6:

@@ -92,7 +92,7 @@ def _series(folder, **turned):
 def _agree(node, folder):
     steps = node.steps(folder)
     facts = {path: node.check(path) for files in steps.values() for path in files.values()}
-    node.agree(facts, steps)
+    node.agree(facts, steps, {})
 
 
 def test_series_agrees(tmp_path):

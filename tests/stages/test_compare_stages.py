@@ -116,8 +116,11 @@ def test_the_largest_part_of_a_region_is_measured(tmp_path):
 
 
 def test_wrong_number_of_rows_names_both(tmp_path):
-    with pytest.raises(StageError, match=r"caliper\.csv: has 3 rows, but there are 4 steps"):
-        compare(table(tmp_path, LENGTHS[:3]))
+    path = table(tmp_path, LENGTHS[:3])
+    node = Compare(caliper=str(path))
+    node.agree({path: node.check(path)}, {}, {"track": ("0", "1", "2")})
+    with pytest.raises(InputError, match=r"caliper\.csv: has 3 rows, but there are 4 steps; write one row per step"):
+        node.agree({path: node.check(path)}, {}, {"track": ("0", "1", "2", "3")})
 
 
 def test_the_table_is_checked_before_anything_runs(tmp_path):
