@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Annotated, ClassVar, Literal
+from typing import TYPE_CHECKING, Annotated, ClassVar, Literal
 
 from pydantic import Field
 
@@ -10,9 +10,13 @@ from dicflow.engine.node import Node, Pixels, Port, Scope, parameter
 from dicflow.engine.product import Product, Variable
 from dicflow.errors import StageError
 
-__all__ = ["Smooth"]
+if TYPE_CHECKING:
+    import numpy as np
 
-Side = Annotated[Pixels, Field(gt=0)]
+__all__ = ["Smooth", "WindowSide", "fitted_status"]
+
+WindowSide = Annotated[Pixels, Field(gt=0)]
+"""One side of a window."""
 
 
 class Smooth(Node):
@@ -28,30 +32,21 @@ class Smooth(Node):
     gives: ClassVar = "increment"
 
     stage: Literal["smooth"] = "smooth"
-    window: tuple[Side, Side] = parameter((80.0, 20.0), "rows and columns of the window", unit="px")
+    window: tuple[WindowSide, WindowSide] = parameter((80.0, 20.0), "rows and columns of the window", unit="px")
     degree: int = parameter(2, "total degree of the polynomial", ge=0, le=4)
 
     def run(self, increment: Product) -> Product:
         import numpy as np
 
         from dicflow.core.filters import local_polynomial, odd_window
-        from dicflow.core.status import Status
 
         raw, unit = increment["displacement"], increment.attrs["unit"]
         window = odd_window(self.window, increment.attrs["step_size"])
         smooth = local_polynomial(raw, window, self.degree).value
         measured = np.isfinite(raw).all(axis=2)
         smooth[~measured] = np.nan
-        lost = measured & np.isnan(smooth).any(axis=2)
-        if measured.any() and (lost == measured).all():
-            raise StageError(
-                f"a window of {window[0]} × {window[1]} points never holds enough for degree {self.degree}; "
-                "widen the window or lower the degree"
-            )
-        changed = {
-            "displacement": smooth,
-            "status": np.where(lost, np.uint8(Status.TOO_FEW_NEIGHBOURS), increment["status"]),
-        }
+        status = fitted_status(increment, np.all(np.isfinite(smooth), axis=2), window, self.degree)
+        changed = {"displacement": smooth, "status": status}
         if increment.attrs["definition"] == "material":
             changed["xyz"] = increment["xyz_reference"] + smooth
         variables = {
@@ -61,3 +56,22 @@ class Smooth(Node):
         change = float(np.sqrt(np.nanmean((smooth - raw) ** 2))) if measured.any() else 0.0
         summary = {f"change_rms_{unit}": change}
         return Product("increment", variables, {**increment.attrs, "window_points": list(window), "summary": summary})
+
+
+def fitted_status(increment: Product, fitted: np.ndarray, window: tuple[int, int], degree: int) -> np.ndarray:
+    """Status of the points (row, col) of an increment after a fit of local polynomials.
+
+    fitted : (row, col) bool — where the window held enough points
+    Raises StageError where no point that has a displacement could be fitted.
+    """
+    import numpy as np
+
+    from dicflow.core.status import Status
+
+    moved = np.isfinite(increment["displacement"]).all(axis=2)
+    if moved.any() and not (moved & fitted).any():
+        raise StageError(
+            f"a window of {window[0]} × {window[1]} points never holds enough for degree {degree}; "
+            "widen the window or lower the degree"
+        )
+    return np.where(moved & ~fitted, np.uint8(Status.TOO_FEW_NEIGHBOURS), increment["status"])

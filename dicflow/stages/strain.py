@@ -2,20 +2,17 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal
+from typing import TYPE_CHECKING, Any, ClassVar, Literal
 
-from pydantic import Field
-
-from dicflow.engine.node import Node, Pixels, Port, Scope, parameter
+from dicflow.engine.node import Node, Port, Scope, parameter
 from dicflow.engine.product import Product, Variable
 from dicflow.errors import StageError
+from dicflow.stages.smooth import WindowSide, fitted_status
 
 if TYPE_CHECKING:
     from dicflow.core.strain import Strain as Measures
 
 __all__ = ["Strain"]
-
-Side = Annotated[Pixels, Field(gt=0)]
 
 
 class Strain(Node):
@@ -32,28 +29,20 @@ class Strain(Node):
     gives: ClassVar = "strain_increment"
 
     stage: Literal["strain"] = "strain"
-    window: tuple[Side, Side] = parameter((80.0, 20.0), "rows and columns of the window", unit="px")
+    window: tuple[WindowSide, WindowSide] = parameter((80.0, 20.0), "rows and columns of the window", unit="px")
     degree: int = parameter(2, "total degree of the polynomial", ge=1, le=4)
 
     def run(self, increment: Product) -> Product:
         import numpy as np
 
         from dicflow.core.filters import odd_window
-        from dicflow.core.status import Status
 
         window = odd_window(self.window, increment.attrs["step_size"])
         try:
             fields, measures = self._measure(increment, window)
         except ValueError as error:
             raise StageError(f"{error}; look at the tracking and the clouds of this step") from error
-        moved = np.isfinite(increment["displacement"]).all(axis=2)
-        strained = np.isfinite(np.stack(measures)).all(axis=0)
-        if moved.any() and not strained.any():
-            raise StageError(
-                f"a window of {window[0]} × {window[1]} points never holds enough for degree {self.degree}; "
-                "widen the window or lower the degree"
-            )
-        status = np.where(moved & ~strained, np.uint8(Status.TOO_FEW_NEIGHBOURS), increment["status"])
+        status = fitted_status(increment, np.all(np.isfinite(measures), axis=0), window, self.degree)
         kept = ("xy", "xyz", "xyz_reference")
         variables = {
             **{name: increment.variables[name] for name in kept},
