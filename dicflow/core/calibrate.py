@@ -1,4 +1,4 @@
-"""Calibration: two cameras and their relative pose from photographs of a checkerboard.
+"""Calibration: two cameras and their relative pose from photographs of a flat target.
 
 Each camera alone (Zhang 2000), then both together with all board poses (:mod:`dicflow.core.bundle`).
 """
@@ -11,10 +11,12 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from dicflow.core.bundle import Bundle, Model, adjust, residuals
-from dicflow.core.camera import Camera, Rig
+from dicflow.core.bundle import Bundle, Model, adjust_to_noise, covariance, estimated, lengths, residuals
+from dicflow.core.camera import Camera, Rig, rotation_matrix
 from dicflow.core.epipolar import epipolar_distance
-from dicflow.core.targets import board_orders, board_points
+from dicflow.core.leave_out import LeaveOut, leave_out
+from dicflow.core.robust import Kind, Loss, noise
+from dicflow.core.targets import Target
 
 __all__ = ["Calibration", "Views", "board_tilt_deg", "calibrate_camera", "calibrate_rig", "reconcile_orders"]
 
@@ -39,16 +41,19 @@ class Views(NamedTuple):
 
 
 class Calibration(NamedTuple):
-    """A rig and how well it explains the corners.
+    """A rig and how well it explains the marks.
 
     rig : the two cameras
     used : (n,) bool — pairs that the rig rests on
-    turned : (n,) bool — pairs whose right corners came in another order than the left ones
-    error_px : (n, 2) — mean distance of reprojected and observed corners, left and right; of a pair
+    turned : (n,) bool — pairs whose right marks came in another order than the left ones
+    error_px : (n, 2) — mean distance of reprojected and observed marks, left and right; of a pair
         that was dropped the one at which it was dropped
     rms_px : (3,) — root mean square distance over the pairs used: left, right, both
-    epipolar_px : (n,) — mean epipolar distance of the corners
+    epipolar_px : (n,) — mean epipolar distance of the marks; NaN where no mark is seen by both cameras
     tilt_deg : (n,) — angle of the board to the left image plane; NaN for pairs not used
+    covariance : (24, 24) — of the rig's :data:`~dicflow.core.rig_parameters.PARAMETERS`
+    noise_px : standard deviation of one coordinate of a mark, as the residuals show it
+    leave_out : what the pairs used say when some of them are left out
     """
 
     rig: Rig
@@ -58,57 +63,74 @@ class Calibration(NamedTuple):
     rms_px: Array
     epipolar_px: Array
     tilt_deg: Array
+    covariance: Array
+    noise_px: float
+    leave_out: LeaveOut
+
+
+class _Marks(NamedTuple):
+    """Marks of the target (m, 3) [mm], and where both cameras see them (n, m, 2) [px], in one order."""
+
+    points: Array
+    left: Array
+    right: Array
+
+    def of(self, pairs: NDArray[np.bool_]) -> _Marks:
+        return _Marks(self.points, self.left[pairs], self.right[pairs])
+
+
+class _Solved(NamedTuple):
+    """An adjusted bundle of the pairs used (n,), the loss it was adjusted with, and error_px as in Calibration."""
+
+    bundle: Bundle
+    loss: Loss
+    used: NDArray[np.bool_]
+    error_px: Array
 
 
 def calibrate_rig(
     left: Array,
     right: Array,
-    board: tuple[Size, float],
+    target: Target,
     image_size: Size,
     model: Model,
     max_error_px: float = 0.5,
     min_pairs: int = 8,
+    loss: Kind = "squares",
 ) -> Calibration:
     """Calibrate both cameras; drop the worst pair and solve again while one is above the limit.
 
-    left, right : (n, m, 2) — corners per pair [px]; the right ones may be in another order (:func:`reconcile_orders`)
-    board : size (columns, rows) of inner corners and side of a square [mm]
+    left, right : (n, m, 2) — marks per pair [px], NaN where not seen; the right ones may be in another order
+        (:func:`reconcile_orders`)
     image_size : (width, height) of all photographs [px]
     max_error_px : limit of a pair's mean reprojection error
     min_pairs : pairs are dropped only while more than this many remain
+    loss : how residuals count; its scale follows from the residuals
     """
-    points = board_points(*board)
-    views_left = calibrate_camera(points, left, image_size, model)
-    views_right = calibrate_camera(points, right, image_size, model)
-    order, rotation, translation = reconcile_orders(views_left, views_right, board)
-    right = np.take_along_axis(right, board_orders(board[0])[order][..., None], axis=1)
-    rig = Rig(views_left.camera, views_right.camera, rotation, translation)
-    start = Bundle(rig, views_left.rotations, views_left.translations)
-    bundle, used, error = _adjust_and_drop(start, (points, left, right), model, max_error_px, min_pairs)
-    tilt = np.full(len(left), np.nan)
-    tilt[used] = board_tilt_deg(bundle.rotations)
-    return Calibration(
-        rig=bundle.rig,
-        used=used,
-        turned=order != 0,
-        error_px=error,
-        rms_px=_rms(residuals(bundle, points, left[used], right[used])),
-        epipolar_px=epipolar_distance(bundle.rig, left, right).mean(axis=1),
-        tilt_deg=tilt,
+    views_left = calibrate_camera(target.points, left, image_size, model)
+    views_right = calibrate_camera(target.points, right, image_size, model)
+    order, rotation, translation = reconcile_orders(views_left, views_right, target)
+    marks = _Marks(target.points, left, np.take_along_axis(right, target.orders[order][..., None], axis=1))
+    start = Bundle(
+        Rig(views_left.camera, views_right.camera, rotation, translation), views_left.rotations, views_left.translations
     )
+    solved = _adjust_and_drop(start, marks, model, loss, max_error_px, min_pairs)
+    return _judged(solved, marks, model, order != 0)
 
 
-def calibrate_camera(points: Array, corners: Array, image_size: Size, model: Model) -> Views:
+def calibrate_camera(points: Array, marks: Array, image_size: Size, model: Model) -> Views:
     """One camera from photographs of a plane (Zhang 2000).
 
-    points : (m, 3) — board's corners [mm]
-    corners : (n, m, 2) — observed corners [px], each photograph in any order that a turn of the board explains
+    points : (m, 3) — marks of the target [mm]
+    marks : (n, m, 2) — observed marks [px], NaN where not seen, each photograph in any order that a turn of the target
+        explains
     """
     flags = 0 if model.tangential else cv2.CALIB_ZERO_TANGENT_DIST
     flags |= cv2.CALIB_FIX_K3 if model.radial == 2 else 0
+    seen: NDArray[np.bool_] = np.isfinite(marks[..., 0])
     _, matrix, distortion, turns, places = cv2.calibrateCamera(
-        [points.astype(np.float32)] * len(corners),
-        list(corners.astype(np.float32)),
+        [points[shown].astype(np.float32) for shown in seen],
+        [view[shown].astype(np.float32) for view, shown in zip(marks, seen, strict=True)],
         image_size,
         None,
         None,
@@ -120,17 +142,16 @@ def calibrate_camera(points: Array, corners: Array, image_size: Size, model: Mod
     return Views(camera, rotations, np.stack(places).reshape(-1, 3))
 
 
-def reconcile_orders(left: Views, right: Views, board: tuple[Size, float]) -> tuple[NDArray[np.intp], Array, Array]:
-    """Choose for each pair the order of the right corners that agrees with the left ones, by consensus.
+def reconcile_orders(left: Views, right: Views, target: Target) -> tuple[NDArray[np.intp], Array, Array]:
+    """Choose for each pair the order of the right marks that agrees with the left ones, by consensus.
 
-    A board that looks the same turned by 180° gives each pair two hypotheses of the pose from the left to the right
+    A target that looks the same turned by 180° gives each pair two hypotheses of the pose from the left to the right
     camera, and only the true ones agree with each other over differently placed boards. The pose that the most pairs
     can agree with is taken; of equals the one with the smaller rotation.
 
-    board : size (columns, rows) and side of a square [mm]
-    Returns the index (n,) into :func:`~dicflow.core.targets.board_orders`, rotation (3, 3) and translation (3,) [mm].
+    Returns the index (n,) into the target's orders, rotation (3, 3) and translation (3,) [mm].
     """
-    rotations, translations = _relative_poses(left, right, board)
+    rotations, translations = _relative_poses(left, right, target)
     pairs, orders = rotations.shape[:2]
     distance = np.mean(np.linalg.norm(left.translations, axis=1))
     flat_rotations, flat_translations = rotations.reshape(-1, 3, 3), translations.reshape(-1, 3)
@@ -154,17 +175,22 @@ def board_tilt_deg(rotations: Array) -> Array:
     return np.asarray(np.degrees(np.arccos(np.clip(np.abs(rotations[:, 2, 2]), 0.0, 1.0))))
 
 
-def _relative_poses(left: Views, right: Views, board: tuple[Size, float]) -> tuple[Array, Array]:
-    """Pose from the left to the right camera, per pair and order of the right corners: (n, o, 3, 3) and (n, o, 3)."""
-    points, orders = board_points(*board), board_orders(board[0])
-    columns = board[0][0]
-    origins = points[orders[:, 0]]
-    along, down = points[orders[:, 1]] - origins, points[orders[:, columns]] - origins
-    frames = np.stack([along, down, np.cross(along, down) / board[1]], axis=-1) / board[1]
-    turned = right.rotations[:, None] @ frames
-    rotations = turned @ left.rotations.transpose(0, 2, 1)[:, None]
-    places = origins @ right.rotations.transpose(0, 2, 1) + right.translations[:, None]
+def _relative_poses(left: Views, right: Views, target: Target) -> tuple[Array, Array]:
+    """Pose from the left to the right camera, per pair and order of the right marks: (n, o, 3, 3) and (n, o, 3)."""
+    turns, shifts = _motions(target)
+    rotations = right.rotations[:, None] @ turns @ left.rotations.transpose(0, 2, 1)[:, None]
+    places = shifts @ right.rotations.transpose(0, 2, 1) + right.translations[:, None]
     return rotations, places - np.einsum("noij,nj->noi", rotations, left.translations)
+
+
+def _motions(target: Target) -> tuple[Array, Array]:
+    """The motions in its plane that carry the marks into each of their orders: (o, 3, 3) and (o, 3) [mm]."""
+    middle = target.points.mean(axis=0)
+    plain, turned = target.points - middle, target.points[target.orders] - middle
+    along = np.einsum("mi,omi->o", plain, turned)
+    across = np.einsum("m,om->o", plain[:, 0], turned[..., 1]) - np.einsum("m,om->o", plain[:, 1], turned[..., 0])
+    turns = np.stack([rotation_matrix([0.0, 0.0, angle]) for angle in np.arctan2(across, along)])
+    return turns, middle - turns @ middle
 
 
 def _first_of_largest_set(agreeing: NDArray[np.intp], turn: Array, spread: Array) -> int:
@@ -176,24 +202,51 @@ def _first_of_largest_set(agreeing: NDArray[np.intp], turn: Array, spread: Array
 
 
 def _adjust_and_drop(
-    bundle: Bundle, seen: tuple[Array, Array, Array], model: Model, max_error_px: float, min_pairs: int
-) -> tuple[Bundle, NDArray[np.bool_], Array]:
-    """Adjust; drop the worst pair above the limit; repeat. Returns the bundle, used (n,), error (n, 2) [px]."""
-    points, left, right = seen
-    used = np.ones(len(left), dtype=bool)
-    error = np.empty((len(left), 2))
+    bundle: Bundle, marks: _Marks, model: Model, loss: Kind, max_error_px: float, min_pairs: int
+) -> _Solved:
+    """Adjust; drop the worst pair above the limit; repeat."""
+    used = np.ones(len(marks.left), dtype=bool)
+    error_px = np.empty((len(used), 2))
     while True:
-        bundle = adjust(bundle, points, left[used], right[used], model)
-        error[used] = np.linalg.norm(residuals(bundle, points, left[used], right[used]), axis=-1).mean(axis=-1)
-        mean = error[used].mean(axis=1)
+        bundle, bent = adjust_to_noise(bundle, *marks.of(used), model, loss)
+        error_px[used] = _mean(np.linalg.norm(residuals(bundle, *marks.of(used)), axis=-1))
+        mean = error_px[used].mean(axis=1)
         worst = int(mean.argmax())
         if mean[worst] <= max_error_px or np.count_nonzero(used) <= min_pairs:
-            return bundle, used, error
+            return _Solved(bundle, bent, used, error_px)
         used[np.flatnonzero(used)[worst]] = False
         bundle = Bundle(bundle.rig, np.delete(bundle.rotations, worst, 0), np.delete(bundle.translations, worst, 0))
 
 
+def _judged(solved: _Solved, marks: _Marks, model: Model, turned: NDArray[np.bool_]) -> Calibration:
+    """The solution with all that tells how good it is."""
+    bundle, loss, used, error_px = solved
+    kept = marks.of(used)
+    error = residuals(bundle, *kept)
+    tilt = np.full(len(used), np.nan)
+    tilt[used] = board_tilt_deg(bundle.rotations)
+    return Calibration(
+        rig=bundle.rig,
+        used=used,
+        turned=turned,
+        error_px=error_px,
+        rms_px=_rms(error),
+        epipolar_px=_mean(epipolar_distance(bundle.rig, marks.left, marks.right)),
+        tilt_deg=tilt,
+        covariance=covariance(bundle, *kept, model, loss),
+        noise_px=noise(loss, lengths(error), estimated(bundle, model)),
+        leave_out=leave_out(bundle, *kept, model, loss),
+    )
+
+
+def _mean(values: Array) -> Array:
+    """Mean (...) over the last axis of what is not NaN; NaN where nothing is."""
+    there = np.isfinite(values)
+    count = there.sum(axis=-1)
+    return np.asarray(np.where(there, values, 0.0).sum(axis=-1) / np.where(count > 0, count, np.nan))
+
+
 def _rms(error: Array) -> Array:
     """Root mean square length of residuals (n, 2, m, 2): left, right, both."""
-    squared = np.sum(error**2, axis=-1).mean(axis=(0, 2))
-    return np.asarray(np.sqrt(np.append(squared, squared.mean())))
+    sides = [lengths(error[:, 0]), lengths(error[:, 1]), lengths(error)]
+    return np.array([np.sqrt(np.mean(side**2)) for side in sides])

@@ -1,9 +1,11 @@
-"""Calibration targets: checkerboards and their corners in photographs.
+"""Calibration targets: what marks they bear, and the corners of checkerboards in photographs.
 
 A board's size is (columns, rows) of **inner** corners, where four squares meet.
 """
 
 from __future__ import annotations
+
+from typing import NamedTuple
 
 import cv2
 import numpy as np
@@ -11,7 +13,15 @@ from numpy.typing import NDArray
 
 from dicflow.core.grey import to_8bit
 
-__all__ = ["board_orders", "board_points", "board_size", "centres_of_symmetry", "find_board"]
+__all__ = [
+    "Target",
+    "board_orders",
+    "board_points",
+    "board_size",
+    "centres_of_symmetry",
+    "checkerboard",
+    "find_board",
+]
 
 Array = NDArray[np.float64]
 Size = tuple[int, int]
@@ -23,6 +33,23 @@ _LEAST_RADIUS_PX = 3
 _SYMMETRY_STEPS = 20
 _SYMMETRY_TOLERANCE_PX = 1e-3
 _LEAST_DETERMINANT = 1e-4
+
+
+class Target(NamedTuple):
+    """A flat target, whatever its marks are: corners of squares or centres of circles.
+
+    points : (m, 3) — marks in the target's frame, z = 0 [mm]
+    orders : (o, m) — orders in which a detector may give them, as indices into the marks; the first is the given one,
+        each other one that of the target turned in its plane
+    """
+
+    points: Array
+    orders: NDArray[np.intp]
+
+
+def checkerboard(size: Size, square_mm: float) -> Target:
+    """A checkerboard of (columns, rows) inner corners."""
+    return Target(board_points(size, square_mm), board_orders(size))
 
 
 def board_points(size: Size, square_mm: float) -> Array:

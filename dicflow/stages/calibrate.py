@@ -42,6 +42,7 @@ class Calibrate(Node):
 
         from dicflow.core.bundle import Model
         from dicflow.core.calibrate import calibrate_rig
+        from dicflow.core.targets import checkerboard
 
         size, image_size = self._agreed(corners)
         seen = [k for k, product in enumerate(corners) if all(_found(product, side) for side in ("left", "right"))]
@@ -49,7 +50,9 @@ class Calibrate(Node):
             raise StageError(_too_few(corners, seen, self.min_pairs))
         left, right = (np.stack([corners[k][side] for k in seen]) for side in ("left", "right"))
         model = Model(self.radial, self.tangential)
-        found = calibrate_rig(left, right, (size, self.square), image_size, model, self.max_error_px, self.min_pairs)
+        found = calibrate_rig(
+            left, right, checkerboard(size, self.square), image_size, model, self.max_error_px, self.min_pairs
+        )
         return _product(found, seen, _names(corners), (left, right), self.max_error_px)
 
     def _agreed(self, corners: Sequence[Product]) -> tuple[tuple[int, int], tuple[int, int]]:

@@ -9,10 +9,10 @@ from dicflow.core.bundle import Bundle, Model, adjust, residuals
 from dicflow.core.calibrate import calibrate_camera, calibrate_rig, reconcile_orders
 from dicflow.core.camera import rotation_angle_deg, rotation_matrix
 from dicflow.core.coverage import covered_area, empty_parts, verdict
-from dicflow.core.targets import board_points, find_board
+from dicflow.core.targets import checkerboard, find_board
 
 RIG = verged_rig()
-BOARD = (SIZE, SQUARE_MM)
+BOARD = checkerboard(SIZE, SQUARE_MM)
 IMAGE = (640, 480)
 FULL = Model(radial=2, tangential=True)
 
@@ -47,7 +47,7 @@ def test_noise_shows_in_the_residuals_as_theory_says(corners):
 
 def test_units_of_the_board_scale_the_translation_only(corners):
     millimetres = calibrate_rig(*corners, BOARD, IMAGE, FULL).rig
-    inches = calibrate_rig(*corners, (SIZE, SQUARE_MM / 25.4), IMAGE, FULL).rig
+    inches = calibrate_rig(*corners, checkerboard(SIZE, SQUARE_MM / 25.4), IMAGE, FULL).rig
     np.testing.assert_allclose(inches.translation * 25.4, millimetres.translation, atol=1e-4)
     np.testing.assert_allclose(inches.rotation, millimetres.rotation, atol=1e-7)
 
@@ -65,7 +65,7 @@ def test_turned_boards_are_reconciled(corners, turned):
 
 def test_equal_sets_are_told_apart_by_the_smaller_rotation(corners):
     """A single pair supports both orders alike."""
-    points = board_points(*BOARD)
+    points = BOARD.points
     views = [calibrate_camera(points, side, IMAGE, FULL) for side in corners]
     for order in (1, -1):
         one = [view._replace(rotations=view.rotations[:1], translations=view.translations[:1]) for view in views]
@@ -102,7 +102,7 @@ def test_no_more_pairs_are_dropped_than_allowed(corners):
 
 def test_adjustment_never_raises_the_cost_and_ends_at_the_optimum(corners):
     left, right = (side + np.random.default_rng(8).normal(0, 0.1, side.shape) for side in corners)
-    points = board_points(*BOARD)
+    points = BOARD.points
     views = calibrate_camera(points, left, IMAGE, Model())
     start = Bundle(RIG._replace(translation=RIG.translation + 5.0), views.rotations, views.translations)
     end = adjust(start, points, left, right, FULL)
@@ -146,7 +146,7 @@ def found_boards(folder, size):
 def rendered(shared_data):
     folder = shared_data / "d_specimen" / "boards"
     sides = [found_boards(folder / side, (12, 8)) for side in ("left", "right")]
-    return calibrate_rig(*sides, ((12, 8), 5.0), (1920, 1200), Model())
+    return calibrate_rig(*sides, checkerboard((12, 8), 5.0), (1920, 1200), Model())
 
 
 def test_rendered_boards_give_the_rig_they_were_rendered_with(rendered, shared_data):
@@ -164,6 +164,6 @@ def test_rendered_boards_give_the_rig_they_were_rendered_with(rendered, shared_d
 
 def test_real_boards(shared_data):
     sides = [found_boards(shared_data / "boards" / side, (11, 7)) for side in ("left", "right")]
-    found = calibrate_rig(*sides, ((11, 7), 8.0), (613, 513), Model())
+    found = calibrate_rig(*sides, checkerboard((11, 7), 8.0), (613, 513), Model())
     assert np.count_nonzero(found.used) == 20
     assert found.rms_px[2] < 0.11
