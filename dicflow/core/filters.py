@@ -18,7 +18,17 @@ import numpy as np
 from numba import njit
 from numpy.typing import ArrayLike, NDArray
 
-__all__ = ["Filled", "Kernel", "LocalFit", "fill_moving_mean", "local_polynomial", "odd_window", "within_reach"]
+__all__ = [
+    "Filled",
+    "Kernel",
+    "LocalFit",
+    "SlopeWeights",
+    "fill_moving_mean",
+    "local_polynomial",
+    "odd_window",
+    "slope_weights",
+    "within_reach",
+]
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -51,6 +61,19 @@ class LocalFit(NamedTuple):
     d_row: Array
     d_col: Array
     leverage: Array
+
+
+class SlopeWeights(NamedTuple):
+    """By what weights the slopes of local polynomials add up their data: Σₙ wₙ zₙ over the window around each point.
+
+    wₙ is the data's weight times Σᵢ factors[row, col, slope, i] · terms[i, row of the window, column of it].
+
+    factors : (row, col, 2, i) — slope 0 per column, 1 per row; NaN where the points do not determine them
+    terms : (i, window rows, window columns)
+    """
+
+    factors: Array
+    terms: Array
 
 
 def fill_moving_mean(values: ArrayLike, window: int, passes: int = 5, inside: Mask | None = None) -> Filled:
@@ -155,6 +178,28 @@ def local_polynomial(
     return LocalFit(
         value + centre.reshape(field.shape[2:]), d_row / half[0], d_col / half[1], solved[:, :, 0, -1] * weight * middle
     )
+
+
+def slope_weights(weights: Array, window: tuple[int, int], degree: int) -> SlopeWeights:
+    """The weights by which :func:`local_polynomial` with a box kernel finds its slopes.
+
+    weights : (row, col) — of each point, 0 where it is missing
+    window, degree : as there; the degree is 1 at least
+    """
+    powers = _powers(degree)
+    down, across = _offsets(window[0]), _offsets(window[1])
+    terms = np.stack([np.outer(down**a, across**b) for a, b in powers])
+    moments = _moments(weights, window, 2 * degree, "box")[_pairs(powers, degree)]
+    normal = np.moveaxis(moments, (0, 1), (-2, -1))
+    diagonal = np.einsum("...ii->...i", normal)
+    scale = 1.0 / np.sqrt(np.where(diagonal > 0.0, diagonal, 1.0))
+    scaled = normal * scale[..., :, None] * scale[..., None, :]
+    solvable = np.linalg.eigvalsh(scaled)[..., 0] > _SINGULAR
+    inverse = np.linalg.inv(np.where(solvable[..., None, None], scaled, np.eye(len(powers))))
+    factors = (inverse * scale[..., :, None] * scale[..., None, :])[..., [2, 1], :]
+    factors /= (np.array(window)[::-1, None] + 1.0) / 2.0
+    factors[~solvable] = np.nan
+    return SlopeWeights(factors, terms)
 
 
 def _powers(degree: int) -> list[tuple[int, int]]:

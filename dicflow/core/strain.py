@@ -20,6 +20,7 @@ __all__ = [
     "Strain",
     "deformation_gradient",
     "engineering_strain",
+    "inverse",
     "jacobian",
     "tangent_basis",
     "thesis_strain",
@@ -40,15 +41,21 @@ class Strain(NamedTuple):
     gxy: Array
 
 
-def jacobian(xyz: ArrayLike, window: tuple[int, int], degree: int) -> Array:
+def jacobian(
+    xyz: ArrayLike, window: tuple[int, int], degree: int, weights: ArrayLike | None = None, min_share: float = 0.0
+) -> Array:
     """Derivatives of a surface along its grid, from local polynomials.
 
     xyz : (row, col, 3) [mm]
     window : (rows, cols), odd numbers of points
+    weights : (row, col) — of each point
+    min_share : a window counts with at least this share of its points, and 1.5 per coefficient
     Returns (row, col, 3, 2): per column and per row; NaN where the point or too much of its window is missing.
     """
     points = np.asarray(xyz, dtype=np.float64)
-    fit = local_polynomial(points, window, degree)
+    coefficients = (degree + 1) * (degree + 2) / 2.0
+    margin = max(1.5, min_share * window[0] * window[1] / coefficients)
+    fit = local_polynomial(points, window, degree, weights=weights, margin=margin)
     derivatives = np.stack([fit.d_col, fit.d_row], axis=-1)
     derivatives[np.isnan(points).any(axis=-1)] = np.nan
     return derivatives
@@ -77,10 +84,16 @@ def deformation_gradient(before: Array, after: Array) -> Array:
     """
     reference = np.swapaxes(tangent_basis(before), -1, -2) @ before
     deformed = np.swapaxes(tangent_basis(after), -1, -2) @ after
-    (a, b), (c, d) = np.moveaxis(reference, (-2, -1), (0, 1))
+    with np.errstate(invalid="ignore"):
+        return np.asarray(deformed @ inverse(reference))
+
+
+def inverse(matrices: Array) -> Array:
+    """Inverses of matrices (..., 2, 2); NaN where there is none."""
+    (a, b), (c, d) = np.moveaxis(matrices, (-2, -1), (0, 1))
     adjugate = np.moveaxis(np.array([[d, -b], [-c, a]]), (0, 1), (-2, -1))
-    with np.errstate(invalid="ignore", divide="ignore"):
-        return np.asarray(deformed @ (adjugate / (a * d - b * c)[..., None, None]))
+    determinant = a * d - b * c
+    return np.asarray(adjugate / np.where(determinant == 0.0, np.nan, determinant)[..., None, None])
 
 
 def engineering_strain(gradient: Array) -> Strain:

@@ -1,0 +1,107 @@
+"""Covariance of measured points, and what follows from it for all that is computed of them.
+
+A point of the surface at a step and at the reference, (X', X), has errors of three sources that are independent of one
+another: the noise of the photographs of each step, and the noise of the template, which is common to both. A template
+error e (in reference pixels) moves the points by −S' e and −S e, so that
+
+    Cov(X', X) = [[Σ' + S' T S'ᵀ, S' T Sᵀ], [S T S'ᵀ, Σ + S T Sᵀ]].
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+__all__ = [
+    "PointErrors",
+    "displacement_covariance",
+    "joint_covariance",
+    "propagate",
+    "rotated",
+    "sigma_along",
+    "symmetric",
+    "upper",
+]
+
+Array = NDArray[np.float64]
+
+_DIFFERENCE = 1e-6
+
+
+class PointErrors(NamedTuple):
+    """What is uncertain about the points of one step.
+
+    own : (..., 3, 3) — covariance from the photographs of the step [mm²]
+    sensitivity : (..., 3, 2) — S, by how much the point moves per template error [mm/px]
+    """
+
+    own: Array
+    sensitivity: Array
+
+
+def symmetric(numbers: ArrayLike) -> Array:
+    """Symmetric matrices (..., d, d) of their upper triangles by rows, (..., d (d + 1) / 2).
+
+    >>> symmetric([1.0, 2.0, 3.0])
+    array([[1., 2.],
+           [2., 3.]])
+    """
+    flat = np.asarray(numbers, dtype=np.float64)
+    side = int((np.sqrt(8 * flat.shape[-1] + 1) - 1) / 2)
+    row, col = np.triu_indices(side)
+    full = np.empty((*flat.shape[:-1], side, side))
+    full[..., row, col] = full[..., col, row] = flat
+    return full
+
+
+def upper(matrices: Array) -> Array:
+    """The inverse of :func:`symmetric`."""
+    row, col = np.triu_indices(matrices.shape[-1])
+    return matrices[..., row, col]
+
+
+def joint_covariance(deformed: PointErrors, reference: PointErrors, template: Array) -> Array:
+    """Covariance of a point at a step and at the reference.
+
+    template : (..., 2, 2) — T, covariance of the template's error [px²]
+    Returns (..., 6, 6), the point at the step first [mm²].
+    """
+    both = np.concatenate([deformed.sensitivity, reference.sensitivity], axis=-2)
+    joint = both @ template @ np.swapaxes(both, -1, -2)
+    joint[..., :3, :3] += deformed.own
+    joint[..., 3:, 3:] += reference.own
+    return np.asarray(joint)
+
+
+def rotated(joint: Array, deformed: Array, reference: Array) -> Array:
+    """Joint covariance (..., 6, 6) in other axes: the step's point turned by one (3, 3), the reference's by another."""
+    turn = np.zeros((6, 6))
+    turn[:3, :3], turn[3:, 3:] = deformed, reference
+    return np.asarray(turn @ joint @ turn.T)
+
+
+def displacement_covariance(joint: Array) -> Array:
+    """Covariance (..., 3, 3) of X' − X from the joint one."""
+    across = joint[..., :3, 3:]
+    return np.asarray(joint[..., :3, :3] + joint[..., 3:, 3:] - across - np.swapaxes(across, -1, -2))
+
+
+def sigma_along(covariance: Array, vector: Array) -> Array:
+    """Standard deviation (...) of vᵀδ, for δ with covariance (..., d, d) and v (..., d)."""
+    return np.asarray(np.sqrt(np.maximum(np.einsum("...i,...ij,...j->...", vector, covariance, vector), 0.0)))
+
+
+def propagate(function: Callable[[Array], Array], values: Array, covariance: Array) -> Array:
+    """Standard deviation of functions of uncertain values, by their derivative (central differences).
+
+    function : of (..., d), gives (..., k)
+    values : (..., d)
+    covariance : (..., d, d)
+    Returns (..., k).
+    """
+    steps = _DIFFERENCE * np.eye(values.shape[-1])
+    slopes = [(function(values + step) - function(values - step)) / (2.0 * _DIFFERENCE) for step in steps]
+    return sigma_along(covariance[..., None, :, :], np.stack(slopes, axis=-1))
