@@ -1,4 +1,8 @@
-"""Pictures and tables of a result as files in a folder; what is up to date is left alone."""
+"""Pictures and tables of a result as files in a folder.
+
+What is up to date is left alone, and what an earlier result had but this one has not is taken away. A list in the
+folder says which files dicflow wrote, so that nobody else's is touched.
+"""
 
 from __future__ import annotations
 
@@ -7,6 +11,7 @@ import json
 import multiprocessing
 from collections.abc import Callable, Iterator, Mapping
 from concurrent.futures import ProcessPoolExecutor
+from contextlib import suppress
 from functools import partial
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -23,6 +28,13 @@ __all__ = ["publish"]
 _MANIFEST = ".published.json"
 
 
+class _Made(NamedTuple):
+    """What a file was made of, and the digest of what was written."""
+
+    sources: tuple[str, ...]
+    digest: str
+
+
 class _Job(NamedTuple):
     """One piece of work: files by name below the folder, what they are made of, and the call that makes them."""
 
@@ -34,33 +46,57 @@ class _Job(NamedTuple):
 def publish(result: Result, folder: Path, workers: int = 1) -> list[Path]:
     """Write the maps, comparison tables and the sweep's table of a result.
 
-    folder : made where there is none; files whose sources have not changed since are not made again
+    folder : made where there is none; files whose sources have not changed since are not made again. Pictures of
+        steps, phases and quantities that the result no longer has are deleted, unless they were changed since.
     workers : processes that draw at once
     Returns the paths of all files, new or not.
     """
     make_folder(folder)
-    manifest = folder / _MANIFEST
-    made = _read(manifest)
+    made = _read(folder / _MANIFEST)
     jobs = list(_jobs(result))
-    stale = [
-        job
-        for job in jobs
-        if any(made.get(file) != list(job.sources) or not (folder / file).is_file() for file in job.files)
-    ]
+    files = [file for job in jobs for file in job.files]
+    stale = [job for job in jobs if not all(_is_current(folder, file, job, made) for file in job.files)]
     for job, contents in zip(stale, _make(stale, workers), strict=True):
         for file, content in contents.items():
             write_whole(folder / file, content)
-            made[file] = list(job.sources)
-    if stale:
-        write_whole(manifest, json.dumps(made, indent=1).encode())
-    return [folder / file for job in jobs for file in job.files]
+            made[file] = _Made(job.sources, _digest(content))
+    old = [file for file in made if file not in files and file.startswith(_picture_folders(result))]
+    for file in old:
+        _delete(folder, file, made.pop(file))
+    if stale or old:
+        write_whole(folder / _MANIFEST, json.dumps(made, indent=1).encode())
+    return [folder / file for file in files]
+
+
+def _is_current(folder: Path, file: str, job: _Job, made: Mapping[str, _Made]) -> bool:
+    return file in made and made[file].sources == job.sources and (folder / file).is_file()
+
+
+def _picture_folders(result: Result) -> tuple[str, ...]:
+    """Folders of pictures, with a slash behind, that are this result's alone."""
+    variants = range(len(result.values))
+    return tuple(
+        f"{_prefix(result, variant)}{stage}/"
+        for variant in variants
+        for stage in result.stages_of("maps")
+        if result.has(stage, None, variant)
+    )
+
+
+def _delete(folder: Path, file: str, made: _Made) -> None:
+    """Delete a file that is still as it was written, and its folder if that is empty then."""
+    path = folder / file
+    with suppress(OSError):
+        if path.resolve().is_relative_to(folder.resolve()) and _digest(path.read_bytes()) == made.digest:
+            path.unlink()
+            path.parent.rmdir()
 
 
 def _jobs(result: Result) -> Iterator[_Job]:
     """All the work of a result; variants that share a product share its files."""
     seen: set[str] = set()
     for variant in range(len(result.values)):
-        prefix = "" if len(result.values) == 1 else f"variant_{variant + 1}/"
+        prefix = _prefix(result, variant)
         for stage in result.stages_of("maps"):
             if result.has(stage, None, variant) and (digest := result.digest(stage, None, variant)) not in seen:
                 seen.add(digest)
@@ -70,8 +106,13 @@ def _jobs(result: Result) -> Iterator[_Job]:
                 yield _table_job(result, stage, variant, prefix)
     if len(result.values) > 1:
         table = result.table()
-        digest = hashlib.sha256(table_text(table).encode()).hexdigest()
-        yield _Job(("sweep.csv", "sweep.png"), (__version__, digest), partial(_sweep_files, list(result.values), table))
+        sources = (__version__, _digest(table_text(table).encode()))
+        yield _Job(("sweep.csv", "sweep.png"), sources, partial(_sweep_files, list(result.values), table))
+
+
+def _prefix(result: Result, variant: int) -> str:
+    """Folder of a variant, with a slash behind; none where there is only one."""
+    return "" if len(result.values) == 1 else f"variant_{variant + 1}/"
 
 
 def _map_jobs(result: Result, stage: str, variant: int, prefix: str) -> Iterator[_Job]:
@@ -146,10 +187,14 @@ def _call(make: Callable[[], dict[str, bytes]]) -> dict[str, bytes]:
     return make()
 
 
-def _read(manifest: Path) -> dict[str, list[str]]:
-    """What each file was made of; nothing where that is not known any more."""
+def _digest(content: bytes) -> str:
+    return hashlib.sha256(content).hexdigest()
+
+
+def _read(manifest: Path) -> dict[str, _Made]:
+    """What is known of each file; nothing where the list is damaged or lost."""
     try:
-        made = json.loads(manifest.read_bytes())
-    except (OSError, ValueError):
+        found = json.loads(manifest.read_bytes())
+        return {file: _Made(tuple(sources), digest) for file, (sources, digest) in found.items()}
+    except (OSError, ValueError, TypeError, AttributeError):
         return {}
-    return made if isinstance(made, dict) else {}

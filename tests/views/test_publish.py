@@ -62,7 +62,7 @@ def test_only_what_is_missing_or_changed_is_made_again(result, tmp_path):
     assert {path for path, stamp in stamps(files).items() if stamp != before[path]} == {table}
     manifest = tmp_path / ".published.json"
     made = json.loads(manifest.read_text())
-    made["maps/eyy.gif"] = ["another release"]
+    made["maps/eyy.gif"][0] = ["another release"]
     manifest.write_text(json.dumps(made))
     before = stamps(files)
     publish(result, tmp_path)
@@ -74,9 +74,49 @@ def test_only_what_is_missing_or_changed_is_made_again(result, tmp_path):
 def test_a_damaged_list_of_what_was_made_makes_all_again(result, tmp_path):
     files = publish(result, tmp_path)
     contents = [path.read_bytes() for path in files]
-    for damage in (b"", b"[1]", b"\xff"):
+    for damage in (b"\xff", b"[1]", b'{"maps/eyy.gif": 1}'):
         (tmp_path / ".published.json").write_bytes(damage)
         assert [path.read_bytes() for path in publish(result, tmp_path)] == contents
+
+
+@pytest.fixture
+def shorter(pipeline, measured):
+    """The result of all steps but the last."""
+    rows = (pipeline.parent / "caliper.csv").read_text().splitlines()
+    (pipeline.parent / "shorter.csv").write_text("\n".join(rows[:-1]))
+    photos = [f"photos.{side}='photos/{side}/step_0[01].png'" for side in ("left", "right")]
+    return Pipeline.load(pipeline, settings=[*photos, "comparison.caliper=shorter.csv"]).run(scheduler="sync")
+
+
+def contents(folder):
+    return {path.relative_to(folder).as_posix(): path.read_bytes() for path in folder.rglob("*") if path.is_file()}
+
+
+def test_pictures_of_steps_that_are_gone_go(result, shorter, tmp_path):
+    publish(result, tmp_path / "used")
+    assert (tmp_path / "used" / "maps" / "eyy" / "step_02.png").exists()
+    publish(shorter, tmp_path / "used")
+    publish(shorter, tmp_path / "new")
+    used, new = contents(tmp_path / "used"), contents(tmp_path / "new")
+    assert json.loads(used.pop(".published.json")) == json.loads(new.pop(".published.json"))
+    assert used == new
+
+
+def test_files_of_others_stay(result, shorter, tmp_path):
+    """Also one that has taken the place of a picture, and one that the list names by a detour."""
+    publish(result, tmp_path / "o")
+    manifest = tmp_path / "o" / ".published.json"
+    made = json.loads(manifest.read_text())
+    made["maps/../../mine.png"] = made["maps/eyy/step_02.png"]
+    manifest.write_text(json.dumps(made))
+    pictures = tmp_path / "o" / "maps" / "eyy"
+    mine = [tmp_path / "mine.png", pictures / "note.txt", pictures / "step_03.png"]
+    for path in mine:
+        path.write_bytes((pictures / "step_02.png").read_bytes())
+    (pictures / "step_02.png").write_bytes(b"annotated by hand")
+    publish(shorter, tmp_path / "o")
+    assert (pictures / "step_02.png").read_bytes() == b"annotated by hand"
+    assert all(path.exists() for path in mine)
 
 
 def test_nothing_measured_nothing_published(pipeline, tmp_path):
