@@ -6,7 +6,11 @@
     ├── ConfigurationError   the YAML, a parameter or a command line is wrong   (exit code 2)
     ├── InputError           a file that the user brings is missing or unusable (exit code 2)
     ├── StageError           a stage could not do its work on its inputs        (exit code 1)
-    └── StoreError           the store cannot be read or written                (exit code 1)
+    └── StoreError           the store cannot be read or written                (exit code 2)
+        └── DamagedError     a product in it turns out damaged                  (exit code 1)
+
+Exit code 2 says that nothing was done: what was given cannot be used. Within a task every error fails that task alone,
+and the run ends with 1.
 
 Every message is a sentence that says what was expected, what was found, where, and what to do.
 Any other exception that reaches a user is a defect of dicflow.
@@ -14,7 +18,7 @@ Any other exception that reaches a user is a defect of dicflow.
 
 from __future__ import annotations
 
-__all__ = ["ConfigurationError", "DicflowError", "InputError", "StageError", "StoreError"]
+__all__ = ["ConfigurationError", "DamagedError", "DicflowError", "InputError", "StageError", "StoreError"]
 
 
 class DicflowError(Exception):
@@ -41,3 +45,11 @@ class StageError(DicflowError):
 
 class StoreError(DicflowError):
     """The store cannot be read or written as needed."""
+
+    exit_code = 2
+
+
+class DamagedError(StoreError):
+    """An object of the store that had passed for complete is not; it has been moved into quarantine."""
+
+    exit_code = 1

@@ -357,18 +357,18 @@ def test_a_store_of_a_newer_format(run, tmp_path):
     store.mkdir()
     mark = store / "dicflow.json"
     mark.write_text(json.dumps({"format": 99}))
-    run(store=store).refuses(1, "newer: has format 99, this release reads up to 1; use the dicflow that wrote it")
+    run(store=store).refuses(2, "newer: has format 99, this release reads up to 1; use the dicflow that wrote it")
     for command in ("gc", "verify", "pin"):
-        dicflow(command, store).refuses(1, "has format 99")
+        dicflow(command, store).refuses(2, "has format 99")
     assert [path.name for path in store.iterdir()] == ["dicflow.json"]
     mark.write_text("scribble")
-    run(store=store).refuses(1, "dicflow.json: says no format; this is no store of dicflow, or its mark is damaged")
+    run(store=store).refuses(2, "dicflow.json: says no format; this is no store of dicflow, or its mark is damaged")
 
 
 def test_a_folder_that_is_no_store(run, data, tmp_path):
-    run(store=data).refuses(1, "data: holds other files and no store; name an empty or new folder")
+    run(store=data).refuses(2, "data: holds other files and no store; name an empty or new folder")
     (tmp_path / "file").write_text("")
-    run(store=tmp_path / "file").refuses(1, "file: cannot be written", "name another store")
+    run(store=tmp_path / "file").refuses(2, "file: cannot be written", "name another store")
 
 
 def _mounted(place, options):
@@ -409,8 +409,8 @@ def test_a_read_only_store(run, pipeline, disk, tmp_path):
     subprocess.run(["mount", "-o", "remount,ro", disk], check=True)
     assert dicflow("run", *given, "--json").line["counts"] == {**AFTER, "hit": 8}
     assert dicflow("ls", *given[:3]).code == 0
-    run(store=disk / "store").refuses(1, "disk/store: cannot be written (read-only", "name another store")
-    run(store=disk / "other").refuses(1, "disk/other: cannot be written (read-only", "name another store")
+    run(store=disk / "store").refuses(2, "disk/store: cannot be written (read-only", "name another store")
+    run(store=disk / "other").refuses(2, "disk/other: cannot be written (read-only", "name another store")
     run("--output", disk / "o").refuses(2, "disk/o: cannot be written (read-only file system)")
     assert dicflow("verify", disk / "store").code == 0
     alone.unlink()
@@ -421,4 +421,4 @@ def test_a_store_that_may_not_be_written(run, tmp_path):
         pytest.skip("root may write everywhere")
     place = Path(tmp_path / "locked")
     place.mkdir(mode=0o555)
-    run(store=place / "store").refuses(1, "cannot be written (permission denied); get write access")
+    run(store=place / "store").refuses(2, "cannot be written (permission denied); get write access")

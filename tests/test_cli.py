@@ -349,12 +349,17 @@ def test_gc_pin_and_verify(own, tmp_path):
     assert run(own, tmp_path / "o").line["counts"]["hit"] == TASKS
 
 
-def test_verify_finds_damage_and_a_run_repairs_it(own, tmp_path):
-    store = tmp_path / "store"
-    chunk = max((store / "objects").rglob("c/*/*"), key=lambda path: path.stat().st_size if path.is_file() else 0)
+def spoil(chunk):
+    """Another byte in the middle of a file."""
     content = bytearray(chunk.read_bytes())
     content[len(content) // 2] ^= 0xFF
     chunk.write_bytes(content)
+
+
+def test_verify_finds_damage_and_a_run_repairs_it(own, tmp_path):
+    store = tmp_path / "store"
+    chunk = max((store / "objects").rglob("c/*/*"), key=lambda path: path.stat().st_size if path.is_file() else 0)
+    spoil(chunk)
     found = dicflow("verify", store)
     assert found.code == 1
     assert "1 damaged; add --repair" in found.out
@@ -363,11 +368,19 @@ def test_verify_finds_damage_and_a_run_repairs_it(own, tmp_path):
     assert run(own, tmp_path / "o").code == 0
 
 
+def test_damage_that_an_export_meets(own, tmp_path):
+    store = tmp_path / "store"
+    for chunk in [path for path in (store / "objects").rglob("c/*/*") if path.is_file()]:
+        spoil(chunk)
+    given = (*own, "--step", "step_01", "--output", tmp_path / "o")
+    dicflow("export", own[0], "total", *given[1:]).refuses(1, "is damaged and was put into quarantine; run again to make it")
+
+
 def test_what_is_wrong_with_a_store_command(measured, tmp_path):
     for command in ("gc", "verify", "pin"):
-        dicflow(command, tmp_path / "none").refuses(1, "none: holds no store; run a pipeline first")
-    dicflow("pin", measured, "yesterday").refuses(1, "no run 'yesterday'; 'dicflow pin STORE' lists")
-    dicflow("pin", measured, "yesterday", "--remove").refuses(1, "yesterday is not pinned")
+        dicflow(command, tmp_path / "none").refuses(2, "none: holds no store; run a pipeline first")
+    dicflow("pin", measured, "yesterday").refuses(2, "no run 'yesterday'; 'dicflow pin STORE' lists")
+    dicflow("pin", measured, "yesterday", "--remove").refuses(2, "yesterday is not pinned")
 
 
 # what helps

@@ -19,8 +19,8 @@ from typing import TYPE_CHECKING, Any, overload
 from dicflow.engine.node import Node
 from dicflow.engine.objects import LazyVariables, describe, normalised, read_array
 from dicflow.engine.product import Product
-from dicflow.engine.store import DamagedError, Store
-from dicflow.errors import StageError, StoreError
+from dicflow.engine.store import Store
+from dicflow.errors import DamagedError, StageError, StoreError
 
 if TYPE_CHECKING:
     import numpy as np

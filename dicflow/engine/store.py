@@ -35,7 +35,7 @@ from dicflow.engine.product import Product
 from dicflow.engine.records import Record
 from dicflow.errors import StoreError
 
-__all__ = ["FORMAT", "DamagedError", "State", "Store", "read_json"]
+__all__ = ["FORMAT", "State", "Store", "read_json"]
 
 FORMAT = 1
 """Version of the layout that this release reads and writes."""
@@ -44,10 +44,6 @@ State = Literal["complete", "missing", "damaged"]
 
 _FULL = {errno.ENOSPC, errno.EDQUOT}
 _DENIED = {errno.EROFS, errno.EACCES, errno.EPERM}
-
-
-class DamagedError(StoreError):
-    """An object that had passed for complete is not; it has been moved into quarantine."""
 
 
 class Store:

@@ -24,9 +24,9 @@ from dicflow.engine.product import Product
 from dicflow.engine.records import Record, versions
 from dicflow.engine.references import Recipe, Ref, RefInput, arguments, clock
 from dicflow.engine.references import cache as products
-from dicflow.engine.store import DamagedError, Store
+from dicflow.engine.store import Store
 from dicflow.engine.workers import hold_to_one_thread
-from dicflow.errors import DicflowError, InputError, StageError
+from dicflow.errors import DamagedError, DicflowError, InputError, StageError
 
 __all__ = ["Job", "Outcome", "is_kept", "perform", "stop_path"]
 

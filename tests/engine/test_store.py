@@ -15,8 +15,8 @@ from dicflow.engine.objects import Manifest, describe, normalised
 from dicflow.engine.product import Product, Variable
 from dicflow.engine.records import Record, versions
 from dicflow.engine.references import Ref, load
-from dicflow.engine.store import FORMAT, DamagedError, Store
-from dicflow.errors import StageError, StoreError
+from dicflow.engine.store import FORMAT, Store
+from dicflow.errors import DamagedError, StageError, StoreError
 
 ROOT = getattr(os, "geteuid", lambda: 1)() == 0
 
