@@ -25,7 +25,7 @@ from dicflow.core.filters import slope_weights
 from dicflow.core.overlap import Overlap
 from dicflow.core.strain import deformation_gradient, inverse, jacobian, tangent_basis
 
-__all__ = ["SurfaceGradient", "gradient_scale_mm", "slope_covariance", "surface_gradient", "vsg_px"]
+__all__ = ["SurfaceGradient", "gradient_response", "pixel_size_mm", "slope_covariance", "surface_gradient", "vsg_px"]
 
 Array = NDArray[np.float64]
 
@@ -37,10 +37,13 @@ class SurfaceGradient(NamedTuple):
 
     gradient : (row, col, 2, 2) — F [-]
     covariance : (row, col, 4, 4) — of F₁₁, F₁₂, F₂₁, F₂₂ [-]
+    response : (row, col, 4, 2, 6) — by how much they move with the slopes, per column and per row, of the point at
+        the step and at the reference [1/mm]
     """
 
     gradient: Array
     covariance: Array
+    response: Array
 
 
 def vsg_px(window_points: int, step_size: float, subset_size: float) -> float:
@@ -81,10 +84,11 @@ def surface_gradient(
     before, after = (jacobian(points, window, degree, weights, min_share) for points in (before, after))
     gradient = deformation_gradient(before, after)
     slopes = slope_covariance(weights, np.where(known, sigma, 0.0), rho, window, degree)
-    return SurfaceGradient(gradient, _gradient_covariance(before, after, gradient, slopes, covariance))
+    response = gradient_response(before, after)
+    return SurfaceGradient(gradient, _gradient_covariance(response, slopes, covariance), response)
 
 
-def gradient_scale_mm(reference: Array, window: tuple[int, int], degree: int, step_size: float) -> Array:
+def pixel_size_mm(reference: Array, window: tuple[int, int], degree: int, step_size: float) -> Array:
     """Size of a pixel of the photograph on the surface (row, col) [mm/px]: the root of the area ratio."""
     across = jacobian(reference, window, degree)
     area = np.linalg.norm(np.cross(across[..., 0], across[..., 1]), axis=-1)
@@ -167,23 +171,32 @@ def _product(first, second, result):  # type: ignore[no-untyped-def]
                     result[i, j] += factor * second[k, j]
 
 
-def _gradient_covariance(before: Array, after: Array, gradient: Array, slopes: Array, points: Array) -> Array:
-    """Covariance (row, col, 4, 4) of the gradient from that of the slopes and of the points."""
+def gradient_response(before: Array, after: Array) -> Array:
+    """By how much F moves with the Jacobians of both states, (..., 4, 2, 6); see :class:`SurfaceGradient`.
+
+    before, after : (..., 3, 2) — J and J'
+    """
     basis, basis_after = tangent_basis(before), tangent_basis(after)
+    gradient = deformation_gradient(before, after)
     with np.errstate(invalid="ignore"):
         flat = inverse(np.swapaxes(basis, -1, -2) @ before)
         flat_after = inverse(np.swapaxes(basis_after, -1, -2) @ after)
         moved = _sensitivity(basis_after, flat, flat_after, _TURN @ gradient)
         fixed = _sensitivity(basis @ np.swapaxes(gradient, -1, -2), flat, flat, gradient @ _TURN, basis)
-        both = np.concatenate([moved, -fixed], axis=-1)
-        per_point = both.reshape(*both.shape[:2], 4, 12)
-        joint = slopes[..., :, None, :, None] * points[..., None, :, None, :]
-        joint = joint.reshape(*joint.shape[:2], 12, 12)
-        return np.asarray(per_point @ joint @ np.swapaxes(per_point, -1, -2))
+    both = np.concatenate([moved, -fixed], axis=-1)
+    return both.reshape(*both.shape[:-4], 4, 2, 6)
+
+
+def _gradient_covariance(response: Array, slopes: Array, points: Array) -> Array:
+    """Covariance (..., 4, 4) of the gradient from those of the slopes, (..., 2, 2), and of the points, (..., 6, 6)."""
+    flat = response.reshape(*response.shape[:-2], 12)
+    joint = slopes[..., :, None, :, None] * points[..., None, :, None, :]
+    with np.errstate(invalid="ignore"):
+        return np.asarray(flat @ joint.reshape(*joint.shape[:-4], 12, 12) @ np.swapaxes(flat, -1, -2))
 
 
 def _sensitivity(along: Array, flat: Array, own_flat: Array, turned: Array, basis: Array | None = None) -> Array:
-    """∂F_ab / ∂J_iα as (row, col, a, b, α, i): the part in the plane, and the turn of the basis about the normal.
+    """∂F_ab / ∂J_iα as (..., a, b, α, i): the part in the plane, and the turn of the basis about the normal.
 
     along : (..., 3, 2) — directions i of space that move row a of F
     flat : T⁻¹ of the reference, own_flat : that of the state which errs
