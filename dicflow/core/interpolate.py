@@ -82,35 +82,32 @@ def interpolate(image: Spline, xy: npt.ArrayLike) -> Image:
     return values
 
 
-@njit(cache=True, nogil=True, fastmath=FAST)
-def _filter_columns(grey: Any, pole: float) -> None:
+def _filter_columns(grey: Image, pole: float) -> None:
     """One pole's causal and anticausal filter down all columns, in place; the image goes on as its mirror image."""
-    rows, cols = grey.shape
-    gain = np.float32((1.0 - pole) * (1.0 - 1.0 / pole))
-    z = np.float32(pole)
-    reach = min(rows, int(np.ceil(np.log(_NEGLIGIBLE) / np.log(abs(pole)))))
-    first = np.zeros(cols, dtype=np.float32)
-    for k in range(reach):
-        power = np.float32(pole**k)
-        for j in range(cols):
-            first[j] += power * grey[k, j]
-    for j in range(cols):
-        grey[0, j] = first[j]
-    for i in range(1, rows):
-        for j in range(cols):
-            grey[i, j] += z * grey[i - 1, j]
-    end = np.float32(pole / (pole * pole - 1.0))
-    for j in range(cols):
-        grey[rows - 1, j] = end * (grey[rows - 1, j] + z * grey[rows - 2, j])
-    for i in range(rows - 2, -1, -1):
-        for j in range(cols):
-            grey[i, j] = z * (grey[i + 1, j] - grey[i, j])
-    for i in range(rows):
-        for j in range(cols):
-            grey[i, j] *= gain
+    reach = min(len(grey), math.ceil(math.log(_NEGLIGIBLE) / math.log(abs(pole))))
+    powers = (pole ** np.arange(reach)).astype(np.float32)
+    grey *= np.float32((1.0 - pole) * (1.0 - 1.0 / pole))
+    grey[0] = powers @ grey[:reach]
+    _run_down(grey, np.float32(pole))
+    grey[-1] = np.float32(pole / (pole * pole - 1.0)) * (grey[-1] + np.float32(pole) * grey[-2])
+    _run_up(grey, np.float32(pole))
 
 
-@njit(nogil=True, fastmath=FAST, error_model="numpy")
+@njit(cache=True, nogil=True)
+def _run_down(grey: Any, pole: Any) -> None:
+    for i in range(1, len(grey)):
+        for j in range(grey.shape[1]):
+            grey[i, j] += pole * grey[i - 1, j]
+
+
+@njit(cache=True, nogil=True)
+def _run_up(grey: Any, pole: Any) -> None:
+    for i in range(len(grey) - 2, -1, -1):
+        for j in range(grey.shape[1]):
+            grey[i, j] = pole * (grey[i + 1, j] - grey[i, j])
+
+
+@njit(nogil=True, fastmath=FAST, error_model="numpy", forceinline=True)
 def bicubic(c: Any, at: Any, width: Any, t: Any, s: Any) -> Any:
     """Cubic spline of flat coefficients at fractions (t, s) behind the second of the 4 × 4 that start at ``at``."""
     sixth, half, two_thirds, one = np.float32(1 / 6), np.float32(0.5), np.float32(2 / 3), np.float32(1)
@@ -130,7 +127,7 @@ def bicubic(c: Any, at: Any, width: Any, t: Any, s: Any) -> Any:
     )
 
 
-@njit(nogil=True, fastmath=FAST, error_model="numpy")
+@njit(nogil=True, fastmath=FAST, error_model="numpy", forceinline=True)
 def quintic_weights(t: Any) -> Any:
     """The six B-splines of degree 5 that are not zero at fraction t."""
     r, scale = np.float32(1) - t, np.float32(1 / 120)
@@ -146,7 +143,7 @@ def quintic_weights(t: Any) -> Any:
     return w0, w1, w2, w3, w4, w5
 
 
-@njit(nogil=True, fastmath=FAST, error_model="numpy")
+@njit(nogil=True, fastmath=FAST, error_model="numpy", forceinline=True)
 def _row_of_six(c: Any, at: Any, w0: Any, w1: Any, w2: Any, w3: Any, w4: Any, w5: Any) -> Any:
     one = np.uint64(1)
     at1 = at + one
@@ -156,7 +153,7 @@ def _row_of_six(c: Any, at: Any, w0: Any, w1: Any, w2: Any, w3: Any, w4: Any, w5
     return w0 * c[at] + w1 * c[at1] + w2 * c[at2] + w3 * c[at3] + w4 * c[at4] + w5 * c[at4 + one]
 
 
-@njit(nogil=True, fastmath=FAST, error_model="numpy")
+@njit(nogil=True, fastmath=FAST, error_model="numpy", forceinline=True)
 def biquintic(c: Any, at: Any, width: Any, t: Any, s: Any) -> Any:
     """Quintic spline of flat coefficients at fractions (t, s) behind the third of the 6 × 6 that start at ``at``."""
     x0, x1, x2, x3, x4, x5 = quintic_weights(t)

@@ -30,6 +30,16 @@ class Status(IntEnum):
     """No transform carries this point to this step."""
     TOO_FEW_NEIGHBOURS = 9
     """Too few points around it for a local fit."""
+    NOT_CONVERGED = 10
+    """Correlation found no place at which the subset fits best."""
+    LOW_CORRELATION = 11
+    """The subset fits nowhere well enough."""
+    EPIPOLAR = 12
+    """The places in the two photographs are not of one point in space."""
+    HIDDEN = 13
+    """The other camera does not see it."""
+    CUT_SUBSET = 14
+    """Too little of its subset lies in the region."""
 
     @property
     def label(self) -> str:
