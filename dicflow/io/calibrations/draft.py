@@ -1,0 +1,262 @@
+"""What a file says of a rig, the checks that any of them must pass, and the calibrated rig made of it."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from dicflow.core.camera import Camera, Rig
+from dicflow.errors import InputError
+
+__all__ = [
+    "Calibration",
+    "Draft",
+    "DraftCamera",
+    "Source",
+    "camera",
+    "complete",
+    "euler_deg",
+    "needed",
+    "number",
+    "refuse_terms",
+    "relative",
+    "unpublished_law",
+]
+
+Array = NDArray[np.float64]
+
+_NO_ROTATION = 1e-3
+"""Distance of R Rᵀ from the identity above which R is no rounded rotation but something else."""
+_SHORT_MM = 2.0
+_OFF_CENTRE = 0.25
+
+
+class Source(NamedTuple):
+    """A calibration file as it lies on the disk."""
+
+    path: Path
+    data: bytes
+
+    @property
+    def text(self) -> str:
+        """The file as text; it is UTF-8, UTF-16 with a byte-order mark, or Windows' western code page."""
+        if self.data.startswith((b"\xff\xfe", b"\xfe\xff")):
+            return self.data.decode("utf-16", errors="replace")
+        try:
+            return self.data.decode("utf-8-sig")
+        except UnicodeDecodeError:
+            return self.data.decode("cp1252", errors="replace")
+
+
+class DraftCamera(NamedTuple):
+    """What a file says of one camera.
+
+    matrix : (3, 3) — pixel centres at integers from 0 [px]
+    distortion : (5,) — k1, k2, p1, p2, k3 [-]
+    size : (width, height) of its photographs, None where the file does not say it [px]
+    """
+
+    matrix: Array
+    distortion: Array
+    size: tuple[int, int] | None = None
+
+
+class Draft(NamedTuple):
+    """What a file says of a rig.
+
+    program : whose format it is, as messages say it
+    rotation, translation : (3, 3) and (3,) [mm] — X1 = rotation @ X0 + translation
+    warnings : what the user should know
+    """
+
+    program: str
+    left: DraftCamera
+    right: DraftCamera
+    rotation: Array
+    translation: Array
+    warnings: tuple[str, ...] = ()
+
+
+class Calibration(NamedTuple):
+    """A rig read from a file: see :class:`Draft`."""
+
+    rig: Rig
+    program: str
+    warnings: tuple[str, ...] = ()
+
+
+def number(where: str, name: str, text: Any) -> float:
+    """A finite number. Raises InputError that says where there is none."""
+    try:
+        value = float(text)
+    except (TypeError, ValueError):
+        value = math.nan
+    if not math.isfinite(value):
+        raise InputError(f"{where}: {name} is '{text!s:.40}'; expected a finite number, export the calibration again")
+    return value
+
+
+def needed(path: Path, program: str, values: Mapping[str, Any], names: Sequence[str]) -> None:
+    """Raise InputError that names what is missing."""
+    missing = [name for name in names if name not in values]
+    if missing:
+        raise InputError(
+            f"{path}: expected a stereo calibration as {program} writes it, but {', '.join(missing)} "
+            f"{'is' if len(missing) == 1 else 'are'} missing; export the whole calibration again"
+        )
+
+
+def refuse_terms(where: str, terms: Mapping[str, float]) -> None:
+    """Raise InputError where a term of distortion that dicflow's cameras do not have is not zero."""
+    used = [f"{name} = {value:g}" for name, value in terms.items() if value != 0.0]
+    if used:
+        raise InputError(
+            f"{where}: the distortion has the terms {', '.join(used)}, and dicflow knows k1, k2, k3, p1, p2 only; "
+            "calibrate again without them"
+        )
+
+
+def camera(values: Mapping[str, float], size: tuple[int, int] | None = None) -> DraftCamera:
+    """A camera from its parameters by their usual names; what is absent beside fx, fy, cx, cy is zero."""
+    skew = values.get("fs", 0.0)
+    matrix = np.array([[values["fx"], skew, values["cx"]], [0.0, values["fy"], values["cy"]], [0.0, 0.0, 1.0]])
+    return DraftCamera(matrix, np.array([values.get(name, 0.0) for name in ("k1", "k2", "p1", "p2", "k3")]), size)
+
+
+def euler_deg(x: float, y: float, z: float) -> Array:
+    """Rotation Rz(z) · Ry(y) · Rx(x) from angles [deg]."""
+    (cx, cy, cz), (sx, sy, sz) = np.cos(np.radians([x, y, z])), np.sin(np.radians([x, y, z]))
+    about_x = np.array([[1, 0, 0], [0, cx, -sx], [0, sx, cx]])
+    about_y = np.array([[cy, 0, sy], [0, 1, 0], [-sy, 0, cy]])
+    about_z = np.array([[cz, -sz, 0], [sz, cz, 0], [0, 0, 1]])
+    return np.asarray(about_z @ about_y @ about_x)
+
+
+def relative(first: tuple[Array, Array], second: tuple[Array, Array]) -> tuple[Array, Array]:
+    """From the first camera's frame to the second's, where each is given as rotation and translation from a world."""
+    rotation = second[0] @ first[0].T
+    return rotation, second[1] - rotation @ first[1]
+
+
+def unpublished_law(left: DraftCamera, right: DraftCamera) -> tuple[str, ...]:
+    """The warning for a radial distortion whose law its program does not publish; none where there is no distortion."""
+    bent = max(_corner_shift_px(left), _corner_shift_px(right))
+    if not (left.distortion.any() or right.distortion.any()):
+        return ()
+    return (
+        "the law of VIC-3D's radial distortion is not published; k1, k2, k3 are read as 1 + k1 r² + k2 r⁴ + k3 r⁶, "
+        f"which moves the photograph's corner by {bent:.2g} px",
+    )
+
+
+def complete(path: Path, draft: Draft, image_size: tuple[int, int] | None) -> Calibration:
+    """The calibrated rig of a draft.
+
+    image_size : (width, height) of the photographs to be measured; None where they are not known
+    Raises InputError where the numbers are no rig, or one for photographs of another size.
+    """
+    left = _complete_camera(f"{path}: the left camera", draft.left, image_size)
+    right = _complete_camera(f"{path}: the right camera", draft.right, image_size)
+    rig = Rig(left, right, _rotation(path, draft.rotation), _translation(path, draft.translation))
+    warnings = (*draft.warnings, *_centre_warnings("left", left), *_centre_warnings("right", right))
+    return Calibration(rig, draft.program, (*warnings, *_baseline_warnings(rig)))
+
+
+def _complete_camera(where: str, one: DraftCamera, image_size: tuple[int, int] | None) -> Camera:
+    matrix = one.matrix
+    if not (np.isfinite(matrix).all() and np.isfinite(one.distortion).all()):
+        raise InputError(f"{where} has parameters that are no finite numbers; export the calibration again")
+    if not (matrix[[1, 2, 2], [0, 0, 1]] == 0.0).all() or matrix[2, 2] != 1.0:
+        raise InputError(
+            f"{where} has the matrix {matrix.tolist()}; expected [[fx, skew, cx], [0, fy, cy], [0, 0, 1]], transpose it"
+        )
+    if not (matrix[0, 0] > 0.0 and matrix[1, 1] > 0.0):
+        raise InputError(
+            f"{where} has the focal lengths {matrix[0, 0]:g} and {matrix[1, 1]:g} px; expected positive ones, "
+            "export the calibration again"
+        )
+    size = _agreed_size(where, one, image_size)
+    if one.size is None and not (0.0 <= matrix[0, 2] < size[0] and 0.0 <= matrix[1, 2] < size[1]):
+        raise InputError(
+            f"{where} has its principal point outside photographs of {size[0]} × {size[1]} px, {_guessed(matrix)}; "
+            "use photographs as the camera gave them when it was calibrated"
+        )
+    return Camera(matrix, one.distortion, size)
+
+
+def _agreed_size(where: str, one: DraftCamera, image_size: tuple[int, int] | None) -> tuple[int, int]:
+    """Size of the photographs, from the file or from the photographs, which must agree."""
+    said = one.size or image_size
+    if said is None:
+        raise InputError(
+            f"{where}: the file does not say the size of the photographs; name the stage of the photographs as 'images'"
+        )
+    if image_size is not None and said != tuple(image_size):
+        factor, other = image_size[0] / said[0], image_size[1] / said[1]
+        same = abs(factor / other - 1.0) < 0.01
+        found = f"these are {factor:.4g} times as large: " if same else "these have "
+        raise InputError(
+            f"{where} was calibrated on photographs of {said[0]} × {said[1]} px, but {found}{image_size[0]} × "
+            f"{image_size[1]} px; use photographs as the camera gave them when it was calibrated"
+        )
+    return said
+
+
+def _centre_warnings(side: str, one: Camera) -> tuple[str, ...]:
+    """What the principal point tells of the size of the photographs."""
+    centre, size = one.matrix[:2, 2], np.array(one.size)
+    if (np.abs(centre - (size - 1.0) / 2.0) <= _OFF_CENTRE * size).all():
+        return ()
+    return (
+        f"the {side} camera's principal point is far from the middle of photographs of {size[0]} × {size[1]} px, "
+        f"{_guessed(one.matrix)}; unless they were cut out, it was calibrated on others",
+    )
+
+
+def _guessed(matrix: Array) -> str:
+    """What the principal point tells of the size, were it in the middle."""
+    x, y = matrix[:2, 2]
+    return f"at ({x:.1f}, {y:.1f}) as for photographs of about {2 * x + 1:.0f} × {2 * y + 1:.0f} px"
+
+
+def _baseline_warnings(rig: Rig) -> tuple[str, ...]:
+    baseline = float(np.linalg.norm(rig.translation))
+    if baseline >= _SHORT_MM:
+        return ()
+    return (f"the baseline is {baseline:.3g} mm; if the file is in metres, multiply its translation by 1000",)
+
+
+def _rotation(path: Path, rotation: ArrayLike) -> Array:
+    """The rotation nearest to the given one, which is rounded to the digits of its file (Schönemann 1966)."""
+    given = np.asarray(rotation, dtype=float)
+    if not np.isfinite(given).all() or np.abs(given @ given.T - np.eye(3)).max() > _NO_ROTATION:
+        raise InputError(f"{path}: R = {given.tolist()} is no rotation; export the calibration again")
+    if np.linalg.det(given) < 0.0:
+        raise InputError(f"{path}: R mirrors; expected a rotation of determinant 1, export the calibration again")
+    if np.abs(given @ given.T - np.eye(3)).max() < 1e-14:
+        return given
+    left, _, right = np.linalg.svd(given)
+    return np.asarray(left @ right)
+
+
+def _translation(path: Path, translation: ArrayLike) -> Array:
+    given = np.asarray(translation, dtype=float)
+    if not np.isfinite(given).all() or not given.any():
+        raise InputError(
+            f"{path}: T = {given.tolist()}; expected the right camera at a distance from the left one [mm], "
+            "export the calibration of both cameras together"
+        )
+    return given
+
+
+def _corner_shift_px(one: DraftCamera) -> float:
+    """How far distortion moves the photograph's corner (0, 0)."""
+    matrix = one.matrix
+    r2 = float(np.sum((matrix[:2, 2] / matrix[[0, 1], [0, 1]]) ** 2))
+    k1, k2, _, _, k3 = one.distortion
+    return float(abs(r2 * (k1 + r2 * (k2 + r2 * k3))) * np.hypot(*matrix[:2, 2]))

@@ -1,0 +1,124 @@
+"""Calibrations of MATLAB's Computer Vision Toolbox, saved as a structure of plain arrays (.mat).
+
+``IntrinsicMatrix`` and ``RotationOfCamera2`` are transposed, ``K`` and ``PoseCamera2`` are not. MATLAB counts pixels
+from 1, so 1 is taken off the principal points.
+"""
+
+from __future__ import annotations
+
+import io
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dicflow.errors import InputError
+from dicflow.io.calibrations.draft import Draft, DraftCamera, Source, needed
+
+__all__ = ["PROGRAM", "parse", "recognises"]
+
+PROGRAM = "MATLAB"
+
+_EXPORT = """\
+in MATLAB run
+  c = @(p) struct('IntrinsicMatrix', p.IntrinsicMatrix, 'RadialDistortion', p.RadialDistortion, \
+'TangentialDistortion', p.TangentialDistortion, 'ImageSize', p.ImageSize);
+  s = struct('CameraParameters1', c(stereoParams.CameraParameters1), \
+'CameraParameters2', c(stereoParams.CameraParameters2), \
+'RotationOfCamera2', stereoParams.RotationOfCamera2, 'TranslationOfCamera2', stereoParams.TranslationOfCamera2);
+  save('calibration.mat', '-struct', 's', '-v7')"""
+_UNITS = {"millimeters": 1.0, "mm": 1.0, "centimeters": 10.0, "cm": 10.0, "meters": 1000.0, "m": 1000.0}
+_UNITS |= {"inches": 25.4, "in": 25.4}
+_CAMERAS = ("CameraParameters1", "CameraParameters2")
+
+Array = NDArray[np.float64]
+
+
+def recognises(source: Source) -> bool:
+    """Whether the file begins as those that MATLAB saves."""
+    return source.data.startswith(b"MATLAB ")
+
+
+def parse(source: Source) -> Draft:
+    """The rig that the file holds. Raises InputError that tells what to do in MATLAB where it is an object."""
+    values = _structure(source)
+    needed(source.path, PROGRAM, values, _CAMERAS)
+    left, right = (_camera(source, name, values[name]) for name in _CAMERAS)
+    rotation, translation = _pose(source, values)
+    return Draft(PROGRAM, left, right, rotation, translation * _unit(source, values))
+
+
+def _structure(source: Source) -> Mapping[str, Any]:
+    """The structure with the cameras, which may be a variable or the file itself."""
+    from scipy.io import loadmat
+
+    if source.data.startswith(b"MATLAB 7.3"):
+        raise InputError(f"{source.path}: is saved as version 7.3; expected plain arrays of version 7: {_EXPORT}")
+    try:
+        values: dict[str, Any] = loadmat(io.BytesIO(source.data), simplify_cells=True)
+    except Exception as error:  # scipy raises of many kinds on damaged files
+        raise InputError(f"{source.path}: is damaged ({error}); save the calibration again: {_EXPORT}") from error
+    for value in (values, *values.values()):
+        if isinstance(value, dict) and _CAMERAS[0] in value:
+            return value
+    raise InputError(f"{source.path}: holds no structure with {', '.join(_CAMERAS)} in plain arrays; {_EXPORT}")
+
+
+def _camera(source: Source, name: str, values: Any) -> DraftCamera:
+    where = f"{source.path}: {name}"
+    if not isinstance(values, Mapping):
+        raise InputError(f"{where} is an object, not a structure of plain arrays; {_EXPORT}")
+    if "K" in values:
+        matrix = _array(where, values, "K", (3, 3))
+    else:
+        matrix = _array(where, values, "IntrinsicMatrix", (3, 3)).T.copy()
+    matrix[:2, 2] -= 1.0
+    radial = _array(where, values, "RadialDistortion", (2,), (3,))
+    tangential = (
+        _array(where, values, "TangentialDistortion", (2,)) if "TangentialDistortion" in values else np.zeros(2)
+    )
+    k3 = radial[2] if radial.size == 3 else 0.0
+    return DraftCamera(matrix, np.array([*radial[:2], *tangential, k3]), _size(where, values))
+
+
+def _size(where: str, values: Mapping[str, Any]) -> tuple[int, int] | None:
+    if np.size(values.get("ImageSize", ())) == 0:
+        return None
+    height, width = _array(where, values, "ImageSize", (2,))
+    return int(width), int(height)
+
+
+def _pose(source: Source, values: Mapping[str, Any]) -> tuple[Array, Array]:
+    """From the first camera's frame to the second's."""
+    where, pose = str(source.path), values.get("PoseCamera2")
+    if pose is None:
+        rotation = _array(where, values, "RotationOfCamera2", (3, 3)).T
+        return rotation, _array(where, values, "TranslationOfCamera2", (3,))
+    if isinstance(pose, Mapping) and "R" in pose:
+        return _array(f"{where}: PoseCamera2", pose, "R", (3, 3)), _array(where, pose, "Translation", (3,))
+    given = pose if isinstance(pose, Mapping) else {"A": pose}
+    whole = _array(f"{where}: PoseCamera2", given, "A", (4, 4))
+    return whole[:3, :3], whole[:3, 3]
+
+
+def _unit(source: Source, values: Mapping[str, Any]) -> float:
+    """mm in the unit of the translation."""
+    said = str(values[_CAMERAS[0]].get("WorldUnits", "mm"))
+    if said.lower() not in _UNITS:
+        raise InputError(f"{source.path}: WorldUnits is '{said}'; expected millimeters, calibrate in them")
+    return _UNITS[said.lower()]
+
+
+def _array(where: str, values: Mapping[str, Any], name: str, *shapes: tuple[int, ...]) -> Array:
+    """The numbers of a field in one of the shapes."""
+    if name not in values:
+        raise InputError(f"{where} has no {name}; {_EXPORT}")
+    try:
+        found = np.squeeze(np.asarray(values[name], dtype=float))
+    except (TypeError, ValueError) as error:
+        raise InputError(f"{where}: {name} is no plain array; {_EXPORT}") from error
+    if found.shape not in shapes:
+        wanted = " or ".join(" × ".join(map(str, shape)) for shape in shapes)
+        raise InputError(f"{where}: {name} is {' × '.join(map(str, found.shape))}, expected {wanted}; {_EXPORT}")
+    return found

@@ -1,0 +1,212 @@
+"""OpenCV's calibrations: what ``cv2.stereoCalibrate`` gives, kept in YAML, JSON or XML.
+
+Matrices stand as ``!!opencv-matrix`` or as plain lists. The entries have many names: cameraMatrix1 and 2, K1 and K2, M1
+and M2, or counted from 0, or called left and right, with distCoeffs or D. X2 = R · X1 + T.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import yaml
+from numpy.typing import NDArray
+
+from dicflow.core.camera import Rig, rotation_matrix
+from dicflow.errors import InputError
+from dicflow.io.calibrations.draft import Draft, DraftCamera, Source, number, refuse_terms
+from dicflow.io.calibrations.xml import parse_xml
+from dicflow.io.files import write_whole
+
+__all__ = ["PROGRAM", "opencv_text", "parse", "recognises", "write_opencv"]
+
+PROGRAM = "OpenCV (YAML, XML)"
+
+_PAIRS = (("1", "2"), ("0", "1"), ("left", "right"), ("l", "r"))
+_MATRIX = ("cameramatrix", "intrinsicmatrix", "intrinsics", "k", "m", "mtx")
+_DISTORTION = ("distcoeffs", "distcoeff", "distortioncoefficients", "distortion", "dist", "d")
+_ROTATION, _TRANSLATION = ("r", "rotation", "rotationmatrix", "rot"), ("t", "translation", "translationvector", "trans")
+_SIZE, _SIDES = ("imagesize", "size"), (("imagewidth", "imageheight"), ("width", "height"))
+_EXTRA = ("k4", "k5", "k6", "s1", "s2", "s3", "s4", "tau_x", "tau_y")
+_OTHER_LENSES = ("fisheye", "equidistant", "omni")
+_EXPECTED = "cameraMatrix1, distCoeffs1, cameraMatrix2, distCoeffs2, R and T"
+
+Array = NDArray[np.float64]
+
+
+def recognises(source: Source) -> bool:
+    """Whether the file holds matrices of two cameras by one of their names."""
+    text = source.text.lstrip()
+    if text.startswith("<"):
+        return "<opencv_storage" in text
+    names = {_plain(name) for name in re.findall(r"^[\s{,]*[\"']?([A-Za-z][\w ]*)[\"']?\s*:", text, re.MULTILINE)}
+    return text.startswith("%YAML") or any(_pair_of(names, _MATRIX))
+
+
+def parse(source: Source) -> Draft:
+    """The rig that the file holds. Raises InputError that names the file and the entry."""
+    entries = {_plain(str(name)): value for name, value in _read(source).items()}
+    _refuse_other_lenses(source.path, entries)
+    matrices, lenses = _pair_of(entries, _MATRIX), _pair_of(entries, _DISTORTION)
+    turn, shift = _named(entries, _ROTATION), _named(entries, _TRANSLATION)
+    if not (matrices and lenses and turn and shift):
+        found = ", ".join(entries) or "nothing"
+        raise InputError(
+            f"{source.path}: expected {_EXPECTED} of a stereo calibration, found {found:.200}; write them all"
+        )
+    left, right = (
+        DraftCamera(
+            _array(source.path, entries, matrix, (3, 3)),
+            _coefficients(source.path, entries, lens),
+            _size(source.path, entries, side),
+        )
+        for matrix, lens, side in zip(matrices, lenses, ("1", "2"), strict=True)
+    )
+    rotation = np.squeeze(_array(source.path, entries, turn, (3, 3), (3, 1), (1, 3), (3,)))
+    if rotation.shape == (3,):
+        rotation = rotation_matrix(rotation)
+    translation = _array(source.path, entries, shift, (3, 1), (1, 3), (3,)).reshape(3)
+    return Draft(PROGRAM, left, right, rotation, translation)
+
+
+def opencv_text(rig: Rig) -> str:
+    """The rig as YAML that ``cv2.FileStorage`` reads; the numbers come back bit for bit."""
+    matrices = {
+        "cameraMatrix1": rig.left.matrix,
+        "distCoeffs1": rig.left.distortion.reshape(1, 5),
+        "cameraMatrix2": rig.right.matrix,
+        "distCoeffs2": rig.right.distortion.reshape(1, 5),
+        "R": rig.rotation,
+        "T": rig.translation.reshape(3, 1),
+    }
+    sizes = {"imageSize": rig.left.size}
+    if rig.left.size != rig.right.size:
+        sizes = {"imageSize1": rig.left.size, "imageSize2": rig.right.size}
+    lines = ["%YAML:1.0", "---", *(f"{name}: [ {width}, {height} ]" for name, (width, height) in sizes.items())]
+    for name, matrix in matrices.items():
+        rows, cols = matrix.shape
+        numbers = ", ".join(repr(float(value)) for value in matrix.ravel())
+        lines += [f"{name}: !!opencv-matrix", f"   rows: {rows}", f"   cols: {cols}", "   dt: d"]
+        lines.append(f"   data: [ {numbers} ]")
+    return "\n".join(lines) + "\n"
+
+
+def write_opencv(path: Path, rig: Rig) -> None:
+    """Write the rig to a YAML file as OpenCV does. Raises InputError where it cannot be written."""
+    write_whole(Path(path), opencv_text(rig).encode())
+
+
+class _Loader(yaml.SafeLoader):
+    """YAML without aliases, which could unfold a small file without bounds."""
+
+    def compose_node(self, parent: Any, index: Any) -> Any:
+        if self.check_event(yaml.AliasEvent):
+            raise yaml.MarkedYAMLError(problem="an alias", problem_mark=self.get_mark())
+        return super().compose_node(parent, index)
+
+
+def _matrix(loader: _Loader, node: yaml.MappingNode) -> dict[Any, Any]:
+    return loader.construct_mapping(node, deep=True)
+
+
+_Loader.add_constructor("tag:yaml.org,2002:opencv-matrix", _matrix)
+
+
+def _read(source: Source) -> Mapping[str, Any]:
+    """The entries at the top of the file; a matrix is a mapping of rows, cols and data, or nested lists."""
+    text = source.text
+    if text.lstrip().startswith("<"):
+        return dict(_from_xml(parse_xml(source.path, source.data)))
+    text = re.sub(r"\A\s*%YAML[^\n]*", "", text).replace("\t", " ")
+    try:
+        entries = yaml.load(text, Loader=_Loader)
+    except (yaml.YAMLError, ValueError, RecursionError) as error:
+        mark = getattr(error, "problem_mark", None)
+        where = f"{source.path}:{mark.line + 1}" if mark is not None else str(source.path)
+        raise InputError(f"{where}: is damaged YAML; write the calibration again with cv2.FileStorage") from error
+    if not isinstance(entries, dict):
+        raise InputError(f"{source.path}: expected {_EXPECTED} by name, found {type(entries).__name__}; write them so")
+    return entries
+
+
+def _from_xml(root: Any) -> Iterator[tuple[str, Any]]:
+    for element in root:
+        if len(element):
+            inner = {child.tag: child.text or "" for child in element}
+            yield element.tag, {**inner, "data": inner.get("data", "").split()}
+        else:
+            words = (element.text or "").split()
+            yield element.tag, words if len(words) > 1 else "".join(words)
+
+
+def _plain(name: str) -> str:
+    return re.sub(r"[\s_-]", "", name).lower()
+
+
+def _pair_of(names: Any, stems: tuple[str, ...]) -> tuple[str, str] | tuple[()]:
+    """The names that both cameras' entries have, of all that are usual."""
+    for first, second in _PAIRS:
+        for stem in stems:
+            for pair in ((stem + first, stem + second), (first + stem, second + stem)):
+                if all(name in names for name in pair):
+                    return pair
+    return ()
+
+
+def _named(entries: Mapping[str, Any], names: tuple[str, ...]) -> str:
+    return next((name for name in names if name in entries), "")
+
+
+def _array(path: Path, entries: Mapping[str, Any], name: str, *shapes: tuple[int, ...]) -> Array:
+    """The numbers of an entry, in one of the shapes."""
+    value, where = entries[name], f"{path}: {name}"
+    given: tuple[int, ...] | None = None
+    if isinstance(value, dict):
+        given = tuple(int(number(where, side, value.get(side))) for side in ("rows", "cols"))
+        value = value.get("data")
+    elif isinstance(value, list) and value and all(isinstance(row, list) for row in value):
+        given = (len(value), len(value[0]))
+        value = [one for row in value for one in row]
+    numbers = np.array([number(where, "a value", one) for one in (value if isinstance(value, list) else [value])])
+    given = given or (numbers.size,)
+    if numbers.size != np.prod(given) or (shapes and given not in shapes):
+        wanted = " or ".join(" × ".join(map(str, shape)) for shape in shapes) or "as many numbers as rows and cols say"
+        raise InputError(
+            f"{where} has {numbers.size} numbers as {' × '.join(map(str, given))}; expected {wanted}, write it again"
+        )
+    return numbers.reshape(given)
+
+
+def _coefficients(path: Path, entries: Mapping[str, Any], name: str) -> Array:
+    values = _array(path, entries, name).ravel()
+    if values.size not in (4, 5, 8, 12, 14):
+        raise InputError(
+            f"{path}: {name} has {values.size} numbers; expected k1, k2, p1, p2, k3, zeros where there is no distortion"
+        )
+    refuse_terms(f"{path}: {name}", dict(zip(_EXTRA, values[5:].tolist(), strict=False)))
+    return np.concatenate([values, np.zeros(1)])[:5]
+
+
+def _size(path: Path, entries: Mapping[str, Any], side: str) -> tuple[int, int] | None:
+    """Size of one camera's photographs, None where the file does not say it."""
+    name = _named(entries, tuple(stem + side for stem in _SIZE) + _SIZE)
+    if name:
+        width, height = _array(path, entries, name, (2,), (1, 2), (2, 1)).ravel().tolist()
+        return int(width), int(height)
+    for names in _SIDES:
+        if all(name in entries for name in names):
+            width, height = (number(f"{path}: {name}", "the size", entries[name]) for name in names)
+            return int(width), int(height)
+    return None
+
+
+def _refuse_other_lenses(path: Path, entries: Mapping[str, Any]) -> None:
+    for name, value in entries.items():
+        said = f"{name} {value}".lower() if isinstance(value, str) else ""
+        if "model" in name and any(lens in said for lens in _OTHER_LENSES):
+            raise InputError(
+                f"{path}: {name} is {value}; dicflow's cameras have the terms k1, k2, p1, p2, k3, calibrate with them"
+            )

@@ -1,0 +1,102 @@
+"""VIC-3D's calibrations: XML, alone or as ``project.xml`` inside a zipped project (.z3d).
+
+A camera is ``cx cy fx fy skew k1 k2 k3`` with its orientation ``α β γ tx ty tz`` from the world, angles in degrees,
+R = Rz(γ) · Ry(β) · Rx(α); newer files split the first line into ``intrinsics`` and ``distortion``.
+"""
+
+from __future__ import annotations
+
+import io
+import zipfile
+import zlib
+from pathlib import Path
+from xml.etree import ElementTree
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dicflow.errors import InputError
+from dicflow.io.calibrations.draft import (
+    Draft,
+    DraftCamera,
+    Source,
+    camera,
+    euler_deg,
+    number,
+    refuse_terms,
+    relative,
+    unpublished_law,
+)
+from dicflow.io.calibrations.xml import parse_xml
+
+__all__ = ["PROGRAM", "parse", "recognises"]
+
+PROGRAM = "VIC-3D"
+
+_ZIP = b"PK\x03\x04"
+_MEMBER = "project.xml"
+_MAX_BYTES = 50_000_000
+
+
+def recognises(source: Source) -> bool:
+    """Whether the file is a zip archive, or XML with the orientation of a camera."""
+    if source.data.startswith(_ZIP):
+        return True
+    text = source.text
+    return text.lstrip().startswith("<") and "<camera" in text and "<orientation" in text
+
+
+def parse(source: Source) -> Draft:
+    """The rig that the file holds. Raises InputError with file and camera."""
+    path, data = source.path, source.data
+    if data.startswith(_ZIP):
+        path, data = Path(f"{path}/{_MEMBER}"), _project(source)
+    cameras = {element.get("id"): element for element in parse_xml(path, data).iter("camera")}
+    if set(cameras) != {"0", "1"}:
+        found = ", ".join(str(name) for name in cameras) or "none"
+        raise InputError(f"{path}: expected the cameras 0 and 1, found {found}; export the calibration of one pair")
+    left, right = (_camera(path, cameras[name]) for name in ("0", "1"))
+    rotation, translation = relative(*(_pose(path, cameras[name]) for name in ("0", "1")))
+    return Draft(PROGRAM, left, right, rotation, translation, unpublished_law(left, right))
+
+
+def _project(source: Source) -> bytes:
+    """The project's XML out of the archive, read in memory and no further than a calibration can reach."""
+    try:
+        with zipfile.ZipFile(io.BytesIO(source.data)) as archive, archive.open(_MEMBER) as member:
+            data = member.read(_MAX_BYTES + 1)
+    except KeyError as error:
+        raise InputError(
+            f"{source.path}: the archive holds no {_MEMBER}; expected a project as VIC-3D saves it (.z3d)"
+        ) from error
+    except (zipfile.BadZipFile, zlib.error, EOFError, NotImplementedError, RuntimeError, OSError) as error:
+        raise InputError(f"{source.path}: the archive is damaged ({error}); save the project again") from error
+    if len(data) > _MAX_BYTES:
+        raise InputError(f"{source.path}: {_MEMBER} unpacks to more than {_MAX_BYTES:,} bytes; save the project again")
+    return data
+
+
+def _camera(path: Path, element: ElementTree.Element) -> DraftCamera:
+    where = f"{path}: camera {element.get('id')}"
+    if element.find("intrinsics") is None:
+        values = _numbers(where, "its parameters", element.text, 8)
+    else:
+        values = _numbers(where, "intrinsics", element.findtext("intrinsics"), 5)
+        values += _numbers(where, "distortion", element.findtext("distortion"), 3)
+    names = ("cx", "cy", "fx", "fy", "fs", "k1", "k2", "k3")
+    refuse_terms(where, {f"number {index + 1}": value for index, value in enumerate(values) if index >= len(names)})
+    return camera(dict(zip(names, values, strict=False)))
+
+
+def _pose(path: Path, element: ElementTree.Element) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    where = f"{path}: camera {element.get('id')}"
+    values = _numbers(where, "orientation", element.findtext("orientation"), 6)
+    return euler_deg(*values[:3]), np.array(values[3:6])
+
+
+def _numbers(where: str, name: str, text: str | None, least: int) -> list[float]:
+    """The numbers of an element; there may be more than are needed."""
+    words = (text or "").replace(",", " ").split()
+    if len(words) < least:
+        raise InputError(f"{where}: {name} has {len(words)} numbers, expected {least}; export the calibration again")
+    return [number(where, name, word) for word in words]
