@@ -8,7 +8,8 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from dicflow.core.calibrate import Calibration
+from dicflow.core.calibrate import CHANCE, Calibration
+from dicflow.core.rig_parameters import figures
 
 __all__ = ["covered_area", "empty_parts", "verdict"]
 
@@ -20,12 +21,14 @@ _EMPTY_SHARE = 0.2
 _GOOD_COVERAGE = 0.5
 _GOOD_PAIRS = 10
 _GOOD_TILT_DEG = 10.0
+_GOOD_SPREAD = 1e-4
+_LENGTHS = slice(0, 5)
 
 
 def covered_area(boards: Array, image_size: Size, cells: int = 240) -> NDArray[np.bool_]:
     """Part of the frame that the boards cover: the union of the convex hulls of their corners.
 
-    boards : (n, m, 2) [px]
+    boards : (n, m, 2) [px], NaN where not seen
     image_size : (width, height) [px]
     cells : number of cells along the longer side
     Returns (rows, cols) bool, one per cell of the frame.
@@ -33,7 +36,8 @@ def covered_area(boards: Array, image_size: Size, cells: int = 240) -> NDArray[n
     scale = cells / max(image_size)
     area = np.zeros((max(1, round(image_size[1] * scale)), max(1, round(image_size[0] * scale))), np.uint8)
     for corners in boards:
-        hull = cv2.convexHull(np.round((corners + 0.5) * scale - 0.5).astype(np.int32))
+        seen = corners[np.isfinite(corners[:, 0])]
+        hull = cv2.convexHull(np.round((seen + 0.5) * scale - 0.5).astype(np.int32))
         cv2.fillConvexPoly(area, hull, 1)
     return area.astype(bool)
 
@@ -80,8 +84,19 @@ def _advice(calibration: Calibration, areas: Sequence[NDArray[np.bool_]], missed
         advice.append("take more pairs, 20 are a good number")
     if np.nanmax(calibration.tilt_deg) < _GOOD_TILT_DEG:
         advice.append("the focal length is uncertain: tilt the board by 20° to 40° in some of the photographs")
+    if _disagree(calibration):
+        advice.append(
+            f"the pairs disagree {calibration.disagreement:.0f} times more than their noise explains, so the rig is "
+            "that much less certain: use a flat, stiff board, at rest"
+        )
     for side, area in zip(("left", "right"), areas, strict=True):
         if area.mean() < _GOOD_COVERAGE:
             parts = ", ".join(empty_parts(area)) or "edges"
             advice.append(f"show the board also in the {side} camera's {parts}")
     return advice
+
+
+def _disagree(calibration: Calibration) -> bool:
+    """Whether focal lengths and baseline depend on the choice of pairs beyond chance, and by more than 0.01 %."""
+    spread = calibration.leave_out.spread[_LENGTHS] / figures(calibration.rig)[_LENGTHS]
+    return calibration.disagreement > CHANCE and float(spread.max()) > _GOOD_SPREAD

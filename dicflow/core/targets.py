@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from dicflow.core.grey import to_8bit
 
 __all__ = [
+    "Size",
     "Target",
     "board_orders",
     "board_points",
@@ -92,7 +93,12 @@ def find_board(image: NDArray[np.uint8] | NDArray[np.uint16], size: Size) -> Arr
     return centres_of_symmetry(image, located, max(_LEAST_RADIUS_PX, round(_RADIUS_SQUARES * spacing)))
 
 
-def centres_of_symmetry(image: NDArray[np.uint8] | NDArray[np.uint16], places: Array, radius_px: int) -> Array:
+def centres_of_symmetry(
+    image: NDArray[np.uint8] | NDArray[np.uint16],
+    places: Array,
+    radius_px: int,
+    windows: NDArray[np.bool_] | None = None,
+) -> Array:
     """Move places to where the image around them is its own copy turned by 180°.
 
     The crossing of two edges is such a centre under any linear view of it, so neither foreshortening nor blur nor
@@ -101,13 +107,16 @@ def centres_of_symmetry(image: NDArray[np.uint8] | NDArray[np.uint16], places: A
 
     places : (n, 2) [px], right to about a third of the radius
     radius_px : half the side of the window
+    windows : (n, side, side) with side = 2 radius_px + 1 — pixels around each place that may be used, alike on both
+        sides of it; all when not given
     Returns (n, 2) [px]; a place that wanders off by more than the radius, or has no contrast, stays where it was.
     """
     grey = image.astype(np.float32)
     offset = np.arange(-radius_px, radius_px + 1, dtype=np.float32)
     bell = np.exp(-2.0 * (offset / radius_px) ** 2)
     weight = np.outer(bell, bell)
-    return np.stack([_centre_of_symmetry(grey, place, weight) for place in places])
+    weights = np.broadcast_to(weight, (len(places), *weight.shape)) if windows is None else windows * weight
+    return np.stack([_centre_of_symmetry(grey, place, own) for place, own in zip(places, weights, strict=True)])
 
 
 def _centre_of_symmetry(grey: NDArray[np.float32], start: Array, weight: NDArray[np.float32]) -> Array:

@@ -14,6 +14,7 @@ if TYPE_CHECKING:
     import numpy as np
 
     from dicflow.core.calibrate import Calibration
+    from dicflow.core.targets import Target
 
 __all__ = ["Calibrate"]
 
@@ -29,12 +30,18 @@ class Calibrate(Node):
     scope: ClassVar = Scope.RIG
     takes: ClassVar = {"corners": Port("corners", at=At.ALL)}
     gives: ClassVar = "rig"
+    impl_version: ClassVar = 2
 
     stage: Literal["calibrate"] = "calibrate"
-    square: Millimetres = parameter(..., "side of one square of the board", unit="mm", gt=0)
+    square: Millimetres = parameter(
+        ..., "side of one square of the board; of circles the distance of neighbouring rows", unit="mm", gt=0
+    )
     radial: Literal[2, 3] = parameter(2, "coefficients of radial distortion; 3 for wide angles")
     tangential: bool = parameter(False, "estimate the tangential distortion of a lens that is not centred, too")
     max_error_px: Pixels = parameter(0.5, "limit of a pair's mean reprojection error", unit="px", gt=0)
+    loss: Literal["squares", "huber", "cauchy"] = parameter(
+        "squares", "how residuals count; huber and cauchy let single bad corners count less"
+    )
     min_pairs: int = parameter(8, "no pair is dropped when only this many remain, and none is solved with fewer", ge=3)
 
     def run(self, corners: Sequence[Product]) -> Product:
@@ -42,7 +49,6 @@ class Calibrate(Node):
 
         from dicflow.core.bundle import Model
         from dicflow.core.calibrate import calibrate_rig
-        from dicflow.core.targets import checkerboard
 
         size, image_size = self._agreed(corners)
         seen = [k for k, product in enumerate(corners) if all(_found(product, side) for side in ("left", "right"))]
@@ -50,10 +56,9 @@ class Calibrate(Node):
             raise StageError(_too_few(corners, seen, self.min_pairs))
         left, right = (np.stack([corners[k][side] for k in seen]) for side in ("left", "right"))
         model = Model(self.radial, self.tangential)
-        found = calibrate_rig(
-            left, right, checkerboard(size, self.square), image_size, model, self.max_error_px, self.min_pairs
-        )
-        return _product(found, seen, _names(corners), (left, right), self.max_error_px)
+        target = _target(corners[0].attrs["target"], size, self.square)
+        found = calibrate_rig(left, right, target, image_size, model, self.max_error_px, self.min_pairs, self.loss)
+        return _product(found, seen, _names(corners), (left, right), self)
 
     def _agreed(self, corners: Sequence[Product]) -> tuple[tuple[int, int], tuple[int, int]]:
         """Size of the board and of the photographs; raises StageError where they differ between pairs."""
@@ -75,14 +80,23 @@ class Calibrate(Node):
         return (columns, rows), (width, height)
 
 
+def _target(kind: str, size: tuple[int, int], square_mm: float) -> Target:
+    from dicflow.core.charuco import charuco
+    from dicflow.core.circles import circles
+    from dicflow.core.targets import checkerboard
+
+    if kind in ("circles", "asymmetric_circles"):
+        return circles(size, square_mm, asymmetric=kind == "asymmetric_circles")
+    return charuco(size, square_mm) if kind == "charuco" else checkerboard(size, square_mm)
+
+
 def _found(product: Product, side: str) -> bool:
     return bool(product.attrs["found"][side])
 
 
 def _too_few(corners: Sequence[Product], seen: list[int], needed: int) -> str:
     """The message for boards that too few pairs show; it names the size of the board that they show instead."""
-    size = corners[0].attrs["size"]
-    wanted = "a board of {} × {} inner corners".format(*size)
+    wanted, hint = _wanted(corners[0].attrs["target"], corners[0].attrs["size"])
     others = Counter(
         tuple(other)
         for product in corners
@@ -92,11 +106,21 @@ def _too_few(corners: Sequence[Product], seen: list[int], needed: int) -> str:
     if others:
         (columns, rows), count = others.most_common(1)[0]
         hint = f"{count} photographs show one of {columns} × {rows}: set size to [{columns}, {rows}]"
-    else:
-        hint = "show the whole board to both cameras, evenly lit and sharp"
     if not seen:
         return f"{wanted} is seen in no pair of {len(corners)}; {hint}"
     return f"{wanted} is seen by both cameras in {len(seen)} of {len(corners)} pairs, and {needed} are needed; {hint}"
+
+
+def _wanted(target: str, size: Sequence[int]) -> tuple[str, str]:
+    """The target in words, and what to do where it is not seen."""
+    board = "a board of {} × {} inner corners".format(*size)
+    if target == "charuco":
+        return f"ChArUco: {board}", "check its dictionary and marker, and show a good part of it, evenly lit and sharp"
+    if target == "checkerboard":
+        return board, "show the whole board to both cameras, evenly lit and sharp"
+    kind = "an asymmetric grid" if target == "asymmetric_circles" else "a grid"
+    hint = "check its size, and show the whole grid with white around it to both cameras, evenly lit and sharp"
+    return f"{kind} of {size[0]} × {size[1]} circles", hint
 
 
 def _names(corners: Sequence[Product]) -> Sequence[str]:
@@ -105,14 +129,11 @@ def _names(corners: Sequence[Product]) -> Sequence[str]:
 
 
 def _product(
-    found: Calibration,
-    seen: list[int],
-    names: Sequence[str],
-    corners: tuple[np.ndarray, np.ndarray],
-    max_error_px: float,
+    found: Calibration, seen: list[int], names: Sequence[str], corners: tuple[np.ndarray, np.ndarray], stage: Calibrate
 ) -> Product:
-    """The rig, what each pair says of it, and the verdict."""
+    """The rig, how certain it is, what each pair says of it, and the verdict."""
     from dicflow.core.coverage import covered_area, verdict
+    from dicflow.core.rig_parameters import PARAMETERS
     from dicflow.io.rig import rig_to_dict
 
     image_size = found.rig.left.size
@@ -120,29 +141,34 @@ def _product(
     coverage = {side: float(area.mean()) for side, area in zip(("left", "right"), areas, strict=True)}
     attrs = {
         "rig": rig_to_dict(found.rig),
+        "parameters": list(PARAMETERS),
+        "covariance": found.honest_covariance.tolist(),
         "pairs": _pairs(found, seen, names),
         "coverage": coverage,
-        "verdict": verdict(found, areas, max_error_px, len(names)),
-        "summary": _summary(found, coverage),
+        "verdict": verdict(found, areas, stage.max_error_px, len(names)),
+        "summary": _residuals(found, coverage) | _figures(found) | _known_distance(found, stage.square),
     }
     return Product("rig", {}, attrs)
 
 
 def _pairs(found: Calibration, seen: list[int], names: Sequence[str]) -> list[dict[str, Any]]:
-    """One entry per board pair, in order; a pair whose board is not seen by both cameras has no figures."""
+    """One entry per board pair, in order; a pair whose board is not seen by both cameras has no figures.
+
+    The epipolar distance is None where the cameras see different parts of a board.
+    """
     pairs: list[dict[str, Any]] = [{"name": name, "used": False} for name in names]
     for k, used, turned, (left, right), epipolar in zip(
         seen, found.used, found.turned, found.error_px, found.epipolar_px, strict=True
     ):
         pairs[k] |= {"used": bool(used), "turned": bool(turned)}
-        pairs[k] |= {"left_px": float(left), "right_px": float(right), "epipolar_px": float(epipolar)}
+        pairs[k] |= {"left_px": float(left), "right_px": float(right)}
+        pairs[k]["epipolar_px"] = float(epipolar) if epipolar == epipolar else None
     return pairs
 
 
-def _summary(found: Calibration, coverage: dict[str, float]) -> dict[str, float]:
+def _residuals(found: Calibration, coverage: dict[str, float]) -> dict[str, float]:
+    """How well the rig explains the corners of the pairs used."""
     import numpy as np
-
-    from dicflow.core.camera import rotation_angle_deg
 
     left, right, both = found.rms_px.tolist()
     return {
@@ -150,10 +176,34 @@ def _summary(found: Calibration, coverage: dict[str, float]) -> dict[str, float]
         "left_rms_px": left,
         "right_rms_px": right,
         "mean_px": float(found.error_px[found.used].mean()),
-        "epipolar_px": float(found.epipolar_px[found.used].mean()),
+        "epipolar_px": float(np.nanmean(found.epipolar_px[found.used])),
+        "noise_px": found.noise_px,
         "pairs_used": int(found.used.sum()),
         "coverage_left": coverage["left"],
         "coverage_right": coverage["right"],
-        "baseline_mm": float(np.linalg.norm(found.rig.translation)),
-        "angle_deg": rotation_angle_deg(found.rig.rotation),
+    }
+
+
+def _figures(found: Calibration) -> dict[str, float]:
+    """Focal lengths, baseline and angle, with their standard deviations and how they spread as pairs are left out."""
+    from dicflow.core.rig_parameters import FIGURES, figure_sigmas, figures
+
+    sigmas = figure_sigmas(found.rig, found.honest_covariance)
+    columns = {"": figures(found.rig), "sigma_": sigmas, "spread_": found.leave_out.spread}
+    table = {sign + name: float(value) for sign, values in columns.items()
+             for name, value in zip(FIGURES, values, strict=True)}  # fmt: skip
+    return {**table, "disagreement": found.disagreement}
+
+
+def _known_distance(found: Calibration, square_mm: float) -> dict[str, float]:
+    """The square as reconstructed in pairs that the rig has not seen: mean and standard deviation over the boards."""
+    import numpy as np
+
+    scale = found.leave_out.scale[np.isfinite(found.leave_out.scale)]
+    if not len(scale):
+        return {}
+    return {
+        "square_mm": square_mm * float(scale.mean()),
+        "square_spread_mm": square_mm * float(scale.std(ddof=1)) if len(scale) > 1 else 0.0,
+        "square_error_pct": 100.0 * float(scale.mean() - 1.0),
     }

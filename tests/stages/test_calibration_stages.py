@@ -35,6 +35,7 @@ def corners(left, right, size=SIZE, image_size=(640, 480), seen=None):
         "corners",
         {side: Variable(("corner", "component"), xy, "px") for side, xy in arrays.items()},
         {
+            "target": "checkerboard",
             "size": list(size),
             "image_size": list(image_size),
             "found": found,
@@ -57,6 +58,7 @@ def test_corners_of_both_photographs(photograph):
     assert product.kind == "corners"
     assert product["left"].shape == product["right"].shape == (54, 2)
     assert product.attrs == {
+        "target": "checkerboard",
         "size": [9, 6],
         "image_size": [400, 300],
         "found": {"left": True, "right": True},

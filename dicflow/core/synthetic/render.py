@@ -14,7 +14,7 @@ from dicflow.core.synthetic.deformation import Deformation
 from dicflow.core.synthetic.speckle import Speckles, darkness
 from dicflow.core.synthetic.trace import Box, image_of, trace
 
-__all__ = ["Extent", "Look", "Shares", "expose", "outline", "render_board", "render_strip", "shares"]
+__all__ = ["Extent", "Look", "Shares", "expose", "outline", "photograph", "render_board", "render_strip", "shares"]
 
 Array = NDArray[np.float64]
 Pattern = Callable[[Array], Array]
@@ -71,7 +71,7 @@ def render_strip(
     """
     half = deformation.width / 2.0
     extent = Extent(-half, half, -overhang, deformation.length + overhang)
-    return _photograph(camera, deformation, extent, lambda points: darkness(speckles, points), look, order)
+    return photograph(camera, deformation, extent, lambda points: darkness(speckles, points), look, order)
 
 
 def render_board(camera: Camera, pose: Deformation, board: Checkerboard, look: Look, order: int = 4) -> Array:
@@ -81,7 +81,31 @@ def render_board(camera: Camera, pose: Deformation, board: Checkerboard, look: L
     """
     margin, square = board.margin, board.square
     extent = Extent(-margin, board.columns * square + margin, -margin, board.rows * square + margin)
-    return _photograph(camera, pose, extent, lambda points: board_darkness(board, points), look, order)
+    return photograph(camera, pose, extent, lambda points: board_darkness(board, points), look, order)
+
+
+def photograph(
+    camera: Camera, deformation: Deformation, extent: Extent, pattern: Pattern, look: Look, order: int
+) -> Array:
+    """Photograph of any flat pattern in a deformed state before noise: (height, width) grey levels.
+
+    The background, and over it a few rows at a time of the surface.
+
+    deformation : in this camera's frame
+    extent : the part of the plane that is there
+    order : Gauss–Legendre points per direction and pixel
+    """
+    backdrop, light = _backdrop(camera, look), _light(camera, look)
+    image = backdrop.copy()
+    x0, y0, x1, y1 = _box(camera, image_of(camera, deformation, outline(extent)))
+    start = np.array([extent.left + extent.right, extent.top + extent.bottom]) / 2.0
+    for top in range(y0, y1, _ROWS_AT_ONCE):
+        bottom = min(top + _ROWS_AT_ONCE, y1)
+        points, slopes = trace(camera, deformation, (x0, top, x1, bottom), start)
+        surface, ink = shares(points, slopes, extent, pattern, order)
+        here = np.s_[top:bottom, x0:x1]
+        image[here] = backdrop[here] * (1.0 - surface) + look.paper * (surface - ink) + look.ink * ink
+    return image * light
 
 
 def expose(image: Array, noise: float, seed: Sequence[int]) -> NDArray[np.uint8]:
@@ -122,23 +146,6 @@ def _gauss_square(order: int) -> tuple[Array, Array]:
     nodes, weights = np.polynomial.legendre.leggauss(order)
     x, y = np.meshgrid(nodes / 2.0, nodes / 2.0)
     return np.stack([x, y], axis=-1).reshape(-1, 2), np.outer(weights, weights).reshape(-1) / 4.0
-
-
-def _photograph(
-    camera: Camera, deformation: Deformation, extent: Extent, pattern: Pattern, look: Look, order: int
-) -> Array:
-    """The background, and over it a few rows at a time of the surface."""
-    backdrop, light = _backdrop(camera, look), _light(camera, look)
-    image = backdrop.copy()
-    x0, y0, x1, y1 = _box(camera, image_of(camera, deformation, outline(extent)))
-    start = np.array([extent.left + extent.right, extent.top + extent.bottom]) / 2.0
-    for top in range(y0, y1, _ROWS_AT_ONCE):
-        bottom = min(top + _ROWS_AT_ONCE, y1)
-        points, slopes = trace(camera, deformation, (x0, top, x1, bottom), start)
-        surface, ink = shares(points, slopes, extent, pattern, order)
-        here = np.s_[top:bottom, x0:x1]
-        image[here] = backdrop[here] * (1.0 - surface) + look.paper * (surface - ink) + look.ink * ink
-    return image * light
 
 
 def _box(camera: Camera, pixels: Array) -> Box:
