@@ -255,7 +255,7 @@ def _set_warp(warp: Any, values: Any) -> None:
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _is_whole(unusable: Any, row: int, col: int, half: int) -> bool:
+def _is_whole(unusable: Any, row: int, col: int, half: int) -> Any:
     """Whether a square lies in the image and holds no pixel that must not be used."""
     top, left, bottom, right = row - half, col - half, row + half + 1, col + half + 1
     if top < 0 or left < 0 or bottom >= len(unusable) or right >= unusable.shape[1]:

@@ -60,7 +60,7 @@ class Normal(NamedTuple):
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def prepare(p: Any, n: int, one: Any, normal: Any) -> bool:
+def prepare(p: Any, n: int, one: Any, normal: Any) -> Any:
     """Set up the normal equations; False where the subset shows too little to solve them."""
     _centre_grey(p, n, normal.facts)
     if not normal.facts[2] > 0.0:
@@ -222,7 +222,7 @@ def _project(normal: Any) -> None:
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _factor(matrix: Any) -> bool:
+def _factor(matrix: Any) -> Any:
     """Cholesky's factor into the lower triangle, in place; False where the matrix is not safely positive."""
     size = len(matrix)
     for j in range(size):
@@ -254,7 +254,7 @@ def _solve(factor: Any, vector: Any) -> None:
 
 
 @njit(cache=True, nogil=True, fastmath=FAST, error_model="numpy")
-def _place(c: Any, shape: Any, degree: int, p: Any, n: int, half: int, places: Any) -> bool:
+def _place(c: Any, shape: Any, degree: int, p: Any, n: int, half: int, places: Any) -> Any:
     """Where the pixels of a subset lie in the target under a warp (2, 6); False where some are outside.
 
     shape : (rows, cols) of the coefficients
@@ -313,7 +313,7 @@ def _compare(flat: Any, width: Any, degree: int, places: Any, level: Any, p: Any
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _increment(normal: Any) -> float:
+def _increment(normal: Any) -> Any:
     """The Gauss-Newton increment from the sums over the target's grey levels; returns the ZNSSD."""
     sums, total, square = normal.sums, normal.facts[1], normal.facts[2]
     mean = sums[0] / total
@@ -330,7 +330,7 @@ def _increment(normal: Any) -> float:
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _largest_motion(d: Any) -> float:
+def _largest_motion(d: Any) -> Any:
     """Greatest motion that an increment gives to a pixel of the subset, at most [px]."""
     x, y, terms = 0.0, 0.0, len(d) // 2
     for i in range(terms):
