@@ -96,8 +96,11 @@ def rectify(image: NDArray[Any], camera: Camera, rotation: Array, matrix: Array,
     size : (width, height) [px]
     Returns (height, width) of the same type.
     """
-    maps = cv2.initUndistortRectifyMap(camera.matrix, camera.distortion, rotation, matrix, size, cv2.CV_32FC1)
-    return np.asarray(cv2.remap(image, *maps, cv2.INTER_LANCZOS4, borderMode=cv2.BORDER_CONSTANT, borderValue=0))
+    x, y = cv2.initUndistortRectifyMap(camera.matrix, camera.distortion, rotation, matrix, size, cv2.CV_32FC1)
+    focal, skew = camera.matrix[1, 1], camera.matrix[0, 1]
+    if skew:  # OpenCV's maps have none
+        x += (skew / focal) * (y - camera.matrix[1, 2])
+    return np.asarray(cv2.remap(image, x, y, cv2.INTER_LANCZOS4, borderMode=cv2.BORDER_CONSTANT, borderValue=0))
 
 
 def footprint(camera: Camera, rotation: Array, matrix: Array) -> Array:

@@ -107,6 +107,19 @@ def test_rectified_images_hold_the_photograph_s_grey_levels():
     assert (found[outside] == 0).all()
 
 
+def test_a_skewed_camera_is_rectified_as_its_points_are():
+    rig = verged_rig()
+    camera = rig.left._replace(matrix=rig.left.matrix + np.array([[0.0, 30, 0], [0, 0, 0], [0, 0, 0]]))
+    view = rectification(rig)
+    rows, cols = np.mgrid[0 : camera.size[1], 0 : camera.size[0]]
+    grey = np.round(128 + 60 * np.cos(cols / 40.0) * np.cos(rows / 50.0)).astype(np.uint8)
+    image = rectify(grey, camera, view.rotation_left, view.matrix_left, view.size)
+    x, y = np.meshgrid(np.arange(200, 500, 7), np.arange(150, 400, 7))
+    raw = rectified_to_raw(np.stack([x, y], axis=-1), camera, view.rotation_left, view.matrix_left)
+    expected = 128 + 60 * np.cos(raw[..., 0] / 40.0) * np.cos(raw[..., 1] / 50.0)
+    assert np.abs(image[y, x] - expected).max() < 1.5
+
+
 def test_deep_photographs_stay_deep():
     rig = verged_rig()
     view = rectification(rig)
