@@ -8,6 +8,7 @@ level or a wave are independent of each other, so that they can be shared betwee
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -107,7 +108,8 @@ class _Search(NamedTuple):
         start = np.zeros((int(where.sum()), 2, TERMS[self.subset.shape_function]))
         start[..., :3] = starts[where][..., :3]
         found = correlate(self.reference, self.target, self.grid[where], start, self.subset, self.threads)
-        for kept, new in zip(self.field, self._judged(found), strict=True):
+        pairs: Iterable[tuple[Any, Any]] = zip(self.field, self._judged(found), strict=True)
+        for kept, new in pairs:
             kept[where] = new
 
     def _judged(self, found: Correlated) -> Correlated:
