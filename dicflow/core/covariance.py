@@ -15,12 +15,14 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from dicflow.core.frames import Frame, into_frame
+
 __all__ = [
-    "PointErrors",
+    "MeasuredPoints",
     "displacement_covariance",
     "joint_covariance",
+    "points_in_frame",
     "propagate",
-    "rotated",
     "sigma_along",
     "symmetric",
     "upper",
@@ -31,13 +33,15 @@ Array = NDArray[np.float64]
 _DIFFERENCE = 1e-6
 
 
-class PointErrors(NamedTuple):
-    """What is uncertain about the points of one step.
+class MeasuredPoints(NamedTuple):
+    """Points of one step, and what is uncertain about them.
 
+    xyz : (..., 3) [mm]
     own : (..., 3, 3) — covariance from the photographs of the step [mm²]
     sensitivity : (..., 3, 2) — S, by how much the point moves per template error [mm/px]
     """
 
+    xyz: Array
     own: Array
     sensitivity: Array
 
@@ -63,7 +67,13 @@ def upper(matrices: Array) -> Array:
     return matrices[..., row, col]
 
 
-def joint_covariance(deformed: PointErrors, reference: PointErrors, template: Array) -> Array:
+def points_in_frame(points: MeasuredPoints, frame: Frame) -> MeasuredPoints:
+    """The same points, given in another frame."""
+    turn = frame.rotation
+    return MeasuredPoints(into_frame(points.xyz, frame), turn @ points.own @ turn.T, turn @ points.sensitivity)
+
+
+def joint_covariance(deformed: MeasuredPoints, reference: MeasuredPoints, template: Array) -> Array:
     """Covariance of a point at a step and at the reference.
 
     template : (..., 2, 2) — T, covariance of the template's error [px²]
@@ -74,13 +84,6 @@ def joint_covariance(deformed: PointErrors, reference: PointErrors, template: Ar
     joint[..., :3, :3] += deformed.own
     joint[..., 3:, 3:] += reference.own
     return np.asarray(joint)
-
-
-def rotated(joint: Array, deformed: Array, reference: Array) -> Array:
-    """Joint covariance (..., 6, 6) in other axes: the step's point turned by one (3, 3), the reference's by another."""
-    turn = np.zeros((6, 6))
-    turn[:3, :3], turn[3:, 3:] = deformed, reference
-    return np.asarray(turn @ joint @ turn.T)
 
 
 def displacement_covariance(joint: Array) -> Array:

@@ -70,15 +70,16 @@ def surface_gradient(
 
     reference, deformed : (row, col, 3) — the points of a regular material grid [mm]; of a plane in the image
         the third coordinate is 0 [px]
-    covariance : (row, col, 6, 6) — of each point at the step and at the reference, in this order
+    covariance : (row, col, 6, 6) — of each point at the step and at the reference, in this order; a point without one
+        does not count
     rho : correlation of the errors of points that are apart
     window : (rows, cols), odd numbers of points
     degree : of the polynomials, 1 or more
     min_share : a window counts with at least this share of its points
     """
-    known = np.asarray(np.isfinite(reference + deformed).all(axis=-1))
-    before, after = (np.where(known[..., None], points, np.nan) for points in (reference, deformed))
     sigma = np.sqrt(np.trace(displacement_covariance(covariance), axis1=-2, axis2=-1))
+    known = np.asarray(np.isfinite(reference + deformed).all(axis=-1) & np.isfinite(sigma))
+    before, after = (np.where(known[..., None], points, np.nan) for points in (reference, deformed))
     weights = np.where(known, 1.0 / np.maximum(sigma, 1e-12) ** 2, 0.0)
     weights /= max(float(weights.max(initial=0.0)), 1e-300)
     before, after = (jacobian(points, window, degree, weights, min_share) for points in (before, after))
@@ -88,9 +89,13 @@ def surface_gradient(
     return SurfaceGradient(gradient, _gradient_covariance(response, slopes, covariance), response)
 
 
-def pixel_size_mm(reference: Array, window: tuple[int, int], degree: int, step_size: float) -> Array:
-    """Size of a pixel of the photograph on the surface (row, col) [mm/px]: the root of the area ratio."""
-    across = jacobian(reference, window, degree)
+def pixel_size_mm(reference: Array, step_size: float) -> Array:
+    """Side of a pixel of the photograph on the surface (row, col), the root of its area [mm/px].
+
+    reference : (row, col, 3) — the points at the reference [mm]
+    step_size : distance of the grid's points [px]
+    """
+    across = jacobian(reference, (3, 3), 1)
     area = np.linalg.norm(np.cross(across[..., 0], across[..., 1]), axis=-1)
     return np.asarray(np.sqrt(area) / step_size)
 

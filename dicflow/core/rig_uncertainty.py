@@ -17,7 +17,7 @@ from numpy.typing import ArrayLike, NDArray
 from dicflow.core.camera import Rig, project, to_right, undistort
 from dicflow.core.rig_parameters import reprojection_slopes
 
-__all__ = ["calibration_share", "intersection", "point_sensitivity"]
+__all__ = ["calibration_share", "intersection", "point_sensitivity", "sensitivity_at"]
 
 Array = NDArray[np.float64]
 
@@ -32,8 +32,12 @@ def point_sensitivity(rig: Rig, xy_left: ArrayLike, xy_right: ArrayLike) -> Arra
     Returns (..., 3, 24) — ∂X/∂θ in the left camera's frame, mm per unit of each of
     :data:`~dicflow.core.rig_parameters.PARAMETERS`; NaN where a pixel is.
     """
-    points = intersection(rig, xy_left, xy_right)
-    by_point, by_rig = reprojection_slopes(rig, points)
+    return sensitivity_at(rig, intersection(rig, xy_left, xy_right))
+
+
+def sensitivity_at(rig: Rig, points: ArrayLike) -> Array:
+    """The same, of points (..., 3) that are triangulated already [mm]."""
+    by_point, by_rig = reprojection_slopes(rig, np.asarray(points, dtype=float))
     return np.asarray(-_pseudoinverse(by_point) @ by_rig)
 
 

@@ -1,4 +1,4 @@
-"""The rigid-body motion of a cloud of points, and the cloud without it."""
+"""The rigid-body motion of a cloud of points, and the frame that moves along."""
 
 from __future__ import annotations
 
@@ -8,8 +8,9 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from dicflow.core.camera import rotation_vector
+from dicflow.core.frames import Frame
 
-__all__ = ["RigidMotion", "rigid_motion", "without_rigid_motion"]
+__all__ = ["RigidMotion", "rigid_motion", "undoing"]
 
 Array = NDArray[np.float64]
 
@@ -55,7 +56,7 @@ def rigid_motion(reference: ArrayLike, deformed: ArrayLike, weights: ArrayLike |
     return RigidMotion(left @ handed @ right, centre, centre_after - centre)
 
 
-def without_rigid_motion(deformed: ArrayLike, motion: RigidMotion) -> Array:
-    """Points (..., 3) at a step, carried back by its rigid-body motion."""
-    back = np.asarray(deformed, dtype=np.float64) - motion.centre - motion.translation
-    return np.asarray(back @ motion.rotation + motion.centre)
+def undoing(motion: RigidMotion) -> Frame:
+    """The frame that moved along: in it, points that only moved are where they were at the reference."""
+    back = motion.rotation.T
+    return Frame(back, motion.centre + motion.translation - motion.rotation @ motion.centre)

@@ -7,7 +7,7 @@ from typing import Any, ClassVar, Literal
 from dicflow.engine.node import At, Node, Port, Scope
 from dicflow.engine.product import Product, Variable
 
-__all__ = ["Accumulate"]
+__all__ = ["Accumulate", "field_means"]
 
 _VECTOR = ("row", "col", "component")
 _MEASURES = {
@@ -53,7 +53,7 @@ class Accumulate(Node):
             "unit": unit,
             "step_size": strain.attrs["step_size"],
             "measures": _MEASURES[definition],
-            "summary": _summary(fields, unit),
+            "summary": field_means(fields, unit),
         }
         return Product("total", _variables(fields, unit), attrs)
 
@@ -122,7 +122,7 @@ def _variables(fields: dict[str, Any], unit: str) -> dict[str, Variable]:
     }
 
 
-def _summary(fields: dict[str, Any], unit: str) -> dict[str, float]:
+def field_means(fields: dict[str, Any], unit: str) -> dict[str, float]:
     """Means over the points that have a value; absent without any."""
     import numpy as np
 

@@ -45,7 +45,8 @@ class Smooth(Node):
         smooth = local_polynomial(raw, window, self.degree).value
         measured = np.isfinite(raw).all(axis=2)
         smooth[~measured] = np.nan
-        status = fitted_status(increment, np.all(np.isfinite(smooth), axis=2), window, self.degree)
+        fitted = np.asarray(np.isfinite(smooth).all(axis=2))
+        status = fitted_status(measured, fitted, increment["status"], window, self.degree)
         changed = {"displacement": smooth, "status": status}
         if increment.attrs["definition"] == "material":
             changed["xyz"] = increment["xyz_reference"] + smooth
@@ -58,20 +59,22 @@ class Smooth(Node):
         return Product("increment", variables, {**increment.attrs, "window_points": list(window), "summary": summary})
 
 
-def fitted_status(increment: Product, fitted: np.ndarray, window: tuple[int, int], degree: int) -> np.ndarray:
-    """Status of the points (row, col) of an increment after a fit of local polynomials.
+def fitted_status(
+    measured: np.ndarray, fitted: np.ndarray, status: np.ndarray, window: tuple[int, int], degree: int
+) -> np.ndarray:
+    """Status of the points after a fit of local polynomials.
 
-    fitted : (row, col) bool — where the window held enough points
-    Raises StageError where no point that has a displacement could be fitted.
+    measured, fitted : (row, col) bool — which points there were to fit, and where the window held enough of them
+    status : (row, col) — before
+    Raises StageError where no point that was measured could be fitted.
     """
     import numpy as np
 
     from dicflow.core.status import Status
 
-    moved = np.isfinite(increment["displacement"]).all(axis=2)
-    if moved.any() and not (moved & fitted).any():
+    if measured.any() and not (measured & fitted).any():
         raise StageError(
             f"a window of {window[0]} × {window[1]} points never holds enough for degree {degree}; "
             "widen the window or lower the degree"
         )
-    return np.where(moved & ~fitted, np.uint8(Status.TOO_FEW_NEIGHBOURS), increment["status"])
+    return np.where(measured & ~fitted, np.uint8(Status.TOO_FEW_NEIGHBOURS), status)

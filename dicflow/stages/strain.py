@@ -42,7 +42,9 @@ class Strain(Node):
             fields, measures = self._measure(increment, window)
         except ValueError as error:
             raise StageError(f"{error}; look at the tracking and the clouds of this step") from error
-        status = fitted_status(increment, np.all(np.isfinite(measures), axis=0), window, self.degree)
+        moved = np.isfinite(increment["displacement"]).all(axis=2)
+        fitted = np.asarray(np.isfinite(np.stack(measures)).all(axis=0))
+        status = fitted_status(moved, fitted, increment["status"], window, self.degree)
         kept = ("xy", "xyz", "xyz_reference")
         variables = {
             **{name: increment.variables[name] for name in kept},

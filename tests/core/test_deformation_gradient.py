@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from dicflow.core.camera import rotation_matrix
-from dicflow.core.covariance import PointErrors, joint_covariance
+from dicflow.core.covariance import MeasuredPoints, joint_covariance
 from dicflow.core.deformation_gradient import (
     gradient_response,
     pixel_size_mm,
@@ -157,7 +157,9 @@ def test_one_sigma_covers_68_percent(shape_function, degree, stretch):
     """exx, eyy and gxy of a tilted surface, edges and corners included, with errors as overlapping subsets have."""
     truth = np.array([[stretch**-0.5, 0.2 * (stretch - 1)], [0.0, stretch]])
     deformed = stretched(TILTED, truth) @ rotation_matrix([0.0, -0.25, 0.1]).T
-    joint = joint_covariance(PointErrors(OWN, SENSITIVITY), PointErrors(FIRST, SENSITIVITY_FIRST), TEMPLATE)
+    joint = joint_covariance(
+        MeasuredPoints(deformed, OWN, SENSITIVITY), MeasuredPoints(TILTED, FIRST, SENSITIVITY_FIRST), TEMPLATE
+    )
     covariance, rho = np.broadcast_to(joint, (*SHAPE, 6, 6)), overlap(21, STEP, shape_function)
     perfect = measured(gradient_of(TILTED, deformed, (7, 7), degree, covariance, rho).gradient)
     rng, scores = np.random.default_rng(11), []
@@ -174,6 +176,6 @@ def test_one_sigma_covers_68_percent(shape_function, degree, stretch):
 
 def test_gauge_and_scale():
     assert vsg_px(15, 7.0, 31) == 14 * 7 + 31
-    assert np.allclose(pixel_size_mm(PLANE, (5, 5), 1, STEP), MM_PX)
+    assert np.allclose(pixel_size_mm(PLANE, STEP), MM_PX)
     area = np.sqrt(1 + 0.6**2 + 0.4**2)
-    assert np.allclose(pixel_size_mm(TILTED, (5, 5), 1, STEP), MM_PX * np.sqrt(area))
+    assert np.allclose(pixel_size_mm(TILTED, STEP), MM_PX * np.sqrt(area))

@@ -4,7 +4,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from dicflow.core.camera import rotation_matrix
-from dicflow.core.rigid import rigid_motion, without_rigid_motion
+from dicflow.core.frames import into_frame
+from dicflow.core.rigid import rigid_motion, undoing
 
 POINTS = np.random.default_rng(0).normal(size=(6, 7, 3)) * [20, 30, 2] + [5, -3, 600]
 triple = st.tuples(*[st.floats(-1.5, 1.5)] * 3)
@@ -19,7 +20,7 @@ def test_perfect_motion_comes_back(turn, shift):
     moved = POINTS @ rotation.T + translation
     motion = rigid_motion(holed, moved)
     assert np.allclose(motion.rotation, rotation, atol=1e-12)
-    assert np.allclose(without_rigid_motion(moved, motion), POINTS, atol=1e-9)
+    assert np.allclose(into_frame(moved, undoing(motion)), POINTS, atol=1e-9)
     assert np.allclose(motion.centre, np.nanmean(holed[np.isfinite(holed).all(-1)], axis=0))
     assert np.allclose(motion.translation, rotation @ motion.centre + translation - motion.centre, atol=1e-9)
 

@@ -1,0 +1,56 @@
+"""What the calibration's uncertainty does to displacement and strain.
+
+The rig's error is one for all points and steps: a few independent modes, each of which moves every point in its own way
+(:func:`dicflow.core.rig_uncertainty.sensitivity_at`). Displacement sees the difference of a point's motion between
+two states, and strain how the motion varies from point to point.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+__all__ = ["error_modes", "mode_displacement_sigma", "mode_gradient_covariance"]
+
+Array = NDArray[np.float64]
+
+_NEGLIGIBLE = 1e-9
+
+
+def error_modes(covariance: ArrayLike) -> Array:
+    """Independent errors of unit variance behind a covariance C (p, p): M (p, m) with M Mᵀ = C."""
+    full = np.asarray(covariance, dtype=np.float64)
+    scale = np.sqrt(np.diagonal(full))
+    units = np.where(scale > 0.0, scale, 1.0)
+    strengths, directions = np.linalg.eigh(full / np.outer(units, units))
+    kept = strengths > _NEGLIGIBLE
+    return np.asarray(scale[:, None] * directions[:, kept] * np.sqrt(strengths[kept]))
+
+
+def mode_displacement_sigma(deformed: Array, reference: Array) -> Array:
+    """σ (..., 3) of the displacement.
+
+    deformed, reference : (..., 3, m) — motion of the points in both states by each mode [mm]
+    """
+    return np.asarray(np.linalg.norm(deformed - reference, axis=-1))
+
+
+def mode_gradient_covariance(deformed: Array, reference: Array, response: Array) -> Array:
+    """Covariance (row, col, 4, 4) of the deformation gradient.
+
+    deformed, reference : (row, col, 3, m) — as above, on the grid
+    response : (row, col, 4, 2, 6) — of :class:`~dicflow.core.deformation_gradient.SurfaceGradient`
+    """
+    both = np.concatenate([deformed, reference], axis=2)
+    slopes = np.stack([_slope(both, axis) for axis in (1, 0)], axis=-1)
+    change = np.einsum("...fai,...ima->...fm", response, slopes, optimize=True)
+    return np.asarray(change @ np.swapaxes(change, -1, -2))
+
+
+def _slope(field: Array, axis: int) -> Array:
+    """Slope of a field along an axis of the grid: the mean difference to both neighbours, or to the one there is."""
+    gap = np.full_like(np.take(field, [0], axis=axis), np.nan)
+    steps = np.diff(field, axis=axis)
+    before, after = np.concatenate([gap, steps], axis=axis), np.concatenate([steps, gap], axis=axis)
+    single = np.where(np.isnan(before), after, before)
+    return np.asarray(np.where(np.isnan(before + after), single, 0.5 * (before + after)))

@@ -1,0 +1,321 @@
+"""Displacement and strain since the first step, with their uncertainty."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal
+
+from pydantic import Field
+
+from dicflow.engine.node import At, Node, Pixels, Port, Scope, parameter
+from dicflow.engine.product import Product, Variable
+from dicflow.errors import StageError
+from dicflow.stages.accumulate import field_means
+from dicflow.stages.smooth import fitted_status
+
+if TYPE_CHECKING:
+    import numpy as np
+
+    from dicflow.core.covariance import MeasuredPoints
+    from dicflow.core.deformation_gradient import SurfaceGradient
+    from dicflow.core.frames import Frame
+    from dicflow.core.rigid import RigidMotion
+
+__all__ = ["Deformation"]
+
+_GRID = ("row", "col")
+_MEASURES = {
+    "engineering": "engineering strain",
+    "green_lagrange": "Green–Lagrange strain",
+    "hencky": "Hencky strain",
+    "euler_almansi": "Euler–Almansi strain",
+    "biot": "Biot strain",
+}
+_SCALARS = {
+    "U": "displacement U",
+    "V": "displacement V",
+    "W": "displacement W",
+    "exx": "{measure} εxx",
+    "eyy": "{measure} εyy",
+    "gxy": "{measure} γxy",
+    "e1": "{measure} ε1",
+    "e2": "{measure} ε2",
+    "angle": "direction of ε1",
+    "rotation": "rotation in the surface",
+    "von_mises": "von Mises strain (logarithmic, incompressible)",
+    "area_change": "area change",
+}
+_SHARES = {"sigma": "σ of the {title}", "calibration": "calibration's share in σ of the {title}"}
+_PLACES = {
+    "xyz": (("component",), "place"),
+    "xyz_reference": (("component",), "place at the first step"),
+    "xy": (("image_component",), "place in the image"),
+    "xy_reference": (("image_component",), "place in the image at the first step"),
+    "gradient": (("out", "in"), "deformation gradient"),
+    "covariance": (("pair",), "covariance of the place at this step and the first, upper triangle by rows"),
+}
+
+
+class Deformation(Node):
+    """Displacement of every point from its place at the first step, and the deformation of the surface around it.
+
+    The deformation gradient comes from least-squares fits over a window, in the tangent planes of the surface at both
+    steps. Beside each value stands its standard deviation from the noise of the photographs and, where the rig says
+    how uncertain it is, the calibration's share. With one camera everything lies in the plane of the photograph.
+    """
+
+    title: ClassVar = "displacement and strain"
+    scope: ClassVar = Scope.PAIR
+    takes: ClassVar = {
+        "points": Port("points", "correlation"),
+        "points_before": Port("points", "correlation", at=At.FIRST),
+        "rig": Port("rig", optional=True),
+        "frame": Port("frame", optional=True),
+    }
+    gives: ClassVar = "total"
+
+    stage: Literal["deformation"] = "deformation"
+    window: Annotated[Pixels, Field(gt=0)] = parameter(50.0, "side of the square window of a strain", unit="px")
+    degree: Literal[1, 2] = parameter(1, "of the polynomial in the window")
+    min_share: float = parameter(0.25, "share of the window's points that must be measured", ge=0, le=1)
+    measure: Literal["engineering", "green_lagrange", "hencky", "euler_almansi", "biot"] = parameter(
+        "engineering", "measure of strain"
+    )
+    directions: Literal["material", "global"] = parameter(
+        "material", "x and y of the strains: the material's, as they lay at the first step, or the frame's at this one"
+    )
+    rigid: bool = parameter(False, "take out the rigid-body motion since the first step")
+
+    def run(
+        self, points: Product, points_before: Product, rig: Product | None = None, frame: Product | None = None
+    ) -> Product:
+        """``points_before`` are those of the first step."""
+        from dicflow.core.covariance import joint_covariance, points_in_frame, symmetric
+        from dicflow.core.deformation_gradient import surface_gradient
+        from dicflow.core.overlap import overlap
+
+        axes, facts = _axes(frame), points_before.attrs
+        before = points_in_frame(_points(points_before, first=True), axes)
+        after = points_in_frame(_points(points), axes)
+        motion = self._motion(before, after)
+        along = _moving_frame(motion)
+        after = points_in_frame(after, along)
+        covariance = joint_covariance(after, before, symmetric(points_before["template"]))
+        rho = overlap(facts["subset_size"], facts["step_size"], facts["shape_function"])
+        window = self._window(facts["step_size"])
+        surface = surface_gradient(before.xyz, after.xyz, covariance, rho, window, self.degree, self.min_share)
+        fields = {**_displacements(before, after, covariance), **self._strains(surface)}
+        if rig is not None and "covariance" in rig.attrs:
+            turns = (along.rotation @ axes.rotation, axes.rotation)
+            fields |= self._calibration(rig, (points, points_before), turns, surface)
+        fields |= {"xyz": after.xyz, "xyz_reference": before.xyz, "gradient": surface.gradient}
+        return self._product(fields, covariance, (points, points_before), motion)
+
+    def _window(self, step_size: float) -> tuple[int, int]:
+        from dicflow.core.filters import odd_window
+
+        return odd_window((self.window, self.window), step_size)
+
+    def _motion(self, before: MeasuredPoints, after: MeasuredPoints) -> RigidMotion | None:
+        """The rigid-body motion that is to be taken out; None where it is not, or no point is left."""
+        import numpy as np
+
+        from dicflow.core.rigid import rigid_motion
+
+        if not self.rigid or not np.isfinite(before.xyz + after.xyz).any():
+            return None
+        weights = 1.0 / np.maximum(np.trace(before.own + after.own, axis1=-2, axis2=-1), 1e-12)
+        try:
+            return rigid_motion(before.xyz, after.xyz, np.nan_to_num(weights))
+        except ValueError as error:
+            raise StageError(f"{error}; look at the points of this step, or use rigid: false") from error
+
+    def _strains(self, surface: SurfaceGradient) -> dict[str, np.ndarray]:
+        """All measures of the deformation, and σ of each."""
+        from dicflow.core.measures import measured, sigma
+
+        values = measured(surface.gradient, self.measure, self.directions)
+        deviations = sigma(surface.gradient, surface.covariance, self.measure, self.directions)
+        return {**values._asdict(), **{f"sigma_{name}": part for name, part in deviations._asdict().items()}}
+
+    def _calibration(
+        self, rig: Product, steps: tuple[Product, Product], turns: tuple[np.ndarray, ...], surface: SurfaceGradient
+    ) -> dict[str, np.ndarray]:
+        """The calibration's share in σ of displacement and strain.
+
+        steps, turns : this one and the first, and the axes in which each is given
+        """
+        from dicflow.core.calibration_error import error_modes, mode_displacement_sigma, mode_gradient_covariance
+        from dicflow.core.measures import sigma
+        from dicflow.core.rig_uncertainty import sensitivity_at
+        from dicflow.io.rig import rig_from_dict
+
+        cameras, modes = rig_from_dict(rig.attrs["rig"]), error_modes(rig.attrs["covariance"])
+        after, before = (
+            (turn @ sensitivity_at(cameras, step["xyz"])) @ modes for step, turn in zip(steps, turns, strict=True)
+        )
+        covariance = mode_gradient_covariance(after, before, surface.response)
+        strains = sigma(surface.gradient, covariance, self.measure, self.directions)
+        displacement = mode_displacement_sigma(after, before)
+        return {
+            **{f"calibration_{name}": displacement[..., axis] for axis, name in enumerate("UVW")},
+            **{f"calibration_{name}": getattr(strains, name) for name in ("exx", "eyy", "gxy")},
+        }
+
+    def _product(
+        self,
+        fields: dict[str, np.ndarray],
+        covariance: np.ndarray,
+        steps: tuple[Product, Product],
+        motion: RigidMotion | None,
+    ) -> Product:
+        import numpy as np
+
+        from dicflow.core.covariance import upper
+
+        step, first = steps
+        moved, strained = np.isfinite(fields["U"]), np.isfinite(fields["exx"])
+        window = self._window(first.attrs["step_size"])
+        reasons = _reasons(np.maximum(step["status"], first["status"]), moved)
+        status = fitted_status(moved, strained, reasons, window, self.degree)
+        fields = {**fields, "xy": step["xy"], "xy_reference": first["xy"], "covariance": upper(covariance)}
+        fields = {name: _where(moved & strained, values) for name, values in fields.items()}
+        unit = "mm" if step.kind == "points" else "px"
+        variables = {name: _variable(name, values, unit, _MEASURES[self.measure]) for name, values in fields.items()}
+        variables["status"] = Variable(_GRID, status, "1", "why a point has a value, or has none")
+        variables |= {name: step.variables[name] for name in ("way", "znssd") if name in step}
+        share = (moved & strained).sum() / max(1, int(np.isfinite(first["xy"]).all(axis=-1).sum()))
+        summary = {"valid_share": float(share), **field_means(fields, unit), **_usual_sigmas(fields, unit)}
+        attrs = {**self._facts(fields, first.attrs, unit), "rigid": _six_numbers(motion), "summary": summary}
+        return Product("total", variables, attrs)
+
+    def _facts(self, fields: Mapping[str, np.ndarray], facts: Mapping[str, Any], unit: str) -> dict[str, Any]:
+        """What the numbers are, and on how much of the photograph each rests."""
+        import numpy as np
+
+        from dicflow.core.deformation_gradient import pixel_size_mm, vsg_px
+
+        window = self._window(facts["step_size"])
+        gauge = vsg_px(window[0], facts["step_size"], facts["subset_size"])
+        size = pixel_size_mm(fields["xyz_reference"], facts["step_size"])
+        size = size[np.isfinite(size)]
+        measure = f"{_MEASURES[self.measure]}, {self.directions} directions,"
+        return {
+            "definition": "precise",
+            "unit": unit,
+            "measure": self.measure,
+            "directions": self.directions,
+            "measures": {name: title.format(measure=measure) for name, title in _SCALARS.items()},
+            "degree": self.degree,
+            "window_points": list(window),
+            **{name: facts[name] for name in ("step_size", "subset_size", "shape_function")},
+            "vsg_px": gauge,
+            "vsg_mm": float(gauge * np.median(size)) if unit == "mm" and size.size else None,
+        }
+
+
+def _axes(frame: Product | None) -> Frame:
+    """The frame in which results are given."""
+    import numpy as np
+
+    from dicflow.core.frames import CAMERA, Frame
+
+    if frame is None:
+        return CAMERA
+    return Frame(np.array(frame.attrs["rotation"]), np.array(frame.attrs["origin_mm"]))
+
+
+def _moving_frame(motion: RigidMotion | None) -> Frame:
+    """The frame that moves along with what is taken out."""
+    from dicflow.core.frames import CAMERA
+    from dicflow.core.rigid import undoing
+
+    return CAMERA if motion is None else undoing(motion)
+
+
+def _points(product: Product, first: bool = False) -> MeasuredPoints:
+    """The points of a step with their errors; of one camera, in the plane of its photograph.
+
+    Of one camera the points of the first step are exact, being where the subsets were laid.
+    """
+    import numpy as np
+
+    from dicflow.core.covariance import MeasuredPoints, symmetric
+
+    if product.kind == "points":
+        return MeasuredPoints(product["xyz"], symmetric(product["covariance"]), product["sensitivity"])
+    flat: MeasuredPoints = MeasuredPoints(
+        np.pad(product["xy"], [(0, 0), (0, 0), (0, 1)]),
+        np.pad(symmetric(product["covariance"]), [(0, 0), (0, 0), (0, 1), (0, 1)]),
+        np.pad(product["gradient"], [(0, 0), (0, 0), (0, 1), (0, 0)]),
+    )
+    return MeasuredPoints(flat.xyz, 0.0 * flat.own, 0.0 * flat.sensitivity) if first else flat
+
+
+def _displacements(before: MeasuredPoints, after: MeasuredPoints, covariance: np.ndarray) -> dict[str, np.ndarray]:
+    """U, V and W, and σ of each."""
+    import numpy as np
+
+    from dicflow.core.covariance import displacement_covariance
+
+    values = after.xyz - before.xyz
+    values[np.isnan(values).any(axis=-1)] = np.nan
+    variances = np.diagonal(displacement_covariance(covariance), axis1=-2, axis2=-1)
+    deviations = np.sqrt(np.maximum(variances, 0.0))
+    return {
+        **{name: values[..., axis] for axis, name in enumerate("UVW")},
+        **{f"sigma_{name}": deviations[..., axis] for axis, name in enumerate("UVW")},
+    }
+
+
+def _reasons(status: np.ndarray, known: np.ndarray) -> np.ndarray:
+    """Status that agrees with what is known: a value, or a reason why there is none."""
+    import numpy as np
+
+    from dicflow.core.status import Status
+
+    reasons = np.where(known, np.minimum(status, Status.FILLED), np.maximum(status, Status.OUTSIDE))
+    return np.asarray(reasons, dtype=np.uint8)
+
+
+def _where(complete: np.ndarray, values: np.ndarray) -> np.ndarray:
+    """NaN where the total is not complete."""
+    import numpy as np
+
+    return np.where(complete.reshape(complete.shape + (1,) * (values.ndim - 2)), values, np.nan)
+
+
+def _variable(name: str, values: np.ndarray, unit: str, measure: str) -> Variable:
+    """One array of the total with its axes, unit and title; deviations in single precision."""
+    import numpy as np
+
+    if name in _PLACES:
+        dims, title = _PLACES[name]
+        units = {"component": unit, "image_component": "px", "pair": f"{unit}²"}.get(dims[0], "1")
+        return Variable((*_GRID, *dims), values.astype(np.float32) if name == "covariance" else values, units, title)
+    share, base = name.split("_", 1) if name.startswith(tuple(_SHARES)) else ("", name)
+    title = _SCALARS[base].format(measure=measure)
+    units = unit if base in "UVW" else "deg" if base in ("angle", "rotation") else "1"
+    if share:
+        return Variable(_GRID, values.astype(np.float32), units, _SHARES[share].format(title=title))
+    return Variable(_GRID, values, units, title)
+
+
+def _usual_sigmas(fields: Mapping[str, np.ndarray], unit: str) -> dict[str, float]:
+    """Median σ of displacements and strains; absent without any."""
+    import numpy as np
+
+    names = {f"sigma_{name}": f"_{unit}" for name in "UVW"} | {f"sigma_{name}": "" for name in ("exx", "eyy", "gxy")}
+    known = {name: fields[name][np.isfinite(fields[name])] for name in names}
+    return {f"{name}{names[name]}": float(np.median(values)) for name, values in known.items() if values.size}
+
+
+def _six_numbers(motion: RigidMotion | None) -> dict[str, list[float]] | None:
+    """The rigid-body motion that was taken out."""
+    if motion is None:
+        return None
+    return {
+        "rotation_deg": motion.rotation_deg.tolist(),
+        "translation": motion.translation.tolist(),
+        "centre": motion.centre.tolist(),
+    }

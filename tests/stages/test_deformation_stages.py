@@ -1,0 +1,197 @@
+"""The total from measured points: known fields, what is taken out, and that σ covers the errors."""
+
+import json
+
+import numpy as np
+import pytest
+from measured_points import (
+    MM_PX,
+    RIG,
+    SHAPE,
+    STEP_SIZE,
+    SUBSET_SIZE,
+    correlation,
+    first_points,
+    grid_px,
+    points,
+    sheet,
+    template_errors,
+)
+
+from dicflow.core.camera import rotation_matrix
+from dicflow.core.rig_parameters import rig_moved
+from dicflow.core.rig_uncertainty import intersection
+from dicflow.core.status import Status
+from dicflow.engine.product import Product, Variable
+from dicflow.errors import StageError
+from dicflow.io.rig import rig_to_dict
+from dicflow.stages.deformation import Deformation
+
+STRETCH = np.diag([2.3**-0.5, 2.3, 1.0])
+FLAT = sheet()
+CENTRE = FLAT.mean(axis=(0, 1))
+
+
+def deformed(gradient, xyz=FLAT, turn=(0, 0, 0), shift=(0, 0, 0)):
+    return ((xyz - CENTRE) @ np.asarray(gradient).T) @ rotation_matrix(turn).T + CENTRE + shift
+
+
+def total(after, before=FLAT, **parameters):
+    stage = Deformation(**{"window": 50, **parameters})
+    return stage.run(points=points(after), points_before=first_points(before))
+
+
+def test_uniaxial_stretch_of_2_3():
+    result = total(deformed(STRETCH))
+    expected = {"exx": 2.3**-0.5 - 1, "eyy": 1.3, "gxy": 0, "e1": 1.3, "e2": 2.3**-0.5 - 1, "rotation": 0}
+    for name, value in {**expected, "von_mises": np.log(2.3), "area_change": 2.3**0.5 - 1}.items():
+        assert np.abs(result[name] - value).max() < 1e-9
+    assert np.abs(result["V"] - 1.3 * (FLAT - CENTRE)[..., 1]).max() < 1e-9
+    assert not result["status"].any()
+    assert result.attrs["summary"]["mean_eyy"] == pytest.approx(1.3)
+    assert result.attrs["summary"]["valid_share"] == 1.0
+    json.dumps(result.attrs, allow_nan=False)
+
+
+@pytest.mark.parametrize("rigid", [False, True])
+def test_rigid_motion_has_no_strain_and_can_be_taken_out(rigid):
+    motion = {"turn": (0.1, -0.2, 0.15), "shift": (5.0, -3.0, 20.0)}
+    result = total(deformed(np.eye(3), **motion), rigid=rigid)
+    assert max(np.abs(result[name]).max() for name in ("exx", "eyy", "gxy", "e1")) < 1e-9
+    if rigid:
+        assert max(np.abs(result[name]).max() for name in "UVW") < 1e-9
+        assert np.allclose(result.attrs["rigid"]["rotation_deg"], np.degrees(motion["turn"]))
+        assert np.allclose(result.attrs["rigid"]["translation"], motion["shift"])
+    else:
+        assert result.attrs["rigid"] is None
+        assert result.attrs["summary"]["mean_W_mm"] == pytest.approx(20.0)
+
+
+def test_measure_and_directions():
+    turned = deformed(STRETCH, turn=(0, 0, np.pi / 6))
+    material = total(turned, measure="hencky")
+    assert np.abs(material["eyy"] - np.log(2.3)).max() < 1e-9
+    assert np.abs(material["rotation"] - 30.0).max() < 1e-9
+    present = total(turned, measure="green_lagrange", directions="global")
+    c, s = np.cos(np.pi / 6), np.sin(np.pi / 6)
+    strain = [(1 / 2.3 - 1) / 2, (2.3**2 - 1) / 2]
+    assert np.abs(present["exx"] - (c**2 * strain[0] + s**2 * strain[1])).max() < 1e-9
+    assert "Green–Lagrange" in present.attrs["measures"]["exx"]
+    assert "global" in present.attrs["measures"]["exx"]
+
+
+def test_gauge_in_px_and_mm():
+    result = total(FLAT)
+    assert result.attrs["window_points"] == [7, 7]
+    assert result.attrs["vsg_px"] == 6 * STEP_SIZE + SUBSET_SIZE
+    assert result.attrs["vsg_mm"] == pytest.approx(MM_PX * result.attrs["vsg_px"])
+
+
+def test_a_frame_turns_the_result():
+    tilted = sheet((0.5, 0.0))
+    axis = np.array([1.0, 0.0, 0.5]) / np.sqrt(1.25)
+    rotation = np.stack([axis, [0.0, 1.0, 0.0], np.cross(axis, [0.0, 1.0, 0.0])])
+    frame = Product("frame", attrs={"rotation": rotation.tolist(), "origin_mm": [0.0, 0.0, 500.0]})
+    after = tilted + 0.02 * (tilted @ axis)[..., None] * axis
+    result = Deformation().run(points=points(after), points_before=first_points(tilted), frame=frame)
+    assert np.abs(result["exx"] - 0.02).max() < 1e-9
+    assert max(np.abs(result[name]).max() for name in ("V", "W", "eyy", "gxy")) < 1e-9
+    assert np.abs(result["xyz_reference"][..., 2]).max() < 1e-9
+    plain = Deformation().run(points=points(after), points_before=first_points(tilted))
+    assert np.allclose(result["U"], np.hypot(plain["U"], plain["W"]) * np.sign(plain["U"]), atol=1e-9)
+
+
+def test_one_camera():
+    gradient = np.array([[1.1, 0.2], [-0.1, 0.9]])
+    first = correlation(grid_px(), np.eye(2))
+    result = Deformation().run(points=correlation(grid_px() @ gradient.T, gradient), points_before=first)
+    assert np.abs(result["gradient"] - gradient).max() < 1e-9
+    assert np.allclose(result["U"], (grid_px() @ gradient.T - grid_px())[..., 0])
+    assert result.variables["U"].units == result.attrs["unit"] == "px"
+    assert result.attrs["vsg_mm"] is None
+    expected = np.sqrt(1e-4 + 1e-4 * (gradient @ gradient.T).diagonal())
+    assert np.allclose(result["sigma_U"], expected[0])
+    assert np.allclose(result["sigma_V"], expected[1])
+    assert not result["W"].any()
+
+
+def test_missing_points_say_why():
+    after = deformed(STRETCH)
+    after[5, 5] = np.nan
+    after[20:, 10:] = np.nan
+    after[30, 20] = FLAT[30, 20]
+    result = total(after)
+    assert result["status"][5, 5] == Status.NO_MATCH
+    assert result["status"][30, 20] == Status.TOO_FEW_NEIGHBOURS
+    valid = result["status"] == Status.VALID
+    for name in ("U", "sigma_U", "exx", "sigma_exx", "e1", "xyz"):
+        assert np.array_equal(np.isfinite(result[name].reshape(*SHAPE, -1)).all(axis=-1), valid)
+    assert result.attrs["summary"]["valid_share"] == pytest.approx(valid.mean())
+
+
+def test_a_step_without_points_is_empty_not_an_error():
+    result = total(np.full_like(FLAT, np.nan), rigid=True)
+    assert np.isnan(result["exx"]).all()
+    assert result.attrs["summary"] == {"valid_share": 0.0}
+
+
+def test_a_window_too_small_is_refused():
+    sparse = np.full_like(FLAT, np.nan)
+    sparse[::4, ::4] = FLAT[::4, ::4]
+    with pytest.raises(StageError, match="widen the window"):
+        total(sparse, window=21)
+
+
+def test_one_sigma_covers_68_percent_of_displacement_and_strain():
+    rng, scores = np.random.default_rng(8), {name: [] for name in ("U", "V", "W", "exx", "eyy", "gxy", "e1")}
+    before, after = sheet((0.3, -0.2)), deformed(STRETCH, sheet((0.3, -0.2)), (0.05, -0.1, 0.1), (1, 2, 3))
+    truth = total(after, before)
+    for _ in range(30):
+        common = template_errors(rng)
+        noisy = Deformation().run(points=points(after, rng, common), points_before=first_points(before, rng, common))
+        for name, found in scores.items():
+            found.append((noisy[name] - truth[name]) / noisy[f"sigma_{name}"])
+    for found in scores.values():
+        assert (np.abs(found) < 1).mean() == pytest.approx(0.683, abs=0.03)
+        assert (np.abs(found) < 2).mean() == pytest.approx(0.954, abs=0.02)
+
+
+def test_the_share_of_the_calibration():
+    """A baseline known to 0.1 % makes all lengths in space, and so all displacements, wrong by 0.1 %, and no strain."""
+    covariance = np.zeros((24, 24))
+    shift = np.concatenate([np.zeros(21), 1e-3 * RIG.translation])
+    covariance += np.outer(shift, shift)
+    rig = Product("rig", attrs={"rig": rig_to_dict(RIG), "covariance": covariance.tolist()})
+    before, after = first_points(FLAT), points(deformed(STRETCH, shift=(1.0, 2.0, 3.0)))
+    exact = Product("points", {**before.variables, "xy": points(FLAT).variables["xy"]}, before.attrs)
+    result = Deformation().run(points=after, points_before=exact, rig=rig)
+    for name in "UVW":
+        assert np.allclose(result[f"calibration_{name}"], 1e-3 * np.abs(result[name]), atol=1e-7)
+    for name in ("exx", "eyy", "gxy"):
+        assert np.abs(result[f"calibration_{name}"]).max() < 2e-6
+
+
+def test_the_calibration_share_of_strain_is_what_another_rig_would_give():
+    step = np.zeros(24)
+    step[0] = 10.0
+    rig = Product("rig", attrs={"rig": rig_to_dict(RIG), "covariance": np.outer(step, step).tolist()})
+    before, after = points(FLAT), points(deformed(STRETCH, turn=(0, 0.1, 0), shift=(1.0, 2.0, 3.0)))
+    shares = Deformation().run(points=after, points_before=before, rig=rig)
+    other = [points(intersection(rig_moved(RIG, step), part["xy"], part["xy_right"])) for part in (after, before)]
+    moved = Deformation().run(points=other[0], points_before=other[1])
+    for name in ("U", "V", "W", "exx", "eyy", "gxy"):
+        change = np.abs(moved[name] - shares[name])
+        deviation = np.abs(shares[f"calibration_{name}"] - change)
+        assert np.median(deviation) < 0.01 * change.max()
+        assert deviation.max() < 0.1 * change.max()
+
+
+def test_variables_have_units_and_names():
+    result = total(deformed(STRETCH))
+    assert result.variables["sigma_W"].units == "mm"
+    assert result.variables["angle"].units == "deg"
+    assert result.variables["sigma_exx"].units == "1"
+    assert result.variables["sigma_exx"].long_name.startswith("σ of the engineering strain")
+    assert result["covariance"].shape == (*SHAPE, 21)
+    assert np.array_equal(result["xy_reference"], grid_px())
+    assert isinstance(result.variables["way"], Variable)
