@@ -24,6 +24,7 @@ NEEDED = {
     "corners": {"size": (9, 6)},
     "calibrate": {"square": 1},
     "compare": {"caliper": "x"},
+    "rig_file": {"file": "x"},
 }
 AFTER = {"computed": 0, "failed": 0, "skipped": 0}
 

@@ -49,6 +49,8 @@ class Format(StrEnum):
     csv = "csv"
     npz = "npz"
     png = "png"
+    opencv = "opencv"
+    json = "json"
 
 
 PipelineFile = Annotated[Path, typer.Argument(metavar="PIPELINE", help="pipeline file, such as pipeline.yaml")]

@@ -23,6 +23,8 @@ from dicflow.cli.options import (
 
 __all__ = ["export", "graph", "list_products", "show"]
 
+_FORMATS = "csv: a table; npz: all arrays; png: pictures; opencv: a rig as OpenCV YAML; json: a rig as JSON"
+
 
 def graph(
     pipeline: PipelineFile,
@@ -86,18 +88,19 @@ def export(
     stage: Annotated[str, typer.Argument(help="stage whose products are written")],
     settings: Settings,
     step: Step = None,
-    to: Annotated[Format, typer.Option("--format", help="csv: a table; npz: all arrays; png: pictures")] = Format.csv,
+    to: Annotated[Format, typer.Option("--format", help=_FORMATS)] = Format.csv,
     output: Annotated[Path, typer.Option(help="folder for the files")] = Path("export"),
     data: Data = None,
     store: StoreFolder = None,
     variant: VariantNumber = 1,
     force: Force = False,
 ) -> None:
-    """Write products as CSV, NPZ or PNG, by stage and step.
+    """Write products as CSV, NPZ or PNG, by stage and step; a rig as OpenCV YAML or JSON.
 
     \b
     dicflow export pipeline.yaml total --format csv
     dicflow export pipeline.yaml disparity --step step_03 --format png --output pictures
+    dicflow export pipeline.yaml rig --format opencv
     """
     from dicflow.views.exports import exported
 

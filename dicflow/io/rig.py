@@ -12,7 +12,7 @@ import numpy as np
 from dicflow.core.camera import Camera, Rig
 from dicflow.errors import InputError
 
-__all__ = ["read_rig", "rig_from_dict", "rig_to_dict", "write_rig"]
+__all__ = ["read_rig", "rig_from_dict", "rig_text", "rig_to_dict", "write_rig"]
 
 
 def rig_to_dict(rig: Rig) -> dict[str, Any]:
@@ -40,7 +40,12 @@ def rig_from_dict(values: Mapping[str, Any]) -> Rig:
 
 def write_rig(path: Path, rig: Rig) -> None:
     """Write the rig to a JSON file."""
-    path.write_text(json.dumps(rig_to_dict(rig), indent=2) + "\n", encoding="utf-8")
+    path.write_text(rig_text(rig), encoding="utf-8")
+
+
+def rig_text(rig: Rig) -> str:
+    """The rig as the text of a JSON file."""
+    return json.dumps(rig_to_dict(rig), indent=2) + "\n"
 
 
 def read_rig(path: Path) -> Rig:

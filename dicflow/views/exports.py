@@ -18,7 +18,8 @@ def exported(result: Result, stage: str, step: str | None, to: str, variant: int
     """File name and contents of every product that is asked for.
 
     stage, step : names; without a step every step of the stage
-    to : "csv", "npz" or "png"; a PNG shows one array, so there are as many as the product has on a grid
+    to : "csv", "npz" or "png"; a PNG shows one array, so there are as many as the product has on a grid. A rig may also
+        be "opencv" (YAML) or "json"
     """
     steps: tuple[str | None, ...] = (step,) if step is not None else result.steps(stage) or (None,)
     for name in steps:
@@ -28,8 +29,23 @@ def exported(result: Result, stage: str, step: str | None, to: str, variant: int
             yield f"{stem}.csv", csv_text(product, stem).encode()
         elif to == "npz":
             yield f"{stem}.npz", npz_bytes(product)
+        elif to in ("opencv", "json"):
+            yield _rig(product, stem, to)
         else:
             yield from _pictures(product, stem)
+
+
+def _rig(product: Product, stem: str, to: str) -> tuple[str, bytes]:
+    from dicflow.io.calibrations import opencv_text
+    from dicflow.io.rig import rig_from_dict, rig_text
+
+    if product.kind != "rig":
+        raise ConfigurationError(
+            f"{stem}: a product of kind {product.kind} is no calibration; export it as csv, npz or png"
+        )
+    rig = rig_from_dict(product.attrs["rig"])
+    name, text = ("yaml", opencv_text(rig)) if to == "opencv" else ("json", rig_text(rig))
+    return f"{stem}.{name}", text.encode()
 
 
 def _pictures(product: Product, stem: str) -> Iterator[tuple[str, bytes]]:
