@@ -33,16 +33,23 @@ def swapped(rig: Rig) -> Rig:
     return Rig(rig.right, rig.left, rig.rotation.T, -rig.rotation.T @ rig.translation)
 
 
-def board_corners(rig: Rig, count: int = 12, seed: int = 3) -> tuple[np.ndarray, np.ndarray]:
-    """Corners (count, m, 2) of boards in all places and tilts, as both cameras see them [px]."""
+def board_corners(
+    rig: Rig, count: int = 12, seed: int = 3, board: np.ndarray | None = None, bend_mm: np.ndarray | float = 0.0
+) -> tuple[np.ndarray, np.ndarray]:
+    """Corners (count, m, 2) of boards in all places and tilts, as both cameras see them [px].
+
+    board : (m, 3) — the marks of another target [mm]
+    bend_mm : sagitta of a cylinder along the rows, of each board or of all
+    """
     generator = np.random.default_rng(seed)
-    board = board_points(SIZE, SQUARE_MM)
-    board -= board.mean(axis=0)
+    board = board_points(SIZE, SQUARE_MM) if board is None else board
+    board = board - board.mean(axis=0)
+    bow = np.array([0.0, 0.0, 1.0]) * (1.0 - (board[:, :1] / board[:, 0].max()) ** 2)
     left, right = [], []
-    for _ in range(count):
+    for bend in np.broadcast_to(bend_mm, count):
         turn = rotation_matrix(generator.uniform([-0.5, -0.5, -0.3], [0.5, 0.5, 0.3]))
         place = generator.uniform([-20.0, -15.0, 380.0], [20.0, 15.0, 430.0])
-        points = board @ turn.T + place
+        points = (board + bend * bow) @ turn.T + place
         left.append(project(rig.left, points))
         right.append(project(rig.right, to_right(rig, points)))
     return np.stack(left), np.stack(right)
