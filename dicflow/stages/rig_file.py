@@ -57,14 +57,16 @@ class RigFile(Node):
 
         size = None if images is None else (images["left"].shape[1], images["left"].shape[0])
         found = read_calibration(file_path, size)
+        summary = _summary(found)
         attrs = {
             "rig": rig_to_dict(found.rig),
             "pairs": [],
             "program": found.program,
             "warnings": list(found.warnings),
-            "summary": _summary(found),
+            "verdict": _verdict(file_path, found, summary),
+            "summary": summary,
         }
-        return Product("rig", {}, {**attrs, "verdict": _verdict(file_path, found, attrs["summary"])})
+        return Product("rig", {}, attrs)
 
 
 def _summary(found: Calibration) -> dict[str, float]:

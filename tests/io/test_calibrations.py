@@ -218,6 +218,7 @@ def test_plain_lists_and_other_numberings(tmp_path, first, second):
         ("2898.5512345", ".nan", ("cameramatrix1", "finite number")),
         ("   rows: 3\n   cols: 3", "   rows: 2\n   cols: 3", ("9 numbers as 2 × 3", "expected")),
         ("0.317 ]", "0.317, 1.5, 0.0, 0.0 ]", ("8 numbers as 1 × 5",)),
+        ("T: !!opencv-matrix", "E: !!opencv-matrix", ("write them all into one file", "intrinsics and extrinsics")),
         ("---", "---\ncamera_model: fisheye", ("cameramodel is fisheye",)),
         ("---", "---\na: &a [1]\nb: *a", (":4", "damaged YAML")),
         ("R: !!opencv-matrix", "R: !!python/object:os.system", ("damaged YAML",)),
@@ -268,6 +269,12 @@ def test_the_law_of_vic3d_is_pointed_out(tmp_path):
     straight = [camera._replace(distortion=np.zeros(5)) for camera in (truth.left, truth.right)]
     FILES["vic3d.xml"](path, truth._replace(left=straight[0], right=straight[1]))
     assert not read_calibration(path, SIZE).warnings
+
+
+def test_a_project_of_vic3d_names_cameras_elsewhere_too(tmp_path):
+    path, truth = tmp_path / "v.xml", made_rig(tangential=False)
+    path.write_text(vic3d_xml(truth).replace("</project>", '<view><camera id="0">front</camera></view></project>'))
+    close(read_calibration(path, SIZE).rig, truth)
 
 
 @pytest.mark.parametrize(

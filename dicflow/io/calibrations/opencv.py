@@ -55,7 +55,8 @@ def parse(source: Source) -> Draft:
     if not (matrices and lenses and turn and shift):
         found = ", ".join(entries) or "nothing"
         raise InputError(
-            f"{source.path}: expected {_EXPECTED} of a stereo calibration, found {found:.200}; write them all"
+            f"{source.path}: expected {_EXPECTED} of a stereo calibration, found {found:.200}; write them all into one "
+            "file, also where intrinsics and extrinsics were kept in two"
         )
     left, right = (
         DraftCamera(

@@ -51,7 +51,9 @@ def parse(source: Source) -> Draft:
     path, data = source.path, source.data
     if data.startswith(_ZIP):
         path, data = Path(f"{path}/{_MEMBER}"), _project(source)
-    cameras = {element.get("id"): element for element in parse_xml(path, data).iter("camera")}
+    root = parse_xml(path, data)
+    calibration = root.find(".//calibration")
+    cameras = {element.get("id"): element for element in (root if calibration is None else calibration).iter("camera")}
     if set(cameras) != {"0", "1"}:
         found = ", ".join(str(name) for name in cameras) or "none"
         raise InputError(f"{path}: expected the cameras 0 and 1, found {found}; export the calibration of one pair")
