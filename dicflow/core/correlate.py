@@ -15,6 +15,7 @@ from __future__ import annotations
 from concurrent.futures import ThreadPoolExecutor
 from typing import Any, NamedTuple
 
+import cv2
 import numpy as np
 import numpy.typing as npt
 from numba import njit
@@ -30,6 +31,7 @@ Array = npt.NDArray[np.float64]
 Mask = npt.NDArray[np.bool_]
 
 _CHUNK = 512
+_GAUSSIAN_PX, _REACH = 0.7, 3
 _VALID, _LOW_TEXTURE, _CUT = int(Status.VALID), int(Status.LOW_TEXTURE), int(Status.CUT_SUBSET)
 
 
@@ -96,7 +98,25 @@ def template(reference: Spline, usable: Mask | None = None) -> Template:
     allowed = np.ones(reference.image.shape, dtype=np.bool_) if usable is None else np.ascontiguousarray(usable)
     unusable = np.zeros((allowed.shape[0] + 1, allowed.shape[1] + 1), dtype=np.int32)
     unusable[1:, 1:] = np.cumsum(np.cumsum(~allowed, axis=0, dtype=np.int32), axis=1, dtype=np.int32)
-    return Template(reference.image, *slopes(reference), allowed, unusable)
+    return Template(reference.image, *_derivatives(reference), allowed, unusable)
+
+
+def _derivatives(reference: Spline) -> tuple[npt.NDArray[np.float32], npt.NDArray[np.float32]]:
+    """Derivatives by a narrow Gaussian, scaled to explain as much as possible of the spline's own.
+
+    What an interpolation gets wrong is the finest grain of the image. Derivatives without it do not answer to such
+    errors: the bias of the place falls to a third where the derivatives of the spline itself would be more precise by
+    3 % at most. With the scale H remains the Hessian and its inverse the covariance.
+    """
+    reach = np.arange(-_REACH, _REACH + 1)
+    bell = np.exp(-0.5 * (reach / _GAUSSIAN_PX) ** 2)
+    value, slope = bell / bell.sum(), reach * bell / (reach**2 * bell).sum()
+    by_x = cv2.sepFilter2D(reference.image, -1, slope, value, borderType=cv2.BORDER_REFLECT_101)
+    by_y = cv2.sepFilter2D(reference.image, -1, value, slope, borderType=cv2.BORDER_REFLECT_101)
+    true_x, true_y = slopes(reference)
+    square = np.vdot(by_x, by_x) + np.vdot(by_y, by_y)
+    scale = (np.vdot(by_x, true_x) + np.vdot(by_y, true_y)) / square if square > 0.0 else np.float32(1.0)
+    return by_x * scale, by_y * scale
 
 
 def correlate(
