@@ -13,7 +13,7 @@ from typing import Literal, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["Overlap", "ShapeFunction", "independent", "overlap", "weighted_variance"]
+__all__ = ["Overlap", "ShapeFunction", "independent", "overlap"]
 
 Array = NDArray[np.float64]
 ShapeFunction = Literal["affine", "quadratic"]
@@ -60,19 +60,6 @@ def overlap(subset_size: int, step_size: float, shape_function: ShapeFunction = 
 def independent() -> Overlap:
     """Errors that have nothing in common."""
     return Overlap(np.ones((1, 1)), np.ones((1, 1)))
-
-
-def weighted_variance(
-    weights: Array, sigma: Array, rows: NDArray[np.int64], cols: NDArray[np.int64], rho: Overlap
-) -> float:
-    """Variance of the sum Σ wₙ δₙ of the errors δ of points on the grid.
-
-    weights, sigma : (n,) — w, and the standard deviation of each δ
-    rows, cols : (n,) — places of the points on the grid
-    """
-    scaled = weights * sigma
-    alike = rho.at(rows[:, None] - rows, cols[:, None] - cols)
-    return max(float(scaled @ alike @ scaled), 0.0)
 
 
 def _half_parabola(size: int) -> Array:

@@ -2,8 +2,8 @@ import numpy as np
 import pytest
 from scipy.signal import correlate2d
 
-from dicflow.core.overlap import independent, overlap, weighted_variance
-from tests.noise import point_errors, subset_kernel
+from dicflow.core.overlap import overlap
+from tests.noise import subset_kernel
 
 
 @pytest.mark.parametrize("shape_function", ["affine", "quadratic"])
@@ -25,14 +25,3 @@ def test_it_is_the_autocorrelation_of_the_kernel(subset_size, step_size, shape_f
 def test_affine_subsets_overlap_by_a_triangle():
     rho = overlap(30, 6.0)
     assert rho.at(np.array([0, 1, 2, 5]), np.array([0, 0, 3, 0])) == pytest.approx([1.0, 0.8, 0.6 * 0.4, 0.0])
-
-
-def test_variance_of_a_mean():
-    rows, cols = (grid.ravel() for grid in np.mgrid[:3, :4])
-    weights, sigma = np.full(12, 1 / 12), np.full(12, 2.0)
-    assert weighted_variance(weights, sigma, rows, cols, independent()) == pytest.approx(4 / 12)
-    found = weighted_variance(weights, sigma, rows, cols, overlap(15, 5))
-    rng = np.random.default_rng(2)
-    means = [point_errors(rng, (3, 4), np.array([[4.0]]), 15, 5).mean() for _ in range(3000)]
-    assert np.var(means) == pytest.approx(found, rel=4 * np.sqrt(2 / 3000))
-    assert found > 4 * 4 / 12

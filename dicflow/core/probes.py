@@ -1,0 +1,163 @@
+"""Values at places between the points of the grid, along lines and over areas, as weighted sums of the points.
+
+A probe knows by what weights the points around it add up, so that its standard deviation follows from theirs and from
+the correlation of their errors.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple, Protocol
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from scipy.signal import convolve2d, correlate2d
+
+from dicflow.core.filters import slope_weights
+from dicflow.core.overlap import Overlap
+
+__all__ = [
+    "Alike",
+    "Probe",
+    "area_probe",
+    "difference",
+    "line_probe",
+    "point_probe",
+    "sigma_of",
+    "slope_overlap",
+    "value_of",
+]
+
+Array = NDArray[np.float64]
+Mask = NDArray[np.bool_]
+Index = NDArray[np.int64]
+
+_REACH = 2.5
+_NEAR = 2.0
+_PARABOLA_POINTS = 8
+_PLANE_POINTS = 4
+_FLAT = 1e-3
+
+
+class Probe(NamedTuple):
+    """A weighted sum Σ wₙ zₙ over points of the grid.
+
+    rows, cols, weights : (n,) — the weights add up to 1
+    """
+
+    rows: Index
+    cols: Index
+    weights: Array
+
+
+class Alike(Protocol):
+    """The correlation of errors at a distance on the grid."""
+
+    def at(self, rows_apart: Index, cols_apart: Index) -> Array:
+        """ρ at distances (...) [points]."""
+        ...
+
+
+def point_probe(grid: Array, known: Mask, place: ArrayLike, step_size: float) -> Probe | None:
+    """The value at one place: of the parabola, or with few points the plane, that fits the points around it best.
+
+    grid : (row, col, 2) — places of the points in the photograph of the first step [px]
+    known : (row, col) — which of them have a value
+    place : (2,) [px]
+    Returns None where no points are near: the place lies beyond what was measured.
+    """
+    apart = (grid - np.asarray(place, dtype=np.float64)) / step_size
+    distance = np.where(known, np.hypot(apart[..., 0], apart[..., 1]), np.inf)
+    nearest = float(distance.min(initial=np.inf))
+    if nearest > _NEAR:
+        return None
+    near = distance <= _REACH + nearest
+    weights = _centre_weights(apart[near])
+    if weights is None:
+        return None
+    rows, cols = np.nonzero(near)
+    return Probe(rows, cols, weights)
+
+
+def _centre_weights(places: Array) -> Array | None:
+    """Weights (n,) of points (n, 2) in the value at 0 of the polynomial through them; None where they fix no plane."""
+    x, y = places.T
+    terms = np.stack([np.ones_like(x), x, y, x * x, x * y, y * y], axis=1)
+    for count, least in ((6, _PARABOLA_POINTS), (3, _PLANE_POINTS)):
+        design = terms[:, :count]
+        if len(x) >= least and np.linalg.matrix_rank(design, tol=_FLAT) == count:
+            return np.asarray(np.linalg.pinv(design)[0])
+    return None
+
+
+def line_probe(grid: Array, known: Mask, places: ArrayLike, step_size: float) -> Probe | None:
+    """The mean over places (n, 2) along a line; None where one of them lies beyond what was measured."""
+    parts = [point_probe(grid, known, place, step_size) for place in np.asarray(places, dtype=np.float64)]
+    return None if any(part is None for part in parts) else _sum([part for part in parts if part is not None])
+
+
+def area_probe(inside: Mask, known: Mask) -> Probe | None:
+    """The mean over the points (row, col) of an area that have a value; None without any."""
+    rows, cols = np.nonzero(inside & known)
+    return Probe(rows, cols, np.full(len(rows), 1.0 / len(rows))) if len(rows) else None
+
+
+def difference(first: Probe, second: Probe) -> Probe:
+    """The weighted sum that gives the value of one probe less that of another; its weights add up to 0."""
+    return Probe(
+        np.concatenate([first.rows, second.rows]),
+        np.concatenate([first.cols, second.cols]),
+        np.concatenate([first.weights, -second.weights]),
+    )
+
+
+def value_of(probe: Probe, field: NDArray[np.floating]) -> Array:
+    """Σ wₙ zₙ of a field (row, col, …)."""
+    return np.asarray(np.tensordot(probe.weights, field[probe.rows, probe.cols], axes=1))
+
+
+def sigma_of(probe: Probe, sigma: NDArray[np.floating], alike: Alike) -> float:
+    """Standard deviation of the sum.
+
+    sigma : (row, col) — of the points
+    alike : how the errors of the points are correlated
+    """
+    scaled = probe.weights * sigma[probe.rows, probe.cols]
+    rho = alike.at(probe.rows[:, None] - probe.rows, probe.cols[:, None] - probe.cols)
+    return float(np.sqrt(max(float(scaled @ rho @ scaled), 0.0)))
+
+
+class _Table(NamedTuple):
+    """A correlation as a table (2 n + 1, 2 m + 1), its middle at no distance."""
+
+    values: Array
+
+    def at(self, rows_apart: Index, cols_apart: Index) -> Array:
+        middle = np.array(self.values.shape) // 2
+        row, col = (np.clip(lag + m + 1, 0, 2 * m + 2) for lag, m in zip((rows_apart, cols_apart), middle, strict=True))
+        return np.asarray(np.pad(self.values, 1)[row, col])
+
+
+def slope_overlap(rho: Overlap, window: tuple[int, int], degree: int, directions: ArrayLike) -> Alike:
+    """How alike the errors of strains are, whose windows share points, for full windows.
+
+    rho : correlation of the points' errors
+    window, degree : of the fits
+    directions : (k, 2) — the strain's error is that of the slopes per column and per row in these proportions, the
+        errors of the k of them being independent of one another
+    """
+    factors, terms = slope_weights(np.ones(window), window, degree)
+    slopes = np.tensordot(factors[window[0] // 2, window[1] // 2], terms, axes=1)
+    weights = np.tensordot(np.asarray(directions, dtype=np.float64), slopes, axes=1)
+    shared = sum(correlate2d(part, part) for part in weights)
+    reach = [np.arange(-part.shape[1] + 1, part.shape[1]) for part in (rho.down, rho.across)]
+    spread = convolve2d(shared, rho.at(*np.meshgrid(*reach, indexing="ij")))
+    return _Table(spread / spread[spread.shape[0] // 2, spread.shape[1] // 2])
+
+
+def _sum(parts: list[Probe]) -> Probe:
+    """The mean of several probes, each point named once."""
+    places = np.concatenate([np.stack([part.rows, part.cols], axis=1) for part in parts])
+    weights = np.concatenate([part.weights for part in parts]) / len(parts)
+    unique, which = np.unique(places, axis=0, return_inverse=True)
+    sums = np.asarray(np.bincount(which.ravel(), weights), dtype=np.float64)
+    return Probe(unique[:, 0], unique[:, 1], sums)
