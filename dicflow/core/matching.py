@@ -10,9 +10,9 @@ import numpy.typing as npt
 from scipy.spatial import cKDTree
 
 from dicflow.core.features import Features
-from dicflow.core.transform import apply_transform, msac
+from dicflow.core.transform import MINIMUM_PAIRS, apply_transform, msac
 
-__all__ = ["LocalMotion", "consistent", "guided_matches", "local_motion", "match_features"]
+__all__ = ["LocalMotion", "agreeing", "consistent", "guided_matches", "local_motion", "match_features"]
 
 Array = npt.NDArray[np.float64]
 Pairs = npt.NDArray[np.intp]
@@ -103,6 +103,20 @@ def consistent(source: Array, target: Array, *, tolerance_px: float = 2.0, seed:
         spread = np.median(np.linalg.norm(around - middle[:, None], axis=2), axis=1)
         keep = np.linalg.norm(rest - middle, axis=1) <= tolerance_px + 2 * spread
     return keep
+
+
+def agreeing(source: Array, target: Array, *, threshold_px: float = 4.0) -> npt.NDArray[np.bool_]:
+    """Which matches, few or many, move alike, (n,) bool.
+
+    source, target : (n, 2) [px]
+    threshold_px : where neighbours are too few to be compared, how far a match may be from the affine transform that
+        most agree on [px]
+    """
+    if len(source) > NEIGHBOURS:
+        return consistent(source, target)
+    if len(source) <= MINIMUM_PAIRS["affine"]:
+        return np.ones(len(source), dtype=bool)
+    return msac("affine", source, target, threshold_px=threshold_px).inliers
 
 
 def local_motion(source: Array, target: Array, points: Array) -> LocalMotion:
