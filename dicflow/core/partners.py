@@ -1,0 +1,154 @@
+"""Points of the left photograph found again in the right one, to about a pixel: the start of stereo correlation.
+
+Both photographs are rectified, made smaller where they are large. A partner then lies in the same row, whatever its
+depth, and windows look alike, so that normalised cross-correlation along the row finds it wherever it is. What does not
+stand out, or does not go with its neighbours, is dropped; the rest gives a smooth map from left to right.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any, NamedTuple
+
+import cv2
+import numpy as np
+import numpy.typing as npt
+
+from dicflow.core.camera import Camera, Rig
+from dicflow.core.matching import consistent, local_motion
+from dicflow.core.stereo import raw_to_rectified, rectification, rectified_to_raw, rectify
+
+__all__ = ["FEWEST", "Partners", "find_partners", "right_of_left", "started"]
+
+Array = npt.NDArray[np.float64]
+_Map = Callable[[Array], Array]
+
+FEWEST = 12
+"""Partners below which nothing is known of how the right photograph sees the surface."""
+
+_LONGEST_PX = 1100.0
+_BLUR_PX = 0.4
+_SMALLEST_WINDOW = 15
+_ROWS_APART = 2
+_LEAST_CORRELATION = 0.45
+_MARGIN = 0.15
+_SQUEEZES = (1.0, 0.85, 1.18)
+_ENOUGH = 0.6
+
+
+class Partners(NamedTuple):
+    """Points in both photographs.
+
+    left, right : (m, 2) — raw pixels
+    """
+
+    left: Array
+    right: Array
+
+
+class _View(NamedTuple):
+    """The rectified photographs, ``scale`` times as large."""
+
+    left: npt.NDArray[np.float32]
+    right: npt.NDArray[np.float32]
+    scale: float
+
+
+def find_partners(
+    rig: Rig, left: npt.NDArray[Any], right: npt.NDArray[Any], points: Array, window_px: float = 41.0
+) -> Partners:
+    """Partners of points of the left photograph.
+
+    left, right : (rows, cols) — the photographs, grey
+    points : (n, 2) — raw pixels of the left one; those with NaN are left out
+    window_px : side of what is compared [px]
+
+    Where few are found the windows are also compared squeezed and widened, as surfaces askew to the cameras look.
+    Raises ValueError where the rig cannot be rectified.
+    """
+    points = points[np.isfinite(points).all(axis=1)]
+    view, to_view, to_right = _rectified(rig, left, right)
+    half = max(_SMALLEST_WINDOW, round(window_px * view.scale)) // 2
+    places = to_view(points)
+    found = np.full(points.shape, np.nan)
+    for squeeze in _SQUEEZES:
+        missing = np.isnan(found[:, 0])
+        if missing.mean() <= 1.0 - _ENOUGH:
+            break
+        found[missing] = [_partner(view, place, half, squeeze) for place in places[missing]]
+    known = np.isfinite(found).all(axis=1)
+    points, partners = points[known], to_right(found[known])
+    kept = consistent(points, partners)
+    return Partners(points[kept], partners[kept])
+
+
+def right_of_left(partners: Partners, places: Array) -> tuple[Array, Array]:
+    """Where the right photograph shows what the left one shows at places (..., 2), from the partners around.
+
+    Returns the places there (..., 2) [px] and their slopes ∂(right)/∂(left) (..., 2, 2); NaN where a place is, and
+    everywhere with too few partners.
+    """
+    known = np.isfinite(places).all(axis=-1)
+    position, slope = np.full(places.shape, np.nan), np.full((*places.shape, 2), np.nan)
+    if len(partners.left) >= FEWEST and known.any():
+        position[known], slope[known] = local_motion(partners.left, partners.right, places[known])
+    return position, slope
+
+
+def started(warp_left: Array, position: Array, slope: Array) -> Array:
+    """Affine warps (..., 2, 3) from the reference into the right photograph: first into the left one, then across.
+
+    warp_left : (..., 2, 3 or 6) — from the reference into the left photograph
+    position, slope : (..., 2), (..., 2, 2) — of :func:`right_of_left` at the places of its centres
+    """
+    return np.concatenate([position[..., None], slope @ warp_left[..., 1:3]], axis=-1)
+
+
+def _rectified(rig: Rig, left: npt.NDArray[Any], right: npt.NDArray[Any]) -> tuple[_View, _Map, _Map]:
+    """Both photographs rectified and small, the map of raw left pixels into them, and from there to raw right ones."""
+    full = rectification(rig)
+    scale = min(1.0, _LONGEST_PX / max(full.size))
+    shrink = np.diag([scale, scale, 1.0])
+    matrices = shrink @ full.matrix_left, shrink @ full.matrix_right
+    size = round(scale * full.size[0]), round(scale * full.size[1])
+
+    def seen(image: npt.NDArray[Any], camera: Camera, turn: Array, matrix: Array) -> npt.NDArray[np.float32]:
+        grey = image.astype(np.float32)
+        smooth = cv2.GaussianBlur(grey, (0, 0), _BLUR_PX / scale) if scale < 1.0 else grey
+        return rectify(np.asarray(smooth), camera, turn, matrix, size).astype(np.float32)
+
+    views = (
+        seen(left, rig.left, full.rotation_left, matrices[0]),
+        seen(right, rig.right, full.rotation_right, matrices[1]),
+    )
+    return (
+        _View(*views, scale),
+        lambda points: raw_to_rectified(points, rig.left, full.rotation_left, matrices[0]),
+        lambda points: rectified_to_raw(points, rig.right, full.rotation_right, matrices[1]),
+    )
+
+
+def _partner(view: _View, place: Array, half: int, squeeze: float) -> tuple[float, float]:
+    """Where the right image fits best in the rows of a place of the left one; NaN where nothing stands out."""
+    nothing = (np.nan, np.nan)
+    if not np.isfinite(place).all():
+        return nothing
+    x, y = np.rint(place).astype(int)
+    wide, high = round(half / squeeze), half + _ROWS_APART
+    rows, cols = view.left.shape
+    if not (wide <= x < cols - wide and high <= y < rows - high):
+        return nothing
+    window = view.left[y - half : y + half + 1, x - wide : x + wide + 1]
+    if window.min() <= 0.0:  # beyond the photograph
+        return nothing
+    side = 2 * half + 1
+    template = window if wide == half else cv2.resize(window, (side, side), interpolation=cv2.INTER_AREA)
+    fit = cv2.matchTemplate(view.right[y - high : y + high + 1], template, cv2.TM_CCOEFF_NORMED)
+    fit[~(np.abs(fit) <= 1.0)] = -1.0  # where the image shows nothing at all
+    row, col = np.unravel_index(fit.argmax(), fit.shape)
+    best = fit[row, col]
+    fit[:, max(0, col - half) : col + half + 1] = -1.0
+    if best < _LEAST_CORRELATION or best < fit.max() + _MARGIN:
+        return nothing
+    offset = place - (x, y)
+    return float(col + half + offset[0]), float(row - _ROWS_APART + y + offset[1])
