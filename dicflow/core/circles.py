@@ -1,8 +1,8 @@
 """Grids of circles as calibration targets, and their centres in photographs.
 
-The image of a circle is an ellipse whose centre is **not** the image of the circle's centre: seen under a tilt θ from
-far away, it lies about r² sin θ / f beside it, with r the radius in the photograph and f the focal length, both in
-px; 0.1 px for r = 20 px, θ = 30° and f = 2000 px. That bias is taken out (:func:`eccentricity`).
+The image of a circle is an ellipse whose centre is **not** the image of the circle's centre: under a tilt θ it lies
+about r² sin θ cos θ / f beside it, with r the radius in the photograph and f the focal length, both in px; 0.09 px for
+r = 20 px, θ = 30° and f = 2000 px. That bias is taken out (:func:`eccentricity`).
 """
 
 from __future__ import annotations

@@ -6,7 +6,7 @@ import pytest
 from boards import SIZE, SQUARE_MM, board_corners, verged_rig
 
 from dicflow.core.bundle import Bundle, Model, adjust, residuals
-from dicflow.core.calibrate import calibrate_camera, calibrate_rig, reconcile_orders
+from dicflow.core.calibrate import CHANCE, calibrate_camera, calibrate_rig, reconcile_orders
 from dicflow.core.camera import rotation_angle_deg, rotation_matrix
 from dicflow.core.coverage import covered_area, empty_parts, verdict
 from dicflow.core.targets import checkerboard, find_board
@@ -136,6 +136,36 @@ def test_verdict_says_what_to_photograph_again(corners):
     assert "tilt the board" in text
 
 
+def test_coverage_counts_what_is_seen():
+    board = np.array([[[0.0, 0.0], [np.nan, np.nan], [319.0, 0.0], [319.0, 479.0], [0.0, 479.0], [np.nan, np.nan]]])
+    assert covered_area(board, IMAGE).mean() == pytest.approx(0.5, abs=0.01)
+
+
+def test_verdict_says_when_pairs_disagree():
+    """Boards that are bent by 1 mm, in each photograph another way."""
+    bend = np.random.default_rng(8).normal(0.0, 1.0, 14)
+    found = calibrate_rig(*board_corners(RIG, 14, bend_mm=bend), BOARD, IMAGE, FULL, max_error_px=5.0)
+    full = np.ones((180, 240), bool)
+    text = verdict(found, [full, full], 5.0, 14)
+    assert text.startswith("usable")
+    assert f"the pairs disagree {found.disagreement:.0f} times more than their noise explains" in text
+    assert "flat, stiff board" in text
+
+
+def test_a_robust_loss_keeps_pairs_with_single_bad_corners(corners):
+    """One corner in each of three pairs is taken for its neighbour."""
+    left, right = (side + np.random.default_rng(3).normal(0.0, 0.05, side.shape) for side in corners)
+    for pair, corner in ((2, 5), (6, 30), (9, 50)):
+        left[pair, corner] = left[pair, corner + 1]
+    squares, cauchy = (
+        calibrate_rig(left, right, BOARD, IMAGE, FULL, max_error_px=5.0, loss=loss) for loss in ("squares", "cauchy")
+    )
+    away = [np.linalg.norm(found.rig.translation - RIG.translation) for found in (cauchy, squares)]
+    assert away[0] < 0.2 * away[1]
+    assert cauchy.used.all()
+    assert cauchy.noise_px == pytest.approx(0.05, rel=0.1)
+
+
 def found_boards(folder, size):
     return np.stack(
         [find_board(cv2.imread(str(path), cv2.IMREAD_GRAYSCALE), size) for path in sorted(folder.iterdir())]
@@ -162,8 +192,18 @@ def test_rendered_boards_give_the_rig_they_were_rendered_with(rendered, shared_d
     np.testing.assert_allclose(cv2.RQDecomp3x3(rendered.rig.rotation)[0], angles, atol=0.002)
 
 
+def test_rendered_boards_agree_and_measure_their_squares(rendered, shared_data):
+    """The spread with pairs left out is what the noise of 0.005 px lets expect; squares come out to 0.001 %."""
+    assert rendered.noise_px == pytest.approx(0.005, abs=0.001)
+    assert rendered.disagreement < CHANCE
+    assert rendered.leave_out.scale.mean() == pytest.approx(1.0, abs=1e-5)
+    assert rendered.leave_out.scale.std() < 1e-5
+
+
 def test_real_boards(shared_data):
     sides = [found_boards(shared_data / "boards" / side, (11, 7)) for side in ("left", "right")]
     found = calibrate_rig(*sides, checkerboard((11, 7), 8.0), (613, 513), Model())
     assert np.count_nonzero(found.used) == 20
     assert found.rms_px[2] < 0.11
+    assert found.disagreement > CHANCE
+    assert found.leave_out.scale.mean() == pytest.approx(1.0, abs=5e-4)

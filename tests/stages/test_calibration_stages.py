@@ -98,7 +98,32 @@ def test_rig_from_corners(pairs):
     assert all(pair["used"] and pair["left_px"] < 1e-5 for pair in product.attrs["pairs"])
     assert "0.00 px, 12 of 12 pairs" in product.attrs["verdict"]
     assert product.attrs["summary"]["baseline_mm"] == pytest.approx(np.linalg.norm(RIG.translation))
+    assert product.attrs["parameters"][:2] == ["left fx", "left fy"]
+    assert product.attrs["parameters"][-4:] == ["rz", "tx", "ty", "tz"]
     json.dumps(product.attrs, allow_nan=False)
+
+
+def test_the_rig_says_how_certain_it_is(pairs):
+    """σ of the figures is that of the product's covariance; the squares are measured with rigs that know them not."""
+    generator = np.random.default_rng(2)
+    noisy = [
+        corners(*(pair[side] + generator.normal(0.0, 0.05, (54, 2)) for side in ("left", "right"))) for pair in pairs
+    ]
+    product = stage(tangential=True, loss="huber").run(corners=noisy)
+    covariance, summary = np.array(product.attrs["covariance"]), product.attrs["summary"]
+    names = product.attrs["parameters"]
+    assert covariance.shape == (len(names), len(names))
+    assert summary["sigma_left_fx_px"] == pytest.approx(np.sqrt(covariance[0, 0]))
+    assert summary["sigma_right_fy_px"] == pytest.approx(
+        np.sqrt(covariance[names.index("right fy")][names.index("right fy")])
+    )
+    along = RIG.translation / np.linalg.norm(RIG.translation)
+    assert summary["sigma_baseline_mm"] == pytest.approx(np.sqrt(along @ covariance[-3:, -3:] @ along), rel=0.01)
+    assert abs(summary["baseline_mm"] - np.linalg.norm(RIG.translation)) < 3.5 * summary["sigma_baseline_mm"]
+    assert summary["noise_px"] == pytest.approx(0.05, rel=0.1)
+    assert summary["square_mm"] == pytest.approx(SQUARE_MM, abs=3.0 * summary["square_spread_mm"] / np.sqrt(12))
+    assert summary["square_error_pct"] == pytest.approx(100.0 * (summary["square_mm"] / SQUARE_MM - 1.0))
+    assert all(summary[f"spread_{name}"] > 0.0 for name in ("left_fx_px", "baseline_mm", "angle_deg"))
 
 
 def test_pairs_without_a_board_are_told_apart(pairs):
