@@ -219,6 +219,7 @@ def test_plain_lists_and_other_numberings(tmp_path, first, second):
         ("   rows: 3\n   cols: 3", "   rows: 2\n   cols: 3", ("9 numbers as 2 × 3", "expected")),
         ("0.317 ]", "0.317, 1.5, 0.0, 0.0 ]", ("8 numbers as 1 × 5",)),
         ("T: !!opencv-matrix", "E: !!opencv-matrix", ("write them all into one file", "intrinsics and extrinsics")),
+        ("[ 1440, 1080 ]", "[ 1440, 0 ]", ("left camera", "size of the photographs is 1440 × 0 px")),
         ("---", "---\ncamera_model: fisheye", ("cameramodel is fisheye",)),
         ("---", "---\na: &a [1]\nb: *a", (":4", "damaged YAML")),
         ("R: !!opencv-matrix", "R: !!python/object:os.system", ("damaged YAML",)),
@@ -372,6 +373,8 @@ def test_what_is_wrong_with_a_matlab_file(tmp_path):
     refused(path, "damaged", "in MATLAB run")
     savemat(path, {"stereoParams": np.zeros(3)})
     refused(path, "no structure with CameraParameters1, CameraParameters2", "RotationOfCamera2")
+    savemat(path, {"CameraParameters1": {"K": np.array([["a", 2.0]], dtype=object)}, "CameraParameters2": {}})
+    refused(path, "CameraParameters1: K is no plain array")
     savemat(path, {"CameraParameters1": 1.0, "CameraParameters2": 2.0})
     refused(path, "CameraParameters1 is an object", "in MATLAB run")
     matlab(path, truth, RotationOfCamera2=np.eye(2))
@@ -414,6 +417,28 @@ def test_files_that_cannot_be_read(tmp_path):
     with (tmp_path / "huge").open("wb") as file:
         file.truncate(50_000_001)
     refused(tmp_path / "huge", "larger than any calibration")
+
+
+@pytest.mark.parametrize("name", FILES)
+def test_damaged_files_give_a_message_or_a_rig(tmp_path, name):
+    FILES[name](tmp_path / name, made_rig(tangential=False))
+    whole, generator = (tmp_path / name).read_bytes(), np.random.default_rng(11)
+    refusals = 0
+    for trial in range(60):
+        data = bytearray(whole)
+        start, end = np.sort(generator.integers(0, len(data), 2))
+        if trial % 3 == 0:
+            data[start] = generator.integers(256)
+        elif trial % 3 == 1:
+            data = data[:end]
+        else:
+            data[start:start] = data[end : end + 50]
+        (tmp_path / name).write_bytes(data)
+        try:
+            read_calibration(tmp_path / name, SIZE)
+        except InputError:
+            refusals += 1
+    assert refusals > 20
 
 
 # real files

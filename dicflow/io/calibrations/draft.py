@@ -196,6 +196,8 @@ def _agreed_size(where: str, one: DraftCamera, image_size: tuple[int, int] | Non
         raise InputError(
             f"{where}: the file does not say the size of the photographs; name the stage of the photographs as 'images'"
         )
+    if min(said) < 1:
+        raise InputError(f"{where}: the size of the photographs is {said[0]} × {said[1]} px; write the right one")
     if image_size is not None and said != tuple(image_size):
         factor, other = image_size[0] / said[0], image_size[1] / said[1]
         same = abs(factor / other - 1.0) < 0.01

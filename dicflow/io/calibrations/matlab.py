@@ -6,7 +6,6 @@ from 1, so 1 is taken off the principal points.
 
 from __future__ import annotations
 
-import io
 from collections.abc import Mapping
 from typing import Any
 
@@ -15,6 +14,7 @@ from numpy.typing import NDArray
 
 from dicflow.errors import InputError
 from dicflow.io.calibrations.draft import Draft, DraftCamera, Source, needed
+from dicflow.io.calibrations.mat5 import read_mat
 
 __all__ = ["PROGRAM", "parse", "recognises"]
 
@@ -30,6 +30,7 @@ in MATLAB run
   save('calibration.mat', '-struct', 's', '-v7')"""
 _UNITS = {"millimeters": 1.0, "mm": 1.0, "centimeters": 10.0, "cm": 10.0, "meters": 1000.0, "m": 1000.0}
 _UNITS |= {"inches": 25.4, "in": 25.4}
+_FROM_ONE = np.array([[0.0, 0.0, 1.0], [0.0, 0.0, 1.0], [0.0, 0.0, 0.0]])
 _CAMERAS = ("CameraParameters1", "CameraParameters2")
 
 Array = NDArray[np.float64]
@@ -51,13 +52,11 @@ def parse(source: Source) -> Draft:
 
 def _structure(source: Source) -> Mapping[str, Any]:
     """The structure with the cameras, which may be a variable or the file itself."""
-    from scipy.io import loadmat
-
     if source.data.startswith(b"MATLAB 7.3"):
         raise InputError(f"{source.path}: is saved as version 7.3; expected plain arrays of version 7: {_EXPORT}")
     try:
-        values: dict[str, Any] = loadmat(io.BytesIO(source.data), simplify_cells=True)
-    except Exception as error:  # scipy raises of many kinds on damaged files
+        values = read_mat(source.data)
+    except ValueError as error:
         raise InputError(f"{source.path}: is damaged ({error}); save the calibration again: {_EXPORT}") from error
     for value in (values, *values.values()):
         if isinstance(value, dict) and _CAMERAS[0] in value:
@@ -69,11 +68,9 @@ def _camera(source: Source, name: str, values: Any) -> DraftCamera:
     where = f"{source.path}: {name}"
     if not isinstance(values, Mapping):
         raise InputError(f"{where} is an object, not a structure of plain arrays; {_EXPORT}")
-    if "K" in values:
-        matrix = _array(where, values, "K", (3, 3))
-    else:
-        matrix = _array(where, values, "IntrinsicMatrix", (3, 3)).T.copy()
-    matrix[:2, 2] -= 1.0
+    name = "K" if "K" in values else "IntrinsicMatrix"
+    given = _array(where, values, name, (3, 3))
+    matrix = (given if name == "K" else given.T) - _FROM_ONE
     radial = _array(where, values, "RadialDistortion", (2,), (3,))
     tangential = (
         _array(where, values, "TangentialDistortion", (2,)) if "TangentialDistortion" in values else np.zeros(2)

@@ -71,7 +71,7 @@ def _project(source: Source) -> bytes:
         raise InputError(
             f"{source.path}: the archive holds no {_MEMBER}; expected a project as VIC-3D saves it (.z3d)"
         ) from error
-    except (zipfile.BadZipFile, zlib.error, EOFError, NotImplementedError, RuntimeError, OSError) as error:
+    except (zipfile.BadZipFile, zlib.error, EOFError, RuntimeError, OSError, ValueError) as error:
         raise InputError(f"{source.path}: the archive is damaged ({error}); save the project again") from error
     if len(data) > _MAX_BYTES:
         raise InputError(f"{source.path}: {_MEMBER} unpacks to more than {_MAX_BYTES:,} bytes; save the project again")
