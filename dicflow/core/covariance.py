@@ -19,6 +19,7 @@ from dicflow.core.frames import Frame, into_frame
 
 __all__ = [
     "MeasuredPoints",
+    "derivative",
     "displacement_covariance",
     "joint_covariance",
     "points_in_frame",
@@ -98,13 +99,18 @@ def sigma_along(covariance: Array, vector: Array) -> Array:
 
 
 def propagate(function: Callable[[Array], Array], values: Array, covariance: Array) -> Array:
-    """Standard deviation of functions of uncertain values, by their derivative (central differences).
+    """Standard deviation of functions of uncertain values, by their derivative.
 
     function : of (..., d), gives (..., k)
     values : (..., d)
     covariance : (..., d, d)
     Returns (..., k).
     """
+    return sigma_along(covariance[..., None, :, :], derivative(function, values))
+
+
+def derivative(function: Callable[[Array], Array], values: Array) -> Array:
+    """Derivative (..., k, d) of a function of (..., d) that gives (..., k), by central differences."""
     steps = _DIFFERENCE * np.eye(values.shape[-1])
     slopes = [(function(values + step) - function(values - step)) / (2.0 * _DIFFERENCE) for step in steps]
-    return sigma_along(covariance[..., None, :, :], np.stack(slopes, axis=-1))
+    return np.stack(slopes, axis=-1)

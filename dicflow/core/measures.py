@@ -18,10 +18,10 @@ from typing import Literal, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from dicflow.core.covariance import propagate
-from dicflow.core.strain import Strain, engineering_strain, inverse
+from dicflow.core.covariance import derivative, propagate
+from dicflow.core.strain import Strain, engineering_strain, inverse, tangent_basis
 
-__all__ = ["Directions", "Measure", "Measured", "measured", "principal", "sigma", "strain_components"]
+__all__ = ["Directions", "Measure", "Measured", "measured", "principal", "sigma", "slope_shares", "strain_components"]
 
 Array = NDArray[np.float64]
 Measure = Literal["engineering", "green_lagrange", "hencky", "euler_almansi", "biot"]
@@ -78,6 +78,25 @@ def sigma(gradient: Array, covariance: Array, measure: Measure, directions: Dire
 
     deviations = propagate(stacked, gradient.reshape(*gradient.shape[:-2], 4), covariance)
     return Measured(*np.moveaxis(deviations, -1, 0))
+
+
+def slope_shares(gradient: Array, reference: Array, measure: Measure, directions: Directions) -> Strain:
+    """In what proportions the errors of exx, eyy and gxy consist of those of the slopes per column and per row.
+
+    gradient : (2, 2) — F
+    reference : (3, 2) — slopes J of the surface at the reference
+    Returns (4, 2) each: the coefficients of the two slopes in the errors of x and y in the deformed and in the
+    reference tangent plane, which are independent of one another and alike in size; out of the plane there are none.
+    """
+
+    def stacked(flat: Array) -> Array:
+        return np.stack(strain_components(flat.reshape(*flat.shape[:-1], 2, 2), measure, directions), axis=-1)
+
+    flat = inverse(tangent_basis(reference).T @ reference)
+    by_gradient = derivative(stacked, gradient.reshape(4)).reshape(3, 2, 2)
+    moved = by_gradient @ flat.T
+    fixed = -np.swapaxes(gradient, -1, -2) @ moved
+    return Strain(*np.concatenate([moved, fixed], axis=1))
 
 
 def strain_components(gradient: Array, measure: Measure, directions: Directions) -> Strain:

@@ -12,14 +12,17 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.signal import convolve2d, correlate2d
 
+from dicflow.core.covariance import sigma_along
 from dicflow.core.filters import slope_weights
 from dicflow.core.overlap import Overlap
 
 __all__ = [
     "Alike",
+    "Extension",
     "Probe",
     "area_probe",
     "difference",
+    "extension",
     "line_probe",
     "point_probe",
     "sigma_of",
@@ -124,6 +127,45 @@ def sigma_of(probe: Probe, sigma: NDArray[np.floating], alike: Alike) -> float:
     scaled = probe.weights * sigma[probe.rows, probe.cols]
     rho = alike.at(probe.rows[:, None] - probe.rows, probe.cols[:, None] - probe.cols)
     return float(np.sqrt(max(float(scaled @ rho @ scaled), 0.0)))
+
+
+class Extension(NamedTuple):
+    """The distance of two points of the material, and what became of it, each with its standard deviation.
+
+    first, length, elongation : now and at the reference, and the difference [mm]
+    strain : elongation per first length [-]
+    """
+
+    first: tuple[float, float]
+    length: tuple[float, float]
+    elongation: tuple[float, float]
+    strain: tuple[float, float]
+
+
+def extension(
+    ends: tuple[Probe, Probe], deformed: Array, reference: Array, covariance: Array, alike: Alike
+) -> Extension:
+    """Read an extensometer between two probes: straight distances in space.
+
+    deformed, reference : (row, col, 3) [mm]
+    covariance : (row, col, 6, 6) — of a point at the step and at the reference [mm²]
+    """
+    both = difference(*ends)
+    now, before = value_of(both, deformed), value_of(both, reference)
+    length, first = float(np.linalg.norm(now)), float(np.linalg.norm(before))
+    along, along_first = now / length, before / first
+    strain = length / first - 1.0
+
+    def read(value: float, by_now: Array, by_first: Array) -> tuple[float, float]:
+        sigma = sigma_along(covariance, np.concatenate([by_now, by_first]))
+        return value, sigma_of(both, sigma, alike)
+
+    return Extension(
+        read(first, 0.0 * along, along_first),
+        read(length, along, 0.0 * along_first),
+        read(length - first, along, -along_first),
+        read(strain, along / first, -(1.0 + strain) * along_first / first),
+    )
 
 
 class _Table(NamedTuple):

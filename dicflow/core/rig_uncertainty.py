@@ -15,13 +15,13 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from dicflow.core.camera import Rig, project, to_right, undistort
-from dicflow.core.rig_parameters import reprojection_slopes
+from dicflow.core.rig_parameters import point_slopes, reprojection_slopes
 
 __all__ = ["calibration_share", "intersection", "point_sensitivity", "sensitivity_at"]
 
 Array = NDArray[np.float64]
 
-_REFINEMENTS = 3
+_REFINEMENTS = 2
 _UPPER = ((0, 0, 0, 1, 1, 2), (0, 1, 2, 1, 2, 2))
 
 
@@ -65,9 +65,10 @@ def intersection(rig: Rig, xy_left: ArrayLike, xy_right: ArrayLike) -> Array:
     left, right = np.asarray(xy_left, dtype=float), np.asarray(xy_right, dtype=float)
     points = _between_rays(rig, left, right)
     for _ in range(_REFINEMENTS):
-        seen = (project(rig.left, points) - left, project(rig.right, to_right(rig, points)) - right)
-        step = _pseudoinverse(reprojection_slopes(rig, points)[0]) @ np.concatenate(seen, axis=-1)[..., None]
-        points = points - step[..., 0]
+        moved = to_right(rig, points)
+        error = np.concatenate([project(rig.left, points) - left, project(rig.right, moved) - right], axis=-1)
+        slopes = [point_slopes(rig.left, points), point_slopes(rig.right, moved) @ rig.rotation]
+        points = points - (_pseudoinverse(np.concatenate(slopes, axis=-2)) @ error[..., None])[..., 0]
     return points
 
 

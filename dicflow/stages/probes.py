@@ -1,0 +1,325 @@
+"""Points, lines, extensometers and areas: values at every step with their uncertainty."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Sequence
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal
+
+from pydantic import BeforeValidator, Field, model_validator
+
+from dicflow.engine.node import At, Node, Port, Scope, parameter
+from dicflow.engine.product import Product, Variable
+from dicflow.errors import StageError
+
+if TYPE_CHECKING:
+    import numpy as np
+
+    from dicflow.core.probes import Alike, Probe
+
+__all__ = ["Probes"]
+
+Place = tuple[float, float]
+Line = tuple[Place, Place]
+Ring = Annotated[tuple[Place, ...], Field(min_length=3)]
+Quantity = Literal["U", "V", "W", "exx", "eyy", "gxy"]
+
+Readings = dict[str, tuple[float, float]]
+"""Value and standard deviation by quantity; NaN where there is none."""
+
+_NONE = (math.nan, math.nan)
+_SAMPLES = 101
+_LENGTHS = ("length", "elongation", "strain")
+
+
+def _corners(value: Any) -> Any:
+    """A rectangle [x0, y0, x1, y1] as its four corners."""
+    if isinstance(value, list | tuple) and len(value) == 4 and all(isinstance(number, int | float) for number in value):
+        x0, y0, x1, y1 = value
+        return ((x0, y0), (x1, y0), (x1, y1), (x0, y1))
+    return value
+
+
+class Probes(Node):
+    """Read the total at places that the user names, at every step.
+
+    A point's value is that of the parabola through the points around it, a line's the mean over it, an area's the mean
+    of its points. An extensometer is the straight distance in space of two points: its length, the elongation since
+    the first step, and elongation per first length. Each has its standard deviation, from those of the points and from
+    how much the subsets and windows of neighbours overlap. A place lies on the material: it moves along.
+    """
+
+    title: ClassVar = "probes"
+    scope: ClassVar = Scope.TEST
+    takes: ClassVar = {"total": Port("total", at=At.ALL)}
+    gives: ClassVar = "probes"
+
+    stage: Literal["probes"] = "probes"
+    points: dict[str, Place] = parameter({}, "name: [x, y]")
+    lines: dict[str, Line] = parameter({}, "name: [[x, y], [x, y]], from one end to the other")
+    extensometers: dict[str, Line] = parameter({}, "name: [[x, y], [x, y]], the two gauge points")
+    areas: dict[str, Annotated[Ring, BeforeValidator(_corners)]] = parameter(
+        {}, "name: [x0, y0, x1, y1], or a list of corners [x, y]"
+    )
+    unit: Literal["px", "mm"] = parameter(
+        "px", "of all places: pixels of the left photograph, or the results' X and Y, both at the first step"
+    )
+    quantities: Annotated[tuple[Quantity, ...], Field(min_length=1)] = parameter(
+        ("U", "V", "W", "exx", "eyy", "gxy"), "what is read at points, lines and areas"
+    )
+
+    @model_validator(mode="after")
+    def _named_once(self) -> Probes:
+        names = [name for group in (self.points, self.lines, self.extensometers, self.areas) for name in group]
+        if not names:
+            raise ValueError("give at least one of points, lines, extensometers and areas")
+        if twice := sorted({name for name in names if names.count(name) > 1}):
+            raise ValueError(f"each name stands for one probe, but {', '.join(twice)} for several")
+        return self
+
+    def run(self, total: Sequence[Product]) -> Product:
+        if not len(total):
+            raise StageError("there is only one step, and nothing to compare it with; give more photographs")
+        steps: list[str] = ["reference", *getattr(total, "steps", map(str, range(1, len(total) + 1)))]
+        readings: list[dict[str, Readings]] = []
+        profiles: list[dict[str, np.ndarray]] = []
+        facts: dict[str, Any] = {}
+        for product in total:
+            step = _Step(product, self.unit)
+            readings.append(dict(self._read(step)))
+            profiles.append(self._profiles(step))
+            facts = facts or dict(product.attrs)
+        readings.insert(0, _reference(readings))
+        self._check_measured(readings)
+        rows = [
+            {"probe": name, "kind": kind, "step": step, **_columns(reading[name], facts["unit"])}
+            for kind, names in self._kinds().items()
+            for name in names
+            for step, reading in zip(steps, readings, strict=True)
+        ]
+        variables = {**self._variables(readings, facts["unit"]), **self._profile_variables(profiles, facts["unit"])}
+        kept: dict[str, Any] = {name: facts[name] for name in ("unit", "measures", "vsg_px", "vsg_mm") if name in facts}
+        attrs = {
+            **kept,
+            "steps": steps,
+            "probes": self._kinds(),
+            "rows": rows,
+            "summary": _summary(readings),
+        }
+        return Product("probes", variables, attrs)
+
+    def _kinds(self) -> dict[str, list[str]]:
+        """Names of the probes by what they are."""
+        return {
+            "point": list(self.points),
+            "line": list(self.lines),
+            "area": list(self.areas),
+            "extensometer": list(self.extensometers),
+        }
+
+    def _read(self, step: _Step) -> Iterator[tuple[str, Readings]]:
+        """What every probe says of one step."""
+        from dicflow.core.probes import area_probe, line_probe
+        from dicflow.core.region import Polygon, contains
+
+        for name, place in self.points.items():
+            yield name, step.values(step.at(place), self.quantities)
+        for name, line in self.lines.items():
+            probe = line_probe(step.grid, step.known, _samples(line), step.spacing)
+            yield name, step.values(probe, self.quantities)
+        for name, ring in self.areas.items():
+            inside = contains([Polygon(_array(ring))], step.grid)
+            yield name, step.values(area_probe(inside, step.known), self.quantities)
+        for name, line in self.extensometers.items():
+            yield name, step.extension(line)
+
+    def _profiles(self, step: _Step) -> dict[str, np.ndarray]:
+        """Each quantity along the lines, (line, sample)."""
+        import numpy as np
+
+        from dicflow.core.probes import value_of
+
+        names: Sequence[str] = self.quantities if self.lines else ()
+        found = {name: np.full((len(self.lines), _SAMPLES), np.nan) for name in names}
+        for number, line in enumerate(self.lines.values()):
+            for sample, place in enumerate(_samples(line)):
+                if (probe := step.at(place)) is not None:
+                    for name, profile in found.items():
+                        profile[number, sample] = value_of(probe, step.product[name])
+        return found
+
+    def _check_measured(self, readings: list[dict[str, Readings]]) -> None:
+        for name in readings[0]:
+            if not any(math.isfinite(value) for reading in readings[1:] for value, _ in reading[name].values()):
+                raise StageError(
+                    f"probe '{name}' lies where no step has a measured point; move it into the region, in {self.unit} "
+                    "of the first step"
+                )
+
+    def _variables(self, readings: list[dict[str, Readings]], unit: str) -> dict[str, Variable]:
+        """Values and σ: (probe, step) of points, lines and areas in this order, (extensometer, step) of lengths."""
+        import numpy as np
+
+        groups: dict[str, tuple[list[str], Sequence[str]]] = {
+            "probe": ([*self.points, *self.lines, *self.areas], self.quantities),
+            "extensometer": (list(self.extensometers), _LENGTHS),
+        }
+        variables = {}
+        for dim, (names, quantities) in groups.items():
+            for quantity in quantities if names else ():
+                pairs = np.array([[reading[name][quantity] for reading in readings] for name in names])
+                units = _unit(quantity, unit)
+                variables[quantity] = Variable((dim, "step"), pairs[..., 0], units, quantity)
+                variables[f"sigma_{quantity}"] = Variable((dim, "step"), pairs[..., 1], units, f"σ of {quantity}")
+        return variables
+
+    def _profile_variables(self, profiles: list[dict[str, np.ndarray]], unit: str) -> dict[str, Variable]:
+        """Each quantity along the lines, (line, step, sample), from the first photograph but one."""
+        import numpy as np
+
+        return {
+            f"profile_{name}": Variable(
+                ("line", "later_step", "sample"),
+                np.stack([profile[name] for profile in profiles], axis=1),
+                _unit(name, unit),
+                f"{name} along the line",
+            )
+            for name in profiles[0]
+        }
+
+
+class _Step:
+    """One step of the total, ready to be read at places.
+
+    grid : (row, col, 2) — where the points lay at the first step, in the unit of the places
+    known : (row, col) bool — which have a value
+    spacing : their distance, in the same unit
+    """
+
+    def __init__(self, product: Product, unit: str) -> None:
+        import numpy as np
+
+        from dicflow.core.covariance import symmetric
+        from dicflow.core.overlap import overlap
+        from dicflow.core.strain import jacobian
+
+        facts = product.attrs
+        if "subset_size" not in facts:
+            raise StageError("this total has no uncertainty to read; give one of a stage 'deformation'")
+        self.product = product
+        self.known = np.isfinite(product["U"])
+        self.rho = overlap(facts["subset_size"], facts["step_size"], facts["shape_function"])
+        self.spacing = float(facts["step_size"])
+        self.grid = product["xy_reference"]
+        if unit == "mm":
+            if facts["vsg_mm"] is None:
+                raise StageError("places in mm need two cameras; give them in px, with unit: px")
+            self.grid = product["xyz_reference"][..., :2]
+            self.spacing *= facts["vsg_mm"] / facts["vsg_px"]
+        self.covariance = symmetric(product["covariance"])
+        self.gradient = product["gradient"]
+        self.slopes = jacobian(product["xyz_reference"], (3, 3), 1)
+
+    def at(self, place: Any) -> Probe | None:
+        """The probe at a place."""
+        from dicflow.core.probes import point_probe
+
+        return point_probe(self.grid, self.known, place, self.spacing)
+
+    def values(self, probe: Probe | None, quantities: Sequence[str]) -> Readings:
+        """Quantities of one probe."""
+        from dicflow.core.probes import sigma_of, value_of
+
+        if probe is None:
+            return dict.fromkeys(quantities, _NONE)
+        alike = self._alike(probe)
+        return {
+            name: (
+                float(value_of(probe, self.product[name])),
+                sigma_of(probe, self.product[f"sigma_{name}"], alike.get(name, self.rho)),
+            )
+            for name in quantities
+        }
+
+    def extension(self, line: Line) -> Readings:
+        """Lengths between two places."""
+        from dicflow.core.probes import extension
+
+        first, second = (self.at(place) for place in line)
+        if first is None or second is None:
+            return dict.fromkeys(["first", *_LENGTHS], _NONE)
+        places = (self.product["xyz"], self.product["xyz_reference"])
+        return extension((first, second), *places, self.covariance, self.rho)._asdict()
+
+    def _alike(self, probe: Probe) -> dict[str, Alike]:
+        """How the errors of the strains of a probe's points are correlated."""
+        from dicflow.core.measures import slope_shares
+        from dicflow.core.probes import slope_overlap
+
+        facts = self.product.attrs
+        gradient, slopes = (_mean(field[probe.rows, probe.cols]) for field in (self.gradient, self.slopes))
+        shares = slope_shares(gradient, slopes, facts["measure"], facts["directions"])
+        window = tuple(facts["window_points"])
+        return {
+            name: slope_overlap(self.rho, window, facts["degree"], share) for name, share in shares._asdict().items()
+        }
+
+
+def _mean(values: np.ndarray) -> np.ndarray:
+    """Mean (…) over those of values (n, …) that are complete."""
+    import numpy as np
+
+    return np.asarray(values[np.isfinite(values).all(axis=(-1, -2))].mean(axis=0))
+
+
+def _array(places: Any) -> np.ndarray:
+    import numpy as np
+
+    return np.array(places, dtype=float)
+
+
+def _samples(line: Line) -> np.ndarray:
+    """Places along a line, ends included."""
+    import numpy as np
+
+    start, end = _array(line)
+    return np.asarray(np.linspace(start, end, _SAMPLES))
+
+
+def _reference(readings: list[dict[str, Readings]]) -> dict[str, Readings]:
+    """What the probes say of the first step: nothing has moved, and lengths are what they were."""
+    zero = (0.0, 0.0)
+
+    def first(name: str) -> Readings:
+        lengths = (reading[name]["first"] for reading in readings)
+        length = next((length for length in lengths if math.isfinite(length[0])), _NONE)
+        return {"length": length, "elongation": zero, "strain": zero}
+
+    return {
+        name: first(name) if "first" in values else dict.fromkeys(values, zero) for name, values in readings[0].items()
+    }
+
+
+def _columns(readings: Readings, unit: str) -> dict[str, float | None]:
+    """A row of the table: each value and its σ, named with their unit."""
+    row: dict[str, float | None] = {}
+    for quantity, (value, sigma) in readings.items():
+        if quantity != "first":
+            ending = "" if _unit(quantity, unit) == "1" else f"_{unit}"
+            row[f"{quantity}{ending}"] = value if math.isfinite(value) else None
+            row[f"sigma_{quantity}{ending}"] = sigma if math.isfinite(sigma) else None
+    return row
+
+
+def _unit(quantity: str, unit: str) -> str:
+    return unit if quantity in ("U", "V", "W", "length", "elongation") else "1"
+
+
+def _summary(readings: list[dict[str, Readings]]) -> dict[str, float]:
+    """Strain of each extensometer at the last step that has one, and its σ."""
+    summary: dict[str, float] = {}
+    for name, values in readings[0].items():
+        if "strain" in values:
+            strain, sigma = next(r[name]["strain"] for r in reversed(readings) if math.isfinite(r[name]["strain"][0]))
+            summary |= {f"{name}_strain": strain, f"{name}_sigma_strain": sigma}
+    return summary

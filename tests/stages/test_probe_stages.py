@@ -1,0 +1,171 @@
+"""Frames, probes and the noise floor on measured points of known fields."""
+
+import json
+
+import numpy as np
+import pytest
+from measured_points import SHAPE, STEP_SIZE, first_points, grid_px, points, sheet, template_errors
+from pydantic import ValidationError
+
+from dicflow.core.camera import rotation_matrix
+from dicflow.engine.product import Product
+from dicflow.errors import StageError
+from dicflow.stages.deformation import Deformation
+from dicflow.stages.frame import Frame
+from dicflow.stages.probes import Probes
+
+FLAT = sheet()
+CENTRE = FLAT.mean(axis=(0, 1))
+STRETCH = np.diag([2.3**-0.5, 2.3, 1.0])
+PLACES = {
+    "points": {"P": (350.3, 300.2)},
+    "lines": {"L": ((320.0, 250.0), (440.0, 250.0))},
+    "areas": {"A": ((330.0, 230.0), (400.0, 230.0), (400.0, 300.0), (330.0, 300.0))},
+    "extensometers": {"E": ((380.0, 205.0), (380.0, 425.0))},
+}
+
+
+class Steps(tuple):
+    """Products of all steps, as a store gives them."""
+
+    steps = ("one", "two")
+
+
+def moved(gradient, turn=(0, 0, 0), shift=(0, 0, 0)):
+    return ((FLAT - CENTRE) @ np.asarray(gradient).T) @ rotation_matrix(turn).T + CENTRE + shift
+
+
+def total(after, rng=None, common=None, **parameters):
+    first = first_points(FLAT, rng, common)
+    return Deformation(**{"window": 50, **parameters}).run(points=points(after, rng, common), points_before=first)
+
+
+@pytest.fixture(scope="module")
+def perfect():
+    states = [moved(np.eye(3), (0, 0, 0.1), (1, 2, 3)), moved(STRETCH, (0.1, -0.2, 0.1), (5, 6, 7))]
+    return Steps(total(state) for state in states)
+
+
+def test_perfect_readings(perfect):
+    result = Probes(**PLACES).run(total=perfect)
+    assert result.kind == "probes"
+    assert result["strain"] == pytest.approx(np.array([[0.0, 0.0, 1.3]]), abs=1e-9)
+    length = 220 * 0.05
+    assert result["length"] == pytest.approx(length * np.array([[1.0, 1.0, 2.3]]))
+    assert result["elongation"] == pytest.approx(length * np.array([[0.0, 0.0, 1.3]]), abs=1e-9)
+    assert result["eyy"] == pytest.approx(np.array([[0.0, 0.0, 1.3]] * 3), abs=1e-9)
+    there = np.array([(350.3 - 500) * 0.05, (300.2 - 400) * 0.05, 500.0]) - CENTRE
+    expected = rotation_matrix((0.1, -0.2, 0.1)) @ STRETCH @ there - there + [5, 6, 7]
+    assert [result[name][0, 2] for name in "UVW"] == pytest.approx(expected)
+    assert result["profile_eyy"].shape == (1, 2, 101)
+    assert result["profile_eyy"][0, 1] == pytest.approx(1.3)
+    assert result["profile_U"][0, :].mean(axis=-1) == pytest.approx(result["U"][1, 1:])
+
+
+def test_rows_are_a_table(perfect):
+    result = Probes(**PLACES).run(total=perfect)
+    assert [(row["probe"], row["kind"], row["step"]) for row in result.attrs["rows"][:3]] == [
+        ("P", "point", "reference"),
+        ("P", "point", "one"),
+        ("P", "point", "two"),
+    ]
+    last = result.attrs["rows"][-1]
+    assert last["strain"] == pytest.approx(1.3)
+    assert set(last) == {
+        *("probe", "kind", "step", "length_mm", "elongation_mm", "strain"),
+        *("sigma_length_mm", "sigma_elongation_mm", "sigma_strain"),
+    }
+    assert result.attrs["summary"]["E_strain"] == pytest.approx(1.3)
+    assert result.attrs["vsg_px"] == perfect[0].attrs["vsg_px"]
+    json.dumps(result.attrs, allow_nan=False)
+
+
+def test_places_in_millimetres(perfect):
+    in_mm = {"E": tuple(tuple((np.array(end) - [500, 400]) * 0.05) for end in PLACES["extensometers"]["E"])}
+    result = Probes(extensometers=in_mm, unit="mm").run(total=perfect)
+    assert result["strain"] == pytest.approx(np.array([[0.0, 0.0, 1.3]]), abs=1e-9)
+
+
+def test_a_rectangle_is_an_area(perfect):
+    assert Probes(areas={"A": [330, 230, 400, 300]}) == Probes(areas=PLACES["areas"])
+
+
+def test_sigma_covers_the_errors(perfect):
+    probe = Probes(**{**PLACES, "lines": {}, "areas": {**PLACES["areas"], "thin": (330, 298, 400, 305)}})
+    rng, scores = np.random.default_rng(4), {}
+    truth = probe.run(total=perfect[1:])
+    for _ in range(60):
+        common = template_errors(rng)
+        after = moved(STRETCH, (0.1, -0.2, 0.1), (5, 6, 7))
+        noisy = probe.run(total=(total(after, rng, common),))
+        for name in ("U", "W", "exx", "eyy", "gxy", "length", "strain"):
+            error = (noisy[name] - truth[name])[:, 1] / noisy[f"sigma_{name}"][:, 1]
+            scores.setdefault(name, []).append(error)
+    for name, found in scores.items():
+        spread = np.std(found, axis=0)
+        assert np.all(np.abs(spread - 1) < 4 / np.sqrt(120)), name
+
+
+def test_a_lost_probe_has_no_value_there(perfect):
+    lost = points(moved(STRETCH))["xyz"].copy()
+    lost[:, 10:] = np.nan
+    result = Probes(**PLACES).run(total=Steps((perfect[0], total(lost))))
+    assert np.isfinite(result["strain"][0, :2]).all()
+    assert np.isnan(result["strain"][0, 2])
+    assert result.attrs["rows"][-1]["strain"] is None
+    assert result.attrs["summary"]["E_strain"] == pytest.approx(0.0, abs=1e-9)
+    assert np.isfinite(result["U"][2]).all()
+
+
+def test_a_probe_beside_the_specimen_is_refused(perfect):
+    with pytest.raises(StageError, match="probe 'Q' lies where no step has a measured point"):
+        Probes(points={"Q": (5.0, 5.0)}).run(total=perfect)
+
+
+def test_what_cannot_be_probed_is_refused_early():
+    with pytest.raises(ValidationError, match="at least one of"):
+        Probes()
+    with pytest.raises(ValidationError, match="A for several"):
+        Probes(points={"A": (1, 2)}, areas={"A": (0, 0, 5, 5)})
+
+
+def test_the_plane_of_the_specimen():
+    tilted = sheet((0.3, -0.2))
+    frame = Frame().run(points=first_points(tilted))
+    result = Deformation().run(points=points(tilted), points_before=first_points(tilted), frame=frame)
+    assert np.abs(result["xyz_reference"][..., 2]).max() < 1e-9
+    assert frame.attrs["summary"]["flatness_mm"] < 1e-9
+    json.dumps(frame.attrs, allow_nan=False)
+
+
+def test_three_points_in_pixels_and_millimetres():
+    first = first_points(FLAT)
+    places = ((330.0, 410.0), (330.0, 230.0), (400.0, 400.0))
+    frame = Frame(method="three_points", places=places).run(points=first)
+    assert np.allclose(frame.attrs["rotation"], [[0, -1, 0], [1, 0, 0], [0, 0, 1]], atol=1e-9)
+    assert np.allclose(frame.attrs["origin_mm"], [-8.5, 0.5, 500.0])
+    in_mm = tuple((*((np.array(place) - [500, 400]) * 0.05), 500.0) for place in places)
+    other = Frame(method="three_points", places=in_mm).run(points=first)
+    assert np.allclose(other.attrs["rotation"], frame.attrs["rotation"])
+    with pytest.raises(StageError, match="no point was measured at"):
+        Frame(method="three_points", places=((0, 0), (9, 0), (0, 9))).run(points=first)
+
+
+def test_given_axes_and_the_camera():
+    frame = Frame(method="axes", x=(1, 0, 0), y=(0, -1, 0), origin=(0, 0, 500)).run(points=first_points(FLAT))
+    assert np.allclose(frame.attrs["rotation"], np.diag([1, -1, -1]))
+    camera = Frame(method="camera").run(points=first_points(FLAT))
+    assert np.array_equal(camera.attrs["rotation"], np.eye(3))
+    with pytest.raises(ValidationError, match="method: axes needs x, y, origin beside it, found x"):
+        Frame(method="axes", x=(1, 0, 0))
+
+
+def test_a_frame_needs_points():
+    empty = Product("points", first_points(np.full_like(FLAT, np.nan)).variables, first_points(FLAT).attrs)
+    with pytest.raises(StageError, match="three points, found 0"):
+        Frame().run(points=empty)
+
+
+def test_grid_is_what_the_places_refer_to(perfect):
+    assert np.array_equal(perfect[0]["xy_reference"], grid_px())
+    assert SHAPE[0] * STEP_SIZE > 220
