@@ -26,6 +26,7 @@ __all__ = [
     "PARAMETERS",
     "figure_sigmas",
     "figures",
+    "point_slopes",
     "pose_slopes",
     "reprojection_slopes",
     "rig_moved",
@@ -80,29 +81,30 @@ def reprojection_slopes(rig: Rig, points: Array) -> tuple[Array, Array]:
     Returns those by the point (..., 4, 3) [px/mm] and by the rig's numbers (..., 4, 24).
     """
     moved = to_right(rig, points)
-    left, left_lens = _projection_slopes(rig.left, points)
-    right, right_lens = _projection_slopes(rig.right, moved)
+    left, right = point_slopes(rig.left, points), point_slopes(rig.right, moved)
     by_rig = np.zeros((*points.shape[:-1], 4, len(PARAMETERS)))
-    by_rig[..., :2, :LENS] = left_lens
-    by_rig[..., 2:, LENS : 2 * LENS] = right_lens
+    by_rig[..., :2, :LENS] = _lens_slopes(rig.left, points)
+    by_rig[..., 2:, LENS : 2 * LENS] = _lens_slopes(rig.right, moved)
     by_rig[..., 2:, 2 * LENS :] = right @ pose_slopes(moved - rig.translation)
     return np.concatenate([left, right @ rig.rotation], axis=-2), by_rig
 
 
-def _projection_slopes(camera: Camera, points: Array) -> tuple[Array, Array]:
-    """Derivatives of the pixels of points (..., 3) in this camera's frame [mm].
-
-    Returns those by the point (..., 2, 3) [px/mm] and by the camera's numbers (..., 2, 9).
-    """
+def point_slopes(camera: Camera, points: Array) -> Array:
+    """∂pixel/∂point (..., 2, 3) of points (..., 3) in this camera's frame [px/mm]."""
     x, y = points[..., 0] / points[..., 2], points[..., 1] / points[..., 2]
     by_direction = camera.matrix[:2, :2] @ _bend_matrix(x, y, camera.distortion)
-    by_depth = -np.einsum("...ij,...j->...i", by_direction, np.stack([x, y], axis=-1))
-    by_point = np.concatenate([by_direction, by_depth[..., None]], axis=-1) / points[..., 2, None, None]
-    by_lens = np.zeros((*x.shape, 2, LENS))
-    by_lens[..., 0, 0], by_lens[..., 1, 1] = bend(x, y, camera.distortion)
-    by_lens[..., 0, 2] = by_lens[..., 1, 3] = 1.0
-    by_lens[..., 4:] = camera.matrix[:2, :2] @ _distortion_slopes(x, y)
-    return by_point, by_lens
+    by_depth = -(by_direction[..., 0] * x[..., None] + by_direction[..., 1] * y[..., None])
+    return np.concatenate([by_direction, by_depth[..., None]], axis=-1) / points[..., 2, None, None]
+
+
+def _lens_slopes(camera: Camera, points: Array) -> Array:
+    """∂pixel/∂(the camera's numbers) (..., 2, 9) of points (..., 3) in its frame."""
+    x, y = points[..., 0] / points[..., 2], points[..., 1] / points[..., 2]
+    slopes = np.zeros((*x.shape, 2, LENS))
+    slopes[..., 0, 0], slopes[..., 1, 1] = bend(x, y, camera.distortion)
+    slopes[..., 0, 2] = slopes[..., 1, 3] = 1.0
+    slopes[..., 4:] = camera.matrix[:2, :2] @ _distortion_slopes(x, y)
+    return slopes
 
 
 def _bend_matrix(x: Array, y: Array, distortion: Array) -> Array:
