@@ -37,9 +37,10 @@ def warp_from_gradient(places: npt.ArrayLike, slope: npt.ArrayLike, shape_functi
 
 def gradient(warp: Array, offset: npt.ArrayLike = (0.0, 0.0)) -> Array:
     """∂x/∂ξ (..., 2, 2) at offsets (..., 2) [px] from the centres."""
-    slope = warp[..., 1:3].copy()
+    offset = np.asarray(offset, dtype=np.float64)
+    slope = np.broadcast_to(warp[..., 1:3], (*np.broadcast_shapes(warp.shape[:-2], offset.shape[:-1]), 2, 2)).copy()
     if warp.shape[-1] == TERMS["quadratic"]:
-        xi, eta = (part[..., None] for part in np.moveaxis(np.asarray(offset, dtype=np.float64), -1, 0))
+        xi, eta = (part[..., None] for part in np.moveaxis(offset, -1, 0))
         slope[..., 0] += 2.0 * warp[..., 3] * xi + warp[..., 4] * eta
         slope[..., 1] += warp[..., 4] * xi + 2.0 * warp[..., 5] * eta
     return np.asarray(slope)

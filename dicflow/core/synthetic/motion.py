@@ -1,0 +1,117 @@
+"""Flat speckle images carried by any smooth motion of the plane, also one that no single transform describes.
+
+A material point at X in the reference image is at x(X) in the deformed one, I(x(X)) = I₀(X). Every sample within a
+pixel is carried back to the material by Newton's method, so that the images are exact to the integration over pixels.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dicflow.core.synthetic.render import Extent, Look, Pattern, shares
+from dicflow.core.synthetic.speckle import darkness, scatter_speckles
+
+__all__ = ["Motion", "carried_back", "render_pattern", "speckle_pattern", "star", "star_period"]
+
+Array = NDArray[np.float64]
+Motion = Callable[[Array], tuple[Array, Array]]
+"""Where points (..., 2) of the reference go [px], and the gradients ∂x/∂X (..., 2, 2) there."""
+
+_EVEN = Look(unevenness=0.0, light=(0.0, 0.0))
+_EVERYWHERE = Extent(-np.inf, np.inf, -np.inf, np.inf)
+_ROWS_AT_ONCE = 8
+_NEWTON = 30
+_SMALL_STEP = 1e-4
+"""What is left after a step of Newton's method is about the step's square [px]."""
+
+
+def speckle_pattern(
+    size: tuple[int, int],
+    diameter: tuple[float, float] = (3.0, 7.0),
+    edge: float = 1.0,
+    coverage: float = 0.45,
+    margin: float = 20.0,
+    seed: int = 0,
+) -> Pattern:
+    """How dark the points (..., 2) [px] of a speckled reference image are, 0 … 1.
+
+    size : (width, height) of the image [px]
+    diameter : of the dots, least and greatest [px]
+    edge : width over which the ink fades out [px]
+    coverage : share of the image that is dark
+    margin : how far speckles go on beyond the image [px]
+    """
+    width, height = size[0] + 2.0 * margin, size[1] + 2.0 * margin
+    speckles = scatter_speckles((width, height), diameter, edge, coverage, seed=seed)
+    corner = np.array([0.5 * size[0], -margin])
+    return lambda points: darkness(speckles, points - corner)
+
+
+def render_pattern(
+    pattern: Pattern, size: tuple[int, int], motion: Motion | None = None, look: Look = _EVEN, order: int = 3
+) -> Array:
+    """Image (height, width) of a pattern before noise, evenly lit.
+
+    size : (width, height) [px]
+    motion : None gives the reference image
+    order : Gauss–Legendre points per direction and pixel
+    """
+
+    def moved(places: Array) -> Array:
+        return pattern(places if motion is None else carried_back(motion, places))
+
+    ink = np.empty(size[::-1])
+    for top in range(0, size[1], _ROWS_AT_ONCE):
+        rows = np.arange(top, min(top + _ROWS_AT_ONCE, size[1]))
+        pixels = np.stack(np.meshgrid(np.arange(size[0]), rows), axis=-1).astype(float)
+        squares = np.broadcast_to(np.eye(2), (*pixels.shape, 2))
+        ink[rows] = shares(pixels, squares, _EVERYWHERE, moved, order).ink
+    return np.asarray(look.paper + (look.ink - look.paper) * ink)
+
+
+def carried_back(motion: Motion, places: Array) -> Array:
+    """Points (..., 2) of the reference that a motion carries to ``places`` (..., 2) [px].
+
+    Raises ValueError where Newton's method finds none, as it may where a motion folds the plane.
+    """
+    points = places.copy()
+    for _ in range(_NEWTON):
+        at, slope = motion(points)
+        (dx, dy), (a, b, c, d) = np.moveaxis(places - at, -1, 0), np.moveaxis(slope.reshape(*at.shape[:-1], 4), -1, 0)
+        step = np.stack([d * dx - b * dy, a * dy - c * dx], axis=-1) / (a * d - b * c)[..., None]
+        points += step
+        if not (largest := np.abs(step).max()) > _SMALL_STEP:
+            break
+    if not largest <= _SMALL_STEP:
+        raise ValueError(f"the motion cannot be inverted: its points still move by {largest:.2g} px")
+    return points
+
+
+def star(amplitude: float = 0.5, middle: float = 250.0, width: int = 2000) -> Motion:
+    """The wave of the second DIC challenge, whose period grows from left to right (Reu et al., Experimental Mechanics
+    62, 2022): v = A cos(2π (y − m)/λ(x)), u = 0.
+
+    amplitude : A [px]
+    middle : m, the row that moves by A everywhere [px]
+    width : over which the period grows from 10 to 150 px [px]
+    """
+
+    def motion(points: Array) -> tuple[Array, Array]:
+        x, y = points[..., 0], points[..., 1] - middle
+        wave = 2.0 * np.pi / star_period(x, width)
+        places, slope = points.copy(), np.zeros((*x.shape, 2, 2))
+        places[..., 1] += amplitude * np.cos(wave * y)
+        rise = -amplitude * np.sin(wave * y)
+        slope[..., 0, 0], slope[..., 1, 1] = 1.0, 1.0 + rise * wave
+        slope[..., 1, 0] = rise * y * wave**2 * (-140.0 / width) / (2.0 * np.pi)
+        return places, slope
+
+    return motion
+
+
+def star_period(x: Array, width: int = 2000) -> Array:
+    """The period λ of :func:`star` at columns x [px]."""
+    return np.asarray(10.0 + 140.0 * x / width)
