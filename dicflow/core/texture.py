@@ -7,8 +7,19 @@ from typing import Any, NamedTuple
 import cv2
 import numpy as np
 import numpy.typing as npt
+from scipy.fft import irfft2, next_fast_len, rfft2
 
-__all__ = ["LEAST_TEXTURE", "Texture", "mean_intensity_gradient", "speckled", "texture", "textured_box"]
+__all__ = [
+    "LEAST_TEXTURE",
+    "Texture",
+    "mean_intensity_gradient",
+    "saturated_share",
+    "saturation",
+    "speckle_size",
+    "speckled",
+    "texture",
+    "textured_box",
+]
 
 STRIDE = 4  # px between texture values: fine enough for a region's outline, 16 times cheaper than every pixel
 SEPARATION = 3.0  # pattern and background count as two things where their typical textures differ by this factor
@@ -37,6 +48,45 @@ def mean_intensity_gradient(image: npt.NDArray[Any], mask: npt.NDArray[np.bool_]
     gx, gy = _gradient(_smoothed(image))
     length = np.hypot(gx, gy)
     return float(length.mean() if mask is None else length[mask].mean())
+
+
+def saturation(image: npt.NDArray[Any]) -> float:
+    """The grey level from which on a pixel is as bright as it can be, with 8, 10, 12, 14 or 16 bits: as few as do."""
+    bits = max(8, 2 * ((int(image.max()).bit_length() + 1) // 2))
+    return float(2**bits - 1) * (1.0 - 2.0**-8)
+
+
+def saturated_share(image: npt.NDArray[Any], mask: npt.NDArray[np.bool_]) -> float:
+    """Share of the mask's pixels that are as bright as they can be: what is brighter there does not show."""
+    return float((image[mask] > saturation(image)).mean())
+
+
+def speckle_size(image: npt.NDArray[Any], mask: npt.NDArray[np.bool_]) -> float:
+    """Diameter of the speckles in a mask [px], at most about an eighth of its size; NaN where nothing varies.
+
+    Where the autocorrelation of discs of diameter D has fallen to one half, they overlap by half: at 0.404 D. Slow
+    changes of the light are taken off first.
+    """
+    x, y, width, height = cv2.boundingRect(mask.astype(np.uint8))
+    part = slice(y, y + height), slice(x, x + width)
+    inside, side = mask[part].astype(np.float64), max(3, min(width, height) // 4)
+    grey = image[part].astype(np.float64)
+    mean = cv2.blur(grey * inside, (side, side)) / np.maximum(cv2.blur(inside, (side, side)), 1e-9)
+    alike = _autocorrelation((grey - mean) * inside) / np.maximum(_autocorrelation(inside), 1.0)
+    radius = np.hypot(*np.meshgrid(np.arange(side), np.arange(side)))
+    profile = np.array([alike[:side, :side][np.abs(radius - r) < 0.5].mean() for r in range(side)])
+    below = np.flatnonzero(profile < 0.5 * profile[0])
+    if not profile[0] > 0.0 or len(below) == 0:
+        return float("nan")
+    last = int(below[0]) - 1
+    at_half = last + (profile[last] - 0.5 * profile[0]) / (profile[last] - profile[last + 1])
+    return float(at_half / 0.404)
+
+
+def _autocorrelation(values: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
+    """Σ v(x) v(x + lag) over the pixels, for lags from 0 on along rows and columns."""
+    shape = [next_fast_len(2 * side, real=True) for side in values.shape]
+    return np.asarray(irfft2(np.abs(rfft2(values, shape)) ** 2, shape))
 
 
 def texture(image: npt.NDArray[Any], window_px: int = 32) -> Texture:

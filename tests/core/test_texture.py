@@ -1,7 +1,15 @@
 import numpy as np
 import pytest
 
-from dicflow.core.texture import mean_intensity_gradient, speckled, texture, textured_box
+from dicflow.core.synthetic.planar import planar_pair
+from dicflow.core.texture import (
+    mean_intensity_gradient,
+    saturated_share,
+    speckle_size,
+    speckled,
+    texture,
+    textured_box,
+)
 
 
 def grain(rows, cols, seed=0):
@@ -45,3 +53,29 @@ def test_the_box_holds_the_pattern_and_not_the_background():
 
 def test_no_box_without_a_pattern():
     assert textured_box(np.full((100, 100), 90, dtype=np.uint8)) is None
+
+
+@pytest.mark.parametrize("diameter", [4.0, 8.0, 16.0])
+def test_speckles_are_measured(diameter):
+    pair = planar_pair((300, 300), (0.0, 0.0), diameter=(diameter, diameter), coverage=0.2, noise=2.0)
+    mask = np.zeros((300, 300), dtype=bool)
+    mask[10:-10, 10:-10] = True
+    assert speckle_size(pair.reference, mask) == pytest.approx(diameter, rel=0.15)
+
+
+def test_light_that_changes_slowly_makes_no_speckles_larger():
+    pair = planar_pair((300, 300), (0.0, 0.0), diameter=(6.0, 6.0), coverage=0.2)
+    mask = np.ones((300, 300), dtype=bool)
+    shade = 0.4 + 0.6 * np.arange(300) / 299
+    assert speckle_size(pair.reference * shade, mask) == pytest.approx(speckle_size(pair.reference, mask), rel=0.1)
+    assert np.isnan(speckle_size(np.full((50, 50), 7.0), np.ones((50, 50), dtype=bool)))
+
+
+@pytest.mark.parametrize(("dtype", "top"), [(np.uint8, 255), (np.uint16, 4095), (np.uint16, 65520)])
+def test_saturated_pixels_are_counted(dtype, top):
+    image = np.full((10, 10), top // 2, dtype=dtype)
+    image[:, :3] = top
+    mask = np.zeros((10, 10), dtype=bool)
+    mask[:, :6] = True
+    assert saturated_share(image, mask) == 0.5
+    assert saturated_share(image // 2, mask) == 0.0

@@ -1,0 +1,86 @@
+"""The noise of photographs, in grey levels: from two of the same scene where there are such, or from one."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import cv2
+import numpy as np
+import numpy.typing as npt
+
+from dicflow.core.texture import saturation
+
+__all__ = ["image_noise", "pair_noise", "smoothed_noise"]
+
+Image = npt.NDArray[np.float32]
+Mask = npt.NDArray[np.bool_]
+
+PLAIN_SHARE, PLAIN_PIXELS = 0.03, 500  # of the region, where its grey levels change least; at least so many pixels
+_DIFFERENCES = np.array([1.0, -4.0, 6.0, -4.0, 1.0]) / np.sqrt(70.0)
+_MAD = 1.4826  # of a normal distribution: standard deviation over median absolute deviation
+
+
+def image_noise(image: npt.NDArray[Any], usable: Mask) -> float:
+    """Standard deviation of the noise of one photograph [grey levels].
+
+    image : (rows, cols) grey; usable : (rows, cols) bool — the region
+
+    Fourth differences along rows and columns leave white noise as strong as it is, and little of what a lens has
+    drawn (after Immerkær, Computer Vision and Image Understanding 64, 1996, who takes second ones). The edges of
+    sharp speckles still show, so only the plainest part is used, as the smoothed image has it. Clipped pixels have no
+    noise and do not count. With a pattern finer than a few pixels the noise comes out too large.
+    """
+    grey = image.astype(np.float32)
+    residual = cv2.sepFilter2D(grey, cv2.CV_64F, _DIFFERENCES, _DIFFERENCES, borderType=cv2.BORDER_REFLECT)
+    smooth = cv2.GaussianBlur(grey, (0, 0), 1.0)
+    slope = np.hypot(cv2.Sobel(smooth, cv2.CV_32F, 1, 0, ksize=3), cv2.Sobel(smooth, cv2.CV_32F, 0, 1, ksize=3))
+    slope = np.asarray(cv2.GaussianBlur(slope, (0, 0), 1.0))
+    free = usable & (grey > 0) & (grey < saturation(image))
+    if not free.any():
+        return 0.0
+    share = min(1.0, max(PLAIN_SHARE, PLAIN_PIXELS / int(free.sum())))
+    return _spread(residual[free & (slope <= np.quantile(slope[free], share))])
+
+
+def pair_noise(first: npt.NDArray[Any], second: npt.NDArray[Any], usable: Mask) -> float:
+    """Standard deviation of the noise of each of two photographs in which nothing moved [grey levels].
+
+    first, second : (rows, cols) grey; usable : (rows, cols) bool — the region
+
+    What a change of light, and a shift of a few hundredths of a pixel, explain is taken off the difference by least
+    squares.
+    """
+    f, g = (image.astype(np.float32) for image in (first, second))
+    smooth = cv2.GaussianBlur(f, (0, 0), 1.0)
+    slopes = (cv2.Sobel(smooth, cv2.CV_32F, *axis, ksize=1, scale=0.5) for axis in ((1, 0), (0, 1)))
+    explained = np.stack(
+        [np.ones(int(usable.sum()), dtype=np.float32), *(v[usable] for v in (smooth, *slopes))], axis=-1
+    )
+    difference = (g - f)[usable].astype(np.float64)
+    part = np.linalg.lstsq(explained.astype(np.float64), difference, rcond=None)[0]
+    return _spread(difference - explained @ part) / float(np.sqrt(2.0))
+
+
+def smoothed_noise(noise: float, image: npt.NDArray[Any], usable: Mask, smoothing_px: float) -> float:
+    """The level of white noise that does to correlation what noise does after smoothing [grey levels].
+
+    noise : standard deviation before [grey levels]; smoothing_px : standard deviation of the Gaussian
+
+    A subset's place moves by H⁻¹ Σ J n. Smoothed noise has Σ J (K n) = Σ (K J) n, so its variance is that of white
+    noise times Σ (K J)² / Σ J², with the derivatives J of the smoothed image.
+    """
+    if smoothing_px <= 0.0:
+        return noise
+    smooth = cv2.GaussianBlur(image.astype(np.float32), (0, 0), smoothing_px)
+    before, after = 0.0, 0.0
+    for axis in ((1, 0), (0, 1)):
+        slope = cv2.Sobel(smooth, cv2.CV_32F, *axis, ksize=1, scale=0.5)
+        before += float((slope[usable] ** 2).sum())
+        after += float((cv2.GaussianBlur(slope, (0, 0), smoothing_px)[usable] ** 2).sum())
+    return noise * float(np.sqrt(after / before)) if before > 0.0 else noise
+
+
+def _spread(values: npt.NDArray[Any]) -> float:
+    """Standard deviation without outliers."""
+    away = values - np.median(values)
+    return float(np.std(away[np.abs(away) <= 4.0 * _MAD * np.median(np.abs(away)) + 1.0]))
