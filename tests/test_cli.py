@@ -373,7 +373,9 @@ def test_damage_that_an_export_meets(own, tmp_path):
     for chunk in [path for path in (store / "objects").rglob("c/*/*") if path.is_file()]:
         spoil(chunk)
     given = (*own, "--step", "step_01", "--output", tmp_path / "o")
-    dicflow("export", own[0], "total", *given[1:]).refuses(1, "is damaged and was put into quarantine; run again to make it")
+    dicflow("export", own[0], "total", *given[1:]).refuses(
+        1, "is damaged and was put into quarantine; run again to make it"
+    )
 
 
 def test_what_is_wrong_with_a_store_command(measured, tmp_path):

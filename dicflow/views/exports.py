@@ -49,15 +49,19 @@ def _rig(product: Product, stem: str, to: str) -> tuple[str, bytes]:
 
 
 def _pictures(product: Product, stem: str) -> Iterator[tuple[str, bytes]]:
-    from dicflow.views.maps import picture, png
+    from dicflow.core.status import Status
+    from dicflow.views.maps import code_picture, picture, png
 
     drawable = {key: variable for key, variable in product.variables.items() if _is_field(variable)}
     if not drawable:
         raise ConfigurationError(
             f"{stem}: a product of kind {product.kind} has no array to draw; export it as csv or npz"
         )
+    reasons = {status.value: status.label for status in Status}
     for key, variable in drawable.items():
-        yield f"{stem}_{key}.png", png(picture(variable, f"{stem} · {key}"))
+        title = f"{stem} · {key}"
+        figure = code_picture(variable, title, reasons) if key == "status" else picture(variable, title)
+        yield f"{stem}_{key}.png", png(figure)
 
 
 def _is_field(variable: Variable) -> bool:

@@ -12,14 +12,17 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.cm import ScalarMappable
 from matplotlib.collections import QuadMesh
+from matplotlib.colorbar import Colorbar
 from matplotlib.colors import Normalize
 from matplotlib.figure import Figure
+from matplotlib.transforms import Bbox
 
 from dicflow.engine.product import Product, Variable
 
-__all__ = ["Style", "contact_sheet", "field_map", "field_pngs", "gif", "picture", "png", "style"]
+__all__ = ["Style", "code_picture", "contact_sheet", "field_map", "field_pngs", "gif", "picture", "png", "style"]
 
-_HEIGHT_IN = 5.0
+_HEIGHT_IN, _WIDTH_IN = 5.0, 9.0
+_MARGIN_IN, _BAR_IN, _LETTER_IN = 0.1, 0.15, 0.07
 _GREY = "0.93"
 
 
@@ -72,62 +75,62 @@ def style(maps: Mapping[str, Any], quantity: str) -> Style:
 def field_map(total: Product, look: Style, title: str) -> Figure:
     """One step: the field where the specimen is, with axes in its unit and a colour bar."""
     x0, y0, x1, y1 = look.extent
-    aspect = (x1 - x0) / (y1 - y0)
-    width = min(max(_HEIGHT_IN * aspect, 1.6), 11.0)
-    height = min(_HEIGHT_IN, max(width / aspect, 1.6))
-    figure = Figure(figsize=(width + 2.0, height + 1.0), dpi=110, layout="constrained")
-    axes = figure.add_subplot()
+    figure, axes = _figure((x1 - x0) / (y1 - y0))
     mesh = _draw(axes, total, look)
     axes.set(xlabel=f"X [{look.length_unit}]", ylabel=f"Y [{look.length_unit}]")
     axes.set_title(title, fontsize=9)
-    figure.colorbar(mesh, ax=axes, label=look.label)
+    _colour_bar(figure, mesh, look.label)
     return figure
 
 
-def field_pngs(totals: Iterable[Product], look: Style, titles: Iterable[str]) -> Iterator[bytes]:
-    """:func:`field_map` of many steps as PNG; the axes are laid out once, and one step is held at a time."""
+def field_pngs(totals: Iterable[Product], look: Style, titles: Sequence[str]) -> Iterator[bytes]:
+    """:func:`field_map` of many steps as PNG of one size.
+
+    The axes are laid out once, for the longest title, and one step is held at a time.
+    """
     figure: Figure | None = None
     for total, title in zip(totals, titles, strict=True):
         if figure is None:
-            figure = field_map(total, look, title)
-            figure.draw_without_rendering()
-            figure.set_layout_engine("none")
-        else:
-            axes = figure.axes[0]
-            axes.collections[0].remove()
-            _draw(axes, total, look)
-            axes.set_title(title, fontsize=9)
-        yield png(figure)
+            figure = field_map(total, look, max(titles, key=len))
+            frame = figure.get_tightbbox().padded(_MARGIN_IN)
+        axes = figure.axes[0]
+        axes.collections[0].remove()
+        _draw(axes, total, look)
+        axes.set_title(title, fontsize=9)
+        yield png(figure, frame)
 
 
 def contact_sheet(totals: Sequence[Product], names: Sequence[str], look: Style, title: str) -> Figure:
     """All steps of a phase side by side with one colour bar; each is read, drawn and let go."""
     x0, y0, x1, y1 = look.extent
     aspect = (x1 - x0) / (y1 - y0)
-    tall = 2.4 * min(1.0, 1.6 / aspect)
-    tile = (0.4 + max(tall * aspect, 0.7), 0.4 + tall)
-    columns = max(1, min(len(totals), math.floor(14.0 / tile[0])))
+    height = min(2.4, 3.84 / aspect)
+    pitch = max(height * aspect, _LETTER_IN * max(map(len, names))) + 0.15
+    columns = max(1, min(len(totals), math.floor(14.0 / pitch)))
     rows = math.ceil(len(totals) / columns)
-    figure = Figure(figsize=(columns * tile[0] + 2.2, rows * tile[1] + 1.0), dpi=100, layout="constrained")
-    grid = figure.subplots(rows, columns, squeeze=False, sharex=True, sharey=True)
-    for axes in grid.flat[len(totals) :]:
-        axes.set_axis_off()
-    for axes, total, name in zip(grid.flat, totals, names, strict=False):
+    figure = Figure(figsize=(columns * pitch - 0.15, rows * (height + 0.3) - 0.3), dpi=100)
+    width_in, height_in = figure.get_size_inches()
+    for place, (total, name) in enumerate(zip(totals, names, strict=True)):
+        row, column = divmod(place, columns)
+        corner = (column * pitch / width_in, 1 - (row * (height + 0.3) + height) / height_in)
+        axes = figure.add_axes((*corner, height * aspect / width_in, height / height_in))
         _draw(axes, total, look)
         axes.set_title(name, fontsize=8)
-        axes.tick_params(labelsize=7)
-    figure.supxlabel(f"X [{look.length_unit}]", fontsize=9)
-    figure.supylabel(f"Y [{look.length_unit}]", fontsize=9)
-    figure.suptitle(title, fontsize=11)
+        _name_outer(axes, look, left=column == 0, bottom=place + columns >= len(totals))
+    figure.text(0.5, 1 + 0.35 / height_in, title, fontsize=10, ha="center")
     shared = ScalarMappable(Normalize(*look.range), matplotlib.colormaps[look.colour_map])
-    figure.colorbar(shared, ax=grid, label=look.label, fraction=0.05)
+    _colour_bar(figure, shared, look.label).ax.tick_params(labelsize=8)
     return figure
 
 
-def png(figure: Figure) -> bytes:
-    """The figure as a PNG; equal figures give equal bytes."""
+def png(figure: Figure, frame: Bbox | None = None) -> bytes:
+    """The figure as a PNG; equal figures give equal bytes.
+
+    frame : the part that is shown [in]; without one all that is drawn, with a narrow margin
+    """
     buffer = BytesIO()
-    figure.savefig(buffer, format="png", metadata={"Software": None})
+    cut: Any = "tight" if frame is None else frame
+    figure.savefig(buffer, format="png", metadata={"Software": None}, bbox_inches=cut, pad_inches=_MARGIN_IN)
     return buffer.getvalue()
 
 
@@ -159,14 +162,52 @@ def _draw(axes: Axes, total: Product, look: Style) -> QuadMesh:
 
 def picture(variable: Variable, title: str) -> Figure:
     """One array on the grid of its rows and columns; grey levels in grey, all else in colour with a bar."""
-    rows, cols = variable.values.shape
-    width = min(max(6.0 * cols / rows, 2.0), 10.0)
-    figure = Figure(figsize=(width + 1.5, min(6.0, width * rows / cols) + 0.8), dpi=110, layout="constrained")
-    axes = figure.add_subplot()
+    figure, axes = _figure(variable.values.shape[1] / variable.values.shape[0])
     grey = variable.values.dtype.kind == "u" and variable.units == "grey level"
     image = axes.imshow(variable.values, cmap="gray" if grey else "viridis", interpolation="nearest")
-    axes.set(xlabel="column", ylabel="row")
-    axes.set_title(title, fontsize=9)
+    _name_grid(axes, title)
     unit = "–" if variable.units == "1" else variable.units
-    figure.colorbar(image, ax=axes, label=f"{variable.long_name or title} [{unit}]")
+    _colour_bar(figure, image, f"{variable.long_name or title} [{unit}]")
     return figure
+
+
+def code_picture(variable: Variable, title: str, names: Mapping[int, str]) -> Figure:
+    """One array of codes on the grid of its rows and columns: a colour for each code that occurs, with its name."""
+    codes, places = np.unique(variable.values, return_inverse=True)
+    figure, axes = _figure(variable.values.shape[1] / variable.values.shape[0])
+    colours = matplotlib.colormaps["viridis"].resampled(len(codes))
+    levels = places.reshape(variable.values.shape)
+    image = axes.imshow(levels, cmap=colours, vmin=-0.5, vmax=len(codes) - 0.5, interpolation="nearest")
+    _name_grid(axes, title)
+    bar = _colour_bar(figure, image, variable.long_name or title)
+    bar.set_ticks(range(len(codes)), labels=[names.get(int(code), str(code)) for code in codes])
+    return figure
+
+
+def _figure(aspect: float) -> tuple[Figure, Axes]:
+    """A figure that one map fills whose width is ``aspect`` times its height; labels stand around it."""
+    width = min(_HEIGHT_IN * aspect, _WIDTH_IN)
+    figure = Figure(figsize=(width, width / aspect), dpi=110)
+    return figure, figure.add_axes((0, 0, 1, 1))
+
+
+def _colour_bar(figure: Figure, shown: ScalarMappable, label: str) -> Colorbar:
+    """A colour bar beside what fills a figure, or below where that is too low for the label."""
+    width, height = figure.get_size_inches()
+    beside = height > 2.3
+    place = (1 + 0.15 / width, 0, _BAR_IN / width, 1) if beside else (0, -0.65 / height, 1, _BAR_IN / height)
+    bar = figure.colorbar(shown, cax=figure.add_axes(place), orientation="vertical" if beside else "horizontal")
+    bar.set_label(label, fontsize=9)
+    return bar
+
+
+def _name_outer(axes: Axes, look: Style, left: bool, bottom: bool) -> None:
+    """Label the axes at the left edge of a sheet, and those that have none below."""
+    axes.tick_params(labelsize=7, labelleft=left, labelbottom=bottom)
+    axes.set_xlabel(f"X [{look.length_unit}]" if bottom else "", fontsize=8)
+    axes.set_ylabel(f"Y [{look.length_unit}]" if left else "", fontsize=8)
+
+
+def _name_grid(axes: Axes, title: str) -> None:
+    axes.set(xlabel="column", ylabel="row", facecolor=_GREY)
+    axes.set_title(title, fontsize=9)

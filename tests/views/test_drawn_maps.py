@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from io import BytesIO
+from itertools import pairwise
 
 import numpy as np
 import pytest
@@ -60,14 +61,32 @@ def colour_of(image, colour):
     return (np.abs(np.asarray(image.convert("RGB"), float) - wanted).max(axis=-1) < 6).mean()
 
 
+def is_whole(image):
+    """Whether nothing reaches the picture's edge, and so nothing is cut off."""
+    grey = np.asarray(image.convert("L"))
+    return min(edge.min() for edge in (grey[:4], grey[-4:], grey[:, :4], grey[:, -4:])) == 255
+
+
 def test_a_map_is_a_png_of_its_size():
     image = opened(drawn(total(1.2)))
     assert image.format == "PNG"
     look = views.style(MAPS, "eyy")
     width_mm, height_mm = look.extent[2] - look.extent[0], look.extent[3] - look.extent[1]
-    inches = max(5.0 * width_mm / height_mm, 1.6) + 2.0
-    assert image.size == (int(inches * 110), 660)
+    map_px = 5.0 * 110 * np.array([width_mm / height_mm, 1.0])
+    assert (map_px < image.size).all()
+    assert (image.size < map_px + 1.8 * 110).all()
+    assert is_whole(image)
     assert "Software" not in image.info
+
+
+@pytest.mark.parametrize("extent", [(0, 0, 100, 20), (0, 0, 10, 300), (0, 0, 300, 10)])
+def test_maps_of_any_shape_are_whole_and_nothing_overlaps(extent):
+    figure = views.field_map(total(1.2), views.style({**MAPS, "extent": extent}, "eyy"), "step_01 · loading")
+    figure.draw_without_rendering()
+    axes, bar = figure.axes
+    for part in (axes.bbox, axes.xaxis.label.get_window_extent(), axes.title.get_window_extent()):
+        assert not part.overlaps(bar.get_tightbbox())
+    assert is_whole(opened(views.png(figure)))
 
 
 def test_equal_input_gives_equal_bytes():
@@ -105,6 +124,11 @@ def test_maps_of_many_steps_have_one_layout():
     assert frames == list(views.field_pngs(iter(steps), look, ["a", "b", "c"]))
 
 
+def test_titles_of_all_steps_fit():
+    frames = views.field_pngs([total(1.1)] * 3, views.style(MAPS, "V"), ["a", "a long name " * 5, "a name " * 4])
+    assert all(is_whole(opened(frame)) for frame in frames)
+
+
 def test_an_animation_has_a_frame_per_step_and_repeats():
     look = views.style(MAPS, "eyy")
     frames = list(views.field_pngs((total(s) for s in (1.1, 1.2, 1.3)), look, "abc"))
@@ -116,16 +140,27 @@ def test_an_animation_has_a_frame_per_step_and_repeats():
     assert content == views.gif(frames, seconds=0.25)
 
 
-@pytest.mark.parametrize(("count", "columns"), [(1, 1), (3, 3), (30, 12)])
+@pytest.mark.parametrize(("count", "columns"), [(1, 1), (3, 3), (20, 15)])
 def test_a_sheet_holds_all_steps_in_rows(count, columns):
     look = views.style(MAPS, "eyy")
     figure = views.contact_sheet([total(1.2)] * count, [f"{k}" for k in range(count)], look, "strain, loading")
-    grid = figure.axes[0].get_subplotspec().get_gridspec()
-    assert grid.ncols == columns
-    assert grid.nrows == -(-count // columns)
+    tiles = [axes.get_position() for axes in figure.axes[:-1]]
+    assert len(tiles) == count
+    assert len({round(tile.x0, 6) for tile in tiles}) == columns
+    assert len({round(tile.y0, 6) for tile in tiles}) == -(-count // columns)
     image = opened(views.png(figure))
     assert image.format == "PNG"
-    assert image.size == tuple(int(round(inches * 100, 6)) for inches in figure.get_size_inches())
+    assert is_whole(image)
+    below = [axes.get_xlabel() for axes in figure.axes[:count]]
+    assert below == [""] * (count - columns) + ["X [mm]"] * columns
+    assert [axes.get_ylabel() for axes in figure.axes[:count]].count("Y [mm]") == -(-count // columns)
+
+
+def test_long_names_on_a_sheet_keep_apart():
+    names = [f"specimen 12, photograph {k:04d}" for k in range(4)]
+    figure = views.contact_sheet([total(1.2)] * 4, names, views.style(MAPS, "eyy"), "strain, loading")
+    titles = [axes.title.get_window_extent() for axes in figure.axes[:4]]
+    assert all(one.x1 < other.x0 for one, other in pairwise(titles))
 
 
 def test_labels_name_measure_and_unit():
@@ -139,6 +174,19 @@ def test_a_picture_of_any_array(shape, units):
     variable = Variable(("row", "col"), values.astype(np.uint8 if units == "grey level" else float), units, "something")
     image = opened(views.png(views.picture(variable, "pair · left")))
     assert image.format == "PNG"
+    assert is_whole(image)
     assert min(image.size) > 80
     coloured = np.ptp(np.asarray(image.convert("RGB"), int), axis=-1).max() > 20
     assert coloured == (units != "grey level")
+
+
+def test_a_picture_of_codes_names_those_that_occur():
+    codes = np.zeros((30, 10), np.uint8)
+    codes[:10], codes[0, 0] = 7, 200
+    names = {0: "valid", 2: "outside", 7: "background"}
+    figure = views.code_picture(Variable(("row", "col"), codes), "total · status", names)
+    _, bar = figure.axes
+    assert [label.get_text() for label in bar.get_yticklabels()] == ["valid", "background", "200"]
+    image = opened(views.png(figure))
+    assert is_whole(image)
+    assert colour_of(image, 0.0) / colour_of(image, 0.5) == pytest.approx(2, rel=0.2)

@@ -1,8 +1,9 @@
-"""Bars of the variants of a sweep."""
+"""Panels of the scalars of a sweep."""
 
 import math
 
 import numpy as np
+import pytest
 from matplotlib.figure import Figure
 
 from dicflow.views.maps import png
@@ -23,17 +24,21 @@ def test_a_panel_for_each_scalar_that_differs():
     figure = sweep_figure(VALUES, TABLE)
     assert isinstance(figure, Figure)
     assert set(panels(figure)) == {"surface.sse"}
-    bars = panels(figure)["surface.sse"].patches
-    assert [bar.get_height() for bar in bars] == [3.0, 1.0]
+    assert len([axes for axes in figure.axes if axes.axison]) == 1
+    (dots,) = panels(figure)["surface.sse"].lines
+    assert dots.get_ydata().tolist() == [3.0, 1.0]
+    assert panels(figure)["surface.sse"].get_ylim()[0] == 0
     labels = [text.get_text() for text in panels(figure)["surface.sse"].get_xticklabels()]
     assert labels == ["z 1,1", "z 2,2"]
 
 
-def test_bars_that_hardly_differ_are_told_apart():
-    table = [{"surface.degree.z": 1, "a.b": 100.0}, {"surface.degree.z": 2, "a.b": 101.0}]
-    low, high = panels(sweep_figure(VALUES, table))["a.b"].get_ylim()
-    assert low == 99.5
-    assert np.isclose(high, 101.2)
+@pytest.mark.parametrize("sign", [1, -1])
+def test_dots_that_hardly_differ_are_told_apart(sign):
+    rows = [{"a.b": sign * 100.0, "a.c": 1.0, "a.d": sign * 1.0}, {"a.b": sign * 101.0, "a.c": 1.00001, "a.d": 0.0}]
+    found = panels(sweep_figure(VALUES, rows))
+    assert set(found) == {"a.b", "a.d"}
+    assert np.abs(found["a.b"].get_ylim()).min() > 99
+    assert 0 in found["a.d"].get_ylim()
 
 
 def test_nothing_that_differs_is_an_empty_figure_and_equal_tables_give_equal_bytes():
