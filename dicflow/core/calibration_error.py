@@ -1,7 +1,7 @@
 """What the calibration's uncertainty does to displacement and strain.
 
 The rig's error is one for all points and steps: a few independent modes, each of which moves every point in its own way
-(:func:`dicflow.core.rig_uncertainty.sensitivity_at`). Displacement sees the difference of a point's motion between
+(:func:`dicflow.core.rig_uncertainty.point_sensitivity`). Displacement sees the difference of a point's motion between
 two states, and strain how the motion varies from point to point.
 """
 

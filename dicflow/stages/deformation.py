@@ -147,12 +147,13 @@ class Deformation(Node):
         """
         from dicflow.core.calibration_error import error_modes, mode_displacement_sigma, mode_gradient_covariance
         from dicflow.core.measures import sigma
-        from dicflow.core.rig_uncertainty import sensitivity_at
+        from dicflow.core.rig_uncertainty import point_sensitivity
         from dicflow.io.rig import rig_from_dict
 
         cameras, modes = rig_from_dict(rig.attrs["rig"]), error_modes(rig.attrs["covariance"])
         after, before = (
-            (turn @ sensitivity_at(cameras, step["xyz"])) @ modes for step, turn in zip(steps, turns, strict=True)
+            (turn @ point_sensitivity(cameras, step["xy"], step["xy_right"])) @ modes
+            for step, turn in zip(steps, turns, strict=True)
         )
         covariance = mode_gradient_covariance(after, before, surface.response)
         strains = sigma(surface.gradient, covariance, self.measure, self.directions)

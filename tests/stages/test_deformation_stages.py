@@ -20,8 +20,8 @@ from measured_points import (
 
 from dicflow.core.camera import rotation_matrix
 from dicflow.core.rig_parameters import rig_moved
-from dicflow.core.rig_uncertainty import intersection
 from dicflow.core.status import Status
+from dicflow.core.triangulate import triangulate
 from dicflow.engine.product import Product, Variable
 from dicflow.errors import StageError
 from dicflow.io.rig import rig_to_dict
@@ -177,7 +177,7 @@ def test_the_calibration_share_of_strain_is_what_another_rig_would_give():
     rig = Product("rig", attrs={"rig": rig_to_dict(RIG), "covariance": np.outer(step, step).tolist()})
     before, after = points(FLAT), points(deformed(STRETCH, turn=(0, 0.1, 0), shift=(1.0, 2.0, 3.0)))
     shares = Deformation().run(points=after, points_before=before, rig=rig)
-    other = [points(intersection(rig_moved(RIG, step), part["xy"], part["xy_right"])) for part in (after, before)]
+    other = [points(triangulate(rig_moved(RIG, step), part["xy"], part["xy_right"]).xyz) for part in (after, before)]
     moved = Deformation().run(points=other[0], points_before=other[1])
     for name in ("U", "V", "W", "exx", "eyy", "gxy"):
         change = np.abs(moved[name] - shares[name])

@@ -12,6 +12,7 @@ from dicflow.engine.product import Product
 from dicflow.errors import StageError
 from dicflow.stages.deformation import Deformation
 from dicflow.stages.frame import Frame
+from dicflow.stages.noise_floor import NoiseFloor
 from dicflow.stages.probes import Probes
 
 FLAT = sheet()
@@ -169,3 +170,39 @@ def test_a_frame_needs_points():
 def test_grid_is_what_the_places_refer_to(perfect):
     assert np.array_equal(perfect[0]["xy_reference"], grid_px())
     assert SHAPE[0] * STEP_SIZE > 220
+
+
+def test_noise_floor_of_a_rigid_motion():
+    """Measured σ is the predicted one, within what 884 points of overlapping subsets and two steps can tell."""
+    rng, motions = np.random.default_rng(6), [((0, 0, 0), (0, 0, 0)), ((0.05, -0.1, 0.1), (1, 2, 3))]
+    common = template_errors(rng)
+    first = first_points(FLAT, rng, common)
+    totals = Steps(
+        Deformation().run(points=points(moved(np.eye(3), *motion), rng, common), points_before=first)
+        for motion in motions
+    )
+    result = NoiseFloor().run(total=totals)
+    for quantity in ("U_mm", "V_mm", "W_mm", "exx", "eyy", "gxy"):
+        summary = result.attrs["summary"]
+        assert summary[f"sigma_{quantity}"] == pytest.approx(summary[f"predicted_sigma_{quantity}"], rel=0.25)
+        assert summary[f"max_bias_{quantity}"] < 0.5 * summary[f"sigma_{quantity}"]
+    assert result["sigma"].shape == (6, 2)
+    assert len(result.attrs["rows"]) == 12
+    assert result.attrs["rows"][0]["points"] == SHAPE[0] * SHAPE[1]
+    json.dumps(result.attrs, allow_nan=False)
+    kept = NoiseFloor(still=("two",), rigid=False).run(total=totals)
+    assert kept.attrs["steps"] == ["two"]
+    assert kept["bias"][:3, 0] == pytest.approx([1, 2, 3], abs=0.1)
+    assert kept["sigma"][0, 0] > 20 * result["sigma"][0, 1]
+
+
+def test_perfect_noise_floor(perfect):
+    result = NoiseFloor(still=("one",)).run(total=perfect)
+    assert np.abs(result["bias"]).max() < 1e-9
+    assert np.abs(result["sigma"]).max() < 1e-9
+    assert result["predicted_sigma"].min() > 1e-4
+
+
+def test_noise_floor_of_steps_that_do_not_exist(perfect):
+    with pytest.raises(StageError, match="no step three after the first; the steps are one, two"):
+        NoiseFloor(still=("three",)).run(total=perfect)

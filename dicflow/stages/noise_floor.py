@@ -1,0 +1,131 @@
+"""What the measurement reads where nothing deforms: bias and scatter of each quantity."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from typing import TYPE_CHECKING, Any, ClassVar, Literal
+
+from dicflow.engine.node import At, Node, Port, Scope, parameter
+from dicflow.engine.product import Product, Variable
+from dicflow.errors import StageError
+
+if TYPE_CHECKING:
+    import numpy as np
+
+__all__ = ["NoiseFloor"]
+
+_QUANTITIES = ("U", "V", "W", "exx", "eyy", "gxy")
+_FIGURES = ("bias", "sigma", "predicted_sigma")
+
+
+class NoiseFloor(Node):
+    """Bias and standard deviation over the points of displacement and strain, at steps without deformation.
+
+    Bias is the mean over the points, σ their scatter about it, beside the σ that was predicted (its root mean square).
+    At a rigidly moved step the best rigid-body motion is taken out of the displacement first; the scatter of the
+    displacement is then that about the motion.
+    """
+
+    title: ClassVar = "noise floor"
+    scope: ClassVar = Scope.TEST
+    takes: ClassVar = {"total": Port("total", at=At.ALL)}
+    gives: ClassVar = "noise"
+
+    stage: Literal["noise_floor"] = "noise_floor"
+    still: tuple[str, ...] = parameter((), "names of the static or rigidly moved steps; all if none is named")
+    rigid: bool = parameter(True, "take the rigid-body motion out of each step first")
+
+    def run(self, total: Sequence[Product]) -> Product:
+        import numpy as np
+
+        names: tuple[str, ...] = tuple(getattr(total, "steps", map(str, range(1, len(total) + 1))))
+        if unknown := [name for name in self.still if name not in names]:
+            raise StageError(f"no step {', '.join(unknown)} after the first; the steps are {', '.join(names)}")
+        chosen = [name for name in names if not self.still or name in self.still]
+        if not chosen:
+            raise StageError("a noise floor needs a second step; give another photograph of the unmoved specimen")
+        found = [self._floor(total[names.index(name)]) for name in chosen]
+        figures = {
+            figure: np.array([[floor[q][figure] for floor in found] for q in _QUANTITIES]) for figure in _FIGURES
+        }
+        facts: dict[str, Any] = dict(total[names.index(chosen[0])].attrs)
+        unit = facts["unit"]
+        rows = [
+            {"step": step, "quantity": q, "unit": _unit(q, unit), **{name: _json(v) for name, v in floor[q].items()}}
+            for step, floor in zip(chosen, found, strict=True)
+            for q in _QUANTITIES
+        ]
+        kept: dict[str, Any] = {name: facts[name] for name in ("unit", "measures", "vsg_px", "vsg_mm") if name in facts}
+        attrs = {**kept, "steps": chosen, "quantities": list(_QUANTITIES), "rigid": self.rigid, "rows": rows}
+        variables = {name: Variable(("quantity", "step"), values, "1", name) for name, values in figures.items()}
+        return Product("noise", variables, {**attrs, "summary": _summary(figures, unit)})
+
+    def _floor(self, total: Product) -> dict[str, dict[str, float]]:
+        """The figures of each quantity at one step."""
+        import numpy as np
+
+        if "covariance" not in total:
+            raise StageError("this total predicts no uncertainty to compare with; give one of a stage 'deformation'")
+        known = np.isfinite(total["U"])
+        if known.sum() < 3:
+            raise StageError(f"a noise floor needs points, but a step has {known.sum()}; look at its correlation")
+        errors, deviations = _displacement(total, known, self.rigid)
+        fields = dict(zip("UVW", zip(errors.T, deviations.T, strict=True), strict=True))
+        fields |= {name: (total[name][known], total[f"sigma_{name}"][known]) for name in ("exx", "eyy", "gxy")}
+        return {name: _figures(*field) for name, field in fields.items()}
+
+
+def _displacement(total: Product, known: np.ndarray, rigid: bool) -> tuple[np.ndarray, np.ndarray]:
+    """Displacement (n, 3) of the points and its predicted σ, without the rigid-body motion if asked."""
+    import numpy as np
+
+    from dicflow.core.covariance import displacement_covariance, symmetric
+    from dicflow.core.frames import CAMERA, into_frame
+    from dicflow.core.rigid import rigid_motion, undoing
+
+    reference, deformed = total["xyz_reference"][known], total["xyz"][known]
+    covariance = symmetric(total["covariance"][known])
+    along = CAMERA
+    if rigid:
+        weights = 1.0 / np.maximum(np.trace(displacement_covariance(covariance), axis1=-2, axis2=-1), 1e-12)
+        try:
+            along = undoing(rigid_motion(reference, deformed, weights))
+        except ValueError as error:
+            raise StageError(f"{error}; look at the points of the step, or use rigid: false") from error
+    both = np.concatenate([along.rotation, -np.eye(3)], axis=1)
+    variances = np.diagonal(both @ covariance @ both.T, axis1=-2, axis2=-1)
+    return into_frame(deformed, along) - reference, np.sqrt(np.maximum(variances, 0.0))
+
+
+def _figures(values: np.ndarray, predicted: np.ndarray) -> dict[str, float]:
+    import numpy as np
+
+    return {
+        "bias": float(values.mean()),
+        "sigma": float(values.std()),
+        "predicted_sigma": float(np.sqrt(np.mean(predicted.astype(float) ** 2))),
+        "points": int(values.size),
+    }
+
+
+def _summary(figures: Mapping[str, np.ndarray], unit: str) -> dict[str, float]:
+    """Over all steps: the largest bias, and both σ as root mean squares."""
+    import numpy as np
+
+    summary: dict[str, float] = {}
+    for row, quantity in enumerate(_QUANTITIES):
+        ending = f"_{unit}" if quantity in ("U", "V", "W") else ""
+        summary[f"max_bias_{quantity}{ending}"] = float(np.abs(figures["bias"][row]).max())
+        for name in ("sigma", "predicted_sigma"):
+            summary[f"{name}_{quantity}{ending}"] = float(np.sqrt(np.mean(figures[name][row] ** 2)))
+    return summary
+
+
+def _unit(quantity: str, unit: str) -> str:
+    return unit if quantity in ("U", "V", "W") else "1"
+
+
+def _json(value: float) -> float | None:
+    """A number that JSON has."""
+    return value if math.isfinite(value) else None
