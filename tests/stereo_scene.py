@@ -20,7 +20,7 @@ MM_PX = FIELD_MM / SIZE[1]
 WIDTH, LENGTH = 19.0, 20.0
 STAND = verged_stand(SIZE, FIELD_MM)
 RIG = STAND.rig
-SPECKLES = scatter_speckles((WIDTH, LENGTH), (0.2, 0.32), 0.06, seed=4)
+SPECKLES = scatter_speckles((WIDTH, LENGTH), (0.2, 0.32), 0.11, seed=4)
 REGION = (130.0, 70.0, 470.0, 430.0)
 """Part of the first left photograph [px] that the strip covers in both photographs of moderate states."""
 

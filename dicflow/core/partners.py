@@ -15,7 +15,7 @@ import numpy as np
 import numpy.typing as npt
 
 from dicflow.core.camera import Camera, Rig
-from dicflow.core.matching import consistent, local_motion
+from dicflow.core.matching import agreeing, local_motion
 from dicflow.core.stereo import raw_to_rectified, rectification, rectified_to_raw, rectify
 
 __all__ = ["FEWEST", "Partners", "find_partners", "right_of_left", "started"]
@@ -78,7 +78,7 @@ def find_partners(
         found[missing] = [_partner(view, place, half, squeeze) for place in places[missing]]
     known = np.isfinite(found).all(axis=1)
     points, partners = points[known], to_right(found[known])
-    kept = consistent(points, partners)
+    kept = agreeing(points, partners)
     return Partners(points[kept], partners[kept])
 
 

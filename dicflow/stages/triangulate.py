@@ -1,0 +1,194 @@
+"""Points in space, with what is uncertain about them."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, ClassVar, Literal, NamedTuple
+
+from dicflow.engine.node import At, Node, Port, Scope
+from dicflow.engine.product import Product, Variable
+
+if TYPE_CHECKING:
+    import numpy as np
+
+    from dicflow.core.triangulate import Triangulated
+
+__all__ = ["Triangulate"]
+
+_GRID = ("row", "col")
+
+
+class Errors(NamedTuple):
+    """Errors of the points of one step.
+
+    own : (row, col, 3, 3) — covariance from all but the first template's noise [mm²]
+    sensitivity : (row, col, 3, 2) — by how much a point moves per error of the first template [mm/px]
+    """
+
+    own: np.ndarray
+    sensitivity: np.ndarray
+
+
+class Triangulate(Node):
+    """The points that best explain both photographs, with covariance and the reason where there is none.
+
+    Both photographs were correlated with one template, so its noise moves a point along the surface alike in both; the
+    noise of the photographs themselves moves it in depth too.
+    """
+
+    title: ClassVar = "triangulate"
+    scope: ClassVar = Scope.STEP
+    takes: ClassVar = {
+        "correlation": Port("correlation"),
+        "correlation_before": Port("correlation", at=At.FIRST),
+        "stereo": Port("stereo"),
+        "rig": Port("rig"),
+    }
+    gives: ClassVar = "points"
+
+    stage: Literal["triangulate"] = "triangulate"
+
+    def run(self, correlation: Product, correlation_before: Product, stereo: Product, rig: Product) -> Product:
+        """``correlation_before`` is that of the first step."""
+        import numpy as np
+
+        from dicflow.core.triangulate import triangulate
+        from dicflow.io.rig import rig_from_dict
+        from dicflow.stages.stereo import check_size
+
+        cameras = rig_from_dict(rig.attrs["rig"])
+        check_size("left", cameras.left.size, correlation.attrs["image_size"])
+        first = (correlation["way"] == 0)[..., None]
+        left = np.where(first, correlation["template"], correlation["covariance"])
+        found = triangulate(cameras, correlation["xy"], stereo["xy"], left, stereo["covariance"])
+        errors = _errors(found, correlation, stereo)
+        inside = np.isfinite(correlation_before["xy"]).all(axis=-1)
+        return _product(found, errors, correlation, stereo, inside)
+
+
+def _errors(found: Triangulated, correlation: Product, stereo: Product) -> Errors:
+    """What the errors in both photographs do to the points.
+
+    Where the left place was chained through later references, the error of the way there is common to both
+    photographs, as they are correlated with one template: it is what the left place's covariance has more than the
+    right one's, both in pixels of the first step. At the first step the left place is the point itself, without error.
+    """
+    import numpy as np
+
+    from dicflow.core.chain import congruent
+    from dicflow.core.triangulate import point_covariance
+
+    by_left, by_right = found.by_left @ correlation["gradient"], found.by_right @ stereo["gradient"]
+    alone = congruent(_inverse(stereo["gradient"]), stereo["covariance"])
+    total = congruent(_inverse(correlation["gradient"]), correlation["covariance"])
+    first, chained = (correlation["way"] == 0)[..., None], (correlation["way"] > 1)[..., None]
+    common = np.where(chained, _positive(total - alone), 0.0)
+    left = np.where(first, 0.0, np.where(chained, alone, total))
+    shares = ((by_left, left), (by_right, alone), (by_left + by_right, common))
+    own = np.sum([point_covariance(slopes, covariance) for slopes, covariance in shares], axis=0)
+    return Errors(own, np.where(first[..., None], by_right, by_left + by_right))
+
+
+def _inverse(gradient: np.ndarray) -> np.ndarray:
+    """Inverses (row, col, 2, 2); NaN where there is no gradient or it has none."""
+    import numpy as np
+
+    (a, b), (c, d) = (np.moveaxis(gradient[..., axis, :], -1, 0) for axis in (0, 1))
+    determinant = a * d - b * c
+    determinant = np.where(determinant != 0.0, determinant, np.nan)
+    rows = np.stack([np.stack([d, -b], axis=-1), np.stack([-c, a], axis=-1)], axis=-2)
+    return rows / determinant[..., None, None]
+
+
+def _positive(covariance: np.ndarray) -> np.ndarray:
+    """The nearest covariances (row, col, 3): without negative variances."""
+    import numpy as np
+
+    from dicflow.core.covariance import symmetric, upper
+
+    known = np.isfinite(covariance).all(axis=-1)
+    nearest = np.full(covariance.shape, np.nan)
+    values, axes = np.linalg.eigh(symmetric(covariance[known]))
+    nearest[known] = upper((axes * np.maximum(values, 0.0)[..., None, :]) @ np.swapaxes(axes, -1, -2))
+    return nearest
+
+
+def _product(found: Triangulated, errors: Errors, correlation: Product, stereo: Product, inside: np.ndarray) -> Product:
+    """inside : (row, col) — the points of the region at the first step"""
+    import numpy as np
+
+    from dicflow.core.covariance import upper
+    from dicflow.core.status import Status
+
+    status = np.maximum(correlation["status"], stereo["status"])
+    status[(status <= Status.FILLED) & ~np.isfinite(found.xyz).all(axis=-1)] = Status.EPIPOLAR
+    kept = status <= Status.FILLED
+    pixel, single = (*_GRID, "image_component"), np.float32
+    variables = {
+        "xyz": Variable((*_GRID, "component"), found.xyz, "mm", "position"),
+        "xy": Variable(pixel, correlation["xy"], "px", "place in the left photograph"),
+        "xy_right": Variable(pixel, stereo["xy"], "px", "place in the right photograph"),
+        "covariance": Variable((*_GRID, "pair"), upper(errors.own), "mm²", "covariance XX, XY, XZ, YY, YZ, ZZ"),
+        "sensitivity": Variable(
+            (*_GRID, "component", "image_component"), errors.sensitivity, "mm/px", "motion per error of the template"
+        ),
+        "reprojection": Variable(_GRID, found.reprojection.astype(single), "px", "reprojection error"),
+    }
+    variables = {name: part._replace(values=_where(kept, part.values)) for name, part in variables.items()}
+    worse = np.fmax(correlation["znssd"], stereo["znssd"])
+    variables |= {
+        "epipolar": stereo.variables["epipolar"],
+        "template": correlation.variables["template"],
+        "znssd": Variable(_GRID, worse.astype(single), "1", "misfit of the grey levels (ZNSSD), the worse of both"),
+        "way": correlation.variables["way"],
+        "status": Variable(_GRID, status, "1", "why a point has a place, or has none"),
+    }
+    facts = {name: correlation.attrs[name] for name in ("step_size", "subset_size", "image_size", "noise_grey")}
+    reasons = _reasons(status[inside])
+    summary = {"points": int(inside.sum()), "valid_share": reasons.get("valid", 0.0), **_figures(variables, kept)}
+    attrs = {
+        **facts,
+        "shape_function": stereo.attrs["shape_function"],
+        "reasons": reasons,
+        "text": _sentence(reasons, int(inside.sum())),
+        "summary": summary,
+    }
+    return Product("points", variables, attrs)
+
+
+def _where(kept: np.ndarray, values: np.ndarray) -> np.ndarray:
+    """NaN where a point does not count."""
+    import numpy as np
+
+    return np.where(kept.reshape(kept.shape + (1,) * (values.ndim - 2)), values, np.nan)
+
+
+def _reasons(status: np.ndarray) -> dict[str, float]:
+    """Share of the region's points by what became of them, most first; none where there is no point."""
+    import numpy as np
+
+    from dicflow.core.status import Status
+
+    codes, counts = np.unique(np.where(status == Status.FILLED, Status.VALID, status), return_counts=True)
+    order = np.argsort(-counts, kind="stable")
+    return {Status(int(codes[i])).label: float(counts[i] / status.size) for i in order}
+
+
+def _sentence(reasons: dict[str, float], points: int) -> str:
+    """``98.2 % of 12,400 points; 1.1 % epipolar, 0.7 % hidden``."""
+    lost = ", ".join(f"{100.0 * share:.1f} % {label}" for label, share in reasons.items() if label != "valid")
+    measured = f"{100.0 * reasons.get('valid', 0.0):.1f} % of {points:,} points"
+    return f"{measured}; {lost}" if lost else measured
+
+
+def _figures(variables: dict[str, Variable], kept: np.ndarray) -> dict[str, float]:
+    """Root mean squares of the residuals and medians of σ over the measured points; none without any."""
+    import numpy as np
+
+    if not kept.any():
+        return {}
+    residuals = {f"{name}_px": variables[name].values[kept] for name in ("epipolar", "reprojection")}
+    variances = np.median(variables["covariance"].values[kept][:, [0, 3, 5]], axis=0)
+    return {
+        **{name: float(np.sqrt(np.mean(values**2))) for name, values in residuals.items()},
+        **{f"sigma_{axis}_mm": float(np.sqrt(value)) for axis, value in zip("XYZ", variances, strict=True)},
+    }

@@ -1,0 +1,83 @@
+"""The product ``correlation`` of a few steps, from given starts, without any search."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from dicflow.core.chain import congruent
+from dicflow.core.correlate import Subset, correlate, template
+from dicflow.core.interpolate import spline
+from dicflow.core.region import Polygon, polygons_to_attrs, rasterise, rectangle
+from dicflow.core.status import Status
+from dicflow.core.warp import identity
+from dicflow.engine.product import Product, Variable
+
+SUBSET = Subset(31, "quadratic")
+
+
+def grid(region: tuple[float, float, float, float], step_size: int) -> np.ndarray:
+    """Whole pixels (row, col, 2) of a rectangle (x0, y0, x1, y1)."""
+    x0, y0, x1, y1 = region
+    return np.stack(np.meshgrid(np.arange(x0, x1, step_size), np.arange(y0, y1, step_size)), axis=-1)
+
+
+def correlation(
+    first: np.ndarray,
+    image: np.ndarray | None,
+    points: np.ndarray,
+    starts: np.ndarray | None = None,
+    *,
+    subset: Subset = SUBSET,
+    noise: float = 0.5,
+    region: list[Polygon] | None = None,
+) -> Product:
+    """Points (row, col, 2) of the first photograph in another one; in itself where none is given.
+
+    starts : (row, col, 2) — about where they lie there [px]
+    """
+    rows, cols = points.shape[:2]
+    height, width = first.shape
+    polygons = region or [rectangle(0, 0, width, height)]
+    reference = template(spline(first, 5), rasterise(polygons, first.shape))
+    flat = points.reshape(-1, 2)
+    begin = identity(flat, subset.shape_function)
+    known = np.isfinite(flat).all(axis=1)
+    if starts is not None:
+        begin[..., 0] = starts.reshape(-1, 2)
+    target = spline(first if image is None else image, 5)
+    found = correlate(reference, target, np.nan_to_num(flat), np.where(known[:, None, None], begin, np.nan), subset)
+    warp, status = found.warp, found.status
+    own = 0.5 * noise**2 * found.covariance
+    gradient = warp[:, :, 1:3]
+    inverse = np.full(gradient.shape, np.nan)
+    valid = status == Status.VALID
+    inverse[valid] = np.linalg.inv(gradient[valid])
+    share = congruent(inverse, own)
+    if image is None:
+        warp = np.where(valid[:, None, None], identity(flat, subset.shape_function), np.nan)
+        own = np.zeros_like(own)
+    status = np.where(known, status, Status.OUTSIDE).astype(np.uint8)
+    arrays = {
+        "xy": warp[:, :, 0],
+        "gradient": warp[:, :, 1:3],
+        "znssd": found.znssd,
+        "iterations": found.iterations,
+        "status": status,
+        "covariance": own,
+        "template": share,
+        "way": np.full(len(flat), 0 if image is None else 1, np.uint8),
+        "warp": warp,
+    }
+    variables = {
+        name: Variable(("row", "col", "a", "b")[: values.ndim + 1], values.reshape(rows, cols, *values.shape[1:]))
+        for name, values in arrays.items()
+    }
+    attrs = {
+        "step_size": float(points[0, 1, 0] - points[0, 0, 0]),
+        "subset_size": subset.size,
+        "shape_function": subset.shape_function,
+        "image_size": [width, height],
+        "noise_grey": noise,
+        "polygons": polygons_to_attrs(polygons),
+    }
+    return Product("correlation", variables, attrs)
