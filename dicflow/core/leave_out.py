@@ -16,8 +16,8 @@ from numpy.typing import NDArray
 from dicflow.core.bundle import Bundle, Model, adjust
 from dicflow.core.camera import Rig
 from dicflow.core.rig_parameters import FIGURES, figures
-from dicflow.core.rig_uncertainty import intersection
 from dicflow.core.robust import Loss
+from dicflow.core.triangulate import triangulate
 
 __all__ = ["LeaveOut", "leave_out", "reconstructed_scale"]
 
@@ -66,7 +66,7 @@ def reconstructed_scale(rig: Rig, board: Array, left: Array, right: Array) -> Ar
     board : (m, 3) [mm]; left, right : (n, m, 2) [px], NaN where not seen
     Returns (n,) [-].
     """
-    return np.array([_scale(board, points) for points in intersection(rig, left, right)])
+    return np.array([_scale(board, points) for points in triangulate(rig, left, right).xyz])
 
 
 def _scale(board: Array, points: Array) -> float:

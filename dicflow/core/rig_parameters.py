@@ -13,12 +13,12 @@ from dicflow.core.camera import (
     Camera,
     Rig,
     bend,
-    bend_slopes,
     rotation_angle_deg,
     rotation_matrix,
     rotation_vector,
     to_right,
 )
+from dicflow.core.triangulate import projection_slopes
 
 __all__ = [
     "FIGURES",
@@ -26,7 +26,6 @@ __all__ = [
     "PARAMETERS",
     "figure_sigmas",
     "figures",
-    "point_slopes",
     "pose_slopes",
     "reprojection_slopes",
     "rig_moved",
@@ -81,20 +80,12 @@ def reprojection_slopes(rig: Rig, points: Array) -> tuple[Array, Array]:
     Returns those by the point (..., 4, 3) [px/mm] and by the rig's numbers (..., 4, 24).
     """
     moved = to_right(rig, points)
-    left, right = point_slopes(rig.left, points), point_slopes(rig.right, moved)
+    left, right = projection_slopes(rig.left, points), projection_slopes(rig.right, moved)
     by_rig = np.zeros((*points.shape[:-1], 4, len(PARAMETERS)))
     by_rig[..., :2, :LENS] = _lens_slopes(rig.left, points)
     by_rig[..., 2:, LENS : 2 * LENS] = _lens_slopes(rig.right, moved)
     by_rig[..., 2:, 2 * LENS :] = right @ pose_slopes(moved - rig.translation)
     return np.concatenate([left, right @ rig.rotation], axis=-2), by_rig
-
-
-def point_slopes(camera: Camera, points: Array) -> Array:
-    """∂pixel/∂point (..., 2, 3) of points (..., 3) in this camera's frame [px/mm]."""
-    x, y = points[..., 0] / points[..., 2], points[..., 1] / points[..., 2]
-    by_direction = camera.matrix[:2, :2] @ _bend_matrix(x, y, camera.distortion)
-    by_depth = -(by_direction[..., 0] * x[..., None] + by_direction[..., 1] * y[..., None])
-    return np.concatenate([by_direction, by_depth[..., None]], axis=-1) / points[..., 2, None, None]
 
 
 def _lens_slopes(camera: Camera, points: Array) -> Array:
@@ -105,12 +96,6 @@ def _lens_slopes(camera: Camera, points: Array) -> Array:
     slopes[..., 0, 2] = slopes[..., 1, 3] = 1.0
     slopes[..., 4:] = camera.matrix[:2, :2] @ _distortion_slopes(x, y)
     return slopes
-
-
-def _bend_matrix(x: Array, y: Array, distortion: Array) -> Array:
-    """∂(x', y')/∂(x, y) (..., 2, 2) of the distortion."""
-    xx, xy, yy = bend_slopes(x, y, distortion)
-    return np.stack([np.stack([xx, xy], axis=-1), np.stack([xy, yy], axis=-1)], axis=-2)
 
 
 def _distortion_slopes(x: Array, y: Array) -> Array:

@@ -6,8 +6,9 @@ from dicflow.core.bundle import Bundle, Model, adjust, adjust_to_noise, covarian
 from dicflow.core.calibrate import calibrate_camera
 from dicflow.core.camera import project, rotation_vector, to_right
 from dicflow.core.rig_parameters import LENS, PARAMETERS, figure_sigmas, figures, reprojection_slopes, rig_moved
-from dicflow.core.rig_uncertainty import calibration_share, intersection, point_sensitivity
+from dicflow.core.rig_uncertainty import calibration_share, point_sensitivity
 from dicflow.core.targets import board_points
+from dicflow.core.triangulate import triangulate
 
 RIG = verged_rig()
 BOARD = board_points(SIZE, SQUARE_MM)
@@ -88,7 +89,7 @@ def test_the_calibrations_share_of_a_displacement_is_its_scatter(calibrated):
     seen = [(project(RIG.left, points), project(RIG.right, to_right(RIG, points))) for points in (before, after)]
     errors, shares = [], []
     for rig, matrix in calibrated:
-        errors.append(intersection(rig, *seen[1]) - intersection(rig, *seen[0]) - (after - before))
+        errors.append(triangulate(rig, *seen[1]).xyz - triangulate(rig, *seen[0]).xyz - (after - before))
         shares.append(calibration_share(point_sensitivity(rig, *seen[1]), point_sensitivity(rig, *seen[0]), matrix))
     predicted = np.sqrt(np.mean(shares, axis=0)[..., [0, 3, 5]])
     scatter = np.sqrt(np.mean(np.square(errors), axis=0))

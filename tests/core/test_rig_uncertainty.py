@@ -4,7 +4,8 @@ from boards import board_corners, verged_rig
 
 from dicflow.core.camera import project, to_right
 from dicflow.core.rig_parameters import PARAMETERS, rig_moved
-from dicflow.core.rig_uncertainty import calibration_share, intersection, point_sensitivity
+from dicflow.core.rig_uncertainty import calibration_share, point_sensitivity, sensitivity_at
+from dicflow.core.triangulate import triangulate
 
 RIG = verged_rig()
 POINTS = np.array([[-20.0, 12.0, 390.0], [15.0, -8.0, 420.0], [0.0, 0.0, 405.0]])
@@ -15,31 +16,18 @@ def seen(points):
     return project(RIG.left, points), project(RIG.right, to_right(RIG, points))
 
 
-def test_exact_pixels_intersect_in_their_point():
-    np.testing.assert_allclose(intersection(RIG, *seen(POINTS)), POINTS, atol=1e-9)
-
-
-def test_an_intersection_has_the_least_reprojection_error():
-    """Any shift of the point makes Σe² larger; pixels off by up to half a pixel."""
-    left, right = (xy + np.random.default_rng(0).uniform(-0.5, 0.5, xy.shape) for xy in seen(POINTS))
-
-    def cost(points):
-        again = seen(points)
-        return np.sum((again[0] - left) ** 2 + (again[1] - right) ** 2, axis=-1)
-
-    found = intersection(RIG, left, right)
-    for shift in 1e-3 * np.concatenate([np.eye(3), -np.eye(3)]):
-        np.testing.assert_array_less(cost(found), cost(found + shift))
-
-
 def test_sensitivity_is_the_difference_quotient():
     sides = [side[:2, ::9] for side in board_corners(RIG)]
     sensitivity = point_sensitivity(RIG, *sides)
     assert sensitivity.shape == (2, 6, 3, len(PARAMETERS))
     for k, step in enumerate(np.diag(STEPS)):
-        ahead, back = (intersection(rig_moved(RIG, sign * step), *sides) for sign in (1.0, -1.0))
+        ahead, back = (triangulate(rig_moved(RIG, sign * step), *sides).xyz for sign in (1.0, -1.0))
         scale = np.abs(sensitivity[..., k]).max()
         np.testing.assert_allclose(sensitivity[..., k], (ahead - back) / (2.0 * STEPS[k]), atol=1e-5 * scale)
+
+
+def test_sensitivity_of_triangulated_points_is_that_of_their_pixels():
+    np.testing.assert_allclose(sensitivity_at(RIG, POINTS), point_sensitivity(RIG, *seen(POINTS)), rtol=1e-6, atol=1e-6)
 
 
 def test_a_longer_baseline_scales_all_points():
@@ -51,7 +39,6 @@ def test_a_longer_baseline_scales_all_points():
 def test_pixels_that_are_missing_give_no_value():
     left, right = seen(POINTS)
     left[1] = np.nan
-    assert np.isnan(intersection(RIG, left, right)).any(axis=-1).tolist() == [False, True, False]
     assert np.isnan(point_sensitivity(RIG, left, right)).any(axis=(-2, -1)).tolist() == [False, True, False]
 
 
