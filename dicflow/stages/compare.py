@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any, ClassVar, Literal
 
 from dicflow.engine.node import At, InputFile, Node, Port, Scope, parameter
 from dicflow.engine.product import Product, Variable
-from dicflow.errors import InputError, StageError
+from dicflow.errors import ConfigurationError, InputError, StageError
 
 if TYPE_CHECKING:
     import numpy as np
@@ -18,22 +18,26 @@ if TYPE_CHECKING:
 
 __all__ = ["Compare"]
 
+_SAME_LENGTH = 0.05
+
 
 class Compare(Node):
     """Length of the region at every step, its displacement and strain, and how far they are from a caliper's.
 
     Two lengths are measured. ``cloud``: the distance in space between the two loaded edges of the region as it was
     carried to the step, in the cloud of the step. ``tracked``: the distance between the material points that lay on
-    these edges at the first step, continued from the grid to the outline. Both are means over the width. With one
-    camera the lengths are in pixels, and only strains can be compared. The columns are those of the thesis's Tables
-    6–10, with both lengths and the mean strain of the field beside them.
+    these edges at the first step, continued from the grid to the outline. Both are means over the width. Or else the
+    length of an extensometer is compared, with its standard deviation; one whose first length is not the caliper's
+    within 5 % in strain alone. With one camera the lengths are in pixels, and only strains can be compared. The columns
+    are those of the thesis's Tables 6–10, with all lengths and the mean strain of the field beside them.
     """
 
     title: ClassVar = "compare with the caliper"
     scope: ClassVar = Scope.TEST
     takes: ClassVar = {
-        "track": Port("track", at=At.ALL),
+        "track": Port("track", at=At.ALL, optional=True),
         "cloud": Port("cloud", at=At.ALL, optional=True),
+        "probes": Port("probes", optional=True),
         "total": Port("total", at=At.ALL, optional=True),
     }
     gives: ClassVar = "comparison"
@@ -42,6 +46,7 @@ class Compare(Node):
     caliper: InputFile = parameter(..., "CSV table with the columns phase, load_g, length_mm; one row per step")
     axis: Literal["y", "x"] = parameter("y", "direction of the load in the image")
     length: Literal["tracked", "cloud"] = parameter("tracked", "which of the two lengths is compared")
+    extensometer: str | None = parameter(None, "name of the extensometer among the probes that is compared instead")
 
     def check(self, path: Path) -> dict[str, Any]:
         from dicflow.io.caliper import read_caliper
@@ -54,29 +59,38 @@ class Compare(Node):
         steps: Mapping[str, Mapping[str, Path]],
         inputs: Mapping[str, tuple[str, ...]],
     ) -> None:
+        if "track" not in inputs and self.extensometer is None:
+            raise ConfigurationError("compare needs a track, or the name of an extensometer of the probes")
+        if not (counts := [len(inputs[port]) + more for port, more in (("track", 0), ("total", 1)) if port in inputs]):
+            return
+        count = counts[0]
         for path, fact in facts.items():
-            if fact["rows"] != len(inputs["track"]):
+            if fact["rows"] != count:
                 raise InputError(
-                    f"{path}: has {fact['rows']} rows, but there are {len(inputs['track'])} steps; "
+                    f"{path}: has {fact['rows']} rows, but there are {count} steps; "
                     "write one row per step, the first for the unloaded specimen"
                 )
 
     def run(
         self,
-        track: Sequence[Product],
         caliper_path: Path,
+        track: Sequence[Product] | None = None,
         cloud: Sequence[Product] | None = None,
+        probes: Product | None = None,
         total: Sequence[Product] | None = None,
     ) -> Product:
         from dicflow.io.caliper import read_caliper
 
         caliper = read_caliper(caliper_path)
-        if self.length == "cloud" and cloud is None:
-            raise StageError("there is no cloud to measure a length in; use length: tracked, or name a cloud")
-        unit = "px" if cloud is None else "mm"
-        lengths = _lengths(track, cloud, self.axis)
-        table = _table(caliper, lengths[self.length], unit)
+        lengths, unit = self._lengths(track, cloud, probes)
+        chosen = self.length if self.extensometer is None else "extensometer"
+        if len(lengths[chosen]) != len(caliper.length_mm):
+            raise StageError(f"{caliper_path}: has {len(caliper.length_mm)} rows for {len(lengths[chosen])} steps")
+        same = chosen != "extensometer" or _alike(lengths[chosen][0], caliper.length_mm[0])
+        table = _table(caliper, lengths[chosen], unit, displacements=same and unit == "mm")
         table.update({f"{name}_length_{unit}": values for name, values in lengths.items()})
+        if self.extensometer is not None and probes is not None:
+            table["sigma_strain"] = _of_extensometer(probes, self.extensometer, "sigma_strain")
         if total is not None:
             table["field_strain"] = _field_strain(total, {"y": "eyy", "x": "exx"}[self.axis])
         variables = {name: Variable(("step",), values, _unit(name), name) for name, values in table.items()}
@@ -84,10 +98,33 @@ class Compare(Node):
             {"phase": phase, **{name: _json(values[index]) for name, values in table.items()}}
             for index, phase in enumerate(caliper.phase)
         ]
-        return Product("comparison", variables, {"rows": rows, "length": self.length, "summary": _summary(table)})
+        return Product("comparison", variables, {"rows": rows, "length": chosen, "summary": _summary(table)})
+
+    def _lengths(
+        self, track: Sequence[Product] | None, cloud: Sequence[Product] | None, probes: Product | None
+    ) -> tuple[dict[str, np.ndarray], str]:
+        """The lengths that can be measured, at every step, and their unit."""
+        if self.extensometer is not None:
+            if probes is None:
+                raise StageError("there are no probes to take an extensometer from; add a stage 'probes'")
+            return {"extensometer": _of_extensometer(probes, self.extensometer, "length")}, probes.attrs["unit"]
+        if track is None:
+            raise StageError("there is no track to measure a length in; name an extensometer of the probes")
+        if self.length == "cloud" and cloud is None:
+            raise StageError("there is no cloud to measure a length in; use length: tracked, or name a cloud")
+        return _region_lengths(track, cloud, self.axis), "px" if cloud is None else "mm"
 
 
-def _lengths(track: Sequence[Product], cloud: Sequence[Product] | None, axis: str) -> dict[str, np.ndarray]:
+def _of_extensometer(probes: Product, name: str, quantity: str) -> np.ndarray:
+    """A quantity of one extensometer at every step."""
+    names = probes.attrs["probes"]["extensometer"]
+    if name not in names:
+        raise StageError(f"no extensometer '{name}' among the probes; there are {', '.join(names) or 'none'}")
+    values: np.ndarray = probes[quantity][names.index(name)]
+    return values
+
+
+def _region_lengths(track: Sequence[Product], cloud: Sequence[Product] | None, axis: str) -> dict[str, np.ndarray]:
     """The lengths that can be measured, at every step."""
     import numpy as np
 
@@ -130,8 +167,13 @@ def _in_space(track: Product, cloud: Product | None) -> np.ndarray:
     return track["points"] if cloud is None else bilinear(cloud["xyz"], track["points"], cloud.attrs["origin"])
 
 
-def _table(caliper: Caliper, length: np.ndarray, unit: str) -> dict[str, np.ndarray]:
-    """The columns of the thesis's Tables 6–10; without those that cannot be compared in pixels."""
+def _alike(length: float, other: float) -> bool:
+    """Whether two first lengths are near enough for displacements to be comparable."""
+    return abs(length - other) <= _SAME_LENGTH * other
+
+
+def _table(caliper: Caliper, length: np.ndarray, unit: str, displacements: bool) -> dict[str, np.ndarray]:
+    """The columns of the thesis's Tables 6–10; with errors of displacements only where they can be compared."""
     displacement = {"caliper": caliper.length_mm - caliper.length_mm[0], "dic": length - length[0]}
     strain = {"caliper": displacement["caliper"] / caliper.length_mm[0], "dic": displacement["dic"] / length[0]}
     table = {
@@ -143,7 +185,7 @@ def _table(caliper: Caliper, length: np.ndarray, unit: str) -> dict[str, np.ndar
         f"dic_displacement_{unit}": displacement["dic"],
         "dic_strain": strain["dic"],
     }
-    if unit == "mm":
+    if displacements:
         error = displacement["dic"] - displacement["caliper"]
         table["displacement_error_mm"] = error
         table["displacement_error_pct"] = _percent(error, displacement["caliper"])

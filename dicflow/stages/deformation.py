@@ -200,7 +200,7 @@ class Deformation(Node):
         gauge = vsg_px(window[0], facts["step_size"], facts["subset_size"])
         size = pixel_size_mm(fields["xyz_reference"], facts["step_size"])
         size = size[np.isfinite(size)]
-        measure = f"{_MEASURES[self.measure]}, {self.directions} directions,"
+        measure = f"{_MEASURES[self.measure]} ({self.directions} directions)"
         return {
             "definition": "precise",
             "unit": unit,

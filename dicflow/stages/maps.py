@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any, ClassVar, Literal
+from typing import Annotated, Any, ClassVar, Literal
+
+from pydantic import AfterValidator
 
 from dicflow.engine.node import At, Node, Port, Scope, parameter
 from dicflow.engine.product import Product
@@ -11,7 +13,18 @@ from dicflow.errors import StageError
 
 __all__ = ["Maps"]
 
-Quantity = Literal["U", "V", "W", "exx", "eyy", "gxy"]
+FIELDS = ("U", "V", "W", "exx", "eyy", "gxy", "e1", "e2", "angle", "rotation", "von_mises", "area_change")
+SHARES = ("sigma_", "calibration_")
+
+
+def _field(name: str) -> str:
+    if name.removeprefix("sigma_").removeprefix("calibration_") not in FIELDS:
+        known = ", ".join(f"'{field}'" for field in FIELDS)
+        raise ValueError(f"must be {known}, or {' or '.join(SHARES)} and one of them")
+    return name
+
+
+Quantity = Annotated[str, AfterValidator(_field)]
 ColourMap = Literal[
     "viridis", "cividis", "plasma", "inferno", "magma", "turbo", "jet", "coolwarm", "RdBu_r", "Spectral_r", "gray"
 ]
@@ -34,7 +47,10 @@ class Maps(Node):
 
     stage: Literal["maps"] = "maps"
     quantities: tuple[Quantity, ...] = parameter(
-        ("U", "V", "exx", "eyy", "gxy"), "what to draw: U, V, W (displacement), exx, eyy, gxy (strain)", min_length=1
+        ("U", "V", "exx", "eyy", "gxy"),
+        "what to draw: U, V, W (displacement), exx, eyy, gxy (strain), further fields of the total by name, or the "
+        "uncertainty of one: sigma_exx",
+        min_length=1,
     )
     configuration: Literal["deformed", "reference"] = parameter(
         "deformed", "shape in which the specimen is drawn: at each step, or at the first"
@@ -51,6 +67,7 @@ class Maps(Node):
         extent = _Range(2)
         ranges = {name: _Range(1) for name in self.quantities}
         for product in total:
+            self._check_drawable(product)
             extent.include(product[positions][..., :2])
             for name, seen in ranges.items():
                 values = product[name][np.isfinite(product[name])]
@@ -63,7 +80,7 @@ class Maps(Node):
             name: {
                 "range": seen.around_value(),
                 "unit": first.variables[name].units,
-                "title": first.attrs["measures"].get(name, first.variables[name].long_name),
+                "title": _title(first, name),
             }
             for name, seen in ranges.items()
         }
@@ -76,6 +93,20 @@ class Maps(Node):
             "phases": _phases(total, comparison),
         }
         return Product("maps", attrs=attrs)
+
+    def _check_drawable(self, total: Product) -> None:
+        if missing := [name for name in self.quantities if name not in total]:
+            drawable = [name for name, variable in total.variables.items() if variable.dims == ("row", "col")]
+            raise StageError(f"the total has no {', '.join(missing)} to draw; it has {', '.join(drawable)}")
+
+
+def _title(total: Product, name: str) -> str:
+    """What a map shows: the measure, and of a strain the side of its virtual gauge."""
+    title: str = total.attrs["measures"].get(name, total.variables[name].long_name)
+    if "vsg_px" not in total.attrs or name.rpartition("_")[2] in ("U", "V", "W"):
+        return title
+    side = total.attrs["vsg_mm"]
+    return f"{title}, gauge {total.attrs['vsg_px']:.0f} px" + ("" if side is None else f" = {side:.3g} mm")
 
 
 class _Range:

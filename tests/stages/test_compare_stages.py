@@ -6,7 +6,7 @@ from analytic import affine, cloud, run_all, track, tracks
 
 from dicflow.core.region import polygons_to_attrs
 from dicflow.engine.product import Product, Variable
-from dicflow.errors import InputError, StageError
+from dicflow.errors import ConfigurationError, InputError, StageError
 from dicflow.stages.compare import Compare
 
 LENGTHS = [12.0, 15.0, 24.0, 18.0]
@@ -134,3 +134,50 @@ def test_the_table_is_checked_before_anything_runs(tmp_path):
 def test_polygons_of_the_track_are_json():
     assert json.loads(json.dumps(track(np.eye(3)).attrs["polygons"])) == track(np.eye(3)).attrs["polygons"]
     assert polygons_to_attrs([]) == []
+
+
+def probes(lengths, unit="mm"):
+    strains = np.array(lengths) / lengths[0] - 1
+    variables = {
+        "length": Variable(("extensometer", "step"), np.array([[1.0] * 4, lengths]), unit),
+        "strain": Variable(("extensometer", "step"), np.array([[0.0] * 4, strains])),
+        "sigma_strain": Variable(("extensometer", "step"), np.array([[0.0] * 4, [0.0, 1e-4, 2e-4, 3e-4]])),
+    }
+    return Product("probes", variables, {"unit": unit, "probes": {"extensometer": ["short", "long"]}})
+
+
+def test_an_extensometer_is_compared_in_the_same_columns(tmp_path):
+    path = table(tmp_path)
+    measured = [12.06, 15.09, 24.12, 18.0]
+    result = Compare(caliper=str(path), extensometer="long").run(probes=probes(measured), caliper_path=path)
+    assert list(result["dic_length_mm"]) == measured
+    assert list(result["extensometer_length_mm"]) == measured
+    assert result["strain_error"] == pytest.approx(np.array(measured) / 12.06 - np.array(LENGTHS) / 12)
+    assert result["displacement_error_mm"] == pytest.approx([0.0, 0.03, 0.06, -0.06])
+    assert list(result["sigma_strain"]) == [0.0, 1e-4, 2e-4, 3e-4]
+    assert result.attrs["length"] == "extensometer"
+    assert list(result.attrs["rows"][0])[:9] == list(compare(path, [cloud()] * 4).attrs["rows"][0])[:9]
+
+
+def test_a_shorter_extensometer_is_compared_in_strain_alone(tmp_path):
+    path = table(tmp_path)
+    half = Compare(caliper=str(path), extensometer="long").run(
+        probes=probes([length / 2 for length in LENGTHS]), caliper_path=path
+    )
+    assert "displacement_error_mm" not in half
+    assert half.attrs["summary"]["max_strain_error_pct"] == pytest.approx(0.0, abs=1e-9)
+    pixels = Compare(caliper=str(path), extensometer="long").run(probes=probes(LENGTHS, "px"), caliper_path=path)
+    assert "displacement_error_mm" not in pixels
+    assert list(pixels["dic_length_px"]) == LENGTHS
+
+
+def test_an_extensometer_that_is_not_there(tmp_path):
+    path = table(tmp_path)
+    with pytest.raises(StageError, match="no extensometer 'wide' among the probes; there are short, long"):
+        Compare(caliper=str(path), extensometer="wide").run(probes=probes(LENGTHS), caliper_path=path)
+    with pytest.raises(StageError, match="add a stage 'probes'"):
+        Compare(caliper=str(path), extensometer="wide").run(caliper_path=path)
+    with pytest.raises(ConfigurationError, match="needs a track"):
+        Compare(caliper=str(path)).agree({path: {"rows": 4}}, {}, {"total": ("b", "c", "d")})
+    with pytest.raises(InputError, match="has 4 rows, but there are 3 steps"):
+        Compare(caliper=str(path), extensometer="long").agree({path: {"rows": 4}}, {}, {"total": ("b", "c")})

@@ -26,6 +26,7 @@ from dicflow.engine.product import Product, Variable
 from dicflow.errors import StageError
 from dicflow.io.rig import rig_to_dict
 from dicflow.stages.deformation import Deformation
+from dicflow.stages.maps import Maps
 
 STRETCH = np.diag([2.3**-0.5, 2.3, 1.0])
 FLAT = sheet()
@@ -195,3 +196,15 @@ def test_variables_have_units_and_names():
     assert result["covariance"].shape == (*SHAPE, 21)
     assert np.array_equal(result["xy_reference"], grid_px())
     assert isinstance(result.variables["way"], Variable)
+
+
+def test_maps_of_any_field_with_its_gauge():
+    result = total(deformed(STRETCH), measure="hencky")
+    drawn = Maps(quantities=("U", "eyy", "von_mises", "sigma_eyy", "sigma_U")).run(total=[result]).attrs["quantities"]
+    assert drawn["U"]["title"] == "displacement U"
+    assert drawn["eyy"]["title"] == "Hencky strain (material directions) εyy, gauge 63 px = 3.15 mm"
+    assert drawn["sigma_eyy"]["title"].startswith("σ of the Hencky strain εyy, gauge")
+    assert drawn["sigma_U"]["unit"] == "mm"
+    assert drawn["eyy"]["range"] == pytest.approx([np.log(2.3)] * 2, abs=1e-5)
+    with pytest.raises(StageError, match="has no calibration_U to draw; it has U, V, W"):
+        Maps(quantities=("calibration_U",)).run(total=[result])
