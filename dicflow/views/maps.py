@@ -139,7 +139,7 @@ def gif(frames: Sequence[bytes], seconds: float = 0.5) -> bytes:
     from PIL import Image
 
     images = [Image.open(BytesIO(frame)).convert("RGB") for frame in frames]
-    palette = images[-1].quantize(256)
+    palette = images[-1].quantize(256, Image.Quantize.MAXCOVERAGE)  # few pixels of a colour bar count as much as many
     indexed = [image.quantize(palette=palette, dither=Image.Dither.NONE) for image in images]
     buffer = BytesIO()
     indexed[0].save(buffer, "GIF", save_all=True, append_images=indexed[1:], duration=int(seconds * 1000), loop=0)

@@ -140,6 +140,16 @@ def test_an_animation_has_a_frame_per_step_and_repeats():
     assert content == views.gif(frames, seconds=0.25)
 
 
+def test_an_animation_has_the_colours_of_the_maps():
+    """Also those that only its other frames have in plenty."""
+    frames = list(views.field_pngs([total(1.4), total(1.0)], views.style(MAPS, "eyy"), "ab"))
+    animation = Image.open(BytesIO(views.gif(frames)))
+    for place, frame in enumerate(frames):
+        animation.seek(place)
+        shown, meant = (np.asarray(image.convert("RGB"), int) for image in (animation, opened(frame)))
+        assert np.abs(shown - meant).max() <= 6
+
+
 @pytest.mark.parametrize(("count", "columns"), [(1, 1), (3, 3), (20, 15)])
 def test_a_sheet_holds_all_steps_in_rows(count, columns):
     look = views.style(MAPS, "eyy")
