@@ -210,6 +210,8 @@ def _from_partners(cameras: Rig, images: Product, correlation: Product) -> np.nd
 
 def _check_order(cameras: Rig, images: Product, correlation: Product, found: Followed) -> None:
     """Raise StageError where left and right are exchanged, or nothing is seen by both cameras."""
+    import numpy as np
+
     from dicflow.core.geometry_check import check_order
     from dicflow.core.seed import feature_pairs
 
@@ -220,7 +222,7 @@ def _check_order(cameras: Rig, images: Product, correlation: Product, found: Fol
     order = check_order(cameras, *pairs)
     if order.swapped:
         raise StageError(order.text)
-    if few and order.points == 0:
+    if not np.isfinite(found.znssd).any():
         raise StageError(
             "no point of the region is found in the right photograph; check that both photographs show the specimen "
             "and are of one moment"
