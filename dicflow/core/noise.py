@@ -10,13 +10,15 @@ import numpy.typing as npt
 
 from dicflow.core.texture import saturation
 
-__all__ = ["image_noise", "pair_noise", "smoothed_noise"]
+__all__ = ["image_noise", "pair_noise", "residual_noise", "smoothed_noise"]
 
 Image = npt.NDArray[np.float32]
 Mask = npt.NDArray[np.bool_]
 
 PLAIN_SHARE, PLAIN_PIXELS = 0.03, 500  # of the region, where its grey levels change least; at least so many pixels
 _DIFFERENCES = np.array([1.0, -4.0, 6.0, -4.0, 1.0]) / np.sqrt(70.0)
+_KEPT = {3: 0.874**2, 5: 0.918**2}
+"""Share of the noise's variance that interpolation leaves on average: (∫ φ²)² of the cardinal spline φ."""
 _MAD = 1.4826  # of a normal distribution: standard deviation over median absolute deviation
 
 
@@ -59,6 +61,24 @@ def pair_noise(first: npt.NDArray[Any], second: npt.NDArray[Any], usable: Mask) 
     difference = (g - f)[usable].astype(np.float64)
     part = np.linalg.lstsq(explained.astype(np.float64), difference, rcond=None)[0]
     return _spread(difference - explained @ part) / float(np.sqrt(2.0))
+
+
+def residual_noise(
+    image: npt.NDArray[Any], centres: npt.NDArray[np.float64], znssd: npt.NDArray[np.float64], size: int, degree: int
+) -> float:
+    """Standard deviation of the noise that correlation left between two photographs [grey levels]; NaN without points.
+
+    image : (rows, cols) grey — the reference; centres : (n, 2) — whole pixels; znssd : (n,) — there
+    size : side of the subsets [px]; degree : of the spline, 3 or 5
+
+    Σ (f − g)² is ZNSSD times Σ (f − f̄)², and has the noise of both: that of f, and that of g as interpolation leaves
+    it. What the shape function or the light did not allow for counts too, so this is an upper bound.
+    """
+    grey = image.astype(np.float64)
+    mean, square = (cv2.blur(part, (size, size)) for part in (grey, grey * grey))
+    col, row = centres.astype(int).T
+    residual = znssd * (square - mean * mean)[row, col]
+    return float(np.sqrt(np.median(residual) / (1.0 + _KEPT[degree]))) if len(residual) else float("nan")
 
 
 def smoothed_noise(noise: float, image: npt.NDArray[Any], usable: Mask, smoothing_px: float) -> float:

@@ -1,0 +1,369 @@
+"""The material points of the first photograph found in every other, to the noise limit."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal, NamedTuple
+
+from pydantic import AfterValidator, BaseModel, ConfigDict, Field
+
+from dicflow.engine.node import At, Node, Pixels, Port, Scope, parameter
+from dicflow.engine.product import Product, Variable
+from dicflow.errors import StageError
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    import numpy as np
+
+    from dicflow.core.material import Anchor, Followed, Search, Updating
+    from dicflow.core.region import Polygon
+
+__all__ = ["Correlate"]
+
+OUTLINE_STEPS = 4  # material steps between the points of the carried outline
+SATURATED = 0.25  # share of pixels as bright as can be, above which too much of the pattern is gone
+SPECKLES, ACROSS = 3.0, 3.0  # least number in a subset, and how many should fit along its side
+ROUNDING = 12**-0.5  # grey levels: noise that whole numbers have in any case
+STATIC_PX = 0.05  # motion below which two photographs count as of one scene
+DEGREES = {"bicubic": 3, "biquintic": 5}
+GRID = ("row", "col")
+
+
+def _odd(value: int) -> int:
+    if value % 2 == 0:
+        raise ValueError(f"{value} is even; use an odd number ({value + 1} is the next)")
+    return value
+
+
+class Reference(BaseModel):
+    """When points are followed from a photograph in between."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
+
+    update: Literal["on_demand", "every", "never"] = parameter(
+        "on_demand", "take a new reference when points get lost, every so many steps, or never"
+    )
+    steps: int = parameter(10, "for every: after how many steps", ge=1)
+    lost: float = parameter(0.002, "share of points lost since the step before that asks for a reference", ge=0, le=1)
+    znssd: float = parameter(0.1, "median ZNSSD against a reference above which a newer one is taken", gt=0, le=4)
+
+
+class Noise(NamedTuple):
+    """Standard deviation of the photographs' noise [grey levels], and what told it."""
+
+    grey: float
+    source: str
+
+
+class Correlate(Node):
+    """Find a grid of subsets of the first left photograph in the left photograph of every step.
+
+    Inverse compositional Gauss-Newton on ZNSSD, started from the features that ``matches`` brings where there are such,
+    from cross-correlation where they fail, and from what neighbours found. Each point is looked for with its subset
+    of the first photograph; where too many are lost, through a reference in between, from which it is then tried
+    directly once more. Points that leave the frame lose their value and are looked for again when they return.
+    """
+
+    title: ClassVar = "correlate in time"
+    scope: ClassVar = Scope.STEP
+    takes: ClassVar = {
+        "images": Port("images", "plane"),
+        "images_first": Port("images", "plane", at=At.FIRST),
+        "images_before": Port("images", "plane", at=At.PREVIOUS),
+        "region": Port("region"),
+        "matches": Port("matches", optional=True),
+        "correlation_before": Port("correlation", at=At.PREVIOUS, own=True),
+    }
+    gives: ClassVar = "correlation"
+
+    stage: Literal["correlate"] = "correlate"
+    subset_size: Annotated[int, AfterValidator(_odd)] = parameter(
+        31, "side of the squares that are compared; odd", unit="px", ge=5
+    )
+    step_size: int = parameter(7, "distance of the points in the first photograph", unit="px", ge=1)
+    shape_function: Literal["affine", "quadratic"] = parameter("affine", "how a subset may deform")
+    interpolation: Literal["bicubic", "biquintic"] = parameter("biquintic", "spline between the pixels")
+    gaussian: Pixels = parameter(
+        0.0, "standard deviation of the weight of a subset's pixels; 0 for equal ones", unit="px", ge=0
+    )
+    max_znssd: float = parameter(
+        0.3, "what fits worse than this is lost (the zero-mean cross-correlation is 1 − ZNSSD/2)", gt=0, le=4
+    )
+    min_share: float = parameter(0.5, "share of a subset's pixels that must lie in the region", gt=0, le=1)
+    max_iterations: int = parameter(30, "of the Gauss-Newton search", ge=1)
+    tolerance: float = parameter(1e-3, "what may be left to correct in a subset when the search ends", unit="px", gt=0)
+    smoothing: Pixels = parameter(
+        0.0, "standard deviation of a Gaussian low pass against the bias of interpolation; 0 for none", unit="px", ge=0
+    )
+    noise: Literal["auto"] | Annotated[float, Field(gt=0)] = parameter(
+        "auto", "noise of the photographs, for the uncertainties; auto measures it", unit="grey levels"
+    )
+    reference: Reference = parameter(Reference(), "when points are followed from a photograph in between")
+    threads: int = parameter(1, "threads that share the points of a step", affects="speed", ge=1)
+
+    def run(
+        self,
+        images: Product,
+        images_first: Product,
+        region: Product,
+        images_before: Product | None = None,
+        matches: Product | None = None,
+        correlation_before: Product | None = None,
+    ) -> Product:
+        from dicflow.core.region import carry, polygons_from_attrs, rasterise
+
+        polygons = polygons_from_attrs(region.attrs["polygons"])
+        outline = carry(polygons, lambda ring: ring, spacing_px=OUTLINE_STEPS * self.step_size)
+        usable = rasterise(polygons, images_first["left"].shape)
+        if correlation_before is None or images_before is None:
+            return self._first(images["left"], usable, outline)
+        return self._next(images, images_first, images_before, usable, outline, matches, correlation_before)
+
+    def _first(self, image: np.ndarray, usable: np.ndarray, outline: Sequence[Polygon]) -> Product:
+        """The points in the first photograph."""
+        from dicflow.core.material import at_rest, first_anchor
+        from dicflow.core.noise import image_noise
+
+        _check_photograph(image, usable, self.subset_size)
+        noise = Noise(max(image_noise(image, usable), ROUNDING), "first photograph")
+        if self.noise != "auto":
+            noise = Noise(self.noise, "given")
+        search = self._search(noise.grey, image, usable)
+        found = at_rest(first_anchor(image, usable, self._grid(outline), search), search)
+        if not found.valid.any():
+            raise StageError(self._too_large(usable))
+        here = found._replace(covariance=0.0 * found.covariance)
+        return self._product(here, image, outline, noise, found.covariance, None)
+
+    def _next(
+        self,
+        images: Product,
+        images_first: Product,
+        images_before: Product,
+        usable: np.ndarray,
+        outline: Sequence[Polygon],
+        matches: Product | None,
+        before: Product,
+    ) -> Product:
+        """The points in every other photograph."""
+        from dicflow.core.material import first_anchor, follow_step
+        from dicflow.core.seed import Pairs
+
+        image, start = images["left"], images_first["left"]
+        noise = Noise(before.attrs["noise_grey"], before.attrs["noise_source"])
+        search = self._search(noise.grey, start, usable)
+        first = first_anchor(start, usable, self._grid(outline), search)
+        found, reference = follow_step(
+            first,
+            _reference(before),
+            _anchor(before, images_before["left"]),
+            image,
+            search,
+            self._updating(),
+            None if matches is None else Pairs(*(matches[n].astype(float) for n in ("reference", "deformed"))),
+        )
+        template = before["template"]
+        if self.noise == "auto" and not before["way"].any():
+            told = self._noise_of_second(noise, found, first, start, image, usable)
+            share, noise = (told.grey / noise.grey) ** 2, told
+            found, template = found._replace(covariance=share * found.covariance), share * template
+        polygons = _carried(outline, found, first, before)
+        return self._product(found, image, polygons, noise, template, reference)
+
+    def _grid(self, outline: Sequence[Polygon]) -> np.ndarray:
+        """The points (rows, cols, 2), whole pixels of the first photograph; NaN outside the region."""
+        import numpy as np
+
+        from dicflow.core.region import bounding_box, contains
+
+        x0, y0, x1, y1 = bounding_box(outline)
+        axes = (np.arange(np.ceil(low), high, self.step_size) for low, high in ((x0, x1), (y0, y1)))
+        points = np.stack(np.meshgrid(*axes), axis=-1).astype(np.float64)
+        points[~contains(outline, points)] = np.nan
+        return points
+
+    def _search(self, noise: float, image: np.ndarray, usable: np.ndarray) -> Search:
+        from dicflow.core.correlate import Subset
+        from dicflow.core.material import Search
+        from dicflow.core.noise import smoothed_noise
+
+        subset = Subset(
+            self.subset_size,
+            self.shape_function,
+            self.gaussian,
+            self.min_share,
+            self.max_iterations,
+            self.tolerance,
+        )
+        level = smoothed_noise(noise, image, usable, self.smoothing)
+        return Search(subset, DEGREES[self.interpolation], self.smoothing, self.max_znssd, level, self.threads)
+
+    def _updating(self) -> Updating:
+        from dicflow.core.material import Updating
+
+        every = self.reference.steps if self.reference.update == "every" else 0
+        return Updating(self.reference.update != "never", self.reference.lost, self.reference.znssd, every)
+
+    def _noise_of_second(
+        self, noise: Noise, found: Followed, first: Anchor, start: np.ndarray, image: np.ndarray, usable: np.ndarray
+    ) -> Noise:
+        """The noise as the first two photographs tell it together, where that is better than the first alone."""
+        import numpy as np
+
+        from dicflow.core.noise import pair_noise, residual_noise
+
+        valid = found.valid
+        centres = first.points[valid]
+        motion = np.linalg.norm(found.warp[valid][..., 0] - centres, axis=-1)
+        if len(motion) and np.quantile(motion, 0.95) < STATIC_PX:
+            return Noise(max(pair_noise(start, image, usable), ROUNDING), "static pair")
+        left = residual_noise(start, centres, found.znssd[valid], self.subset_size, DEGREES[self.interpolation])
+        return Noise(max(left, ROUNDING), "residual of the second photograph") if left < noise.grey else noise
+
+    def _too_large(self, usable: np.ndarray) -> str:
+        import cv2
+
+        _, _, width, height = cv2.boundingRect(usable.astype("uint8"))
+        return (
+            f"a subset of {self.subset_size} px lies nowhere by {self.min_share:.0%} in the region of "
+            f"{width} × {height} px; take a subset_size of {max(5, min(width, height) // 2) | 1} px or a larger region"
+        )
+
+    def _product(
+        self,
+        found: Followed,
+        image: np.ndarray,
+        polygons: Sequence[Polygon],
+        noise: Noise,
+        template: np.ndarray,
+        reference: Anchor | None,
+    ) -> Product:
+        from dicflow.core.region import polygons_to_attrs
+        from dicflow.core.warp import gradient
+
+        pixel, tensor = ("component",), ("pair",)
+        variables = {
+            "xy": _variable(found.warp[..., 0], "px", "place in the left photograph", pixel),
+            "gradient": _variable(gradient(found.warp), "1", "deformation gradient in the photograph", ("out", "in")),
+            "warp": _variable(found.warp, "1", "warp of the subset", ("component", "term")),
+            "znssd": _variable(found.znssd, "1", "ZNSSD"),
+            "iterations": _variable(found.iterations, "1", "iterations"),
+            "status": _variable(found.status, "1", "why a point has a place, or has none"),
+            "covariance": _variable(found.covariance, "px²", "covariance of the place (xx, xy, yy)", tensor),
+            "template": _variable(template, "px²", "covariance by the first photograph's noise", tensor),
+            "way": _variable(found.way, "1", "0 the reference itself, 1 directly from it, 2 through another"),
+        }
+        height, width = image.shape
+        attrs: dict[str, Any] = {
+            "step_size": self.step_size,
+            "subset_size": self.subset_size,
+            "shape_function": self.shape_function,
+            "interpolation": self.interpolation,
+            "image_size": [width, height],
+            "noise_grey": noise.grey,
+            "noise_source": noise.source,
+            "polygons": polygons_to_attrs(polygons),
+            "summary": _summary(found, noise),
+        }
+        if reference is not None:
+            carried, attrs["reference"] = _packed(reference, self.subset_size)
+            variables.update(carried)
+        return Product("correlation", variables, attrs)
+
+
+def _variable(values: np.ndarray, units: str, long_name: str, beyond: tuple[str, ...] = ()) -> Variable:
+    return Variable((*GRID, *beyond), values, units, long_name)
+
+
+def _summary(found: Followed, noise: Noise) -> dict[str, Any]:
+    """Scalars of a step; null where no point has a value."""
+    import numpy as np
+
+    from dicflow.core.status import Status
+
+    valid = found.valid
+    wanted = valid | (found.status != Status.OUTSIDE) | np.isfinite(found.znssd)
+
+    def middle(values: np.ndarray) -> float | None:
+        return float(np.median(values[valid])) if valid.any() else None
+
+    return {
+        "points": int(valid.sum()),
+        "valid_share": float(valid.sum() / max(int(wanted.sum()), 1)),
+        "chained_points": int((found.way == 2).sum()),
+        "znssd": middle(found.znssd),
+        "iterations": middle(found.iterations),
+        "noise_grey": noise.grey,
+    }
+
+
+def _carried(outline: Sequence[Polygon], found: Followed, first: Anchor, before: Product) -> Sequence[Polygon]:
+    """The region's outline at this step; that of the step before where too little was found."""
+    from dicflow.core.material import FEW, carried_by
+    from dicflow.core.region import carry, polygons_from_attrs
+
+    if found.valid.sum() < FEW:
+        return polygons_from_attrs(before.attrs["polygons"])
+    return carry(outline, lambda ring: carried_by(found, first, ring))
+
+
+def _anchor(before: Product, image: np.ndarray) -> Anchor:
+    """The step before as one to follow points from."""
+    from dicflow.core.material import Anchor
+    from dicflow.core.region import polygons_from_attrs, rasterise
+
+    usable = rasterise(polygons_from_attrs(before.attrs["polygons"]), image.shape)
+    return Anchor(image, (0, 0), usable, before["xy"], before["warp"], before["covariance"])
+
+
+def _packed(reference: Anchor, subset_size: int) -> tuple[dict[str, Variable], dict[str, Any]]:
+    """A reference that is not the first photograph, as arrays and attributes of a product."""
+    from dicflow.core.material import cropped
+
+    kept = cropped(reference, subset_size)
+    image = ("reference_row", "reference_col")
+    variables = {
+        "reference_image": Variable(image, kept.image, "grey level", "part of the photograph in between"),
+        "reference_usable": Variable(image, kept.usable.astype("uint8"), "1", "the region in it"),
+        "reference_xy": _variable(kept.points, "px", "place in it", ("component",)),
+        "reference_warp": _variable(kept.warp, "1", "warp from the first photograph to it", ("component", "term")),
+        "reference_covariance": _variable(kept.covariance, "px²", "covariance of the place in it", ("pair",)),
+    }
+    return variables, {"origin": list(kept.origin), "age": kept.age}
+
+
+def _reference(before: Product) -> Anchor | None:
+    """The inverse of :func:`_packed`."""
+    from dicflow.core.material import Anchor
+
+    if "reference" not in before.attrs:
+        return None
+    x, y = before.attrs["reference"]["origin"]
+    image, usable = before["reference_image"], before["reference_usable"] > 0
+    points, warp, covariance = (before[f"reference_{name}"] for name in ("xy", "warp", "covariance"))
+    return Anchor(image, (x, y), usable, points, warp, covariance, before.attrs["reference"]["age"])
+
+
+def _check_photograph(image: np.ndarray, usable: np.ndarray, subset_size: int) -> None:
+    """The first photograph must show a pattern that subsets can be told apart by."""
+    import numpy as np
+
+    from dicflow.core.texture import LEAST_TEXTURE, mean_intensity_gradient, saturated_share, speckle_size
+
+    texture, saturated = mean_intensity_gradient(image, usable), saturated_share(image, usable)
+    if texture < LEAST_TEXTURE:
+        raise StageError(
+            f"the region shows too little texture: its mean intensity gradient is {texture:.2f} grey levels per px, "
+            f"and correlation needs {LEAST_TEXTURE} or more; check light, exposure and focus"
+        )
+    if saturated > SATURATED:
+        raise StageError(
+            f"{saturated:.0%} of the region's pixels are as bright as they can be, so the pattern is gone there, and "
+            f"{SATURATED:.0%} at most can be borne; expose less"
+        )
+    diameter = speckle_size(image, usable)
+    if np.isfinite(diameter) and subset_size**2 < SPECKLES * 0.5 * np.pi * diameter**2:
+        raise StageError(
+            f"a subset of {subset_size} px holds fewer than {SPECKLES:.0f} of these speckles of {diameter:.1f} px; "
+            f"take a subset_size of {int(np.ceil(ACROSS * diameter)) | 1} px or more"
+        )
