@@ -29,10 +29,13 @@ __all__ = [
     "Search",
     "Updating",
     "at_rest",
+    "attempt",
     "carried_by",
     "cropped",
     "first_anchor",
     "follow_step",
+    "merged",
+    "prepared",
 ]
 
 Array = npt.NDArray[np.float64]
@@ -147,7 +150,7 @@ def at_rest(first: Anchor, search: Search) -> Followed:
 
     The covariance is that of its own noise there, which all later places have in common; NaN where there is no value.
     """
-    found = _from_anchor(first, _prepared(first.image, search), first.warp[..., :3], search, first.origin)
+    found = _from_anchor(first, prepared(first.image, search), first.warp[..., :3], search, first.origin)
     way = np.zeros(found.status.shape, dtype=np.uint8)
     warp = np.where((found.status == Status.VALID)[..., None, None], first.warp, np.nan)
     return Followed(warp, found.znssd, found.iterations, found.status, 0.5 * search.noise**2 * found.covariance, way)
@@ -169,9 +172,9 @@ def follow_step(
     matches : features of the step before and of this one
     Returns the points, and the reference to go on with.
     """
-    target = _prepared(image, search)
+    target = prepared(image, search)
     starts = _starts([anchor for anchor in (before, reference, first) if anchor is not None], image, matches)
-    found = _told_apart(_attempt(first, target, starts, search), first, image.shape)
+    found = _told_apart(attempt(first, target, starts, search), first, image.shape)
     if updating.enabled:
         reference = None if reference is None else reference._replace(age=reference.age + 1)
         if updating.every and (reference is None or reference.age >= updating.every):
@@ -191,7 +194,8 @@ def carried_by(followed: Followed, first: Anchor, points: Array) -> Array:
     return local_motion(first.points[valid], followed.warp[valid][..., 0], points).position
 
 
-def _prepared(image: Image, search: Search) -> Spline:
+def prepared(image: Image, search: Search) -> Spline:
+    """A photograph, ready to be searched."""
     grey = image.astype(np.float32)
     if search.smoothing_px > 0.0:
         grey = np.asarray(cv2.GaussianBlur(grey, (0, 0), search.smoothing_px), dtype=np.float32)
@@ -225,7 +229,7 @@ def _from_anchor(anchor: Anchor, target: Spline, starts: Array, search: Search, 
     centres = np.rint(anchor.points)
     place = starts[..., 0] + np.einsum("...ij,...j->...i", slope, centres - anchor.points) - shift
     return correlate_field(
-        template(_prepared(anchor.image, search), anchor.usable),
+        template(prepared(anchor.image, search), anchor.usable),
         target,
         centres - anchor.origin,
         warp_from_gradient(place, slope),
@@ -235,7 +239,7 @@ def _from_anchor(anchor: Anchor, target: Spline, starts: Array, search: Search, 
     )
 
 
-def _attempt(anchor: Anchor, target: Spline, starts: Array, search: Search, way: int = 1) -> Followed:
+def attempt(anchor: Anchor, target: Spline, starts: Array, search: Search, way: int = 1) -> Followed:
     """Find the points of an anchor in the target; ``way`` 2 counts the noise of the anchor's photograph too."""
     field, centres = _from_anchor(anchor, target, starts, search), np.rint(anchor.points)
     noise = (0.5 if way == 1 else 1.0) * search.noise**2
@@ -285,13 +289,13 @@ def _chained(first: Anchor, anchor: Anchor, target: Spline, starts: Array, found
     """Find points without value through an anchor, then once more directly from the first photograph."""
     missing = ~found.valid[..., None]
     part = cropped(anchor._replace(points=np.where(missing, anchor.points, np.nan)), search.subset.size)
-    through = _attempt(part, target, starts, search, way=2)
+    through = attempt(part, target, starts, search, way=2)
     again = cropped(first._replace(points=np.where(through.valid[..., None], first.points, np.nan)), search.subset.size)
-    direct = _attempt(again, target, through.warp[..., :3], search)
-    return _merged(_merged(found, through), direct)
+    direct = attempt(again, target, through.warp[..., :3], search)
+    return merged(merged(found, through), direct)
 
 
-def _merged(found: Followed, better: Followed) -> Followed:
+def merged(found: Followed, better: Followed) -> Followed:
     """The points of one attempt, and where another has a value, that one."""
     pairs: Iterable[tuple[Any, Any]] = zip(found, better, strict=True)
     return Followed._make(np.where(_over(better.valid, new), new, old) for old, new in pairs)

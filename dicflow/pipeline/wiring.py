@@ -164,11 +164,11 @@ def _inputs(
 ) -> dict[str, str]:
     """Port → stage for every input that is named or can be only one.
 
-    ``cloud_before`` is by default what ``cloud`` is.
+    ``cloud_before`` and ``cloud_first`` are by default what ``cloud`` is.
     """
     takes, found = nodes[name].takes, dict[str, str]()
     for port_name, port in takes.items():
-        same = port_name.removesuffix("_before")
+        same = port_name.removesuffix("_before").removesuffix("_first")
         if port.own:
             producer: str | None = name
         elif same != port_name and same in takes and port_name not in entry:

@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from dicflow.core.material import Anchor, Followed, Search, Updating
     from dicflow.core.region import Polygon
 
-__all__ = ["Correlate"]
+__all__ = ["Correlate", "carried_reference"]
 
 OUTLINE_STEPS = 4  # material steps between the points of the carried outline
 SATURATED = 0.25  # share of pixels as bright as can be, above which too much of the pattern is gone
@@ -146,22 +146,27 @@ class Correlate(Node):
         before: Product,
     ) -> Product:
         """The points in every other photograph."""
+        import numpy as np
+
         from dicflow.core.material import first_anchor, follow_step
         from dicflow.core.seed import Pairs
 
         image, start = images["left"], images_first["left"]
         noise = Noise(before.attrs["noise_grey"], before.attrs["noise_source"])
         search = self._search(noise.grey, start, usable)
-        first = first_anchor(start, usable, self._grid(outline), search)
+        hopeless = _hopeless(before)
+        grid = np.where(hopeless[..., None], np.nan, self._grid(outline))
+        first = first_anchor(start, usable, grid, search)
         found, reference = follow_step(
             first,
-            _reference(before),
+            carried_reference(before),
             _anchor(before, images_before["left"]),
             image,
             search,
             self._updating(),
             None if matches is None else Pairs(*(matches[n].astype(float) for n in ("reference", "deformed"))),
         )
+        found = found._replace(status=np.where(hopeless, before["status"], found.status))
         template = before["template"]
         if self.noise == "auto" and not before["way"].any():
             told = self._noise_of_second(noise, found, first, start, image, usable)
@@ -259,6 +264,7 @@ class Correlate(Node):
             "subset_size": self.subset_size,
             "shape_function": self.shape_function,
             "interpolation": self.interpolation,
+            **{name: getattr(self, name) for name in ("gaussian", "min_share", "smoothing")},
             "image_size": [width, height],
             "noise_grey": noise.grey,
             "noise_source": noise.source,
@@ -307,6 +313,15 @@ def _carried(outline: Sequence[Polygon], found: Followed, first: Anchor, before:
     return carry(outline, lambda ring: carried_by(found, first, ring))
 
 
+def _hopeless(before: Product) -> np.ndarray:
+    """Points (rows, cols) whose subset of the first photograph can never be followed."""
+    import numpy as np
+
+    from dicflow.core.status import Status
+
+    return np.isin(before["status"], (Status.CUT_SUBSET, Status.LOW_TEXTURE))
+
+
 def _anchor(before: Product, image: np.ndarray) -> Anchor:
     """The step before as one to follow points from."""
     from dicflow.core.material import Anchor
@@ -332,8 +347,8 @@ def _packed(reference: Anchor, subset_size: int) -> tuple[dict[str, Variable], d
     return variables, {"origin": list(kept.origin), "age": kept.age}
 
 
-def _reference(before: Product) -> Anchor | None:
-    """The inverse of :func:`_packed`."""
+def carried_reference(before: Product) -> Anchor | None:
+    """The photograph in between that the points of a step went through, if any: the inverse of :func:`_packed`."""
     from dicflow.core.material import Anchor
 
     if "reference" not in before.attrs:
