@@ -4,7 +4,7 @@ PYTHON ?= $(firstword $(foreach version,3.11 3.12 3.13,$(shell command -v python
 BIN    := $(VENV)/bin
 READY  := $(VENV)/.ready
 .DEFAULT_GOAL := help
-.PHONY: help setup quickstart test check accuracy bench samples lock clean
+.PHONY: help setup quickstart test check accuracy bench peer samples lock clean
 
 help:           ## show these lines
 	@grep -hE '^[a-z]+: .*##' $(MAKEFILE_LIST) | sed -E 's/^([a-z]+):.*## */\1\t/' | expand -t 14
@@ -34,6 +34,10 @@ accuracy: $(READY) ## the five replicas and the real images against their truth;
 bench: $(READY) ## cost of a cold and a warm run, of two workers against one, of the engine
 	$(BIN)/python -m tests.bench
 
+peer:           ## install the program that the benchmark compares with, in .venv-peer
+	$(PYTHON) -m venv .venv-peer
+	.venv-peer/bin/python -m pip install --quiet --disable-pip-version-check pyvale
+
 samples: $(READY) ## make data_samples again; the bytes do not change
 	$(BIN)/dicflow synth sample data_samples --force
 
@@ -41,4 +45,4 @@ lock: $(READY)  ## write constraints.txt from the installed versions
 	$(BIN)/python -m pip freeze --exclude-editable --exclude dicflow > constraints.txt
 
 clean:          ## remove the environment, caches, stores and results
-	rm -rf $(VENV) .mypy_cache .pytest_cache .ruff_cache .hypothesis build dist pipelines/.dicflow pipelines/results
+	rm -rf $(VENV) .venv-peer .mypy_cache .pytest_cache .ruff_cache .hypothesis build dist pipelines/.dicflow pipelines/results

@@ -18,6 +18,7 @@ from typing import NamedTuple
 
 import psutil
 
+from tests import bench_correlation
 from tests.figures import ROOT, WORK, Figure, replica, report
 
 PIPELINE = ROOT / "pipelines" / "latex_experiment_1.yaml"
@@ -122,6 +123,8 @@ def main() -> int:
     short = computed(shortened(data, 8), fresh("bench_short"), 2)
     stages = two.said["stage_s"] + two.said["remake_s"]
     return report([
+        *bench_correlation.speed(),
+        *bench_correlation.growth(),
         Figure("cold run with pictures, 2 workers", cold.seconds, 150, unit="s"),
         Figure("peak memory over all processes", cold.peak_bytes / 2**30, 2, unit="GiB"),
         Figure("store", size_of(store) / 1e9, 1.5, unit="GB"),
