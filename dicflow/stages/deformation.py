@@ -68,7 +68,7 @@ class Deformation(Node):
     scope: ClassVar = Scope.PAIR
     takes: ClassVar = {
         "points": Port("points", "correlation"),
-        "points_before": Port("points", "correlation", at=At.FIRST),
+        "points_first": Port("points", "correlation", at=At.FIRST),
         "rig": Port("rig", optional=True),
         "frame": Port("frame", optional=True),
     }
@@ -87,29 +87,29 @@ class Deformation(Node):
     rigid: bool = parameter(False, "take out the rigid-body motion since the first step")
 
     def run(
-        self, points: Product, points_before: Product, rig: Product | None = None, frame: Product | None = None
+        self, points: Product, points_first: Product, rig: Product | None = None, frame: Product | None = None
     ) -> Product:
-        """``points_before`` are those of the first step."""
+        """``points_first`` are those of the first step."""
         from dicflow.core.covariance import joint_covariance, points_in_frame, symmetric
         from dicflow.core.deformation_gradient import surface_gradient
         from dicflow.core.overlap import overlap
 
-        axes, facts = _axes(frame), points_before.attrs
-        before = points_in_frame(_points(points_before, first=True), axes)
+        axes, facts = _axes(frame), points_first.attrs
+        before = points_in_frame(_points(points_first, first=True), axes)
         after = points_in_frame(_points(points), axes)
         motion = self._motion(before, after)
         along = _moving_frame(motion)
         after = points_in_frame(after, along)
-        covariance = joint_covariance(after, before, symmetric(points_before["template"]))
+        covariance = joint_covariance(after, before, symmetric(points_first["template"]))
         rho = overlap(facts["subset_size"], facts["step_size"], facts["shape_function"])
         window = self._window(facts["step_size"])
         surface = surface_gradient(before.xyz, after.xyz, covariance, rho, window, self.degree, self.min_share)
         fields = {**_displacements(before, after, covariance), **self._strains(surface)}
         if rig is not None and "covariance" in rig.attrs:
             turns = (along.rotation @ axes.rotation, axes.rotation)
-            fields |= self._calibration(rig, (points, points_before), turns, surface)
+            fields |= self._calibration(rig, (points, points_first), turns, surface)
         fields |= {"xyz": after.xyz, "xyz_reference": before.xyz, "gradient": surface.gradient}
-        return self._product(fields, covariance, (points, points_before), motion)
+        return self._product(fields, covariance, (points, points_first), motion)
 
     def _window(self, step_size: float) -> tuple[int, int]:
         from dicflow.core.filters import odd_window
@@ -185,7 +185,8 @@ class Deformation(Node):
         variables = {name: _variable(name, values, unit, _MEASURES[self.measure]) for name, values in fields.items()}
         variables["status"] = Variable(_GRID, status, "1", "why a point has a value, or has none")
         variables |= {name: step.variables[name] for name in ("way", "znssd") if name in step}
-        share = (moved & strained).sum() / max(1, int(np.isfinite(first["xy"]).all(axis=-1).sum()))
+        laid = first.attrs.get("summary", {}).get("points") or np.isfinite(first["xy"]).all(axis=-1).sum()
+        share = (moved & strained).sum() / max(1, int(laid))
         summary = {"valid_share": float(share), **field_means(fields, unit), **_usual_sigmas(fields, unit)}
         attrs = {**self._facts(fields, first.attrs, unit), "rigid": _six_numbers(motion), "summary": summary}
         return Product("total", variables, attrs)

@@ -39,7 +39,7 @@ def deformed(gradient, xyz=FLAT, turn=(0, 0, 0), shift=(0, 0, 0)):
 
 def total(after, before=FLAT, **parameters):
     stage = Deformation(**{"window": 50, **parameters})
-    return stage.run(points=points(after), points_before=first_points(before))
+    return stage.run(points=points(after), points_first=first_points(before))
 
 
 def test_uniaxial_stretch_of_2_3():
@@ -94,18 +94,18 @@ def test_a_frame_turns_the_result():
     rotation = np.stack([axis, [0.0, 1.0, 0.0], np.cross(axis, [0.0, 1.0, 0.0])])
     frame = Product("frame", attrs={"rotation": rotation.tolist(), "origin_mm": [0.0, 0.0, 500.0]})
     after = tilted + 0.02 * (tilted @ axis)[..., None] * axis
-    result = Deformation().run(points=points(after), points_before=first_points(tilted), frame=frame)
+    result = Deformation().run(points=points(after), points_first=first_points(tilted), frame=frame)
     assert np.abs(result["exx"] - 0.02).max() < 1e-9
     assert max(np.abs(result[name]).max() for name in ("V", "W", "eyy", "gxy")) < 1e-9
     assert np.abs(result["xyz_reference"][..., 2]).max() < 1e-9
-    plain = Deformation().run(points=points(after), points_before=first_points(tilted))
+    plain = Deformation().run(points=points(after), points_first=first_points(tilted))
     assert np.allclose(result["U"], np.hypot(plain["U"], plain["W"]) * np.sign(plain["U"]), atol=1e-9)
 
 
 def test_one_camera():
     gradient = np.array([[1.1, 0.2], [-0.1, 0.9]])
     first = correlation(grid_px(), np.eye(2))
-    result = Deformation().run(points=correlation(grid_px() @ gradient.T, gradient), points_before=first)
+    result = Deformation().run(points=correlation(grid_px() @ gradient.T, gradient), points_first=first)
     assert np.abs(result["gradient"] - gradient).max() < 1e-9
     assert np.allclose(result["U"], (grid_px() @ gradient.T - grid_px())[..., 0])
     assert result.variables["U"].units == result.attrs["unit"] == "px"
@@ -149,7 +149,7 @@ def test_one_sigma_covers_68_percent_of_displacement_and_strain():
     truth = total(after, before)
     for _ in range(30):
         common = template_errors(rng)
-        noisy = Deformation().run(points=points(after, rng, common), points_before=first_points(before, rng, common))
+        noisy = Deformation().run(points=points(after, rng, common), points_first=first_points(before, rng, common))
         for name, found in scores.items():
             found.append((noisy[name] - truth[name]) / noisy[f"sigma_{name}"])
     for found in scores.values():
@@ -165,7 +165,7 @@ def test_the_share_of_the_calibration():
     rig = Product("rig", attrs={"rig": rig_to_dict(RIG), "covariance": covariance.tolist()})
     before, after = first_points(FLAT), points(deformed(STRETCH, shift=(1.0, 2.0, 3.0)))
     exact = Product("points", {**before.variables, "xy": points(FLAT).variables["xy"]}, before.attrs)
-    result = Deformation().run(points=after, points_before=exact, rig=rig)
+    result = Deformation().run(points=after, points_first=exact, rig=rig)
     for name in "UVW":
         assert np.allclose(result[f"calibration_{name}"], 1e-3 * np.abs(result[name]), atol=1e-7)
     for name in ("exx", "eyy", "gxy"):
@@ -177,9 +177,9 @@ def test_the_calibration_share_of_strain_is_what_another_rig_would_give():
     step[0] = 10.0
     rig = Product("rig", attrs={"rig": rig_to_dict(RIG), "covariance": np.outer(step, step).tolist()})
     before, after = points(FLAT), points(deformed(STRETCH, turn=(0, 0.1, 0), shift=(1.0, 2.0, 3.0)))
-    shares = Deformation().run(points=after, points_before=before, rig=rig)
+    shares = Deformation().run(points=after, points_first=before, rig=rig)
     other = [points(triangulate(rig_moved(RIG, step), part["xy"], part["xy_right"]).xyz) for part in (after, before)]
-    moved = Deformation().run(points=other[0], points_before=other[1])
+    moved = Deformation().run(points=other[0], points_first=other[1])
     for name in ("U", "V", "W", "exx", "eyy", "gxy"):
         change = np.abs(moved[name] - shares[name])
         deviation = np.abs(shares[f"calibration_{name}"] - change)

@@ -38,7 +38,7 @@ def moved(gradient, turn=(0, 0, 0), shift=(0, 0, 0)):
 
 def total(after, rng=None, common=None, **parameters):
     first = first_points(FLAT, rng, common)
-    return Deformation(**{"window": 50, **parameters}).run(points=points(after, rng, common), points_before=first)
+    return Deformation(**{"window": 50, **parameters}).run(points=points(after, rng, common), points_first=first)
 
 
 @pytest.fixture(scope="module")
@@ -133,7 +133,7 @@ def test_what_cannot_be_probed_is_refused_early():
 def test_the_plane_of_the_specimen():
     tilted = sheet((0.3, -0.2))
     frame = Frame().run(points=first_points(tilted))
-    result = Deformation().run(points=points(tilted), points_before=first_points(tilted), frame=frame)
+    result = Deformation().run(points=points(tilted), points_first=first_points(tilted), frame=frame)
     assert np.abs(result["xyz_reference"][..., 2]).max() < 1e-9
     assert frame.attrs["summary"]["flatness_mm"] < 1e-9
     json.dumps(frame.attrs, allow_nan=False)
@@ -178,7 +178,7 @@ def test_noise_floor_of_a_rigid_motion():
     common = template_errors(rng)
     first = first_points(FLAT, rng, common)
     totals = Steps(
-        Deformation().run(points=points(moved(np.eye(3), *motion), rng, common), points_before=first)
+        Deformation().run(points=points(moved(np.eye(3), *motion), rng, common), points_first=first)
         for motion in motions
     )
     result = NoiseFloor().run(total=totals)
