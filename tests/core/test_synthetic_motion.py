@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 from scipy.ndimage import map_coordinates
 
-from dicflow.core.synthetic.motion import carried_back, render_pattern, speckle_pattern, star, star_period
+from dicflow.core.synthetic.motion import carried_back, render_pattern, speckle_pattern, star, star_period, strain_star
 from dicflow.core.synthetic.planar import render_planar, translation
 from dicflow.core.synthetic.render import Extent
 from dicflow.core.synthetic.speckle import scatter_speckles
@@ -19,8 +19,19 @@ def test_star_is_the_formula():
     assert star_period(np.array([0.0, 2000.0])).tolist() == [10.0, 150.0]
 
 
-def test_star_knows_its_gradient():
-    motion, step = star(0.3, 120.0, 900), 1e-4
+def test_the_middle_row_of_a_strain_star_has_the_strain_everywhere():
+    middle = np.stack([np.arange(2000.0), np.full(2000, 250.0)], axis=-1)
+    places, slope = strain_star()(middle)
+    np.testing.assert_array_equal(places, middle)
+    np.testing.assert_allclose(slope[:, 1, 1], 1.05)
+    (x, y), period = POINTS.T, star_period(POINTS[:, 0])
+    expected = 0.05 * period / (2 * np.pi) * np.sin(2 * np.pi * (y - 250) / period)
+    np.testing.assert_allclose(strain_star()(POINTS)[0], np.stack([x, y + expected], axis=-1))
+
+
+@pytest.mark.parametrize("motion", [star(0.3, 120.0, 900), strain_star(0.1, 120.0, 900)])
+def test_stars_know_their_gradient(motion):
+    step = 1e-4
     by_difference = [(motion(POINTS + d)[0] - motion(POINTS - d)[0]) / (2 * step) for d in step * np.eye(2)]
     np.testing.assert_allclose(motion(POINTS)[1], np.stack(by_difference, axis=-1), atol=1e-6)
 

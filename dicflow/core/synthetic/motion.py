@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from dicflow.core.synthetic.render import Extent, Look, Pattern, shares
 from dicflow.core.synthetic.speckle import darkness, scatter_speckles
 
-__all__ = ["Motion", "carried_back", "render_pattern", "speckle_pattern", "star", "star_period"]
+__all__ = ["Motion", "carried_back", "render_pattern", "speckle_pattern", "star", "star_period", "strain_star"]
 
 Array = NDArray[np.float64]
 Motion = Callable[[Array], tuple[Array, Array]]
@@ -22,6 +22,7 @@ Motion = Callable[[Array], tuple[Array, Array]]
 
 _EVEN = Look(unevenness=0.0, light=(0.0, 0.0))
 _EVERYWHERE = Extent(-np.inf, np.inf, -np.inf, np.inf)
+_GROWTH = 140.0
 _ROWS_AT_ONCE = 8
 _NEWTON = 30
 _SMALL_STEP = 1e-4
@@ -99,19 +100,39 @@ def star(amplitude: float = 0.5, middle: float = 250.0, width: int = 2000) -> Mo
     width : over which the period grows from 10 to 150 px [px]
     """
 
-    def motion(points: Array) -> tuple[Array, Array]:
-        x, y = points[..., 0], points[..., 1] - middle
-        wave = 2.0 * np.pi / star_period(x, width)
-        places, slope = points.copy(), np.zeros((*x.shape, 2, 2))
-        places[..., 1] += amplitude * np.cos(wave * y)
-        rise = -amplitude * np.sin(wave * y)
-        slope[..., 0, 0], slope[..., 1, 1] = 1.0, 1.0 + rise * wave
-        slope[..., 1, 0] = rise * y * wave**2 * (-140.0 / width) / (2.0 * np.pi)
-        return places, slope
+    def wave(y: Array, period: Array) -> tuple[Array, Array, Array]:
+        turn = 2.0 * np.pi * y / period
+        rise = -amplitude * np.sin(turn)
+        return amplitude * np.cos(turn), rise * 2.0 * np.pi / period, -rise * turn / period
 
-    return motion
+    return _along_y(wave, middle, width)
+
+
+def strain_star(strain: float = 0.05, middle: float = 250.0, width: int = 2000) -> Motion:
+    """The same for strains: v = ε λ/(2π) sin(2π (y − m)/λ(x)), so that ∂v/∂y is ε in the whole middle row."""
+
+    def wave(y: Array, period: Array) -> tuple[Array, Array, Array]:
+        turn = 2.0 * np.pi * y / period
+        shape = strain / (2.0 * np.pi) * np.sin(turn)
+        return period * shape, strain * np.cos(turn), shape - strain * np.cos(turn) * y / period
+
+    return _along_y(wave, middle, width)
 
 
 def star_period(x: Array, width: int = 2000) -> Array:
-    """The period λ of :func:`star` at columns x [px]."""
-    return np.asarray(10.0 + 140.0 * x / width)
+    """The period λ of the stars at columns x [px]."""
+    return np.asarray(10.0 + _GROWTH * x / width)
+
+
+def _along_y(wave: Callable[[Array, Array], tuple[Array, Array, Array]], middle: float, width: int) -> Motion:
+    """Motion by v along y alone, from v, ∂v/∂y and ∂v/∂λ as functions of y − m and λ."""
+
+    def motion(points: Array) -> tuple[Array, Array]:
+        v, by_y, by_period = wave(points[..., 1] - middle, star_period(points[..., 0], width))
+        places, slope = points.copy(), np.zeros((*v.shape, 2, 2))
+        places[..., 1] += v
+        slope[..., 0, 0], slope[..., 1, 1] = 1.0, 1.0 + by_y
+        slope[..., 1, 0] = by_period * _GROWTH / width
+        return places, slope
+
+    return motion
