@@ -84,10 +84,10 @@ def interpolate(image: Spline, xy: npt.ArrayLike) -> Image:
 
 def _filter_columns(grey: Image, pole: float) -> None:
     """One pole's causal and anticausal filter down all columns, in place; the image goes on as its mirror image."""
-    reach = min(len(grey), math.ceil(math.log(_NEGLIGIBLE) / math.log(abs(pole))))
-    powers = (pole ** np.arange(reach)).astype(np.float32)
+    reach = np.arange(math.ceil(math.log(_NEGLIGIBLE) / math.log(abs(pole))))
+    powers, folded = (pole**reach).astype(np.float32), reach % (2 * len(grey) - 2)
     grey *= np.float32((1.0 - pole) * (1.0 - 1.0 / pole))
-    grey[0] = powers @ grey[:reach]
+    grey[0] = powers @ grey[np.minimum(folded, 2 * len(grey) - 2 - folded)]
     _run_down(grey, np.float32(pole))
     grey[-1] = np.float32(pole / (pole * pole - 1.0)) * (grey[-1] + np.float32(pole) * grey[-2])
     _run_up(grey, np.float32(pole))
