@@ -7,10 +7,12 @@ import numpy as np
 from dicflow.core.chain import congruent
 from dicflow.core.correlate import Subset, correlate, template
 from dicflow.core.interpolate import spline
+from dicflow.core.material import Anchor, Search, attempt
 from dicflow.core.region import Polygon, polygons_to_attrs, rasterise, rectangle
 from dicflow.core.status import Status
 from dicflow.core.warp import identity
 from dicflow.engine.product import Product, Variable
+from dicflow.stages.correlate import packed
 
 SUBSET = Subset(31, "quadratic")
 
@@ -78,6 +80,32 @@ def correlation(
         "shape_function": subset.shape_function,
         "image_size": [width, height],
         "noise_grey": noise,
+        "gaussian": subset.gaussian,
+        "min_share": subset.min_share,
+        "smoothing": 0.0,
         "polygons": polygons_to_attrs(polygons),
     }
     return Product("correlation", variables, attrs)
+
+
+def through_reference(between: Product, photograph: np.ndarray, image: np.ndarray, starts: np.ndarray) -> Product:
+    """Points in another photograph by way of one in between.
+
+    between, photograph : the product of the step in between, and its left photograph
+    starts : (row, col, 2) — about where the points lie in the image [px]
+    """
+    facts = between.attrs
+    search = Search(Subset(facts["subset_size"], facts["shape_function"]), noise=facts["noise_grey"])
+    everywhere = np.ones(photograph.shape, dtype=bool)
+    anchor = Anchor(photograph, (0, 0), everywhere, between["xy"], between["warp"], between["covariance"])
+    begin = np.concatenate([starts[..., None], between["gradient"]], axis=-1)
+    found = attempt(anchor, spline(image, 5), begin, search, way=2)
+    carried, reference = packed(anchor, facts["subset_size"])
+    arrays = {
+        "xy": found.warp[..., 0],
+        "gradient": found.warp[..., 1:3],
+        **{name: getattr(found, name) for name in ("warp", "znssd", "iterations", "status", "covariance", "way")},
+        "template": between["template"],
+    }
+    variables = {name: Variable(("row", "col", "a", "b")[: v.ndim], v) for name, v in arrays.items()}
+    return Product("correlation", variables | carried, {**facts, "reference": reference})

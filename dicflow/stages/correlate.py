@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from dicflow.core.material import Anchor, Followed, Search, Updating
     from dicflow.core.region import Polygon
 
-__all__ = ["Correlate", "carried_reference"]
+__all__ = ["Correlate", "carried_reference", "packed"]
 
 OUTLINE_STEPS = 4  # material steps between the points of the carried outline
 SATURATED = 0.25  # share of pixels as bright as can be, above which too much of the pattern is gone
@@ -272,7 +272,7 @@ class Correlate(Node):
             "summary": _summary(found, noise),
         }
         if reference is not None:
-            carried, attrs["reference"] = _packed(reference, self.subset_size)
+            carried, attrs["reference"] = packed(reference, self.subset_size)
             variables.update(carried)
         return Product("correlation", variables, attrs)
 
@@ -331,7 +331,7 @@ def _anchor(before: Product, image: np.ndarray) -> Anchor:
     return Anchor(image, (0, 0), usable, before["xy"], before["warp"], before["covariance"])
 
 
-def _packed(reference: Anchor, subset_size: int) -> tuple[dict[str, Variable], dict[str, Any]]:
+def packed(reference: Anchor, subset_size: int) -> tuple[dict[str, Variable], dict[str, Any]]:
     """A reference that is not the first photograph, as arrays and attributes of a product."""
     from dicflow.core.material import cropped
 
@@ -348,7 +348,7 @@ def _packed(reference: Anchor, subset_size: int) -> tuple[dict[str, Variable], d
 
 
 def carried_reference(before: Product) -> Anchor | None:
-    """The photograph in between that the points of a step went through, if any: the inverse of :func:`_packed`."""
+    """The photograph in between that the points of a step went through, if any: the inverse of :func:`packed`."""
     from dicflow.core.material import Anchor
 
     if "reference" not in before.attrs:

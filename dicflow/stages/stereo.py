@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Annotated, ClassVar, Literal, NamedTuple
+from typing import TYPE_CHECKING, Annotated, ClassVar, Literal
 
 from pydantic import Field
 
@@ -11,32 +11,22 @@ from dicflow.engine.product import Product, Variable
 from dicflow.errors import StageError
 
 if TYPE_CHECKING:
+    from collections.abc import Callable
+
     import numpy as np
 
+    from dicflow.core.across import Shares, Step
     from dicflow.core.camera import Rig
-    from dicflow.core.correlate import Subset, Template
-    from dicflow.core.follow import Field as Followed
-    from dicflow.core.interpolate import Spline
+    from dicflow.core.material import Followed, Search
 
 __all__ = ["Stereo", "check_size"]
 
 SEEDS = 300  # points that are looked for along their epipolar lines
 SEED_WINDOW = 1.5  # side of what is compared there, in subsets
 ENOUGH = 0.5  # share of the points that starts from the step before must lead to, else the lines are searched
+DEGREES = {"bicubic": 3, "biquintic": 5}
 
 _GRID = ("row", "col")
-
-
-class View(NamedTuple):
-    """What is compared at one step: template of the first left photograph, right photograph, and centres of subsets.
-
-    grid : (row, col, 2) — in the first left photograph, of what the left one of this step shows [px]
-    """
-
-    template: Template
-    right: Spline
-    grid: np.ndarray
-    subset: Subset
 
 
 class Stereo(Node):
@@ -52,12 +42,12 @@ class Stereo(Node):
     scope: ClassVar = Scope.STEP
     takes: ClassVar = {
         "images": Port("images"),
-        "images_before": Port("images", at=At.FIRST),
+        "images_first": Port("images", at=At.FIRST),
         "rig": Port("rig"),
         "correlation": Port("correlation"),
-        "correlation_before": Port("correlation", at=At.FIRST),
-        "correlation_last": Port("correlation", at=At.PREVIOUS, optional=True),
-        "stereo_last": Port("stereo", at=At.PREVIOUS, own=True, optional=True),
+        "correlation_first": Port("correlation", at=At.FIRST),
+        "correlation_before": Port("correlation", at=At.PREVIOUS),
+        "stereo_before": Port("stereo", at=At.PREVIOUS, own=True),
     }
     gives: ClassVar = "stereo"
 
@@ -66,61 +56,51 @@ class Stereo(Node):
         "match", "where starting values come from: epipolar lines of this step, or the step before"
     )
     shape_function: Literal["affine", "quadratic"] = parameter("quadratic", "how a subset may deform")
-    interpolation: Literal["bicubic", "biquintic"] = parameter("biquintic", "of grey levels between pixels")
-    max_znssd: float = parameter(0.6, "zero-mean normalised sum of squared differences, at most", gt=0, le=2)
+    interpolation: Literal["bicubic", "biquintic"] = parameter("biquintic", "spline between the pixels")
+    max_znssd: float = parameter(
+        0.3, "what fits worse than this is lost (the zero-mean cross-correlation is 1 − ZNSSD/2)", gt=0, le=4
+    )
     max_epipolar: Annotated[Pixels, Field(gt=0)] = parameter(1.0, "distance from the epipolar line, at most", unit="px")
+    threads: int = parameter(1, "threads that share the points of a step", affects="speed", ge=1)
 
     def run(
         self,
         images: Product,
-        images_before: Product,
+        images_first: Product,
         rig: Product,
         correlation: Product,
-        correlation_before: Product,
-        correlation_last: Product | None = None,
-        stereo_last: Product | None = None,
+        correlation_first: Product,
+        correlation_before: Product | None = None,
+        stereo_before: Product | None = None,
     ) -> Product:
-        """``before`` is the first step, ``last`` the one before this one."""
-
+        from dicflow.core.across import as_before, contrast, noise_shares
         from dicflow.io.rig import rig_from_dict
 
         cameras = rig_from_dict(rig.attrs["rig"])
         _check_photographs(images, cameras)
-        view = self._view(images, images_before, correlation, correlation_before)
+        search = self._search(correlation)
+        follow = _follower(images, images_first, correlation, correlation_first, search)
         found = None
-        if self.start == "time" and correlation_last is not None and stereo_last is not None:
-            found = self._followed(view, _from_last(correlation, correlation_last, stereo_last))
-        if found is None or _share(found, view.grid) < ENOUGH:
-            found = self._followed(view, _from_partners(cameras, images, correlation))
-        if stereo_last is None:
+        if self.start == "time" and correlation_before is not None and stereo_before is not None:
+            found = follow(as_before(*map(_step, (correlation, correlation_before, stereo_before))))
+        if found is None or _share(found, correlation) < ENOUGH:
+            found = follow(_from_partners(cameras, images, correlation))
+        if stereo_before is None:
             _check_order(cameras, images, correlation, found)
-        gain = _contrast(view.right.image, found.warp[..., 0]) / _contrast(view.template.grey, view.grid)
-        return self._product(cameras, correlation, found, gain)
+        sides = (images["right"], found.warp[..., 0]), (images_first["left"], correlation_first["xy"])
+        right, left = (contrast(image, places) for image, places in sides)
+        return self._product(cameras, correlation, found, noise_shares(found, right / left))
 
-    def _view(self, images: Product, images_before: Product, correlation: Product, correlation_before: Product) -> View:
-        """What is compared at this step."""
-        import numpy as np
+    def _search(self, correlation: Product) -> Search:
+        from dicflow.core.correlate import Subset
+        from dicflow.core.material import Search
 
-        from dicflow.core.correlate import Subset, template
-        from dicflow.core.interpolate import spline
-        from dicflow.core.region import polygons_from_attrs, rasterise
+        facts = correlation.attrs
+        subset = Subset(facts["subset_size"], self.shape_function, facts["gaussian"], facts["min_share"])
+        degree, noise = DEGREES[self.interpolation], facts["noise_grey"]
+        return Search(subset, degree, facts["smoothing"], self.max_znssd, noise, self.threads)
 
-        degree = 5 if self.interpolation == "biquintic" else 3
-        usable = rasterise(polygons_from_attrs(correlation_before.attrs["polygons"]), images_before["left"].shape)
-        seen = np.isfinite(correlation["xy"]).all(axis=-1)
-        return View(
-            template(spline(images_before["left"], degree), usable),
-            spline(images["right"], degree),
-            np.where(seen[..., None], correlation_before["xy"], np.nan),
-            Subset(correlation.attrs["subset_size"], self.shape_function),
-        )
-
-    def _followed(self, view: View, starts: np.ndarray) -> Followed:
-        from dicflow.core.follow import correlate_field
-
-        return correlate_field(view.template, view.right, view.grid, starts, view.subset, max_znssd=self.max_znssd)
-
-    def _product(self, cameras: Rig, correlation: Product, found: Followed, gain: float) -> Product:
+    def _product(self, cameras: Rig, correlation: Product, found: Followed, shares: Shares) -> Product:
         import numpy as np
 
         from dicflow.core.epipolar import epipolar_distance
@@ -131,24 +111,20 @@ class Stereo(Node):
         status = _status(correlation["status"], found.status)
         status[(status == Status.VALID) & ~(apart <= self.max_epipolar)] = Status.EPIPOLAR
         kept = status == Status.VALID
-        own = 0.5 * (correlation.attrs["noise_grey"] / gain) ** 2 * found.covariance
 
-        def where_kept(values: np.ndarray) -> np.ndarray:
-            return np.where(kept.reshape(kept.shape + (1,) * (values.ndim - 2)), values, np.nan)
+        def measured(values: np.ndarray, units: str, long_name: str, *beyond: str) -> Variable:
+            part = np.where(kept.reshape(kept.shape + (1,) * (values.ndim - 2)), values, np.nan)
+            return Variable((*_GRID, *beyond), part, units, long_name)
 
-        pixel, terms = ("image_component",), ("image_component", "term")
         variables = {
-            "xy": Variable((*_GRID, *pixel), where_kept(places), "px", "place in the right photograph"),
-            "gradient": Variable(
-                (*_GRID, "out", "in"), where_kept(found.warp[..., 1:3]), "1", "gradient of the motion into it"
-            ),
-            "znssd": Variable(_GRID, found.znssd.astype(np.float32), "1", "misfit of the grey levels (ZNSSD)"),
+            "xy": measured(places, "px", "place in the right photograph", "component"),
+            "gradient": measured(found.warp[..., 1:3], "1", "gradient of the motion into it", "out", "in"),
+            "warp": measured(found.warp, "1", "warp of the subset", "component", "term"),
+            "covariance": measured(shares.own, "px²", "covariance of the place by this photograph's noise", "pair"),
+            "template": measured(shares.template, "px²", "covariance by the first photograph's noise", "pair"),
+            "znssd": Variable(_GRID, found.znssd, "1", "ZNSSD"),
             "iterations": Variable(_GRID, found.iterations, "1", "iterations"),
-            "epipolar": Variable(_GRID, apart.astype(np.float32), "px", "distance from the epipolar line"),
-            "covariance": Variable(
-                (*_GRID, "pair"), where_kept(own).astype(np.float32), "px²", "covariance xx, xy, yy of the place"
-            ),
-            "warp": Variable((*_GRID, *terms), where_kept(found.warp), "px", "warp from the first left photograph"),
+            "epipolar": Variable(_GRID, apart, "px", "distance from the epipolar line"),
             "status": Variable(_GRID, status, "1", "why a point has a place, or has none"),
         }
         attrs = {
@@ -178,17 +154,28 @@ def _check_photographs(images: Product, cameras: Rig) -> None:
         check_size(side, camera.size, (cols, rows))
 
 
-def _from_last(correlation: Product, correlation_last: Product, stereo_last: Product) -> np.ndarray:
-    """Starting warps (row, col, 2, 3) if the right photograph still saw the surface as it did at the step before."""
+def _follower(
+    images: Product, images_first: Product, correlation: Product, correlation_first: Product, search: Search
+) -> Callable[[np.ndarray], Followed]:
+    """What finds the points that the left photograph of a step shows in the right one, from starting warps."""
     import numpy as np
 
-    from dicflow.core.partners import started
+    from dicflow.core.across import follow_across
+    from dicflow.core.material import first_anchor, prepared
+    from dicflow.core.region import polygons_from_attrs, rasterise
+    from dicflow.stages.correlate import carried_reference
 
-    before, across = correlation_last["gradient"], np.full(correlation["gradient"].shape, np.nan)
-    known = np.isfinite(before).all(axis=(-2, -1)) & np.isfinite(stereo_last["gradient"]).all(axis=(-2, -1))
-    across[known] = stereo_last["gradient"][known] @ np.linalg.inv(before[known])
-    moved = across @ (correlation["xy"] - correlation_last["xy"])[..., None]
-    return started(correlation["warp"], stereo_last["xy"] + moved[..., 0], across)
+    usable = rasterise(polygons_from_attrs(correlation_first.attrs["polygons"]), images_first["left"].shape)
+    grid = np.where(np.isfinite(correlation["xy"]), correlation_first["xy"], np.nan)
+    first, reference = first_anchor(images_first["left"], usable, grid, search), carried_reference(correlation)
+    target = prepared(images["right"], search)
+    return lambda starts: follow_across(first, reference, correlation["way"], target, starts, search)
+
+
+def _step(product: Product) -> Step:
+    from dicflow.core.across import Step
+
+    return Step(product["xy"], product["gradient"])
 
 
 def _from_partners(cameras: Rig, images: Product, correlation: Product) -> np.ndarray:
@@ -216,7 +203,7 @@ def _check_order(cameras: Rig, images: Product, correlation: Product, found: Fol
     from dicflow.core.seed import feature_pairs
 
     places = correlation["xy"]
-    pairs, few = (places, found.warp[..., 0]), _share(found, places) < ENOUGH
+    pairs, few = (places, found.warp[..., 0]), _share(found, correlation) < ENOUGH
     if few:
         pairs = feature_pairs(images["left"], images["right"], places)
     order = check_order(cameras, *pairs)
@@ -229,13 +216,11 @@ def _check_order(cameras: Rig, images: Product, correlation: Product, found: Fol
         )
 
 
-def _share(found: Followed, places: np.ndarray) -> float:
-    """Share of the places (row, col, 2) [px] in the left photograph that were found in the right one."""
-    import numpy as np
-
+def _share(found: Followed, correlation: Product) -> float:
+    """Share of what the left photograph shows that was found in the right one."""
     from dicflow.core.status import Status
 
-    seen = np.isfinite(places).all(axis=-1)
+    seen = correlation["status"] <= Status.FILLED
     return float((found.status[seen] == Status.VALID).mean()) if seen.any() else 0.0
 
 
@@ -247,14 +232,6 @@ def _status(left: np.ndarray, right: np.ndarray) -> np.ndarray:
 
     hidden = np.isin(right, (Status.OUTSIDE, Status.UNTRACKED, Status.NOT_CONVERGED))
     return np.where(left > Status.FILLED, left, np.where(hidden, Status.HIDDEN, right)).astype(np.uint8)
-
-
-def _contrast(image: np.ndarray, places: np.ndarray) -> float:
-    """Standard deviation of the grey levels at places (..., 2); 1 without any."""
-    import numpy as np
-
-    x, y = np.rint(places[np.isfinite(places).all(axis=-1)]).astype(int).T
-    return float(image[y, x].std()) or 1.0 if len(x) > 1 else 1.0
 
 
 def _summary(left: np.ndarray, status: np.ndarray, apart: np.ndarray, iterations: np.ndarray) -> dict[str, float]:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, ClassVar, Literal, NamedTuple
+from typing import TYPE_CHECKING, Any, ClassVar, Literal, NamedTuple
 
 from dicflow.engine.node import At, Node, Port, Scope
 from dicflow.engine.product import Product, Variable
@@ -22,10 +22,15 @@ class Errors(NamedTuple):
 
     own : (row, col, 3, 3) — covariance from all but the first template's noise [mm²]
     sensitivity : (row, col, 3, 2) — by how much a point moves per error of the first template [mm/px]
+    template : (row, col, 3) — covariance of this error, xx, xy, yy [px²]
+
+    Where the shape functions left and right differ the template has two such errors: (row, col, 3, 4) and
+    (row, col, 10), the upper triangle of the covariance of both.
     """
 
     own: np.ndarray
     sensitivity: np.ndarray
+    template: np.ndarray
 
 
 class Triangulate(Node):
@@ -39,7 +44,7 @@ class Triangulate(Node):
     scope: ClassVar = Scope.STEP
     takes: ClassVar = {
         "correlation": Port("correlation"),
-        "correlation_before": Port("correlation", at=At.FIRST),
+        "correlation_first": Port("correlation", at=At.FIRST),
         "stereo": Port("stereo"),
         "rig": Port("rig"),
     }
@@ -47,8 +52,8 @@ class Triangulate(Node):
 
     stage: Literal["triangulate"] = "triangulate"
 
-    def run(self, correlation: Product, correlation_before: Product, stereo: Product, rig: Product) -> Product:
-        """``correlation_before`` is that of the first step."""
+    def run(self, correlation: Product, correlation_first: Product, stereo: Product, rig: Product) -> Product:
+        """``correlation_first`` is that of the first step."""
         import numpy as np
 
         from dicflow.core.triangulate import triangulate
@@ -61,42 +66,67 @@ class Triangulate(Node):
         left = np.where(first, correlation["template"], correlation["covariance"])
         found = triangulate(cameras, correlation["xy"], stereo["xy"], left, stereo["covariance"])
         errors = _errors(found, correlation, stereo)
-        inside = np.isfinite(correlation_before["xy"]).all(axis=-1)
+        inside = np.isfinite(correlation_first["xy"]).all(axis=-1)
         return _product(found, errors, correlation, stereo, inside)
 
 
 def _errors(found: Triangulated, correlation: Product, stereo: Product) -> Errors:
     """What the errors in both photographs do to the points.
 
-    Where the left place was chained through later references, the error of the way there is common to both
-    photographs, as they are correlated with one template: it is what the left place's covariance has more than the
-    right one's, both in pixels of the first step. At the first step the left place is the point itself, without error.
+    At the first step the left place is the point itself, without error. Where the left place was chained through later
+    references, the error of the way there is common to both photographs, as they are correlated with one template: it
+    is what the left place's covariance has more than one photograph's noise gives it, in pixels of the first step.
+
+    A richer shape function in the right photograph feels the template's noise more. Since the other one's estimate is
+    efficient, what is added is independent of it: a second error of the template, which only the right place has.
     """
     import numpy as np
 
+    from dicflow.core.across import inverse
     from dicflow.core.chain import congruent
     from dicflow.core.triangulate import point_covariance
 
     by_left, by_right = found.by_left @ correlation["gradient"], found.by_right @ stereo["gradient"]
-    alone = congruent(_inverse(stereo["gradient"]), stereo["covariance"])
-    total = congruent(_inverse(correlation["gradient"]), correlation["covariance"])
+    right = congruent(inverse(stereo["gradient"]), stereo["covariance"])
+    left = congruent(inverse(correlation["gradient"]), correlation["covariance"])
     first, chained = (correlation["way"] == 0)[..., None], (correlation["way"] > 1)[..., None]
-    common = np.where(chained, _positive(total - alone), 0.0)
-    left = np.where(first, 0.0, np.where(chained, alone, total))
-    shares = ((by_left, left), (by_right, alone), (by_left + by_right, common))
+    ratio = _variance(correlation["template"]) / _variance(stereo["template"]) if _differ(correlation, stereo) else 1.0
+    alone = ratio * right
+    common = np.where(chained, _positive(left - alone), 0.0)
+    shares = (
+        (by_left, np.where(chained, alone, left)),
+        (by_right, np.where(chained, 2.0 * right - alone, right)),
+        (by_left + by_right, common),
+    )
     own = np.sum([point_covariance(slopes, covariance) for slopes, covariance in shares], axis=0)
-    return Errors(own, np.where(first[..., None], by_right, by_left + by_right))
+    sensitivity = np.where(first[..., None], by_right, by_left + by_right)
+    if not _differ(correlation, stereo):
+        return Errors(own, sensitivity, correlation["template"])
+    added = np.where(chained[..., None], 0.0, by_right)
+    return Errors(own, np.concatenate([sensitivity, added], axis=-1), _two_errors(correlation, stereo))
 
 
-def _inverse(gradient: np.ndarray) -> np.ndarray:
-    """Inverses (row, col, 2, 2); NaN where there is no gradient or it has none."""
+def _differ(correlation: Product, stereo: Product) -> bool:
+    """Whether the shape functions left and right do."""
+    return bool(correlation.attrs["shape_function"] != stereo.attrs["shape_function"])
+
+
+def _variance(covariance: np.ndarray) -> Any:
+    """Sum of both variances (row, col, 1) of covariances (row, col, 3)."""
+    return covariance[..., :1] + covariance[..., 2:]
+
+
+def _two_errors(correlation: Product, stereo: Product) -> np.ndarray:
+    """Covariance (row, col, 10) of the template's error and of what the right shape function adds to it [px²]."""
     import numpy as np
 
-    (a, b), (c, d) = (np.moveaxis(gradient[..., axis, :], -1, 0) for axis in (0, 1))
-    determinant = a * d - b * c
-    determinant = np.where(determinant != 0.0, determinant, np.nan)
-    rows = np.stack([np.stack([d, -b], axis=-1), np.stack([-c, a], axis=-1)], axis=-2)
-    return rows / determinant[..., None, None]
+    from dicflow.core.covariance import symmetric, upper
+
+    template = correlation["template"]
+    both = np.zeros((*template.shape[:2], 4, 4))
+    both[..., :2, :2] = symmetric(template)
+    both[..., 2:, 2:] = symmetric(_positive(stereo["template"] - template))
+    return upper(both)
 
 
 def _positive(covariance: np.ndarray) -> np.ndarray:
@@ -129,7 +159,7 @@ def _product(found: Triangulated, errors: Errors, correlation: Product, stereo: 
         "xy_right": Variable(pixel, stereo["xy"], "px", "place in the right photograph"),
         "covariance": Variable((*_GRID, "pair"), upper(errors.own), "mm²", "covariance XX, XY, XZ, YY, YZ, ZZ"),
         "sensitivity": Variable(
-            (*_GRID, "component", "image_component"), errors.sensitivity, "mm/px", "motion per error of the template"
+            (*_GRID, "component", "error"), errors.sensitivity, "mm/px", "motion per error of the template"
         ),
         "reprojection": Variable(_GRID, found.reprojection.astype(single), "px", "reprojection error"),
     }
@@ -137,7 +167,9 @@ def _product(found: Triangulated, errors: Errors, correlation: Product, stereo: 
     worse = np.fmax(correlation["znssd"], stereo["znssd"])
     variables |= {
         "epipolar": stereo.variables["epipolar"],
-        "template": correlation.variables["template"],
+        "template": Variable(
+            (*_GRID, "error_pair"), errors.template, "px²", "covariance of the first template's error"
+        ),
         "znssd": Variable(_GRID, worse.astype(single), "1", "misfit of the grey levels (ZNSSD), the worse of both"),
         "way": correlation.variables["way"],
         "status": Variable(_GRID, status, "1", "why a point has a place, or has none"),

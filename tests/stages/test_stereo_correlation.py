@@ -6,7 +6,7 @@ import json
 import cv2
 import numpy as np
 import pytest
-from left_camera import correlation, grid
+from left_camera import correlation, grid, through_reference
 from stereo_scene import (
     REGION,
     REST,
@@ -47,7 +47,7 @@ def rig_product(rig=RIG):
 
 def tracked(pairs, points=POINTS, states=(REST, MOVED), **options):
     """The product ``correlation`` of the steps."""
-    substance, first = material(points), pairs[0][0]
+    substance, first = material(points, states[0]), pairs[0][0]
     return [
         correlation(first, pair[0] if step else None, points, left_truth(substance, state), **options)
         for step, (pair, state) in enumerate(zip(pairs, states, strict=False))
@@ -60,14 +60,14 @@ def measured(pairs, left, rig=None, **parameters):
     for pair, step in zip(pairs, left, strict=True):
         stereo = Stereo(**parameters).run(
             images=images(*pair),
-            images_before=images(*pairs[0]),
+            images_first=images(*pairs[0]),
             rig=rig,
             correlation=step,
-            correlation_before=left[0],
-            correlation_last=last[0],
-            stereo_last=last[1],
+            correlation_first=left[0],
+            correlation_before=last[0],
+            stereo_before=last[1],
         )
-        points = Triangulate().run(correlation=step, correlation_before=left[0], stereo=stereo, rig=rig)
+        points = Triangulate().run(correlation=step, correlation_first=left[0], stereo=stereo, rig=rig)
         last = step, stereo
         results.append((stereo, points))
     return results
@@ -223,7 +223,7 @@ def test_a_rig_for_another_image_size(pairs, left, results):
     with pytest.raises(StageError, match="300 × 250 px, but this one has 600 × 500 px"):
         measured(pairs[:1], left[:1], rig=rig_product(small))
     with pytest.raises(StageError, match="300 × 250 px, but this one has 600 × 500 px"):
-        Triangulate().run(correlation=left[0], correlation_before=left[0], stereo=results[0][0], rig=rig_product(small))
+        Triangulate().run(correlation=left[0], correlation_first=left[0], stereo=results[0][0], rig=rig_product(small))
 
 
 def test_one_camera_is_not_enough(pairs, left):
@@ -231,23 +231,54 @@ def test_one_camera_is_not_enough(pairs, left):
         measured([(pairs[0][0], None)], left[:1])
 
 
-def test_sigma_covers_the_errors():
+TURNED = State(turn=(0.05, 0.1, 0.03), shift=(0.5, 0.3, -1.0))
+POINTS_MC = grid(REGION, 20).astype(float)
+NOISE_MC, RUNS = 4.0, 7
+
+
+@pytest.mark.parametrize(
+    ("subset", "states"),
+    [(Subset(31, "quadratic"), (REST, MOVED)), (Subset(31, "affine"), (State(), TURNED))],
+    ids=["one shape function", "another one on the left"],
+)
+def test_sigma_covers_the_errors(subset, states):
     """1σ covers 68 % and 2σ 95 % of the errors of X, Y, Z at both steps and of U, V, W, under noise."""
-    noise, points = 4.0, grid(REGION, 20).astype(float)
-    substance, scaled = material(points), []
-    for run in range(9):
-        pairs = [photographs(state, noise, seed=10 * run + step) for step, state in enumerate((REST, MOVED))]
-        left = tracked(pairs, points, noise=np.hypot(noise, 12**-0.5))
-        before, after = (found for _, found in measured(pairs, left))
-        joint = joint_covariance(errors_of(after), errors_of(before), symmetric(before["template"]))
-        misses = [found["xyz"] - space_truth(substance, state) for found, state in ((after, MOVED), (before, REST))]
-        motion = displacement_covariance(joint)
-        sigma = (joint[..., :3, :3], joint[..., 3:, 3:], motion)
-        errors = (*misses, misses[0] - misses[1])
-        scaled.append([e / np.sqrt(np.diagonal(c, axis1=-2, axis2=-1)) for e, c in zip(errors, sigma, strict=True)])
-    size = np.abs(np.array(scaled)).transpose(1, 4, 0, 2, 3).reshape(9, -1)
+    size = scaled_errors(subset, states)
     np.testing.assert_allclose((size < 1.0).mean(axis=1), 0.683, atol=0.03)
     np.testing.assert_allclose((size < 2.0).mean(axis=1), 0.954, atol=0.02)
+
+
+def test_sigma_covers_the_errors_of_points_chained_through_a_reference():
+    """Along the surface σ is a bound: the noise of the reference, counted twice, largely cancels; in depth it is σ."""
+    size = scaled_errors(Subset(31, "quadratic"), (REST, MOVED), chained=True)
+    assert ((size < 1.0).mean(axis=1) > 0.65).all()
+    assert ((size < 2.0).mean(axis=1) > 0.93).all()
+    depth = size[[2, 5, 8]]
+    np.testing.assert_allclose((depth < 1.0).mean(axis=1), 0.683, atol=0.03)
+    np.testing.assert_allclose((depth < 2.0).mean(axis=1), 0.954, atol=0.02)
+
+
+def scaled_errors(subset, states, chained=False):
+    """Errors over their σ (9, n), of X, Y, Z at the second step, at the first, and of U, V, W."""
+    substance, scaled = material(POINTS_MC, states[0]), []
+    for run in range(RUNS):
+        pairs = [photographs(state, NOISE_MC, seed=10 * run + step) for step, state in enumerate(states)]
+        left = tracked(pairs, POINTS_MC, states, noise=np.hypot(NOISE_MC, 12**-0.5), subset=subset)
+        if chained:
+            places, between = left_truth(substance, states[1]), photographs(states[1], NOISE_MC, seed=1000 + run)
+            step = tracked([pairs[0], between], POINTS_MC, states, noise=NOISE_MC, subset=subset)[1]
+            left[1] = through_reference(step, between[0], pairs[1][0], places)
+        before, after = (found for _, found in measured(pairs, left))
+        assert ((after["way"] == 2).mean() > 0.99) == chained
+        joint = joint_covariance(errors_of(after), errors_of(before), symmetric(before["template"]))
+        misses = [
+            found["xyz"] - space_truth(substance, state) for found, state in zip((before, after), states, strict=True)
+        ]
+        sigma = (joint[..., :3, :3], joint[..., 3:, 3:], displacement_covariance(joint))
+        errors = (misses[1], misses[0], misses[1] - misses[0])
+        scaled.append([e / np.sqrt(np.diagonal(c, axis1=-2, axis2=-1)) for e, c in zip(errors, sigma, strict=True)])
+    size = np.abs(np.array(scaled)).transpose(1, 4, 0, 2, 3).reshape(9, -1)
+    return size[:, np.isfinite(size).all(axis=0)]
 
 
 def errors_of(points):
@@ -273,7 +304,7 @@ def test_what_the_way_through_a_later_reference_adds_is_common_to_both_photograp
         moved_right = right | {"xy": Variable(("row", "col", "a"), stereo["xy"] + shift_right)}
         return Triangulate().run(
             correlation=Product("correlation", moved_left, step.attrs),
-            correlation_before=left[0],
+            correlation_first=left[0],
             stereo=Product("stereo", moved_right, stereo.attrs),
             rig=rig_product(),
         )

@@ -1,0 +1,106 @@
+import numpy as np
+from left_camera import correlation, grid
+from stereo_scene import REST, State, left_truth, material, photographs, right_truth
+
+from dicflow.core.across import Step, as_before, contrast, follow_across, inverse, noise_shares
+from dicflow.core.correlate import Subset
+from dicflow.core.material import Anchor, Followed, Search, first_anchor, prepared
+from dicflow.core.warp import warp_from_gradient
+
+SUBSET = Subset(31, "quadratic")
+SEARCH = Search(SUBSET, noise=0.5)
+TURNED = State(curl=0.3, turn=(0.1, 0.05, 0.2), shift=(0.3, 0.2, -2.0))
+POINTS = grid((200, 150, 400, 350), 25).astype(float)
+MATERIAL = material(POINTS)
+LEFT, BETWEEN = photographs(REST, 0.5), photographs(TURNED, 0.5, 1)
+
+
+def starts(state=REST):
+    places = right_truth(MATERIAL, state)
+    slopes = [
+        right_truth(material(POINTS + s), state) - right_truth(material(POINTS - s), state) for s in 0.5 * np.eye(2)
+    ]
+    return warp_from_gradient(places + 0.5, np.stack(slopes, axis=-1))
+
+
+def first():
+    return first_anchor(LEFT[0], np.ones(LEFT[0].shape, dtype=bool), POINTS, SEARCH)
+
+
+def between():
+    step = correlation(LEFT[0], BETWEEN[0], POINTS, left_truth(MATERIAL, TURNED))
+    everywhere = np.ones(LEFT[0].shape, dtype=bool)
+    return Anchor(BETWEEN[0], (0, 0), everywhere, step["xy"], step["warp"][..., :3], step["covariance"])
+
+
+def ways(value):
+    return np.full(POINTS.shape[:2], value, dtype=np.uint8)
+
+
+def test_points_of_either_anchor_are_found_at_the_same_place():
+    target, truth = prepared(BETWEEN[1], SEARCH), right_truth(MATERIAL, TURNED)
+    direct = follow_across(first(), between(), ways(1), target, starts(TURNED), SEARCH)
+    chained = follow_across(first(), between(), ways(2), target, starts(TURNED), SEARCH)
+    mixed = ways(1)
+    mixed[::2] = 2
+    both = follow_across(first(), between(), mixed, target, starts(TURNED), SEARCH)
+    for found in (direct, chained, both):
+        assert found.valid.all()
+        assert found.warp.shape == (*POINTS.shape[:2], 2, 6)
+        assert np.abs(found.warp[..., 0] - truth).max() < 0.012
+    np.testing.assert_array_equal(both.way, 1)
+    expected = np.where((mixed == 2)[..., None], chained.warp[..., 0], direct.warp[..., 0])
+    np.testing.assert_allclose(both.warp[..., 0], expected, atol=1e-4)
+
+
+def test_covariance_is_that_of_the_right_photograph_alone_by_either_way():
+    target = prepared(BETWEEN[1], SEARCH)
+    direct, chained = (
+        follow_across(first(), between(), ways(way), target, starts(TURNED), SEARCH).covariance for way in (1, 2)
+    )
+    assert 0.85 < np.median(chained / direct, axis=(0, 1))[[0, 2]].min() < 1.15
+
+
+def test_points_without_a_start_or_a_place_have_no_value():
+    begin, anchor = starts(), first()
+    begin[:3] = np.nan
+    hidden = anchor._replace(points=np.where((np.arange(POINTS.shape[1]) < 2)[:, None], np.nan, anchor.points))
+    found = follow_across(hidden, None, ways(0), prepared(LEFT[1], SEARCH), begin, SEARCH)
+    assert not found.valid[:, :2].any()
+    assert found.valid[:, 2:].all()  # grown from the neighbours
+
+
+def test_a_view_that_stays_carries_points_over():
+    """The surface moves in itself, so the left photograph's motion times the slope across is the right one's."""
+    generator = np.random.default_rng(0)
+    shape = (4, 5)
+    across, left_gradient = np.array([[0.9, 0.1], [0.0, 1.1]]), generator.normal(np.eye(2), 0.1, (*shape, 2, 2))
+    before, motion = generator.uniform(0, 500, (*shape, 2)), generator.uniform(-9, 9, (*shape, 2))
+    after_gradient = generator.normal(np.eye(2), 0.1, (*shape, 2, 2))
+    right = Step(before @ across.T + [3.0, 4.0], across @ left_gradient)
+    start = as_before(Step(before + motion, after_gradient), Step(before, left_gradient), right)
+    np.testing.assert_allclose(start[..., 0], (before + motion) @ across.T + [3.0, 4.0])
+    np.testing.assert_allclose(start[..., 1:], across @ after_gradient)
+
+
+def test_noise_counts_the_more_the_weaker_the_contrast():
+    gradient = np.array([[2.0, 0.0], [0.0, 0.5]])
+    warp = warp_from_gradient(np.zeros((1, 1, 2)), gradient[None, None])
+    covariance = np.array([[[4.0, 0.0, 1.0]]])
+    found = Followed(warp, *(np.zeros((1, 1)) for _ in range(3)), covariance, ways(1)[:1, :1])
+    shares = noise_shares(found, 0.5)
+    np.testing.assert_allclose(shares.own, [[[16.0, 0.0, 4.0]]])
+    np.testing.assert_allclose(shares.template, [[[1.0, 0.0, 4.0]]])
+
+
+def test_contrast_is_the_spread_of_grey_levels():
+    image = np.tile([[10, 30]], (4, 3)).astype(np.uint8)
+    assert contrast(image, np.array([[0.2, 1.0], [0.9, 2.1], [np.nan, 0.0]])) == 10.0
+    assert contrast(image, np.full((2, 2), np.nan)) == 1.0
+    assert contrast(image, np.array([[0.0, 0.0], [2.0, 2.0]])) == 1.0
+
+
+def test_inverse_gradients():
+    gradient = np.random.default_rng(1).normal(np.eye(2), 0.2, (6, 2, 2))
+    np.testing.assert_allclose(inverse(gradient) @ gradient, np.broadcast_to(np.eye(2), (6, 2, 2)), atol=1e-12)
+    assert np.isnan(inverse(np.zeros((1, 2, 2)))).all()
