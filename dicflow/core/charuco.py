@@ -12,7 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dicflow.core.grey import to_8bit
-from dicflow.core.targets import Size, Target, board_points, centres_of_symmetry
+from dicflow.core.symmetry import centres_of_symmetry
+from dicflow.core.targets import Size, Target, board_points
 from dicflow.core.transform import estimate_transform, jacobian
 
 __all__ = ["DICTIONARIES", "Markers", "charuco", "find_charuco", "marker_dictionary"]
@@ -53,10 +54,10 @@ def marker_dictionary(name: str) -> Any:
 
 
 def find_charuco(image: NDArray[np.uint8] | NDArray[np.uint16], size: Size, markers: Markers) -> Array | None:
-    """Corners of the part of a board that a photograph shows, to about a hundredth of a pixel.
+    """Corners of the part of a board that a photograph shows, to half a hundredth of a pixel.
 
     Located by the markers, and each moved to the centre of symmetry of the image around it
-    (:func:`~dicflow.core.targets.centres_of_symmetry`) with the markers masked out. Boards that begin with a black and
+    (:func:`~dicflow.core.symmetry.centres_of_symmetry`) with the markers masked out. Boards that begin with a black and
     with a white square, as OpenCV printed them before version 4.6, are both recognised.
 
     Returns (columns·rows, 2) [px], row by row, NaN where a corner is not seen; None where fewer than six are.

@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dicflow.core.grey import to_8bit
+from dicflow.core.symmetry import centres_of_symmetry
 
 __all__ = [
     "Size",
@@ -19,7 +20,6 @@ __all__ = [
     "board_orders",
     "board_points",
     "board_size",
-    "centres_of_symmetry",
     "checkerboard",
     "find_board",
 ]
@@ -31,9 +31,6 @@ _LARGE_PIXELS = 1_000_000
 _SMALLEST_BOARD = (3, 3)
 _RADIUS_SQUARES = 0.6
 _LEAST_RADIUS_PX = 3
-_SYMMETRY_STEPS = 20
-_SYMMETRY_TOLERANCE_PX = 1e-3
-_LEAST_DETERMINANT = 1e-4
 
 
 class Target(NamedTuple):
@@ -78,10 +75,11 @@ def board_orders(size: Size) -> NDArray[np.intp]:
 
 
 def find_board(image: NDArray[np.uint8] | NDArray[np.uint16], size: Size) -> Array | None:
-    """Corners of a checkerboard, to about a hundredth of a pixel.
+    """Corners of a checkerboard, to half a hundredth of a pixel.
 
     The board is located by sectors of its local Radon transform (Duda and Frese 2018), on the half-sized image where
-    that suffices; each corner is then moved to the centre of symmetry there (:func:`centres_of_symmetry`).
+    that suffices; each corner is then moved to the centre of symmetry there
+    (:func:`~dicflow.core.symmetry.centres_of_symmetry`).
 
     Returns (columns·rows, 2) [px], row by row; None where the photograph shows no board of this size.
     """
@@ -91,51 +89,6 @@ def find_board(image: NDArray[np.uint8] | NDArray[np.uint16], size: Size) -> Arr
     grid = located.reshape(size[1], size[0], 2)
     spacing = min(float(np.linalg.norm(np.diff(grid, axis=axis), axis=-1).min()) for axis in (0, 1))
     return centres_of_symmetry(image, located, max(_LEAST_RADIUS_PX, round(_RADIUS_SQUARES * spacing)))
-
-
-def centres_of_symmetry(
-    image: NDArray[np.uint8] | NDArray[np.uint16],
-    places: Array,
-    radius_px: int,
-    windows: NDArray[np.bool_] | None = None,
-) -> Array:
-    """Move places to where the image around them is its own copy turned by 180°.
-
-    The crossing of two edges is such a centre under any linear view of it, so neither foreshortening nor blur nor
-    uneven contrast moves it. With A(x) the image around a place, a shift s of the place changes A(x) − A(−x) by
-    (∇A(x) − ∇A(−x)) · s, which gives s by least squares under a Gaussian window.
-
-    places : (n, 2) [px], right to about a third of the radius
-    radius_px : half the side of the window
-    windows : (n, side, side) with side = 2 radius_px + 1 — pixels around each place that may be used, alike on both
-        sides of it; all when not given
-    Returns (n, 2) [px]; a place that wanders off by more than the radius, or has no contrast, stays where it was.
-    """
-    grey = image.astype(np.float32)
-    offset = np.arange(-radius_px, radius_px + 1, dtype=np.float32)
-    bell = np.exp(-2.0 * (offset / radius_px) ** 2)
-    weight = np.outer(bell, bell)
-    weights = np.broadcast_to(weight, (len(places), *weight.shape)) if windows is None else windows * weight
-    return np.stack([_centre_of_symmetry(grey, place, own) for place, own in zip(places, weights, strict=True)])
-
-
-def _centre_of_symmetry(grey: NDArray[np.float32], start: Array, weight: NDArray[np.float32]) -> Array:
-    place, side = start, len(weight)
-    for _ in range(_SYMMETRY_STEPS):
-        around = cv2.getRectSubPix(grey, (side + 2, side + 2), (float(place[0]), float(place[1])))
-        middle = around[1:-1, 1:-1]
-        slopes = np.stack([around[1:-1, 2:] - around[1:-1, :-2], around[2:, 1:-1] - around[:-2, 1:-1]]) / 2.0
-        slopes = slopes - slopes[:, ::-1, ::-1]
-        normal = np.einsum("iyx,jyx,yx->ij", slopes, slopes, weight)
-        if not np.linalg.det(normal) > _LEAST_DETERMINANT * np.trace(normal) ** 2:
-            return start
-        step = np.linalg.solve(normal, np.einsum("iyx,yx,yx->i", slopes, middle - middle[::-1, ::-1], weight))
-        place = place - step
-        if np.abs(place - start).max() > side / 2:
-            return start
-        if np.abs(step).max() < _SYMMETRY_TOLERANCE_PX:
-            break
-    return place
 
 
 def board_size(image: NDArray[np.uint8] | NDArray[np.uint16]) -> Size | None:

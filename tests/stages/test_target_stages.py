@@ -75,7 +75,7 @@ def test_circles_give_the_rig(grid, target):
     corners = [stage.run(images=images) for images in shown]
     assert all(product.attrs["found"] == {"left": True, "right": True} for product in corners)
     product = calibrated(corners, grid.spacing)
-    assert_is_the_rig(product, 0.012)
+    assert_is_the_rig(product, 0.007)
     assert product.attrs["summary"]["square_error_pct"] == pytest.approx(0.0, abs=0.02)
 
 
@@ -83,7 +83,7 @@ def test_parts_of_a_marked_board_give_the_rig(marked):
     missing = [np.isnan(product[side]).any() for product in marked for side in ("left", "right")]
     assert sum(missing) > PAIRS
     product = calibrated(marked, 14.0)
-    assert_is_the_rig(product, 0.014)
+    assert_is_the_rig(product, 0.007)
     assert product.attrs["summary"]["square_error_pct"] == pytest.approx(0.0, abs=0.02)
     assert np.shape(product.attrs["covariance"]) == (len(PARAMETERS), len(PARAMETERS))
 
@@ -100,7 +100,7 @@ def test_parts_that_only_one_camera_sees_count_too(marked):
     product = calibrated([Product("corners", halved, first.attrs), *marked[1:]], 14.0)
     assert product.attrs["pairs"][0]["used"]
     assert product.attrs["pairs"][0]["epipolar_px"] is None
-    assert_is_the_rig(product, 0.014)
+    assert_is_the_rig(product, 0.007)
 
 
 def test_a_square_of_another_size_shows_in_no_figure_but_lengths(marked):
