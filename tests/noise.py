@@ -5,14 +5,14 @@ from __future__ import annotations
 import numpy as np
 
 
-def subset_kernel(size, shape_function="affine"):
-    """Weights (size, size) by which a subset's centre averages the noise of its pixels, for variance 1."""
+def subset_kernel(size, shape_function="affine", normalised=True):
+    """Weights (size, size) by which a subset's centre averages the errors of its pixels; for variance 1 or sum 1."""
     x = np.arange(size) - (size - 1) / 2
     xx, yy = np.meshgrid(x, x)
     terms = np.stack([np.ones_like(xx), xx, yy, xx**2, xx * yy, yy**2][: 3 if shape_function == "affine" else 6])
     design = terms.reshape(len(terms), -1).T
     kernel = np.linalg.pinv(design)[0].reshape(size, size)
-    return kernel / np.sqrt((kernel**2).sum())
+    return kernel / np.sqrt((kernel**2).sum()) if normalised else kernel
 
 
 def point_errors(rng, shape, covariance, subset_size, step_size, shape_function="affine"):

@@ -6,6 +6,7 @@ the correlation of their errors.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import NamedTuple, Protocol
 
 import numpy as np
@@ -23,7 +24,7 @@ __all__ = [
     "area_probe",
     "difference",
     "extension",
-    "line_probe",
+    "mean_probe",
     "point_probe",
     "sigma_of",
     "slope_overlap",
@@ -92,10 +93,16 @@ def _centre_weights(places: Array) -> Array | None:
     return None
 
 
-def line_probe(grid: Array, known: Mask, places: ArrayLike, step_size: float) -> Probe | None:
-    """The mean over places (n, 2) along a line; None where one of them lies beyond what was measured."""
-    parts = [point_probe(grid, known, place, step_size) for place in np.asarray(places, dtype=np.float64)]
-    return None if any(part is None for part in parts) else _sum([part for part in parts if part is not None])
+def mean_probe(parts: Sequence[Probe | None]) -> Probe | None:
+    """The mean of several probes, as along a line; None where one of them has no value."""
+    whole = [part for part in parts if part is not None]
+    if not whole or len(whole) < len(parts):
+        return None
+    places = np.concatenate([np.stack([part.rows, part.cols], axis=1) for part in whole])
+    weights = np.concatenate([part.weights for part in whole]) / len(whole)
+    unique, which = np.unique(places, axis=0, return_inverse=True)
+    sums = np.asarray(np.bincount(which.ravel(), weights), dtype=np.float64)
+    return Probe(unique[:, 0], unique[:, 1], sums)
 
 
 def area_probe(inside: Mask, known: Mask) -> Probe | None:
@@ -194,12 +201,3 @@ def slope_overlap(rho: Overlap, window: tuple[int, int], degree: int, directions
     reach = [np.arange(-part.shape[1] + 1, part.shape[1]) for part in (rho.down, rho.across)]
     spread = convolve2d(shared, rho.at(*np.meshgrid(*reach, indexing="ij")))
     return _Table(spread / spread[spread.shape[0] // 2, spread.shape[1] // 2])
-
-
-def _sum(parts: list[Probe]) -> Probe:
-    """The mean of several probes, each point named once."""
-    places = np.concatenate([np.stack([part.rows, part.cols], axis=1) for part in parts])
-    weights = np.concatenate([part.weights for part in parts]) / len(parts)
-    unique, which = np.unique(places, axis=0, return_inverse=True)
-    sums = np.asarray(np.bincount(which.ravel(), weights), dtype=np.float64)
-    return Probe(unique[:, 0], unique[:, 1], sums)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal
 
 from pydantic import BeforeValidator, Field, model_validator
@@ -86,8 +86,9 @@ class Probes(Node):
         facts: dict[str, Any] = {}
         for product in total:
             step = _Step(product, self.unit)
-            readings.append(dict(self._read(step)))
-            profiles.append(self._profiles(step))
+            along = {name: [step.at(place) for place in _samples(line)] for name, line in self.lines.items()}
+            readings.append(dict(self._read(step, along)))
+            profiles.append(self._profiles(step, along))
             facts = facts or dict(product.attrs)
         readings.insert(0, _reference(readings))
         self._check_measured(readings)
@@ -117,23 +118,25 @@ class Probes(Node):
             "extensometer": list(self.extensometers),
         }
 
-    def _read(self, step: _Step) -> Iterator[tuple[str, Readings]]:
-        """What every probe says of one step."""
-        from dicflow.core.probes import area_probe, line_probe
+    def _read(self, step: _Step, along: Mapping[str, list[Probe | None]]) -> Iterator[tuple[str, Readings]]:
+        """What every probe says of one step.
+
+        along : for each line the probes on it
+        """
+        from dicflow.core.probes import area_probe, mean_probe
         from dicflow.core.region import Polygon, contains
 
         for name, place in self.points.items():
             yield name, step.values(step.at(place), self.quantities)
-        for name, line in self.lines.items():
-            probe = line_probe(step.grid, step.known, _samples(line), step.spacing)
-            yield name, step.values(probe, self.quantities)
+        for name, parts in along.items():
+            yield name, step.values(mean_probe(parts), self.quantities)
         for name, ring in self.areas.items():
             inside = contains([Polygon(_array(ring))], step.grid)
             yield name, step.values(area_probe(inside, step.known), self.quantities)
         for name, line in self.extensometers.items():
             yield name, step.extension(line)
 
-    def _profiles(self, step: _Step) -> dict[str, np.ndarray]:
+    def _profiles(self, step: _Step, along: Mapping[str, list[Probe | None]]) -> dict[str, np.ndarray]:
         """Each quantity along the lines, (line, sample)."""
         import numpy as np
 
@@ -141,9 +144,9 @@ class Probes(Node):
 
         names: Sequence[str] = self.quantities if self.lines else ()
         found = {name: np.full((len(self.lines), _SAMPLES), np.nan) for name in names}
-        for number, line in enumerate(self.lines.values()):
-            for sample, place in enumerate(_samples(line)):
-                if (probe := step.at(place)) is not None:
+        for number, parts in enumerate(along.values()):
+            for sample, probe in enumerate(parts):
+                if probe is not None:
                     for name, profile in found.items():
                         profile[number, sample] = value_of(probe, step.product[name])
         return found

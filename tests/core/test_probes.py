@@ -8,7 +8,7 @@ from dicflow.core.overlap import independent, overlap
 from dicflow.core.probes import (
     area_probe,
     difference,
-    line_probe,
+    mean_probe,
     point_probe,
     sigma_of,
     slope_overlap,
@@ -18,9 +18,14 @@ from tests.noise import point_errors
 
 SHAPE, STEP, SUBSET = (20, 16), 5, 21
 GRID = np.stack(np.meshgrid(np.arange(SHAPE[1]), np.arange(SHAPE[0])), axis=-1) * float(STEP) + [100.0, 50.0]
+
 ALL = np.ones(SHAPE, dtype=bool)
 X, Y = np.moveaxis(GRID, -1, 0)
 CURVED = 2.0 + 0.1 * X - 0.3 * Y + 0.01 * X * Y + 0.002 * Y**2
+
+
+def line(places):
+    return mean_probe([point_probe(GRID, ALL, place, STEP) for place in places])
 
 
 def curved(x, y):
@@ -51,8 +56,8 @@ def test_few_points_give_a_plane():
 
 def test_lines_and_areas():
     places = np.linspace([110.0, 60.0], [150.0, 120.0], 41)
-    assert value_of(line_probe(GRID, ALL, places, STEP), CURVED) == pytest.approx(curved(*places.T).mean())
-    assert line_probe(GRID, ALL, [[110.0, 60.0], [0.0, 0.0]], STEP) is None
+    assert value_of(line(places), CURVED) == pytest.approx(curved(*places.T).mean())
+    assert line([[110.0, 60.0], [0.0, 0.0]]) is None
     inside = X < 130
     assert value_of(area_probe(inside, ALL), CURVED) == pytest.approx(CURVED[inside].mean())
     assert area_probe(inside, ~inside) is None
@@ -69,7 +74,7 @@ def test_sigma_is_the_scatter(shape_function):
     """Of a point, a line, an area and the difference of two points; 1500 fields, so within 4 of its deviations."""
     probes = [
         point_probe(GRID, ALL, (133.7, 88.8), STEP),
-        line_probe(GRID, ALL, np.linspace([110.0, 60.0], [150.0, 60.0], 9), STEP),
+        line(np.linspace([110.0, 60.0], [150.0, 60.0], 9)),
         area_probe((X < 130) & (Y > 100), ALL),
         difference(point_probe(GRID, ALL, (140.0, 50.0), STEP), point_probe(GRID, ALL, (140.0, 145.0), STEP)),
     ]
