@@ -194,10 +194,14 @@ def gradient_response(before: Array, after: Array) -> Array:
 
 def _gradient_covariance(response: Array, slopes: Array, points: Array) -> Array:
     """Covariance (..., 4, 4) of the gradient from those of the slopes, (..., 2, 2), and of the points, (..., 6, 6)."""
-    flat = response.reshape(*response.shape[:-2], 12)
-    joint = slopes[..., :, None, :, None] * points[..., None, :, None, :]
+    total = np.zeros((*response.shape[:-3], 4, 4))
     with np.errstate(invalid="ignore"):
-        return np.asarray(flat @ joint.reshape(*joint.shape[:-4], 12, 12) @ np.swapaxes(flat, -1, -2))
+        for first in range(2):
+            moved = response[..., first, :] @ points
+            for second in range(2):
+                share = moved @ np.swapaxes(response[..., second, :], -1, -2)
+                total += slopes[..., first, second, None, None] * share
+    return total
 
 
 def _sensitivity(along: Array, flat: Array, own_flat: Array, turned: Array, basis: Array | None = None) -> Array:
