@@ -7,14 +7,17 @@ two states, and strain how the motion varies from point to point.
 
 from __future__ import annotations
 
+import cv2
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-__all__ = ["error_modes", "mode_displacement_sigma", "mode_gradient_covariance"]
+__all__ = ["error_modes", "mode_displacement_sigma", "mode_gradient_covariance", "spread_out", "thinned"]
 
 Array = NDArray[np.float64]
 
 _NEGLIGIBLE = 1e-9
+_ENOUGH_POINTS = 2000
+_FEWEST_ACROSS = 12
 
 
 def error_modes(covariance: ArrayLike) -> Array:
@@ -45,6 +48,29 @@ def mode_gradient_covariance(deformed: Array, reference: Array, response: Array)
     slopes = np.stack([_slope(both, axis) for axis in (1, 0)], axis=-1)
     change = np.einsum("...fai,...ima->...fm", response, slopes, optimize=True)
     return np.asarray(change @ np.swapaxes(change, -1, -2))
+
+
+def thinned(shape: tuple[int, int]) -> tuple[slice, slice]:
+    """Rows and columns of a grid that show a field as smooth as the calibration's share."""
+    stride = min(int(np.sqrt(shape[0] * shape[1] / _ENOUGH_POINTS)), min(shape) // _FEWEST_ACROSS)
+    part = slice(max(stride, 1) // 2, None, max(stride, 1))
+    return part, part
+
+
+def spread_out(field: Array, shape: tuple[int, int]) -> Array:
+    """A field on the thinned grid (row, col) on the whole one: at each point the nearest value there is."""
+    stride = thinned(shape)[0].step
+    known = np.isfinite(field)
+    if not known.any():
+        return np.full(shape, np.nan)
+    label = cv2.distanceTransformWithLabels(
+        (~known).astype(np.uint8), cv2.DIST_L2, cv2.DIST_MASK_5, labelType=cv2.DIST_LABEL_PIXEL
+    )[1]
+    values = np.full(int(label.max()) + 1, np.nan)
+    values[label[known]] = field[known]
+    whole = values[label].repeat(stride, axis=0).repeat(stride, axis=1)
+    beyond = [(0, max(0, full - size)) for full, size in zip(shape, whole.shape, strict=True)]
+    return np.asarray(np.pad(whole, beyond, mode="edge")[: shape[0], : shape[1]])
 
 
 def _slope(field: Array, axis: int) -> Array:

@@ -145,23 +145,26 @@ class Deformation(Node):
 
         steps, turns : this one and the first, and the axes in which each is given
         """
-        from dicflow.core.calibration_error import error_modes, mode_displacement_sigma, mode_gradient_covariance
+        from dicflow.core import calibration_error as shares
         from dicflow.core.measures import sigma
         from dicflow.core.rig_uncertainty import point_sensitivity
         from dicflow.io.rig import rig_from_dict
 
-        cameras, modes = rig_from_dict(rig.attrs["rig"]), error_modes(rig.attrs["covariance"])
+        cameras, modes = rig_from_dict(rig.attrs["rig"]), shares.error_modes(rig.attrs["covariance"])
+        shape = surface.gradient.shape[:2]
+        part = shares.thinned(shape)
         after, before = (
-            (turn @ point_sensitivity(cameras, step["xy"], step["xy_right"])) @ modes
+            (turn @ point_sensitivity(cameras, step["xy"][part], step["xy_right"][part])) @ modes
             for step, turn in zip(steps, turns, strict=True)
         )
-        covariance = mode_gradient_covariance(after, before, surface.response)
-        strains = sigma(surface.gradient, covariance, self.measure, self.directions)
-        displacement = mode_displacement_sigma(after, before)
-        return {
-            **{f"calibration_{name}": displacement[..., axis] for axis, name in enumerate("UVW")},
-            **{f"calibration_{name}": getattr(strains, name) for name in ("exx", "eyy", "gxy")},
+        covariance = shares.mode_gradient_covariance(after, before, surface.response[part])
+        strains = sigma(surface.gradient[part], covariance, self.measure, self.directions)
+        displacement = shares.mode_displacement_sigma(after, before)
+        found = {
+            **{name: displacement[..., axis] for axis, name in enumerate("UVW")},
+            **{name: getattr(strains, name) for name in ("exx", "eyy", "gxy")},
         }
+        return {f"calibration_{name}": shares.spread_out(field, shape) for name, field in found.items()}
 
     def _product(
         self,
