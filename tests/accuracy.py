@@ -14,20 +14,9 @@ import numpy as np
 from dicflow.core.camera import rotation_angle_deg
 from dicflow.io.rig import rig_from_dict
 from dicflow.pipeline import Pipeline, Result
-from tests.figures import ROOT, SHARED, WORK, Figure, replica, report
+from tests import accuracy_stereo
+from tests.figures import ROOT, SHARED, WORK, Figure, pipeline_result, print_table, replica, report
 from tests.reference_points import difference
-
-PIPELINES = ROOT / "pipelines"
-
-
-def run(name: str, data, store: str, settings=()) -> Result:
-    """Run a pipeline of the repository; what is in the store already is not computed again."""
-    pipeline = Pipeline.load(PIPELINES / f"{name}.yaml", data=data, store=WORK / store, settings=settings)
-    result = pipeline.run()
-    assert result.outcome is not None
-    if not result.outcome.ok:
-        sys.exit("\n".join(result.outcome.errors))
-    return result
 
 
 def replicas() -> Iterator[Figure]:
@@ -39,7 +28,9 @@ def replicas() -> Iterator[Figure]:
     ways = {"": (), ", points by subset": ["track.follow=subset"], ", length of the cloud": ["comparison.length=cloud"]}
     for way, settings in ways.items():
         tables = [
-            run(f"latex_experiment_{number}", replica(number), f"store_{number}", settings).product("comparison")
+            pipeline_result(f"latex_experiment_{number}", replica(number), f"store_{number}", settings).product(
+                "comparison"
+            )
             for number in range(1, 6)
         ]
         if not settings:
@@ -56,19 +47,9 @@ def replicas() -> Iterator[Figure]:
             yield Figure(f"replicas{way}: largest error in {quantity}", worst, bar, unit="%")
 
 
-def print_table(rows) -> None:
-    columns = ("phase", "load_g", "caliper_length_mm", "caliper_displacement_mm", "caliper_strain", "dic_length_mm",
-               "dic_displacement_mm", "dic_strain", "displacement_error_mm", "displacement_error_pct", "strain_error",
-               "strain_error_pct")  # fmt: skip
-    print("".join(f"{column.replace('displacement', 'disp').replace('caliper', 'cal'):>16}" for column in columns))
-    for row in rows:
-        cells = (f"{row[c]:>16.4f}" if isinstance(row[c], float) else f"{row[c]!s:>16}" for c in columns)
-        print("".join(cells))
-
-
 def polynomial_degree() -> Iterator[Figure]:
     """Table 1: SSE and R² of the surface by degree; SSE must not grow in any step."""
-    result = run("polynomial_degree", ROOT / "data_samples", "store_degree")
+    result = pipeline_result("polynomial_degree", ROOT / "data_samples", "store_degree")
     steps = result.steps("surface")
     fits = [[result.product("surface", step, v).attrs["fit"] for step in steps] for v in range(len(result.values))]
     print("\nTable 1: means over the steps, coordinate z")
@@ -86,7 +67,7 @@ def polynomial_degree() -> Iterator[Figure]:
 
 def detectors() -> Iterator[Figure]:
     """Table 4: features and matches of each detector, means over the step pairs."""
-    result = run("detectors", ROOT / "data_samples", "store_detectors")
+    result = pipeline_result("detectors", ROOT / "data_samples", "store_detectors")
     print("\nTable 4: means over the step pairs")
     for values, row in zip(result.values, result.table(), strict=True):
         counts = {key.removeprefix("matches."): row[key] for key in row if key.startswith("matches.")}
@@ -96,7 +77,7 @@ def detectors() -> Iterator[Figure]:
 
 def d_specimen() -> Iterator[Figure]:
     """A real steel part from its board photographs to its displacement."""
-    result = run("d_specimen", SHARED / "d_specimen", "store_d")
+    result = pipeline_result("d_specimen", SHARED / "d_specimen", "store_d")
     rig = rig_from_dict(result.product("rig").attrs["rig"])
     truth_t, truth_r = boards_truth()
     yield Figure("d specimen: T, largest component's error", np.abs(rig.translation - truth_t).max(), 0.1, unit="mm")
@@ -190,9 +171,9 @@ def alive(result: Result, known: np.ndarray) -> float:
 
 
 def main() -> int:
-    figures = [*replicas(), *polynomial_degree(), *detectors()]
+    figures = [*replicas(), *polynomial_degree(), *detectors(), *accuracy_stereo.replicas()]
     if SHARED.is_dir():
-        for real in (d_specimen, board_photographs, sample3, necking):
+        for real in (d_specimen, board_photographs, sample3, necking, accuracy_stereo.d_specimen):
             figures += real()
     else:
         print(f"no real photographs in {SHARED}: left out", file=sys.stderr)

@@ -8,6 +8,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import NamedTuple
 
+from dicflow.pipeline import Pipeline, Result
 from dicflow.synth import latex_experiment, write_experiment
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -52,3 +53,23 @@ def replica(experiment: int) -> Path:
         write_experiment(folder, latex_experiment(experiment), workers=2)
         done.touch()
     return folder
+
+
+def pipeline_result(name: str, data: Path, store: str, settings: Sequence[str] = ()) -> Result:
+    """Run a pipeline of the repository; what is in the store already is not computed again."""
+    pipeline = Pipeline.load(ROOT / "pipelines" / f"{name}.yaml", data=data, store=WORK / store, settings=settings)
+    result = pipeline.run()
+    assert result.outcome is not None
+    if not result.outcome.ok:
+        sys.exit("\n".join(result.outcome.errors))
+    return result
+
+
+def print_table(rows) -> None:
+    columns = ("phase", "load_g", "caliper_length_mm", "caliper_displacement_mm", "caliper_strain", "dic_length_mm",
+               "dic_displacement_mm", "dic_strain", "displacement_error_mm", "displacement_error_pct", "strain_error",
+               "strain_error_pct")  # fmt: skip
+    print("".join(f"{column.replace('displacement', 'disp').replace('caliper', 'cal'):>16}" for column in columns))
+    for row in rows:
+        cells = (f"{row[c]:>16.4f}" if isinstance(row[c], float) else f"{row[c]!s:>16}" for c in columns)
+        print("".join(cells))
