@@ -1,0 +1,131 @@
+"""Stars of the second DIC challenge: how short a wave correlation still resolves, and at what noise.
+
+The transfer of a wave of period λ is measured over commanded amplitude in the middle row. l10 is the period at which a
+polynomial of degree 12 through it first reaches 0.9, n the standard deviation between two noisy images of the same
+reference. Only the rows that subsets of the middle row hold are rendered.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import cv2
+import numpy as np
+
+from dicflow.core.correlate import Correlated, Subset, correlate, template
+from dicflow.core.interpolate import Spline, slopes, spline
+from dicflow.core.synthetic.motion import render_pattern, speckle_pattern, star, star_period, strain_star
+from dicflow.core.synthetic.render import Look, expose
+from dicflow.core.warp import identity
+from tests.noise import subset_kernel
+
+WIDTH, HEIGHT, MIDDLE = 2000, 101, 50
+LOOK = Look(paper=176.0, ink=83.0)
+AMPLITUDE_PX, STRAIN, NOISE = 0.5, 0.05, 2.0
+DEGREE, KEPT = 12, 0.9
+
+
+class Setting(NamedTuple):
+    """A subset, and for strains the square of points that a plane is fitted to; one point takes the warp's slope."""
+
+    shape_function: str
+    size: int
+    window: int = 1
+    step: int = 4
+
+    @property
+    def gauge_px(self) -> int:
+        return (self.window - 1) * self.step + self.size
+
+
+class Images(NamedTuple):
+    """A reference, a star and a strain star without noise, and the reference twice with it; the middle row."""
+
+    reference: np.ndarray
+    star: np.ndarray
+    strain_star: np.ndarray
+    noisy: tuple[np.ndarray, np.ndarray]
+    middle: int
+
+
+class MiddleRow(NamedTuple):
+    """v [px] and its variance for noise of one grey level [px²]; NaN where nothing was found."""
+
+    v: np.ndarray
+    variance: np.ndarray
+
+
+def regenerated(seed: int) -> Images:
+    """A star on speckles of its own, with the slopes of the challenge's first star."""
+    pattern = speckle_pattern((WIDTH, HEIGHT), (2.8, 4.8), 2.8, 0.5, seed=seed)
+    motions = (None, star(AMPLITUDE_PX, MIDDLE), strain_star(STRAIN, MIDDLE))
+    plain = [render_pattern(pattern, (WIDTH, HEIGHT), motion, LOOK) for motion in motions]
+    rounded = [expose(image, 0.0, [seed]) for image in plain]
+    noisy = (expose(plain[0], NOISE, [seed, 1]), expose(plain[0], NOISE, [seed, 2]))
+    return Images(*rounded, noisy, MIDDLE)
+
+
+def columns(setting: Setting, every: int = 2) -> np.ndarray:
+    """Columns of the middle row whose points have whole subsets."""
+    margin = setting.gauge_px // 2 + 3
+    return np.arange(margin, WIDTH - margin, every)
+
+
+def middle_row(reference: np.ndarray, target: Spline, middle: int, setting: Setting, every: int = 2) -> MiddleRow:
+    """v along the middle row of stars that move by less than a pixel."""
+    x = columns(setting, every)
+    centres = np.stack([x, np.full_like(x, middle)], axis=-1).astype(float)
+    result = found(reference, target, centres, setting)
+    return MiddleRow(result.warp[:, 1, 0] - middle, result.covariance[:, 2])
+
+
+def middle_strain(reference: np.ndarray, target: Spline, middle: int, setting: Setting) -> np.ndarray:
+    """∂v/∂y along the middle row: of the warp, or of a plane through the v of a window of points."""
+    x, half = columns(setting, setting.step), setting.window // 2
+    if half == 0:
+        centres = np.stack([x, np.full_like(x, middle)], axis=-1).astype(float)
+        return found(reference, target, centres, setting).warp[:, 1, 2] - 1.0
+    offsets = np.arange(-half, half + 1)
+    wide = np.concatenate([x[0] + setting.step * offsets[:half], x, x[-1] + setting.step * offsets[half + 1 :]])
+    centres = np.stack(np.meshgrid(wide, middle + setting.step * offsets), axis=-1).astype(float)
+    v = (
+        found(reference, target, centres.reshape(-1, 2), setting).warp[:, 1, 0].reshape(centres.shape[:2])
+        - centres[..., 1]
+    )
+    slope = offsets @ v / (setting.step * (offsets**2).sum())
+    return np.convolve(slope, np.full(setting.window, 1.0 / setting.window), mode="valid")
+
+
+def found(reference: np.ndarray, target: Spline, centres: np.ndarray, setting: Setting) -> Correlated:
+    """Subsets that hardly move."""
+    subset, start = Subset(setting.size, setting.shape_function), identity(centres, setting.shape_function)
+    return correlate(template(spline(reference)), target, centres, start, subset)
+
+
+def gradient_noise(reference: np.ndarray, middle: int, setting: Setting) -> float:
+    """√2 σ/√Σg_y² along the middle row [px], the theoretical n of an affine subset (Pan et al. 2008).
+
+    A quadratic subset has so much more as its least-squares kernel is larger than the affine one's, the mean.
+    """
+    square = slopes(spline(reference))[1].astype(np.float64) ** 2
+    total = cv2.boxFilter(square, -1, (setting.size, setting.size), normalize=False)[middle, columns(setting)]
+    kernel = subset_kernel(setting.size, setting.shape_function, normalised=False)
+    return float(setting.size * np.linalg.norm(kernel) * np.sqrt(np.mean(2.0 * NOISE**2 / total)))
+
+
+def theoretical_transfer(setting: Setting) -> np.ndarray:
+    """What a least-squares polynomial over the subset's square keeps of the wave at its middle."""
+    y = np.arange(setting.size) - setting.size // 2
+    powers = 1 if setting.shape_function == "affine" else 3
+    kernel = np.linalg.pinv(np.stack([y.astype(float) ** p for p in range(powers)], axis=-1))[0]
+    return np.cos(2.0 * np.pi * y / star_period(columns(setting))[:, None]) @ kernel
+
+
+def resolution(x: np.ndarray, transfer: np.ndarray) -> float:
+    """l10 [px]."""
+    known = np.isfinite(transfer)
+    fit = np.polynomial.Polynomial.fit(x[known], transfer[known], DEGREE)
+    fine = np.arange(x[0], x[-1], 0.1)
+    above = fit(fine) >= KEPT
+    first = int(np.argmax(~above[:-1] & above[1:]))
+    return float(star_period(fine[first]))
