@@ -26,6 +26,7 @@ from dicflow.pipeline.result import Result
 __all__ = ["publish"]
 
 _MANIFEST = ".published.json"
+_TABLES = ("comparison", "probes", "noise")
 
 
 class _Made(NamedTuple):
@@ -44,7 +45,7 @@ class _Job(NamedTuple):
 
 
 def publish(result: Result, folder: Path, workers: int = 1) -> list[Path]:
-    """Write the maps, comparison tables and the sweep's table of a result.
+    """Write the maps, the tables of comparisons, probes and noise floors, and the sweep's table of a result.
 
     folder : made where there is none; files whose sources have not changed since are not made again. Pictures of
         steps, phases and quantities that the result no longer has are deleted, unless they were changed since.
@@ -101,7 +102,7 @@ def _jobs(result: Result) -> Iterator[_Job]:
             if result.has(stage, None, variant) and (digest := result.digest(stage, None, variant)) not in seen:
                 seen.add(digest)
                 yield from _map_jobs(result, stage, variant, prefix)
-        for stage in result.stages_of("comparison"):
+        for stage in (stage for kind in _TABLES for stage in result.stages_of(kind)):
             if result.has(stage, None, variant):
                 yield _table_job(result, stage, variant, prefix)
     if len(result.values) > 1:
