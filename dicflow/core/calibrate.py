@@ -15,6 +15,7 @@ from dicflow.core.bundle import Bundle, Model, adjust_to_noise, covariance, esti
 from dicflow.core.camera import Camera, Rig, rotation_matrix
 from dicflow.core.epipolar import epipolar_distance
 from dicflow.core.leave_out import LeaveOut, leave_out
+from dicflow.core.lens_model import Distortion, left_out
 from dicflow.core.rig_parameters import figure_sigmas
 from dicflow.core.robust import Kind, Loss, noise
 from dicflow.core.targets import Target
@@ -65,6 +66,7 @@ class Calibration(NamedTuple):
     covariance : (24, 24) — of the rig's :data:`~dicflow.core.rig_parameters.PARAMETERS`, from independent noise
     noise_px : standard deviation of one coordinate of a mark, as the residuals show it
     leave_out : what the pairs used say when some of them are left out
+    unmodelled : distortion that the lenses show and that was not estimated
     """
 
     rig: Rig
@@ -77,6 +79,7 @@ class Calibration(NamedTuple):
     covariance: Array
     noise_px: float
     leave_out: LeaveOut
+    unmodelled: tuple[Distortion, ...]
 
     @property
     def disagreement(self) -> float:
@@ -261,6 +264,7 @@ def _judged(solved: _Solved, marks: _Marks, model: Model, turned: NDArray[np.boo
         covariance=covariance(bundle, *kept, model, loss),
         noise_px=noise(loss, lengths(error), estimated(bundle, model)),
         leave_out=leave_out(bundle, *kept, model, loss),
+        unmodelled=left_out(bundle, *kept, model, loss),
     )
 
 

@@ -23,6 +23,7 @@ _GOOD_PAIRS = 10
 _GOOD_TILT_DEG = 10.0
 _GOOD_SPREAD = 1e-4
 _LENGTHS = slice(0, 5)
+_SETTING = {"tangential": "tangential: true", "third radial": "radial: 3"}
 
 
 def covered_area(boards: Array, image_size: Size, cells: int = 240) -> NDArray[np.bool_]:
@@ -84,10 +85,12 @@ def _advice(calibration: Calibration, areas: Sequence[NDArray[np.bool_]], missed
         advice.append("take more pairs, 20 are a good number")
     if np.nanmax(calibration.tilt_deg) < _GOOD_TILT_DEG:
         advice.append("the focal length is uncertain: tilt the board by 20° to 40° in some of the photographs")
+    advice += [f"the lenses show distortion that is not estimated: set {_SETTING[k]}" for k in calibration.unmodelled]
     if _disagree(calibration):
+        remedy = "set that first" if calibration.unmodelled else "use a flat, stiff board, at rest"
         advice.append(
             f"the pairs disagree {calibration.disagreement:.0f} times more than their noise explains, so the rig is "
-            "that much less certain: use a flat, stiff board, at rest"
+            f"that much less certain: {remedy}"
         )
     for side, area in zip(("left", "right"), areas, strict=True):
         if area.mean() < _GOOD_COVERAGE:

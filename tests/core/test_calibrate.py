@@ -152,6 +152,29 @@ def test_verdict_says_when_pairs_disagree():
     assert "flat, stiff board" in text
 
 
+def test_verdict_names_the_distortion_that_is_not_estimated(corners):
+    """The lenses have tangential distortion (p1, p2) of 4·10⁻⁴ and no third radial coefficient."""
+    left, right = (side + np.random.default_rng(3).normal(0.0, 0.01, side.shape) for side in corners)
+    plain, full = (calibrate_rig(left, right, BOARD, IMAGE, model) for model in (Model(), FULL))
+    assert plain.unmodelled == ("tangential",)
+    assert full.unmodelled == ()
+    covered = [np.ones((180, 240), bool)] * 2
+    text = verdict(plain, covered, 0.5, 12)
+    assert "the lenses show distortion that is not estimated: set tangential: true" in text
+    assert verdict(full, covered, 0.5, 12).startswith("good")
+
+
+def test_verdict_asks_for_a_third_coefficient_of_wide_lenses():
+    wide = RIG._replace(
+        left=RIG.left._replace(distortion=np.array([-0.3, 0.5, 0.0, 0.0, 60.0])),
+        right=RIG.right._replace(distortion=np.array([-0.3, 0.5, 0.0, 0.0, 60.0])),
+    )
+    left, right = (side + np.random.default_rng(3).normal(0.0, 0.01, side.shape) for side in board_corners(wide))
+    found = calibrate_rig(left, right, BOARD, IMAGE, Model(2, True))
+    assert found.unmodelled == ("third radial",)
+    assert "set radial: 3" in verdict(found, [np.ones((180, 240), bool)] * 2, 0.5, 12)
+
+
 def test_a_robust_loss_keeps_pairs_with_single_bad_corners(corners):
     """One corner in each of three pairs is taken for its neighbour."""
     left, right = (side + np.random.default_rng(3).normal(0.0, 0.05, side.shape) for side in corners)
