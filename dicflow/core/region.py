@@ -22,6 +22,7 @@ __all__ = [
     "carry",
     "contains",
     "densify",
+    "interior",
     "mask_polygons",
     "polygons_from_attrs",
     "polygons_to_attrs",
@@ -48,6 +49,17 @@ class Polygon(NamedTuple):
     def rings(self) -> tuple[Array, ...]:
         """The exterior and the holes."""
         return self.exterior, *self.holes
+
+
+def interior(polygons: Sequence[Polygon], shape: tuple[int, int], margin_px: int = 1) -> Mask:
+    """Pixels (rows, cols) of a region that are no nearer to its edge than a few pixels.
+
+    Where the edge is the specimen's, the outermost pixels show part of the background, and more or less of it from
+    photograph to photograph.
+    """
+    side = 2 * margin_px + 1
+    mask = rasterise(polygons, shape).astype(np.uint8)
+    return np.asarray(cv2.erode(mask, np.ones((side, side), dtype=np.uint8)) > 0)
 
 
 def rectangle(x0: float, y0: float, x1: float, y1: float) -> Polygon:

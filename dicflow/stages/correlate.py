@@ -89,7 +89,7 @@ class Correlate(Node):
     max_znssd: float = parameter(
         0.3, "what fits worse than this is lost (the zero-mean cross-correlation is 1 − ZNSSD/2)", gt=0, le=4
     )
-    min_share: float = parameter(0.5, "share of a subset's pixels that must lie in the region", gt=0, le=1)
+    min_share: float = parameter(0.4, "share of a subset's pixels that must lie in the region", gt=0, le=1)
     max_iterations: int = parameter(30, "of the Gauss-Newton search", ge=1)
     tolerance: float = parameter(1e-3, "what may be left to correct in a subset when the search ends", unit="px", gt=0)
     smoothing: Pixels = parameter(
@@ -110,11 +110,11 @@ class Correlate(Node):
         matches: Product | None = None,
         correlation_before: Product | None = None,
     ) -> Product:
-        from dicflow.core.region import carry, polygons_from_attrs, rasterise
+        from dicflow.core.region import carry, interior, polygons_from_attrs
 
         polygons = polygons_from_attrs(region.attrs["polygons"])
         outline = carry(polygons, lambda ring: ring, spacing_px=OUTLINE_STEPS * self.step_size)
-        usable = rasterise(polygons, images_first["left"].shape)
+        usable = interior(polygons, images_first["left"].shape)
         if correlation_before is None or images_before is None:
             return self._first(images["left"], usable, outline)
         return self._next(images, images_first, images_before, usable, outline, matches, correlation_before)
@@ -325,9 +325,9 @@ def _hopeless(before: Product) -> np.ndarray:
 def _anchor(before: Product, image: np.ndarray) -> Anchor:
     """The step before as one to follow points from."""
     from dicflow.core.material import Anchor
-    from dicflow.core.region import polygons_from_attrs, rasterise
+    from dicflow.core.region import interior, polygons_from_attrs
 
-    usable = rasterise(polygons_from_attrs(before.attrs["polygons"]), image.shape)
+    usable = interior(polygons_from_attrs(before.attrs["polygons"]), image.shape)
     return Anchor(image, (0, 0), usable, before["xy"], before["warp"], before["covariance"])
 
 

@@ -162,10 +162,10 @@ def _follower(
 
     from dicflow.core.across import follow_across
     from dicflow.core.material import first_anchor, prepared
-    from dicflow.core.region import polygons_from_attrs, rasterise
+    from dicflow.core.region import interior, polygons_from_attrs
     from dicflow.stages.correlate import carried_reference
 
-    usable = rasterise(polygons_from_attrs(correlation_first.attrs["polygons"]), images_first["left"].shape)
+    usable = interior(polygons_from_attrs(correlation_first.attrs["polygons"]), images_first["left"].shape)
     grid = np.where(np.isfinite(correlation["xy"]), correlation_first["xy"], np.nan)
     first, reference = first_anchor(images_first["left"], usable, grid, search), carried_reference(correlation)
     target = prepared(images["right"], search)

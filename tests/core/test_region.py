@@ -10,6 +10,7 @@ from dicflow.core.region import (
     carry,
     contains,
     densify,
+    interior,
     mask_polygons,
     polygons_from_attrs,
     polygons_to_attrs,
@@ -53,6 +54,16 @@ def test_regions_that_share_an_edge_share_no_point_and_lose_none():
     left, right = [rectangle(0, 0, 10, 10)], [rectangle(10, 0, 20, 10)]
     grid = np.stack(np.meshgrid(np.arange(20.0), np.arange(10.0)), axis=-1)
     assert (contains(left, grid) ^ contains(right, grid)).all()
+
+
+def test_the_interior_keeps_away_from_edges_and_holes_but_not_from_the_photograph_s_border():
+    region = [Polygon(rectangle(-5, 9.5, 40, 29.5).exterior, (rectangle(19.5, 14.5, 24.5, 19.5).exterior,))]
+    kept = interior(region, (60, 30))
+    expected = np.zeros((60, 30), dtype=bool)
+    expected[11:29] = True
+    expected[14:21, 19:26] = False
+    np.testing.assert_array_equal(kept, expected)
+    np.testing.assert_array_equal(interior(region, (60, 30), 0), rasterise(region, (60, 30)))
 
 
 @settings(max_examples=60, deadline=None)
