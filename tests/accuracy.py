@@ -15,6 +15,7 @@ from dicflow.core.camera import rotation_angle_deg
 from dicflow.io.rig import rig_from_dict
 from dicflow.pipeline import Pipeline, Result
 from tests import accuracy_stereo
+from tests.accuracy_planar import planar
 from tests.figures import ROOT, SHARED, WORK, Figure, pipeline_result, print_table, replica, report
 from tests.reference_points import difference
 

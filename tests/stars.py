@@ -121,6 +121,25 @@ def theoretical_transfer(setting: Setting) -> np.ndarray:
     return np.cos(2.0 * np.pi * y / star_period(columns(setting))[:, None]) @ kernel
 
 
+def transfer_of_pattern(reference: np.ndarray, middle: int, setting: Setting, x: np.ndarray) -> np.ndarray:
+    """The same of the pattern that is there: least squares weighted by its own grey-level slopes, at columns x.
+
+    The normal equations of correlation, linear in a small wave, with brightness and contrast free.
+    """
+    image, half = template(spline(reference)), setting.size // 2
+    eta, xi = np.mgrid[-half : half + 1, -half : half + 1] / half
+    monomials = [np.ones_like(xi), xi, eta] + [xi * xi, xi * eta, eta * eta] * (setting.shape_function == "quadratic")
+    transfer = []
+    for column in x:
+        here = np.s_[middle - half : middle + half + 1, column - half : column + half + 1]
+        grey, by_x, by_y = (part[here].astype(float) for part in (image.grey, image.by_x, image.by_y))
+        terms = [by_y * m for m in monomials] + [by_x * m for m in monomials] + [np.ones_like(grey), grey - grey.mean()]
+        design = np.stack(terms, axis=-1).reshape(grey.size, -1)
+        wave = np.cos(2.0 * np.pi * half * eta / star_period(column + half * xi))
+        transfer.append(np.linalg.solve(design.T @ design, design.T @ (by_y * wave).ravel())[0])
+    return np.array(transfer)
+
+
 def resolution(x: np.ndarray, transfer: np.ndarray) -> float:
     """l10 [px]."""
     known = np.isfinite(transfer)

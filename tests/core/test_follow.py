@@ -154,7 +154,8 @@ def test_what_fits_nowhere_gets_its_reason():
     assert np.isnan(found.warp[bad]).all()
     assert np.isnan(found.covariance[bad]).all()
     assert bad[clear].mean() < 0.1
-    assert error(found, STRETCHED)[clear & ~bad & (found.znssd < 0.01)].max() < 5e-3
+    # subsets that touch the spot are off by no more than their few wrong pixels allow
+    assert error(found, STRETCHED)[clear & ~bad & (found.znssd < 1e-3)].max() < 0.02
 
 
 def test_threads_give_the_same_bytes():
