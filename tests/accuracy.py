@@ -172,7 +172,7 @@ def alive(result: Result, known: np.ndarray) -> float:
 
 
 def main() -> int:
-    figures = [*replicas(), *polynomial_degree(), *detectors(), *accuracy_stereo.replicas()]
+    figures = [*replicas(), *polynomial_degree(), *detectors(), *planar(), *accuracy_stereo.replicas()]
     if SHARED.is_dir():
         for real in (d_specimen, board_photographs, sample3, necking, accuracy_stereo.d_specimen):
             figures += real()

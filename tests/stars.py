@@ -48,6 +48,14 @@ class Images(NamedTuple):
     middle: int
 
 
+class Dots(NamedTuple):
+    """Speckles: least and greatest diameter, width of the edge [px], share of the image that is dark."""
+
+    diameter: tuple[float, float]
+    edge: float
+    coverage: float
+
+
 class MiddleRow(NamedTuple):
     """v [px] and its variance for noise of one grey level [px²]; NaN where nothing was found."""
 
@@ -55,9 +63,12 @@ class MiddleRow(NamedTuple):
     variance: np.ndarray
 
 
-def regenerated(seed: int) -> Images:
-    """A star on speckles of its own, with the slopes of the challenge's first star."""
-    pattern = speckle_pattern((WIDTH, HEIGHT), (2.8, 4.8), 2.8, 0.5, seed=seed)
+FINE, COARSE = Dots((2.8, 4.8), 2.8, 0.5), Dots((3.9, 7.2), 3.3, 0.48)
+
+
+def regenerated(seed: int, dots: Dots = FINE) -> Images:
+    """A star on speckles of its own; the slopes of the fine ones are those of the challenge's first star."""
+    pattern = speckle_pattern((WIDTH, HEIGHT), *dots, seed=seed)
     motions = (None, star(AMPLITUDE_PX, MIDDLE), strain_star(STRAIN, MIDDLE))
     plain = [render_pattern(pattern, (WIDTH, HEIGHT), motion, LOOK) for motion in motions]
     rounded = [expose(image, 0.0, [seed]) for image in plain]
