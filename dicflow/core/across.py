@@ -7,8 +7,9 @@ their errors is then common to both photographs and left to who knows both.
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
+import cv2
 import numpy as np
 import numpy.typing as npt
 
@@ -16,12 +17,16 @@ from dicflow.core.chain import congruent
 from dicflow.core.interpolate import Spline
 from dicflow.core.material import Anchor, Followed, Search, attempt, cropped, merged
 from dicflow.core.partners import started
+from dicflow.core.seed import ACCEPTED, BLUR_PX, agreement
 from dicflow.core.warp import TERMS
 
-__all__ = ["Shares", "Step", "as_before", "contrast", "follow_across", "inverse", "noise_shares"]
+__all__ = ["Shares", "Step", "as_before", "borne_out", "contrast", "follow_across", "inverse", "noise_shares"]
 
 Array = npt.NDArray[np.float64]
+Grey = npt.NDArray[Any]
 
+_SOME = 0.5
+"""Share of the points that must have a start."""
 THROUGH = 2
 """Way of a point that was found through a reference in between."""
 
@@ -70,6 +75,15 @@ def as_before(left: Step, left_before: Step, right_before: Step) -> Array:
     return started(np.concatenate([left.xy[..., None], left.gradient], axis=-1), right_before.xy + moved, slope)
 
 
+def borne_out(left: Grey, right: Grey, centres: Array, starts: Array) -> bool:
+    """Whether the photographs look alike where starting warps (row, col, 2, 3) put points (row, col, 2) [px]."""
+    wanted = np.isfinite(centres).all(axis=-1)
+    known = wanted & np.isfinite(starts).all(axis=(-2, -1))
+    smooth, other = (cv2.GaussianBlur(image.astype(np.float32), (0, 0), BLUR_PX) for image in (left, right))
+    some = known.sum() > _SOME * wanted.sum()
+    return bool(some and agreement(smooth, other, centres[known], starts[known]) >= ACCEPTED)
+
+
 class Shares(NamedTuple):
     """What the noise of each photograph does to the places in the right one.
 
@@ -89,7 +103,7 @@ def noise_shares(found: Followed, gain: float) -> Shares:
     return Shares(found.covariance / gain**2, congruent(inverse(found.warp[..., 1:3]), found.covariance))
 
 
-def contrast(image: npt.NDArray[np.generic], places: Array) -> float:
+def contrast(image: Grey, places: Array) -> float:
     """Standard deviation of the grey levels at places (..., 2) [px] in an image; 1 where there is none."""
     x, y = np.rint(places[np.isfinite(places).all(axis=-1)]).astype(int).T
     return float(np.std(image[y, x])) or 1.0 if len(x) > 1 else 1.0

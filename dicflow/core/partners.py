@@ -34,6 +34,7 @@ _LEAST_CORRELATION = 0.45
 _MARGIN = 0.15
 _SQUEEZES = (1.0, 0.85, 1.18)
 _ENOUGH = 0.6
+_SCOUTS = 6
 
 
 class Partners(NamedTuple):
@@ -75,7 +76,7 @@ def find_partners(
         missing = np.isnan(found[:, 0])
         if missing.mean() <= 1.0 - _ENOUGH:
             break
-        found[missing] = [_partner(view, place, half, squeeze) for place in places[missing]]
+        found[missing] = _searched(view, places[missing], half, squeeze)
     known = np.isfinite(found).all(axis=1)
     points, partners = points[known], to_right(found[known])
     kept = agreeing(points, partners)
@@ -128,8 +129,27 @@ def _rectified(rig: Rig, left: npt.NDArray[Any], right: npt.NDArray[Any]) -> tup
     )
 
 
-def _partner(view: _View, place: Array, half: int, squeeze: float) -> tuple[float, float]:
-    """Where the right image fits best in the rows of a place of the left one; NaN where nothing stands out."""
+def _searched(view: _View, places: Array, half: int, squeeze: float) -> Array:
+    """Partners (n, 2) of places: of a few in the whole row, and of the others where these and what they span say."""
+    found, width = np.full(places.shape, np.nan), view.left.shape[1]
+    scouts = np.zeros(len(places), dtype=bool)
+    scouts[::_SCOUTS] = True
+    found[scouts] = [_partner(view, place, half, squeeze, (-width, width)) for place in places[scouts]]
+    offsets = np.sort((found - places)[np.isfinite(found[:, 0]), 0])
+    limits = (-width, width)
+    if len(offsets) >= FEWEST:
+        low, high = offsets[len(offsets) // 10], offsets[-1 - len(offsets) // 10]
+        spare = 4.0 * half + high - low
+        limits = int(low - spare), int(high + spare)
+    found[~scouts] = [_partner(view, place, half, squeeze, limits) for place in places[~scouts]]
+    return found
+
+
+def _partner(view: _View, place: Array, half: int, squeeze: float, limits: tuple[int, int]) -> tuple[float, float]:
+    """Where the right image fits best in the rows of a place of the left one; NaN where nothing stands out.
+
+    limits : least and greatest x in the right image less x in the left one
+    """
     nothing = (np.nan, np.nan)
     if not np.isfinite(place).all():
         return nothing
@@ -139,11 +159,12 @@ def _partner(view: _View, place: Array, half: int, squeeze: float) -> tuple[floa
     if not (wide <= x < cols - wide and high <= y < rows - high):
         return nothing
     window = view.left[y - half : y + half + 1, x - wide : x + wide + 1]
-    if window.min() <= 0.0:  # beyond the photograph
-        return nothing
+    first, last = max(0, x + limits[0] - half), min(cols, x + limits[1] + half + 1)
     side = 2 * half + 1
+    if window.min() <= 0.0 or last - first < side:  # beyond the photograph
+        return nothing
     template = window if wide == half else cv2.resize(window, (side, side), interpolation=cv2.INTER_AREA)
-    fit = cv2.matchTemplate(view.right[y - high : y + high + 1], template, cv2.TM_CCOEFF_NORMED)
+    fit = cv2.matchTemplate(view.right[y - high : y + high + 1, first:last], template, cv2.TM_CCOEFF_NORMED)
     fit[~(np.abs(fit) <= 1.0)] = -1.0  # where the image shows nothing at all
     row, col = np.unravel_index(fit.argmax(), fit.shape)
     best = fit[row, col]
@@ -151,4 +172,4 @@ def _partner(view: _View, place: Array, half: int, squeeze: float) -> tuple[floa
     if best < _LEAST_CORRELATION or best < fit.max() + _MARGIN:
         return nothing
     offset = place - (x, y)
-    return float(col + half + offset[0]), float(row - _ROWS_APART + y + offset[1])
+    return float(first + col + half + offset[0]), float(row - _ROWS_APART + y + offset[1])

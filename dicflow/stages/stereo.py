@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Annotated, ClassVar, Literal
+from typing import TYPE_CHECKING, Annotated, ClassVar, Literal, NamedTuple
 
 from pydantic import Field
 
@@ -11,11 +11,9 @@ from dicflow.engine.product import Product, Variable
 from dicflow.errors import StageError
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
-
     import numpy as np
 
-    from dicflow.core.across import Shares, Step
+    from dicflow.core.across import Shares
     from dicflow.core.camera import Rig
     from dicflow.core.material import Followed, Search
 
@@ -23,10 +21,19 @@ __all__ = ["Stereo", "check_size"]
 
 SEEDS = 300  # points that are looked for along their epipolar lines
 SEED_WINDOW = 1.5  # side of what is compared there, in subsets
-ENOUGH = 0.5  # share of the points that starts from the step before must lead to, else the lines are searched
+ENOUGH = 0.5  # share of the points that, when found, tells the order of left and right; else features do
 DEGREES = {"bicubic": 3, "biquintic": 5}
 
 _GRID = ("row", "col")
+
+
+class View(NamedTuple):
+    """Photographs and places in the left one, of a step and of the first."""
+
+    images: Product
+    images_first: Product
+    correlation: Product
+    correlation_first: Product
 
 
 class Stereo(Node):
@@ -34,8 +41,9 @@ class Stereo(Node):
 
     The template is that of the left camera, so that both show the same material point. Where a subset is looked for
     comes from its place in the left photograph: ``match`` finds points spread over the region anew along their epipolar
-    lines, at any depth; ``time`` takes how the right photograph saw the surface at the step before, and only where that
-    leads nowhere the lines. A point counts where the grey levels fit and the two places are of one point in space.
+    lines, at any depth; ``time`` takes how the right photograph saw the surface at the step before, and the lines only
+    where the grey levels do not bear that out. A point counts where the grey levels fit and the two places are of one
+    point in space.
     """
 
     title: ClassVar = "correlate left and right"
@@ -73,23 +81,37 @@ class Stereo(Node):
         correlation_before: Product | None = None,
         stereo_before: Product | None = None,
     ) -> Product:
-        from dicflow.core.across import as_before, contrast, noise_shares
+        from dicflow.core.across import contrast, noise_shares
         from dicflow.io.rig import rig_from_dict
 
         cameras = rig_from_dict(rig.attrs["rig"])
         _check_photographs(images, cameras)
-        search = self._search(correlation)
-        follow = _follower(images, images_first, correlation, correlation_first, search)
-        found = None
+        view = View(images, images_first, correlation, correlation_first)
+        starts = None
         if self.start == "time" and correlation_before is not None and stereo_before is not None:
-            found = follow(as_before(*map(_step, (correlation, correlation_before, stereo_before))))
-        if found is None or _share(found, correlation) < ENOUGH:
-            found = follow(_from_partners(cameras, images, correlation))
+            starts = _from_before(view, correlation_before, stereo_before)
+        found = self._followed(view, _from_partners(cameras, view) if starts is None else starts)
         if stereo_before is None:
-            _check_order(cameras, images, correlation, found)
+            _check_order(cameras, view, found)
         sides = (images["right"], found.warp[..., 0]), (images_first["left"], correlation_first["xy"])
         right, left = (contrast(image, places) for image, places in sides)
         return self._product(cameras, correlation, found, noise_shares(found, right / left))
+
+    def _followed(self, view: View, starts: np.ndarray) -> Followed:
+        """What the left photograph of the step shows in the right one, from starting warps (row, col, 2, 3)."""
+        import numpy as np
+
+        from dicflow.core.across import follow_across
+        from dicflow.core.material import first_anchor, prepared
+        from dicflow.core.region import interior, polygons_from_attrs
+        from dicflow.stages.correlate import carried_reference
+
+        search, image = self._search(view.correlation), view.images_first["left"]
+        usable = interior(polygons_from_attrs(view.correlation_first.attrs["polygons"]), image.shape)
+        grid = np.where(np.isfinite(view.correlation["xy"]), view.correlation_first["xy"], np.nan)
+        first, reference = first_anchor(image, usable, grid, search), carried_reference(view.correlation)
+        target = prepared(view.images["right"], search)
+        return follow_across(first, reference, view.correlation["way"], target, starts, search)
 
     def _search(self, correlation: Product) -> Search:
         from dicflow.core.correlate import Subset
@@ -154,58 +176,44 @@ def _check_photographs(images: Product, cameras: Rig) -> None:
         check_size(side, camera.size, (cols, rows))
 
 
-def _follower(
-    images: Product, images_first: Product, correlation: Product, correlation_first: Product, search: Search
-) -> Callable[[np.ndarray], Followed]:
-    """What finds the points that the left photograph of a step shows in the right one, from starting warps."""
-    import numpy as np
+def _from_before(view: View, correlation_before: Product, stereo_before: Product) -> np.ndarray | None:
+    """Starting warps (row, col, 2, 3) if the right photograph sees the surface as before; None where it does not."""
+    from dicflow.core.across import Step, as_before, borne_out
 
-    from dicflow.core.across import follow_across
-    from dicflow.core.material import first_anchor, prepared
-    from dicflow.core.region import interior, polygons_from_attrs
-    from dicflow.stages.correlate import carried_reference
-
-    usable = interior(polygons_from_attrs(correlation_first.attrs["polygons"]), images_first["left"].shape)
-    grid = np.where(np.isfinite(correlation["xy"]), correlation_first["xy"], np.nan)
-    first, reference = first_anchor(images_first["left"], usable, grid, search), carried_reference(correlation)
-    target = prepared(images["right"], search)
-    return lambda starts: follow_across(first, reference, correlation["way"], target, starts, search)
+    steps = (view.correlation, correlation_before, stereo_before)
+    starts = as_before(*(Step(step["xy"], step["gradient"]) for step in steps))
+    centres = view.correlation_first["xy"]
+    return starts if borne_out(view.images_first["left"], view.images["right"], centres, starts) else None
 
 
-def _step(product: Product) -> Step:
-    from dicflow.core.across import Step
-
-    return Step(product["xy"], product["gradient"])
-
-
-def _from_partners(cameras: Rig, images: Product, correlation: Product) -> np.ndarray:
+def _from_partners(cameras: Rig, view: View) -> np.ndarray:
     """Starting warps (row, col, 2, 3) from points found along their epipolar lines."""
     import numpy as np
 
     from dicflow.core.partners import find_partners, right_of_left, started
 
-    places = correlation["xy"]
+    places = view.correlation["xy"]
     stride = int(np.ceil(np.sqrt(np.isfinite(places[..., 0]).sum() / SEEDS)))
     seeds = places[:: max(1, stride), :: max(1, stride)].reshape(-1, 2)
-    window = SEED_WINDOW * correlation.attrs["subset_size"]
+    window = SEED_WINDOW * view.correlation.attrs["subset_size"]
     try:
-        partners = find_partners(cameras, images["left"], images["right"], seeds, window)
+        partners = find_partners(cameras, view.images["left"], view.images["right"], seeds, window)
     except ValueError as error:
         raise StageError(f"the rig cannot be rectified: {error}; calibrate again") from error
-    return started(correlation["warp"], *right_of_left(partners, places))
+    return started(view.correlation["warp"], *right_of_left(partners, places))
 
 
-def _check_order(cameras: Rig, images: Product, correlation: Product, found: Followed) -> None:
+def _check_order(cameras: Rig, view: View, found: Followed) -> None:
     """Raise StageError where left and right are exchanged, or nothing is seen by both cameras."""
     import numpy as np
 
     from dicflow.core.geometry_check import check_order
     from dicflow.core.seed import feature_pairs
 
-    places = correlation["xy"]
-    pairs, few = (places, found.warp[..., 0]), _share(found, correlation) < ENOUGH
-    if few:
-        pairs = feature_pairs(images["left"], images["right"], places)
+    places = view.correlation["xy"]
+    pairs = (places, found.warp[..., 0])
+    if found.valid.sum() < ENOUGH * np.isfinite(places).all(axis=-1).sum():
+        pairs = feature_pairs(view.images["left"], view.images["right"], places)
     order = check_order(cameras, *pairs)
     if order.swapped:
         raise StageError(order.text)
@@ -214,14 +222,6 @@ def _check_order(cameras: Rig, images: Product, correlation: Product, found: Fol
             "no point of the region is found in the right photograph; check that both photographs show the specimen "
             "and are of one moment"
         )
-
-
-def _share(found: Followed, correlation: Product) -> float:
-    """Share of what the left photograph shows that was found in the right one."""
-    from dicflow.core.status import Status
-
-    seen = correlation["status"] <= Status.FILLED
-    return float((found.status[seen] == Status.VALID).mean()) if seen.any() else 0.0
 
 
 def _status(left: np.ndarray, right: np.ndarray) -> np.ndarray:

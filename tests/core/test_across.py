@@ -2,7 +2,7 @@ import numpy as np
 from left_camera import correlation, grid
 from stereo_scene import REST, State, left_truth, material, photographs, right_truth
 
-from dicflow.core.across import Step, as_before, contrast, follow_across, inverse, noise_shares
+from dicflow.core.across import Step, as_before, borne_out, contrast, follow_across, inverse, noise_shares
 from dicflow.core.correlate import Subset
 from dicflow.core.material import Anchor, Followed, Search, first_anchor, prepared
 from dicflow.core.warp import warp_from_gradient
@@ -81,6 +81,14 @@ def test_a_view_that_stays_carries_points_over():
     start = as_before(Step(before + motion, after_gradient), Step(before, left_gradient), right)
     np.testing.assert_allclose(start[..., 0], (before + motion) @ across.T + [3.0, 4.0])
     np.testing.assert_allclose(start[..., 1:], across @ after_gradient)
+
+
+def test_starts_are_borne_out_by_the_grey_levels_or_not():
+    begin = starts()
+    assert borne_out(LEFT[0], LEFT[1], POINTS, begin)
+    assert not borne_out(LEFT[0], LEFT[1], POINTS, begin + np.array([[9.0, 0.0, 0.0], [0.0, 0.0, 0.0]]))
+    begin[2:] = np.nan
+    assert not borne_out(LEFT[0], LEFT[1], POINTS, begin)
 
 
 def test_noise_counts_the_more_the_weaker_the_contrast():
