@@ -49,12 +49,15 @@ def follow_across(
     first, reference : the left photographs that points are found from
     way : (row, col) — by which each point was found in the left photograph of the step
     starts : (row, col, 2, 3) — warps from the first left photograph; NaN where nothing is known
-    Returns the points; their covariance is that of the right photograph's noise alone.
+    Returns the points; their covariance is that of the right photograph's noise alone. A point whose reference is no
+    longer known, since a later one has been taken, is looked for with the first photograph.
     """
-    found = attempt(_part(first, way != THROUGH, search), target, starts, search)
     if reference is None:
-        return found
-    return merged(found, attempt(_part(reference, way == THROUGH, search), target, starts, search))
+        return attempt(_part(first, np.ones_like(way, dtype=bool), search), target, starts, search)
+    through = (way == THROUGH) & np.isfinite(reference.points).all(axis=-1)
+    found = attempt(_part(first, ~through, search), target, starts, search)
+    chained = attempt(_part(reference, through, search), target, starts, search)
+    return merged(found, chained._replace(way=np.where(chained.valid, np.uint8(THROUGH), chained.way)))
 
 
 def _part(anchor: Anchor, wanted: npt.NDArray[np.bool_], search: Search) -> Anchor:

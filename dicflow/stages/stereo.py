@@ -146,6 +146,9 @@ class Stereo(Node):
             "template": measured(shares.template, "px²", "covariance by the first photograph's noise", "pair"),
             "znssd": Variable(_GRID, found.znssd, "1", "ZNSSD"),
             "iterations": Variable(_GRID, found.iterations, "1", "iterations"),
+            "way": Variable(
+                _GRID, found.way, "1", "0 no value, 1 directly from the first photograph, 2 through another"
+            ),
             "epipolar": Variable(_GRID, apart, "px", "distance from the epipolar line"),
             "status": Variable(_GRID, status, "1", "why a point has a place, or has none"),
         }

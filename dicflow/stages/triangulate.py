@@ -73,8 +73,8 @@ class Triangulate(Node):
 def _errors(found: Triangulated, correlation: Product, stereo: Product) -> Errors:
     """What the errors in both photographs do to the points.
 
-    At the first step the left place is the point itself, without error. Where the left place was chained through later
-    references, the error of the way there is common to both photographs, as they are correlated with one template: it
+    At the first step the left place is the point itself, without error. Where both places were chained through a later
+    reference, the error of the way there is common to both photographs, as they are correlated with one template: it
     is what the left place's covariance has more than one photograph's noise gives it, in pixels of the first step.
 
     A richer shape function in the right photograph feels the template's noise more. Since the other one's estimate is
@@ -89,7 +89,7 @@ def _errors(found: Triangulated, correlation: Product, stereo: Product) -> Error
     by_left, by_right = found.by_left @ correlation["gradient"], found.by_right @ stereo["gradient"]
     right = congruent(inverse(stereo["gradient"]), stereo["covariance"])
     left = congruent(inverse(correlation["gradient"]), correlation["covariance"])
-    first, chained = (correlation["way"] == 0)[..., None], (correlation["way"] > 1)[..., None]
+    first, chained = (correlation["way"] == 0)[..., None], (stereo["way"] > 1)[..., None]
     ratio = _variance(correlation["template"]) / _variance(stereo["template"]) if _differ(correlation, stereo) else 1.0
     alone = ratio * right
     common = np.where(chained, _positive(left - alone), 0.0)

@@ -48,9 +48,17 @@ def test_points_of_either_anchor_are_found_at_the_same_place():
         assert found.valid.all()
         assert found.warp.shape == (*POINTS.shape[:2], 2, 6)
         assert np.abs(found.warp[..., 0] - truth).max() < 0.012
-    np.testing.assert_array_equal(both.way, 1)
+    np.testing.assert_array_equal(both.way, mixed)
     expected = np.where((mixed == 2)[..., None], chained.warp[..., 0], direct.warp[..., 0])
     np.testing.assert_allclose(both.warp[..., 0], expected, atol=1e-3)
+
+
+def test_points_whose_reference_is_no_longer_known_are_found_with_the_first_photograph():
+    anchor = between()
+    part = anchor._replace(points=np.where((np.arange(POINTS.shape[1]) < 3)[:, None], np.nan, anchor.points))
+    found = follow_across(first(), part, ways(2), prepared(BETWEEN[1], SEARCH), starts(TURNED), SEARCH)
+    assert found.valid.all()
+    np.testing.assert_array_equal(found.way[0], [1, 1, 1, *[2] * (POINTS.shape[1] - 3)])
 
 
 def test_covariance_is_that_of_the_right_photograph_alone_by_either_way():

@@ -298,7 +298,8 @@ def test_what_the_way_through_a_later_reference_adds_is_common_to_both_photograp
         "way": Variable(("row", "col"), np.full(step["way"].shape, 2, np.uint8)),
     }
     right = dict(stereo.variables) | {
-        "covariance": Variable(("row", "col", "a"), (by_right @ alone @ np.swapaxes(by_right, -1, -2))[upper])
+        "way": Variable(("row", "col"), np.full(step["way"].shape, 2, np.uint8)),
+        "covariance": Variable(("row", "col", "a"), (by_right @ alone @ np.swapaxes(by_right, -1, -2))[upper]),
     }
 
     def run(shift_left, shift_right):
