@@ -27,6 +27,12 @@ def test_an_input_that_can_be_only_one_need_not_be_named():
     assert wired["pair"].inputs == {"images": "photos", "rig": "rig"}
 
 
+def test_inputs_of_other_steps_are_what_the_input_of_this_step_is():
+    text = GOOD + "  region:  {stage: region, images: photos}\n  points:  {stage: correlate, images: photos}\n"
+    inputs = _wire(text)["points"].inputs
+    assert inputs["images_first"] == inputs["images_before"] == inputs["images"] == "photos"
+
+
 def test_units_are_resolved():
     other = _wire(GOOD.replace("14.5 mm", "1.45 cm"))
     assert other["rig"].node == _wire(GOOD)["rig"].node
