@@ -1,8 +1,8 @@
 """Motion of windows by cross-correlation in the frequency domain, where nothing is known of it beforehand.
 
 The zero-mean normalised cross-correlation of a window with every place of a larger image takes four Fourier
-transforms (Lewis, Vision Interface 1995; with masks, Padfield, IEEE Trans. Image Processing 21, 2012). First one
-window as large as the region finds the motion as a whole, at reduced resolution; where the region deforms too much for
+transforms (Lewis, Vision Interface 1995; with masks, Padfield, IEEE Trans. Image Processing 21, 2012). One window as
+large as the region finds the motion as a whole, at reduced resolution; where the region deforms too much for
 that, many smaller windows look for themselves, and those that agree tell the motion. Then windows of half that
 size, bent by the motion known so far, look near where it puts them.
 """
@@ -25,7 +25,7 @@ Image = npt.NDArray[np.float32]
 Mask = npt.NDArray[np.bool_]
 
 WHOLE_PX = 384  # the longer side of the region where it is looked for as a whole; finer detail is averaged away
-FAR_WINDOWS, NEAR_WINDOWS = 64, 256  # about how many windows look in the whole image, and near a predicted place
+FAR_WINDOWS, NEAR_WINDOWS = 64, 128  # about how many windows look in the whole image, and near a predicted place
 FAR_PX, NEAR_PX = 96, 48  # their side, and that of the windows that look near a predicted place [px]
 REACH_PX = (24, 8)  # how far these look, first and after that
 LEAST_CORRELATION = 0.3
@@ -89,22 +89,20 @@ def _peak(surface: Array) -> Peak:
     return Peak(place[::-1], float(surface.max()))
 
 
-def fft_matches(reference: npt.NDArray[Any], target: npt.NDArray[Any], usable: Mask) -> tuple[Array, Array]:
+def fft_matches(
+    reference: npt.NDArray[Any], target: npt.NDArray[Any], usable: Mask, *, in_pieces: bool = False
+) -> tuple[Array, Array]:
     """Places in a reference image and where cross-correlation finds them in a target image, (n, 2) each [px].
 
     reference, target : (rows, cols) grey; they may differ in size
     usable : (rows, cols) bool — one connected part of the reference that moves as one piece
+    in_pieces : many windows look for themselves first, not the region as a whole: dearer, and for larger deformations
     """
     from_image, to_image = (np.asarray(image, dtype=np.float32) for image in (reference, target))
-    best: tuple[Array, Array] = np.zeros((0, 2)), np.zeros((0, 2))
-    for first in (_as_a_whole, _piece_by_piece):
-        pairs = first(from_image, to_image, usable)
-        for reach in REACH_PX:
-            pairs = _nearby(from_image, to_image, usable, pairs, reach)
-        best = max(best, pairs, key=lambda found: len(found[0]))
-        if len(best[0]) >= 0.5 * len(_window_centres(usable, NEAR_PX, NEAR_WINDOWS)):
-            break
-    return best
+    pairs = (_piece_by_piece if in_pieces else _as_a_whole)(from_image, to_image, usable)
+    for reach in REACH_PX:
+        pairs = _nearby(from_image, to_image, usable, pairs, reach)
+    return pairs
 
 
 def _as_a_whole(reference: Image, target: Image, usable: Mask) -> tuple[Array, Array]:

@@ -1,9 +1,9 @@
 """Starting warps without the user: where the subsets of one image lie in another, to a few pixels.
 
 Each connected part of the grid finds its own way. What may tell its motion is asked in turn, and the first that the
-grey levels bear out is taken: matches of features; that nothing moved; cross-correlation; features found here that
-have an orientation of their own. From scattered places motion is carried to the grid by moving least squares, which
-tells its gradient too.
+grey levels bear out is taken: matches of features; that nothing moved; cross-correlation of the part as a whole;
+features found here that have an orientation of their own; cross-correlation of many windows. From scattered places
+motion is carried to the grid by moving least squares, which tells its gradient too.
 """
 
 from __future__ import annotations
@@ -97,8 +97,10 @@ def _guesses(
     if matches is not None:
         yield _carried(_near(matches, points, mine), centres)
     yield identity(centres)
-    yield _carried(Pairs(*fft_matches(reference, target, _footprint(points, mine, reference.shape))), centres)
+    footprint = _footprint(points, mine, reference.shape)
+    yield _carried(Pairs(*fft_matches(reference, target, footprint)), centres)
     yield _carried(_near(features(), points, mine), centres)
+    yield _carried(Pairs(*fft_matches(reference, target, footprint, in_pieces=True)), centres)
 
 
 def islands(points: Array) -> npt.NDArray[np.int32]:
@@ -139,8 +141,8 @@ def _correlation(f: Array, g: Array, seen: Mask) -> Array:
 
 def _sampled(image: npt.NDArray[Any], places: Array) -> Array:
     """Grey levels at places (..., 2), bilinear; NaN outside."""
-    at = places.astype(np.float32)
-    value = cv2.remap(image, at, None, cv2.INTER_LINEAR, borderMode=cv2.BORDER_CONSTANT, borderValue=(np.nan,))
+    grey, at = image.astype(np.float32, copy=False), places.astype(np.float32)
+    value = cv2.remap(grey, at, None, cv2.INTER_LINEAR, borderMode=cv2.BORDER_CONSTANT, borderValue=(np.nan,))
     return np.asarray(value, dtype=np.float64)
 
 

@@ -72,9 +72,9 @@ def speckle_size(image: npt.NDArray[Any], mask: npt.NDArray[np.bool_]) -> float:
     inside, side = mask[part].astype(np.float64), max(3, min(width, height) // 4)
     grey = image[part].astype(np.float64)
     mean = cv2.blur(grey * inside, (side, side)) / np.maximum(cv2.blur(inside, (side, side)), 1e-9)
-    alike = _autocorrelation((grey - mean) * inside) / np.maximum(_autocorrelation(inside), 1.0)
+    alike = _autocorrelation((grey - mean) * inside, side) / np.maximum(_autocorrelation(inside, side), 1.0)
     radius = np.hypot(*np.meshgrid(np.arange(side), np.arange(side)))
-    profile = np.array([alike[:side, :side][np.abs(radius - r) < 0.5].mean() for r in range(side)])
+    profile = np.array([alike[np.abs(radius - r) < 0.5].mean() for r in range(side)])
     below = np.flatnonzero(profile < 0.5 * profile[0])
     if not profile[0] > 0.0 or len(below) == 0:
         return float("nan")
@@ -83,10 +83,11 @@ def speckle_size(image: npt.NDArray[Any], mask: npt.NDArray[np.bool_]) -> float:
     return float(at_half / 0.404)
 
 
-def _autocorrelation(values: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
-    """Σ v(x) v(x + lag) over the pixels, for lags from 0 on along rows and columns."""
-    shape = [next_fast_len(2 * side, real=True) for side in values.shape]
-    return np.asarray(irfft2(np.abs(rfft2(values, shape)) ** 2, shape))
+def _autocorrelation(values: npt.NDArray[np.float64], reach: int) -> npt.NDArray[np.float64]:
+    """Σ v(x) v(x + lag) over the pixels, for lags 0 … reach − 1 along rows and columns."""
+    shape = [next_fast_len(side + reach, real=True) for side in values.shape]
+    spectrum = rfft2(values.astype(np.float32), shape)
+    return np.asarray(irfft2(spectrum.real**2 + spectrum.imag**2, shape)[:reach, :reach], dtype=np.float64)
 
 
 def texture(image: npt.NDArray[Any], window_px: int = 32) -> Texture:
