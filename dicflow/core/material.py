@@ -55,6 +55,7 @@ class Search(NamedTuple):
     max_znssd : what fits worse is no match
     noise : standard deviation of the photographs' noise [grey levels]
     threads : how many share the points
+    counts_misfit : what subsets differ by beyond the noise counts as noise too
     """
 
     subset: Subset
@@ -63,6 +64,7 @@ class Search(NamedTuple):
     max_znssd: float = 0.3
     noise: float = 1.0
     threads: int = 1
+    counts_misfit: bool = False
 
 
 class Updating(NamedTuple):
@@ -196,10 +198,14 @@ def carried_by(followed: Followed, first: Anchor, points: Array) -> Array:
 
 def prepared(image: Image, search: Search) -> Spline:
     """A photograph, ready to be searched."""
+    return spline(_smoothed(image, search), search.degree)
+
+
+def _smoothed(image: Image, search: Search) -> npt.NDArray[np.float32]:
     grey = image.astype(np.float32)
     if search.smoothing_px > 0.0:
         grey = np.asarray(cv2.GaussianBlur(grey, (0, 0), search.smoothing_px), dtype=np.float32)
-    return spline(grey, search.degree)
+    return grey
 
 
 def _starts(anchors: Sequence[Anchor], image: Image, matches: Pairs | None) -> Array:
@@ -242,11 +248,37 @@ def _from_anchor(anchor: Anchor, target: Spline, starts: Array, search: Search, 
 def attempt(anchor: Anchor, target: Spline, starts: Array, search: Search, way: int = 1) -> Followed:
     """Find the points of an anchor in the target; ``way`` 2 counts the noise of the anchor's photograph too."""
     field, centres = _from_anchor(anchor, target, starts, search), np.rint(anchor.points)
-    noise = (0.5 if way == 1 else 1.0) * search.noise**2
-    covariance = chained_covariance(anchor.covariance, field.warp, centres, anchor.points, noise * field.covariance)
-    ways = np.where(field.status == Status.VALID, way, 0).astype(np.uint8)
+    own = _variance(anchor, field, centres, search, way)[..., None] * field.covariance
+    covariance = chained_covariance(anchor.covariance, field.warp, centres, anchor.points, own)
     warp = chained(anchor.warp, field.warp, centres)
+    ways = np.where(field.status == Status.VALID, way, 0).astype(np.uint8)
     return Followed(warp, field.znssd, field.iterations, field.status, covariance, ways)
+
+
+def _variance(anchor: Anchor, field: Field, centres: Array, search: Search, way: int) -> Array:
+    """Variance of the noise (rows, cols) that counts as the points' own [grey levels²].
+
+    On way 1 half of the noise is the template's. Two subsets differ by Σ (f − g)²/n = 2 σ² on account of noise alone. What there is more, because the pattern
+    changed or the shape function does not suffice, moves the subset alike, and is judged as least squares are judged by
+    their residual.
+    """
+    noise = np.full(field.status.shape, search.noise**2)
+    found = field.status == Status.VALID
+    if search.counts_misfit:
+        contrast = _contrast(anchor, centres[found] - anchor.origin, search)
+        noise[found] = np.maximum(noise[found], 0.5 * field.znssd[found] * contrast)
+    return np.asarray(noise - (0.5 * search.noise**2 if way == 1 else 0.0))
+
+
+def _contrast(anchor: Anchor, centres: Array, search: Search) -> Array:
+    """Variance of the grey levels in the subsets around pixels (n, 2) of the anchor's image, (n,)."""
+    side, usable = (search.subset.size, search.subset.size), anchor.usable.astype(np.float64)
+    grey = _smoothed(anchor.image, search)
+    away = (grey - grey.mean()) * usable
+    share, mean, square = (cv2.blur(part, side, borderType=cv2.BORDER_CONSTANT) for part in (usable, away, away * away))
+    col, row = centres.astype(np.int64).T
+    count = np.maximum(share[row, col], 1e-9)
+    return np.asarray(square[row, col] / count - (mean[row, col] / count) ** 2)
 
 
 def _lost(found: Followed, before: Anchor) -> Mask:

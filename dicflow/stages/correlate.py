@@ -98,6 +98,10 @@ class Correlate(Node):
     noise: Literal["auto"] | Annotated[float, Field(gt=0)] = parameter(
         "auto", "noise of the photographs, for the uncertainties; auto measures it", unit="grey levels"
     )
+    misfit: bool = parameter(
+        False,
+        "count what subsets differ by beyond the noise as noise: safer with patterns that change or are too sharp",
+    )
     reference: Reference = parameter(Reference(), "when points are followed from a photograph in between")
     threads: int = parameter(1, "threads that share the points of a step", affects="speed", ge=1)
 
@@ -201,7 +205,8 @@ class Correlate(Node):
             self.tolerance,
         )
         level = smoothed_noise(noise, image, usable, self.smoothing)
-        return Search(subset, DEGREES[self.interpolation], self.smoothing, self.max_znssd, level, self.threads)
+        degree = DEGREES[self.interpolation]
+        return Search(subset, degree, self.smoothing, self.max_znssd, level, self.threads, self.misfit)
 
     def _updating(self) -> Updating:
         from dicflow.core.material import Updating
