@@ -96,7 +96,7 @@ class ProductCache:
     limit : size of all arrays together [bytes]
     """
 
-    def __init__(self, limit: int = 128_000_000) -> None:
+    def __init__(self, limit: int = 64_000_000) -> None:
         self.limit = limit
         self._products: OrderedDict[str, tuple[int, Product]] = OrderedDict()
         self._size = 0
