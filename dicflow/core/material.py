@@ -258,9 +258,9 @@ def attempt(anchor: Anchor, target: Spline, starts: Array, search: Search, way: 
 def _variance(anchor: Anchor, field: Field, centres: Array, search: Search, way: int) -> Array:
     """Variance of the noise (rows, cols) that counts as the points' own [grey levels²].
 
-    On way 1 half of the noise is the template's. Two subsets differ by Σ (f − g)²/n = 2 σ² on account of noise alone. What there is more, because the pattern
-    changed or the shape function does not suffice, moves the subset alike, and is judged as least squares are judged by
-    their residual.
+    On way 1 half of the noise is the template's. Two subsets differ by Σ (f − g)²/n = 2 σ² on account of noise alone.
+    What there is more, because the pattern changed or the shape function does not suffice, moves the subset alike, and
+    is judged as least squares are judged by their residual.
     """
     noise = np.full(field.status.shape, search.noise**2)
     found = field.status == Status.VALID
