@@ -71,5 +71,5 @@ def print_table(rows) -> None:
                "strain_error_pct")  # fmt: skip
     print("".join(f"{column.replace('displacement', 'disp').replace('caliper', 'cal'):>16}" for column in columns))
     for row in rows:
-        cells = (f"{row[c]:>16.4f}" if isinstance(row[c], float) else f"{row[c]!s:>16}" for c in columns)
-        print("".join(cells))
+        values = [row.get(column, "") for column in columns]
+        print("".join(f"{value:>16.4f}" if isinstance(value, float) else f"{value!s:>16}" for value in values))
