@@ -23,7 +23,17 @@ ONLY_IN = {
     "rich": {"cli", "views"},
 }
 CORE_MAY_USE = {"numpy", "scipy", "numba", "cv2"}
-STANDARD_IN_CORE = {"__future__", "collections", "concurrent", "dataclasses", "enum", "functools", "itertools", "math", "typing"}
+STANDARD_IN_CORE = {
+    "__future__",
+    "collections",
+    "concurrent",
+    "dataclasses",
+    "enum",
+    "functools",
+    "itertools",
+    "math",
+    "typing",
+}
 
 SOURCES = sorted(PACKAGE.rglob("*.py"))
 

@@ -29,7 +29,8 @@ Array = npt.NDArray[np.float64]
 Mask = npt.NDArray[np.bool_]
 
 FEW = 6  # pairs below which they tell nothing
-REACH = 3.0  # a pair tells the motion as far as this times the distance of the neighbours that its own rests on
+CELL_PX = 12.0  # pairs nearer to each other than this would tell a gradient with more noise than one of them
+REACH = 2.0  # a pair tells the motion as far as this times the distance of the neighbours that its own rests on
 SAMPLES = 150  # points of a part whose grey levels are looked at
 HALF_PX = 15  # half the side of the windows that are looked at [px]
 BLUR_PX = 1.5  # smoothing before, so that a start that is off by a pixel or two still shows
@@ -165,6 +166,8 @@ def _near(pairs: Pairs, points: Array, mine: Mask) -> Pairs:
 
 def _carried(pairs: Pairs, centres: Array) -> Array:
     """Warps (n, 2, 3) around the centres (n, 2), from the pairs around them; NaN where these are too far away."""
+    _, apart = np.unique(np.floor(pairs.source / CELL_PX), axis=0, return_index=True)
+    pairs = Pairs(pairs.source[apart], pairs.target[apart])
     if len(pairs.source) < FEW:
         return np.full((len(centres), 2, 3), np.nan)
     warps = warp_from_gradient(*local_motion(*pairs, centres))

@@ -28,6 +28,7 @@ class FindFeatures(Node):
     scope: ClassVar = Scope.STEP
     takes: ClassVar = {"images": Port("rectified", "plane", "images")}
     gives: ClassVar = "features"
+    impl_version: ClassVar = 2
 
     stage: Literal["features"] = "features"
     detector: Literal["KAZE", "AKAZE", "BRISK", "ORB", "SIFT"] = parameter("KAZE", "detector and its own descriptor")

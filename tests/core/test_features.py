@@ -18,6 +18,19 @@ def test_features_shift_with_the_image(detector):
     assert np.mean(near < 0.05) > 0.95
 
 
+@pytest.mark.parametrize("detector", ["KAZE", "AKAZE", "SIFT"])
+def test_pixel_centres_are_at_integers(detector):
+    """An image turned by half a circle has its features where the turn puts them."""
+    height, width = IMAGE.shape
+    before, after = detect(IMAGE, detector, upright=False), detect(IMAGE[::-1, ::-1].copy(), detector, upright=False)
+    turned = np.array([width - 1.0, height - 1.0]) - before.xy
+    away = turned[:, None] - after.xy[None]
+    nearest = away[np.arange(len(turned)), np.abs(away).max(axis=2).argmin(axis=1)]
+    close = nearest[np.abs(nearest).max(axis=1) < 1.5]
+    assert len(close) > 0.8 * len(before.xy)
+    assert np.abs(np.median(close, axis=0)).max() < 0.03
+
+
 @pytest.mark.parametrize("detector", DETECTORS)
 def test_features_come_in_order_and_again_with_equal_bytes(detector):
     one, two = detect(IMAGE, detector), detect(IMAGE.copy(), detector)

@@ -3,7 +3,7 @@ import pytest
 from blobs import Pattern
 
 from dicflow.core.features import Features, detect
-from dicflow.core.matching import consistent, guided_matches, local_motion, match_features
+from dicflow.core.matching import agreeing, consistent, guided_matches, local_motion, match_features
 
 RNG = np.random.default_rng(0)
 COUNT = 300
@@ -137,3 +137,17 @@ def test_neighbours_on_a_line_tell_their_mean_motion():
     source = np.stack([np.arange(30.0), np.zeros(30)], axis=1)
     found = local_motion(source, source + np.array([3.0, 4.0]), np.array([[15.0, 50.0]]))
     np.testing.assert_allclose(found.position, [[18.0, 54.0]], atol=1e-9)
+
+
+@pytest.mark.parametrize(("count", "false"), [(12, 3), (300, 120)])
+def test_agreeing_matches_of_a_half_turn(count, false):
+    """False ones are found among few matches and among many, whatever the rotation."""
+    rng = np.random.default_rng(1)
+    angle = np.radians(170.0)
+    source = rng.uniform(0.0, 300.0, (count, 2))
+    turn = np.array([[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]])
+    target = (source - 150.0) @ turn.T + 150.0 + rng.normal(0.0, 0.2, source.shape)
+    target[:false] += rng.choice([-1.0, 1.0], (false, 2)) * rng.uniform(40.0, 90.0, (false, 2))
+    keep = agreeing(source, target)
+    assert not keep[:false].any()
+    assert keep[false:].mean() > 0.97

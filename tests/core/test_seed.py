@@ -34,8 +34,8 @@ def truth(transform, points):
     return warps.reshape(*points.shape[:-1], 2, 3)
 
 
-def check(found, transform, points, slope=0.12):
-    """Every point has a start; with subsets of 31 px it is off by two pixels at most, anywhere."""
+def check(found, transform, points, slope=0.06):
+    """Every point has a start; with subsets of 31 px it is off by two pixels at most at a corner."""
     inside = np.isfinite(points).all(axis=-1)
     away = np.abs(found - truth(transform, points))[inside]
     assert away[..., 0].max() < 0.8
@@ -70,7 +70,7 @@ def test_matches_tell_though_half_of_them_are_false():
     target = apply_transform(transform, source) + rng.normal(0.0, 0.2, (400, 2))
     target[::2] = rng.uniform(0.0, 340.0, (200, 2))
     points = grid_with_a_hole()
-    check(seed_warps(pair.reference, pair.deformed, points, Pairs(source, target)), transform, points, slope=0.05)
+    check(seed_warps(pair.reference, pair.deformed, points, Pairs(source, target)), transform, points)
 
 
 def test_matches_that_are_all_false_do_no_harm():
