@@ -25,6 +25,7 @@ NEEDED = {
     "calibrate": {"square": 1},
     "compare": {"caliper": "x"},
     "rig_file": {"file": "x"},
+    "probes": {"points": {"a": (1, 1)}},
 }
 AFTER = {"computed": 0, "failed": 0, "skipped": 0}
 

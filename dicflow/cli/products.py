@@ -95,7 +95,7 @@ def export(
     variant: VariantNumber = 1,
     force: Force = False,
 ) -> None:
-    """Write products as CSV, NPZ or PNG, by stage and step; a rig as OpenCV YAML or JSON.
+    """Write products as CSV, NPZ or PNG; a rig as OpenCV YAML or JSON.
 
     \b
     dicflow export pipeline.yaml total --format csv
