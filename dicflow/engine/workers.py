@@ -41,9 +41,12 @@ def hold_to_one_thread() -> None:
 def limit_threads() -> None:
     """Let libraries that are loaded from here on use one thread each, unless the environment says otherwise.
 
-    Linear algebra in several threads sums in another order, so that one thread everywhere keeps results equal.
+    Linear algebra in several threads sums in another order, so that one thread everywhere keeps results equal. Numba
+    reads its limit again at every compilation and refuses another one than it started with, so one that is loaded
+    already is left to :func:`hold_to_one_thread`.
     """
-    os.environ.update({name: "1" for name in _LIMITS if name not in os.environ})
+    loaded = {"NUMBA_NUM_THREADS"} if "numba" in sys.modules else set()
+    os.environ.update({name: "1" for name in _LIMITS if name not in os.environ and name not in loaded})
 
 
 def ignore_interrupts() -> None:
