@@ -43,7 +43,8 @@ class Subset(NamedTuple):
     gaussian : standard deviation of the weight [px]; 0 weighs all pixels alike
     min_share : least share of the square's pixels that must be usable
     iterations : at most so many
-    tolerance_px : the warp is found when what is left to correct anywhere in the subset is below this [px]
+    tolerance_px : the warp is found when what is left to correct anywhere in the subset is below this [px]; the
+        arithmetic reaches some 1e-5
     """
 
     size: int = 31
@@ -114,9 +115,14 @@ def _derivatives(reference: Spline) -> tuple[npt.NDArray[np.float32], npt.NDArra
     by_x = cv2.sepFilter2D(reference.image, -1, slope, value, borderType=cv2.BORDER_REFLECT_101)
     by_y = cv2.sepFilter2D(reference.image, -1, value, slope, borderType=cv2.BORDER_REFLECT_101)
     true_x, true_y = slopes(reference)
-    square = np.vdot(by_x, by_x) + np.vdot(by_y, by_y)
-    scale = (np.vdot(by_x, true_x) + np.vdot(by_y, true_y)) / square if square > 0.0 else np.float32(1.0)
+    square, product = _dot(by_x, by_x) + _dot(by_y, by_y), _dot(by_x, true_x) + _dot(by_y, true_y)
+    scale = np.float32(product / square if square > 0.0 else 1.0)
     return by_x * scale, by_y * scale
+
+
+def _dot(a: npt.NDArray[np.float32], b: npt.NDArray[np.float32]) -> float:
+    """Σ a b, in one order of summation whatever the number of threads."""
+    return float(np.sum(a * b, dtype=np.float64))
 
 
 def correlate(

@@ -150,7 +150,7 @@ def test_a_subset_cut_by_the_region_uses_what_is_inside(shape_function, columns_
     usable[:, 45 : 45 + columns_left] = True  # the subset's columns are 45 to 75
     expected = expected_warps(AFFINE, shape_function, centre)
     target = photograph(AFFINE)
-    subset = EXACT._replace(shape_function=shape_function, min_share=columns_left / 31 - 1e-9)
+    subset = Subset(31, shape_function, min_share=columns_left / 31 - 1e-9, tolerance_px=1e-4)
     reference = template(spline(photograph()), usable)
     found = correlate(reference, spline(target), centre, nearby(expected), subset)
     assert found.status[0] == Status.VALID
