@@ -13,8 +13,9 @@ import subprocess
 import sys
 import threading
 import time
+from collections.abc import Sequence
 from pathlib import Path
-from typing import NamedTuple
+from typing import NamedTuple, TypeVar
 
 import psutil
 
@@ -22,6 +23,7 @@ from tests import bench_correlation
 from tests.figures import ROOT, WORK, Figure, replica, report
 
 PIPELINE = ROOT / "pipelines" / "latex_experiment_1.yaml"
+T = TypeVar("T")
 MEASURE = """\
 import json, sys
 from dicflow.pipeline import Pipeline
@@ -83,18 +85,27 @@ def computed(data: Path, store: Path, workers: int) -> Cost:
     return cost([sys.executable, str(script), str(PIPELINE), str(data), str(store), str(workers)])
 
 
-def shortened(folder: Path, steps: int) -> Path:
-    """The first steps of an experiment, as hard links."""
-    short = fresh(f"replica_{steps}_steps")
-    for side in ("photos/left", "photos/right", "boards/left", "boards/right"):
-        (short / side).mkdir(parents=True)
-        for path in sorted((folder / side).glob("*.png"))[: steps if side.startswith("photos") else None]:
-            os.link(path, short / side / path.name)
-    shutil.copy(folder / "region.geojson", short)
-    lines = [line for line in (folder / "caliper.csv").read_text().splitlines() if not line.startswith("#")]
-    with (short / "caliper.csv").open("w", newline="") as file:
-        csv.writer(file).writerows(line.split(",") for line in lines[: steps + 1])
-    return short
+def of_length(folder: Path, steps: int) -> Path:
+    """An experiment of so many steps, as hard links: its own steps forth and back again."""
+    made = fresh(f"replica_{steps}_steps")
+    for side in ("boards/left", "boards/right"):
+        (made / side).mkdir(parents=True)
+        for path in sorted((folder / side).glob("*.png")):
+            os.link(path, made / side / path.name)
+    for side in ("photos/left", "photos/right"):
+        (made / side).mkdir(parents=True)
+        for step, path in enumerate(_forth_and_back(sorted((folder / side).glob("*.png")), steps)):
+            os.link(path, made / side / f"step_{step:03}.png")
+    shutil.copy(folder / "region.geojson", made)
+    head, *rows = [line for line in (folder / "caliper.csv").read_text().splitlines() if not line.startswith("#")]
+    with (made / "caliper.csv").open("w", newline="") as file:
+        csv.writer(file).writerows(line.split(",") for line in [head, *_forth_and_back(rows, steps)])
+    return made
+
+
+def _forth_and_back(values: Sequence[T], length: int) -> list[T]:
+    cycle = [*values, *values[-2:0:-1]]
+    return [cycle[k % len(cycle)] for k in range(length)]
 
 
 def size_of(folder: Path) -> int:
@@ -120,7 +131,7 @@ def main() -> int:
     ]
     cold, warm = cost(command), min((cost(command) for _ in range(3)), key=lambda run: run.seconds)
     helped = min((cost([dicflow, "--help"]) for _ in range(3)), key=lambda run: run.seconds)
-    short = computed(shortened(data, 8), fresh("bench_short"), 2)
+    short, long = (computed(of_length(data, steps), fresh(f"bench_{steps}"), 2) for steps in (8, 40))
     stages = two.said["stage_s"] + two.said["remake_s"]
     return report([
         *bench_correlation.speed(),
@@ -133,6 +144,7 @@ def main() -> int:
         Figure("engine / stages, two workers", two.said["engine_s"] / stages, 0.1),
         Figure("making again what is not kept / stages", two.said["remake_s"] / stages),
         Figure("peak memory, 22 steps / 8 steps", two.peak_bytes / short.peak_bytes),
+        Figure("peak memory, 40 steps / 22 steps", long.peak_bytes / two.peak_bytes),
         Figure("run with nothing to do, whole process", warm.seconds, 1.5, unit="s"),
         Figure("  of it computed", warm.said["counts"]["computed"], 0),
         Figure("dicflow --help, whole process", helped.seconds, 0.5, unit="s"),

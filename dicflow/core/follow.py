@@ -1,9 +1,9 @@
 """A grid of subsets followed from one image into another, every point started from what its neighbours found.
 
-First a coarse grid is correlated from given starts. Then grids of half the spacing, started where the points around
-them say. Last, points without a value are tried again from their best neighbours, wave after wave, so that the
-measured area grows outwards (after Pan, Applied Optics 48, 2009, who takes points one by one; here all points of a
-level or a wave are independent of each other, so that they can be shared between threads).
+First a coarse grid is correlated, from given starts and from there outwards, wave after wave of points that start where
+their neighbours say (after Pan, Applied Optics 48, 2009, who takes points one by one; here all points of a wave are
+independent of each other, so that they can be shared between threads). Then grids of half the spacing, started in the
+same way; on each, points without a value are tried again from what has been found around them.
 """
 
 from __future__ import annotations
@@ -11,25 +11,28 @@ from __future__ import annotations
 from collections.abc import Iterable
 from typing import Any, NamedTuple
 
+import cv2
 import numpy as np
 import numpy.typing as npt
 from numba import njit
+from scipy.spatial import cKDTree
 
 from dicflow.core.correlate import Correlated, Subset, Template, correlate
 from dicflow.core.interpolate import Spline
 from dicflow.core.status import Status
-from dicflow.core.warp import TERMS
+from dicflow.core.warp import TERMS, recentred
 
 __all__ = ["Field", "correlate_field"]
 
 Array = npt.NDArray[np.float64]
+Indices = npt.NDArray[np.int64]
 Mask = npt.NDArray[np.bool_]
 
-_COARSE = 4
+_STRIDES = (8, 4, 2, 1)
 _TRIES = 3
-_WAVES = 200
-_ENOUGH = 0.1
 _BEST_ZNSSD = 1e-3
+_VALID = int(Status.VALID)
+_HOPELESS = (Status.CUT_SUBSET, Status.LOW_TEXTURE)
 
 
 class Field(NamedTuple):
@@ -65,26 +68,17 @@ def correlate_field(
 
     Points that no start and no neighbour leads to stay UNTRACKED.
     """
-    search = _Search(reference, target, grid, subset, max_znssd, threads, _empty(grid, subset))
-    inside = _finite(grid[..., 0])
-    coarse = (slice(None, None, _COARSE),) * 2
-    stride = _COARSE if _finite(starts[..., 0, 0])[coarse].sum() > _ENOUGH * inside[coarse].sum() else 1
-    level = np.zeros(inside.shape, dtype=np.bool_)
-    level[::stride, ::stride] = True
-    search.attempt(inside & level, starts)
-    search.grow(inside & level, stride)
-    while stride > 1:
-        stride //= 2
-        level[::stride, ::stride] = True
-        predicted = search.predicted(stride)
-        known = _finite(predicted[..., 0, 0])[..., None, None]
-        search.attempt(inside & level & search.untried, np.where(known, predicted, starts))
-    search.grow(inside, 1)
+    search = _Search(reference, target, grid, subset, max_znssd, threads, _empty(grid, subset), np.zeros(grid.shape[:2]))
+    for stride in _STRIDES:
+        search.fill(stride, starts)
     return search.field
 
 
 class _Search(NamedTuple):
-    """A field under way."""
+    """A field under way.
+
+    tries : (rows, cols) — how often each point was looked for
+    """
 
     reference: Template
     target: Spline
@@ -93,24 +87,42 @@ class _Search(NamedTuple):
     max_znssd: float
     threads: int
     field: Field
+    tries: Array
 
-    @property
-    def untried(self) -> Mask:
-        return np.asarray(self.field.status == Status.UNTRACKED, dtype=np.bool_)
+    def fill(self, stride: int, starts: Array) -> None:
+        """Find every ``stride``-th point of the grid, each way, that neighbours on this lattice or a start lead to."""
+        lattice = (slice(None, None, stride),) * 2
+        status, tries, inside = self.field.status[lattice], self.tries[lattice], np.isfinite(self.grid[..., 0])[lattice]
+        points = stride * np.argwhere(status == Status.UNTRACKED)
+        self.attempt(points, self.first_guess(points, stride, starts))
+        fresh = status == Status.VALID
+        while fresh.any():
+            before = status == Status.VALID
+            lost = inside & ~before & ~np.isin(status, _HOPELESS) & (tries < _TRIES)
+            points = stride * np.argwhere(lost & _around(fresh))
+            self.attempt(points, self.predicted(points, stride))
+            fresh = (status == Status.VALID) & ~before
 
-    @property
-    def good(self) -> Mask:
-        return np.asarray(self.field.status == Status.VALID, dtype=np.bool_)
+    def first_guess(self, points: Indices, stride: int, starts: Array) -> Array:
+        """Warps (n, 2, 3) that the neighbours say, or else the starts at the points (n, 2), or the nearest start."""
+        guess = self.predicted(points, stride)
+        unknown = np.isnan(guess[:, 0, 0])
+        guess[unknown] = starts[tuple(points[unknown].T)]
+        unknown = np.isnan(guess[:, 0, 0])
+        guess[unknown] = _nearest(starts, self.grid, points[unknown], stride)
+        return guess
 
-    def attempt(self, where: Mask, starts: Array) -> None:
-        """Correlate the points of a mask (rows, cols) that have a start."""
-        where = where & _finite(starts.sum(axis=(-2, -1)))
-        start = np.zeros((int(where.sum()), 2, TERMS[self.subset.shape_function]))
-        start[..., :3] = starts[where][..., :3]
-        found = correlate(self.reference, self.target, self.grid[where], start, self.subset, self.threads)
+    def attempt(self, points: Indices, starts: Array) -> None:
+        """Correlate points (n, 2) of the grid from affine warps (n, 2, 3), those that have one."""
+        known = np.isfinite(starts).all(axis=(-2, -1))
+        rows, cols = points[known].T
+        start = np.zeros((len(rows), 2, TERMS[self.subset.shape_function]))
+        start[..., :3] = starts[known]
+        found = correlate(self.reference, self.target, self.grid[rows, cols], start, self.subset, self.threads)
+        self.tries[rows, cols] += 1
         pairs: Iterable[tuple[Any, Any]] = zip(self.field, self._judged(found), strict=True)
         for kept, new in pairs:
-            kept[where] = new
+            kept[rows, cols] = new
 
     def _judged(self, found: Correlated) -> Correlated:
         """What fits badly is no match."""
@@ -120,26 +132,11 @@ class _Search(NamedTuple):
         found.covariance[bad] = np.nan
         return found
 
-    def predicted(self, stride: int) -> Array:
-        """Affine warps (rows, cols, 2, 3) that the good points around say, at most ``stride`` away; NaN without any."""
-        warps = np.full((*self.good.shape, 2, 3), np.nan)
-        _predict(self.good, self.field.warp, self.grid, self.field.znssd, stride, warps)
+    def predicted(self, points: Indices, stride: int) -> Array:
+        """Affine warps (n, 2, 3) that the eight points ``stride`` away say of points (n, 2); NaN where none is good."""
+        warps = np.full((len(points), 2, 3), np.nan)
+        _predict(points, self.field.status, self.field.warp, self.grid, self.field.znssd, stride, warps)
         return warps
-
-    def grow(self, where: Mask, stride: int) -> None:
-        """Try points without value from their neighbours until none is gained; each a few times at most."""
-        tries = np.zeros(where.shape, dtype=np.int8)
-        fresh = self.good
-        hopeless = (Status.CUT_SUBSET, Status.LOW_TEXTURE)
-        for _ in range(_WAVES):
-            lost = where & ~self.good & (tries < _TRIES) & ~np.isin(self.field.status, hopeless)
-            lost &= _around(fresh, stride)
-            if not lost.any():
-                break
-            before = self.good
-            self.attempt(lost, self.predicted(stride))
-            tries[lost] += 1
-            fresh = self.good & ~before
 
 
 def _empty(grid: Array, subset: Subset) -> Field:
@@ -154,37 +151,41 @@ def _empty(grid: Array, subset: Subset) -> Field:
     )
 
 
-def _finite(values: Array) -> Mask:
-    return np.asarray(np.isfinite(values), dtype=np.bool_)
+def _nearest(starts: Array, grid: Array, points: Indices, stride: int) -> Array:
+    """The start nearest on the grid to each point (n, 2) of a lattice, at most half a stride away; NaN without any."""
+    warps = np.full((len(points), 2, 3), np.nan)
+    given = np.argwhere(np.isfinite(starts[..., 0, 0]))
+    if not len(points) or not len(given):
+        return warps
+    away, which = cKDTree(given).query(points, p=np.inf, distance_upper_bound=stride / 2 + 1e-9)
+    known = np.isfinite(away)
+    here, there = tuple(points[known].T), tuple(given[which[known]].T)
+    warps[known] = recentred(starts[there], grid[here] - grid[there])
+    return warps
 
 
-def _around(mask: Mask, stride: int) -> Mask:
-    """Points with one of the mask among the eight that are ``stride`` away."""
-    wide = np.pad(mask, stride)
-    rows, cols = mask.shape
-    shifts = (0, stride, 2 * stride)
-    near: Mask = np.any([wide[i : i + rows, j : j + cols] for i in shifts for j in shifts], axis=0)
-    return near
+def _around(mask: Mask) -> Mask:
+    """Points with one of the mask among themselves and their eight neighbours."""
+    return np.asarray(cv2.dilate(mask.astype(np.uint8), np.ones((3, 3), dtype=np.uint8)) > 0, dtype=np.bool_)
 
 
 @njit(cache=True, nogil=True)
-def _predict(good: Any, warp: Any, grid: Any, znssd: Any, stride: int, out: Any) -> None:
+def _predict(points: Any, status: Any, warp: Any, grid: Any, znssd: Any, stride: int, out: Any) -> None:
     """Mean over the good ones of the eight neighbours of where their warps put a point, the better the weightier."""
-    for i in range(len(good)):
-        for j in range(good.shape[1]):
-            if good[i, j] or np.isnan(grid[i, j, 0]):
-                continue
-            total = 0.0
-            sums = np.zeros((2, 3))
-            for a in range(max(i % stride, i - stride), min(len(good), i + stride + 1), stride):
-                for b in range(max(j % stride, j - stride), min(good.shape[1], j + stride + 1), stride):
-                    if good[a, b]:
-                        weight = 1.0 / (znssd[a, b] + _BEST_ZNSSD)
-                        total += weight
-                        x, y = grid[i, j, 0] - grid[a, b, 0], grid[i, j, 1] - grid[a, b, 1]
-                        _add_recentred(warp[a, b], x, y, weight, sums)
-            if total > 0.0:
-                out[i, j] = sums / total
+    rows, cols = status.shape
+    sums = np.empty((2, 3))
+    for k in range(len(points)):
+        i, j = points[k]
+        total, sums[:] = 0.0, 0.0
+        for a in range(i - stride, i + stride + 1, stride):
+            for b in range(j - stride, j + stride + 1, stride):
+                if 0 <= a < rows and 0 <= b < cols and status[a, b] == _VALID:
+                    weight = 1.0 / (znssd[a, b] + _BEST_ZNSSD)
+                    total += weight
+                    x, y = grid[i, j, 0] - grid[a, b, 0], grid[i, j, 1] - grid[a, b, 1]
+                    _add_recentred(warp[a, b], x, y, weight, sums)
+        if total > 0.0:
+            out[k] = sums / total
 
 
 @njit(cache=True, nogil=True)

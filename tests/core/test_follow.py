@@ -98,14 +98,14 @@ def test_wrong_starts_are_put_right_by_their_neighbours():
 
 
 def ringed():
-    """A grid with a hole, and an island that no neighbour touches; usable pixels; which points are island."""
+    """A grid with a hole, and an island beyond the reach of the coarsest lattice; usable pixels; which points are island."""
     grid, island = GRID.copy(), np.zeros((ROWS, COLS), dtype=bool)
     grid[10:16, 12:20] = np.nan
-    grid[:, 28:32] = np.nan
+    grid[:, 23:32] = np.nan
     island[:, 32:] = True
     usable = np.ones(SHAPE, dtype=bool)
     usable[int(GRID[10, 0, 1]) : int(GRID[15, 0, 1]) + 1, int(GRID[0, 12, 0]) : int(GRID[0, 19, 0]) + 1] = False
-    usable[:, int(GRID[0, 28, 0]) : int(GRID[0, 31, 0]) + 1] = False
+    usable[:, int(GRID[0, 23, 0]) : int(GRID[0, 31, 0]) + 1] = False
     return grid, usable, island
 
 
