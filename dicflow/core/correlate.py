@@ -20,7 +20,7 @@ import numpy as np
 import numpy.typing as npt
 from numba import njit
 
-from dicflow.core.gauss_newton import Normal, Pixels, Places, covariance, iterate, prepare
+from dicflow.core.gauss_newton import LANES, Normal, Pixels, Places, covariance, iterate, prepare
 from dicflow.core.interpolate import Spline, slopes
 from dicflow.core.status import Status
 from dicflow.core.warp import TERMS
@@ -43,8 +43,8 @@ class Subset(NamedTuple):
     gaussian : standard deviation of the weight [px]; 0 weighs all pixels alike
     min_share : least share of the square's pixels that must be usable
     iterations : at most so many
-    tolerance_px : the warp is found when what is left to correct anywhere in the subset is below this [px]; the
-        arithmetic reaches some 1e-5
+    tolerance_px : the warp is found when what is left to correct, the root of its mean square over the subset, is below
+        this [px]; the arithmetic reaches some 1e-5
     """
 
     size: int = 31
@@ -82,6 +82,7 @@ class Correlated(NamedTuple):
     status : (n,) uint8 — VALID or the reason
     covariance : (n, 3) float64 — xx, xy and yy of the centre's place in the target for noise of one grey level in both
         images [px² per grey level²]; half of it comes from each image
+    contraction : (n,) float64 — the last increment over the one before; NaN where there was but one
     """
 
     warp: Array
@@ -89,6 +90,7 @@ class Correlated(NamedTuple):
     iterations: npt.NDArray[np.int16]
     status: npt.NDArray[np.uint8]
     covariance: Array
+    contraction: Array
 
 
 def template(reference: Spline, usable: Mask | None = None) -> Template:
@@ -97,8 +99,7 @@ def template(reference: Spline, usable: Mask | None = None) -> Template:
     usable : (rows, cols) bool — the region of interest; all pixels without it
     """
     allowed = np.ones(reference.image.shape, dtype=np.bool_) if usable is None else np.ascontiguousarray(usable)
-    unusable = np.zeros((allowed.shape[0] + 1, allowed.shape[1] + 1), dtype=np.int32)
-    unusable[1:, 1:] = np.cumsum(np.cumsum(~allowed, axis=0, dtype=np.int32), axis=1, dtype=np.int32)
+    unusable = cv2.integral((~allowed).view(np.uint8))
     return Template(reference.image, *_derivatives(reference), allowed, unusable)
 
 
@@ -126,13 +127,21 @@ def _dot(a: npt.NDArray[np.float32], b: npt.NDArray[np.float32]) -> float:
 
 
 def correlate(
-    reference: Template, target: Spline, centres: Array, start: Array, subset: Subset = WHOLE, threads: int = 1
+    reference: Template,
+    target: Spline,
+    centres: Array,
+    start: Array,
+    subset: Subset = WHOLE,
+    threads: int = 1,
+    contraction: float = 1.0,
 ) -> Correlated:
     """Find subsets of a reference image in a target image.
 
     centres : (n, 2) — whole pixels of the reference
     start : (n, 2, 3 or 6) — warps to start from, right to a few pixels; a NaN leaves the point untracked
     threads : how many share the points; the result does not depend on it
+    contraction : how much smaller the second increment is than the first, as like points have shown; a start that is
+        good enough then needs no second one. 1 where it is not known.
 
     Raises ValueError for an even subset, or starts that do not fit the shape function.
     """
@@ -142,7 +151,9 @@ def correlate(
         raise ValueError(f"starts of shape {start.shape} do not fit {len(centres)} {subset.shape_function} warps")
     found = _nothing(start)
     pixels, weight = centres.astype(np.int64), _weight(subset)
-    control = _Control(subset.min_share, subset.iterations, float(subset.tolerance_px), subset.gaussian > 0.0)
+    control = _Control(
+        subset.min_share, subset.iterations, float(subset.tolerance_px), subset.gaussian > 0.0, contraction
+    )
 
     def part(first: int) -> None:
         chunk = slice(first, first + _CHUNK)
@@ -167,6 +178,7 @@ def _nothing(start: Array) -> Correlated:
         np.zeros(n, dtype=np.int16),
         np.full(n, Status.UNTRACKED, dtype=np.uint8),
         np.full((n, 3), np.nan),
+        np.full(n, np.nan),
     )
 
 
@@ -186,6 +198,7 @@ class _Control(NamedTuple):
     iterations: int
     tolerance_px: float
     is_weighted: bool
+    contraction: float
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
@@ -237,11 +250,11 @@ def _correlate(
     size, terms = len(weight), start.shape[2]
     half, room = size // 2, size * size
     grey, geometry = np.empty((3, room), dtype=np.float32), np.empty((6, room), dtype=np.float32)
-    one, fractions = np.ones(room, dtype=np.float32), np.empty((2, room), dtype=np.float32)
+    one, sampled = np.ones(room, dtype=np.float32), np.zeros((3, room + LANES), dtype=np.float32)
     whole = Pixels(grey[0], grey[1], grey[2], geometry[0], geometry[1], geometry[2])
     cut = Pixels(grey[0], grey[1], grey[2], geometry[3], geometry[4], geometry[5])
     _lay_out(weight, whole)
-    places = Places(np.empty(room, dtype=np.uint32), fractions[0], fractions[1])
+    places = Places(np.empty(room, dtype=np.uint32), sampled[0], sampled[1], sampled[2])
     square, vector = np.empty((2, 2 * terms, 2 * terms)), np.empty((3, 2 * terms))
     normal = Normal(
         square[0], square[1], vector[0], vector[1], np.empty(3), np.empty(15), np.empty(3 + 2 * terms), vector[2]
@@ -264,7 +277,7 @@ def _correlate(
             found.status[k] = _LOW_TEXTURE
             continue
         _set_warp(c, start[k])
-        found.status[k], found.iterations[k], found.znssd[k] = iterate(
+        found.status[k], found.iterations[k], found.znssd[k], found.contraction[k] = iterate(
             coefficients, degree, p, n, half, normal, control, places, c
         )
         if found.status[k] == _VALID:

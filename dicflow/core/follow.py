@@ -8,6 +8,7 @@ same way; on each, points without a value are tried again from what has been fou
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Iterable
 from typing import Any, NamedTuple
 
@@ -30,6 +31,7 @@ Mask = npt.NDArray[np.bool_]
 
 _STRIDES = (8, 4, 2, 1)
 _TRIES = 3
+_ENOUGH, _SHARE = 20, 0.95
 _BEST_ZNSSD = 1e-3
 _VALID = int(Status.VALID)
 _HOPELESS = (Status.CUT_SUBSET, Status.LOW_TEXTURE)
@@ -68,16 +70,21 @@ def correlate_field(
 
     Points that no start and no neighbour leads to stay UNTRACKED.
     """
-    search = _Search(reference, target, grid, subset, max_znssd, threads, _empty(grid, subset), np.zeros(grid.shape[:2]))
+    search = _Search(
+        reference, target, grid, subset, max_znssd, threads, _empty(grid, subset), np.zeros(grid.shape[:2])
+    )
     for stride in _STRIDES:
         search.fill(stride, starts)
+        search.learn()
     return search.field
 
 
-class _Search(NamedTuple):
+@dataclasses.dataclass
+class _Search:
     """A field under way.
 
     tries : (rows, cols) — how often each point was looked for
+    ratios : by how much increments shrank, of points so far; contraction : what nearly all of them stay below
     """
 
     reference: Template
@@ -88,6 +95,8 @@ class _Search(NamedTuple):
     threads: int
     field: Field
     tries: Array
+    ratios: list[Array] = dataclasses.field(default_factory=list)
+    contraction: float = 1.0
 
     def fill(self, stride: int, starts: Array) -> None:
         """Find every ``stride``-th point of the grid, each way, that neighbours on this lattice or a start lead to."""
@@ -118,11 +127,20 @@ class _Search(NamedTuple):
         rows, cols = points[known].T
         start = np.zeros((len(rows), 2, TERMS[self.subset.shape_function]))
         start[..., :3] = starts[known]
-        found = correlate(self.reference, self.target, self.grid[rows, cols], start, self.subset, self.threads)
+        found = correlate(
+            self.reference, self.target, self.grid[rows, cols], start, self.subset, self.threads, self.contraction
+        )
+        self.ratios.append(found.contraction[np.isfinite(found.contraction)])
         self.tries[rows, cols] += 1
-        pairs: Iterable[tuple[Any, Any]] = zip(self.field, self._judged(found), strict=True)
+        pairs: Iterable[tuple[Any, Any]] = zip(self.field, self._judged(found), strict=False)
         for kept, new in pairs:
             kept[rows, cols] = new
+
+    def learn(self) -> None:
+        """Take the contraction from the points so far, once they are enough to tell."""
+        ratios = np.concatenate(self.ratios)
+        if self.contraction == 1.0 and len(ratios) >= _ENOUGH:
+            self.contraction = min(1.0, float(np.quantile(ratios, _SHARE)))
 
     def _judged(self, found: Correlated) -> Correlated:
         """What fits badly is no match."""

@@ -14,8 +14,11 @@ from numba import njit
 from dicflow.core.interpolate import FAST, PAD, bicubic, biquintic
 from dicflow.core.status import Status
 
-__all__ = ["Normal", "Pixels", "Places", "covariance", "iterate", "prepare"]
+__all__ = ["LANES", "Normal", "Pixels", "Places", "covariance", "iterate", "prepare"]
 
+LANES = 8
+"""Pixels that are sampled at once; a run of pixels is rounded up to so many."""
+_SCATTERED = 0.2
 _VALID, _OUTSIDE, _NOT_CONVERGED = int(Status.VALID), int(Status.OUTSIDE), int(Status.NOT_CONVERGED)
 
 
@@ -34,11 +37,15 @@ class Pixels(NamedTuple):
 
 
 class Places(NamedTuple):
-    """Where the pixels of one subset lie in the target: index of the first coefficient, fractions along x and y."""
+    """Where the pixels of one subset lie in the target, with room for LANES more.
+
+    at : uint32 — index of the first coefficient; t, s : float32 — fractions along x and y; g : float32 — grey levels
+    """
 
     at: Any
     t: Any
     s: Any
+    g: Any
 
 
 class Normal(NamedTuple):
@@ -76,26 +83,33 @@ def prepare(p: Any, n: int, one: Any, normal: Any) -> Any:
 def iterate(
     coefficients: Any, degree: int, p: Any, n: int, half: int, normal: Any, control: Any, places: Any, c: Any
 ) -> Any:
-    """Improve the warp ``c`` until it stays; returns status, iterations and ZNSSD.
+    """Improve the warp ``c`` until it stays; returns status, iterations, ZNSSD and the ratio of the last increments.
 
-    The increments of Gauss-Newton shrink by a ratio r, so that what is left after one of size e is e r/(1 − r).
+    The increments of Gauss-Newton shrink by a ratio r, so that what is left after one of size e is e r/(1 − r). For the
+    first increment r is what ``control.contraction`` says.
     """
     flat, width = coefficients.ravel(), np.uint64(coefficients.shape[1])
     terms, level = len(normal.increment) // 2, np.float32(normal.facts[0])
-    last, znssd = 0.0, np.nan
+    last, ratio, znssd = 0.0, np.nan, np.nan
     for iteration in range(1, control.iterations + 1):
         if not _place(c, coefficients.shape, degree, p, n, half, places):
-            return _OUTSIDE, iteration, znssd
-        _compare(flat, width, degree, places, level, p, n, terms, normal.sums)
+            return _OUTSIDE, iteration, znssd, np.nan
+        if abs(c[0, 1] - 1.0) + abs(c[1, 1]) < _SCATTERED:
+            _sample_runs(flat, width, degree, places, n, 2 * half + 1)
+            _sums(places.g, level, p, n, normal.sums)
+        else:
+            _gathered_sums(flat, width, degree, places, level, p, n, normal.sums)
         znssd = _increment(normal)
-        size = _largest_motion(normal.increment)
-        if not size < 2.0 * half:
-            return _NOT_CONVERGED, iteration, znssd
+        size = _rms_motion(normal.increment)
+        if not size < half:
+            return _NOT_CONVERGED, iteration, znssd, np.nan
         _update(c, normal.increment, terms, half)
-        if size < control.tolerance_px or size * size < control.tolerance_px * (last - size):
-            return _VALID, iteration, znssd
+        ratio = size / last if iteration > 1 else np.nan
+        shrinks = ratio if iteration > 1 else control.contraction
+        if size < control.tolerance_px or size * shrinks < control.tolerance_px * (1.0 - shrinks):
+            return _VALID, iteration, znssd, ratio
         last = size
-    return _NOT_CONVERGED, control.iterations, znssd
+    return _NOT_CONVERGED, control.iterations, znssd, np.nan
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
@@ -283,33 +297,114 @@ def _place(c: Any, shape: Any, degree: int, p: Any, n: int, half: int, places: A
     return x0 + left >= 0 and x0 + right < cols and y0 + top >= 0 and y0 + bottom < rows
 
 
-@njit(cache=True, nogil=True, fastmath=FAST, error_model="numpy")
-def _compare(flat: Any, width: Any, degree: int, places: Any, level: Any, p: Any, n: int, terms: int, out: Any) -> None:
-    """Sums over the target's grey levels g at the places, less a level: Σ w g, Σ w g², Σ w f g, then Σ w J g.
+@njit(cache=True, nogil=True, error_model="numpy")
+def _sample_runs(flat: Any, width: Any, degree: int, places: Any, n: int, side: int) -> None:
+    """Grey levels at the places, run by run: pixels whose coefficients lie side by side need no gathering.
 
-    Nothing is stored in the loop, since only then its loads can be gathered in one instruction for many pixels.
+    The last pixels of a run are rounded up to LANES; what that writes too much, the next run writes over.
     """
-    s0, s1, s2 = np.float32(0), np.float32(0), np.float32(0)
-    x0, x1, x2, y0, y1, y2 = np.float32(0), np.float32(0), np.float32(0), np.float32(0), np.float32(0), np.float32(0)
-    x3, x4, x5, y3, y4, y5 = np.float32(0), np.float32(0), np.float32(0), np.float32(0), np.float32(0), np.float32(0)
-    for k in range(n):
+    k, end = 0, len(flat) - degree * (int(width) + 1)
+    while k < n:
+        run = _run(places.at, k, min(side, n - k))
+        count = min(-(-run // LANES) * LANES, end - int(places.at[k]))
+        _sample(flat, np.uint64(places.at[k]), width, degree, np.uint64(k), np.uint64(count), places)
+        k += run
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _run(at: Any, k: int, most: int) -> int:
+    """How many pixels from the k-th on, ``most`` at most, have their coefficients side by side."""
+    first, differ = at[k], np.uint32(0)
+    for j in range(most):
+        differ |= at[k + j] - first - np.uint32(j)
+    if differ == 0:
+        return most
+    run = 1
+    while at[k + run] == first + np.uint32(run):
+        run += 1
+    return run
+
+
+@njit(cache=True, nogil=True, fastmath=FAST, error_model="numpy")
+def _sample(flat: Any, at: Any, width: Any, degree: int, k: Any, count: Any, places: Any) -> None:
+    """Grey levels of pixels k, k + 1, … whose first coefficients are at, at + 1, …"""
+    for j in range(count):
+        t, s = places.t[k + j], places.s[k + j]
         if degree == 3:
-            g = bicubic(flat, np.uint64(places.at[k]), width, places.t[k], places.s[k]) - level
+            places.g[k + j] = bicubic(flat, at + j, width, t, s)
         else:
-            g = biquintic(flat, np.uint64(places.at[k]), width, places.t[k], places.s[k]) - level
-        xi, eta, v = p.xi[k], p.eta[k], p.w[k] * g
-        s0, s1, s2 = s0 + v, s1 + v * g, s2 + v * p.f[k]
-        vx, vy = v * p.fx[k], v * p.fy[k]
-        x0, x1, x2 = x0 + vx, x1 + vx * xi, x2 + vx * eta
-        y0, y1, y2 = y0 + vy, y1 + vy * xi, y2 + vy * eta
-        if terms == 6:
-            xx, xy, yy = xi * xi, xi * eta, eta * eta
-            x3, x4, x5 = x3 + vx * xx, x4 + vx * xy, x5 + vx * yy
-            y3, y4, y5 = y3 + vy * xx, y4 + vy * xy, y5 + vy * yy
-    out[0], out[1], out[2] = s0, s1, s2
-    out[3], out[4], out[5], out[3 + terms], out[4 + terms], out[5 + terms] = x0, x1, x2, y0, y1, y2
+            places.g[k + j] = biquintic(flat, at + j, width, t, s)
+
+
+_NONE = (np.float32(0.0),) * 9
+"""Σ v, Σ v g, Σ v f, Σ v fx m, Σ v fy m with m = 1, ξ, η before the first pixel."""
+_NO_MORE = (np.float32(0.0),) * 6
+"""Σ v fx m, Σ v fy m with m = ξ², ξη, η²."""
+
+
+@njit(nogil=True, fastmath=FAST, error_model="numpy", forceinline=True)
+def _added(s: Any, p: Any, k: Any, g: Any) -> Any:
+    """The sums of an affine warp with pixel k, whose grey level is g."""
+    v, xi, eta = p.w[k] * g, p.xi[k], p.eta[k]
+    x, y = v * p.fx[k], v * p.fy[k]
+    return (
+        s[0] + v,
+        s[1] + v * g,
+        s[2] + v * p.f[k],
+        s[3] + x,
+        s[4] + x * xi,
+        s[5] + x * eta,
+        s[6] + y,
+        s[7] + y * xi,
+        s[8] + y * eta,
+    )
+
+
+@njit(nogil=True, fastmath=FAST, error_model="numpy", forceinline=True)
+def _added_quadratic(s: Any, p: Any, k: Any, g: Any) -> Any:
+    """What a quadratic warp has beyond an affine one."""
+    v, xi, eta = p.w[k] * g, p.xi[k], p.eta[k]
+    x, y, xx, xy, yy = v * p.fx[k], v * p.fy[k], xi * xi, xi * eta, eta * eta
+    return s[0] + x * xx, s[1] + x * xy, s[2] + x * yy, s[3] + y * xx, s[4] + y * xy, s[5] + y * yy
+
+
+@njit(cache=True, nogil=True, fastmath=FAST, error_model="numpy")
+def _sums(g: Any, level: Any, p: Any, n: int, out: Any) -> None:
+    """Sums over grey levels g, less a level: Σ w g, Σ w g², Σ w f g, then Σ w J g."""
+    terms, s, q = (len(out) - 3) // 2, _NONE, _NO_MORE
+    for k in range(n):
+        s = _added(s, p, k, g[k] - level)
     if terms == 6:
-        out[6], out[7], out[8], out[12], out[13], out[14] = x3, x4, x5, y3, y4, y5
+        for k in range(n):
+            q = _added_quadratic(q, p, k, g[k] - level)
+    _put(s, q, terms, out)
+
+
+@njit(cache=True, nogil=True, fastmath=FAST, error_model="numpy")
+def _gathered_sums(flat: Any, width: Any, degree: int, places: Any, level: Any, p: Any, n: int, out: Any) -> None:
+    """The same sums with grey levels from scattered coefficients.
+
+    Nothing is stored in the loops, since only then their loads can be gathered in one instruction for many pixels.
+    """
+    terms, s, q = (len(out) - 3) // 2, _NONE, _NO_MORE
+    if degree == 3:
+        for k in range(n):
+            g = bicubic(flat, np.uint64(places.at[k]), width, places.t[k], places.s[k]) - level
+            s, q = _added(s, p, k, g), _added_quadratic(q, p, k, g)
+    else:
+        for k in range(n):
+            g = biquintic(flat, np.uint64(places.at[k]), width, places.t[k], places.s[k]) - level
+            s, q = _added(s, p, k, g), _added_quadratic(q, p, k, g)
+    _put(s, q, terms, out)
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _put(s: Any, q: Any, terms: int, out: Any) -> None:
+    """Write sums in the order of the warp's coefficients."""
+    for i in range(3):
+        out[i], out[3 + i], out[3 + terms + i] = s[i], s[3 + i], s[6 + i]
+        if terms == 6:
+            out[6 + i], out[12 + i] = q[i], q[3 + i]
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
@@ -330,12 +425,15 @@ def _increment(normal: Any) -> Any:
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _largest_motion(d: Any) -> Any:
-    """Greatest motion that an increment gives to a pixel of the subset, at most [px]."""
-    x, y, terms = 0.0, 0.0, len(d) // 2
-    for i in range(terms):
-        x, y = x + abs(d[i]), y + abs(d[terms + i])
-    return np.sqrt(x * x + y * y)
+def _rms_motion(d: Any) -> Any:
+    """Root of the mean square, over the subset, of the motion that an increment gives to its pixels [px]."""
+    square, terms = 0.0, len(d) // 2
+    for i in (0, terms):
+        square += d[i] * d[i] + (d[i + 1] * d[i + 1] + d[i + 2] * d[i + 2]) / 3.0
+        if terms == 6:
+            xx, xy, yy = d[i + 3], d[i + 4], d[i + 5]
+            square += 2.0 * d[i] * (xx + yy) / 3.0 + (xx * xx + yy * yy) / 5.0 + (xy * xy + 2.0 * xx * yy) / 9.0
+    return np.sqrt(square)
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
