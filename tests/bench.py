@@ -19,10 +19,11 @@ from typing import NamedTuple, TypeVar
 
 import psutil
 
-from tests import bench_correlation
-from tests.figures import ROOT, WORK, Figure, replica, report
+from tests import bench_correlation, bench_stereo
+from tests.figures import ROOT, WORK, Figure, fresh, replica, report
 
 PIPELINE = ROOT / "pipelines" / "latex_experiment_1.yaml"
+PRECISE = ROOT / "pipelines" / "precise_latex_experiment_1.yaml"
 T = TypeVar("T")
 MEASURE = """\
 import json, sys
@@ -72,17 +73,11 @@ def _watch(pid: int, peak: list[int], stop: threading.Event) -> None:
             continue
 
 
-def fresh(name: str) -> Path:
-    store = WORK / name
-    shutil.rmtree(store, ignore_errors=True)
-    return store
-
-
-def computed(data: Path, store: Path, workers: int) -> Cost:
+def computed(data: Path, store: Path, workers: int, pipeline: Path = PIPELINE) -> Cost:
     """A cold run without pictures, through the library."""
     script = WORK / "measure.py"
     script.write_text(MEASURE)
-    return cost([sys.executable, str(script), str(PIPELINE), str(data), str(store), str(workers)])
+    return cost([sys.executable, str(script), str(pipeline), str(data), str(store), str(workers)])
 
 
 def of_length(folder: Path, steps: int) -> Path:
@@ -132,10 +127,12 @@ def main() -> int:
     cold, warm = cost(command), min((cost(command) for _ in range(3)), key=lambda run: run.seconds)
     helped = min((cost([dicflow, "--help"]) for _ in range(3)), key=lambda run: run.seconds)
     short, long = (computed(of_length(data, steps), fresh(f"bench_{steps}"), 2) for steps in (8, 40))
+    precise = [computed(of_length(data, steps), fresh(f"bench_{steps}"), 2, PRECISE) for steps in (8, 22, 40)]
     stages = two.said["stage_s"] + two.said["remake_s"]
     return report([
         *bench_correlation.speed(),
         *bench_correlation.growth(),
+        *bench_stereo.step_cost(),
         Figure("cold run with pictures, 2 workers", cold.seconds, 150, unit="s"),
         Figure("peak memory over all processes", cold.peak_bytes / 2**30, 2, unit="GiB"),
         Figure("store", size_of(store) / 1e9, 1.5, unit="GB"),
@@ -145,6 +142,10 @@ def main() -> int:
         Figure("making again what is not kept / stages", two.said["remake_s"] / stages),
         Figure("peak memory, 22 steps / 8 steps", two.peak_bytes / short.peak_bytes),
         Figure("peak memory, 40 steps / 22 steps", long.peak_bytes / two.peak_bytes),
+        Figure("precise form: cold run of 22 steps", precise[1].seconds, unit="s"),
+        Figure("precise form: peak memory", precise[1].peak_bytes / 2**30, 2, unit="GiB"),
+        Figure("precise form: peak memory, 22 steps / 8 steps", precise[1].peak_bytes / precise[0].peak_bytes),
+        Figure("precise form: peak memory, 40 steps / 22 steps", precise[2].peak_bytes / precise[1].peak_bytes),
         Figure("run with nothing to do, whole process", warm.seconds, 1.5, unit="s"),
         Figure("  of it computed", warm.said["counts"]["computed"], 0),
         Figure("dicflow --help, whole process", helped.seconds, 0.5, unit="s"),

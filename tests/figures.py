@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import platform
+import shutil
 import sys
 from collections.abc import Sequence
 from pathlib import Path
@@ -53,6 +54,13 @@ def replica(experiment: int) -> Path:
         write_experiment(folder, latex_experiment(experiment), workers=2)
         done.touch()
     return folder
+
+
+def fresh(name: str) -> Path:
+    """A path of work in which nothing is left of an earlier time."""
+    path = WORK / name
+    shutil.rmtree(path, ignore_errors=True)
+    return path
 
 
 def pipeline_result(name: str, data: Path, store: str, settings: Sequence[str] = ()) -> Result:

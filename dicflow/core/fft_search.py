@@ -24,7 +24,7 @@ Array = npt.NDArray[np.float64]
 Image = npt.NDArray[np.float32]
 Mask = npt.NDArray[np.bool_]
 
-WHOLE_PX = 384  # the longer side of the region where it is looked for as a whole; finer detail is averaged away
+WHOLE_PX = 256  # the longer side of the region where it is looked for as a whole; finer detail is averaged away
 FAR_WINDOWS, NEAR_WINDOWS = 64, 128  # about how many windows look in the whole image, and near a predicted place
 FAR_PX, NEAR_PX = 96, 48  # their side, and that of the windows that look near a predicted place [px]
 REACH_PX = (24, 8)  # how far these look, first and after that
@@ -154,13 +154,20 @@ def _nearby(
     for centre, place, slope in zip(centres.astype(int), *motion, strict=True):
         at = (place + grid @ slope.T).astype(np.float32)
         image = np.asarray(cv2.remap(target, at, None, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE))
-        corner = np.maximum(centre - half, 0)
-        peak = search(_window(reference, centre, half), image, _window(usable, centre, half))
-        shift = peak.shift - (half + reach) + centre - corner
+        peak = _template_peak(image, _window(reference, centre, half), _window(usable, centre, half))
+        shift = peak.shift - (half + reach) + centre - np.maximum(centre - half, 0)
         if peak.correlation >= LEAST_CORRELATION and np.abs(shift).max() < reach:
             places.append(centre)
             found.append(place + slope @ shift)
     return _kept(places, found)
+
+
+def _template_peak(image: Image, window: Image, usable: Mask) -> Peak:
+    """The place at which a window fits best wholly inside a small image."""
+    mask = None if usable.all() else usable.astype(np.float32)
+    surface = cv2.matchTemplate(image, window, cv2.TM_CCOEFF_NORMED, mask=mask)
+    surface[~(np.abs(surface) <= 1.0)] = -1.0  # where the image shows nothing at all
+    return _peak(surface)
 
 
 def _kept(places: list[Any], found: list[Any]) -> tuple[Array, Array]:

@@ -107,7 +107,7 @@ def rasterise(polygons: Sequence[Polygon], shape: tuple[int, int]) -> Mask:
     shape : (rows, cols) of the image
     """
     height, width = shape
-    toggles = np.zeros((height, width + 1), dtype=np.int32)
+    toggles = np.zeros((height, width + 1), dtype=np.uint8)
     for polygon in polygons:
         for ring in polygon.rings:
             for (ax, ay), (bx, by) in zip(ring, np.roll(ring, -1, axis=0), strict=True):
@@ -115,9 +115,9 @@ def rasterise(polygons: Sequence[Polygon], shape: tuple[int, int]) -> Mask:
                     first, last = np.ceil(np.clip([min(ay, by), max(ay, by)], 0, height)).astype(int)
                     rows = np.arange(first, last)
                     crossing = ax + (rows - ay) * ((bx - ax) / (by - ay))
-                    toggles[rows, np.clip(np.ceil(crossing), 0, width).astype(int)] += 1
-    odd: Mask = np.cumsum(toggles, axis=1)[:, :width] % 2 != toggles.sum(axis=1, keepdims=True) % 2
-    return odd
+                    toggles[rows, np.clip(np.ceil(crossing), 0, width).astype(int)] ^= 1
+    crossed = np.bitwise_xor.accumulate(toggles, axis=1)
+    return np.asarray(crossed[:, :width] != crossed[:, width:], dtype=np.bool_)
 
 
 def densify(ring: Array, spacing_px: float) -> Array:

@@ -1,0 +1,79 @@
+"""What a stereo step costs: photographs of 5 Mpx, followed, matched, triangulated, with strain and uncertainties."""
+
+from __future__ import annotations
+
+import json
+from collections import defaultdict
+from collections.abc import Iterator
+
+import cv2
+import numpy as np
+
+from dicflow.core.synthetic.deformation import Deformation, carried
+from dicflow.core.synthetic.render import Look, expose, render_strip
+from dicflow.core.synthetic.speckle import scatter_speckles
+from dicflow.core.synthetic.stand import seen_from_right, verged_stand
+from dicflow.io.rig import write_rig
+from dicflow.pipeline import Pipeline
+from tests.figures import WORK, Figure, fresh
+
+SIZE, FIELD_MM = (2448, 2048), 100.0
+WIDTH, LENGTH = 64.0, 70.0
+STRETCHES = (1.0, 1.01, 1.02, 1.03)
+PIPELINE = """\
+dicflow: 1
+title: a strip at 5 Mpx
+stages:
+  photos: {stage: images, left: "left/*.png", right: "right/*.png"}
+  rig: {stage: rig_file, file: rig.json, images: photos}
+  region: {stage: region, images: photos, file: region.geojson}
+  correlation: {stage: correlate, images: photos, subset_size: 33, step_size: 10, threads: 2}
+  stereo: {stage: stereo, images: photos, threads: 2}
+  points: {stage: triangulate}
+  total: {stage: deformation, points: points, window: 70 px}
+"""
+
+
+def photographs() -> str:
+    """The photographs, the rig and the region, rendered at the first call; returns the pipeline's file."""
+    folder = WORK / "strip_5_mpx"
+    if not (folder / "pipeline.yaml").is_file():
+        stand = verged_stand(SIZE, FIELD_MM)
+        speckles = scatter_speckles((WIDTH, LENGTH), (0.2, 0.32), 0.11, seed=4)
+        for step, stretch in enumerate(STRETCHES):
+            plain = Deformation(LENGTH, WIDTH, stretch, curl=0.2)
+            centred = carried(plain, np.eye(3), np.array([0.0, -stretch * LENGTH / 2.0, 0.0]))
+            left = carried(centred, stand.rotation, stand.translation)
+            views = {"left": (stand.rig.left, left), "right": (stand.rig.right, seen_from_right(stand.rig, left))}
+            for side, (camera, seen) in views.items():
+                (folder / side).mkdir(parents=True, exist_ok=True)
+                image = expose(render_strip(camera, seen, speckles, 1.0, Look()), 2.0, [step, side == "right"])
+                cv2.imwrite(str(folder / side / f"step_{step}.png"), image)
+        write_rig(folder / "rig.json", stand.rig)
+        (folder / "region.geojson").write_text(json.dumps(_region()))
+        (folder / "pipeline.yaml").write_text(PIPELINE)
+    return str(folder / "pipeline.yaml")
+
+
+def _region() -> dict:
+    """1,200 × 1,000 px in the middle of the photograph."""
+    x0, y0, x1, y1 = (SIZE[0] - 1200) // 2, (SIZE[1] - 1000) // 2, (SIZE[0] + 1200) // 2, (SIZE[1] + 1000) // 2
+    ring = [[x0, y0], [x1, y0], [x1, y1], [x0, y1], [x0, y0]]
+    geometry = {"type": "Polygon", "coordinates": [ring]}
+    return {"type": "Feature", "properties": {"frame": "photograph"}, "geometry": geometry}
+
+
+def step_cost() -> Iterator[Figure]:
+    """Time of all stages for one step of 12,000 points in one process, hashing and storing included."""
+    pipeline = Pipeline.load(photographs(), store=fresh("store_5_mpx"))
+    result = pipeline.run(scheduler="sync")
+    assert result.outcome is not None
+    seconds: dict[str, float] = defaultdict(float)
+    for task in result.outcome.outcomes.values():
+        if task.step is not None:
+            seconds[task.step] += task.stage_s + task.remake_s + task.engine_s
+    last = result.product("total", result.steps("total")[-1])
+    yield Figure("stereo step at 5 Mpx: points", int(np.isfinite(last["eyy"]).sum()), 11_500, at_least=True)
+    yield Figure(
+        "stereo step at 5 Mpx: the slowest after the first two", max(list(seconds.values())[2:]), 1.0, unit="s"
+    )
