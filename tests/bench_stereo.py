@@ -75,5 +75,5 @@ def step_cost() -> Iterator[Figure]:
     last = result.product("total", result.steps("total")[-1])
     yield Figure("stereo step at 5 Mpx: points", int(np.isfinite(last["eyy"]).sum()), 11_500, at_least=True)
     yield Figure(
-        "stereo step at 5 Mpx: the slowest after the first two", max(list(seconds.values())[2:]), 1.0, unit="s"
+        "stereo step at 5 Mpx: slowest after the first two", max(list(seconds.values())[2:]), 1.0, unit="s"
     )

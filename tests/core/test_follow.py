@@ -98,7 +98,7 @@ def test_wrong_starts_are_put_right_by_their_neighbours():
 
 
 def ringed():
-    """A grid with a hole, and an island beyond the reach of the coarsest lattice; usable pixels; which points are island."""
+    """A grid with a hole, and an island beyond the reach of the coarsest lattice; usable pixels; the island."""
     grid, island = GRID.copy(), np.zeros((ROWS, COLS), dtype=bool)
     grid[10:16, 12:20] = np.nan
     grid[:, 23:32] = np.nan
