@@ -61,7 +61,7 @@ def photograph_experiment(folder: Path) -> Path:
     experiment = latex_experiment(3, scale=0.3, steps=(0, 5, 8), boards=BOARDS)._replace(noise=1.0)
     write_experiment(folder, experiment)
     pipeline = folder / "quickstart.yaml"
-    text = (ROOT / "pipelines" / "quickstart.yaml").read_text()
+    text = (ROOT / "pipelines" / "thesis_quickstart.yaml").read_text()
     assert "{stage: maps}" in text
     pipeline.write_text(text.replace("{stage: maps}", "{stage: maps, quantities: [eyy]}"))
     for path in folder.rglob("*"):

@@ -16,8 +16,9 @@ from small import ROOT, STEPS, TASKS, dicflow
 
 from dicflow.pipeline import Pipeline
 
-SAMPLE = ROOT / "pipelines" / "quickstart.yaml"
-COMMANDS = ("run", "plan", "why", "graph", "ls", "show", "export", "gc", "verify", "pin", "schema", "init", "doctor")
+SAMPLE = ROOT / "pipelines" / "thesis_quickstart.yaml"
+COMMANDS = ("run", "plan", "why", "graph", "ls", "show", "report", "export", "compare", "gc", "verify", "pin")
+COMMANDS += ("schema", "init", "doctor")
 RIG_ALONE = """\
 stages:
   boards: {stage: images, left: boards/left/*.png, right: boards/right/*.png}
@@ -60,6 +61,7 @@ def test_a_run_with_nothing_to_do(given):
     assert answer.line["stages"]["total"]["hit"] == STEPS - 1
     assert len(answer.out.splitlines()) == 1
     assert "rig: " in answer.err
+    assert answer.err.splitlines()[-1].endswith("report.html")
     assert "pairs" in answer.err
 
 
@@ -301,6 +303,18 @@ def test_export_gives_the_products_numbers(given, pipeline, measured, tmp_path):
         assert set(arrays) == {*total.variables, "attributes"}
         np.testing.assert_array_equal(arrays["eyy"], total["eyy"])
         assert json.loads(str(arrays["attributes"]))["units"]["eyy"] == "1"
+
+
+def test_a_report_of_what_the_store_holds(given, tmp_path):
+    answer = dicflow("report", *given, "--output", tmp_path / "new")
+    assert answer.out == f"{tmp_path / 'new' / 'report.html'}\n"
+    assert "<h1>Latex strip" in (tmp_path / "new" / "report.html").read_text()
+
+
+def test_export_of_an_unknown_format(given):
+    dicflow("export", *given, "total", "--format", "cvs").refuses(
+        2, "no format 'cvs', did you mean 'csv'?; there are csv"
+    )
 
 
 def test_export_as_pictures(given, tmp_path):
