@@ -13,8 +13,9 @@ __all__ = ["Pipeline", "Result", "__version__"]
 
 
 def __getattr__(name: str) -> Any:
-    """Load the pipeline only when it is asked for, so that the command line answers at once."""
+    """Load the pipeline only when it is asked for, so that the command line answers at once; with it, what draws."""
     if name in ("Pipeline", "Result"):
+        import dicflow.views  # noqa: F401  what draws results makes itself known to them
         from dicflow import pipeline
 
         return getattr(pipeline, name)

@@ -157,12 +157,21 @@ class Pipeline:
         return Result(self.graph, self.store, refs, self.instances, values, outcome)
 
     def resolved(self) -> dict[str, Any]:
-        """The pipeline with every default written out, as a run keeps it."""
+        """The pipeline with every default written out, as a run keeps it.
+
+        ``title``; ``stages``: parameters and inputs of each stage of the graph; ``variants``: values of the sweep;
+        ``instances``: per variant the stage of the graph that stands for each stage in the file.
+        """
         stages = {
             name: {**spec.node.model_dump(mode="json"), "inputs": dict(spec.inputs)}
             for name, spec in self._instances[1].items()
         }
-        return {"title": self.title, "stages": stages, "variants": [dict(variant.values) for variant in self.variants]}
+        return {
+            "title": self.title,
+            "stages": stages,
+            "variants": [dict(variant.values) for variant in self.variants],
+            "instances": [dict(names) for names in self.instances],
+        }
 
 
 def _in_order(wired: Mapping[str, Wired]) -> Iterable[str]:

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import difflib
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, ClassVar
 
 from dicflow.engine.graph import Graph
 from dicflow.engine.product import Product
@@ -25,8 +25,11 @@ __all__ = ["Result"]
 class Result:
     """Products by stage and step, of one variant or of several.
 
-    ``outcome`` is what the run did, None where nothing was run.
+    ``outcome`` is what the run did, None where nothing was run. ``drawing`` makes the figures of :meth:`plot`;
+    :mod:`dicflow.views` puts it there, so that results can be had without anything that draws.
     """
+
+    drawing: ClassVar[Callable[..., Any] | None] = None
 
     def __init__(
         self,
@@ -89,6 +92,16 @@ class Result:
     def dataset(self, stage: str, step: str | int | None = None, variant: int = 0) -> xarray.Dataset:
         """One product as an xarray dataset."""
         return self.product(stage, step, variant).to_dataset()
+
+    def plot(self, stage: str, quantity: str, step: str | int = -1, **options: Any) -> Any:
+        """A matplotlib figure of one quantity at one step; options as in :func:`dicflow.views.plot`.
+
+        Raises ConfigurationError for a name that does not exist and lists those that do, DicflowError for a product
+        that was not computed.
+        """
+        if Result.drawing is None:
+            raise ConfigurationError("figures are drawn by dicflow.views; import it before you plot")
+        return Result.drawing(self, stage, quantity, step=step, **options)
 
     def table(self) -> list[dict[str, Any]]:
         """One row per variant: the values of the sweep, then the scalars of every stage, as means over its steps."""

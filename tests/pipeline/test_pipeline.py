@@ -228,6 +228,19 @@ def test_defaults_of_a_pipeline(pipeline):
     stages = loaded.resolved()["stages"]
     assert stages["strain"]["degree"] == 2
     assert stages["strain"]["inputs"] == {"increment": "smooth"}
+    assert loaded.resolved()["instances"] == [{stage: stage for stage in stages}]
+    swept = Pipeline.load(pipeline, settings=["maps.percentile=0,1"]).resolved()
+    assert [names["maps"] for names in swept["instances"]] == ["maps", "maps@2"]
+
+
+def test_a_result_draws_what_it_holds(pipeline, measured):
+    result = dicflow.Pipeline.load(pipeline).result()
+    figure = result.plot("total", "eyy", step="step_01")
+    assert figure.axes[0].get_title() == "total · eyy"
+    with pytest.raises(ConfigurationError, match=r"no quantity 'ezz' in total.*; it has U, V, W"):
+        result.plot("total", "ezz")
+    with pytest.raises(ConfigurationError, match="total has no step 'step_7'"):
+        result.plot("total", "eyy", step="step_7")
 
 
 def test_workers_compute_with_one_thread():
