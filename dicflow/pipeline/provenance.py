@@ -1,0 +1,110 @@
+"""What a run did, as its journal and the records of its products tell of it."""
+
+from __future__ import annotations
+
+from collections import Counter, defaultdict
+from collections.abc import Iterable, Mapping
+from typing import Any, NamedTuple
+
+from dicflow.engine.journal import RunInfo
+from dicflow.engine.store import Store
+
+__all__ = ["RunFacts", "TaskFacts", "run_facts"]
+
+
+class TaskFacts(NamedTuple):
+    """What became of one task.
+
+    stage : its name in the graph, ``surface`` or in a sweep also ``surface@2``
+    step : None for a stage that runs once
+    status : hit, computed, failed or skipped
+    seconds : in its stage; of a hit, in the run that computed it
+    key, digest : of its record and its product; empty where there is none
+    error : why it failed or was skipped; may name files of the machine
+    """
+
+    task: str
+    stage: str
+    step: str | None
+    status: str
+    seconds: float
+    key: str
+    digest: str
+    error: str
+
+
+class RunFacts(NamedTuple):
+    """What one run did.
+
+    started : s since 1970
+    planned : number of its tasks; a run that was killed tells nothing of some of them
+    interrupted : by Ctrl-C
+    ended : false while it runs, and for ever where it was killed
+    versions : package → every version that has made a product of this run
+    """
+
+    id: str
+    started: float
+    planned: int
+    interrupted: bool
+    ended: bool
+    tasks: tuple[TaskFacts, ...]
+    warnings: tuple[str, ...]
+    versions: Mapping[str, tuple[str, ...]]
+
+    @property
+    def counts(self) -> dict[str, int]:
+        """How many tasks were hit, computed, failed and skipped."""
+        found = Counter(task.status for task in self.tasks)
+        return {status: found[status] for status in ("hit", "computed", "failed", "skipped")}
+
+    @property
+    def saved_s(self) -> float:
+        """Time that the products at hand once took and now did not [s]."""
+        return sum(task.seconds for task in self.tasks if task.status == "hit")
+
+
+def run_facts(store: Store, run: RunInfo) -> RunFacts:
+    """The facts of a run, also of one that failed, was interrupted or killed. No array is read."""
+    events, index = list(run.events()), run.index
+    finished = {event["task"]: event for event in events if event.get("kind") == "finished"}
+    made = {task: _made(store, entry["key"]) for task, entry in index.items()}
+    planned: Mapping[str, int] = next((event["counts"] for event in events if event.get("kind") == "planned"), {})
+    tasks = [_hit(task, index[task], made[task]) for task in index if task not in finished]
+    tasks += [_finished(event, made.get(task, {})) for task, event in finished.items()]
+    return RunFacts(
+        run.id,
+        run.started,
+        sum(planned.values()),
+        bool((run.result or {}).get("interrupted")),
+        run.result is not None,
+        tuple(tasks),
+        tuple(event["text"] for event in events if event.get("kind") == "warning"),
+        _versions(made.values()),
+    )
+
+
+def _made(store: Store, key: str) -> Mapping[str, Any]:
+    """Where a product comes from; nothing where its record has been freed."""
+    record = store.record(key)
+    return record.made if record is not None else {}
+
+
+def _hit(task: str, entry: Mapping[str, str], made: Mapping[str, Any]) -> TaskFacts:
+    """A task that the plan found done; the journal has no event of it."""
+    stage, _sign, step = task.partition("/")
+    return TaskFacts(task, stage, step or None, "hit", made.get("stage_s", 0.0), entry["key"], entry["digest"], "")
+
+
+def _finished(event: Mapping[str, Any], made: Mapping[str, Any]) -> TaskFacts:
+    seconds = made.get("stage_s", 0.0) if event["status"] == "hit" else event.get("seconds", 0.0)
+    texts = (event.get("key", ""), event.get("digest", ""), event.get("text", ""))
+    return TaskFacts(event["task"], event["stage"], event.get("step"), event["status"], seconds, *texts)
+
+
+def _versions(made: Iterable[Mapping[str, Any]]) -> dict[str, tuple[str, ...]]:
+    found: defaultdict[str, set[str]] = defaultdict(set)
+    for one in made:
+        for package, version in one.get("versions", {}).items():
+            found[package].add(version)
+    return {package: tuple(sorted(versions)) for package, versions in sorted(found.items())}
