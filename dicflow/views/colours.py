@@ -1,0 +1,66 @@
+"""Colours that stand for values: one table and one range per quantity, whatever draws it."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dicflow.errors import ConfigurationError
+from dicflow.pipeline.registry import nearest
+
+__all__ = ["Look", "look", "palette"]
+
+SEQUENTIAL, DIVERGING = "viridis", "RdBu_r"
+_SIGNED = 0.1
+
+
+class Look(NamedTuple):
+    """How a quantity is shown.
+
+    quantity : name of the array
+    title : the measure in words
+    unit : of its values; "1" for a pure number
+    range : colours run between these two values
+    table : name of a matplotlib colour map
+    """
+
+    quantity: str
+    title: str
+    unit: str
+    range: tuple[float, float]
+    table: str
+
+    @property
+    def label(self) -> str:
+        """The measure with its unit, as on a colour bar."""
+        return f"{self.title} [{'–' if self.unit == '1' else self.unit}]"
+
+
+def look(quantity: str, title: str, unit: str, low: float, high: float, choice: str = "auto") -> Look:
+    """The look of a quantity whose values run from ``low`` to ``high``.
+
+    choice : a matplotlib colour map; "auto" takes a diverging one about zero where the values lie on both sides of it,
+        the smaller side at least a tenth of the larger, else a sequential one
+    """
+    if choice != "auto":
+        return Look(quantity, title, unit, (low, high), choice)
+    largest, smallest = max(abs(low), abs(high)), min(abs(low), abs(high))
+    if low < 0 < high and smallest >= _SIGNED * largest:
+        return Look(quantity, title, unit, (-largest, largest), DIVERGING)
+    return Look(quantity, title, unit, (low, high), SEQUENTIAL)
+
+
+def palette(table: str, count: int = 254) -> NDArray[np.uint8]:
+    """Colours of a table from its low to its high end.
+
+    Returns (count, 3) uint8 RGB. Raises ConfigurationError for a table that matplotlib does not have.
+    """
+    import matplotlib
+
+    if table not in matplotlib.colormaps:
+        near = nearest(table, matplotlib.colormaps)
+        raise ConfigurationError(f"no colour map '{table}'{near}; choose one of matplotlib's")
+    colours = matplotlib.colormaps[table](np.linspace(0, 1, count), bytes=True)
+    return np.ascontiguousarray(colours[:, :3])
