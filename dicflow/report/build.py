@@ -1,0 +1,86 @@
+"""The page: its sections in order, in one file."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from markupsafe import Markup
+
+from dicflow._version import __version__
+from dicflow.engine.journal import RunInfo, find_run, runs
+from dicflow.errors import DicflowError
+from dicflow.io.files import make_folder, write_whole
+from dicflow.pipeline import Pipeline, Result
+from dicflow.pipeline.provenance import run_facts
+from dicflow.report.calibration import calibration
+from dicflow.report.context import Builder, Context, Section
+from dicflow.report.fields import fields
+from dicflow.report.pieces import Pieces, source_digest
+from dicflow.report.provenance import provenance
+from dicflow.report.quality import quality
+from dicflow.report.rendering import assets, render
+from dicflow.report.settings import settings
+from dicflow.report.summary import summary
+from dicflow.report.sweep import sweep
+
+__all__ = ["SECTIONS", "write_report"]
+
+SECTIONS: tuple[Builder, ...] = (calibration, fields, quality, sweep, settings, provenance)
+"""All but the summary, which stands first and is made last, from the warnings of these."""
+
+
+def write_report(pipeline: Pipeline, result: Result, folder: Path, workers: int = 1) -> Path:
+    """Write ``report.html`` and return its path.
+
+    folder : of the maps and tables, made where there is none
+    workers : threads that draw at once
+    Nothing is computed: what the store lacks is left out and said to be missing, and a section that fails says why.
+    Raises InputError where the file cannot be written.
+    """
+    make_folder(folder)
+    found = _run(pipeline, result)
+    facts = run_facts(pipeline.store, found) if found is not None else None
+    pieces = Pieces(folder / ".report", source_digest())
+    context = Context(pipeline, result, facts, pieces, folder, workers)
+    sections = [section for builder in SECTIONS if (section := _built(builder, context)) is not None]
+    first = summary(context, sections)
+    page = _page(context, [first, *sections] if first is not None else sections)
+    pieces.drop_unused()
+    write_whole(folder / "report.html", page.encode())
+    return folder / "report.html"
+
+
+def _run(pipeline: Pipeline, result: Result) -> RunInfo | None:
+    """The run that has just been, else the newest with the same stages and settings."""
+    if result.outcome is not None and result.outcome.run_id:
+        return find_run(pipeline.store, result.outcome.run_id)
+    stages = pipeline.resolved()["stages"]
+    alike = (run for run in runs(pipeline.store) if run.pipeline == pipeline.name)
+    return next((run for run in alike if run.resolved and run.resolved["stages"] == stages), None)
+
+
+def _built(builder: Builder, context: Context) -> Section | None:
+    """A section, or in its place the message of what went wrong."""
+    try:
+        return builder(context)
+    except DicflowError as error:
+        key = getattr(builder, "__name__", "section")
+        message = context.said(str(error))
+        return Section(key, key.capitalize(), Markup('<p class="warning">{}</p>').format(message), (message,))
+
+
+def _page(context: Context, sections: list[Section]) -> str:
+    result = context.result
+    stages = [
+        (stage, sum(result.has(stage, step) for step in result.steps(stage) or (None,)), len(result.steps(stage)) or 1)
+        for stage in result.stages
+    ]
+    return render(
+        "page.html",
+        title=context.pipeline.title,
+        style=assets(".css"),
+        script=assets(".js"),
+        sections=sections,
+        stages=stages,
+        version=__version__,
+    )

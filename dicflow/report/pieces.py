@@ -1,0 +1,62 @@
+"""Pieces of a report that are slow to make, kept beside it from one build to the next."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import re
+from collections.abc import Callable, Sequence
+from contextlib import suppress
+from pathlib import Path
+
+from dicflow._version import __version__
+from dicflow.io.files import write_whole
+
+__all__ = ["Pieces", "source_digest"]
+
+_PIECE = re.compile(r"[0-9a-f]{64}")
+_DRAWING = ("views", "report")
+
+
+class Pieces:
+    """A folder of pieces, each under the digest of what it was made of. Threads may share it.
+
+    folder : made with the first piece; deleting it costs time and nothing else
+    code : stands for the code that makes the pieces, :func:`source_digest`
+    """
+
+    def __init__(self, folder: Path, code: str) -> None:
+        self._folder, self._code = folder, code
+        self._asked: set[str] = set()
+
+    def get(self, sources: Sequence[str], make: Callable[[], bytes]) -> bytes:
+        """The piece made of these sources, from the folder or else from ``make``.
+
+        sources : everything that the piece depends on but the code: its name, digests of products, looks as JSON
+        Raises InputError where it cannot be written.
+        """
+        key = hashlib.sha256(json.dumps([self._code, *sources]).encode()).hexdigest()
+        self._asked.add(key)
+        with suppress(OSError):
+            return (self._folder / key).read_bytes()
+        content = make()
+        write_whole(self._folder / key, content)
+        return content
+
+    def drop_unused(self) -> None:
+        """Delete the pieces that nobody has asked for since this object was made."""
+        if self._folder.is_dir():
+            for path in self._folder.iterdir():
+                if _PIECE.fullmatch(path.name) and path.name not in self._asked:
+                    with suppress(OSError):
+                        path.unlink()
+
+
+def source_digest() -> str:
+    """Digest of this release and of the files that draw: the code of views and of the report, and its templates."""
+    package = Path(__file__).parents[1]
+    digest = hashlib.sha256(__version__.encode())
+    for path in sorted(path for part in _DRAWING for path in (package / part).rglob("*") if path.is_file()):
+        if path.suffix != ".pyc":
+            digest.update(path.relative_to(package).as_posix().encode() + b"\0" + path.read_bytes() + b"\0")
+    return digest.hexdigest()
