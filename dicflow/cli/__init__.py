@@ -9,8 +9,9 @@ from typing import Annotated
 import typer
 
 from dicflow._version import __version__
+from dicflow.cli.hand_over import compare, export, report
 from dicflow.cli.measure import plan, run, why
-from dicflow.cli.products import export, graph, list_products, show
+from dicflow.cli.products import graph, list_products, show
 from dicflow.cli.store import gc, pin, verify
 from dicflow.cli.tools import doctor, init, schema, synth
 from dicflow.errors import DicflowError
@@ -32,7 +33,9 @@ COMMANDS: dict[str, Callable[..., None]] = {
     "graph": graph,
     "ls": list_products,
     "show": show,
+    "report": report,
     "export": export,
+    "compare": compare,
     "gc": gc,
     "verify": verify,
     "pin": pin,

@@ -9,7 +9,17 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from dicflow.cli.options import CodePolicy, Data, PipelineFile, Policy, Settings, StoreFolder, load
+from dicflow.cli.options import (
+    CodePolicy,
+    Data,
+    Output,
+    PipelineFile,
+    Policy,
+    Settings,
+    StoreFolder,
+    load,
+    results_folder,
+)
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -24,9 +34,7 @@ def run(
     settings: Settings,
     data: Data = None,
     store: StoreFolder = None,
-    output: Annotated[
-        Path | None, typer.Option(help="folder of pictures and tables; default: results/NAME beside the file")
-    ] = None,
+    output: Output = None,
     workers: Annotated[int, typer.Option(min=1, help="workers at once; default: one per core")] = os.cpu_count() or 1,
     scheduler: Annotated[
         str, typer.Option(help="processes, threads, sync, or tcp://… or tls://… of a dask scheduler")
@@ -41,7 +49,7 @@ def run(
     code_policy: Policy = CodePolicy.recompute,
     as_json: Annotated[bool, typer.Option("--json", help="end with one line of JSON on standard output")] = False,
 ) -> None:
-    """Compute what is missing, then write maps and tables.
+    """Compute what is missing, then write maps, tables and the report.
 
     \b
     dicflow run pipeline.yaml
@@ -49,12 +57,13 @@ def run(
     dicflow run pipeline.yaml --set smooth.degree=1,2,3 --workers 4
     """
     from dicflow.io.files import make_folder
+    from dicflow.report.build import write_report
     from dicflow.views.console import Progress, consoles
     from dicflow.views.publish import publish
 
     out, progress = consoles()
     loaded = load(pipeline, data, store, settings)
-    folder = output or pipeline.parent / "results" / loaded.name
+    folder = results_folder(loaded, output)
     assert loaded.graph
     make_folder(folder)
     with Progress(progress) as shown:
@@ -68,7 +77,9 @@ def run(
             linger=_until_enter if dashboard and wait else None,
         )
     files = publish(result, folder, workers)
+    report = write_report(loaded, result, folder, workers)
     _tell_run(progress, result, folder, files)
+    progress.print(f"report: {report}", soft_wrap=True)
     if as_json:
         out.print(json.dumps(_run_line(result)), soft_wrap=True)
     raise typer.Exit(_exit_code(result))

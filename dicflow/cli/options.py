@@ -18,7 +18,7 @@ __all__ = [
     "CodePolicy",
     "Data",
     "Force",
-    "Format",
+    "Output",
     "PipelineFile",
     "Policy",
     "Settings",
@@ -29,6 +29,7 @@ __all__ = [
     "open_store",
     "refuse_existing",
     "refuse_full",
+    "results_folder",
     "tick",
     "variant_index",
     "write_new",
@@ -41,16 +42,6 @@ class CodePolicy(StrEnum):
     recompute = "recompute"
     warn = "warn"
     ignore = "ignore"
-
-
-class Format(StrEnum):
-    """File formats of exports."""
-
-    csv = "csv"
-    npz = "npz"
-    png = "png"
-    opencv = "opencv"
-    json = "json"
 
 
 PipelineFile = Annotated[Path, typer.Argument(metavar="PIPELINE", help="pipeline file, such as pipeline.yaml")]
@@ -69,6 +60,9 @@ Settings = Annotated[
         help="another value; several, v1,v2,v3, make a sweep",
     ),
 ]
+Output = Annotated[
+    Path | None, typer.Option(help="folder for maps, tables, report; default: results/NAME beside the file")
+]
 Policy = Annotated[CodePolicy, typer.Option(help="for products of code that has changed since")]
 Step = Annotated[str | None, typer.Option(help="name of the step; default: every step")]
 Force = Annotated[bool, typer.Option("--force", help="overwrite files that exist")]
@@ -79,6 +73,11 @@ def load(pipeline: Path, data: Path | None, store: Path | None, settings: list[s
     from dicflow.pipeline import Pipeline
 
     return Pipeline.load(pipeline, data=data, store=store, settings=settings)
+
+
+def results_folder(pipeline: Pipeline, output: Path | None) -> Path:
+    """Where maps, tables and the report go."""
+    return output or pipeline.path.parent / "results" / pipeline.name
 
 
 def open_store(folder: Path) -> Store:

@@ -10,10 +10,8 @@ import typer
 from dicflow.cli.options import (
     Data,
     Force,
-    Format,
     PipelineFile,
     Settings,
-    Step,
     StoreFolder,
     VariantNumber,
     load,
@@ -21,9 +19,7 @@ from dicflow.cli.options import (
     write_new,
 )
 
-__all__ = ["export", "graph", "list_products", "show"]
-
-_FORMATS = "csv: a table; npz: all arrays; png: pictures; opencv: a rig as OpenCV YAML; json: a rig as JSON"
+__all__ = ["graph", "list_products", "show"]
 
 
 def graph(
@@ -81,30 +77,3 @@ def show(
     result = load(pipeline, data, store, settings).result()
     for part in product_tables(result.product(stage, step or None, variant_index(result, variant))):
         out.print(part, soft_wrap=isinstance(part, str))
-
-
-def export(
-    pipeline: PipelineFile,
-    stage: Annotated[str, typer.Argument(help="stage whose products are written")],
-    settings: Settings,
-    step: Step = None,
-    to: Annotated[Format, typer.Option("--format", help=_FORMATS)] = Format.csv,
-    output: Annotated[Path, typer.Option(help="folder for the files")] = Path("export"),
-    data: Data = None,
-    store: StoreFolder = None,
-    variant: VariantNumber = 1,
-    force: Force = False,
-) -> None:
-    """Write products as CSV, NPZ or PNG; a rig as OpenCV YAML or JSON.
-
-    \b
-    dicflow export pipeline.yaml total --format csv
-    dicflow export pipeline.yaml disparity --step step_03 --format png --output pictures
-    dicflow export pipeline.yaml rig --format opencv
-    """
-    from dicflow.views.exports import exported
-
-    result = load(pipeline, data, store, settings).result()
-    for name, content in exported(result, stage, step, to.value, variant_index(result, variant)):
-        write_new(output / name, content, force)
-        typer.echo(output / name)

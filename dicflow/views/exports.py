@@ -2,19 +2,55 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
+from pathlib import Path
 
 import numpy as np
 
 from dicflow.engine.product import Product, Variable
 from dicflow.errors import ConfigurationError
+from dicflow.io.files import write_whole
 from dicflow.io.results import csv_text, npz_bytes
+from dicflow.pipeline.registry import nearest
 from dicflow.pipeline.result import Result
 
-__all__ = ["exported"]
+__all__ = ["export"]
+
+FORMATS = ("csv", "npz", "png", "opencv", "json")
 
 
-def exported(result: Result, stage: str, step: str | None, to: str, variant: int) -> Iterator[tuple[str, bytes]]:
+def export(
+    result: Result,
+    output: Path,
+    *,
+    stage: str | None = None,
+    step: str | None = None,
+    quantities: Sequence[str] = (),
+    to: str = "csv",
+    variant: int = 0,
+    force: bool = False,
+) -> list[Path]:
+    """Write products into a folder and return the paths.
+
+    stage, step : names; without a step every step of the stage
+    to : one of ``FORMATS``
+    force : overwrite files that exist
+    Raises ConfigurationError for a name or a format that does not exist, and for a file that does.
+    """
+    if to not in FORMATS:
+        raise ConfigurationError(f"no format '{to}'{nearest(to, FORMATS)}; there are {', '.join(FORMATS)}")
+    if stage is None or quantities:
+        raise ConfigurationError("exports of a whole test or of chosen quantities are not available yet; name a stage")
+    paths = []
+    for name, content in _files(result, stage, step, to, variant):
+        if (output / name).exists() and not force:
+            raise ConfigurationError(f"{output / name} exists; add --force to overwrite it, or name another")
+        write_whole(output / name, content)
+        paths.append(output / name)
+    return paths
+
+
+def _files(result: Result, stage: str, step: str | None, to: str, variant: int) -> Iterator[tuple[str, bytes]]:
     """File name and contents of every product that is asked for.
 
     stage, step : names; without a step every step of the stage

@@ -1,0 +1,99 @@
+"""Commands that hand a measurement over: its report, its files, what differs from another."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from dicflow.cli.options import (
+    Data,
+    Force,
+    Output,
+    PipelineFile,
+    Settings,
+    Step,
+    StoreFolder,
+    VariantNumber,
+    load,
+    results_folder,
+    variant_index,
+)
+from dicflow.errors import ConfigurationError
+
+__all__ = ["compare", "export", "report"]
+
+_FORMATS = "csv: a table; npz: all arrays; png: pictures; opencv: a rig as OpenCV YAML; json: a rig as JSON"
+_SIDE = "pipeline file, id of a run, or table of points; #2 behind it chooses the second variant"
+Quantities = Annotated[
+    list[str], typer.Option("--quantity", default_factory=list, metavar="NAME", help="repeatable; default: all")
+]
+
+
+def report(
+    pipeline: PipelineFile,
+    settings: Settings,
+    data: Data = None,
+    store: StoreFolder = None,
+    output: Output = None,
+    workers: Annotated[int, typer.Option(min=1, help="drawn at once; default: one per core")] = os.cpu_count() or 1,
+) -> None:
+    """Write the report of what the store holds; nothing is measured.
+
+    \b
+    dicflow report pipeline.yaml
+    """
+    from dicflow.report.build import write_report
+
+    loaded = load(pipeline, data, store, settings)
+    typer.echo(write_report(loaded, loaded.result(), results_folder(loaded, output), workers))
+
+
+def export(
+    pipeline: PipelineFile,
+    settings: Settings,
+    quantities: Quantities,
+    stage: Annotated[str | None, typer.Argument(help="stage to write; default: the whole test")] = None,
+    step: Step = None,
+    to: Annotated[str, typer.Option("--format", help=_FORMATS)] = "csv",
+    output: Annotated[Path, typer.Option(help="folder for the files")] = Path("export"),
+    data: Data = None,
+    store: StoreFolder = None,
+    variant: VariantNumber = 1,
+    force: Force = False,
+) -> None:
+    """Write products as CSV, NPZ or PNG; a rig as OpenCV YAML or JSON.
+
+    \b
+    dicflow export pipeline.yaml total --format csv
+    dicflow export pipeline.yaml disparity --step step_03 --format png --output pictures
+    dicflow export pipeline.yaml rig --format opencv
+    """
+    from dicflow.views.exports import export as write
+
+    result = load(pipeline, data, store, settings).result()
+    place = variant_index(result, variant)
+    for path in write(result, output, stage=stage, step=step, quantities=quantities, to=to, variant=place, force=force):
+        typer.echo(path)
+
+
+def compare(
+    a: Annotated[str, typer.Argument(metavar="A", help=_SIDE)],
+    b: Annotated[str, typer.Argument(metavar="B", help="the same, of the other side")],
+    quantities: Quantities,
+    step: Step = None,
+    store: Annotated[Path | None, typer.Option(help="store of runs; default: beside the other side")] = None,
+    output: Annotated[Path | None, typer.Option(help="HTML file to write; default: text alone")] = None,
+    as_json: Annotated[bool, typer.Option("--json", help="one line of JSON in place of text")] = False,
+    force: Force = False,
+) -> None:
+    """Say what differs between two measurements.
+
+    \b
+    dicflow compare pipeline.yaml other.yaml
+    dicflow compare "pipeline.yaml#1" "pipeline.yaml#2" --quantity eyy
+    dicflow compare pipeline.yaml reference.csv --step step_03 --output difference.html
+    """
+    raise ConfigurationError(f"{a}, {b}: comparing is not available yet; export both and compare the tables")
