@@ -13,10 +13,11 @@ import numpy as np
 
 from dicflow.core.camera import rotation_angle_deg
 from dicflow.io.rig import rig_from_dict
-from dicflow.pipeline import Pipeline, Result
+from dicflow.pipeline import Result
 from tests import accuracy_stereo
 from tests.accuracy_planar import planar
-from tests.figures import ROOT, SHARED, WORK, Figure, pipeline_result, print_table, replica, report
+from tests.accuracy_rigid import rigid_motions
+from tests.figures import ROOT, SHARED, Figure, pipeline_result, print_table, replica, report, run_text
 from tests.reference_points import difference
 
 
@@ -131,18 +132,6 @@ stages:
 """
 
 
-def run_text(name: str, text: str, data) -> Result:
-    """Run a pipeline that is not worth a file of its own."""
-    path = WORK / f"{name}.yaml"
-    path.parent.mkdir(parents=True, exist_ok=True)
-    path.write_text(text)
-    result = Pipeline.load(path, data=data, store=WORK / f"store_{name}").run()
-    assert result.outcome is not None
-    if not result.outcome.ok:
-        sys.exit("\n".join(result.outcome.errors))
-    return result
-
-
 def sample3() -> Iterator[Figure]:
     """Rigid shifts of 0 to 1 px; the file names are the truth."""
     text = PLANAR.format(photos='["Sample3 Reference.tif", "Sample3-*.tif"]', region=", rectangle: [40, 40, 470, 470]")
@@ -172,7 +161,14 @@ def alive(result: Result, known: np.ndarray) -> float:
 
 
 def main() -> int:
-    figures = [*replicas(), *polynomial_degree(), *detectors(), *planar(), *accuracy_stereo.replicas()]
+    figures = [
+        *replicas(),
+        *polynomial_degree(),
+        *detectors(),
+        *planar(),
+        *rigid_motions(),
+        *accuracy_stereo.replicas(),
+    ]
     if SHARED.is_dir():
         for real in (d_specimen, board_photographs, sample3, necking, accuracy_stereo.d_specimen):
             figures += real()

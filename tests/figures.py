@@ -5,7 +5,7 @@ from __future__ import annotations
 import platform
 import shutil
 import sys
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import NamedTuple
 
@@ -47,11 +47,18 @@ def report(figures: Sequence[Figure]) -> int:
 
 def replica(experiment: int) -> Path:
     """Folder of a replica, made at the first call."""
-    folder = WORK / f"replica_{experiment}"
+    return made(
+        f"replica_{experiment}", lambda folder: write_experiment(folder, latex_experiment(experiment), workers=2)
+    )
+
+
+def made(name: str, write: Callable[[Path], None]) -> Path:
+    """A folder that is written at the first call."""
+    folder = WORK / name
     done = folder / ".complete"
     if not done.is_file():
         print(f"making {folder.relative_to(ROOT)} …", file=sys.stderr)
-        write_experiment(folder, latex_experiment(experiment), workers=2)
+        write(folder)
         done.touch()
     return folder
 
@@ -65,7 +72,21 @@ def fresh(name: str) -> Path:
 
 def pipeline_result(name: str, data: Path, store: str, settings: Sequence[str] = ()) -> Result:
     """Run a pipeline of the repository; what is in the store already is not computed again."""
-    pipeline = Pipeline.load(ROOT / "pipelines" / f"{name}.yaml", data=data, store=WORK / store, settings=settings)
+    return finished(
+        Pipeline.load(ROOT / "pipelines" / f"{name}.yaml", data=data, store=WORK / store, settings=settings)
+    )
+
+
+def run_text(name: str, text: str, data: Path) -> Result:
+    """Run a pipeline that is not worth a file of its own."""
+    path = WORK / f"{name}.yaml"
+    path.parent.mkdir(parents=True, exist_ok=True)
+    path.write_text(text)
+    return finished(Pipeline.load(path, data=data, store=WORK / f"store_{name}"))
+
+
+def finished(pipeline: Pipeline) -> Result:
+    """The result of a run; ends the program where the run fails."""
     result = pipeline.run()
     assert result.outcome is not None
     if not result.outcome.ok:
