@@ -14,7 +14,7 @@ import numpy as np
 from dicflow.core.camera import rotation_angle_deg
 from dicflow.io.rig import rig_from_dict
 from dicflow.pipeline import Result
-from tests import accuracy_stereo
+from tests import accuracy_photographs, accuracy_stereo
 from tests.accuracy_planar import planar
 from tests.accuracy_rigid import rigid_motions
 from tests.figures import ROOT, SHARED, Figure, pipeline_result, print_table, replica, report, run_text
@@ -170,7 +170,9 @@ def main() -> int:
         *accuracy_stereo.replicas(),
     ]
     if SHARED.is_dir():
-        for real in (d_specimen, board_photographs, sample3, necking, accuracy_stereo.d_specimen):
+        for real in (d_specimen, board_photographs, sample3, necking):
+            figures += real()
+        for real in (accuracy_stereo.d_specimen, accuracy_photographs.rigid_points, accuracy_photographs.necking):
             figures += real()
     else:
         print(f"no real photographs in {SHARED}: left out", file=sys.stderr)
