@@ -15,6 +15,7 @@ from dicflow.core.camera import rotation_angle_deg
 from dicflow.io.rig import rig_from_dict
 from dicflow.pipeline import Result
 from tests import accuracy_photographs, accuracy_stereo
+from tests.accuracy_coverage import coverage
 from tests.accuracy_planar import planar
 from tests.accuracy_rigid import rigid_motions
 from tests.figures import ROOT, SHARED, Figure, pipeline_result, print_table, replica, report, run_text
@@ -167,6 +168,7 @@ def main() -> int:
         *detectors(),
         *planar(),
         *rigid_motions(),
+        *coverage(),
         *accuracy_stereo.replicas(),
     ]
     if SHARED.is_dir():
