@@ -69,6 +69,8 @@ def correlation(
         "template": share,
         "way": np.full(len(flat), 0 if image is None else 1, np.uint8),
         "warp": warp,
+        "passed": 0.0 * own,
+        "slope": warp[:, :, 1:3],
     }
     variables = {
         name: Variable(("row", "col", "a", "b")[: values.ndim + 1], values.reshape(rows, cols, *values.shape[1:]))
@@ -97,14 +99,15 @@ def through_reference(between: Product, photograph: np.ndarray, image: np.ndarra
     facts = between.attrs
     search = Search(Subset(facts["subset_size"], facts["shape_function"]), noise=facts["noise_grey"])
     everywhere = np.ones(photograph.shape, dtype=bool)
-    anchor = Anchor(photograph, (0, 0), everywhere, between["xy"], between["warp"], between["covariance"])
+    known = (between[name] for name in ("xy", "warp", "passed", "slope"))
+    anchor = Anchor(photograph, (0, 0), everywhere, *known)
     begin = np.concatenate([starts[..., None], between["gradient"]], axis=-1)
     found = attempt(anchor, spline(image, 5), begin, search, way=2)
     carried, reference = packed(anchor, facts["subset_size"])
     arrays = {
         "xy": found.warp[..., 0],
         "gradient": found.warp[..., 1:3],
-        **{name: getattr(found, name) for name in ("warp", "znssd", "iterations", "status", "covariance", "way")},
+        **found._asdict(),
         "template": between["template"],
     }
     variables = {name: Variable(("row", "col", "a", "b")[: v.ndim], v) for name, v in arrays.items()}

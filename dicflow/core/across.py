@@ -16,6 +16,7 @@ import numpy.typing as npt
 from dicflow.core.chain import congruent
 from dicflow.core.interpolate import Spline
 from dicflow.core.material import Anchor, Followed, Search, attempt, cropped, merged
+from dicflow.core.noise import interpolated_noise
 from dicflow.core.partners import started
 from dicflow.core.seed import ACCEPTED, BLUR_PX, agreement
 from dicflow.core.warp import TERMS
@@ -67,8 +68,8 @@ def _part(anchor: Anchor, wanted: npt.NDArray[np.bool_], search: Search) -> Anch
     shared = min(terms, anchor.warp.shape[-1])
     warp[..., :shared] = anchor.warp[..., :shared]
     points = np.where(wanted[..., None], anchor.points, np.nan)
-    exact = np.zeros(anchor.covariance.shape)
-    return cropped(anchor._replace(points=points, warp=warp, covariance=exact), search.subset.size)
+    exact = np.zeros(anchor.passed.shape)
+    return cropped(anchor._replace(points=points, warp=warp, passed=exact), search.subset.size)
 
 
 def as_before(left: Step, left_before: Step, right_before: Step) -> Array:
@@ -98,12 +99,14 @@ class Shares(NamedTuple):
     template: Array
 
 
-def noise_shares(found: Followed, gain: float) -> Shares:
-    """Share of both photographs' noise, of the same strength in grey levels.
+def noise_shares(found: Followed, strength: float, degree: int) -> Shares:
+    """Share of both photographs' noise in places that were found with noise of one strength for both.
 
-    gain : contrast of the right photograph relative to the left one's; noise counts the more the weaker it is
+    strength : of the right photograph's noise relative to the left one's, each relative to its contrast
+    degree : of the spline
     """
-    return Shares(found.covariance / gain**2, congruent(inverse(found.warp[..., 1:3]), found.covariance))
+    alike = found.covariance / interpolated_noise(found.slope, degree)[..., None]
+    return Shares(strength**2 * found.covariance, congruent(inverse(found.warp[..., 1:3]), alike))
 
 
 def contrast(image: Grey, places: Array) -> float:

@@ -9,11 +9,15 @@ from __future__ import annotations
 import numpy as np
 import numpy.typing as npt
 
+from dicflow.core.noise import interpolated_noise
 from dicflow.core.warp import TERMS, apply_warp, gradient
 
-__all__ = ["chained", "chained_covariance", "congruent"]
+__all__ = ["chained", "congruent", "uncancelled_noise"]
 
 Array = npt.NDArray[np.float64]
+
+_ACROSS = 15
+"""Places along the side of a subset at which its overlap with another one is looked at."""
 
 
 def chained(first: Array, second: Array, centres: npt.ArrayLike) -> Array:
@@ -54,12 +58,25 @@ def congruent(matrix: Array, covariance: Array) -> Array:
     )
 
 
-def chained_covariance(before: Array, second: Array, centres: npt.ArrayLike, places: Array, own: Array) -> Array:
-    """Covariance (..., 3) [px²] of places found through a reference: what the way there adds, and the last piece's.
+def uncancelled_noise(slope: Array, terms: int, degree: int) -> Array:
+    """What the noise of a reference does to places found through it, (...), relative to what a template's noise does.
 
-    before : (..., 3) — of the places in the reference [px²]
-    second, centres : as in :func:`chained`; places : (..., 2) — of the points in the reference [px]
-    own : (..., 3) — of the places that ``second`` gives [px²]
+    slope : (..., 2, 2) — gradient of the motion that led to the reference
+    terms : of the shape function, 3 or 6; degree : of the spline
+
+    The noise moves the place at which a subset is found, −Σ k(ξ) n(A ξ), and the subset that is followed from there
+    moves back, +Σ k(ξ) n(ξ), with k the kernel of the shape function: 1 over the square for an affine one, the centre
+    value of the least-squares parabola, ∝ 14/15 − ξ² − η², for a quadratic one (offsets in half sides). Of the variance
+    s(A) + 1 − 2 c there remains little where the subset has kept its shape; c = Σ k(ξ) k(A ξ) / Σ k(ξ)², and s is
+    that of :func:`dicflow.core.noise.interpolated_noise`.
     """
-    slope = gradient(second, places - np.asarray(centres, dtype=np.float64))
-    return congruent(slope, before) + own
+    axis = (np.arange(_ACROSS) + 0.5) * 2.0 / _ACROSS - 1.0
+    offsets = np.stack(np.meshgrid(axis, axis), axis=-1).reshape(-1, 2)
+    here, there = _kernel(offsets, terms), _kernel(np.einsum("...ij,kj->...ki", slope, offsets), terms)
+    return np.asarray(interpolated_noise(slope, degree) + 1.0 - 2.0 * (there @ here) / (here @ here))
+
+
+def _kernel(offsets: Array, terms: int) -> Array:
+    """Weight (...) of errors at offsets (..., 2), in half sides, from a subset's centre; 0 outside its soft edge."""
+    inside = np.clip(0.5 + 0.5 * _ACROSS * (1.0 - np.abs(offsets)), 0.0, 1.0).prod(axis=-1)
+    return np.asarray(inside * (14.0 / 15.0 - (offsets**2).sum(axis=-1) if terms == TERMS["quadratic"] else 1.0))

@@ -14,14 +14,15 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
-from dicflow.core.chain import chained, chained_covariance
+from dicflow.core.chain import chained, congruent, uncancelled_noise
 from dicflow.core.correlate import Subset, template
 from dicflow.core.follow import Field, correlate_field
 from dicflow.core.interpolate import Spline, spline
 from dicflow.core.matching import local_motion
+from dicflow.core.noise import interpolated_noise
 from dicflow.core.seed import Pairs, seed_warps
 from dicflow.core.status import Status
-from dicflow.core.warp import identity, warp_from_gradient
+from dicflow.core.warp import gradient, identity, warp_from_gradient
 
 __all__ = [
     "Anchor",
@@ -90,7 +91,8 @@ class Anchor(NamedTuple):
     usable : (h, w) bool — the region there
     points : (rows, cols, 2) — places of the points in the photograph [px]; NaN where unknown
     warp : (rows, cols, 2, m) — from the first photograph
-    covariance : (rows, cols, 3) — of the places, without the first photograph's noise [px²]
+    passed : (rows, cols, 3) — covariance of the places by photographs before this one, except the first [px²]
+    slope : (rows, cols, 2, 2) — gradient of the motion from the photograph in whose subsets the points were found here
     age : for how many steps it has been the reference
     """
 
@@ -99,7 +101,8 @@ class Anchor(NamedTuple):
     usable: Mask
     points: Array
     warp: Array
-    covariance: Array
+    passed: Array
+    slope: Array
     age: int = 0
 
 
@@ -110,6 +113,8 @@ class Followed(NamedTuple):
     znssd, iterations, status : of the subset that found the point
     covariance : (..., 3) — of the places, without the first photograph's noise [px²]
     way : uint8 — 0 the first photograph itself, or no value; 1 directly from it; 2 through a reference
+    passed : (..., 3) — the share of references in ``covariance`` [px²]
+    slope : (..., 2, 2) — gradient of the motion from the photograph whose subset found the point
     """
 
     warp: Array
@@ -118,6 +123,8 @@ class Followed(NamedTuple):
     status: npt.NDArray[np.uint8]
     covariance: Array
     way: npt.NDArray[np.uint8]
+    passed: Array
+    slope: Array
 
     @property
     def valid(self) -> Mask:
@@ -131,7 +138,8 @@ def first_anchor(image: Image, usable: Mask, grid: Array, search: Search) -> Anc
     grid : (rows, cols, 2) — whole pixels; NaN outside the region
     """
     warp = identity(grid, search.subset.shape_function)  # type: ignore[arg-type]
-    return cropped(Anchor(image, (0, 0), usable, grid, warp, np.zeros((*grid.shape[:2], 3))), search.subset.size)
+    exact = np.zeros((*grid.shape[:2], 3))
+    return cropped(Anchor(image, (0, 0), usable, grid, warp, exact, gradient(warp)), search.subset.size)
 
 
 def cropped(anchor: Anchor, subset_size: int) -> Anchor:
@@ -155,7 +163,10 @@ def at_rest(first: Anchor, search: Search) -> Followed:
     found = _from_anchor(first, prepared(first.image, search), first.warp[..., :3], search, first.origin)
     way = np.zeros(found.status.shape, dtype=np.uint8)
     warp = np.where((found.status == Status.VALID)[..., None, None], first.warp, np.nan)
-    return Followed(warp, found.znssd, found.iterations, found.status, 0.5 * search.noise**2 * found.covariance, way)
+    covariance = 0.5 * search.noise**2 * found.covariance
+    return Followed(
+        warp, found.znssd, found.iterations, found.status, covariance, way, 0.0 * covariance, warp[..., 1:3]
+    )
 
 
 def follow_step(
@@ -248,26 +259,30 @@ def _from_anchor(anchor: Anchor, target: Spline, starts: Array, search: Search, 
 def attempt(anchor: Anchor, target: Spline, starts: Array, search: Search, way: int = 1) -> Followed:
     """Find the points of an anchor in the target; ``way`` 2 counts the noise of the anchor's photograph too."""
     field, centres = _from_anchor(anchor, target, starts, search), np.rint(anchor.points)
-    own = _variance(anchor, field, centres, search, way)[..., None] * field.covariance
-    covariance = chained_covariance(anchor.covariance, field.warp, centres, anchor.points, own)
+    slope = gradient(field.warp, anchor.points - centres)
+    passed = congruent(slope, anchor.passed)
+    if way > 1:
+        left = uncancelled_noise(anchor.slope, field.warp.shape[-1], search.degree)
+        passed = passed + 0.5 * search.noise**2 * left[..., None] * field.covariance
+    covariance = passed + _variance(anchor, field, centres, search)[..., None] * field.covariance
     warp = chained(anchor.warp, field.warp, centres)
     ways = np.where(field.status == Status.VALID, way, 0).astype(np.uint8)
-    return Followed(warp, field.znssd, field.iterations, field.status, covariance, ways)
+    return Followed(warp, field.znssd, field.iterations, field.status, covariance, ways, passed, slope)
 
 
-def _variance(anchor: Anchor, field: Field, centres: Array, search: Search, way: int) -> Array:
-    """Variance of the noise (rows, cols) that counts as the points' own [grey levels²].
+def _variance(anchor: Anchor, field: Field, centres: Array, search: Search) -> Array:
+    """Variance (rows, cols) of the noise in the target, as a share of what the covariance is of [grey levels²].
 
-    On way 1 half of the noise is the template's. Two subsets differ by Σ (f − g)²/n = 2 σ² on account of noise alone.
-    What there is more, because the pattern changed or the shape function does not suffice, moves the subset alike, and
-    is judged as least squares are judged by their residual.
+    Half of that is the template's. Two subsets differ by Σ (f − g)²/n = 2 σ² on account of noise alone. What there is
+    more, because the pattern changed or the shape function does not suffice, moves the subset alike, and is judged as
+    least squares are judged by their residual.
     """
-    noise = np.full(field.status.shape, search.noise**2)
+    variance = 0.5 * search.noise**2 * interpolated_noise(field.warp[..., 1:3], search.degree)
     found = field.status == Status.VALID
     if search.counts_misfit:
         contrast = _contrast(anchor, centres[found] - anchor.origin, search)
-        noise[found] = np.maximum(noise[found], 0.5 * field.znssd[found] * contrast)
-    return np.asarray(noise - (0.5 * search.noise**2 if way == 1 else 0.0))
+        variance[found] += np.maximum(0.5 * field.znssd[found] * contrast - search.noise**2, 0.0)
+    return np.asarray(variance)
 
 
 def _contrast(anchor: Anchor, centres: Array, search: Search) -> Array:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import cache
 from typing import Any
 
 import cv2
@@ -10,7 +11,7 @@ import numpy.typing as npt
 
 from dicflow.core.texture import saturation
 
-__all__ = ["image_noise", "pair_noise", "residual_noise", "smoothed_noise"]
+__all__ = ["image_noise", "interpolated_noise", "pair_noise", "residual_noise", "smoothed_noise"]
 
 Image = npt.NDArray[np.float32]
 Mask = npt.NDArray[np.bool_]
@@ -79,6 +80,33 @@ def residual_noise(
     col, row = centres.astype(int).T
     residual = znssd * (square - mean * mean)[row, col]
     return float(np.sqrt(np.median(residual) / (1.0 + _KEPT[degree]))) if len(residual) else float("nan")
+
+
+def interpolated_noise(slope: npt.NDArray[np.float64], degree: int) -> npt.NDArray[np.float64]:
+    """Variance of a subset's place by the noise of the target, (...), relative to what a template's noise makes.
+
+    slope : (..., 2, 2) — gradient of the motion into the target; degree : of the spline, 3 or 5
+
+    The pixels of a subset that shrinks share those of the target, so their noise is no longer independent; one that
+    grows averages over more of them. Interpolation with the cardinal spline φ gives white noise the spectrum |φ̂|², and
+    samples λ apart fold it. Of a pattern that is coarse beside the pixels only its lowest frequencies count:
+    s(λ) = Σₘ |φ̂(m/λ)|² / λ for each of the principal stretches λ.
+    """
+    (a, b), (c, d) = (np.moveaxis(slope[..., axis, :], -1, 0) for axis in (0, 1))
+    even, odd = np.hypot(a + d, c - b) / 2.0, np.hypot(a - d, c + b) / 2.0
+    stretches, kept = _folded(degree)
+    return np.asarray(np.interp(even + odd, stretches, kept) * np.interp(np.abs(even - odd), stretches, kept))
+
+
+@cache
+def _folded(degree: int) -> tuple[npt.NDArray[np.float64], npt.NDArray[np.float64]]:
+    """Stretches, and s of each."""
+    stretches, orders = np.geomspace(0.1, 10.0, 401), np.arange(-30, 31)
+    frequency = orders / stretches[:, None]
+    part = frequency - np.rint(frequency)
+    all_bells = (np.sinc(part[..., None] + np.arange(-4, 5)) ** (degree + 1)).sum(axis=-1)
+    spectrum = np.sinc(frequency) ** (degree + 1) / all_bells
+    return stretches, (spectrum**2).sum(axis=1) / stretches
 
 
 def smoothed_noise(noise: float, image: npt.NDArray[Any], usable: Mask, smoothing_px: float) -> float:

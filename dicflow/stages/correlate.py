@@ -75,6 +75,7 @@ class Correlate(Node):
         "correlation_before": Port("correlation", at=At.PREVIOUS, own=True),
     }
     gives: ClassVar = "correlation"
+    impl_version: ClassVar = 2
 
     stage: Literal["correlate"] = "correlate"
     subset_size: Annotated[int, AfterValidator(_odd)] = parameter(
@@ -261,6 +262,8 @@ class Correlate(Node):
             "status": _variable(found.status, "1", "why a point has a place, or has none"),
             "covariance": _variable(found.covariance, "px²", "covariance of the place (xx, xy, yy)", tensor),
             "template": _variable(template, "px²", "covariance by the first photograph's noise", tensor),
+            "passed": _variable(found.passed, "px²", "share of photographs in between in the covariance", tensor),
+            "slope": _variable(found.slope, "1", "gradient from the photograph whose subset found it", ("out", "in")),
             "way": _variable(found.way, "1", "0 the reference itself, 1 directly from it, 2 through another"),
         }
         height, width = image.shape
@@ -333,7 +336,7 @@ def _anchor(before: Product, image: np.ndarray) -> Anchor:
     from dicflow.core.region import interior, polygons_from_attrs
 
     usable = interior(polygons_from_attrs(before.attrs["polygons"]), image.shape)
-    return Anchor(image, (0, 0), usable, before["xy"], before["warp"], before["covariance"])
+    return Anchor(image, (0, 0), usable, before["xy"], before["warp"], before["passed"], before["slope"])
 
 
 def packed(reference: Anchor, subset_size: int) -> tuple[dict[str, Variable], dict[str, Any]]:
@@ -347,7 +350,8 @@ def packed(reference: Anchor, subset_size: int) -> tuple[dict[str, Variable], di
         "reference_usable": Variable(image, kept.usable.astype("uint8"), "1", "the region in it"),
         "reference_xy": _variable(kept.points, "px", "place in it", ("component",)),
         "reference_warp": _variable(kept.warp, "1", "warp from the first photograph to it", ("component", "term")),
-        "reference_covariance": _variable(kept.covariance, "px²", "covariance of the place in it", ("pair",)),
+        "reference_passed": _variable(kept.passed, "px²", "covariance of the place by others before it", ("pair",)),
+        "reference_slope": _variable(kept.slope, "1", "gradient of the motion from the one before it", ("out", "in")),
     }
     return variables, {"origin": list(kept.origin), "age": kept.age}
 
@@ -360,8 +364,8 @@ def carried_reference(before: Product) -> Anchor | None:
         return None
     x, y = before.attrs["reference"]["origin"]
     image, usable = before["reference_image"], before["reference_usable"] > 0
-    points, warp, covariance = (before[f"reference_{name}"] for name in ("xy", "warp", "covariance"))
-    return Anchor(image, (x, y), usable, points, warp, covariance, before.attrs["reference"]["age"])
+    points, warp, passed, slope = (before[f"reference_{name}"] for name in ("xy", "warp", "passed", "slope"))
+    return Anchor(image, (x, y), usable, points, warp, passed, slope, before.attrs["reference"]["age"])
 
 
 def _check_photograph(image: np.ndarray, usable: np.ndarray, subset_size: int) -> None:

@@ -58,6 +58,7 @@ class Stereo(Node):
         "stereo_before": Port("stereo", at=At.PREVIOUS, own=True),
     }
     gives: ClassVar = "stereo"
+    impl_version: ClassVar = 2
 
     stage: Literal["stereo"] = "stereo"
     start: Literal["match", "time"] = parameter(
@@ -95,7 +96,8 @@ class Stereo(Node):
             _check_order(cameras, view, found)
         sides = (images["right"], found.warp[..., 0]), (images_first["left"], correlation_first["xy"])
         right, left = (contrast(image, places) for image, places in sides)
-        return self._product(cameras, correlation, found, noise_shares(found, right / left))
+        shares = noise_shares(found, left / right, DEGREES[self.interpolation])
+        return self._product(cameras, correlation, found, shares)
 
     def _followed(self, view: View, starts: np.ndarray) -> Followed:
         """What the left photograph of the step shows in the right one, from starting warps (row, col, 2, 3)."""

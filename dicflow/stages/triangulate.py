@@ -49,6 +49,7 @@ class Triangulate(Node):
         "rig": Port("rig"),
     }
     gives: ClassVar = "points"
+    impl_version: ClassVar = 2
 
     stage: Literal["triangulate"] = "triangulate"
 
@@ -74,8 +75,7 @@ def _errors(found: Triangulated, correlation: Product, stereo: Product) -> Error
     """What the errors in both photographs do to the points.
 
     At the first step the left place is the point itself, without error. Where both places were chained through a later
-    reference, the error of the way there is common to both photographs, as they are correlated with one template: it
-    is what the left place's covariance has more than one photograph's noise gives it, in pixels of the first step.
+    reference, the error of the way there is common to both photographs, as they are correlated with one template.
 
     A richer shape function in the right photograph feels the template's noise more. Since the other one's estimate is
     efficient, what is added is independent of it: a second error of the template, which only the right place has.
@@ -90,12 +90,11 @@ def _errors(found: Triangulated, correlation: Product, stereo: Product) -> Error
     right = congruent(inverse(stereo["gradient"]), stereo["covariance"])
     left = congruent(inverse(correlation["gradient"]), correlation["covariance"])
     first, chained = (correlation["way"] == 0)[..., None], (stereo["way"] > 1)[..., None]
+    common = np.where(chained, congruent(inverse(correlation["gradient"]), correlation["passed"]), 0.0)
     ratio = _variance(correlation["template"]) / _variance(stereo["template"]) if _differ(correlation, stereo) else 1.0
-    alone = ratio * right
-    common = np.where(chained, _positive(left - alone), 0.0)
     shares = (
-        (by_left, np.where(chained, alone, left)),
-        (by_right, np.where(chained, 2.0 * right - alone, right)),
+        (by_left, left - common),
+        (by_right, np.where(chained, 2.0 - ratio, 1.0) * right),
         (by_left + by_right, common),
     )
     own = np.sum([point_covariance(slopes, covariance) for slopes, covariance in shares], axis=0)

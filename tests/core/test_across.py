@@ -30,7 +30,8 @@ def first():
 def between():
     step = correlation(LEFT[0], BETWEEN[0], POINTS, left_truth(MATERIAL, TURNED))
     everywhere = np.ones(LEFT[0].shape, dtype=bool)
-    return Anchor(BETWEEN[0], (0, 0), everywhere, step["xy"], step["warp"][..., :3], step["covariance"])
+    warp = step["warp"][..., :3]
+    return Anchor(BETWEEN[0], (0, 0), everywhere, step["xy"], warp, step["passed"], step["slope"])
 
 
 def ways(value):
@@ -103,10 +104,11 @@ def test_noise_counts_the_more_the_weaker_the_contrast():
     gradient = np.array([[2.0, 0.0], [0.0, 0.5]])
     warp = warp_from_gradient(np.zeros((1, 1, 2)), gradient[None, None])
     covariance = np.array([[[4.0, 0.0, 1.0]]])
-    found = Followed(warp, *(np.zeros((1, 1)) for _ in range(3)), covariance, ways(1)[:1, :1])
-    shares = noise_shares(found, 0.5)
+    facts = (np.zeros((1, 1)) for _ in range(3))
+    found = Followed(warp, *facts, covariance, ways(1)[:1, :1], 0.0 * covariance, np.eye(2)[None, None])
+    shares = noise_shares(found, 2.0, 5)
     np.testing.assert_allclose(shares.own, [[[16.0, 0.0, 4.0]]])
-    np.testing.assert_allclose(shares.template, [[[1.0, 0.0, 4.0]]])
+    np.testing.assert_allclose(shares.template, [[[1.0, 0.0, 4.0]]], rtol=1e-4)
 
 
 def test_contrast_is_the_spread_of_grey_levels():

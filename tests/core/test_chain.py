@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from dicflow.core.chain import chained, chained_covariance, congruent
+from dicflow.core.chain import chained, congruent, uncancelled_noise
 from dicflow.core.warp import TERMS, apply_warp, gradient
 
 RNG = np.random.default_rng(4)
@@ -52,7 +52,20 @@ def test_covariance_is_carried_as_a_tensor():
     np.testing.assert_allclose(found, np.stack([expected[:, 0, 0], expected[:, 0, 1], expected[:, 1, 1]], axis=-1))
 
 
-def test_covariances_of_the_pieces_add_up():
-    second = np.array([[50.0, 2.0, 0.0], [60.0, 0.0, 1.0]])
-    found = chained_covariance(np.array([1.0, 0.5, 1.0]), second, [10, 10], np.array([10.3, 9.8]), np.full(3, 0.1))
-    np.testing.assert_allclose(found, [4.1, 1.1, 1.1])
+@pytest.mark.parametrize("terms", [3, 6])
+@pytest.mark.parametrize("stretches", [(1.0, 1.0), (1.5, 0.8), (0.7, 0.8)])
+def test_noise_of_a_reference_that_leads_there_and_away_again(terms, stretches):
+    """The kernel of the subset laid out in the reference, less that of the first subset carried there."""
+    half = 30.5
+    x, y = np.meshgrid(*[np.arange(-60, 61)] * 2)
+
+    def kernel(x, y):
+        curved = 14 / 15 * half**2 - x**2 - y**2 if terms == 6 else 1.0
+        return curved * (np.maximum(np.abs(x), np.abs(y)) <= half)
+
+    here = kernel(x, y)
+    there = kernel(x / stretches[0], y / stretches[1]) / np.prod(stretches)
+    expected = ((here - there) ** 2).sum() / (here**2).sum()
+    found = uncancelled_noise(np.diag(stretches), terms, 5)
+    assert found == pytest.approx(expected, abs=0.05)
+    assert found >= -1e-9

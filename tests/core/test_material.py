@@ -2,15 +2,28 @@ import numpy as np
 import pytest
 from scenes import grey, texture
 
+from dicflow.core.chain import congruent
 from dicflow.core.correlate import Subset
-from dicflow.core.material import Anchor, Search, Updating, at_rest, carried_by, cropped, first_anchor, follow_step
+from dicflow.core.material import (
+    Anchor,
+    Search,
+    Updating,
+    at_rest,
+    attempt,
+    carried_by,
+    cropped,
+    first_anchor,
+    follow_step,
+    prepared,
+)
 from dicflow.core.noise import residual_noise
 from dicflow.core.status import Status
-from dicflow.core.warp import identity
+from dicflow.core.warp import warp_from_gradient
 
 SHAPE, SEARCH = (220, 240), Search(Subset(21), noise=2.0)
 AXIS = np.arange(60.0, 161.0, 10.0)
 GRID = np.stack(np.meshgrid(AXIS, AXIS), axis=-1)
+NEAR = GRID * 0.6 + 44.0
 EVERYWHERE = np.ones(SHAPE, dtype=bool)
 
 
@@ -21,16 +34,17 @@ def image(stretch=1.0, shift=(0.0, 0.0), noise=0.0, seed=0):
 
 
 def anchor_of(found, photograph):
-    return Anchor(photograph, (0, 0), EVERYWHERE, found.warp[..., 0], found.warp, found.covariance)
+    return Anchor(photograph, (0, 0), EVERYWHERE, found.warp[..., 0], found.warp, found.passed, found.slope)
 
 
 def test_an_anchor_keeps_what_its_subsets_need():
-    whole = Anchor(image(), (0, 0), EVERYWHERE, GRID, identity(GRID), np.zeros((*GRID.shape[:2], 3)))
+    first = first_anchor(image(), EVERYWHERE, GRID, SEARCH)
+    whole = first._replace(image=image(), origin=(0, 0), usable=EVERYWHERE)
     part = cropped(whole, 21)
     assert part.image.shape < whole.image.shape
     x, y = part.origin
     np.testing.assert_array_equal(part.image, whole.image[y : y + part.image.shape[0], x : x + part.image.shape[1]])
-    one, two = (at_rest(anchor, SEARCH) for anchor in (first_anchor(image(), EVERYWHERE, GRID, SEARCH), part))
+    one, two = (at_rest(anchor, SEARCH) for anchor in (first, part))
     np.testing.assert_allclose(one.covariance, two.covariance, rtol=1e-6)
     lost = cropped(whole._replace(points=np.full(GRID.shape, np.nan)), 21)
     assert lost.image.shape == whole.image.shape
@@ -70,3 +84,29 @@ def test_noise_that_correlation_leaves(degree, seed):
     found, _ = follow_step(first, None, before, photographs[1], search, Updating())
     left = residual_noise(photographs[0], GRID[found.valid], found.znssd[found.valid], 21, degree)
     assert left == pytest.approx(np.hypot(3.0, 12**-0.5), rel=0.04)
+
+
+@pytest.mark.parametrize("way", ["direct", "chained"])
+@pytest.mark.parametrize("stretches", [((1.0, 1.0), (1.0, 1.0)), ((1.3, 0.87), (1.2, 0.9)), ((0.7, 0.7), (0.9, 0.9))])
+def test_sigma_covers_the_errors_by_either_way(stretches, way):
+    """1σ covers 68 % and 2σ 95 % of the errors by the noise of the first photograph, a reference and the target."""
+    noise, between, middle = 3.0, np.diag(stretches[0]), np.array([110.0, 110.0])
+    motions = np.eye(2), between, np.diag(stretches[1]) @ between
+    search, y_x = SEARCH._replace(noise=np.hypot(noise, 12**-0.5)), np.mgrid[: SHAPE[0], : SHAPE[1]]
+    offsets = np.stack(y_x[::-1], axis=-1) - middle
+    clean = [texture(*np.moveaxis(offsets / np.diag(motion) + middle, -1, 0)) for motion in motions]
+    starts = [warp_from_gradient((NEAR - middle) @ m + middle, np.broadcast_to(m, (*NEAR.shape, 2))) for m in motions]
+    sizes = []
+    for run in range(12):
+        images = [grey(part, noise, 3 * run + k) for k, part in enumerate(clean)]
+        first = first_anchor(images[0], EVERYWHERE, NEAR, search)
+        template, target = at_rest(first, search).covariance, prepared(images[2], search)
+        if way == "chained":
+            reference = anchor_of(attempt(first, prepared(images[1], search), starts[1], search), images[1])
+            found = attempt(reference, target, starts[2], search, way=2)
+        else:
+            found = attempt(first, target, starts[2], search)
+        covariance = found.covariance + congruent(found.warp[..., 1:], template)
+        sizes.append(np.abs(found.warp[..., 0] - starts[2][..., 0]) / np.sqrt(covariance[..., [0, 2]]))
+    assert np.mean(np.array(sizes) < 1.0) == pytest.approx(0.683, abs=0.03)
+    assert np.mean(np.array(sizes) < 2.0) == pytest.approx(0.954, abs=0.02)

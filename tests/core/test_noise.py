@@ -1,7 +1,8 @@
 import numpy as np
 import pytest
 
-from dicflow.core.noise import image_noise, pair_noise, smoothed_noise
+from dicflow.core.interpolate import interpolate, spline
+from dicflow.core.noise import image_noise, interpolated_noise, pair_noise, smoothed_noise
 from dicflow.core.synthetic.planar import planar_pair
 
 INSIDE = np.zeros((240, 240), dtype=bool)
@@ -46,3 +47,25 @@ def test_smoothed_noise_of_a_wave_is_the_filters_response():
     wave = np.broadcast_to(127.0 + 50.0 * np.cos(2 * np.pi * x / 12.0), (240, 240))
     expected = 2.0 * np.exp(-0.5 * (2 * np.pi / 12.0 * 1.2) ** 2)
     assert smoothed_noise(2.0, wave, INSIDE, 1.2) == pytest.approx(expected, rel=0.01)
+
+
+@pytest.mark.parametrize("degree", [3, 5])
+@pytest.mark.parametrize("stretch", [0.6, 1.0, 1.4, 2.3])
+def test_noise_that_interpolation_leaves_in_a_mean(degree, stretch):
+    """Means over a subset of white noise, sampled at distances other than a pixel, against the mean of its pixels."""
+    side, half = 25, 12
+    noise = spline(np.random.default_rng(3).normal(0.0, 1.0, (1400, 1400)).astype(np.float32), degree)
+    reach = 60 + int(stretch * half)
+    places = np.stack(np.meshgrid(*[np.arange(reach, 1400 - reach, stretch * (side + 3))] * 2), axis=-1)
+    axis = np.arange(-half, half + 1)
+    offsets = stretch * np.stack(np.meshgrid(axis, axis), axis=-1)
+    means = [np.mean(interpolate(noise, place + offsets)) for place in places.reshape(-1, 2)]
+    found = np.var(means) * side**2 / interpolated_noise(stretch * np.eye(2), degree)
+    assert found == pytest.approx(1.0, abs=5.0 / np.sqrt(len(means) / 2))
+
+
+def test_turns_leave_noise_as_it_is():
+    turn = np.array([[0.8, -0.6], [0.6, 0.8]])
+    assert interpolated_noise(turn, 5) == pytest.approx(1.0, rel=1e-4)
+    sheared = turn @ np.diag([0.5, 1.2])
+    assert interpolated_noise(sheared, 5) == pytest.approx(interpolated_noise(np.diag([0.5, 1.2]), 5))
