@@ -5,7 +5,8 @@ squares, each point weighted with 1 / σ² of its displacement), which gives the
 :mod:`dicflow.core.strain` and with the tangent bases there F = (B'ᵀJ')(BᵀJ)⁻¹ = T' T⁻¹.
 
 Errors are carried through to first order. Fit slopes are sums Σₙ wₙ Xₙ over the window, so their covariance is that of
-a point times Q = Σₙₘ wₙ ρₙₘ wₘ, where ρ is the correlation of points whose subsets overlap. An error of J moves F by
+a point times Q = Σₙₘ wₙ ρₙₘ wₘ, where ρ is the correlation of points whose subsets overlap. Each
+shape function has its own, so the shares in the covariance are carried through one by one. An error of J moves F by
 
     δF = (B'ᵀδJ' + δω' K T') T⁻¹ − F (BᵀδJ + δω K T) T⁻¹,   K = [[0, 1], [−1, 0]],
 
@@ -14,6 +15,7 @@ where δω is the turn of the basis about the normal n, since e₁ is the projec
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -25,11 +27,30 @@ from dicflow.core.filters import slope_weights
 from dicflow.core.overlap import Overlap
 from dicflow.core.strain import deformation_gradient, inverse, jacobian, tangent_basis
 
-__all__ = ["SurfaceGradient", "gradient_response", "pixel_size_mm", "slope_covariance", "surface_gradient", "vsg_px"]
+__all__ = [
+    "Share",
+    "SurfaceGradient",
+    "gradient_response",
+    "pixel_size_mm",
+    "slope_covariance",
+    "surface_gradient",
+    "vsg_px",
+]
 
 Array = NDArray[np.float64]
 
 _TURN = np.array([[0.0, 1.0], [-1.0, 0.0]])
+
+
+class Share(NamedTuple):
+    """Errors of points that subsets of one kind make.
+
+    covariance : (row, col, 6, 6) — of each point at the step and at the reference, in this order
+    rho : correlation of the errors of points that are apart
+    """
+
+    covariance: Array
+    rho: Overlap
 
 
 class SurfaceGradient(NamedTuple):
@@ -60,8 +81,7 @@ def vsg_px(window_points: int, step_size: float, subset_size: float) -> float:
 def surface_gradient(
     reference: Array,
     deformed: Array,
-    covariance: Array,
-    rho: Overlap,
+    errors: Sequence[Share],
     window: tuple[int, int],
     degree: int,
     min_share: float = 0.25,
@@ -70,23 +90,25 @@ def surface_gradient(
 
     reference, deformed : (row, col, 3) — the points of a regular material grid [mm]; of a plane in the image
         the third coordinate is 0 [px]
-    covariance : (row, col, 6, 6) — of each point at the step and at the reference, in this order; a point without one
-        does not count
-    rho : correlation of the errors of points that are apart
+    errors : independent shares that add up to the errors of the points; a point without covariance does not count
     window : (rows, cols), odd numbers of points
     degree : of the polynomials, 1 or more
     min_share : a window counts with at least this share of its points
     """
-    sigma = np.sqrt(np.trace(displacement_covariance(covariance), axis1=-2, axis2=-1))
+    whole = np.sum([share.covariance for share in errors], axis=0)
+    sigma = np.sqrt(np.trace(displacement_covariance(whole), axis1=-2, axis2=-1))
     known = np.asarray(np.isfinite(reference + deformed).all(axis=-1) & np.isfinite(sigma))
     before, after = (np.where(known[..., None], points, np.nan) for points in (reference, deformed))
     weights = np.where(known, 1.0 / np.maximum(sigma, 1e-12) ** 2, 0.0)
     weights /= max(float(weights.max(initial=0.0)), 1e-300)
     before, after = (jacobian(points, window, degree, weights, min_share) for points in (before, after))
     gradient = deformation_gradient(before, after)
-    slopes = slope_covariance(weights, np.where(known, sigma, 0.0), rho, window, degree)
-    response = gradient_response(before, after)
-    return SurfaceGradient(gradient, _gradient_covariance(response, slopes, covariance), response)
+    response, scatter = gradient_response(before, after), np.where(known, sigma, 0.0)
+    parts = [
+        _gradient_covariance(response, slope_covariance(weights, scatter, rho, window, degree), covariance)
+        for covariance, rho in errors
+    ]
+    return SurfaceGradient(gradient, np.sum(parts, axis=0), response)
 
 
 def pixel_size_mm(reference: Array, step_size: float) -> Array:

@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     import numpy as np
 
     from dicflow.core.covariance import MeasuredPoints
-    from dicflow.core.deformation_gradient import SurfaceGradient
+    from dicflow.core.deformation_gradient import Share, SurfaceGradient
     from dicflow.core.frames import Frame
     from dicflow.core.rigid import RigidMotion
 
@@ -73,6 +73,7 @@ class Deformation(Node):
         "frame": Port("frame", optional=True),
     }
     gives: ClassVar = "total"
+    impl_version: ClassVar = 2
 
     stage: Literal["deformation"] = "deformation"
     window: Annotated[Pixels, Field(gt=0)] = parameter(50.0, "side of the square window of a strain", unit="px")
@@ -92,18 +93,17 @@ class Deformation(Node):
         """``points_first`` are those of the first step."""
         from dicflow.core.covariance import joint_covariance, points_in_frame, symmetric
         from dicflow.core.deformation_gradient import surface_gradient
-        from dicflow.core.overlap import overlap
 
-        axes, facts = _axes(frame), points_first.attrs
+        axes = _axes(frame)
         before = points_in_frame(_points(points_first, first=True), axes)
         after = points_in_frame(_points(points), axes)
         motion = self._motion(before, after)
         along = _moving_frame(motion)
         after = points_in_frame(after, along)
         covariance = joint_covariance(after, before, symmetric(points_first["template"]))
-        rho = overlap(facts["subset_size"], facts["step_size"], facts["shape_function"])
-        window = self._window(facts["step_size"])
-        surface = surface_gradient(before.xyz, after.xyz, covariance, rho, window, self.degree, self.min_share)
+        errors = _shares(covariance, points, points_first, (axes, along))
+        window = self._window(points_first.attrs["step_size"])
+        surface = surface_gradient(before.xyz, after.xyz, errors, window, self.degree, self.min_share)
         fields = {**_displacements(before, after, covariance), **self._strains(surface)}
         if rig is not None and "covariance" in rig.attrs:
             turns = (along.rotation @ axes.rotation, axes.rotation)
@@ -217,6 +217,33 @@ class Deformation(Node):
             "vsg_px": gauge,
             "vsg_mm": float(gauge * np.median(size)) if unit == "mm" and size.size else None,
         }
+
+
+def _shares(covariance: np.ndarray, step: Product, first: Product, frames: tuple[Frame, Frame]) -> list[Share]:
+    """The covariance of the points at both steps by the shape functions of the subsets that bring it.
+
+    frames : that of the results, and the one that moves along with what is taken out
+    """
+    from dicflow.core.covariance import joint_covariance, points_in_frame, symmetric
+    from dicflow.core.deformation_gradient import Share
+    from dicflow.core.overlap import overlap
+
+    facts = first.attrs
+    grid, other = (facts["subset_size"], facts["step_size"]), facts["shape_function"]
+    own = facts.get("shape_function_left", other)
+    if own == other:
+        return [Share(covariance, overlap(*grid, own))]
+    after, before = (points_in_frame(_left_share(product), frames[0]) for product in (step, first))
+    template = symmetric(first["template"])[..., :2, :2]
+    left = joint_covariance(points_in_frame(after, frames[1]), before, template)
+    return [Share(left, overlap(*grid, own)), Share(covariance - left, overlap(*grid, other))]
+
+
+def _left_share(product: Product) -> MeasuredPoints:
+    """The points of a step with those errors alone that the subsets of the left photographs bring."""
+    from dicflow.core.covariance import MeasuredPoints, symmetric
+
+    return MeasuredPoints(product["xyz"], symmetric(product["covariance_left"]), product["sensitivity"][..., :2])
 
 
 def _axes(frame: Product | None) -> Frame:

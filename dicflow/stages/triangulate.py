@@ -21,6 +21,7 @@ class Errors(NamedTuple):
     """Errors of the points of one step.
 
     own : (row, col, 3, 3) — covariance from all but the first template's noise [mm²]
+    left : (row, col, 3, 3) — the part of it that the subsets in the left photographs bring [mm²]
     sensitivity : (row, col, 3, 2) — by how much a point moves per error of the first template [mm/px]
     template : (row, col, 3) — covariance of this error, xx, xy, yy [px²]
 
@@ -29,6 +30,7 @@ class Errors(NamedTuple):
     """
 
     own: np.ndarray
+    left: np.ndarray
     sensitivity: np.ndarray
     template: np.ndarray
 
@@ -49,7 +51,7 @@ class Triangulate(Node):
         "rig": Port("rig"),
     }
     gives: ClassVar = "points"
-    impl_version: ClassVar = 2
+    impl_version: ClassVar = 3
 
     stage: Literal["triangulate"] = "triangulate"
 
@@ -97,12 +99,13 @@ def _errors(found: Triangulated, correlation: Product, stereo: Product) -> Error
         (by_right, np.where(chained, 2.0 - ratio, 1.0) * right),
         (by_left + by_right, common),
     )
-    own = np.sum([point_covariance(slopes, covariance) for slopes, covariance in shares], axis=0)
+    by_place, by_other, by_both = (point_covariance(slopes, covariance) for slopes, covariance in shares)
+    own, alone = by_place + by_other + by_both, by_place + by_both
     sensitivity = np.where(first[..., None], by_right, by_left + by_right)
     if not _differ(correlation, stereo):
-        return Errors(own, sensitivity, correlation["template"])
+        return Errors(own, alone, sensitivity, correlation["template"])
     added = np.where(chained[..., None], 0.0, by_right)
-    return Errors(own, np.concatenate([sensitivity, added], axis=-1), _two_errors(correlation, stereo))
+    return Errors(own, alone, np.concatenate([sensitivity, added], axis=-1), _two_errors(correlation, stereo))
 
 
 def _differ(correlation: Product, stereo: Product) -> bool:
@@ -157,6 +160,9 @@ def _product(found: Triangulated, errors: Errors, correlation: Product, stereo: 
         "xy": Variable(pixel, correlation["xy"], "px", "place in the left photograph"),
         "xy_right": Variable(pixel, stereo["xy"], "px", "place in the right photograph"),
         "covariance": Variable((*_GRID, "pair"), upper(errors.own), "mm²", "covariance XX, XY, XZ, YY, YZ, ZZ"),
+        "covariance_left": Variable(
+            (*_GRID, "pair"), upper(errors.left), "mm²", "share of the left photographs in the covariance"
+        ),
         "sensitivity": Variable(
             (*_GRID, "component", "error"), errors.sensitivity, "mm/px", "motion per error of the template"
         ),
@@ -179,6 +185,7 @@ def _product(found: Triangulated, errors: Errors, correlation: Product, stereo: 
     attrs = {
         **facts,
         "shape_function": stereo.attrs["shape_function"],
+        "shape_function_left": correlation.attrs["shape_function"],
         "reasons": reasons,
         "text": _sentence(reasons, int(inside.sum())),
         "summary": summary,

@@ -6,6 +6,7 @@ import pytest
 from dicflow.core.camera import rotation_matrix
 from dicflow.core.covariance import MeasuredPoints, joint_covariance
 from dicflow.core.deformation_gradient import (
+    Share,
     gradient_response,
     pixel_size_mm,
     slope_covariance,
@@ -27,7 +28,7 @@ EXACT = np.broadcast_to(1e-6 * np.eye(6), (*SHAPE, 6, 6))
 
 
 def gradient_of(reference, deformed, window=(7, 7), degree=1, covariance=EXACT, rho=None, **options):
-    return surface_gradient(reference, deformed, covariance, rho or independent(), window, degree, **options)
+    return surface_gradient(reference, deformed, [Share(covariance, rho or independent())], window, degree, **options)
 
 
 def stretched(reference, gradient):
@@ -172,6 +173,21 @@ def test_one_sigma_covers_68_percent(shape_function, degree, stretch):
     for strain in range(3):
         assert (inside[:, strain] < 1).mean() == pytest.approx(0.683, abs=0.03)
         assert (inside[:, strain] < 2).mean() == pytest.approx(0.954, abs=0.02)
+
+
+def test_shares_of_either_shape_function_add_up():
+    rng = np.random.default_rng(7)
+    root = rng.normal(size=(6, 6))
+    shares = [
+        Share(np.broadcast_to(part, (*SHAPE, 6, 6)), overlap(21, STEP, shape_function))
+        for part, shape_function in ((1e-6 * root @ root.T, "affine"), (1e-6 * np.eye(6), "quadratic"))
+    ]
+    both, first, second = (
+        surface_gradient(TILTED, 1.1 * TILTED, part, (7, 7), 1).covariance for part in (shares, shares[:1], shares[1:])
+    )
+    assert np.allclose(both, first + second, rtol=1e-9, equal_nan=True)
+    alike = surface_gradient(TILTED, 1.1 * TILTED, [Share(sum(s.covariance for s in shares), shares[0].rho)], (7, 7), 1)
+    assert not np.allclose(both, alike.covariance, rtol=0.05, equal_nan=True)
 
 
 def test_gauge_and_scale():

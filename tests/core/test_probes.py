@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from dicflow.core.deformation_gradient import surface_gradient
+from dicflow.core.deformation_gradient import Share, surface_gradient
 from dicflow.core.overlap import independent, overlap
 from dicflow.core.probes import (
     area_probe,
@@ -96,7 +96,7 @@ def test_sigma_of_a_mean_strain_is_the_scatter():
     means = {"exx": [], "eyy": [], "gxy": []}
     for _ in range(200):
         noisy = flat + point_errors(rng, SHAPE, 1e-4 * np.diag([1.0, 1.0, 0.0]), SUBSET, STEP)
-        found = surface_gradient(flat, noisy, covariance, rho, (7, 7), 2)
+        found = surface_gradient(flat, noisy, [Share(covariance, rho)], (7, 7), 2)
         change = found.gradient - np.eye(2)
         fields = (change[..., 0, 0], change[..., 1, 1], change[..., 0, 1] + change[..., 1, 0])
         for collected, field in zip(means.values(), fields, strict=True):
