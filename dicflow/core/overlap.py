@@ -8,12 +8,13 @@ this kernel at their distance, for both a sum of few products of a function of t
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["Overlap", "ShapeFunction", "independent", "overlap"]
+__all__ = ["Overlap", "ShapeFunction", "independent", "mixed", "overlap"]
 
 Array = NDArray[np.float64]
 ShapeFunction = Literal["affine", "quadratic"]
@@ -55,6 +56,15 @@ def overlap(subset_size: int, step_size: float, shape_function: ShapeFunction = 
     mixed, own = _correlation(half, one, lags), _correlation(half, half, lags)
     scale = 2.0 * (own[0] * plain[0] + mixed[0] ** 2)
     return Overlap(np.stack([own, 2.0 * mixed, plain]) / scale, np.stack([plain, mixed, own]))
+
+
+def mixed(parts: Sequence[tuple[float, Overlap]]) -> Overlap:
+    """Correlation of sums of independent errors, Σ sₖ ρₖ.
+
+    parts : share sₖ in the variance of the sum, and the correlation ρₖ of each, on one grid and of subsets of one size
+    """
+    down = np.concatenate([share * rho.down for share, rho in parts])
+    return Overlap(down, np.concatenate([rho.across for _, rho in parts]))
 
 
 def independent() -> Overlap:

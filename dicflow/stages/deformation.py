@@ -19,6 +19,7 @@ if TYPE_CHECKING:
     from dicflow.core.covariance import MeasuredPoints
     from dicflow.core.deformation_gradient import Share, SurfaceGradient
     from dicflow.core.frames import Frame
+    from dicflow.core.overlap import ShapeFunction
     from dicflow.core.rigid import RigidMotion
 
 __all__ = ["Deformation"]
@@ -73,7 +74,7 @@ class Deformation(Node):
         "frame": Port("frame", optional=True),
     }
     gives: ClassVar = "total"
-    impl_version: ClassVar = 2
+    impl_version: ClassVar = 3
 
     stage: Literal["deformation"] = "deformation"
     window: Annotated[Pixels, Field(gt=0)] = parameter(50.0, "side of the square window of a strain", unit="px")
@@ -91,7 +92,7 @@ class Deformation(Node):
         self, points: Product, points_first: Product, rig: Product | None = None, frame: Product | None = None
     ) -> Product:
         """``points_first`` are those of the first step."""
-        from dicflow.core.covariance import joint_covariance, points_in_frame, symmetric
+        from dicflow.core.covariance import joint_covariance, points_in_frame, symmetric, upper
         from dicflow.core.deformation_gradient import surface_gradient
 
         axes = _axes(frame)
@@ -103,13 +104,14 @@ class Deformation(Node):
         covariance = joint_covariance(after, before, symmetric(points_first["template"]))
         errors = _shares(covariance, points, points_first, (axes, along))
         window = self._window(points_first.attrs["step_size"])
-        surface = surface_gradient(before.xyz, after.xyz, errors, window, self.degree, self.min_share)
+        surface = surface_gradient(before.xyz, after.xyz, [*errors.values()], window, self.degree, self.min_share)
         fields = {**_displacements(before, after, covariance), **self._strains(surface)}
         if rig is not None and "covariance" in rig.attrs:
             turns = (along.rotation @ axes.rotation, axes.rotation)
             fields |= self._calibration(rig, (points, points_first), turns, surface)
         fields |= {"xyz": after.xyz, "xyz_reference": before.xyz, "gradient": surface.gradient}
-        return self._product(fields, covariance, (points, points_first), motion)
+        fields["covariance"] = upper(covariance)
+        return self._product(fields, errors, (points, points_first), motion)
 
     def _window(self, step_size: float) -> tuple[int, int]:
         from dicflow.core.filters import odd_window
@@ -169,20 +171,18 @@ class Deformation(Node):
     def _product(
         self,
         fields: dict[str, np.ndarray],
-        covariance: np.ndarray,
+        errors: Mapping[ShapeFunction, Share],
         steps: tuple[Product, Product],
         motion: RigidMotion | None,
     ) -> Product:
         import numpy as np
-
-        from dicflow.core.covariance import upper
 
         step, first = steps
         moved, strained = np.isfinite(fields["U"]), np.isfinite(fields["exx"])
         window = self._window(first.attrs["step_size"])
         reasons = _reasons(np.maximum(step["status"], first["status"]), moved)
         status = fitted_status(moved, strained, reasons, window, self.degree)
-        fields = {**fields, "xy": step["xy"], "xy_reference": first["xy"], "covariance": upper(covariance)}
+        fields = {**fields, "xy": step["xy"], "xy_reference": first["xy"]}
         fields = {name: _where(moved & strained, values) for name, values in fields.items()}
         unit = "mm" if step.kind == "points" else "px"
         variables = {name: _variable(name, values, unit, _MEASURES[self.measure]) for name, values in fields.items()}
@@ -191,7 +191,8 @@ class Deformation(Node):
         laid = first.attrs.get("summary", {}).get("points") or np.isfinite(first["xy"]).all(axis=-1).sum()
         share = (moved & strained).sum() / max(1, int(laid))
         summary = {"valid_share": float(share), **field_means(fields, unit), **_usual_sigmas(fields, unit)}
-        attrs = {**self._facts(fields, first.attrs, unit), "rigid": _six_numbers(motion), "summary": summary}
+        facts = {**self._facts(fields, first.attrs, unit), "shape_shares": _variance_shares(errors)}
+        attrs = {**facts, "rigid": _six_numbers(motion), "summary": summary}
         return Product("total", variables, attrs)
 
     def _facts(self, fields: Mapping[str, np.ndarray], facts: Mapping[str, Any], unit: str) -> dict[str, Any]:
@@ -219,7 +220,9 @@ class Deformation(Node):
         }
 
 
-def _shares(covariance: np.ndarray, step: Product, first: Product, frames: tuple[Frame, Frame]) -> list[Share]:
+def _shares(
+    covariance: np.ndarray, step: Product, first: Product, frames: tuple[Frame, Frame]
+) -> dict[ShapeFunction, Share]:
     """The covariance of the points at both steps by the shape functions of the subsets that bring it.
 
     frames : that of the results, and the one that moves along with what is taken out
@@ -232,11 +235,28 @@ def _shares(covariance: np.ndarray, step: Product, first: Product, frames: tuple
     grid, other = (facts["subset_size"], facts["step_size"]), facts["shape_function"]
     own = facts.get("shape_function_left", other)
     if own == other:
-        return [Share(covariance, overlap(*grid, own))]
+        return {own: Share(covariance, overlap(*grid, own))}
     after, before = (points_in_frame(_left_share(product), frames[0]) for product in (step, first))
     template = symmetric(first["template"])[..., :2, :2]
     left = joint_covariance(points_in_frame(after, frames[1]), before, template)
-    return [Share(left, overlap(*grid, own)), Share(covariance - left, overlap(*grid, other))]
+    return {own: Share(left, overlap(*grid, own)), other: Share(covariance - left, overlap(*grid, other))}
+
+
+def _variance_shares(errors: Mapping[ShapeFunction, Share]) -> dict[str, list[float]]:
+    """Shares of each shape function in the variance of U, V and W, means over the points."""
+    import numpy as np
+
+    from dicflow.core.covariance import displacement_covariance
+
+    if len(errors) == 1:
+        return {name: [1.0, 1.0, 1.0] for name in errors}
+    variances = np.stack(
+        [np.diagonal(displacement_covariance(part.covariance), axis1=-2, axis2=-1) for part in errors.values()]
+    )
+    known = (variances.sum(axis=0) > 0.0).all(axis=-1)
+    shares = variances[:, known] / variances[:, known].sum(axis=0)
+    means = shares.mean(axis=1) if known.any() else np.full((len(errors), 3), 1.0 / len(errors))
+    return {name: part.tolist() for name, part in zip(errors, means, strict=True)}
 
 
 def _left_share(product: Product) -> MeasuredPoints:

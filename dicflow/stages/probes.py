@@ -15,6 +15,7 @@ from dicflow.errors import StageError
 if TYPE_CHECKING:
     import numpy as np
 
+    from dicflow.core.overlap import Overlap
     from dicflow.core.probes import Alike, Probe
 
 __all__ = ["Probes"]
@@ -30,6 +31,8 @@ Readings = dict[str, tuple[float, float]]
 _NONE = (math.nan, math.nan)
 _SAMPLES = 101
 _LENGTHS = ("length", "elongation", "strain")
+_DIRECTIONS = {"U": (1, 0, 0), "V": (0, 1, 0), "W": (0, 0, 1), "exx": (1, 0, 0), "eyy": (0, 1, 0), "gxy": (0.5, 0.5, 0)}
+"""Which of U, V and W a quantity's errors come from, and to what share."""
 
 
 def _corners(value: Any) -> Any:
@@ -196,6 +199,7 @@ class _Step:
 
     grid : (row, col, 2) — where the points lay at the first step, in the unit of the places
     known : (row, col) bool — which have a value
+    kinds : shares (3,) in the variance of U, V and W of each kind of subset, and how alike errors of that kind are
     spacing : their distance, in the same unit
     """
 
@@ -211,7 +215,10 @@ class _Step:
             raise StageError("this total has no uncertainty to read; give one of a stage 'deformation'")
         self.product = product
         self.known = np.isfinite(product["U"])
-        self.rho = overlap(facts["subset_size"], facts["step_size"], facts["shape_function"])
+        self.kinds = [
+            (np.array(share), overlap(facts["subset_size"], facts["step_size"], name))
+            for name, share in facts["shape_shares"].items()
+        ]
         self.spacing = float(facts["step_size"])
         self.grid = product["xy_reference"]
         if unit == "mm":
@@ -235,24 +242,39 @@ class _Step:
 
         if probe is None:
             return dict.fromkeys(quantities, _NONE)
-        alike = self._alike(probe)
+        alike = {**{name: self.rho(weights) for name, weights in _DIRECTIONS.items()}, **self._alike(probe)}
         return {
             name: (
                 float(value_of(probe, self.product[name])),
-                sigma_of(probe, self.product[f"sigma_{name}"], alike.get(name, self.rho)),
+                sigma_of(probe, self.product[f"sigma_{name}"], alike[name]),
             )
             for name in quantities
         }
 
     def extension(self, line: Line) -> Readings:
         """Lengths between two places."""
-        from dicflow.core.probes import extension
+        from dicflow.core.probes import difference, extension, value_of
 
         first, second = (self.at(place) for place in line)
         if first is None or second is None:
             return dict.fromkeys(["first", *_LENGTHS], _NONE)
         places = (self.product["xyz"], self.product["xyz_reference"])
-        return extension((first, second), *places, self.covariance, self.rho)._asdict()
+        along = value_of(difference(first, second), places[0]) ** 2 * self._variances(first)
+        return extension((first, second), *places, self.covariance, self.rho(along))._asdict()
+
+    def rho(self, weights: Any) -> Overlap:
+        """How alike the errors of neighbours are in what depends on U, V and W by such weights (3,)."""
+        from dicflow.core.overlap import mixed
+
+        part = _array(weights)
+        return mixed([(float(share @ part / part.sum()), rho) for share, rho in self.kinds])
+
+    def _variances(self, probe: Probe) -> np.ndarray:
+        """Mean variance (3,) of U, V and W of a probe's points."""
+        import numpy as np
+
+        sigma = _array([self.product[f"sigma_{name}"][probe.rows, probe.cols] for name in "UVW"])
+        return np.asarray((sigma**2).mean(axis=1))
 
     def _alike(self, probe: Probe) -> dict[str, Alike]:
         """How the errors of the strains of a probe's points are correlated."""
@@ -264,7 +286,8 @@ class _Step:
         shares = slope_shares(gradient, slopes, facts["measure"], facts["directions"])
         window = tuple(facts["window_points"])
         return {
-            name: slope_overlap(self.rho, window, facts["degree"], share) for name, share in shares._asdict().items()
+            name: slope_overlap(self.rho(_DIRECTIONS[name]), window, facts["degree"], share)
+            for name, share in shares._asdict().items()
         }
 
 

@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 from scipy.signal import correlate2d
 
-from dicflow.core.overlap import overlap
+from dicflow.core.overlap import mixed, overlap
 from tests.noise import subset_kernel
 
 
@@ -25,3 +25,10 @@ def test_it_is_the_autocorrelation_of_the_kernel(subset_size, step_size, shape_f
 def test_affine_subsets_overlap_by_a_triangle():
     rho = overlap(30, 6.0)
     assert rho.at(np.array([0, 1, 2, 5]), np.array([0, 0, 3, 0])) == pytest.approx([1.0, 0.8, 0.6 * 0.4, 0.0])
+
+
+def test_a_sum_of_independent_errors_is_alike_by_their_shares():
+    affine, quadratic = overlap(21, 5), overlap(21, 5, "quadratic")
+    rows, cols = np.array([0, 1, 0, 3, 9]), np.array([0, 0, 2, 1, 0])
+    expected = 0.7 * affine.at(rows, cols) + 0.3 * quadratic.at(rows, cols)
+    assert mixed([(0.7, affine), (0.3, quadratic)]).at(rows, cols) == pytest.approx(expected)
