@@ -82,9 +82,11 @@ def correlation(
         "shape_function": subset.shape_function,
         "image_size": [width, height],
         "noise_grey": noise,
+        "noise_level": noise,
         "gaussian": subset.gaussian,
         "min_share": subset.min_share,
         "smoothing": 0.0,
+        "misfit": False,
         "polygons": polygons_to_attrs(polygons),
     }
     return Product("correlation", variables, attrs)

@@ -13,15 +13,15 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
-from dicflow.core.chain import congruent
 from dicflow.core.interpolate import Spline
 from dicflow.core.material import Anchor, Followed, Search, attempt, cropped, merged
-from dicflow.core.noise import interpolated_noise
+from dicflow.core.noise import image_noise
 from dicflow.core.partners import started
 from dicflow.core.seed import ACCEPTED, BLUR_PX, agreement
+from dicflow.core.strain import inverse
 from dicflow.core.warp import TERMS
 
-__all__ = ["Shares", "Step", "as_before", "borne_out", "contrast", "follow_across", "inverse", "noise_shares"]
+__all__ = ["Step", "as_before", "borne_out", "contrast", "follow_across", "noise_ratio"]
 
 Array = npt.NDArray[np.float64]
 Grey = npt.NDArray[Any]
@@ -88,37 +88,31 @@ def borne_out(left: Grey, right: Grey, centres: Array, starts: Array) -> bool:
     return bool(some and agreement(smooth, other, centres[known], starts[known]) >= ACCEPTED)
 
 
-class Shares(NamedTuple):
-    """What the noise of each photograph does to the places in the right one.
-
-    own : (row, col, 3) — covariance by the right photograph's noise [px² there]
-    template : (row, col, 3) — by the template's noise [px² of the first photograph]
-    """
-
-    own: Array
-    template: Array
-
-
-def noise_shares(found: Followed, strength: float, degree: int) -> Shares:
-    """Share of both photographs' noise in places that were found with noise of one strength for both.
-
-    strength : of the right photograph's noise relative to the left one's, each relative to its contrast
-    degree : of the spline
-    """
-    alike = found.covariance / interpolated_noise(found.slope, degree)[..., None]
-    return Shares(strength**2 * found.covariance, congruent(inverse(found.warp[..., 1:3]), alike))
-
-
 def contrast(image: Grey, places: Array) -> float:
     """Standard deviation of the grey levels at places (..., 2) [px] in an image; 1 where there is none."""
     x, y = np.rint(places[np.isfinite(places).all(axis=-1)]).astype(int).T
     return float(np.std(image[y, x])) or 1.0 if len(x) > 1 else 1.0
 
 
-def inverse(gradient: Array) -> Array:
-    """Inverses of gradients (..., 2, 2); NaN where there is none."""
-    (a, b), (c, d) = (np.moveaxis(gradient[..., axis, :], -1, 0) for axis in (0, 1))
-    determinant = a * d - b * c
-    determinant = np.where(determinant != 0.0, determinant, np.nan)
-    rows = np.stack([np.stack([d, -b], axis=-1), np.stack([-c, a], axis=-1)], axis=-2)
-    return np.asarray(rows / determinant[..., None, None])
+def noise_ratio(left: Grey, right: Grey, places: Array, places_right: Array) -> float:
+    """Noise of the right photograph over that of the left one, in grey levels; 1 where it cannot be told.
+
+    places, places_right : (row, col, 2) — of the same points in both [px]; NaN where unknown
+
+    What the pattern adds to an estimate from one photograph is much the same in both.
+    """
+    known = np.asarray(np.isfinite(places + places_right).all(axis=-1))
+    views = (left, places), (right, places_right)
+    levels = [image_noise(image, _around(image.shape, at, known)) for image, at in views]
+    return float(np.clip(levels[1] / levels[0], 0.1, 10.0)) if min(levels) > 0.0 else 1.0
+
+
+def _around(shape: tuple[int, ...], places: Array, known: npt.NDArray[np.bool_]) -> npt.NDArray[np.bool_]:
+    """The part of an image that neighbouring known points of a grid enclose."""
+    inside = np.zeros(shape, dtype=np.uint8)
+    whole = known[:-1, :-1] & known[1:, :-1] & known[:-1, 1:] & known[1:, 1:]
+    pixels = np.rint(np.nan_to_num(places)).astype(np.int32)
+    corners = np.stack([pixels[:-1, :-1], pixels[:-1, 1:], pixels[1:, 1:], pixels[1:, :-1]], axis=2)[whole]
+    for cell in corners:
+        cv2.fillConvexPoly(inside, cell, 1)
+    return inside > 0

@@ -15,13 +15,16 @@ import numpy as np
 import numpy.typing as npt
 
 from dicflow.core.chain import chained, congruent, uncancelled_noise
-from dicflow.core.correlate import Subset, template
+from dicflow.core.correlate import Subset, Template, template
 from dicflow.core.follow import Field, correlate_field
+from dicflow.core.footprint import blurred, missing_blurs
 from dicflow.core.interpolate import Spline, spline
 from dicflow.core.matching import local_motion
+from dicflow.core.misfit import misfit_covariance
 from dicflow.core.noise import interpolated_noise
 from dicflow.core.seed import Pairs, seed_warps
 from dicflow.core.status import Status
+from dicflow.core.strain import inverse
 from dicflow.core.warp import gradient, identity, warp_from_gradient
 
 __all__ = [
@@ -54,9 +57,10 @@ class Search(NamedTuple):
     degree : of the splines, 3 or 5
     smoothing_px : standard deviation of a Gaussian that all photographs pass first; 0 for none
     max_znssd : what fits worse is no match
-    noise : standard deviation of the photographs' noise [grey levels]
+    noise : standard deviation of the noise of the templates' photographs [grey levels]
+    strength : the target's noise over it, each relative to its contrast
     threads : how many share the points
-    counts_misfit : what subsets differ by beyond the noise counts as noise too
+    counts_misfit : what subsets differ by beyond the noise adds to the covariance
     """
 
     subset: Subset
@@ -64,6 +68,7 @@ class Search(NamedTuple):
     smoothing_px: float = 0.0
     max_znssd: float = 0.3
     noise: float = 1.0
+    strength: float = 1.0
     threads: int = 1
     counts_misfit: bool = False
 
@@ -113,6 +118,7 @@ class Followed(NamedTuple):
     znssd, iterations, status : of the subset that found the point
     covariance : (..., 3) — of the places, without the first photograph's noise [px²]
     way : uint8 — 0 the first photograph itself, or no value; 1 directly from it; 2 through a reference
+    template : (..., 3) — of the places by the noise of the template [px² of the first photograph]
     passed : (..., 3) — the share of references in ``covariance`` [px²]
     slope : (..., 2, 2) — gradient of the motion from the photograph whose subset found the point
     """
@@ -123,6 +129,7 @@ class Followed(NamedTuple):
     status: npt.NDArray[np.uint8]
     covariance: Array
     way: npt.NDArray[np.uint8]
+    template: Array
     passed: Array
     slope: Array
 
@@ -160,13 +167,14 @@ def at_rest(first: Anchor, search: Search) -> Followed:
 
     The covariance is that of its own noise there, which all later places have in common; NaN where there is no value.
     """
-    found = _from_anchor(first, prepared(first.image, search), first.warp[..., :3], search, first.origin)
+    itself = prepared(first.image, search)
+    both = template(itself, first.usable), itself
+    found = _from_anchor(first, both, first.warp[..., :3], search, first.origin)
     way = np.zeros(found.status.shape, dtype=np.uint8)
     warp = np.where((found.status == Status.VALID)[..., None, None], first.warp, np.nan)
     covariance = 0.5 * search.noise**2 * found.covariance
-    return Followed(
-        warp, found.znssd, found.iterations, found.status, covariance, way, 0.0 * covariance, warp[..., 1:3]
-    )
+    facts = found.znssd, found.iterations, found.status
+    return Followed(warp, *facts, covariance, way, covariance, 0.0 * covariance, warp[..., 1:3])
 
 
 def follow_step(
@@ -199,12 +207,15 @@ def follow_step(
     return _told_apart(found, first, image.shape), reference
 
 
-def carried_by(followed: Followed, first: Anchor, points: Array) -> Array:
-    """Where points (n, 2) of the first photograph are, by the motion of the material points around them [px]."""
+def carried_by(followed: Followed, grid: Array, points: Array) -> Array:
+    """Where points (n, 2) of the first photograph are, by the motion of the material points around them [px].
+
+    grid : (rows, cols, 2) — the material points there
+    """
     valid = followed.valid
     if valid.sum() < FEW:
         return np.full(points.shape, np.nan)
-    return local_motion(first.points[valid], followed.warp[valid][..., 0], points).position
+    return local_motion(grid[valid], followed.warp[valid][..., 0], points).position
 
 
 def prepared(image: Image, search: Search) -> Spline:
@@ -233,21 +244,37 @@ def _starts(anchors: Sequence[Anchor], image: Image, matches: Pairs | None) -> A
     return starts
 
 
-def _from_anchor(anchor: Anchor, target: Spline, starts: Array, search: Search, shift: Sequence[int] = (0, 0)) -> Field:
+def _alike(anchor: Anchor, target: Spline, starts: Array, search: Search) -> tuple[Template, Spline]:
+    """The anchor's photograph and the target, with pixels that blur the material alike on the whole."""
+    image, slopes = _smoothed(anchor.image, search), _from_there(anchor, starts)
+    slopes = slopes[np.isfinite(slopes).all(axis=(-2, -1))]
+    if len(slopes):
+        blurs = missing_blurs(np.median(slopes, axis=0), search.smoothing_px)
+        image = blurred(image, blurs.template)
+        target = target if blurs.target is None else spline(blurred(target.image, blurs.target), search.degree)
+    return template(spline(image, search.degree), anchor.usable), target
+
+
+def _from_there(anchor: Anchor, starts: Array) -> Array:
+    """Gradients (rows, cols, 2, 2) of the motion from an anchor."""
+    return starts[..., 1:3] @ np.linalg.inv(np.where(np.isnan(anchor.warp[..., 1:3]), np.eye(2), anchor.warp[..., 1:3]))
+
+
+def _from_anchor(
+    anchor: Anchor, both: tuple[Template, Spline], starts: Array, search: Search, shift: Sequence[int] = (0, 0)
+) -> Field:
     """Correlate the subsets of an anchor.
 
+    both : its photograph as a template, and the target
     starts : (rows, cols, 2, 3) — from the first photograph to the target
     shift : (x, y) of the target's first pixel in the coordinates of ``starts`` [px]
     The field's warps are those of the anchor's subsets, around the whole pixels next to its points.
     """
-    slope = starts[..., 1:3] @ np.linalg.inv(
-        np.where(np.isnan(anchor.warp[..., 1:3]), np.eye(2), anchor.warp[..., 1:3])
-    )
+    slope = _from_there(anchor, starts)
     centres = np.rint(anchor.points)
     place = starts[..., 0] + np.einsum("...ij,...j->...i", slope, centres - anchor.points) - shift
     return correlate_field(
-        template(prepared(anchor.image, search), anchor.usable),
-        target,
+        *both,
         centres - anchor.origin,
         warp_from_gradient(place, slope),
         search.subset,
@@ -258,42 +285,24 @@ def _from_anchor(anchor: Anchor, target: Spline, starts: Array, search: Search, 
 
 def attempt(anchor: Anchor, target: Spline, starts: Array, search: Search, way: int = 1) -> Followed:
     """Find the points of an anchor in the target; ``way`` 2 counts the noise of the anchor's photograph too."""
-    field, centres = _from_anchor(anchor, target, starts, search), np.rint(anchor.points)
+    both, centres = _alike(anchor, target, starts, search), np.rint(anchor.points)
+    field = _from_anchor(anchor, both, starts, search)
+    noise = 0.5 * search.noise**2 * field.covariance
     slope = gradient(field.warp, anchor.points - centres)
     passed = congruent(slope, anchor.passed)
     if way > 1:
         left = uncancelled_noise(anchor.slope, field.warp.shape[-1], search.degree)
-        passed = passed + 0.5 * search.noise**2 * left[..., None] * field.covariance
-    covariance = passed + _variance(anchor, field, centres, search)[..., None] * field.covariance
+        passed = passed + left[..., None] * noise
+    strength = search.strength**2 * interpolated_noise(slope, search.degree)
+    covariance = passed + strength[..., None] * noise
+    if search.counts_misfit:
+        level = search.noise**2 * (1.0 + strength)
+        more = misfit_covariance(*both, centres - anchor.origin, field.warp, search.subset, level)
+        covariance = covariance + congruent(slope, more)
     warp = chained(anchor.warp, field.warp, centres)
     ways = np.where(field.status == Status.VALID, way, 0).astype(np.uint8)
-    return Followed(warp, field.znssd, field.iterations, field.status, covariance, ways, passed, slope)
-
-
-def _variance(anchor: Anchor, field: Field, centres: Array, search: Search) -> Array:
-    """Variance (rows, cols) of the noise in the target, as a share of what the covariance is of [grey levels²].
-
-    Half of that is the template's. Two subsets differ by Σ (f − g)²/n = 2 σ² on account of noise alone. What there is
-    more, because the pattern changed or the shape function does not suffice, moves the subset alike, and is judged as
-    least squares are judged by their residual.
-    """
-    variance = 0.5 * search.noise**2 * interpolated_noise(field.warp[..., 1:3], search.degree)
-    found = field.status == Status.VALID
-    if search.counts_misfit:
-        contrast = _contrast(anchor, centres[found] - anchor.origin, search)
-        variance[found] += np.maximum(0.5 * field.znssd[found] * contrast - search.noise**2, 0.0)
-    return np.asarray(variance)
-
-
-def _contrast(anchor: Anchor, centres: Array, search: Search) -> Array:
-    """Variance of the grey levels in the subsets around pixels (n, 2) of the anchor's image, (n,)."""
-    side, usable = (search.subset.size, search.subset.size), anchor.usable.astype(np.float64)
-    grey = _smoothed(anchor.image, search)
-    away = (grey - grey.mean()) * usable
-    share, mean, square = (cv2.blur(part, side, borderType=cv2.BORDER_CONSTANT) for part in (usable, away, away * away))
-    col, row = centres.astype(np.int64).T
-    count = np.maximum(share[row, col], 1e-9)
-    return np.asarray(square[row, col] / count - (mean[row, col] / count) ** 2)
+    share = congruent(inverse(warp[..., 1:3]), noise)
+    return Followed(warp, field.znssd, field.iterations, field.status, covariance, ways, share, passed, slope)
 
 
 def _lost(found: Followed, before: Anchor) -> Mask:
@@ -356,7 +365,7 @@ def _over(mask: Mask, values: npt.NDArray[Any]) -> Mask:
 def _told_apart(found: Followed, first: Anchor, shape: tuple[int, ...]) -> Followed:
     """Lost points that their neighbours put outside the frame are told from those that do not fit."""
     lost = ~found.valid & np.isfinite(first.points).all(axis=-1) & (found.status != Status.CUT_SUBSET)
-    place = carried_by(found, first, first.points[lost])
+    place = carried_by(found, first.points, first.points[lost])
     with np.errstate(invalid="ignore"):
         outside = ((place < 0.0) | (place > np.array(shape[::-1]) - 1.0)).any(axis=-1)
     status = found.status.copy()

@@ -100,8 +100,7 @@ class Correlate(Node):
         "auto", "noise of the photographs, for the uncertainties; auto measures it", unit="grey levels"
     )
     misfit: bool = parameter(
-        False,
-        "count what subsets differ by beyond the noise as noise: safer with patterns that change or are too sharp",
+        True, "judge the uncertainties by what subsets differ by beyond the noise too: patterns too sharp, or changed"
     )
     reference: Reference = parameter(Reference(), "when points are followed from a photograph in between")
     threads: int = parameter(1, "threads that share the points of a step", affects="speed", ge=1)
@@ -138,7 +137,7 @@ class Correlate(Node):
         if not found.valid.any():
             raise StageError(self._too_large(usable))
         here = found._replace(covariance=0.0 * found.covariance)
-        return self._product(here, image, outline, noise, found.covariance, None)
+        return self._product(here, image, outline, noise, search.noise, found.covariance, None)
 
     def _next(
         self,
@@ -158,27 +157,27 @@ class Correlate(Node):
 
         image, start = images["left"], images_first["left"]
         noise = Noise(before.attrs["noise_grey"], before.attrs["noise_source"])
-        search = self._search(noise.grey, start, usable)
         hopeless = _hopeless(before)
         grid = np.where(hopeless[..., None], np.nan, self._grid(outline))
-        first = first_anchor(start, usable, grid, search)
-        found, reference = follow_step(
-            first,
-            carried_reference(before),
-            _anchor(before, images_before["left"]),
-            image,
-            search,
-            self._updating(),
-            None if matches is None else Pairs(*(matches[n].astype(float) for n in ("reference", "deformed"))),
-        )
-        found = found._replace(status=np.where(hopeless, before["status"], found.status))
+        pairs = None if matches is None else Pairs(*(matches[n].astype(float) for n in ("reference", "deformed")))
+        carried, last = carried_reference(before), _anchor(before, images_before["left"])
+
+        def follow(level: float) -> tuple[Followed, Anchor | None]:
+            search = self._search(level, start, usable)
+            first = first_anchor(start, usable, grid, search)
+            return follow_step(first, carried, last, image, search, self._updating(), pairs)
+
+        found, reference = follow(noise.grey)
         template = before["template"]
         if self.noise == "auto" and not before["way"].any():
-            told = self._noise_of_second(noise, found, first, start, image, usable)
-            share, noise = (told.grey / noise.grey) ** 2, told
-            found, template = found._replace(covariance=share * found.covariance), share * template
-        polygons = _carried(outline, found, first, before)
-        return self._product(found, image, polygons, noise, template, reference)
+            told = self._noise_of_second(noise, found, grid, start, image, usable)
+            template = (told.grey / noise.grey) ** 2 * template
+            found, reference = (found, reference) if told.grey == noise.grey else follow(told.grey)
+            noise = told
+        found = found._replace(status=np.where(hopeless, before["status"], found.status))
+        level = self._search(noise.grey, start, usable).noise
+        polygons = _carried(outline, found, grid, before)
+        return self._product(found, image, polygons, noise, level, template, reference)
 
     def _grid(self, outline: Sequence[Polygon]) -> np.ndarray:
         """The points (rows, cols, 2), whole pixels of the first photograph; NaN outside the region."""
@@ -205,9 +204,15 @@ class Correlate(Node):
             self.max_iterations,
             self.tolerance,
         )
-        level = smoothed_noise(noise, image, usable, self.smoothing)
-        degree = DEGREES[self.interpolation]
-        return Search(subset, degree, self.smoothing, self.max_znssd, level, self.threads, self.misfit)
+        return Search(
+            subset,
+            DEGREES[self.interpolation],
+            self.smoothing,
+            self.max_znssd,
+            smoothed_noise(noise, image, usable, self.smoothing),
+            threads=self.threads,
+            counts_misfit=self.misfit,
+        )
 
     def _updating(self) -> Updating:
         from dicflow.core.material import Updating
@@ -216,7 +221,7 @@ class Correlate(Node):
         return Updating(self.reference.update != "never", self.reference.lost, self.reference.znssd, every)
 
     def _noise_of_second(
-        self, noise: Noise, found: Followed, first: Anchor, start: np.ndarray, image: np.ndarray, usable: np.ndarray
+        self, noise: Noise, found: Followed, grid: np.ndarray, start: np.ndarray, image: np.ndarray, usable: np.ndarray
     ) -> Noise:
         """The noise as the first two photographs tell it together, where that is better than the first alone."""
         import numpy as np
@@ -224,7 +229,7 @@ class Correlate(Node):
         from dicflow.core.noise import pair_noise, residual_noise
 
         valid = found.valid
-        centres = first.points[valid]
+        centres = grid[valid]
         motion = np.linalg.norm(found.warp[valid][..., 0] - centres, axis=-1)
         if len(motion) and np.quantile(motion, 0.95) < STATIC_PX:
             return Noise(max(pair_noise(start, image, usable), ROUNDING), "static pair")
@@ -246,9 +251,11 @@ class Correlate(Node):
         image: np.ndarray,
         polygons: Sequence[Polygon],
         noise: Noise,
+        level: float,
         template: np.ndarray,
         reference: Anchor | None,
     ) -> Product:
+        """level : of the noise as correlation feels it [grey levels]"""
         from dicflow.core.region import polygons_to_attrs
         from dicflow.core.warp import gradient
 
@@ -272,9 +279,10 @@ class Correlate(Node):
             "subset_size": self.subset_size,
             "shape_function": self.shape_function,
             "interpolation": self.interpolation,
-            **{name: getattr(self, name) for name in ("gaussian", "min_share", "smoothing")},
+            **{name: getattr(self, name) for name in ("gaussian", "min_share", "smoothing", "misfit")},
             "image_size": [width, height],
             "noise_grey": noise.grey,
+            "noise_level": level,
             "noise_source": noise.source,
             "polygons": polygons_to_attrs(polygons),
             "summary": _summary(found, noise),
@@ -311,14 +319,14 @@ def _summary(found: Followed, noise: Noise) -> dict[str, Any]:
     }
 
 
-def _carried(outline: Sequence[Polygon], found: Followed, first: Anchor, before: Product) -> Sequence[Polygon]:
+def _carried(outline: Sequence[Polygon], found: Followed, grid: np.ndarray, before: Product) -> Sequence[Polygon]:
     """The region's outline at this step; that of the step before where too little was found."""
     from dicflow.core.material import FEW, carried_by
     from dicflow.core.region import carry, polygons_from_attrs
 
     if found.valid.sum() < FEW:
         return polygons_from_attrs(before.attrs["polygons"])
-    return carry(outline, lambda ring: carried_by(found, first, ring))
+    return carry(outline, lambda ring: carried_by(found, grid, ring))
 
 
 def _hopeless(before: Product) -> np.ndarray:

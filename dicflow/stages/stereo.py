@@ -13,7 +13,6 @@ from dicflow.errors import StageError
 if TYPE_CHECKING:
     import numpy as np
 
-    from dicflow.core.across import Shares
     from dicflow.core.camera import Rig
     from dicflow.core.material import Followed, Search
 
@@ -82,7 +81,6 @@ class Stereo(Node):
         correlation_before: Product | None = None,
         stereo_before: Product | None = None,
     ) -> Product:
-        from dicflow.core.across import contrast, noise_shares
         from dicflow.io.rig import rig_from_dict
 
         cameras = rig_from_dict(rig.attrs["rig"])
@@ -91,28 +89,29 @@ class Stereo(Node):
         starts = None
         if self.start == "time" and correlation_before is not None and stereo_before is not None:
             starts = _from_before(view, correlation_before, stereo_before)
-        found = self._followed(view, _from_partners(cameras, view) if starts is None else starts)
+        starts = _from_partners(cameras, view) if starts is None else starts
+        ratio = _noise_ratio(view, starts) if stereo_before is None else stereo_before.attrs["noise_ratio"]
+        found = self._followed(view, starts, ratio)
         if stereo_before is None:
             _check_order(cameras, view, found)
-        sides = (images["right"], found.warp[..., 0]), (images_first["left"], correlation_first["xy"])
-        right, left = (contrast(image, places) for image, places in sides)
-        shares = noise_shares(found, left / right, DEGREES[self.interpolation])
-        return self._product(cameras, correlation, found, shares)
+        return self._product(cameras, correlation, found, ratio)
 
-    def _followed(self, view: View, starts: np.ndarray) -> Followed:
+    def _followed(self, view: View, starts: np.ndarray, noise_ratio: float) -> Followed:
         """What the left photograph of the step shows in the right one, from starting warps (row, col, 2, 3)."""
         import numpy as np
 
-        from dicflow.core.across import follow_across
+        from dicflow.core.across import contrast, follow_across
         from dicflow.core.material import first_anchor, prepared
         from dicflow.core.region import interior, polygons_from_attrs
         from dicflow.stages.correlate import carried_reference
 
-        search, image = self._search(view.correlation), view.images_first["left"]
+        image, right = view.images_first["left"], view.images["right"]
+        contrasts = contrast(image, view.correlation_first["xy"]), contrast(right, starts[..., 0])
+        search = self._search(view.correlation)._replace(strength=noise_ratio * contrasts[0] / contrasts[1])
         usable = interior(polygons_from_attrs(view.correlation_first.attrs["polygons"]), image.shape)
         grid = np.where(np.isfinite(view.correlation["xy"]), view.correlation_first["xy"], np.nan)
         first, reference = first_anchor(image, usable, grid, search), carried_reference(view.correlation)
-        target = prepared(view.images["right"], search)
+        target = prepared(right, search)
         return follow_across(first, reference, view.correlation["way"], target, starts, search)
 
     def _search(self, correlation: Product) -> Search:
@@ -121,10 +120,18 @@ class Stereo(Node):
 
         facts = correlation.attrs
         subset = Subset(facts["subset_size"], self.shape_function, facts["gaussian"], facts["min_share"])
-        degree, noise = DEGREES[self.interpolation], facts["noise_grey"]
-        return Search(subset, degree, facts["smoothing"], self.max_znssd, noise, self.threads)
+        degree, noise = DEGREES[self.interpolation], facts["noise_level"]
+        return Search(
+            subset,
+            degree,
+            facts["smoothing"],
+            self.max_znssd,
+            noise,
+            threads=self.threads,
+            counts_misfit=facts["misfit"],
+        )
 
-    def _product(self, cameras: Rig, correlation: Product, found: Followed, shares: Shares) -> Product:
+    def _product(self, cameras: Rig, correlation: Product, found: Followed, noise_ratio: float) -> Product:
         import numpy as np
 
         from dicflow.core.epipolar import epipolar_distance
@@ -144,8 +151,10 @@ class Stereo(Node):
             "xy": measured(places, "px", "place in the right photograph", "component"),
             "gradient": measured(found.warp[..., 1:3], "1", "gradient of the motion into it", "out", "in"),
             "warp": measured(found.warp, "1", "warp of the subset", "component", "term"),
-            "covariance": measured(shares.own, "px²", "covariance of the place by this photograph's noise", "pair"),
-            "template": measured(shares.template, "px²", "covariance by the first photograph's noise", "pair"),
+            "covariance": measured(
+                found.covariance, "px²", "covariance of the place by this photograph's noise", "pair"
+            ),
+            "template": measured(found.template, "px²", "covariance by the first photograph's noise", "pair"),
             "znssd": Variable(_GRID, found.znssd, "1", "ZNSSD"),
             "iterations": Variable(_GRID, found.iterations, "1", "iterations"),
             "way": Variable(
@@ -158,6 +167,7 @@ class Stereo(Node):
             **{name: correlation.attrs[name] for name in ("step_size", "subset_size")},
             "shape_function": self.shape_function,
             "interpolation": self.interpolation,
+            "noise_ratio": noise_ratio,
             "summary": _summary(correlation["status"], status, apart[kept], found.iterations[kept]),
         }
         return Product("stereo", variables, attrs)
@@ -179,6 +189,15 @@ def _check_photographs(images: Product, cameras: Rig) -> None:
     for side, camera in (("left", cameras.left), ("right", cameras.right)):
         rows, cols = images[side].shape
         check_size(side, camera.size, (cols, rows))
+
+
+def _noise_ratio(view: View, starts: np.ndarray) -> float:
+    """Noise of the right camera over that of the left one; 1 where the noise of both is given."""
+    from dicflow.core.across import noise_ratio
+
+    if view.correlation.attrs.get("noise_source") == "given":
+        return 1.0
+    return noise_ratio(view.images["left"], view.images["right"], view.correlation["xy"], starts[..., 0])
 
 
 def _from_before(view: View, correlation_before: Product, stereo_before: Product) -> np.ndarray | None:

@@ -84,8 +84,8 @@ def _errors(found: Triangulated, correlation: Product, stereo: Product) -> Error
     """
     import numpy as np
 
-    from dicflow.core.across import inverse
     from dicflow.core.chain import congruent
+    from dicflow.core.strain import inverse
     from dicflow.core.triangulate import point_covariance
 
     by_left, by_right = found.by_left @ correlation["gradient"], found.by_right @ stereo["gradient"]

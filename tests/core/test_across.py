@@ -1,10 +1,11 @@
 import numpy as np
+import pytest
 from left_camera import correlation, grid
 from stereo_scene import REST, State, left_truth, material, photographs, right_truth
 
-from dicflow.core.across import Step, as_before, borne_out, contrast, follow_across, inverse, noise_shares
+from dicflow.core.across import Step, as_before, borne_out, contrast, follow_across, noise_ratio
 from dicflow.core.correlate import Subset
-from dicflow.core.material import Anchor, Followed, Search, first_anchor, prepared
+from dicflow.core.material import Anchor, Search, first_anchor, prepared
 from dicflow.core.warp import warp_from_gradient
 
 SUBSET = Subset(31, "quadratic")
@@ -100,15 +101,24 @@ def test_starts_are_borne_out_by_the_grey_levels_or_not():
     assert not borne_out(LEFT[0], LEFT[1], POINTS, begin)
 
 
-def test_noise_counts_the_more_the_weaker_the_contrast():
-    gradient = np.array([[2.0, 0.0], [0.0, 0.5]])
-    warp = warp_from_gradient(np.zeros((1, 1, 2)), gradient[None, None])
-    covariance = np.array([[[4.0, 0.0, 1.0]]])
-    facts = (np.zeros((1, 1)) for _ in range(3))
-    found = Followed(warp, *facts, covariance, ways(1)[:1, :1], 0.0 * covariance, np.eye(2)[None, None])
-    shares = noise_shares(found, 2.0, 5)
-    np.testing.assert_allclose(shares.own, [[[16.0, 0.0, 4.0]]])
-    np.testing.assert_allclose(shares.template, [[[1.0, 0.0, 4.0]]], rtol=1e-4)
+def test_each_camera_has_its_noise():
+    generator = np.random.default_rng(2)
+    left = np.rint(LEFT[0] + generator.normal(0.0, 2.0, LEFT[0].shape))
+    right = np.rint(LEFT[1] + generator.normal(0.0, 4.0, LEFT[1].shape))
+    places = right_truth(MATERIAL, REST)
+    places[0, :2] = np.nan
+    ratio = noise_ratio(left, right, POINTS, places)
+    assert ratio == pytest.approx(2.0, rel=0.1)
+    assert noise_ratio(left, right, POINTS, places + np.nan) == 1.0
+
+
+def test_noise_of_the_right_photograph_moves_its_places_alone():
+    target = prepared(BETWEEN[1], SEARCH)
+    one, two = (
+        follow_across(first(), None, ways(1), target, starts(TURNED), SEARCH._replace(strength=s)) for s in (1.0, 2.0)
+    )
+    np.testing.assert_allclose(two.covariance, 4.0 * one.covariance)
+    np.testing.assert_allclose(two.template, one.template)
 
 
 def test_contrast_is_the_spread_of_grey_levels():
@@ -116,9 +126,3 @@ def test_contrast_is_the_spread_of_grey_levels():
     assert contrast(image, np.array([[0.2, 1.0], [0.9, 2.1], [np.nan, 0.0]])) == 10.0
     assert contrast(image, np.full((2, 2), np.nan)) == 1.0
     assert contrast(image, np.array([[0.0, 0.0], [2.0, 2.0]])) == 1.0
-
-
-def test_inverse_gradients():
-    gradient = np.random.default_rng(1).normal(np.eye(2), 0.2, (6, 2, 2))
-    np.testing.assert_allclose(inverse(gradient) @ gradient, np.broadcast_to(np.eye(2), (6, 2, 2)), atol=1e-12)
-    assert np.isnan(inverse(np.zeros((1, 2, 2)))).all()

@@ -69,9 +69,9 @@ def test_points_around_carry_others_along():
     assert reference is None
     assert found.valid.all()
     between = np.array([[63.0, 71.0], [155.0, 158.0], [52.0, 165.0]])
-    np.testing.assert_allclose(carried_by(found, first, between), between * (1.1, 1.0) + (3.0, 5.0), atol=0.02)
+    np.testing.assert_allclose(carried_by(found, GRID, between), between * (1.1, 1.0) + (3.0, 5.0), atol=0.02)
     none = found._replace(status=np.full(found.status.shape, Status.UNTRACKED, dtype=np.uint8))
-    assert np.isnan(carried_by(none, first, between)).all()
+    assert np.isnan(carried_by(none, GRID, between)).all()
 
 
 @pytest.mark.parametrize(("degree", "seed"), [(3, 4), (5, 6)])
