@@ -233,6 +233,8 @@ class Correlate(Node):
         motion = np.linalg.norm(found.warp[valid][..., 0] - centres, axis=-1)
         if len(motion) and np.quantile(motion, 0.95) < STATIC_PX:
             return Noise(max(pair_noise(start, image, usable), ROUNDING), "static pair")
+        if self.smoothing > 0.0:  # which leaves little of the noise in the residual
+            return noise
         left = residual_noise(start, centres, found.znssd[valid], self.subset_size, DEGREES[self.interpolation])
         return Noise(max(left, ROUNDING), "residual of the second photograph") if left < noise.grey else noise
 
