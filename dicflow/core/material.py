@@ -296,8 +296,8 @@ def attempt(anchor: Anchor, target: Spline, starts: Array, search: Search, way: 
     strength = search.strength**2 * interpolated_noise(slope, search.degree)
     covariance = passed + strength[..., None] * noise
     if search.counts_misfit:
-        level = search.noise**2 * (1.0 + strength)
-        more = misfit_covariance(*both, centres - anchor.origin, field.warp, search.subset, level)
+        unit, level = 0.5 * congruent(inverse(slope), field.covariance), search.noise**2 * (1.0 + strength)
+        more = misfit_covariance(*both, centres - anchor.origin, field.warp, search.subset, unit, level)
         covariance = covariance + congruent(slope, more)
     warp = chained(anchor.warp, field.warp, centres)
     ways = np.where(field.status == Status.VALID, way, 0).astype(np.uint8)

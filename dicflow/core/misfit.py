@@ -2,12 +2,13 @@
 
 Noise alone moves a subset by Σ k n, with k = H⁻¹ J, which has the covariance σ² Σ k kᵀ. Interpolation of a pattern that
 is too sharp for the pixels, or a pattern that has changed, leaves residuals r that are alike over a few pixels. Their
-products within blocks of pixels estimate the covariance without knowing how alike they are,
+sums within blocks of pixels estimate the covariance without knowing how alike they are, by
 
     Σ_b (Σ_{i∈b} kᵢ rᵢ)(Σ_{i∈b} kᵢ rᵢ)ᵀ
 
-(White, Econometrica 48, 1980; for blocks, Liang and Zeger, Biometrika 73, 1986), here scaled so that white noise gives
-its own covariance in spite of the parameters that were fitted.
+(White, Econometrica 48, 1980; for blocks, Liang and Zeger, Biometrika 73, 1986). Here bell-shaped windows stand for the
+blocks, at whose sharp edges there would remain what cancels between them, as of a change of contrast or focus, and the
+sum is scaled so that white noise gives its own covariance in spite of the parameters that were fitted.
 """
 
 from __future__ import annotations
@@ -27,11 +28,12 @@ __all__ = ["Moved", "misfit_covariance", "moved_by_residuals"]
 
 Array = npt.NDArray[np.float64]
 
-_BLOCKS = 5  # along the side of a subset
+_WINDOWS, _WIDTH = 5, 0.5
+"""Windows along the side of a subset, and their standard deviation in distances of one from the next."""
 _CHUNK = 64
 _SAMPLES = 250
 """Subsets of a field that are looked at; those between them are taken to be like their neighbours."""
-_AROUND = 1.5
+_AROUND = 2.5
 """Standard deviation of the weights of neighbouring samples [samples]: one of them alone says too little."""
 
 
@@ -46,21 +48,29 @@ class Moved(NamedTuple):
 
 
 def misfit_covariance(
-    reference: Template, target: Spline, centres: Array, warp: Array, subset: Subset, noise: Array
+    reference: Template, target: Spline, centres: Array, warp: Array, subset: Subset, unit: Array, noise: Array
 ) -> Array:
     """Covariance (rows, cols, 3) of the places of a grid of subsets by what is not noise [px² of the template].
 
     centres : (rows, cols, 2) — whole pixels of the template; warp : (rows, cols, 2, 3 or 6); NaN where not found
-    noise : (rows, cols) — variance of white noise of which the subsets' places move as by both photographs' [grey²]
+    unit : (rows, cols, 3) — covariance of the places for white noise of one grey level in one photograph
+    noise : (rows, cols) — variance of the noise of both photographs [grey levels²]
+
+    What some subsets show holds for their neighbours in proportion to ``unit``, less its standard error: what chance
+    alone may show is no misfit.
     """
     stride = max(1, int(np.ceil(np.sqrt(np.isfinite(warp[..., 0, 0]).sum() / _SAMPLES))))
     rows, cols = centres[::stride, ::stride].shape[:2]
     some = [part[::stride, ::stride].reshape(-1, *part.shape[2:]) for part in (centres, warp, noise)]
     moved = moved_by_residuals(reference, target, np.nan_to_num(some[0]).astype(np.int64), some[1], subset)
-    more = _smooth((moved.residual - some[2][:, None, None] * moved.noise).reshape(rows, cols, 2, 2))
-    values, axes = np.linalg.eigh(more)
+    scale = np.sqrt(np.diagonal(moved.noise, axis1=1, axis2=2))
+    more = (moved.residual - some[2][:, None, None] * moved.noise) / (scale[:, :, None] * scale[:, None])
+    doubt = np.nanstd(more[:, [0, 1], [0, 1]]) / np.sqrt(4.0 * np.pi * _AROUND**2) if np.isfinite(more).any() else 0.0
+    values, axes = np.linalg.eigh(_smooth(more.reshape(rows, cols, 2, 2)) - doubt * np.eye(2))
     positive = upper((axes * np.maximum(values, 0.0)[..., None, :]) @ np.swapaxes(axes, -1, -2))
-    return np.asarray(positive.repeat(stride, axis=0).repeat(stride, axis=1)[: centres.shape[0], : centres.shape[1]])
+    share = positive.repeat(stride, axis=0).repeat(stride, axis=1)[: centres.shape[0], : centres.shape[1]]
+    x, y = np.sqrt(unit[..., 0]), np.sqrt(unit[..., 2])
+    return np.asarray(share * np.stack([x * x, x * y, y * y], axis=-1))
 
 
 def _smooth(values: Array) -> Array:
@@ -106,7 +116,7 @@ def _moved(reference: Template, target: Spline, centres: npt.NDArray[np.int64], 
     for light in (np.ones_like(f), f):
         part = _mean(jacobian * light, weight) / _mean(light * light, weight)
         jacobian = jacobian - part[..., None] * light
-    return _sandwich(jacobian, weight, residual, _blocks(subset.size))
+    return _sandwich(jacobian, weight, residual, _windows(subset.size))
 
 
 def _mean(values: Array, weight: Array) -> Array:
@@ -121,34 +131,33 @@ def _jacobian(by_x: Array, by_y: Array, offsets: Array, terms: int) -> Array:
     return np.asarray(np.stack([slope * part for slope in (by_x, by_y) for part in monomials]))
 
 
-def _blocks(size: int) -> npt.NDArray[np.float64]:
-    """Which pixels of a subset belong to each block, (pixel, block)."""
-    band = np.arange(size) * _BLOCKS // size
-    number = (band[:, None] * _BLOCKS + band).reshape(-1)
-    return np.asarray(number[:, None] == np.arange(_BLOCKS**2), dtype=np.float64)
+def _windows(size: int) -> Array:
+    """Weights of the pixels of a subset in each window, (pixel, window)."""
+    pixel, middle = np.arange(size), (np.arange(_WINDOWS) + 0.5) * size / _WINDOWS - 0.5
+    band = np.exp(-0.5 * ((pixel[:, None] - middle) * _WINDOWS / size / _WIDTH) ** 2)
+    return np.asarray(np.einsum("ia,jb->ijab", band, band).reshape(size**2, _WINDOWS**2))
 
 
-def _sandwich(jacobian: Array, weight: Array, residual: Array, blocks: Array) -> Moved:
+def _sandwich(jacobian: Array, weight: Array, residual: Array, windows: Array) -> Moved:
     terms = len(jacobian)
     by_point = np.moveaxis(jacobian, 0, 1)
     weighted = by_point * weight[:, None]
     inverse = np.asarray(np.linalg.pinv(weighted @ np.swapaxes(by_point, -1, -2), hermitian=True), dtype=np.float64)
     kernel = np.asarray(inverse[:, [0, terms // 2]] @ weighted)
     noise = kernel @ np.swapaxes(kernel, -1, -2)
-    scores = (kernel * residual[:, None]) @ blocks
+    scores = (kernel * residual[:, None]) @ windows
     found = scores @ np.swapaxes(scores, -1, -2)
-    return Moved(found * _lost(kernel, by_point, weighted, inverse, blocks)[:, None, None], noise)
+    return Moved(found * _lost(kernel, by_point, weighted, inverse, windows)[:, None, None], noise)
 
 
-def _lost(kernel: Array, by_point: Array, weighted: Array, inverse: Array, blocks: Array) -> Array:
+def _lost(kernel: Array, by_point: Array, weighted: Array, inverse: Array, windows: Array) -> Array:
     """By how much (n,) the products fall short of the covariance of white noise because a warp was fitted."""
     middle = inverse @ (weighted @ np.swapaxes(weighted, -1, -2)) @ inverse
-    total, kept = np.zeros(len(kernel)), np.zeros(len(kernel))
-    for block in blocks.T.astype(bool):
-        own = kernel[:, :, block]
-        moved = own @ np.swapaxes(by_point[:, :, block], -1, -2)
-        both = own @ np.swapaxes(weighted[:, :, block], -1, -2) @ inverse
+    total, kept = (kernel * kernel).sum(axis=(1, 2)), np.zeros(len(kernel))
+    for window in windows.T:
+        own = kernel * window
+        moved = own @ np.swapaxes(by_point, -1, -2)
+        both = own @ np.swapaxes(weighted, -1, -2) @ inverse
         whole = (own * own).sum(axis=(1, 2))
-        total += whole
         kept += whole - 2.0 * (both * moved).sum(axis=(1, 2)) + ((moved @ middle) * moved).sum(axis=(1, 2))
     return np.asarray(total / np.maximum(kept, 1e-3 * total))
