@@ -92,7 +92,12 @@ class Correlate(Node):
     )
     min_share: float = parameter(0.4, "share of a subset's pixels that must lie in the region", gt=0, le=1)
     max_iterations: int = parameter(30, "of the Gauss-Newton search", ge=1)
-    tolerance: float = parameter(1e-3, "what may be left to correct in a subset when the search ends", unit="px", gt=0)
+    tolerance: float = parameter(
+        1e-3,
+        "what may be left to correct in a subset when the search ends; the arithmetic does not reach less than 1e-5",
+        unit="px",
+        ge=1e-5,
+    )
     smoothing: Pixels = parameter(
         0.0, "standard deviation of a Gaussian low pass against the bias of interpolation; 0 for none", unit="px", ge=0
     )
