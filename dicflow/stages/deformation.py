@@ -96,6 +96,7 @@ class Deformation(Node):
         from dicflow.core.deformation_gradient import surface_gradient
 
         axes = _axes(frame)
+        points_first = _of_one_noise(points_first, points)
         before = points_in_frame(_points(points_first, first=True), axes)
         after = points_in_frame(_points(points), axes)
         motion = self._motion(before, after)
@@ -264,6 +265,17 @@ def _left_share(product: Product) -> MeasuredPoints:
     from dicflow.core.covariance import MeasuredPoints, symmetric
 
     return MeasuredPoints(product["xyz"], symmetric(product["covariance_left"]), product["sensitivity"][..., :2])
+
+
+def _of_one_noise(first: Product, step: Product) -> Product:
+    """The points of the first step with the noise that the step was judged by: later photographs tell it better."""
+    before, after = (float(part.attrs.get("noise_grey", 1.0)) for part in (first, step))
+    if before == after:
+        return first
+    share = (after / before) ** 2
+    names = [name for name in ("covariance", "covariance_left", "template") if name in first]
+    scaled = {name: first.variables[name]._replace(values=share * first[name]) for name in names}
+    return Product(first.kind, {**first.variables, **scaled}, first.attrs)
 
 
 def _axes(frame: Product | None) -> Frame:

@@ -157,6 +157,18 @@ def test_one_sigma_covers_68_percent_of_displacement_and_strain():
         assert (np.abs(found) < 2).mean() == pytest.approx(0.954, abs=0.02)
 
 
+def test_the_first_step_is_judged_by_the_noise_that_later_steps_tell():
+    """Half of the noise at both steps halves σ."""
+    first, step = first_points(FLAT), points(1.1 * FLAT)
+    quiet = {name: step.variables[name]._replace(values=0.25 * step[name]) for name in ("covariance", "template")}
+    loud_first = Product("points", first.variables, {**first.attrs, "noise_grey": 2.0})
+    loud = Product("points", step.variables, {**step.attrs, "noise_grey": 2.0})
+    told = Product("points", {**step.variables, **quiet}, {**step.attrs, "noise_grey": 1.0})
+    one, two = (Deformation().run(points=part, points_first=loud_first) for part in (loud, told))
+    for name in ("sigma_U", "sigma_W", "sigma_exx", "sigma_gxy"):
+        np.testing.assert_allclose(two[name], 0.5 * one[name], rtol=1e-5)
+
+
 def test_the_share_of_the_calibration():
     """A baseline known to 0.1 % makes all lengths in space, and so all displacements, wrong by 0.1 %, and no strain."""
     covariance = np.zeros((24, 24))
