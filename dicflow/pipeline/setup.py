@@ -238,7 +238,11 @@ def _stereo_lines(found: Found, square: str | None) -> list[str]:
     assert found.board_size is not None
     columns, rows = found.board_size
     side = square or f"  # {OPEN} of one square as you measured it, such as 14.5 mm"
-    range_note = "  # the first pair shows {} … {} px".format(*found.disparity_range) if found.disparity_range else ""
+    range_note = (
+        "  # disparity of the first pair: {} … {} px".format(*found.disparity_range or ())
+        if found.disparity_range
+        else ""
+    )
     return [
         "",
         "  # the rig, from photographs of a checkerboard",
@@ -247,31 +251,31 @@ def _stereo_lines(found: Found, square: str | None) -> list[str]:
         "  rig:",
         "    stage: calibrate",
         f"    square: {side}",
+        "    tangential: true",
         "",
-        "  # row-aligned photographs, the region of interest, and the specimen followed from step to step",
-        "  pair: {stage: rectify, images: photos}",
-        _region_line(found, "pair"),
-        "  features: {stage: features, images: pair, detector: KAZE}",
-        "  matches: {stage: match, images: pair}",
-        "  track: {stage: track}",
-        "",
-        "  # the surface of each step",
-        f"  disparity: {{stage: disparity, range: auto}}{range_note}",
-        "  cloud: {stage: reconstruct}",
-        "  filled: {stage: fill, cloud: cloud}",
-        "  surface: {stage: surface, cloud: filled}",
+        "  # material points followed from step to step in the left photographs, and found in the right ones",
+        _region_line(found, "photos"),
+        *_correlation_lines("photos"),
+        f"  stereo: {{stage: stereo, images: photos}}{range_note}",
+        "  points: {stage: triangulate}",
     ]
 
 
 def _planar_lines(found: Found) -> list[str]:
     return [
         "",
-        "  # one camera: everything in pixels",
+        "  # material points of one camera, followed from step to step: everything in pixels",
         "  plane: {stage: undistort, images: photos}",
         _region_line(found, "plane"),
-        "  features: {stage: features, images: plane, detector: KAZE}",
-        "  matches: {stage: match, images: plane}",
-        "  track: {stage: track, subsets: [4, 2]}",
+        *_correlation_lines("plane"),
+    ]
+
+
+def _correlation_lines(images: str) -> list[str]:
+    return [
+        f"  features: {{stage: features, images: {images}, detector: AKAZE}}",
+        f"  matches: {{stage: match, images: {images}, guided: false, refine: false}}  # where the search starts",
+        f"  correlation: {{stage: correlate, images: {images}, subset_size: 31, step_size: 7}}  # 3 speckles at least",
     ]
 
 
@@ -282,15 +286,13 @@ def _region_line(found: Found, images: str) -> str:
 
 
 def _common_lines(found: Found, stereo: bool) -> list[str]:
-    cloud = ", cloud: surface" if stereo else ""
     lines = [
         "",
-        "  # displacement and strain",
-        f"  increment: {{stage: displacement{cloud}}}",
-        "  smooth: {stage: smooth, increment: increment}",
-        "  strain: {stage: strain, increment: smooth}",
-        "  total: {stage: accumulate}",
+        "  # displacement and strain since the first step, with their standard deviations",
+        f"  total: {{stage: deformation, points: {'points' if stereo else 'correlation'}, window: 50 px}}",
     ]
     if found.caliper:
-        lines.append(f"  compare: {{stage: compare, caliper: {found.caliper}{', cloud: surface' if stereo else ''}}}")
+        lines.append(
+            f"  compare: {{stage: compare, caliper: {found.caliper}}}  # or name an extensometer of a stage probes"
+        )
     return [*lines, "  maps: {stage: maps}"]

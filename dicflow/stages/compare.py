@@ -28,8 +28,9 @@ class Compare(Node):
     carried to the step, in the cloud of the step. ``tracked``: the distance between the material points that lay on
     these edges at the first step, continued from the grid to the outline. Both are means over the width. Or else the
     length of an extensometer is compared, with its standard deviation; one whose first length is not the caliper's
-    within 5 % in strain alone. With one camera the lengths are in pixels, and only strains can be compared. The columns
-    are those of the thesis's Tables 6–10, with all lengths and the mean strain of the field beside them.
+    within 5 % in strain alone. With one camera the lengths are in pixels, and only strains can be compared. Where there
+    is neither a track nor an extensometer, the caliper's first length is stretched by the mean strain of the field. The
+    columns are those of the thesis's Tables 6–10, with all lengths and the mean strain of the field beside them.
     """
 
     title: ClassVar = "compare with the caliper"
@@ -59,8 +60,8 @@ class Compare(Node):
         steps: Mapping[str, Mapping[str, Path]],
         inputs: Mapping[str, tuple[str, ...]],
     ) -> None:
-        if "track" not in inputs and self.extensometer is None:
-            raise ConfigurationError("compare needs a track, or the name of an extensometer of the probes")
+        if not {"track", "total"} & inputs.keys() and self.extensometer is None:
+            raise ConfigurationError("compare needs a track, a total, or the name of an extensometer of the probes")
         if not (counts := [len(inputs[port]) + more for port, more in (("track", 0), ("total", 1)) if port in inputs]):
             return
         count = counts[0]
@@ -82,8 +83,12 @@ class Compare(Node):
         from dicflow.io.caliper import read_caliper
 
         caliper = read_caliper(caliper_path)
-        lengths, unit = self._lengths(track, cloud, probes)
-        chosen = self.length if self.extensometer is None else "extensometer"
+        field_strain = None if total is None else _field_strain(total, {"y": "eyy", "x": "exx"}[self.axis])
+        if self.extensometer is None and track is None and field_strain is not None:
+            lengths, unit, chosen = {"field": caliper.length_mm[0] * (1.0 + field_strain)}, "mm", "field"
+        else:
+            lengths, unit = self._lengths(track, cloud, probes)
+            chosen = self.length if self.extensometer is None else "extensometer"
         if len(lengths[chosen]) != len(caliper.length_mm):
             raise StageError(f"{caliper_path}: has {len(caliper.length_mm)} rows for {len(lengths[chosen])} steps")
         same = chosen != "extensometer" or _alike(lengths[chosen][0], caliper.length_mm[0])
@@ -91,8 +96,8 @@ class Compare(Node):
         table.update({f"{name}_length_{unit}": values for name, values in lengths.items()})
         if self.extensometer is not None and probes is not None:
             table["sigma_strain"] = _of_extensometer(probes, self.extensometer, "sigma_strain")
-        if total is not None:
-            table["field_strain"] = _field_strain(total, {"y": "eyy", "x": "exx"}[self.axis])
+        if field_strain is not None:
+            table["field_strain"] = field_strain
         variables = {name: Variable(("step",), values, _unit(name), name) for name, values in table.items()}
         rows = [
             {"phase": phase, **{name: _json(values[index]) for name, values in table.items()}}
@@ -206,6 +211,9 @@ def _field_strain(total: Sequence[Product], measure: str) -> np.ndarray:
     """Mean strain of the field at every step; 0 at the first, NaN where there is no field."""
     import numpy as np
 
+    kinds = {product.attrs.get("measure", "engineering") for product in total}
+    if kinds - {"engineering"}:
+        raise StageError(f"a caliper tells the engineering strain, not {', '.join(kinds)}; set measure: engineering")
     fields = (product[measure] for product in total)
     means = [float(field[np.isfinite(field)].mean()) if np.isfinite(field).any() else math.nan for field in fields]
     return np.array([0.0, *means])

@@ -8,6 +8,7 @@ from pydantic import Field
 
 from dicflow.engine.node import Millimetres, Node, Port, Scope, parameter
 from dicflow.engine.product import Product, Variable
+from dicflow.errors import StageError
 
 if TYPE_CHECKING:
     import numpy as np
@@ -51,6 +52,7 @@ class Reconstruct(Node):
             np.broadcast_arrays(np.arange(values.shape[1]) + x0, np.arange(values.shape[0])[:, None] + y0), -1
         )
         xyz = triangulate(places, np.where(status == Status.VALID, values, np.nan), view)
+        _check_in_front(xyz[..., 2][status == Status.VALID])
         status[(status == Status.VALID) & np.isnan(xyz[..., 2])] = Status.NO_MATCH
         status[self._background(xyz[..., 2], track is not None)] = Status.BACKGROUND
         xyz[status != Status.VALID] = np.nan
@@ -72,6 +74,16 @@ class Reconstruct(Node):
         if self.depth_gate == "off" or (self.depth_gate == "auto" and not in_region):
             return np.zeros(depth.shape, dtype=bool)
         return background(depth, None if self.depth_gate == "auto" else self.depth_gate)
+
+
+def _check_in_front(depth: np.ndarray) -> None:
+    """Most points must lie in front of the cameras; exchanged photographs turn the sign of all disparities."""
+    in_front = (depth > 0.0).mean() if depth.size else 1.0
+    if in_front < 0.5:
+        raise StageError(
+            f"only {in_front:.0%} of the points lie in front of the cameras, so left and right photographs look "
+            "swapped, or are not of this rig; exchange left and right"
+        )
 
 
 def _inside(track: Product, origin: tuple[int, int], shape: tuple[int, int]) -> np.ndarray:

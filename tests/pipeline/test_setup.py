@@ -42,7 +42,7 @@ def test_the_file_is_valid_and_shares_products_with_the_quick_start(stereo, meas
     loaded = Pipeline.load(folder / "pipeline.yaml", store=measured)
     assert loaded.graph.stages["rig"].node.square == 14.5
     states = loaded.plan().by_stage()
-    assert all(states[stage]["run"] == states[stage]["pending"] == 0 for stage in ("photos", "boards", "rig", "pair"))
+    assert all(states[stage]["run"] == states[stage]["pending"] == 0 for stage in ("photos", "boards", "corners"))
     comments = [line for line in (folder / "pipeline.yaml").read_text().splitlines() if "#" in line]
     assert len(comments) >= 5
     result = loaded.run(scheduler="sync")

@@ -177,7 +177,20 @@ def test_an_extensometer_that_is_not_there(tmp_path):
         Compare(caliper=str(path), extensometer="wide").run(probes=probes(LENGTHS), caliper_path=path)
     with pytest.raises(StageError, match="add a stage 'probes'"):
         Compare(caliper=str(path), extensometer="wide").run(caliper_path=path)
-    with pytest.raises(ConfigurationError, match="needs a track"):
-        Compare(caliper=str(path)).agree({path: {"rows": 4}}, {}, {"total": ("b", "c", "d")})
+    with pytest.raises(ConfigurationError, match="needs a track, a total"):
+        Compare(caliper=str(path)).agree({path: {"rows": 4}}, {}, {})
     with pytest.raises(InputError, match="has 4 rows, but there are 3 steps"):
         Compare(caliper=str(path), extensometer="long").agree({path: {"rows": 4}}, {}, {"total": ("b", "c")})
+
+
+def test_without_a_track_the_mean_strain_of_the_field_is_compared(tmp_path):
+    path = table(tmp_path)
+    strains = [length / LENGTHS[0] - 1.0 for length in LENGTHS[1:]]
+    field = np.array([[-1e-3, np.nan], [1e-3, 0.0]])
+    total = [Product("total", {"eyy": Variable(("row", "col"), strain + field)}, {}) for strain in strains]
+    found = Compare(caliper=str(path)).run(total=total, caliper_path=path)
+    assert found.attrs["length"] == "field"
+    assert found["dic_strain"] == pytest.approx([0.0, *strains])
+    other = [Product("total", total[0].variables, {"measure": "hencky"})] * len(total)
+    with pytest.raises(StageError, match="engineering strain, not hencky; set measure: engineering"):
+        Compare(caliper=str(path)).run(total=other, caliper_path=path)

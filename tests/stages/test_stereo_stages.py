@@ -110,6 +110,16 @@ def test_points_outside_the_region_and_in_its_holes_have_no_value(matched, regio
     np.testing.assert_array_equal(np.isfinite(cloud["xyz"]).all(axis=-1), status == Status.VALID)
 
 
+def test_points_behind_the_cameras_tell_that_the_photographs_are_swapped(matched, region):
+    """The offset of the two principal points is far from −1000 px, so all depths change their sign."""
+    turned = Variable(("row", "col"), matched["disparity"] - 1000.0)
+    seen = Product("disparity", matched.variables | {"disparity": turned}, matched.attrs)
+    with pytest.raises(
+        StageError, match=r"only 0% of the points lie in front of the cameras.*; exchange left and right"
+    ):
+        Reconstruct(stage="reconstruct").run(disparity=seen, rig=rig_product(), track=region)
+
+
 def test_background_over_the_edge_is_kept_out(matched, region):
     changed = matched["disparity"].copy()
     changed[40:60, 30:34] -= 12.0
