@@ -7,13 +7,32 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from dicflow.core.status import Status
 from dicflow.errors import ConfigurationError
 from dicflow.pipeline.registry import nearest
 
-__all__ = ["Look", "look", "palette"]
+__all__ = ["REASON_COLOURS", "Look", "look", "palette"]
 
 SEQUENTIAL, DIVERGING = "viridis", "RdBu_r"
 _SIGNED = 0.1
+
+REASON_COLOURS = {
+    Status.FILLED: "#f5d442",
+    Status.OUTSIDE: "#8c8c8c",
+    Status.LOW_TEXTURE: "#1f5fb4",
+    Status.NO_MATCH: "#d62728",
+    Status.LEFT_RIGHT: "#ff8c1a",
+    Status.SPECKLE: "#9467bd",
+    Status.BACKGROUND: "#7f4f3a",
+    Status.UNTRACKED: "#e377c2",
+    Status.TOO_FEW_NEIGHBOURS: "#17becf",
+    Status.NOT_CONVERGED: "#a50f15",
+    Status.LOW_CORRELATION: "#fb9a99",
+    Status.EPIPOLAR: "#33a02c",
+    Status.HIDDEN: "#252525",
+    Status.CUT_SUBSET: "#a6cee3",
+}
+"""Colour of each reason for which a point has no value of its own; what is measured has none."""
 
 
 class Look(NamedTuple):
