@@ -26,8 +26,9 @@ def _field(name: str) -> str:
 
 Quantity = Annotated[str, AfterValidator(_field)]
 ColourMap = Literal[
-    "viridis", "cividis", "plasma", "inferno", "magma", "turbo", "jet", "coolwarm", "RdBu_r", "Spectral_r", "gray"
-]
+    "viridis", "cividis", "plasma", "inferno", "magma", "turbo", "jet", "coolwarm", "RdBu_r", "Spectral_r", "gray",
+    "auto",
+]  # fmt: skip
 
 
 class Maps(Node):
@@ -58,7 +59,10 @@ class Maps(Node):
     percentile: float = parameter(
         0.5, "share of the points left out at either end of a colour range", unit="%", ge=0, lt=50
     )
-    colour_map: ColourMap = parameter("viridis", "matplotlib's colour map; the thesis used jet")
+    colour_map: ColourMap = parameter(
+        "auto",
+        "matplotlib's colour map; auto: RdBu_r about zero for values of both signs, else viridis; the thesis used jet",
+    )
 
     def run(self, total: Sequence[Product], comparison: Product | None = None) -> Product:
         import numpy as np

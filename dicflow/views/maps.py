@@ -18,6 +18,7 @@ from matplotlib.figure import Figure
 from matplotlib.transforms import Bbox
 
 from dicflow.engine.product import Product, Variable
+from dicflow.views import colours as looks
 
 __all__ = ["Style", "code_picture", "contact_sheet", "field_map", "field_pngs", "gif", "picture", "png", "style"]
 
@@ -57,18 +58,18 @@ class Style(NamedTuple):
 def style(maps: Mapping[str, Any], quantity: str) -> Style:
     """The style of one quantity from the attributes of a product of kind "maps"."""
     chosen = maps["quantities"][quantity]
-    low, high = chosen["range"]
+    shown = looks.look(quantity, chosen["title"], chosen["unit"], *chosen["range"], maps["colour_map"])
     x0, y0, x1, y1 = maps["extent"]
     margin = 0.04 * max(x1 - x0, y1 - y0)
     return Style(
         quantity,
-        chosen["title"],
-        chosen["unit"],
-        (low, high),
+        shown.title,
+        shown.unit,
+        shown.range,
         (x0 - margin, y0 - margin, x1 + margin, y1 + margin),
         maps["unit"],
         maps["positions"],
-        maps["colour_map"],
+        shown.table,
     )
 
 

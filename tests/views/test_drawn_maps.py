@@ -178,6 +178,13 @@ def test_labels_name_measure_and_unit():
     assert views.style(MAPS, "eyy").label == "strain along y [–]"
 
 
+def test_values_of_both_signs_have_zero_in_the_middle_of_the_colours():
+    signed = {"range": [-0.1, 0.4], "unit": "1", "title": "strain along y"}
+    chosen = views.style({**MAPS, "quantities": {"eyy": signed}, "colour_map": "auto"}, "eyy")
+    assert (chosen.range, chosen.colour_map) == ((-0.4, 0.4), "RdBu_r")
+    assert views.style({**MAPS, "colour_map": "auto"}, "V").colour_map == "viridis"
+
+
 @pytest.mark.parametrize(("shape", "units"), [((30, 40), "grey level"), ((40, 30), "mm"), ((4, 400), "1")])
 def test_a_picture_of_any_array(shape, units):
     values = np.arange(np.prod(shape)).reshape(shape) % 251
