@@ -22,6 +22,7 @@ from dicflow.report.rendering import assets, render
 from dicflow.report.settings import settings
 from dicflow.report.summary import summary
 from dicflow.report.sweep import sweep
+from dicflow.report.words import date
 
 __all__ = ["SECTIONS", "write_report"]
 
@@ -43,8 +44,7 @@ def write_report(pipeline: Pipeline, result: Result, folder: Path, workers: int 
     pieces = Pieces(folder / ".report", source_digest())
     context = Context(pipeline, result, facts, pieces, folder, workers)
     sections = [section for builder in SECTIONS if (section := _built(builder, context)) is not None]
-    first = summary(context, sections)
-    page = _page(context, [first, *sections] if first is not None else sections)
+    page = _page(context, [summary(context, sections), *sections])
     pieces.drop_unused()
     write_whole(folder / "report.html", page.encode())
     return folder / "report.html"
@@ -70,17 +70,19 @@ def _built(builder: Builder, context: Context) -> Section | None:
 
 
 def _page(context: Context, sections: list[Section]) -> str:
-    result = context.result
-    stages = [
-        (stage, sum(result.has(stage, step) for step in result.steps(stage) or (None,)), len(result.steps(stage)) or 1)
-        for stage in result.stages
-    ]
     return render(
         "page.html",
         title=context.pipeline.title,
+        subtitle=_subtitle(context),
         style=assets(".css"),
         script=assets(".js"),
         sections=sections,
-        stages=stages,
         version=__version__,
     )
+
+
+def _subtitle(context: Context) -> str:
+    """The file and the run that the page is of."""
+    run = context.run
+    told = "not run as it stands" if run is None else f"run {run.id} of {date(run.started)}"
+    return f"{context.pipeline.path.name} · {told}"

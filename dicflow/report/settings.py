@@ -2,11 +2,41 @@
 
 from __future__ import annotations
 
+import json
+from itertools import groupby
+
+from dicflow.pipeline.reporting import Row, reporting_rows
 from dicflow.report.context import Context, Section
+from dicflow.report.rendering import render
 
 __all__ = ["settings"]
 
 
-def settings(context: Context) -> Section | None:
-    """The section, None where nothing is known of the measurement."""
-    return None
+def settings(context: Context) -> Section:
+    """The section; rows that nothing tells are marked as the user's to fill in."""
+    rows = _rows(context)
+    groups = [(name, list(members)) for name, members in groupby(rows, key=lambda row: row.group)]
+    body = render(
+        "settings.html",
+        groups=groups,
+        blanks=sum(row.value is None for row in rows),
+        swept=context.result.values[0] if len(context.result.values) > 1 else {},
+    )
+    return Section("settings", "Settings", body)
+
+
+def _rows(context: Context) -> list[Row]:
+    """The table, made anew where a setting or a product has changed."""
+    result, resolved = context.result, context.pipeline.resolved()
+    digests = [
+        result.digest(stage, step)
+        for stage in result.stages
+        for step in result.steps(stage) or (None,)
+        if result.has(stage, step)
+    ]
+
+    def made() -> bytes:
+        return json.dumps(reporting_rows(result, resolved)).encode()
+
+    found = json.loads(context.pieces.get(["reporting", json.dumps(resolved), *digests], made))
+    return [Row(*row) for row in found]

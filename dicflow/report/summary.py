@@ -2,13 +2,166 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Sequence
 
+from markupsafe import Markup
+
+from dicflow.pipeline.provenance import RunFacts
 from dicflow.report.context import Context, Section
+from dicflow.report.history import Column, History, history
+from dicflow.report.rendering import render
+from dicflow.report.words import date, duration, number, percent
 
 __all__ = ["summary"]
 
+_FEW = 0.9
+_FAILURES_SHOWN = 20
 
-def summary(context: Context, sections: Sequence[Section]) -> Section | None:
-    """The first section, which shows the warnings of all others; None where nothing is there yet."""
-    return None
+
+def summary(context: Context, sections: Sequence[Section]) -> Section:
+    """The first section, which shows the warnings of all others."""
+    told = history(context)
+    own = [] if told is None else _lost_points(told)
+    warnings = [(section.title, section.key, text) for section in sections for text in section.warnings]
+    run = context.run
+    body = render(
+        "summary.html",
+        state=_state(run),
+        failures=_failures(context)[:_FAILURES_SHOWN],
+        more_failures=max(0, len(_failures(context)) - _FAILURES_SHOWN),
+        skipped=_skipped(run),
+        warnings=[("", "", text) for text in (*_journalled(context), *own)] + warnings,
+        facts=_facts(context, told),
+        history=told,
+        columns=None if told is None else _columns(told),
+        rows=None if told is None else _rows(told),
+        chart=None if told is None else _chart(context, told),
+        stages=_stages(context),
+    )
+    return Section("summary", "Summary", body, tuple([*_journalled(context), *own]))
+
+
+def _state(run: RunFacts | None) -> list[str]:
+    """What is wrong with the run as a whole, in sentences; nothing where it went through."""
+    if run is None:
+        return ["This pipeline has not been run as it stands: shown is what the store holds of it."]
+    counts, untold = run.counts, max(0, run.planned - len(run.tasks))
+    said = []
+    if counts["failed"]:
+        said.append(f"{counts['failed']} of {run.planned} tasks failed, and {counts['skipped']} were skipped for it.")
+    if run.interrupted:
+        said.append(f"The run was interrupted before {untold} of its {run.planned} tasks were done.")
+    elif not run.ended:
+        said.append(f"The run was cut off, or goes on still: of {untold} of its {run.planned} tasks nothing is known.")
+    return said
+
+
+def _failures(context: Context) -> list[tuple[str, str]]:
+    """Each failed task and why."""
+    tasks = context.run.tasks if context.run is not None else ()
+    return [(task.task, context.said(task.error)) for task in tasks if task.status == "failed"]
+
+
+def _skipped(run: RunFacts | None) -> list[tuple[str, int]]:
+    """Stages of which tasks were skipped, and how many."""
+    tasks = run.tasks if run is not None else ()
+    return list(Counter(task.stage for task in tasks if task.status == "skipped").items())
+
+
+def _journalled(context: Context) -> list[str]:
+    return [context.said(text) for text in context.run.warnings] if context.run is not None else []
+
+
+def _lost_points(told: History) -> list[str]:
+    """A warning where steps lack many points."""
+    few = [
+        (step, share)
+        for step, share in zip(told.steps, told.valid_share, strict=True)
+        if share is not None and share < _FEW
+    ]
+    if not few:
+        return []
+    worst, share = min(few, key=lambda pair: pair[1])
+    steps = "1 step has" if len(few) == 1 else f"{len(few)} steps have"
+    return [f"{steps} a value at less than {percent(_FEW)} of the points, {worst} at {percent(share)} only."]
+
+
+def _facts(context: Context, told: History | None) -> list[tuple[str, str, str]]:
+    """Title, value and remark of what a reader asks first."""
+    result, run = context.result, context.run
+    facts = []
+    if told is not None:
+        facts.append(("Steps", str(len(told.steps)), f"{told.steps[0]} … {told.steps[-1]}"))
+        shares = [share for share in told.valid_share if share is not None]
+        if shares:
+            facts.append(("Points with a value", percent(min(shares)), "least of all steps"))
+    if len(result.values) > 1:
+        facts.append(("Variants", str(len(result.values)), "below is the first; see Sweep"))
+    facts += [_peak(told, column) for column in told.columns if column.key in _PEAKS] if told is not None else []
+    if run is not None:
+        counts = run.counts
+        spent = sum(task.seconds for task in run.tasks if task.status != "hit")
+        facts.append(("Run", date(run.started), f"{counts['computed']} tasks computed, {counts['hit']} from the store"))
+        facts.append(("Time in stages", duration(spent), f"{duration(run.saved_s)} saved by the store"))
+    return facts
+
+
+_PEAKS = ("dic_displacement_mm", "dic_strain", "mean_V_mm", "mean_V_px", "mean_eyy")
+
+
+def _peak(told: History, column: Column) -> tuple[str, str, str]:
+    """The largest value of a column, and at which step it stands."""
+    known = [
+        (abs(value), value, step)
+        for value, step in zip(told.values[column.key], told.steps, strict=False)
+        if value is not None
+    ]
+    if not known:
+        return (f"Largest {column.title}", "–", "nothing measured")
+    _size, value, step = max(known)
+    unit = "" if column.unit == "1" else f" {column.unit}"
+    return (f"Largest {column.title}", f"{number(value)}{unit}", f"at {step}")
+
+
+def _columns(told: History) -> list[tuple[str, str]]:
+    phases = [("phase", "")] if told.phases else []
+    titles = [f"{column.title} [{'–' if column.unit == '1' else column.unit}]" for column in told.columns]
+    return [("step", ""), *phases, *((title, "number") for title in (*titles, "points with a value"))]
+
+
+def _rows(told: History) -> list[list[str]]:
+    return [
+        [
+            step,
+            *told.phases[index : index + 1],
+            *(number(told.values[column.key][index]) for column in told.columns),
+            "reference" if index == 0 else percent(told.valid_share[index]),
+        ]
+        for index, step in enumerate(told.steps)
+        if all(index < len(values) for values in told.values.values())
+    ]
+
+
+def _chart(context: Context, told: History) -> Markup | None:
+    """The plot of the table over load, or over the steps."""
+    sources = ["history", repr((told.steps, told.phases, told.values))]
+    if not told.values:
+        return None
+
+    def drawn() -> bytes:
+        from dicflow.views.load_curve import load_curve
+
+        return load_curve(told.steps, told.phases, told.values).encode()
+
+    return Markup(context.pieces.get(sources, drawn).decode())
+
+
+def _stages(context: Context) -> list[tuple[str, str]]:
+    """How many products of each stage are there."""
+    result = context.result
+    return [
+        (stage, f"{sum(result.has(stage, step) for step in steps)} of {len(steps)}")
+        for stage in result.stages
+        for steps in (result.steps(stage) or (None,),)
+    ]

@@ -2,14 +2,26 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from html import escape
 from typing import NamedTuple
 
 from dicflow.engine.graph import Graph
 
-__all__ = ["graph_svg", "graph_text"]
+__all__ = ["Mark", "graph_svg", "graph_text"]
 
 _WIDTH, _HEIGHT, _GAP_X, _GAP_Y, _MARGIN = 200, 46, 30, 26, 20
+
+
+class Mark(NamedTuple):
+    """What became of a stage.
+
+    status : the class of its box, for a style sheet: hit, computed, failed, skipped or missing
+    note : shown in the box beside the number of its tasks
+    """
+
+    status: str
+    note: str
 
 
 class _Box(NamedTuple):
@@ -30,8 +42,12 @@ def graph_text(graph: Graph) -> str:
     return "\n".join(lines)
 
 
-def graph_svg(graph: Graph) -> str:
-    """Rows of boxes from top to bottom, an arrow for every input; no scripts, no links."""
+def graph_svg(graph: Graph, marks: Mapping[str, Mark] | None = None) -> str:
+    """Rows of boxes from top to bottom, an arrow for every input; no scripts, no links.
+
+    marks : what became of each stage; none for a graph that is only planned
+    Colours are attributes, so that a style sheet around the drawing may change them by the classes of the boxes.
+    """
     boxes = _layout(graph)
     width = max(box.x for box in boxes.values()) + _WIDTH + _bulge(_MARGIN, boxes) + _MARGIN
     height = max(box.y for box in boxes.values()) + _HEIGHT + _MARGIN
@@ -41,13 +57,13 @@ def graph_svg(graph: Graph) -> str:
         for port, producer in spec.inputs.items()
         if producer != name
     ]
-    drawn = [_drawn(graph, name, box) for name, box in boxes.items()]
+    drawn = [_drawn(graph, name, box, (marks or {}).get(name)) for name, box in boxes.items()]
     return (
         f'<svg xmlns="http://www.w3.org/2000/svg" width="{width:.0f}" height="{height:.0f}" '
         f'viewBox="0 0 {width:.0f} {height:.0f}" font-family="sans-serif">\n'
         '<defs><marker id="tip" viewBox="0 0 8 8" refX="8" refY="4" markerWidth="7" markerHeight="7" orient="auto">'
-        '<path d="M0 0L8 4L0 8z" fill="#777"/></marker></defs>\n'
-        f'<rect width="100%" height="100%" fill="white"/>\n{"".join(arrows)}{"".join(drawn)}</svg>\n'
+        '<path class="arrow-tip" d="M0 0L8 4L0 8z" fill="#777"/></marker></defs>\n'
+        f'<rect class="ground" width="100%" height="100%" fill="white"/>\n{"".join(arrows)}{"".join(drawn)}</svg>\n'
     )
 
 
@@ -100,17 +116,23 @@ def _arrow(start: _Box, end: _Box, port: str) -> str:
         x0, y0, x1, y1 = start.x + _WIDTH, start.y + _HEIGHT / 2, end.x + _WIDTH, end.y + _HEIGHT / 2
         out = max(x0, x1) + _MARGIN + 0.2 * (y1 - y0)
         path = f"M{x0:.1f} {y0:.1f}C{out:.1f} {y0:.1f} {out:.1f} {y1:.1f} {x1:.1f} {y1:.1f}"
-    return f'<path d="{path}" fill="none" stroke="#888" marker-end="url(#tip)"><title>{escape(port)}</title></path>\n'
-
-
-def _drawn(graph: Graph, name: str, box: _Box) -> str:
-    centre = box.x + _WIDTH / 2
     return (
+        f'<path class="arrow" d="{path}" fill="none" stroke="#888" marker-end="url(#tip)">'
+        f"<title>{escape(port)}</title></path>\n"
+    )
+
+
+def _drawn(graph: Graph, name: str, box: _Box, mark: Mark | None) -> str:
+    centre, title = box.x + _WIDTH / 2, graph.stages[name].node.title
+    status, note = mark if mark is not None else ("planned", "")
+    below = " · ".join(part for part in (_count(graph, name), note or title) if part)
+    return (
+        f'<g class="stage {escape(status)}"><title>{escape(title)}</title>'
         f'<rect x="{box.x:.1f}" y="{box.y:.1f}" width="{_WIDTH}" height="{_HEIGHT}" rx="6" '
         'fill="#eef3f8" stroke="#31688e"/>'
         f'<text x="{centre:.1f}" y="{box.y + 19:.1f}" text-anchor="middle" font-size="13">{escape(name)}</text>'
-        f'<text x="{centre:.1f}" y="{box.y + 36:.1f}" text-anchor="middle" font-size="10" fill="#555">'
-        f"{escape(graph.stages[name].node.title)} · {_count(graph, name)}</text>\n"
+        f'<text class="note" x="{centre:.1f}" y="{box.y + 36:.1f}" text-anchor="middle" font-size="10" fill="#555">'
+        f"{escape(below)}</text></g>\n"
     )
 
 

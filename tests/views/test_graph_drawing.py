@@ -5,7 +5,7 @@ from xml.etree import ElementTree
 import pytest
 
 from dicflow.pipeline import Pipeline
-from dicflow.views.graph import graph_svg, graph_text
+from dicflow.views.graph import Mark, graph_svg, graph_text
 
 SVG = "{http://www.w3.org/2000/svg}"
 
@@ -38,5 +38,13 @@ def test_the_drawing_runs_nothing_and_fetches_nothing(graph):
     text = graph_svg(graph)
     assert graph_svg(graph) == text
     tags = {node.tag.removeprefix(SVG) for node in ElementTree.fromstring(text).iter()}
-    assert tags == {"svg", "defs", "marker", "path", "rect", "text", "title"}
+    assert tags == {"svg", "defs", "marker", "g", "path", "rect", "text", "title"}
     assert text.count("http") == 1
+
+
+def test_what_became_of_a_stage_is_its_class_and_note(graph):
+    root = ElementTree.fromstring(graph_svg(graph, {"track": Mark("failed", "<1> failed")}))
+    groups = {node.find(f"{SVG}text").text: node for node in root.iter(f"{SVG}g")}
+    assert groups["track"].get("class") == "stage failed"
+    assert groups["track"].findall(f"{SVG}text")[1].text.endswith("<1> failed")
+    assert groups["rig"].get("class") == "stage planned"

@@ -1,0 +1,150 @@
+"""What came out at each step: lengths, displacements and strains beside the caliper's, as rows of a table."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from typing import Any, NamedTuple
+
+from dicflow.core.status import Status
+from dicflow.pipeline import Result
+from dicflow.report.context import Context
+
+__all__ = ["Column", "History", "history", "step_names"]
+
+_UNITS = {"_mm": "mm", "_px": "px", "_g": "g", "_pct": "%"}
+_TITLES = {
+    "load_g": "load",
+    "caliper_length": "length, caliper",
+    "dic_length": "length, DIC",
+    "caliper_displacement": "displacement, caliper",
+    "dic_displacement": "displacement, DIC",
+    "caliper_strain": "strain, caliper",
+    "dic_strain": "strain, DIC",
+    "sigma_strain": "σ of the strain",
+    "displacement_error": "displacement error",
+    "strain_error_pct": "strain error",
+}
+_MEANS = {"U": "U", "V": "V", "W": "W", "exx": "εxx", "eyy": "εyy", "gxy": "γxy"}
+
+
+class Column(NamedTuple):
+    """One column of numbers.
+
+    key : name of the values in the product
+    """
+
+    key: str
+    title: str
+    unit: str
+
+
+class History(NamedTuple):
+    """One row per step.
+
+    source : what the numbers are, in words
+    steps, phases : names of the steps, and loading or unloading; empty where nothing tells
+    values : column's key → number per step, None where there is none
+    valid_share : of each step but the first; None where it was not measured
+    """
+
+    source: str
+    steps: tuple[str, ...]
+    phases: tuple[str, ...]
+    columns: tuple[Column, ...]
+    values: Mapping[str, tuple[float | None, ...]]
+    valid_share: tuple[float | None, ...]
+
+
+def history(context: Context) -> History | None:
+    """The steps as the comparison tells of them, else the extensometers, else the means of the field.
+
+    None for a pipeline without totals. A step that is not there has no numbers.
+    """
+    result = context.result
+    totals = result.stages_of("total")
+    if not totals:
+        return None
+    total = totals[-1]
+    steps = step_names(result, total)
+    shares = (None, *(_valid_share(context, total, step) for step in steps[1:]))
+    phases: tuple[str, ...] = ()
+    if rows := _comparison(result):
+        source, phases = "Beside the caliper", tuple(row["phase"] for row in rows)
+        columns = [key for key in rows[0] if key in _TITLES or (_ending(key) != "_pct" and _bare(key) in _TITLES)]
+        values = {key: tuple(row.get(key) for row in rows) for key in columns}
+    elif values := _extensometers(result):
+        source = "Extensometers"
+    else:
+        source, values = "Means over the field", _means(result, total, steps)
+    return History(source, steps, phases, tuple(_column(key) for key in values), values, shares)
+
+
+def step_names(result: Result, total: str) -> tuple[str, ...]:
+    """Names of all steps that a total belongs to, with the first."""
+    later = result.steps(total)
+    return next((steps for stage in result.stages if (steps := result.steps(stage))[1:] == later), ("first", *later))
+
+
+def _comparison(result: Result) -> list[dict[str, Any]]:
+    for stage in result.stages_of("comparison"):
+        if result.has(stage):
+            rows: list[dict[str, Any]] = result.product(stage).attrs["rows"]
+            return rows
+    return []
+
+
+def _extensometers(result: Result) -> dict[str, tuple[float | None, ...]]:
+    """Length and strain of each extensometer, σ beside it."""
+    for stage in result.stages_of("probes"):
+        if not result.has(stage):
+            continue
+        attrs = result.product(stage).attrs
+        rows = [row for row in attrs["rows"] if row["kind"] == "extensometer"]
+        keys = [key for key in (rows[0] if rows else {}) if key.removeprefix("sigma_").startswith(("length", "strain"))]
+        return {
+            f"{name} · {key}": tuple(row[key] for row in rows if row["probe"] == name)
+            for name in attrs["probes"]["extensometer"]
+            for key in keys
+        }
+    return {}
+
+
+def _means(result: Result, total: str, steps: tuple[str, ...]) -> dict[str, tuple[float | None, ...]]:
+    summaries = [result.product(total, step).attrs["summary"] if result.has(total, step) else {} for step in steps[1:]]
+    keys = dict.fromkeys(key for summary in summaries for key in summary if key.startswith("mean_"))
+    return {key: (0.0, *(summary.get(key) for summary in summaries)) for key in keys}
+
+
+def _valid_share(context: Context, total: str, step: str) -> float | None:
+    """Share of the region's points that have a value; counted once where the total does not tell."""
+    if not context.result.has(total, step):
+        return None
+    product = context.result.product(total, step)
+    if "valid_share" in product.attrs["summary"]:
+        return float(product.attrs["summary"]["valid_share"])
+
+    def counted() -> bytes:
+        status = product["status"]
+        inside = int((status != Status.OUTSIDE).sum())
+        return json.dumps(int((status <= Status.FILLED).sum()) / inside if inside else None).encode()
+
+    share: float | None = json.loads(context.pieces.get(["valid share", context.result.digest(total, step)], counted))
+    return share
+
+
+def _ending(key: str) -> str:
+    return next((ending for ending in _UNITS if key.endswith(ending)), "")
+
+
+def _bare(key: str) -> str:
+    return key.removesuffix(_ending(key))
+
+
+def _column(key: str) -> Column:
+    """Title and unit of a column, from the name of its values."""
+    ending, bare = _ending(key), _bare(key)
+    if bare.startswith("mean_"):
+        return Column(key, f"mean {_MEANS.get(bare[5:], bare[5:])}", _UNITS.get(ending, "1"))
+    title = _TITLES.get(key) or _TITLES.get(bare) or bare.replace("sigma_", "σ of the ").replace("_", " ")
+    return Column(key, title, _UNITS.get(ending, "1"))
