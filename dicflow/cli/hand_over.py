@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+import json
 import os
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
@@ -18,10 +19,14 @@ from dicflow.cli.options import (
     StoreFolder,
     VariantNumber,
     load,
+    refuse_existing,
     results_folder,
     variant_index,
+    write_new,
 )
-from dicflow.errors import ConfigurationError
+
+if TYPE_CHECKING:
+    from dicflow.pipeline.difference import Comparison
 
 __all__ = ["compare", "export", "report"]
 
@@ -84,7 +89,10 @@ def compare(
     b: Annotated[str, typer.Argument(metavar="B", help="the same, of the other side")],
     quantities: Quantities,
     step: Step = None,
-    store: Annotated[Path | None, typer.Option(help="store of runs; default: beside the other side")] = None,
+    data: Data = None,
+    store: Annotated[
+        Path | None, typer.Option(help="folder of the products; default: .dicflow beside the file, or the other one")
+    ] = None,
     output: Annotated[Path | None, typer.Option(help="HTML file to write; default: text alone")] = None,
     as_json: Annotated[bool, typer.Option("--json", help="one line of JSON in place of text")] = False,
     force: Force = False,
@@ -96,4 +104,31 @@ def compare(
     dicflow compare "pipeline.yaml#1" "pipeline.yaml#2" --quantity eyy
     dicflow compare pipeline.yaml reference.csv --step step_03 --output difference.html
     """
-    raise ConfigurationError(f"{a}, {b}: comparing is not available yet; export both and compare the tables")
+    from dicflow.pipeline.difference import compare as compared
+    from dicflow.pipeline.sides import open_sides
+
+    if output is not None:
+        refuse_existing(output, force)
+    found = compared(*open_sides(a, b, store, data), (step,) if step else (), quantities)
+    if output is not None:
+        from dicflow.report.difference import difference_page
+
+        write_new(output, difference_page(found), force)
+    if as_json:
+        typer.echo(json.dumps(found.to_json(), ensure_ascii=False))
+    else:
+        _say(found)
+
+
+def _say(found: Comparison) -> None:
+    """Settings and statistics as text."""
+    from dicflow.report.difference import COLUMNS, difference_rows
+    from dicflow.views.console import consoles, simple_table
+
+    console, _ = consoles()
+    lines = [f"A  {found.a}", f"B  {found.b}", *found.notes, ""]
+    if found.changes:
+        lines += ["settings, A → B", *(f"  {change.text}" for change in found.changes), ""]
+    console.print("\n".join(lines if found.differs else [*lines, "no difference", ""]))
+    console.print("fields, A − B")
+    console.print(simple_table(COLUMNS, difference_rows(found)))
