@@ -348,7 +348,7 @@ def test_output_that_cannot_be_written_by_other_commands(pipeline, measured, tmp
     (tmp_path / "file").write_text("")
     place = tmp_path / "file" / "x.svg"
     dicflow("graph", pipeline, "--output", place).refuses(2, "x.svg: cannot be written (a file stands where")
-    dicflow("export", pipeline, "total", "--output", place).refuses(2, "total_step_01.csv: cannot be written")
+    dicflow("export", pipeline, "total", "--output", place).refuses(2, "x.svg: cannot be written")
 
 
 # stores

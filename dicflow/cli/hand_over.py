@@ -30,7 +30,10 @@ if TYPE_CHECKING:
 
 __all__ = ["compare", "export", "report"]
 
-_FORMATS = "csv: a table; npz: all arrays; png: pictures; opencv: a rig as OpenCV YAML; json: a rig as JSON"
+_FORMATS = (
+    "tables: csv, matchid, challenge; arrays: hdf5, mat, npz; ParaView: vtu; a region: geojson; a rig: json, opencv; "
+    "pictures: png, pdf, svg; movies: gif, mp4, webm"
+)
 _SIDE = "pipeline file, id of a run, or table of points; #2 behind it chooses the second variant"
 Quantities = Annotated[
     list[str], typer.Option("--quantity", default_factory=list, metavar="NAME", help="repeatable; default: all")
@@ -69,18 +72,33 @@ def export(
     variant: VariantNumber = 1,
     force: Force = False,
 ) -> None:
-    """Write products as CSV, NPZ or PNG; a rig as OpenCV YAML or JSON.
+    """Write a whole test, or the products of one stage, for other programs.
+
+    Without a stage: every total, and beside it the tables, the region and the rig.
 
     \b
-    dicflow export pipeline.yaml total --format csv
-    dicflow export pipeline.yaml disparity --step step_03 --format png --output pictures
-    dicflow export pipeline.yaml rig --format opencv
+    dicflow export pipeline.yaml
+    dicflow export pipeline.yaml --format hdf5 --output exported
+    dicflow export pipeline.yaml total --step step_03 --quantity eyy --format png
+    dicflow export pipeline.yaml total --quantity eyy --format mp4
     """
     from dicflow.views.exports import export as write
 
-    result = load(pipeline, data, store, settings).result()
-    place = variant_index(result, variant)
-    for path in write(result, output, stage=stage, step=step, quantities=quantities, to=to, variant=place, force=force):
+    loaded = load(pipeline, data, store, settings)
+    result = loaded.result()
+    paths = write(
+        result,
+        output,
+        stage=stage,
+        step=step,
+        quantities=quantities,
+        to=to,
+        variant=variant_index(result, variant),
+        force=force,
+        name=loaded.name,
+        tell=lambda text: typer.echo(text, err=True),
+    )
+    for path in paths:
         typer.echo(path)
 
 

@@ -3,11 +3,14 @@
 from __future__ import annotations
 
 import os
+import shutil
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
 from pathlib import Path
 
-from dicflow.errors import InputError
+from dicflow.errors import ConfigurationError, InputError
 
-__all__ = ["make_folder", "write_whole"]
+__all__ = ["make_folder", "staged", "write_whole"]
 
 
 def write_whole(path: Path, content: bytes) -> None:
@@ -37,6 +40,44 @@ def make_folder(folder: Path) -> None:
         probe.unlink()
     except OSError as error:
         raise _unwritable(folder, error) from error
+
+
+@contextmanager
+def staged(output: Path, force: bool = False) -> Iterator[Path]:
+    """A folder whose files move into ``output`` together, once the block has ended well.
+
+    Where the block fails or is interrupted, or one of the names is taken and ``force`` is not set, nothing is left
+    behind and what stood in ``output`` still does.
+    Raises ConfigurationError that names the file that is there, InputError where ``output`` cannot be written.
+    """
+    made = [folder for folder in (output, *output.parents) if not folder.exists()]
+    make_folder(output)
+    folder = output / f".export-{os.getpid()}"
+    try:
+        folder.mkdir()
+        yield folder
+        _move(sorted(folder.iterdir()), output, force)
+        made = []
+    except OSError as error:
+        raise _unwritable(Path(error.filename or output), error) from error
+    finally:
+        shutil.rmtree(folder, ignore_errors=True)
+        for empty in made:
+            with suppress(OSError):
+                empty.rmdir()
+
+
+def _move(files: list[Path], output: Path, force: bool) -> None:
+    for file in files:
+        taken = output / file.name
+        if taken.is_dir():
+            raise InputError(
+                f"{taken}: cannot be written (a folder stands there); name another place, or free this one"
+            )
+        if taken.exists() and not force:
+            raise ConfigurationError(f"{taken} exists; add --force to overwrite it, or name another folder")
+    for file in files:
+        os.replace(file, output / file.name)
 
 
 def _unwritable(path: Path, error: OSError) -> InputError:

@@ -13,7 +13,7 @@ from dicflow._version import __version__
 from dicflow.engine.product import Product, Variable
 from dicflow.errors import InputError
 
-__all__ = ["csv_text", "npz_bytes", "table_text"]
+__all__ = ["columns_text", "csv_text", "npz_bytes", "table_text"]
 
 
 def csv_text(product: Product, name: str) -> str:
@@ -38,9 +38,14 @@ def csv_text(product: Product, name: str) -> str:
     shape = next(iter(columns.values()))[0].shape
     indices = {dim: index.ravel() for dim, index in zip(grid, np.indices(shape), strict=True)}
     units = "".join(f"# {label}: {unit}\n" for label, (_, unit) in columns.items())
-    buffer = io.StringIO()
-    buffer.write(_header(product, name) + units + ",".join([*indices, *columns]) + "\n")
     table = np.column_stack([*indices.values(), *(values.ravel() for values, _ in columns.values())])
+    return _header(product, name) + _titles(product) + units + columns_text([*indices, *columns], table)
+
+
+def columns_text(names: Sequence[str], table: np.ndarray) -> str:
+    """A table (row, column) as CSV below the names of its columns; nine digits, so that single precision comes back."""
+    buffer = io.StringIO()
+    buffer.write(",".join(names) + "\n")
     np.savetxt(buffer, table, fmt="%.9g", delimiter=",")
     return buffer.getvalue()
 
@@ -71,6 +76,13 @@ def _header(product: Product, name: str) -> str:
     return "".join(f"# {line}\n" for line in [*lines, *(f"{key}: {value}" for key, value in notes.items())])
 
 
+def _titles(product: Product) -> str:
+    """What each array is: of strains the measure."""
+    measures = product.attrs.get("measures", {})
+    titles = {name: measures.get(name, variable.long_name) for name, variable in product.variables.items()}
+    return "".join(f"# {name} is {title}\n" for name, title in titles.items() if title)
+
+
 def _summary(product: Product, name: str) -> Mapping[str, object]:
     summary: Mapping[str, object] | None = product.attrs.get("summary")
     if not summary:
@@ -89,8 +101,8 @@ def _columns(key: str, variable: Variable, grid_axes: int) -> Iterator[tuple[str
 
 
 def _component_labels(key: str, shape: tuple[int, ...]) -> list[str]:
-    letters = {"xyz": "XYZ", "xyz_reference": "XYZ", "xy": "xy", "points": "xy"}.get(key)
+    letters = {"xyz": "XYZ", "xyz_reference": "XYZ", "xy": "xy", "xy_reference": "xy", "points": "xy"}.get(key)
     if letters and shape == (len(letters),):
-        stem = {"xyz_reference": "reference_"}.get(key, "")
+        stem = "reference_" if key.endswith("_reference") else ""
         return [f"{stem}{letter}" for letter in letters]
     return [f"{key}_{'_'.join(map(str, index))}" for index in np.ndindex(*shape)]

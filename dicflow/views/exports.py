@@ -1,22 +1,38 @@
-"""Products as files in a chosen format."""
+"""Products, and whole tests, as files in a chosen format."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
+from functools import partial
 from pathlib import Path
+from typing import Any, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
-from dicflow.engine.product import Product, Variable
+from dicflow.engine.product import Product
 from dicflow.errors import ConfigurationError
-from dicflow.io.files import write_whole
-from dicflow.io.results import csv_text, npz_bytes
+from dicflow.io.exports import FORMATS as DATA_FORMATS
+from dicflow.io.exports import format_module
+from dicflow.io.exports.items import Item
+from dicflow.io.files import staged
 from dicflow.pipeline.registry import nearest
 from dicflow.pipeline.result import Result
+from dicflow.views.exported_pictures import (
+    MOVIES,
+    PICTURES,
+    Drawn,
+    check_quantities,
+    write_movies,
+    write_pictures,
+)
 
-__all__ = ["export"]
+__all__ = ["FORMATS", "export"]
 
-FORMATS = ("csv", "npz", "png", "opencv", "json")
+FORMATS = (*DATA_FORMATS, *PICTURES, *MOVIES)
+_TABLES = ("comparison", "probes", "noise")
+_BESIDE = {"csv": _TABLES, "geojson": ("region",), "json": ("rig",)}
+"""What the export of a whole test adds to its totals: format and the kinds of products in it."""
 
 
 def export(
@@ -29,76 +45,141 @@ def export(
     to: str = "csv",
     variant: int = 0,
     force: bool = False,
+    name: str = "test",
+    tell: Callable[[str], None] = lambda text: None,
 ) -> list[Path]:
-    """Write products into a folder and return the paths.
+    """Write products into a folder, all of them or none, and return the paths.
 
-    stage, step : names; without a step every step of the stage
+    stage, step : names. Without a stage the whole test: every total, and for formats of numbers the tables, the region
+        and the rig beside them; without a step every step that is in the store
+    quantities : names of arrays; without any all of them, and of a whole test's pictures those of its maps
     to : one of ``FORMATS``
     force : overwrite files that exist
+    name : of a file that holds a whole test
+    tell : is given a sentence on what is left out
     Raises ConfigurationError for a name or a format that does not exist, and for a file that does.
     """
     if to not in FORMATS:
         raise ConfigurationError(f"no format '{to}'{nearest(to, FORMATS)}; there are {', '.join(FORMATS)}")
-    if stage is None or quantities:
-        raise ConfigurationError("exports of a whole test or of chosen quantities are not available yet; name a stage")
-    paths = []
-    for name, content in _files(result, stage, step, to, variant):
-        if (output / name).exists() and not force:
-            raise ConfigurationError(f"{output / name} exists; add --force to overwrite it, or name another")
-        write_whole(output / name, content)
-        paths.append(output / name)
-    return paths
+    chosen = tuple(dict.fromkeys(quantities))
+    with staged(output, force) as folder:
+        for job in _jobs(result, stage, to, variant, tell):
+            steps = {name: _steps(result, name, step, variant, tell) for name in job.stages}
+            wanted = chosen if job.main else ()
+            if job.form in PICTURES:
+                write_pictures(Drawn(result, steps, wanted, variant), job.form, folder, whole=stage is None)
+            elif job.form in MOVIES:
+                write_movies(Drawn(result, steps, wanted, variant), job.form, folder)
+            else:
+                items = (item for name in job.stages for item in _items(result, name, steps[name], wanted, variant))
+                format_module(job.form).write(items, folder, name if stage is None else stage)
+        files = sorted(path.name for path in folder.iterdir())
+    return [output / file for file in files]
 
 
-def _files(result: Result, stage: str, step: str | None, to: str, variant: int) -> Iterator[tuple[str, bytes]]:
-    """File name and contents of every product that is asked for.
+class _Job(NamedTuple):
+    """Stages that are written in one format; not ``main``: beside what was asked for."""
 
-    stage, step : names; without a step every step of the stage
-    to : "csv", "npz" or "png"; a PNG shows one array, so there are as many as the product has on a grid. A rig may also
-        be "opencv" (YAML) or "json"
-    """
-    steps: tuple[str | None, ...] = (step,) if step is not None else result.steps(stage) or (None,)
-    for name in steps:
-        product = result.product(stage, name, variant)
-        stem = stage if name is None else f"{stage}_{name}"
-        if to == "csv":
-            yield f"{stem}.csv", csv_text(product, stem).encode()
-        elif to == "npz":
-            yield f"{stem}.npz", npz_bytes(product)
-        elif to in ("opencv", "json"):
-            yield _rig(product, stem, to)
-        else:
-            yield from _pictures(product, stem)
+    stages: list[str]
+    form: str
+    main: bool = True
 
 
-def _rig(product: Product, stem: str, to: str) -> tuple[str, bytes]:
-    from dicflow.io.calibrations import opencv_text
-    from dicflow.io.rig import rig_from_dict, rig_text
-
-    if product.kind != "rig":
+def _jobs(result: Result, stage: str | None, to: str, variant: int, tell: Callable[[str], None]) -> Iterator[_Job]:
+    """What is to be written. Raises ConfigurationError where a stage does not fit the format."""
+    kinds = ("total",) if to in MOVIES else format_module(to).KINDS if to in DATA_FORMATS else None
+    if stage is not None:
+        if kinds and result.kind(stage) not in kinds:
+            raise ConfigurationError(
+                f"{stage}: a product of kind {result.kind(stage)} is no {' or '.join(kinds)}, which {to} is for; "
+                "choose another format or stage"
+            )
+        yield _Job([stage], to)
+        return
+    kinds = kinds or ("total",)
+    stages = _stages(result, kinds)
+    if not stages:
         raise ConfigurationError(
-            f"{stem}: a product of kind {product.kind} is no calibration; export it as csv, npz or png"
+            f"no stage gives a product of kind {', '.join(kinds)}; stages: {', '.join(result.stages)}"
         )
-    rig = rig_from_dict(product.attrs["rig"])
-    name, text = ("yaml", opencv_text(rig)) if to == "opencv" else ("json", rig_text(rig))
-    return f"{stem}.{name}", text.encode()
+    yield _Job(stages, to)
+    if to in DATA_FORMATS and "total" in kinds:
+        for form, beside in _BESIDE.items():
+            there = [name for name in _stages(result, beside) if _is_there(result, name, variant, tell)]
+            yield _Job(there, form, main=False)
 
 
-def _pictures(product: Product, stem: str) -> Iterator[tuple[str, bytes]]:
-    from dicflow.core.status import Status
-    from dicflow.views.maps import code_picture, picture, png
-
-    drawable = {key: variable for key, variable in product.variables.items() if _is_field(variable)}
-    if not drawable:
-        raise ConfigurationError(
-            f"{stem}: a product of kind {product.kind} has no array to draw; export it as csv or npz"
-        )
-    reasons = {status.value: status.label for status in Status}
-    for key, variable in drawable.items():
-        title = f"{stem} · {key}"
-        figure = code_picture(variable, title, reasons) if key == "status" else picture(variable, title)
-        yield f"{stem}_{key}.png", png(figure)
+def _is_there(result: Result, stage: str, variant: int, tell: Callable[[str], None]) -> bool:
+    there = result.has(stage, None, variant)
+    if not there:
+        tell(f"{stage} is not in the store and was left out")
+    return there
 
 
-def _is_field(variable: Variable) -> bool:
-    return len(variable.dims) == 2 and variable.dims == ("row", "col") and bool(np.isfinite(variable.values).any())
+def _stages(result: Result, kinds: Sequence[str]) -> list[str]:
+    return [stage for kind in kinds for stage in result.stages_of(kind)]
+
+
+def _steps(
+    result: Result, stage: str, step: str | None, variant: int, tell: Callable[[str], None]
+) -> tuple[str | None, ...]:
+    """The steps of a stage that are asked for and there; all of them, where none is."""
+    known = result.steps(stage)
+    if not known or step is not None:
+        return (step,) if known else (None,)
+    there = tuple(name for name in known if result.has(stage, name, variant))
+    if there and len(there) < len(known):
+        lost = [name for name in known if name not in there]
+        tell(f"{stage}: {len(lost)} of {len(known)} steps are not in the store and were left out: {', '.join(lost)}")
+    return there or known
+
+
+def _items(
+    result: Result, stage: str, steps: Sequence[str | None], quantities: tuple[str, ...], variant: int
+) -> Iterator[Item]:
+    """The products of a stage, one at a time."""
+    for step in steps:
+        product = result.product(stage, step, variant)
+        check_quantities(stage, product, quantities)
+        item = Item(stage, step, product, quantities)
+        if product.kind == "total" and _has_places(result, product):
+            item = item._replace(places=partial(_places, result, product, variant))
+        elif product.kind == "region":
+            item = item._replace(outline=_to_photograph(result, stage, variant))
+        yield item
+
+
+def _has_places(result: Result, total: Product) -> bool:
+    """Whether its points are the same material at every step, so that the first photograph shows each."""
+    return "xy_reference" in total or (total.attrs["definition"] == "material" and bool(result.stages_of("track")))
+
+
+def _places(result: Result, total: Product, variant: int) -> NDArray[Any]:
+    """Places of the points of a total in the left photograph of the first step, (row, col, 2) [px]."""
+    track = result.stages_of("track")
+    grid = total["xy_reference"] if "xy_reference" in total else result.product(track[0], 0, variant)["points"]
+    regions = result.stages_of("region")
+    carry = _to_photograph(result, regions[0], variant) if regions else None
+    return grid if carry is None else carry(grid)
+
+
+def _to_photograph(result: Result, region: str, variant: int) -> Callable[[NDArray[Any]], NDArray[Any]] | None:
+    """The mapping from pixels of the image that a region lies in to those of the left photograph; None for the same."""
+    from dicflow.core.camera import distort
+    from dicflow.core.stereo import rectification, rectified_to_raw
+    from dicflow.io.rig import rig_from_dict
+
+    image = result.source(region, "images", variant)
+    kind = result.kind(image)
+    if kind == "images":
+        return None
+    try:
+        source = result.source(image, "rig", variant)
+    except KeyError:  # nothing was rectified without a rig
+        return None
+    rig = rig_from_dict(result.product(source, None, variant).attrs["rig"])
+    camera = rig.left
+    if kind == "plane":
+        return lambda pixels: distort(camera, (pixels - camera.matrix[:2, 2]) @ np.linalg.inv(camera.matrix[:2, :2]).T)
+    view = rectification(rig)
+    return lambda pixels: rectified_to_raw(pixels, camera, view.rotation_left, view.matrix_left)

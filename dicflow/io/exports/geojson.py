@@ -1,0 +1,25 @@
+"""Regions as GeoJSON, in pixels of the left photograph."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from pathlib import Path
+
+from dicflow.core.region import carry, polygons_from_attrs
+from dicflow.io.exports.items import Item, place
+from dicflow.io.region import write_geojson
+
+__all__ = ["KINDS", "write"]
+
+KINDS = ("region",)
+_SPACING_PX = 20.0
+"""Longest edge: a straight one would leave the curve that lens distortion makes of it."""
+
+
+def write(items: Iterable[Item], folder: Path, name: str) -> None:
+    """One file per region, such as the stage "region" reads."""
+    for item in items:
+        polygons = polygons_from_attrs(item.product.attrs["polygons"])
+        if item.outline is not None:
+            polygons = carry(polygons, item.outline, _SPACING_PX)
+        write_geojson(place(folder, f"{item.stem}.geojson"), polygons)

@@ -1,0 +1,21 @@
+"""Rigs as OpenCV's YAML."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from pathlib import Path
+
+from dicflow.io.calibrations import opencv_text
+from dicflow.io.exports.items import Item, place
+from dicflow.io.rig import rig_from_dict
+
+__all__ = ["KINDS", "write"]
+
+KINDS = ("rig",)
+
+
+def write(items: Iterable[Item], folder: Path, name: str) -> None:
+    """One file per rig."""
+    for item in items:
+        text = opencv_text(rig_from_dict(item.product.attrs["rig"]))
+        place(folder, f"{item.stem}.yaml").write_text(text, encoding="utf-8")

@@ -1,0 +1,168 @@
+"""Pictures of products, and movies over their steps, as files."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from io import BytesIO
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import numpy as np
+
+from dicflow.engine.product import Product, Variable
+from dicflow.errors import ConfigurationError
+from dicflow.io.exports.items import Item, place
+from dicflow.pipeline.registry import nearest
+from dicflow.pipeline.result import Result
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+    from numpy.typing import NDArray
+
+__all__ = ["MOVIES", "PICTURES", "Drawn", "check_quantities", "write_movies", "write_pictures"]
+
+PICTURES = ("png", "pdf", "svg")
+MOVIES = ("gif", "mp4", "webm")
+
+
+class Drawn(NamedTuple):
+    """What is to be drawn.
+
+    steps : of each stage
+    quantities : names of arrays; none for those that there are
+    """
+
+    result: Result
+    steps: Mapping[str, Sequence[str | None]]
+    quantities: tuple[str, ...]
+    variant: int
+
+
+def check_quantities(stage: str, product: Product, quantities: Sequence[str]) -> None:
+    """Raise ConfigurationError that lists what there is for an array that a product does not have."""
+    for name in quantities:
+        if name not in product:
+            known = ", ".join(product.variables) or "no array"
+            raise ConfigurationError(
+                f"no quantity '{name}' in {stage}{nearest(name, product.variables)}; it has {known}"
+            )
+
+
+def write_pictures(drawn: Drawn, form: str, folder: Path, whole: bool) -> None:
+    """One picture per product and array on a grid.
+
+    whole : of a whole test, where no quantity is named, draw those of its maps alone
+    Raises ConfigurationError for a product that has nothing to draw.
+    """
+    for stage, steps in drawn.steps.items():
+        usual = _usual(drawn, stage) if whole else ()
+        for step in steps:
+            product = drawn.result.product(stage, step, drawn.variant)
+            check_quantities(stage, product, drawn.quantities)
+            item = Item(stage, step, product)
+            for quantity in _drawable(item, drawn.quantities or usual):
+                figure = _figure(drawn, item, quantity)
+                place(folder, f"{item.stem}_{quantity}.{form}").write_bytes(_saved(figure, form))
+
+
+def _drawable(item: Item, wanted: Sequence[str]) -> list[str]:
+    variables = item.product.variables
+    fields = [name for name in wanted or variables if _is_field(variables[name])]
+    if not fields:
+        raise ConfigurationError(
+            f"{item.stem}: {', '.join(wanted) or f'a product of kind {item.product.kind}'} has no array to draw, a "
+            "number for each place of a grid; export it as csv or npz"
+        )
+    return fields
+
+
+def _is_field(variable: Variable) -> bool:
+    return len(variable.dims) == 2 and variable.dims == ("row", "col") and bool(np.isfinite(variable.values).any())
+
+
+def _figure(drawn: Drawn, item: Item, quantity: str) -> Figure:
+    from dicflow.core.status import Status
+    from dicflow.views import plot
+    from dicflow.views.maps import code_picture
+
+    if quantity == "status":
+        reasons = {status.value: status.label for status in Status}
+        return code_picture(item.product.variables[quantity], f"{item.stem} · {quantity}", reasons)
+    step = -1 if item.step is None else item.step
+    return plot(drawn.result, item.stage, quantity, step=step, variant=drawn.variant)
+
+
+def _saved(figure: Figure, form: str) -> bytes:
+    """The figure as a file; equal figures give equal bytes."""
+    from matplotlib import rc_context
+
+    undated = {"png": {"Software": None}, "pdf": {"CreationDate": None}, "svg": {"Date": None}}
+    metadata: Any = undated[form]
+    buffer = BytesIO()
+    with rc_context({"svg.hashsalt": "dicflow"}):
+        figure.savefig(buffer, format=form, metadata=metadata, bbox_inches="tight", pad_inches=0.1)
+    return buffer.getvalue()
+
+
+def write_movies(drawn: Drawn, form: str, folder: Path) -> None:
+    """One movie per total and quantity over its steps; without quantities those of the maps.
+
+    Raises ConfigurationError for a quantity that maps do not draw.
+    """
+    for stage, steps in drawn.steps.items():
+        totals = [drawn.result.product(stage, step, drawn.variant) for step in steps]
+        check_quantities(stage, totals[0], drawn.quantities)
+        for quantity in drawn.quantities or _usual(drawn, stage):
+            stem = Item(stage, quantity, totals[0]).stem
+            _write_movie(_frames(drawn, stage, quantity, totals), place(folder, f"{stem}.{form}"))
+
+
+def _usual(drawn: Drawn, stage: str) -> tuple[str, ...]:
+    """Quantities of the maps of a total, or those that maps have by default."""
+    from dicflow.stages.maps import Maps
+
+    maps = _maps_of(drawn, stage)
+    return Maps().quantities if maps is None else tuple(maps["quantities"])
+
+
+def _maps_of(drawn: Drawn, stage: str) -> Mapping[str, Any] | None:
+    """Attributes of the maps that are drawn from a total, where they are in the store."""
+    for name in drawn.result.stages_of("maps"):
+        fed = drawn.result.source(name, "total", drawn.variant) == stage
+        if fed and drawn.result.has(name, None, drawn.variant):
+            return drawn.result.product(name, None, drawn.variant).attrs
+    return None
+
+
+def _frames(drawn: Drawn, stage: str, quantity: str, totals: Sequence[Product]) -> Iterator[bytes]:
+    """A PNG per step, of one size and with one colour range."""
+    from dicflow.stages.maps import Maps
+    from dicflow.views.maps import field_pngs, style
+
+    attrs = _maps_of(drawn, stage)
+    if attrs is None or quantity not in attrs["quantities"]:
+        try:
+            attrs = Maps(quantities=(quantity,)).run(total=totals).attrs
+        except ValueError as error:
+            raise ConfigurationError(
+                f"{stage}: no movie of {quantity}: a movie shows a displacement or strain"
+            ) from error
+    titles = [str(step) for step in drawn.steps[stage]]
+    return field_pngs(totals, style(attrs, quantity), titles)
+
+
+def _write_movie(frames: Iterator[bytes], path: Path) -> None:
+    if path.suffix == ".gif":
+        from dicflow.views.maps import gif
+
+        path.write_bytes(gif(list(frames)))
+        return
+    from dicflow.views.video import movie
+
+    movie((_pixels(frame) for frame in frames), path)
+
+
+def _pixels(frame: bytes) -> NDArray[np.uint8]:
+    from PIL import Image
+
+    return np.asarray(Image.open(BytesIO(frame)).convert("RGB"))

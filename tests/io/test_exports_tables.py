@@ -1,0 +1,135 @@
+"""Tables for other programs give the numbers back."""
+
+from __future__ import annotations
+
+import csv
+
+import numpy as np
+import pytest
+
+from dicflow._version import __version__
+from dicflow.engine.product import Product
+from dicflow.errors import ConfigurationError, InputError
+from dicflow.io.exports import FORMATS, format_module
+from dicflow.io.exports.items import Item, place
+from dicflow.io.exports.points import in_space, principal_strains, quads
+from tests.io.exported_totals import COLS, FORMS, ROWS, hole, item, known, same, total
+
+CHALLENGE = ["x_image", "y_image", "X", "Y", "Z", "U", "V", "W", "exx", "eyy", "exy", "e1", "e2"]
+
+
+def written(form, items, folder, name="test"):
+    format_module(form).write(items, folder, name)
+    return sorted(path.name for path in folder.iterdir())
+
+
+def read(path):
+    """Comment lines, and the columns of a table by name."""
+    lines = path.read_text(encoding="utf-8").splitlines()
+    comments = [line for line in lines if line.startswith("#")]
+    rows = list(csv.DictReader(line for line in lines if not line.startswith("#")))
+    return comments, {name: np.array([float(row[name]) for row in rows]) for name in rows[0]}
+
+
+@pytest.mark.parametrize("form", FORMS)
+def test_csv(form, tmp_path):
+    one = item(form)
+    assert written("csv", [one], tmp_path) == ["total_step_01.csv"]
+    comments, table = read(tmp_path / "total_step_01.csv")
+    fields = [name for name, variable in one.product.variables.items() if variable.dims == ("row", "col")]
+    for name in fields:
+        same(table[name], one.product[name].ravel())
+    for index, axis in enumerate("XYZ"):
+        same(table[axis], one.product["xyz"][..., index].ravel())
+        same(table[f"reference_{axis}"], one.product["xyz_reference"][..., index].ravel())
+    same(table["y"], one.product["xy"][..., 1].ravel())
+    same(table["row"] * COLS + table["col"], np.arange(ROWS * COLS))
+    assert f"# dicflow {__version__}" in comments
+    assert "# U: mm" in comments
+    assert "# exx is engineering strain εxx" in comments
+    assert ("# vsg_px: 63.0" in comments) is (form != "thesis")
+
+
+def test_csv_of_chosen_quantities(tmp_path):
+    written("csv", [item()._replace(quantities=("eyy", "sigma_exx"))], tmp_path)
+    _, table = read(tmp_path / "total_step_01.csv")
+    assert list(table) == ["row", "col", "eyy", "sigma_exx"]
+
+
+@pytest.mark.parametrize("form", FORMS)
+def test_challenge(form, tmp_path):
+    one = item(form)
+    assert written("challenge", [one], tmp_path) == ["total_step_01.csv"]
+    comments, table = read(tmp_path / "total_step_01.csv")
+    assert (comments, list(table)) == ([], CHALLENGE)
+    for name in ("U", "V", "W", "exx", "eyy"):
+        same(table[name], known(one.product, name))
+    same(table["exy"], known(one.product, "gxy") / 2.0)
+    same(table["x_image"], known(total("precise"), "xy_reference")[:, 0])
+    same(table["Z"], known(one.product, "xyz_reference")[:, 2])
+
+
+@pytest.mark.parametrize("form", FORMS)
+def test_matchid(form, tmp_path):
+    one = item(form)
+    assert written("matchid", [one], tmp_path) == ["total_step_01.csv"]
+    comments, table = read(tmp_path / "total_step_01.csv")
+    unit = "px" if form == "planar" else "mm"
+    assert comments == []
+    same(table[f"coor.Y [{unit}]"], known(one.product, "xyz_reference")[:, 1])
+    same(table[f"disp.Horizontal Displacement U [{unit}]"], known(one.product, "U"))
+    same(table[f"disp.Out-Of-Plane: W [{unit}]"], known(one.product, "W"))
+    same(table["strain.Strain-global frame: Exx [ ]"], known(one.product, "exx"))
+    same(table["strain.Strain-global frame: Exy [ ]"], known(one.product, "gxy") / 2.0)
+
+
+def test_principal_strains_are_the_products_own_or_the_tensors(tmp_path):
+    for form in ("precise", "thesis"):
+        (tmp_path / form).mkdir()
+        one = item(form)
+        written("challenge", [one], tmp_path / form)
+        _, table = read(tmp_path / form / "total_step_01.csv")
+        exx, eyy, exy = (known(one.product, name) * half for name, half in (("exx", 1), ("eyy", 1), ("gxy", 0.5)))
+        tensors = np.moveaxis(np.array([[exx, exy], [exy, eyy]]), -1, 0)
+        low, high = np.linalg.eigvalsh(tensors).T
+        np.testing.assert_allclose(principal_strains(exx, eyy, exy), (high, low), atol=1e-15)
+        same(table["e1"], known(one.product, "e1") if form == "precise" else principal_strains(exx, eyy, exy)[0])
+
+
+def test_columns_of_other_programs_are_theirs(tmp_path):
+    for form in ("matchid", "challenge"):
+        with pytest.raises(ConfigurationError, match=f"{form} has columns of its own; leave --quantity out"):
+            written(form, [item()._replace(quantities=("exx",))], tmp_path)
+
+
+def test_the_challenge_needs_places_in_the_first_photograph(tmp_path):
+    with pytest.raises(ConfigurationError, match="no place in the first photograph"):
+        written("challenge", [item()._replace(places=None)], tmp_path)
+
+
+def test_cells_lie_between_known_corners():
+    lost = hole()
+    cells = quads(~lost)
+    corners = np.argwhere(~lost)[cells]
+    assert (np.ptp(corners, axis=1) == 1).all()
+    whole = ~(lost[:-1, :-1] | lost[1:, :-1] | lost[:-1, 1:] | lost[1:, 1:])
+    same(corners[:, 0], np.argwhere(whole))
+    around = np.roll(corners, -1, axis=1) - corners
+    assert (np.abs(around).sum(axis=-1) == 1).all()
+    assert quads(np.zeros((1, 4), bool)).shape == (0, 4)
+
+
+def test_places_of_a_plane_lie_at_height_zero():
+    same(in_space(np.array([[1.0, 2.0]])), [[1.0, 2.0, 0.0]])
+
+
+def test_two_products_never_share_a_file(tmp_path):
+    one = Item("s", "a:b", Product("total"))
+    place(tmp_path, f"{one.stem}.csv").write_text("")
+    with pytest.raises(InputError, match="two products would have this file"):
+        place(tmp_path, f"{one._replace(step='a?b').stem}.csv")
+
+
+def test_every_format_has_its_module():
+    for name in FORMATS:
+        assert set(format_module(name).__all__) == {"KINDS", "write"}
