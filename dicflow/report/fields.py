@@ -1,12 +1,395 @@
-"""Section: each quantity over the photographs, step by step."""
+"""Section: each quantity over the photographs, step by step.
+
+Photographs and fields are separate small pictures that the page lays upon one another, so each photograph is in the
+page once. All that is slow is a piece of its own: one of the whole test, one per step, one per colour bar.
+"""
 
 from __future__ import annotations
 
+import json
+from base64 import b64encode
+from collections.abc import Iterable, Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from typing import TYPE_CHECKING, Any, NamedTuple
+from urllib.parse import quote
+
+from markupsafe import Markup
+
+from dicflow.engine.product import Product
+from dicflow.pipeline import Result
 from dicflow.report.context import Context, Section
+from dicflow.report.rendering import render
+from dicflow.views.colours import REASON_COLOURS, Look, look
+
+if TYPE_CHECKING:
+    import numpy as np
+
+    from dicflow.views.overlay import View
 
 __all__ = ["fields"]
+
+QUANTITIES = ("U", "V", "W", "exx", "eyy", "gxy", "e1", "e2", "sigma_exx", "sigma_eyy", "znssd")
+"""Shown where a total has them, behind those of the maps."""
+
+_WITHOUT_GAUGE = ("U", "V", "W", "znssd")
+_SIZES_PX = (640, 560, 480, 400, 320, 240, 160, 112, 80, 56, 40)
+_BUDGET_BYTES = 7.0e6
+_MOST_STEPS = 40
+_LEFT_OUT_PERCENT = 0.5
+_FEW = 0.5
+
+
+class _Scene(NamedTuple):
+    """Which stages the maps are made of.
+
+    grid : gives the places of the points at the first step; None where each step has a grid of its own
+    photographs : gives the images that the maps lie over
+    rig : carries places in rectified images back into the photographs; None where they are tracked there
+    """
+
+    total: str
+    grid: str | None
+    photographs: str
+    rig: str | None
+
+
+class _Frame(NamedTuple):
+    """What all maps of a test share: the part of the photograph shown, and the look of each quantity."""
+
+    view: View
+    looks: tuple[Look, ...]
+
+    @property
+    def smaller(self) -> View:
+        """The same part at half the size, in which the maps at the first step are drawn."""
+        width, height = self.view.size
+        size = (max(1, round(width / 2)), max(1, round(height / 2)))
+        return self.view._replace(size=size, scale=self.view.scale / 2)
 
 
 def fields(context: Context) -> Section | None:
     """The section, None for a pipeline without totals."""
-    return None
+    result = context.result
+    total = _shown_total(result)
+    if total is None:
+        return None
+    names = result.steps(total)
+    steps = _spread([step for step in names if result.has(total, step)])
+    if not steps:
+        return Section("fields", "Fields", Markup("<p>No step has displacements yet.</p>"))
+    scene = _scene(result, total, steps[0])
+    frame = _frame(context, scene, steps)
+    with ThreadPoolExecutor(context.workers) as pool:
+        drawn = dict(zip(steps, pool.map(lambda step: _step(context, scene, step, frame), steps), strict=True))
+    slid = names if len(names) <= _MOST_STEPS else steps
+    content = {
+        "steps": [{"name": step, "maps": drawn.get(step)} for step in slid],
+        "start": slid.index(_peak(result, steps)),
+        "quantities": [_quantity(context, look, steps) for look in frame.looks],
+        "size": frame.view.size,
+        "reference": _reference(context, scene, frame),
+        "colours": _reason_colours(),
+    }
+    words = _words(result, scene) | {"shown": len(slid), "all": len(names)}
+    body = render("fields.html", content=_as_json(content), **words)
+    return Section("fields", "Fields", body, _few_points(drawn))
+
+
+def _spread(steps: Sequence[str]) -> list[str]:
+    """As many steps as a page holds, evenly from the first to the last."""
+    most = min(len(steps), _MOST_STEPS)
+    return [steps[round(number * (len(steps) - 1) / max(1, most - 1))] for number in range(most)]
+
+
+def _shown_total(result: Result) -> str | None:
+    """The total that the maps are of, else the last one."""
+    for stage in result.stages_of("maps"):
+        return result.source(stage, "total")
+    totals = result.stages_of("total")
+    return totals[-1] if totals else None
+
+
+def _scene(result: Result, total: str, step: str) -> _Scene:
+    images = result.source(result.stages_of("region")[0], "images")
+    rectified = result.kind(images) == "rectified"
+    photographs = result.source(images, "images") if rectified else images
+    own_grid = result.product(total, step).attrs["definition"] == "thesis"
+    grid = None if own_grid else (result.stages_of("correlation") or result.stages_of("track"))[0]
+    return _Scene(total, grid, photographs, result.source(images, "rig") if rectified else None)
+
+
+def _frame(context: Context, scene: _Scene, steps: Sequence[str]) -> _Frame:
+    """The part of the photograph and the looks, from one reading of all steps."""
+    from dicflow.views.overlay import View, view
+
+    result = context.result
+    first = result.product(scene.total, steps[0])
+    names = _names(result, first)
+    sources = ["fields of a test", *names, *_digests(result, scene, steps)]
+    found = json.loads(context.pieces.get(sources, lambda: _overview(result, scene, steps, names)))
+    chosen = {name: settings for maps in _maps(result) for name, settings in maps["quantities"].items()}
+    table = next((maps["colour_map"] for maps in _maps(result)), "auto")
+    looks = []
+    for name in names:
+        low, high = chosen[name]["range"] if name in chosen else found["ranges"][name]
+        choice = table if name in chosen else "auto"
+        looks.append(look(name, _title(context, first, name), first.variables[name].units, low, high, choice))
+    sources += ["size", json.dumps(looks), result.digest(scene.photographs, steps[-1])]
+    boxes, size = found["boxes"], found["image_size"]
+    frames = (_Frame(view(boxes, size, longest), tuple(looks)) for longest in _SIZES_PX)
+    fitting = context.pieces.get(sources, lambda: _fitting(result, scene, steps, frames))
+    return _Frame(View(*json.loads(fitting)), tuple(looks))
+
+
+def _fitting(result: Result, scene: _Scene, steps: Sequence[str], frames: Iterable[_Frame]) -> bytes:
+    """The first view, of smaller and smaller ones, in which all steps stay within the page's budget.
+
+    The last step stands for all of them; how far a picture shrinks when it is packed depends on its noise.
+    """
+    for frame in frames:
+        if len(steps) * len(_drawn(result, scene, steps[-1], frame)) < _BUDGET_BYTES:
+            break
+    return json.dumps(frame.view).encode()
+
+
+def _maps(result: Result) -> list[Mapping[str, Any]]:
+    return [result.product(stage).attrs for stage in result.stages_of("maps") if result.has(stage)]
+
+
+def _names(result: Result, total: Product) -> list[str]:
+    """The quantities of the maps, then the others that are there."""
+    chosen = [name for maps in _maps(result) for name in maps["quantities"]]
+    flat = ("W",) if total.attrs["unit"] == "px" else ()
+    others = [name for name in QUANTITIES if name in total and name not in flat]
+    return list(dict.fromkeys([*chosen, *others]))
+
+
+def _digests(result: Result, scene: _Scene, steps: Sequence[str]) -> list[str]:
+    """Digests of all that tells the places of points at these steps."""
+    found = [result.digest(scene.total, step) for step in steps]
+    if scene.grid is not None:
+        found.append(result.digest(scene.grid, 0))
+    if scene.rig is not None:
+        found.append(result.digest(scene.rig))
+    return found
+
+
+def _overview(result: Result, scene: _Scene, steps: Sequence[str], names: Sequence[str]) -> bytes:
+    """Where the points are over all steps, and between which values each quantity lies."""
+    import numpy as np
+
+    from dicflow.views.overlay import point_box
+
+    boxes = [point_box(_places(result, scene, 0))] if scene.grid is not None else []
+    ranges: dict[str, list[float]] = {}
+    for step in steps:
+        total = result.product(scene.total, step)
+        boxes.append(point_box(_places(result, scene, step)))
+        for name in names:
+            known = total[name][np.isfinite(total[name])]
+            if known.size:
+                low, high = np.percentile(known, [_LEFT_OUT_PERCENT, 100 - _LEFT_OUT_PERCENT]).tolist()
+                before = ranges.get(name, [low, high])
+                ranges[name] = [min(low, before[0]), max(high, before[1])]
+    height, width = result.product(scene.photographs, steps[0])["left"].shape
+    content = {
+        "boxes": [box for box in boxes if box is not None],
+        "image_size": [width, height],
+        "ranges": {name: _two(*ranges.get(name, [-1.0, 1.0])) for name in names},
+    }
+    return json.dumps(content).encode()
+
+
+def _two(low: float, high: float) -> list[float]:
+    """A range of two different numbers."""
+    return [low, high] if high - low > 1e-12 else [low - 0.5e-6, high + 0.5e-6]
+
+
+def _places(result: Result, scene: _Scene, step: str | int) -> np.ndarray:
+    """Places of the points in the photograph (row, col, 2) [px]; of step 0, those of the whole grid."""
+    import numpy as np
+
+    if step == 0:
+        grid = result.product(str(scene.grid), 0)
+        places = grid["xy"] if "xy" in grid else grid["points"]
+    else:
+        places = result.product(scene.total, step)["xy"]
+    if scene.rig is None:
+        return np.asarray(places)
+    from dicflow.core.stereo import rectification, rectified_to_raw
+    from dicflow.io.rig import rig_from_dict
+
+    rig = rig_from_dict(result.product(scene.rig).attrs["rig"])
+    rectified = rectification(rig)
+    return rectified_to_raw(places, rig.left, rectified.rotation_left, rectified.matrix_left)
+
+
+def _title(context: Context, total: Product, name: str) -> str:
+    """The measure in words, and of a strain the part of the specimen that each value is the mean of."""
+    title: str = total.attrs.get("measures", {}).get(name) or total.variables[name].long_name or name
+    if name.rpartition("_")[2] in _WITHOUT_GAUGE:
+        return title
+    if "vsg_px" in total.attrs:
+        side = total.attrs["vsg_mm"]
+        return f"{title}, VSG {total.attrs['vsg_px']:.0f} px" + ("" if side is None else f" = {side:.3g} mm")
+    return title + _window(context)
+
+
+def _window(context: Context) -> str:
+    """The window of the thesis form's strains, which has no virtual gauge of known size."""
+    for stage in context.result.stages_of("strain_increment"):
+        node: Any = context.pipeline.graph.stages[context.pipeline.instances[0][stage]].node
+        if window := getattr(node, "window", None):
+            return f", window {' × '.join(f'{side:g}' for side in window)} px"
+    return ""
+
+
+def _step(context: Context, scene: _Scene, step: str, frame: _Frame) -> dict[str, Any]:
+    """The pictures of one step, as texts that the page shows."""
+    result = context.result
+    sources = ["fields of a step", *_digests(result, scene, [step]), result.digest(scene.photographs, step)]
+    sources += [json.dumps(frame.view), json.dumps(frame.looks)]
+    found: dict[str, Any] = json.loads(context.pieces.get(sources, lambda: _drawn(result, scene, step, frame)))
+    return found
+
+
+def _drawn(result: Result, scene: _Scene, step: str, frame: _Frame) -> bytes:
+    import numpy as np
+
+    from dicflow.views.overlay import cell_index, photo_jpeg, reason_png
+
+    total = result.product(scene.total, step)
+    index = cell_index(_places(result, scene, step), frame.view)
+    content: dict[str, Any] = {
+        "photo": _text(photo_jpeg(result.product(scene.photographs, step)["left"], frame.view)),
+        "deformed": _overlays(total, index, frame.looks),
+    }
+    status = total["status"]
+    if scene.grid is None:
+        inside = status != 2
+        content |= {"reasons": _text(reason_png(status))}
+    else:
+        grid = _places(result, scene, 0)
+        inside = np.isfinite(grid).all(axis=-1)
+        index = cell_index(grid, frame.smaller)
+        content["reference"] = _overlays(total, index, frame.looks)
+        content["reasons"] = _text(reason_png(_worst(status)[index]))
+        content["directions"] = _directions(total, grid, frame.view)
+    return json.dumps(content | {"counts": _counts(status[inside])}).encode()
+
+
+def _overlays(total: Product, index: Any, looks: Sequence[Look]) -> dict[str, str]:
+    from dicflow.views.overlay import field_png
+
+    return {look.quantity: _text(field_png(total[look.quantity], index, look)) for look in looks}
+
+
+def _worst(status: np.ndarray) -> np.ndarray:
+    """The gravest code among the corners of each cell, by the cell's number; measured where there is no cell."""
+    import numpy as np
+
+    corners = [status[:-1, :-1], status[1:, :-1], status[:-1, 1:], status[1:, 1:]]
+    return np.append(np.maximum.reduce(corners).ravel(), np.uint8(0))
+
+
+def _directions(total: Product, grid: np.ndarray, view: View) -> str:
+    """Lines along the principal direction of the larger strain."""
+    import numpy as np
+
+    from dicflow.views.overlay import direction_path
+
+    if "angle" in total:
+        return direction_path(grid, total["angle"], view)
+    angle = 0.5 * np.arctan2(total["gxy"], total["exx"] - total["eyy"])
+    return direction_path(grid, np.degrees(angle), view)
+
+
+def _counts(status: np.ndarray) -> dict[str, int]:
+    """How many points have each status, by its name."""
+    import numpy as np
+
+    from dicflow.core.status import Status
+
+    codes, numbers = np.unique(status, return_counts=True)
+    return {Status(code).label: number for code, number in zip(codes.tolist(), numbers.tolist(), strict=True)}
+
+
+def _reason_colours() -> dict[str, str]:
+    from dicflow.core.status import Status
+
+    return {Status(code).label: colour for code, colour in REASON_COLOURS.items()}
+
+
+def _reference(context: Context, scene: _Scene, frame: _Frame) -> str | None:
+    """The photograph of the first step; None where no map is drawn over it."""
+    result = context.result
+    if scene.grid is None or not result.has(scene.photographs, 0):
+        return None
+
+    def make() -> bytes:
+        from dicflow.views.overlay import photo_jpeg
+
+        return photo_jpeg(result.product(scene.photographs, 0)["left"], frame.view)
+
+    return _text(context.pieces.get(["photograph", result.digest(scene.photographs, 0), json.dumps(frame.view)], make))
+
+
+def _quantity(context: Context, look: Look, steps: Sequence[str]) -> dict[str, Any]:
+    """What the page says of a quantity, and where its full maps lie beside the page."""
+
+    def make() -> bytes:
+        from dicflow.views.overlay import colour_bar_svg
+
+        return colour_bar_svg(look).encode()
+
+    bar = context.pieces.get(["colour bar", json.dumps(look)], make).decode()
+    prefix = "" if len(context.result.values) == 1 else "variant_1/"
+    files = {
+        step: f"{prefix}{stage}/{look.quantity}/{step}.png"
+        for stage in context.result.stages_of("maps")
+        for step in steps
+    }
+    there = {step: quote(file) for step, file in files.items() if (context.folder / file).is_file()}
+    return {"name": look.quantity, "label": look.label, "bar": bar, "files": there}
+
+
+def _peak(result: Result, steps: Sequence[str]) -> str:
+    """The last step of loading, else the last one."""
+    for stage in result.stages_of("maps"):
+        names = result.steps(result.source(stage, "total"))
+        phases = dict(zip(names, result.product(stage).attrs["phases"], strict=True)) if result.has(stage) else {}
+        loading = [step for step in steps if phases.get(step) == "loading"]
+        if loading:
+            return loading[-1]
+    return steps[-1]
+
+
+def _words(result: Result, scene: _Scene) -> dict[str, Any]:
+    """What lies under the maps, and over which step the others lie."""
+    plane = result.kind(scene.photographs) == "plane"
+    photograph = "left photograph, freed of its distortion" if plane else "left photograph"
+    return {"photograph": photograph, "own_grid": scene.grid is None, "first": result.steps(scene.photographs)[0]}
+
+
+def _few_points(drawn: Mapping[str, Mapping[str, Any]]) -> tuple[str, ...]:
+    """A warning where a step has lost most of its points."""
+    shares = {step: _share(maps["counts"]) for step, maps in drawn.items()}
+    few = {step: share for step, share in shares.items() if share < _FEW}
+    if not few:
+        return ()
+    worst = min(few, key=lambda step: few[step])
+    return (f"{len(few)} of {len(drawn)} steps have lost most points; {worst} has values at {few[worst]:.0%}.",)
+
+
+def _share(counts: Mapping[str, int]) -> float:
+    return (counts.get("valid", 0) + counts.get("filled", 0)) / max(1, sum(counts.values()))
+
+
+def _text(picture: bytes) -> str:
+    return b64encode(picture).decode()
+
+
+def _as_json(content: Any) -> Markup:
+    """Data for the page's script; nothing in it ends the element that holds it."""
+    text = json.dumps(content, ensure_ascii=False, separators=(",", ":"))
+    return Markup(text.replace("<", "\\u003c"))

@@ -1,0 +1,156 @@
+import json
+import re
+
+import numpy as np
+import pytest
+
+from dicflow.core.status import Status
+from dicflow.engine.product import Product, Variable
+from dicflow.pipeline import Pipeline
+from dicflow.report import fields as module
+from dicflow.report.context import Context
+from dicflow.report.fields import fields
+from dicflow.report.pieces import Pieces
+from dicflow.views.colours import Look
+from dicflow.views.overlay import View, view
+
+
+@pytest.fixture(scope="module")
+def loaded(pipeline, measured):
+    return Pipeline.load(pipeline)
+
+
+def context_of(loaded, folder):
+    return Context(loaded, loaded.result(), None, Pieces(folder / ".report", "code"), folder)
+
+
+def data_of(section):
+    return json.loads(re.search(r'id="fields-data">(.*?)</script>', section.body, re.DOTALL)[1])
+
+
+@pytest.fixture(scope="module")
+def section(loaded, tmp_path_factory):
+    return fields(context_of(loaded, tmp_path_factory.mktemp("report")))
+
+
+@pytest.fixture(scope="module")
+def data(section):
+    return data_of(section)
+
+
+def test_each_step_has_each_quantity_over_both_photographs(loaded, data):
+    names = [quantity["name"] for quantity in data["quantities"]]
+    assert names == ["eyy", "U", "V", "W", "exx", "gxy"]
+    assert [step["name"] for step in data["steps"]] == list(loaded.result().steps("total"))
+    for step in data["steps"]:
+        assert set(step["maps"]["deformed"]) == set(step["maps"]["reference"]) == set(names)
+        assert step["maps"]["directions"].startswith("M")
+    assert data["reference"]
+
+
+def test_titles_tell_the_measure_its_window_and_the_unit(data):
+    labels = {quantity["name"]: quantity["label"] for quantity in data["quantities"]}
+    assert labels["U"] == "displacement U [mm]"
+    assert labels["eyy"] == "engineering strain εyy = |F e₂| − 1, window 80 × 20 px [–]"
+    assert all(quantity["bar"].startswith("<svg") for quantity in data["quantities"])
+
+
+def test_points_are_counted_by_their_status_inside_the_region(loaded, data):
+    result = loaded.result()
+    inside = np.isfinite(result.product("track", 0)["points"]).all(axis=-1)
+    for number, step in enumerate(data["steps"]):
+        status = result.product("total", number)["status"][inside]
+        assert step["maps"]["counts"] == {
+            Status(code).label: int((status == code).sum()) for code in np.unique(status).tolist()
+        }
+
+
+def test_a_full_map_is_linked_where_it_lies_beside_the_page(loaded, pipeline, data):
+    folder = pipeline.parent / "results" / loaded.name
+    beside = data_of(fields(context_of(loaded, folder)))["quantities"][0]
+    assert beside["files"] == {step: f"maps/eyy/{step}.png" for step in loaded.result().steps("total")}
+    assert data["quantities"][0]["files"] == {}
+
+
+def test_the_second_build_draws_nothing(loaded, tmp_path, monkeypatch):
+    first = fields(context_of(loaded, tmp_path))
+    monkeypatch.setattr(module, "_drawn", None)
+    monkeypatch.setattr(module, "_overview", None)
+    assert fields(context_of(loaded, tmp_path)) == first
+
+
+def test_places_in_rectified_images_are_carried_back_into_the_photograph(loaded):
+    from dicflow.core.stereo import raw_to_rectified, rectification
+    from dicflow.io.rig import rig_from_dict
+
+    result = loaded.result()
+    scene = module._scene(result, "total", result.steps("total")[0])
+    assert (scene.photographs, scene.rig) == ("photos", "rig")
+    rig = rig_from_dict(result.product("rig").attrs["rig"])
+    rectified = rectification(rig)
+    places = module._places(result, scene, 0)
+    back = raw_to_rectified(places, rig.left, rectified.rotation_left, rectified.matrix_left)
+    np.testing.assert_allclose(back, result.product("track", 0)["points"], atol=1e-6)
+
+
+def test_the_gravest_corner_tells_why_a_cell_is_missing():
+    status = np.array([[0, 0, 13], [0, 1, 0]], np.uint8)
+    assert module._worst(status).tolist() == [1, 13, 0]
+
+
+def test_one_value_everywhere_still_has_a_range():
+    low, high = module._two(0.25, 0.25)
+    assert low < 0.25 < high
+
+
+class Noise:
+    """A result whose every array is noise."""
+
+    def __init__(self):
+        rng = np.random.default_rng(1)
+        grid = np.stack(np.meshgrid(np.arange(300, 1600, 7.0), np.arange(100, 1300, 7.0)), axis=-1)
+        fields = {name: rng.normal(size=grid.shape[:2]) for name in (*module.QUANTITIES, "angle")}
+        fields |= {"xy": grid, "status": rng.integers(0, 15, grid.shape[:2], dtype=np.uint8)}
+        self.boxes = [(300.0, 100.0, 1600.0, 1300.0)]
+        self.arrays = fields | {"left": rng.integers(0, 256, (1440, 1920), dtype=np.uint8)}
+
+    def product(self, stage, step=None):
+        return Product("any", {name: Variable(("row", "col"), values) for name, values in self.arrays.items()})
+
+
+@pytest.mark.parametrize("count", [22, 40])
+def test_steps_of_noise_stay_within_the_page(count):
+    noise, scene = Noise(), module._Scene("total", "grid", "photos", None)
+    looks = tuple(Look(name, name, "1", (-2.0, 2.0), "viridis") for name in module.QUANTITIES)
+    frames = (module._Frame(view(noise.boxes, (1920, 1440), side), looks) for side in module._SIZES_PX)
+    steps = [f"step_{number}" for number in range(count)]
+    chosen = View(*json.loads(module._fitting(noise, scene, steps, frames)))
+    frame = module._Frame(chosen, looks)
+    assert count * len(module._drawn(noise, scene, "step_1", frame)) < 7.0e6
+    assert max(chosen.size) >= 80
+
+
+def test_of_many_steps_as_many_as_fit_are_shown():
+    steps = [f"step_{number}" for number in range(500)]
+    shown = module._spread(steps)
+    assert len(set(shown)) == 40
+    assert (shown[0], shown[-1]) == (steps[0], steps[-1])
+    assert module._spread(steps[:3]) == steps[:3]
+    assert module._spread(steps[:1]) == steps[:1]
+    assert module._spread([]) == []
+
+
+def test_a_step_that_lost_most_points_is_warned_of():
+    drawn = {"step_01": {"counts": {"valid": 9, "hidden": 1}}, "step_02": {"counts": {"valid": 1, "hidden": 3}}}
+    assert module._few_points(drawn) == ("1 of 2 steps have lost most points; step_02 has values at 25%.",)
+    assert module._few_points({"step_01": drawn["step_01"]}) == ()
+
+
+def test_text_of_the_user_cannot_end_the_data():
+    assert "<" not in module._as_json({"name": "</script><b>&"})
+    assert json.loads(module._as_json({"name": "</script><b>&"})) == {"name": "</script><b>&"}
+
+
+def test_nothing_measured_is_said(pipeline, tmp_path):
+    empty = Pipeline.load(pipeline, store=tmp_path / "store")
+    assert "No step has displacements" in fields(context_of(empty, tmp_path)).body
