@@ -58,7 +58,8 @@ class Style(NamedTuple):
 def style(maps: Mapping[str, Any], quantity: str) -> Style:
     """The style of one quantity from the attributes of a product of kind "maps"."""
     chosen = maps["quantities"][quantity]
-    shown = looks.look(quantity, chosen["title"], chosen["unit"], *chosen["range"], maps["colour_map"])
+    low, high = chosen["range"]
+    shown = looks.look(quantity, chosen["title"], chosen["unit"], low, high, maps["colour_map"])
     x0, y0, x1, y1 = maps["extent"]
     margin = 0.04 * max(x1 - x0, y1 - y0)
     return Style(

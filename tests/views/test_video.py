@@ -1,0 +1,76 @@
+"""Films are read back as they were written."""
+
+from __future__ import annotations
+
+from itertools import pairwise
+
+import cv2
+import numpy as np
+import pytest
+from PIL import Image
+
+from dicflow.errors import ConfigurationError
+from dicflow.views.video import movie
+
+WIDTH, HEIGHT = 181, 120
+
+
+def frames(count=5):
+    x, y = np.meshgrid(np.linspace(0, 1, WIDTH), np.linspace(0, 1, HEIGHT))
+    for number in range(count):
+        red = 120 + 100 * np.sin(6 * x + number)
+        yield np.stack([red, 200 * y, np.full_like(x, 30 * number)], axis=-1).astype(np.uint8)
+
+
+def decoded(path):
+    film, found = cv2.VideoCapture(str(path)), []
+    while (read := film.read())[0]:
+        found.append(cv2.cvtColor(read[1], cv2.COLOR_BGR2RGB))
+    return found, film.get(cv2.CAP_PROP_FPS)
+
+
+@pytest.mark.parametrize(("suffix", "code"), [(".mp4", b"vp09"), (".webm", b"V_VP9")])
+def test_a_film_has_its_frames_in_even_size(tmp_path, capfd, suffix, code):
+    path = tmp_path / f"strain{suffix}"
+    movie(frames(), path, seconds=0.25)
+    assert capfd.readouterr() == ("", "")
+    assert code in path.read_bytes()
+    found, rate = decoded(path)
+    assert [frame.shape for frame in found] == [(HEIGHT, WIDTH + 1, 3)] * 5
+    assert rate == pytest.approx(4.0)
+    for shown, meant in zip(found, frames(), strict=True):
+        error = (shown[:, :WIDTH].astype(float) - meant).ravel()
+        assert 10 * np.log10(255**2 / np.mean(error**2)) > 30
+
+
+def test_a_gif_has_its_frames_and_repeats(tmp_path):
+    movie(frames(3), tmp_path / "strain.gif", seconds=0.25)
+    with Image.open(tmp_path / "strain.gif") as film:
+        assert (film.n_frames, film.size, film.info["duration"], film.info["loop"]) == (3, (WIDTH, HEIGHT), 250, 0)
+        shown = []
+        for place in range(3):
+            film.seek(place)
+            shown.append(np.asarray(film.convert("RGB"), int))
+    assert all(np.abs(one - other).mean() > 5 for one, other in pairwise(shown))
+
+
+def test_frames_are_taken_one_at_a_time(tmp_path):
+    taken = []
+
+    def counted():
+        for number, frame in enumerate(frames(4)):
+            taken.append(number)
+            yield frame
+
+    movie(counted(), tmp_path / "a.mp4")
+    assert taken == [0, 1, 2, 3]
+
+
+def test_what_is_no_film_is_said(tmp_path):
+    with pytest.raises(ConfigurationError, match=r"a film is \.gif, \.mp4 or \.webm, not '\.avi'"):
+        movie(frames(), tmp_path / "strain.avi")
+    for suffix in (".gif", ".mp4"):
+        with pytest.raises(ValueError, match="at least one frame"):
+            movie([], tmp_path / f"none{suffix}")
+        with pytest.raises(ValueError, match="one size"):
+            movie([np.zeros((4, 4, 3), np.uint8), np.zeros((4, 6, 3), np.uint8)], tmp_path / f"sizes{suffix}")
