@@ -16,7 +16,7 @@ from dicflow.views.colours import DIVERGING
 
 __all__ = ["difference_maps"]
 
-_COLUMNS, _WIDTH_IN = 3, 3.6
+_COLUMNS, _WIDTH_IN, _ALONE_IN = 3, 3.6, 7.0
 _PERCENTILE = 99.0
 """Of the sizes; what is larger takes the colour of the end."""
 
@@ -30,12 +30,13 @@ def difference_maps(differences: Sequence[Difference]) -> Figure:
     width, height = np.maximum(high - low, 1.0) * 1.06
     columns = min(_COLUMNS, len(differences))
     rows = math.ceil(len(differences) / columns)
-    panel_in = min(4.0, _WIDTH_IN * height / width)
-    figure = Figure(figsize=(_WIDTH_IN * columns + 1.0, (panel_in + 0.5) * rows + 0.3), dpi=90, layout="constrained")
+    panel_in = _ALONE_IN if len(differences) == 1 else _WIDTH_IN
+    high_in = min(1.2 * panel_in, panel_in * height / width)
+    figure = Figure(figsize=(panel_in * columns + 1.0, (high_in + 0.5) * rows + 0.3), dpi=90, layout="constrained")
     panels = list(figure.subplots(rows, columns, squeeze=False).flat)
     limit = _limit(differences)
     shown = [
-        _panel(axes, one, (low, high), _WIDTH_IN / width, limit) for axes, one in zip(panels, differences, strict=False)
+        _panel(axes, one, (low, high), panel_in / width, limit) for axes, one in zip(panels, differences, strict=False)
     ]
     for axes in panels[len(differences) :]:
         axes.set_axis_off()

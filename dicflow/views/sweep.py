@@ -1,4 +1,4 @@
-"""The scalars of a sweep, side by side."""
+"""The variants of a sweep side by side: their scalars, the same step by step, and their fields."""
 
 from __future__ import annotations
 
@@ -10,9 +10,13 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-__all__ = ["sweep_figure", "variant_labels"]
+from dicflow.engine.product import Product
+from dicflow.views.colours import look, palette
 
-_COLUMNS = 3
+__all__ = ["differing", "small_multiples", "step_figure", "sweep_figure", "variant_labels"]
+
+_COLUMNS, _TICKS = 3, 8
+_UNITS = {"mm": "mm", "px": "px", "mm2": "mm²", "deg": "deg", "pct": "%", "grey": "grey level"}
 _ALIKE = 1e-4
 """Values that differ by less of their size are not drawn; the table has all digits."""
 
@@ -28,19 +32,81 @@ def sweep_figure(values: Sequence[Mapping[str, Any]], table: Sequence[Mapping[st
     values : swept parameter → value, one mapping per variant
     table : rows as :meth:`dicflow.pipeline.Result.table` gives them
     """
-    swept = set(values[0])
-    scalars = [name for name in dict.fromkeys(key for row in table for key in row) if name not in swept]
-    differing = [name for name in scalars if _differs([row.get(name, math.nan) for row in table])]
-    rows = max(1, math.ceil(len(differing) / _COLUMNS))
-    figure = Figure(figsize=(4.2 * _COLUMNS, 2.6 * rows + 0.6), dpi=100, layout="constrained")
-    panels = list(figure.subplots(rows, _COLUMNS, squeeze=False).flat)
+    names = differing(values, table)
+    figure, panels = _panels(len(names))
     labels = variant_labels(values)
-    for axes, name in zip(panels, differing, strict=False):
+    for axes, name in zip(panels, names, strict=False):
         _panel(axes, name, [row.get(name, math.nan) for row in table], labels)
-    for axes in panels[len(differing) :]:
-        axes.set_axis_off()
     figure.suptitle("Variants of the sweep, means over the steps", fontsize=11)
     return figure
+
+
+def differing(values: Sequence[Mapping[str, Any]], table: Sequence[Mapping[str, Any]]) -> list[str]:
+    """Names of the scalars that differ between the variants."""
+    scalars = [name for name in dict.fromkeys(key for row in table for key in row) if name not in values[0]]
+    return [name for name in scalars if _differs([row.get(name, math.nan) for row in table])]
+
+
+def step_figure(
+    values: Sequence[Mapping[str, Any]], curves: Mapping[str, Sequence[Sequence[float]]], steps: Sequence[str]
+) -> Figure:
+    """One panel per scalar with one curve per variant over the steps.
+
+    curves : scalar → for each variant one number per step, NaN where there is none
+    """
+    figure, panels = _panels(len(curves))
+    labels = [label.replace("\n", ", ") for label in variant_labels(values)]
+    colours = palette("viridis", len(values) + 1)[:-1] / 255.0
+    for axes, (name, rows) in zip(panels, curves.items(), strict=False):
+        for label, colour, heights in zip(labels, colours, rows, strict=True):
+            axes.plot(range(len(steps)), heights, ".-", color=colour, label=label)
+        shown = range(0, len(steps), max(1, math.ceil(len(steps) / _TICKS)))
+        axes.set_xticks(list(shown), [steps[place] for place in shown], fontsize=7, rotation=30, ha="right")
+        _dress(axes, name)
+    figure.legend(*panels[0].get_legend_handles_labels(), loc="outside lower center", ncols=4, fontsize=8)
+    return figure
+
+
+def small_multiples(totals: Sequence[Product], labels: Sequence[str], quantity: str) -> Figure:
+    """The same field of every variant at one step, in one colour range over the specimen."""
+    from dicflow.views.maps import Style, contact_sheet
+
+    finite = [total[quantity][np.isfinite(total[quantity])] for total in totals]
+    places = np.concatenate([total["xyz"][..., :2][np.isfinite(total["xyz"]).all(axis=-1)] for total in totals])
+    every = np.concatenate(finite)
+    low, high = np.percentile(every, [0.5, 99.5]) if every.size else (0.0, 1.0)
+    corners = (*places.min(axis=0), *places.max(axis=0)) if len(places) else (0.0, 0.0, 1.0, 1.0)
+    first, unit = totals[0], totals[0].variables[quantity].units
+    title = first.attrs["measures"].get(quantity, first.variables[quantity].long_name)
+    chosen = look(quantity, title, unit, float(low), float(high) if high > low else float(low) + 1e-6)
+    style = Style(quantity, title, unit, chosen.range, corners, first.attrs["unit"], "xyz", chosen.table)
+    return contact_sheet(totals, labels, style, title)
+
+
+def _panels(count: int) -> tuple[Figure, list[Axes]]:
+    """Room for so many panels; what is left over stays empty."""
+    rows = max(1, math.ceil(count / _COLUMNS))
+    figure = Figure(figsize=(4.2 * _COLUMNS, 2.6 * rows + 0.6), dpi=100, layout="constrained")
+    panels = list(figure.subplots(rows, _COLUMNS, squeeze=False).flat)
+    for axes in panels[count:]:
+        axes.set_axis_off()
+    return figure, panels
+
+
+def _dress(axes: Axes, name: str) -> None:
+    """Title, unit and grid of a panel."""
+    axes.set_title(name, fontsize=9)
+    axes.set_ylabel(f"[{_unit(name)}]", fontsize=8)
+    axes.tick_params(axis="y", labelsize=7)
+    axes.ticklabel_format(axis="y", useOffset=False)
+    axes.yaxis.get_offset_text().set_fontsize(7)
+    axes.grid(axis="y", color="0.9")
+    axes.margins(y=0.15)
+
+
+def _unit(name: str) -> str:
+    """The unit that the name of a scalar ends in."""
+    return _UNITS.get(name.rpartition("_")[2], "–")
 
 
 def _panel(axes: Axes, name: str, heights: Sequence[float], labels: Sequence[str]) -> None:
@@ -48,12 +114,7 @@ def _panel(axes: Axes, name: str, heights: Sequence[float], labels: Sequence[str
     axes.plot(range(len(heights)), heights, "o", color="#31688e", clip_on=False)
     axes.set_xticks(range(len(labels)), labels, fontsize=7)
     axes.set_xlim(-0.5, len(labels) - 0.5)
-    axes.set_title(name, fontsize=9)
-    axes.tick_params(axis="y", labelsize=7)
-    axes.ticklabel_format(axis="y", useOffset=False)
-    axes.yaxis.get_offset_text().set_fontsize(7)
-    axes.grid(axis="y", color="0.9")
-    axes.margins(y=0.15)
+    _dress(axes, name)
     finite = np.array([height for height in heights if math.isfinite(height)])
     if np.ptp(finite) > 0.2 * np.abs(finite).max():
         if finite.min() >= 0:
