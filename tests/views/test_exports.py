@@ -1,0 +1,198 @@
+"""Whole tests and single products as files: complete, exact, and never in place of others unasked."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from PIL import Image
+
+from dicflow.core.camera import project
+from dicflow.core.region import contains, polygons_from_attrs
+from dicflow.errors import ConfigurationError, DicflowError
+from dicflow.io.exports import csv as csv_module
+from dicflow.io.region import read_geojson
+from dicflow.io.rig import read_rig, rig_to_dict
+from dicflow.pipeline import Pipeline
+from dicflow.stages.region import Region
+from dicflow.views.exports import FORMATS, export
+from tests.small import STEPS, dicflow
+
+PAIRS = [f"step_{number:02d}" for number in range(1, STEPS)]
+BESIDE = {"comparison.csv", "region.geojson", "rig.json"}
+
+
+@pytest.fixture
+def result(pipeline, measured):
+    return Pipeline.load(pipeline).result()
+
+
+def names(paths):
+    return {path.name for path in paths}
+
+
+def contents(folder):
+    return {path.name: path.read_bytes() for path in folder.iterdir()}
+
+
+@pytest.mark.parametrize("form", ["csv", "matchid", "challenge", "npz", "mat"])
+def test_a_whole_test_as_one_file_per_step(form, result, tmp_path):
+    suffix = form if form in ("npz", "mat") else "csv"
+    wanted = {f"total_{step}.{suffix}" for step in PAIRS} | BESIDE
+    assert names(export(result, tmp_path, to=form)) == wanted == set(contents(tmp_path))
+
+
+def test_a_whole_test_in_one_file(result, tmp_path):
+    assert names(export(result, tmp_path, to="hdf5", name="strip")) == {"strip.h5"} | BESIDE
+
+
+def test_a_whole_test_for_paraview(result, tmp_path):
+    wanted = {f"total_{step}.vtu" for step in PAIRS} | {"total.pvd"} | BESIDE
+    assert names(export(result, tmp_path, to="vtu")) == wanted
+
+
+def test_pictures_of_a_whole_test_are_those_of_its_maps(result, tmp_path):
+    assert names(export(result, tmp_path, to="png")) == {f"total_{step}_eyy.png" for step in PAIRS}
+
+
+@pytest.mark.parametrize("form", ["pdf", "svg"])
+def test_a_picture_for_print(form, result, tmp_path):
+    for folder in ("a", "b"):
+        export(result, tmp_path / folder, stage="total", step="step_01", quantities=["exx"], to=form)
+    assert contents(tmp_path / "a") == contents(tmp_path / "b")
+    content = contents(tmp_path / "a")[f"total_step_01_exx.{form}"]
+    assert content.startswith(b"%PDF" if form == "pdf" else b"<?xml")
+
+
+def test_a_movie_shows_each_step(result, tmp_path):
+    (path,) = export(result, tmp_path, stage="total", quantities=["exx"], to="gif")
+    assert path.name == "total_exx.gif"
+    with Image.open(path) as movie:
+        assert movie.n_frames == len(PAIRS)
+
+
+@pytest.mark.parametrize("form", ["mp4", "webm"])
+def test_a_movie_for_browsers(form, result, tmp_path):
+    import cv2
+
+    (path,) = export(result, tmp_path, stage="total", quantities=["eyy"], to=form)
+    movie = cv2.VideoCapture(str(path))
+    assert movie.get(cv2.CAP_PROP_FRAME_COUNT) == len(PAIRS)
+    movie.release()
+
+
+def test_places_in_the_photograph_are_those_of_the_material(result, tmp_path):
+    """The points were laid in the rectified image, on a region that was drawn in the photograph."""
+    (path,) = export(result, tmp_path, stage="total", step="step_01", to="challenge")
+    table = np.genfromtxt(path, delimiter=",", names=True)
+    (region,) = export(result, tmp_path, stage="region", to="geojson")
+    inside = contains(read_geojson(region), np.stack([table["x_image"], table["y_image"]], axis=-1))
+    assert len(table) > 100
+    assert inside.mean() > 0.99
+    left = read_rig(*export(result, tmp_path, stage="rig", to="json")).left
+    total = result.product("total", "step_01")
+    again = project(left, np.stack([table[axis] for axis in "XYZ"], axis=-1))
+    assert total.attrs["unit"] == "mm"
+    assert np.abs(again - np.stack([table["x_image"], table["y_image"]], axis=-1)).max() < 1.0
+
+
+def test_a_region_comes_back(result, tmp_path):
+    (path,) = export(result, tmp_path, stage="region", to="geojson")
+    product = result.product("region")
+    tracked = result.product(result.source("region", "images"), 0)
+    again = Region(file=str(path)).run(tracked, result.product("rig"), path)
+    kept, back = (polygons_from_attrs(part.attrs["polygons"]) for part in (product, again))
+    assert [len(polygon.holes) for polygon in kept] == [len(polygon.holes) for polygon in back]
+    for one, other in zip(kept, back, strict=True):
+        apart = np.linalg.norm(one.exterior[:, None] - other.exterior[None], axis=-1)
+        assert apart.min(axis=1).max() < 0.01
+    assert again.attrs["area_px"] == pytest.approx(product.attrs["area_px"], rel=1e-4)
+
+
+def test_a_rig_comes_back(result, tmp_path):
+    (path,) = export(result, tmp_path, stage="rig", to="json")
+    assert rig_to_dict(read_rig(path)) == result.product("rig").attrs["rig"]
+
+
+def test_nothing_is_overwritten_unasked(result, tmp_path):
+    first = export(result, tmp_path, to="csv")
+    before = contents(tmp_path)
+    first[-1].write_text("mine")
+    kept = contents(tmp_path)
+    with pytest.raises(ConfigurationError, match="exists; add --force to overwrite"):
+        export(result, tmp_path, to="csv")
+    assert contents(tmp_path) == kept
+    assert export(result, tmp_path, to="csv", force=True) == first
+    assert contents(tmp_path) == before
+
+
+@pytest.mark.parametrize("error", [KeyboardInterrupt, OSError(28, "No space left on device")])
+def test_an_export_that_breaks_off_leaves_nothing(error, result, tmp_path, monkeypatch):
+    written = csv_module.csv_text
+
+    def failing(product, name):
+        if name.endswith(PAIRS[-1]):
+            raise error
+        return written(product, name)
+
+    (tmp_path / f"total_{PAIRS[0]}.csv").write_text("mine")
+    before = contents(tmp_path)
+    monkeypatch.setattr(csv_module, "csv_text", failing)
+    with pytest.raises((KeyboardInterrupt, DicflowError)):
+        export(result, tmp_path, to="csv", force=True)
+    assert contents(tmp_path) == before
+
+
+@pytest.mark.parametrize(
+    ("asked", "said"),
+    [
+        ({"to": "hdf"}, "no format 'hdf', did you mean 'hdf5'?; there are csv, matchid"),
+        ({"stage": "totl"}, "no stage 'totl', did you mean 'total'?"),
+        ({"stage": "total", "step": "step_9"}, "total has no step 'step_9'; it has step_01, step_02"),
+        ({"stage": "total", "quantities": ["eyyy"]}, "no quantity 'eyyy' in total, did you mean 'eyy'?; it has U, V, W"),
+        ({"quantities": ["eyz"], "to": "png"}, "no quantity 'eyz' in total"),
+        ({"quantities": ["eyz"], "to": "gif"}, "no quantity 'eyz' in total"),
+        ({"stage": "rig", "quantities": ["eyy"]}, "no quantity 'eyy' in rig; it has no array"),
+        ({"stage": "rig", "to": "vtu"}, "rig: a product of kind rig is no total, which vtu is for"),
+        ({"stage": "rig", "to": "gif"}, "rig: a product of kind rig is no total, which gif is for"),
+        ({"stage": "total", "to": "json"}, "total: a product of kind total is no rig"),
+        ({"stage": "total", "quantities": ["xyz"], "to": "png"}, "xyz has no array to draw"),
+        ({"stage": "total", "quantities": ["status"], "to": "gif"}, "no movie of status"),
+    ],
+)
+def test_unknown_names_list_those_there_are(asked, said, result, tmp_path):
+    with pytest.raises(ConfigurationError) as refused:
+        export(result, tmp_path / "new", **asked)
+    assert said in str(refused.value)
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_what_is_not_in_the_store_is_left_out_and_said(result, tmp_path, monkeypatch):
+    has = type(result).has
+    lost = {"comparison", ("total", PAIRS[0])}
+    monkeypatch.setattr(
+        type(result),
+        "has",
+        lambda self, stage, step=None, variant=0: (
+            stage not in lost and (stage, step) not in lost and has(self, stage, step, variant)
+        ),
+    )
+    said = []
+    written = names(export(result, tmp_path, tell=said.append))
+    assert written == {f"total_{PAIRS[1]}.csv", "region.geojson", "rig.json"}
+    assert said == [
+        f"total: 1 of {len(PAIRS)} steps are not in the store and were left out: {PAIRS[0]}",
+        "comparison is not in the store and was left out",
+    ]
+
+
+def test_the_command_names_every_format():
+    told = " ".join(dicflow("export", "--help").out.split())
+    for name in FORMATS:
+        assert name in told
+
+
+def test_the_command_for_a_whole_test(pipeline, measured, tmp_path):
+    answer = dicflow("export", pipeline, "--format", "hdf5", "--output", tmp_path)
+    assert answer.code == 0
+    assert {line.rpartition("/")[2] for line in answer.out.splitlines()} == {"quickstart.h5"} | BESIDE
+    dicflow("export", pipeline, "--format", "hdf5", "--output", tmp_path).refuses(2, "exists; add --force")
