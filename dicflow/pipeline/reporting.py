@@ -18,8 +18,18 @@ if TYPE_CHECKING:
 
 __all__ = ["Row", "reporting_rows"]
 
-_DISTORTION = ("k1", "k2", "p1", "p2", "k3")
 _NOISE_QUANTITIES = ("U", "V", "W", "exx", "eyy", "gxy")
+_MEASURES = {
+    "engineering": "engineering: stretch λ − 1 of the fibres along x and y, γ the decrease of their angle",
+    "green_lagrange": "Green–Lagrange: (λ² − 1) / 2 along the principal directions",
+    "hencky": "Hencky: ln λ along the principal directions",
+    "euler_almansi": "Euler–Almansi: (1 − λ⁻²) / 2 along the principal directions",
+    "biot": "Biot: λ − 1 along the principal directions",
+}
+_DIRECTIONS = {
+    "material": "x and y of the material, as they lay at the first step",
+    "global": "x and y of the coordinate system",
+}
 _REFERENCES = {
     "never": "the first photograph",
     "on_demand": "the first photograph; another where too many points get lost",
@@ -229,17 +239,21 @@ def _strain(facts: _Facts) -> _Rows:
     total = facts.total
     measures = total.get("measures", {})
     named = "; ".join(measures[name] for name in ("exx", "eyy", "gxy") if name in measures)
-    yield "strain measure", named or str(precise.get("measure", "not yet computed")), ""
+    yield "strain measure", _MEASURES[precise["measure"]] if precise else named or "not yet computed", ""
+    if precise:
+        yield "strain directions", _DIRECTIONS[precise["directions"]], ""
     frame = facts.of("frame")
     yield "coordinate system", f"frame: {frame['method']}" if frame else _axes(facts), ""
     if smooth:
         yield "displacement filter", _window(smooth), "local polynomial"
     for chosen in (part for part in (thesis, precise) if part):
         yield "strain window", _window(chosen), "local polynomial of the displacement"
-    gauge = _text(total.get("vsg_px"), "{:.0f} px") if precise else _gauge(facts)
-    side = _text(total.get("vsg_mm"), " = {:.3g} mm") or ""
-    yield "virtual strain gauge", gauge and gauge + side, "window and subset together" if precise else "of the windows"
+    if thesis:
+        yield "virtual strain gauge", "not defined without subsets: see the windows above", ""
     if precise:
+        side = _text(total.get("vsg_mm"), " = {:.3g} mm") or ""
+        gauge = _text(total.get("vsg_px"), "{:.0f} px" + side)
+        yield "virtual strain gauge", gauge or "not yet computed", "window and subset together"
         yield "rigid-body motion", "taken out" if precise["rigid"] else "kept", ""
 
 
@@ -250,16 +264,16 @@ def _uncertainty(facts: _Facts) -> _Rows:
         yield "image noise", f"{images['noise_grey']:.2f} grey levels", str(images.get("noise_source", ""))
     summary = facts.attrs("total", last=True).get("summary", {})
     for name in _NOISE_QUANTITIES:
-        rows = [row for row in noise if row["quantity"] == name]
         own = unit if name in "UVW" else "1"
-        predicted = summary.get(f"sigma_{name}_{unit}" if name in "UVW" else f"sigma_{name}")
+        rows = [row for row in noise if row["quantity"] == name]
+        predicted = summary.get(f"sigma_{name}" if own == "1" else f"sigma_{name}_{own}")
         if rows:
             yield f"noise floor of {name}", _floor(rows, own), "measured where nothing deforms"
         elif predicted is not None:
-            yield f"σ of {name}", _with_unit(predicted, own), "predicted, median of the last step"
-            yield f"bias of {name}", None, "measure it: photograph the unmoved specimen and add a stage noise_floor"
-        else:
-            yield f"noise floor and bias of {name}", None, "from photographs of the unmoved specimen"
+            yield f"σ of {name}", _with_unit(predicted, own), "predicted from image noise: median of the last step"
+    if not noise:
+        hint = "photograph the unmoved specimen and add a stage noise_floor"
+        yield "noise floor and bias of every quantity", None, hint
 
 
 def _text(value: Any, pattern: str) -> str | None:
@@ -336,11 +350,6 @@ def _window(chosen: Mapping[str, Any]) -> str:
     window = chosen["window"]
     sides = (window, window) if isinstance(window, int | float) else window
     return f"{sides[0]:g} × {sides[1]:g} px, degree {chosen['degree']}"
-
-
-def _gauge(facts: _Facts) -> str | None:
-    window = facts.of("strain").get("window")
-    return None if window is None else f"{window[0]:g} × {window[1]:g} px"
 
 
 def _axes(facts: _Facts) -> str:

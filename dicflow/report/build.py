@@ -44,7 +44,12 @@ def write_report(pipeline: Pipeline, result: Result, folder: Path, workers: int 
     pieces = Pieces(folder / ".report", source_digest())
     context = Context(pipeline, result, facts, pieces, folder, workers)
     sections = [section for builder in SECTIONS if (section := _built(builder, context)) is not None]
-    page = _page(context, [summary(context, sections), *sections])
+
+    def first(context: Context) -> Section:
+        return summary(context, sections)
+
+    first.__name__ = summary.__name__
+    page = _page(context, [part for part in (_built(first, context), *sections) if part is not None])
     pieces.drop_unused()
     write_whole(folder / "report.html", page.encode())
     return folder / "report.html"

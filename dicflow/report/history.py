@@ -45,6 +45,7 @@ class History(NamedTuple):
     source : what the numbers are, in words
     steps, phases : names of the steps, and loading or unloading; empty where nothing tells
     values : column's key → number per step, None where there is none
+    drawn : keys of what belongs into one plot
     valid_share : of each step but the first; None where it was not measured
     """
 
@@ -54,6 +55,8 @@ class History(NamedTuple):
     columns: tuple[Column, ...]
     values: Mapping[str, tuple[float | None, ...]]
     valid_share: tuple[float | None, ...]
+    drawn: tuple[str, ...]
+    remark: str = ""
 
 
 def history(context: Context) -> History | None:
@@ -69,15 +72,18 @@ def history(context: Context) -> History | None:
     steps = step_names(result, total)
     shares = (None, *(_valid_share(context, total, step) for step in steps[1:]))
     phases: tuple[str, ...] = ()
+    remark = ""
     if rows := _comparison(result):
         source, phases = "Beside the caliper", tuple(row["phase"] for row in rows)
         columns = [key for key in rows[0] if key in _TITLES or (_ending(key) != "_pct" and _bare(key) in _TITLES)]
         values = {key: tuple(row.get(key) for row in rows) for key in columns}
+        remark = _other_length(rows[0])
     elif values := _extensometers(result):
         source = "Extensometers"
     else:
         source, values = "Means over the field", _means(result, total, steps)
-    return History(source, steps, phases, tuple(_column(key) for key in values), values, shares)
+    drawn = tuple(key for key in values if not (remark and ("displacement" in key or "length" in key)))
+    return History(source, steps, phases, tuple(_column(key) for key in values), values, shares, drawn, remark)
 
 
 def step_names(result: Result, total: str) -> tuple[str, ...]:
@@ -92,6 +98,16 @@ def _comparison(result: Result) -> list[dict[str, Any]]:
             rows: list[dict[str, Any]] = result.product(stage).attrs["rows"]
             return rows
     return []
+
+
+def _other_length(first: Mapping[str, Any]) -> str:
+    """Why displacements are not compared; nothing where they are, or where there are only strains."""
+    if "displacement_error_mm" in first or "dic_length_mm" not in first:
+        return ""
+    return (
+        f"DIC measured a length of {first['dic_length_mm']:.1f} mm, the caliper one of "
+        f"{first['caliper_length_mm']:.1f} mm: only their strains compare."
+    )
 
 
 def _extensometers(result: Result) -> dict[str, tuple[float | None, ...]]:

@@ -57,8 +57,8 @@ def provenance(context: Context) -> Section:
                 graph.stages[name].node.title,
                 len(graph.tasks_of(name)),
                 one,
-                duration(one.spent),
-                duration(one.saved),
+                _time(one.spent),
+                _time(one.saved),
             )
             for name, one in facts.items()
         ],
@@ -76,10 +76,31 @@ def _stage(run: RunFacts | None, stage: str) -> StageFacts:
     return StageFacts(Counter(task.status for task in tasks), spent, sum(task.seconds for task in tasks) - spent)
 
 
+def _time(seconds: float) -> str:
+    return duration(seconds) if seconds else "–"
+
+
 def _picture(context: Context, facts: Mapping[str, StageFacts]) -> Markup:
     """The graph with what became of each stage, as an element of the page."""
-    marks = {name: Mark(one.status, _note(one)) for name, one in facts.items()}
+    run = context.run
+    marks = {
+        name: Mark(one.status, _note(one)) if run is not None else _held(context, name) for name, one in facts.items()
+    }
     return Markup(graph_svg(context.pipeline.graph, marks).replace(_ADDRESS, "", 1))
+
+
+def _held(context: Context, instance: str) -> Mark:
+    """How many products of a stage of the graph the store holds, where no run tells more."""
+    result = context.result
+    variant, stage = next(
+        (number, stage)
+        for number, names in enumerate(context.pipeline.instances)
+        for stage, name in names.items()
+        if name == instance
+    )
+    steps = result.steps(stage) or (None,)
+    count = sum(result.has(stage, step, variant) for step in steps)
+    return Mark("hit" if count == len(steps) else "missing", f"{count} in the store")
 
 
 def _note(facts: StageFacts) -> str:

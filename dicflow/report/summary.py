@@ -17,6 +17,7 @@ __all__ = ["summary"]
 
 _FEW = 0.9
 _FAILURES_SHOWN = 20
+_PEAKS = ("dic_displacement_mm", "dic_strain", "mean_V_mm", "mean_V_px", "mean_eyy")
 
 
 def summary(context: Context, sections: Sequence[Section]) -> Section:
@@ -24,12 +25,13 @@ def summary(context: Context, sections: Sequence[Section]) -> Section:
     told = history(context)
     own = [] if told is None else _lost_points(told)
     warnings = [(section.title, section.key, text) for section in sections for text in section.warnings]
-    run = context.run
+    run, failures = context.run, _failures(context)
     body = render(
         "summary.html",
         state=_state(run),
-        failures=_failures(context)[:_FAILURES_SHOWN],
-        more_failures=max(0, len(_failures(context)) - _FAILURES_SHOWN),
+        known=run is not None,
+        failures=failures[:_FAILURES_SHOWN],
+        more_failures=max(0, len(failures) - _FAILURES_SHOWN),
         skipped=_skipped(run),
         warnings=[("", "", text) for text in (*_journalled(context), *own)] + warnings,
         facts=_facts(context, told),
@@ -39,13 +41,13 @@ def summary(context: Context, sections: Sequence[Section]) -> Section:
         chart=None if told is None else _chart(context, told),
         stages=_stages(context),
     )
-    return Section("summary", "Summary", body, tuple([*_journalled(context), *own]))
+    return Section("summary", "Summary", body, (*_journalled(context), *own))
 
 
 def _state(run: RunFacts | None) -> list[str]:
     """What is wrong with the run as a whole, in sentences; nothing where it went through."""
     if run is None:
-        return ["This pipeline has not been run as it stands: shown is what the store holds of it."]
+        return ["No run of this pipeline as it stands is known: shown is what the store holds of it."]
     counts, untold = run.counts, max(0, run.planned - len(run.tasks))
     said = []
     if counts["failed"]:
@@ -107,9 +109,6 @@ def _facts(context: Context, told: History | None) -> list[tuple[str, str, str]]
     return facts
 
 
-_PEAKS = ("dic_displacement_mm", "dic_strain", "mean_V_mm", "mean_V_px", "mean_eyy")
-
-
 def _peak(told: History, column: Column) -> tuple[str, str, str]:
     """The largest value of a column, and at which step it stands."""
     known = [
@@ -144,15 +143,16 @@ def _rows(told: History) -> list[list[str]]:
 
 
 def _chart(context: Context, told: History) -> Markup | None:
-    """The plot of the table over load, or over the steps."""
-    sources = ["history", repr((told.steps, told.phases, told.values))]
-    if not told.values:
+    """The plots of the table over load, or over the steps."""
+    values = {key: told.values[key] for key in ("load_g", *told.drawn) if key in told.values}
+    if not values:
         return None
+    sources = ["history", repr((told.steps, told.phases, values))]
 
     def drawn() -> bytes:
-        from dicflow.views.load_curve import load_curve
+        from dicflow.views.load_curve import load_curves
 
-        return load_curve(told.steps, told.phases, told.values).encode()
+        return "\n".join(load_curves(told.steps, told.phases, values)).encode()
 
     return Markup(context.pieces.get(sources, drawn).decode())
 

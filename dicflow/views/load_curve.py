@@ -13,7 +13,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
-__all__ = ["load_curve"]
+__all__ = ["load_curves"]
 
 Values = Mapping[str, Sequence[float | None]]
 
@@ -33,31 +33,33 @@ _STYLE: dict[Any, Any] = {
 }
 
 
-def load_curve(steps: Sequence[str], phases: Sequence[str], values: Values) -> str:
-    """One panel for displacements or lengths, one for strains; over load where there is one, else over the steps.
+def load_curves(steps: Sequence[str], phases: Sequence[str], values: Values) -> list[str]:
+    """A plot of the displacements or lengths, one of the strains; over load where there is one, else over the steps.
 
     phases : loading or unloading per step; unloading is drawn hollow
     values : as :func:`dicflow.report.history.history` gives them; None is a gap
     """
-    panels = [(title, chosen) for title, chosen in _panels(values) if chosen]
-    with mpl.rc_context(_STYLE):
-        figure = Figure(figsize=(4.6 * max(1, len(panels)), 3.2), layout="constrained")
-        figure.patch.set_alpha(0.0)
-        for axes, (title, chosen) in zip(figure.subplots(1, len(panels), squeeze=False).flat, panels, strict=True):
+    drawn = []
+    for number, (title, chosen) in enumerate(_panels(values)):
+        with mpl.rc_context(_STYLE):
+            figure = Figure(figsize=(4.8, 3.2), layout="constrained")
+            figure.patch.set_alpha(0.0)
+            axes = figure.subplots()
             _draw(axes, title, {key: values[key] for key in chosen}, values.get("load_g"), phases)
             if "load_g" not in values:
                 axes.set_xticks(range(len(steps)), steps, rotation=90 if len(steps) > 4 else 0, fontsize=7)
-        return _inline(figure)
+            drawn.append(_inline(figure, f"load{number}-"))
+    return drawn
 
 
 def _panels(values: Values) -> list[tuple[str, list[str]]]:
-    """Title and values of each panel."""
+    """Title and values of each plot that has any."""
     unit = "px" if any(key.endswith("_px") for key in values) else "mm"
     wanted = [key for key in values if "sigma" not in key and "error" not in key]
     lengths = [key for key in wanted if "displacement" in key] or [key for key in wanted if key.endswith(f"_{unit}")]
     strains = [key for key in wanted if not key.endswith(("_mm", "_px", "_g", "_pct"))]
     kind = "displacement" if all("length" not in key for key in lengths) else "length"
-    return [(f"{kind} [{unit}]", lengths), ("strain [–]", strains)]
+    return [(title, keys) for title, keys in ((f"{kind} [{unit}]", lengths), ("strain [–]", strains)) if keys]
 
 
 def _draw(axes: Axes, title: str, series: Values, load: Sequence[float | None] | None, phases: Sequence[str]) -> None:
@@ -89,13 +91,16 @@ def _numbers(column: Sequence[float | None]) -> np.ndarray:
     return np.array([np.nan if value is None else value for value in column], dtype=float)
 
 
-def _inline(figure: Figure) -> str:
-    """The figure as an element of an HTML page: no header, no addresses, the page's text colour."""
+def _inline(figure: Figure, prefix: str) -> str:
+    """The figure as an element of an HTML page: no header, no addresses, the page's text colour.
+
+    prefix : makes its ids unlike those of other figures in the page
+    """
     written = io.StringIO()
     figure.savefig(written, format="svg", metadata={"Date": None, "Creator": None, "Format": None, "Type": None})
     text = written.getvalue()
     text = text[text.index("<svg") :].replace(_INK, "currentColor").replace("xlink:href", "href")
     text = re.sub(r"<metadata>.*?</metadata>", "", text, flags=re.DOTALL)
     text = re.sub(r' xmlns(:\w+)?="[^"]*"', "", text)
-    text = re.sub(r'(id="|href="#|url\(#)', r"\1load-", text)
+    text = re.sub(r'(id="|href="#|url\(#)', rf"\1{prefix}", text)
     return text.replace("<svg ", '<svg class="chart" role="img" ', 1)
