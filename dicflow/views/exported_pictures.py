@@ -109,12 +109,15 @@ def write_movies(drawn: Drawn, form: str, folder: Path) -> None:
 
     Raises ConfigurationError for a quantity that maps do not draw.
     """
+    from dicflow.views.video import movie
+
     for stage, steps in drawn.steps.items():
         totals = [drawn.result.product(stage, step, drawn.variant) for step in steps]
         check_quantities(stage, totals[0], drawn.quantities)
         for quantity in drawn.quantities or _usual(drawn, stage):
             stem = Item(stage, quantity, totals[0]).stem
-            _write_movie(_frames(drawn, stage, quantity, totals), place(folder, f"{stem}.{form}"))
+            frames = _frames(drawn, stage, quantity, totals)
+            movie((_pixels(frame) for frame in frames), place(folder, f"{stem}.{form}"))
 
 
 def _usual(drawn: Drawn, stage: str) -> tuple[str, ...]:
@@ -149,17 +152,6 @@ def _frames(drawn: Drawn, stage: str, quantity: str, totals: Sequence[Product]) 
             ) from error
     titles = [str(step) for step in drawn.steps[stage]]
     return field_pngs(totals, style(attrs, quantity), titles)
-
-
-def _write_movie(frames: Iterator[bytes], path: Path) -> None:
-    if path.suffix == ".gif":
-        from dicflow.views.maps import gif
-
-        path.write_bytes(gif(list(frames)))
-        return
-    from dicflow.views.video import movie
-
-    movie((_pixels(frame) for frame in frames), path)
 
 
 def _pixels(frame: bytes) -> NDArray[np.uint8]:

@@ -6,8 +6,9 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from dicflow.core.camera import project
-from dicflow.core.region import contains, polygons_from_attrs
+from dicflow.core.camera import Camera, Rig, camera_matrix, project, undistort
+from dicflow.core.region import contains, densify, polygons_from_attrs, polygons_to_attrs, rectangle
+from dicflow.engine.product import Product
 from dicflow.errors import ConfigurationError, DicflowError
 from dicflow.io.exports import csv as csv_module
 from dicflow.io.region import read_geojson
@@ -108,6 +109,38 @@ def test_a_region_comes_back(result, tmp_path):
     assert again.attrs["area_px"] == pytest.approx(product.attrs["area_px"], rel=1e-4)
 
 
+class OneCamera:
+    """A result whose region lies in the undistorted photograph."""
+
+    left = Camera(camera_matrix(800.0, (320, 240)), np.array([-0.2, 0.05, 1e-3, -1e-3, 0.0]), (640, 480))
+    rig = Product("rig", attrs={"rig": rig_to_dict(Rig(left, left, np.eye(3), np.array([-50.0, 0.0, 0.0])))})
+    region = Product("region", attrs={"polygons": polygons_to_attrs([rectangle(100.0, 80.0, 500.0, 400.0)])})
+
+    stages = ("rig", "plane", "region")
+
+    def steps(self, stage):
+        return ()
+
+    def kind(self, stage):
+        return stage
+
+    def source(self, stage, port, variant):
+        return {"images": "plane", "rig": "rig"}[port]
+
+    def product(self, stage, step, variant):
+        return {"rig": self.rig, "region": self.region}[stage]
+
+
+def test_a_region_of_an_undistorted_photograph_is_that_of_the_photograph(tmp_path):
+    (path,) = export(OneCamera(), tmp_path, stage="region", to="geojson")
+    (polygon,) = read_geojson(path)
+    matrix = OneCamera.left.matrix
+    straight = undistort(OneCamera.left, polygon.exterior) @ matrix[:2, :2].T + matrix[:2, 2]
+    assert np.abs(polygon.exterior - straight).max() > 1.0
+    (kept,) = polygons_from_attrs(OneCamera.region.attrs["polygons"])
+    np.testing.assert_allclose(straight, densify(kept.exterior, 20.0), atol=1e-9)
+
+
 def test_a_rig_comes_back(result, tmp_path):
     (path,) = export(result, tmp_path, stage="rig", to="json")
     assert rig_to_dict(read_rig(path)) == result.product("rig").attrs["rig"]
@@ -148,7 +181,10 @@ def test_an_export_that_breaks_off_leaves_nothing(error, result, tmp_path, monke
         ({"to": "hdf"}, "no format 'hdf', did you mean 'hdf5'?; there are csv, matchid"),
         ({"stage": "totl"}, "no stage 'totl', did you mean 'total'?"),
         ({"stage": "total", "step": "step_9"}, "total has no step 'step_9'; it has step_01, step_02"),
-        ({"stage": "total", "quantities": ["eyyy"]}, "no quantity 'eyyy' in total, did you mean 'eyy'?; it has U, V, W"),
+        (
+            {"stage": "total", "quantities": ["eyyy"]},
+            "no quantity 'eyyy' in total, did you mean 'eyy'?; it has U, V, W",
+        ),
         ({"quantities": ["eyz"], "to": "png"}, "no quantity 'eyz' in total"),
         ({"quantities": ["eyz"], "to": "gif"}, "no quantity 'eyz' in total"),
         ({"stage": "rig", "quantities": ["eyy"]}, "no quantity 'eyy' in rig; it has no array"),
