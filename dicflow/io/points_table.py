@@ -80,11 +80,18 @@ def read_points(path: Path) -> PointTable:
 
 
 def _chosen(where: str, columns: Mapping[str, NDArray[np.float64]], units: Mapping[str, str]) -> PointTable:
-    place = next((names for names in _PLACES if all(name in columns for name in names)), None)
+    pairs = _PLACES[:-1] if "reference_X" in columns else _PLACES  # x and y beside it are those of the step
+    place = next((names for names in pairs if all(name in columns for name in names)), None)
     values, told = _measured(columns, units)
     if place is None or not values:
-        lack = "places in the photograph (x, y)" if place is None else "displacement (U, V, W) or strain (exx, eyy)"
-        raise InputError(f"{where}: no columns with {lack} among {', '.join(columns)}; write a table that has them")
+        lack = (
+            "places in the first photograph (x_image, y_image)"
+            if place is None
+            else "displacement (U, V, W) or strain (exx, eyy)"
+        )
+        raise InputError(
+            f"{where}: no columns with {lack} among {', '.join(columns)}; the format of the challenge has them"
+        )
     sigmas = {name: columns[f"sigma_{name}"] for name in values if f"sigma_{name}" in columns}
     failed = columns["sigma"] < 0 if "sigma" in columns else np.zeros(len(columns[place[0]]), dtype=bool)
     blanked = {name: np.where(failed, np.nan, column) for name, column in values.items()}

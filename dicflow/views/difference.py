@@ -75,7 +75,7 @@ def _panel(
         vmax=limit,
         rasterized=True,
     )
-    margin = 0.03 * max(x1 - x0, y1 - y0)
+    margin = 0.03 * max(x1 - x0, y1 - y0, 1.0)
     axes.set(xlim=(x0 - margin, x1 + margin), ylim=(y1 + margin, y0 - margin), aspect="equal", facecolor="0.93")
     axes.set(xlabel="x [px]", ylabel="y [px]")
     axes.set_title(difference.step, fontsize=9)
