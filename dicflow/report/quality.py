@@ -2,11 +2,230 @@
 
 from __future__ import annotations
 
+import json
+from collections.abc import Mapping, Sequence
+from typing import NamedTuple
+
+from markupsafe import Markup
+
+from dicflow.engine.product import Product
+from dicflow.pipeline import Result
 from dicflow.report.context import Context, Section
+from dicflow.report.rendering import render
+from dicflow.report.words import number, percent
 
 __all__ = ["quality"]
+
+_GOOD_SPECKLE_PX = (3.0, 7.0)
+_LEAST_SPECKLES = 3.0
+_LEAST_GRADIENT = 5.0
+_LEAST_CONTRAST = 0.1
+_MOST_SATURATED = 0.01
+
+
+class _Panel(NamedTuple):
+    """Figures that are drawn together, and the axis that they share."""
+
+    title: str
+    axis: str
+
+
+class _Figure(NamedTuple):
+    """A figure of each step, from the summary of a product of some kind."""
+
+    panel: _Panel
+    series: str
+    kind: str
+    key: str
+
+
+_MILLIMETRES = _Panel("Standard deviation of the displacement, median over the points", "σ [mm]")
+_PIXELS = _MILLIMETRES._replace(axis="σ [px]")
+_STRAIN = _Panel("Standard deviation of the strain, median over the points", "σ [–]")
+_MISFIT = _Panel("Misfit of the grey levels, median over the points", "ZNSSD [–]")
+_DISTANCES = _Panel("Epipolar distance and reprojection error, root mean square", "distance [px]")
+_ITERATIONS = _Panel("Iterations of the correlation", "iterations [–]")
+_RESIDUAL = _Panel("Residual of the features that were followed", "residual [px]")
+_FEATURES = _Panel("Features that agree on the motion", "features [–]")
+_DISPARITY = _Panel("Share of pixels with a disparity", "share [–]")
+_SURFACE = _Panel("Distance of the surface from its points, root mean square", "RMSE [mm]")
+
+_FIGURES = (
+    *(_Figure(_MILLIMETRES, name, "total", f"sigma_{name}_mm") for name in "UVW"),
+    *(_Figure(_PIXELS, name, "total", f"sigma_{name}_px") for name in "UV"),
+    *(_Figure(_STRAIN, f"ε{axes}", "total", f"sigma_e{axes}") for axes in ("xx", "yy")),
+    _Figure(_STRAIN, "γxy", "total", "sigma_gxy"),
+    _Figure(_MISFIT, "left", "correlation", "znssd"),
+    _Figure(_DISTANCES, "epipolar", "stereo", "epipolar_px"),
+    _Figure(_DISTANCES, "reprojection", "points", "reprojection_px"),
+    _Figure(_ITERATIONS, "left, median", "correlation", "iterations"),
+    _Figure(_ITERATIONS, "right, mean", "stereo", "iterations"),
+    _Figure(_RESIDUAL, "residual", "track", "residual_px"),
+    _Figure(_FEATURES, "features", "track", "inliers"),
+    _Figure(_DISPARITY, "share", "disparity", "valid_share"),
+    *(_Figure(_SURFACE, axis.upper(), "cloud", f"rmse_{axis}_mm") for axis in "xyz"),
+)
+
+_Panels = dict[_Panel, dict[str, list[float | None]]]
 
 
 def quality(context: Context) -> Section | None:
     """The section, None where nothing was followed."""
+    result = context.result
+    followed = [stage for kind in ("correlation", "track") for stage in result.stages_of(kind)]
+    if not followed:
+        return None
+    steps = result.steps(followed[0])
+    panels = _panels(result, steps)
+    speckle = _speckle(context)
+    advice = _advice(speckle, _subset(result)) if speckle is not None else []
+    names = [(f"{panel.title}: {name}, {panel.axis}", "number") for panel, series in panels.items() for name in series]
+    body = render(
+        "quality.html",
+        speckle=_facts(speckle) if speckle is not None else [],
+        advice=advice,
+        noise=_noise_of_photographs(result, followed[0]),
+        charts=[(panel.title, _chart(context, steps, panel, series)) for panel, series in panels.items()],
+        columns=[("step", ""), *names],
+        rows=_rows(steps, panels),
+        predicts=bool(result.stages_of("correlation")),
+        floor=_noise_floor(result),
+    )
+    return Section("quality", "Quality", body, tuple(sentence for good, sentence in advice if not good))
+
+
+def _panels(result: Result, steps: Sequence[str]) -> _Panels:
+    """The figures that some step has: panel → series → one per step, None where there is none."""
+    panels: _Panels = {}
+    for figure in _FIGURES:
+        for stage in result.stages_of(figure.kind):
+            values = [_figure(result, stage, step, figure.key) for step in steps]
+            if any(value is not None for value in values):
+                panels.setdefault(figure.panel, {})[figure.series] = values
+    return panels
+
+
+def _figure(result: Result, stage: str, step: str, key: str) -> float | None:
+    if step not in result.steps(stage) or not result.has(stage, step):
+        return None
+    value: float | None = result.product(stage, step).attrs.get("summary", {}).get(key)
+    return value
+
+
+def _rows(steps: Sequence[str], panels: _Panels) -> list[list[str]]:
+    columns = [values for series in panels.values() for values in series.values()]
+    return [[step, *(number(values[row], 3) for values in columns)] for row, step in enumerate(steps)]
+
+
+def _chart(
+    context: Context, steps: Sequence[str], panel: _Panel, series: Mapping[str, Sequence[float | None]]
+) -> Markup:
+    def drawn() -> bytes:
+        from dicflow.views.plots import steps_figure, svg
+
+        return svg(steps_figure(steps, {panel.axis: series})).encode()
+
+    return Markup(context.pieces.get(["figures of the steps", repr((steps, panel.axis, series))], drawn).decode())
+
+
+def _speckle(context: Context) -> dict[str, float] | None:
+    """What the first photograph's pattern is like inside the region; None without one."""
+    result = context.result
+    for region in result.stages_of("region"):
+        images = result.source(region, "images")
+        if result.has(region) and result.has(images, 0):
+            sources = ["speckle", result.digest(region), result.digest(images, 0)]
+            image, polygons = result.product(images, 0), result.product(region)
+            found: dict[str, float] = json.loads(context.pieces.get(sources, lambda: _measured(image, polygons)))  # noqa: B023
+            return found
     return None
+
+
+def _measured(image: Product, region: Product) -> bytes:
+    """Size, gradient, contrast and saturation of the pattern, as JSON; None for what cannot be told."""
+    from dicflow.core.region import interior, polygons_from_attrs
+    from dicflow.core.texture import mean_intensity_gradient, saturated_share, speckle_size
+
+    left = image["left"]
+    inside = interior(polygons_from_attrs(region.attrs["polygons"]), left.shape)
+    levels = left[inside].astype(float)
+    content = {
+        "size_px": speckle_size(left, inside),
+        "gradient": mean_intensity_gradient(left, inside),
+        "contrast": float(levels.std() / max(levels.mean(), 1e-12)),
+        "saturated": saturated_share(left, inside),
+    }
+    return json.dumps({name: value if value == value else None for name, value in content.items()}).encode()
+
+
+def _facts(speckle: Mapping[str, float]) -> list[tuple[str, str, str]]:
+    return [
+        ("Speckle size", f"{number(speckle['size_px'], 2)} px", "diameter, from the autocorrelation"),
+        ("Mean intensity gradient", number(speckle["gradient"], 3), "grey levels of 255 per px"),
+        ("Contrast", percent(speckle["contrast"]), "standard deviation over mean of the grey levels"),
+        ("Overexposed pixels", percent(speckle["saturated"]), "of the region"),
+    ]
+
+
+def _advice(speckle: Mapping[str, float | None], subset_px: float | None) -> list[tuple[bool, str]]:
+    """Whether each property is good, and a sentence that says what to do where it is not."""
+    low, high = _GOOD_SPECKLE_PX
+    size, gradient, contrast = speckle["size_px"], speckle["gradient"], speckle["contrast"]
+    if size is None or gradient is None or contrast is None:
+        return [(False, "The region shows no pattern; choose it where the specimen is speckled.")]
+    found = [(low <= size <= high, _size_sentence(size))]
+    if subset_px is not None:
+        enough = subset_px >= _LEAST_SPECKLES * size
+        remedy = "" if enough else f"; take at least {_LEAST_SPECKLES * size:.0f} px"
+        found.append((enough, f"A subset of {subset_px:g} px is {subset_px / size:.1f} speckles wide{remedy}."))
+    told = f"The mean intensity gradient of {gradient:.1f} is"
+    steep = gradient >= _LEAST_GRADIENT
+    remedy = "enough" if steep else "low: light the specimen better, focus, or paint it with more contrast"
+    found.append((steep, f"{told} {remedy}."))
+    if contrast < _LEAST_CONTRAST:
+        found.append((False, f"The contrast of {percent(contrast)} is low: paint the specimen blacker and whiter."))
+    if (speckle["saturated"] or 0.0) > _MOST_SATURATED:
+        found.append(
+            (False, f"{percent(speckle['saturated'])} of the region is overexposed: expose for a shorter time.")
+        )
+    return found
+
+
+def _size_sentence(size: float) -> str:
+    low, high = _GOOD_SPECKLE_PX
+    told, good = f"Speckles of {size:.1f} px", f"{low:.0f} to {high:.0f} px are good"
+    if size < low:
+        return f"{told} are small, which biases the interpolation; {good}, so paint coarser ones."
+    if size > high:
+        return f"{told} are large and need large subsets; {good}, so paint finer ones."
+    return f"{told} are of a good size; {good}."
+
+
+def _subset(result: Result) -> float | None:
+    """Side of a correlation's subset [px]."""
+    for stage in result.stages_of("correlation"):
+        if result.has(stage, 0):
+            return float(result.product(stage, 0).attrs["subset_size"])
+    return None
+
+
+def _noise_of_photographs(result: Result, stage: str) -> str:
+    attrs = result.product(stage, 0).attrs if result.has(stage, 0) else {}
+    if "noise_grey" not in attrs:
+        return ""
+    return f"Noise of the photographs: {attrs['noise_grey']:.2f} grey levels, told by the {attrs['noise_source']}."
+
+
+def _noise_floor(result: Result) -> list[list[str]]:
+    """Rows of the noise table: step, quantity, bias, σ found and predicted, points."""
+    return [
+        [
+            row["step"],
+            f"{row['quantity']} [{'–' if row['unit'] == '1' else row['unit']}]",
+            *(number(row[name], 3) for name in ("bias", "sigma", "predicted_sigma")),
+            str(row["points"]),
+        ]
+        for stage in result.stages_of("noise")
+        if result.has(stage)
+        for row in result.product(stage).attrs["rows"]
+    ]
