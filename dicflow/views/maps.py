@@ -16,12 +16,27 @@ from matplotlib.colorbar import Colorbar
 from matplotlib.colors import Normalize
 from matplotlib.figure import Figure
 from matplotlib.transforms import Bbox
+from numpy.typing import NDArray
 
 from dicflow.engine.product import Product, Variable
 from dicflow.views import colours as looks
+from dicflow.views.colours import Look
+from dicflow.views.overlay import point_box, view
 
-__all__ = ["Style", "code_picture", "contact_sheet", "field_map", "field_pngs", "gif", "picture", "png", "style"]
+__all__ = [
+    "Style",
+    "code_picture",
+    "contact_sheet",
+    "field_map",
+    "field_pngs",
+    "gif",
+    "photo_map",
+    "picture",
+    "png",
+    "style",
+]
 
+Array = NDArray[Any]
 _HEIGHT_IN, _WIDTH_IN = 5.0, 9.0
 _MARGIN_IN, _BAR_IN, _LETTER_IN = 0.1, 0.15, 0.07
 _GREY = "0.93"
@@ -80,6 +95,31 @@ def field_map(total: Product, look: Style, title: str) -> Figure:
     figure, axes = _figure((x1 - x0) / (y1 - y0))
     mesh = _draw(axes, total, look)
     axes.set(xlabel=f"X [{look.length_unit}]", ylabel=f"Y [{look.length_unit}]")
+    axes.set_title(title, fontsize=9)
+    _colour_bar(figure, mesh, look.label)
+    return figure
+
+
+def photo_map(values: Array, places: Array, photo: Array, look: Look, title: str) -> Figure:
+    """A field over the part of a photograph in which it lies.
+
+    values : (row, col); a cell with an unknown corner shows the photograph
+    places : (row, col, 2) of the points in the photograph [px]
+    photo : (row, col) grey levels
+    """
+    box = point_box(places)
+    part = view([box] if box else [], photo.shape[::-1], max(photo.shape))
+    (x0, y0), (width, height) = part.origin, part.size
+    extent = (x0 - 0.5, y0 - 0.5, x0 + width - 0.5, y0 + height - 0.5)
+    figure, axes = _figure(width / height)
+    shown = photo[y0 : y0 + height, x0 : x0 + width]
+    stride = max(1, max(shown.shape) // 1000)
+    edges = (extent[0], extent[2], extent[3], extent[1])
+    axes.imshow(shown[::stride, ::stride], cmap="gray", extent=edges, interpolation="antialiased")
+    arrays = {look.quantity: Variable(("row", "col"), values), "place": Variable(("row", "col", "component"), places)}
+    style = Style(look.quantity, look.title, look.unit, look.range, extent, "px", "place", look.table)
+    mesh = _draw(axes, Product("total", arrays), style)
+    axes.set(xlabel="x [px]", ylabel="y [px]")
     axes.set_title(title, fontsize=9)
     _colour_bar(figure, mesh, look.label)
     return figure
