@@ -25,7 +25,7 @@ Image = npt.NDArray[np.float32]
 Mask = npt.NDArray[np.bool_]
 
 WHOLE_PX = 256  # the longer side of the region where it is looked for as a whole; finer detail is averaged away
-FAR_WINDOWS, NEAR_WINDOWS = 64, 128  # about how many windows look in the whole image, and near a predicted place
+FAR_WINDOWS, NEAR_WINDOWS = 64, (32, 128)  # about how many windows look in the whole image, and near a predicted place
 FAR_PX, NEAR_PX = 96, 48  # their side, and that of the windows that look near a predicted place [px]
 REACH_PX = (24, 8)  # how far these look, first and after that
 LEAST_CORRELATION = 0.3
@@ -100,8 +100,8 @@ def fft_matches(
     """
     from_image, to_image = (np.asarray(image, dtype=np.float32) for image in (reference, target))
     pairs = (_piece_by_piece if in_pieces else _as_a_whole)(from_image, to_image, usable)
-    for reach in REACH_PX:
-        pairs = _nearby(from_image, to_image, usable, pairs, reach)
+    for reach, count in zip(REACH_PX, NEAR_WINDOWS, strict=True):
+        pairs = _nearby(from_image, to_image, _window_centres(usable, NEAR_PX, count), usable, pairs, reach)
     return pairs
 
 
@@ -141,12 +141,11 @@ def _piece_by_piece(reference: Image, target: Image, usable: Mask) -> tuple[Arra
 
 
 def _nearby(
-    reference: Image, target: Image, usable: Mask, pairs: tuple[Array, Array], reach: int
+    reference: Image, target: Image, centres: Array, usable: Mask, pairs: tuple[Array, Array], reach: int
 ) -> tuple[Array, Array]:
-    """Windows that look near where the pairs put them, bent as the pairs say."""
+    """Windows around centres (n, 2) that look near where the pairs put them, bent as the pairs say."""
     if len(pairs[0]) == 0:
         return pairs
-    centres = _window_centres(usable, NEAR_PX, NEAR_WINDOWS)
     motion, half = local_motion(*pairs, centres), NEAR_PX // 2
     offsets = np.arange(-half - reach, half + reach + 1)
     grid = np.stack(np.meshgrid(offsets, offsets), axis=-1).astype(np.float64)
@@ -188,10 +187,12 @@ def _window_centres(usable: Mask, side: int, count: int) -> Array:
 
     count : about how many, at most
     """
-    share = cv2.blur(usable.astype(np.float32), (side, side), borderType=cv2.BORDER_CONSTANT)
-    step = max(side // 2, int(np.sqrt(usable.sum() / count)))
+    left, top, width, height = cv2.boundingRect(usable.view(np.uint8))
+    part = usable[top : top + height, left : left + width].astype(np.float32)
+    share = cv2.blur(part, (side, side), borderType=cv2.BORDER_CONSTANT)
+    step = max(side // 2, int(np.sqrt(part.sum() / count)))
     rows, cols = np.nonzero(share[step // 2 :: step, step // 2 :: step] >= 0.5)
     if len(rows) == 0:
         y, x = np.unravel_index(int(share.argmax()), share.shape)
-        return np.array([[x, y]], dtype=np.float64)
-    return np.stack([cols, rows], axis=-1).astype(np.float64) * step + step // 2
+        return np.array([[left + x, top + y]], dtype=np.float64)
+    return np.stack([cols, rows], axis=-1).astype(np.float64) * step + step // 2 + (left, top)

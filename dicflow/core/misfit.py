@@ -33,6 +33,8 @@ _WINDOWS, _WIDTH = 5, 0.5
 _CHUNK = 64
 _SAMPLES = 250
 """Subsets of a field that are looked at; those between them are taken to be like their neighbours."""
+_FEW = 4
+"""Every so many of these tell what the fit takes from the sums, which is much the same for all."""
 _AROUND = 2.5
 """Standard deviation of the weights of neighbouring samples [samples]: one of them alone says too little."""
 
@@ -96,7 +98,7 @@ def moved_by_residuals(
     limits = np.array(reference.grey.shape[::-1]) - half
     inside = np.asarray((centres >= half) & (centres < limits)).all(axis=1)
     whole = np.flatnonzero(inside & np.isfinite(warp).all(axis=(1, 2)))
-    for part in np.array_split(whole, max(1, len(whole) // _CHUNK)):
+    for part in np.array_split(whole, max(1, len(whole) // _CHUNK)) if len(whole) else ():
         found.residual[part], found.noise[part] = _moved(reference, target, centres[part], warp[part], subset)
     return found
 
@@ -147,7 +149,9 @@ def _sandwich(jacobian: Array, weight: Array, residual: Array, windows: Array) -
     noise = kernel @ np.swapaxes(kernel, -1, -2)
     scores = (kernel * residual[:, None]) @ windows
     found = scores @ np.swapaxes(scores, -1, -2)
-    return Moved(found * _lost(kernel, by_point, weighted, inverse, windows)[:, None, None], noise)
+    some = slice(None, None, _FEW)
+    lost = _lost(kernel[some], by_point[some], weighted[some], inverse[some], windows)
+    return Moved(found * np.median(lost), noise)
 
 
 def _lost(kernel: Array, by_point: Array, weighted: Array, inverse: Array, windows: Array) -> Array:
