@@ -54,6 +54,8 @@ def write_pictures(drawn: Drawn, form: str, folder: Path, whole: bool) -> None:
     whole : of a whole test, where no quantity is named, draw those of its maps alone
     Raises ConfigurationError for a product that has nothing to draw.
     """
+    from dicflow.views.plots import saved
+
     for stage, steps in drawn.steps.items():
         usual = _usual(drawn, stage) if whole else ()
         for step in steps:
@@ -62,7 +64,7 @@ def write_pictures(drawn: Drawn, form: str, folder: Path, whole: bool) -> None:
             item = Item(stage, step, product)
             for quantity in _drawable(item, drawn.quantities or usual):
                 figure = _figure(drawn, item, quantity)
-                place(folder, f"{item.stem}_{quantity}.{form}").write_bytes(_saved(figure, form))
+                place(folder, f"{item.stem}_{quantity}.{form}").write_bytes(saved(figure, form))
 
 
 def _drawable(item: Item, wanted: Sequence[str]) -> list[str]:
@@ -90,18 +92,6 @@ def _figure(drawn: Drawn, item: Item, quantity: str) -> Figure:
         return code_picture(item.product.variables[quantity], f"{item.stem} · {quantity}", reasons)
     step = -1 if item.step is None else item.step
     return plot(drawn.result, item.stage, quantity, step=step, variant=drawn.variant)
-
-
-def _saved(figure: Figure, form: str) -> bytes:
-    """The figure as a file; equal figures give equal bytes."""
-    from matplotlib import rc_context
-
-    undated = {"png": {"Software": None}, "pdf": {"CreationDate": None}, "svg": {"Date": None}}
-    metadata: Any = undated[form]
-    buffer = BytesIO()
-    with rc_context({"svg.hashsalt": "dicflow"}):
-        figure.savefig(buffer, format=form, metadata=metadata, bbox_inches="tight", pad_inches=0.1)
-    return buffer.getvalue()
 
 
 def write_movies(drawn: Drawn, form: str, folder: Path) -> None:
