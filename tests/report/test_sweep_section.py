@@ -1,0 +1,82 @@
+"""The section of a sweep, on the small experiment."""
+
+import os
+
+import numpy as np
+import pytest
+
+from dicflow.pipeline import Pipeline
+from dicflow.report.context import Context
+from dicflow.report.pieces import Pieces
+from dicflow.report.sweep import sweep
+from dicflow.views.sweep import small_multiples, step_figure
+
+DEGREES = "{x: [1, 1], y: [1, 1], z: [1, 1]}, {x: [2, 2], y: [2, 2], z: [2, 2]}, {x: [3, 3], y: [3, 3], z: [3, 3]}"
+
+
+@pytest.fixture(scope="module")
+def swept(pipeline, measured):
+    """Three degrees of the surface without robust weights, in a file of its own, in the pipeline's store."""
+    path = pipeline.parent / "degrees.yaml"
+    text = pipeline.read_text()
+    path.write_text(f"{text}\nsweep:\n  grid: {{surface.degree: [{DEGREES}], surface.robust: [none]}}\n")
+    os.utime(path, (1e9, 1e9))
+    loaded = Pipeline.load(path)
+    loaded.run(scheduler="sync", workers=1)
+    yield loaded
+    path.unlink()
+
+
+def context(loaded, folder):
+    return Context(loaded, loaded.result(), None, Pieces(folder / ".report", "code"), folder)
+
+
+def test_one_variant_has_no_section(pipeline, measured, tmp_path):
+    assert sweep(context(Pipeline.load(pipeline), tmp_path)) is None
+
+
+def test_squares_fall_with_the_degree_and_are_in_the_table(swept, tmp_path):
+    section = sweep(context(swept, tmp_path))
+    squares = [row["surface.sse_z_mm2"] for row in swept.result().table()]
+    assert squares == sorted(squares, reverse=True)
+    assert squares[0] > squares[-1]
+    differs, _, equal = section.body.partition("do not differ")
+    assert "surface.sse_z_mm2" in differs
+    assert "rig.rms_px" not in differs
+    assert "rig.rms_px" in equal
+    assert "#3" in differs
+    assert section.warnings == ()
+    assert section.body.count("data:image/png") == 6  # means, steps, and four fields
+
+
+def test_second_time_nothing_is_drawn(swept, tmp_path, monkeypatch):
+    first = sweep(context(swept, tmp_path))
+    monkeypatch.setattr("dicflow.views.maps.png", None)
+    assert sweep(context(swept, tmp_path)) == first
+
+
+def test_variants_that_are_not_there_are_said(swept, tmp_path):
+    empty = Pipeline.load(swept.path, store=tmp_path / "store")
+    section = sweep(context(empty, tmp_path))
+    assert len(section.warnings) == 3
+    assert "#2" in section.warnings[1]
+    assert "data:image/png" not in section.body
+
+
+def test_curves_have_one_line_per_variant_and_a_unit():
+    values = [{"a.b": 1}, {"a.b": 2}]
+    figure = step_figure(values, {"rig.rms_px": [[1.0, 2.0], [3.0, np.nan]]}, ["one", "two"])
+    axes = figure.axes[0]
+    assert [line.get_label() for line in axes.lines] == ["b 1", "b 2"]
+    assert axes.lines[0].get_ydata().tolist() == [1.0, 2.0]
+    assert axes.get_ylabel() == "[px]"
+    assert [text.get_text() for text in axes.get_xticklabels()] == ["one", "two"]
+
+
+def test_fields_of_all_variants_share_one_range(swept):
+    totals = [swept.result().product("total", -1, variant) for variant in range(3)]
+    figure = small_multiples(totals, ["#1", "#2", "#3"], "eyy")
+    meshes = [axes.collections[0] for axes in figure.axes if axes.get_title().startswith("#")]
+    assert len(meshes) == 3
+    assert len({mesh.get_clim() for mesh in meshes}) == 1
+    assert figure.axes[-1].get_ylabel().endswith("[–]")
