@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 
 __all__ = ["plot"]
 
-_LEFT_OUT_PERCENT = 0.5
+_LEFT_OUT_PERCENT, _MARGIN = 0.5, 0.04
 
 
 def plot(
@@ -110,7 +110,9 @@ def _over_specimen(total: Product, look: Look, maps: Mapping[str, Any] | None, n
     from dicflow.views.overlay import point_box
 
     positions = "xyz" if maps is None else maps["positions"]
-    extent = tuple(maps["extent"]) if maps is not None else point_box(total[positions][..., :2]) or (0, 0, 1, 1)
+    whole = maps["extent"] if maps is not None else point_box(total[positions][..., :2]) or (0.0, 0.0, 1.0, 1.0)
+    margin = _MARGIN * max(whole[2] - whole[0], whole[3] - whole[1])
+    extent = (whole[0] - margin, whole[1] - margin, whole[2] + margin, whole[3] + margin)
     style = Style(look.quantity, look.title, look.unit, look.range, extent, total.attrs["unit"], positions, look.table)
     return field_map(total, style, name)
 

@@ -1,0 +1,74 @@
+"""Figures of a result: over the photograph, over the specimen, and what is said for names that do not exist."""
+
+from __future__ import annotations
+
+import shutil
+
+import numpy as np
+import pytest
+
+import dicflow
+from dicflow.errors import ConfigurationError
+from dicflow.views import plots
+
+
+@pytest.fixture(scope="module")
+def result(pipeline, measured, tmp_path_factory):
+    folder = tmp_path_factory.mktemp("plots") / "small"
+    shutil.copytree(pipeline.parent, folder)
+    return dicflow.Pipeline.load(folder / pipeline.name).result()
+
+
+def test_a_total_lies_over_the_photograph(result):
+    figure = result.plot("total", "eyy", step=0)
+    axes, bar = figure.axes
+    assert (axes.get_xlabel(), axes.get_ylabel()) == ("x [px]", "y [px]")
+    assert bar.get_ylabel().endswith("[–]")
+    assert axes.get_title() == result.steps("total")[0]
+    (photo,), (mesh,) = axes.images, axes.collections
+    shown = photo.get_extent()
+    places = mesh.get_coordinates()[np.isfinite(mesh.get_coordinates()).all(axis=-1)]
+    assert shown[0] <= places[:, 0].min() <= places[:, 0].max() <= shown[1]
+    values = result.product("total", 0)["eyy"]
+    assert mesh.get_array().compressed().mean() == pytest.approx(np.nanmean(values), rel=0.02)
+    assert plots.saved(figure, "png").startswith(b"\x89PNG")
+
+
+def test_the_range_is_that_of_the_maps_at_every_step(result):
+    ranges = {result.plot("total", "eyy", step=step).axes[0].collections[0].get_clim() for step in (0, 1)}
+    assert ranges == {tuple(result.product("maps").attrs["quantities"]["eyy"]["range"])}
+
+
+def test_a_total_in_mm(result):
+    figure = result.plot("total", "U", over="specimen")
+    axes, bar = figure.axes
+    assert (axes.get_xlabel(), axes.get_ylabel()) == ("X [mm]", "Y [mm]")
+    assert bar.get_ylabel() == "displacement U [mm]"
+    low, high = axes.collections[0].get_clim()
+    assert low == -high
+    assert axes.collections[0].get_cmap().name == "RdBu_r"
+
+
+def test_colours_on_request(result):
+    assert result.plot("total", "U", colours="jet").axes[0].collections[0].get_cmap().name == "jet"
+    with pytest.raises(ConfigurationError, match="no colour map 'jett', did you mean 'jet'"):
+        result.plot("total", "U", colours="jett")
+
+
+def test_reasons_are_named(result):
+    _, bar = result.plot("total", "status").axes
+    assert "valid" in [label.get_text() for label in bar.get_yticklabels()]
+
+
+def test_an_array_of_another_stage_is_drawn_on_its_grid(result):
+    figure = result.plot("disparity", "disparity")
+    assert figure.axes[1].get_ylabel().endswith("[px]")
+
+
+def test_names_that_do_not_exist(result):
+    with pytest.raises(ConfigurationError, match=r"no quantity 'eyx' in total.*it has .*eyy"):
+        result.plot("total", "eyx")
+    with pytest.raises(ConfigurationError, match=r"xyz is not one number per row and column; choose of .*eyy"):
+        result.plot("total", "xyz")
+    with pytest.raises(ConfigurationError, match="no step '9'; it has"):
+        result.plot("total", "eyy", step="9")
