@@ -18,6 +18,7 @@ Array = npt.NDArray[np.float64]
 Pairs = npt.NDArray[np.intp]
 
 NEIGHBOURS = 24  # matches around a point that tell its motion
+_LINE = 1e-6  # ratio of the spreads across and along below which neighbours lie on a line
 BLOCK = 512  # descriptors compared at once with all others: their distances stay in the cache
 CANDIDATES = 8  # features around a predicted position that are compared
 
@@ -135,15 +136,27 @@ def local_motion(source: Array, target: Array, points: Array) -> LocalMotion:
         weight = np.nan_to_num((1 - (distance / distance[:, -1:]) ** 2) ** 2, nan=1.0)
     weight = np.where(weight.sum(axis=1, keepdims=True) > 0, weight, 1.0)
     weight /= weight.sum(axis=1, keepdims=True)
-    centre = np.einsum("nk,nki->ni", weight, source[near])
-    x = source[near] - centre[:, None]
-    u = target[near] - source[near]
-    mean = np.einsum("nk,nki->ni", weight, u)
-    xx = np.einsum("nk,nki,nkj->nij", weight, x, x)
-    ux = np.einsum("nk,nki,nkj->nij", weight, u - mean[:, None], x)
-    slope = ux @ np.linalg.pinv(xx, rcond=1e-6, hermitian=True)
-    position = points + mean + np.einsum("nij,nj->ni", slope, points - centre)
+    places, motions = source[near], (target - source)[near]
+    centre, mean = ((weight[:, None] @ part)[:, 0] for part in (places, motions))
+    x = places - centre[:, None]
+    weighted = np.swapaxes(weight[..., None] * x, 1, 2)
+    slope = np.swapaxes(motions - mean[:, None], 1, 2) @ np.swapaxes(weighted, 1, 2) @ _inverse(weighted @ x)
+    position = points + mean + (slope @ (points - centre)[..., None])[..., 0]
     return LocalMotion(position, slope + np.eye(2))
+
+
+def _inverse(matrix: Array) -> Array:
+    """Pseudo-inverses of symmetric 2 × 2 matrices (n, 2, 2) without negative eigenvalues."""
+    a, b, c = matrix[:, 0, 0], matrix[:, 0, 1], matrix[:, 1, 1]
+    apart = np.hypot(0.5 * (a - c), b)
+    large = 0.5 * (a + c) + apart
+    small = (a * c - b * b) / np.where(large > 0.0, large, 1.0)
+    is_line = small <= _LINE * large
+    scale = np.where(is_line, 2.0 * apart * large, small * large)
+    adjugate = np.stack([c, -b, -b, a], axis=-1).reshape(-1, 2, 2)
+    along = matrix - (small[:, None, None] * np.eye(2))
+    chosen = np.where(is_line[:, None, None], along, adjugate)
+    return np.asarray(chosen * np.where(scale > 0.0, 1.0 / np.where(scale > 0.0, scale, 1.0), 0.0)[:, None, None])
 
 
 def _nearest(queries: npt.NDArray[Any], others: npt.NDArray[Any], count: int) -> tuple[Array, Pairs]:
