@@ -13,18 +13,16 @@ import subprocess
 import sys
 import threading
 import time
-from collections.abc import Sequence
 from pathlib import Path
-from typing import NamedTuple, TypeVar
+from typing import NamedTuple
 
 import psutil
 
 from tests import bench_correlation, bench_stereo
-from tests.figures import ROOT, WORK, Figure, fresh, replica, report
+from tests.figures import ROOT, WORK, Figure, forth_and_back, fresh, replica, report
 
 PIPELINE = ROOT / "pipelines" / "latex_experiment_1.yaml"
 PRECISE = ROOT / "pipelines" / "precise_latex_experiment_1.yaml"
-T = TypeVar("T")
 MEASURE = """\
 import json, sys
 from dicflow.pipeline import Pipeline
@@ -89,18 +87,13 @@ def of_length(folder: Path, steps: int) -> Path:
             os.link(path, made / side / path.name)
     for side in ("photos/left", "photos/right"):
         (made / side).mkdir(parents=True)
-        for step, path in enumerate(_forth_and_back(sorted((folder / side).glob("*.png")), steps)):
+        for step, path in enumerate(forth_and_back(sorted((folder / side).glob("*.png")), steps)):
             os.link(path, made / side / f"step_{step:03}.png")
     shutil.copy(folder / "region.geojson", made)
     head, *rows = [line for line in (folder / "caliper.csv").read_text().splitlines() if not line.startswith("#")]
     with (made / "caliper.csv").open("w", newline="") as file:
-        csv.writer(file).writerows(line.split(",") for line in [head, *_forth_and_back(rows, steps)])
+        csv.writer(file).writerows(line.split(",") for line in [head, *forth_and_back(rows, steps)])
     return made
-
-
-def _forth_and_back(values: Sequence[T], length: int) -> list[T]:
-    cycle = [*values, *values[-2:0:-1]]
-    return [cycle[k % len(cycle)] for k in range(length)]
 
 
 def size_of(folder: Path) -> int:

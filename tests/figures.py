@@ -7,12 +7,13 @@ import shutil
 import sys
 from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import NamedTuple
+from typing import NamedTuple, TypeVar
 
 from dicflow.pipeline import Pipeline, Result
 from dicflow.synth import latex_experiment, write_experiment
 
 ROOT = Path(__file__).resolve().parents[1]
+T = TypeVar("T")
 WORK = ROOT / "build" / "figures"
 SHARED = ROOT.parent / "shared" / "data"
 
@@ -68,6 +69,12 @@ def fresh(name: str) -> Path:
     path = WORK / name
     shutil.rmtree(path, ignore_errors=True)
     return path
+
+
+def forth_and_back(values: Sequence[T], length: int) -> list[T]:
+    """So many values: the given ones, back again, and so on."""
+    cycle = [*values, *values[-2:0:-1]]
+    return [cycle[k % len(cycle)] for k in range(length)]
 
 
 def pipeline_result(name: str, data: Path, store: str, settings: Sequence[str] = ()) -> Result:
