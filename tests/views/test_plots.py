@@ -1,0 +1,140 @@
+"""Charts: whole, with units, without overlaps, equal for equal input, and fit to stand inside a page."""
+
+from __future__ import annotations
+
+import re
+from io import BytesIO
+from itertools import combinations
+from xml.etree import ElementTree
+
+import numpy as np
+import pytest
+from PIL import Image
+
+from dicflow.core.camera import Camera, Rig
+from dicflow.views import plots
+
+CAMERA = Camera(np.array([[3500.0, 0, 720], [0, 3500, 960], [0, 0, 1]]), np.zeros(5), (1440, 1920))
+RIG = Rig(CAMERA, CAMERA, np.eye(3), np.array([-130.0, 2.0, 25.0]))
+BOARD = np.array([[-40.0, -30, 400], [40, -30, 400], [40, 30, 420], [-40, 30, 420]])
+PAIRS = [
+    {"name": f"pair {k:02d}", "used": k != 3, "left_px": 0.1 + 0.01 * k, "right_px": 0.12, "epipolar_px": None}
+    for k in range(12)
+]
+
+
+def pair_errors():
+    return plots.pair_errors_figure([*PAIRS, {"name": "pair 12", "used": False}], limit_px=1.0)
+
+
+def coverage():
+    boards = [np.random.default_rng(k).uniform(100, 1300, (40, 2)) for k in range(4)]
+    return plots.coverage_figure({"left": boards, "right": boards[:1]}, (1440, 1920))
+
+
+def rig():
+    return plots.rig_figure(RIG, [BOARD, BOARD + 20.0])
+
+
+def rows():
+    image = np.random.default_rng(0).integers(0, 255, (300, 200)).astype(np.uint8)
+    return plots.epipolar_rows_figure(image, image)
+
+
+def steps():
+    names = [f"step_{k:02d}" for k in range(22)]
+    values = np.random.default_rng(1).random(22)
+    gap = [None, *values[1:]]
+    panels = {"σ [–]": {"exx": 1e-5 * values, "eyy": gap}, "ZNSSD [–]": {"left": gap}, "distance [px]": {"all": values}}
+    return plots.steps_figure(names, panels)
+
+
+def profile():
+    y = np.linspace(0, 80, 50)
+    return plots.profile_figure(y, {"a": np.sin(y), "b": np.cos(y)}, "Y [mm]", "Hencky strain along y [–]")
+
+
+FIGURES = [pair_errors, coverage, rig, rows, steps, profile]
+every_figure = pytest.mark.parametrize("drawn", FIGURES, ids=lambda drawn: drawn.__name__)
+
+
+@every_figure
+def test_axes_have_units(drawn):
+    """All but those along which things are named."""
+    figure = drawn()
+    labels = [axis.get_label_text() for axes in figure.axes if axes.axison for axis in (axes.xaxis, axes.yaxis)]
+    named = {"", "step", "pair of photographs"}
+    assert all(re.search(r"\[.+\]$", label) for label in labels if label not in named)
+    assert sum(label not in named for label in labels) >= len([axes for axes in figure.axes if axes.axison]) / 2
+
+
+@every_figure
+def test_no_two_texts_overlap(drawn):
+    figure = drawn()
+    figure.draw_without_rendering()
+    texts = drawn_texts(figure)
+    assert len(texts) > 5
+    for one, other in combinations(texts, 2):
+        boxes = one.get_window_extent().padded(-1), other.get_window_extent().padded(-1)
+        assert not boxes[0].overlaps(boxes[1]), (one.get_text(), other.get_text())
+
+
+def drawn_texts(figure):
+    """All texts that are drawn; an axis keeps labels beyond its ends that are not."""
+    texts = [text for legend in figure.legends for text in legend.get_texts()]
+    for axes in (axes for axes in figure.axes if axes.axison):
+        texts += [axes.title, *axes.texts, *(axes.legend_.get_texts() if axes.legend_ else [])]
+        for axis in (axes.xaxis, axes.yaxis):
+            ticks = [label for tick in axis._update_ticks() for label in (tick.label1, tick.label2)]
+            texts += [axis.label, axis.get_offset_text(), *ticks]
+    return [text for text in texts if text.get_visible() and text.get_text().strip()]
+
+
+@pytest.mark.parametrize("form", ["png", "pdf", "svg"])
+def test_equal_input_gives_equal_files(form):
+    start = {"png": b"\x89PNG", "pdf": b"%PDF", "svg": b"<?xml"}[form]
+    content = plots.saved(profile(), form)
+    assert content.startswith(start)
+    assert content == plots.saved(profile(), form)
+    assert plots.svg(profile()) == plots.svg(profile())
+
+
+@every_figure
+def test_a_figure_inside_a_page_asks_for_nothing_and_takes_the_pages_colour(drawn):
+    text = plots.svg(drawn())
+    ElementTree.fromstring(text)
+    assert "currentColor" in text
+    assert "http" not in text
+    assert "#010203" not in text
+    names, used = set(re.findall(r' id="([^"]+)"', text)), set(re.findall(r'(?:href="#|url\(#)([^")]+)', text))
+    assert used <= names
+    assert len({name.split("-")[0] for name in names}) == 1
+
+
+def test_figures_of_a_page_share_no_names():
+    names = [set(re.findall(r' id="([^"]+)"', plots.svg(drawn()))) for drawn in (rig, profile, steps)]
+    assert all(not one & other for one, other in combinations(names, 2))
+
+
+def test_saved_figures_are_on_white():
+    image = Image.open(BytesIO(plots.saved(profile(), "png"))).convert("RGBA")
+    assert image.getpixel((0, 0)) == (255, 255, 255, 255)
+
+
+def test_bars_have_the_errors_and_dropped_pairs_are_hollow():
+    axes = pair_errors().axes[0]
+    bars = {container.get_label(): list(container) for container in axes.containers}
+    heights = {label: [bar.get_height() for bar in found] for label, found in bars.items()}
+    np.testing.assert_allclose(heights["left"], [pair["left_px"] for pair in PAIRS if pair["used"]])
+    np.testing.assert_allclose(heights["left, dropped"], [0.13])
+    assert bars["left, dropped"][0].get_facecolor()[3] == 0
+    assert [text.get_text() for text in axes.texts] == ["no board"]
+
+
+def test_the_right_camera_stands_where_the_rig_says():
+    camera = next(line for line in rig().axes[0].lines if line.get_label() == "right camera")
+    np.testing.assert_allclose([camera.get_xdata()[0], camera.get_ydata()[0]], [130.0, -25.0])
+
+
+def test_a_rig_without_boards_is_drawn():
+    assert plots.saved(plots.rig_figure(RIG), "png")
