@@ -77,7 +77,7 @@ def read_grey(path: Path) -> np.ndarray:
 class Pairing(NamedTuple):
     """Partners among two lists of names.
 
-    pairs : (left, right) names in natural order of the left ones
+    pairs : (left, right) names in the order of the left ones
     by : "name" or "order"
     """
 
@@ -86,14 +86,13 @@ class Pairing(NamedTuple):
 
 
 def pair_names(left: Sequence[str], right: Sequence[str]) -> Pairing:
-    """Pair the photographs of two cameras: by the numbers in their names where these agree, else by order.
+    """Pair the photographs of two cameras: by the numbers in their names where these agree, else in the order given.
 
     Of each name the numbers that vary within its side are compared, so ``cam0_step07`` finds ``cam1_step07``
     and ``ImageLeft7`` finds ``ImageRight7``.
 
     Raises InputError that names the photographs without a partner.
     """
-    left, right = sorted(left, key=natural_key), sorted(right, key=natural_key)
     keys_left, keys_right = _keys(left), _keys(right)
     shared = keys_left.keys() & keys_right.keys()
     if len(shared) == len(left) == len(right):

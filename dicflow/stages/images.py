@@ -16,8 +16,9 @@ __all__ = ["Images"]
 class Images(Node):
     """Read the photographs as grey levels.
 
-    One step per left photograph, in natural order of the names; the step is named by the left photograph's stem.
-    With ``right`` the photographs are paired by the numbers in their names, or by order where these do not agree.
+    One step per left photograph, named by its stem; no two may share one. Those of a pattern follow in natural order of
+    the names, those of a list as they are listed. With ``right`` the photographs are paired by the numbers in their
+    names, or by order where these do not agree.
     """
 
     title: ClassVar = "read photographs"
@@ -33,11 +34,11 @@ class Images(Node):
     )
 
     def steps(self, folder: Path) -> Mapping[str, Mapping[str, Path]]:
-        from dicflow.io.images import natural_key, pair_names
+        from dicflow.io.images import pair_names
 
         left = _found(folder, self.left, "left")
         if self.right is None:
-            return {Path(name).stem: {"left": left[name]} for name in sorted(left, key=natural_key)}
+            return {path.stem: {"left": path} for path in left.values()}
         right = _found(folder, self.right, "right")
         pairs = pair_names(list(left), list(right)).pairs
         return {Path(a).stem: {"left": left[a], "right": right[b]} for a, b in pairs}
@@ -82,21 +83,32 @@ class Images(Node):
 
 
 def _found(folder: Path, patterns: str | list[str], side: str) -> dict[str, Path]:
-    """Files that the patterns name, by file name."""
-    from dicflow.io.images import SUFFIXES
-
+    """Files that the patterns name, by file name. Raises InputError where there are none, or two have one stem."""
     found: dict[str, Path] = {}
     for pattern in [patterns] if isinstance(patterns, str) else patterns:
-        names_one = not any(sign in pattern for sign in "*?[")
-        if names_one and (folder / pattern).is_dir():
-            raise InputError(f"{side}: {pattern!r} is a folder; write a pattern such as {pattern.rstrip('/')}/*.png")
-        paths = [folder / pattern] if names_one else sorted(_glob(folder, pattern))
-        found.update({path.name: path for path in paths if names_one or path.suffix.lower() in SUFFIXES})
+        for path in _named(folder, pattern, side):
+            if (other := found.setdefault(path.stem, path)) != path:
+                raise InputError(
+                    f"{side}: {other} and {path} would both be step '{path.stem}'; "
+                    "rename one of them, or leave it out of the pattern"
+                )
     if not found:
         raise InputError(
             f"{side}: no photograph matches {patterns!r} in {folder}; check the pattern, or start from 'dicflow init'"
         )
-    return found
+    return {path.name: path for path in found.values()}
+
+
+def _named(folder: Path, pattern: str, side: str) -> list[Path]:
+    """The one file that a name gives, or the photographs of a pattern in natural order."""
+    from dicflow.io.images import SUFFIXES, natural_key
+
+    if not any(sign in pattern for sign in "*?["):
+        if (folder / pattern).is_dir():
+            raise InputError(f"{side}: {pattern!r} is a folder; write a pattern such as {pattern.rstrip('/')}/*.png")
+        return [folder / pattern]
+    photographs = (path for path in _glob(folder, pattern) if path.suffix.lower() in SUFFIXES)
+    return sorted(photographs, key=lambda path: (natural_key(path.name), path))
 
 
 def _glob(folder: Path, pattern: str) -> list[Path]:

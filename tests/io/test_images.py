@@ -116,3 +116,32 @@ def test_two_sizes_are_refused(tmp_path):
 def test_empty_folder_is_refused(tmp_path):
     with pytest.raises(InputError, match="no photograph matches"):
         Images(left="*.png").steps(tmp_path)
+
+
+def _files(folder, *names):
+    for name in names:
+        (folder / name).parent.mkdir(exist_ok=True)
+        (folder / name).touch()
+
+
+@pytest.mark.parametrize("names", [("load/01.png", "unload/01.png"), ("a/01.png", "a/01.tif")])
+@pytest.mark.parametrize("side", ["left", "right"])
+def test_two_photographs_of_one_name_are_refused(tmp_path, names, side):
+    _files(tmp_path, *names, "other/1.png", "other/2.png")
+    patterns = {"left": "other/*.png", "right": "other/*.png", side: "*[!r]/*"}
+    with pytest.raises(InputError, match=f"^{side}: .*{names[0]} and .*{names[1]} would both be step '01'; rename"):
+        Images(**patterns).steps(tmp_path)
+
+
+def test_a_list_keeps_its_order_and_a_pattern_is_sorted(tmp_path):
+    _files(tmp_path, "l/9.png", "l/10.png", "l/2.png", "r/x21.png", "r/x22.png", "r/x23.png")
+    assert list(Images(left="l/*.png").steps(tmp_path)) == ["2", "9", "10"]
+    assert list(Images(left=["l/10.png", "l/*.png"]).steps(tmp_path)) == ["10", "2", "9"]
+    steps = Images(left=["l/9.png", "l/10.png", "l/2.png"], right=["r/x23.png", "r/x21.png", "r/x22.png"]).steps(
+        tmp_path
+    )
+    assert [(step, files["right"].name) for step, files in steps.items()] == [
+        ("9", "x23.png"),
+        ("10", "x21.png"),
+        ("2", "x22.png"),
+    ]
