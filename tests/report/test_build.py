@@ -1,34 +1,25 @@
-from html.parser import HTMLParser
+"""The page as a whole: complete, escaped, made once, and there whatever became of the run."""
+
+import json
+import re
+import shutil
+import subprocess
+import sys
 
 import pytest
-from small import STEPS
+from small import ROOT, STEPS, TASKS, dicflow
 
-from dicflow.errors import StageError
+from dicflow.engine.journal import find_run
+from dicflow.errors import StageError, StoreError
+from dicflow.io.rig import rig_from_dict, rig_text
 from dicflow.pipeline import Pipeline
 from dicflow.report import build
+from dicflow.report.pieces import Pieces
+from tests.pages import Page
 
-
-class Page(HTMLParser):
-    """Tags that are open, and the text of every list item and heading."""
-
-    VOID = ("meta", "link", "img", "br", "hr", "input")
-
-    def __init__(self, path):
-        super().__init__()
-        self.open, self.texts = [], []
-        self.feed(path.read_text(encoding="utf-8"))
-        self.close()
-
-    def handle_starttag(self, tag, attrs):
-        if tag not in self.VOID:
-            self.open.append(tag)
-
-    def handle_endtag(self, tag):
-        assert self.open.pop() == tag
-
-    def handle_data(self, data):
-        if self.open and self.open[-1] in ("li", "h1", "h2", "p"):
-            self.texts.append(data)
+RESULTS = re.compile("^  (comparison|maps):", re.MULTILINE)
+BOARDS = re.compile("^  (boards|corners|rig):", re.MULTILINE)
+NAMESPACE = "http://www.w3.org/2000/svg"
 
 
 @pytest.fixture
@@ -36,13 +27,73 @@ def loaded(pipeline, measured):
     return Pipeline.load(pipeline)
 
 
+@pytest.fixture
+def copied(pipeline, measured, tmp_path):
+    """The pipeline and its store in a folder that may be changed."""
+    shutil.copytree(pipeline.parent, tmp_path / "copy", ignore=shutil.ignore_patterns("results"))
+    return tmp_path / "copy" / pipeline.name
+
+
+def page_of(path, folder, **options):
+    loaded = Pipeline.load(path, **options)
+    return Page.read(build.write_report(loaded, loaded.result(), folder))
+
+
 def test_a_run_leaves_a_report_with_its_title_and_stages(loaded, measured):
     path = loaded.path.parent / "results" / loaded.name / "report.html"
-    page = Page(path)
-    assert page.open == []
-    assert page.texts[0] == loaded.title
+    page = Page.read(path)
+    page.assert_complete()
+    assert page.texts[:2] == [loaded.title, loaded.title]
     assert f"track: {STEPS} of {STEPS}" in page.texts
-    assert str(loaded.folder) not in path.read_text()
+    assert f"{TASKS} tasks computed, 0 from the store" in page.texts
+    assert {"summary", "settings", "provenance"} <= set(page.ids)
+    for folder in (loaded.folder, loaded.folder.resolve(), loaded.store_folder):
+        assert str(folder) not in path.read_text()
+    assert not [text for text in re.findall(r"https?://[^\\\s\"]*", path.read_text()) if text != NAMESPACE]
+
+
+def test_the_second_build_makes_no_piece_and_the_same_page(loaded, tmp_path, monkeypatch):
+    first = build.write_report(loaded, loaded.result(), tmp_path).read_bytes()
+    made, get = [], Pieces.get
+
+    def counted(pieces, sources, make):
+        return get(pieces, sources, lambda: made.append(sources) or make())
+
+    monkeypatch.setattr(Pieces, "get", counted)
+    again = build.write_report(Pipeline.load(loaded.path), loaded.result(), tmp_path).read_bytes()
+    assert made == []
+    assert again == first
+
+
+@pytest.mark.parametrize(
+    ("sections", "absent"),
+    [("build.SECTIONS", ["matplotlib", "numba"]), ("(build.settings, build.provenance)", ["cv2", "scipy", "zarr"])],
+)
+def test_the_second_build_loads_nothing_that_draws_or_computes(loaded, tmp_path, sections, absent):
+    build.write_report(loaded, loaded.result(), tmp_path)
+    code = (
+        "import sys; from pathlib import Path\n"
+        "from dicflow.pipeline import Pipeline; from dicflow.report import build\n"
+        f"build.SECTIONS = {sections}\n"
+        "loaded = Pipeline.load(sys.argv[1])\n"
+        "build.write_report(loaded, loaded.result(), Path(sys.argv[2]))\n"
+        "print(*sorted(sys.modules))"
+    )
+    done = subprocess.run([sys.executable, "-c", code, loaded.path, tmp_path], capture_output=True, text=True)
+    assert "dicflow.report.build" in done.stdout, done.stderr
+    assert not set(absent) & set(done.stdout.split())
+
+
+def test_names_are_text_and_never_tags(copied, tmp_path):
+    text = copied.read_text().replace("title: ", 'title: "<b>&\\"</b>" # ', 1)
+    copied.write_text(text)
+    for path in sorted((copied.parent / "photos").glob("*/step_08*")):
+        path.rename(path.with_name(path.name.replace("step_08", "step_08<i>&")))
+    path = build.write_report(loaded := Pipeline.load(copied), loaded.result(), tmp_path)
+    page = Page.read(path)
+    assert page.texts[0] == '<b>&"</b>'
+    assert "<b>&" not in path.read_text()
+    assert "<i>" not in path.read_text()
 
 
 def test_the_report_says_nothing_of_the_machine(loaded, tmp_path, monkeypatch):
@@ -51,8 +102,19 @@ def test_the_report_says_nothing_of_the_machine(loaded, tmp_path, monkeypatch):
 
     monkeypatch.setattr(build, "SECTIONS", (broken,))
     path = build.write_report(loaded, loaded.result(), tmp_path / "new")
-    assert "tmp: <b>no</b> room in photos; make some" in Page(path).texts
+    assert Page.read(path).texts.count("tmp: <b>no</b> room in photos; make some") == 1
     assert "tmp: &lt;b&gt;no&lt;/b&gt; room" in path.read_text()
+
+
+def test_a_summary_that_fails_leaves_the_other_sections(loaded, tmp_path, monkeypatch):
+    def broken(context, sections):
+        raise StoreError("the store is gone")
+
+    broken.__name__ = "summary"
+    monkeypatch.setattr(build, "summary", broken)
+    page = Page.read(build.write_report(loaded, loaded.result(), tmp_path))
+    assert "the store is gone" in page.texts
+    assert {"summary", "provenance"} <= set(page.ids)
 
 
 def test_the_run_of_a_report_is_one_with_the_same_settings(loaded, pipeline, tmp_path, monkeypatch):
@@ -67,6 +129,73 @@ def test_the_run_of_a_report_is_one_with_the_same_settings(loaded, pipeline, tmp
 
 
 def test_nothing_measured_is_shown_as_nothing(pipeline, tmp_path):
-    empty = Pipeline.load(pipeline, store=tmp_path / "store")
-    path = build.write_report(empty, empty.result(), tmp_path / "new")
-    assert f"track: 0 of {STEPS}" in Page(path).texts
+    page = page_of(pipeline, tmp_path / "new", store=tmp_path / "store")
+    page.assert_complete()
+    assert f"track: 0 of {STEPS}" in page.texts
+    assert "No run of this pipeline as it stands is known" in page.text
+
+
+@pytest.mark.parametrize("flags", [(), ("--keep-going",)])
+def test_a_run_that_failed_half_way_names_what_failed(copied, tmp_path, flags):
+    left = sorted((copied.parent / "photos").glob("left/*"))
+    shutil.copyfile(next((copied.parent / "boards").glob("left/*")), left[1])
+    answer = dicflow("run", copied, "--scheduler", "sync", "--workers", "1", *flags)
+    assert answer.code != 0
+    page = Page.read(copied.parent / "results" / copied.stem / "report.html")
+    page.assert_complete()
+    loaded = Pipeline.load(copied)
+    failed = [event for event in find_run(loaded.store).events() if event.get("status") == "failed"]
+    assert failed
+    assert "What failed" in page.texts
+    assert all(event["task"] in page.texts for event in failed)
+    assert "tasks failed" in page.text
+    assert str(copied.parent) not in page.text
+
+
+@pytest.mark.parametrize(
+    ("result", "said"), [({"interrupted": True}, "The run was interrupted"), (None, "The run was cut off")]
+)
+def test_a_run_that_did_not_end(copied, tmp_path, result, said):
+    loaded = Pipeline.load(copied)
+    folder = find_run(loaded.store).folder
+    events = [line for line in (folder / "journal.jsonl").read_text().splitlines() if '"stage": "total"' not in line]
+    (folder / "journal.jsonl").write_text("\n".join(events))
+    (folder / "index.json").write_text("{}")
+    (folder / "result.json").write_text(json.dumps(result))
+    page = page_of(copied, tmp_path / "new")
+    assert said in page.text
+    assert f"{STEPS - 1} of its {TASKS} tasks" in page.text
+
+
+def test_a_sweep_has_a_box_for_every_instance(copied, tmp_path):
+    page = page_of(copied, tmp_path, settings=["smooth.degree=1,2"])
+    page.assert_complete()
+    assert {"smooth", "smooth@2"} <= set(page.texts)
+    assert "Of the first variant: smooth.degree = 1." in page.texts
+
+
+def test_a_pipeline_without_maps_and_caliper(copied, tmp_path):
+    copied.write_text("".join(line for line in copied.read_text().splitlines(True) if not RESULTS.search(line)))
+    page = page_of(copied, tmp_path)
+    page.assert_complete()
+    assert "Means over the field, step by step" in page.texts
+    assert "mean εyy [–]" in page.texts
+
+
+def test_a_rig_from_a_file(copied, measured, pipeline, tmp_path):
+    (copied.parent / "rig.json").write_bytes(
+        rig_text(rig_from_dict(Pipeline.load(pipeline).result().product("rig").attrs["rig"])).encode()
+    )
+    lines = [line for line in copied.read_text().splitlines(True) if not BOARDS.search(line)]
+    copied.write_text("".join(lines).replace("  # the rig,", "  rig: {stage: rig_file, file: rig.json}\n  # the rig,"))
+    page = page_of(copied, tmp_path)
+    page.assert_complete()
+    assert "rig: 0 of 1" in page.texts
+
+
+def test_one_camera(copied, tmp_path):
+    text = (ROOT / "pipelines" / "planar.yaml").read_text()
+    copied.write_text(text.replace("photos/left/*.png", "photos/left/*.*"))
+    page = page_of(copied, tmp_path)
+    page.assert_complete()
+    assert "plane: 0 of 3" in page.texts

@@ -1,0 +1,99 @@
+"""The reporting table: what is filled in agrees with the settings, what is left is marked."""
+
+import pytest
+import yaml
+from small import ROOT, STEPS
+
+from dicflow.pipeline import Pipeline
+from dicflow.pipeline.reporting import Row, reporting_rows
+from dicflow.report.context import Context
+from dicflow.report.pieces import Pieces
+from dicflow.report.settings import settings
+from tests.pages import Page
+
+BLANKS = {
+    "cameras",
+    "lenses",
+    "aperture",
+    "exposure time",
+    "image acquisition rate",
+    "lighting",
+    "specimen",
+    "patterning technique",
+    "noise floor and bias of every quantity",
+}
+
+
+def rows_of(loaded):
+    return {row.name: row for row in reporting_rows(loaded.result(), loaded.resolved())}
+
+
+@pytest.fixture(scope="module")
+def loaded(pipeline, measured):
+    return Pipeline.load(pipeline)
+
+
+@pytest.fixture(scope="module")
+def rows(loaded):
+    return rows_of(loaded)
+
+
+def test_what_no_photograph_tells_is_left_blank(rows):
+    assert {name for name, row in rows.items() if row.value is None} == BLANKS
+    assert all(row.hint for row in rows.values() if row.value is None)
+
+
+def test_what_is_filled_in_is_as_set(loaded, rows):
+    stages = yaml.safe_load(loaded.path.read_text())["stages"]
+    resolved = loaded.resolved()["stages"]
+    assert rows["features"].value.startswith(stages["features"]["detector"])
+    assert rows["calibration target"].value == "checkerboard, 9 × 6, 14.5 mm"
+    assert rows["step size"].value == f"{resolved['track']['step_size']:g} px"
+    assert rows["strain window"].value == "80 × 20 px, degree 2"
+    assert rows["number of steps"].value == str(STEPS)
+
+
+def test_what_is_measured_agrees_with_the_truth(loaded, rows):
+    rig = loaded.result().product("rig").attrs
+    width, height = rig["rig"]["left"]["size"]
+    assert rows["image size"].value == f"{width} × {height} px"
+    scale = float(rows["image scale"].value.split()[0])
+    stand_off = float(rows["stand-off distance"].value.split()[0])
+    assert scale * stand_off == pytest.approx(rig["rig"]["left"]["matrix"][0][0], rel=1e-3)
+    assert stand_off == pytest.approx(403, abs=5)
+    assert rows["field of view"].value.startswith(f"{width / scale:.0f}"[:2])
+
+
+def test_the_correlation_is_told_with_its_reference_and_gauge(pipeline, tmp_path):
+    path = tmp_path / "precise.yaml"
+    path.write_text((ROOT / "pipelines" / "quickstart.yaml").read_text())
+    loaded = Pipeline.load(path, data=pipeline.parent, settings=["correlation.subset_size=33", "total.measure=hencky"])
+    rows = rows_of(loaded)
+    assert rows["subset size"].value == "33 px"
+    assert rows["subset shape function"].value == "affine in time, quadratic from left to right"
+    assert rows["matching criterion"].value.endswith("(ZNSSD)")
+    assert rows["reference image"].value.startswith("the first photograph; another")
+    assert rows["strain measure"].value == "Hencky: ln λ along the principal directions"
+    assert rows["virtual strain gauge"].value == "not yet computed"
+
+
+def test_one_camera_has_no_stereo_angle(pipeline, tmp_path):
+    path = tmp_path / "planar.yaml"
+    path.write_text((ROOT / "pipelines" / "planar.yaml").read_text())
+    rows = rows_of(Pipeline.load(path, data=pipeline.parent))
+    assert rows["number of cameras"].value == "1"
+
+
+def test_blanks_are_marked_and_counted(loaded, tmp_path):
+    section = settings(Context(loaded, loaded.result(), None, Pieces(tmp_path, "code"), tmp_path))
+    page = Page(str(section.body))
+    marked = [text for text in page.texts if text.startswith("fill in: ")]
+    assert len(marked) == len(BLANKS)
+    assert f"{len(BLANKS)} rows are left to fill in" in page.texts
+    assert "cameras" in page.texts
+
+
+def test_a_row_is_text(loaded, tmp_path, monkeypatch):
+    monkeypatch.setattr("dicflow.report.settings.reporting_rows", lambda *_: [Row("<g>", "<b>", "1 < 2 & 3", "")])
+    section = settings(Context(loaded, loaded.result(), None, Pieces(tmp_path, "code"), tmp_path))
+    assert {"<g>", "<b>", "1 < 2 & 3"} <= set(Page(str(section.body)).texts)

@@ -1,0 +1,115 @@
+"""What came out, with what to be careful about before it."""
+
+import pytest
+from small import STEPS, TASKS
+
+from dicflow.core.status import Status
+from dicflow.engine.journal import find_run
+from dicflow.pipeline import Pipeline
+from dicflow.pipeline.provenance import run_facts
+from dicflow.report import summary as module
+from dicflow.report.context import Context, Section
+from dicflow.report.history import history
+from dicflow.report.pieces import Pieces
+from dicflow.report.summary import summary
+from tests.pages import Page
+
+
+@pytest.fixture(scope="module")
+def loaded(pipeline, measured):
+    return Pipeline.load(pipeline)
+
+
+@pytest.fixture
+def context(loaded, tmp_path):
+    facts = run_facts(loaded.store, find_run(loaded.store))
+    return Context(loaded, loaded.result(), facts, Pieces(tmp_path, "code"), tmp_path)
+
+
+def page_of(context, sections=()):
+    return Page(str(summary(context, sections).body))
+
+
+def test_the_table_has_the_caliper_beside_what_was_measured(loaded, context):
+    rows, told = loaded.result().product("comparison").attrs["rows"], history(context)
+    assert told.phases == tuple(row["phase"] for row in rows)
+    for key in ("load_g", "caliper_length_mm", "dic_length_mm", "dic_strain", "strain_error_pct"):
+        assert told.values[key] == tuple(row[key] for row in rows)
+    assert len(told.steps) == STEPS
+    units = {column.key: (column.title, column.unit) for column in told.columns}
+    assert units["dic_strain"] == ("strain, DIC", "1")
+    assert units["load_g"] == ("load", "g")
+
+
+def test_the_share_of_points_counts_those_of_the_region(loaded, context):
+    shares = history(context).valid_share
+    assert shares[0] is None
+    for step, share in zip(loaded.result().steps("total"), shares[1:], strict=True):
+        status = loaded.result().product("total", step)["status"]
+        inside = status[status != Status.OUTSIDE]
+        assert share == pytest.approx((inside <= Status.FILLED).mean())
+    assert all(0.5 < share <= 1 for share in shares[1:])
+
+
+def test_lengths_that_are_not_alike_are_not_compared(loaded, context, monkeypatch):
+    rows = [dict(row) for row in loaded.result().product("comparison").attrs["rows"]]
+    for row in rows:
+        del row["displacement_error_mm"]
+    monkeypatch.setattr("dicflow.report.history._comparison", lambda result: rows)
+    told = history(context)
+    assert "only their strains compare" in told.remark
+    assert {key for key in told.drawn if key.endswith("_mm")} == set()
+    assert {"caliper_strain", "dic_strain"} <= set(told.drawn)
+
+
+def test_warnings_stand_before_everything_else(context):
+    sections = [Section("calibration", "Calibration", "", ("The <rig> is bad.",))]
+    run = context.run._replace(warnings=(f"{context.pipeline.folder}/photos: dark",))
+    page = page_of(context._replace(run=run), sections)
+    assert page.texts[:3] == ["photos: dark", "Calibration", ": The <rig> is bad."]
+    assert "#calibration" in page.references
+
+
+def test_few_points_are_a_warning(context, monkeypatch):
+    told = history(context)._replace(valid_share=(None, 0.95, 0.42))
+    monkeypatch.setattr(module, "history", lambda _: told)
+    found = summary(context, [])
+    assert found.warnings == (f"1 step has a value at less than 90.0 % of the points, {told.steps[2]} at 42.0 % only.",)
+
+
+def test_failed_tasks_and_what_was_skipped_for_them(context):
+    tasks = tuple(
+        task._replace(status="failed", error=f"{context.pipeline.folder}/x: <no>")
+        if task.task == "rig"
+        else task._replace(status="skipped")
+        if task.stage == "total"
+        else task
+        for task in context.run.tasks
+    )
+    page = page_of(context._replace(run=context.run._replace(tasks=tasks)))
+    assert page.texts[0] == f"1 of {TASKS} tasks failed, and {STEPS - 1} were skipped for it."
+    assert page.texts[1:4] == ["What failed", "rig", ": x: <no>"]
+    assert f"something that they need is missing: total ({STEPS - 1})." in page.text
+
+
+def test_many_failures_are_not_all_listed(context):
+    tasks = tuple(task._replace(status="failed", error="no") for task in context.run.tasks)
+    page = page_of(context._replace(run=context.run._replace(tasks=tasks)))
+    assert page.texts.count(": no") == 20
+    assert f"… and {TASKS - 20} more tasks." in page.texts
+
+
+def test_the_plots_are_made_once(context, monkeypatch):
+    page_of(context)
+    monkeypatch.setattr("dicflow.views.load_curve.load_curves", None)
+    page = page_of(context)
+    assert {"displacement [mm]", "strain [–]", "load [g]"} <= set(page.texts)
+
+
+def test_the_largest_strain_is_named_with_its_step(loaded, context):
+    rows = loaded.result().product("comparison").attrs["rows"]
+    largest = max(range(STEPS), key=lambda index: rows[index]["dic_strain"])
+    page = page_of(context)
+    place = page.texts.index("Largest strain, DIC")
+    assert float(page.texts[place + 1]) == pytest.approx(rows[largest]["dic_strain"], rel=1e-3)
+    assert page.texts[place + 2] == f"at {history(context).steps[largest]}"
