@@ -48,10 +48,11 @@ class Partners(NamedTuple):
 
 
 class _View(NamedTuple):
-    """The rectified photographs, ``scale`` times as large."""
+    """The rectified photographs, ``scale`` times as large, and where the left one reaches."""
 
     left: npt.NDArray[np.float32]
     right: npt.NDArray[np.float32]
+    covered: npt.NDArray[np.bool_]
     scale: float
 
 
@@ -122,8 +123,10 @@ def _rectified(rig: Rig, left: npt.NDArray[Any], right: npt.NDArray[Any]) -> tup
         seen(left, rig.left, full.rotation_left, matrices[0]),
         seen(right, rig.right, full.rotation_right, matrices[1]),
     )
+    whole = np.full(left.shape, 255, dtype=np.uint8)
+    covered = rectify(whole, rig.left, full.rotation_left, matrices[0], size) > 127
     return (
-        _View(*views, scale),
+        _View(*views, covered, scale),
         lambda points: raw_to_rectified(points, rig.left, full.rotation_left, matrices[0]),
         lambda points: rectified_to_raw(points, rig.right, full.rotation_right, matrices[1]),
     )
@@ -158,11 +161,12 @@ def _partner(view: _View, place: Array, half: int, squeeze: float, limits: tuple
     rows, cols = view.left.shape
     if not (wide <= x < cols - wide and high <= y < rows - high):
         return nothing
-    window = view.left[y - half : y + half + 1, x - wide : x + wide + 1]
+    around = slice(y - half, y + half + 1), slice(x - wide, x + wide + 1)
     first, last = max(0, x + limits[0] - half), min(cols, x + limits[1] + half + 1)
     side = 2 * half + 1
-    if window.min() <= 0.0 or last - first < side:  # beyond the photograph
+    if not view.covered[around].all() or last - first < side:
         return nothing
+    window = view.left[around]
     template = window if wide == half else cv2.resize(window, (side, side), interpolation=cv2.INTER_AREA)
     fit = cv2.matchTemplate(view.right[y - high : y + high + 1, first:last], template, cv2.TM_CCOEFF_NORMED)
     fit[~(np.abs(fit) <= 1.0)] = -1.0  # where the image shows nothing at all

@@ -56,6 +56,17 @@ def test_unlike_photographs_have_no_partners():
     assert np.isnan(slope).all()
 
 
+def test_black_speckles_are_part_of_the_photograph():
+    """A pattern underexposed so far that a twentieth of the pixels shows nothing at all."""
+    left, right = photographs(REST)
+    dark = np.percentile(left, 5)
+    clipped = [np.clip(view - dark, 0, 255).astype(np.uint8) for view in (left.astype(float), right.astype(float))]
+    assert (clipped[0] == 0).mean() > 0.04
+    points = seeds()
+    expected = find_partners(RIG, left, right, points)
+    assert len(find_partners(RIG, *clipped, points).left) > 0.95 * len(expected.left)
+
+
 def test_large_photographs_are_searched_small():
     """Twice as many pixels of the same scene, so the rectified images are shrunk."""
     large = [np.kron(view, np.ones((2, 2))).astype(np.uint8) for view in clean(REST)]
