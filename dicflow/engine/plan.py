@@ -161,7 +161,7 @@ class _Planner:
         self.plan = Plan(graph, self.entries, values, code, self.files, policy)
 
     def add(self, task: Task) -> None:
-        files = {name: FileStamp(self.store.files.digest(path), stamp(path)) for name, path in task.files.items()}
+        files = {name: self._stamped(path) for name, path in task.files.items()}
         self.files[task.name] = files
         waits_for = tuple(name for name in task.producers() if self.entries[name].state != "hit")
         if waits_for:
@@ -171,6 +171,10 @@ class _Planner:
         digests = {name: file.digest for name, file in files.items()}
         parts = key_parts(task.node, self.plan.parameters[task.stage], input_digests(inputs), digests)
         self.entries[task.name] = self._known(task, key_of(parts), parts, inputs)
+
+    def _stamped(self, path: Path) -> FileStamp:
+        before = stamp(path)  # first: of a file that changes meanwhile the stamp then no longer fits
+        return FileStamp(self.store.files.digest(path), before)
 
     def _known(self, task: Task, key: str, parts: dict[str, Any], inputs: dict[str, RefInput]) -> PlanEntry:
         code = self.plan.code[task.stage]

@@ -134,6 +134,21 @@ def test_touching_a_file_changes_nothing(folder, store):
     assert plan(chain(folder), store).counts["hit"] == 24
 
 
+def test_a_file_that_changes_while_it_is_planned_for_is_not_used(folder, store, monkeypatch):
+    digest, changing = store.files.digest, folder / "step_04.txt"
+
+    def slow(path):
+        found = digest(path)
+        if path == changing:
+            write(changing, "44")
+        return found
+
+    monkeypatch.setattr(store.files, "digest", slow)
+    assert "step_04.txt: changed while it was used" in run_sync(chain(folder), store, keep_going=True).errors[0]
+    monkeypatch.undo()
+    assert run_sync(chain(folder), store).product("read/step_04")["values"][0] == 44.0
+
+
 THOUSAND = """
 import sys
 from pathlib import Path
