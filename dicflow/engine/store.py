@@ -19,6 +19,7 @@ from __future__ import annotations
 import errno
 import json
 import os
+import re
 import shutil
 import uuid
 from collections.abc import Iterator, Mapping
@@ -42,6 +43,7 @@ FORMAT = 1
 
 State = Literal["complete", "missing", "damaged"]
 
+_DRAFT = re.compile(r"\d+-[0-9a-f]{32}")
 _FULL = {errno.ENOSPC, errno.EDQUOT}
 _DENIED = {errno.EROFS, errno.EACCES, errno.EPERM}
 
@@ -59,13 +61,14 @@ class Store:
         Raises StoreError for a newer format, a folder that holds something else, or one that cannot be made.
         """
         store = cls(Path(path).absolute())
+        foreign = _foreign(store.path)  # before the mark is looked for, which another process may be about to write
         mark = store.path / "dicflow.json"
         if mark.is_file():
             store._check_format(mark)
             return store
         if not create:
             raise StoreError(f"{store.path}: holds no store; run a pipeline first, or name the store's folder")
-        if store.path.is_dir() and any(store.path.iterdir()) and not (store.path / "tmp").is_dir():
+        if foreign:
             raise StoreError(f"{store.path}: holds other files and no store; name an empty or new folder")
         with store.writing():
             (store.path / "tmp").mkdir(parents=True, exist_ok=True)
@@ -211,6 +214,15 @@ def read_json(path: Path) -> Any:
         return json.loads(path.read_bytes())
     except (OSError, ValueError):
         return None
+
+
+def _foreign(folder: Path) -> bool:
+    """Whether a folder holds anything but what a store without its mark does: drafts of the mark in ``tmp``."""
+    if not folder.is_dir():
+        return False
+    drafts = folder / "tmp"
+    names = [path.name for path in drafts.iterdir()] if drafts.is_dir() else []
+    return any(path != drafts for path in folder.iterdir()) or not all(map(_DRAFT.fullmatch, names))
 
 
 def _holds(folder: Path, files: Mapping[str, int]) -> bool:

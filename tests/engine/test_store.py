@@ -212,6 +212,23 @@ def test_a_folder_of_other_things_is_no_store(tmp_path):
         Store.open(tmp_path / "nothing", create=False)
 
 
+@pytest.mark.parametrize("names", [("tmp/photo.png",), ("notes.txt", "tmp/1-" + "a" * 32)])
+def test_a_folder_with_a_tmp_of_its_own_is_no_store(tmp_path, names):
+    (tmp_path / "tmp").mkdir()
+    for name in names:
+        (tmp_path / name).touch()
+    with pytest.raises(StoreError, match="holds other files and no store"):
+        Store.open(tmp_path)
+    assert not (tmp_path / "dicflow.json").exists()
+
+
+def test_a_store_that_was_killed_before_its_mark_is_taken_over(tmp_path):
+    (tmp_path / "tmp").mkdir()
+    (tmp_path / "tmp" / ("1-" + "a" * 32)).touch()
+    Store.open(tmp_path)
+    assert (tmp_path / "dicflow.json").is_file()
+
+
 def fill_disk(monkeypatch, after):
     """From so many writes on, the disk is full."""
     left = [after]
