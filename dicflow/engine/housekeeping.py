@@ -13,7 +13,7 @@ from dicflow.engine.hashing import digest_array, digest_json, is_digest
 from dicflow.engine.journal import find_run, runs
 from dicflow.engine.objects import Manifest, read_array
 from dicflow.engine.records import Record
-from dicflow.engine.store import Store, read_json
+from dicflow.engine.store import Store, read_json, read_mapping
 from dicflow.errors import StoreError
 
 __all__ = ["Damage", "Garbage", "collect", "pin", "pins", "size", "unpin", "verify"]
@@ -53,7 +53,7 @@ def collect(store: Store, *, keep_runs: int = 5, delete: bool = False, grace_s: 
 
     keep_runs : so many of the newest runs of each pipeline stay, with all their products; pinned ones do besides
     grace_s : what is younger stays [s]
-    Raises StoreError where something cannot be deleted.
+    Raises StoreError where something cannot be deleted, or is damaged that says what must stay.
     """
     keys, digests, old_runs = _marked(store, keep_runs)
     before = time.time() - grace_s
@@ -102,9 +102,8 @@ def verify(store: Store, *, repair: bool = False) -> list[Damage]:
 
 
 def pins(store: Store) -> dict[str, str]:
-    """What is pinned, runs and products, with the note given."""
-    found = read_json(store.path / "pins.json")
-    return {str(name): str(note) for name, note in found.items()} if isinstance(found, dict) else {}
+    """What is pinned, runs and products, with the note given. Raises StoreError where that is damaged."""
+    return {name: str(note) for name, note in read_mapping(store.path / "pins.json").items()}
 
 
 def pin(store: Store, what: str, note: str = "") -> None:

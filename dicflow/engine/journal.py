@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import Any, Literal
 
 from dicflow.engine.hashing import digest_json
-from dicflow.engine.store import Store, read_json
+from dicflow.engine.store import Store, read_json, read_mapping
 from dicflow.errors import StoreError
 
 __all__ = ["Entry", "Event", "Journal", "RunInfo", "find_run", "is_run_id", "latest", "runs"]
@@ -85,9 +85,8 @@ class RunInfo:
 
     @cached_property
     def index(self) -> dict[str, Entry]:
-        """Task → key and digest, of everything that was found or made."""
-        found = read_json(self.folder / "index.json")
-        entries = dict(found) if isinstance(found, dict) else {}
+        """Task → key and digest, of everything that was found or made. Raises StoreError where it is damaged."""
+        entries = read_mapping(self.folder / "index.json")
         for event in self.events():
             if event.get("kind") == "finished" and event.get("digest"):
                 entries[event["task"]] = {"key": event["key"], "digest": event["digest"]}

@@ -36,7 +36,7 @@ from dicflow.engine.product import Product
 from dicflow.engine.records import Record
 from dicflow.errors import StoreError
 
-__all__ = ["FORMAT", "State", "Store", "read_json"]
+__all__ = ["FORMAT", "State", "Store", "read_json", "read_mapping"]
 
 FORMAT = 1
 """Version of the layout that this release reads and writes."""
@@ -214,6 +214,19 @@ def read_json(path: Path) -> Any:
         return json.loads(path.read_bytes())
     except (OSError, ValueError):
         return None
+
+
+def read_mapping(path: Path) -> dict[str, Any]:
+    """The mapping that a JSON file holds, an empty one where there is no such file.
+
+    Raises StoreError where there is one that holds none: what it says is not known then.
+    """
+    found = read_json(path)
+    if isinstance(found, dict):
+        return found
+    if not path.exists():
+        return {}
+    raise StoreError(f"{path}: cannot be read as a mapping in JSON; bring it back from a copy, or delete it")
 
 
 def _foreign(folder: Path) -> bool:

@@ -75,6 +75,19 @@ def test_a_run_under_way_keeps_what_its_journal_tells_of(store, three):
     assert not {index(three[2])[name] for name in made} & set(found)
 
 
+@pytest.mark.parametrize("damage", ["", "[]", '{"a": '])
+def test_nothing_is_deleted_while_it_is_unknown_what_must_stay(store, three, damage):
+    pin(store, three[0].run_id)
+    index_path, before = three[1].folder / "index.json", size(store)
+    for path in (store.path / "pins.json", index_path):
+        sound = path.read_text()
+        path.write_text(damage)
+        with pytest.raises(StoreError, match=f"{path.name}: cannot be read"):
+            collect(store, keep_runs=2, grace_s=0, delete=True)
+        path.write_text(sound)
+    assert size(store) == before
+
+
 def test_what_is_young_stays(store, three):
     (store.path / "tmp" / "left by a kill").mkdir()
     assert collect(store, keep_runs=0).objects == []
