@@ -48,9 +48,9 @@ class Result:
         """Names of the stages in the file."""
         return tuple(self._instances[0])
 
-    def steps(self, stage: str) -> tuple[str, ...]:
-        """Names of the steps of a stage; empty for one that runs once."""
-        return self._graph.steps[self._instance(stage, 0)]
+    def steps(self, stage: str, variant: int = 0) -> tuple[str, ...]:
+        """Names of the steps of a stage; empty for one that runs once. Variants may have photographs of their own."""
+        return self._graph.steps[self._instance(stage, variant)]
 
     def kind(self, stage: str) -> str:
         """The kind of product that a stage gives."""
@@ -144,7 +144,7 @@ class Result:
     def _scalars(self, variant: int) -> dict[str, float]:
         columns: dict[str, float] = {}
         for stage in self.stages:
-            names = [step for step in self.steps(stage) or (None,) if self.has(stage, step, variant)]
+            names = [step for step in self.steps(stage, variant) or (None,) if self.has(stage, step, variant)]
             summaries = [self.product(stage, step, variant).attrs.get("summary", {}) for step in names]
             for key in dict.fromkeys(key for summary in summaries for key in summary):
                 numbers = [summary[key] for summary in summaries if isinstance(summary.get(key), int | float)]

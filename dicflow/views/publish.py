@@ -120,12 +120,13 @@ def _map_jobs(result: Result, stage: str, variant: int, prefix: str) -> Iterator
     """One job per quantity: a picture per step, a sheet per phase, an animation."""
     maps = result.product(stage, None, variant).attrs
     source = result.source(stage, "total", variant)
-    refs = [result.ref(source, step, variant) for step in result.steps(source)]
+    steps = result.steps(source, variant)
+    refs = [result.ref(source, step, variant) for step in steps]
     sources = (__version__, result.digest(stage, None, variant), *(ref.digest for ref in refs))
     for quantity in maps["quantities"]:
         base = f"{prefix}{stage}/{quantity}"
-        files = _map_files(base, result.steps(source), maps["phases"])
-        make = partial(_draw, result.store_folder, refs, dict(maps), quantity, base, result.steps(source))
+        files = _map_files(base, steps, maps["phases"])
+        make = partial(_draw, result.store_folder, refs, dict(maps), quantity, base, steps)
         yield _Job(tuple(files), sources, make)
 
 

@@ -158,6 +158,20 @@ def test_variants_with_equal_values_are_one(own):
     assert len(loaded.graph.stages) == 19
 
 
+def test_variants_may_have_photographs_of_their_own(tmp_path):
+    for name in ("soft/1.png", "soft/2.png", "stiff/7.png"):
+        (tmp_path / name).parent.mkdir(exist_ok=True)
+        Image.fromarray(np.eye(40, dtype=np.uint8)).save(tmp_path / name)
+    path = tmp_path / "p.yaml"
+    path.write_text(
+        'stages: {photos: {stage: images, left: ""}}\nsweep: {grid: {photos.left: [soft/*.png, stiff/*.png]}}\n'
+    )
+    result = run(path)
+    assert [result.steps("photos", variant) for variant in (0, 1)] == [("1", "2"), ("7",)]
+    assert [row["photos.left"] for row in result.table()] == ["soft/*.png", "stiff/*.png"]
+    assert result.has("photos", "7", variant=1)
+
+
 # results by name
 
 
