@@ -52,14 +52,14 @@ def collect(store: Store, *, keep_runs: int = 5, delete: bool = False, grace_s: 
     """Find what can be deleted, and delete it if asked to.
 
     keep_runs : so many of the newest runs of each pipeline stay, with all their products; pinned ones do besides
-    grace_s : what is younger stays [s]
+    grace_s : what is younger stays, and a run that has written its journal since, with all its products [s]
     Raises StoreError where something cannot be deleted, or is damaged that says what must stay.
     """
-    keys, digests, old_runs = _marked(store, keep_runs)
     before = time.time() - grace_s
+    keys, digests, old_runs = _marked(store, keep_runs, before)
     objects = [(name, path) for name, path in _named(store, "objects") if name not in digests and _older(path, before)]
     records = [(name, path) for name, path in _named(store, "actions") if name not in keys and _older(path, before)]
-    folders = [(name, store.path / "runs" / name) for name in old_runs if _older(store.path / "runs" / name, before)]
+    folders = [(name, store.path / "runs" / name) for name in old_runs]
     loose = [path for path in _listed(store.path / "tmp") if _older(path, before)]
     loose += _listed(store.path / "quarantine")
     paths = [path for _, path in (*records, *objects, *folders)] + loose
@@ -133,15 +133,15 @@ def size(store: Store) -> int:
     return _size(store.path)
 
 
-def _marked(store: Store, keep_runs: int) -> tuple[set[str], set[str], list[str]]:
-    """Keys and digests that stay, and the runs that do not."""
+def _marked(store: Store, keep_runs: int, before: float) -> tuple[set[str], set[str], list[str]]:
+    """Keys and digests that stay, and the runs that do not. before : runs that have written since stay [s]"""
     pinned = pins(store)
     seen: dict[str, int] = {}
     keys, old = set(), []
     digests = {name for name in pinned if is_digest(name)}
     for run in runs(store):
         seen[run.pipeline] = seen.get(run.pipeline, 0) + 1
-        if seen[run.pipeline] > keep_runs and run.id not in pinned:
+        if seen[run.pipeline] > keep_runs and run.id not in pinned and _at_rest(run.folder, before):
             old.append(run.id)
             continue
         keys |= {entry["key"] for entry in run.index.values()}
@@ -191,6 +191,11 @@ def _older(path: Path, before: float) -> bool:
         return path.stat().st_mtime <= before
     except OSError:
         return False
+
+
+def _at_rest(folder: Path, before: float) -> bool:
+    """Whether no file of a folder has changed since; the folder's own time tells of new files only."""
+    return all(_older(path, before) for path in (folder, *folder.iterdir()))
 
 
 def _size(path: Path) -> int:

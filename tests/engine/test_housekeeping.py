@@ -1,4 +1,6 @@
 import json
+import os
+import time
 
 import pytest
 from test_execute import index
@@ -93,6 +95,23 @@ def test_what_is_young_stays(store, three):
     assert collect(store, keep_runs=0).objects == []
     assert collect(store, keep_runs=0).leftovers == []
     assert collect(store, keep_runs=0, grace_s=0).leftovers == ["tmp/left by a kill"]
+
+
+def aged(folder, seconds):
+    """Everything in a folder, as if it had been written so long ago."""
+    then = time.time() - seconds
+    for path in sorted(folder.rglob("*"), reverse=True):
+        os.utime(path, (then, then))
+
+
+def test_a_run_that_still_writes_its_journal_stays_with_its_products(store, three):
+    aged(store.path, 7200.0)
+    assert set(collect(store, keep_runs=1).runs) == {three[0].run_id, three[1].run_id}
+    with (three[0].folder / "journal.jsonl").open("a") as journal:
+        journal.write("\n")
+    found = collect(store, keep_runs=1)
+    assert found.runs == [three[1].run_id]
+    assert set(found.objects) == digests(three[1]) - digests(three[0], three[2])
 
 
 def test_verify_finds_all_kinds_of_damage_and_mends_them(folder, store, three):
