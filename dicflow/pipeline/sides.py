@@ -158,9 +158,15 @@ class MeasuredSide(NamedTuple):
 
     def _product(self, stage: str, step: str | None) -> Product:
         ref = self.refs[stage, step]
-        if self.store.inspect(ref.digest)[0] != "complete":
-            what = stage if step is None else f"{stage}/{step}"
+        state, manifest = self.store.inspect(ref.digest)
+        what = stage if step is None else f"{stage}/{step}"
+        if state != "complete" or manifest is None:
             raise StoreError(f"{self.label}: {what} has gone from {self.store.path}; run the pipeline again to have it")
+        if not manifest.kept and ref.recipe is None:
+            raise StoreError(
+                f"{self.label}: {what} was not kept, and cannot be made again by this version of dicflow; run the "
+                "pipeline again and name its file"
+            )
         return load(self.store, ref)
 
 

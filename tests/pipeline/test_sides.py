@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from dicflow.core.camera import project
-from dicflow.engine.journal import find_run
+from dicflow.engine.journal import runs
 from dicflow.engine.store import Store
 from dicflow.errors import ConfigurationError, InputError, StoreError
 from dicflow.io.points_table import PointTable
@@ -16,12 +16,12 @@ from dicflow.pipeline import Pipeline
 from dicflow.pipeline.difference import compare
 from dicflow.pipeline.sides import TableSide, open_sides
 
-WINDOW = "strain.window=[61, 61]"
-
 
 @pytest.fixture(scope="module")
-def run_id(measured):
-    return find_run(Store.open(measured), "latest", "quickstart").id
+def run_id(pipeline, measured):
+    """The run of the pipeline as its file stands."""
+    stages = Pipeline.load(pipeline).resolved()["stages"]
+    return next(run.id for run in runs(Store.open(measured)) if run.resolved["stages"] == stages)
 
 
 @pytest.fixture(scope="module")
