@@ -195,4 +195,4 @@ def _window_centres(usable: Mask, side: int, count: int) -> Array:
     if len(rows) == 0:
         y, x = np.unravel_index(int(share.argmax()), share.shape)
         return np.array([[left + x, top + y]], dtype=np.float64)
-    return np.stack([cols, rows], axis=-1).astype(np.float64) * step + step // 2 + (left, top)
+    return np.asarray(np.stack([cols, rows], axis=-1).astype(np.float64) * step + step // 2 + (left, top))
