@@ -6,16 +6,13 @@ import base64
 import json
 import math
 from collections.abc import Callable, Mapping, Sequence
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from dicflow.io.results import table_text
 from dicflow.pipeline import Result
 from dicflow.report.context import Context, Section
 from dicflow.report.rendering import render
 from dicflow.report.words import number
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
 
 __all__ = ["sweep"]
 
@@ -94,7 +91,7 @@ def _scalar(result: Result, stage: str, key: str, step: str, variant: int) -> fl
 
 
 def _means(context: Context, table: Sequence[Mapping[str, Any]]) -> str:
-    def draw() -> Figure:
+    def draw() -> Any:
         from dicflow.views.sweep import sweep_figure
 
         return sweep_figure(context.result.values, table)
@@ -103,7 +100,7 @@ def _means(context: Context, table: Sequence[Mapping[str, Any]]) -> str:
 
 
 def _steps(context: Context, curves: Mapping[str, list[list[float]]], steps: Sequence[str]) -> str:
-    def draw() -> Figure:
+    def draw() -> Any:
         from dicflow.views.sweep import step_figure
 
         return step_figure(context.result.values, curves, steps)
@@ -124,8 +121,8 @@ def _fields(context: Context) -> list[tuple[str, str]]:
     digests = [result.digest(stage, step, place) for place in there]
     labels = [f"#{place + 1}" for place in there]
 
-    def drawing(quantity: str) -> Callable[[], Figure]:
-        def draw() -> Figure:
+    def drawing(quantity: str) -> Callable[[], Any]:
+        def draw() -> Any:
             from dicflow.views.sweep import small_multiples
 
             return small_multiples([result.product(stage, step, place) for place in there], labels, quantity)
@@ -140,7 +137,7 @@ def _fields(context: Context) -> list[tuple[str, str]]:
     ]
 
 
-def _picture(context: Context, sources: tuple[str, ...], draw: Callable[[], Figure]) -> str:
+def _picture(context: Context, sources: tuple[str, ...], draw: Callable[[], Any]) -> str:
     """A picture as the text of a data address, drawn once for the same sources."""
 
     def make() -> bytes:
