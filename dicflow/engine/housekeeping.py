@@ -109,14 +109,17 @@ def pins(store: Store) -> dict[str, str]:
 def pin(store: Store, what: str, note: str = "") -> None:
     """Keep a run with all its products, or one product, until it is unpinned.
 
-    what : id of a run, or digest of a product
-    Raises StoreError where there is no such thing.
+    what : id of a run or "latest", or digest of a product
+    Raises StoreError where there is no such thing, or a product is made again from others when it is used.
     """
     if is_digest(what):
-        if store.manifest(what) is None:
+        found = store.manifest(what)
+        if found is None:
             raise StoreError(f"{store.path}: holds no product {what}; nothing to pin")
+        if not found.kept:
+            raise StoreError(f"{store.path}: the arrays of {what} are not stored but made again; pin its run")
     else:
-        find_run(store, what)
+        what = find_run(store, what).id
     store.write_json(store.path / "pins.json", {**pins(store), what: note})
 
 

@@ -60,6 +60,20 @@ def test_one_product_can_be_pinned(store, three):
     assert digest not in collect(store, keep_runs=1, grace_s=0).objects
 
 
+def test_the_latest_run_is_pinned_by_its_id(folder, store, three):
+    pin(store, "latest")
+    run_sync(chain(folder, keep="always", factor=7.0), store)
+    assert pins(store) == {three[2].run_id: ""}
+    assert three[2].run_id not in collect(store, keep_runs=1, grace_s=0).runs
+
+
+def test_a_product_that_is_not_stored_is_kept_by_its_run(folder, store):
+    result = run_sync(chain(folder, keep="never"), store)
+    with pytest.raises(StoreError, match="made again; pin its run"):
+        pin(store, index(result)["scale/step_02"])
+    assert pins(store) == {}
+
+
 @pytest.mark.parametrize("what", ["20200101-000000-abcdef", "sha256:" + "0" * 64, "../x"])
 def test_only_what_is_there_can_be_pinned(store, what):
     with pytest.raises(StoreError):
