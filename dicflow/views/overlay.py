@@ -1,6 +1,7 @@
 """Fields over photographs as small separate pictures, laid one upon the other by whoever shows them.
 
-Pictures have their own pixels: of a :class:`View`, a shrunk crop of the image in which the points are tracked.
+Pictures have their own pixels: of a :class:`View`, a shrunk crop of the image in which the points are tracked. What
+draws is loaded by what needs it, since a page whose pictures are all there asks for views alone.
 """
 
 from __future__ import annotations
@@ -13,11 +14,9 @@ from collections.abc import Iterable, Mapping
 from io import BytesIO
 from typing import Any, NamedTuple
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from dicflow.core.texture import saturation
 from dicflow.views.colours import REASON_COLOURS, Look, palette
 
 __all__ = [
@@ -94,6 +93,10 @@ def view(boxes: Iterable[tuple[float, float, float, float]], image_size: tuple[i
 
 def photo_jpeg(image: Array, view: View, quality: int = 70) -> bytes:
     """The view's part of a photograph (row, col), uint8 or uint16, as a JPEG."""
+    import cv2
+
+    from dicflow.core.texture import saturation
+
     (x0, y0), (width, height) = view.origin, view.size
     part = image[y0 : y0 + round(height / view.scale), x0 : x0 + round(width / view.scale)]
     if image.dtype != np.uint8:
@@ -110,6 +113,8 @@ def cell_index(xy: Array, view: View) -> NDArray[np.int32]:
     xy : (row, col, 2) places of the grid's points in the image [px]; a cell with an unknown corner is not shown
     Returns (height, width) int32, the number of the cell in the order of rows, −1 where there is none.
     """
+    import cv2
+
     width, height = view.size
     index = np.full((height, width), -1, np.int32)
     placed = view.place(xy)

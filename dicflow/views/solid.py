@@ -31,15 +31,10 @@ def surface(total: Product, look: Look, path: Path) -> None:
     mesh = pyvista.PolyData(places, cells)
     plotter: Any = pyvista.Plotter(off_screen=True, window_size=_SIZE_PX)
     plotter.set_background("white")
-    plotter.add_mesh(
-        mesh,
-        scalars=values,
-        cmap=look.table,
-        clim=look.range,
-        scalar_bar_args={"title": look.label, "color": "black"},
-    )
-    unit = total.attrs["unit"]
-    plotter.show_bounds(color="black", xtitle=f"X [{unit}]", ytitle=f"Y [{unit}]", ztitle=f"Z [{unit}]")
+    plotter.add_mesh(mesh, scalars=values, cmap=look.table, clim=look.range, lighting=False, show_scalar_bar=False)
+    plotter.add_scalar_bar(color="black", width=0.8, position_x=0.1, position_y=0.03, height=0.07)
+    plotter.add_text(f"{look.label}\n{_extent(places, total.attrs['unit'])}", color="black", font_size=11)
+    plotter.add_axes(color="black", viewport=(0.0, 0.12, 0.18, 0.36))
     plotter.camera_position = _camera(places)
     plotter.screenshot(str(path))
     plotter.close()
@@ -58,6 +53,12 @@ def surface_mesh(total: Product, quantity: str) -> tuple[NDArray[np.float64], ND
     whole = known[:-1, :-1] & known[:-1, 1:] & known[1:, 1:] & known[1:, :-1]
     corners = [number[:-1, :-1], number[:-1, 1:], number[1:, 1:], number[1:, :-1]]
     return places[known], np.stack([corner[whole] for corner in corners], axis=-1), values[known]
+
+
+def _extent(places: NDArray[np.float64], unit: str) -> str:
+    """From where to where the surface reaches."""
+    ends = zip("XYZ", places.min(axis=0), places.max(axis=0), strict=True)
+    return ", ".join(f"{axis} {low:.4g} to {high:.4g} {unit}" for axis, low, high in ends)
 
 
 def _camera(places: NDArray[np.float64]) -> list[tuple[float, float, float]]:
