@@ -17,6 +17,9 @@ Place = tuple[str | int, ...]
 """Keys and indices that lead from the top of a document to a value."""
 
 _MAX_NODES = 100_000
+_MAX_DEPTH = 50
+_MAX_DIGITS = 100
+_TOO_DEEP = f"more than {_MAX_DEPTH} lists or mappings inside each other; take some out"
 _QUOTED = ("'", '"', "|", ">")
 _SCALARS: tuple[tuple[re.Pattern[str], Any], ...] = (
     (re.compile(r"~|null|Null|NULL|"), lambda text: None),
@@ -76,6 +79,7 @@ def parse(text: str, source: str) -> Document:
     are refused, so no text can construct an object.
     """
     try:
+        _refuse_deep(text, source)
         root = yaml.compose(text, Loader=yaml.CSafeLoader)
     except yaml.MarkedYAMLError as error:
         mark = error.problem_mark or error.context_mark
@@ -103,7 +107,7 @@ class _Reader:
         self._open: set[int] = set()
 
     def value(self, node: yaml.Node, place: Place) -> Any:
-        self._guard(node)
+        self._guard(node, place)
         self.positions.setdefault(place, self._position(node))
         if isinstance(node, yaml.ScalarNode):
             return self._scalar(node)
@@ -132,12 +136,16 @@ class _Reader:
             return node.value
         for pattern, convert in _SCALARS:
             if pattern.fullmatch(node.value):
+                if len(node.value) > _MAX_DIGITS:
+                    self._fail(node, f"a number of {len(node.value)} digits; write {_MAX_DIGITS} at most")
                 return convert(node.value)
         return node.value
 
-    def _guard(self, node: yaml.Node) -> None:
+    def _guard(self, node: yaml.Node, place: Place) -> None:
         if id(node) in self._open:
             self._fail(node, "an alias refers to a value that contains it")
+        if len(place) > _MAX_DEPTH:
+            self._fail(node, _TOO_DEEP)
         if len(self.positions) > _MAX_NODES:
             self._fail(node, f"more than {_MAX_NODES} values; aliases may have multiplied them")
         if not node.tag.startswith("tag:yaml.org,2002:") or node.tag.startswith("tag:yaml.org,2002:python"):
@@ -149,6 +157,16 @@ class _Reader:
     def _fail(self, node: yaml.Node, message: str) -> None:
         line, column = self._position(node)
         raise ConfigurationError(f"{self.source}:{line}:{column}: {message}")
+
+
+def _refuse_deep(text: str, source: str) -> None:
+    """Refuse text that is nested too deeply before it is composed, which takes stack for every level."""
+    depth = 0
+    for event in yaml.parse(text, Loader=yaml.CSafeLoader):
+        depth += isinstance(event, yaml.CollectionStartEvent) - isinstance(event, yaml.CollectionEndEvent)
+        if depth > _MAX_DEPTH:
+            place = f":{mark.line + 1}:{mark.column + 1}" if (mark := event.start_mark) else ""
+            raise ConfigurationError(f"{source}{place}: {_TOO_DEEP}")
 
 
 def _kind(node: yaml.Node | None) -> str:

@@ -196,14 +196,16 @@ def _producer(
         given = entry[port_name]
         if given in fitting or (given is None and port.optional):
             return None if given is None else str(given)
-        if given == name:
+        if not isinstance(given, str):
+            said = f"expected the name of one stage, found {'null' if given is None else repr(given)}"
+        elif given == name:
             said = "takes what it gives itself"
         elif given in nodes:
             said = f"'{given}' gives {nodes[given].gives}, not {wanted}"
-        elif isinstance(given, str) and given in document.data["stages"]:
+        elif given in document.data["stages"]:
             return None  # the fault of that stage is told at its own place
         else:
-            said = f"no stage '{given}'{nearest(str(given), nodes)}"
+            said = f"no stage '{given}'{nearest(given, nodes)}"
         problems.append(f"{where}: {name}.{port_name}: {said}; {_offer(fitting, wanted)}")
     elif len(fitting) == 1:
         return fitting[0]

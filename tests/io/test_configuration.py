@@ -42,6 +42,14 @@ def test_positions_count_from_one():
         ("a: !mine 1\n", "is not allowed"),
         ("a: &x [*x]\n", "an alias refers to a value that contains it"),
         ("? [1]\n: 2\n", "a key must be a word"),
+        (
+            "a: " + "[" * 3000 + "]" * 3000,
+            "p.yaml:1:53: more than 50 lists or mappings inside each other",
+        ),
+        ("a: " + "[" * 100_000, "p.yaml:1:53: more than 50"),
+        ("l0: &l0 1\n" + "".join(f"l{i}: &l{i} [*l{i - 1}]\n" for i in range(1, 90)), "more than 50 lists"),
+        ("a: " + "7" * 5000, "p.yaml:1:4: a number of 5000 digits"),
+        ("a: 0x" + "f" * 5000, "a number of 5002 digits"),
     ],
 )
 def test_what_is_refused_names_the_place(text, message):

@@ -61,6 +61,11 @@ def test_units_are_resolved():
             "pair:    {kind: rectify",
             r"p.yaml:7:3: pair: expected a mapping with 'stage: …'",
         ),
+        (
+            "rectify, images: photos",
+            "rectify, images: [photos]",
+            r"p.yaml:7:29: pair.images: expected the name of one stage, found \['photos'\]; name one of photos, boards",
+        ),
     ],
 )
 def test_typical_typos(old, new, message):
