@@ -40,6 +40,7 @@ def variants(document: Document) -> list[Variant]:
         return [Variant({}, document)]
     _check(document, sweep)
     rows = [*_products(sweep), *sweep.get("list", [])]
+    _refuse_strangers(document, sweep.get("exclude", []), rows)
     kept = [row for row in rows if not any(_holds(row, entry) for entry in sweep.get("exclude", []))]
     if not kept:
         raise ConfigurationError(f"{document.where(('sweep',))}: the sweep has no variant left; take out an exclude")
@@ -72,6 +73,8 @@ def with_values(document: Document, values: Mapping[str, Any], given_by: str = "
 def with_settings(document: Document, settings: Sequence[str]) -> Document:
     """The file as the command line changes it: ``stage.parameter=value``, and ``=v1,v2,v3`` for one more sweep.
 
+    A setting stands above what the file's own sweep says of the same parameter.
+
     Raises ConfigurationError for a setting of another form.
     """
     for setting in settings:
@@ -79,16 +82,46 @@ def with_settings(document: Document, settings: Sequence[str]) -> Document:
         if not sign or "." not in dotted:
             raise ConfigurationError(f"--set {setting}: write stage.parameter=value, or =v1,v2,v3 to sweep over values")
         values = _values(setting, text)
+        sweep = _without(_checked(document), dotted, values)
         if len(values) == 1:
             document = with_values(document, {dotted: values[0]}, f"--set {setting}")
         else:
-            sweep = copy.deepcopy(document.data.get("sweep") or {})
-            if sweep:
-                _check(document, sweep)
-            sweep.setdefault("grid", {})[dotted] = values
+            sweep["grid"] = {**sweep.get("grid", {}), dotted: values}
             given = {**document.given, ("sweep", "grid", dotted): f"--set {setting}"}
-            document = document._replace(data={**document.data, "sweep": sweep}, given=given)
+            document = document._replace(given=given)
+        rest = {key: part for key, part in document.data.items() if key != "sweep"}
+        varies = any(sweep.get(key) for key in ("grid", "zip", "list"))
+        document = document._replace(data={**rest, "sweep": sweep} if varies else rest)
     return document
+
+
+def _checked(document: Document) -> Mapping[str, Any]:
+    """The sweep of a file; empty where there is none."""
+    sweep: Mapping[str, Any] | None = document.data.get("sweep")
+    if sweep is None:
+        return {}
+    _check(document, sweep)
+    return sweep
+
+
+def _without(sweep: Mapping[str, Any], dotted: str, values: Sequence[Any]) -> dict[str, Any]:
+    """A sweep that leaves a parameter to what it was set to.
+
+    An exclude that names the parameter goes on for the rest of what it names where it holds for the only value.
+    """
+    left: dict[str, Any] = {key: _dropped(part, dotted) for key, part in sweep.items() if key in ("grid", "zip")}
+    if "list" in sweep:
+        rows = [_dropped(row, dotted) for row in sweep["list"]]
+        left["list"] = [row for k, row in enumerate(rows) if row and row not in rows[:k]]
+    if "exclude" in sweep:
+        one = len(values) == 1
+        holding = [entry for entry in sweep["exclude"] if not one or entry.get(dotted, values[0]) == values[0]]
+        left["exclude"] = [rest for entry in holding if (rest := _dropped(entry, dotted))] if one else holding
+    return left
+
+
+def _dropped(part: Mapping[str, Any], dotted: str) -> dict[str, Any]:
+    return {key: value for key, value in part.items() if key != dotted}
 
 
 def _sweep_place(document: Document, dotted: str) -> str:
@@ -131,6 +164,20 @@ def _products(sweep: Mapping[str, Any]) -> list[dict[str, Any]]:
 
 def _holds(row: Mapping[str, Any], entry: Mapping[str, Any]) -> bool:
     return all(key in row and row[key] == value for key, value in entry.items())
+
+
+def _refuse_strangers(
+    document: Document, exclude: Sequence[Mapping[str, Any]], rows: Sequence[Mapping[str, Any]]
+) -> None:
+    """Every parameter under exclude must be one that the sweep varies."""
+    varied = dict.fromkeys(key for row in rows for key in row)
+    for index, entry in enumerate(exclude):
+        for key in entry:
+            if key not in varied:
+                raise ConfigurationError(
+                    f"{document.where(('sweep', 'exclude', index, key))}: sweep: exclude names '{key}', which the "
+                    f"sweep does not vary{nearest(key, varied)}; it varies {', '.join(varied)}"
+                )
 
 
 def _check(document: Document, sweep: Any) -> None:

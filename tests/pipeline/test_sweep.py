@@ -50,6 +50,30 @@ def test_settings_change_or_sweep():
 
 
 @pytest.mark.parametrize(
+    ("sweep", "values"),
+    [
+        ("{grid: {a.p: [1, 2]}}", [{}]),
+        ("{grid: {a.p: [1, 2], b.r: [3, 4]}}", [{"b.r": 3}, {"b.r": 4}]),
+        ("{zip: {a.p: [1, 2], b.r: [3, 4]}}", [{"b.r": 3}, {"b.r": 4}]),
+        ("{list: [{a.p: 1}, {a.p: 2, b.r: 3}, {a.p: 1, b.r: 3}]}", [{"b.r": 3}]),
+        ("{grid: {a.p: [1, 2], b.r: [3, 4]}, exclude: [{a.p: 9, b.r: 3}]}", [{"b.r": 4}]),
+        ("{grid: {a.p: [1, 2], b.r: [3, 4]}, exclude: [{a.p: 1, b.r: 3}]}", [{"b.r": 3}, {"b.r": 4}]),
+    ],
+)
+def test_a_setting_stands_above_the_sweep(sweep, values):
+    found = variants(with_settings(parse(BASE + f"sweep: {sweep}", "p.yaml"), ["a.p=9"]))
+    assert [variant.values for variant in found] == values
+    assert {variant.document.data["stages"]["a"]["p"] for variant in found} == {9}
+
+
+@pytest.mark.parametrize("part", ["grid: {a.p: [1, 2]}", "zip: {a.p: [1, 2]}", "list: [{a.p: 1}]"])
+def test_values_on_the_command_line_stand_above_those_of_the_sweep(part):
+    text = BASE + f"sweep: {{{part}, exclude: [{{a.p: 8}}]}}"
+    found = variants(with_settings(parse(text, "p.yaml"), ["a.p=7,8,9"]))
+    assert [variant.values for variant in found] == [{"a.p": 7}, {"a.p": 9}]
+
+
+@pytest.mark.parametrize(
     ("sweep", "message"),
     [
         ("sweep: {gird: {}}", r"p.yaml:4:9: sweep: unknown key 'gird', did you mean 'grid'\?"),
@@ -58,6 +82,10 @@ def test_settings_change_or_sweep():
         ("sweep: {grid: {a.p: [1]}, zip: {a.p: [2]}}", "under grid and zip"),
         ("sweep: {grid: {c.p: [1]}}", "no stage 'c'"),
         ("sweep: {grid: {a.p: [1]}, exclude: [{a.p: 1}]}", "no variant left"),
+        (
+            "sweep: {grid: {a.p: [1]}, exclude: [{a.q: 1}]}",
+            r"p.yaml:4:38: sweep: exclude names 'a.q', .* did you mean 'a.p'\?; it varies a.p",
+        ),
         ("sweep: 3", "expected a mapping"),
     ],
 )
