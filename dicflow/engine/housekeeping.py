@@ -5,13 +5,13 @@ from __future__ import annotations
 import os
 import shutil
 import time
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from dicflow.engine.hashing import digest_array, digest_json, is_digest
+from dicflow.engine.faults import fault
+from dicflow.engine.hashing import digest_json, is_digest
 from dicflow.engine.journal import find_run, runs
-from dicflow.engine.objects import Manifest, read_array
 from dicflow.engine.records import Record
 from dicflow.engine.store import Store, read_json, read_mapping
 from dicflow.errors import StoreError
@@ -86,7 +86,9 @@ def verify(store: Store, *, repair: bool = False) -> list[Damage]:
     """
     found = []
     for name, path in _named(store, "objects"):
-        reason = _fault(store, name, path) if path.suffix == ".json" or not name else ""
+        if path.suffix != ".json" and name:
+            continue
+        reason = fault(store, name) if name else f"{path}: is no part of a store"
         if reason:
             found.append(Damage(name, reason))
             if repair and name:
@@ -158,31 +160,6 @@ def _named(store: Store, part: str) -> Iterator[tuple[str, Path]]:
         for path in _listed(folder):
             name = f"sha256:{path.name.partition('.')[0]}"
             yield (name if is_digest(name) else ""), path
-
-
-def _fault(store: Store, name: str, path: Path) -> str:
-    """What is wrong with a product by its manifest, "" where nothing is."""
-    manifest = Manifest.from_json(read_json(path))
-    if not name or manifest is None or manifest.digest != name:
-        return f"{path}: no manifest that fits its name"
-    if digest_json(manifest.content) != name:
-        return f"{path}: the manifest's content does not fit its digest"
-    folder = store.object_path(name)
-    lacking = [file for file, nbytes in manifest.files.items() if _size(folder / file) != nbytes]
-    if lacking:
-        return f"{folder / lacking[0]}: is missing or has another size"
-    return _array_fault(folder, manifest.content["variables"]) if manifest.kept else ""
-
-
-def _array_fault(folder: Path, variables: Mapping[str, Mapping[str, str]]) -> str:
-    for name, spec in variables.items():
-        try:
-            digest = digest_array(read_array(folder, name))
-        except Exception as error:
-            return f"{folder / name}: cannot be read ({type(error).__name__})"
-        if digest != spec["digest"]:
-            return f"{folder / name}: the values do not fit their digest"
-    return ""
 
 
 def _listed(folder: Path) -> list[Path]:

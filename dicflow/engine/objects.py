@@ -38,6 +38,14 @@ class Manifest:
     kept: bool = True
     files: Mapping[str, int] = field(default_factory=dict)
 
+    @property
+    def is_sound(self) -> bool:
+        """Whether the content is the one that the digest names."""
+        try:
+            return digest_json(self.content) == self.digest
+        except (TypeError, ValueError):
+            return False
+
     def to_json(self) -> dict[str, Any]:
         """The manifest as JSON."""
         return {

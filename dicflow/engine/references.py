@@ -16,6 +16,7 @@ from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, overload
 
+from dicflow.engine.faults import fault
 from dicflow.engine.node import Node
 from dicflow.engine.objects import LazyVariables, describe, normalised, read_array
 from dicflow.engine.product import Product
@@ -161,11 +162,13 @@ clock = Clock()
 def load(store: Store, ref: Ref) -> Product:
     """A product by its reference; an array is read, or made again, at its first use, and belongs to the caller.
 
-    Raises DamagedError where it is no longer there; so does the use of an array that cannot be read.
+    Raises DamagedError where it is no longer there or its attributes are damaged; so does the use of an array that is.
     """
     manifest = store.manifest(ref.digest)
     if manifest is None:
         raise DamagedError(f"{store.path}: the product {ref.digest[:19]}… has gone; run again to make it")
+    if not manifest.is_sound:
+        raise _damaged(store, ref.digest, store.object_path(ref.digest).with_suffix(".json"))
 
     def read(name: str) -> np.ndarray:
         made = cache.get(ref.digest)
@@ -217,11 +220,18 @@ def _stored(store: Store, digest: str, name: str) -> np.ndarray:
     try:
         with clock.reading():
             return read_array(folder, name)
-    except MemoryError:
+    except (MemoryError, ImportError):
         raise
     except Exception as error:
         if isinstance(error, OSError) and not isinstance(error, FileNotFoundError):
             raise StoreError(f"{folder / name}: cannot be read ({error}); check the disk") from error
-        with suppress(StoreError):
-            store.quarantine(digest)
-        raise DamagedError(f"{folder / name}: is damaged and was put into quarantine; run again to make it") from error
+        if not fault(store, digest):
+            raise StoreError(f"{folder / name}: could not be read ({error}), but is not damaged; run again") from error
+        raise _damaged(store, digest, folder / name) from error
+
+
+def _damaged(store: Store, digest: str, what: Path) -> DamagedError:
+    """The error that tells of a damaged product, which is put aside so that it is made again."""
+    with suppress(StoreError):
+        store.quarantine(digest)
+    return DamagedError(f"{what}: is damaged and was put into quarantine; run again to make it")

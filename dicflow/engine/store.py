@@ -23,7 +23,7 @@ import re
 import shutil
 import uuid
 from collections.abc import Iterator, Mapping
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import replace
 from functools import cached_property
 from pathlib import Path
@@ -150,7 +150,7 @@ class Store:
         with self.writing():
             (self.path / "quarantine").mkdir(exist_ok=True)
             for path in (folder, folder.with_suffix(".json")):
-                if path.exists():
+                with suppress(FileNotFoundError):  # another process may be doing the same
                     os.replace(path, self.path / "quarantine" / f"{path.name}.{uuid.uuid4().hex[:8]}")
 
     # files

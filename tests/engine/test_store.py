@@ -153,6 +153,42 @@ def test_a_flipped_bit_is_found_by_the_check_sum(store):
     assert store.inspect(digest)[0] == "missing"
 
 
+@pytest.mark.parametrize("change", [("1.5", "1.25"), ("1.5", "NaN"), ('"mm"', '"cm"')])
+def test_a_changed_manifest_is_found_by_its_digest(store, change):
+    digest = put(store, cloud()).digest
+    manifest = store.object_path(digest).with_suffix(".json")
+    manifest.write_text(manifest.read_text().replace(*change))
+    with pytest.raises(DamagedError, match=r"json: is damaged and was put into quarantine; run again"):
+        load(store, Ref(digest))
+    assert store.inspect(digest)[0] == "missing"
+
+
+def test_what_could_not_be_read_but_is_whole_stays(store, monkeypatch):
+    digest = put(store, cloud()).digest
+
+    def failing(folder, name):
+        raise RuntimeError("no thread could be started")
+
+    monkeypatch.setattr("dicflow.engine.references.read_array", failing)
+    with pytest.raises(StoreError, match=r"no thread could be started.*is not damaged; run again") as caught:
+        load(store, Ref(digest))["xyz"]
+    assert not isinstance(caught.value, DamagedError)
+    assert store.inspect(digest)[0] == "complete"
+
+
+def test_two_processes_may_quarantine_the_same(store, monkeypatch):
+    digest = put(store, cloud()).digest
+    replace = os.replace
+
+    def late(source, target):
+        replace(source, target)
+        replace(source, target)
+
+    monkeypatch.setattr("dicflow.engine.store.os.replace", late)
+    store.quarantine(digest)
+    assert store.inspect(digest)[0] == "missing"
+
+
 @pytest.mark.parametrize("name", ["../../secret", "/etc/passwd", "a/../../b", "..\\x"])
 def test_no_path_leads_out_of_the_store(store, name):
     manifest = put(store, cloud()).to_json()
