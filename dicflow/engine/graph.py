@@ -105,7 +105,8 @@ def expand(stages: Mapping[str, StageSpec]) -> Graph:
     """All tasks of the given stages.
 
     Raises ConfigurationError with the stage's position where the stages do not fit together (an unknown or missing
-    input, one of another kind, a cycle, two series of steps in one stage), and InputError where files are missing.
+    input, one of another kind, a cycle, two series of steps in one stage), and InputError where files are missing
+    or have names that cannot be written down.
     """
     ordered = {name: stages[name] for name in _in_order(stages)}
     for name in ordered:
@@ -115,6 +116,7 @@ def expand(stages: Mapping[str, StageSpec]) -> Graph:
         series[name] = _series_of(name, stages, series)
     joints = _Joints(ordered, series)
     tasks = {task.name: task for name in ordered for task in joints.tasks(name)}
+    _check_names(tasks.values())
     files = {name: one.files for name, one in series.items() if one is not None and one.start == name}
     return Graph(ordered, tasks, joints.steps, files)
 
@@ -159,6 +161,15 @@ def _in_order(stages: Mapping[str, StageSpec]) -> list[str]:
     except graphlib.CycleError as error:
         ring = error.args[1]
         _fail(ring[0], stages[ring[0]], f"the stages {' → '.join(ring)} wait for each other; change one input")
+
+
+def _check_names(tasks: Iterable[Task]) -> None:
+    """Refuse files whose names are no text: journals, pages and tables could not name them."""
+    for path in {path: None for task in tasks for path in task.files.values()}:
+        try:
+            str(path).encode("utf-8")
+        except UnicodeEncodeError as error:
+            raise InputError(f"{str(path)!r}: the name is not in UTF-8; rename the file or its folder") from error
 
 
 def _check_inputs(name: str, stages: Mapping[str, StageSpec]) -> None:

@@ -93,12 +93,12 @@ class RunInfo:
         return entries
 
     def events(self) -> Iterator[dict[str, Any]]:
-        """The journal, without a last line cut short."""
+        """The journal, without lines cut short."""
         try:
-            lines = (self.folder / "journal.jsonl").read_text(encoding="utf-8").splitlines()
+            content = (self.folder / "journal.jsonl").read_bytes()
         except OSError:
             return
-        for line in lines:
+        for line in content.split(b"\n"):
             with suppress(ValueError):
                 yield json.loads(line)
 
@@ -118,14 +118,18 @@ class Journal:
         about = {"id": self.id, "pipeline": pipeline, "started": now, "resolved": resolved}
         store.write_json(self.folder / "pipeline.json", about)
         with store.writing():
-            self._file = (self.folder / "journal.jsonl").open("a", encoding="utf-8")
+            self._file = (self.folder / "journal.jsonl").open("ab", buffering=0)
+        self._cut = False
 
     def write(self, event: Event) -> None:
         """Append an event, in vain on a full disk: the tasks tell of that themselves."""
         said = {name: value for name, value in asdict(event).items() if value not in ("", None, {}, 0.0)}
+        # a text that is no Unicode, from a file's name in a message, is kept in JSON's own escapes
+        line = json.dumps(said, ensure_ascii=False).encode("utf-8", "backslashreplace") + b"\n"
+        whole = b"\n" + line if self._cut else line
+        self._cut = True
         with suppress(OSError):
-            self._file.write(json.dumps(said, ensure_ascii=False) + "\n")
-            self._file.flush()
+            self._cut = self._file.write(whole) < len(whole)
 
     def write_index(self, entries: Mapping[str, Entry]) -> None:
         """Keep which product each task came to. Raises StoreError."""

@@ -1,3 +1,4 @@
+import os
 from typing import ClassVar, Literal
 
 import pytest
@@ -5,7 +6,7 @@ from toys import Difference, Read, Rig, Scale, chain, numbers
 
 from dicflow.engine.graph import StageSpec, expand, file_fields
 from dicflow.engine.node import At, Node, Port, Scope
-from dicflow.errors import ConfigurationError
+from dicflow.errors import ConfigurationError, InputError
 
 
 def test_tasks_have_readable_names_in_an_order_that_works(folder):
@@ -87,6 +88,11 @@ def test_a_file_among_the_parameters_is_relative_to_its_folder(folder):
     assert task.files == {"table_path": folder / "table.txt"}
     assert chain(folder).tasks["scale/step_01"].files == {}
     assert file_fields(Scale) == {"table"}
+
+
+def test_a_file_whose_name_is_no_text_is_refused(folder):
+    with pytest.raises(InputError, match=r"caf\\udce9\.txt': the name is not in UTF-8; rename the file"):
+        chain(folder, table=os.fsdecode(b"caf\xe9.txt"))
 
 
 def spec(node, where="a.yaml:3:1", **inputs):
