@@ -398,6 +398,20 @@ def test_a_matlab_structure_inside_a_variable_and_in_metres(tmp_path):
     refused(path, "WorldUnits is 'furlongs'")
 
 
+def test_a_matlab_file_that_does_not_say_its_unit(tmp_path):
+    path, truth = tmp_path / "m.mat", made_rig()
+    matlab(path, truth)
+    found = read_calibration(path)
+    close(found.rig, truth)
+    assert any("no WorldUnits" in warning for warning in found.warnings)
+
+
+def test_matlab_is_told_to_save_the_unit(tmp_path):
+    path = tmp_path / "m.mat"
+    path.write_bytes(b"MATLAB 7.3 MAT-file, Platform: GLNXA64")
+    refused(path, "'WorldUnits', p.WorldUnits")
+
+
 def test_a_matrix_that_is_transposed(tmp_path):
     path, truth = tmp_path / "m.mat", made_rig()
     matlab(path, truth)

@@ -23,7 +23,8 @@ PROGRAM = "MATLAB"
 _EXPORT = """\
 in MATLAB run
   c = @(p) struct('IntrinsicMatrix', p.IntrinsicMatrix, 'RadialDistortion', p.RadialDistortion, \
-'TangentialDistortion', p.TangentialDistortion, 'ImageSize', p.ImageSize);
+'TangentialDistortion', p.TangentialDistortion, 'ImageSize', p.ImageSize, \
+'WorldUnits', p.WorldUnits);
   s = struct('CameraParameters1', c(stereoParams.CameraParameters1), \
 'CameraParameters2', c(stereoParams.CameraParameters2), \
 'RotationOfCamera2', stereoParams.RotationOfCamera2, 'TranslationOfCamera2', stereoParams.TranslationOfCamera2);
@@ -47,7 +48,9 @@ def parse(source: Source) -> Draft:
     needed(source.path, PROGRAM, values, _CAMERAS)
     left, right = (_camera(source, name, values[name]) for name in _CAMERAS)
     rotation, translation = _pose(source, values)
-    return Draft(PROGRAM, left, right, rotation, translation * _unit(source, values))
+    said = values[_CAMERAS[0]].get("WorldUnits")
+    warnings = () if said else ("no WorldUnits in it; its translation is taken to be in mm",)
+    return Draft(PROGRAM, left, right, rotation, translation * _unit(source, said), warnings)
 
 
 def _structure(source: Source) -> Mapping[str, Any]:
@@ -99,9 +102,9 @@ def _pose(source: Source, values: Mapping[str, Any]) -> tuple[Array, Array]:
     return whole[:3, :3], whole[:3, 3]
 
 
-def _unit(source: Source, values: Mapping[str, Any]) -> float:
-    """mm in the unit of the translation."""
-    said = str(values[_CAMERAS[0]].get("WorldUnits", "mm"))
+def _unit(source: Source, said: Any) -> float:
+    """mm in the unit of the translation, which is mm where the file does not say it."""
+    said = str(said or "mm")
     if said.lower() not in _UNITS:
         raise InputError(f"{source.path}: WorldUnits is '{said}'; expected millimeters, calibrate in them")
     return _UNITS[said.lower()]
