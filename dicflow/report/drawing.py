@@ -73,18 +73,18 @@ def drawing(
         title,
         (round(_LEFT + width + _RIGHT), round(_TOP + height + _BOTTOM)),
         (_LEFT, _TOP, round(width, 1), round(height, 1)),
-        [(float(place(np.array([[value, y0]]))[0, 0]), text) for value, text in ticks(x0, x1, width / 60)],
-        [(float(place(np.array([[x0, value]]))[0, 1]), text) for value, text in ticks(y0, y1, height / 40)],
+        [(float(place(np.array([[value, y0]]))[0, 0]), text) for value, text in ticks(x0, x1, width / 110)],
+        [(float(place(np.array([[x0, value]]))[0, 1]), text) for value, text in ticks(y0, y1, height / 80)],
         labels,
         [(shape.kind, shape.title, _path(place(shape.points), shape.closed)) for shape in shapes],
     )
 
 
-def ticks(low: float, high: float, most: float) -> list[tuple[float, str]]:
-    """Round numbers between two values, at most about so many, and their texts."""
-    rough = (high - low) / max(1.0, most)
-    power = 10.0 ** math.floor(math.log10(rough))
-    step = next(step * power for step in (1, 2, 5, 10) if step * power >= rough * (1 - 1e-9))
+def ticks(low: float, high: float, least: float) -> list[tuple[float, str]]:
+    """Round numbers between two values, about so many or up to 2.5 times as many, and their texts; at least two."""
+    rough = (high - low) / max(2.0, least)
+    power = 10.0 ** math.floor(math.log10(rough) + 1e-9)
+    step = max(step * power for step in (1, 2, 5) if step * power <= rough * (1 + 1e-9))
     first, last = math.ceil(low / step - 1e-9), math.floor(high / step + 1e-9)
     places = max(0, -math.floor(math.log10(step) + 1e-9))
     return [(k * step, f"{k * step:.{places}f}".replace("-", "−")) for k in range(first, last + 1)]

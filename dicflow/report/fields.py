@@ -7,6 +7,7 @@ page once. All that is slow is a piece of its own: one of the whole test, one pe
 from __future__ import annotations
 
 import json
+import math
 from base64 import b64encode
 from collections.abc import Iterable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
@@ -84,7 +85,7 @@ def fields(context: Context) -> Section | None:
     slid = names if len(names) <= _MOST_STEPS else steps
     content = {
         "steps": [{"name": step, "maps": drawn.get(step)} for step in slid],
-        "start": slid.index(_peak(result, steps)),
+        "start": slid.index(_peak(result, total, steps)),
         "quantities": [_quantity(context, look, steps) for look in frame.looks],
         "size": frame.view.size,
         "reference": _reference(context, scene, frame),
@@ -353,15 +354,16 @@ def _quantity(context: Context, look: Look, steps: Sequence[str]) -> dict[str, A
     return {"name": look.quantity, "label": look.label, "bar": bar, "files": there}
 
 
-def _peak(result: Result, steps: Sequence[str]) -> str:
-    """The last step of loading, else the last one."""
-    for stage in result.stages_of("maps"):
-        names = result.steps(result.source(stage, "total"))
-        phases = dict(zip(names, result.product(stage).attrs["phases"], strict=True)) if result.has(stage) else {}
-        loading = [step for step in steps if phases.get(step) == "loading"]
-        if loading:
-            return loading[-1]
-    return steps[-1]
+def _peak(result: Result, total: str, steps: Sequence[str]) -> str:
+    """The step of the largest mean displacement."""
+
+    def size(step: str) -> float:
+        summary = result.product(total, step).attrs.get("summary", {})
+        return math.hypot(
+            *(value for name, value in summary.items() if name.startswith(("mean_U", "mean_V", "mean_W")))
+        )
+
+    return max(steps, key=size)
 
 
 def _words(result: Result, scene: _Scene) -> dict[str, Any]:

@@ -1,0 +1,146 @@
+import html
+import json
+import re
+
+import numpy as np
+import pytest
+
+from dicflow.core.camera import project
+from dicflow.engine.product import Product, Variable
+from dicflow.io.rig import rig_from_dict
+from dicflow.pipeline import Pipeline
+from dicflow.report import calibration as module
+from dicflow.report.calibration import calibration
+from dicflow.report.context import Context
+from dicflow.report.drawing import Shape, drawing, ticks
+from dicflow.report.pieces import Pieces
+
+
+@pytest.fixture(scope="module")
+def loaded(pipeline, measured):
+    return Pipeline.load(pipeline)
+
+
+def context_of(loaded, folder):
+    return Context(loaded, loaded.result(), None, Pieces(folder / ".report", "code"), folder)
+
+
+@pytest.fixture(scope="module")
+def section(loaded, tmp_path_factory):
+    return calibration(context_of(loaded, tmp_path_factory.mktemp("report")))
+
+
+def test_it_says_what_the_calibration_is_worth(loaded, section):
+    attrs = loaded.result().product("rig").attrs
+    assert attrs["verdict"][1:] in html.unescape(section.body)
+    for pair in attrs["pairs"]:
+        assert f'<th scope="row">{pair["name"]}</th>' in section.body
+    assert section.body.count('class="bar left"') == sum("left_px" in pair for pair in attrs["pairs"])
+    assert "off 14.5 mm" in section.body
+
+
+def test_cameras_boards_coverage_and_common_rows_are_drawn(section):
+    titles = re.findall(r'drawing" role="img" aria-label="([^"]*)"', section.body)
+    assert titles == ["Corners, left camera", "Corners, right camera", "From above", "From the side"]
+    assert section.body.count("data:image/jpeg;base64,") == 2
+    assert "X [mm]" in section.body
+    assert "x [px]" in section.body
+
+
+def test_boards_stand_where_the_left_photographs_show_them(loaded):
+    result = loaded.result()
+    attrs = result.product("rig").attrs
+    camera = rig_from_dict(attrs["rig"]).left
+    for pair in attrs["pairs"]:
+        if not pair["used"]:
+            continue
+        corners = result.product("corners", pair["name"])
+        columns, rows = corners.attrs["size"]
+        outline = module._outline(corners, camera, 14.5)
+        board = corners["left"].reshape(rows, columns, 2)
+        shown = np.stack([board[0, 0], board[0, -1], board[-1, -1], board[-1, 0]])
+        apart = np.linalg.norm(project(camera, outline) - shown, axis=-1)
+        assert apart.mean() < 4 * pair["left_px"] + 0.05
+        assert np.linalg.norm(outline[1] - outline[0]) == pytest.approx(14.5 * (columns - 1))
+
+
+def test_nothing_is_drawn_twice(loaded, tmp_path, monkeypatch):
+    first = calibration(context_of(loaded, tmp_path))
+    monkeypatch.setattr(module, "_drawn", None)
+    monkeypatch.setattr(module, "_pair", None)
+    assert calibration(context_of(loaded, tmp_path)) == first
+
+
+def test_pairs_that_take_no_part_are_marked():
+    pairs = [
+        {"name": "a", "used": True, "left_px": 0.1, "right_px": 0.2, "epipolar_px": None},
+        {"name": "b", "used": False, "left_px": 0.4, "right_px": 0.3, "epipolar_px": 0.1},
+        {"name": "c", "used": False},
+    ]
+    first, second, third = module._pairs(pairs)
+    assert first["bars"] == [("left", pytest.approx(25.0)), ("right", pytest.approx(50.0))]
+    assert (first["errors"], first["fate"]) == (["0.10", "0.20", "–"], "")
+    assert second["fate"] == "dropped"
+    assert (third["bars"], third["fate"]) == ([], "board not found in both")
+
+
+def test_the_pyramid_of_a_camera_starts_at_its_centre(loaded):
+    rig = rig_from_dict(loaded.result().product("rig").attrs["rig"])
+    faces = module._pyramid(rig.right, 50.0, rig.rotation, rig.translation)
+    np.testing.assert_allclose(faces[1][0], -rig.rotation.T @ rig.translation, atol=1e-9)
+    seen = rig.rotation @ faces[0].T + rig.translation[:, None]
+    np.testing.assert_allclose(seen[2], 50.0)
+
+
+def test_a_rig_from_a_file_has_cameras_and_its_warnings(loaded, section):
+    attrs = dict(loaded.result().product("rig").attrs) | {"pairs": [], "warnings": ["it has no size"]}
+    assert [one.title for one in module._drawn(attrs, {}, 1.0)] == ["From above", "From the side"]
+    assert module._warnings(attrs | {"verdict": "read from a file"}) == ("Calibration: it has no size.",)
+    found = {"baseline_mm": 100.0, "angle_deg": 14.25}
+    assert [name for name, *_ in module._facts({"summary": found, "pairs": []}, None)] == ["Baseline", "Angle"]
+    assert section.warnings == module._warnings(loaded.result().product("rig").attrs)
+
+
+def test_a_poor_calibration_is_warned_of():
+    assert module._warnings({"verdict": "poor: 2.10 px"}) == ("The calibration is poor: 2.10 px.",)
+    assert module._warnings({"verdict": "good: 0.02 px"}) == ()
+
+
+def test_circles_are_drawn_as_their_grid():
+    attrs = {"target": "asymmetric_circles", "size": [4, 11]}
+    assert len(module._board(attrs, 10.0)) == 44
+    assert module._board({"target": "checkerboard", "size": [9, 6]}, 2.0).max() == pytest.approx(16.0)
+
+
+def test_without_right_photographs_there_are_no_common_rows(loaded, tmp_path, monkeypatch):
+    context = context_of(loaded, tmp_path)
+    left = Product("images", {"left": Variable(("row", "col"), np.zeros((4, 4), np.uint8))})
+    monkeypatch.setattr(type(context.result), "product", lambda *_arguments: left)
+    assert module._rectified(context, "rig") is None
+
+
+def test_an_uncalibrated_rig_is_said(pipeline, tmp_path):
+    empty = Pipeline.load(pipeline, store=tmp_path / "store")
+    assert "not calibrated yet" in calibration(context_of(empty, tmp_path)).body
+
+
+def test_shapes_are_drawn_to_scale_and_upwards():
+    square = Shape("board", "a", np.array([[0.0, 0.0], [10.0, 0.0], [10.0, 5.0], [0.0, 5.0]]))
+    made = drawing("", ("x [mm]", "y [mm]"), (0, 0, 10, 5), [square], upwards=True)
+    x, y, width, height = made.frame
+    assert (width, height) == (300.0, 150.0)
+    corners = [tuple(map(float, pair.split())) for pair in re.findall(r"[\d.]+ [\d.]+", made.shapes[0][2])]
+    assert corners == [(x, y + height), (x + width, y + height), (x + width, y), (x, y)]
+    assert json.dumps(made)
+
+
+@pytest.mark.parametrize(
+    ("low", "high", "least", "texts"),
+    [
+        (0, 720, 3, ["0", "200", "400", "600"]),
+        (-0.12, 0.21, 3, ["−0.1", "0.0", "0.1", "0.2"]),
+        (-60, 60, 1, ["−50", "0", "50"]),
+    ],
+)
+def test_ticks_are_round(low, high, least, texts):
+    assert [text for _, text in ticks(low, high, least)] == texts

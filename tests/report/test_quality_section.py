@@ -1,0 +1,106 @@
+import json
+
+import numpy as np
+import pytest
+
+from dicflow.engine.product import Product, Variable
+from dicflow.pipeline import Pipeline
+from dicflow.report import quality as module
+from dicflow.report.context import Context
+from dicflow.report.pieces import Pieces
+from dicflow.report.quality import quality
+
+GOOD = {"size_px": 4.0, "gradient": 20.0, "contrast": 0.4, "saturated": 0.0}
+
+
+@pytest.fixture(scope="module")
+def loaded(pipeline, measured):
+    return Pipeline.load(pipeline)
+
+
+def context_of(loaded, folder):
+    return Context(loaded, loaded.result(), None, Pieces(folder / ".report", "code"), folder)
+
+
+@pytest.fixture(scope="module")
+def section(loaded, tmp_path_factory):
+    return quality(context_of(loaded, tmp_path_factory.mktemp("report")))
+
+
+def test_the_thesis_form_says_that_it_predicts_no_deviation(section):
+    assert "predicts no standard deviations" in section.body
+    assert "residual [px]" in section.body
+    assert "RMSE [mm]" in section.body
+
+
+def test_figures_of_the_steps_are_those_of_the_products(loaded):
+    result = loaded.result()
+    steps = result.steps("track")
+    panels = module._panels(result, steps)
+    residuals = [result.product("track", step).attrs["summary"].get("residual_px") for step in steps]
+    assert residuals[0] is None
+    assert panels[module._RESIDUAL] == {"residual": residuals}
+    assert set(panels[module._SURFACE]) == {"X", "Y", "Z"}
+    assert module._rows(steps, panels)[0][:2] == [steps[0], "–"]
+
+
+def test_the_pattern_is_that_of_the_region(loaded, tmp_path):
+    found = module._speckle(context_of(loaded, tmp_path))
+    assert 1.0 < found["size_px"] < 12.0
+    assert found["contrast"] > 0.1
+
+
+def test_properties_of_a_known_pattern():
+    levels = np.zeros((64, 64), np.uint8)
+    levels[:, ::2] = 200
+    image = Product("images", {"left": Variable(("row", "col"), levels)})
+    square = {"exterior": [[1, 1], [62, 1], [62, 62], [1, 62]], "holes": []}
+    found = json.loads(module._measured(image, Product("region", {}, {"polygons": [square]})))
+    assert found["contrast"] == pytest.approx(1.0, abs=0.05)
+    assert found["saturated"] == 0.0
+    flat = Product("images", {"left": Variable(("row", "col"), np.full((64, 64), 9, np.uint8))})
+    assert json.loads(module._measured(flat, Product("region", {}, {"polygons": [square]})))["contrast"] == 0.0
+
+
+def test_a_good_pattern_needs_no_advice():
+    assert all(good for good, _ in module._advice(GOOD, 21))
+
+
+@pytest.mark.parametrize(
+    ("change", "subset", "words"),
+    [
+        ({"size_px": 2.0}, None, "paint coarser ones"),
+        ({"size_px": 9.0}, None, "paint finer ones"),
+        ({}, 9, "take at least 12 px"),
+        ({"gradient": 2.0}, None, "light the specimen better"),
+        ({"contrast": 0.05}, None, "blacker and whiter"),
+        ({"saturated": 0.2}, None, "20.0 % of the region is overexposed"),
+        ({"size_px": None}, None, "no pattern"),
+    ],
+)
+def test_what_is_not_good_comes_with_a_remedy(change, subset, words):
+    bad = [sentence for good, sentence in module._advice(GOOD | change, subset) if not good]
+    assert len(bad) == 1
+    assert words in bad[0]
+
+
+def test_nothing_followed_has_no_numbers(pipeline, tmp_path):
+    empty = Pipeline.load(pipeline, store=tmp_path / "store")
+    found = quality(context_of(empty, tmp_path))
+    assert "Step by step" not in found.body
+    assert found.warnings == ()
+
+
+def test_the_noise_floor_is_a_table():
+    class Floor:
+        def stages_of(self, kind):
+            return ["floor"] if kind == "noise" else []
+
+        def has(self, stage):
+            return True
+
+        def product(self, stage):
+            row = {"step": "s", "quantity": "exx", "unit": "1", "bias": 1e-5, "sigma": 2e-4, "predicted_sigma": None}
+            return Product("noise", {}, {"rows": [row | {"points": 12}]})
+
+    assert module._noise_floor(Floor()) == [["s", "exx [–]", "1.0·10⁻⁵", "2.0·10⁻⁴", "–", "12"]]
