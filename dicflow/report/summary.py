@@ -35,7 +35,7 @@ def summary(context: Context, sections: Sequence[Section]) -> Section:
         skipped=_skipped(run),
         warnings=[("", "", text) for text in (*_journalled(context), *own)] + warnings,
         facts=_facts(context, told),
-        history=told,
+        history=told if told is not None and (told.values or any(told.valid_share)) else None,
         columns=None if told is None else _columns(told),
         rows=None if told is None else _rows(told),
         chart=None if told is None else _chart(context, told),
@@ -62,7 +62,8 @@ def _state(run: RunFacts | None) -> list[str]:
 def _failures(context: Context) -> list[tuple[str, str]]:
     """Each failed task and why."""
     tasks = context.run.tasks if context.run is not None else ()
-    return [(task.task, context.said(task.error)) for task in tasks if task.status == "failed"]
+    failed = [task for task in tasks if task.status == "failed"]
+    return [(task.task, context.said(task.error).removeprefix(f"{task.task}: ")) for task in failed]
 
 
 def _skipped(run: RunFacts | None) -> list[tuple[str, int]]:

@@ -79,7 +79,7 @@ def test_few_points_are_a_warning(context, monkeypatch):
 
 def test_failed_tasks_and_what_was_skipped_for_them(context):
     tasks = tuple(
-        task._replace(status="failed", error=f"{context.pipeline.folder}/x: <no>")
+        task._replace(status="failed", error=f"rig: {context.pipeline.folder}/x: <no>")
         if task.task == "rig"
         else task._replace(status="skipped")
         if task.stage == "total"
