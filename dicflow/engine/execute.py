@@ -161,6 +161,9 @@ class _Run:
     def finished(self, outcome: Outcome) -> None:
         """Take in the outcome of a task."""
         self.outcomes[outcome.name] = outcome
+        if outcome.warning and outcome.warning not in self.plan.warnings:
+            self.plan.warnings.append(outcome.warning)
+            self.tell(Event("warning", text=outcome.warning))
         if outcome.status == "failed" and not self.options.keep_going:
             self.stop()
         self.tell(

@@ -23,7 +23,7 @@ from dicflow.engine.records import Record
 from dicflow.engine.references import Recipe, Ref, RefInput
 from dicflow.engine.store import Store
 
-__all__ = ["CodePolicy", "FileStamp", "Plan", "PlanEntry", "code_changes", "find_hit", "make_plan"]
+__all__ = ["CodePolicy", "FileStamp", "Plan", "PlanEntry", "code_changes", "code_warning", "find_hit", "make_plan"]
 
 CodePolicy = Literal["recompute", "warn", "ignore"]
 """What to do with a result that other code has made, though its ``impl_version`` is the same."""
@@ -146,6 +146,14 @@ def code_changes(old: Mapping[str, str], new: Mapping[str, str]) -> tuple[Change
     return tuple(Change("code", name) for name in sorted({**old, **new}) if old.get(name) != new.get(name))
 
 
+def code_warning(stage: str, record: Record, code: Fingerprint, policy: CodePolicy) -> str:
+    """What to tell of a result that other code has made and that is used, "" where the policy asks for nothing."""
+    changes = code_changes(record.code, code)
+    if policy != "warn" or not changes:
+        return ""
+    return f"{stage}: {'; '.join(change.text for change in changes)} since its results were made; they are used"
+
+
 class _Planner:
     """Goes through the tasks in order and keeps what the next ones need."""
 
@@ -181,8 +189,9 @@ class _Planner:
         record, kept, against = find_hit(self.store, key, code, self.policy)
         if record is None or against:
             return PlanEntry(task, "run", against or self._reasons(task, key, parts), key, parts)
-        if self.policy == "warn" and record.code != code:
-            self._warn(task.stage, code_changes(record.code, code))
+        warning = code_warning(task.stage, record, code, self.policy)
+        if warning and warning not in self.plan.warnings:
+            self.plan.warnings.append(warning)
         ref = Ref(record.digest, None if kept else Recipe(task.name, task.node, inputs, task.files))
         return PlanEntry(task, "hit", (), key, parts, ref)
 
@@ -206,11 +215,6 @@ class _Planner:
         ref = self.entries[name].ref
         assert ref is not None, "every producer is a hit here"
         return ref
-
-    def _warn(self, stage: str, changes: tuple[Change, ...]) -> None:
-        text = f"{stage}: {'; '.join(change.text for change in changes)} since its results were made; they are used"
-        if text not in self.plan.warnings:
-            self.plan.warnings.append(text)
 
 
 def _check_files(graph: Graph, store: Store) -> None:

@@ -19,7 +19,7 @@ from dicflow.engine.graph import Task, TaskInput
 from dicflow.engine.keys import input_digests, key_of, key_parts
 from dicflow.engine.node import At, Node
 from dicflow.engine.objects import Manifest, describe, normalised
-from dicflow.engine.plan import CodePolicy, FileStamp, find_hit
+from dicflow.engine.plan import CodePolicy, FileStamp, code_warning, find_hit
 from dicflow.engine.product import Product
 from dicflow.engine.records import Record, versions
 from dicflow.engine.references import Recipe, Ref, RefInput, arguments, clock
@@ -47,6 +47,7 @@ class Outcome:
         and storing
     peak_bytes : most memory that its process held while it ran
     damaged : failed because an input's object turned out damaged; running again mends it
+    warning : of a hit that other code has made
     """
 
     name: str
@@ -61,6 +62,7 @@ class Outcome:
     engine_s: float = 0.0
     peak_bytes: int = 0
     damaged: bool = False
+    warning: str = ""
 
 
 @dataclass(frozen=True)
@@ -144,7 +146,8 @@ def _performed(job: Job, inputs: tuple[Outcome, ...], start: float) -> Outcome:
         ref = Ref(record.digest, None if kept else recipe)
         if record.made.get("run") == job.run_id:  # done before by a worker that died of something else
             return job.outcome("computed", ref=ref, key=key, stage_s=record.made.get("stage_s", 0.0))
-        return job.outcome("hit", ref=ref, key=key)
+        warning = code_warning(task.stage, record, job.code, job.code_policy)
+        return job.outcome("hit", ref=ref, key=key, warning=warning)
     product, times = _run(job, store, recipe)
     manifest = describe(product)
     keep = is_kept(task.node, len(product.variables), manifest.nbytes, sum(times), recipe.depth)

@@ -103,6 +103,20 @@ def test_edited_code_never_passes_in_silence_unless_told_so(folder, store, edite
         assert "scale: code of toys changed since its results were made; they are used" in found.warnings
 
 
+def test_edited_code_is_told_of_once_when_the_hits_show_only_while_it_runs(folder, store, edited):
+    index = run_sync(chain(folder), store).store and find_run(store).index
+    store.object_path(index["read/step_01"]["digest"]).with_suffix(".json").unlink()
+    edited()
+    (store.path / "files.index").unlink()
+    told = []
+    fresh, options = type(store).open(store.path), {"code_policy": "warn", "on_event": told.append}
+    result = run_sync(chain(folder), fresh, **options)
+    assert result.counts == {"hit": 23, "computed": 1, "failed": 0, "skipped": 0}
+    stages = ["difference", "read", "report", "rig", "scale", "total"]
+    assert sorted(text.partition(":")[0] for text in result.warnings) == stages
+    assert sorted(event.text for event in told if event.kind == "warning") == sorted(result.warnings)
+
+
 def test_files_are_checked_before_anything_runs(folder, store):
     write(folder / "step_04.txt", "four")
     with pytest.raises(InputError, match=r"step_04\.txt: holds no number; write one"):
