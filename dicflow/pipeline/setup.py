@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import re
 from collections import Counter, defaultdict
 from collections.abc import Callable, Mapping
@@ -208,8 +209,13 @@ def pipeline_text(found: Found, square: str | None, path: Path) -> str:
 
     square : side of a square of the board; left open, for the user to fill in, where it is None
     path : of the file, for messages
-    Raises ConfigurationError where the square is no length.
+    Raises ConfigurationError where the square is no length, or a name cannot be written.
     """
+    wire(parse(_text(found, square or "1 mm"), str(path)))
+    return _text(found, square)
+
+
+def _text(found: Found, square: str | None) -> str:
     lines = [
         "dicflow: 1",
         "stages:",
@@ -219,14 +225,12 @@ def pipeline_text(found: Found, square: str | None, path: Path) -> str:
     stereo = found.boards is not None and found.photos.right is not None
     lines += _stereo_lines(found, square) if stereo else _planar_lines(found)
     lines += _common_lines(found, stereo)
-    text = "\n".join(lines) + "\n"
-    if OPEN not in text:
-        wire(parse(text, str(path)))
-    return text
+    return "\n".join(lines) + "\n"
 
 
 def _quoted(key: str, value: str) -> str:
-    return f'{key}: "{value}"'
+    """A name as YAML reads it back whatever signs it holds; JSON's strings are YAML's."""
+    return f"{key}: {json.dumps(value, ensure_ascii=False)}"
 
 
 def _right(series: Series) -> str:
@@ -280,7 +284,7 @@ def _correlation_lines(images: str) -> list[str]:
 
 
 def _region_line(found: Found, images: str) -> str:
-    given = f", file: {found.region}" if found.region else ""
+    given = f", {_quoted('file', found.region)}" if found.region else ""
     note = "" if given else "  # finds the speckled specimen; or give a rectangle, polygons or a file"
     return f"  region: {{stage: region, images: {images}{given}}}{note}"
 
@@ -292,7 +296,6 @@ def _common_lines(found: Found, stereo: bool) -> list[str]:
         f"  total: {{stage: deformation, points: {'points' if stereo else 'correlation'}, window: 50 px}}",
     ]
     if found.caliper:
-        lines.append(
-            f"  compare: {{stage: compare, caliper: {found.caliper}}}  # or name an extensometer of a stage probes"
-        )
+        caliper = _quoted("caliper", found.caliper)
+        lines.append(f"  compare: {{stage: compare, {caliper}}}  # or name an extensometer of a stage probes")
     return [*lines, "  maps: {stage: maps}"]

@@ -3,14 +3,17 @@
 from __future__ import annotations
 
 import shutil
+from pathlib import Path
 
 import numpy as np
 import pytest
 from PIL import Image
 from small import BOARDS, STEPS, dicflow
 
+from dicflow.errors import ConfigurationError
+from dicflow.io.configuration import parse
 from dicflow.pipeline import Pipeline
-from dicflow.pipeline.setup import OPEN
+from dicflow.pipeline.setup import OPEN, Found, Series, pipeline_text
 
 
 @pytest.fixture(scope="module")
@@ -130,3 +133,19 @@ def test_boards_are_told_from_speckles_in_the_samples(stereo):
 
     sizes = {one.left: _board_size(one) for one in _series(ROOT / "data_samples")}
     assert sizes == {"photos/left/*.png": None, "boards/left/*.png": (9, 6)}
+
+
+@pytest.mark.parametrize("square", ["10 mm", None])
+@pytest.mark.parametrize("name", ['a "b", c', "x: [1}", "#1 \\n é 😀"])
+def test_names_with_signs_of_yaml_read_back(name, square):
+    photos, boards = Series(f"{name}/*.png", f"{name}/r*.png", {}), Series(f"{name}*", f"{name}?", {})
+    found = Found(photos, boards, (9, 6), None, f"{name}.geojson", f"caliper {name}.csv")
+    stages = parse(pipeline_text(found, square, Path("p.yaml")), "p.yaml").data["stages"]
+    assert (stages["photos"]["left"], stages["boards"]["right"]) == (photos.left, boards.right)
+    assert (stages["region"]["file"], stages["compare"]["caliper"]) == (found.region, found.caliper)
+
+
+def test_the_text_is_checked_also_where_the_square_is_left_open():
+    series = Series("*.png", "r.png", {})
+    with pytest.raises(ConfigurationError, match=r"corners\.size"):
+        pipeline_text(Found(series, series, (0, 6), None, None, None), None, Path("p.yaml"))
