@@ -84,13 +84,17 @@ class Compare(Node):
 
         caliper = read_caliper(caliper_path)
         field_strain = None if total is None else _field_strain(total, {"y": "eyy", "x": "exx"}[self.axis])
-        if self.extensometer is None and track is None and field_strain is not None:
+        if self.extensometer is None and track is None and total is not None and field_strain is not None:
+            _refuse_thesis(total)
             lengths, unit, chosen = {"field": caliper.length_mm[0] * (1.0 + field_strain)}, "mm", "field"
         else:
             lengths, unit = self._lengths(track, cloud, probes)
             chosen = self.length if self.extensometer is None else "extensometer"
         if len(lengths[chosen]) != len(caliper.length_mm):
-            raise StageError(f"{caliper_path}: has {len(caliper.length_mm)} rows for {len(lengths[chosen])} steps")
+            raise StageError(
+                f"{caliper_path}: has {len(caliper.length_mm)} rows for {len(lengths[chosen])} steps; "
+                "write one row per step, the first for the unloaded specimen"
+            )
         same = chosen != "extensometer" or _alike(lengths[chosen][0], caliper.length_mm[0])
         table = _table(caliper, lengths[chosen], unit, displacements=same and unit == "mm")
         table.update({f"{name}_length_{unit}": values for name, values in lengths.items()})
@@ -217,6 +221,15 @@ def _field_strain(total: Sequence[Product], measure: str) -> np.ndarray:
     fields = (product[measure] for product in total)
     means = [float(field[np.isfinite(field)].mean()) if np.isfinite(field).any() else math.nan for field in fields]
     return np.array([0.0, *means])
+
+
+def _refuse_thesis(total: Sequence[Product]) -> None:
+    """The thesis's sums of strains on a grid that does not move with the material are no strain of a length."""
+    if any(product.attrs.get("definition") == "thesis" for product in total):
+        raise StageError(
+            "a caliper tells the engineering strain, and the total has the thesis's; "
+            "set definition: material, or compare a length of the track"
+        )
 
 
 def _summary(table: Mapping[str, np.ndarray]) -> dict[str, float]:

@@ -194,3 +194,8 @@ def test_without_a_track_the_mean_strain_of_the_field_is_compared(tmp_path):
     other = [Product("total", total[0].variables, {"measure": "hencky"})] * len(total)
     with pytest.raises(StageError, match="engineering strain, not hencky; set measure: engineering"):
         Compare(caliper=str(path)).run(total=other, caliper_path=path)
+    thesis = [Product("total", total[0].variables, {"definition": "thesis"})] * len(total)
+    with pytest.raises(StageError, match="the total has the thesis's; set definition: material"):
+        Compare(caliper=str(path)).run(total=thesis, caliper_path=path)
+    with pytest.raises(StageError, match="has 4 rows for 3 steps; write one row per step"):
+        Compare(caliper=str(path)).run(total=total[1:], caliper_path=path)
