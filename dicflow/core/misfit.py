@@ -58,8 +58,8 @@ def misfit_covariance(
     unit : (rows, cols, 3) — covariance of the places for white noise of one grey level in one photograph
     noise : (rows, cols) — variance of the noise of both photographs [grey levels²]
 
-    What some subsets show holds for their neighbours in proportion to ``unit``, less its standard error: what chance
-    alone may show is no misfit.
+    What some subsets show holds for their neighbours in proportion to ``unit``, less twice its standard error: what
+    chance alone may show is no misfit.
     """
     stride = max(1, int(np.ceil(np.sqrt(np.isfinite(warp[..., 0, 0]).sum() / _SAMPLES))))
     rows, cols = centres[::stride, ::stride].shape[:2]
@@ -68,7 +68,7 @@ def misfit_covariance(
     scale = np.sqrt(np.diagonal(moved.noise, axis1=1, axis2=2))
     more = (moved.residual - some[2][:, None, None] * moved.noise) / (scale[:, :, None] * scale[:, None])
     doubt = np.nanstd(more[:, [0, 1], [0, 1]]) / np.sqrt(4.0 * np.pi * _AROUND**2) if np.isfinite(more).any() else 0.0
-    values, axes = np.linalg.eigh(_smooth(more.reshape(rows, cols, 2, 2)) - doubt * np.eye(2))
+    values, axes = np.linalg.eigh(_smooth(more.reshape(rows, cols, 2, 2)) - 2.0 * doubt * np.eye(2))
     positive = upper((axes * np.maximum(values, 0.0)[..., None, :]) @ np.swapaxes(axes, -1, -2))
     share = positive.repeat(stride, axis=0).repeat(stride, axis=1)[: centres.shape[0], : centres.shape[1]]
     x, y = np.sqrt(unit[..., 0]), np.sqrt(unit[..., 2])
