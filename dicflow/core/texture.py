@@ -51,9 +51,8 @@ def mean_intensity_gradient(image: npt.NDArray[Any], mask: npt.NDArray[np.bool_]
 
 
 def saturation(image: npt.NDArray[Any]) -> float:
-    """The grey level from which on a pixel is as bright as it can be, with 8, 10, 12, 14 or 16 bits: as few as do."""
-    bits = max(8, 2 * ((int(image.max()).bit_length() + 1) // 2))
-    return float(2**bits - 1) * (1.0 - 2.0**-8)
+    """The grey level from which on a pixel is as bright as it can be."""
+    return _full_scale(image) * (1.0 - 2.0**-8)
 
 
 def saturated_share(image: npt.NDArray[Any], mask: npt.NDArray[np.bool_]) -> float:
@@ -142,10 +141,15 @@ def textured_box(image: npt.NDArray[Any], window_px: int = 32) -> tuple[int, int
     return x0, y0, min(x1, width), min(y1, height)
 
 
+def _full_scale(image: npt.NDArray[Any]) -> float:
+    """The greatest grey level of 8, 10, 12, 14 or 16 bits, as few as hold the image: those that sensors have."""
+    bits = max(8, 2 * ((int(image.max()).bit_length() + 1) // 2))
+    return float(2**bits - 1)
+
+
 def _smoothed(image: npt.NDArray[Any]) -> npt.NDArray[np.float32]:
-    """Grey levels 0 … 255, smoothed by 1 px; of more than 8 bits as many count as are in use (12 bits come in 16)."""
-    bits = max(8, int(image.max()).bit_length())
-    grey = image.astype(np.float32) * np.float32(255 / (2**bits - 1))
+    """Grey levels 0 … 255, smoothed by 1 px."""
+    grey = image.astype(np.float32) * np.float32(255.0 / _full_scale(image))
     return np.asarray(cv2.GaussianBlur(grey, (0, 0), 1.0), dtype=np.float32)
 
 

@@ -37,6 +37,13 @@ def test_texture_is_the_same_for_8_12_and_16_bits():
     np.testing.assert_allclose(strengths, strengths[0], rtol=0.03)
 
 
+def test_one_bright_pixel_does_not_change_the_texture_around_others():
+    image = (grain(160, 160) / 255 * 2047).astype(np.uint16)
+    bright = image.copy()
+    bright[80, 80] = 2048
+    np.testing.assert_allclose(texture(bright).strength[:10], texture(image).strength[:10], rtol=1e-6)
+
+
 def test_an_image_full_of_speckles_is_all_pattern():
     assert speckled(texture(grain(160, 160).astype(np.uint8))).all()
 
