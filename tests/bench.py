@@ -29,9 +29,11 @@ from dicflow.pipeline import Pipeline
 if __name__ == "__main__":
     pipeline, data, store, workers = sys.argv[1:]
     outcome = Pipeline.load(pipeline, data=data, store=store).run(workers=int(workers)).outcome
+    if not outcome.ok:
+        sys.exit("; ".join(outcome.errors))
     done = outcome.outcomes.values()
     totals = {name: sum(getattr(one, name) for one in done) for name in ("stage_s", "engine_s", "remake_s")}
-    print(json.dumps({"ok": outcome.ok, "seconds": outcome.seconds, **totals}))
+    print(json.dumps({"seconds": outcome.seconds, **totals}))
 """
 
 
@@ -49,14 +51,14 @@ class Cost(NamedTuple):
 def cost(command: list[str]) -> Cost:
     """Run a command and watch the memory of all its processes."""
     start, peak, stop = time.perf_counter(), [0], threading.Event()
-    process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True)
+    process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
     watcher = threading.Thread(target=_watch, args=(process.pid, peak, stop))
     watcher.start()
-    output, _ = process.communicate()
+    output, errors = process.communicate()
     stop.set()
     watcher.join()
     if process.returncode:
-        sys.exit(f"{' '.join(command)} ended with {process.returncode}")
+        sys.exit(f"{' '.join(command)} ended with {process.returncode}:\n{errors}")
     lines = output.strip().splitlines()
     said = json.loads(lines[-1]) if lines and lines[-1].startswith("{") else {}
     return Cost(time.perf_counter() - start, peak[0], said)
