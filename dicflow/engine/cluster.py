@@ -13,7 +13,7 @@ from urllib.parse import urlsplit
 import dask
 import distributed
 
-from dicflow.engine.records import versions
+from dicflow.engine.records import sources, versions
 from dicflow.engine.store import Store
 from dicflow.engine.work import Job, Outcome
 from dicflow.engine.workers import ignore_interrupts, prepare, reads_probe
@@ -22,7 +22,7 @@ from dicflow.errors import ConfigurationError, StoreError
 __all__ = ["ClusterBackend", "is_loopback", "local_cluster", "remote_cluster"]
 
 _LOOPBACK = "127.0.0.1"
-_MUST_AGREE = ("python", "dicflow", "dask", "distributed", "numpy")
+_MUST_AGREE = ("python", "dicflow", "dask", "distributed", "numpy", "scipy", "numba", "opencv-python-headless")
 _PATIENCE_S = 15
 _ARRAYS = 256 * 1024 * 1024
 _ALLOCATOR = {"MALLOC_TRIM_THRESHOLD_": _ARRAYS, "MALLOC_MMAP_THRESHOLD_": _ARRAYS}
@@ -123,7 +123,7 @@ def remote_cluster(
 
     address : ``tcp://host:port``, or ``tls://host:port`` with dask's own configuration of certificates
     Raises ConfigurationError where there are no such certificates, it does not answer, has no workers or other
-    versions, and StoreError where a worker does not see the store.
+    versions or other code of dicflow, and StoreError where a worker does not see the store.
     """
     _check_certificates(address)
     try:
@@ -188,6 +188,10 @@ def _check_workers(client: distributed.Client, address: str) -> None:
         other = [f"{name} {there.get(name)} (here {here.get(name)})" for name in differing]
         if other:
             raise ConfigurationError(f"{worker}: has {', '.join(other)}; install the same versions there and here")
+    code = sources()
+    for worker, found_code in client.run(sources).items():
+        if found_code != code:
+            raise ConfigurationError(f"{worker}: has other code of dicflow; install the same there and start it again")
 
 
 def _minor(found: Mapping[str, str]) -> list[str]:

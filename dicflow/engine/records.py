@@ -8,11 +8,12 @@ import re
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cache
+from pathlib import Path
 from typing import Any
 
-from dicflow.engine.hashing import is_digest
+from dicflow.engine.hashing import digest_json, is_digest
 
-__all__ = ["Record", "versions"]
+__all__ = ["Record", "sources", "versions"]
 
 
 @dataclass(frozen=True)
@@ -66,6 +67,13 @@ def versions() -> dict[str, str]:
         if match is not None:
             found[match[0]] = _version(match[0])
     return found
+
+
+def sources() -> str:
+    """Digest of the text of all modules of dicflow that are installed here."""
+    package = Path(__file__).parents[1]
+    texts = {path.relative_to(package).as_posix(): path.read_text("utf-8") for path in package.rglob("*.py")}
+    return digest_json(texts)
 
 
 def _version(name: str) -> str:

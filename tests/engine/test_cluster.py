@@ -174,9 +174,17 @@ def test_workers_with_other_versions_are_refused():
     there = {**cluster.versions(), "numpy": "1.0"}
     with pytest.raises(ConfigurationError, match=r"tcp://far:1: has numpy 1\.0 \(here .*install the same versions"):
         cluster._check_workers(Fake(versions=there), "tcp://far:0")
-    cluster._check_workers(Fake(versions={**cluster.versions(), "zarr": "9"}), "tcp://far:0")
+    for name in ("scipy", "numba", "opencv-python-headless"):
+        with pytest.raises(ConfigurationError, match=f"has {name} 0 "):
+            cluster._check_workers(Fake(versions={**cluster.versions(), name: "0"}), "tcp://far:0")
+    cluster._check_workers(Fake(versions={**cluster.versions(), "zarr": "9"}, sources=cluster.sources()), "tcp://far:0")
     with pytest.raises(ConfigurationError, match="the scheduler has no workers; start"):
         cluster._check_workers(Fake(workers=0), "tcp://far:0")
+
+
+def test_workers_with_other_code_are_refused():
+    with pytest.raises(ConfigurationError, match=r"tcp://far:1: has other code of dicflow; install the same"):
+        cluster._check_workers(Fake(versions=cluster.versions(), sources="sha256:" + "0" * 64), "tcp://far:0")
 
 
 def test_workers_that_do_not_see_the_store_are_refused(store):
