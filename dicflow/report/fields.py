@@ -257,6 +257,7 @@ def _step(context: Context, scene: _Scene, step: str, frame: _Frame) -> dict[str
 def _drawn(result: Result, scene: _Scene, step: str, frame: _Frame) -> bytes:
     import numpy as np
 
+    from dicflow.core.status import Status
     from dicflow.views.overlay import cell_index, photo_jpeg, reason_png
 
     total = result.product(scene.total, step)
@@ -267,7 +268,7 @@ def _drawn(result: Result, scene: _Scene, step: str, frame: _Frame) -> bytes:
     }
     status = total["status"]
     if scene.grid is None:
-        inside = status != 2
+        inside = status != Status.OUTSIDE
         content |= {"reasons": _text(reason_png(status))}
     else:
         grid = _places(result, scene, 0)
@@ -370,7 +371,12 @@ def _words(result: Result, scene: _Scene) -> dict[str, Any]:
     """What lies under the maps, and over which step the others lie."""
     plane = result.kind(scene.photographs) == "plane"
     photograph = "left photograph, freed of its distortion" if plane else "left photograph"
-    return {"photograph": photograph, "own_grid": scene.grid is None, "first": result.steps(scene.photographs)[0]}
+    return {
+        "photograph": photograph,
+        "own_grid": scene.grid is None,
+        "first": result.steps(scene.photographs)[0],
+        "along": scene.grid is not None and not result.stages_of("frame"),  # else x is not the photograph's
+    }
 
 
 def _few_points(drawn: Mapping[str, Mapping[str, Any]]) -> tuple[str, ...]:
