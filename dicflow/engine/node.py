@@ -8,12 +8,24 @@ from enum import StrEnum
 from pathlib import Path
 from typing import Annotated, Any, ClassVar, Literal
 
-from pydantic import BaseModel, BeforeValidator, ConfigDict, Field
+from pydantic import AfterValidator, BaseModel, BeforeValidator, ConfigDict, Field
 
 from dicflow.engine.product import Product
 from dicflow.engine.units import quantity
 
-__all__ = ["Affects", "At", "Degrees", "InputFile", "Millimetres", "Node", "Pixels", "Port", "Scope", "parameter"]
+__all__ = [
+    "Affects",
+    "At",
+    "Degrees",
+    "InputFile",
+    "Millimetres",
+    "Node",
+    "Odd",
+    "Pixels",
+    "Port",
+    "Scope",
+    "parameter",
+]
 
 
 class Scope(StrEnum):
@@ -81,12 +93,20 @@ def parameter(
     return Field(default, description=description, json_schema_extra={"unit": unit, "affects": affects}, **limits)
 
 
+def _odd(value: int) -> int:
+    if value % 2 == 0:
+        raise ValueError(f"{value} is even; use an odd number ({value + 1} is the next)")
+    return value
+
+
 Millimetres = Annotated[float, BeforeValidator(quantity("mm"))]
 """A length; a bare number is in mm, text carries its unit: ``"2 cm"``."""
 Pixels = Annotated[float, BeforeValidator(quantity("px"))]
 """A length in the image; a bare number is in px."""
 Degrees = Annotated[float, BeforeValidator(quantity("deg"))]
 """An angle; a bare number is in degrees, text may say ``"0.1 rad"``."""
+Odd = Annotated[int, AfterValidator(_odd)]
+"""The side of a window with a pixel in its middle."""
 InputFile = Annotated[str, Field(json_schema_extra={"file": True})]
 """Path of a file that the user brings. Its contents, not its path, enter the key; ``run`` gets the Path."""
 

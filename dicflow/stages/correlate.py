@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal, NamedTuple
 
-from pydantic import AfterValidator, BaseModel, ConfigDict, Field
+from pydantic import BaseModel, ConfigDict, Field
 
-from dicflow.engine.node import At, Node, Pixels, Port, Scope, parameter
+from dicflow.engine.node import At, Node, Odd, Pixels, Port, Scope, parameter
 from dicflow.engine.product import Product, Variable
 from dicflow.errors import StageError
 
@@ -27,12 +27,6 @@ ROUNDING = 12**-0.5  # grey levels: noise that whole numbers have in any case
 STATIC_PX = 0.05  # motion below which two photographs count as of one scene
 DEGREES = {"bicubic": 3, "biquintic": 5}
 GRID = ("row", "col")
-
-
-def _odd(value: int) -> int:
-    if value % 2 == 0:
-        raise ValueError(f"{value} is even; use an odd number ({value + 1} is the next)")
-    return value
 
 
 class Reference(BaseModel):
@@ -78,9 +72,7 @@ class Correlate(Node):
     impl_version: ClassVar = 2
 
     stage: Literal["correlate"] = "correlate"
-    subset_size: Annotated[int, AfterValidator(_odd)] = parameter(
-        31, "side of the squares that are compared; odd", unit="px", ge=5
-    )
+    subset_size: Odd = parameter(31, "side of the squares that are compared; odd", unit="px", ge=5)
     step_size: int = parameter(7, "distance of the points in the first photograph", unit="px", ge=1)
     shape_function: Literal["affine", "quadratic"] = parameter("affine", "how a subset may deform")
     interpolation: Literal["bicubic", "biquintic"] = parameter("biquintic", "spline between the pixels")

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal
 
 from pydantic import AfterValidator
 
-from dicflow.engine.node import Node, Pixels, Port, Scope, parameter
+from dicflow.engine.node import Node, Odd, Pixels, Port, Scope, parameter
 from dicflow.engine.product import Product, Variable
 from dicflow.errors import StageError
 
@@ -28,14 +28,7 @@ def _ordered(value: tuple[int, int]) -> tuple[int, int]:
     return value
 
 
-def _odd(value: int) -> int:
-    if value % 2 == 0:
-        raise ValueError(f"{value} is even; use an odd number ({value + 1} is the nearest)")
-    return value
-
-
 Range = Annotated[tuple[int, int], AfterValidator(_ordered)]
-Odd = Annotated[int, AfterValidator(_odd)]
 
 
 class Disparity(Node):

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, ClassVar, Literal
 
-from dicflow.engine.node import At, Node, Port, Scope, parameter
+from dicflow.engine.node import At, Node, Odd, Port, Scope, parameter
 from dicflow.engine.product import Product, Variable
 from dicflow.errors import StageError
 
@@ -45,7 +45,7 @@ class Match(Node):
     guided: bool = parameter(True, "match again near the positions that the first matches predict")
     radius: float = parameter(4.0, "how far from a predicted position a guided match may be", unit="px", gt=0)
     refine: bool = parameter(True, "refine positions by the grey levels around them")
-    window: int = parameter(21, "side of the window that refinement compares; odd", unit="px", ge=7, multiple_of=1)
+    window: Odd = parameter(21, "side of the window that refinement compares; odd", unit="px", ge=7)
     min_correlation: float = parameter(0.6, "correlation of the two windows, at least", ge=-1, le=1)
 
     def run(self, features: Product, features_before: Product, images: Product, images_before: Product) -> Product:

@@ -351,3 +351,9 @@ def test_the_part_with_an_opening_moves_as_another_program_says(shared_data):
     assert known.sum() > 8000
     assert np.abs(error.mean(axis=0)).max() < 0.15
     assert np.median(np.linalg.norm(error, axis=1)) < 0.5  # the nearest grid point is up to 3.5 px away
+
+
+def test_a_window_without_a_middle_is_refused():
+    with pytest.raises(ValidationError, match="20 is even; use an odd number"):
+        Match(window=20)
+    assert Match(window=23).window == 23
