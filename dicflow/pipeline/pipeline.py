@@ -139,6 +139,7 @@ class Pipeline:
         """Compute what is missing and return everything by name.
 
         options : fields of :class:`dicflow.engine.execute.Options`: ``scheduler``, ``workers``, ``dashboard``, …
+        A script calls it under ``if __name__ == "__main__":``, since worker processes import the script again.
         """
         from dicflow.engine.execute import Options, run
 
