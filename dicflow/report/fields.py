@@ -8,10 +8,9 @@ from __future__ import annotations
 
 import json
 import math
-from base64 import b64encode
 from collections.abc import Iterable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any
 from urllib.parse import quote
 
 from markupsafe import Markup
@@ -19,13 +18,9 @@ from markupsafe import Markup
 from dicflow.engine.product import Product
 from dicflow.pipeline import Result
 from dicflow.report.context import Context, Section
+from dicflow.report.field_maps import Frame, Scene, as_text, drawn_step, overview
 from dicflow.report.rendering import render
 from dicflow.views.colours import REASON_COLOURS, Look, look
-
-if TYPE_CHECKING:
-    import numpy as np
-
-    from dicflow.views.overlay import View
 
 __all__ = ["fields"]
 
@@ -36,36 +31,7 @@ _WITHOUT_GAUGE = ("U", "V", "W", "znssd")
 _SIZES_PX = (640, 560, 480, 400, 320, 240, 160, 112, 80, 56, 40)
 _BUDGET_BYTES = 7.0e6
 _MOST_STEPS = 40
-_LEFT_OUT_PERCENT = 0.5
 _FEW = 0.5
-
-
-class _Scene(NamedTuple):
-    """Which stages the maps are made of.
-
-    grid : gives the places of the points at the first step; None where each step has a grid of its own
-    photographs : gives the images that the maps lie over
-    rig : carries places in rectified images back into the photographs; None where they are tracked there
-    """
-
-    total: str
-    grid: str | None
-    photographs: str
-    rig: str | None
-
-
-class _Frame(NamedTuple):
-    """What all maps of a test share: the part of the photograph shown, and the look of each quantity."""
-
-    view: View
-    looks: tuple[Look, ...]
-
-    @property
-    def smaller(self) -> View:
-        """The same part at half the size, in which the maps at the first step are drawn."""
-        width, height = self.view.size
-        size = (max(1, round(width / 2)), max(1, round(height / 2)))
-        return self.view._replace(size=size, scale=self.view.scale / 2)
 
 
 def fields(context: Context) -> Section | None:
@@ -110,16 +76,16 @@ def _shown_total(result: Result) -> str | None:
     return totals[-1] if totals else None
 
 
-def _scene(result: Result, total: str, step: str) -> _Scene:
+def _scene(result: Result, total: str, step: str) -> Scene:
     images = result.source(result.stages_of("region")[0], "images")
     rectified = result.kind(images) == "rectified"
     photographs = result.source(images, "images") if rectified else images
     own_grid = result.product(total, step).attrs["definition"] == "thesis"
     grid = None if own_grid else (result.stages_of("correlation") or result.stages_of("track"))[0]
-    return _Scene(total, grid, photographs, result.source(images, "rig") if rectified else None)
+    return Scene(total, grid, photographs, result.source(images, "rig") if rectified else None)
 
 
-def _frame(context: Context, scene: _Scene, steps: Sequence[str]) -> _Frame:
+def _frame(context: Context, scene: Scene, steps: Sequence[str]) -> Frame:
     """The part of the photograph and the looks, from one reading of all steps."""
     from dicflow.views.overlay import View, view
 
@@ -127,7 +93,7 @@ def _frame(context: Context, scene: _Scene, steps: Sequence[str]) -> _Frame:
     first = result.product(scene.total, steps[0])
     names = _names(result, first)
     sources = ["fields of a test", *names, *_digests(result, scene, steps)]
-    found = json.loads(context.pieces.get(sources, lambda: _overview(result, scene, steps, names)))
+    found = json.loads(context.pieces.get(sources, lambda: overview(result, scene, steps, names)))
     chosen = {name: settings for maps in _maps(result) for name, settings in maps["quantities"].items()}
     table = next((maps["colour_map"] for maps in _maps(result)), "auto")
     looks = []
@@ -137,18 +103,18 @@ def _frame(context: Context, scene: _Scene, steps: Sequence[str]) -> _Frame:
         looks.append(look(name, _title(context, first, name), first.variables[name].units, low, high, choice))
     sources += ["size", json.dumps(looks), result.digest(scene.photographs, steps[-1])]
     boxes, size = found["boxes"], found["image_size"]
-    frames = (_Frame(view(boxes, size, longest), tuple(looks)) for longest in _SIZES_PX)
+    frames = (Frame(view(boxes, size, longest), tuple(looks)) for longest in _SIZES_PX)
     fitting = context.pieces.get(sources, lambda: _fitting(result, scene, steps, frames))
-    return _Frame(View(*json.loads(fitting)), tuple(looks))
+    return Frame(View(*json.loads(fitting)), tuple(looks))
 
 
-def _fitting(result: Result, scene: _Scene, steps: Sequence[str], frames: Iterable[_Frame]) -> bytes:
+def _fitting(result: Result, scene: Scene, steps: Sequence[str], frames: Iterable[Frame]) -> bytes:
     """The first view, of smaller and smaller ones, in which all steps stay within the page's budget.
 
     The last step stands for all of them; how far a picture shrinks when it is packed depends on its noise.
     """
     for frame in frames:
-        if len(steps) * len(_drawn(result, scene, steps[-1], frame)) < _BUDGET_BYTES:
+        if len(steps) * len(drawn_step(result, scene, steps[-1], frame)) < _BUDGET_BYTES:
             break
     return json.dumps(frame.view).encode()
 
@@ -165,7 +131,7 @@ def _names(result: Result, total: Product) -> list[str]:
     return list(dict.fromkeys([*chosen, *others]))
 
 
-def _digests(result: Result, scene: _Scene, steps: Sequence[str]) -> list[str]:
+def _digests(result: Result, scene: Scene, steps: Sequence[str]) -> list[str]:
     """Digests of all that tells the places of points at these steps."""
     found = [result.digest(scene.total, step) for step in steps]
     if scene.grid is not None:
@@ -173,56 +139,6 @@ def _digests(result: Result, scene: _Scene, steps: Sequence[str]) -> list[str]:
     if scene.rig is not None:
         found.append(result.digest(scene.rig))
     return found
-
-
-def _overview(result: Result, scene: _Scene, steps: Sequence[str], names: Sequence[str]) -> bytes:
-    """Where the points are over all steps, and between which values each quantity lies."""
-    import numpy as np
-
-    from dicflow.views.overlay import point_box
-
-    boxes = [point_box(_places(result, scene, 0))] if scene.grid is not None else []
-    ranges: dict[str, list[float]] = {}
-    for step in steps:
-        total = result.product(scene.total, step)
-        boxes.append(point_box(_places(result, scene, step)))
-        for name in names:
-            known = total[name][np.isfinite(total[name])]
-            if known.size:
-                low, high = np.percentile(known, [_LEFT_OUT_PERCENT, 100 - _LEFT_OUT_PERCENT]).tolist()
-                before = ranges.get(name, [low, high])
-                ranges[name] = [min(low, before[0]), max(high, before[1])]
-    height, width = result.product(scene.photographs, steps[0])["left"].shape
-    content = {
-        "boxes": [box for box in boxes if box is not None],
-        "image_size": [width, height],
-        "ranges": {name: _two(*ranges.get(name, [-1.0, 1.0])) for name in names},
-    }
-    return json.dumps(content).encode()
-
-
-def _two(low: float, high: float) -> list[float]:
-    """A range of two different numbers."""
-    return [low, high] if high - low > 1e-12 else [low - 0.5e-6, high + 0.5e-6]
-
-
-def _places(result: Result, scene: _Scene, step: str | int) -> np.ndarray:
-    """Places of the points in the photograph (row, col, 2) [px]; of step 0, those of the whole grid."""
-    import numpy as np
-
-    if step == 0:
-        grid = result.product(str(scene.grid), 0)
-        places = grid["xy"] if "xy" in grid else grid["points"]
-    else:
-        places = result.product(scene.total, step)["xy"]
-    if scene.rig is None:
-        return np.asarray(places)
-    from dicflow.core.stereo import rectification, rectified_to_raw
-    from dicflow.io.rig import rig_from_dict
-
-    rig = rig_from_dict(result.product(scene.rig).attrs["rig"])
-    rectified = rectification(rig)
-    return rectified_to_raw(places, rig.left, rectified.rotation_left, rectified.matrix_left)
 
 
 def _title(context: Context, total: Product, name: str) -> str:
@@ -245,75 +161,13 @@ def _window(context: Context) -> str:
     return ""
 
 
-def _step(context: Context, scene: _Scene, step: str, frame: _Frame) -> dict[str, Any]:
+def _step(context: Context, scene: Scene, step: str, frame: Frame) -> dict[str, Any]:
     """The pictures of one step, as texts that the page shows."""
     result = context.result
     sources = ["fields of a step", *_digests(result, scene, [step]), result.digest(scene.photographs, step)]
     sources += [json.dumps(frame.view), json.dumps(frame.looks)]
-    found: dict[str, Any] = json.loads(context.pieces.get(sources, lambda: _drawn(result, scene, step, frame)))
+    found: dict[str, Any] = json.loads(context.pieces.get(sources, lambda: drawn_step(result, scene, step, frame)))
     return found
-
-
-def _drawn(result: Result, scene: _Scene, step: str, frame: _Frame) -> bytes:
-    import numpy as np
-
-    from dicflow.core.status import Status
-    from dicflow.views.overlay import cell_index, photo_jpeg, reason_png
-
-    total = result.product(scene.total, step)
-    index = cell_index(_places(result, scene, step), frame.view)
-    content: dict[str, Any] = {
-        "photo": _text(photo_jpeg(result.product(scene.photographs, step)["left"], frame.view)),
-        "deformed": _overlays(total, index, frame.looks),
-    }
-    status = total["status"]
-    if scene.grid is None:
-        inside = status != Status.OUTSIDE
-        content |= {"reasons": _text(reason_png(status))}
-    else:
-        grid = _places(result, scene, 0)
-        inside = np.isfinite(grid).all(axis=-1)
-        index = cell_index(grid, frame.smaller)
-        content["reference"] = _overlays(total, index, frame.looks)
-        content["reasons"] = _text(reason_png(_worst(status)[index]))
-        content["directions"] = _directions(total, grid, frame.view)
-    return json.dumps(content | {"counts": _counts(status[inside])}).encode()
-
-
-def _overlays(total: Product, index: Any, looks: Sequence[Look]) -> dict[str, str]:
-    from dicflow.views.overlay import field_png
-
-    return {look.quantity: _text(field_png(total[look.quantity], index, look)) for look in looks}
-
-
-def _worst(status: np.ndarray) -> np.ndarray:
-    """The gravest code among the corners of each cell, by the cell's number; measured where there is no cell."""
-    import numpy as np
-
-    corners = [status[:-1, :-1], status[1:, :-1], status[:-1, 1:], status[1:, 1:]]
-    return np.append(np.maximum.reduce(corners).ravel(), np.uint8(0))
-
-
-def _directions(total: Product, grid: np.ndarray, view: View) -> str:
-    """Lines along the principal direction of the larger strain."""
-    import numpy as np
-
-    from dicflow.views.overlay import direction_path
-
-    if "angle" in total:
-        return direction_path(grid, total["angle"], view)
-    angle = 0.5 * np.arctan2(total["gxy"], total["exx"] - total["eyy"])
-    return direction_path(grid, np.degrees(angle), view)
-
-
-def _counts(status: np.ndarray) -> dict[str, int]:
-    """How many points have each status, by its name."""
-    import numpy as np
-
-    from dicflow.core.status import Status
-
-    codes, numbers = np.unique(status, return_counts=True)
-    return {Status(code).label: number for code, number in zip(codes.tolist(), numbers.tolist(), strict=True)}
 
 
 def _reason_colours() -> dict[str, str]:
@@ -322,7 +176,7 @@ def _reason_colours() -> dict[str, str]:
     return {Status(code).label: colour for code, colour in REASON_COLOURS.items()}
 
 
-def _reference(context: Context, scene: _Scene, frame: _Frame) -> str | None:
+def _reference(context: Context, scene: Scene, frame: Frame) -> str | None:
     """The photograph of the first step; None where no map is drawn over it."""
     result = context.result
     if scene.grid is None or not result.has(scene.photographs, 0):
@@ -333,7 +187,9 @@ def _reference(context: Context, scene: _Scene, frame: _Frame) -> str | None:
 
         return photo_jpeg(result.product(scene.photographs, 0)["left"], frame.view)
 
-    return _text(context.pieces.get(["photograph", result.digest(scene.photographs, 0), json.dumps(frame.view)], make))
+    return as_text(
+        context.pieces.get(["photograph", result.digest(scene.photographs, 0), json.dumps(frame.view)], make)
+    )
 
 
 def _quantity(context: Context, look: Look, steps: Sequence[str]) -> dict[str, Any]:
@@ -367,7 +223,7 @@ def _peak(result: Result, total: str, steps: Sequence[str]) -> str:
     return max(steps, key=size)
 
 
-def _words(result: Result, scene: _Scene) -> dict[str, Any]:
+def _words(result: Result, scene: Scene) -> dict[str, Any]:
     """What lies under the maps, and over which step the others lie."""
     plane = result.kind(scene.photographs) == "plane"
     photograph = "left photograph, freed of its distortion" if plane else "left photograph"
@@ -391,10 +247,6 @@ def _few_points(drawn: Mapping[str, Mapping[str, Any]]) -> tuple[str, ...]:
 
 def _share(counts: Mapping[str, int]) -> float:
     return (counts.get("valid", 0) + counts.get("filled", 0)) / max(1, sum(counts.values()))
-
-
-def _text(picture: bytes) -> str:
-    return b64encode(picture).decode()
 
 
 def _as_json(content: Any) -> Markup:

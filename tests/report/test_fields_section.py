@@ -7,6 +7,7 @@ import pytest
 from dicflow.core.status import Status
 from dicflow.engine.product import Product, Variable
 from dicflow.pipeline import Pipeline
+from dicflow.report import field_maps as maps
 from dicflow.report import fields as module
 from dicflow.report.context import Context
 from dicflow.report.fields import fields
@@ -74,8 +75,8 @@ def test_a_full_map_is_linked_where_it_lies_beside_the_page(loaded, pipeline, da
 
 def test_the_second_build_draws_nothing(loaded, tmp_path, monkeypatch):
     first = fields(context_of(loaded, tmp_path))
-    monkeypatch.setattr(module, "_drawn", None)
-    monkeypatch.setattr(module, "_overview", None)
+    monkeypatch.setattr(module, "drawn_step", None)
+    monkeypatch.setattr(module, "overview", None)
     assert fields(context_of(loaded, tmp_path)) == first
 
 
@@ -88,18 +89,18 @@ def test_places_in_rectified_images_are_carried_back_into_the_photograph(loaded)
     assert (scene.photographs, scene.rig) == ("photos", "rig")
     rig = rig_from_dict(result.product("rig").attrs["rig"])
     rectified = rectification(rig)
-    places = module._places(result, scene, 0)
+    places = maps.places(result, scene, 0)
     back = raw_to_rectified(places, rig.left, rectified.rotation_left, rectified.matrix_left)
     np.testing.assert_allclose(back, result.product("track", 0)["points"], atol=1e-6)
 
 
 def test_the_gravest_corner_tells_why_a_cell_is_missing():
     status = np.array([[0, 0, 13], [0, 1, 0]], np.uint8)
-    assert module._worst(status).tolist() == [1, 13, 0]
+    assert maps.worst_corner(status).tolist() == [1, 13, 0]
 
 
 def test_one_value_everywhere_still_has_a_range():
-    low, high = module._two(0.25, 0.25)
+    low, high = maps._two(0.25, 0.25)
     assert low < 0.25 < high
 
 
@@ -120,13 +121,13 @@ class Noise:
 
 @pytest.mark.parametrize("count", [22, 40])
 def test_steps_of_noise_stay_within_the_page(count):
-    noise, scene = Noise(), module._Scene("total", "grid", "photos", None)
+    noise, scene = Noise(), maps.Scene("total", "grid", "photos", None)
     looks = tuple(Look(name, name, "1", (-2.0, 2.0), "viridis") for name in module.QUANTITIES)
-    frames = (module._Frame(view(noise.boxes, (1920, 1440), side), looks) for side in module._SIZES_PX)
+    frames = (maps.Frame(view(noise.boxes, (1920, 1440), side), looks) for side in module._SIZES_PX)
     steps = [f"step_{number}" for number in range(count)]
     chosen = View(*json.loads(module._fitting(noise, scene, steps, frames)))
-    frame = module._Frame(chosen, looks)
-    assert count * len(module._drawn(noise, scene, "step_1", frame)) < 7.0e6
+    frame = maps.Frame(chosen, looks)
+    assert count * len(maps.drawn_step(noise, scene, "step_1", frame)) < 7.0e6
     assert max(chosen.size) >= 80
 
 
