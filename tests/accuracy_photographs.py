@@ -10,7 +10,8 @@ from scipy.io import loadmat
 from dicflow.core.camera import Camera, Rig
 from dicflow.core.status import Status
 from dicflow.core.triangulate import triangulate
-from tests.figures import SHARED, Figure, run_text
+from tests.data_folder import SHARED
+from tests.figures import Figure, run_text
 
 NECKING = """\
 stages:

@@ -9,7 +9,8 @@ import cv2
 import numpy as np
 
 from dicflow.core.interpolate import spline
-from tests.figures import SHARED, WORK, Figure
+from tests.data_folder import SHARED
+from tests.figures import WORK, Figure
 from tests.stars import (
     AMPLITUDE_PX,
     COARSE,

@@ -8,15 +8,15 @@ from pathlib import Path
 
 import pytest
 
-SHARED_DATA = Path(__file__).resolve().parents[2] / "shared" / "data"
+from tests.data_folder import SHARED
 
 
 @pytest.fixture(scope="session")
 def shared_data() -> Path:
-    """Folder of real photographs with truth or references, beside the repository; the test is skipped without it."""
-    if not SHARED_DATA.is_dir():
-        pytest.skip(f"needs the real photographs in {SHARED_DATA}")
-    return SHARED_DATA
+    """Folder of real photographs with truth or references; the test is skipped without it."""
+    if not SHARED.is_dir():
+        pytest.skip(f"needs the real photographs in {SHARED}; DICFLOW_DATA names another folder")
+    return SHARED
 
 
 @pytest.fixture(scope="session")

@@ -15,7 +15,6 @@ from dicflow.synth import latex_experiment, write_experiment
 ROOT = Path(__file__).resolve().parents[1]
 T = TypeVar("T")
 WORK = ROOT / "build" / "figures"
-SHARED = ROOT.parent / "shared" / "data"
 
 
 class Figure(NamedTuple):
