@@ -79,6 +79,11 @@ class Result:
         """Name of the product's contents."""
         return self.ref(stage, step, variant).digest
 
+    @property
+    def digests(self) -> dict[str, str]:
+        """Names of the contents of all products that there are, by task."""
+        return {task: ref.digest for task, ref in sorted(self._refs.items())}
+
     def product(self, stage: str, step: str | int | None = None, variant: int = 0) -> Product:
         """One product; its arrays are read when they are first used.
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import hashlib
+import json
 from pathlib import Path
 
 from markupsafe import Markup
@@ -36,8 +38,12 @@ def write_report(pipeline: Pipeline, result: Result, folder: Path, workers: int 
     folder : of the maps and tables, made where there is none
     workers : threads that draw at once
     Nothing is computed: what the store lacks is left out and said to be missing, and a section that fails says why.
+    A page of the same products stays as it is when nothing was to do: it tells of the run that made them.
     Raises InputError where the file cannot be written.
     """
+    page, told, sources = folder / "report.html", folder / ".report" / "sources", _sources(pipeline, result)
+    if _was_idle(result) and page.is_file() and told.is_file() and told.read_text() == sources:
+        return page
     make_folder(folder)
     found = _run(pipeline, result)
     facts = run_facts(pipeline.store, found) if found is not None else None
@@ -49,10 +55,25 @@ def write_report(pipeline: Pipeline, result: Result, folder: Path, workers: int 
         return summary(context, sections)
 
     first.__name__ = summary.__name__
-    page = _page(context, [part for part in (_built(first, context), *sections) if part is not None])
+    text = _page(context, [part for part in (_built(first, context), *sections) if part is not None])
     pieces.drop_unused()
-    write_whole(folder / "report.html", page.encode())
-    return folder / "report.html"
+    write_whole(page, text.encode())
+    make_folder(told.parent)
+    write_whole(told, sources.encode())
+    return page
+
+
+def _was_idle(result: Result) -> bool:
+    """Whether nothing was to do, or nothing was run."""
+    return result.outcome is None or not any(
+        count for status, count in result.outcome.counts.items() if status != "hit"
+    )
+
+
+def _sources(pipeline: Pipeline, result: Result) -> str:
+    """Digest of all that the page shows but the run."""
+    told = json.dumps([source_digest(), pipeline.path.name, pipeline.title, pipeline.resolved(), result.digests])
+    return hashlib.sha256(told.encode()).hexdigest()
 
 
 def _run(pipeline: Pipeline, result: Result) -> RunInfo | None:

@@ -54,6 +54,7 @@ def test_a_run_leaves_a_report_with_its_title_and_stages(loaded, measured):
 
 def test_the_second_build_makes_no_piece_and_the_same_page(loaded, tmp_path, monkeypatch):
     first = build.write_report(loaded, loaded.result(), tmp_path).read_bytes()
+    (tmp_path / "report.html").unlink()
     made, get = [], Pieces.get
 
     def counted(pieces, sources, make):
@@ -65,12 +66,26 @@ def test_the_second_build_makes_no_piece_and_the_same_page(loaded, tmp_path, mon
     assert again == first
 
 
+def test_a_page_of_the_same_products_stays_and_any_other_is_made_again(loaded, tmp_path):
+    page = build.write_report(loaded, loaded.result(), tmp_path)
+    first = page.read_text()
+    page.write_text("kept")
+    build.write_report(loaded, loaded.result(), tmp_path)
+    assert page.read_text() == "kept"
+    renamed = Pipeline.load(loaded.path)
+    renamed.title = "another title"
+    build.write_report(renamed, renamed.result(), tmp_path)
+    assert "another title" in page.read_text()
+    page.unlink()
+    assert build.write_report(loaded, loaded.result(), tmp_path).read_text() == first
+
+
 @pytest.mark.parametrize(
     ("sections", "absent"),
     [("build.SECTIONS", ["matplotlib", "numba"]), ("(build.settings, build.provenance)", ["cv2", "scipy", "zarr"])],
 )
 def test_the_second_build_loads_nothing_that_draws_or_computes(loaded, tmp_path, sections, absent):
-    build.write_report(loaded, loaded.result(), tmp_path)
+    build.write_report(loaded, loaded.result(), tmp_path).unlink()
     code = (
         "import sys; from pathlib import Path\n"
         "from dicflow.pipeline import Pipeline; from dicflow.report import build\n"
