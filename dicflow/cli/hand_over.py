@@ -72,7 +72,7 @@ def export(
     variant: VariantNumber = 1,
     force: Force = False,
 ) -> None:
-    """Write a whole test, or the products of one stage, for other programs.
+    """Write a whole test, or one stage, for other programs.
 
     Without a stage: every total, and beside it the tables, the region and the rig.
 

@@ -39,7 +39,7 @@ def verify(
         bool, typer.Option("--repair", help="set damaged products aside, so that they are made again")
     ] = False,
 ) -> None:
-    """Read every product of a store and compare it with its digest.
+    """Compare every product of a store with its digest.
 
     \b
     dicflow verify .dicflow

@@ -13,7 +13,7 @@ from dicflow.engine.journal import RunInfo, find_run, runs
 from dicflow.errors import DicflowError
 from dicflow.io.files import make_folder, write_whole
 from dicflow.pipeline import Pipeline, Result
-from dicflow.pipeline.provenance import run_facts
+from dicflow.pipeline.provenance import RunFacts, run_facts
 from dicflow.report.calibration import calibration
 from dicflow.report.context import Builder, Context, Section
 from dicflow.report.fields import fields
@@ -28,6 +28,8 @@ from dicflow.report.words import date
 
 __all__ = ["SECTIONS", "write_report"]
 
+SETTINGS = ("stages", "variants")
+"""What two runs have in common that are of one measurement."""
 SECTIONS: tuple[Builder, ...] = (calibration, fields, quality, sweep, settings, provenance)
 """All but the summary, which stands first and is made last, from the warnings of these."""
 
@@ -41,12 +43,12 @@ def write_report(pipeline: Pipeline, result: Result, folder: Path, workers: int 
     A page of the same products stays as it is when nothing was to do: it tells of the run that made them.
     Raises InputError where the file cannot be written.
     """
-    page, told, sources = folder / "report.html", folder / ".report" / "sources", _sources(pipeline, result)
+    found = _run(pipeline, result)
+    facts = run_facts(pipeline.store, found) if found is not None else None
+    page, told, sources = folder / "report.html", folder / ".report" / "sources", _sources(pipeline, result, facts)
     if _was_idle(result) and page.is_file() and told.is_file() and told.read_text() == sources:
         return page
     make_folder(folder)
-    found = _run(pipeline, result)
-    facts = run_facts(pipeline.store, found) if found is not None else None
     pieces = Pieces(folder / ".report", source_digest())
     context = Context(pipeline, result, facts, pieces, folder, workers)
     sections = [section for builder in SECTIONS if (section := _built(builder, context)) is not None]
@@ -70,9 +72,12 @@ def _was_idle(result: Result) -> bool:
     )
 
 
-def _sources(pipeline: Pipeline, result: Result) -> str:
-    """Digest of all that the page shows but the run."""
-    told = json.dumps([source_digest(), pipeline.path.name, pipeline.title, pipeline.resolved(), result.digests])
+def _sources(pipeline: Pipeline, result: Result, run: RunFacts | None) -> str:
+    """Digest of all that the page shows, but of a run that came to its end only that it did."""
+    is_whole = run is None or (run.ended and not run.interrupted and not run.counts["failed"])
+    state = "" if run is None or is_whole else run.id
+    settings = (pipeline.path.name, pipeline.title, pipeline.resolved())
+    told = json.dumps([source_digest(), *settings, result.digests, state])
     return hashlib.sha256(told.encode()).hexdigest()
 
 
@@ -80,9 +85,9 @@ def _run(pipeline: Pipeline, result: Result) -> RunInfo | None:
     """The run that has just been, else the newest with the same stages and settings."""
     if result.outcome is not None and result.outcome.run_id:
         return find_run(pipeline.store, result.outcome.run_id)
-    stages = pipeline.resolved()["stages"]
-    alike = (run for run in runs(pipeline.store) if run.pipeline == pipeline.name)
-    return next((run for run in alike if run.resolved and run.resolved["stages"] == stages), None)
+    settings = pipeline.resolved()
+    alike = (run for run in runs(pipeline.store) if run.pipeline == pipeline.name and run.resolved)
+    return next((run for run in alike if all(run.resolved[name] == settings[name] for name in SETTINGS)), None)
 
 
 def _built(builder: Builder, context: Context) -> Section | None:

@@ -250,7 +250,7 @@ def test_defaults_of_a_pipeline(pipeline):
 def test_a_result_draws_what_it_holds(pipeline, measured):
     result = dicflow.Pipeline.load(pipeline).result()
     figure = result.plot("total", "eyy", step="step_01")
-    assert figure.axes[0].get_title() == "total · eyy"
+    assert figure.axes[0].get_title() == "step_01"
     with pytest.raises(ConfigurationError, match=r"no quantity 'ezz' in total.*; it has U, V, W"):
         result.plot("total", "ezz")
     with pytest.raises(ConfigurationError, match="total has no step 'step_7'"):

@@ -1,5 +1,7 @@
 """Products of a run that were not kept, made again from its records."""
 
+import shutil
+
 import numpy as np
 import pytest
 
@@ -11,9 +13,10 @@ from dicflow.pipeline.recipes import run_refs
 
 
 @pytest.fixture(scope="module")
-def strained(pipeline, measured):
+def strained(pipeline, measured, tmp_path_factory):
     """A run whose strain increments of one more window were not kept, with its store and result."""
-    loaded = Pipeline.load(pipeline, settings=["strain.keep=never", "strain.window=[51, 51]"])
+    store = shutil.copytree(measured, tmp_path_factory.mktemp("strained") / "store")
+    loaded = Pipeline.load(pipeline, store=store, settings=["strain.keep=never", "strain.window=[51, 51]"])
     result = loaded.run(scheduler="sync", workers=1)
     return loaded.store, find_run(loaded.store, result.outcome.run_id), result
 

@@ -25,16 +25,15 @@ def run_id(pipeline, measured):
 
 
 @pytest.fixture(scope="module")
-def sweep(pipeline, measured):
-    """A sweep over the strain's window in a file of its own, beside the pipeline and in its store."""
-    path = pipeline.parent / "windows.yaml"
+def sweep(pipeline, measured, tmp_path_factory):
+    """A sweep over the strain's window, beside a copy of the pipeline and in a copy of its store."""
+    path = shutil.copytree(pipeline.parent, tmp_path_factory.mktemp("sweep") / "small") / "windows.yaml"
     text = pipeline.read_text()
     window = Pipeline.load(pipeline).resolved()["stages"]["strain"]["window"]
     path.write_text(f"{text}\nsweep:\n  grid: {{strain.window: [{window}, [61, 61]]}}\n")
     os.utime(path, (1e9, 1e9))
     Pipeline.load(path).run(scheduler="sync", workers=1)
-    yield path
-    path.unlink()
+    return path
 
 
 def table_of(side, step, shift=0.0, sigma=None):

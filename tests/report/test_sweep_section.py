@@ -1,6 +1,7 @@
 """The section of a sweep, on the small experiment."""
 
 import os
+import shutil
 
 import numpy as np
 import pytest
@@ -15,16 +16,15 @@ DEGREES = "{x: [1, 1], y: [1, 1], z: [1, 1]}, {x: [2, 2], y: [2, 2], z: [2, 2]},
 
 
 @pytest.fixture(scope="module")
-def swept(pipeline, measured):
-    """Three degrees of the surface without robust weights, in a file of its own, in the pipeline's store."""
-    path = pipeline.parent / "degrees.yaml"
+def swept(pipeline, measured, tmp_path_factory):
+    """Three degrees of the surface without robust weights, beside a copy of the pipeline and in a copy of its store."""
+    path = shutil.copytree(pipeline.parent, tmp_path_factory.mktemp("swept") / "small") / "degrees.yaml"
     text = pipeline.read_text()
     path.write_text(f"{text}\nsweep:\n  grid: {{surface.degree: [{DEGREES}], surface.robust: [none]}}\n")
     os.utime(path, (1e9, 1e9))
     loaded = Pipeline.load(path)
     loaded.run(scheduler="sync", workers=1)
-    yield loaded
-    path.unlink()
+    return loaded
 
 
 def context(loaded, folder):

@@ -140,7 +140,7 @@ def test_a_pipeline_with_a_rig_from_a_file(folder):
     assert rig_to_dict(read_rig(folder / "rig.json")) == rig_to_dict(made_rig())
     assert run(folder, "rig.json").code == 0
     exported = ("export", folder / "pipeline.yaml", "pair", "--format", "opencv", "--output", folder)
-    dicflow(*exported).refuses(2, "pair_left0: a product of kind rectified is no calibration; export it as csv")
+    dicflow(*exported).refuses(2, "pair: a product of kind rectified is no rig, which opencv is for")
 
 
 def test_a_bad_calibration_stops_before_anything_runs(folder):
