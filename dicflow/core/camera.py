@@ -152,9 +152,16 @@ def rotation_matrix(vector: ArrayLike) -> Array:
     return np.asarray(cv2.Rodrigues(np.asarray(vector, dtype=float).reshape(3))[0], dtype=float)
 
 
+_SMALL_RAD = 1e-4
+
+
 def rotation_vector(matrix: ArrayLike) -> Array:
     """Axis (3,) of a rotation (3, 3), its length the angle [rad]: the inverse of :func:`rotation_matrix`."""
-    return np.asarray(cv2.Rodrigues(np.asarray(matrix, dtype=float))[0], dtype=float).reshape(3)
+    turn = np.asarray(matrix, dtype=float)
+    odd = 0.5 * np.array([turn[2, 1] - turn[1, 2], turn[0, 2] - turn[2, 0], turn[1, 0] - turn[0, 1]])
+    if np.trace(turn) > 1.0 and np.linalg.norm(odd) < _SMALL_RAD:  # where the general formula gives zero
+        return odd
+    return np.asarray(cv2.Rodrigues(turn)[0], dtype=float).reshape(3)
 
 
 def rotation_angle_deg(rotation: ArrayLike, other: ArrayLike | None = None) -> float:
