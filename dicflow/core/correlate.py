@@ -20,9 +20,10 @@ import numpy as np
 import numpy.typing as npt
 from numba import njit
 
-from dicflow.core.gauss_newton import LANES, Normal, Pixels, Places, covariance, iterate, prepare
+from dicflow.core.gauss_newton import Normal, covariance, iterate, prepare
 from dicflow.core.interpolate import Spline, slopes
 from dicflow.core.status import Status
+from dicflow.core.subset_sums import LANES, Pixels, Places
 from dicflow.core.warp import TERMS
 
 __all__ = ["Correlated", "Subset", "Template", "correlate", "template"]
