@@ -1,4 +1,4 @@
-"""Charts of a measurement and of its calibration: figures from data alone, and figures as files."""
+"""Charts of a measurement: figures from data alone, and figures as files."""
 
 from __future__ import annotations
 
@@ -13,17 +13,10 @@ import matplotlib
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from matplotlib.ticker import MaxNLocator
 from numpy.typing import NDArray
 
-from dicflow.core.camera import Camera, Rig
-
 __all__ = [
-    "coverage_figure",
-    "epipolar_rows_figure",
-    "pair_errors_figure",
     "profile_figure",
-    "rig_figure",
     "saved",
     "steps_figure",
     "svg",
@@ -31,8 +24,7 @@ __all__ = [
 
 Array = NDArray[Any]
 
-LEFT, RIGHT, THIRD = "#3b82b5", "#d95f02", "#4d9a3a"
-_COLOURS = (LEFT, RIGHT, THIRD, "#a05cb0", "#b08d20", "#7a7a7a")
+_COLOURS = ("#3b82b5", "#d95f02", "#4d9a3a", "#a05cb0", "#b08d20", "#7a7a7a")
 _INK = "#010203"
 """Stands for the colour of the text around the picture, until the SVG says ``currentColor``."""
 _STYLE: dict[Any, Any] = {
@@ -72,106 +64,6 @@ def svg(figure: Figure) -> str:
     text = re.sub(r' xmlns(:\w+)?="[^"]*"', "", text)
     text = re.sub(r'(id="|href="#|url\(#)', rf"\g<1>f{own}-", text)
     return text.replace("<svg ", '<svg class="chart" role="img" ', 1)
-
-
-def pair_errors_figure(pairs: Sequence[Mapping[str, Any]], limit_px: float | None = None) -> Figure:
-    """Reprojection error of each pair in either camera.
-
-    pairs : name, used and, where a board was found, left_px and right_px; a pair that was dropped is drawn hollow
-    limit_px : drawn as a line
-    """
-    with _style():
-        figure, axes = _one(max(4.0, 0.24 * len(pairs) + 1.2), 3.0)
-        found = [(place, pair) for place, pair in enumerate(pairs) if "left_px" in pair]
-        for shift, side, colour in ((-0.2, "left", LEFT), (0.2, "right", RIGHT)):
-            for used, label in ((True, side), (False, f"{side}, dropped")):
-                bars = [(place, pair[f"{side}_px"]) for place, pair in found if pair["used"] is used]
-                if bars:
-                    places, heights = np.array(bars).T
-                    face = colour if used else "none"
-                    axes.bar(places + shift, heights, width=0.38, color=face, edgecolor=colour, label=label)
-        for place in sorted(set(range(len(pairs))) - {place for place, _ in found}):
-            axes.annotate("no board", (place, 0), (0, 3), textcoords="offset points", rotation=90, ha="center", size=7)
-        if limit_px is not None:
-            axes.axhline(limit_px, color=_INK, linestyle=":", linewidth=1, label="limit")
-        _name_steps(axes, [str(pair["name"]) for pair in pairs])
-        axes.set(xlabel="pair of photographs", ylabel="reprojection error [px]")
-        _legend_above(figure, axes)
-        return figure
-
-
-def coverage_figure(corners: Mapping[str, Sequence[Array]], image_size: tuple[int, int]) -> Figure:
-    """Where the boards' corners lie in the frame of each camera.
-
-    corners : camera → one array (n, 2) [px] per photograph
-    image_size : (width, height) [px]
-    """
-    width, height = image_size
-    panel_in = min(3.6, 4.0 * width / height)
-    with _style():
-        figure = Figure(figsize=(len(corners) * panel_in + 0.9, panel_in * height / width + 0.9), layout="constrained")
-        panels = figure.subplots(1, len(corners), squeeze=False, sharey=True)[0]
-        for axes, (side, boards), colour in zip(panels, corners.items(), _COLOURS, strict=False):
-            points = np.concatenate([np.empty((0, 2)), *boards])
-            axes.plot(points[:, 0], points[:, 1], ".", color=colour, markersize=2.5, rasterized=len(points) > 5000)
-            axes.set(xlim=(-0.5, width - 0.5), ylim=(height - 0.5, -0.5), aspect="equal", xlabel="x [px]", title=side)
-            axes.xaxis.set_major_locator(MaxNLocator(4))
-        panels[0].set_ylabel("y [px]")
-        return figure
-
-
-def rig_figure(rig: Rig, boards: Sequence[Array] = ()) -> Figure:
-    """Both cameras and the boards as the left camera sees them in space: from above and from the side.
-
-    boards : (n, 3) outline of each board in the left camera's frame [mm]
-    """
-    outlines = [np.vstack([board, board[:1]]) for board in boards]
-    reach = np.concatenate([*outlines, rig.translation[None]]) if outlines else rig.translation[None] * 3
-    size = 0.12 * float(np.linalg.norm(np.ptp(np.vstack([reach, np.zeros(3)]), axis=0)))
-    left = _frustum(rig.left, size)
-    right = (_frustum(rig.right, size) - rig.translation) @ rig.rotation
-    with _style():
-        figure = Figure(figsize=(8.6, 4.0), layout="constrained")
-        panels = figure.subplots(1, 2)
-        views = (("from above", "X [mm]", "Z [mm]", 0, 2), ("from the side", "Z [mm]", "Y [mm]", 2, 1))
-        for axes, (title, x_label, y_label, x, y) in zip(panels, views, strict=True):
-            for outline in outlines:
-                axes.fill(outline[:, x], outline[:, y], color=THIRD, alpha=0.12, linewidth=0)
-                axes.plot(outline[:, x], outline[:, y], color=THIRD, linewidth=0.8)
-            for body, colour, name in ((left, LEFT, "left camera"), (right, RIGHT, "right camera")):
-                axes.plot(body[:, x], body[:, y], color=colour, linewidth=1.4, label=name)
-            if outlines:
-                axes.plot([], [], color=THIRD, label="boards")
-            axes.set(title=title, xlabel=x_label, ylabel=y_label)
-            axes.set_aspect("equal", adjustable="datalim")
-            axes.grid(color="#8884", linewidth=0.5)
-        panels[1].invert_yaxis()
-        handles, labels = panels[0].get_legend_handles_labels()
-        figure.legend(handles, labels, loc="outside lower center", ncols=3)
-        return figure
-
-
-def epipolar_rows_figure(left: Array, right: Array, count: int = 12) -> Figure:
-    """A rectified pair side by side with lines along rows: what is on a line at the left is on it at the right.
-
-    left, right : (row, col) grey levels
-    """
-    height, width = left.shape
-    stride = max(1, max(height, width) // 500)
-    panel_in = min(4.2, 4.4 * width / height)
-    with _style():
-        figure = Figure(figsize=(2 * panel_in + 0.7, panel_in * height / width + 0.8), layout="constrained", dpi=110)
-        panels = figure.subplots(1, 2, sharey=True)
-        for axes, image, side in zip(panels, (left, right), ("left", "right"), strict=True):
-            rows, cols = image.shape
-            edges = (-0.5, cols - 0.5, rows - 0.5, -0.5)
-            axes.imshow(image[::stride, ::stride], cmap="gray", extent=edges, interpolation="nearest")
-            for row in np.linspace(0, height, count + 2)[1:-1]:
-                axes.axhline(row, color="#ffb000", linewidth=0.7)
-            axes.set(title=f"{side}, rectified", xlabel="x [px]")
-            axes.xaxis.set_major_locator(MaxNLocator(4))
-        panels[0].set_ylabel("y [px]")
-        return figure
 
 
 def steps_figure(steps: Sequence[str], panels: Mapping[str, Mapping[str, Sequence[float | None]]]) -> Figure:
@@ -242,14 +134,3 @@ def _name_steps(axes: Axes, names: Sequence[str]) -> None:
 def _legend_above(figure: Figure, axes: Axes) -> None:
     if handles := axes.get_legend_handles_labels()[0]:
         figure.legend(handles=handles, loc="outside upper center", ncols=min(5, len(handles)), fontsize=8)
-
-
-def _frustum(camera: Camera, size: float) -> Array:
-    """A pyramid in one line (n, 3), its tip in the camera's centre, as wide as it sees."""
-    width, height = camera.size
-    corners = np.array([[0, 0], [width, 0], [width, height], [0, height]], dtype=float)
-    matrix = camera.matrix
-    rays = np.column_stack([(corners - matrix[:2, 2]) / np.diag(matrix)[:2], np.ones(4)]) * size
-    tip = np.zeros(3)
-    order = [tip, rays[0], rays[1], tip, rays[2], rays[1], rays[2], rays[3], tip, rays[0], rays[3]]
-    return np.array(order)

@@ -11,34 +11,7 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from dicflow.core.camera import Camera, Rig
 from dicflow.views import plots
-
-CAMERA = Camera(np.array([[3500.0, 0, 720], [0, 3500, 960], [0, 0, 1]]), np.zeros(5), (1440, 1920))
-RIG = Rig(CAMERA, CAMERA, np.eye(3), np.array([-130.0, 2.0, 25.0]))
-BOARD = np.array([[-40.0, -30, 400], [40, -30, 400], [40, 30, 420], [-40, 30, 420]])
-PAIRS = [
-    {"name": f"pair {k:02d}", "used": k != 3, "left_px": 0.1 + 0.01 * k, "right_px": 0.12, "epipolar_px": None}
-    for k in range(12)
-]
-
-
-def pair_errors():
-    return plots.pair_errors_figure([*PAIRS, {"name": "pair 12", "used": False}], limit_px=1.0)
-
-
-def coverage():
-    boards = [np.random.default_rng(k).uniform(100, 1300, (40, 2)) for k in range(4)]
-    return plots.coverage_figure({"left": boards, "right": boards[:1]}, (1440, 1920))
-
-
-def rig():
-    return plots.rig_figure(RIG, [BOARD, BOARD + 20.0])
-
-
-def rows():
-    image = np.random.default_rng(0).integers(0, 255, (300, 200)).astype(np.uint8)
-    return plots.epipolar_rows_figure(image, image)
 
 
 def steps():
@@ -54,7 +27,7 @@ def profile():
     return plots.profile_figure(y, {"a": np.sin(y), "b": np.cos(y)}, "Y [mm]", "Hencky strain along y [–]")
 
 
-FIGURES = [pair_errors, coverage, rig, rows, steps, profile]
+FIGURES = [steps, profile]
 every_figure = pytest.mark.parametrize("drawn", FIGURES, ids=lambda drawn: drawn.__name__)
 
 
@@ -63,7 +36,7 @@ def test_axes_have_units(drawn):
     """All but those along which things are named."""
     figure = drawn()
     labels = [axis.get_label_text() for axes in figure.axes if axes.axison for axis in (axes.xaxis, axes.yaxis)]
-    named = {"", "step", "pair of photographs"}
+    named = {"", "step"}
     assert all(re.search(r"\[.+\]$", label) for label in labels if label not in named)
     assert sum(label not in named for label in labels) >= len([axes for axes in figure.axes if axes.axison]) / 2
 
@@ -112,29 +85,10 @@ def test_a_figure_inside_a_page_asks_for_nothing_and_takes_the_pages_colour(draw
 
 
 def test_figures_of_a_page_share_no_names():
-    names = [set(re.findall(r' id="([^"]+)"', plots.svg(drawn()))) for drawn in (rig, profile, steps)]
+    names = [set(re.findall(r' id="([^"]+)"', plots.svg(drawn()))) for drawn in FIGURES]
     assert all(not one & other for one, other in combinations(names, 2))
 
 
 def test_saved_figures_are_on_white():
     image = Image.open(BytesIO(plots.saved(profile(), "png"))).convert("RGBA")
     assert image.getpixel((0, 0)) == (255, 255, 255, 255)
-
-
-def test_bars_have_the_errors_and_dropped_pairs_are_hollow():
-    axes = pair_errors().axes[0]
-    bars = {container.get_label(): list(container) for container in axes.containers}
-    heights = {label: [bar.get_height() for bar in found] for label, found in bars.items()}
-    np.testing.assert_allclose(heights["left"], [pair["left_px"] for pair in PAIRS if pair["used"]])
-    np.testing.assert_allclose(heights["left, dropped"], [0.13])
-    assert bars["left, dropped"][0].get_facecolor()[3] == 0
-    assert [text.get_text() for text in axes.texts] == ["no board"]
-
-
-def test_the_right_camera_stands_where_the_rig_says():
-    camera = next(line for line in rig().axes[0].lines if line.get_label() == "right camera")
-    np.testing.assert_allclose([camera.get_xdata()[0], camera.get_ydata()[0]], [130.0, -25.0])
-
-
-def test_a_rig_without_boards_is_drawn():
-    assert plots.saved(plots.rig_figure(RIG), "png")
