@@ -5,6 +5,9 @@ from __future__ import annotations
 from html.parser import HTMLParser
 from pathlib import Path
 
+from dicflow.report.context import Context
+from dicflow.report.pieces import Pieces
+
 VOID = ("meta", "link", "img", "br", "hr", "input", "path", "use")
 
 
@@ -63,3 +66,8 @@ class Page(HTMLParser):
         assert self.policies[0].startswith("default-src 'none'; img-src data:;")
         outer = [reference for reference in self.references if not reference.startswith(("#", "data:"))]
         assert not [reference for reference in outer if ":" in reference or reference.startswith(("/", ".."))]
+
+
+def context_of(loaded, folder):
+    """What builders of sections are given, without a run."""
+    return Context(loaded, loaded.result(), None, Pieces(folder / ".report", "code"), folder)

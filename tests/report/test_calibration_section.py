@@ -11,18 +11,13 @@ from dicflow.io.rig import rig_from_dict
 from dicflow.pipeline import Pipeline
 from dicflow.report import calibration as module
 from dicflow.report.calibration import calibration
-from dicflow.report.context import Context
 from dicflow.report.drawing import Shape, drawing, ticks
-from dicflow.report.pieces import Pieces
+from tests.pages import context_of
 
 
 @pytest.fixture(scope="module")
 def loaded(pipeline, measured):
     return Pipeline.load(pipeline)
-
-
-def context_of(loaded, folder):
-    return Context(loaded, loaded.result(), None, Pieces(folder / ".report", "code"), folder)
 
 
 @pytest.fixture(scope="module")

@@ -9,20 +9,15 @@ from dicflow.engine.product import Product, Variable
 from dicflow.pipeline import Pipeline
 from dicflow.report import field_maps as maps
 from dicflow.report import fields as module
-from dicflow.report.context import Context
 from dicflow.report.fields import fields
-from dicflow.report.pieces import Pieces
 from dicflow.views.colours import Look
 from dicflow.views.overlay import View, view
+from tests.pages import context_of
 
 
 @pytest.fixture(scope="module")
 def loaded(pipeline, measured):
     return Pipeline.load(pipeline)
-
-
-def context_of(loaded, folder):
-    return Context(loaded, loaded.result(), None, Pieces(folder / ".report", "code"), folder)
 
 
 def data_of(section):

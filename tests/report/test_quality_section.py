@@ -6,9 +6,8 @@ import pytest
 from dicflow.engine.product import Product, Variable
 from dicflow.pipeline import Pipeline
 from dicflow.report import quality as module
-from dicflow.report.context import Context
-from dicflow.report.pieces import Pieces
 from dicflow.report.quality import quality
+from tests.pages import context_of
 
 GOOD = {"size_px": 4.0, "gradient": 20.0, "contrast": 0.4, "saturated": 0.0}
 
@@ -16,10 +15,6 @@ GOOD = {"size_px": 4.0, "gradient": 20.0, "contrast": 0.4, "saturated": 0.0}
 @pytest.fixture(scope="module")
 def loaded(pipeline, measured):
     return Pipeline.load(pipeline)
-
-
-def context_of(loaded, folder):
-    return Context(loaded, loaded.result(), None, Pieces(folder / ".report", "code"), folder)
 
 
 @pytest.fixture(scope="module")
