@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import textwrap
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from io import BytesIO
 from typing import Any, NamedTuple
@@ -234,12 +235,13 @@ def _figure(aspect: float) -> tuple[Figure, Axes]:
 
 
 def _colour_bar(figure: Figure, shown: ScalarMappable, label: str) -> Colorbar:
-    """A colour bar beside what fills a figure, or below where that is too low for the label."""
+    """A colour bar beside what fills a figure, or below where that is too low; its label in lines of its length."""
     width, height = figure.get_size_inches()
     beside = height > 2.3
     place = (1 + 0.15 / width, 0, _BAR_IN / width, 1) if beside else (0, -0.65 / height, 1, _BAR_IN / height)
     bar = figure.colorbar(shown, cax=figure.add_axes(place), orientation="vertical" if beside else "horizontal")
-    bar.set_label(label, fontsize=9)
+    letters = max(20, int((height if beside else width) / _LETTER_IN))
+    bar.set_label(textwrap.fill(label, letters), fontsize=9)
     return bar
 
 

@@ -166,6 +166,22 @@ def test_a_sheet_holds_all_steps_in_rows(count, columns):
     assert [axes.get_ylabel() for axes in figure.axes[:count]].count("Y [mm]") == -(-count // columns)
 
 
+def test_a_long_measure_stays_beside_its_bar_and_below_the_title():
+    measure = {
+        **MAPS["quantities"]["eyy"],
+        "title": "engineering strain (material directions) εyy, gauge 61 px = 10.5 mm",
+    }
+    look = views.style({**MAPS, "quantities": {"eyy": measure}}, "eyy")
+    sheet = views.contact_sheet([total(1.2)] * 3, "abc", look, f"{look.title}, loading")
+    alone = views.field_map(total(1.2), look, "a")
+    for figure in (alone, sheet):
+        figure.draw_without_rendering()
+        bar = figure.axes[-1]
+        label = bar.yaxis.label.get_window_extent()
+        assert bar.bbox.y0 <= label.y0 < label.y1 <= bar.bbox.y1
+    assert not label.overlaps(sheet.texts[0].get_window_extent())
+
+
 def test_long_names_on_a_sheet_keep_apart():
     names = [f"specimen 12, photograph {k:04d}" for k in range(4)]
     figure = views.contact_sheet([total(1.2)] * 4, names, views.style(MAPS, "eyy"), "strain, loading")
