@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shutil
 import subprocess
 import sys
 from pathlib import Path
@@ -31,9 +32,16 @@ def pipeline(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def measured(pipeline: Path) -> Path:
     """The store of that pipeline with all its products, and its pictures in ``results/quickstart`` beside it.
 
-    It may be added to; to be copied by whoever counts what is in it.
+    Whoever adds runs to it takes a copy.
     """
     command = [sys.executable, "-m", "dicflow", "run", pipeline, "--scheduler", "sync", "--workers", "1"]
     done = subprocess.run(command, capture_output=True, text=True)
     assert done.returncode == 0, done.stderr
     return pipeline.parent / ".dicflow"
+
+
+@pytest.fixture
+def copied(pipeline: Path, measured: Path, tmp_path: Path) -> Path:
+    """The pipeline and its store in a folder that may be changed."""
+    shutil.copytree(pipeline.parent, tmp_path / "copy", ignore=shutil.ignore_patterns("results"))
+    return tmp_path / "copy" / pipeline.name

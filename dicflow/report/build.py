@@ -17,7 +17,7 @@ from dicflow.pipeline.provenance import RunFacts, run_facts
 from dicflow.report.calibration import calibration
 from dicflow.report.context import Builder, Context, Section
 from dicflow.report.fields import fields
-from dicflow.report.pieces import Pieces, source_digest
+from dicflow.report.pieces import Pieces
 from dicflow.report.provenance import provenance
 from dicflow.report.quality import quality
 from dicflow.report.rendering import assets, render
@@ -25,6 +25,7 @@ from dicflow.report.settings import settings
 from dicflow.report.summary import summary
 from dicflow.report.sweep import sweep
 from dicflow.report.words import date
+from dicflow.views.source_digest import source_digest
 
 __all__ = ["SECTIONS", "write_report"]
 
@@ -49,7 +50,7 @@ def write_report(pipeline: Pipeline, result: Result, folder: Path, workers: int 
     if _was_idle(result) and page.is_file() and told.is_file() and told.read_text() == sources:
         return page
     make_folder(folder)
-    pieces = Pieces(folder / ".report", source_digest())
+    pieces = Pieces(folder / ".report", source_digest("views", "report"))
     context = Context(pipeline, result, facts, pieces, folder, workers)
     sections = [section for builder in SECTIONS if (section := _built(builder, context)) is not None]
 
@@ -77,7 +78,7 @@ def _sources(pipeline: Pipeline, result: Result, run: RunFacts | None) -> str:
     is_whole = run is None or (run.ended and not run.interrupted and not run.counts["failed"])
     state = "" if run is None or is_whole else run.id
     settings = (pipeline.path.name, pipeline.title, pipeline.resolved())
-    told = json.dumps([source_digest(), *settings, result.digests, state])
+    told = json.dumps([source_digest("views", "report"), *settings, result.digests, state])
     return hashlib.sha256(told.encode()).hexdigest()
 
 

@@ -9,20 +9,18 @@ from collections.abc import Callable, Sequence
 from contextlib import suppress
 from pathlib import Path
 
-from dicflow._version import __version__
 from dicflow.io.files import write_whole
 
-__all__ = ["Pieces", "source_digest"]
+__all__ = ["Pieces"]
 
 _PIECE = re.compile(r"[0-9a-f]{64}")
-_DRAWING = ("views", "report")
 
 
 class Pieces:
     """A folder of pieces, each under the digest of what it was made of. Threads may share it.
 
     folder : made with the first piece; deleting it costs time and nothing else
-    code : stands for the code that makes the pieces, :func:`source_digest`
+    code : stands for the code that makes the pieces, :func:`dicflow.views.source_digest.source_digest`
     """
 
     def __init__(self, folder: Path, code: str) -> None:
@@ -50,13 +48,3 @@ class Pieces:
                 if _PIECE.fullmatch(path.name) and path.name not in self._asked:
                     with suppress(OSError):
                         path.unlink()
-
-
-def source_digest() -> str:
-    """Digest of this release and of the files that draw: the code of views and of the report, and its templates."""
-    package = Path(__file__).parents[1]
-    digest = hashlib.sha256(__version__.encode())
-    for path in sorted(path for part in _DRAWING for path in (package / part).rglob("*") if path.is_file()):
-        if path.suffix != ".pyc":
-            digest.update(path.relative_to(package).as_posix().encode() + b"\0" + path.read_bytes() + b"\0")
-    return digest.hexdigest()

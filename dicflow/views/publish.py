@@ -16,12 +16,12 @@ from functools import partial
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from dicflow._version import __version__
 from dicflow.engine.references import Ref, load
 from dicflow.engine.store import Store
 from dicflow.io.files import make_folder, write_whole
 from dicflow.io.results import csv_text, table_text
 from dicflow.pipeline.result import Result
+from dicflow.views.source_digest import source_digest
 
 __all__ = ["publish"]
 
@@ -107,7 +107,7 @@ def _jobs(result: Result) -> Iterator[_Job]:
                 yield _table_job(result, stage, variant, prefix)
     if len(result.values) > 1:
         table = result.table()
-        sources = (__version__, _digest(table_text(table).encode()))
+        sources = (_code(), _digest(table_text(table).encode()))
         yield _Job(("sweep.csv", "sweep.png"), sources, partial(_sweep_files, list(result.values), table))
 
 
@@ -122,7 +122,7 @@ def _map_jobs(result: Result, stage: str, variant: int, prefix: str) -> Iterator
     source = result.source(stage, "total", variant)
     steps = result.steps(source, variant)
     refs = [result.ref(source, step, variant) for step in steps]
-    sources = (__version__, result.digest(stage, None, variant), *(ref.digest for ref in refs))
+    sources = (_code(), result.digest(stage, None, variant), *(ref.digest for ref in refs))
     for quantity in maps["quantities"]:
         base = f"{prefix}{stage}/{quantity}"
         files = _map_files(base, steps, maps["phases"])
@@ -162,7 +162,7 @@ def _draw(
 
 def _table_job(result: Result, stage: str, variant: int, prefix: str) -> _Job:
     ref, file = result.ref(stage, None, variant), f"{prefix}{stage}.csv"
-    return _Job((file,), (__version__, ref.digest), partial(_table_file, result.store_folder, ref, stage, file))
+    return _Job((file,), (_code(), ref.digest), partial(_table_file, result.store_folder, ref, stage, file))
 
 
 def _table_file(store_folder: Path, ref: Ref, stage: str, file: str) -> dict[str, bytes]:
@@ -187,6 +187,11 @@ def _make(jobs: list[_Job], workers: int) -> Iterator[dict[str, bytes]]:
 
 def _call(make: Callable[[], dict[str, bytes]]) -> dict[str, bytes]:
     return make()
+
+
+def _code() -> str:
+    """Stands for the code that draws and writes."""
+    return source_digest("io", "views")
 
 
 def _digest(content: bytes) -> str:

@@ -27,13 +27,6 @@ def loaded(pipeline, measured):
     return Pipeline.load(pipeline)
 
 
-@pytest.fixture
-def copied(pipeline, measured, tmp_path):
-    """The pipeline and its store in a folder that may be changed."""
-    shutil.copytree(pipeline.parent, tmp_path / "copy", ignore=shutil.ignore_patterns("results"))
-    return tmp_path / "copy" / pipeline.name
-
-
 def page_of(path, folder, **options):
     loaded = Pipeline.load(path, **options)
     return Page.read(build.write_report(loaded, loaded.result(), folder))

@@ -1,7 +1,7 @@
 import pytest
 
 from dicflow.errors import InputError
-from dicflow.report.pieces import Pieces, source_digest
+from dicflow.report.pieces import Pieces
 
 
 @pytest.fixture
@@ -58,8 +58,3 @@ def test_a_folder_that_cannot_be_written(tmp_path):
     (tmp_path / "file").write_text("")
     with pytest.raises(InputError, match="a file stands where a folder should be"):
         Pieces(tmp_path / "file", "code").get(["a"], lambda: b"")
-
-
-def test_the_digest_of_the_code_stands_still():
-    assert source_digest() == source_digest()
-    assert len(source_digest()) == 64

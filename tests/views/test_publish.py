@@ -80,12 +80,12 @@ def test_a_damaged_list_of_what_was_made_makes_all_again(result, tmp_path):
 
 
 @pytest.fixture
-def shorter(pipeline, measured):
+def shorter(copied):
     """The result of all steps but the last."""
-    rows = (pipeline.parent / "caliper.csv").read_text().splitlines()
-    (pipeline.parent / "shorter.csv").write_text("\n".join(rows[:-1]))
+    rows = (copied.parent / "caliper.csv").read_text().splitlines()
+    (copied.parent / "shorter.csv").write_text("\n".join(rows[:-1]))
     photos = [f"photos.{side}='photos/{side}/step_0[01].png'" for side in ("left", "right")]
-    return Pipeline.load(pipeline, settings=[*photos, "comparison.caliper=shorter.csv"]).run(scheduler="sync")
+    return Pipeline.load(copied, settings=[*photos, "comparison.caliper=shorter.csv"]).run(scheduler="sync")
 
 
 def contents(folder):
@@ -130,9 +130,9 @@ def test_a_folder_that_cannot_be_made(result, tmp_path):
         publish(result, tmp_path / "file")
 
 
-def test_variants_have_folders_and_a_table(pipeline, measured, tmp_path):
+def test_variants_have_folders_and_a_table(copied, tmp_path):
     """Variants that share a product share its pictures."""
-    loaded = Pipeline.load(pipeline, settings=["comparison.length=tracked,cloud"])
+    loaded = Pipeline.load(copied, settings=["comparison.length=tracked,cloud"])
     files = publish(loaded.run(scheduler="sync"), tmp_path)
     names = {path.relative_to(tmp_path).as_posix() for path in files}
     assert {"sweep.csv", "sweep.png", "variant_1/comparison.csv", "variant_2/comparison.csv"} <= names
