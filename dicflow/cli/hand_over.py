@@ -12,7 +12,6 @@ import typer
 from dicflow.cli.options import (
     Data,
     Force,
-    Output,
     PipelineFile,
     Settings,
     Step,
@@ -32,11 +31,14 @@ __all__ = ["compare", "export", "report"]
 
 _FORMATS = (
     "tables: csv, matchid, challenge; arrays: hdf5, mat, npz; ParaView: vtu; a region: geojson; a rig: json, opencv; "
-    "pictures: png, pdf, svg; movies: gif, mp4, webm"
+    "pictures: png, pdf, svg, surface (in space; needs dicflow[solid]); movies: gif, mp4, webm"
 )
 _SIDE = "pipeline file, id of a run, or table of points; #2 behind it chooses the second variant"
 Quantities = Annotated[
-    list[str], typer.Option("--quantity", default_factory=list, metavar="NAME", help="repeatable; default: all")
+    list[str],
+    typer.Option(
+        "--quantity", default_factory=list, show_default=False, metavar="NAME", help="repeatable; default: all"
+    ),
 ]
 
 
@@ -45,7 +47,9 @@ def report(
     settings: Settings,
     data: Data = None,
     store: StoreFolder = None,
-    output: Output = None,
+    output: Annotated[
+        Path | None, typer.Option(help="folder for the report; default: results/NAME beside the file")
+    ] = None,
     workers: Annotated[int, typer.Option(min=1, help="drawn at once; default: one per core")] = os.cpu_count() or 1,
 ) -> None:
     """Write the report of what the store holds; nothing is measured.
@@ -81,6 +85,7 @@ def export(
     dicflow export pipeline.yaml --format hdf5 --output exported
     dicflow export pipeline.yaml total --step step_03 --quantity eyy --format png
     dicflow export pipeline.yaml total --quantity eyy --format mp4
+    dicflow export pipeline.yaml total --step step_03 --quantity W --format surface
     """
     from dicflow.views.exports import export as write
 

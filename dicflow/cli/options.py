@@ -56,6 +56,7 @@ Settings = Annotated[
     typer.Option(
         "--set",
         default_factory=list,
+        show_default=False,
         metavar="STAGE.PARAMETER=VALUE",
         help="another value; several, v1,v2,v3, make a sweep",
     ),

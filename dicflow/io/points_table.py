@@ -22,7 +22,7 @@ from dicflow.errors import InputError
 __all__ = ["PointTable", "read_points"]
 
 _PLACES = (
-    ("xy_reference_0", "xy_reference_1"),
+    ("reference_x", "reference_y"),
     ("x_reference", "y_reference"),
     ("x_image", "y_image"),
     ("X_image", "Y_image"),

@@ -66,8 +66,9 @@ def _node(context: Context, stage: str) -> Any:
 
 
 def _warnings(attrs: Mapping[str, Any]) -> tuple[str, ...]:
-    poor = [f"The calibration is {attrs['verdict']}."] if attrs["verdict"].startswith("poor") else []
-    return (*poor, *(f"Calibration: {warning}." for warning in attrs.get("warnings", [])))
+    is_doubtful = attrs["verdict"].startswith(("poor", "usable"))
+    doubtful = [f"The calibration is {attrs['verdict']}."] if is_doubtful else []
+    return (*doubtful, *(f"Calibration: {warning}." for warning in attrs.get("warnings", [])))
 
 
 def _facts(attrs: Mapping[str, Any], square_mm: float | None) -> list[tuple[str, str, str]]:

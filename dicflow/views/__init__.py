@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 
     from dicflow.views.colours import Look
 
-__all__ = ["plot"]
+__all__ = ["look_of", "plot"]
 
 _LEFT_OUT_PERCENT, _MARGIN = 0.5, 0.04
 
@@ -58,7 +58,7 @@ def plot(
 
         return picture(variable, f"{stage} · {quantity}")
     maps = _maps(result, stage, variant)
-    look = _look(product, quantity, maps, colours)
+    look = look_of(product, quantity, maps, colours)
     if over == "specimen":
         return _over_specimen(product, look, maps, name)
     from dicflow.views.maps import photo_map
@@ -82,7 +82,7 @@ def _maps(result: Result, stage: str, variant: int) -> Mapping[str, Any] | None:
     return None
 
 
-def _look(total: Product, quantity: str, maps: Mapping[str, Any] | None, colours: str) -> Look:
+def look_of(total: Product, quantity: str, maps: Mapping[str, Any] | None, colours: str = "auto") -> Look:
     """As the maps show the quantity; else by the values of this step but for a few."""
     import numpy as np
 

@@ -19,10 +19,20 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
     from numpy.typing import NDArray
 
-__all__ = ["MOVIES", "PICTURES", "Drawn", "check_quantities", "write_movies", "write_pictures"]
+__all__ = [
+    "MOVIES",
+    "PICTURES",
+    "SURFACE",
+    "Drawn",
+    "check_quantities",
+    "write_movies",
+    "write_pictures",
+    "write_surfaces",
+]
 
 PICTURES = ("png", "pdf", "svg")
 MOVIES = ("gif", "mp4", "webm")
+SURFACE = "surface"
 
 
 class Drawn(NamedTuple):
@@ -56,23 +66,46 @@ def write_pictures(drawn: Drawn, form: str, folder: Path, whole: bool) -> None:
     """
     from dicflow.views.plots import saved
 
+    for item, quantity in _fields(drawn, whole):
+        figure = _figure(drawn, item, quantity)
+        place(folder, f"{item.stem}_{quantity}.{form}").write_bytes(saved(figure, form))
+
+
+def write_surfaces(drawn: Drawn, folder: Path, whole: bool) -> None:
+    """The surface in space, coloured by a field: one picture per total and array on its grid.
+
+    whole : as for :func:`write_pictures`
+    Raises ConfigurationError where pyvista is not installed, and for a measurement in one camera.
+    """
+    from dicflow.views import look_of
+    from dicflow.views.solid import surface
+
+    for item, quantity in _fields(drawn, whole):
+        if "xyz" not in item.product:
+            raise ConfigurationError(f"{item.stem}: one camera shows no surface in space; export it as png")
+        look = look_of(item.product, quantity, _maps_of(drawn, item.stage))
+        surface(item.product, look, place(folder, f"{item.stem}_{quantity}_surface.png"))
+
+
+def _fields(drawn: Drawn, whole: bool) -> Iterator[tuple[Item, str]]:
+    """Every product with each of its arrays that is to be drawn."""
     for stage, steps in drawn.steps.items():
         usual = _usual(drawn, stage) if whole else ()
         for step in steps:
             product = drawn.result.product(stage, step, drawn.variant)
             check_quantities(stage, product, drawn.quantities)
             item = Item(stage, step, product)
-            for quantity in _drawable(item, drawn.quantities or usual):
-                figure = _figure(drawn, item, quantity)
-                place(folder, f"{item.stem}_{quantity}.{form}").write_bytes(saved(figure, form))
+            yield from ((item, quantity) for quantity in _drawable(item, drawn.quantities, usual))
 
 
-def _drawable(item: Item, wanted: Sequence[str]) -> list[str]:
+def _drawable(item: Item, named: Sequence[str], usual: Sequence[str]) -> Sequence[str]:
+    """The arrays that are named; else those of the usual ones, or of all, that can be drawn."""
     variables = item.product.variables
-    fields = [name for name in wanted or variables if _is_field(variables[name])]
-    if not fields:
+    fields = [name for name in named or usual or variables if name in variables and _is_field(variables[name])]
+    lost = [name for name in named if name not in fields]
+    if lost or not fields:
         raise ConfigurationError(
-            f"{item.stem}: {', '.join(wanted) or f'a product of kind {item.product.kind}'} has no array to draw, a "
+            f"{item.stem}: {', '.join(lost) or f'a product of kind {item.product.kind}'} has no array to draw, a "
             "number for each place of a grid; export it as csv or npz"
         )
     return fields

@@ -21,15 +21,17 @@ from dicflow.pipeline.result import Result
 from dicflow.views.exported_pictures import (
     MOVIES,
     PICTURES,
+    SURFACE,
     Drawn,
     check_quantities,
     write_movies,
     write_pictures,
+    write_surfaces,
 )
 
 __all__ = ["FORMATS", "export"]
 
-FORMATS = (*DATA_FORMATS, *PICTURES, *MOVIES)
+FORMATS = (*DATA_FORMATS, *PICTURES, SURFACE, *MOVIES)
 _TABLES = ("comparison", "probes", "noise")
 _BESIDE = {"csv": _TABLES, "geojson": ("region",), "json": ("rig",)}
 """What the export of a whole test adds to its totals: format and the kinds of products in it."""
@@ -68,6 +70,8 @@ def export(
             wanted = chosen if job.main else ()
             if job.form in PICTURES:
                 write_pictures(Drawn(result, steps, wanted, variant), job.form, folder, whole=stage is None)
+            elif job.form == SURFACE:
+                write_surfaces(Drawn(result, steps, wanted, variant), folder, whole=stage is None)
             elif job.form in MOVIES:
                 write_movies(Drawn(result, steps, wanted, variant), job.form, folder)
             else:
@@ -87,7 +91,7 @@ class _Job(NamedTuple):
 
 def _jobs(result: Result, stage: str | None, to: str, variant: int, tell: Callable[[str], None]) -> Iterator[_Job]:
     """What is to be written. Raises ConfigurationError where a stage does not fit the format."""
-    kinds = ("total",) if to in MOVIES else format_module(to).KINDS if to in DATA_FORMATS else None
+    kinds = ("total",) if to in (*MOVIES, SURFACE) else format_module(to).KINDS if to in DATA_FORMATS else None
     if stage is not None:
         if kinds and result.kind(stage) not in kinds:
             raise ConfigurationError(

@@ -21,8 +21,8 @@ def table(tmp_path):
 
 DIALECTS = {
     "challenge": "x_image,y_image,X,Y,Z,U,V,W,exx,eyy,exy,e1,e2\n10,20,1,2,3,0.1,0.2,0.3,0.01,0.02,0.004,0.02,0.01\n",
-    "dicflow": "# U: mm\n# exx: 1\nrow,col,U,V,W,exx,eyy,gxy,sigma_U,x,y,xy_reference_0,xy_reference_1,reference_X\n"
-    "0,0,0.1,0.2,0.3,0.01,0.02,0.008,0.5,99,99,10,20,1\n",
+    "dicflow": "# U: mm\n# exx: 1\nrow,col,U,V,W,exx,eyy,gxy,sigma_U,x,y,reference_X,reference_x,reference_y\n"
+    "0,0,0.1,0.2,0.3,0.01,0.02,0.008,0.5,99,99,1,10,20\n",
     "vic3d": "X;Y;Z;U;V;W;sigma;x;y;u;v;exx;eyy;exy\n1;2;3;0.1;0.2;0.3;0.01;10;20;7;8;0.01;0.02;0.004\n",
     "opencorr": "x,y,u,v,w,ref_x,ref_y,ref_z,tar_x,tar_y,tar_z,exx,eyy,exy\n"
     "10,20,5,5,5,1,2,3,1.1,2.2,3.3,0.01,0.02,0.004\n",

@@ -15,6 +15,7 @@ from dicflow.io.rig import rig_from_dict
 from dicflow.pipeline import Pipeline
 from dicflow.pipeline.difference import compare
 from dicflow.pipeline.sides import TableSide, open_sides
+from dicflow.views.exports import export
 
 
 @pytest.fixture(scope="module")
@@ -85,6 +86,17 @@ def test_a_table_that_is_moved_and_says_its_sigma(pipeline, measured):
     assert found.changes is None
     assert any("Only B says its σ" in note for note in found.notes)
     assert any("unit" in note for note in found.notes)
+
+
+def test_an_exported_table_differs_by_its_digits_alone(pipeline, measured, tmp_path):
+    """Places of nine digits; steep triangles at the edge make the most of the last one."""
+    result = Pipeline.load(pipeline).result()
+    step = result.steps("total")[-1]
+    (table,) = export(result, tmp_path, stage="total", step=step)
+    found = compare(*open_sides(str(pipeline), str(table)), (step,))
+    assert {"U", "V", "W", "exx", "eyy"} <= {one.quantity for one in found.differences}
+    assert max(abs(one.agreement.mean) for one in found.differences) < 1e-6
+    assert max(one.agreement.largest for one in found.differences) < 1e-4
 
 
 def test_a_coarser_table_is_compared_at_its_own_points(pipeline, measured):

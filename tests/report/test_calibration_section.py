@@ -98,6 +98,7 @@ def test_a_rig_from_a_file_has_cameras_and_its_warnings(loaded, section):
 
 def test_a_poor_calibration_is_warned_of():
     assert module._warnings({"verdict": "poor: 2.10 px"}) == ("The calibration is poor: 2.10 px.",)
+    assert module._warnings({"verdict": "usable: 0.3 px"}) == ("The calibration is usable: 0.3 px.",)
     assert module._warnings({"verdict": "good: 0.02 px"}) == ()
 
 

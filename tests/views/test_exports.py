@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import sys
+
 import numpy as np
 import pytest
 from PIL import Image
@@ -232,3 +234,29 @@ def test_the_command_for_a_whole_test(pipeline, measured, tmp_path):
     assert answer.code == 0
     assert {line.rpartition("/")[2] for line in answer.out.splitlines()} == {"quickstart.h5"} | BESIDE
     dicflow("export", pipeline, "--format", "hdf5", "--output", tmp_path).refuses(2, "exists; add --force")
+
+
+def test_named_arrays_are_all_drawn_or_none(result, tmp_path):
+    with pytest.raises(ConfigurationError, match="xyz has no array to draw"):
+        export(result, tmp_path, stage="total", quantities=["eyy", "xyz"], to="png")
+    assert not list(tmp_path.iterdir())
+
+
+def test_a_surface_in_space(result, tmp_path):
+    pytest.importorskip("pyvista")
+    paths = export(result, tmp_path, stage="total", step=PAIRS[0], quantities=["eyy"], to="surface")
+    assert names(paths) == {f"total_{PAIRS[0]}_eyy_surface.png"}
+    with Image.open(paths[0]) as image:
+        image.verify()
+
+
+def test_a_surface_without_pyvista_leaves_no_file(result, tmp_path, monkeypatch):
+    monkeypatch.setitem(sys.modules, "pyvista", None)
+    with pytest.raises(ConfigurationError, match=r"pip install 'dicflow\[solid\]'"):
+        export(result, tmp_path, to="surface")
+    assert not list(tmp_path.iterdir())
+
+
+def test_only_totals_have_a_surface(result, tmp_path):
+    with pytest.raises(ConfigurationError, match="kind features is no total, which surface is for"):
+        export(result, tmp_path, stage="features", to="surface")
