@@ -13,6 +13,7 @@ import subprocess
 import sys
 import threading
 import time
+from collections.abc import Iterator
 from pathlib import Path
 from typing import NamedTuple
 
@@ -22,6 +23,7 @@ from tests import bench_correlation, bench_stereo
 from tests.figures import ROOT, WORK, Figure, forth_and_back, fresh, replica, report
 
 PIPELINE = ROOT / "pipelines" / "latex_experiment_1.yaml"
+DICFLOW = str(Path(sys.executable).with_name("dicflow"))
 PRECISE = ROOT / "pipelines" / "precise_latex_experiment_1.yaml"
 MEASURE = """\
 import json, sys
@@ -98,17 +100,27 @@ def of_length(folder: Path, steps: int) -> Path:
     return made
 
 
+def reports(data: Path, store: Path) -> Iterator[Figure]:
+    """Building the report of a precise run of 22 steps, and again of the same run."""
+    output = fresh("bench_report")
+    command = [DICFLOW, "report", str(PRECISE), "--data", str(data), "--store", str(store), "--output", str(output)]
+    first, second = cost(command), cost(command)
+    yield Figure("report of 22 steps: building", first.seconds, 15, unit="s")
+    yield Figure("report of 22 steps: peak memory", first.peak_bytes / 2**30, 1, unit="GiB")
+    yield Figure("report of 22 steps: building again", second.seconds, 2, unit="s")
+    yield Figure("report of 22 steps: size", (output / "report.html").stat().st_size / 1e6, 10, unit="MB")
+
+
 def size_of(folder: Path) -> int:
     return sum(path.stat().st_size for path in folder.rglob("*") if path.is_file())
 
 
 def main() -> int:
     data = replica(1)
-    dicflow = str(Path(sys.executable).with_name("dicflow"))
     two, one = computed(data, fresh("bench_two"), 2), computed(data, fresh("bench_one"), 1)
     store, output = fresh("bench"), fresh("bench_out")
     command = [
-        dicflow,
+        DICFLOW,
         "run",
         str(PIPELINE),
         "--data",
@@ -120,7 +132,7 @@ def main() -> int:
         "--json",
     ]
     cold, warm = cost(command), min((cost(command) for _ in range(3)), key=lambda run: run.seconds)
-    helped = min((cost([dicflow, "--help"]) for _ in range(3)), key=lambda run: run.seconds)
+    helped = min((cost([DICFLOW, "--help"]) for _ in range(3)), key=lambda run: run.seconds)
     short, long = (computed(of_length(data, steps), fresh(f"bench_{steps}"), 2) for steps in (8, 40))
     precise = [computed(of_length(data, steps), fresh(f"bench_{steps}"), 2, PRECISE) for steps in (8, 22, 40)]
     stages = two.said["stage_s"] + two.said["remake_s"]
@@ -141,6 +153,7 @@ def main() -> int:
         Figure("precise form: peak memory", precise[1].peak_bytes / 2**30, 2, unit="GiB"),
         Figure("precise form: peak memory, 22 steps / 8 steps", precise[1].peak_bytes / precise[0].peak_bytes),
         Figure("precise form: peak memory, 40 steps / 22 steps", precise[2].peak_bytes / precise[1].peak_bytes),
+        *reports(of_length(data, 22), WORK / "bench_22"),
         Figure("run with nothing to do, whole process", warm.seconds, 1.5, unit="s"),
         Figure("  of it computed", warm.said["counts"]["computed"], 0),
         Figure("dicflow --help, whole process", helped.seconds, 0.5, unit="s"),

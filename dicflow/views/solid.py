@@ -33,7 +33,8 @@ def surface(total: Product, look: Look, path: Path) -> None:
     plotter.set_background("white")
     plotter.add_mesh(mesh, scalars=values, cmap=look.table, clim=look.range, lighting=False, show_scalar_bar=False)
     plotter.add_scalar_bar(color="black", width=0.8, position_x=0.1, position_y=0.03, height=0.07)
-    plotter.add_text(f"{look.label}\n{_extent(places, total.attrs['unit'])}", color="black", font_size=11)
+    text = f"{look.label}\n{_extent(places, total.attrs['unit'])}"
+    plotter.add_text(text, color="black", font_size=11, font_file=_font())
     plotter.add_axes(color="black", viewport=(0.0, 0.12, 0.18, 0.36))
     plotter.camera_position = _camera(places)
     plotter.screenshot(str(path))
@@ -53,6 +54,13 @@ def surface_mesh(total: Product, quantity: str) -> tuple[NDArray[np.float64], ND
     whole = known[:-1, :-1] & known[:-1, 1:] & known[1:, 1:] & known[1:, :-1]
     corners = [number[:-1, :-1], number[:-1, 1:], number[1:, 1:], number[1:, :-1]]
     return places[known], np.stack([corner[whole] for corner in corners], axis=-1), values[known]
+
+
+def _font() -> str:
+    """A font with the Greek letters of the measures, which VTK's own has not."""
+    import matplotlib
+
+    return str(Path(matplotlib.get_data_path()) / "fonts" / "ttf" / "DejaVuSans.ttf")
 
 
 def _extent(places: NDArray[np.float64], unit: str) -> str:
