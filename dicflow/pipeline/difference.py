@@ -80,8 +80,10 @@ def compare(a: Side, b: Side, steps: Sequence[str] = (), quantities: Sequence[st
     Raises ConfigurationError that names what there is where they have no such step or quantity in common.
     """
     found: list[Difference] = []
-    notes: dict[str, None] = {}
-    for step in _steps(a, b, steps):
+    chosen = _steps(a, b, steps)
+    is_guess = not steps and bool(a.steps) != bool(b.steps)
+    notes = dict.fromkeys([f"A table has no steps; it is held against the last one, {chosen[-1]}."] if is_guess else [])
+    for step in chosen:
         one, other = a.field(step), b.field(step)
         names = _quantities(one, other, quantities)
         found += list(_differences(step, one, other, names))
