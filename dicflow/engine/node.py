@@ -18,12 +18,14 @@ __all__ = [
     "At",
     "Degrees",
     "InputFile",
+    "Keep",
     "Millimetres",
     "Node",
     "Odd",
     "Pixels",
     "Port",
     "Scope",
+    "keeping",
     "parameter",
 ]
 
@@ -111,6 +113,15 @@ InputFile = Annotated[str, Field(json_schema_extra={"file": True})]
 """Path of a file that the user brings. Its contents, not its path, enter the key; ``run`` gets the Path."""
 
 
+Keep = Literal["always", "auto", "never"]
+
+
+def keeping(default: Keep) -> Any:
+    """The field ``keep`` of a stage; "always" for products that people look at again and again."""
+    text = "whether the product is kept in the store; auto keeps what is dearer to remake than to read"
+    return parameter(default, text, affects="speed")
+
+
 class Node(BaseModel):
     """A stage: its parameters as fields, its place in the graph as class variables, its work in :meth:`run`.
 
@@ -132,11 +143,7 @@ class Node(BaseModel):
     """Raised by hand whenever the same inputs may give other results."""
 
     stage: str
-    keep: Literal["always", "auto", "never"] = parameter(
-        "auto",
-        "whether the product is kept in the store; auto keeps what is dearer to remake than to read",
-        affects="speed",
-    )
+    keep: Keep = keeping("auto")
 
     def steps(self, folder: Path) -> Mapping[str, Mapping[str, Path]] | None:
         """Files of each step, for a stage that starts a series of steps: step name → argument of run → path.

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal
 
 from pydantic import Field
 
-from dicflow.engine.node import At, Node, Pixels, Port, Scope, parameter
+from dicflow.engine.node import At, Keep, Node, Pixels, Port, Scope, keeping, parameter
 from dicflow.engine.product import Product, Variable
 from dicflow.errors import StageError
 from dicflow.stages.accumulate import field_means
@@ -77,6 +77,7 @@ class Deformation(Node):
     impl_version: ClassVar = 3
 
     stage: Literal["deformation"] = "deformation"
+    keep: Keep = keeping("always")
     window: Annotated[Pixels, Field(gt=0)] = parameter(50.0, "side of the square window of a strain", unit="px")
     degree: Literal[1, 2] = parameter(1, "of the polynomial in the window")
     min_share: float = parameter(0.25, "share of the window's points that must be measured", ge=0, le=1)

@@ -23,6 +23,7 @@ from dicflow.core.rig_parameters import rig_moved
 from dicflow.core.status import Status
 from dicflow.core.triangulate import triangulate
 from dicflow.engine.product import Product, Variable
+from dicflow.engine.work import is_kept
 from dicflow.errors import StageError
 from dicflow.io.rig import rig_to_dict
 from dicflow.stages.deformation import Deformation
@@ -220,3 +221,9 @@ def test_maps_of_any_field_with_its_gauge():
     assert drawn["eyy"]["range"] == pytest.approx([np.log(2.3)] * 2, abs=1e-5)
     with pytest.raises(StageError, match="has no calibration_U to draw; it has U, V, W"):
         Maps(quantities=("calibration_U",)).run(total=[result])
+
+
+def test_what_maps_reports_and_exports_read_is_at_hand():
+    """However quickly it could be made again."""
+    assert is_kept(Deformation(), arrays=60, nbytes=10**8, seconds=0.0, depth=1)
+    assert not is_kept(Deformation(keep="never"), arrays=60, nbytes=10**8, seconds=0.0, depth=1)
