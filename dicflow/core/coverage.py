@@ -66,8 +66,9 @@ def verdict(calibration: Calibration, areas: Sequence[NDArray[np.bool_]], max_er
     """
     used = calibration.used
     share = min(float(area.mean()) for area in areas)
+    rms_px = calibration.rms_px[2]
     figures = (
-        f"{calibration.rms_px[2]:.2f} px, {np.count_nonzero(used)} of {pairs} pairs, "
+        f"{rms_px:{'.2f' if rms_px >= 0.1 else '.3f'}} px, {np.count_nonzero(used)} of {pairs} pairs, "
         f"boards cover {share:.0%} of the frame".replace("%", " %")
     )
     above = float(calibration.error_px[used].mean(axis=1).max()) > max_error_px

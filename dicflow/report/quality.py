@@ -210,7 +210,9 @@ def _subset(result: Result) -> float | None:
 
 
 def _noise_of_photographs(result: Result, stage: str) -> str:
-    attrs = result.product(stage, 0).attrs if result.has(stage, 0) else {}
+    """What the standard deviations of the last step that is there rest on."""
+    there = [step for step in result.steps(stage) if result.has(stage, step)]
+    attrs = result.product(stage, there[-1]).attrs if there else {}
     if "noise_grey" not in attrs:
         return ""
     return f"Noise of the photographs: {attrs['noise_grey']:.2f} grey levels, told by the {attrs['noise_source']}."

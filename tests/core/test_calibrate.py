@@ -126,9 +126,9 @@ def test_verdict_says_what_to_photograph_again(corners):
     found = calibrate_rig(*corners, BOARD, IMAGE, FULL)
     full, half = np.ones((180, 240), bool), np.zeros((180, 240), bool)
     half[:, :100] = True
-    assert verdict(found, [full, full], 0.5, 12) == "good: 0.00 px, 12 of 12 pairs, boards cover 100 % of the frame"
+    assert verdict(found, [full, full], 0.5, 12) == "good: 0.000 px, 12 of 12 pairs, boards cover 100 % of the frame"
     text = verdict(found, [full, half], 0.5, 14)
-    assert text.startswith("usable: 0.00 px, 12 of 14 pairs, boards cover 42 % of the frame; ")
+    assert text.startswith("usable: 0.000 px, 12 of 14 pairs, boards cover 42 % of the frame; ")
     assert "right camera's upper right, right, lower right" in text
     flat = found._replace(tilt_deg=np.full(12, 3.0))
     text = verdict(flat, [full, full], 0.5, 12)

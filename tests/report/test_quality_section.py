@@ -99,3 +99,21 @@ def test_the_noise_floor_is_a_table():
             return Product("noise", {}, {"rows": [row | {"points": 12}]})
 
     assert module._noise_floor(Floor()) == [["s", "exx [–]", "1.0·10⁻⁵", "2.0·10⁻⁴", "–", "12"]]
+
+
+def test_the_noise_is_that_of_the_last_step_at_hand():
+    """By which its standard deviations were judged, as the reporting table says too."""
+
+    class Followed:
+        def steps(self, stage):
+            return ("a", "b", "c")
+
+        def has(self, stage, step):
+            return step != "c"
+
+        def product(self, stage, step):
+            told = {"a": (1.38, "first photograph"), "b": (0.79, "static pair")}[step]
+            return Product("correlation", {}, {"noise_grey": told[0], "noise_source": told[1]})
+
+    text = module._noise_of_photographs(Followed(), "correlation")
+    assert text == "Noise of the photographs: 0.79 grey levels, told by the static pair."

@@ -96,7 +96,7 @@ def test_rig_from_corners(pairs):
     np.testing.assert_allclose(rig.translation, RIG.translation, atol=1e-4)
     assert len(product.attrs["pairs"]) == 12
     assert all(pair["used"] and pair["left_px"] < 1e-5 for pair in product.attrs["pairs"])
-    assert "0.00 px, 12 of 12 pairs" in product.attrs["verdict"]
+    assert "0.000 px, 12 of 12 pairs" in product.attrs["verdict"]
     assert product.attrs["summary"]["baseline_mm"] == pytest.approx(np.linalg.norm(RIG.translation))
     assert product.attrs["parameters"][:2] == ["left fx", "left fy"]
     assert product.attrs["parameters"][-4:] == ["rz", "tx", "ty", "tz"]
