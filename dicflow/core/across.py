@@ -90,7 +90,10 @@ def borne_out(left: Grey, right: Grey, centres: Array, starts: Array) -> bool:
 
 def contrast(image: Grey, places: Array) -> float:
     """Standard deviation of the grey levels at places (..., 2) [px] in an image; 1 where there is none."""
+    height, width = image.shape
     x, y = np.rint(places[np.isfinite(places).all(axis=-1)]).astype(int).T
+    inside = (x >= 0) & (x < width) & (y >= 0) & (y < height)
+    x, y = x[inside], y[inside]
     return float(np.std(image[y, x])) or 1.0 if len(x) > 1 else 1.0
 
 

@@ -38,14 +38,15 @@ def mode_displacement_sigma(deformed: Array, reference: Array) -> Array:
     return np.asarray(np.linalg.norm(deformed - reference, axis=-1))
 
 
-def mode_gradient_covariance(deformed: Array, reference: Array, response: Array) -> Array:
+def mode_gradient_covariance(deformed: Array, reference: Array, response: Array, stride: int = 1) -> Array:
     """Covariance (row, col, 4, 4) of the deformation gradient.
 
-    deformed, reference : (row, col, 3, m) — as above, on the grid
-    response : (row, col, 4, 2, 6) — of :class:`~dicflow.core.deformation_gradient.SurfaceGradient`
+    deformed, reference : (row, col, 3, m) — as above, on the grid or on every ``stride``-th of its rows and columns
+    response : (row, col, 4, 2, 6) — there, to slopes per step of the whole grid;
+        :class:`~dicflow.core.deformation_gradient.SurfaceGradient` has it
     """
     both = np.concatenate([deformed, reference], axis=2)
-    slopes = np.stack([_slope(both, axis) for axis in (1, 0)], axis=-1)
+    slopes = np.stack([_slope(both, axis) for axis in (1, 0)], axis=-1) / stride
     change = np.einsum("...fai,...ima->...fm", response, slopes, optimize=True)
     return np.asarray(change @ np.swapaxes(change, -1, -2))
 

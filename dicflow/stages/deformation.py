@@ -74,7 +74,7 @@ class Deformation(Node):
         "frame": Port("frame", optional=True),
     }
     gives: ClassVar = "total"
-    impl_version: ClassVar = 3
+    impl_version: ClassVar = 4
 
     stage: Literal["deformation"] = "deformation"
     keep: Keep = keeping("always")
@@ -161,7 +161,7 @@ class Deformation(Node):
             (turn @ point_sensitivity(cameras, step["xy"][part], step["xy_right"][part])) @ modes
             for step, turn in zip(steps, turns, strict=True)
         )
-        covariance = shares.mode_gradient_covariance(after, before, surface.response[part])
+        covariance = shares.mode_gradient_covariance(after, before, surface.response[part], part[0].step)
         strains = sigma(surface.gradient[part], covariance, self.measure, self.directions)
         displacement = shares.mode_displacement_sigma(after, before)
         found = {

@@ -124,5 +124,6 @@ def test_noise_of_the_right_photograph_moves_its_places_alone():
 def test_contrast_is_the_spread_of_grey_levels():
     image = np.tile([[10, 30]], (4, 3)).astype(np.uint8)
     assert contrast(image, np.array([[0.2, 1.0], [0.9, 2.1], [np.nan, 0.0]])) == 10.0
+    assert contrast(image, np.array([[0.2, 1.0], [0.9, 2.1], [-4.0, 0.0], [0.0, 99.0]])) == 10.0
     assert contrast(image, np.full((2, 2), np.nan)) == 1.0
     assert contrast(image, np.array([[0.0, 0.0], [2.0, 2.0]])) == 1.0

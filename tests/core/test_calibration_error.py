@@ -35,6 +35,19 @@ def test_modes_of_scale_and_shift():
     assert np.allclose(np.sqrt(only[5, 5, [0, 3], [0, 3]]), [1e-3, 1.5e-3])
 
 
+def test_a_thinned_grid_tells_the_same_strain():
+    """A mode that stretches by 1e-4 along Y, on all points and on every third."""
+    flat = np.stack([X, Y, np.zeros(SHAPE)], axis=-1)
+    after, before = 1e-4 * (flat * [0.0, 1.0, 0.0])[..., None], np.zeros((*SHAPE, 3, 1))
+    slopes = [np.stack([np.gradient(flat, axis=axis) for axis in (1, 0)], axis=-1)] * 2
+    response = gradient_response(*slopes)
+    whole = mode_gradient_covariance(after, before, response)
+    part = (slice(1, None, 3), slice(1, None, 3))
+    few = mode_gradient_covariance(after[part], before[part], response[part], stride=3)
+    assert np.allclose(whole[..., 3, 3], 1e-8)
+    assert np.allclose(few, whole[part], atol=1e-20)
+
+
 @pytest.mark.parametrize("shape", [(30, 20), (150, 80), (401, 395), (40, 300), (5, 900)])
 def test_a_thinned_field_comes_back(shape):
     field = np.add.outer(np.arange(shape[0]), 0.3 * np.arange(shape[1])).astype(float)

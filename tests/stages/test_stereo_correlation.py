@@ -178,6 +178,17 @@ def test_what_the_right_camera_does_not_see_is_hidden(pairs, left):
     assert "hidden" in points.attrs["text"] or "low correlation" in points.attrs["text"]
 
 
+def test_a_right_photograph_that_ends_within_the_region(pairs, left):
+    """Points beyond its edge have no value, and nothing stops."""
+    left_image, right = pairs[0]
+    narrow = rig_product(RIG._replace(right=RIG.right._replace(size=(330, 500))))
+    _, points = measured([(left_image, right[:, :330])], left[:1], narrow)[0]
+    seen = right_truth(MATERIAL, REST)[..., 0]
+    assert (seen > 335.0).any()
+    assert (points["status"][seen > 335.0] != Status.VALID).all()
+    assert (points["status"][seen < 300.0] == Status.VALID).all()
+
+
 def test_points_off_their_epipolar_lines_do_not_count(pairs, left):
     moved = np.roll(pairs[0][1], 2, axis=0)
     stereo, points = measured([(pairs[0][0], moved)], left[:1])[0]
