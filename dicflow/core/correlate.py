@@ -283,7 +283,7 @@ def _correlate(
         )
         if found.status[k] == _VALID:
             _set_warp(found.warp[k], c)
-            covariance(p, n, normal, control.is_weighted, c, found.covariance[k])
+            covariance(p, n, one, normal, control.is_weighted, c, found.covariance[k])
 
 
 @njit(cache=True, nogil=True, error_model="numpy")

@@ -82,14 +82,10 @@ def iterate(
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def covariance(p: Any, n: int, normal: Any, is_weighted: bool, c: Any, out: Any) -> None:
-    """2 A (H⁻¹ V H⁻¹) Aᵀ at the centre; V = Σ w² JᵀJ, which is H where all weights are one."""
+def covariance(p: Any, n: int, one: Any, normal: Any, is_weighted: bool, c: Any, out: Any) -> None:
+    """2 A (H⁻¹ V H⁻¹) Aᵀ at the centre; V = Σ w² J̃ᵀJ̃ for J̃ of :func:`_weigh_twice`, which is H without weights."""
     if is_weighted:
-        for k in range(n):
-            p.w[k] *= p.w[k]
-        normal_matrix(p, n, normal.moments, normal.hessian)
-        for k in range(n):
-            p.w[k] = np.sqrt(p.w[k])
+        _weigh_twice(p, n, one, normal)
     size = len(normal.factor)
     rows = np.zeros((2, size))
     for axis in range(2):
@@ -105,6 +101,30 @@ def covariance(p: Any, n: int, normal: Any, is_weighted: bool, c: Any, out: Any)
     out[0] = 2.0 * (a * a * xx + 2.0 * a * b * xy + b * b * yy)
     out[1] = 2.0 * (a * e * xx + (a * f + b * e) * xy + b * f * yy)
     out[2] = 2.0 * (e * e * xx + 2.0 * e * f * xy + f * f * yy)
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _weigh_twice(p: Any, n: int, one: Any, normal: Any) -> None:
+    """Σ w² J̃ᵀJ̃ in the Hessian's place; J̃ = J − J̄/Σw − f (Σ w J f)/Δf² is what brightness and contrast leave of J."""
+    size, total, square = len(normal.hessian), normal.facts[1], normal.facts[2]
+    ones, by_f = np.empty(size), np.empty(size)
+    weights, first, second = 0.0, 0.0, 0.0
+    for k in range(n):
+        p.w[k] *= p.w[k]
+        weights += p.w[k]
+        first += p.w[k] * p.f[k]
+        second += p.w[k] * p.f[k] * p.f[k]
+    normal_matrix(p, n, normal.moments, normal.hessian)
+    slope_sums(p, one, n, normal.moments, ones)
+    slope_sums(p, p.f, n, normal.moments, by_f)
+    for k in range(n):
+        p.w[k] = np.sqrt(p.w[k])
+    for i in range(size):
+        a, b = normal.ones[i] / total, normal.by_f[i] / square
+        for j in range(size):
+            d, e = normal.ones[j] / total, normal.by_f[j] / square
+            crossed = a * ones[j] + ones[i] * d + b * by_f[j] + by_f[i] * e
+            normal.hessian[i, j] += weights * a * d + first * (a * e + b * d) + second * b * e - crossed
 
 
 @njit(cache=True, nogil=True, error_model="numpy")

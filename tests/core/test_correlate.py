@@ -328,6 +328,27 @@ def test_one_and_two_sigma_hold_what_they_should(shape_function, gaussian):
     assert (scaled < 2).mean() == pytest.approx(0.954, abs=0.02)
 
 
+@both
+@pytest.mark.parametrize("gaussian", [0.0, 4.0, 8.0])
+def test_the_covariance_is_that_of_weighted_least_squares(shape_function, gaussian):
+    """2 H⁻¹ V H⁻¹ in double precision, for warp and light together, one point at a time."""
+    subset, half = Subset(31, shape_function, gaussian), 15
+    reference = template(spline(photograph()))
+    offset = np.arange(-half, half + 1) / half
+    xi, eta = (part.ravel() for part in np.meshgrid(offset, offset))
+    monomials = np.stack([np.ones_like(xi), xi, eta, xi**2, xi * eta, eta**2][: TERMS[shape_function]])
+    weight = np.exp(-0.5 * (xi**2 + eta**2) * (half / gaussian) ** 2) if gaussian else np.ones_like(xi)
+    found = correlate(reference, spline(photograph()), CENTRES, identity(CENTRES, shape_function), subset)
+    for (x, y), covariance in zip(CENTRES.astype(int), found.covariance, strict=True):
+        part = np.s_[y - half : y + half + 1, x - half : x + half + 1]
+        f, fx, fy = (image[part].ravel().astype(float) for image in (reference.grey, reference.by_x, reference.by_y))
+        model = np.concatenate([fx * monomials, fy * monomials, [np.ones_like(f), f - f.mean()]])
+        inverse = np.linalg.inv(model * weight @ model.T)
+        exact = 2.0 * inverse @ (model * weight**2 @ model.T) @ inverse
+        terms = len(monomials)
+        np.testing.assert_allclose(covariance, [exact[0, 0], exact[0, terms], exact[terms, terms]], rtol=2e-3)
+
+
 def test_scatter_of_an_affine_subset_is_the_theoretical_one():
     # Pan et al. 2008: σ_u = √2 σ/√Σ g_x²
     pattern, rng = speckle_pattern((201, 201), (2.8, 4.8), 2.8, 0.5, seed=2), np.random.default_rng(3)
