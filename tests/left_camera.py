@@ -85,6 +85,8 @@ def correlation(
         "noise_level": noise,
         "gaussian": subset.gaussian,
         "min_share": subset.min_share,
+        "max_iterations": subset.iterations,
+        "tolerance": subset.tolerance_px,
         "smoothing": 0.0,
         "misfit": False,
         "polygons": polygons_to_attrs(polygons),

@@ -29,6 +29,10 @@ DEGREES = {"bicubic": 3, "biquintic": 5}
 GRID = ("row", "col")
 
 
+_PASSED_ON = ("gaussian", "min_share", "max_iterations", "tolerance", "smoothing", "misfit")
+"""Parameters that the stage stereo takes over."""
+
+
 class Reference(BaseModel):
     """When points are followed from a photograph in between."""
 
@@ -69,7 +73,7 @@ class Correlate(Node):
         "correlation_before": Port("correlation", at=At.PREVIOUS, own=True),
     }
     gives: ClassVar = "correlation"
-    impl_version: ClassVar = 2
+    impl_version: ClassVar = 3
 
     stage: Literal["correlate"] = "correlate"
     subset_size: Odd = parameter(31, "side of the squares that are compared; odd", unit="px", ge=5)
@@ -278,7 +282,7 @@ class Correlate(Node):
             "subset_size": self.subset_size,
             "shape_function": self.shape_function,
             "interpolation": self.interpolation,
-            **{name: getattr(self, name) for name in ("gaussian", "min_share", "smoothing", "misfit")},
+            **{name: getattr(self, name) for name in _PASSED_ON},
             "image_size": [width, height],
             "noise_grey": noise.grey,
             "noise_level": level,

@@ -57,7 +57,7 @@ class Stereo(Node):
         "stereo_before": Port("stereo", at=At.PREVIOUS, own=True),
     }
     gives: ClassVar = "stereo"
-    impl_version: ClassVar = 2
+    impl_version: ClassVar = 3
 
     stage: Literal["stereo"] = "stereo"
     start: Literal["match", "time"] = parameter(
@@ -119,7 +119,8 @@ class Stereo(Node):
         from dicflow.core.material import Search
 
         facts = correlation.attrs
-        subset = Subset(facts["subset_size"], self.shape_function, facts["gaussian"], facts["min_share"])
+        convergence = facts["max_iterations"], facts["tolerance"]
+        subset = Subset(facts["subset_size"], self.shape_function, facts["gaussian"], facts["min_share"], *convergence)
         degree, noise = DEGREES[self.interpolation], facts["noise_level"]
         return Search(
             subset,

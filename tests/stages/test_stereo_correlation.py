@@ -178,6 +178,14 @@ def test_what_the_right_camera_does_not_see_is_hidden(pairs, left):
     assert "hidden" in points.attrs["text"] or "low correlation" in points.attrs["text"]
 
 
+def test_the_search_ends_as_in_the_left_camera(pairs, left):
+    """One iteration is not enough for a tolerance that ten reach."""
+    few = Product("correlation", left[0].variables, left[0].attrs | {"max_iterations": 1, "tolerance": 1e-5})
+    stereo, _ = measured(pairs[:1], [few])[0]
+    assert stereo["iterations"].max() <= 1
+    assert (stereo["status"] != Status.VALID).mean() > 0.5
+
+
 def test_a_right_photograph_that_ends_within_the_region(pairs, left):
     """Points beyond its edge have no value, and nothing stops."""
     left_image, right = pairs[0]
