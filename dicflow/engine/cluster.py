@@ -6,7 +6,6 @@ import logging
 import uuid
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
-from importlib import import_module
 from typing import Any
 from urllib.parse import urlsplit
 
@@ -157,7 +156,6 @@ class _Prepare(distributed.WorkerPlugin):  # type: ignore[misc]
         if worker.nanny is not None:
             ignore_interrupts()
         prepare(self._setup)
-        import_module("zarr")  # every task stores with it; all workers load it at once, before the first task
 
 
 def _broken(job: Job, error: BaseException) -> Outcome:

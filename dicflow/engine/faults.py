@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from pathlib import Path
 
 from dicflow.engine.hashing import digest_array
-from dicflow.engine.objects import read_array
+from dicflow.engine.objects import Manifest, stored_array
 from dicflow.engine.store import Store
 
 __all__ = ["fault"]
@@ -26,13 +25,13 @@ def fault(store: Store, digest: str) -> str:
     lacking = [file for file, nbytes in manifest.files.items() if _length(folder / file) != nbytes]
     if lacking:
         return f"{folder / lacking[0]}: is missing or has another size"
-    return _array_fault(folder, manifest.content["variables"]) if manifest.kept else ""
+    return _array_fault(folder, manifest) if manifest.kept else ""
 
 
-def _array_fault(folder: Path, variables: Mapping[str, Mapping[str, str]]) -> str:
-    for name, spec in variables.items():
+def _array_fault(folder: Path, manifest: Manifest) -> str:
+    for name, spec in manifest.content["variables"].items():
         try:
-            digest = digest_array(read_array(folder, name))
+            digest = digest_array(stored_array(folder, manifest, name))
         except Exception as error:
             return f"{folder / name}: cannot be read ({type(error).__name__})"
         if digest != spec["digest"]:

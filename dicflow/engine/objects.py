@@ -2,23 +2,21 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
+from itertools import chain
 from pathlib import Path, PurePosixPath
 from typing import TYPE_CHECKING, Any
 
 from dicflow.engine.hashing import digest_array, digest_json, is_digest, plain
 from dicflow.engine.product import Product, Variable
+from dicflow.engine.zarr_files import array_files, group_file, read_array
 from dicflow.errors import StageError
 
 if TYPE_CHECKING:
     import numpy as np
 
-__all__ = ["LazyVariables", "Manifest", "describe", "normalised", "read_array", "write_group"]
-
-_ONE_CHUNK = 4_000_000
-"""Arrays up to this size [bytes] are one chunk; above, one chunk per plane of their two longest axes."""
+__all__ = ["LazyVariables", "Manifest", "describe", "normalised", "stored_array", "write_group"]
 
 
 @dataclass(frozen=True)
@@ -128,50 +126,22 @@ def describe(product: Product) -> Manifest:
 def write_group(folder: Path, product: Product) -> dict[str, int]:
     """Write the arrays into a new zarr group, which xarray can open; size of each file by relative path.
 
-    Images and codes (integers) are packed with lz4 bit plane by bit plane, since the upper ones of a photograph hardly
-    change from pixel to pixel; fields (floats) with blosc-zstd. Every chunk has a check sum.
     Raises OSError.
     """
-    import zarr
-    from zarr.storage import MemoryStore
-
-    files: dict[str, Any] = {}  # encoded in memory: each of zarr's own writes would wait for a thread of its own
-    attributes = {"kind": product.kind, **product.attrs}
-    group = zarr.create_group(store=MemoryStore(files), zarr_format=3, attributes=attributes)
-    for name, variable in product.variables.items():
-        values = variable.values
-        array = group.create_array(
-            name,
-            shape=values.shape,
-            dtype=values.dtype,
-            chunks=_chunks(values.shape, values.nbytes),
-            compressors=_compressors(values.dtype.kind),
-            dimension_names=variable.dims,
-            attributes={"units": variable.units, "long_name": variable.long_name or name},
-        )
-        array[...] = values
-    return _write_out(files, folder)
-
-
-def read_array(folder: Path, name: str) -> np.ndarray:
-    """One array of a group. Raises whatever zarr raises for a damaged one."""
-    import numpy as np
-    import zarr
-
-    array = zarr.open_array(store=str(folder / name), mode="r", zarr_format=3)
-    return np.asarray(array[...])
-
-
-def _write_out(files: Mapping[str, Any], folder: Path) -> dict[str, int]:
-    """Write encoded files into a folder; size of each by relative path."""
     sizes = {}
-    for name, buffer in files.items():
-        content = buffer.to_bytes()
+    arrays = (array_files(name, variable) for name, variable in product.variables.items())
+    for name, content in chain([group_file({"kind": product.kind, **product.attrs})], *arrays):
         path = folder / name
         path.parent.mkdir(parents=True, exist_ok=True)
         path.write_bytes(content)
         sizes[name] = len(content)
     return sizes
+
+
+def stored_array(folder: Path, manifest: Manifest, name: str) -> np.ndarray:
+    """One array of a group. Raises OSError, and ValueError for a damaged one."""
+    spec = manifest.content["variables"][name]
+    return read_array(folder, manifest.files, name, spec["dtype"], tuple(spec["shape"]))
 
 
 def _spec(variable: Variable) -> dict[str, Any]:
@@ -183,22 +153,6 @@ def _spec(variable: Variable) -> dict[str, Any]:
         "long_name": variable.long_name,
         "digest": digest_array(variable.values),
     }
-
-
-def _chunks(shape: tuple[int, ...], nbytes: int) -> tuple[int, ...]:
-    sizes = [max(length, 1) for length in shape]
-    if nbytes <= _ONE_CHUNK or math.prod(sizes) == 0:
-        return tuple(sizes)
-    longest = sorted(range(len(sizes)), key=lambda axis: -sizes[axis])[:2]
-    return tuple(size if axis in longest else 1 for axis, size in enumerate(sizes))
-
-
-def _compressors(kind: str) -> list[Any]:
-    from zarr.codecs import BloscCodec, Crc32cCodec
-
-    if kind == "f":
-        return [BloscCodec(cname="zstd", clevel=1, shuffle="shuffle"), Crc32cCodec()]
-    return [BloscCodec(cname="lz4", clevel=1, shuffle="bitshuffle"), Crc32cCodec()]
 
 
 def _is_inside(name: str) -> bool:

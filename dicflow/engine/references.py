@@ -18,7 +18,7 @@ from typing import TYPE_CHECKING, Any, overload
 
 from dicflow.engine.faults import fault
 from dicflow.engine.node import Node
-from dicflow.engine.objects import LazyVariables, describe, normalised, read_array
+from dicflow.engine.objects import LazyVariables, Manifest, describe, normalised, stored_array
 from dicflow.engine.product import Product
 from dicflow.engine.store import Store
 from dicflow.errors import DamagedError, StageError, StoreError
@@ -174,7 +174,7 @@ def load(store: Store, ref: Ref) -> Product:
         made = cache.get(ref.digest)
         if made is None and not manifest.kept:
             made = _remade(store, ref)
-        return made[name].copy() if made is not None else _stored(store, ref.digest, name)
+        return made[name].copy() if made is not None else _stored(store, manifest, name)
 
     content = manifest.content
     return Product(content["kind"], LazyVariables(content["variables"], read), content["attrs"])
@@ -215,11 +215,12 @@ def _remade(store: Store, ref: Ref) -> Product:
     return product
 
 
-def _stored(store: Store, digest: str, name: str) -> np.ndarray:
+def _stored(store: Store, manifest: Manifest, name: str) -> np.ndarray:
+    digest = manifest.digest
     folder = store.object_path(digest)
     try:
         with clock.reading():
-            return read_array(folder, name)
+            return stored_array(folder, manifest, name)
     except (MemoryError, ImportError):
         raise
     except Exception as error:

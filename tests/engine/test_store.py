@@ -10,7 +10,7 @@ import pytest
 import xarray
 from toys import chain, field, run_sync
 
-from dicflow.engine import objects
+from dicflow.engine import zarr_files
 from dicflow.engine.objects import Manifest, describe, normalised
 from dicflow.engine.product import Product, Variable
 from dicflow.engine.records import Record, versions
@@ -56,7 +56,12 @@ def test_a_product_comes_back_as_it_was(store):
 def test_arrays_are_read_when_they_are_used(store, monkeypatch):
     digest = put(store, cloud()).digest
     read = []
-    monkeypatch.setattr("dicflow.engine.references.read_array", lambda _, name: read.append(name) or np.zeros(1))
+
+    def take(_folder, _manifest, name):
+        read.append(name)
+        return np.zeros(1)
+
+    monkeypatch.setattr("dicflow.engine.references.stored_array", take)
     product = load(store, Ref(digest))
     assert "xyz" in product
     assert read == []
@@ -74,9 +79,9 @@ def test_xarray_opens_a_stored_product(store):
 
 
 def test_a_large_field_has_one_chunk_per_plane():
-    assert objects._chunks((1200, 2400, 3), 69_000_000) == (1200, 2400, 1)
-    assert objects._chunks((1200, 2400), 23_000_000) == (1200, 2400)
-    assert objects._chunks((40, 40, 3), 38_400) == (40, 40, 3)
+    assert zarr_files._chunk((1200, 2400, 3), 69_000_000) == (1200, 2400, 1)
+    assert zarr_files._chunk((1200, 2400), 23_000_000) == (1200, 2400)
+    assert zarr_files._chunk((40, 40, 3), 38_400) == (40, 40, 3)
 
 
 def test_a_product_without_arrays_is_one_file(store):
@@ -166,10 +171,10 @@ def test_a_changed_manifest_is_found_by_its_digest(store, change):
 def test_what_could_not_be_read_but_is_whole_stays(store, monkeypatch):
     digest = put(store, cloud()).digest
 
-    def failing(folder, name):
+    def failing(folder, manifest, name):
         raise RuntimeError("no thread could be started")
 
-    monkeypatch.setattr("dicflow.engine.references.read_array", failing)
+    monkeypatch.setattr("dicflow.engine.references.stored_array", failing)
     with pytest.raises(StoreError, match=r"no thread could be started.*is not damaged; run again") as caught:
         load(store, Ref(digest))["xyz"]
     assert not isinstance(caught.value, DamagedError)

@@ -1,0 +1,142 @@
+"""Arrays in the files of zarr's format 3, which zarr and xarray open; packed and unpacked without zarr.
+
+zarr hands each chunk to threads of its own, which costs ten times what packing a small array does.
+
+An array is one chunk, or above 4 MB one chunk per plane of its two longest axes. It is packed with lz4 bit plane by bit
+plane, since the upper ones of a photograph or a field hardly change from place to place. Every chunk ends with its
+check sum (CRC-32C). A chunk of integers that are all 0 has no file, as zarr has it.
+"""
+
+from __future__ import annotations
+
+import itertools
+import json
+import math
+from collections.abc import Collection, Iterator, Mapping
+from functools import cache
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from dicflow.engine.product import Variable
+
+if TYPE_CHECKING:
+    import numpy as np
+
+__all__ = ["array_files", "group_file", "read_array"]
+
+_ONE_CHUNK = 4_000_000
+"""Arrays up to this size [bytes] are one chunk."""
+_CHECK_SUM = 4
+"""Length of a check sum [bytes]."""
+_PACKING = {"cname": "lz4", "clevel": 1, "shuffle": "bitshuffle", "blocksize": 0}
+
+
+def group_file(attributes: Mapping[str, Any]) -> tuple[str, bytes]:
+    """The file that makes its folder a group of arrays: relative path and contents."""
+    return "zarr.json", _json({"attributes": attributes, "zarr_format": 3, "node_type": "group"})
+
+
+def array_files(name: str, variable: Variable) -> Iterator[tuple[str, bytes]]:
+    """The files of one array: relative path and contents."""
+    import numpy as np
+
+    values = np.asarray(variable.values, dtype=variable.values.dtype.newbyteorder("<"))
+    chunk = _chunk(values.shape, values.nbytes)
+    attributes = {"units": variable.units, "long_name": variable.long_name or name}
+    yield f"{name}/zarr.json", _json(_description(values, chunk, variable.dims, attributes))
+    for key, place in _chunks(name, values.shape, chunk):
+        part = np.ascontiguousarray(values[place])
+        if part.dtype.kind == "f" or part.any():
+            yield key, _packed(part)
+
+
+def read_array(folder: Path, files: Collection[str], name: str, dtype: str, shape: tuple[int, ...]) -> np.ndarray:
+    """One array of a group.
+
+    files : relative paths of the files that the group was written with
+    Raises OSError, and ValueError for a chunk that is damaged or does not hold what dtype and shape ask for.
+    """
+    import numpy as np
+
+    values = np.zeros(shape, dtype)
+    for key, place in _chunks(name, shape, _chunk(shape, values.nbytes)):
+        if key in files:
+            values[place] = _unpacked((folder / key).read_bytes(), values[place])
+    return values
+
+
+def _description(
+    values: np.ndarray, chunk: tuple[int, ...], dims: tuple[str, ...], attributes: dict[str, str]
+) -> dict[str, Any]:
+    """What zarr.json says of an array."""
+    return {
+        "zarr_format": 3,
+        "node_type": "array",
+        "shape": list(values.shape),
+        "data_type": values.dtype.name,
+        "chunk_grid": {"name": "regular", "configuration": {"chunk_shape": list(chunk)}},
+        "chunk_key_encoding": {"name": "default", "configuration": {"separator": "/"}},
+        "fill_value": values.dtype.type(0).item(),
+        "codecs": [
+            {"name": "bytes", "configuration": {"endian": "little"}},
+            {"name": "blosc", "configuration": {"typesize": values.itemsize, **_PACKING}},
+            {"name": "crc32c"},
+        ],
+        "dimension_names": list(dims),
+        "attributes": attributes,
+    }
+
+
+def _chunk(shape: tuple[int, ...], nbytes: int) -> tuple[int, ...]:
+    """Shape of a chunk."""
+    sizes = [max(length, 1) for length in shape]
+    if nbytes <= _ONE_CHUNK or math.prod(sizes) == 0:
+        return tuple(sizes)
+    longest = sorted(range(len(sizes)), key=lambda axis: -sizes[axis])[:2]
+    return tuple(size if axis in longest else 1 for axis, size in enumerate(sizes))
+
+
+def _chunks(name: str, shape: tuple[int, ...], chunk: tuple[int, ...]) -> Iterator[tuple[str, tuple[slice, ...]]]:
+    """File and place of each chunk; along every axis there is one that spans it, or as many as it is long."""
+    counts = [length // size for length, size in zip(shape, chunk, strict=True)]
+    for index in itertools.product(*map(range, counts)):
+        place = tuple(slice(i * size, (i + 1) * size) for i, size in zip(index, chunk, strict=True))
+        yield "/".join([name, "c", *map(str, index)]), place
+
+
+def _packed(part: np.ndarray) -> bytes:
+    """A chunk's bytes with their check sum."""
+    packed = bytes(_codec().encode(part))
+    return packed + _check_sum(packed)
+
+
+def _unpacked(content: bytes, like: np.ndarray) -> np.ndarray:
+    """The values of a chunk, of the dtype and shape of ``like``. Raises ValueError."""
+    import numpy as np
+
+    packed, check_sum = content[:-_CHECK_SUM], content[-_CHECK_SUM:]
+    if _check_sum(packed) != check_sum:
+        raise ValueError("the check sum does not fit")
+    nbytes = int.from_bytes(packed[4:8], "little")  # blosc's header; seen first, so that no chunk fills the memory
+    if nbytes != like.nbytes:
+        raise ValueError(f"a chunk holds {nbytes} bytes instead of {like.nbytes}")
+    return np.frombuffer(_codec().decode(packed), like.dtype).reshape(like.shape)
+
+
+def _check_sum(packed: bytes) -> bytes:
+    import google_crc32c
+
+    value: int = google_crc32c.value(packed)
+    return value.to_bytes(_CHECK_SUM, "little")
+
+
+@cache
+def _codec() -> Any:
+    from numcodecs import blosc
+
+    blosc.use_threads = False  # a task has one thread
+    return blosc.Blosc(_PACKING["cname"], _PACKING["clevel"], blosc.BITSHUFFLE, _PACKING["blocksize"])
+
+
+def _json(value: Any) -> bytes:
+    return json.dumps(value, ensure_ascii=False, separators=(",", ":")).encode("utf-8")
