@@ -256,7 +256,7 @@ def _journal(plan: Plan, store: Store, pipeline: str, resolved: Any) -> Journal 
 
 def _jobs(plan: Plan, store: Store, run_id: str, options: Options) -> dict[str, Job]:
     """A job for every task that is no hit."""
-    jobs = {}
+    jobs, gathered = {}, plan.graph.gathered()
     for name, entry in plan.entries.items():
         if entry.state != "hit":
             task = entry.task
@@ -269,6 +269,7 @@ def _jobs(plan: Plan, store: Store, run_id: str, options: Options) -> dict[str, 
                 {producer: ref for producer, ref in refs.items() if ref is not None},
                 plan.files[name],
                 plan.code[task.stage],
+                name in gathered,
                 options.code_policy,
                 options.retries,
             )

@@ -84,6 +84,11 @@ class Graph:
         """The tasks of one stage, in the order of its steps."""
         return [task for task in self.tasks.values() if task.stage == stage]
 
+    def gathered(self) -> frozenset[str]:
+        """Names of the tasks that some stage takes together with those of all other steps."""
+        inputs = (source for task in self.tasks.values() for source in task.inputs.values())
+        return frozenset(name for source in inputs if isinstance(source, tuple) for _, name in source)
+
     def upstream(self, stages: Iterable[str]) -> Graph:
         """The part of the graph that these stages need, with the stages themselves."""
         needed: set[str] = set()

@@ -32,7 +32,7 @@ __all__ = ["Job", "Outcome", "is_kept", "perform", "stop_path"]
 
 _DEEPEST = 3
 """Products that are not kept may rest on one another this deep."""
-_PER_ARRAY_S, _BYTES_PER_S = 0.006, 2e8
+_PER_ARRAY_S, _BYTES_PER_S = 0.001, 2e8
 """What keeping costs: per array [s], and bytes written and read again per second."""
 _WORTH = 5.0
 """A product is kept when making it took so many times longer than keeping it."""
@@ -73,6 +73,7 @@ class Job:
     known : producers that were hits in the plan
     files : argument of ``run`` → contents
     code : fingerprint of the stage
+    gathered : whether a stage takes this product together with those of all other steps
     retries : how often a failure that is no DicflowError is tried again
     """
 
@@ -83,6 +84,7 @@ class Job:
     known: Mapping[str, Ref]
     files: Mapping[str, FileStamp]
     code: Fingerprint
+    gathered: bool = False
     code_policy: CodePolicy = "recompute"
     retries: int = 0
 
@@ -118,19 +120,21 @@ def perform(job: Job, *inputs: Outcome) -> Outcome:
     raise AssertionError("the last attempt returns")
 
 
-def is_kept(node: Node, arrays: int, nbytes: int, seconds: float, depth: int) -> bool:
+def is_kept(node: Node, arrays: int, nbytes: int, seconds: float, depth: int, gathered: bool = False) -> bool:
     """Whether a product is stored, or made again by those who use it.
 
     arrays, nbytes : number and size of its arrays in memory
     seconds : what making it took
     depth : how many stages must run to make it again
+    gathered : whether a stage takes it together with those of all other steps
 
-    Chains of steps and products of whole series are always kept, so that nothing needs a long way to be made again.
+    Chains of steps and products of whole series are always kept, so that nothing needs a long way to be made again; so
+    are those that are gathered, which one worker would make again one by one while the others have nothing to do.
     """
     chained = any(port.own or port.at is At.ALL for port in node.takes.values())
     if node.keep == "always" or chained or depth > _DEEPEST:
         return True
-    return node.keep == "auto" and seconds > _WORTH * (arrays * _PER_ARRAY_S + nbytes / _BYTES_PER_S)
+    return node.keep == "auto" and (gathered or seconds > _WORTH * (arrays * _PER_ARRAY_S + nbytes / _BYTES_PER_S))
 
 
 def _performed(job: Job, inputs: tuple[Outcome, ...], start: float) -> Outcome:
@@ -150,7 +154,7 @@ def _performed(job: Job, inputs: tuple[Outcome, ...], start: float) -> Outcome:
         return job.outcome("hit", ref=ref, key=key, warning=warning)
     product, times = _run(job, store, recipe)
     manifest = describe(product)
-    keep = is_kept(task.node, len(product.variables), manifest.nbytes, sum(times), recipe.depth)
+    keep = is_kept(task.node, len(product.variables), manifest.nbytes, sum(times), recipe.depth, job.gathered)
     kept = store.put(product, manifest, keep).kept
     products.put(manifest.digest, product, manifest.nbytes)
     ref = Ref(manifest.digest, None if kept else recipe)

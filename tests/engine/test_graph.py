@@ -41,6 +41,12 @@ def test_all_names_the_steps(folder):
     assert [step for step, _ in tasks["report"].inputs["totals"]] == [f"step_0{n}" for n in range(2, 7)]
 
 
+def test_what_is_gathered_by_a_stage(folder):
+    gathered = chain(folder).gathered()
+    assert {"read/step_01", "total/step_06"} <= gathered
+    assert not {"difference/step_02", "rig", "report"} & gathered
+
+
 class Steps(Node):
     """Per step: takes everything that a step can take."""
 

@@ -71,19 +71,21 @@ def test_depth_counts_stages_that_must_run():
 
 
 @pytest.mark.parametrize(
-    ("node", "arrays", "nbytes", "seconds", "depth", "kept"),
+    ("node", "arrays", "nbytes", "seconds", "depth", "gathered", "kept"),
     [
-        (toys.Scale(), 1, 23_000_000, 0.05, 1, False),
-        (toys.Scale(), 1, 23_000_000, 1.0, 1, True),
-        (toys.Scale(), 1, 1_000, 0.01, 1, False),
-        (toys.Scale(), 1, 1_000, 0.1, 1, True),
-        (toys.Scale(), 12, 1_000, 0.1, 1, False),
-        (toys.Scale(keep="always"), 1, 1_000, 0.0, 1, True),
-        (toys.Scale(keep="never"), 1, 1_000, 9.0, 1, False),
-        (toys.Scale(keep="never"), 1, 1_000, 9.0, 4, True),
-        (toys.Total(keep="never"), 1, 1_000, 0.0, 1, True),
-        (toys.Rig(keep="never"), 1, 1_000, 0.0, 1, True),
+        (toys.Scale(), 1, 23_000_000, 0.05, 1, False, False),
+        (toys.Scale(), 1, 23_000_000, 1.0, 1, False, True),
+        (toys.Scale(), 1, 1_000, 0.001, 1, False, False),
+        (toys.Scale(), 1, 1_000, 0.1, 1, False, True),
+        (toys.Scale(), 12, 1_000, 0.02, 1, False, False),
+        (toys.Scale(keep="always"), 1, 1_000, 0.0, 1, False, True),
+        (toys.Scale(keep="never"), 1, 1_000, 9.0, 1, False, False),
+        (toys.Scale(keep="never"), 1, 1_000, 9.0, 4, False, True),
+        (toys.Scale(), 1, 1_000, 0.0, 1, True, True),
+        (toys.Scale(keep="never"), 1, 1_000, 0.0, 1, True, False),
+        (toys.Total(keep="never"), 1, 1_000, 0.0, 1, False, True),
+        (toys.Rig(keep="never"), 1, 1_000, 0.0, 1, False, True),
     ],
 )
-def test_what_is_kept(node, arrays, nbytes, seconds, depth, kept):
-    assert is_kept(node, arrays, nbytes, seconds, depth) == kept
+def test_what_is_kept(node, arrays, nbytes, seconds, depth, gathered, kept):
+    assert is_kept(node, arrays, nbytes, seconds, depth, gathered) == kept
