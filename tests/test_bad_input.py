@@ -359,7 +359,7 @@ def test_a_store_of_a_newer_format(run, tmp_path):
     store.mkdir()
     mark = store / "dicflow.json"
     mark.write_text(json.dumps({"format": 99}))
-    run(store=store).refuses(2, "newer: has format 99, this release reads up to 1; use the dicflow that wrote it")
+    run(store=store).refuses(2, "newer: has format 99, this release reads 2; use the dicflow that wrote it")
     for command in ("gc", "verify", "pin"):
         dicflow(command, store).refuses(2, "has format 99")
     assert [path.name for path in store.iterdir()] == ["dicflow.json"]

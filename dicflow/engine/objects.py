@@ -129,11 +129,11 @@ def write_group(folder: Path, product: Product) -> dict[str, int]:
     Raises OSError.
     """
     sizes = {}
+    for name in ("", *product.variables):
+        (folder / name).mkdir()
     arrays = (array_files(name, variable) for name, variable in product.variables.items())
     for name, content in chain([group_file({"kind": product.kind, **product.attrs})], *arrays):
-        path = folder / name
-        path.parent.mkdir(parents=True, exist_ok=True)
-        path.write_bytes(content)
+        (folder / name).write_bytes(content)
         sizes[name] = len(content)
     return sizes
 

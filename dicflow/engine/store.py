@@ -38,7 +38,7 @@ from dicflow.errors import StoreError
 
 __all__ = ["FORMAT", "State", "Store", "read_json", "read_mapping"]
 
-FORMAT = 1
+FORMAT = 2
 """Version of the layout that this release reads and writes."""
 
 State = Literal["complete", "missing", "damaged"]
@@ -58,7 +58,7 @@ class Store:
     def open(cls, path: Path | str, create: bool = True) -> Store:
         """The store in a folder, which is made where it does not exist.
 
-        Raises StoreError for a newer format, a folder that holds something else, or one that cannot be made.
+        Raises StoreError for another format, a folder that holds something else, or one that cannot be made.
         """
         store = cls(Path(path).absolute())
         foreign = _foreign(store.path)  # before the mark is looked for, which another process may be about to write
@@ -201,9 +201,9 @@ class Store:
         found = content.get("format") if isinstance(content, dict) else None
         if not isinstance(found, int):
             raise StoreError(f"{mark}: says no format; this is no store of dicflow, or its mark is damaged")
-        if found > FORMAT:
+        if found != FORMAT:
             raise StoreError(
-                f"{self.path}: has format {found}, this release reads up to {FORMAT}; "
+                f"{self.path}: has format {found}, this release reads {FORMAT}; "
                 "use the dicflow that wrote it, or name another store"
             )
 

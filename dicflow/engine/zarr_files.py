@@ -75,7 +75,7 @@ def _description(
         "shape": list(values.shape),
         "data_type": values.dtype.name,
         "chunk_grid": {"name": "regular", "configuration": {"chunk_shape": list(chunk)}},
-        "chunk_key_encoding": {"name": "default", "configuration": {"separator": "/"}},
+        "chunk_key_encoding": {"name": "default", "configuration": {"separator": "."}},
         "fill_value": values.dtype.type(0).item(),
         "codecs": [
             {"name": "bytes", "configuration": {"endian": "little"}},
@@ -101,7 +101,7 @@ def _chunks(name: str, shape: tuple[int, ...], chunk: tuple[int, ...]) -> Iterat
     counts = [length // size for length, size in zip(shape, chunk, strict=True)]
     for index in itertools.product(*map(range, counts)):
         place = tuple(slice(i * size, (i + 1) * size) for i, size in zip(index, chunk, strict=True))
-        yield "/".join([name, "c", *map(str, index)]), place
+        yield f"{name}/{'.'.join(['c', *map(str, index)])}", place
 
 
 def _packed(part: np.ndarray) -> bytes:

@@ -134,7 +134,7 @@ def test_keeping_or_not_gives_the_same_digests(folder, store, tmp_path):
 def test_deleted_and_cut_objects_are_made_again(folder, store):
     first = run_sync(chain(folder, keep="always"), store)
     shutil.rmtree(store.object_path(index(first)["scale/step_02"]))
-    chunk = store.object_path(index(first)["total/step_03"]) / "values" / "c" / "0"
+    chunk = store.object_path(index(first)["total/step_03"]) / "values" / "c.0"
     chunk.write_bytes(chunk.read_bytes()[:-3])
     result = run_sync(chain(folder, keep="always"), store)
     assert computed(result) == {"scale": 1, "total": 1}
@@ -143,7 +143,7 @@ def test_deleted_and_cut_objects_are_made_again(folder, store):
 
 def test_damage_that_only_reading_shows_is_mended_in_the_same_run(folder, store):
     first = run_sync(chain(folder, keep="always"), store)
-    chunk = store.object_path(index(first)["scale/step_02"]) / "values" / "c" / "0"
+    chunk = store.object_path(index(first)["scale/step_02"]) / "values" / "c.0"
     content = bytearray(chunk.read_bytes())
     content[-6] ^= 8
     chunk.write_bytes(content)

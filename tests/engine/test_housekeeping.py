@@ -131,7 +131,7 @@ def test_a_run_that_still_writes_its_journal_stays_with_its_products(store, thre
 def test_verify_finds_all_kinds_of_damage_and_mends_them(folder, store, three):
     found = index(three[0])
     victims = [found[name] for name in ("scale/step_01", "scale/step_02", "scale/step_03", "rig")]
-    chunk, metadata = (store.object_path(victims[n]) / "values" / name for n, name in ((0, "c/0"), (1, "zarr.json")))
+    chunk, metadata = (store.object_path(victims[n]) / "values" / name for n, name in ((0, "c.0"), (1, "zarr.json")))
     content = bytearray(chunk.read_bytes())
     content[20] ^= 1
     chunk.write_bytes(content)
