@@ -60,7 +60,7 @@ def spline(image: npt.NDArray[Any], degree: int = 5) -> Spline:
     for _ in range(2):  # along the columns of the image, then along those of its transpose
         for pole in _POLES[degree]:
             _filter_columns(coefficients, pole)
-        coefficients = np.ascontiguousarray(coefficients.T)
+        coefficients = np.asarray(cv2.transpose(coefficients), dtype=np.float32)
     return Spline(grey, np.pad(coefficients, PAD, mode="reflect"), degree)
 
 

@@ -7,6 +7,7 @@ from typing import Any, NamedTuple
 import cv2
 import numpy as np
 import numpy.typing as npt
+from numba import njit
 from scipy.spatial import cKDTree
 
 from dicflow.core.features import Features
@@ -136,13 +137,31 @@ def local_motion(source: Array, target: Array, points: Array) -> LocalMotion:
         weight = np.nan_to_num((1 - (distance / distance[:, -1:]) ** 2) ** 2, nan=1.0)
     weight = np.where(weight.sum(axis=1, keepdims=True) > 0, weight, 1.0)
     weight /= weight.sum(axis=1, keepdims=True)
-    places, motions = source[near], (target - source)[near]
-    centre, mean = ((weight[:, None] @ part)[:, 0] for part in (places, motions))
-    x = places - centre[:, None]
-    weighted = np.swapaxes(weight[..., None] * x, 1, 2)
-    slope = np.swapaxes(motions - mean[:, None], 1, 2) @ np.swapaxes(weighted, 1, 2) @ _inverse(weighted @ x)
+    centre, mean, spread, mixed = _moments(source, target - source, near, weight)
+    slope = mixed @ _inverse(spread)
     position = points + mean + (slope @ (points - centre)[..., None])[..., 0]
     return LocalMotion(position, slope + np.eye(2))
+
+
+@njit(cache=True, nogil=True)
+def _moments(places, motions, near, weight):  # type: ignore[no-untyped-def]
+    """Weighted means (n, 2) of the places and motions of neighbours, the second moments (n, 2, 2) of the places about
+    theirs, and the mixed ones (motion, place)."""
+    count = len(near)
+    centre, mean = np.zeros((count, 2)), np.zeros((count, 2))
+    spread, mixed = np.zeros((count, 2, 2)), np.zeros((count, 2, 2))
+    for n in range(count):
+        for k in range(near.shape[1]):
+            for i in range(2):
+                centre[n, i] += weight[n, k] * places[near[n, k], i]
+                mean[n, i] += weight[n, k] * motions[near[n, k], i]
+        for k in range(near.shape[1]):
+            for j in range(2):
+                lever = weight[n, k] * (places[near[n, k], j] - centre[n, j])
+                for i in range(2):
+                    spread[n, i, j] += lever * (places[near[n, k], i] - centre[n, i])
+                    mixed[n, i, j] += lever * (motions[near[n, k], i] - mean[n, i])
+    return centre, mean, spread, mixed
 
 
 def _inverse(matrix: Array) -> Array:

@@ -7,21 +7,19 @@ stand out, or does not go with its neighbours, is dropped; the rest gives a smoo
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from typing import Any, NamedTuple
 
 import cv2
 import numpy as np
 import numpy.typing as npt
 
-from dicflow.core.camera import Camera, Rig
+from dicflow.core.camera import Rig
 from dicflow.core.matching import agreeing, local_motion
-from dicflow.core.stereo import raw_to_rectified, rectification, rectified_to_raw, rectify
+from dicflow.core.stereo import Rectification, raw_to_rectified, rectification, rectified_to_raw, rectify
 
 __all__ = ["FEWEST", "Partners", "find_partners", "right_of_left", "started"]
 
 Array = npt.NDArray[np.float64]
-_Map = Callable[[Array], Array]
 
 FEWEST = 12
 """Partners below which nothing is known of how the right photograph sees the surface."""
@@ -48,12 +46,11 @@ class Partners(NamedTuple):
 
 
 class _View(NamedTuple):
-    """The rectified photographs, ``scale`` times as large, and where the left one reaches."""
+    """The rectified photographs, (rows, cols) each, and where the left one reaches."""
 
     left: npt.NDArray[np.float32]
     right: npt.NDArray[np.float32]
     covered: npt.NDArray[np.bool_]
-    scale: float
 
 
 def find_partners(
@@ -69,9 +66,12 @@ def find_partners(
     Raises ValueError where the rig cannot be rectified.
     """
     points = points[np.isfinite(points).all(axis=1)]
-    view, to_view, to_right = _rectified(rig, left, right)
-    half = max(_SMALLEST_WINDOW, round(window_px * view.scale)) // 2
-    places = to_view(points)
+    small, scale = _shrunk(rectification(rig))
+    half = max(_SMALLEST_WINDOW, round(window_px * scale)) // 2
+    places = raw_to_rectified(points, rig.left, small.rotation_left, small.matrix_left)
+    strip, top = _cut(small, places[:, 1], half + _ROWS_APART)
+    places[:, 1] -= top
+    view = _seen(rig, strip, left, right, scale)
     found = np.full(points.shape, np.nan)
     for squeeze in _SQUEEZES:
         missing = np.isnan(found[:, 0])
@@ -79,7 +79,8 @@ def find_partners(
             break
         found[missing] = _searched(view, places[missing], half, squeeze)
     known = np.isfinite(found).all(axis=1)
-    points, partners = points[known], to_right(found[known])
+    points = points[known]
+    partners = rectified_to_raw(found[known], rig.right, strip.rotation_right, strip.matrix_right)
     kept = agreeing(points, partners)
     return Partners(points[kept], partners[kept])
 
@@ -106,30 +107,44 @@ def started(warp_left: Array, position: Array, slope: Array) -> Array:
     return np.concatenate([position[..., None], slope @ warp_left[..., 1:3]], axis=-1)
 
 
-def _rectified(rig: Rig, left: npt.NDArray[Any], right: npt.NDArray[Any]) -> tuple[_View, _Map, _Map]:
-    """Both photographs rectified and small, the map of raw left pixels into them, and from there to raw right ones."""
-    full = rectification(rig)
+def _shrunk(full: Rectification) -> tuple[Rectification, float]:
+    """Rectified cameras with images that are small enough, and their scale."""
     scale = min(1.0, _LONGEST_PX / max(full.size))
-    shrink = np.diag([scale, scale, 1.0])
-    matrices = shrink @ full.matrix_left, shrink @ full.matrix_right
-    size = round(scale * full.size[0]), round(scale * full.size[1])
+    width, height = full.size
+    return _carried(full, np.diag([scale, scale, 1.0]), (round(scale * width), round(scale * height))), scale
 
-    def seen(image: npt.NDArray[Any], camera: Camera, turn: Array, matrix: Array) -> npt.NDArray[np.float32]:
+
+def _cut(small: Rectification, y: Array, reach: int) -> tuple[Rectification, int]:
+    """The same with only the rows that windows at heights y (n,) need, at least one; and the first of them."""
+    width, height = small.size
+    known = y[np.isfinite(y)]
+    low, high = (known.min(), known.max()) if len(known) else (0.0, 0.0)
+    first = int(np.clip(np.floor(low) - reach, 0, height - 1))
+    last = int(np.clip(np.ceil(high) + reach + 1, first + 1, height))
+    upward = np.array([[1.0, 0.0, 0.0], [0.0, 1.0, -first], [0.0, 0.0, 1.0]])
+    return _carried(small, upward, (width, last - first)), first
+
+
+def _carried(rectified: Rectification, change: Array, size: tuple[int, int]) -> Rectification:
+    """Rectified cameras whose images are carried on by a change of pixels (3, 3)."""
+    return rectified._replace(
+        matrix_left=change @ rectified.matrix_left, matrix_right=change @ rectified.matrix_right, size=size
+    )
+
+
+def _seen(rig: Rig, strip: Rectification, left: npt.NDArray[Any], right: npt.NDArray[Any], scale: float) -> _View:
+    """Both photographs rectified, without detail that is finer than the pixels there."""
+
+    def smooth(image: npt.NDArray[Any]) -> npt.NDArray[Any]:
         grey = image.astype(np.float32)
-        smooth = cv2.GaussianBlur(grey, (0, 0), _BLUR_PX / scale) if scale < 1.0 else grey
-        return rectify(np.asarray(smooth), camera, turn, matrix, size).astype(np.float32)
+        return np.asarray(cv2.GaussianBlur(grey, (0, 0), _BLUR_PX / scale) if scale < 1.0 else grey)
 
     views = (
-        seen(left, rig.left, full.rotation_left, matrices[0]),
-        seen(right, rig.right, full.rotation_right, matrices[1]),
+        rectify(smooth(left), rig.left, strip.rotation_left, strip.matrix_left, strip.size),
+        rectify(smooth(right), rig.right, strip.rotation_right, strip.matrix_right, strip.size),
     )
     whole = np.full(left.shape, 255, dtype=np.uint8)
-    covered = rectify(whole, rig.left, full.rotation_left, matrices[0], size) > 127
-    return (
-        _View(*views, covered, scale),
-        lambda points: raw_to_rectified(points, rig.left, full.rotation_left, matrices[0]),
-        lambda points: rectified_to_raw(points, rig.right, full.rotation_right, matrices[1]),
-    )
+    return _View(*views, rectify(whole, rig.left, strip.rotation_left, strip.matrix_left, strip.size) > 127)
 
 
 def _searched(view: _View, places: Array, half: int, squeeze: float) -> Array:

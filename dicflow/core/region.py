@@ -116,8 +116,10 @@ def rasterise(polygons: Sequence[Polygon], shape: tuple[int, int]) -> Mask:
                     rows = np.arange(first, last)
                     crossing = ax + (rows - ay) * ((bx - ax) / (by - ay))
                     toggles[rows, np.clip(np.ceil(crossing), 0, width).astype(int)] ^= 1
-    crossed = np.bitwise_xor.accumulate(toggles, axis=1)
-    return np.asarray(crossed[:, :width] != crossed[:, width:], dtype=np.bool_)
+    left, top, across, down = cv2.boundingRect(toggles)
+    box = slice(top, top + down), slice(left, left + across)
+    toggles[box] = np.bitwise_xor.accumulate(toggles[box], axis=1)
+    return np.asarray(toggles[:, :width], dtype=np.bool_)
 
 
 def densify(ring: Array, spacing_px: float) -> Array:

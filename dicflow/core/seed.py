@@ -57,14 +57,14 @@ def seed_warps(
     """
     warps = np.full((*points.shape, 3), np.nan)
     parts = islands(points)
-    images = _blurred(reference), _blurred(target)
-    found_features = partial(feature_pairs, reference, target, points)
-    late = _Late(found_features)
+    late = _Late(partial(feature_pairs, reference, target, points))
+    images = np.asarray(reference, dtype=np.float32), np.asarray(target, dtype=np.float32)
+    blurred = cv2.GaussianBlur(images[0], (0, 0), BLUR_PX), cv2.GaussianBlur(images[1], (0, 0), BLUR_PX)
     for part in range(1, parts.max(initial=0) + 1):
         mine = parts == part
         best = POSSIBLE
-        for guess in _guesses(reference, target, points, mine, matches, late):
-            score = agreement(*images, points[mine], guess)
+        for guess in _guesses(*images, points, mine, matches, late):
+            score = agreement(*blurred, points[mine], guess)
             if score > best:
                 best, warps[mine] = score, guess
             if best >= ACCEPTED:
@@ -145,10 +145,6 @@ def _sampled(image: npt.NDArray[Any], places: Array) -> Array:
     grey, at = image.astype(np.float32, copy=False), places.astype(np.float32)
     value = cv2.remap(grey, at, None, cv2.INTER_LINEAR, borderMode=cv2.BORDER_CONSTANT, borderValue=(np.nan,))
     return np.asarray(value, dtype=np.float64)
-
-
-def _blurred(image: npt.NDArray[Any]) -> npt.NDArray[np.float32]:
-    return np.asarray(cv2.GaussianBlur(image.astype(np.float32), (0, 0), BLUR_PX), dtype=np.float32)
 
 
 def _near(pairs: Pairs, points: Array, mine: Mask) -> Pairs:

@@ -48,11 +48,15 @@ def gradient(warp: Array, offset: npt.ArrayLike = (0.0, 0.0)) -> Array:
 
 def apply_warp(warp: Array, offset: npt.ArrayLike) -> Array:
     """Places (..., 2) [px] of the points at offsets (..., 2) [px] from the centres."""
-    xi, eta = (part[..., None] for part in np.moveaxis(np.asarray(offset, dtype=np.float64), -1, 0))
-    place = warp[..., 0] + warp[..., 1] * xi + warp[..., 2] * eta
-    if warp.shape[-1] == TERMS["quadratic"]:
-        place = place + warp[..., 3] * xi * xi + warp[..., 4] * xi * eta + warp[..., 5] * eta * eta
-    return np.asarray(place)
+    xi, eta = np.moveaxis(np.asarray(offset, dtype=np.float64), -1, 0)
+    return np.stack([_polynomial(np.moveaxis(warp[..., axis, :], -1, 0), xi, eta) for axis in range(2)], axis=-1)
+
+
+def _polynomial(c: Array, xi: Array, eta: Array) -> Array:
+    """Values of polynomials with the coefficients c (3 or 6, ...)."""
+    if len(c) == TERMS["affine"]:
+        return np.asarray(c[0] + c[1] * xi + c[2] * eta)
+    return np.asarray(c[0] + (c[1] + c[3] * xi + c[4] * eta) * xi + (c[2] + c[5] * eta) * eta)
 
 
 def recentred(warp: Array, offset: npt.ArrayLike) -> Array:
