@@ -37,12 +37,16 @@ SUBSETS += [Setting("quadratic", size) for size in (17, 21, 25, 29, 33)]
 GAUGES = [Setting("affine", size) for size in (17, 25, 33)] + [Setting("quadratic", 25)]
 GAUGES += [Setting("affine", 17, 5), Setting("quadratic", 17, 3, 2), Setting("quadratic", 17, 5)]
 GAUGES += [Setting("quadratic", 25, 3, 3), Setting("quadratic", 33, 3), Setting("quadratic", 41, 3)]
+GAUGES += [Setting("quadratic", 17, 5, 6, 3), Setting("quadratic", 21, 5, 8, 3)]
+GAUGES += [Setting("quadratic", size, 7, step, 5) for size, step in ((13, 6), (17, 8), (21, 8))]
 CHALLENGE_MARGIN = 10
 """Columns beside the challenge's region of interest [px]."""
 LARGE = 17
 """Side of subsets that always hold a few speckles, as the formula with Σg² alone takes for granted [px]."""
 LISTED_L10 = {17: 21.8, 25: 32.2, 33: 42.6}
 """Of quadratic subsets, by size [px]."""
+MARKS = {("affine", 1): ("o", "tab:blue"), ("quadratic", 1): ("o", "tab:red")}
+MARKS |= {("quadratic", 3): ("s", "tab:orange"), ("quadratic", 5): ("D", "tab:green")}
 PUBLISHED = {"displacement": {"best": 0.3555, "median": 0.553}, "strain": {"best": 1.271, "median": 4.34}}
 """Of the entries to the second challenge, on images of another contrast and noise."""
 
@@ -202,10 +206,10 @@ def print_displacement(trades: list[Trade]) -> None:
 
 
 def print_strain(trades: list[Trade]) -> None:
-    print(f"\n{'subset, points':<18}{'VSG px':>7}{'l10 px':>8}{'±':>6}{'n 1e-6':>9}{'MEI':>8}")
+    print(f"\n{'subset, points, degree':<25}{'VSG px':>7}{'l10 px':>8}{'±':>6}{'n 1e-6':>9}{'MEI':>8}")
     for t in trades:
-        name = f"{t.setting.shape_function} {t.setting.size}, {t.setting.window}×{t.setting.window}"
-        gauge = f"{name:<18}{t.setting.gauge_px:>7}"
+        name = f"{t.setting.shape_function} {t.setting.size}, {t.setting.window}×{t.setting.window}, {t.setting.degree}"
+        gauge = f"{name:<25}{t.setting.gauge_px:>7}"
         print(f"{gauge}{t.l10:>8.2f}{t.l10_scatter:>6.2f}{1e6 * t.noise:>9.1f}{t.efficiency(2):>8.3f}")
     print("  published MEI: best 1.271, median 4.34")
 
@@ -220,9 +224,11 @@ def draw(displacement: list[Trade], strain: list[Trade], slope: float) -> None:
     figure, axes = pyplot.subplots(1, 2, figsize=(11, 4.5), layout="constrained")
     for ax, trades, power, kind in zip(axes, (displacement, strain), (1, 2), PUBLISHED, strict=True):
         l10 = np.array([t.l10 for t in trades])
-        for shape, colour in (("affine", "tab:blue"), ("quadratic", "tab:red")):
-            own = [t for t in trades if t.setting.shape_function == shape]
-            ax.loglog([t.l10 for t in own], [t.noise for t in own], "o", color=colour, label=shape)
+        for (shape, degree), (mark, colour) in MARKS.items():
+            own = [t for t in trades if (t.setting.shape_function, t.setting.degree) == (shape, degree)]
+            if own:
+                label = shape + f", strain of degree {degree}" * (degree > 1)
+                ax.loglog([t.l10 for t in own], [t.noise for t in own], mark, color=colour, label=label)
             for t in own:
                 note = f"{t.setting.size}" + (f", {t.setting.window}²" if t.setting.window > 1 else "")
                 ax.annotate(note, (t.l10, t.noise), (5, 3), textcoords="offset points", fontsize=8)

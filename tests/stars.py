@@ -13,6 +13,7 @@ import cv2
 import numpy as np
 
 from dicflow.core.correlate import Correlated, Subset, correlate, template
+from dicflow.core.filters import local_polynomial
 from dicflow.core.interpolate import Spline, slopes, spline
 from dicflow.core.synthetic.motion import render_pattern, speckle_pattern, star, star_period, strain_star
 from dicflow.core.synthetic.render import Look, expose
@@ -26,12 +27,13 @@ DEGREE, KEPT = 12, 0.9
 
 
 class Setting(NamedTuple):
-    """A subset, and for strains the square of points that a plane is fitted to; one point takes the warp's slope."""
+    """A subset, and for strains the square of points that a polynomial fits; one point takes the warp's slope."""
 
     shape_function: str
     size: int
     window: int = 1
     step: int = 4
+    degree: int = 1
 
     @property
     def gauge_px(self) -> int:
@@ -91,7 +93,7 @@ def middle_row(reference: np.ndarray, target: Spline, middle: int, setting: Sett
 
 
 def middle_strain(reference: np.ndarray, target: Spline, middle: int, setting: Setting) -> np.ndarray:
-    """∂v/∂y along the middle row: of the warp, or of a plane through the v of a window of points."""
+    """∂v/∂y along the middle row: of the warp, or of a polynomial through the v of a window of points."""
     x, half = columns(setting, setting.step), setting.window // 2
     if half == 0:
         centres = np.stack([x, np.full_like(x, middle)], axis=-1).astype(float)
@@ -103,8 +105,8 @@ def middle_strain(reference: np.ndarray, target: Spline, middle: int, setting: S
         found(reference, target, centres.reshape(-1, 2), setting).warp[:, 1, 0].reshape(centres.shape[:2])
         - centres[..., 1]
     )
-    slope = offsets @ v / (setting.step * (offsets**2).sum())
-    return np.convolve(slope, np.full(setting.window, 1.0 / setting.window), mode="valid")
+    slope = local_polynomial(v, (setting.window, setting.window), setting.degree).d_row / setting.step
+    return slope[half, half:-half]
 
 
 def found(reference: np.ndarray, target: Spline, centres: np.ndarray, setting: Setting) -> Correlated:

@@ -151,7 +151,7 @@ def local_polynomial(
 
     values : (row, col) or (row, col, k) — a point with any NaN is missing
     window : (rows, cols), odd numbers of points; at edges and holes the fit uses what lies inside
-    degree : largest total degree a + b of the terms rowᵃ colᵇ, 0 … 4
+    degree : largest total degree a + b of the terms rowᵃ colᵇ, 0 … 5
     kernel : weight within the window: 1, or the tricube (1 − |u|³)³ (1 − |v|³)³ with u, v = ±1 just beyond its edge
     weights : (row, col) — a further weight of each point
     margin : a window counts with at least ``margin`` points per coefficient
@@ -159,8 +159,8 @@ def local_polynomial(
     Also points that are missing themselves get a value where their window holds enough points.
     Raises ValueError for an even window or a degree out of range.
     """
-    if window[0] % 2 == 0 or window[1] % 2 == 0 or not 0 <= degree <= 4:
-        raise ValueError(f"expected odd windows and a degree of 0 to 4, got {window} and {degree}")
+    if window[0] % 2 == 0 or window[1] % 2 == 0 or not 0 <= degree <= 5:
+        raise ValueError(f"expected odd windows and a degree of 0 to 5, got {window} and {degree}")
     field = np.asarray(values, dtype=np.float64)
     data = field.reshape(*field.shape[:2], -1)
     valid: Mask = np.asarray(np.isfinite(data).all(axis=2))

@@ -79,7 +79,9 @@ class Deformation(Node):
     stage: Literal["deformation"] = "deformation"
     keep: Keep = keeping("always")
     window: Annotated[Pixels, Field(gt=0)] = parameter(50.0, "side of the square window of a strain", unit="px")
-    degree: Literal[1, 2] = parameter(1, "of the polynomial in the window")
+    degree: int = parameter(
+        1, "of the polynomial in the window; 3 or 5 resolves shorter waves at equal noise, in a larger one", ge=1, le=5
+    )
     min_share: float = parameter(0.25, "share of the window's points that must be measured", ge=0, le=1)
     measure: Literal["engineering", "green_lagrange", "hencky", "euler_almansi", "biot"] = parameter(
         "engineering", "measure of strain"

@@ -62,7 +62,7 @@ def test_fill_lies_between_its_neighbours():
     assert np.abs(result.values - plane).max() < 0.1 * 10
 
 
-@given(degree=st.integers(0, 4), seed=st.integers(0, 10_000), kernel=st.sampled_from(["box", "tricube"]))
+@given(degree=st.integers(0, 5), seed=st.integers(0, 10_000), kernel=st.sampled_from(["box", "tricube"]))
 @settings(max_examples=25, deadline=None)
 def test_perfect_polynomial_with_holes(degree, seed, kernel):
     rng = np.random.default_rng(seed)
@@ -148,7 +148,7 @@ def test_a_point_of_no_weight_has_no_influence():
     assert np.allclose(local_polynomial(field, (5, 5), 1, weights=weights).value, 1.0)
 
 
-@pytest.mark.parametrize(("window", "degree"), [((4, 5), 2), ((5, 4), 2), ((5, 5), 5), ((5, 5), -1)])
+@pytest.mark.parametrize(("window", "degree"), [((4, 5), 2), ((5, 4), 2), ((5, 5), 6), ((5, 5), -1)])
 def test_impossible_windows_are_refused(window, degree):
     with pytest.raises(ValueError, match="odd windows"):
         local_polynomial(np.zeros((9, 9)), window, degree)
