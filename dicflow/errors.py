@@ -7,7 +7,8 @@
     ├── InputError           a file that the user brings is missing or unusable (exit code 2)
     ├── StageError           a stage could not do its work on its inputs        (exit code 1)
     └── StoreError           the store cannot be read or written                (exit code 2)
-        └── DamagedError     a product in it turns out damaged                  (exit code 1)
+        ├── DamagedError     a product in it turns out damaged                  (exit code 1)
+        └── NotKeptError     a product was not kept, nor can it be made again   (exit code 2)
 
 Exit code 2 says that nothing was done: what was given cannot be used. Within a task every error fails that task alone,
 and the run ends with 1.
@@ -18,7 +19,15 @@ Any other exception that reaches a user is a defect of dicflow.
 
 from __future__ import annotations
 
-__all__ = ["ConfigurationError", "DamagedError", "DicflowError", "InputError", "StageError", "StoreError"]
+__all__ = [
+    "ConfigurationError",
+    "DamagedError",
+    "DicflowError",
+    "InputError",
+    "NotKeptError",
+    "StageError",
+    "StoreError",
+]
 
 
 class DicflowError(Exception):
@@ -53,3 +62,7 @@ class DamagedError(StoreError):
     """An object of the store that had passed for complete is not; it has been moved into quarantine."""
 
     exit_code = 1
+
+
+class NotKeptError(StoreError):
+    """A product was not kept, and what it was made from is not at hand."""

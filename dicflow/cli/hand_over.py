@@ -20,6 +20,7 @@ from dicflow.cli.options import (
     load,
     refuse_existing,
     results_folder,
+    stored,
     variant_index,
     write_new,
 )
@@ -60,7 +61,7 @@ def report(
     from dicflow.report.build import write_report
 
     loaded = load(pipeline, data, store, settings)
-    typer.echo(write_report(loaded, loaded.result(), results_folder(loaded, output), workers))
+    typer.echo(write_report(loaded, stored(loaded), results_folder(loaded, output), workers))
 
 
 def export(
@@ -90,7 +91,7 @@ def export(
     from dicflow.views.exports import export as write
 
     loaded = load(pipeline, data, store, settings)
-    result = loaded.result()
+    result = stored(loaded)
     paths = write(
         result,
         output,

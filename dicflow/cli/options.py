@@ -30,6 +30,7 @@ __all__ = [
     "refuse_existing",
     "refuse_full",
     "results_folder",
+    "stored",
     "tick",
     "variant_index",
     "write_new",
@@ -74,6 +75,14 @@ def load(pipeline: Path, data: Path | None, store: Path | None, settings: list[s
     from dicflow.pipeline import Pipeline
 
     return Pipeline.load(pipeline, data=data, store=store, settings=settings)
+
+
+def stored(pipeline: Pipeline) -> Result:
+    """What the store holds of a pipeline; a word on standard error tells where that comes from, if it must be said."""
+    result = pipeline.result()
+    for note in result.notes:
+        typer.secho(f"warning: {note}", fg="yellow", err=True)
+    return result
 
 
 def results_folder(pipeline: Pipeline, output: Path | None) -> Path:

@@ -15,6 +15,7 @@ from dicflow.cli.options import (
     StoreFolder,
     VariantNumber,
     load,
+    stored,
     variant_index,
     write_new,
 )
@@ -53,7 +54,7 @@ def list_products(pipeline: PipelineFile, settings: Settings, data: Data = None,
     from dicflow.views.console import consoles, products_table
 
     out, _ = consoles()
-    out.print(products_table(load(pipeline, data, store, settings).result()))
+    out.print(products_table(stored(load(pipeline, data, store, settings))))
 
 
 def show(
@@ -74,6 +75,6 @@ def show(
 
     out, _ = consoles()
     stage, _sign, step = product.partition("/")
-    result = load(pipeline, data, store, settings).result()
+    result = stored(load(pipeline, data, store, settings))
     for part in product_tables(result.product(stage, step or None, variant_index(result, variant))):
         out.print(part, soft_wrap=isinstance(part, str))

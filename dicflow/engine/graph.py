@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import graphlib
 import typing
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cache
 from pathlib import Path
@@ -106,8 +106,10 @@ class Graph:
         )
 
 
-def expand(stages: Mapping[str, StageSpec]) -> Graph:
+def expand(stages: Mapping[str, StageSpec], steps: Mapping[str, Sequence[str]] | None = None) -> Graph:
     """All tasks of the given stages.
+
+    steps : names of the steps of the stages that start a series, where no file is to be looked for
 
     Raises ConfigurationError with the stage's position where the stages do not fit together (an unknown or missing
     input, one of another kind, a cycle, two series of steps in one stage), and InputError where files are missing
@@ -118,7 +120,10 @@ def expand(stages: Mapping[str, StageSpec]) -> Graph:
         _check_inputs(name, stages)
     series: dict[str, _Series | None] = {}
     for name in ordered:
-        series[name] = _series_of(name, stages, series)
+        if steps is not None and name in steps:
+            series[name] = _Series(name, {step: {} for step in steps[name]})
+        else:
+            series[name] = _series_of(name, stages, series)
     joints = _Joints(ordered, series)
     tasks = {task.name: task for name in ordered for task in joints.tasks(name)}
     _check_names(tasks.values())

@@ -21,20 +21,37 @@ from dicflow.engine.node import Node
 from dicflow.engine.objects import LazyVariables, Manifest, describe, normalised, stored_array
 from dicflow.engine.product import Product
 from dicflow.engine.store import Store
-from dicflow.errors import DamagedError, StageError, StoreError
+from dicflow.errors import DamagedError, NotKeptError, StageError, StoreError
 
 if TYPE_CHECKING:
     import numpy as np
 
-__all__ = ["Clock", "ProductCache", "Recipe", "Ref", "RefInput", "Series", "arguments", "cache", "clock", "load"]
+__all__ = [
+    "Clock",
+    "ProductCache",
+    "Recipe",
+    "Ref",
+    "RefInput",
+    "Series",
+    "arguments",
+    "cache",
+    "clock",
+    "load",
+    "refs_in",
+]
 
 
 @dataclass(frozen=True)
 class Ref:
-    """A product by name. recipe : how to make it again, where it is not kept."""
+    """A product by name.
+
+    recipe : how to make it again, where it is not kept
+    lost : it is not kept, and nothing is known by which it could be made again; its attributes alone are there
+    """
 
     digest: str
     recipe: Recipe | None = None
+    lost: bool = False
 
     @cached_property
     def depth(self) -> int:
@@ -58,7 +75,7 @@ class Recipe:
     @cached_property
     def depth(self) -> int:
         """How many stages must run, one after the other, this one included."""
-        return 1 + max((ref.depth for ref in _refs(self.inputs)), default=0)
+        return 1 + max((ref.depth for ref in refs_in(self.inputs)), default=0)
 
 
 class Series(Sequence[Product]):
@@ -191,7 +208,8 @@ def _opened(store: Store, source: RefInput) -> Product | Series | None:
     return Series(store, source)
 
 
-def _refs(inputs: Mapping[str, RefInput]) -> Iterator[Ref]:
+def refs_in(inputs: Mapping[str, RefInput]) -> Iterator[Ref]:
+    """All references among the inputs of a task."""
     for source in inputs.values():
         if isinstance(source, Ref):
             yield source
@@ -202,7 +220,7 @@ def _refs(inputs: Mapping[str, RefInput]) -> Iterator[Ref]:
 def _remade(store: Store, ref: Ref) -> Product:
     recipe = ref.recipe
     if recipe is None:
-        raise StoreError(f"{store.path}: {ref.digest[:19]}… was not kept; run the pipeline again to use it")
+        raise NotKeptError(f"{store.path}: {ref.digest[:19]}… was not kept; run the pipeline again to use it")
     with clock.remaking():
         product = normalised(recipe.node.run(**arguments(store, recipe.inputs, recipe.files)))
         manifest = describe(product)

@@ -82,7 +82,9 @@ def compare(a: Side, b: Side, steps: Sequence[str] = (), quantities: Sequence[st
     found: list[Difference] = []
     chosen = _steps(a, b, steps)
     is_guess = not steps and bool(a.steps) != bool(b.steps)
-    notes = dict.fromkeys([f"A table has no steps; it is held against the last one, {chosen[-1]}."] if is_guess else [])
+    notes = dict.fromkeys([*a.notes, *b.notes])
+    if is_guess:
+        notes[f"A table has no steps; it is held against the last one, {chosen[-1]}."] = None
     for step in chosen:
         one, other = a.field(step), b.field(step)
         names = _quantities(one, other, quantities)

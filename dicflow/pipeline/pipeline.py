@@ -9,10 +9,12 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from dicflow.engine.graph import Graph, StageSpec, expand
+from dicflow.engine.journal import RunInfo, runs
 from dicflow.engine.plan import CodePolicy, Plan, make_plan
 from dicflow.engine.store import Store
 from dicflow.errors import ConfigurationError, InputError
 from dicflow.io.configuration import Document, read
+from dicflow.pipeline.recipes import run_refs
 from dicflow.pipeline.result import Result
 from dicflow.pipeline.sweep import Variant, variants, with_settings
 from dicflow.pipeline.wiring import Wired, wire
@@ -22,6 +24,9 @@ if TYPE_CHECKING:
     from dicflow.engine.references import Ref
 
 __all__ = ["Pipeline"]
+
+_SETTINGS = ("stages", "variants")
+"""What two runs have in common that are of one measurement."""
 
 
 @dataclass(frozen=True)
@@ -144,24 +149,51 @@ class Pipeline:
         from dicflow.engine.execute import Options, run
 
         chosen = Options(worker_setup=_single_threaded, **options)
-        outcome = run(self.graph, self.store, pipeline=self.name, resolved=self.resolved(), options=chosen)
+        steps = {stage: list(files) for stage, files in self.graph.files.items()}
+        told = {**self.resolved(), "steps": steps}
+        outcome = run(self.graph, self.store, pipeline=self.name, resolved=told, options=chosen)
         refs = {name: done.ref for name, done in outcome.outcomes.items() if done.ref is not None}
         return self._result(refs, outcome)
 
     def result(self) -> Result:
-        """What the store already holds of this pipeline, without computing anything."""
-        refs = {name: entry.ref for name, entry in self.plan("ignore").entries.items() if entry.ref is not None}
+        """What the store already holds of this pipeline, without computing anything.
+
+        Where photographs or other files of the user cannot be used, it is what the last run of these settings found or
+        made, and ``notes`` says so. Raises InputError where there is no such run.
+        """
+        try:
+            plan = self.plan("ignore")
+        except InputError as error:
+            return self._last_result(error)
+        refs = {name: entry.ref for name, entry in plan.entries.items() if entry.ref is not None}
         return self._result(refs, None)
+
+    def last_run(self) -> RunInfo | None:
+        """The newest run with the same stages and settings, None where there is none."""
+        ours = self.resolved()
+        alike = (run for run in runs(self.store) if run.pipeline == self.name and run.resolved)
+        return next((run for run in alike if all(run.resolved[name] == ours[name] for name in _SETTINGS)), None)
 
     def _result(self, refs: Mapping[str, Ref], outcome: RunResult | None) -> Result:
         values = [dict(variant.values) for variant in self.variants]
         return Result(self.graph, self.store, refs, self.instances, values, outcome)
 
+    def _last_result(self, error: InputError) -> Result:
+        """The products of the last run, without any of the files that it read."""
+        run = self.last_run()
+        if run is None or "steps" not in run.resolved:
+            raise error
+        graph = expand(self._instances[1], run.resolved["steps"])
+        values = [dict(variant.values) for variant in self.variants]
+        note = f"This is what run {run.id} left in the store, without photographs; a file cannot be used: {error}."
+        return Result(graph, self.store, run_refs(self.store, run), self.instances, values, None, [note])
+
     def resolved(self) -> dict[str, Any]:
         """The pipeline with every default written out, as a run keeps it.
 
         ``title``; ``stages``: parameters and inputs of each stage of the graph; ``variants``: values of the sweep;
-        ``instances``: per variant the stage of the graph that stands for each stage in the file.
+        ``instances``: per variant the stage of the graph that stands for each stage in the file. A run also keeps
+        ``steps``: their names for each stage that starts a series.
         """
         stages = {
             name: {**spec.node.model_dump(mode="json"), "inputs": dict(spec.inputs)}

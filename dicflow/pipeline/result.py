@@ -25,8 +25,9 @@ __all__ = ["Result"]
 class Result:
     """Products by stage and step, of one variant or of several.
 
-    ``outcome`` is what the run did, None where nothing was run. ``drawing`` makes the figures of :meth:`plot`;
-    :mod:`dicflow.views` puts it there, so that results can be had without anything that draws.
+    ``outcome`` is what the run did, None where nothing was run. ``graph`` has the stages and steps, ``notes`` whole
+    sentences about where the products come from. ``drawing`` makes the figures of :meth:`plot`; :mod:`dicflow.views`
+    puts it there, so that results can be had without anything that draws.
     """
 
     drawing: ClassVar[Callable[..., Any] | None] = None
@@ -39,9 +40,10 @@ class Result:
         instances: Sequence[Mapping[str, str]],
         values: Sequence[Mapping[str, Any]],
         outcome: RunResult | None,
+        notes: Sequence[str] = (),
     ) -> None:
-        self._graph, self._store, self._refs, self._instances = graph, store, refs, instances
-        self.values, self.outcome = values, outcome
+        self.graph, self._store, self._refs, self._instances = graph, store, refs, instances
+        self.values, self.outcome, self.notes = values, outcome, tuple(notes)
 
     @property
     def stages(self) -> tuple[str, ...]:
@@ -50,11 +52,11 @@ class Result:
 
     def steps(self, stage: str, variant: int = 0) -> tuple[str, ...]:
         """Names of the steps of a stage; empty for one that runs once. Variants may have photographs of their own."""
-        return self._graph.steps[self._instance(stage, variant)]
+        return self.graph.steps[self._instance(stage, variant)]
 
     def kind(self, stage: str) -> str:
         """The kind of product that a stage gives."""
-        return self._graph.stages[self._instance(stage, 0)].node.gives
+        return self.graph.stages[self._instance(stage, 0)].node.gives
 
     @property
     def store_folder(self) -> Path:
@@ -64,7 +66,7 @@ class Result:
     def source(self, stage: str, port: str, variant: int = 0) -> str:
         """The stage in the file that feeds a port of another."""
         names = self._instances[variant]
-        producer = self._graph.stages[names[stage]].inputs[port]
+        producer = self.graph.stages[names[stage]].inputs[port]
         return next(name for name, instance in names.items() if instance == producer)
 
     def stages_of(self, kind: str) -> list[str]:
@@ -72,8 +74,9 @@ class Result:
         return [stage for stage in self.stages if self.kind(stage) == kind]
 
     def has(self, stage: str, step: str | int | None = None, variant: int = 0) -> bool:
-        """Whether the product is there."""
-        return self.task(stage, step, variant) in self._refs
+        """Whether the product is there, or can be made again."""
+        ref = self._refs.get(self.task(stage, step, variant))
+        return ref is not None and not ref.lost
 
     def digest(self, stage: str, step: str | int | None = None, variant: int = 0) -> str:
         """Name of the product's contents."""
@@ -93,6 +96,14 @@ class Result:
         that was not computed.
         """
         return load(self._store, self.ref(stage, step, variant))
+
+    def shape(self, stage: str, array: str, step: str | int | None = None, variant: int = 0) -> tuple[int, ...]:
+        """Lengths of an array's axes; the array is neither read nor made again. Raises as :meth:`product` does."""
+        ref = self.ref(stage, step, variant)
+        manifest = self._store.manifest(ref.digest)
+        if manifest is None:
+            raise DicflowError(f"{self.task(stage, step, variant)} has gone from the store; run the pipeline again")
+        return tuple(manifest.content["variables"][array]["shape"])
 
     def dataset(self, stage: str, step: str | int | None = None, variant: int = 0) -> xarray.Dataset:
         """One product as an xarray dataset."""
@@ -115,7 +126,7 @@ class Result:
     def task(self, stage: str, step: str | int | None, variant: int) -> str:
         """Name of the task that gives a product."""
         instance = self._instance(stage, variant)
-        steps = self._graph.steps[instance]
+        steps = self.graph.steps[instance]
         if not steps:
             if step is not None:
                 raise ConfigurationError(f"{stage} runs once and has no steps; leave the step out")

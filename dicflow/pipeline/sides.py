@@ -51,6 +51,7 @@ class Side(Protocol):
 
     settings : parameters and inputs of each stage by its name in the file; None for a table
     steps : names of the steps that have a field; none for a table, which is of whatever step it is compared with
+    notes : whole sentences about where it comes from
     """
 
     @property
@@ -59,6 +60,8 @@ class Side(Protocol):
     def settings(self) -> Mapping[str, Any] | None: ...
     @property
     def steps(self) -> tuple[str, ...]: ...
+    @property
+    def notes(self) -> tuple[str, ...]: ...
     def field(self, step: str) -> Field: ...
 
 
@@ -69,6 +72,7 @@ class TableSide(NamedTuple):
     table: PointTable
     settings: None = None
     steps: tuple[str, ...] = ()
+    notes: tuple[str, ...] = ()
 
     def field(self, step: str) -> Field:
         """The table, whatever the step."""
@@ -89,6 +93,7 @@ class MeasuredSide(NamedTuple):
     store: Store
     total: str
     refs: Mapping[Names, Ref]
+    notes: tuple[str, ...] = ()
 
     @property
     def steps(self) -> tuple[str, ...]:
@@ -162,7 +167,7 @@ class MeasuredSide(NamedTuple):
         what = stage if step is None else f"{stage}/{step}"
         if state != "complete" or manifest is None:
             raise StoreError(f"{self.label}: {what} has gone from {self.store.path}; run the pipeline again to have it")
-        if not manifest.kept and ref.recipe is None:
+        if ref.lost:
             raise StoreError(
                 f"{self.label}: {what} was not kept, and cannot be made again by this version of dicflow; run the "
                 "pipeline again and name its file"
@@ -212,7 +217,8 @@ def _pipeline_side(text: str, variant: int, pipeline: Pipeline) -> MeasuredSide:
     refs = {
         (stage, step): result.ref(stage, step, variant) for stage, step in tasks if result.has(stage, step, variant)
     }
-    return _measured(_label(pipeline.path.name, resolved, variant), settings, pipeline.store, refs)
+    side = _measured(_label(pipeline.path.name, resolved, variant), settings, pipeline.store, refs)
+    return side._replace(notes=result.notes)
 
 
 def _run_side(text: str, name: str, variant: int, store: Store) -> MeasuredSide:

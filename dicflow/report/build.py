@@ -9,7 +9,7 @@ from pathlib import Path
 from markupsafe import Markup
 
 from dicflow._version import __version__
-from dicflow.engine.journal import RunInfo, find_run, runs
+from dicflow.engine.journal import RunInfo, find_run
 from dicflow.errors import DicflowError
 from dicflow.io.files import make_folder, write_whole
 from dicflow.pipeline import Pipeline, Result
@@ -29,8 +29,6 @@ from dicflow.views.source_digest import source_digest
 
 __all__ = ["SECTIONS", "write_report"]
 
-SETTINGS = ("stages", "variants")
-"""What two runs have in common that are of one measurement."""
 SECTIONS: tuple[Builder, ...] = (calibration, fields, quality, sweep, settings, provenance)
 """All but the summary, which stands first and is made last, from the warnings of these."""
 
@@ -78,7 +76,7 @@ def _sources(pipeline: Pipeline, result: Result, run: RunFacts | None) -> str:
     is_whole = run is None or (run.ended and not run.interrupted and not run.counts["failed"])
     state = "" if run is None or is_whole else run.id
     settings = (pipeline.path.name, pipeline.title, pipeline.resolved())
-    told = json.dumps([source_digest("views", "report"), *settings, result.digests, state])
+    told = json.dumps([source_digest("views", "report"), *settings, result.digests, result.notes, state])
     return hashlib.sha256(told.encode()).hexdigest()
 
 
@@ -86,9 +84,7 @@ def _run(pipeline: Pipeline, result: Result) -> RunInfo | None:
     """The run that has just been, else the newest with the same stages and settings."""
     if result.outcome is not None and result.outcome.run_id:
         return find_run(pipeline.store, result.outcome.run_id)
-    settings = pipeline.resolved()
-    alike = (run for run in runs(pipeline.store) if run.pipeline == pipeline.name and run.resolved)
-    return next((run for run in alike if all(run.resolved[name] == settings[name] for name in SETTINGS)), None)
+    return pipeline.last_run()
 
 
 def _built(builder: Builder, context: Context) -> Section | None:

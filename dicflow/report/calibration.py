@@ -62,7 +62,7 @@ def calibration(context: Context) -> Section | None:
 
 
 def _node(context: Context, stage: str) -> Any:
-    return context.pipeline.graph.stages[context.pipeline.instances[0][stage]].node
+    return context.result.graph.stages[context.pipeline.instances[0][stage]].node
 
 
 def _warnings(attrs: Mapping[str, Any]) -> tuple[str, ...]:

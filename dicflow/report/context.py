@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import NamedTuple
 
 from markupsafe import Markup
 
+from dicflow.errors import NotKeptError
 from dicflow.pipeline import Pipeline, Result
 from dicflow.pipeline.provenance import RunFacts
 from dicflow.report.pieces import Pieces
@@ -31,13 +32,22 @@ class Context(NamedTuple):
     folder: Path
     workers: int = 1
 
+    def piece(self, sources: Sequence[str], make: Callable[[], bytes]) -> bytes | None:
+        """A piece; None where it is not at hand and would be made of what the store does not keep."""
+        try:
+            return self.pieces.get(sources, make)
+        except NotKeptError:
+            return None
+
     def said(self, message: str) -> str:
         """A message without the folders of this machine: files are named from the pipeline's folder on."""
         pipeline = self.pipeline
         near = (pipeline.store_folder, pipeline.folder, pipeline.path.parent, self.folder, Path.cwd(), Path.home())
         known = {place for folder in near for place in (folder.absolute(), folder.resolve())}
         for folder in sorted(known - {Path("/")}, key=lambda place: len(place.parts), reverse=True):
-            message = message.replace(f"{folder}/", "").replace(f"{folder}:", f"{folder.name}:")
+            message = message.replace(f"{folder}/", "")
+            for behind in ":;, ":
+                message = message.replace(f"{folder}{behind}", f"{folder.name}{behind}")
         return message
 
 

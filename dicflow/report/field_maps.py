@@ -66,7 +66,7 @@ def overview(result: Result, scene: Scene, steps: Sequence[str], names: Sequence
                 low, high = np.percentile(known, [_LEFT_OUT_PERCENT, 100 - _LEFT_OUT_PERCENT]).tolist()
                 before = ranges.get(name, [low, high])
                 ranges[name] = [min(low, before[0]), max(high, before[1])]
-    height, width = result.product(scene.photographs, steps[0])["left"].shape
+    height, width = result.shape(scene.photographs, "left", steps[0])
     content = {
         "boxes": [box for box in boxes if box is not None],
         "image_size": [width, height],
@@ -99,7 +99,8 @@ def places(result: Result, scene: Scene, step: str | int) -> np.ndarray:
     return rectified_to_raw(tracked, rig.left, rectified.rotation_left, rectified.matrix_left)
 
 
-def drawn_step(result: Result, scene: Scene, step: str, frame: Frame) -> bytes:
+def drawn_step(result: Result, scene: Scene, step: str, frame: Frame, bare: bool = False) -> bytes:
+    """The pictures of one step as JSON. bare : without the photograph"""
     import numpy as np
 
     from dicflow.core.status import Status
@@ -107,8 +108,9 @@ def drawn_step(result: Result, scene: Scene, step: str, frame: Frame) -> bytes:
 
     total = result.product(scene.total, step)
     index = cell_index(places(result, scene, step), frame.view)
+    photo = b"" if bare else photo_jpeg(result.product(scene.photographs, step)["left"], frame.view)
     content: dict[str, Any] = {
-        "photo": as_text(photo_jpeg(result.product(scene.photographs, step)["left"], frame.view)),
+        "photo": as_text(photo),
         "deformed": _overlays(total, index, frame.looks),
     }
     status = total["status"]

@@ -8,8 +8,9 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
+from functools import partial
 from typing import Any
 from urllib.parse import quote
 
@@ -57,7 +58,8 @@ def fields(context: Context) -> Section | None:
         "reference": _reference(context, scene, frame),
         "colours": _reason_colours(),
     }
-    words = _words(result, scene) | {"shown": len(slid), "all": len(names)}
+    bare = not all(maps["photo"] for maps in drawn.values())
+    words = _words(result, scene) | {"shown": len(slid), "all": len(names), "bare": bare}
     body = render("fields.html", content=_as_json(content), **words)
     return Section("fields", "Fields", body, _few_points(drawn))
 
@@ -103,18 +105,24 @@ def _frame(context: Context, scene: Scene, steps: Sequence[str]) -> Frame:
         looks.append(look(name, _title(context, first, name), first.variables[name].units, low, high, choice))
     sources += ["size", json.dumps(looks), result.digest(scene.photographs, steps[-1])]
     boxes, size = found["boxes"], found["image_size"]
-    frames = (Frame(view(boxes, size, longest), tuple(looks)) for longest in _SIZES_PX)
-    fitting = context.pieces.get(sources, lambda: _fitting(result, scene, steps, frames))
+    frames = [Frame(view(boxes, size, longest), tuple(looks)) for longest in _SIZES_PX]
+    fitting = _over_photographs(context, sources, partial(_fitting, result, scene, steps, frames))
     return Frame(View(*json.loads(fitting)), tuple(looks))
 
 
-def _fitting(result: Result, scene: Scene, steps: Sequence[str], frames: Iterable[Frame]) -> bytes:
+def _over_photographs(context: Context, sources: Sequence[str], make: Callable[..., bytes]) -> bytes:
+    """A piece with photographs in it, or where these cannot be had that of ``make(bare=True)``."""
+    found = context.piece(sources, make)
+    return context.pieces.get(["bare", *sources], partial(make, bare=True)) if found is None else found
+
+
+def _fitting(result: Result, scene: Scene, steps: Sequence[str], frames: Sequence[Frame], bare: bool = False) -> bytes:
     """The first view, of smaller and smaller ones, in which all steps stay within the page's budget.
 
     The last step stands for all of them; how far a picture shrinks when it is packed depends on its noise.
     """
     for frame in frames:
-        if len(steps) * len(drawn_step(result, scene, steps[-1], frame)) < _BUDGET_BYTES:
+        if len(steps) * len(drawn_step(result, scene, steps[-1], frame, bare)) < _BUDGET_BYTES:
             break
     return json.dumps(frame.view).encode()
 
@@ -155,7 +163,7 @@ def _title(context: Context, total: Product, name: str) -> str:
 def _window(context: Context) -> str:
     """The window of the thesis form's strains, which has no virtual gauge of known size."""
     for stage in context.result.stages_of("strain_increment"):
-        node: Any = context.pipeline.graph.stages[context.pipeline.instances[0][stage]].node
+        node: Any = context.result.graph.stages[context.pipeline.instances[0][stage]].node
         if window := getattr(node, "window", None):
             return f", window {' × '.join(f'{side:g}' for side in window)} px"
     return ""
@@ -166,7 +174,8 @@ def _step(context: Context, scene: Scene, step: str, frame: Frame) -> dict[str, 
     result = context.result
     sources = ["fields of a step", *_digests(result, scene, [step]), result.digest(scene.photographs, step)]
     sources += [json.dumps(frame.view), json.dumps(frame.looks)]
-    found: dict[str, Any] = json.loads(context.pieces.get(sources, lambda: drawn_step(result, scene, step, frame)))
+    drawn = _over_photographs(context, sources, lambda **bare: drawn_step(result, scene, step, frame, **bare))
+    found: dict[str, Any] = json.loads(drawn)
     return found
 
 
@@ -177,9 +186,9 @@ def _reason_colours() -> dict[str, str]:
 
 
 def _reference(context: Context, scene: Scene, frame: Frame) -> str | None:
-    """The photograph of the first step; None where no map is drawn over it."""
+    """The photograph of the first step; None where no map is drawn over it, or where it is not at hand."""
     result = context.result
-    if scene.grid is None or not result.has(scene.photographs, 0):
+    if scene.grid is None:
         return None
 
     def make() -> bytes:
@@ -187,9 +196,8 @@ def _reference(context: Context, scene: Scene, frame: Frame) -> str | None:
 
         return photo_jpeg(result.product(scene.photographs, 0)["left"], frame.view)
 
-    return as_text(
-        context.pieces.get(["photograph", result.digest(scene.photographs, 0), json.dumps(frame.view)], make)
-    )
+    found = context.piece(["photograph", result.digest(scene.photographs, 0), json.dumps(frame.view)], make)
+    return None if found is None else as_text(found)
 
 
 def _quantity(context: Context, look: Look, steps: Sequence[str]) -> dict[str, Any]:

@@ -40,7 +40,7 @@ class StageFacts(NamedTuple):
 
 def provenance(context: Context) -> Section:
     """The section; of a pipeline that was never run only its graph, settings and the versions here."""
-    run, graph = context.run, context.pipeline.graph
+    run, graph = context.run, context.result.graph
     facts = {stage: _stage(run, stage) for stage in graph.stages}
     unlike = _unlike(run)
     warnings = () if not unlike else (f"Products were made by another version of {', '.join(unlike)} than is here.",)
@@ -86,7 +86,7 @@ def _picture(context: Context, facts: Mapping[str, StageFacts]) -> Markup:
     marks = {
         name: Mark(one.status, _note(one)) if run is not None else _held(context, name) for name, one in facts.items()
     }
-    return Markup(graph_svg(context.pipeline.graph, marks).replace(_ADDRESS, "", 1))
+    return Markup(graph_svg(context.result.graph, marks).replace(_ADDRESS, "", 1))
 
 
 def _held(context: Context, instance: str) -> Mark:

@@ -133,11 +133,11 @@ def _speckle(context: Context) -> dict[str, float] | None:
     result = context.result
     for region in result.stages_of("region"):
         images = result.source(region, "images")
-        if result.has(region) and result.has(images, 0):
+        if result.has(region):
             sources = ["speckle", result.digest(region), result.digest(images, 0)]
             image, polygons = result.product(images, 0), result.product(region)
-            found: dict[str, float] = json.loads(context.pieces.get(sources, lambda: _measured(image, polygons)))  # noqa: B023
-            return found
+            found = context.piece(sources, lambda: _measured(image, polygons))  # noqa: B023
+            return None if found is None else json.loads(found)
     return None
 
 

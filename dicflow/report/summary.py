@@ -73,7 +73,9 @@ def _skipped(run: RunFacts | None) -> list[tuple[str, int]]:
 
 
 def _journalled(context: Context) -> list[str]:
-    return [context.said(text) for text in context.run.warnings] if context.run is not None else []
+    """What the products come from, where that is to be said, and the warnings of the run."""
+    warnings = context.run.warnings if context.run is not None else ()
+    return [context.said(text) for text in (*context.result.notes, *warnings)]
 
 
 def _lost_points(told: History) -> list[str]:

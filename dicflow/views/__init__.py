@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any, Literal
 
 from dicflow.engine.product import Product
-from dicflow.errors import ConfigurationError
+from dicflow.errors import ConfigurationError, NotKeptError
 from dicflow.pipeline.registry import nearest
 from dicflow.pipeline.result import Result
 
@@ -35,7 +35,7 @@ def plot(
     """One quantity of one step: that of a total over the photograph or the specimen, any other on its grid.
 
     step : name or number; the last by default. Not looked at for a stage that runs once
-    over : the left photograph of the step, or the plane of X and Y
+    over : the left photograph of the step, or the plane of X and Y; this plane also where the photograph is not at hand
     colours : a matplotlib colour map; "auto" is the choice of the maps stage, or a diverging one for values of both
         signs and viridis else. The range is that of the maps where they draw the quantity
     Raises ConfigurationError for a quantity that the product does not have and lists those it has.
@@ -63,7 +63,10 @@ def plot(
         return _over_specimen(product, look, maps, name)
     from dicflow.views.maps import photo_map
 
-    places, photo = _photograph(result, product, name, variant)
+    try:
+        places, photo = _photograph(result, product, name, variant)
+    except NotKeptError:
+        return _over_specimen(product, look, maps, name)
     return photo_map(product[quantity], places, photo, look, name)
 
 

@@ -74,6 +74,7 @@
       stack.className = "stack";
       stack.style.aspectRatio = `${size[0]} / ${size[1]}`;
       for (const [kind, text] of [["jpeg", steps[number].maps.photo], ["png", steps[number].maps.deformed[quantity.name]]]) {
+        if (!text) continue;
         const image = document.createElement("img");
         image.src = source(kind, text);
         stack.append(image);
