@@ -95,12 +95,34 @@ def test_every_quantity_and_place_has_its_map(shown):
     assert reasons["map"] not in seen
 
 
-def test_directions_lie_over_the_first_step(shown):
-    shown.evaluate("document.querySelector('.viewer .lines').click()")
+def test_directions_follow_the_slider(shown):
     drawn = "!document.querySelector('.viewer .directions').hasAttribute('hidden')"
+    path = "document.querySelector('.directions path').getAttribute('d')"
+    assert not shown.evaluate(drawn)
+    shown.evaluate("document.querySelector('.viewer .lines').click()")
     assert shown.evaluate(drawn)
-    assert shown.evaluate("document.querySelector('.viewer [value=reference]').checked")
-    assert shown.evaluate("document.querySelector('.directions path').getAttribute('d').startsWith('M')")
+    last = shown.evaluate(path)
+    shown.evaluate("document.querySelector('.viewer .step').focus()")
+    shown.press("ArrowLeft")
+    first = shown.evaluate(path)
+    shown.evaluate("document.querySelector('.viewer [value=reference]').click()")
+    assert len({last, first, shown.evaluate(path)}) == 3
+    shown.evaluate("document.querySelector('.viewer [value=reasons]').click()")
+    assert not shown.evaluate(drawn)
+
+
+def test_every_quantity_leads_to_a_full_map(shown):
+    count = shown.evaluate("document.querySelector('.viewer .quantity').length")
+    link = "!document.querySelector('.viewer .full').hidden && document.querySelector('.viewer .full a').href"
+    picture = "!document.querySelector('.viewer .full-map').hidden && document.querySelector('.full-map img').src"
+    ways = []
+    for number in range(count):
+        change = f"(q => {{ q.value = {number}; q.dispatchEvent(new Event('input', {{bubbles: true}})) }})"
+        shown.evaluate(f"{change}(document.querySelector('.viewer .quantity'))")
+        ways.append((shown.evaluate(link), shown.evaluate(picture)))
+    assert [bool(beside) + bool(inside) for beside, inside in ways] == [1] * count
+    assert len({beside or inside for beside, inside in ways}) == count
+    assert shown.complaints() == []
 
 
 @pytest.mark.parametrize("dark", [False, True], ids=["light", "dark"])

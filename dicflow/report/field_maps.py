@@ -107,7 +107,8 @@ def drawn_step(result: Result, scene: Scene, step: str, frame: Frame, bare: bool
     from dicflow.views.overlay import cell_index, photo_jpeg, reason_png
 
     total = result.product(scene.total, step)
-    index = cell_index(places(result, scene, step), frame.view)
+    here = places(result, scene, step)
+    index = cell_index(here, frame.view)
     photo = b"" if bare else photo_jpeg(result.product(scene.photographs, step)["left"], frame.view)
     content: dict[str, Any] = {
         "photo": as_text(photo),
@@ -123,7 +124,7 @@ def drawn_step(result: Result, scene: Scene, step: str, frame: Frame, bare: bool
         index = cell_index(grid, frame.smaller)
         content["reference"] = _overlays(total, index, frame.looks)
         content["reasons"] = as_text(reason_png(worst_corner(status)[index]))
-        content["directions"] = _directions(total, grid, frame.view)
+        content["directions"] = _directions(total, grid, here, frame.view)
     return json.dumps(content | {"counts": _counts(status[inside])}).encode()
 
 
@@ -141,16 +142,21 @@ def worst_corner(status: np.ndarray) -> np.ndarray:
     return np.append(np.maximum.reduce(corners).ravel(), np.uint8(0))
 
 
-def _directions(total: Product, grid: np.ndarray, view: View) -> str:
-    """Lines along the principal direction of the larger strain."""
+def _directions(total: Product, grid: np.ndarray, here: np.ndarray, view: View) -> dict[str, str]:
+    """Lines along the principal direction of the larger strain, over the first step and over this one."""
     import numpy as np
 
-    from dicflow.views.overlay import direction_path
+    from dicflow.views.overlay import carried_angle, direction_path
 
     if "angle" in total:
-        return direction_path(grid, total["angle"], view)
-    angle = 0.5 * np.arctan2(total["gxy"], total["exx"] - total["eyy"])
-    return direction_path(grid, np.degrees(angle), view)
+        angle = total["angle"]
+    else:
+        angle = np.degrees(0.5 * np.arctan2(total["gxy"], total["exx"] - total["eyy"]))
+    if total.attrs.get("directions") == "global":  # the angle is that at this step
+        first, now = carried_angle(here, grid, angle), angle
+    else:
+        first, now = angle, carried_angle(grid, here, angle)
+    return {"reference": direction_path(grid, first, view), "deformed": direction_path(here, now, view)}
 
 
 def _counts(status: np.ndarray) -> dict[str, int]:

@@ -21,6 +21,7 @@ from dicflow.pipeline import Result
 from dicflow.report.context import Context, Section
 from dicflow.report.field_maps import Frame, Scene, as_text, drawn_step, overview
 from dicflow.report.rendering import render
+from dicflow.views import maps_of, specimen_map
 from dicflow.views.colours import REASON_COLOURS, Look, look
 
 __all__ = ["fields"]
@@ -50,16 +51,17 @@ def fields(context: Context) -> Section | None:
     with ThreadPoolExecutor(context.workers) as pool:
         drawn = dict(zip(steps, pool.map(lambda step: _step(context, scene, step, frame), steps), strict=True))
     slid = names if len(names) <= _MOST_STEPS else steps
+    peak = _peak(result, total, steps)
     content = {
         "steps": [{"name": step, "maps": drawn.get(step)} for step in slid],
-        "start": slid.index(_peak(result, total, steps)),
-        "quantities": [_quantity(context, look, steps) for look in frame.looks],
+        "start": slid.index(peak),
+        "quantities": [_quantity(context, total, look, steps, peak) for look in frame.looks],
         "size": frame.view.size,
         "reference": _reference(context, scene, frame),
         "colours": _reason_colours(),
     }
     bare = not all(maps["photo"] for maps in drawn.values())
-    words = _words(result, scene) | {"shown": len(slid), "all": len(names), "bare": bare}
+    words = _words(result, scene) | {"shown": len(slid), "all": len(names), "bare": bare, "peak": peak}
     body = render("fields.html", content=_as_json(content), **words)
     return Section("fields", "Fields", body, _few_points(drawn))
 
@@ -200,8 +202,8 @@ def _reference(context: Context, scene: Scene, frame: Frame) -> str | None:
     return None if found is None else as_text(found)
 
 
-def _quantity(context: Context, look: Look, steps: Sequence[str]) -> dict[str, Any]:
-    """What the page says of a quantity, and where its full maps lie beside the page."""
+def _quantity(context: Context, total: str, look: Look, steps: Sequence[str], peak: str) -> dict[str, Any]:
+    """What the page says of a quantity, and where its full maps lie beside the page; else the one of the peak."""
 
     def make() -> bytes:
         from dicflow.views.overlay import colour_bar_svg
@@ -216,7 +218,21 @@ def _quantity(context: Context, look: Look, steps: Sequence[str]) -> dict[str, A
         for step in steps
     }
     there = {step: quote(file) for step, file in files.items() if (context.folder / file).is_file()}
-    return {"name": look.quantity, "label": look.label, "bar": bar, "files": there}
+    full = None if there else _full_map(context, total, look, peak)
+    return {"name": look.quantity, "label": look.label, "bar": bar, "files": there, "full": full}
+
+
+def _full_map(context: Context, total: str, look: Look, step: str) -> str:
+    """A quantity at one step over the specimen, with axes and colour bar."""
+    maps = maps_of(context.result, total)
+
+    def make() -> bytes:
+        from dicflow.views.maps import png
+
+        return png(specimen_map(context.result.product(total, step), look, maps, step))
+
+    sources = ["full map", context.result.digest(total, step), json.dumps([look, maps, step])]
+    return as_text(context.pieces.get(sources, make))
 
 
 def _peak(result: Result, total: str, steps: Sequence[str]) -> str:

@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 
     from dicflow.views.colours import Look
 
-__all__ = ["look_of", "plot"]
+__all__ = ["look_of", "maps_of", "plot", "specimen_map"]
 
 _LEFT_OUT_PERCENT, _MARGIN = 0.5, 0.04
 
@@ -57,16 +57,16 @@ def plot(
         from dicflow.views.maps import picture
 
         return picture(variable, f"{stage} · {quantity}")
-    maps = _maps(result, stage, variant)
+    maps = maps_of(result, stage, variant)
     look = look_of(product, quantity, maps, colours)
     if over == "specimen":
-        return _over_specimen(product, look, maps, name)
+        return specimen_map(product, look, maps, name)
     from dicflow.views.maps import photo_map
 
     try:
         places, photo = _photograph(result, product, name, variant)
     except NotKeptError:
-        return _over_specimen(product, look, maps, name)
+        return specimen_map(product, look, maps, name)
     return photo_map(product[quantity], places, photo, look, name)
 
 
@@ -77,8 +77,8 @@ def _reasons(product: Product, title: str) -> Figure:
     return code_picture(product.variables["status"], title, {status.value: status.label for status in Status})
 
 
-def _maps(result: Result, stage: str, variant: int) -> Mapping[str, Any] | None:
-    """What the maps of a total share, where they are in the store."""
+def maps_of(result: Result, stage: str, variant: int = 0) -> Mapping[str, Any] | None:
+    """What the maps of a total share: attributes of a product of kind "maps". None where they are not in the store."""
     for name in result.stages_of("maps"):
         if result.has(name, None, variant) and result.source(name, "total", variant) == stage:
             return result.product(name, None, variant).attrs
@@ -108,7 +108,8 @@ def look_of(total: Product, quantity: str, maps: Mapping[str, Any] | None, colou
     return look(quantity, title, variable.units, float(low), float(high), colours)
 
 
-def _over_specimen(total: Product, look: Look, maps: Mapping[str, Any] | None, name: str) -> Figure:
+def specimen_map(total: Product, look: Look, maps: Mapping[str, Any] | None, title: str) -> Figure:
+    """One quantity of a total over the plane of X and Y, in the window of its maps where there are any."""
     from dicflow.views.maps import Style, field_map
     from dicflow.views.overlay import point_box
 
@@ -117,7 +118,7 @@ def _over_specimen(total: Product, look: Look, maps: Mapping[str, Any] | None, n
     margin = _MARGIN * max(whole[2] - whole[0], whole[3] - whole[1])
     extent = (whole[0] - margin, whole[1] - margin, whole[2] + margin, whole[3] + margin)
     style = Style(look.quantity, look.title, look.unit, look.range, extent, total.attrs["unit"], positions, look.table)
-    return field_map(total, style, name)
+    return field_map(total, style, title)
 
 
 def _photograph(result: Result, total: Product, step: str, variant: int) -> tuple[NDArray[np.float64], NDArray[Any]]:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping, Sequence
 from io import BytesIO
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
@@ -14,6 +14,7 @@ from dicflow.errors import ConfigurationError
 from dicflow.io.exports.items import Item, place
 from dicflow.pipeline.registry import nearest
 from dicflow.pipeline.result import Result
+from dicflow.views import look_of, maps_of, plot
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -77,13 +78,12 @@ def write_surfaces(drawn: Drawn, folder: Path, whole: bool) -> None:
     whole : as for :func:`write_pictures`
     Raises ConfigurationError where pyvista is not installed, and for a measurement in one camera.
     """
-    from dicflow.views import look_of
     from dicflow.views.solid import surface
 
     for item, quantity in _fields(drawn, whole):
         if "xyz" not in item.product:
             raise ConfigurationError(f"{item.stem}: one camera shows no surface in space; export it as png")
-        look = look_of(item.product, quantity, _maps_of(drawn, item.stage))
+        look = look_of(item.product, quantity, maps_of(drawn.result, item.stage, drawn.variant))
         surface(item.product, look, place(folder, f"{item.stem}_{quantity}_surface.png"))
 
 
@@ -117,7 +117,6 @@ def _is_field(variable: Variable) -> bool:
 
 def _figure(drawn: Drawn, item: Item, quantity: str) -> Figure:
     from dicflow.core.status import Status
-    from dicflow.views import plot
     from dicflow.views.maps import code_picture
 
     if quantity == "status":
@@ -147,17 +146,8 @@ def _usual(drawn: Drawn, stage: str) -> tuple[str, ...]:
     """Quantities of the maps of a total, or those that maps have by default."""
     from dicflow.stages.maps import Maps
 
-    maps = _maps_of(drawn, stage)
+    maps = maps_of(drawn.result, stage, drawn.variant)
     return Maps().quantities if maps is None else tuple(maps["quantities"])
-
-
-def _maps_of(drawn: Drawn, stage: str) -> Mapping[str, Any] | None:
-    """Attributes of the maps that are drawn from a total, where they are in the store."""
-    for name in drawn.result.stages_of("maps"):
-        fed = drawn.result.source(name, "total", drawn.variant) == stage
-        if fed and drawn.result.has(name, None, drawn.variant):
-            return drawn.result.product(name, None, drawn.variant).attrs
-    return None
 
 
 def _frames(drawn: Drawn, stage: str, quantity: str, totals: Sequence[Product]) -> Iterator[bytes]:
@@ -165,7 +155,7 @@ def _frames(drawn: Drawn, stage: str, quantity: str, totals: Sequence[Product]) 
     from dicflow.stages.maps import Maps
     from dicflow.views.maps import field_pngs, style
 
-    attrs = _maps_of(drawn, stage)
+    attrs = maps_of(drawn.result, stage, drawn.variant)
     if attrs is None or quantity not in attrs["quantities"]:
         try:
             attrs = Maps(quantities=(quantity,)).run(total=totals).attrs

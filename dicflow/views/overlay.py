@@ -22,6 +22,7 @@ from dicflow.views.colours import REASON_COLOURS, Look, palette
 __all__ = [
     "Box",
     "View",
+    "carried_angle",
     "cell_index",
     "colour_bar_svg",
     "direction_path",
@@ -190,6 +191,22 @@ def direction_path(grid: Array, angle_deg: Array, view: View, count: int = 300) 
     reach = half * np.stack([np.cos(angles), np.sin(angles)], axis=-1)[known]
     lines = np.concatenate([places[known] - reach, places[known] + reach], axis=1)
     return "".join(f"M{x0:.1f} {y0:.1f}L{x1:.1f} {y1:.1f}" for x0, y0, x1, y1 in lines)
+
+
+def carried_angle(before: Array, after: Array, angle_deg: Array) -> Array:
+    """Where material lines along a direction at one step point at another.
+
+    before, after : (row, col, 2) places of the same points at the two steps [px]
+    angle_deg : (row, col) at the one before, from x to y [deg]
+    Returns (row, col) [deg]: of J d, where J = ∂after/∂before is of central differences along rows and columns; NaN
+    where a neighbour is missing.
+    """
+    before, after = (np.stack(np.gradient(xy, axis=(1, 0)), axis=-1) for xy in (before, after))
+    x, y = np.cos(np.radians(angle_deg)), np.sin(np.radians(angle_deg))
+    (a, b), (c, d) = np.moveaxis(before, (-2, -1), (0, 1))
+    along = np.stack([d * x - b * y, a * y - c * x], axis=-1) * np.sign(a * d - b * c)[..., None]
+    turned = np.einsum("...ij,...j->...i", after, along)
+    return np.asarray(np.degrees(np.arctan2(turned[..., 1], turned[..., 0])))
 
 
 def colour_bar_svg(look: Look) -> str:

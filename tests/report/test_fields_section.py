@@ -1,8 +1,11 @@
 import json
 import re
+from base64 import b64decode
+from io import BytesIO
 
 import numpy as np
 import pytest
+from PIL import Image
 
 from dicflow.core.status import Status
 from dicflow.engine.product import Product, Variable
@@ -11,6 +14,7 @@ from dicflow.report import field_maps as maps
 from dicflow.report import fields as module
 from dicflow.report.fields import fields
 from dicflow.views.colours import Look
+from dicflow.views.maps import png
 from dicflow.views.overlay import View, view
 from tests.pages import context_of
 
@@ -40,7 +44,7 @@ def test_each_step_has_each_quantity_over_both_photographs(loaded, data):
     assert [step["name"] for step in data["steps"]] == list(loaded.result().steps("total"))
     for step in data["steps"]:
         assert set(step["maps"]["deformed"]) == set(step["maps"]["reference"]) == set(names)
-        assert step["maps"]["directions"].startswith("M")
+        assert all(step["maps"]["directions"][over].startswith("M") for over in ("reference", "deformed"))
     assert data["reference"]
 
 
@@ -65,7 +69,23 @@ def test_a_full_map_is_linked_where_it_lies_beside_the_page(loaded, pipeline, da
     folder = pipeline.parent / "results" / loaded.name
     beside = data_of(fields(context_of(loaded, folder)))["quantities"][0]
     assert beside["files"] == {step: f"maps/eyy/{step}.png" for step in loaded.result().steps("total")}
+    assert beside["full"] is None
     assert data["quantities"][0]["files"] == {}
+
+
+def test_a_quantity_without_maps_beside_the_page_has_a_full_map_in_it(loaded, pipeline, data):
+    """The quick start's maps draw εyy alone."""
+    quantities = data_of(fields(context_of(loaded, pipeline.parent / "results" / loaded.name)))["quantities"]
+    embedded = {quantity["name"]: quantity["full"] for quantity in quantities if quantity["full"]}
+    assert list(embedded) == ["U", "V", "W", "exx", "gxy"]
+    peak = data["steps"][data["start"]]["name"]
+    for name, picture in embedded.items():
+        drawn = png(loaded.result().plot("total", name, step=peak, over="specimen"))
+        with Image.open(BytesIO(b64decode(picture))) as image, Image.open(BytesIO(drawn)) as expected:
+            assert abs(image.width - expected.width) < 60
+            assert image.height == expected.height
+    assert len(set(embedded.values())) == len(embedded)
+    assert all(quantity["full"] for quantity in data["quantities"])
 
 
 def test_the_second_build_draws_nothing(loaded, tmp_path, monkeypatch):

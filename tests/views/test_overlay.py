@@ -149,6 +149,21 @@ def test_directions_are_lines_at_their_angle():
     assert overlay.direction_path(points, np.full_like(angles, np.nan), shown(points)) == ""
 
 
+@pytest.mark.parametrize("gradient", [[[1.3, 0.4], [-0.2, 0.9]], [[0.0, -1.0], [1.0, 0.0]]])
+def test_directions_are_carried_as_the_material_is(gradient):
+    """A homogeneous deformation F turns a direction d into F d, and back."""
+    before, angle = grid(), 25.0
+    after = before @ np.transpose(gradient)
+    after[0, 0] = np.nan
+    x, y = np.array(gradient) @ [np.cos(np.radians(angle)), np.sin(np.radians(angle))]
+    angles = np.full(before.shape[:2], angle)
+    carried = overlay.carried_angle(before, after, angles)
+    known = np.isfinite(carried)
+    assert known.sum() == angles.size - 3
+    np.testing.assert_allclose(carried[known], np.degrees(np.arctan2(y, x)), atol=1e-9)
+    np.testing.assert_allclose(overlay.carried_angle(after, before, carried)[known], angle, atol=1e-9)
+
+
 def test_a_colour_bar_has_the_colours_of_the_field_its_unit_and_round_numbers():
     signed = look("eyy", "strain <along> y", "1", -0.02, 0.013)
     bar = overlay.colour_bar_svg(signed)

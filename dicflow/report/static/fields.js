@@ -50,17 +50,15 @@
     at(".stack").classList.toggle("pale", reasons);
     show(at(".colour-bar"), !reasons);
     at(".colour-bar").innerHTML = quantity.bar;
-    show(directions, Boolean(maps && lines && lines.checked && shown === "reference"));
-    if (maps && maps.directions) directions.firstElementChild.setAttribute("d", maps.directions);
+    const path = maps && maps.directions && maps.directions[shown];
+    show(directions, Boolean(path && lines && lines.checked));
+    if (path) directions.firstElementChild.setAttribute("d", path);
     count(maps ? maps.counts : {});
     const file = quantity.files[step.name];
     show(at(".full"), file && !reasons);
-    if (file) at(".full").href = file;
-  }
-
-  function chooseLines() {
-    if (lines.checked) at("input[value=reference]").checked = true;
-    draw();
+    if (file) at(".full a").href = file;
+    show(at(".full-map"), quantity.full && !reasons);
+    if (quantity.full) at(".full-map img").src = source("png", quantity.full);
   }
 
   // paper has no slider: the first, the shown and the last step stand side by side
@@ -93,7 +91,6 @@
   at(".stack").style.setProperty("--aspect", size[0] / size[1]);
   directions.setAttribute("viewBox", `0 0 ${size[0]} ${size[1]}`);
   viewer.addEventListener("input", draw);
-  if (lines) lines.addEventListener("change", chooseLines);
   window.addEventListener("beforeprint", sheet);
   show(viewer, true);
   draw();
