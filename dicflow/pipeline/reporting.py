@@ -249,11 +249,11 @@ def _strain(facts: _Facts) -> _Rows:
     for chosen in (part for part in (thesis, precise) if part):
         yield "strain window", _window(chosen), "local polynomial of the displacement"
     if thesis:
-        yield "virtual strain gauge", "not defined without subsets: see the windows above", ""
+        yield "virtual strain gauge (VSG)", "not defined without subsets: see the windows above", ""
     if precise:
         side = _text(total.get("vsg_mm"), " = {:.3g} mm") or ""
         gauge = _text(total.get("vsg_px"), "{:.0f} px" + side)
-        yield "virtual strain gauge", gauge or "not yet computed", "window and subset together"
+        yield "virtual strain gauge (VSG)", gauge or "not yet computed", "window and subset together"
         yield "rigid-body motion", "taken out" if precise["rigid"] else "kept", ""
 
 

@@ -45,6 +45,7 @@ class Maps(Node):
         "comparison": Port("comparison", optional=True),
     }
     gives: ClassVar = "maps"
+    impl_version: ClassVar = 2
 
     stage: Literal["maps"] = "maps"
     quantities: tuple[Quantity, ...] = parameter(
@@ -105,12 +106,12 @@ class Maps(Node):
 
 
 def _title(total: Product, name: str) -> str:
-    """What a map shows: the measure, and of a strain the side of its virtual gauge."""
+    """What a map shows: the measure, and of a strain the side of its virtual strain gauge (VSG)."""
     title: str = total.attrs["measures"].get(name, total.variables[name].long_name)
     if "vsg_px" not in total.attrs or name.rpartition("_")[2] in ("U", "V", "W"):
         return title
     side = total.attrs["vsg_mm"]
-    return f"{title}, gauge {total.attrs['vsg_px']:.0f} px" + ("" if side is None else f" = {side:.3g} mm")
+    return f"{title}, VSG {total.attrs['vsg_px']:.0f} px" + ("" if side is None else f" = {side:.3g} mm")
 
 
 class _Range:

@@ -74,7 +74,7 @@ def test_the_correlation_is_told_with_its_reference_and_gauge(pipeline, tmp_path
     assert rows["matching criterion"].value.endswith("(ZNSSD)")
     assert rows["reference image"].value.startswith("the first photograph; another")
     assert rows["strain measure"].value == "Hencky: ln λ along the principal directions"
-    assert rows["virtual strain gauge"].value == "not yet computed"
+    assert rows["virtual strain gauge (VSG)"].value == "not yet computed"
 
 
 def test_one_camera_has_no_stereo_angle(pipeline, tmp_path):

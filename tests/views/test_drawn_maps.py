@@ -169,7 +169,7 @@ def test_a_sheet_holds_all_steps_in_rows(count, columns):
 def test_a_long_measure_stays_beside_its_bar_and_below_the_title():
     measure = {
         **MAPS["quantities"]["eyy"],
-        "title": "engineering strain (material directions) εyy, gauge 61 px = 10.5 mm",
+        "title": "engineering strain (material directions) εyy, VSG 61 px = 10.5 mm",
     }
     look = views.style({**MAPS, "quantities": {"eyy": measure}}, "eyy")
     sheet = views.contact_sheet([total(1.2)] * 3, "abc", look, f"{look.title}, loading")
