@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar
 
 from dicflow.engine.graph import Graph
+from dicflow.engine.node import Scope
 from dicflow.engine.product import Product
 from dicflow.engine.references import Ref, load
 from dicflow.engine.store import Store
@@ -53,6 +54,13 @@ class Result:
     def steps(self, stage: str, variant: int = 0) -> tuple[str, ...]:
         """Names of the steps of a stage; empty for one that runs once. Variants may have photographs of their own."""
         return self.graph.steps[self._instance(stage, variant)]
+
+    def number(self, stage: str, step: str | None, variant: int = 0) -> int:
+        """Number of a step in the test; the first photograph has 0, and so has a stage that runs once."""
+        instance = self._instance(stage, variant)
+        if step not in self.graph.steps[instance]:
+            return 0
+        return self.graph.steps[instance].index(step) + int(self.graph.stages[instance].node.scope is Scope.PAIR)
 
     def kind(self, stage: str) -> str:
         """The kind of product that a stage gives."""

@@ -146,8 +146,9 @@ def _items(
         product = result.product(stage, step, variant)
         check_quantities(stage, product, quantities)
         item = Item(stage, step, product, quantities)
-        if product.kind == "total" and _has_places(result, product):
-            item = item._replace(places=partial(_places, result, product, variant))
+        if product.kind == "total":
+            places = partial(_places, result, product, variant) if _has_places(result, product) else None
+            item = item._replace(places=places, number=result.number(stage, step, variant))
         elif product.kind == "region":
             item = item._replace(outline=_to_photograph(result, stage, variant))
         yield item

@@ -201,7 +201,7 @@ def carried_angle(before: Array, after: Array, angle_deg: Array) -> Array:
     Returns (row, col) [deg]: of J d, where J = ∂after/∂before is of central differences along rows and columns; NaN
     where a neighbour is missing.
     """
-    before, after = (np.stack(np.gradient(xy, axis=(1, 0)), axis=-1) for xy in (before, after))
+    before, after = (np.stack([np.gradient(xy, axis=axis) for axis in (1, 0)], axis=-1) for xy in (before, after))
     x, y = np.cos(np.radians(angle_deg)), np.sin(np.radians(angle_deg))
     (a, b), (c, d) = np.moveaxis(before, (-2, -1), (0, 1))
     along = np.stack([d * x - b * y, a * y - c * x], axis=-1) * np.sign(a * d - b * c)[..., None]

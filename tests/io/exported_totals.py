@@ -55,8 +55,8 @@ def known(product, name):
 
 def item(form="precise", step=1):
     """A total with its names."""
-    product = total(form, step)
-    return Item("total", f"step_{step:02d}", product, places=lambda: total("precise", step)["xy_reference"])
+    named = Item("total", f"step_{step:02d}", total(form, step), number=step)
+    return named._replace(places=lambda: total("precise", step)["xy_reference"])
 
 
 def same(found, wanted):

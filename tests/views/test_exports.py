@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import sys
+from xml.etree import ElementTree
 
 import numpy as np
 import pytest
@@ -51,6 +52,14 @@ def test_a_whole_test_in_one_file(result, tmp_path):
 def test_a_whole_test_for_paraview(result, tmp_path):
     wanted = {f"total_{step}.vtu" for step in PAIRS} | {"total.pvd"} | BESIDE
     assert names(export(result, tmp_path, to="vtu")) == wanted
+
+
+@pytest.mark.parametrize("step", PAIRS)
+def test_the_time_of_a_step_is_its_number_in_the_test(result, tmp_path, step):
+    """The reference, step_00, has 0; also where other steps are left out."""
+    export(result, tmp_path, stage="total", step=step, to="vtu")
+    (entry,) = ElementTree.parse(tmp_path / "total.pvd").getroot().findall("Collection/DataSet")
+    assert entry.get("timestep") == str(int(step.removeprefix("step_")))
 
 
 def test_pictures_of_a_whole_test_are_those_of_its_maps(result, tmp_path):

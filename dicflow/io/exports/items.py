@@ -27,6 +27,7 @@ class Item(NamedTuple):
     places : gives the place of every point in the left photograph of the first step, (row, col, 2) [px]; None where
         there is none
     outline : carries pixels of the image in which a region is kept, (n, 2), into those of the left photograph
+    number : of the step in the test; the first photograph has 0
     """
 
     stage: str
@@ -35,6 +36,7 @@ class Item(NamedTuple):
     quantities: tuple[str, ...] = ()
     places: Callable[[], NDArray[Any]] | None = None
     outline: Callable[[NDArray[Any]], NDArray[Any]] | None = None
+    number: int = 0
 
     @property
     def stem(self) -> str:

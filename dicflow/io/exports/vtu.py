@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any
 from xml.etree import ElementTree
@@ -22,13 +22,14 @@ KINDS = ("total",)
 def write(items: Iterable[Item], folder: Path, name: str) -> None:
     """The measured points at the first step, their cells, and on every point ``displacement`` and the total's fields.
 
-    Lengths are in the unit of the total; a point without a neighbour is a cell of its own.
+    Lengths are in the unit of the total; a point without a neighbour is a cell of its own. The time of a step is its
+    number in the test, which for the first photograph is 0.
     """
-    series: dict[str, list[str]] = {}
+    series: dict[str, dict[int, str]] = {}
     for item in items:
         path = place(folder, f"{item.stem}.vtu")
         meshio.vtu.write(path, _mesh(item), binary=True, compression="zlib")
-        series.setdefault(item._replace(step=None).stem, []).append(path.name)
+        series.setdefault(item._replace(step=None).stem, {})[item.number] = path.name
     for stem, names in series.items():
         place(folder, f"{stem}.pvd").write_bytes(_pvd(names))
 
@@ -50,10 +51,10 @@ def _fields(product: Product) -> dict[str, Any]:
     return {name: variable.values for name, variable in product.variables.items() if variable.dims == grid}
 
 
-def _pvd(names: list[str]) -> bytes:
+def _pvd(names: Mapping[int, str]) -> bytes:
     root = ElementTree.Element("VTKFile", type="Collection", version="0.1", byte_order="LittleEndian")
     collection = ElementTree.SubElement(root, "Collection")
-    for index, name in enumerate(names):
-        ElementTree.SubElement(collection, "DataSet", timestep=str(index), part="0", file=name)
+    for time, name in names.items():
+        ElementTree.SubElement(collection, "DataSet", timestep=str(time), part="0", file=name)
     ElementTree.indent(root)
     return bytes(ElementTree.tostring(root, encoding="utf-8", xml_declaration=True)) + b"\n"
