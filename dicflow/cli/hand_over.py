@@ -24,6 +24,7 @@ from dicflow.cli.options import (
     variant_index,
     write_new,
 )
+from dicflow.errors import ConfigurationError
 
 if TYPE_CHECKING:
     from dicflow.pipeline.difference import Comparison
@@ -132,6 +133,8 @@ def compare(
     from dicflow.pipeline.sides import open_sides
 
     if output is not None:
+        if output.suffix.lower() not in (".html", ".htm"):
+            raise ConfigurationError(f"{output}: a comparison is written as .html; for other kinds --json prints it")
         refuse_existing(output, force)
     found = compared(*open_sides(a, b, store, data), (step,) if step else (), quantities)
     if output is not None:

@@ -81,7 +81,7 @@ def write_surfaces(drawn: Drawn, folder: Path, whole: bool) -> None:
     from dicflow.views.solid import surface
 
     for item, quantity in _fields(drawn, whole):
-        if "xyz" not in item.product:
+        if item.product.attrs["unit"] == "px":
             raise ConfigurationError(f"{item.stem}: one camera shows no surface in space; export it as png")
         look = look_of(item.product, quantity, maps_of(drawn.result, item.stage, drawn.variant))
         surface(item.product, look, place(folder, f"{item.stem}_{quantity}_surface.png"))

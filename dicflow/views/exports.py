@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Iterator, Sequence
 from functools import partial
 from pathlib import Path
@@ -35,6 +36,8 @@ FORMATS = (*DATA_FORMATS, *PICTURES, SURFACE, *MOVIES)
 _TABLES = ("comparison", "probes", "noise")
 _BESIDE = {"csv": _TABLES, "geojson": ("region",), "json": ("rig",)}
 """What the export of a whole test adds to its totals: format and the kinds of products in it."""
+_MOST_ROWS = 1_048_576
+"""Of a table that spreadsheets open."""
 
 
 def export(
@@ -68,6 +71,8 @@ def export(
         for job in _jobs(result, stage, to, variant, tell):
             steps = {name: _steps(result, name, step, variant, tell) for name in job.stages}
             wanted = chosen if job.main else ()
+            for which, there in steps.items():
+                _tell_beforehand(result, which, there, job.form, variant, tell)
             if job.form in PICTURES:
                 write_pictures(Drawn(result, steps, wanted, variant), job.form, folder, whole=stage is None)
             elif job.form == SURFACE:
@@ -136,6 +141,26 @@ def _steps(
         lost = [name for name in known if name not in there]
         tell(f"{stage}: {len(lost)} of {len(known)} steps are not in the store and were left out: {', '.join(lost)}")
     return there or known
+
+
+def _tell_beforehand(
+    result: Result, stage: str, steps: Sequence[str | None], form: str, variant: int, tell: Callable[[str], None]
+) -> None:
+    """Say of files to come what nobody expects: a film that stands still, tables that no spreadsheet opens."""
+    if form in MOVIES and len(steps) == 1:
+        tell(f"{stage}: a film of one step stands still; the format png gives its picture")
+    if form == "csv" and (rows := _rows(result, stage, steps[0], variant)) > _MOST_ROWS:
+        tables = "a table" if len(steps) == 1 else f"{len(steps)} tables"
+        tell(
+            f"{stage}: {tables} of {rows:,} rows, more than a spreadsheet opens; "
+            "the formats npz and hdf5 take far less room"
+        )
+
+
+def _rows(result: Result, stage: str, step: str | None, variant: int) -> int:
+    """How many rows a table of a product has; one where it has no arrays."""
+    first = next(iter(result.product(stage, step, variant).variables), None)
+    return 1 if first is None else math.prod(result.shape(stage, first, step, variant)[:2])
 
 
 def _items(

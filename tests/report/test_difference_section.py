@@ -102,6 +102,8 @@ def test_command(pipeline, measured, tmp_path):
     assert str(pipeline.parent) not in page.read_text()
     before = page.read_bytes()
     dicflow("compare", pipeline, pipeline, "--output", page).refuses(2, "difference.html", "--force")
+    dicflow("compare", pipeline, pipeline, "--output", page.with_suffix(".txt")).refuses(2, "is written as .html")
+    assert not page.with_suffix(".txt").exists()
     assert page.read_bytes() == before
     line = dicflow("compare", pipeline, pipeline, "--json").line
     assert line["differs"] is False

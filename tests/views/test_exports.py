@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import sys
+from types import SimpleNamespace
 from xml.etree import ElementTree
 
 import numpy as np
@@ -18,7 +19,10 @@ from dicflow.io.region import read_geojson
 from dicflow.io.rig import read_rig, rig_to_dict
 from dicflow.pipeline import Pipeline
 from dicflow.stages.region import Region
+from dicflow.views import exports
+from dicflow.views.exported_pictures import Drawn, write_surfaces
 from dicflow.views.exports import FORMATS, export
+from tests.io.exported_totals import total
 from tests.small import STEPS, dicflow
 
 PAIRS = [f"step_{number:02d}" for number in range(1, STEPS)]
@@ -73,6 +77,26 @@ def test_a_picture_for_print(form, result, tmp_path):
     assert contents(tmp_path / "a") == contents(tmp_path / "b")
     content = contents(tmp_path / "a")[f"total_step_01_exx.{form}"]
     assert content.startswith(b"%PDF" if form == "pdf" else b"<?xml")
+
+
+def test_a_movie_of_one_step_is_remarked(result, tmp_path):
+    said = []
+    export(result, tmp_path, stage="total", step=PAIRS[0], quantities=["exx"], to="gif", tell=said.append)
+    assert said == ["total: a film of one step stands still; the format png gives its picture"]
+
+
+def test_tables_that_no_spreadsheet_opens_are_told_of(result, tmp_path, monkeypatch):
+    height, width = result.shape("photos", "left", 0)
+    said = []
+    monkeypatch.setattr(exports, "_MOST_ROWS", height * width)
+    export(result, tmp_path, stage="photos", step="step_00", tell=said.append)
+    assert said == []
+    monkeypatch.setattr(exports, "_MOST_ROWS", height * width - 1)
+    export(result, tmp_path, stage="photos", step="step_00", tell=said.append, force=True)
+    (path,) = tmp_path.iterdir()
+    rows = sum(not line.startswith("#") for line in path.read_text().splitlines()) - 1
+    assert rows == height * width
+    assert f"photos: a table of {rows:,} rows" in said[0]
 
 
 def test_a_movie_shows_each_step(result, tmp_path):
@@ -264,6 +288,16 @@ def test_a_surface_without_pyvista_leaves_no_file(result, tmp_path, monkeypatch)
     with pytest.raises(ConfigurationError, match=r"pip install 'dicflow\[solid\]'"):
         export(result, tmp_path, to="surface")
     assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.parametrize("form", ["planar", "precise"])
+def test_one_camera_shows_no_surface_in_space(form, tmp_path, monkeypatch):
+    """What two cameras measure goes on to ask for pyvista."""
+    result = SimpleNamespace(product=lambda stage, step, variant: total(form), stages_of=lambda kind: [])
+    monkeypatch.setitem(sys.modules, "pyvista", None)
+    said = "one camera shows no surface in space" if form == "planar" else "needs pyvista"
+    with pytest.raises(ConfigurationError, match=said):
+        write_surfaces(Drawn(result, {"total": ["step_01"]}, ("eyy",), 0), tmp_path, whole=False)
 
 
 def test_only_totals_have_a_surface(result, tmp_path):
