@@ -26,6 +26,8 @@ _PLACES = (
     ("x_reference", "y_reference"),
     ("x_image", "y_image"),
     ("X_image", "Y_image"),
+    ("Coordinates.Image X", "Coordinates.Image Y"),
+    ("x_pic", "y_pic"),
     ("x", "y"),
 )
 _ENDS = tuple((f"tar_{axis}", f"ref_{axis}") for axis in "xyz")
@@ -37,8 +39,8 @@ _STRAINS = {
     "exx": ("exx", "εxx", "strain.Strain-global frame: Exx"),
     "eyy": ("eyy", "εyy", "strain.Strain-global frame: Eyy"),
     "gxy": ("gxy", "γxy"),
-    "e1": ("e1", "ε1"),
-    "e2": ("e2", "ε2"),
+    "e1": ("e1", "ε1", "strain.Strain-major: E1"),
+    "e2": ("e2", "ε2", "strain.Strain-minor: E2"),
 }
 _TENSOR_SHEARS = ("exy", "εxy", "strain.Strain-global frame: Exy")
 _UNIT = re.compile(r"\s*\[([^\]]*)\]\s*$")
@@ -75,7 +77,7 @@ def read_points(path: Path) -> PointTable:
     header = [name.strip() for name in _cells(lines[0][1], delimiter)]
     table = _numbers(path, lines[1:], delimiter, len(header))
     columns = {_UNIT.sub("", name): table[:, place] for place, name in enumerate(header)}
-    units = notes | {_UNIT.sub("", name): match[1].strip() for name in header if (match := _UNIT.search(name))}
+    units = notes | {_UNIT.sub("", name): _unit(match[1].strip()) for name in header if (match := _UNIT.search(name))}
     return _chosen(f"{path}:{lines[0][0]}", columns, units)
 
 
@@ -85,7 +87,7 @@ def _chosen(where: str, columns: Mapping[str, NDArray[np.float64]], units: Mappi
     values, told = _measured(columns, units)
     if place is None or not values:
         lack = (
-            "places in the first photograph (x_image, y_image)"
+            "places in the first photograph (x_image, y_image; or MatchID's Coordinates.Image X and Y)"
             if place is None
             else "displacement (U, V, W) or strain (exx, eyy)"
         )
@@ -119,6 +121,11 @@ def _measured(
     if "gxy" not in values and (name := next((name for name in _TENSOR_SHEARS if name in columns), "")):
         values["gxy"] = 2.0 * columns[name]
     return values, told
+
+
+def _unit(name: str) -> str:
+    """A unit as dicflow names it."""
+    return "px" if name.lower() in ("pixel", "pixels") else name
 
 
 def _text(path: Path) -> str:

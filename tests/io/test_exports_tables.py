@@ -13,6 +13,7 @@ from dicflow.errors import ConfigurationError, InputError
 from dicflow.io.exports import FORMATS, format_module
 from dicflow.io.exports.items import Item, place
 from dicflow.io.exports.points import in_space, principal_strains, quads
+from dicflow.io.points_table import read_points
 from tests.io.exported_totals import COLS, FORMS, ROWS, hole, item, known, same, total
 
 CHALLENGE = ["x_image", "y_image", "X", "Y", "Z", "U", "V", "W", "exx", "eyy", "exy", "e1", "e2"]
@@ -76,11 +77,19 @@ def test_matchid(form, tmp_path):
     comments, table = read(tmp_path / "total_step_01.csv")
     unit = "px" if form == "planar" else "mm"
     assert comments == []
+    same(table["Coordinates.Image X [Pixel]"], one.places()[~hole()][:, 0])
     same(table[f"coor.Y [{unit}]"], known(one.product, "xyz_reference")[:, 1])
     same(table[f"disp.Horizontal Displacement U [{unit}]"], known(one.product, "U"))
     same(table[f"disp.Out-Of-Plane: W [{unit}]"], known(one.product, "W"))
     same(table["strain.Strain-global frame: Exx [ ]"], known(one.product, "exx"))
     same(table["strain.Strain-global frame: Exy [ ]"], known(one.product, "gxy") / 2.0)
+
+
+def test_matchid_without_places_in_the_photograph_has_none(tmp_path):
+    written("matchid", [item()._replace(places=None)], tmp_path)
+    assert not [name for name in read(tmp_path / "total_step_01.csv")[1] if name.startswith("Coordinates")]
+    with pytest.raises(InputError, match=r"no columns with places .* MatchID's Coordinates\.Image X and Y"):
+        read_points(tmp_path / "total_step_01.csv")
 
 
 def test_principal_strains_are_the_products_own_or_the_tensors(tmp_path):

@@ -26,9 +26,10 @@ DIALECTS = {
     "vic3d": "X;Y;Z;U;V;W;sigma;x;y;u;v;exx;eyy;exy\n1;2;3;0.1;0.2;0.3;0.01;10;20;7;8;0.01;0.02;0.004\n",
     "opencorr": "x,y,u,v,w,ref_x,ref_y,ref_z,tar_x,tar_y,tar_z,exx,eyy,exy\n"
     "10,20,5,5,5,1,2,3,1.1,2.2,3.3,0.01,0.02,0.004\n",
-    "matchid": "x_image\ty_image\tdisp.Horizontal Displacement U [mm]\tdisp.Vertical Displacement V [mm]\t"
+    "matchid": "Coordinates.Image X [Pixel]\tCoordinates.Image Y [Pixel]\tcoor.X [mm]\tcoor.Y [mm]\t"
+    "disp.Horizontal Displacement U [mm]\tdisp.Vertical Displacement V [mm]\t"
     "disp.Out-Of-Plane: W [mm]\tstrain.Strain-global frame: Exx [ ]\tstrain.Strain-global frame: Eyy [ ]\t"
-    "strain.Strain-global frame: Exy [ ]\n10\t20\t0.1\t0.2\t0.3\t0.01\t0.02\t0.004\n",
+    "strain.Strain-global frame: Exy [ ]\n10\t20\t-3\t-4\t0.1\t0.2\t0.3\t0.01\t0.02\t0.004\n",
 }
 
 
@@ -46,6 +47,7 @@ def test_units_and_sigmas_where_the_table_says_them(table):
     assert own.sigmas["U"].tolist() == [0.5]
     assert table(DIALECTS["matchid"]).units["W"] == "mm"
     assert table(DIALECTS["challenge"]).units == {}
+    assert table("x,y,disp.Horizontal Displacement U [Pixel]\n1,2,3\n").units["U"] == "px"
 
 
 def test_points_that_failed_and_empty_cells_have_no_value(table):

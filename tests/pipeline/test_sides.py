@@ -88,11 +88,12 @@ def test_a_table_that_is_moved_and_says_its_sigma(pipeline, measured):
     assert any("unit" in note for note in found.notes)
 
 
-def test_an_exported_table_differs_by_its_digits_alone(pipeline, measured, tmp_path):
+@pytest.mark.parametrize("form", ["csv", "matchid", "challenge"])
+def test_an_exported_table_differs_by_its_digits_alone(form, pipeline, measured, tmp_path):
     """Places of nine digits; steep triangles at the edge make the most of the last one."""
     result = Pipeline.load(pipeline).result()
     step = result.steps("total")[-1]
-    (table,) = export(result, tmp_path, stage="total", step=step)
+    (table,) = export(result, tmp_path, stage="total", step=step, to=form)
     sides = open_sides(str(pipeline), str(table))
     found = compare(*sides, (step,))
     guessed = f"A table has no steps; it is held against the last one, {step}."

@@ -8,12 +8,13 @@ from pathlib import Path
 import numpy as np
 
 from dicflow.io.exports.items import Item, place
-from dicflow.io.exports.points import points
+from dicflow.io.exports.points import measured, points
 from dicflow.io.results import columns_text
 
 __all__ = ["KINDS", "write"]
 
 KINDS = ("total",)
+_IN_PHOTOGRAPH = ("Coordinates.Image X [Pixel]", "Coordinates.Image Y [Pixel]")
 _PLACES = ("coor.X [{unit}]", "coor.Y [{unit}]", "coor.Z [{unit}]")
 _MOTIONS = (
     "disp.Horizontal Displacement U [{unit}]",
@@ -30,11 +31,16 @@ _STRAINS = {
 
 
 def write(items: Iterable[Item], folder: Path, name: str) -> None:
-    """One table per step: place at the first step, displacement, strain; one row per measured point."""
+    """One table per step: places at the first step, displacement, strain; one row per measured point.
+
+    Places in the photograph, by which tables are compared, are there where points are the same at every step.
+    """
     for item in items:
         item.refuse_choice("matchid")
         found = points(item.product)
         names = [*(column.format(unit=found.unit) for column in (*_PLACES, *_MOTIONS)), *_STRAINS.values()]
-        strains = [found.strain[name] for name in _STRAINS]
-        text = columns_text(names, np.column_stack([found.xyz, found.displacement, *strains]))
+        values = [found.xyz, found.displacement, *(found.strain[name] for name in _STRAINS)]
+        if item.places is not None:
+            names, values = [*_IN_PHOTOGRAPH, *names], [item.places()[measured(item.product)], *values]
+        text = columns_text(names, np.column_stack(values))
         place(folder, f"{item.stem}.csv").write_text(text, encoding="utf-8")
