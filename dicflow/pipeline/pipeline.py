@@ -150,7 +150,7 @@ class Pipeline:
 
         chosen = Options(worker_setup=_single_threaded, **options)
         steps = {stage: list(files) for stage, files in self.graph.files.items()}
-        told = {**self.resolved(), "steps": steps}
+        told = {**self.resolved(), "steps": steps, "data": self.folder.name}
         outcome = run(self.graph, self.store, pipeline=self.name, resolved=told, options=chosen)
         refs = {name: done.ref for name, done in outcome.outcomes.items() if done.ref is not None}
         return self._result(refs, outcome)
@@ -185,7 +185,8 @@ class Pipeline:
             raise error
         graph = expand(self._instances[1], run.resolved["steps"])
         values = [dict(variant.values) for variant in self.variants]
-        note = f"This is what run {run.id} left in the store, without photographs; a file cannot be used: {error}."
+        source = f"run {run.id} of the files in '{run.resolved['data']}'"
+        note = f"This is what {source} left in the store, without photographs; a file cannot be used: {error}."
         return Result(graph, self.store, run_refs(self.store, run), self.instances, values, None, [note])
 
     def resolved(self) -> dict[str, Any]:
@@ -193,7 +194,7 @@ class Pipeline:
 
         ``title``; ``stages``: parameters and inputs of each stage of the graph; ``variants``: values of the sweep;
         ``instances``: per variant the stage of the graph that stands for each stage in the file. A run also keeps
-        ``steps``: their names for each stage that starts a series.
+        ``steps``: their names for each stage that starts a series, and ``data``: name of the folder with the files.
         """
         stages = {
             name: {**spec.node.model_dump(mode="json"), "inputs": dict(spec.inputs)}

@@ -29,6 +29,7 @@ def test_the_result_is_that_of_the_last_run(alone, pipeline, measured):
     assert found.digests == whole.digests
     assert found.steps("total") == whole.steps("total")
     assert (whole.notes, len(found.notes)) == ((), 1)
+    assert f"of the files in '{pipeline.parent.name}'" in found.notes[0]
     assert "no photograph matches" in found.notes[0]
     assert all(found.has("total", step) for step in found.steps("total"))
     assert found.has("comparison")
