@@ -19,6 +19,35 @@ from tornado.websocket import WebSocketClientConnection, websocket_connect
 __all__ = ["Page", "chromium", "opened"]
 
 _PATIENCE_S = 60.0
+_OVERLAPS = """
+(() => {
+  const found = [];
+  for (const svg of document.querySelectorAll("svg")) {
+    const texts = [...svg.querySelectorAll("text")].map((text) => [text, text.getBoundingClientRect()]);
+    const seen = texts.filter(([, box]) => box.width > 0 && box.height > 0);
+    seen.forEach(([one, a], k) => seen.slice(k + 1).forEach(([other, b]) => {
+      const wide = Math.min(a.right, b.right) - Math.max(a.left, b.left);
+      const high = Math.min(a.bottom, b.bottom) - Math.max(a.top, b.top);
+      if (wide > 1 && high > 2) found.push([svg.closest("section").id, one.textContent, other.textContent]);
+    }));
+  }
+  return found;
+})()
+"""
+_CUT = """
+[...document.querySelectorAll("svg text")].filter((text) => {
+  const [box, frame] = [text.getBoundingClientRect(), text.closest("svg").getBoundingClientRect()];
+  return box.width > 0 && (box.left < frame.left - 2 || box.right > frame.right + 2 ||
+    box.top < frame.top - 2 || box.bottom > frame.bottom + 2);
+}).map((text) => [text.closest("section").id, text.textContent])
+"""
+_VIEWER = """
+(() => {
+  const at = (name) => document.querySelector(".viewer " + name);
+  return { photo: at(".photo").src, map: at(".overlay").src, step: at(".map-step").textContent,
+    title: at(".map-title").textContent, bar: at(".colour-bar").innerHTML };
+})()
+"""
 
 
 def chromium() -> str | None:
@@ -100,6 +129,18 @@ class Page:
     def printed(self) -> bytes:
         """The page as a PDF."""
         return base64.b64decode(self.send("Page.printToPDF", printBackground=True)["data"])
+
+    def viewer(self) -> dict[str, str]:
+        """What the report's viewer shows: sources of photograph and map, step, title, and the colour bar."""
+        return dict(self.evaluate(_VIEWER))
+
+    def overlaps(self) -> list[list[str]]:
+        """Texts of drawings that lie over each other: section, one, other."""
+        return list(self.evaluate(_OVERLAPS))
+
+    def cut(self) -> list[list[str]]:
+        """Texts that stick out of their drawing: section, text."""
+        return list(self.evaluate(_CUT))
 
     async def _written(self, message: str) -> None:
         await self._socket.write_message(message)

@@ -7,7 +7,9 @@ import numpy as np
 import pytest
 
 from dicflow.pipeline import Pipeline
+from dicflow.report.build import write_report
 from dicflow.synth import latex_experiment, write_experiment
+from tests.browser import chromium, opened
 from tests.reference_points import difference
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -24,11 +26,39 @@ def store(tmp_path_factory):
     return tmp_path_factory.mktemp("store")
 
 
-def _run(name, data, store, settings=()):
-    pipeline = Pipeline.load(ROOT / "pipelines" / f"{name}.yaml", data=data, store=store, settings=settings)
-    result = pipeline.run(scheduler="threads", workers=2)
+def _load(name, data, store, settings=()):
+    return Pipeline.load(ROOT / "pipelines" / f"{name}.yaml", data=data, store=store, settings=settings)
+
+
+def _run(*given):
+    result = _load(*given).run(scheduler="threads", workers=2)
     assert result.outcome.ok, result.outcome.errors
     return result
+
+
+def _look_at_report(pipeline, folder):
+    """Open the report in a browser, on a desk and on a phone, and move its slider where there are steps."""
+    path = Path(write_report(pipeline, pipeline.result(), folder / "report", 1))
+    (folder / "browser").mkdir()
+    with opened(folder / "browser") as page:
+        for width, dark in ((1200, False), (390, True)):
+            page.window(width, 900, dark)
+            page.open(path)
+            last = page.viewer()
+            page.evaluate("document.querySelector('.viewer .step').focus()")
+            page.press("ArrowLeft")
+            shown = page.viewer()
+            assert last["photo"].startswith("data:image/jpeg")
+            several = len(pipeline.result().steps("total")) > 1
+            assert (shown["map"] != last["map"], shown["photo"] != last["photo"]) == (several, several)
+            assert (shown["title"], shown["bar"]) == (last["title"], last["bar"])
+            assert page.evaluate("document.documentElement.scrollWidth") <= width
+            assert (page.overlaps(), page.cut()) == ([], [])
+            assert page.requests() == [path.resolve().as_uri()]
+            assert page.complaints() == []
+
+
+needs_browser = pytest.mark.skipif(chromium() is None, reason="needs chromium on the PATH")
 
 
 def test_quickstart_measures_the_extensometer_within_a_thousandth(store):
@@ -36,6 +66,12 @@ def test_quickstart_measures_the_extensometer_within_a_thousandth(store):
     summary = result.product("comparison").attrs["summary"]
     assert summary["measured_steps"] == 8
     assert summary["max_strain_error_pct"] < 0.1
+
+
+@needs_browser
+def test_the_quickstarts_report_in_a_browser(store, tmp_path):
+    _run("quickstart", SAMPLES, store)
+    _look_at_report(_load("quickstart", SAMPLES, store), tmp_path)
 
 
 def test_the_thesis_method_measures_all_steps_within_half_a_per_cent(store):
@@ -74,7 +110,8 @@ def test_latex_experiments(number, tmp_path):
     assert table[1]["dic_strain"] == pytest.approx(table[1]["caliper_strain"], rel=0.03)
 
 
-def test_d_specimen(shared_data, tmp_path):
+@pytest.fixture(scope="module")
+def d_specimen(shared_data, tmp_path_factory):
     """The whole motion in one step, with every second pair of boards."""
     settings = [
         f'photos.{side}=["{side}/GT4-0000_{n}.tif", "{side}/GT4-0273_{n}.tif"]'
@@ -84,6 +121,16 @@ def test_d_specimen(shared_data, tmp_path):
     for n, side in enumerate(("left", "right")):
         files = ", ".join(f'"boards/{side}/{name.replace("_0.", f"_{n}.")}"' for name in names)
         settings.append(f"boards.{side}=[{files}]")
-    against = difference(_run("d_specimen", shared_data / "d_specimen", tmp_path, settings), shared_data / "d_specimen")
+    given = "d_specimen", shared_data / "d_specimen", tmp_path_factory.mktemp("d_specimen"), settings
+    return _load(*given), _run(*given)
+
+
+def test_d_specimen(d_specimen, shared_data):
+    against = difference(d_specimen[1], shared_data / "d_specimen")
     assert against.share > 0.97
     np.testing.assert_allclose(against.mean, 0.0, atol=0.05)
+
+
+@needs_browser
+def test_the_report_of_the_d_specimen_in_a_browser(d_specimen, tmp_path):
+    _look_at_report(d_specimen[0], tmp_path)

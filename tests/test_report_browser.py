@@ -10,38 +10,6 @@ pytestmark = pytest.mark.skipif(chromium() is None, reason="needs chromium on th
 PICTURES = Path(__file__).resolve().parents[1] / "build" / "report"
 """For a person's eyes."""
 
-OVERLAPS = """
-(() => {
-  const found = [];
-  for (const svg of document.querySelectorAll("svg")) {
-    const texts = [...svg.querySelectorAll("text")].map((text) => [text, text.getBoundingClientRect()]);
-    const seen = texts.filter(([, box]) => box.width > 0 && box.height > 0);
-    seen.forEach(([one, a], k) => seen.slice(k + 1).forEach(([other, b]) => {
-      const wide = Math.min(a.right, b.right) - Math.max(a.left, b.left);
-      const high = Math.min(a.bottom, b.bottom) - Math.max(a.top, b.top);
-      if (wide > 1 && high > 2) found.push([svg.closest("section").id, one.textContent, other.textContent]);
-    }));
-  }
-  return found;
-})()
-"""
-
-CUT = """
-[...document.querySelectorAll("svg text")].filter((text) => {
-  const [box, frame] = [text.getBoundingClientRect(), text.closest("svg").getBoundingClientRect()];
-  return box.width > 0 && (box.left < frame.left - 2 || box.right > frame.right + 2 ||
-    box.top < frame.top - 2 || box.bottom > frame.bottom + 2);
-}).map((text) => [text.closest("section").id, text.textContent])
-"""
-
-VIEWER = """
-(() => {
-  const at = (name) => document.querySelector(".viewer " + name);
-  return { photo: at(".photo").src, map: at(".overlay").src, step: at(".map-step").textContent,
-    title: at(".map-title").textContent, bar: at(".colour-bar").innerHTML };
-})()
-"""
-
 
 @pytest.fixture(scope="module")
 def report(pipeline, measured):
@@ -67,11 +35,11 @@ def test_it_asks_nobody_and_complains_of_nothing(shown, report):
 
 
 def test_the_slider_moves_the_map_and_keeps_its_colours(shown):
-    first = shown.evaluate(VIEWER)
+    first = shown.viewer()
     assert first["photo"].startswith("data:image/jpeg")
     shown.evaluate("document.querySelector('.viewer .step').focus()")
     shown.press("ArrowLeft")
-    second = shown.evaluate(VIEWER)
+    second = shown.viewer()
     assert first["step"] != second["step"]
     assert first["map"] != second["map"]
     assert first["photo"] != second["photo"]
@@ -87,10 +55,10 @@ def test_every_quantity_and_place_has_its_map(shown):
         for number in range(count):
             change = f"(q => {{ q.value = {number}; q.dispatchEvent(new Event('input', {{bubbles: true}})) }})"
             shown.evaluate(f"{change}(document.querySelector('.viewer .quantity'))")
-            seen.add(shown.evaluate(VIEWER)["map"])
+            seen.add(shown.viewer()["map"])
     assert len(seen) == 2 * count
     shown.evaluate("document.querySelector('.viewer [value=reasons]').click()")
-    reasons = shown.evaluate(VIEWER)
+    reasons = shown.viewer()
     assert reasons["title"] == "Reasons for missing points"
     assert reasons["map"] not in seen
 
@@ -133,8 +101,8 @@ def test_nothing_overlaps_or_sticks_out(shown, width, dark):
     PICTURES.mkdir(parents=True, exist_ok=True)
     (PICTURES / f"report_{width}_{'dark' if dark else 'light'}.png").write_bytes(shown.picture())
     assert shown.evaluate("document.documentElement.scrollWidth") <= width
-    assert shown.evaluate(OVERLAPS) == []
-    assert shown.evaluate(CUT) == []
+    assert shown.overlaps() == []
+    assert shown.cut() == []
     brightness = "getComputedStyle(document.body).backgroundColor.match(/[0-9]+/g).slice(0, 3).map(Number)"
     assert (max(shown.evaluate(brightness)) < 100) == dark
 

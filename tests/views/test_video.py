@@ -11,6 +11,7 @@ from PIL import Image
 
 from dicflow.errors import ConfigurationError
 from dicflow.views.video import movie
+from tests.browser import chromium, opened
 
 WIDTH, HEIGHT = 181, 120
 
@@ -41,6 +42,30 @@ def test_a_film_has_its_frames_in_even_size(tmp_path, capfd, suffix, code):
     for shown, meant in zip(found, frames(), strict=True):
         error = (shown[:, :WIDTH].astype(float) - meant).ravel()
         assert 10 * np.log10(255**2 / np.mean(error**2)) > 30
+
+
+PLAYED = """
+new Promise((done) => {
+  const film = document.querySelector("video");
+  film.onended = () => done([film.videoWidth, film.videoHeight, film.duration, film.currentTime, null]);
+  film.onerror = () => done([0, 0, 0, 0, film.error.message]);
+  film.play();
+})
+"""
+
+
+@pytest.mark.skipif(chromium() is None, reason="needs chromium on the PATH")
+@pytest.mark.parametrize("suffix", [".mp4", ".webm"])
+def test_a_film_plays_in_a_browser(tmp_path, suffix):
+    movie(frames(), tmp_path / f"strain{suffix}", seconds=0.2)
+    (tmp_path / "page.html").write_text(f'<!doctype html><video src="strain{suffix}" muted></video>')
+    (tmp_path / "browser").mkdir()
+    with opened(tmp_path / "browser") as page:
+        page.open(tmp_path / "page.html")
+        width, height, duration, end, error = page.evaluate(PLAYED)
+    assert error is None
+    assert (width, height) == (WIDTH + 1, HEIGHT)
+    assert duration == end == pytest.approx(5 * 0.2, abs=0.05)
 
 
 def test_a_gif_has_its_frames_and_repeats(tmp_path):
