@@ -61,6 +61,11 @@
     if (quantity.full) at(".full-map img").src = source("png", quantity.full);
   }
 
+  function shape(stack) {
+    stack.style.aspectRatio = `${size[0]} / ${size[1]}`;
+    stack.style.setProperty("--aspect", size[0] / size[1]);
+  }
+
   // paper has no slider: the first, the shown and the last step stand side by side
   function sheet() {
     const quantity = quantities[select.value];
@@ -70,7 +75,7 @@
       const stack = document.createElement("div");
       const caption = document.createElement("figcaption");
       stack.className = "stack";
-      stack.style.aspectRatio = `${size[0]} / ${size[1]}`;
+      shape(stack);
       for (const [kind, text] of [["jpeg", steps[number].maps.photo], ["png", steps[number].maps.deformed[quantity.name]]]) {
         if (!text) continue;
         const image = document.createElement("img");
@@ -87,8 +92,7 @@
   quantities.forEach((quantity, number) => select.add(new Option(quantity.label, number)));
   slider.max = steps.length - 1;
   slider.value = start;
-  at(".stack").style.aspectRatio = `${size[0]} / ${size[1]}`;
-  at(".stack").style.setProperty("--aspect", size[0] / size[1]);
+  shape(at(".stack"));
   directions.setAttribute("viewBox", `0 0 ${size[0]} ${size[1]}`);
   viewer.addEventListener("input", draw);
   window.addEventListener("beforeprint", sheet);
