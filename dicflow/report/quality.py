@@ -79,7 +79,7 @@ def quality(context: Context) -> Section | None:
     panels = _panels(result, steps)
     speckle = _speckle(context)
     advice = _advice(speckle, _subset(result)) if speckle is not None else []
-    names = [(f"{panel.title}: {name}, {panel.axis}", "number") for panel, series in panels.items() for name in series]
+    names = [(_heading(panel, name), "number") for panel, series in panels.items() for name in series]
     body = render(
         "quality.html",
         speckle=_facts(speckle) if speckle is not None else [],
@@ -110,6 +110,12 @@ def _figure(result: Result, stage: str, step: str, key: str) -> float | None:
         return None
     value: float | None = result.product(stage, step).attrs.get("summary", {}).get(key)
     return value
+
+
+def _heading(panel: _Panel, series: str) -> str:
+    """Of a column; a series that is called as its axis is not named twice."""
+    named = panel.axis.startswith(f"{series} [")
+    return f"{panel.title}: {panel.axis}" if named else f"{panel.title}: {series}, {panel.axis}"
 
 
 def _rows(steps: Sequence[str], panels: _Panels) -> list[list[str]]:

@@ -23,7 +23,7 @@ _ALIKE = 1e-4
 
 def variant_labels(values: Sequence[Mapping[str, Any]]) -> list[str]:
     """A short label per variant: the swept values; parameters by their last name."""
-    return ["\n".join(f"{key.rpartition('.')[2]} {_short(value)}" for key, value in row.items()) for row in values]
+    return ["\n".join(f"{_last(key)} {_short(value)}" for key, value in row.items()) for row in values]
 
 
 def sweep_figure(values: Sequence[Mapping[str, Any]], table: Sequence[Mapping[str, Any]]) -> Figure:
@@ -34,9 +34,12 @@ def sweep_figure(values: Sequence[Mapping[str, Any]], table: Sequence[Mapping[st
     """
     names = differing(values, table)
     figure, panels = _panels(len(names))
-    labels = variant_labels(values)
+    parameters = list(dict.fromkeys(key for row in values for key in row))
+    alone = parameters[0] if len(parameters) == 1 else None
+    labels = variant_labels(values) if alone is None else [_short(row[alone]) for row in values]
     for axes, name in zip(panels, names, strict=False):
         _panel(axes, name, [row.get(name, math.nan) for row in table], labels)
+        axes.set_xlabel("" if alone is None else _last(alone), fontsize=8)
     figure.suptitle("Variants of the sweep, means over the steps", fontsize=11)
     return figure
 
@@ -126,6 +129,10 @@ def _panel(axes: Axes, name: str, heights: Sequence[float], labels: Sequence[str
 def _differs(column: Sequence[float]) -> bool:
     finite = np.array([value for value in column if math.isfinite(value)])
     return finite.size > 1 and bool(np.ptp(finite) > _ALIKE * np.abs(finite).max())
+
+
+def _last(parameter: str) -> str:
+    return parameter.rpartition(".")[2]
 
 
 def _short(value: Any) -> str:

@@ -29,7 +29,7 @@ def test_a_panel_for_each_scalar_that_differs():
     assert dots.get_ydata().tolist() == [3.0, 1.0]
     assert panels(figure)["surface.sse"].get_ylim()[0] == 0
     labels = [text.get_text() for text in panels(figure)["surface.sse"].get_xticklabels()]
-    assert labels == ["z 1,1", "z 2,2"]
+    assert (panels(figure)["surface.sse"].get_xlabel(), labels) == ("z", ["1,1", "2,2"])
 
 
 @pytest.mark.parametrize("sign", [1, -1])
@@ -44,6 +44,13 @@ def test_dots_that_hardly_differ_are_told_apart(sign):
 def test_nothing_that_differs_is_an_empty_figure_and_equal_tables_give_equal_bytes():
     assert panels(sweep_figure(VALUES, [{}, {}])) == {}
     assert png(sweep_figure(VALUES, TABLE)) == png(sweep_figure(VALUES, TABLE))
+
+
+def test_variants_of_several_parameters_name_them():
+    values = [{"surface.degree.z": [1, 1], "surface.robust": robust} for robust in ("none", "LAR")]
+    (panel,) = panels(sweep_figure(values, TABLE)).values()
+    assert panel.get_xlabel() == ""
+    assert [text.get_text() for text in panel.get_xticklabels()] == ["z 1,1\nrobust none", "z 1,1\nrobust LAR"]
 
 
 def test_labels():
