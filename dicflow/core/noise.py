@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from functools import cache
-from typing import Any
+from typing import Any, NamedTuple
 
 import cv2
 import numpy as np
@@ -11,16 +11,80 @@ import numpy.typing as npt
 
 from dicflow.core.texture import saturation
 
-__all__ = ["image_noise", "interpolated_noise", "pair_noise", "residual_noise", "smoothed_noise"]
+__all__ = [
+    "Noise",
+    "first_noise",
+    "image_noise",
+    "interpolated_noise",
+    "pair_noise",
+    "residual_noise",
+    "smoothed_noise",
+    "told_by_motion",
+]
 
+Array = npt.NDArray[np.float64]
 Image = npt.NDArray[np.float32]
 Mask = npt.NDArray[np.bool_]
+
+ROUNDING = 12**-0.5  # grey levels: noise that whole numbers have in any case
+STATIC_PX = 0.05  # motion below which two photographs count as of one scene
 
 PLAIN_SHARE, PLAIN_PIXELS = 0.03, 500  # of the region, where its grey levels change least; at least so many pixels
 _DIFFERENCES = np.array([1.0, -4.0, 6.0, -4.0, 1.0]) / np.sqrt(70.0)
 _KEPT = {3: 0.874**2, 5: 0.918**2}
 """Share of the noise's variance that interpolation leaves on average: (∫ φ²)² of the cardinal spline φ."""
 _MAD = 1.4826  # of a normal distribution: standard deviation over median absolute deviation
+
+
+class Noise(NamedTuple):
+    """What is known of the noise of a series of photographs.
+
+    grey : its standard deviation [grey levels]
+    source : what told it
+    settled : it stays, whatever photographs follow
+    """
+
+    grey: float
+    source: str
+    settled: bool
+
+
+def first_noise(image: npt.NDArray[Any], usable: Mask) -> Noise:
+    """The noise as the first photograph tells it, until another one shows the same points.
+
+    image : (rows, cols) grey; usable : (rows, cols) bool — the region
+    """
+    return Noise(max(image_noise(image, usable), ROUNDING), "first photograph", False)
+
+
+def told_by_motion(
+    noise: Noise,
+    first: npt.NDArray[Any],
+    second: npt.NDArray[Any],
+    usable: Mask,
+    found: tuple[Array, Array, Array],
+    *,
+    size: int,
+    degree: int,
+    smoothing_px: float,
+) -> Noise:
+    """The noise as two photographs tell it together, where that is better than the first alone.
+
+    noise : as the first photograph tells it
+    first, second : (rows, cols) grey; usable : (rows, cols) bool — the region in the first one
+    found : points in the first one (n, 2) — whole pixels, in the second one (n, 2) [px], and their ZNSSD (n,)
+    size, degree : as in :func:`residual_noise`
+    smoothing_px : of both photographs before they were correlated, which leaves little of the noise in the residual
+
+    It stays unsettled where no point was found.
+    """
+    centres, places, znssd = found
+    if not len(centres):
+        return noise
+    if np.quantile(np.linalg.norm(places - centres, axis=-1), 0.95) < STATIC_PX:
+        return Noise(max(pair_noise(first, second, usable), ROUNDING), "static pair", True)
+    left = np.inf if smoothing_px > 0.0 else max(residual_noise(first, centres, znssd, size, degree), ROUNDING)
+    return Noise(left, "residual of a second photograph", True) if left < noise.grey else noise._replace(settled=True)
 
 
 def image_noise(image: npt.NDArray[Any], usable: Mask) -> float:
@@ -64,9 +128,7 @@ def pair_noise(first: npt.NDArray[Any], second: npt.NDArray[Any], usable: Mask) 
     return _spread(difference - explained @ part) / float(np.sqrt(2.0))
 
 
-def residual_noise(
-    image: npt.NDArray[Any], centres: npt.NDArray[np.float64], znssd: npt.NDArray[np.float64], size: int, degree: int
-) -> float:
+def residual_noise(image: npt.NDArray[Any], centres: Array, znssd: Array, size: int, degree: int) -> float:
     """Standard deviation of the noise that correlation left between two photographs [grey levels]; NaN without points.
 
     image : (rows, cols) grey — the reference; centres : (n, 2) — whole pixels; znssd : (n,) — there
@@ -82,7 +144,7 @@ def residual_noise(
     return float(np.sqrt(np.median(residual) / (1.0 + _KEPT[degree]))) if len(residual) else float("nan")
 
 
-def interpolated_noise(slope: npt.NDArray[np.float64], degree: int) -> npt.NDArray[np.float64]:
+def interpolated_noise(slope: Array, degree: int) -> Array:
     """Variance of a subset's place by the noise of the target, (...), relative to what a template's noise makes.
 
     slope : (..., 2, 2) — gradient of the motion into the target; degree : of the spline, 3 or 5
@@ -99,7 +161,7 @@ def interpolated_noise(slope: npt.NDArray[np.float64], degree: int) -> npt.NDArr
 
 
 @cache
-def _folded(degree: int) -> tuple[npt.NDArray[np.float64], npt.NDArray[np.float64]]:
+def _folded(degree: int) -> tuple[Array, Array]:
     """Stretches, and s of each."""
     stretches, orders = np.geomspace(0.1, 10.0, 401), np.arange(-30, 31)
     frequency = orders / stretches[:, None]

@@ -22,6 +22,7 @@ __all__ = [
     "carry",
     "contains",
     "densify",
+    "grid_points",
     "interior",
     "mask_polygons",
     "polygons_from_attrs",
@@ -99,6 +100,18 @@ def contains(polygons: Sequence[Polygon], points: Array) -> Mask:
                     crosses = (ay > y) != (by > y)
                     inside ^= crosses & (x < ax + (y - ay) * ((bx - ax) / (by - ay)))
     return inside
+
+
+def grid_points(polygons: Sequence[Polygon], step_size: int) -> Array:
+    """A grid of points (rows, cols, 2) over a region, whole pixels; NaN outside it.
+
+    step_size : distance of neighbours [px]
+    """
+    x0, y0, x1, y1 = bounding_box(polygons)
+    axes = (np.arange(np.ceil(low), high, step_size) for low, high in ((x0, x1), (y0, y1)))
+    points = np.stack(np.meshgrid(*axes), axis=-1).astype(np.float64)
+    points[~contains(polygons, points)] = np.nan
+    return points
 
 
 def rasterise(polygons: Sequence[Polygon], shape: tuple[int, int]) -> Mask:

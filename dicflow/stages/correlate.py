@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal, NamedTuple
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal
 
 from pydantic import BaseModel, ConfigDict, Field
 
@@ -16,18 +16,14 @@ if TYPE_CHECKING:
     import numpy as np
 
     from dicflow.core.material import Anchor, Followed, Search, Updating
+    from dicflow.core.noise import Noise
     from dicflow.core.region import Polygon
 
 __all__ = ["Correlate", "carried_reference", "packed"]
 
 OUTLINE_STEPS = 4  # material steps between the points of the carried outline
-SATURATED = 0.25  # share of pixels as bright as can be, above which too much of the pattern is gone
-SPECKLES, ACROSS = 3.0, 3.0  # least number in a subset, and how many should fit along its side
-ROUNDING = 12**-0.5  # grey levels: noise that whole numbers have in any case
-STATIC_PX = 0.05  # motion below which two photographs count as of one scene
 DEGREES = {"bicubic": 3, "biquintic": 5}
 GRID = ("row", "col")
-
 
 _PASSED_ON = ("gaussian", "min_share", "max_iterations", "tolerance", "smoothing", "misfit")
 """Parameters that the stage stereo takes over."""
@@ -44,13 +40,6 @@ class Reference(BaseModel):
     steps: int = parameter(10, "for every: after how many steps", ge=1)
     lost: float = parameter(0.002, "share of points lost since the step before that asks for a reference", ge=0, le=1)
     znssd: float = parameter(0.1, "median ZNSSD against a reference above which a newer one is taken", gt=0, le=4)
-
-
-class Noise(NamedTuple):
-    """Standard deviation of the photographs' noise [grey levels], and what told it."""
-
-    grey: float
-    source: str
 
 
 class Correlate(Node):
@@ -73,7 +62,7 @@ class Correlate(Node):
         "correlation_before": Port("correlation", at=At.PREVIOUS, own=True),
     }
     gives: ClassVar = "correlation"
-    impl_version: ClassVar = 3
+    impl_version: ClassVar = 4
 
     stage: Literal["correlate"] = "correlate"
     subset_size: Odd = parameter(31, "side of the squares that are compared; odd", unit="px", ge=5)
@@ -127,14 +116,13 @@ class Correlate(Node):
     def _first(self, image: np.ndarray, usable: np.ndarray, outline: Sequence[Polygon]) -> Product:
         """The points in the first photograph."""
         from dicflow.core.material import at_rest, first_anchor
-        from dicflow.core.noise import image_noise
+        from dicflow.core.noise import Noise, first_noise
+        from dicflow.core.region import grid_points
 
         _check_photograph(image, usable, self.subset_size)
-        noise = Noise(max(image_noise(image, usable), ROUNDING), "first photograph")
-        if self.noise != "auto":
-            noise = Noise(self.noise, "given")
+        noise = first_noise(image, usable) if self.noise == "auto" else Noise(self.noise, "given", True)
         search = self._search(noise.grey, image, usable)
-        found = at_rest(first_anchor(image, usable, self._grid(outline), search), search)
+        found = at_rest(first_anchor(image, usable, grid_points(outline, self.step_size), search), search)
         if not found.valid.any():
             raise StageError(self._too_large(usable))
         here = found._replace(covariance=0.0 * found.covariance)
@@ -154,12 +142,14 @@ class Correlate(Node):
         import numpy as np
 
         from dicflow.core.material import first_anchor, follow_step
+        from dicflow.core.noise import Noise
+        from dicflow.core.region import grid_points
         from dicflow.core.seed import Pairs
 
         image, start = images["left"], images_first["left"]
-        noise = Noise(before.attrs["noise_grey"], before.attrs["noise_source"])
+        noise = Noise(*(before.attrs[f"noise_{name}"] for name in ("grey", "source", "settled")))
         hopeless = _hopeless(before)
-        grid = np.where(hopeless[..., None], np.nan, self._grid(outline))
+        grid = np.where(hopeless[..., None], np.nan, grid_points(outline, self.step_size))
         pairs = None if matches is None else Pairs(*(matches[n].astype(float) for n in ("reference", "deformed")))
         carried, last = carried_reference(before), _anchor(before, images_before["left"])
 
@@ -170,8 +160,8 @@ class Correlate(Node):
 
         found, reference = follow(noise.grey)
         template = before["template"]
-        if self.noise == "auto" and not before["way"].any():
-            told = self._noise_of_second(noise, found, grid, start, image, usable)
+        if not noise.settled:
+            told = self._told(noise, found, grid, start, image, usable)
             template = (told.grey / noise.grey) ** 2 * template
             found, reference = (found, reference) if told.grey == noise.grey else follow(told.grey)
             noise = told
@@ -179,18 +169,6 @@ class Correlate(Node):
         level = self._search(noise.grey, start, usable).noise
         polygons = _carried(outline, found, grid, before)
         return self._product(found, image, polygons, noise, level, template, reference)
-
-    def _grid(self, outline: Sequence[Polygon]) -> np.ndarray:
-        """The points (rows, cols, 2), whole pixels of the first photograph; NaN outside the region."""
-        import numpy as np
-
-        from dicflow.core.region import bounding_box, contains
-
-        x0, y0, x1, y1 = bounding_box(outline)
-        axes = (np.arange(np.ceil(low), high, self.step_size) for low, high in ((x0, x1), (y0, y1)))
-        points = np.stack(np.meshgrid(*axes), axis=-1).astype(np.float64)
-        points[~contains(outline, points)] = np.nan
-        return points
 
     def _search(self, noise: float, image: np.ndarray, usable: np.ndarray) -> Search:
         from dicflow.core.correlate import Subset
@@ -221,23 +199,18 @@ class Correlate(Node):
         every = self.reference.steps if self.reference.update == "every" else 0
         return Updating(self.reference.update != "never", self.reference.lost, self.reference.znssd, every)
 
-    def _noise_of_second(
+    def _told(
         self, noise: Noise, found: Followed, grid: np.ndarray, start: np.ndarray, image: np.ndarray, usable: np.ndarray
     ) -> Noise:
-        """The noise as the first two photographs tell it together, where that is better than the first alone."""
-        import numpy as np
-
-        from dicflow.core.noise import pair_noise, residual_noise
+        """The noise as the first photograph and this one tell it."""
+        from dicflow.core.noise import told_by_motion
 
         valid = found.valid
-        centres = grid[valid]
-        motion = np.linalg.norm(found.warp[valid][..., 0] - centres, axis=-1)
-        if len(motion) and np.quantile(motion, 0.95) < STATIC_PX:
-            return Noise(max(pair_noise(start, image, usable), ROUNDING), "static pair")
-        if self.smoothing > 0.0:  # which leaves little of the noise in the residual
-            return noise
-        left = residual_noise(start, centres, found.znssd[valid], self.subset_size, DEGREES[self.interpolation])
-        return Noise(max(left, ROUNDING), "residual of the second photograph") if left < noise.grey else noise
+        points = grid[valid], found.warp[valid][..., 0], found.znssd[valid]
+        size, degree = self.subset_size, DEGREES[self.interpolation]
+        return told_by_motion(
+            noise, start, image, usable, points, size=size, degree=degree, smoothing_px=self.smoothing
+        )
 
     def _too_large(self, usable: np.ndarray) -> str:
         import cv2
@@ -287,6 +260,7 @@ class Correlate(Node):
             "noise_grey": noise.grey,
             "noise_level": level,
             "noise_source": noise.source,
+            "noise_settled": noise.settled,
             "polygons": polygons_to_attrs(polygons),
             "summary": _summary(found, noise),
         }
@@ -381,24 +355,10 @@ def carried_reference(before: Product) -> Anchor | None:
 
 def _check_photograph(image: np.ndarray, usable: np.ndarray, subset_size: int) -> None:
     """The first photograph must show a pattern that subsets can be told apart by."""
-    import numpy as np
+    from dicflow.core.pattern import check_pattern, check_subset
 
-    from dicflow.core.texture import LEAST_TEXTURE, mean_intensity_gradient, saturated_share, speckle_size
-
-    texture, saturated = mean_intensity_gradient(image, usable), saturated_share(image, usable)
-    if texture < LEAST_TEXTURE:
-        raise StageError(
-            f"the region shows too little texture: its mean intensity gradient is {texture:.2f} grey levels per px, "
-            f"and correlation needs {LEAST_TEXTURE} or more; check light, exposure and focus"
-        )
-    if saturated > SATURATED:
-        raise StageError(
-            f"{saturated:.0%} of the region's pixels are as bright as they can be, so the pattern is gone there, and "
-            f"{SATURATED:.0%} at most can be borne; expose less"
-        )
-    diameter = speckle_size(image, usable)
-    if np.isfinite(diameter) and subset_size**2 < SPECKLES * 0.5 * np.pi * diameter**2:
-        raise StageError(
-            f"a subset of {subset_size} px holds fewer than {SPECKLES:.0f} of these speckles of {diameter:.1f} px; "
-            f"take a subset_size of {int(np.ceil(ACROSS * diameter)) | 1} px or more"
-        )
+    try:
+        check_pattern(image, usable, "the first left photograph")
+        check_subset(image, usable, subset_size)
+    except ValueError as error:
+        raise StageError(str(error)) from error

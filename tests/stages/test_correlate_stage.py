@@ -128,6 +128,28 @@ def test_given_noise_is_taken():
         np.testing.assert_allclose(two[name], 4.0 * one[name])
 
 
+def noise_of(steps):
+    return [(step.attrs["noise_grey"], step.attrs["noise_source"]) for step in steps]
+
+
+def test_noise_stays_when_all_points_are_lost_and_found_again():
+    """Two photographs have told it; a step without a point, and a still scene later, change nothing."""
+    gone, still = translation((-500.0, 0.0)), np.eye(3)
+    moved = follow(series([still, translation((5.3, 2.6)), gone, still], noise=3.0), step_size=14)
+    assert moved[2].attrs["summary"]["points"] == 0
+    assert moved[1].attrs["noise_source"] != "static pair"
+    assert noise_of(moved[1:]) == [noise_of(moved)[1]] * 3
+    had = moved[0]["status"] == Status.VALID
+    np.testing.assert_allclose(moved[3]["template"][had], moved[1]["template"][had], rtol=1e-12)
+
+
+def test_noise_waits_for_the_first_step_with_points():
+    steps = follow(series([np.eye(3), translation((-500.0, 0.0)), np.eye(3)], noise=3.0), step_size=14)
+    assert noise_of(steps)[1] == noise_of(steps)[0]
+    assert steps[2].attrs["noise_source"] == "static pair"
+    assert steps[2].attrs["noise_grey"] == pytest.approx(np.hypot(3.0, 12**-0.5), rel=0.03)
+
+
 def test_misfit_counts_only_where_there_is_any():
     """Half of the pattern has been replaced: it moves the subsets far more than the noise can."""
     transforms = [np.eye(3), translation((0.3, 0.2))]
