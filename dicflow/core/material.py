@@ -185,17 +185,19 @@ def follow_step(
     search: Search,
     updating: Updating,
     matches: Pairs | None = None,
+    expected: Array | None = None,
 ) -> tuple[Followed, Anchor | None]:
     """Find the points in the next photograph.
 
     reference : a photograph in between that points were followed from; None where the first one did
     before : the step before
     matches : features of the step before and of this one
+    expected : (rows, cols, 2) — where points should be by their last known places and motions [px]
     Returns the points, and the reference to go on with.
     """
     target = prepared(image, search)
     starts = _starts([anchor for anchor in (before, reference, first) if anchor is not None], image, matches)
-    found = _told_apart(attempt(first, target, starts, search), first, image.shape)
+    found = _told_apart(attempt(first, target, starts, search), first, image.shape, expected)
     if updating.enabled:
         reference = None if reference is None else reference._replace(age=reference.age + 1)
         if updating.every and (reference is None or reference.age >= updating.every):
@@ -204,7 +206,7 @@ def follow_step(
             found, reference = _through_reference(first, reference, before, target, starts, found, search, updating)
         elif not updating.every:
             reference = None
-    return _told_apart(found, first, image.shape), reference
+    return _told_apart(found, first, image.shape, expected), reference
 
 
 def carried_by(followed: Followed, grid: Array, points: Array) -> Array:
@@ -362,10 +364,12 @@ def _over(mask: Mask, values: npt.NDArray[Any]) -> Mask:
     return mask.reshape(mask.shape + (1,) * (values.ndim - mask.ndim))
 
 
-def _told_apart(found: Followed, first: Anchor, shape: tuple[int, ...]) -> Followed:
-    """Lost points that their neighbours put outside the frame are told from those that do not fit."""
+def _told_apart(found: Followed, first: Anchor, shape: tuple[int, ...], expected: Array | None) -> Followed:
+    """Lost points outside the frame are told from those that do not fit: by their neighbours, or as expected."""
     lost = ~found.valid & np.isfinite(first.points).all(axis=-1) & (found.status != Status.CUT_SUBSET)
     place = carried_by(found, first.points, first.points[lost])
+    if expected is not None:
+        place = np.where(np.isfinite(place), place, expected[lost])
     with np.errstate(invalid="ignore"):
         outside = ((place < 0.0) | (place > np.array(shape[::-1]) - 1.0)).any(axis=-1)
     status = found.status.copy()

@@ -15,6 +15,7 @@ if TYPE_CHECKING:
 
     import numpy as np
 
+    from dicflow.core.course import Course
     from dicflow.core.material import Anchor, Followed, Search, Updating
     from dicflow.core.noise import Noise
     from dicflow.core.region import Polygon
@@ -115,6 +116,7 @@ class Correlate(Node):
 
     def _first(self, image: np.ndarray, usable: np.ndarray, outline: Sequence[Polygon]) -> Product:
         """The points in the first photograph."""
+        from dicflow.core.course import Course
         from dicflow.core.material import at_rest, first_anchor
         from dicflow.core.noise import Noise, first_noise
         from dicflow.core.region import grid_points
@@ -126,7 +128,9 @@ class Correlate(Node):
         if not found.valid.any():
             raise StageError(self._too_large(usable))
         here = found._replace(covariance=0.0 * found.covariance)
-        return self._product(here, image, outline, noise, search.noise, found.covariance, None)
+        place = here.warp[..., 0]
+        course = Course(place, 0.0 * place)
+        return self._product(here, course, image, outline, noise, search.noise, found.covariance, None)
 
     def _next(
         self,
@@ -141,6 +145,7 @@ class Correlate(Node):
         """The points in every other photograph."""
         import numpy as np
 
+        from dicflow.core.course import Course, carried_on
         from dicflow.core.material import first_anchor, follow_step
         from dicflow.core.noise import Noise
         from dicflow.core.region import grid_points
@@ -152,11 +157,12 @@ class Correlate(Node):
         grid = np.where(hopeless[..., None], np.nan, grid_points(outline, self.step_size))
         pairs = None if matches is None else Pairs(*(matches[n].astype(float) for n in ("reference", "deformed")))
         carried, last = carried_reference(before), _anchor(before, images_before["left"])
+        course = Course(*(before[name].astype(float) for name in ("course", "motion")))
 
         def follow(level: float) -> tuple[Followed, Anchor | None]:
             search = self._search(level, start, usable)
             first = first_anchor(start, usable, grid, search)
-            return follow_step(first, carried, last, image, search, self._updating(), pairs)
+            return follow_step(first, carried, last, image, search, self._updating(), pairs, course.expected)
 
         found, reference = follow(noise.grey)
         template = before["template"]
@@ -167,8 +173,8 @@ class Correlate(Node):
             noise = told
         found = found._replace(status=np.where(hopeless, before["status"], found.status))
         level = self._search(noise.grey, start, usable).noise
-        polygons = _carried(outline, found, grid, before)
-        return self._product(found, image, polygons, noise, level, template, reference)
+        polygons, course = _carried(outline, found, grid, before), carried_on(course, last.points, found.warp[..., 0])
+        return self._product(found, course, image, polygons, noise, level, template, reference)
 
     def _search(self, noise: float, image: np.ndarray, usable: np.ndarray) -> Search:
         from dicflow.core.correlate import Subset
@@ -224,6 +230,7 @@ class Correlate(Node):
     def _product(
         self,
         found: Followed,
+        course: Course,
         image: np.ndarray,
         polygons: Sequence[Polygon],
         noise: Noise,
@@ -247,6 +254,8 @@ class Correlate(Node):
             "template": _variable(template, "px²", "covariance by the first photograph's noise", tensor),
             "passed": _variable(found.passed, "px²", "share of photographs in between in the covariance", tensor),
             "slope": _variable(found.slope, "1", "gradient from the photograph whose subset found it", ("out", "in")),
+            "course": _variable(course.place.astype("f4"), "px", "place, or where the motion has carried it", pixel),
+            "motion": _variable(course.motion.astype("f4"), "px", "last known motion of a step", pixel),
             "way": _variable(found.way, "1", "0 the reference itself, 1 directly from it, 2 through another"),
         }
         height, width = image.shape

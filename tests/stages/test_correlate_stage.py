@@ -251,10 +251,32 @@ def test_specimen_that_leaves_the_frame_and_returns():
     assert (steps[1]["status"][had] == Status.VALID).mean() > 0.8
     assert (steps[2]["status"][gone] == Status.OUTSIDE).all()
     assert (steps[2]["status"][had & (steps[0]["xy"][..., 0] > 175.0)] == Status.VALID).all()
-    assert not (steps[3]["status"] == Status.VALID).any()
+    assert (steps[3]["status"][had] == Status.OUTSIDE).all()
     assert np.isnan(steps[3]["xy"]).all()
     assert steps[3].attrs["summary"]["points"] == 0
     assert (steps[4]["status"] == steps[0]["status"]).all()
+
+
+def test_specimen_that_is_gone_for_two_steps_is_outside():
+    """Its last places and motion tell, though no photograph shows any of it then."""
+    shifts = (0.0, -70.0, -145.0, -225.0, -310.0, -145.0, 0.0)
+    transforms = [translation((shift, 0.0)) for shift in shifts]
+    steps = follow(series(transforms), step_size=14)
+    had = steps[0]["status"] == Status.VALID
+    for gone in steps[3:5]:
+        assert gone.attrs["summary"]["points"] == 0
+        assert (gone["status"][had] == Status.OUTSIDE).all()
+    inside = had & (steps[0]["xy"][..., 0] > 175.0)
+    assert (steps[5]["status"][inside] == Status.VALID).all()
+    np.testing.assert_array_equal(steps[6]["status"], steps[0]["status"])
+    assert np.nanstd(error(steps[0], steps[6], np.eye(3))) < 0.01
+
+
+def test_a_photograph_in_the_dark_loses_points_that_are_not_outside():
+    images = series([np.eye(3), translation((-4.0, 0.0))])
+    steps = follow([*images, np.full_like(images[0], 20)], step_size=14)
+    had = steps[0]["status"] == Status.VALID
+    assert not np.isin(steps[2]["status"][had], (Status.VALID, Status.OUTSIDE)).any()
 
 
 def test_threads_change_nothing():
