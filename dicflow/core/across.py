@@ -19,9 +19,10 @@ from dicflow.core.noise import image_noise
 from dicflow.core.partners import started
 from dicflow.core.seed import ACCEPTED, BLUR_PX, agreement
 from dicflow.core.strain import inverse
+from dicflow.core.texture import saturation
 from dicflow.core.warp import TERMS
 
-__all__ = ["Step", "as_before", "borne_out", "contrast", "follow_across", "noise_ratio"]
+__all__ = ["Step", "as_before", "borne_out", "contrast", "enclosed", "follow_across", "noise_ratio", "overexposed"]
 
 Array = npt.NDArray[np.float64]
 Grey = npt.NDArray[Any]
@@ -90,11 +91,22 @@ def borne_out(left: Grey, right: Grey, centres: Array, starts: Array) -> bool:
 
 def contrast(image: Grey, places: Array) -> float:
     """Standard deviation of the grey levels at places (..., 2) [px] in an image; 1 where there is none."""
+    levels = _levels(image, places)
+    return float(np.std(levels)) or 1.0 if len(levels) > 1 else 1.0
+
+
+def overexposed(image: Grey, places: Array) -> float:
+    """Share of places (..., 2) [px] at which an image is as bright as it can be; NaN where it shows none of them."""
+    levels = _levels(image, places)
+    return float(np.mean(levels > saturation(image))) if len(levels) else float("nan")
+
+
+def _levels(image: Grey, places: Array) -> Grey:
+    """Grey levels (n,) at the places (..., 2) that lie in an image [px]."""
     height, width = image.shape
     x, y = np.rint(places[np.isfinite(places).all(axis=-1)]).astype(int).T
     inside = (x >= 0) & (x < width) & (y >= 0) & (y < height)
-    x, y = x[inside], y[inside]
-    return float(np.std(image[y, x])) or 1.0 if len(x) > 1 else 1.0
+    return np.asarray(image[y[inside], x[inside]])
 
 
 def noise_ratio(left: Grey, right: Grey, places: Array, places_right: Array) -> float:
@@ -106,12 +118,13 @@ def noise_ratio(left: Grey, right: Grey, places: Array, places_right: Array) -> 
     """
     known = np.asarray(np.isfinite(places + places_right).all(axis=-1))
     views = (left, places), (right, places_right)
-    levels = [image_noise(image, _around(image.shape, at, known)) for image, at in views]
+    levels = [image_noise(image, enclosed(image.shape, np.where(known[..., None], at, np.nan))) for image, at in views]
     return float(np.clip(levels[1] / levels[0], 0.1, 10.0)) if min(levels) > 0.0 else 1.0
 
 
-def _around(shape: tuple[int, ...], places: Array, known: npt.NDArray[np.bool_]) -> npt.NDArray[np.bool_]:
-    """The part of an image that neighbouring known points of a grid enclose."""
+def enclosed(shape: tuple[int, ...], places: Array) -> npt.NDArray[np.bool_]:
+    """The part of an image that neighbouring points of a grid (row, col, 2) enclose [px]; NaN where there is none."""
+    known = np.asarray(np.isfinite(places).all(axis=-1))
     inside = np.zeros(shape, dtype=np.uint8)
     whole = known[:-1, :-1] & known[1:, :-1] & known[:-1, 1:] & known[1:, 1:]
     pixels = np.rint(np.nan_to_num(places)).astype(np.int32)

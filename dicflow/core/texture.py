@@ -56,8 +56,11 @@ def saturation(image: npt.NDArray[Any]) -> float:
 
 
 def saturated_share(image: npt.NDArray[Any], mask: npt.NDArray[np.bool_]) -> float:
-    """Share of the mask's pixels that are as bright as they can be: what is brighter there does not show."""
-    return float((image[mask] > saturation(image)).mean())
+    """Share of the mask's pixels that are as bright as they can be: what is brighter there does not show.
+
+    NaN where the mask holds no pixel.
+    """
+    return float((image[mask] > saturation(image)).mean()) if mask.any() else float("nan")
 
 
 def speckle_size(image: npt.NDArray[Any], mask: npt.NDArray[np.bool_]) -> float:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from typing import NamedTuple
 
 from markupsafe import Markup
@@ -91,7 +91,8 @@ def quality(context: Context) -> Section | None:
         predicts=bool(result.stages_of("correlation")),
         floor=_noise_floor(result),
     )
-    return Section("quality", "Quality", body, tuple(sentence for good, sentence in advice if not good))
+    warnings = (*(sentence for good, sentence in advice if not good), *_overexposed(result))
+    return Section("quality", "Quality", body, warnings)
 
 
 def _panels(result: Result, steps: Sequence[str]) -> _Panels:
@@ -205,6 +206,22 @@ def _size_sentence(size: float) -> str:
     if size > high:
         return f"{told} are large and need large subsets; {good}, so paint finer ones."
     return f"{told} are of a good size; {good}."
+
+
+def _overexposed(result: Result) -> Iterator[str]:
+    """A warning for each camera that lost the pattern in the light at a later step."""
+    for side, kind in (("left", "correlation"), ("right", "stereo")):
+        for stage in result.stages_of(kind):
+            steps = result.steps(stage)
+            shares = {step: _figure(result, stage, step, "overexposed_share") or 0.0 for step in steps[1:]}
+            bad = {step: share for step, share in shares.items() if share > _MOST_SATURATED}
+            if bad:
+                worst = max(bad, key=lambda step: bad[step])
+                yield (
+                    f"The {side} photographs of {len(bad)} of {len(steps)} steps are overexposed in more than "
+                    f"{percent(_MOST_SATURATED)} of the region, {worst} in {percent(bad[worst])}: "
+                    "expose for a shorter time."
+                )
 
 
 def _subset(result: Result) -> float | None:

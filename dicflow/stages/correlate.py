@@ -239,7 +239,8 @@ class Correlate(Node):
         reference: Anchor | None,
     ) -> Product:
         """level : of the noise as correlation feels it [grey levels]"""
-        from dicflow.core.region import polygons_to_attrs
+        from dicflow.core.region import interior, polygons_to_attrs
+        from dicflow.core.texture import saturated_share
         from dicflow.core.warp import gradient
 
         pixel, tensor = ("component",), ("pair",)
@@ -259,6 +260,7 @@ class Correlate(Node):
             "way": _variable(found.way, "1", "0 the reference itself, 1 directly from it, 2 through another"),
         }
         height, width = image.shape
+        overexposed = saturated_share(image, interior(polygons, image.shape))
         attrs: dict[str, Any] = {
             "step_size": self.step_size,
             "subset_size": self.subset_size,
@@ -271,7 +273,7 @@ class Correlate(Node):
             "noise_source": noise.source,
             "noise_settled": noise.settled,
             "polygons": polygons_to_attrs(polygons),
-            "summary": _summary(found, noise),
+            "summary": _summary(found, noise, overexposed),
         }
         if reference is not None:
             carried, attrs["reference"] = packed(reference, self.subset_size)
@@ -283,8 +285,11 @@ def _variable(values: np.ndarray, units: str, long_name: str, beyond: tuple[str,
     return Variable((*GRID, *beyond), values, units, long_name)
 
 
-def _summary(found: Followed, noise: Noise) -> dict[str, Any]:
-    """Scalars of a step; null where no point has a value."""
+def _summary(found: Followed, noise: Noise, overexposed: float) -> dict[str, Any]:
+    """Scalars of a step; null where no point has a value.
+
+    overexposed : share of the region's pixels; NaN where none of it is in the photograph
+    """
     import numpy as np
 
     from dicflow.core.status import Status
@@ -302,6 +307,7 @@ def _summary(found: Followed, noise: Noise) -> dict[str, Any]:
         "znssd": middle(found.znssd),
         "iterations": middle(found.iterations),
         "noise_grey": noise.grey,
+        "overexposed_share": overexposed if np.isfinite(overexposed) else None,
     }
 
 

@@ -81,6 +81,7 @@ class Stereo(Node):
         correlation_before: Product | None = None,
         stereo_before: Product | None = None,
     ) -> Product:
+        from dicflow.core.across import overexposed
         from dicflow.io.rig import rig_from_dict
 
         cameras = rig_from_dict(rig.attrs["rig"])
@@ -90,11 +91,13 @@ class Stereo(Node):
         if self.start == "time" and correlation_before is not None and stereo_before is not None:
             starts = _from_before(view, correlation_before, stereo_before)
         starts = _from_partners(cameras, view) if starts is None else starts
+        if stereo_before is None:
+            _check_pattern(images["right"], starts[..., 0])
         ratio = _noise_ratio(view, starts) if stereo_before is None else stereo_before.attrs["noise_ratio"]
         found = self._followed(view, starts, ratio)
         if stereo_before is None:
             _check_order(cameras, view, found)
-        return self._product(cameras, correlation, found, ratio)
+        return self._product(cameras, correlation, found, ratio, overexposed(images["right"], starts[..., 0]))
 
     def _followed(self, view: View, starts: np.ndarray, noise_ratio: float) -> Followed:
         """What the left photograph of the step shows in the right one, from starting warps (row, col, 2, 3)."""
@@ -132,7 +135,10 @@ class Stereo(Node):
             counts_misfit=facts["misfit"],
         )
 
-    def _product(self, cameras: Rig, correlation: Product, found: Followed, noise_ratio: float) -> Product:
+    def _product(
+        self, cameras: Rig, correlation: Product, found: Followed, noise_ratio: float, overexposed: float
+    ) -> Product:
+        """overexposed : share of the points in the right photograph; NaN where none is seen"""
         import numpy as np
 
         from dicflow.core.epipolar import epipolar_distance
@@ -169,7 +175,10 @@ class Stereo(Node):
             "shape_function": self.shape_function,
             "interpolation": self.interpolation,
             "noise_ratio": noise_ratio,
-            "summary": _summary(correlation["status"], status, apart[kept], found.iterations[kept]),
+            "summary": {
+                **_summary(correlation["status"], status, apart[kept], found.iterations[kept]),
+                "overexposed_share": overexposed if np.isfinite(overexposed) else None,
+            },
         }
         return Product("stereo", variables, attrs)
 
@@ -190,6 +199,19 @@ def _check_photographs(images: Product, cameras: Rig) -> None:
     for side, camera in (("left", cameras.left), ("right", cameras.right)):
         rows, cols = images[side].shape
         check_size(side, camera.size, (cols, rows))
+
+
+def _check_pattern(image: np.ndarray, places: np.ndarray) -> None:
+    """The first right photograph must show a pattern where the points are, about (row, col, 2), as far as is known."""
+    from dicflow.core.across import enclosed
+    from dicflow.core.pattern import check_pattern
+
+    seen = enclosed(image.shape, places)
+    try:
+        if seen.any():
+            check_pattern(image, seen, "the first right photograph")
+    except ValueError as error:
+        raise StageError(str(error)) from error
 
 
 def _noise_ratio(view: View, starts: np.ndarray) -> float:
@@ -244,8 +266,8 @@ def _check_order(cameras: Rig, view: View, found: Followed) -> None:
         raise StageError(order.text)
     if not np.isfinite(found.znssd).any():
         raise StageError(
-            "no point of the region is found in the right photograph; check that both photographs show the specimen "
-            "and are of one moment"
+            "no point of the region is found in the right photograph; check that both photographs show the specimen, "
+            "well exposed, and are of one moment"
         )
 
 

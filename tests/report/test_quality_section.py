@@ -119,3 +119,24 @@ def test_the_noise_is_that_of_the_last_step_at_hand():
 
     text = module._noise_of_photographs(Followed(), "correlation")
     assert text == "Noise of the photographs: 0.79 grey levels, told by the static pair."
+
+
+def test_steps_that_are_overexposed_come_with_a_warning():
+    class Followed:
+        def stages_of(self, kind):
+            return {"correlation": ["left"], "stereo": ["right"]}[kind]
+
+        def steps(self, stage):
+            return ("a", "b", "c", "d")
+
+        def has(self, stage, step):
+            return step != "d"
+
+        def product(self, stage, step):
+            share = {"left": {"a": 0.0, "b": 0.005, "c": None}, "right": {"a": 0.2, "b": 0.02, "c": 0.313}}[stage][step]
+            return Product(stage, {}, {"summary": {"overexposed_share": share}})
+
+    assert list(module._overexposed(Followed())) == [
+        "The right photographs of 2 of 4 steps are overexposed in more than 1.0 % of the region, c in 31.3 %: "
+        "expose for a shorter time."
+    ]

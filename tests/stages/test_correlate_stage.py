@@ -279,6 +279,15 @@ def test_a_photograph_in_the_dark_loses_points_that_are_not_outside():
     assert not np.isin(steps[2]["status"][had], (Status.VALID, Status.OUTSIDE)).any()
 
 
+def test_a_later_photograph_that_is_overexposed_says_so():
+    images = series([np.eye(3), translation((2.0, 1.0)), translation((-500.0, 0.0))])
+    bright = np.where(images[1] > 150, 255, images[1]).astype(np.uint8)
+    steps = follow([images[0], bright, images[2]], step_size=14)
+    told = [step.attrs["summary"]["overexposed_share"] for step in steps]
+    assert told[0] == 0.0
+    assert told[1] == pytest.approx((bright[142:281, 83:222] == 255).mean(), abs=0.01)
+
+
 def test_threads_change_nothing():
     pair = planar_pair(SIZE, (1.4, 0.3), noise=1.0)
     one, two = (follow([pair.reference, pair.deformed], step_size=14, threads=n)[1] for n in (1, 2))
