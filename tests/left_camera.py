@@ -12,7 +12,7 @@ from dicflow.core.region import Polygon, polygons_to_attrs, rasterise, rectangle
 from dicflow.core.status import Status
 from dicflow.core.warp import identity
 from dicflow.engine.product import Product, Variable
-from dicflow.stages.correlate import packed
+from dicflow.stages.correlate import Reference, packed
 
 SUBSET = Subset(31, "quadratic")
 
@@ -89,6 +89,7 @@ def correlation(
         "tolerance": subset.tolerance_px,
         "smoothing": 0.0,
         "misfit": False,
+        "updating": Reference().model_dump(),
         "polygons": polygons_to_attrs(polygons),
     }
     return Product("correlation", variables, attrs)

@@ -74,6 +74,15 @@ def test_the_quickstarts_report_in_a_browser(store, tmp_path):
     _look_at_report(_load("quickstart", SAMPLES, store), tmp_path)
 
 
+def test_the_right_camera_may_be_followed_in_time(store):
+    """Both ways through the last step agree far below their standard deviations' sum."""
+    followed = _run("quickstart", SAMPLES, store, ["stereo.match=first_step"])
+    assert followed.product("comparison").attrs["summary"]["max_strain_error_pct"] < 0.1
+    matched = _run("quickstart", SAMPLES, store)
+    one, two = (result.dataset("total", step=-1) for result in (followed, matched))
+    assert float(abs(one.V - two.V).median()) < float((one.sigma_V + two.sigma_V).median())
+
+
 def test_the_thesis_method_measures_all_steps_within_half_a_per_cent(store):
     result = _run("thesis_quickstart", SAMPLES, store)
     summary = result.product("comparison").attrs["summary"]

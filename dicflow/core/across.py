@@ -13,16 +13,27 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
+from dicflow.core.chain import congruent, uncancelled_noise
 from dicflow.core.interpolate import Spline
 from dicflow.core.material import Anchor, Followed, Search, attempt, cropped, merged
-from dicflow.core.noise import image_noise
+from dicflow.core.noise import image_noise, interpolated_noise
 from dicflow.core.partners import started
 from dicflow.core.seed import ACCEPTED, BLUR_PX, agreement
 from dicflow.core.strain import inverse
 from dicflow.core.texture import saturation
 from dicflow.core.warp import TERMS
 
-__all__ = ["Step", "as_before", "borne_out", "contrast", "enclosed", "follow_across", "noise_ratio", "overexposed"]
+__all__ = [
+    "Step",
+    "as_before",
+    "borne_out",
+    "contrast",
+    "enclosed",
+    "follow_across",
+    "noise_ratio",
+    "overexposed",
+    "passed_on",
+]
 
 Array = npt.NDArray[np.float64]
 Grey = npt.NDArray[Any]
@@ -60,6 +71,20 @@ def follow_across(
     found = attempt(_part(first, ~through, search), target, starts, search)
     chained = attempt(_part(reference, through, search), target, starts, search)
     return merged(found, chained._replace(way=np.where(chained.valid, np.uint8(THROUGH), chained.way)))
+
+
+def passed_on(matched: Followed, search: Search) -> Array:
+    """Covariance (row, col, 3) that matched points pass on to places found with subsets of the right photograph [px²].
+
+    matched, search : of :func:`follow_across` from the first left photograph, on the grid (row, col)
+
+    The noise of the right photograph, which led to a point, leads away from it again with the point's own subset, and
+    little of it remains (:func:`dicflow.core.chain.uncancelled_noise`). What the two cameras see differently remains.
+    """
+    slope = matched.slope
+    noise = search.strength**2 * congruent(slope, matched.template)
+    remains = uncancelled_noise(slope, matched.warp.shape[-1], search.degree)
+    return np.asarray(matched.covariance + (remains - interpolated_noise(slope, search.degree))[..., None] * noise)
 
 
 def _part(anchor: Anchor, wanted: npt.NDArray[np.bool_], search: Search) -> Anchor:

@@ -30,10 +30,14 @@ _DIRECTIONS = {
     "material": "x and y of the material, as they lay at the first step",
     "global": "x and y of the coordinate system",
 }
+_MATCHES = {
+    "every_step": "matched with the left subsets at every step",
+    "first_step": "matched with the left subsets at the first step, followed in time from there",
+}
 _REFERENCES = {
     "never": "the first photograph",
     "on_demand": "the first photograph; another where too many points get lost",
-    "every": "a new one every {steps} steps",
+    "every": "the first photograph; another, new every {steps} steps, where too many points get lost",
 }
 
 
@@ -214,6 +218,8 @@ def _correlation(facts: _Facts) -> _Rows:
     yield "limit of the criterion", f"ZNSSD {chosen['max_znssd']:g}", "points that fit worse have no value"
     yield "interpolant", f"{chosen['interpolation']} spline", ""
     yield "reference image", _REFERENCES[reference["update"]].format(**reference), ""
+    if stereo:
+        yield "points in the right photographs", _MATCHES[stereo["match"]], ""
     yield "start values", start, ""
 
 

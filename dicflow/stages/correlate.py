@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from dicflow.core.noise import Noise
     from dicflow.core.region import Polygon
 
-__all__ = ["Correlate", "carried_reference", "packed"]
+__all__ = ["Correlate", "anchor_of", "carried_outline", "carried_reference", "packed", "updating"]
 
 OUTLINE_STEPS = 4  # material steps between the points of the carried outline
 DEGREES = {"bicubic": 3, "biquintic": 5}
@@ -156,13 +156,13 @@ class Correlate(Node):
         hopeless = _hopeless(before)
         grid = np.where(hopeless[..., None], np.nan, grid_points(outline, self.step_size))
         pairs = None if matches is None else Pairs(*(matches[n].astype(float) for n in ("reference", "deformed")))
-        carried, last = carried_reference(before), _anchor(before, images_before["left"])
+        carried, last = carried_reference(before), anchor_of(before, images_before["left"])
         course = Course(*(before[name].astype(float) for name in ("course", "motion")))
 
         def follow(level: float) -> tuple[Followed, Anchor | None]:
             search = self._search(level, start, usable)
             first = first_anchor(start, usable, grid, search)
-            return follow_step(first, carried, last, image, search, self._updating(), pairs, course.expected)
+            return follow_step(first, carried, last, image, search, updating(self.reference), pairs, course.expected)
 
         found, reference = follow(noise.grey)
         template = before["template"]
@@ -173,7 +173,10 @@ class Correlate(Node):
             noise = told
         found = found._replace(status=np.where(hopeless, before["status"], found.status))
         level = self._search(noise.grey, start, usable).noise
-        polygons, course = _carried(outline, found, grid, before), carried_on(course, last.points, found.warp[..., 0])
+        polygons, course = (
+            carried_outline(outline, found, grid, before),
+            carried_on(course, last.points, found.warp[..., 0]),
+        )
         return self._product(found, course, image, polygons, noise, level, template, reference)
 
     def _search(self, noise: float, image: np.ndarray, usable: np.ndarray) -> Search:
@@ -198,12 +201,6 @@ class Correlate(Node):
             threads=self.threads,
             counts_misfit=self.misfit,
         )
-
-    def _updating(self) -> Updating:
-        from dicflow.core.material import Updating
-
-        every = self.reference.steps if self.reference.update == "every" else 0
-        return Updating(self.reference.update != "never", self.reference.lost, self.reference.znssd, every)
 
     def _told(
         self, noise: Noise, found: Followed, grid: np.ndarray, start: np.ndarray, image: np.ndarray, usable: np.ndarray
@@ -272,6 +269,7 @@ class Correlate(Node):
             "noise_level": level,
             "noise_source": noise.source,
             "noise_settled": noise.settled,
+            "updating": self.reference.model_dump(),
             "polygons": polygons_to_attrs(polygons),
             "summary": _summary(found, noise, overexposed),
         }
@@ -311,7 +309,9 @@ def _summary(found: Followed, noise: Noise, overexposed: float) -> dict[str, Any
     }
 
 
-def _carried(outline: Sequence[Polygon], found: Followed, grid: np.ndarray, before: Product) -> Sequence[Polygon]:
+def carried_outline(
+    outline: Sequence[Polygon], found: Followed, grid: np.ndarray, before: Product
+) -> Sequence[Polygon]:
     """The region's outline at this step; that of the step before where too little was found."""
     from dicflow.core.material import FEW, carried_by
     from dicflow.core.region import carry, polygons_from_attrs
@@ -319,6 +319,14 @@ def _carried(outline: Sequence[Polygon], found: Followed, grid: np.ndarray, befo
     if found.valid.sum() < FEW:
         return polygons_from_attrs(before.attrs["polygons"])
     return carry(outline, lambda ring: carried_by(found, grid, ring))
+
+
+def updating(reference: Reference) -> Updating:
+    """When a new reference is taken."""
+    from dicflow.core.material import Updating
+
+    every = reference.steps if reference.update == "every" else 0
+    return Updating(reference.update != "never", reference.lost, reference.znssd, every)
 
 
 def _hopeless(before: Product) -> np.ndarray:
@@ -330,8 +338,8 @@ def _hopeless(before: Product) -> np.ndarray:
     return np.isin(before["status"], (Status.CUT_SUBSET, Status.LOW_TEXTURE))
 
 
-def _anchor(before: Product, image: np.ndarray) -> Anchor:
-    """The step before as one to follow points from."""
+def anchor_of(before: Product, image: np.ndarray) -> Anchor:
+    """A step whose photograph is to follow points from."""
     from dicflow.core.material import Anchor
     from dicflow.core.region import interior, polygons_from_attrs
 

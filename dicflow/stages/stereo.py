@@ -14,7 +14,7 @@ if TYPE_CHECKING:
     import numpy as np
 
     from dicflow.core.camera import Rig
-    from dicflow.core.material import Followed, Search
+    from dicflow.core.material import Anchor, Followed, Search
 
 __all__ = ["Stereo", "check_size"]
 
@@ -39,10 +39,14 @@ class Stereo(Node):
     """Correlate the subsets of the first left photograph with the right one of each step.
 
     The template is that of the left camera, so that both show the same material point. Where a subset is looked for
-    comes from its place in the left photograph: ``match`` finds points spread over the region anew along their epipolar
-    lines, at any depth; ``time`` takes how the right photograph saw the surface at the step before, and the lines only
-    where the grey levels do not bear that out. A point counts where the grey levels fit and the two places are of one
-    point in space.
+    comes from its place in the left photograph: ``start: match`` finds points spread over the region anew along their
+    epipolar lines, at any depth; ``time`` takes how the right photograph saw the surface at the step before, and the
+    lines only where the grey levels do not bear that out.
+
+    With ``match: first_step`` the cameras are matched at the first step only. From the places found there the right
+    photographs are correlated with the first right one, as ``correlate`` does it with the left ones; what the first
+    match got wrong then stays with a point. Either way, a point counts where the grey levels fit and the two places are
+    of one point in space.
     """
 
     title: ClassVar = "correlate left and right"
@@ -50,18 +54,23 @@ class Stereo(Node):
     takes: ClassVar = {
         "images": Port("images"),
         "images_first": Port("images", at=At.FIRST),
+        "images_before": Port("images", at=At.PREVIOUS),
         "rig": Port("rig"),
         "correlation": Port("correlation"),
         "correlation_first": Port("correlation", at=At.FIRST),
         "correlation_before": Port("correlation", at=At.PREVIOUS),
+        "stereo_first": Port("stereo", at=At.FIRST, own=True),
         "stereo_before": Port("stereo", at=At.PREVIOUS, own=True),
     }
     gives: ClassVar = "stereo"
-    impl_version: ClassVar = 3
+    impl_version: ClassVar = 4
 
     stage: Literal["stereo"] = "stereo"
+    match: Literal["every_step", "first_step"] = parameter(
+        "every_step", "when points are matched from left to right; after the first step alone they are followed in time"
+    )
     start: Literal["match", "time"] = parameter(
-        "match", "where starting values come from: epipolar lines of this step, or the step before"
+        "match", "where starting values of a match come from: epipolar lines of this step, or the step before"
     )
     shape_function: Literal["affine", "quadratic"] = parameter("quadratic", "how a subset may deform")
     interpolation: Literal["bicubic", "biquintic"] = parameter("biquintic", "spline between the pixels")
@@ -78,15 +87,19 @@ class Stereo(Node):
         rig: Product,
         correlation: Product,
         correlation_first: Product,
+        images_before: Product | None = None,
         correlation_before: Product | None = None,
+        stereo_first: Product | None = None,
         stereo_before: Product | None = None,
     ) -> Product:
-        from dicflow.core.across import overexposed
+        from dicflow.core.across import overexposed, passed_on
         from dicflow.io.rig import rig_from_dict
 
         cameras = rig_from_dict(rig.attrs["rig"])
         _check_photographs(images, cameras)
         view = View(images, images_first, correlation, correlation_first)
+        if self.match == "first_step" and images_before and stereo_first and stereo_before:
+            return self._followed(cameras, view, images_before, stereo_first, stereo_before)
         starts = None
         if self.start == "time" and correlation_before is not None and stereo_before is not None:
             starts = _from_before(view, correlation_before, stereo_before)
@@ -94,12 +107,43 @@ class Stereo(Node):
         if stereo_before is None:
             _check_pattern(images["right"], starts[..., 0])
         ratio = _noise_ratio(view, starts) if stereo_before is None else stereo_before.attrs["noise_ratio"]
-        found = self._followed(view, starts, ratio)
+        found, search = self._matched(view, starts, ratio)
         if stereo_before is None:
             _check_order(cameras, view, found)
-        return self._product(cameras, correlation, found, ratio, overexposed(images["right"], starts[..., 0]))
+        product = self._product(cameras, correlation, found, ratio, overexposed(images["right"], starts[..., 0]))
+        if self.match == "every_step":
+            return product
+        return _to_follow(product, found._replace(passed=passed_on(found, search)), view, correlation)
 
-    def _followed(self, view: View, starts: np.ndarray, noise_ratio: float) -> Followed:
+    def _followed(
+        self, cameras: Rig, view: View, images_before: Product, stereo_first: Product, stereo_before: Product
+    ) -> Product:
+        """What the first right photograph shows in the one of the step."""
+        import numpy as np
+
+        from dicflow.core.across import overexposed
+        from dicflow.core.material import cropped, follow_step
+        from dicflow.core.status import Status
+        from dicflow.stages.correlate import Reference, anchor_of, carried_reference, updating
+
+        image, ratio = view.images["right"], stereo_before.attrs["noise_ratio"]
+        search = self._search(view.correlation)
+        search = search._replace(noise=ratio * search.noise)
+        first, last = (
+            anchor_of(stereo_first, view.images_first["right"]),
+            anchor_of(stereo_before, images_before["right"]),
+        )
+        first, known = cropped(first, search.subset.size), carried_reference(stereo_before)
+        rule = updating(Reference(**view.correlation.attrs["updating"]))
+        found, reference = follow_step(first, known, last, image, search, rule)
+        never = stereo_first["status"] > Status.FILLED
+        found = found._replace(
+            status=np.where(never, stereo_first["status"], found.status), template=stereo_first["template"]
+        )
+        product = self._product(cameras, view.correlation, found, ratio, overexposed(image, found.warp[..., 0]))
+        return _to_follow(product, found, view, stereo_before, reference)
+
+    def _matched(self, view: View, starts: np.ndarray, noise_ratio: float) -> tuple[Followed, Search]:
         """What the left photograph of the step shows in the right one, from starting warps (row, col, 2, 3)."""
         import numpy as np
 
@@ -115,7 +159,7 @@ class Stereo(Node):
         grid = np.where(np.isfinite(view.correlation["xy"]), view.correlation_first["xy"], np.nan)
         first, reference = first_anchor(image, usable, grid, search), carried_reference(view.correlation)
         target = prepared(right, search)
-        return follow_across(first, reference, view.correlation["way"], target, starts, search)
+        return follow_across(first, reference, view.correlation["way"], target, starts, search), search
 
     def _search(self, correlation: Product) -> Search:
         from dicflow.core.correlate import Subset
@@ -174,6 +218,7 @@ class Stereo(Node):
             **{name: correlation.attrs[name] for name in ("step_size", "subset_size")},
             "shape_function": self.shape_function,
             "interpolation": self.interpolation,
+            "match": self.match,
             "noise_ratio": noise_ratio,
             "summary": {
                 **_summary(correlation["status"], status, apart[kept], found.iterations[kept]),
@@ -181,6 +226,32 @@ class Stereo(Node):
             },
         }
         return Product("stereo", variables, attrs)
+
+
+def _to_follow(
+    product: Product, found: Followed, view: View, before: Product, reference: Anchor | None = None
+) -> Product:
+    """A step with what its points are followed from at the next ones.
+
+    before : whose outline holds where too little was found
+    """
+    from dicflow.core.region import polygons_from_attrs, polygons_to_attrs
+    from dicflow.stages.correlate import carried_outline, packed
+
+    facts = view.correlation_first.attrs
+    outline = polygons_from_attrs(facts["polygons"])
+    polygons = carried_outline(outline, found, view.correlation_first["xy"], before)
+    variables = {
+        "passed": Variable((*_GRID, "pair"), found.passed, "px²", "share of photographs before in the covariance"),
+        "slope": Variable((*_GRID, "out", "in"), found.slope, "1", "gradient from the photograph that found it"),
+    }
+    attrs = {"polygons": polygons_to_attrs(polygons)}
+    if reference is None:
+        return Product(product.kind, {**product.variables, **variables}, {**product.attrs, **attrs})
+    carried, fact = packed(reference, facts["subset_size"])
+    return Product(
+        product.kind, {**product.variables, **variables, **carried}, {**product.attrs, **attrs, "reference": fact}
+    )
 
 
 def check_size(side: str, camera_size: tuple[int, int], size: tuple[int, int]) -> None:

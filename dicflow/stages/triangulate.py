@@ -38,8 +38,8 @@ class Errors(NamedTuple):
 class Triangulate(Node):
     """The points that best explain both photographs, with covariance and the reason where there is none.
 
-    Both photographs were correlated with one template, so its noise moves a point along the surface alike in both; the
-    noise of the photographs themselves moves it in depth too.
+    Both places go back to one template, so its noise moves a point along the surface alike in both; the noise of the
+    photographs themselves moves it in depth too.
     """
 
     title: ClassVar = "triangulate"
@@ -76,8 +76,8 @@ class Triangulate(Node):
 def _errors(found: Triangulated, correlation: Product, stereo: Product) -> Errors:
     """What the errors in both photographs do to the points.
 
-    At the first step the left place is the point itself, without error. Where both places were chained through a later
-    reference, the error of the way there is common to both photographs, as they are correlated with one template.
+    At the first step the left place is the point itself, without error. Where both places were chained through one
+    later reference, the error of the way there is common to both photographs, as they are correlated with one template.
 
     A richer shape function in the right photograph feels the template's noise more. Since the other one's estimate is
     efficient, what is added is independent of it: a second error of the template, which only the right place has.
@@ -91,7 +91,8 @@ def _errors(found: Triangulated, correlation: Product, stereo: Product) -> Error
     by_left, by_right = found.by_left @ correlation["gradient"], found.by_right @ stereo["gradient"]
     right = congruent(inverse(stereo["gradient"]), stereo["covariance"])
     left = congruent(inverse(correlation["gradient"]), correlation["covariance"])
-    first, chained = (correlation["way"] == 0)[..., None], (stereo["way"] > 1)[..., None]
+    first = (correlation["way"] == 0)[..., None]
+    chained = ((stereo["way"] > 1) & (stereo.attrs["match"] == "every_step"))[..., None]
     common = np.where(chained, congruent(inverse(correlation["gradient"]), correlation["passed"]), 0.0)
     ratio = _variance(correlation["template"]) / _variance(stereo["template"]) if _differ(correlation, stereo) else 1.0
     shares = (

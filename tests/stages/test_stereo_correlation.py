@@ -57,14 +57,16 @@ def tracked(pairs, points=POINTS, states=(REST, MOVED), **options):
 def measured(pairs, left, rig=None, **parameters):
     """The products ``stereo`` and ``points`` of the steps."""
     rig, results, last = rig or rig_product(), [], (None, None)
-    for pair, step in zip(pairs, left, strict=True):
+    for k, (pair, step) in enumerate(zip(pairs, left, strict=True)):
         stereo = Stereo(**parameters).run(
             images=images(*pair),
             images_first=images(*pairs[0]),
             rig=rig,
             correlation=step,
             correlation_first=left[0],
+            images_before=images(*pairs[k - 1]) if k else None,
             correlation_before=last[0],
+            stereo_first=results[0][0] if k else None,
             stereo_before=last[1],
         )
         points = Triangulate().run(correlation=step, correlation_first=left[0], stereo=stereo, rig=rig)
@@ -276,7 +278,7 @@ def test_sigma_covers_the_errors_of_points_chained_through_a_reference():
     np.testing.assert_allclose((size < 2.0).mean(axis=1), 0.954, atol=0.02)
 
 
-def scaled_errors(subset, states, chained=False):
+def scaled_errors(subset, states, chained=False, **parameters):
     """Errors over their σ (9, n), of X, Y, Z at the second step, at the first, and of U, V, W."""
     substance, scaled = material(POINTS_MC, states[0]), []
     for run in range(RUNS):
@@ -287,7 +289,7 @@ def scaled_errors(subset, states, chained=False):
             noise = np.hypot(NOISE_MC, 12**-0.5)
             step = tracked([pairs[0], between], POINTS_MC, states, noise=noise, subset=subset)[1]
             left[1] = through_reference(step, between[0], pairs[1][0], places)
-        before, after = (found for _, found in measured(pairs, left))
+        before, after = (found for _, found in measured(pairs, left, **parameters))
         assert ((after["way"] == 2).mean() > 0.99) == chained
         joint = joint_covariance(errors_of(after), errors_of(before), symmetric(before["template"]))
         misses = [
