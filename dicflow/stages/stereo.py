@@ -129,17 +129,13 @@ class Stereo(Node):
         image, ratio = view.images["right"], stereo_before.attrs["noise_ratio"]
         search = self._search(view.correlation)
         search = search._replace(noise=ratio * search.noise)
-        first, last = (
-            anchor_of(stereo_first, view.images_first["right"]),
-            anchor_of(stereo_before, images_before["right"]),
-        )
-        first, known = cropped(first, search.subset.size), carried_reference(stereo_before)
+        first = cropped(anchor_of(stereo_first, view.images_first["right"]), search.subset.size)
+        last, known = anchor_of(stereo_before, images_before["right"]), carried_reference(stereo_before)
         rule = updating(Reference(**view.correlation.attrs["updating"]))
         found, reference = follow_step(first, known, last, image, search, rule)
-        never = stereo_first["status"] > Status.FILLED
-        found = found._replace(
-            status=np.where(never, stereo_first["status"], found.status), template=stereo_first["template"]
-        )
+        status = np.where(stereo_first["status"] > Status.FILLED, stereo_first["status"], found.status)
+        levels = (part.attrs["noise_level"] for part in (view.correlation, view.correlation_first))
+        found = found._replace(status=status, template=np.divide(*levels) ** 2 * stereo_first["template"])
         product = self._product(cameras, view.correlation, found, ratio, overexposed(image, found.warp[..., 0]))
         return _to_follow(product, found, view, stereo_before, reference)
 

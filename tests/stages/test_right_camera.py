@@ -92,6 +92,14 @@ def test_sigma_covers_the_errors_of_followed_points(subset, states):
     np.testing.assert_allclose((size < 2.0).mean(axis=1), 0.954, atol=0.02)
 
 
+def test_the_template_has_the_noise_that_a_later_step_tells(pairs, left):
+    """The first photograph alone told twice as much of it."""
+    steps = [left[0], tracked(pairs[:2], states=STATES, noise=0.25)[1]]
+    matched, followed = (measured(pairs[:2], steps, match=match)[1][0] for match in ("every_step", "first_step"))
+    ratio = followed["template"][..., [0, 2]] / matched["template"][..., [0, 2]]
+    np.testing.assert_allclose(ratio, 1.0, atol=0.05)
+
+
 def test_points_that_are_not_matched_at_first_are_never_followed(pairs, left):
     covered = pairs[0][1].copy()
     covered[:, :220] = 90
