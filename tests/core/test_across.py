@@ -3,7 +3,17 @@ import pytest
 from left_camera import correlation, grid
 from stereo_scene import REST, State, left_truth, material, photographs, right_truth
 
-from dicflow.core.across import Step, as_before, borne_out, contrast, follow_across, noise_ratio
+from dicflow.core.across import (
+    Step,
+    as_before,
+    borne_out,
+    contrast,
+    enclosed,
+    follow_across,
+    noise_ratio,
+    overexposed,
+    passed_on,
+)
 from dicflow.core.correlate import Subset
 from dicflow.core.material import Anchor, Search, first_anchor, prepared
 from dicflow.core.warp import warp_from_gradient
@@ -127,3 +137,32 @@ def test_contrast_is_the_spread_of_grey_levels():
     assert contrast(image, np.array([[0.2, 1.0], [0.9, 2.1], [-4.0, 0.0], [0.0, 99.0]])) == 10.0
     assert contrast(image, np.full((2, 2), np.nan)) == 1.0
     assert contrast(image, np.array([[0.0, 0.0], [2.0, 2.0]])) == 1.0
+
+
+def test_overexposed_places():
+    image = np.full((20, 30), 90, dtype=np.uint8)
+    image[:, 15:] = 255
+    places = np.stack(np.meshgrid(np.arange(0.0, 40.0, 5.0), [4.0, 9.0]), axis=-1)
+    assert overexposed(image, places) == pytest.approx(0.5)
+    places[0, 0] = np.nan
+    assert overexposed(image, places) == pytest.approx(6 / 11)
+    assert np.isnan(overexposed(image, places + 100.0))
+
+
+def test_places_enclose_what_lies_between_them():
+    places = np.stack(np.meshgrid([4.0, 10.0, 16.0], [3.0, 8.0]), axis=-1)
+    inside = enclosed((12, 20), places)
+    assert inside.sum() == 13 * 6
+    places[0, 2] = np.nan
+    assert enclosed((12, 20), places).sum() == 7 * 6
+
+
+def test_noise_that_led_to_a_place_leads_away_from_it_again():
+    """Where a subset looks the same in the right photograph nothing of it remains; where it shrinks, some of it."""
+    shift = warp_from_gradient(POINTS + 0.3, np.broadcast_to(np.eye(2), (*POINTS.shape, 2)))
+    matched = follow_across(first(), None, ways(1), prepared(LEFT[0], SEARCH), shift, SEARCH)
+    assert (np.abs(passed_on(matched, SEARCH)) < 1e-3 * matched.covariance[..., :1]).all()
+    across = follow_across(first(), None, ways(1), prepared(LEFT[1], SEARCH), starts(), SEARCH)
+    remains = (passed_on(across, SEARCH) / across.covariance)[..., [0, 2]]
+    assert (remains > 0.0).all()
+    assert np.median(remains) < 0.3

@@ -2,7 +2,15 @@ import numpy as np
 import pytest
 
 from dicflow.core.interpolate import interpolate, spline
-from dicflow.core.noise import image_noise, interpolated_noise, pair_noise, smoothed_noise
+from dicflow.core.noise import (
+    Noise,
+    first_noise,
+    image_noise,
+    interpolated_noise,
+    pair_noise,
+    smoothed_noise,
+    told_by_motion,
+)
 from dicflow.core.synthetic.planar import planar_pair
 
 INSIDE = np.zeros((240, 240), dtype=bool)
@@ -32,6 +40,32 @@ def test_clipped_pixels_have_no_noise():
     dark = np.clip(pair.reference.astype(float) - 45.0, 0, 255).astype(np.uint8)
     assert (dark == 0).mean() > 0.1
     assert image_noise(dark, INSIDE) == pytest.approx(2.0, rel=0.15)
+
+
+def told(noise, shift, misfit, smoothing_px=0.0, points=50):
+    """What two photographs tell in which all points moved alike and were fitted alike."""
+    pair = planar_pair((240, 240), shift, noise=2.0)
+    centres = np.random.default_rng(0).integers(40, 200, (points, 2)).astype(float)
+    found = centres, centres + shift, np.full(points, misfit)
+    return told_by_motion(
+        noise, pair.reference, pair.deformed, INSIDE, found, size=21, degree=5, smoothing_px=smoothing_px
+    )
+
+
+def test_two_photographs_settle_the_noise_of_the_first():
+    first = first_noise(planar_pair((240, 240), (0.0, 0.0), noise=2.0).reference, INSIDE)
+    assert not first.settled
+    static = told(first, (0.0, 0.0), 0.0)
+    assert static == (pytest.approx(np.hypot(2.0, 12**-0.5), rel=0.02), "static pair", True)
+    small, large = told(first, (3.0, 1.0), 1e-6), told(first, (3.0, 1.0), 0.5)
+    assert small == (pytest.approx(12**-0.5), "residual of a second photograph", True)
+    assert large == first._replace(settled=True)
+    assert told(first, (3.0, 1.0), 1e-6, smoothing_px=1.0) == first._replace(settled=True)
+
+
+def test_without_a_point_the_noise_stays_unsettled():
+    first = Noise(2.0, "first photograph", False)
+    assert told(first, (3.0, 1.0), 0.0, points=0) == first
 
 
 def test_smoothing_leaves_less_than_white_noise():

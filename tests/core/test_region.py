@@ -10,6 +10,7 @@ from dicflow.core.region import (
     carry,
     contains,
     densify,
+    grid_points,
     interior,
     mask_polygons,
     polygons_from_attrs,
@@ -22,6 +23,22 @@ from dicflow.core.texture import texture
 
 HOLE = rectangle(8, 6, 12, 10).exterior
 FRAME = [Polygon(rectangle(2, 1, 30, 21).exterior, (HOLE,))]
+
+
+def test_grid_points_are_whole_pixels_of_the_region():
+    points = grid_points([Polygon(FRAME[0].exterior + 0.4, (HOLE,))], 4)
+    known = np.isfinite(points).all(axis=-1)
+    assert points.shape == (5, 7, 2)
+    np.testing.assert_array_equal(points[0, 0], (3.0, 2.0))
+    np.testing.assert_array_equal(points[known], np.rint(points[known]))
+    np.testing.assert_array_equal(
+        known,
+        contains(
+            [Polygon(FRAME[0].exterior + 0.4, (HOLE,))],
+            np.stack(np.meshgrid(3.0 + 4.0 * np.arange(7), 2.0 + 4.0 * np.arange(5)), axis=-1),
+        ),
+    )
+    assert 0 < (~known).sum() < known.sum()
 
 
 def star(radii, centre=(50.0, 40.0)):
