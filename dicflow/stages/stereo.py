@@ -15,10 +15,12 @@ if TYPE_CHECKING:
 
     from dicflow.core.camera import Rig
     from dicflow.core.material import Anchor, Followed, Search
+    from dicflow.core.seed import Pairs
 
 __all__ = ["Stereo", "check_size"]
 
 SEEDS = 300  # points that are looked for along their epipolar lines
+PAIRS = 1000  # points that tell how the others have moved
 SEED_WINDOW = 1.5  # side of what is compared there, in subsets
 ENOUGH = 0.5  # share of the points that, when found, tells the order of left and right; else features do
 DEGREES = {"bicubic": 3, "biquintic": 5}
@@ -33,6 +35,14 @@ class View(NamedTuple):
     images_first: Product
     correlation: Product
     correlation_first: Product
+
+
+class Before(NamedTuple):
+    """The step before."""
+
+    images: Product
+    correlation: Product
+    stereo: Product
 
 
 class Stereo(Node):
@@ -98,8 +108,9 @@ class Stereo(Node):
         cameras = rig_from_dict(rig.attrs["rig"])
         _check_photographs(images, cameras)
         view = View(images, images_first, correlation, correlation_first)
-        if self.match == "first_step" and images_before and stereo_first and stereo_before:
-            return self._followed(cameras, view, images_before, stereo_first, stereo_before)
+        if self.match == "first_step" and images_before and correlation_before and stereo_first and stereo_before:
+            before = Before(images_before, correlation_before, stereo_before)
+            return self._followed(cameras, view, before, stereo_first)
         starts = None
         if self.start == "time" and correlation_before is not None and stereo_before is not None:
             starts = _from_before(view, correlation_before, stereo_before)
@@ -115,9 +126,7 @@ class Stereo(Node):
             return product
         return _to_follow(product, found._replace(passed=passed_on(found, search)), view, correlation)
 
-    def _followed(
-        self, cameras: Rig, view: View, images_before: Product, stereo_first: Product, stereo_before: Product
-    ) -> Product:
+    def _followed(self, cameras: Rig, view: View, before: Before, stereo_first: Product) -> Product:
         """What the first right photograph shows in the one of the step."""
         import numpy as np
 
@@ -126,18 +135,18 @@ class Stereo(Node):
         from dicflow.core.status import Status
         from dicflow.stages.correlate import Reference, anchor_of, carried_reference, updating
 
-        image, ratio = view.images["right"], stereo_before.attrs["noise_ratio"]
+        image, ratio = view.images["right"], before.stereo.attrs["noise_ratio"]
         search = self._search(view.correlation)
         search = search._replace(noise=ratio * search.noise)
         first = cropped(anchor_of(stereo_first, view.images_first["right"]), search.subset.size)
-        last, known = anchor_of(stereo_before, images_before["right"]), carried_reference(stereo_before)
+        last, known = anchor_of(before.stereo, before.images["right"]), carried_reference(before.stereo)
         rule = updating(Reference(**view.correlation.attrs["updating"]))
-        found, reference = follow_step(first, known, last, image, search, rule)
+        found, reference = follow_step(first, known, last, image, search, rule, _moved_along(view, before))
         status = np.where(stereo_first["status"] > Status.FILLED, stereo_first["status"], found.status)
         levels = (part.attrs["noise_level"] for part in (view.correlation, view.correlation_first))
         found = found._replace(status=status, template=np.divide(*levels) ** 2 * stereo_first["template"])
         product = self._product(cameras, view.correlation, found, ratio, overexposed(image, found.warp[..., 0]))
-        return _to_follow(product, found, view, stereo_before, reference)
+        return _to_follow(product, found, view, before.stereo, reference)
 
     def _matched(self, view: View, starts: np.ndarray, noise_ratio: float) -> tuple[Followed, Search]:
         """What the left photograph of the step shows in the right one, from starting warps (row, col, 2, 3)."""
@@ -298,6 +307,19 @@ def _from_before(view: View, correlation_before: Product, stereo_before: Product
     starts = as_before(*(Step(step["xy"], step["gradient"]) for step in steps))
     centres = view.correlation_first["xy"]
     return starts if borne_out(view.images_first["left"], view.images["right"], centres, starts) else None
+
+
+def _moved_along(view: View, before: Before) -> Pairs:
+    """Some points in the right photograph of the step before, and where the motion in the left one puts them."""
+    import numpy as np
+
+    from dicflow.core.across import Step, as_before
+    from dicflow.core.seed import Pairs
+
+    steps = (Step(step["xy"], step["gradient"]) for step in (view.correlation, before.correlation, before.stereo))
+    places = np.stack([before.stereo["xy"], as_before(*steps)[..., 0]])
+    known = places[:, np.isfinite(places).all(axis=(0, -1))]
+    return Pairs(*known[:, :: 1 + known.shape[1] // PAIRS])
 
 
 def _from_partners(cameras: Rig, view: View) -> np.ndarray:
