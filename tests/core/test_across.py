@@ -14,22 +14,24 @@ from dicflow.core.across import (
     overexposed,
     passed_on,
 )
+from dicflow.core.chain import congruent
 from dicflow.core.correlate import Subset
-from dicflow.core.material import Anchor, Search, first_anchor, prepared
+from dicflow.core.material import Anchor, Search, attempt, first_anchor, prepared
 from dicflow.core.warp import warp_from_gradient
 
 SUBSET = Subset(31, "quadratic")
 SEARCH = Search(SUBSET, noise=0.5)
 TURNED = State(curl=0.3, turn=(0.1, 0.05, 0.2), shift=(0.3, 0.2, -2.0))
+STRETCHED = State(stretch=1.05, bulge=-0.2, curl=0.3, turn=(0.05, 0.1, 0.03), shift=(0.5, 0.3, -1.0))
 POINTS = grid((200, 150, 400, 350), 25).astype(float)
 MATERIAL = material(POINTS)
 LEFT, BETWEEN = photographs(REST, 0.5), photographs(TURNED, 0.5, 1)
 
 
-def starts(state=REST):
-    places = right_truth(MATERIAL, state)
+def starts(state=REST, points=POINTS):
+    places = right_truth(material(points), state)
     slopes = [
-        right_truth(material(POINTS + s), state) - right_truth(material(POINTS - s), state) for s in 0.5 * np.eye(2)
+        right_truth(material(points + s), state) - right_truth(material(points - s), state) for s in 0.5 * np.eye(2)
     ]
     return warp_from_gradient(places + 0.5, np.stack(slopes, axis=-1))
 
@@ -166,3 +168,31 @@ def test_noise_that_led_to_a_place_leads_away_from_it_again():
     remains = (passed_on(across, SEARCH) / across.covariance)[..., [0, 2]]
     assert (remains > 0.0).all()
     assert np.median(remains) < 0.3
+
+
+@pytest.mark.parametrize("way", ["direct", "chained"])
+def test_sigma_covers_the_errors_of_places_followed_from_a_match(way):
+    """By the noise of the left photograph, of the right one that was matched, of one in between, and of the last."""
+    noise, fine = 4.0, grid((150, 90, 450, 410), 20).astype(float)
+    search, everywhere = SEARCH._replace(noise=np.hypot(noise, 12**-0.5)), np.ones(LEFT[0].shape, dtype=bool)
+    truth = [right_truth(material(fine), state) for state in (REST, TURNED, STRETCHED)]
+    begin = [starts(state, fine) for state in (REST, TURNED, STRETCHED)]
+    sizes = []
+    for run in range(5):
+        views = [photographs(state, noise, 10 * run + k) for k, state in enumerate((REST, TURNED, STRETCHED))]
+        anchor, target = first_anchor(views[0][0], everywhere, fine, search), prepared(views[2][1], search)
+        match = follow_across(
+            anchor, None, np.ones(fine.shape[:2], np.uint8), prepared(views[0][1], search), begin[0], search
+        )
+        reference = Anchor(
+            views[0][1], (0, 0), everywhere, match.warp[..., 0], match.warp, passed_on(match, search), match.slope
+        )
+        if way == "chained":
+            step = attempt(reference, prepared(views[1][1], search), begin[1], search)
+            reference = Anchor(views[1][1], (0, 0), everywhere, step.warp[..., 0], step.warp, step.passed, step.slope)
+        found = attempt(reference, target, begin[2], search, way=1 + (way == "chained"))
+        covariance = found.covariance + congruent(found.warp[..., 1:3], match.template)
+        sizes.append(np.abs(found.warp[..., 0] - truth[2]) / np.sqrt(covariance[..., [0, 2]]))
+    sizes = np.array(sizes)
+    assert np.mean(sizes < 1.0) == pytest.approx(0.683, abs=0.03)
+    assert np.mean(sizes < 2.0) == pytest.approx(0.954, abs=0.02)
