@@ -36,7 +36,7 @@ class Reference(BaseModel):
     model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
 
     update: Literal["on_demand", "every", "never"] = parameter(
-        "on_demand", "take a new reference when points get lost, every so many steps, or never"
+        "on_demand", "take a new reference for lost points when there are too many, every so many steps, or never"
     )
     steps: int = parameter(10, "for every: after how many steps", ge=1)
     lost: float = parameter(0.002, "share of points lost since the step before that asks for a reference", ge=0, le=1)
