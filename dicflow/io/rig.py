@@ -3,16 +3,22 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 
 from dicflow.core.camera import Camera, Rig
+from dicflow.core.rig_parameters import PARAMETERS
 from dicflow.errors import InputError
 
-__all__ = ["read_rig", "rig_from_dict", "rig_text", "rig_to_dict", "write_rig"]
+__all__ = ["read_covariance", "read_rig", "rig_from_dict", "rig_text", "rig_to_dict", "write_rig"]
+
+_T = TypeVar("_T")
+
+_ROUNDING = 1e-6
+"""How far, in units of the standard deviations, a covariance may be from a symmetric one without negative variances."""
 
 
 def rig_to_dict(rig: Rig) -> dict[str, Any]:
@@ -38,26 +44,56 @@ def rig_from_dict(values: Mapping[str, Any]) -> Rig:
     )
 
 
-def write_rig(path: Path, rig: Rig) -> None:
-    """Write the rig to a JSON file."""
-    path.write_text(rig_text(rig), encoding="utf-8")
+def write_rig(path: Path, rig: Rig, covariance: Any = None) -> None:
+    """Write the rig to a JSON file, with the covariance of its numbers where it is known."""
+    path.write_text(rig_text(rig, covariance), encoding="utf-8")
 
 
-def rig_text(rig: Rig) -> str:
-    """The rig as the text of a JSON file."""
-    return json.dumps(rig_to_dict(rig), indent=2) + "\n"
+def rig_text(rig: Rig, covariance: Any = None) -> str:
+    """The rig as the text of a JSON file.
+
+    covariance : (24, 24) — of :data:`~dicflow.core.rig_parameters.PARAMETERS`; None where it is not known
+    """
+    known = {} if covariance is None else {"covariance": np.asarray(covariance, dtype=float).tolist()}
+    return json.dumps({**rig_to_dict(rig), **known}, indent=2) + "\n"
 
 
 def read_rig(path: Path) -> Rig:
     """Read what :func:`write_rig` wrote. Raises InputError where the file does not hold a rig."""
+    return _read(path, rig_from_dict)
+
+
+def read_covariance(path: Path) -> np.ndarray | None:
+    """The covariance (24, 24) that :func:`write_rig` wrote beside a rig, None where there is none.
+
+    Raises InputError where it is of another size, not symmetric, or has negative variances.
+    """
+    return _read(path, _covariance_from_dict)
+
+
+def _read(path: Path, convert: Callable[[Mapping[str, Any]], _T]) -> _T:
     try:
-        return rig_from_dict(json.loads(path.read_text(encoding="utf-8")))
+        return convert(json.loads(path.read_text(encoding="utf-8")))
     except OSError as error:
         raise InputError(f"{path}: expected a rig, but the file cannot be read ({error.strerror}).") from error
     except KeyError as error:
         raise InputError(f"{path}: expected a rig, but the entry {error} is missing; write it with dicflow.") from error
     except (ValueError, TypeError) as error:
         raise InputError(f"{path}: expected a rig as dicflow writes it, but found that {error}.") from error
+
+
+def _covariance_from_dict(values: Mapping[str, Any]) -> np.ndarray | None:
+    if "covariance" not in values:
+        return None
+    found = _numbers(values["covariance"], (len(PARAMETERS), len(PARAMETERS)), "covariance")
+    deviations = np.sqrt(np.maximum(np.diagonal(found), 0.0))
+    units = np.where(deviations > 0.0, deviations, 1.0)
+    correlation = found / np.outer(units, units)
+    if np.abs(correlation - correlation.T).max() > _ROUNDING:
+        raise ValueError("covariance is not symmetric")
+    if np.linalg.eigvalsh(correlation)[0] < -_ROUNDING:
+        raise ValueError("covariance has negative variances")
+    return found
 
 
 def _camera_to_dict(camera: Camera) -> dict[str, Any]:

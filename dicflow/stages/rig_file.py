@@ -19,8 +19,8 @@ __all__ = ["RigFile"]
 class RigFile(Node):
     """Read a calibration of both cameras: OpenCV, MatchID, VIC-3D, DICe, OpenCorr, pyvale, MATLAB or dicflow's own.
 
-    The photographs say their size where the file does not, and must have the file's where it does. Nothing is known
-    of how exact the calibration is.
+    The photographs say their size where the file does not, and must have the file's where it does. How exact the
+    calibration is, only dicflow's own files say.
     """
 
     title: ClassVar = "read the rig"
@@ -58,8 +58,10 @@ class RigFile(Node):
         size = None if images is None else (images["left"].shape[1], images["left"].shape[0])
         found = read_calibration(file_path, size)
         summary = _summary(found)
+        known = {} if found.covariance is None else {"covariance": found.covariance.tolist()}
         attrs = {
             "rig": rig_to_dict(found.rig),
+            **known,
             "pairs": [],
             "program": found.program,
             "warnings": list(found.warnings),

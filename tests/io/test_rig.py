@@ -2,8 +2,9 @@ import numpy as np
 import pytest
 
 from dicflow.core.camera import Camera, Rig, camera_matrix, rotation_matrix
+from dicflow.core.rig_parameters import PARAMETERS
 from dicflow.errors import InputError
-from dicflow.io.rig import read_rig, rig_to_dict, write_rig
+from dicflow.io.rig import read_covariance, read_rig, rig_to_dict, write_rig
 
 
 def make_rig() -> Rig:
@@ -38,3 +39,34 @@ def test_a_wrong_shape_is_named(tmp_path):
 def test_a_missing_file_is_named(tmp_path):
     with pytest.raises(InputError, match=r"none\.json"):
         read_rig(tmp_path / "none.json")
+
+
+def covariance():
+    root = (
+        np.random.default_rng(3).normal(size=(len(PARAMETERS), 30)) * np.geomspace(1e-6, 3.0, len(PARAMETERS))[:, None]
+    )
+    return root @ root.T
+
+
+def test_a_covariance_comes_back_bit_for_bit(tmp_path):
+    path = tmp_path / "rig.json"
+    write_rig(path, make_rig(), covariance())
+    np.testing.assert_array_equal(read_covariance(path), covariance())
+    assert rig_to_dict(read_rig(path)) == rig_to_dict(make_rig())
+    write_rig(path, make_rig())
+    assert read_covariance(path) is None
+
+
+@pytest.mark.parametrize(
+    ("spoil", "word"),
+    [
+        (lambda matrix: matrix[:-1], "covariance is not 24 × 24 finite numbers"),
+        (lambda matrix: np.where(matrix == matrix[0, 1], matrix.max(), matrix) + np.triu(matrix, 1), "not symmetric"),
+        (lambda matrix: matrix - 1.1 * np.diag(np.diagonal(matrix)), "negative variances"),
+        (lambda matrix: matrix - 0.9 * np.diag(np.diagonal(matrix)), "negative variances"),
+    ],
+)
+def test_what_is_no_covariance_is_named(tmp_path, spoil, word):
+    write_rig(tmp_path / "rig.json", make_rig(), spoil(covariance()))
+    with pytest.raises(InputError, match=rf"rig\.json: .*{word}"):
+        read_covariance(tmp_path / "rig.json")

@@ -11,6 +11,8 @@ from dicflow.core.camera import Camera, Rig, rotation_matrix
 from dicflow.engine.product import Product, Variable
 from dicflow.errors import InputError
 from dicflow.io.calibrations import read_calibration, write_opencv
+from dicflow.io.exports.items import Item
+from dicflow.io.exports.json import write
 from dicflow.io.rig import read_rig, rig_from_dict, rig_to_dict
 from dicflow.pipeline import Pipeline
 from dicflow.stages.rig_file import RigFile
@@ -70,6 +72,15 @@ def pipeline(folder, calibration: str):
 def run(folder, calibration: str):
     arguments = ("--scheduler", "sync", "--workers", 1, "--json", "--output", folder / "o")
     return dicflow("run", pipeline(folder, calibration), *arguments)
+
+
+def test_how_exact_a_rig_is_goes_with_its_file(folder):
+    root = np.random.default_rng(2).normal(size=(24, 24))
+    exported = Product("rig", attrs={"rig": rig_to_dict(made_rig()), "covariance": (root @ root.T).tolist()})
+    write([Item("rig", None, exported)], folder, "test")
+    product = RigFile(file="rig.json").run(file_path=folder / "rig.json", images=photographs())
+    assert product.attrs["covariance"] == exported.attrs["covariance"]
+    assert "covariance" not in RigFile(file="cal.yaml").run(folder / "cal.yaml", photographs()).attrs
 
 
 def test_the_rig_that_the_file_holds(folder):

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dicflow.io.calibrations.draft import Draft, DraftCamera, Source
-from dicflow.io.rig import read_rig
+from dicflow.io.rig import read_covariance, read_rig
 
 __all__ = ["PROGRAM", "parse", "recognises"]
 
@@ -17,6 +17,7 @@ def recognises(source: Source) -> bool:
 
 
 def parse(source: Source) -> Draft:
-    """The rig that the file holds."""
-    rig = read_rig(source.path)
-    return Draft(PROGRAM, DraftCamera(*rig.left), DraftCamera(*rig.right), rig.rotation, rig.translation)
+    """The rig that the file holds, and its covariance."""
+    rig, covariance = read_rig(source.path), read_covariance(source.path)
+    cameras = DraftCamera(*rig.left), DraftCamera(*rig.right)
+    return Draft(PROGRAM, *cameras, rig.rotation, rig.translation, covariance=covariance)

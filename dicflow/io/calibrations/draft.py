@@ -72,6 +72,7 @@ class Draft(NamedTuple):
     program : whose format it is, as messages say it
     rotation, translation : (3, 3) and (3,) [mm] — X1 = rotation @ X0 + translation
     warnings : what the user should know
+    covariance : (24, 24) of :data:`~dicflow.core.rig_parameters.PARAMETERS`; None where the file does not say it
     """
 
     program: str
@@ -80,6 +81,7 @@ class Draft(NamedTuple):
     rotation: Array
     translation: Array
     warnings: tuple[str, ...] = ()
+    covariance: Array | None = None
 
 
 class Calibration(NamedTuple):
@@ -88,6 +90,7 @@ class Calibration(NamedTuple):
     rig: Rig
     program: str
     warnings: tuple[str, ...] = ()
+    covariance: Array | None = None
 
 
 def number(where: str, name: str, text: Any) -> float:
@@ -164,7 +167,7 @@ def complete(path: Path, draft: Draft, image_size: tuple[int, int] | None) -> Ca
     right = _complete_camera(f"{path}: the right camera", draft.right, image_size)
     rig = Rig(left, right, _rotation(path, draft.rotation), _translation(path, draft.translation))
     warnings = (*draft.warnings, *_centre_warnings("left", left), *_centre_warnings("right", right))
-    return Calibration(rig, draft.program, (*warnings, *_baseline_warnings(rig)))
+    return Calibration(rig, draft.program, (*warnings, *_baseline_warnings(rig)), draft.covariance)
 
 
 def _complete_camera(where: str, one: DraftCamera, image_size: tuple[int, int] | None) -> Camera:

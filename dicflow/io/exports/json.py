@@ -14,7 +14,8 @@ KINDS = ("rig",)
 
 
 def write(items: Iterable[Item], folder: Path, name: str) -> None:
-    """One file per rig; its numbers come back bit for bit."""
+    """One file per rig, with its covariance where it is known; the numbers come back bit for bit."""
     for item in items:
-        text = rig_text(rig_from_dict(item.product.attrs["rig"]))
+        attrs = item.product.attrs
+        text = rig_text(rig_from_dict(attrs["rig"]), attrs.get("covariance"))
         place(folder, f"{item.stem}.json").write_text(text, encoding="utf-8")
