@@ -15,7 +15,8 @@ if TYPE_CHECKING:
 
 __all__ = ["NoiseFloor"]
 
-_QUANTITIES = ("U", "V", "W", "exx", "eyy", "gxy")
+_DISPLACEMENTS, _STRAINS = ("U", "V", "W"), ("exx", "eyy", "gxy", "e1", "e2", "area_change")
+_QUANTITIES = (*_DISPLACEMENTS, *_STRAINS)
 _FIGURES = ("bias", "sigma", "predicted_sigma")
 
 
@@ -24,7 +25,8 @@ class NoiseFloor(Node):
 
     Bias is the mean over the points, σ their scatter about it, beside the σ that was predicted (its root mean square).
     At a rigidly moved step the best rigid-body motion is taken out of the displacement first; the scatter of the
-    displacement is then that about the motion.
+    displacement is then that about the motion. Noise alone drives the principal strains apart, so that they have a bias
+    of about σ where there is no strain.
     """
 
     title: ClassVar = "noise floor"
@@ -72,7 +74,7 @@ class NoiseFloor(Node):
             raise StageError(f"a noise floor needs points, but a step has {known.sum()}; look at its correlation")
         errors, deviations = _displacement(total, known, self.rigid)
         fields = dict(zip("UVW", zip(errors.T, deviations.T, strict=True), strict=True))
-        fields |= {name: (total[name][known], total[f"sigma_{name}"][known]) for name in ("exx", "eyy", "gxy")}
+        fields |= {name: (total[name][known], total[f"sigma_{name}"][known]) for name in _STRAINS}
         return {name: _figures(*field) for name, field in fields.items()}
 
 
@@ -115,7 +117,7 @@ def _summary(figures: Mapping[str, np.ndarray], unit: str) -> dict[str, float]:
 
     summary: dict[str, float] = {}
     for row, quantity in enumerate(_QUANTITIES):
-        ending = f"_{unit}" if quantity in ("U", "V", "W") else ""
+        ending = f"_{unit}" if quantity in _DISPLACEMENTS else ""
         summary[f"max_bias_{quantity}{ending}"] = float(np.abs(figures["bias"][row]).max())
         for name in ("sigma", "predicted_sigma"):
             summary[f"{name}_{quantity}{ending}"] = float(np.sqrt(np.mean(figures[name][row] ** 2)))
@@ -123,7 +125,7 @@ def _summary(figures: Mapping[str, np.ndarray], unit: str) -> dict[str, float]:
 
 
 def _unit(quantity: str, unit: str) -> str:
-    return unit if quantity in ("U", "V", "W") else "1"
+    return unit if quantity in _DISPLACEMENTS else "1"
 
 
 def _json(value: float) -> float | None:

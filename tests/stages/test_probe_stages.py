@@ -182,12 +182,15 @@ def test_noise_floor_of_a_rigid_motion():
         for motion in motions
     )
     result = NoiseFloor().run(total=totals)
-    for quantity in ("U_mm", "V_mm", "W_mm", "exx", "eyy", "gxy"):
+    for quantity in ("U_mm", "V_mm", "W_mm", "exx", "eyy", "gxy", "area_change"):
         summary = result.attrs["summary"]
         assert summary[f"sigma_{quantity}"] == pytest.approx(summary[f"predicted_sigma_{quantity}"], rel=0.25)
         assert summary[f"max_bias_{quantity}"] < 0.5 * summary[f"sigma_{quantity}"]
-    assert result["sigma"].shape == (6, 2)
-    assert len(result.attrs["rows"]) == 12
+    assert result["sigma"].shape == (9, 2)
+    assert len(result.attrs["rows"]) == 18
+    apart = {row["quantity"]: row["bias"] / row["sigma"] for row in result.attrs["rows"]}
+    assert 0.5 < apart["e1"] < 1.5
+    assert -1.5 < apart["e2"] < -0.5
     assert result.attrs["rows"][0]["points"] == SHAPE[0] * SHAPE[1]
     json.dumps(result.attrs, allow_nan=False)
     kept = NoiseFloor(still=("two",), rigid=False).run(total=totals)
