@@ -53,8 +53,8 @@ def python(code, *arguments):
 # run
 
 
-def test_a_run_with_nothing_to_do(given):
-    answer = dicflow("run", *given, "--json")
+def test_a_run_with_nothing_to_do(own):
+    answer = dicflow("run", *own, "--json")
     assert answer.code == 0
     assert answer.line["counts"] == {"hit": TASKS, "computed": 0, "failed": 0, "skipped": 0}
     assert set(answer.line) == {"run", "counts", "seconds", "stages"}
@@ -167,7 +167,7 @@ def test_every_command_explains_itself():
     assert "..." not in listed.partition("Commands:")[2]
 
 
-def test_a_run_with_nothing_to_do_loads_no_numerics(given):
+def test_a_run_with_nothing_to_do_loads_no_numerics(own):
     code = """
 import sys
 from dicflow.cli import main
@@ -178,7 +178,7 @@ except SystemExit as stop:
 heavy = "scipy cv2 numba dask distributed zarr xarray matplotlib PIL".split()
 print([name for name in heavy if name in sys.modules])
 """
-    said = python(code, "run", *given, "--dashboard")
+    said = python(code, "run", *own, "--dashboard")
     assert said.splitlines()[-1] == "[]"
 
 

@@ -34,7 +34,6 @@ def test_the_result_is_that_of_the_last_run(alone, pipeline, measured):
     assert all(found.has("total", step) for step in found.steps("total"))
     assert found.has("comparison")
     assert not found.has("photos", 0)
-    assert not found.has("pair", 0)
     with pytest.raises(NotKeptError, match="was not kept"):
         found.product("photos", 0)["left"]
 
