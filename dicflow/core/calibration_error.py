@@ -11,7 +11,7 @@ import cv2
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-__all__ = ["error_modes", "mode_gradient_covariance", "mode_sigma", "spread_out", "thinned"]
+__all__ = ["error_modes", "mode_displacement_sigma", "mode_gradient_covariance", "spread_out", "thinned"]
 
 Array = NDArray[np.float64]
 
@@ -30,16 +30,18 @@ def error_modes(covariance: ArrayLike) -> Array:
     return np.asarray(scale[:, None] * directions[:, kept] * np.sqrt(strengths[kept]))
 
 
-def mode_sigma(motion: Array) -> Array:
-    """σ (...) of what each mode moves so far (..., m): a place, or with the difference of two states a displacement."""
-    return np.asarray(np.linalg.norm(motion, axis=-1))
+def mode_displacement_sigma(deformed: Array, reference: Array) -> Array:
+    """σ (..., 3) of the displacement.
+
+    deformed, reference : (..., 3, m) — motion of the points in both states by each mode [mm]
+    """
+    return np.asarray(np.linalg.norm(deformed - reference, axis=-1))
 
 
 def mode_gradient_covariance(deformed: Array, reference: Array, response: Array, stride: int = 1) -> Array:
     """Covariance (row, col, 4, 4) of the deformation gradient.
 
-    deformed, reference : (row, col, 3, m) — motion of the points in both states by each mode [mm], on the grid or on
-        every ``stride``-th of its rows and columns
+    deformed, reference : (row, col, 3, m) — as above, on the grid or on every ``stride``-th of its rows and columns
     response : (row, col, 4, 2, 6) — there, to slopes per step of the whole grid;
         :class:`~dicflow.core.deformation_gradient.SurfaceGradient` has it
     """

@@ -53,7 +53,6 @@ _PLACES = {
     "xy": (("image_component",), "place in the image"),
     "xy_reference": (("image_component",), "place in the image at the first step"),
     "gradient": (("out", "in"), "deformation gradient"),
-    "calibration_xyz": (("component",), "calibration's share in σ of the place"),
     "covariance": (("pair",), "covariance of the place at this step and the first, upper triangle by rows"),
 }
 
@@ -148,12 +147,10 @@ class Deformation(Node):
     def _calibration(
         self, rig: Product, steps: tuple[Product, Product], turns: tuple[np.ndarray, ...], surface: SurfaceGradient
     ) -> dict[str, np.ndarray]:
-        """The calibration's share in σ of place, displacement and strain.
+        """The calibration's share in σ of displacement and strain.
 
         steps, turns : this one and the first, and the axes in which each is given
         """
-        import numpy as np
-
         from dicflow.core import calibration_error as shares
         from dicflow.core.measures import sigma
         from dicflow.core.rig_uncertainty import point_sensitivity
@@ -168,12 +165,12 @@ class Deformation(Node):
         )
         covariance = shares.mode_gradient_covariance(after, before, surface.response[part], part[0].step)
         strains = sigma(surface.gradient[part], covariance, self.measure, self.directions)
-        place, displacement = shares.mode_sigma(after), shares.mode_sigma(after - before)
-        found = {**{name: displacement[..., axis] for axis, name in enumerate("UVW")}, **strains._asdict()}
-        return {
-            **{f"calibration_{name}": shares.spread_out(field, shape) for name, field in found.items()},
-            "calibration_xyz": np.stack([shares.spread_out(place[..., axis], shape) for axis in range(3)], axis=-1),
+        displacement = shares.mode_displacement_sigma(after, before)
+        found = {
+            **{name: displacement[..., axis] for axis, name in enumerate("UVW")},
+            **{name: getattr(strains, name) for name in ("exx", "eyy", "gxy")},
         }
+        return {f"calibration_{name}": shares.spread_out(field, shape) for name, field in found.items()}
 
     def _product(
         self,
@@ -362,8 +359,7 @@ def _variable(name: str, values: np.ndarray, unit: str, measure: str) -> Variabl
     if name in _PLACES:
         dims, title = _PLACES[name]
         units = {"component": unit, "image_component": "px", "pair": f"{unit}²"}.get(dims[0], "1")
-        kept = values.astype(np.float32) if name in ("covariance", "calibration_xyz") else values
-        return Variable((*_GRID, *dims), kept, units, title)
+        return Variable((*_GRID, *dims), values.astype(np.float32) if name == "covariance" else values, units, title)
     share, base = name.split("_", 1) if name.startswith(tuple(_SHARES)) else ("", name)
     title = _SCALARS[base].format(measure=measure)
     units = unit if base in "UVW" else "deg" if base in ("angle", "rotation") else "1"

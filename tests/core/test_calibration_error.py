@@ -3,8 +3,8 @@ import pytest
 
 from dicflow.core.calibration_error import (
     error_modes,
+    mode_displacement_sigma,
     mode_gradient_covariance,
-    mode_sigma,
     spread_out,
     thinned,
 )
@@ -28,7 +28,7 @@ def test_modes_of_scale_and_shift():
     stretched = flat * [1.0, 1.5, 1.0] + [3.0, 0.0, 0.0]
     shift = np.broadcast_to([0.2, 0.3, 0.4], flat.shape)
     after, before = (np.stack([1e-3 * state, shift], axis=-1) for state in (stretched, flat))
-    assert np.allclose(mode_sigma(after - before), 1e-3 * np.abs(stretched - flat))
+    assert np.allclose(mode_displacement_sigma(after, before), 1e-3 * np.abs(stretched - flat))
     slopes = [np.stack([np.gradient(state, axis=axis) for axis in (1, 0)], axis=-1) for state in (flat, stretched)]
     assert np.abs(mode_gradient_covariance(after, before, gradient_response(*slopes))).max() < 1e-18
     only = mode_gradient_covariance(after, 0 * before, gradient_response(*slopes))

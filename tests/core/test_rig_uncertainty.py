@@ -1,10 +1,10 @@
 import numpy as np
+import pytest
 from boards import board_corners, verged_rig
 
-from dicflow.core.calibration_error import error_modes, mode_sigma
 from dicflow.core.camera import project, to_right
 from dicflow.core.rig_parameters import PARAMETERS, rig_moved
-from dicflow.core.rig_uncertainty import point_sensitivity, sensitivity_at
+from dicflow.core.rig_uncertainty import calibration_share, point_sensitivity, sensitivity_at
 from dicflow.core.triangulate import triangulate
 
 RIG = verged_rig()
@@ -42,6 +42,16 @@ def test_pixels_that_are_missing_give_no_value():
     assert np.isnan(point_sensitivity(RIG, left, right)).any(axis=(-2, -1)).tolist() == [False, True, False]
 
 
+def test_a_point_that_stays_has_no_share_in_its_displacement():
+    sensitivity = point_sensitivity(RIG, *seen(POINTS))
+    covariance = np.diag(STEPS**2)
+    assert not calibration_share(sensitivity, sensitivity, covariance).any()
+    own = calibration_share(sensitivity, np.zeros_like(sensitivity), covariance)
+    assert own.shape == (3, 6)
+    full = sensitivity[0] @ covariance @ sensitivity[0].T
+    assert own[0] == pytest.approx(full[np.triu_indices(3)])
+
+
 def test_an_error_of_the_baseline_alone_is_a_share_in_proportion_to_the_displacement():
     """σ of the baseline's length 0.1 %: σ of each displacement 0.1 % of it."""
     relative = 1e-3
@@ -49,7 +59,6 @@ def test_an_error_of_the_baseline_alone_is_a_share_in_proportion_to_the_displace
     covariance[-3:, -3:] = relative**2 * np.outer(RIG.translation, RIG.translation)
     displacement = np.array([6.0, -3.0, 2.0])
     states = [point_sensitivity(RIG, *seen(points)) for points in (POINTS, POINTS + displacement)]
-    modes = error_modes(covariance)
-    share = mode_sigma((states[1] - states[0]) @ modes)
-    np.testing.assert_allclose(share, np.broadcast_to(relative * np.abs(displacement), share.shape), rtol=1e-6)
-    np.testing.assert_allclose(mode_sigma(states[0] @ modes), relative * np.abs(POINTS), rtol=1e-6, atol=1e-12)
+    share = calibration_share(states[1], states[0], covariance)
+    expected = relative**2 * np.outer(displacement, displacement)[np.triu_indices(3)]
+    np.testing.assert_allclose(share, np.broadcast_to(expected, share.shape), rtol=1e-6)

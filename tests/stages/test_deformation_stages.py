@@ -193,7 +193,7 @@ def test_the_calibration_share_of_strain_is_what_another_rig_would_give():
     shares = Deformation().run(points=after, points_first=before, rig=rig)
     other = [points(triangulate(rig_moved(RIG, step), part["xy"], part["xy_right"]).xyz) for part in (after, before)]
     moved = Deformation().run(points=other[0], points_first=other[1])
-    for name in ("xyz", "U", "V", "W", "exx", "eyy", "gxy", "e1", "e2", "rotation", "von_mises", "area_change"):
+    for name in ("U", "V", "W", "exx", "eyy", "gxy"):
         change = np.abs(moved[name] - shares[name])
         deviation = np.abs(shares[f"calibration_{name}"] - change)
         assert np.median(deviation) < 0.01 * change.max()
