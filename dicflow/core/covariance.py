@@ -23,7 +23,6 @@ __all__ = [
     "displacement_covariance",
     "joint_covariance",
     "points_in_frame",
-    "propagate",
     "sigma_along",
     "symmetric",
     "upper",
@@ -96,17 +95,6 @@ def displacement_covariance(joint: Array) -> Array:
 def sigma_along(covariance: Array, vector: Array) -> Array:
     """Standard deviation (...) of vᵀδ, for δ with covariance (..., d, d) and v (..., d)."""
     return np.asarray(np.sqrt(np.maximum(np.einsum("...i,...ij,...j->...", vector, covariance, vector), 0.0)))
-
-
-def propagate(function: Callable[[Array], Array], values: Array, covariance: Array) -> Array:
-    """Standard deviation of functions of uncertain values, by their derivative.
-
-    function : of (..., d), gives (..., k)
-    values : (..., d)
-    covariance : (..., d, d)
-    Returns (..., k).
-    """
-    return sigma_along(covariance[..., None, :, :], derivative(function, values))
 
 
 def derivative(function: Callable[[Array], Array], values: Array) -> Array:

@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-__all__ = ["CAMERA", "Frame", "axes_frame", "into_frame", "plane_frame", "three_point_frame"]
+__all__ = ["CAMERA", "Frame", "axes_frame", "into_frame", "plane_frame", "three_point_frame", "within"]
 
 Array = NDArray[np.float64]
 
@@ -32,6 +32,11 @@ CAMERA = Frame(np.eye(3), np.zeros(3))
 def into_frame(points: ArrayLike, frame: Frame) -> Array:
     """Points (..., 3) of the left camera's frame in another one [mm]."""
     return np.asarray((np.asarray(points, dtype=np.float64) - frame.origin) @ frame.rotation.T)
+
+
+def within(inner: Frame, outer: Frame) -> Frame:
+    """A frame that is given in another one, in the left camera's."""
+    return Frame(inner.rotation @ outer.rotation, outer.origin + inner.origin @ outer.rotation)
 
 
 def plane_frame(points: ArrayLike) -> Frame:

@@ -18,10 +18,20 @@ from typing import Literal, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from dicflow.core.covariance import derivative, propagate
+from dicflow.core.covariance import derivative, sigma_along
 from dicflow.core.strain import Strain, engineering_strain, inverse, tangent_basis
 
-__all__ = ["Directions", "Measure", "Measured", "measured", "principal", "sigma", "slope_shares", "strain_components"]
+__all__ = [
+    "Directions",
+    "Measure",
+    "Measured",
+    "gradient_derivative",
+    "measured",
+    "principal",
+    "sigma",
+    "slope_shares",
+    "strain_components",
+]
 
 Array = NDArray[np.float64]
 Measure = Literal["engineering", "green_lagrange", "hencky", "euler_almansi", "biot"]
@@ -72,12 +82,17 @@ def sigma(gradient: Array, covariance: Array, measure: Measure, directions: Dire
     covariance : (..., 4, 4) — of F₁₁, F₁₂, F₂₁, F₂₂
     Near λ₁ = λ₂ the angle's is large: no direction is the principal one there.
     """
+    slopes = gradient_derivative(gradient, measure, directions)
+    return Measured(*np.moveaxis(sigma_along(covariance[..., None, :, :], slopes), -1, 0))
+
+
+def gradient_derivative(gradient: Array, measure: Measure, directions: Directions) -> Array:
+    """Derivatives (..., 9, 4) of all that is measured, in :class:`Measured`'s order, by F₁₁, F₁₂, F₂₁, F₂₂."""
 
     def stacked(flat: Array) -> Array:
         return np.stack(measured(flat.reshape(*flat.shape[:-1], 2, 2), measure, directions), axis=-1)
 
-    deviations = propagate(stacked, gradient.reshape(*gradient.shape[:-2], 4), covariance)
-    return Measured(*np.moveaxis(deviations, -1, 0))
+    return derivative(stacked, gradient.reshape(*gradient.shape[:-2], 4))
 
 
 def slope_shares(gradient: Array, reference: Array, measure: Measure, directions: Directions) -> Strain:

@@ -11,6 +11,7 @@ from dicflow.engine.node import At, Keep, Node, Pixels, Port, Scope, keeping, pa
 from dicflow.engine.product import Product, Variable
 from dicflow.errors import StageError
 from dicflow.stages.accumulate import field_means
+from dicflow.stages.frame import frame_attrs, frame_from
 from dicflow.stages.smooth import fitted_status
 
 if TYPE_CHECKING:
@@ -46,6 +47,7 @@ _SCALARS = {
     "von_mises": "von Mises strain (logarithmic, incompressible)",
     "area_change": "area change",
 }
+_SHARED = ("U", "V", "W", "exx", "eyy", "gxy", "e1", "e2", "von_mises", "area_change")
 _SHARES = {"sigma": "σ of the {title}", "calibration": "calibration's share in σ of the {title}"}
 _PLACES = {
     "xyz": (("component",), "place"),
@@ -54,7 +56,9 @@ _PLACES = {
     "xy_reference": (("image_component",), "place in the image at the first step"),
     "gradient": (("out", "in"), "deformation gradient"),
     "covariance": (("pair",), "covariance of the place at this step and the first, upper triangle by rows"),
+    "calibration_xyz": (("component",), "calibration's share in σ of the place"),
 }
+_SINGLE = ("covariance", "calibration_xyz")
 
 
 class Deformation(Node):
@@ -74,7 +78,7 @@ class Deformation(Node):
         "frame": Port("frame", optional=True),
     }
     gives: ClassVar = "total"
-    impl_version: ClassVar = 4
+    impl_version: ClassVar = 5
 
     stage: Literal["deformation"] = "deformation"
     keep: Keep = keeping("always")
@@ -97,25 +101,25 @@ class Deformation(Node):
         """``points_first`` are those of the first step."""
         from dicflow.core.covariance import joint_covariance, points_in_frame, symmetric, upper
         from dicflow.core.deformation_gradient import surface_gradient
+        from dicflow.core.frames import CAMERA, within
 
-        axes = _axes(frame)
+        axes = CAMERA if frame is None else frame_from(frame.attrs)
         points_first = _of_one_noise(points_first, points)
         before = points_in_frame(_points(points_first, first=True), axes)
         after = points_in_frame(_points(points), axes)
         motion = self._motion(before, after)
         along = _moving_frame(motion)
-        after = points_in_frame(after, along)
+        after, frames = points_in_frame(after, along), (within(along, axes), axes)
         covariance = joint_covariance(after, before, symmetric(points_first["template"]))
         errors = _shares(covariance, points, points_first, (axes, along))
         window = self._window(points_first.attrs["step_size"])
         surface = surface_gradient(before.xyz, after.xyz, [*errors.values()], window, self.degree, self.min_share)
         fields = {**_displacements(before, after, covariance), **self._strains(surface)}
         if rig is not None and "covariance" in rig.attrs:
-            turns = (along.rotation @ axes.rotation, axes.rotation)
-            fields |= self._calibration(rig, (points, points_first), turns, surface)
+            fields |= self._calibration(rig, (after.xyz, before.xyz), frames, surface)
         fields |= {"xyz": after.xyz, "xyz_reference": before.xyz, "gradient": surface.gradient}
         fields["covariance"] = upper(covariance)
-        return self._product(fields, errors, (points, points_first), motion)
+        return self._product(fields, errors, (points, points_first), motion, frames)
 
     def _window(self, step_size: float) -> tuple[int, int]:
         from dicflow.core.filters import odd_window
@@ -145,32 +149,30 @@ class Deformation(Node):
         return {**values._asdict(), **{f"sigma_{name}": part for name, part in deviations._asdict().items()}}
 
     def _calibration(
-        self, rig: Product, steps: tuple[Product, Product], turns: tuple[np.ndarray, ...], surface: SurfaceGradient
+        self, rig: Product, states: tuple[np.ndarray, ...], frames: tuple[Frame, Frame], surface: SurfaceGradient
     ) -> dict[str, np.ndarray]:
-        """The calibration's share in σ of displacement and strain.
+        """The calibration's share in σ of place, displacement and strain.
 
-        steps, turns : this one and the first, and the axes in which each is given
+        states, frames : the points at this step and the first, and the frames in which they are given
         """
+        import numpy as np
+
         from dicflow.core import calibration_error as shares
-        from dicflow.core.measures import sigma
-        from dicflow.core.rig_uncertainty import point_sensitivity
         from dicflow.io.rig import rig_from_dict
 
-        cameras, modes = rig_from_dict(rig.attrs["rig"]), shares.error_modes(rig.attrs["covariance"])
         shape = surface.gradient.shape[:2]
         part = shares.thinned(shape)
-        after, before = (
-            (turn @ point_sensitivity(cameras, step["xy"][part], step["xy_right"][part])) @ modes
-            for step, turn in zip(steps, turns, strict=True)
+        after, before = (state[part] for state in states)
+        fitted = (after, before) if self.rigid else None
+        error = shares.rig_error(rig_from_dict(rig.attrs["rig"]), rig.attrs["covariance"], frames, fitted)
+        both = error.at(after, before)
+        moved = (both, shares.grid_slopes(both, part[0].step))
+        changes = shares.field_changes(
+            *moved, surface.gradient[part], surface.response[part], self.measure, self.directions
         )
-        covariance = shares.mode_gradient_covariance(after, before, surface.response[part], part[0].step)
-        strains = sigma(surface.gradient[part], covariance, self.measure, self.directions)
-        displacement = shares.mode_displacement_sigma(after, before)
-        found = {
-            **{name: displacement[..., axis] for axis, name in enumerate("UVW")},
-            **{name: getattr(strains, name) for name in ("exx", "eyy", "gxy")},
-        }
-        return {f"calibration_{name}": shares.spread_out(field, shape) for name, field in found.items()}
+        found = {name: shares.spread_out(np.linalg.norm(changes[name], axis=-1), shape) for name in (*"XYZ", *_SHARED)}
+        place = np.stack([found.pop(name) for name in "XYZ"], axis=-1)
+        return {"calibration_xyz": place, **{f"calibration_{name}": share for name, share in found.items()}}
 
     def _product(
         self,
@@ -178,6 +180,7 @@ class Deformation(Node):
         errors: Mapping[ShapeFunction, Share],
         steps: tuple[Product, Product],
         motion: RigidMotion | None,
+        frames: tuple[Frame, Frame],
     ) -> Product:
         import numpy as np
 
@@ -196,7 +199,7 @@ class Deformation(Node):
         share = (moved & strained).sum() / max(1, int(laid))
         summary = {"valid_share": float(share), **field_means(fields, unit), **_usual_sigmas(fields, unit)}
         facts = {**self._facts(fields, first.attrs, unit), "shape_shares": _variance_shares(errors)}
-        attrs = {**facts, "rigid": _six_numbers(motion), "summary": summary}
+        attrs = {**facts, "rigid": _six_numbers(motion), "frames": [*map(frame_attrs, frames)], "summary": summary}
         return Product("total", variables, attrs)
 
     def _facts(self, fields: Mapping[str, np.ndarray], facts: Mapping[str, Any], unit: str) -> dict[str, Any]:
@@ -281,17 +284,6 @@ def _of_one_noise(first: Product, step: Product) -> Product:
     return Product(first.kind, {**first.variables, **scaled}, first.attrs)
 
 
-def _axes(frame: Product | None) -> Frame:
-    """The frame in which results are given."""
-    import numpy as np
-
-    from dicflow.core.frames import CAMERA, Frame
-
-    if frame is None:
-        return CAMERA
-    return Frame(np.array(frame.attrs["rotation"]), np.array(frame.attrs["origin_mm"]))
-
-
 def _moving_frame(motion: RigidMotion | None) -> Frame:
     """The frame that moves along with what is taken out."""
     from dicflow.core.frames import CAMERA
@@ -359,7 +351,7 @@ def _variable(name: str, values: np.ndarray, unit: str, measure: str) -> Variabl
     if name in _PLACES:
         dims, title = _PLACES[name]
         units = {"component": unit, "image_component": "px", "pair": f"{unit}²"}.get(dims[0], "1")
-        return Variable((*_GRID, *dims), values.astype(np.float32) if name == "covariance" else values, units, title)
+        return Variable((*_GRID, *dims), values.astype(np.float32) if name in _SINGLE else values, units, title)
     share, base = name.split("_", 1) if name.startswith(tuple(_SHARES)) else ("", name)
     title = _SCALARS[base].format(measure=measure)
     units = unit if base in "UVW" else "deg" if base in ("angle", "rotation") else "1"

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Annotated, ClassVar, Literal, Self
+from collections.abc import Mapping
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal, Self
 
 from pydantic import Field, model_validator
 
@@ -15,7 +16,7 @@ if TYPE_CHECKING:
 
     from dicflow.core.frames import Frame as Axes
 
-__all__ = ["Frame"]
+__all__ = ["Frame", "frame_attrs", "frame_from"]
 
 Place = Annotated[tuple[float, ...], Field(min_length=2, max_length=3)]
 Vector = tuple[float, float, float]
@@ -65,7 +66,7 @@ class Frame(Node):
         height = into_frame(points["xyz"], axes)[..., 2]
         height = height[np.isfinite(height)]
         summary = {"flatness_mm": float(np.sqrt(np.mean(height**2)))} if height.size else {}
-        attrs = {"method": self.method, "rotation": axes.rotation.tolist(), "origin_mm": axes.origin.tolist()}
+        attrs = {"method": self.method, **frame_attrs(axes)}
         return Product("frame", attrs={**attrs, "summary": summary})
 
     def _axes(self, points: Product) -> Axes:
@@ -78,6 +79,20 @@ class Frame(Node):
         if self.x is not None and self.y is not None and self.origin is not None:
             return axes_frame(self.x, self.y, self.origin)
         return CAMERA
+
+
+def frame_attrs(frame: Axes) -> dict[str, list[Any]]:
+    """A frame as attributes of a product."""
+    return {"rotation": frame.rotation.tolist(), "origin_mm": frame.origin.tolist()}
+
+
+def frame_from(attrs: Mapping[str, Any]) -> Axes:
+    """The inverse of :func:`frame_attrs`."""
+    import numpy as np
+
+    from dicflow.core.frames import Frame as Axes
+
+    return Axes(np.array(attrs["rotation"]), np.array(attrs["origin_mm"]))
 
 
 def _in_space(points: Product, place: tuple[float, ...]) -> np.ndarray:

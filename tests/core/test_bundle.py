@@ -4,9 +4,10 @@ from boards import SIZE, SQUARE_MM, board_corners, verged_rig
 
 from dicflow.core.bundle import Bundle, Model, adjust, adjust_to_noise, covariance, lengths, residuals
 from dicflow.core.calibrate import calibrate_camera
+from dicflow.core.calibration_error import rig_error
 from dicflow.core.camera import project, rotation_vector, to_right
+from dicflow.core.frames import CAMERA
 from dicflow.core.rig_parameters import LENS, PARAMETERS, figure_sigmas, figures, reprojection_slopes, rig_moved
-from dicflow.core.rig_uncertainty import calibration_share, point_sensitivity
 from dicflow.core.targets import board_points
 from dicflow.core.triangulate import triangulate
 
@@ -90,8 +91,9 @@ def test_the_calibrations_share_of_a_displacement_is_its_scatter(calibrated):
     errors, shares = [], []
     for rig, matrix in calibrated:
         errors.append(triangulate(rig, *seen[1]).xyz - triangulate(rig, *seen[0]).xyz - (after - before))
-        shares.append(calibration_share(point_sensitivity(rig, *seen[1]), point_sensitivity(rig, *seen[0]), matrix))
-    predicted = np.sqrt(np.mean(shares, axis=0)[..., [0, 3, 5]])
+        both = rig_error(rig, matrix, (CAMERA, CAMERA)).at(after, before)
+        shares.append(np.sum((both[..., :3, :] - both[..., 3:, :]) ** 2, axis=-1))
+    predicted = np.sqrt(np.mean(shares, axis=0))
     scatter = np.sqrt(np.mean(np.square(errors), axis=0))
     np.testing.assert_allclose(scatter / predicted, 1.0, atol=3.5 / np.sqrt(2 * TRIALS))
     assert predicted.max() < 0.1

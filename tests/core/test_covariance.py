@@ -7,7 +7,6 @@ from dicflow.core.covariance import (
     displacement_covariance,
     joint_covariance,
     points_in_frame,
-    propagate,
     sigma_along,
     symmetric,
     upper,
@@ -61,7 +60,7 @@ def test_another_frame_changes_no_uncertainty_along_a_direction():
 
 def test_propagation_of_a_product():
     values, covariance = np.array([2.0, 5.0]), np.array([[0.04, 0.01], [0.01, 0.09]])
-    product = propagate(lambda v: v[..., :1] * v[..., 1:], values, covariance)
+    product = sigma_along(covariance, derivative(lambda v: v[..., :1] * v[..., 1:], values))
     assert product == pytest.approx([np.sqrt(25 * 0.04 + 4 * 0.09 + 2 * 10 * 0.01)])
     assert np.allclose(
         derivative(lambda v: np.stack([v[..., 0] ** 2, v.sum(axis=-1)], axis=-1), values), [[4, 0], [1, 1]]

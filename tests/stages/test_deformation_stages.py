@@ -170,34 +170,70 @@ def test_the_first_step_is_judged_by_the_noise_that_later_steps_tell():
         np.testing.assert_allclose(two[name], 0.5 * one[name], rtol=1e-5)
 
 
+def uncertain(covariance):
+    return Product("rig", attrs={"rig": rig_to_dict(RIG), "covariance": np.asarray(covariance).tolist()})
+
+
+def through_another_rig(step, after, before, **parameters):
+    """The total of the same photographs, with the rig's numbers wrong by a step."""
+    rig = rig_moved(RIG, step)
+    states = [points(triangulate(rig, part["xy"], part["xy_right"]).xyz) for part in (after, before)]
+    return Deformation(**parameters).run(points=states[0], points_first=states[1])
+
+
 def test_the_share_of_the_calibration():
     """A baseline known to 0.1 % makes all lengths in space, and so all displacements, wrong by 0.1 %, and no strain."""
-    covariance = np.zeros((24, 24))
     shift = np.concatenate([np.zeros(21), 1e-3 * RIG.translation])
-    covariance += np.outer(shift, shift)
-    rig = Product("rig", attrs={"rig": rig_to_dict(RIG), "covariance": covariance.tolist()})
-    before, after = first_points(FLAT), points(deformed(STRETCH, shift=(1.0, 2.0, 3.0)))
-    exact = Product("points", {**before.variables, "xy": points(FLAT).variables["xy"]}, before.attrs)
-    result = Deformation().run(points=after, points_first=exact, rig=rig)
+    result = Deformation().run(
+        points=points(deformed(STRETCH, shift=(1.0, 2.0, 3.0))),
+        points_first=first_points(FLAT),
+        rig=uncertain(np.outer(shift, shift)),
+    )
+    assert np.allclose(result["calibration_xyz"], 1e-3 * np.abs(result["xyz"]), atol=1e-6)
+    assert result.variables["calibration_xyz"].units == "mm"
     for name in "UVW":
         assert np.allclose(result[f"calibration_{name}"], 1e-3 * np.abs(result[name]), atol=1e-7)
-    for name in ("exx", "eyy", "gxy"):
+    for name in ("exx", "eyy", "gxy", "e1", "e2", "von_mises", "area_change"):
         assert np.abs(result[f"calibration_{name}"]).max() < 2e-6
 
 
-def test_the_calibration_share_of_strain_is_what_another_rig_would_give():
+def test_the_calibration_share_is_what_another_rig_would_give():
     step = np.zeros(24)
     step[0] = 10.0
-    rig = Product("rig", attrs={"rig": rig_to_dict(RIG), "covariance": np.outer(step, step).tolist()})
     before, after = points(FLAT), points(deformed(STRETCH, turn=(0, 0.1, 0), shift=(1.0, 2.0, 3.0)))
-    shares = Deformation().run(points=after, points_first=before, rig=rig)
-    other = [points(triangulate(rig_moved(RIG, step), part["xy"], part["xy_right"]).xyz) for part in (after, before)]
-    moved = Deformation().run(points=other[0], points_first=other[1])
-    for name in ("U", "V", "W", "exx", "eyy", "gxy"):
+    shares = Deformation().run(points=after, points_first=before, rig=uncertain(np.outer(step, step)))
+    moved = through_another_rig(step, after, before)
+    for name in ("U", "V", "W", "exx", "eyy", "gxy", "e1", "e2", "von_mises", "area_change", "xyz"):
         change = np.abs(moved[name] - shares[name])
         deviation = np.abs(shares[f"calibration_{name}"] - change)
         assert np.median(deviation) < 0.01 * change.max()
         assert deviation.max() < 0.1 * change.max()
+
+
+@pytest.mark.parametrize("rigid", [False, True])
+def test_the_calibration_share_is_the_scatter_of_rigs_drawn_from_its_covariance(rigid):
+    """A Monte Carlo over all 24 numbers; the points' errors being one error, only the draws count."""
+    rng, draws = np.random.default_rng(3), 120
+    scale = np.array([*[2.0] * 4, *[1e-3, 1e-2, 1e-4, 1e-4, 0.0]] * 2 + [2e-4] * 3 + [0.05] * 3)
+    root = scale[:, None] * rng.normal(size=(24, 30)) / np.sqrt(30)
+    motion = {"turn": (0.05, 0.1, -0.1), "shift": (4.0, 2.0, -6.0)}
+    before, after = points(FLAT), points(deformed(np.diag([0.95, 1.2, 1.0]), **motion))
+    result = Deformation(rigid=rigid).run(points=after, points_first=before, rig=uncertain(root @ root.T))
+    steps = rng.normal(size=(draws, 30)) @ root.T
+    moved = [through_another_rig(step, after, before, rigid=rigid) for step in steps]
+    for name in ("xyz", "U", "V", "W", "exx", "eyy", "gxy", "e1", "e2", "von_mises", "area_change"):
+        scatter = np.sqrt(np.mean([(part[name] - result[name]) ** 2 for part in moved], axis=0))
+        ratio = np.sqrt((result[f"calibration_{name}"] ** 2).mean() / (scatter**2).mean())
+        assert ratio == pytest.approx(1.0, abs=3.5 / np.sqrt(2 * draws)), name
+
+
+def test_a_motion_that_is_taken_out_takes_the_calibrations_share_along():
+    """A baseline known to 0.1 %: of a motion by 40 mm nothing is left, nor of its share of 40 µm."""
+    shift = np.concatenate([np.zeros(21), 1e-3 * RIG.translation])
+    after, rig = points(deformed(np.eye(3), turn=(0, 0, 0.1), shift=(40.0, 0, 0))), uncertain(np.outer(shift, shift))
+    kept, taken = (Deformation(rigid=r).run(points=after, points_first=points(FLAT), rig=rig) for r in (False, True))
+    assert np.median(kept["calibration_U"]) == pytest.approx(0.04, rel=0.05)
+    assert max(np.abs(taken[f"calibration_{name}"]).max() for name in "UVW") < 1e-6
 
 
 def test_variables_have_units_and_names():
