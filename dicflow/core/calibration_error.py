@@ -20,9 +20,11 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from dicflow.core.camera import Rig
+from dicflow.core.deformation_gradient import gradient_response
 from dicflow.core.frames import Frame
 from dicflow.core.measures import Directions, Measure, Measured, gradient_derivative
 from dicflow.core.rig_parameters import reprojection_slopes
+from dicflow.core.strain import deformation_gradient
 
 __all__ = [
     "MotionError",
@@ -30,8 +32,8 @@ __all__ = [
     "error_modes",
     "field_changes",
     "grid_slopes",
-    "local_slopes",
     "motion_error",
+    "place_changes",
     "point_sensitivity",
     "rig_error",
     "spread_out",
@@ -152,19 +154,6 @@ def grid_slopes(both: Array, stride: int = 1) -> Array:
     return np.stack([_slope(both, axis) for axis in (1, 0)], axis=-3) / stride
 
 
-def local_slopes(error: RigError, points: tuple[Array, Array], slopes: tuple[Array, Array]) -> Array:
-    """The same of single places, (n, 2, 6, m).
-
-    points, slopes : (n, 3) and (n, 3, 2) — of the surface at the step and at the reference
-    """
-    steps = [0.5 * np.swapaxes(part, -1, -2) for part in slopes]
-    ahead, back = (
-        error.at(*(places[:, None] + sign * step for places, step in zip(points, steps, strict=True)))
-        for sign in (1.0, -1.0)
-    )
-    return np.asarray(ahead - back)
-
-
 def field_changes(
     both: Array, slopes: Array, gradient: Array, response: Array, measure: Measure, directions: Directions
 ) -> dict[str, Array]:
@@ -181,6 +170,23 @@ def field_changes(
         **{name: both[..., axis, :] - both[..., axis + 3, :] for axis, name in enumerate("UVW")},
         **{name: measures[..., row, :] for row, name in enumerate(Measured._fields)},
     }
+
+
+def place_changes(
+    error: RigError, points: tuple[Array, Array], slopes: tuple[Array, Array], measure: Measure, directions: Directions
+) -> dict[str, Array]:
+    """The same at single places, (n, m) each.
+
+    points, slopes : (n, 3) and (n, 3, 2) — of the surface at the step and at the reference
+    """
+    steps = [0.5 * np.swapaxes(part, -1, -2) for part in slopes]
+    ahead, back = (
+        error.at(*(places[:, None] + sign * step for places, step in zip(points, steps, strict=True)))
+        for sign in (1.0, -1.0)
+    )
+    after, before = slopes
+    gradient, response = deformation_gradient(before, after), gradient_response(before, after)
+    return field_changes(error.at(*points), ahead - back, gradient, response, measure, directions)
 
 
 def thinned(shape: tuple[int, ...]) -> tuple[slice, slice]:

@@ -11,7 +11,7 @@ from typing import NamedTuple, Protocol
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from scipy.signal import convolve2d, correlate2d
+from scipy.signal import convolve2d, correlate, correlate2d
 
 from dicflow.core.covariance import sigma_along
 from dicflow.core.filters import slope_weights
@@ -22,10 +22,13 @@ __all__ = [
     "Extension",
     "Probe",
     "area_probe",
+    "complete_mean",
     "difference",
     "extension",
+    "length_slopes",
     "mean_probe",
     "point_probe",
+    "sampled",
     "sigma_of",
     "slope_overlap",
     "value_of",
@@ -40,6 +43,8 @@ _NEAR = 2.0
 _PARABOLA_POINTS = 8
 _PLANE_POINTS = 4
 _FLAT = 1e-3
+_MANY_POINTS = 500
+_GOLDEN = (5.0**0.5 - 1.0) / 2.0
 
 
 class Probe(NamedTuple):
@@ -111,6 +116,15 @@ def area_probe(inside: Mask, known: Mask) -> Probe | None:
     return Probe(rows, cols, np.full(len(rows), 1.0 / len(rows))) if len(rows) else None
 
 
+def sampled(probe: Probe, most: int) -> list[Probe]:
+    """Points of an area, each as a probe, spread evenly where there are more than ``most``."""
+    count = len(probe.rows)
+    chosen = np.arange(count)
+    if count > most:
+        chosen = np.unique((count * (np.arange(most) * _GOLDEN % 1.0)).astype(int))
+    return [Probe(probe.rows[[index]], probe.cols[[index]], np.ones(1)) for index in chosen]
+
+
 def difference(first: Probe, second: Probe) -> Probe:
     """The weighted sum that gives the value of one probe less that of another; its weights add up to 0."""
     return Probe(
@@ -118,6 +132,12 @@ def difference(first: Probe, second: Probe) -> Probe:
         np.concatenate([first.cols, second.cols]),
         np.concatenate([first.weights, -second.weights]),
     )
+
+
+def complete_mean(values: Array) -> Array:
+    """Mean (…) over those of values (n, …) that are complete; NaN without any."""
+    complete = values[np.isfinite(values).reshape(len(values), -1).all(axis=1)]
+    return np.asarray(complete.mean(axis=0) if len(complete) else np.full(values.shape[1:], np.nan))
 
 
 def value_of(probe: Probe, field: NDArray[np.floating]) -> Array:
@@ -132,8 +152,20 @@ def sigma_of(probe: Probe, sigma: NDArray[np.floating], alike: Alike) -> float:
     alike : how the errors of the points are correlated
     """
     scaled = probe.weights * sigma[probe.rows, probe.cols]
+    if len(scaled) > _MANY_POINTS:
+        return _sigma_of_many(probe, scaled, alike)
     rho = alike.at(probe.rows[:, None] - probe.rows, probe.cols[:, None] - probe.cols)
     return float(np.sqrt(max(float(scaled @ rho @ scaled), 0.0)))
+
+
+def _sigma_of_many(probe: Probe, scaled: Array, alike: Alike) -> float:
+    """The same by distances instead of pairs: Σ over distances of ρ times the autocorrelation of weight times σ."""
+    row, col = probe.rows - probe.rows.min(), probe.cols - probe.cols.min()
+    field = np.zeros((row.max() + 1, col.max() + 1))
+    np.add.at(field, (row, col), scaled)
+    apart = np.meshgrid(*(np.arange(1 - side, side) for side in field.shape), indexing="ij")
+    variance = float((correlate(field, field, method="fft") * alike.at(*apart)).sum())
+    return float(np.sqrt(max(variance, 0.0)))
 
 
 class Extension(NamedTuple):
@@ -160,19 +192,17 @@ def extension(
     both = difference(*ends)
     now, before = value_of(both, deformed), value_of(both, reference)
     length, first = float(np.linalg.norm(now)), float(np.linalg.norm(before))
-    along, along_first = now / length, before / first
-    strain = length / first - 1.0
+    values = (first, length, length - first, length / first - 1.0)
+    sigmas = (sigma_of(both, sigma_along(covariance, slope), alike) for slope in length_slopes(now, before))
+    return Extension(*zip(values, sigmas, strict=True))
 
-    def read(value: float, by_now: Array, by_first: Array) -> tuple[float, float]:
-        sigma = sigma_along(covariance, np.concatenate([by_now, by_first]))
-        return value, sigma_of(both, sigma, alike)
 
-    return Extension(
-        read(first, 0.0 * along, along_first),
-        read(length, along, 0.0 * along_first),
-        read(length - first, along, -along_first),
-        read(strain, along / first, -(1.0 + strain) * along_first / first),
-    )
+def length_slopes(now: Array, before: Array) -> Array:
+    """Derivatives (4, 6) of an :class:`Extension`'s values by both vectors (3,) from end to end [-, strain 1/mm]."""
+    length, first = np.linalg.norm(now), np.linalg.norm(before)
+    along, along_first, none = now / length, before / first, np.zeros(3)
+    slopes = [[none, along_first], [along, none], [along, -along_first], [along, -along_first * length / first]]
+    return np.asarray(np.reshape(slopes, (4, 6)) / np.array([1.0, 1.0, 1.0, first])[:, None])
 
 
 class _Table(NamedTuple):

@@ -11,11 +11,13 @@ from pydantic import BeforeValidator, Field, model_validator
 from dicflow.engine.node import At, Node, Port, Scope, parameter
 from dicflow.engine.product import Product, Variable
 from dicflow.errors import StageError
+from dicflow.stages.frame import frame_from
 
 if TYPE_CHECKING:
     import numpy as np
 
     from dicflow.core.overlap import Overlap
+    from dicflow.core.probe_error import ProbeError
     from dicflow.core.probes import Alike, Probe
 
 __all__ = ["Probes"]
@@ -25,11 +27,13 @@ Line = tuple[Place, Place]
 Ring = Annotated[tuple[Place, ...], Field(min_length=3)]
 Quantity = Literal["U", "V", "W", "exx", "eyy", "gxy"]
 
-Readings = dict[str, tuple[float, float]]
-"""Value and standard deviation by quantity; NaN where there is none."""
+Readings = dict[str, tuple[float, float, float]]
+"""Value, standard deviation and the calibration's share in it by quantity; NaN where there is none."""
 
-_NONE = (math.nan, math.nan)
+_NONE = (math.nan, math.nan, math.nan)
+_PARTS = {"": "{}", "sigma_": "σ of {}", "calibration_": "calibration's share in σ of {}"}
 _SAMPLES = 101
+_AREA_SAMPLES = 200
 _LENGTHS = ("length", "elongation", "strain")
 _DIRECTIONS = {"U": (1, 0, 0), "V": (0, 1, 0), "W": (0, 0, 1), "exx": (1, 0, 0), "eyy": (0, 1, 0), "gxy": (0.5, 0.5, 0)}
 """Which of U, V and W a quantity's errors come from, and to what share."""
@@ -49,12 +53,13 @@ class Probes(Node):
     A point's value is that of the parabola through the points around it, a line's the mean over it, an area's the mean
     of its points. An extensometer is the straight distance in space of two points: its length, the elongation since
     the first step, and elongation per first length. Each has its standard deviation, from those of the points and from
-    how much the subsets and windows of neighbours overlap. A place lies on the material: it moves along.
+    how much the subsets and windows of neighbours overlap, and beside it the calibration's share, where the rig says
+    how uncertain it is. A place lies on the material: it moves along.
     """
 
     title: ClassVar = "probes"
     scope: ClassVar = Scope.TEST
-    takes: ClassVar = {"total": Port("total", at=At.ALL)}
+    takes: ClassVar = {"total": Port("total", at=At.ALL), "rig": Port("rig", optional=True)}
     gives: ClassVar = "probes"
 
     stage: Literal["probes"] = "probes"
@@ -80,7 +85,7 @@ class Probes(Node):
             raise ValueError(f"each name stands for one probe, but {', '.join(twice)} for several")
         return self
 
-    def run(self, total: Sequence[Product]) -> Product:
+    def run(self, total: Sequence[Product], rig: Product | None = None) -> Product:
         if not len(total):
             raise StageError("there is only one step, and nothing to compare it with; give more photographs")
         steps: list[str] = ["reference", *getattr(total, "steps", map(str, range(1, len(total) + 1)))]
@@ -88,20 +93,24 @@ class Probes(Node):
         profiles: list[dict[str, np.ndarray]] = []
         facts: dict[str, Any] = {}
         for product in total:
-            step = _Step(product, self.unit)
+            step = _Step(product, self.unit, rig)
             along = {name: [step.at(place) for place in _samples(line)] for name, line in self.lines.items()}
             readings.append(dict(self._read(step, along)))
             profiles.append(self._profiles(step, along))
             facts = facts or dict(product.attrs)
         readings.insert(0, _reference(readings))
         self._check_measured(readings)
+        parts = list(_PARTS)[: 3 if rig is not None and "covariance" in rig.attrs else 2]
         rows = [
-            {"probe": name, "kind": kind, "step": step, **_columns(reading[name], facts["unit"])}
+            {"probe": name, "kind": kind, "step": step, **_columns(reading[name], facts["unit"], parts)}
             for kind, names in self._kinds().items()
             for name in names
             for step, reading in zip(steps, readings, strict=True)
         ]
-        variables = {**self._variables(readings, facts["unit"]), **self._profile_variables(profiles, facts["unit"])}
+        variables = {
+            **self._variables(readings, facts["unit"], parts),
+            **self._profile_variables(profiles, facts["unit"]),
+        }
         kept: dict[str, Any] = {name: facts[name] for name in ("unit", "measures", "vsg_px", "vsg_mm") if name in facts}
         attrs = {
             **kept,
@@ -126,16 +135,18 @@ class Probes(Node):
 
         along : for each line the probes on it
         """
-        from dicflow.core.probes import area_probe, mean_probe
+        from dicflow.core.probes import area_probe, mean_probe, sampled
         from dicflow.core.region import Polygon, contains
 
         for name, place in self.points.items():
-            yield name, step.values(step.at(place), self.quantities)
+            probe = step.at(place)
+            yield name, step.values(probe, self.quantities, [probe])
         for name, parts in along.items():
-            yield name, step.values(mean_probe(parts), self.quantities)
+            yield name, step.values(mean_probe(parts), self.quantities, parts)
         for name, ring in self.areas.items():
             inside = contains([Polygon(_array(ring))], step.grid)
-            yield name, step.values(area_probe(inside, step.known), self.quantities)
+            area = area_probe(inside, step.known)
+            yield name, step.values(area, self.quantities, sampled(area, _AREA_SAMPLES) if area is not None else [])
         for name, line in self.extensometers.items():
             yield name, step.extension(line)
 
@@ -156,13 +167,13 @@ class Probes(Node):
 
     def _check_measured(self, readings: list[dict[str, Readings]]) -> None:
         for name in readings[0]:
-            if not any(math.isfinite(value) for reading in readings[1:] for value, _ in reading[name].values()):
+            if not any(math.isfinite(value) for reading in readings[1:] for value, *_ in reading[name].values()):
                 raise StageError(
                     f"probe '{name}' lies where no step has a measured point; move it into the region, in {self.unit} "
                     "of the first step"
                 )
 
-    def _variables(self, readings: list[dict[str, Readings]], unit: str) -> dict[str, Variable]:
+    def _variables(self, readings: list[dict[str, Readings]], unit: str, parts: Sequence[str]) -> dict[str, Variable]:
         """Values and σ: (probe, step) of points, lines and areas in this order, (extensometer, step) of lengths."""
         import numpy as np
 
@@ -170,13 +181,16 @@ class Probes(Node):
             "probe": ([*self.points, *self.lines, *self.areas], self.quantities),
             "extensometer": (list(self.extensometers), _LENGTHS),
         }
-        variables = {}
+        variables: dict[str, Variable] = {}
         for dim, (names, quantities) in groups.items():
             for quantity in quantities if names else ():
-                pairs = np.array([[reading[name][quantity] for reading in readings] for name in names])
-                units = _unit(quantity, unit)
-                variables[quantity] = Variable((dim, "step"), pairs[..., 0], units, quantity)
-                variables[f"sigma_{quantity}"] = Variable((dim, "step"), pairs[..., 1], units, f"σ of {quantity}")
+                found = np.array([[reading[name][quantity] for reading in readings] for name in names])
+                variables |= {
+                    f"{part}{quantity}": Variable(
+                        (dim, "step"), found[..., k], _unit(quantity, unit), _PARTS[part].format(quantity)
+                    )
+                    for k, part in enumerate(parts)
+                }
         return variables
 
     def _profile_variables(self, profiles: list[dict[str, np.ndarray]], unit: str) -> dict[str, Variable]:
@@ -201,9 +215,10 @@ class _Step:
     known : (row, col) bool — which have a value
     kinds : shares (3,) in the variance of U, V and W of each kind of subset, and how alike errors of that kind are
     spacing : their distance, in the same unit
+    error : of the rig; None where nothing is known of it
     """
 
-    def __init__(self, product: Product, unit: str) -> None:
+    def __init__(self, product: Product, unit: str, rig: Product | None) -> None:
         import numpy as np
 
         from dicflow.core.covariance import symmetric
@@ -229,6 +244,7 @@ class _Step:
         self.covariance = symmetric(product["covariance"])
         self.gradient = product["gradient"]
         self.slopes = jacobian(product["xyz_reference"], (3, 3), 1)
+        self.error = _error(product, rig)
 
     def at(self, place: Any) -> Probe | None:
         """The probe at a place."""
@@ -236,17 +252,22 @@ class _Step:
 
         return point_probe(self.grid, self.known, place, self.spacing)
 
-    def values(self, probe: Probe | None, quantities: Sequence[str]) -> Readings:
-        """Quantities of one probe."""
+    def values(self, probe: Probe | None, quantities: Sequence[str], parts: Sequence[Probe | None]) -> Readings:
+        """Quantities of one probe.
+
+        parts : probes at places over which it is the mean
+        """
         from dicflow.core.probes import sigma_of, value_of
 
         if probe is None:
             return dict.fromkeys(quantities, _NONE)
         alike = {**{name: self.rho(weights) for name, weights in _DIRECTIONS.items()}, **self._alike(probe)}
+        shares = self.error.of_mean([part for part in parts if part is not None]) if self.error is not None else {}
         return {
             name: (
                 float(value_of(probe, self.product[name])),
                 sigma_of(probe, self.product[f"sigma_{name}"], alike[name]),
+                shares.get(name, math.nan),
             )
             for name in quantities
         }
@@ -260,7 +281,9 @@ class _Step:
             return dict.fromkeys(["first", *_LENGTHS], _NONE)
         places = (self.product["xyz"], self.product["xyz_reference"])
         along = value_of(difference(first, second), places[0]) ** 2 * self._variances(first)
-        return extension((first, second), *places, self.covariance, self.rho(along))._asdict()
+        found = extension((first, second), *places, self.covariance, self.rho(along))._asdict()
+        shares = self.error.of_lengths(first, second) if self.error is not None else [math.nan] * len(found)
+        return {name: (*pair, float(share)) for (name, pair), share in zip(found.items(), shares, strict=True)}
 
     def rho(self, weights: Any) -> Overlap:
         """How alike the errors of neighbours are in what depends on U, V and W by such weights (3,)."""
@@ -279,10 +302,10 @@ class _Step:
     def _alike(self, probe: Probe) -> dict[str, Alike]:
         """How the errors of the strains of a probe's points are correlated."""
         from dicflow.core.measures import slope_shares
-        from dicflow.core.probes import slope_overlap
+        from dicflow.core.probes import complete_mean, slope_overlap
 
         facts = self.product.attrs
-        gradient, slopes = (_mean(field[probe.rows, probe.cols]) for field in (self.gradient, self.slopes))
+        gradient, slopes = (complete_mean(field[probe.rows, probe.cols]) for field in (self.gradient, self.slopes))
         shares = slope_shares(gradient, slopes, facts["measure"], facts["directions"])
         window = tuple(facts["window_points"])
         return {
@@ -291,11 +314,21 @@ class _Step:
         }
 
 
-def _mean(values: np.ndarray) -> np.ndarray:
-    """Mean (…) over those of values (n, …) that are complete."""
-    import numpy as np
+def _error(total: Product, rig: Product | None) -> ProbeError | None:
+    """How wrong the places of a total may be for the calibration's sake; None where nothing tells."""
+    from dicflow.core.calibration_error import rig_error, thinned
+    from dicflow.core.probe_error import ProbeError
+    from dicflow.io.rig import rig_from_dict
 
-    return np.asarray(values[np.isfinite(values).all(axis=(-1, -2))].mean(axis=0))
+    facts = total.attrs
+    if rig is None or "covariance" not in rig.attrs or facts["unit"] != "mm":
+        return None
+    after, before = total["xyz"], total["xyz_reference"]
+    part = thinned(after.shape)
+    frames = (frame_from(facts["frames"][0]), frame_from(facts["frames"][1]))
+    fitted = (after[part], before[part]) if facts["rigid"] else None
+    error = rig_error(rig_from_dict(rig.attrs["rig"]), rig.attrs["covariance"], frames, fitted)
+    return ProbeError.of(error, after, before, facts["measure"], facts["directions"])
 
 
 def _array(places: Any) -> np.ndarray:
@@ -314,7 +347,7 @@ def _samples(line: Line) -> np.ndarray:
 
 def _reference(readings: list[dict[str, Readings]]) -> dict[str, Readings]:
     """What the probes say of the first step: nothing has moved, and lengths are what they were."""
-    zero = (0.0, 0.0)
+    zero = (0.0, 0.0, 0.0)
 
     def first(name: str) -> Readings:
         lengths = (reading[name]["first"] for reading in readings)
@@ -326,14 +359,14 @@ def _reference(readings: list[dict[str, Readings]]) -> dict[str, Readings]:
     }
 
 
-def _columns(readings: Readings, unit: str) -> dict[str, float | None]:
-    """A row of the table: each value and its σ, named with their unit."""
+def _columns(readings: Readings, unit: str, parts: Sequence[str]) -> dict[str, float | None]:
+    """A row of the table: each value with its σ and the calibration's share in it, named with their unit."""
     row: dict[str, float | None] = {}
-    for quantity, (value, sigma) in readings.items():
+    for quantity, found in readings.items():
         if quantity != "first":
             ending = "" if _unit(quantity, unit) == "1" else f"_{unit}"
-            row[f"{quantity}{ending}"] = value if math.isfinite(value) else None
-            row[f"sigma_{quantity}{ending}"] = sigma if math.isfinite(sigma) else None
+            for part, value in zip(parts, found, strict=False):
+                row[f"{part}{quantity}{ending}"] = value if math.isfinite(value) else None
     return row
 
 
@@ -346,6 +379,7 @@ def _summary(readings: list[dict[str, Readings]]) -> dict[str, float]:
     summary: dict[str, float] = {}
     for name, values in readings[0].items():
         if "strain" in values:
-            strain, sigma = next(r[name]["strain"] for r in reversed(readings) if math.isfinite(r[name]["strain"][0]))
+            found = (reading[name]["strain"] for reading in reversed(readings))
+            strain, sigma, _ = next(reading for reading in found if math.isfinite(reading[0]))
             summary |= {f"{name}_strain": strain, f"{name}_sigma_strain": sigma}
     return summary

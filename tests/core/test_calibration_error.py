@@ -3,11 +3,10 @@ import pytest
 from boards import board_corners, verged_rig
 
 from dicflow.core.calibration_error import (
-    RigError,
     error_modes,
     field_changes,
     grid_slopes,
-    local_slopes,
+    place_changes,
     point_sensitivity,
     rig_error,
     spread_out,
@@ -138,15 +137,18 @@ def test_a_thinned_grid_tells_the_same_strain():
         assert np.allclose(change, whole[name][part], atol=1e-12)
 
 
-def test_slopes_at_single_places_are_those_of_the_grid():
+def test_single_places_tell_the_same_as_the_grid():
     before = FLAT + np.array([-4.0, -6.0, 400.0])
     after = before @ (rotation_matrix([0.1, 0.2, 0.0]) @ np.diag([1.2, 0.9, 1.0])).T + [1.0, 2.0, 60.0]
-    error = RigError(RIG, error_modes(np.diag(STEPS**2)), (CAMERA, CAMERA))
-    whole = grid_slopes(error.at(after, before))[1:-1, 1:-1]
-    states = [state[1:-1, 1:-1].reshape(-1, 3) for state in (after, before)]
-    slopes = [state[1:-1, 1:-1].reshape(-1, 3, 2) for state in jacobians(after, before)]
-    found = local_slopes(error, states, slopes).reshape(whole.shape)
-    assert np.abs(found - whole).max() < 1e-3 * np.abs(whole).max()
+    error = rig_error(RIG, np.diag(STEPS**2), (CAMERA, CAMERA))
+    states, inner = jacobians(after, before), (slice(1, -1), slice(1, -1))
+    both = error.at(after, before)
+    whole = fields(both[..., :3, :], both[..., 3:, :], grid_slopes, states)
+    places = [state[inner].reshape(-1, 3) for state in (after, before)]
+    few = place_changes(error, places, [state[inner].reshape(-1, 3, 2) for state in states], "engineering", "material")
+    for name, changes in few.items():
+        expected = whole[name][inner].reshape(changes.shape)
+        assert np.abs(changes - expected).max() < 1e-3 * np.abs(expected).max()
 
 
 @pytest.mark.parametrize("shape", [(30, 20), (150, 80), (401, 395), (40, 300), (5, 900)])

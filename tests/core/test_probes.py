@@ -6,10 +6,12 @@ import pytest
 from dicflow.core.deformation_gradient import Share, surface_gradient
 from dicflow.core.overlap import independent, overlap
 from dicflow.core.probes import (
+    Probe,
     area_probe,
     difference,
     mean_probe,
     point_probe,
+    sampled,
     sigma_of,
     slope_overlap,
     value_of,
@@ -108,3 +110,29 @@ def test_sigma_of_a_mean_strain_is_the_scatter():
         predicted = sigma_of(area, field, slope_overlap(rho, (7, 7), 2, along[name]))
         assert np.std(values) == pytest.approx(predicted, rel=4 / np.sqrt(400))
         assert predicted > 2 * np.sqrt(np.sum((area.weights * field[area.rows, area.cols]) ** 2))
+
+
+def test_points_of_an_area_are_sampled_evenly():
+    area = area_probe(ALL, ALL)
+    few = sampled(area, 100)
+    assert 90 <= len(few) <= 100
+    linear = 3.0 * X - 2.0 * Y
+    mean = np.mean([value_of(part, linear) for part in few])
+    assert mean == pytest.approx(linear.mean(), abs=0.02 * np.ptp(linear))
+    assert len(sampled(area, 10**6)) == len(area.rows)
+
+
+@pytest.mark.parametrize("alike", [overlap(SUBSET, STEP), slope_overlap(overlap(SUBSET, STEP), (5, 5), 1, [[1, 0]])])
+def test_sigma_over_many_points_is_the_sum_over_all_pairs(alike):
+    rows, cols = np.nonzero(np.add.outer(np.arange(40), np.arange(50)) % 7 > 0)
+    sigma, weights = 1e-3 * (1.0 + np.random.default_rng(1).random((40, 50))), np.linspace(-1.0, 2.0, len(rows))
+    scaled = weights * sigma[rows, cols]
+    wanted = scaled @ alike.at(rows[:, None] - rows, cols[:, None] - cols) @ scaled
+    assert sigma_of(Probe(rows, cols, weights), sigma, alike) == pytest.approx(np.sqrt(wanted), rel=1e-9)
+
+
+def test_the_mean_over_a_whole_grid_has_its_sigma():
+    """Of 10⁵ points, whose pairs no memory would hold; they are independent."""
+    sigma = np.full((400, 250), 1e-3)
+    area = area_probe(sigma > 0, sigma > 0)
+    assert sigma_of(area, sigma, independent()) == pytest.approx(1e-3 / np.sqrt(sigma.size), rel=1e-6)

@@ -4,12 +4,16 @@ import json
 
 import numpy as np
 import pytest
-from measured_points import SHAPE, STEP_SIZE, first_points, grid_px, points, sheet, template_errors
+from measured_points import RIG, SHAPE, STEP_SIZE, first_points, grid_px, points, sheet, template_errors
 from pydantic import ValidationError
 
+from dicflow.core.calibration_error import error_modes
 from dicflow.core.camera import rotation_matrix
+from dicflow.core.rig_parameters import rig_moved
+from dicflow.core.triangulate import triangulate
 from dicflow.engine.product import Product
 from dicflow.errors import StageError
+from dicflow.io.rig import rig_to_dict
 from dicflow.stages.deformation import Deformation
 from dicflow.stages.frame import Frame
 from dicflow.stages.noise_floor import NoiseFloor
@@ -105,6 +109,38 @@ def test_sigma_covers_the_errors(perfect):
     for name, found in scores.items():
         spread = np.std(found, axis=0)
         assert np.all(np.abs(spread - 1) < 4 / np.sqrt(120)), name
+
+
+@pytest.mark.parametrize("rigid", [False, True])
+def test_the_calibration_share_is_what_rigs_of_its_modes_read(rigid):
+    """The root of the sum of squares of what rigs that are wrong by one independent error each read otherwise."""
+    scale = np.array([*[2.0] * 4, *[1e-2, 1e-1, 1e-3, 1e-3, 0.0]] * 2 + [2e-4] * 3 + [0.05] * 3)
+    root = scale[:, None] * np.random.default_rng(7).normal(size=(24, 4))
+    before, after = points(FLAT), points(moved(np.diag([0.95, 1.3, 1.0]), (0.1, -0.2, 0.1), (5, 6, 7)))
+    probes = Probes(**{**PLACES, "areas": {**PLACES["areas"], "whole": (300.0, 200.0, 475.0, 431.0)}})
+
+    def read(rig, told=None):
+        states = []
+        for part in (after, before):
+            xyz = points(triangulate(rig, part["xy"], part["xy_right"]).xyz)
+            states.append(Product("points", {**xyz.variables, "xy": part.variables["xy"]}, xyz.attrs))
+        return probes.run(total=(Deformation(rigid=rigid).run(points=states[0], points_first=states[1]),), rig=told)
+
+    covariance = root @ root.T
+    found = read(RIG, Product("rig", attrs={"rig": rig_to_dict(RIG), "covariance": covariance.tolist()}))
+    others = [read(rig_moved(RIG, mode)) for mode in error_modes(covariance).T]
+    for name in ("U", "V", "W", "exx", "eyy", "gxy", "length", "elongation", "strain"):
+        expected = np.sqrt(np.sum([(other[name] - found[name]) ** 2 for other in others], axis=0))
+        np.testing.assert_allclose(found[f"calibration_{name}"], expected, rtol=0.05, atol=0.02 * expected.max())
+    row = found.attrs["rows"][-1]
+    assert row["calibration_strain"] == pytest.approx(found["calibration_strain"][0, -1])
+    assert row["calibration_length_mm"] == pytest.approx(found["calibration_length"][0, -1])
+    json.dumps(found.attrs, allow_nan=False)
+
+
+def test_without_the_calibrations_error_nothing_is_said_of_it(perfect):
+    rig = Product("rig", attrs={"rig": rig_to_dict(RIG)})
+    assert not [name for name in Probes(**PLACES).run(total=perfect, rig=rig).variables if "calibration" in name]
 
 
 def test_a_lost_probe_has_no_value_there(perfect):
