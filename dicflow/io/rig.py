@@ -66,7 +66,7 @@ def read_rig(path: Path) -> Rig:
 def read_covariance(path: Path) -> np.ndarray | None:
     """The covariance (24, 24) that :func:`write_rig` wrote beside a rig, None where there is none.
 
-    Raises InputError where it is of another size, not symmetric, or has negative variances.
+    Raises InputError where it is of another size, not symmetric, or not positive semidefinite.
     """
     return _read(path, _covariance_from_dict)
 
@@ -85,14 +85,24 @@ def _read(path: Path, convert: Callable[[Mapping[str, Any]], _T]) -> _T:
 def _covariance_from_dict(values: Mapping[str, Any]) -> np.ndarray | None:
     if "covariance" not in values:
         return None
-    found = _numbers(values["covariance"], (len(PARAMETERS), len(PARAMETERS)), "covariance")
-    deviations = np.sqrt(np.maximum(np.diagonal(found), 0.0))
-    units = np.where(deviations > 0.0, deviations, 1.0)
+    try:
+        return _covariance(values["covariance"])
+    except (ValueError, TypeError) as error:
+        raise ValueError(f"{error}; export the rig again, or leave its covariance out") from error
+
+
+def _covariance(values: Any) -> np.ndarray:
+    """A covariance of the rig's numbers. Raises ValueError for what can be none."""
+    found = _numbers(values, (len(PARAMETERS), len(PARAMETERS)), "covariance")
+    variances = np.diagonal(found)
+    if (variances < 0.0).any():
+        raise ValueError("covariance has negative variances")
+    units = np.sqrt(np.where(variances > 0.0, variances, 1.0))
     correlation = found / np.outer(units, units)
     if np.abs(correlation - correlation.T).max() > _ROUNDING:
         raise ValueError("covariance is not symmetric")
     if np.linalg.eigvalsh(correlation)[0] < -_ROUNDING:
-        raise ValueError("covariance has negative variances")
+        raise ValueError("covariance is not positive semidefinite")
     return found
 
 

@@ -1,3 +1,5 @@
+import json
+
 import numpy as np
 import pytest
 
@@ -63,10 +65,13 @@ def test_a_covariance_comes_back_bit_for_bit(tmp_path):
         (lambda matrix: matrix[:-1], "covariance is not 24 × 24 finite numbers"),
         (lambda matrix: np.where(matrix == matrix[0, 1], matrix.max(), matrix) + np.triu(matrix, 1), "not symmetric"),
         (lambda matrix: matrix - 1.1 * np.diag(np.diagonal(matrix)), "negative variances"),
-        (lambda matrix: matrix - 0.9 * np.diag(np.diagonal(matrix)), "negative variances"),
+        (lambda matrix: np.diag([-1e-9, *np.ones(23)]), "negative variances"),
+        (lambda matrix: matrix - 0.9 * np.diag(np.diagonal(matrix)), "not positive semidefinite"),
+        (lambda matrix: "unknown", "could not convert"),
     ],
 )
 def test_what_is_no_covariance_is_named(tmp_path, spoil, word):
-    write_rig(tmp_path / "rig.json", make_rig(), spoil(covariance()))
-    with pytest.raises(InputError, match=rf"rig\.json: .*{word}"):
+    values = {**rig_to_dict(make_rig()), "covariance": np.asarray(spoil(covariance())).tolist()}
+    (tmp_path / "rig.json").write_text(json.dumps(values), encoding="utf-8")
+    with pytest.raises(InputError, match=rf"rig\.json: .*{word}.*; export the rig again, or leave its covariance out"):
         read_covariance(tmp_path / "rig.json")
