@@ -189,16 +189,18 @@ def place_changes(
     return field_changes(error.at(*points), ahead - back, gradient, response, measure, directions)
 
 
-def thinned(shape: tuple[int, ...]) -> tuple[slice, slice]:
-    """Rows and columns of a grid that show a field as smooth as the calibration's share."""
-    stride = min(int(np.sqrt(shape[0] * shape[1] / _ENOUGH_POINTS)), min(shape[:2]) // _FEWEST_ACROSS)
+def thinned(known: NDArray[np.bool_]) -> tuple[slice, slice]:
+    """Rows and columns of a grid that show a field as smooth as the calibration's share.
+
+    known : (row, col) — points with a value; a narrow specimen has few, which are neighbours only on the whole grid
+    """
+    stride = min(int(np.sqrt(known.sum() / _ENOUGH_POINTS)), min(known.shape) // _FEWEST_ACROSS)
     part = slice(max(stride, 1) // 2, None, max(stride, 1))
     return part, part
 
 
-def spread_out(field: Array, shape: tuple[int, ...]) -> Array:
-    """A field on the thinned grid (row, col) on the whole one: at each point the nearest value there is."""
-    stride = thinned(shape)[0].step
+def spread_out(field: Array, shape: tuple[int, ...], stride: int) -> Array:
+    """A field on every ``stride``-th row and column on the whole grid: at each point the nearest value there is."""
     known = np.isfinite(field)
     if not known.any():
         return np.full(shape, np.nan)

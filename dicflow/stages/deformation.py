@@ -160,17 +160,21 @@ class Deformation(Node):
         from dicflow.core import calibration_error as shares
         from dicflow.io.rig import rig_from_dict
 
-        shape = surface.gradient.shape[:2]
-        part = shares.thinned(shape)
+        known = np.asarray(np.isfinite(surface.gradient).all(axis=(-1, -2)))
+        part = shares.thinned(known)
         after, before = (state[part] for state in states)
         fitted = (after, before) if self.rigid else None
         error = shares.rig_error(rig_from_dict(rig.attrs["rig"]), rig.attrs["covariance"], frames, fitted)
         both = error.at(after, before)
-        moved = (both, shares.grid_slopes(both, part[0].step))
+        stride = part[0].step
+        moved = (both, shares.grid_slopes(both, stride))
         changes = shares.field_changes(
             *moved, surface.gradient[part], surface.response[part], self.measure, self.directions
         )
-        found = {name: shares.spread_out(np.linalg.norm(changes[name], axis=-1), shape) for name in (*"XYZ", *_SHARED)}
+        found = {
+            name: shares.spread_out(np.linalg.norm(changes[name], axis=-1), known.shape, stride)
+            for name in (*"XYZ", *_SHARED)
+        }
         place = np.stack([found.pop(name) for name in "XYZ"], axis=-1)
         return {"calibration_xyz": place, **{f"calibration_{name}": share for name, share in found.items()}}
 

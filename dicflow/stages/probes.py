@@ -316,6 +316,8 @@ class _Step:
 
 def _error(total: Product, rig: Product | None) -> ProbeError | None:
     """How wrong the places of a total may be for the calibration's sake; None where nothing tells."""
+    import numpy as np
+
     from dicflow.core.calibration_error import rig_error, thinned
     from dicflow.core.probe_error import ProbeError
     from dicflow.io.rig import rig_from_dict
@@ -324,7 +326,7 @@ def _error(total: Product, rig: Product | None) -> ProbeError | None:
     if rig is None or "covariance" not in rig.attrs or facts["unit"] != "mm":
         return None
     after, before = total["xyz"], total["xyz_reference"]
-    part = thinned(after.shape)
+    part = thinned(np.isfinite(after + before).all(axis=-1))
     frames = (frame_from(facts["frames"][0]), frame_from(facts["frames"][1]))
     fitted = (after[part], before[part]) if facts["rigid"] else None
     error = rig_error(rig_from_dict(rig.attrs["rig"]), rig.attrs["covariance"], frames, fitted)

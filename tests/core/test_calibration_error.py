@@ -154,18 +154,30 @@ def test_single_places_tell_the_same_as_the_grid():
 @pytest.mark.parametrize("shape", [(30, 20), (150, 80), (401, 395), (40, 300), (5, 900)])
 def test_a_thinned_field_comes_back(shape):
     field = np.add.outer(np.arange(shape[0]), 0.3 * np.arange(shape[1])).astype(float)
-    part = thinned(shape)
+    part = thinned(np.ones(shape, dtype=bool))
     assert field[part].size <= max(4 * 2000, field.size / 4)
     coarse = field[part].copy()
-    whole = spread_out(coarse, shape)
+    whole = spread_out(coarse, shape, part[0].step)
     assert whole.shape == shape
     assert np.abs(whole - field).max() <= 1.3 * part[0].step
     assert np.array_equal(whole[part], coarse)
+
+
+def test_a_narrow_specimen_across_a_large_grid_keeps_its_neighbours():
+    """A strip of 8 points' width along the diagonal: every 10th row and column of it would have no neighbours."""
+    row, col = np.indices((450, 450))
+    strip = abs(row - col) < 6
+    assert thinned(np.ones(strip.shape, dtype=bool))[0].step == 10
+    part = thinned(strip)
+    both = np.where(strip[..., None, None], col[..., None, None], np.nan)[part]
+    slopes = grid_slopes(both, part[0].step)[strip[part]]
+    assert np.isfinite(slopes).all()
+    assert np.allclose(slopes[:, 0], 1.0)
 
 
 def test_holes_of_a_thinned_field_take_the_nearest():
     field = np.ones(SHAPE)
     field[:, 10:] = 2.0
     field[3:6, 2:4] = np.nan
-    assert np.array_equal(spread_out(field, SHAPE), np.where(np.arange(20) >= 10, 2.0, np.ones(SHAPE)))
-    assert np.isnan(spread_out(np.nan * field, SHAPE)).all()
+    assert np.array_equal(spread_out(field, SHAPE, 1), np.where(np.arange(20) >= 10, 2.0, np.ones(SHAPE)))
+    assert np.isnan(spread_out(np.nan * field, SHAPE, 1)).all()
