@@ -198,7 +198,7 @@ class Deformation(Node):
         unit = "mm" if step.kind == "points" else "px"
         variables = {name: _variable(name, values, unit, _MEASURES[self.measure]) for name, values in fields.items()}
         variables["status"] = Variable(_GRID, status, "1", "why a point has a value, or has none")
-        variables |= {name: step.variables[name] for name in ("way", "znssd") if name in step}
+        variables |= {name: step.variables[name] for name in ("way", "way_right", "znssd") if name in step}
         laid = first.attrs.get("summary", {}).get("points") or np.isfinite(first["xy"]).all(axis=-1).sum()
         share = (moved & strained).sum() / max(1, int(laid))
         summary = {"valid_share": float(share), **field_means(fields, unit), **_usual_sigmas(fields, unit)}

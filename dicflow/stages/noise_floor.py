@@ -33,6 +33,7 @@ class NoiseFloor(Node):
     scope: ClassVar = Scope.TEST
     takes: ClassVar = {"total": Port("total", at=At.ALL)}
     gives: ClassVar = "noise"
+    impl_version: ClassVar = 2
 
     stage: Literal["noise_floor"] = "noise_floor"
     still: tuple[str, ...] = parameter((), "names of the static or rigidly moved steps; all if none is named")

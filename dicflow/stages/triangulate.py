@@ -39,7 +39,8 @@ class Triangulate(Node):
     """The points that best explain both photographs, with covariance and the reason where there is none.
 
     Both places go back to one template, so its noise moves a point along the surface alike in both; the noise of the
-    photographs themselves moves it in depth too.
+    photographs themselves moves it in depth too. ``way`` and ``way_right`` say by which way the left and the right
+    place were found, directly from the first photographs or through others.
     """
 
     title: ClassVar = "triangulate"
@@ -51,7 +52,7 @@ class Triangulate(Node):
         "rig": Port("rig"),
     }
     gives: ClassVar = "points"
-    impl_version: ClassVar = 3
+    impl_version: ClassVar = 4
 
     stage: Literal["triangulate"] = "triangulate"
 
@@ -178,6 +179,7 @@ def _product(found: Triangulated, errors: Errors, correlation: Product, stereo: 
         ),
         "znssd": Variable(_GRID, worse.astype(single), "1", "misfit of the grey levels (ZNSSD), the worse of both"),
         "way": correlation.variables["way"],
+        "way_right": stereo.variables["way"],
         "status": Variable(_GRID, status, "1", "why a point has a place, or has none"),
     }
     facts = {name: correlation.attrs[name] for name in ("step_size", "subset_size", "image_size", "noise_grey")}

@@ -290,7 +290,8 @@ def scaled_errors(subset, states, chained=False, **parameters):
             step = tracked([pairs[0], between], POINTS_MC, states, noise=noise, subset=subset)[1]
             left[1] = through_reference(step, between[0], pairs[1][0], places)
         before, after = (found for _, found in measured(pairs, left, **parameters))
-        assert ((after["way"] == 2).mean() > 0.99) == chained
+        for way in ("way", "way_right"):
+            assert ((after[way] == 2).mean() > 0.99) == chained
         joint = joint_covariance(errors_of(after), errors_of(before), symmetric(before["template"]))
         misses = [
             found["xyz"] - space_truth(substance, state) for found, state in zip((before, after), states, strict=True)
