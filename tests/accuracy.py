@@ -11,7 +11,7 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from dicflow.core.camera import rotation_angle_deg
+from dicflow.core.cameras.camera import rotation_angle_deg
 from dicflow.io.rig import rig_from_dict
 from dicflow.pipeline import Result
 from tests import accuracy_photographs, accuracy_stereo
@@ -97,7 +97,7 @@ def boards_truth() -> tuple[np.ndarray, np.ndarray]:
     """T [mm] and R of the rig that the boards were rendered with."""
     import xml.etree.ElementTree as ElementTree
 
-    from dicflow.core.camera import rotation_matrix
+    from dicflow.core.cameras.camera import rotation_matrix
 
     camera = ElementTree.parse(SHARED / "d_specimen/reference/boards_truth.xml").getroot().findall("ParameterList")[1]
     value = {item.get("name"): item.get("value", "") for item in camera.findall("Parameter")}

@@ -7,9 +7,9 @@ from typing import Literal, NamedTuple
 
 import numpy as np
 
-from dicflow.core.covariance import symmetric
-from dicflow.core.region import polygons_to_attrs, rectangle
+from dicflow.core.photographs.region import polygons_to_attrs, rectangle
 from dicflow.core.synthetic.deformation import strain
+from dicflow.core.tensors import symmetric
 from dicflow.engine.product import Product, Variable
 from dicflow.io.rig import rig_to_dict
 from dicflow.stages.correlate import Correlate

@@ -7,9 +7,9 @@ from collections.abc import Iterator
 import numpy as np
 from scipy.io import loadmat
 
-from dicflow.core.camera import Camera, Rig
+from dicflow.core.cameras.camera import Camera, Rig
+from dicflow.core.cameras.triangulate import triangulate
 from dicflow.core.status import Status
-from dicflow.core.triangulate import triangulate
 from tests.data_folder import SHARED
 from tests.figures import Figure, run_text
 

@@ -8,12 +8,12 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from dicflow.core.correlate import Correlated, Subset, Template, correlate, template
-from dicflow.core.interpolate import Spline, spline
+from dicflow.core.correlation.subsets import Correlated, Subset, Template, correlate, template
+from dicflow.core.correlation.warp import identity
+from dicflow.core.photographs.interpolate import Spline, spline
 from dicflow.core.status import Status
 from dicflow.core.synthetic.motion import Motion, render_pattern, speckle_pattern
 from dicflow.core.synthetic.render import expose
-from dicflow.core.warp import identity
 from tests.accuracy_stars import stars
 from tests.data_folder import SHARED
 from tests.figures import Figure

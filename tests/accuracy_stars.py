@@ -8,7 +8,7 @@ from typing import NamedTuple
 import cv2
 import numpy as np
 
-from dicflow.core.interpolate import spline
+from dicflow.core.photographs.interpolate import spline
 from tests.data_folder import SHARED
 from tests.figures import WORK, Figure
 from tests.stars import (

@@ -18,11 +18,11 @@ from typing import NamedTuple
 import cv2
 import numpy as np
 
-from dicflow.core.correlate import Subset, template
-from dicflow.core.follow import Field, correlate_field
-from dicflow.core.interpolate import spline
+from dicflow.core.correlation.follow import Field, correlate_field
+from dicflow.core.correlation.subsets import Subset, template
+from dicflow.core.correlation.warp import identity
+from dicflow.core.photographs.interpolate import spline
 from dicflow.core.synthetic.planar import planar_pair
-from dicflow.core.warp import identity
 from tests.figures import ROOT, WORK, Figure
 
 SIZE, STEP, SUBSET, MARGIN, THREADS, LOW_PASS_PX = 2048, 5, 33, 40, 2, 0.7

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from dicflow.core.camera import Camera, Rig, project, rotation_matrix, to_right
-from dicflow.core.targets import board_points
+from dicflow.core.calibration.targets import board_points
+from dicflow.core.cameras.camera import Camera, Rig, project, rotation_matrix, to_right
 
 SIZE = (9, 6)
 SQUARE_MM = 10.0

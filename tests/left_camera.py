@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import numpy as np
 
-from dicflow.core.chain import congruent
-from dicflow.core.correlate import Subset, correlate, template
-from dicflow.core.interpolate import spline
-from dicflow.core.material import Anchor, Search, attempt
-from dicflow.core.region import Polygon, polygons_to_attrs, rasterise, rectangle
+from dicflow.core.correlation.material import Anchor, Search, attempt
+from dicflow.core.correlation.subsets import Subset, correlate, template
+from dicflow.core.correlation.warp import identity
+from dicflow.core.photographs.interpolate import spline
+from dicflow.core.photographs.region import Polygon, polygons_to_attrs, rasterise, rectangle
 from dicflow.core.status import Status
-from dicflow.core.warp import identity
+from dicflow.core.tensors import congruent
 from dicflow.engine.product import Product, Variable
 from dicflow.stages.correlate import Reference, packed
 

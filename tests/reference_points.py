@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 from scipy.interpolate import LinearNDInterpolator
 
-from dicflow.core.stereo import raw_to_rectified, rectification
+from dicflow.core.cameras.rectification import raw_to_rectified, rectification
 from dicflow.io.rig import rig_from_dict
 from dicflow.pipeline import Result
 

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
-from dicflow.core.camera import rotation_matrix
+from dicflow.core.cameras.camera import rotation_matrix
 from dicflow.core.synthetic.checkerboard import Checkerboard
 from dicflow.core.synthetic.deformation import Deformation, carried, position
 from dicflow.core.synthetic.speckle import scatter_speckles

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from dicflow.core.camera import Camera, Rig, to_right, undistort
+from dicflow.core.cameras.camera import Camera, Rig, to_right, undistort
 
 WAVES = 60
 

@@ -12,12 +12,12 @@ from typing import NamedTuple
 import cv2
 import numpy as np
 
-from dicflow.core.correlate import Correlated, Subset, correlate, template
-from dicflow.core.filters import local_polynomial
-from dicflow.core.interpolate import Spline, slopes, spline
+from dicflow.core.correlation.subsets import Correlated, Subset, correlate, template
+from dicflow.core.correlation.warp import identity
+from dicflow.core.photographs.interpolate import Spline, slopes, spline
+from dicflow.core.surfaces.filters import local_polynomial
 from dicflow.core.synthetic.motion import render_pattern, speckle_pattern, star, star_period, strain_star
 from dicflow.core.synthetic.render import Look, expose
-from dicflow.core.warp import identity
 from tests.noise import subset_kernel
 
 WIDTH, HEIGHT, MIDDLE = 2000, 101, 50

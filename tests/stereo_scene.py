@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from dicflow.core.camera import rotation_matrix
+from dicflow.core.cameras.camera import rotation_matrix
 from dicflow.core.synthetic.deformation import Deformation, carried, position
 from dicflow.core.synthetic.render import Look, expose, render_strip
 from dicflow.core.synthetic.speckle import scatter_speckles

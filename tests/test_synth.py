@@ -4,7 +4,7 @@ import cv2
 import numpy as np
 import pytest
 
-from dicflow.core.camera import project
+from dicflow.core.cameras.camera import project
 from dicflow.core.synthetic.deformation import position
 from dicflow.core.synthetic.render import Extent, outline
 from dicflow.core.synthetic.stand import seen_from_right

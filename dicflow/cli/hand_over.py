@@ -27,7 +27,7 @@ from dicflow.cli.options import (
 from dicflow.errors import ConfigurationError
 
 if TYPE_CHECKING:
-    from dicflow.pipeline.difference import Comparison
+    from dicflow.comparison.difference import Comparison
 
 __all__ = ["compare", "export", "report"]
 
@@ -129,8 +129,8 @@ def compare(
     dicflow compare "pipeline.yaml#1" "pipeline.yaml#2" --quantity eyy
     dicflow compare pipeline.yaml reference.csv --step step_03 --output difference.html
     """
-    from dicflow.pipeline.difference import compare as compared
-    from dicflow.pipeline.sides import open_sides
+    from dicflow.comparison.difference import compare as compared
+    from dicflow.comparison.sides import open_sides
 
     if output is not None:
         if output.suffix.lower() not in (".html", ".htm"):

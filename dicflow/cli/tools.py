@@ -35,7 +35,7 @@ def init(
     \b
     dicflow init experiment --square "14.5 mm"
     """
-    from dicflow.pipeline.setup import OPEN, look, pipeline_text
+    from dicflow.start.first_file import OPEN, look, pipeline_text
 
     path = folder / "pipeline.yaml"
     refuse_existing(path, force)
@@ -89,7 +89,7 @@ def doctor(store: Annotated[Path, typer.Option(help="folder where products would
     \b
     dicflow doctor
     """
-    from dicflow.pipeline.doctor import checks
+    from dicflow.start.doctor import checks
 
     found = list(checks(store))
     for check in found:

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from dicflow.core.region import Polygon
+from dicflow.core.photographs.region import Polygon
 from dicflow.errors import InputError
 
 __all__ = ["is_geojson", "read_geojson", "read_mask", "write_geojson"]

@@ -9,8 +9,8 @@ from typing import Any, TypeVar
 
 import numpy as np
 
-from dicflow.core.camera import Camera, Rig
-from dicflow.core.rig_parameters import PARAMETERS
+from dicflow.core.cameras.camera import Camera, Rig
+from dicflow.core.cameras.rig_parameters import PARAMETERS
 from dicflow.errors import InputError
 
 __all__ = ["read_covariance", "read_rig", "rig_from_dict", "rig_text", "rig_to_dict", "write_rig"]
@@ -52,7 +52,7 @@ def write_rig(path: Path, rig: Rig, covariance: Any = None) -> None:
 def rig_text(rig: Rig, covariance: Any = None) -> str:
     """The rig as the text of a JSON file.
 
-    covariance : (24, 24) — of :data:`~dicflow.core.rig_parameters.PARAMETERS`; None where it is not known
+    covariance : (24, 24) — of :data:`~dicflow.core.cameras.rig_parameters.PARAMETERS`; None where it is not known
     """
     known = {} if covariance is None else {"covariance": np.asarray(covariance, dtype=float).tolist()}
     return json.dumps({**rig_to_dict(rig), **known}, indent=2) + "\n"

@@ -18,7 +18,7 @@ from dicflow.report.words import number, percent
 if TYPE_CHECKING:
     import numpy as np
 
-    from dicflow.core.camera import Camera, Rig
+    from dicflow.core.cameras.camera import Camera, Rig
     from dicflow.report.drawing import Drawing, Shape
 
 __all__ = ["calibration"]
@@ -181,8 +181,8 @@ def _outline(corners: Product, camera: Camera, square_mm: float) -> np.ndarray:
 
 def _board(attrs: Mapping[str, Any], square_mm: float) -> np.ndarray:
     """Places of the marks on a board [mm]."""
-    from dicflow.core.circles import circles
-    from dicflow.core.targets import board_points
+    from dicflow.core.calibration.circles import circles
+    from dicflow.core.calibration.targets import board_points
 
     target, (columns, rows) = attrs["target"], attrs["size"]
     if target in ("circles", "asymmetric_circles"):
@@ -254,7 +254,7 @@ def _photographs(result: Result) -> str | None:
 
 def _pair(rig_product: Product, images: Product) -> bytes:
     """Both photographs with common rows, shrunk, and where lines are drawn across them."""
-    from dicflow.core.stereo import rectification, rectify
+    from dicflow.core.cameras.rectification import rectification, rectify
     from dicflow.io.rig import rig_from_dict
     from dicflow.views.overlay import photo_jpeg, view
 

@@ -7,7 +7,7 @@ import math
 from collections.abc import Sequence
 
 from dicflow._version import __version__
-from dicflow.pipeline.difference import Comparison, Difference
+from dicflow.comparison.difference import Comparison, Difference
 from dicflow.report.context import Section
 from dicflow.report.rendering import assets, render
 

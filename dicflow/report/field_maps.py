@@ -91,7 +91,7 @@ def places(result: Result, scene: Scene, step: str | int) -> np.ndarray:
         tracked = result.product(scene.total, step)["xy"]
     if scene.rig is None:
         return np.asarray(tracked)
-    from dicflow.core.stereo import rectification, rectified_to_raw
+    from dicflow.core.cameras.rectification import rectification, rectified_to_raw
     from dicflow.io.rig import rig_from_dict
 
     rig = rig_from_dict(result.product(scene.rig).attrs["rig"])

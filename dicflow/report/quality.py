@@ -150,8 +150,8 @@ def _speckle(context: Context) -> dict[str, float] | None:
 
 def _measured(image: Product, region: Product) -> bytes:
     """Size, gradient, contrast and saturation of the pattern, as JSON; None for what cannot be told."""
-    from dicflow.core.region import interior, polygons_from_attrs
-    from dicflow.core.texture import mean_intensity_gradient, saturated_share, speckle_size
+    from dicflow.core.photographs.region import interior, polygons_from_attrs
+    from dicflow.core.photographs.texture import mean_intensity_gradient, saturated_share, speckle_size
 
     left = image["left"]
     inside = interior(polygons_from_attrs(region.attrs["polygons"]), left.shape)

@@ -5,9 +5,9 @@ from __future__ import annotations
 import json
 from itertools import groupby
 
-from dicflow.pipeline.reporting import Row, reporting_rows
 from dicflow.report.context import Context, Section
 from dicflow.report.rendering import render
+from dicflow.report.reporting import Row, reporting_rows
 
 __all__ = ["settings"]
 

@@ -62,7 +62,7 @@ def _material(strain: Product, before: Product | None) -> dict[str, Any]:
     """The fields of the total along material points."""
     import numpy as np
 
-    from dicflow.core.strain import engineering_strain
+    from dicflow.core.strain.surface_strain import engineering_strain
 
     fields = {name: strain[name] for name in ("U", "V", "W", "xy", "xyz", "xyz_reference", "gradient", "status")}
     if before is not None:
@@ -79,8 +79,8 @@ def _thesis(strain: Product, before: Product | None) -> dict[str, Any]:
     """The fields of the total by stretching and adding."""
     import numpy as np
 
-    from dicflow.core.displacement import fill_cells, resize, resize_codes
     from dicflow.core.status import Status
+    from dicflow.core.surfaces.displacement import fill_cells, resize, resize_codes
 
     summed = ("U", "V", "W", "exx", "eyy", "gxy")
     fields = {name: strain[name] for name in (*summed, "xy", "xyz", "xyz_reference", "status")}

@@ -13,8 +13,8 @@ from dicflow.errors import StageError
 if TYPE_CHECKING:
     import numpy as np
 
-    from dicflow.core.calibrate import Calibration
-    from dicflow.core.targets import Target
+    from dicflow.core.calibration.calibrate import Calibration
+    from dicflow.core.calibration.targets import Target
 
 __all__ = ["Calibrate"]
 
@@ -47,8 +47,8 @@ class Calibrate(Node):
     def run(self, corners: Sequence[Product]) -> Product:
         import numpy as np
 
-        from dicflow.core.bundle import Model
-        from dicflow.core.calibrate import calibrate_rig
+        from dicflow.core.calibration.bundle import Model
+        from dicflow.core.calibration.calibrate import calibrate_rig
 
         size, image_size = self._agreed(corners)
         seen = [k for k, product in enumerate(corners) if all(_found(product, side) for side in ("left", "right"))]
@@ -81,9 +81,9 @@ class Calibrate(Node):
 
 
 def _target(kind: str, size: tuple[int, int], square_mm: float) -> Target:
-    from dicflow.core.charuco import charuco
-    from dicflow.core.circles import circles
-    from dicflow.core.targets import checkerboard
+    from dicflow.core.calibration.charuco import charuco
+    from dicflow.core.calibration.circles import circles
+    from dicflow.core.calibration.targets import checkerboard
 
     if kind in ("circles", "asymmetric_circles"):
         return circles(size, square_mm, asymmetric=kind == "asymmetric_circles")
@@ -132,8 +132,8 @@ def _product(
     found: Calibration, seen: list[int], names: Sequence[str], corners: tuple[np.ndarray, np.ndarray], stage: Calibrate
 ) -> Product:
     """The rig, how certain it is, what each pair says of it, and the verdict."""
-    from dicflow.core.coverage import covered_area, verdict
-    from dicflow.core.rig_parameters import PARAMETERS
+    from dicflow.core.calibration.coverage import covered_area, verdict
+    from dicflow.core.cameras.rig_parameters import PARAMETERS
     from dicflow.io.rig import rig_to_dict
 
     image_size = found.rig.left.size
@@ -186,7 +186,7 @@ def _residuals(found: Calibration, coverage: dict[str, float]) -> dict[str, floa
 
 def _figures(found: Calibration) -> dict[str, float]:
     """Focal lengths, baseline and angle, with their standard deviations and how they spread as pairs are left out."""
-    from dicflow.core.rig_parameters import FIGURES, figure_sigmas, figures
+    from dicflow.core.cameras.rig_parameters import FIGURES, figure_sigmas, figures
 
     sigmas = figure_sigmas(found.rig, found.honest_covariance)
     columns = {"": figures(found.rig), "sigma_": sigmas, "spread_": found.leave_out.spread}

@@ -137,7 +137,7 @@ def _region_lengths(track: Sequence[Product], cloud: Sequence[Product] | None, a
     """The lengths that can be measured, at every step."""
     import numpy as np
 
-    from dicflow.core.length import cloud_length, edge_pairs, tracked_length
+    from dicflow.core.surfaces.length import cloud_length, edge_pairs, tracked_length
 
     reference, outline = _upright(track[0]["points"], axis)[..., :: _order(axis)], _outline(track[0], axis)
     found: dict[str, list[float]] = {"tracked": []} if cloud is None else {"tracked": [], "cloud": []}
@@ -163,7 +163,7 @@ def _upright(field: Any, axis: str) -> Any:
 
 def _outline(track: Product, axis: str) -> np.ndarray:
     """Outline of the region's largest part, (n, 2) [px]."""
-    from dicflow.core.region import area, polygons_from_attrs
+    from dicflow.core.photographs.region import area, polygons_from_attrs
 
     polygons = polygons_from_attrs(track.attrs["polygons"])
     return max(polygons, key=lambda polygon: area([polygon])).exterior[:, :: _order(axis)]
@@ -171,7 +171,7 @@ def _outline(track: Product, axis: str) -> np.ndarray:
 
 def _in_space(track: Product, cloud: Product | None) -> np.ndarray:
     """The material points in space [mm], or in the image without a cloud [px]; (row, col, k)."""
-    from dicflow.core.displacement import bilinear
+    from dicflow.core.surfaces.displacement import bilinear
 
     return track["points"] if cloud is None else bilinear(cloud["xyz"], track["points"], cloud.attrs["origin"])
 

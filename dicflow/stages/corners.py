@@ -101,7 +101,7 @@ class Corners(Node):
         """Corners (n or 0, 2) and the size of the board that is seen."""
         import numpy as np
 
-        from dicflow.core.targets import board_size
+        from dicflow.core.calibration.targets import board_size
 
         corners = self._marks(image)
         if corners is not None:
@@ -110,9 +110,9 @@ class Corners(Node):
         return np.empty((0, 2)), None if seen is None else list(seen)
 
     def _marks(self, image: Any) -> np.ndarray | None:
-        from dicflow.core.charuco import Markers, find_charuco
-        from dicflow.core.circles import find_circles
-        from dicflow.core.targets import find_board
+        from dicflow.core.calibration.charuco import Markers, find_charuco
+        from dicflow.core.calibration.circles import find_circles
+        from dicflow.core.calibration.targets import find_board
 
         if self.target == "checkerboard":
             return find_board(image, self.size)

@@ -15,10 +15,10 @@ if TYPE_CHECKING:
 
     import numpy as np
 
-    from dicflow.core.course import Course
-    from dicflow.core.material import Anchor, Followed, Search, Updating
-    from dicflow.core.noise import Noise
-    from dicflow.core.region import Polygon
+    from dicflow.core.correlation.course import Course
+    from dicflow.core.correlation.material import Anchor, Followed, Search, Updating
+    from dicflow.core.photographs.noise import Noise
+    from dicflow.core.photographs.region import Polygon
 
 __all__ = ["Correlate", "anchor_of", "carried_outline", "carried_reference", "packed", "updating"]
 
@@ -105,7 +105,7 @@ class Correlate(Node):
         matches: Product | None = None,
         correlation_before: Product | None = None,
     ) -> Product:
-        from dicflow.core.region import carry, interior, polygons_from_attrs
+        from dicflow.core.photographs.region import carry, interior, polygons_from_attrs
 
         polygons = polygons_from_attrs(region.attrs["polygons"])
         outline = carry(polygons, lambda ring: ring, spacing_px=OUTLINE_STEPS * self.step_size)
@@ -116,10 +116,10 @@ class Correlate(Node):
 
     def _first(self, image: np.ndarray, usable: np.ndarray, outline: Sequence[Polygon]) -> Product:
         """The points in the first photograph."""
-        from dicflow.core.course import Course
-        from dicflow.core.material import at_rest, first_anchor
-        from dicflow.core.noise import Noise, first_noise
-        from dicflow.core.region import grid_points
+        from dicflow.core.correlation.course import Course
+        from dicflow.core.correlation.material import at_rest, first_anchor
+        from dicflow.core.photographs.noise import Noise, first_noise
+        from dicflow.core.photographs.region import grid_points
 
         _check_photograph(image, usable, self.subset_size)
         noise = first_noise(image, usable) if self.noise == "auto" else Noise(self.noise, "given", True)
@@ -145,11 +145,11 @@ class Correlate(Node):
         """The points in every other photograph."""
         import numpy as np
 
-        from dicflow.core.course import Course, carried_on
-        from dicflow.core.material import first_anchor, follow_step
-        from dicflow.core.noise import Noise
-        from dicflow.core.region import grid_points
-        from dicflow.core.seed import Pairs
+        from dicflow.core.correlation.course import Course, carried_on
+        from dicflow.core.correlation.material import first_anchor, follow_step
+        from dicflow.core.correlation.seed import Pairs
+        from dicflow.core.photographs.noise import Noise
+        from dicflow.core.photographs.region import grid_points
 
         image, start = images["left"], images_first["left"]
         noise = Noise(*(before.attrs[f"noise_{name}"] for name in ("grey", "source", "settled")))
@@ -180,9 +180,9 @@ class Correlate(Node):
         return self._product(found, course, image, polygons, noise, level, template, reference)
 
     def _search(self, noise: float, image: np.ndarray, usable: np.ndarray) -> Search:
-        from dicflow.core.correlate import Subset
-        from dicflow.core.material import Search
-        from dicflow.core.noise import smoothed_noise
+        from dicflow.core.correlation.material import Search
+        from dicflow.core.correlation.subsets import Subset
+        from dicflow.core.photographs.noise import smoothed_noise
 
         subset = Subset(
             self.subset_size,
@@ -206,7 +206,7 @@ class Correlate(Node):
         self, noise: Noise, found: Followed, grid: np.ndarray, start: np.ndarray, image: np.ndarray, usable: np.ndarray
     ) -> Noise:
         """The noise as the first photograph and this one tell it."""
-        from dicflow.core.noise import told_by_motion
+        from dicflow.core.photographs.noise import told_by_motion
 
         valid = found.valid
         points = grid[valid], found.warp[valid][..., 0], found.znssd[valid]
@@ -236,9 +236,9 @@ class Correlate(Node):
         reference: Anchor | None,
     ) -> Product:
         """level : of the noise as correlation feels it [grey levels]"""
-        from dicflow.core.region import interior, polygons_to_attrs
-        from dicflow.core.texture import saturated_share
-        from dicflow.core.warp import gradient
+        from dicflow.core.correlation.warp import gradient
+        from dicflow.core.photographs.region import interior, polygons_to_attrs
+        from dicflow.core.photographs.texture import saturated_share
 
         pixel, tensor = ("component",), ("pair",)
         variables = {
@@ -313,8 +313,8 @@ def carried_outline(
     outline: Sequence[Polygon], found: Followed, grid: np.ndarray, before: Product
 ) -> Sequence[Polygon]:
     """The region's outline at this step; that of the step before where too little was found."""
-    from dicflow.core.material import FEW, carried_by
-    from dicflow.core.region import carry, polygons_from_attrs
+    from dicflow.core.correlation.material import FEW, carried_by
+    from dicflow.core.photographs.region import carry, polygons_from_attrs
 
     if found.valid.sum() < FEW:
         return polygons_from_attrs(before.attrs["polygons"])
@@ -323,7 +323,7 @@ def carried_outline(
 
 def updating(reference: Reference) -> Updating:
     """When a new reference is taken."""
-    from dicflow.core.material import Updating
+    from dicflow.core.correlation.material import Updating
 
     every = reference.steps if reference.update == "every" else 0
     return Updating(reference.update != "never", reference.lost, reference.znssd, every)
@@ -340,8 +340,8 @@ def _hopeless(before: Product) -> np.ndarray:
 
 def anchor_of(before: Product, image: np.ndarray) -> Anchor:
     """A step whose photograph is to follow points from."""
-    from dicflow.core.material import Anchor
-    from dicflow.core.region import interior, polygons_from_attrs
+    from dicflow.core.correlation.material import Anchor
+    from dicflow.core.photographs.region import interior, polygons_from_attrs
 
     usable = interior(polygons_from_attrs(before.attrs["polygons"]), image.shape)
     return Anchor(image, (0, 0), usable, before["xy"], before["warp"], before["passed"], before["slope"])
@@ -349,7 +349,7 @@ def anchor_of(before: Product, image: np.ndarray) -> Anchor:
 
 def packed(reference: Anchor, subset_size: int) -> tuple[dict[str, Variable], dict[str, Any]]:
     """A reference that is not the first photograph, as arrays and attributes of a product."""
-    from dicflow.core.material import cropped
+    from dicflow.core.correlation.material import cropped
 
     kept = cropped(reference, subset_size)
     image = ("reference_row", "reference_col")
@@ -366,7 +366,7 @@ def packed(reference: Anchor, subset_size: int) -> tuple[dict[str, Variable], di
 
 def carried_reference(before: Product) -> Anchor | None:
     """The photograph in between that the points of a step went through, if any: the inverse of :func:`packed`."""
-    from dicflow.core.material import Anchor
+    from dicflow.core.correlation.material import Anchor
 
     if "reference" not in before.attrs:
         return None
@@ -378,7 +378,7 @@ def carried_reference(before: Product) -> Anchor | None:
 
 def _check_photograph(image: np.ndarray, usable: np.ndarray, subset_size: int) -> None:
     """The first photograph must show a pattern that subsets can be told apart by."""
-    from dicflow.core.pattern import check_pattern, check_subset
+    from dicflow.core.photographs.pattern import check_pattern, check_subset
 
     try:
         check_pattern(image, usable, "the first left photograph")

@@ -17,11 +17,11 @@ from dicflow.stages.smooth import fitted_status
 if TYPE_CHECKING:
     import numpy as np
 
-    from dicflow.core.covariance import MeasuredPoints
-    from dicflow.core.deformation_gradient import Share, SurfaceGradient
-    from dicflow.core.frames import Frame
-    from dicflow.core.overlap import ShapeFunction
-    from dicflow.core.rigid import RigidMotion
+    from dicflow.core.cameras.frames import Frame
+    from dicflow.core.cameras.rigid import RigidMotion
+    from dicflow.core.strain.deformation_gradient import Share, SurfaceGradient
+    from dicflow.core.uncertainty.covariance import MeasuredPoints
+    from dicflow.core.uncertainty.overlap import ShapeFunction
 
 __all__ = ["Deformation"]
 
@@ -99,9 +99,10 @@ class Deformation(Node):
         self, points: Product, points_first: Product, rig: Product | None = None, frame: Product | None = None
     ) -> Product:
         """``points_first`` are those of the first step."""
-        from dicflow.core.covariance import joint_covariance, points_in_frame, symmetric, upper
-        from dicflow.core.deformation_gradient import surface_gradient
-        from dicflow.core.frames import CAMERA, within
+        from dicflow.core.cameras.frames import CAMERA, within
+        from dicflow.core.strain.deformation_gradient import surface_gradient
+        from dicflow.core.tensors import symmetric, upper
+        from dicflow.core.uncertainty.covariance import joint_covariance, points_in_frame
 
         axes = CAMERA if frame is None else frame_from(frame.attrs)
         points_first = _of_one_noise(points_first, points)
@@ -122,7 +123,7 @@ class Deformation(Node):
         return self._product(fields, errors, (points, points_first), motion, frames)
 
     def _window(self, step_size: float) -> tuple[int, int]:
-        from dicflow.core.filters import odd_window
+        from dicflow.core.surfaces.filters import odd_window
 
         return odd_window((self.window, self.window), step_size)
 
@@ -130,7 +131,7 @@ class Deformation(Node):
         """The rigid-body motion that is to be taken out; None where it is not, or no point is left."""
         import numpy as np
 
-        from dicflow.core.rigid import rigid_motion
+        from dicflow.core.cameras.rigid import rigid_motion
 
         if not self.rigid or not np.isfinite(before.xyz + after.xyz).any():
             return None
@@ -142,7 +143,7 @@ class Deformation(Node):
 
     def _strains(self, surface: SurfaceGradient) -> dict[str, np.ndarray]:
         """All measures of the deformation, and σ of each."""
-        from dicflow.core.measures import measured, sigma
+        from dicflow.core.strain.measures import measured, sigma
 
         values = measured(surface.gradient, self.measure, self.directions)
         deviations = sigma(surface.gradient, surface.covariance, self.measure, self.directions)
@@ -157,7 +158,7 @@ class Deformation(Node):
         """
         import numpy as np
 
-        from dicflow.core import calibration_error as shares
+        from dicflow.core.strain import calibration_error as shares
         from dicflow.io.rig import rig_from_dict
 
         known = np.asarray(np.isfinite(surface.gradient).all(axis=(-1, -2)))
@@ -210,7 +211,7 @@ class Deformation(Node):
         """What the numbers are, and on how much of the photograph each rests."""
         import numpy as np
 
-        from dicflow.core.deformation_gradient import pixel_size_mm, vsg_px
+        from dicflow.core.strain.deformation_gradient import pixel_size_mm, vsg_px
 
         window = self._window(facts["step_size"])
         gauge = vsg_px(window[0], facts["step_size"], facts["subset_size"])
@@ -238,9 +239,10 @@ def _shares(
 
     frames : that of the results, and the one that moves along with what is taken out
     """
-    from dicflow.core.covariance import joint_covariance, points_in_frame, symmetric
-    from dicflow.core.deformation_gradient import Share
-    from dicflow.core.overlap import overlap
+    from dicflow.core.strain.deformation_gradient import Share
+    from dicflow.core.tensors import symmetric
+    from dicflow.core.uncertainty.covariance import joint_covariance, points_in_frame
+    from dicflow.core.uncertainty.overlap import overlap
 
     facts = first.attrs
     grid, other = (facts["subset_size"], facts["step_size"]), facts["shape_function"]
@@ -257,7 +259,7 @@ def _variance_shares(errors: Mapping[ShapeFunction, Share]) -> dict[str, list[fl
     """Shares of each shape function in the variance of U, V and W, means over the points."""
     import numpy as np
 
-    from dicflow.core.covariance import displacement_covariance
+    from dicflow.core.uncertainty.covariance import displacement_covariance
 
     if len(errors) == 1:
         return {name: [1.0, 1.0, 1.0] for name in errors}
@@ -272,7 +274,8 @@ def _variance_shares(errors: Mapping[ShapeFunction, Share]) -> dict[str, list[fl
 
 def _left_share(product: Product) -> MeasuredPoints:
     """The points of a step with those errors alone that the subsets of the left photographs bring."""
-    from dicflow.core.covariance import MeasuredPoints, symmetric
+    from dicflow.core.tensors import symmetric
+    from dicflow.core.uncertainty.covariance import MeasuredPoints
 
     return MeasuredPoints(product["xyz"], symmetric(product["covariance_left"]), product["sensitivity"][..., :2])
 
@@ -290,8 +293,8 @@ def _of_one_noise(first: Product, step: Product) -> Product:
 
 def _moving_frame(motion: RigidMotion | None) -> Frame:
     """The frame that moves along with what is taken out."""
-    from dicflow.core.frames import CAMERA
-    from dicflow.core.rigid import undoing
+    from dicflow.core.cameras.frames import CAMERA
+    from dicflow.core.cameras.rigid import undoing
 
     return CAMERA if motion is None else undoing(motion)
 
@@ -303,7 +306,8 @@ def _points(product: Product, first: bool = False) -> MeasuredPoints:
     """
     import numpy as np
 
-    from dicflow.core.covariance import MeasuredPoints, symmetric
+    from dicflow.core.tensors import symmetric
+    from dicflow.core.uncertainty.covariance import MeasuredPoints
 
     if product.kind == "points":
         return MeasuredPoints(product["xyz"], symmetric(product["covariance"]), product["sensitivity"])
@@ -319,7 +323,7 @@ def _displacements(before: MeasuredPoints, after: MeasuredPoints, covariance: np
     """U, V and W, and σ of each."""
     import numpy as np
 
-    from dicflow.core.covariance import displacement_covariance
+    from dicflow.core.uncertainty.covariance import displacement_covariance
 
     values = after.xyz - before.xyz
     values[np.isnan(values).any(axis=-1)] = np.nan

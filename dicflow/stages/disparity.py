@@ -13,7 +13,7 @@ from dicflow.errors import StageError
 if TYPE_CHECKING:
     import numpy as np
 
-    from dicflow.core.region import Polygon
+    from dicflow.core.photographs.region import Polygon
 
 __all__ = ["Disparity"]
 
@@ -62,8 +62,8 @@ class Disparity(Node):
     def run(self, pair: Product, rig: Product | None = None, track: Product | None = None) -> Product:
         import numpy as np
 
-        from dicflow.core.disparity import box_around, match_rows
-        from dicflow.core.region import bounding_box, rasterise
+        from dicflow.core.matching.disparity import box_around, match_rows
+        from dicflow.core.photographs.region import bounding_box, rasterise
         from dicflow.core.status import Status
 
         left, right = pair["left"], pair["right"]
@@ -93,7 +93,7 @@ class Disparity(Node):
 
     def _limits(self, left: np.ndarray, right: np.ndarray, counts: np.ndarray) -> tuple[int, int]:
         """Range [low, high) of disparities, a multiple of 16 long."""
-        from dicflow.core.disparity import disparity_range
+        from dicflow.core.matching.disparity import disparity_range
 
         if self.range != "auto":
             low, high = self.range
@@ -104,7 +104,7 @@ class Disparity(Node):
         return limits
 
     def _matching(self) -> Any:
-        from dicflow.core.disparity import Matching
+        from dicflow.core.matching.disparity import Matching
 
         return Matching(
             self.window, self.uniqueness, self.left_right, self.speckle, self.texture, self.refine, self.correlation
@@ -113,7 +113,7 @@ class Disparity(Node):
 
 def _polygons(shape: tuple[int, ...], track: Product | None) -> list[Polygon]:
     """The region at this step, the whole image where it is not tracked."""
-    from dicflow.core.region import polygons_from_attrs, rectangle
+    from dicflow.core.photographs.region import polygons_from_attrs, rectangle
 
     rows, cols = shape
     return [rectangle(0, 0, cols - 1, rows - 1)] if track is None else polygons_from_attrs(track.attrs["polygons"])
@@ -123,8 +123,8 @@ def _photographed(shape: tuple[int, int], rig: Product | None) -> np.ndarray:
     """Pixels of the rectified left image that its photograph reaches; all of them where the rig is not given."""
     import numpy as np
 
-    from dicflow.core.region import Polygon, rasterise
-    from dicflow.core.stereo import footprint, rectification
+    from dicflow.core.cameras.rectification import footprint, rectification
+    from dicflow.core.photographs.region import Polygon, rasterise
     from dicflow.io.rig import rig_from_dict
 
     if rig is None:
@@ -145,7 +145,7 @@ def _summary(status: np.ndarray, limits: tuple[int, int]) -> dict[str, float]:
 
 def _nothing_matched(left: np.ndarray, counts: np.ndarray, limits: tuple[int, int] | None) -> str:
     """The message for a region without disparities: the pattern or else the range is to blame."""
-    from dicflow.core.texture import mean_intensity_gradient
+    from dicflow.core.photographs.texture import mean_intensity_gradient
 
     gradient = mean_intensity_gradient(left, counts) if counts.any() else 0.0
     if gradient < WEAK_PATTERN:

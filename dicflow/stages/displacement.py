@@ -9,7 +9,7 @@ from dicflow.engine.product import Product, Variable
 from dicflow.errors import StageError
 
 if TYPE_CHECKING:
-    from dicflow.core.displacement import Cloud, Increment
+    from dicflow.core.surfaces.displacement import Cloud, Increment
 
 __all__ = ["Displacement"]
 
@@ -57,7 +57,7 @@ class Displacement(Node):
 
 
 def _cloud(product: Product | None) -> Cloud | None:
-    from dicflow.core.displacement import Cloud
+    from dicflow.core.surfaces.displacement import Cloud
 
     if product is None:
         return None
@@ -68,7 +68,7 @@ def _cloud(product: Product | None) -> Cloud | None:
 def _material(before: Product, after: Product, cloud_before: Cloud | None, cloud: Cloud | None) -> Increment:
     import numpy as np
 
-    from dicflow.core.displacement import material_increment
+    from dicflow.core.surfaces.displacement import material_increment
 
     status = np.maximum(before["status"], after["status"])
     return material_increment(before["points"], after["points"], status, cloud_before, cloud)
@@ -77,8 +77,8 @@ def _material(before: Product, after: Product, cloud_before: Cloud | None, cloud
 def _thesis(
     before: Product, after: Product, cloud_before: Cloud | None, cloud: Cloud | None
 ) -> tuple[Increment, float]:
-    from dicflow.core.displacement import WINDOW_PX, thesis_increment
-    from dicflow.core.region import polygons_from_attrs
+    from dicflow.core.photographs.region import polygons_from_attrs
+    from dicflow.core.surfaces.displacement import WINDOW_PX, thesis_increment
 
     region_before, region = (polygons_from_attrs(product.attrs["polygons"]) for product in (before, after))
     return thesis_increment(after["transforms"], region_before, region, cloud_before, cloud), float(WINDOW_PX)

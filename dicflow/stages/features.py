@@ -44,7 +44,7 @@ class FindFeatures(Node):
     max_features: int = parameter(6000, "the strongest features, evenly spread, up to this number", ge=50)
 
     def run(self, images: Product) -> Product:
-        from dicflow.core.features import detect
+        from dicflow.core.matching.features import detect
 
         image = images["left"]
         box = self._box(image)
@@ -69,7 +69,7 @@ class FindFeatures(Node):
 
     def _box(self, image: np.ndarray) -> tuple[int, int, int, int]:
         """The area (x0, y0, x1, y1) to search."""
-        from dicflow.core.texture import LEAST_TEXTURE, mean_intensity_gradient, textured_box
+        from dicflow.core.photographs.texture import LEAST_TEXTURE, mean_intensity_gradient, textured_box
 
         height, width = image.shape
         if self.area == "full":

@@ -29,8 +29,8 @@ class Fill(Node):
     def run(self, cloud: Product) -> Product:
         import numpy as np
 
-        from dicflow.core.filters import fill_moving_mean
         from dicflow.core.status import Status
+        from dicflow.core.surfaces.filters import fill_moving_mean
 
         status = cloud["status"]
         filled = fill_moving_mean(cloud["xyz"], round(self.window), self.passes, status != Status.OUTSIDE)

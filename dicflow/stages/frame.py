@@ -14,7 +14,7 @@ from dicflow.errors import StageError
 if TYPE_CHECKING:
     import numpy as np
 
-    from dicflow.core.frames import Frame as Axes
+    from dicflow.core.cameras.frames import Frame as Axes
 
 __all__ = ["Frame", "frame_attrs", "frame_from"]
 
@@ -57,7 +57,7 @@ class Frame(Node):
     def run(self, points: Product) -> Product:
         import numpy as np
 
-        from dicflow.core.frames import into_frame
+        from dicflow.core.cameras.frames import into_frame
 
         try:
             axes = self._axes(points)
@@ -70,7 +70,7 @@ class Frame(Node):
         return Product("frame", attrs={**attrs, "summary": summary})
 
     def _axes(self, points: Product) -> Axes:
-        from dicflow.core.frames import CAMERA, axes_frame, plane_frame, three_point_frame
+        from dicflow.core.cameras.frames import CAMERA, axes_frame, plane_frame, three_point_frame
 
         if self.method == "plane":
             return plane_frame(points["xyz"])
@@ -90,7 +90,7 @@ def frame_from(attrs: Mapping[str, Any]) -> Axes:
     """The inverse of :func:`frame_attrs`."""
     import numpy as np
 
-    from dicflow.core.frames import Frame as Axes
+    from dicflow.core.cameras.frames import Frame as Axes
 
     return Axes(np.array(attrs["rotation"]), np.array(attrs["origin_mm"]))
 
@@ -99,7 +99,7 @@ def _in_space(points: Product, place: tuple[float, ...]) -> np.ndarray:
     """A place in space [mm], or in the photograph [px] as the surface shows it."""
     import numpy as np
 
-    from dicflow.core.probes import point_probe, value_of
+    from dicflow.core.probes.weights import point_probe, value_of
 
     if len(place) == 3:
         return np.array(place)

@@ -11,7 +11,7 @@ from dicflow.errors import StageError
 if TYPE_CHECKING:
     import numpy as np
 
-    from dicflow.core.features import Features
+    from dicflow.core.matching.features import Features
 
     Pairs = tuple[np.ndarray, np.ndarray]
 
@@ -49,7 +49,7 @@ class Match(Node):
     min_correlation: float = parameter(0.6, "correlation of the two windows, at least", ge=-1, le=1)
 
     def run(self, features: Product, features_before: Product, images: Product, images_before: Product) -> Product:
-        from dicflow.core.matching import match_features
+        from dicflow.core.matching.pairs import match_features
 
         before, after = _features(features_before), _features(features)
         if (
@@ -67,7 +67,7 @@ class Match(Node):
 
     def _guided(self, before: Features, after: Features, pairs: Pairs) -> Pairs:
         """Matches near where those around them, without false ones, say they should be."""
-        from dicflow.core.matching import consistent, guided_matches, local_motion
+        from dicflow.core.matching.pairs import consistent, guided_matches, local_motion
 
         source, target = _kept(pairs, consistent(*pairs))
         if len(source) < ENOUGH:
@@ -79,8 +79,8 @@ class Match(Node):
 
     def _refined(self, image_before: np.ndarray, image: np.ndarray, pairs: Pairs) -> Pairs:
         """Matches whose windows correlate, at the positions where they do so best."""
-        from dicflow.core.matching import consistent, local_motion
-        from dicflow.core.refine import refine_matches
+        from dicflow.core.matching.pairs import consistent, local_motion
+        from dicflow.core.matching.refine import refine_matches
 
         pairs = _kept(pairs, consistent(*pairs))
         for _ in range(PASSES):
@@ -93,7 +93,7 @@ class Match(Node):
 
 
 def _features(product: Product) -> Features:
-    from dicflow.core.features import Features
+    from dicflow.core.matching.features import Features
 
     return Features(*(product[name] for name in Features._fields))
 

@@ -83,9 +83,10 @@ def _displacement(total: Product, known: np.ndarray, rigid: bool) -> tuple[np.nd
     """Displacement (n, 3) of the points and its predicted σ, without the rigid-body motion if asked."""
     import numpy as np
 
-    from dicflow.core.covariance import displacement_covariance, symmetric
-    from dicflow.core.frames import CAMERA, into_frame
-    from dicflow.core.rigid import rigid_motion, undoing
+    from dicflow.core.cameras.frames import CAMERA, into_frame
+    from dicflow.core.cameras.rigid import rigid_motion, undoing
+    from dicflow.core.tensors import symmetric
+    from dicflow.core.uncertainty.covariance import displacement_covariance
 
     reference, deformed = total["xyz_reference"][known], total["xyz"][known]
     covariance = symmetric(total["covariance"][known])

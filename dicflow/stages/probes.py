@@ -16,9 +16,9 @@ from dicflow.stages.frame import frame_from
 if TYPE_CHECKING:
     import numpy as np
 
-    from dicflow.core.overlap import Overlap
-    from dicflow.core.probe_error import ProbeError
-    from dicflow.core.probes import Alike, Probe
+    from dicflow.core.probes.probe_error import ProbeError
+    from dicflow.core.probes.weights import Alike, Probe
+    from dicflow.core.uncertainty.overlap import Overlap
 
 __all__ = ["Probes"]
 
@@ -135,8 +135,8 @@ class Probes(Node):
 
         along : for each line the probes on it
         """
-        from dicflow.core.probes import area_probe, mean_probe, sampled
-        from dicflow.core.region import Polygon, contains
+        from dicflow.core.photographs.region import Polygon, contains
+        from dicflow.core.probes.weights import area_probe, mean_probe, sampled
 
         for name, place in self.points.items():
             probe = step.at(place)
@@ -154,7 +154,7 @@ class Probes(Node):
         """Each quantity along the lines, (line, sample)."""
         import numpy as np
 
-        from dicflow.core.probes import value_of
+        from dicflow.core.probes.weights import value_of
 
         names: Sequence[str] = self.quantities if self.lines else ()
         found = {name: np.full((len(self.lines), _SAMPLES), np.nan) for name in names}
@@ -221,9 +221,9 @@ class _Step:
     def __init__(self, product: Product, unit: str, rig: Product | None) -> None:
         import numpy as np
 
-        from dicflow.core.covariance import symmetric
-        from dicflow.core.overlap import overlap
-        from dicflow.core.strain import jacobian
+        from dicflow.core.strain.surface_strain import jacobian
+        from dicflow.core.tensors import symmetric
+        from dicflow.core.uncertainty.overlap import overlap
 
         facts = product.attrs
         if "subset_size" not in facts:
@@ -248,7 +248,7 @@ class _Step:
 
     def at(self, place: Any) -> Probe | None:
         """The probe at a place."""
-        from dicflow.core.probes import point_probe
+        from dicflow.core.probes.weights import point_probe
 
         return point_probe(self.grid, self.known, place, self.spacing)
 
@@ -257,7 +257,7 @@ class _Step:
 
         parts : probes at places over which it is the mean
         """
-        from dicflow.core.probes import sigma_of, value_of
+        from dicflow.core.probes.weights import sigma_of, value_of
 
         if probe is None:
             return dict.fromkeys(quantities, _NONE)
@@ -274,7 +274,7 @@ class _Step:
 
     def extension(self, line: Line) -> Readings:
         """Lengths between two places."""
-        from dicflow.core.probes import difference, extension, value_of
+        from dicflow.core.probes.weights import difference, extension, value_of
 
         first, second = (self.at(place) for place in line)
         if first is None or second is None:
@@ -287,7 +287,7 @@ class _Step:
 
     def rho(self, weights: Any) -> Overlap:
         """How alike the errors of neighbours are in what depends on U, V and W by such weights (3,)."""
-        from dicflow.core.overlap import mixed
+        from dicflow.core.uncertainty.overlap import mixed
 
         part = _array(weights)
         return mixed([(float(share @ part / part.sum()), rho) for share, rho in self.kinds])
@@ -301,8 +301,8 @@ class _Step:
 
     def _alike(self, probe: Probe) -> dict[str, Alike]:
         """How the errors of the strains of a probe's points are correlated."""
-        from dicflow.core.measures import slope_shares
-        from dicflow.core.probes import complete_mean, slope_overlap
+        from dicflow.core.probes.weights import complete_mean, slope_overlap
+        from dicflow.core.strain.measures import slope_shares
 
         facts = self.product.attrs
         gradient, slopes = (complete_mean(field[probe.rows, probe.cols]) for field in (self.gradient, self.slopes))
@@ -318,8 +318,8 @@ def _error(total: Product, rig: Product | None) -> ProbeError | None:
     """How wrong the places of a total may be for the calibration's sake; None where nothing tells."""
     import numpy as np
 
-    from dicflow.core.calibration_error import rig_error, thinned
-    from dicflow.core.probe_error import ProbeError
+    from dicflow.core.probes.probe_error import ProbeError
+    from dicflow.core.strain.calibration_error import rig_error, thinned
     from dicflow.io.rig import rig_from_dict
 
     facts = total.attrs

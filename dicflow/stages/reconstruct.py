@@ -39,8 +39,8 @@ class Reconstruct(Node):
     def run(self, disparity: Product, rig: Product, track: Product | None = None) -> Product:
         import numpy as np
 
+        from dicflow.core.cameras.rectification import rectification, triangulate
         from dicflow.core.status import Status
-        from dicflow.core.stereo import rectification, triangulate
         from dicflow.io.rig import rig_from_dict
 
         x0, y0 = disparity.attrs["origin"]
@@ -69,7 +69,7 @@ class Reconstruct(Node):
         """Points beyond the depth gate (rows, cols)."""
         import numpy as np
 
-        from dicflow.core.depth import background
+        from dicflow.core.surfaces.depth import background
 
         if self.depth_gate == "off" or (self.depth_gate == "auto" and not in_region):
             return np.zeros(depth.shape, dtype=bool)
@@ -88,7 +88,7 @@ def _check_in_front(depth: np.ndarray) -> None:
 
 def _inside(track: Product, origin: tuple[int, int], shape: tuple[int, int]) -> np.ndarray:
     """Pixels of the map that lie in the region at this step."""
-    from dicflow.core.region import carry, polygons_from_attrs, rasterise
+    from dicflow.core.photographs.region import carry, polygons_from_attrs, rasterise
 
     return rasterise(carry(polygons_from_attrs(track.attrs["polygons"]), lambda ring: ring - origin), shape)
 

@@ -22,7 +22,7 @@ class Rectify(Node):
     stage: Literal["rectify"] = "rectify"
 
     def run(self, images: Product, rig: Product) -> Product:
-        from dicflow.core.stereo import rectification, rectify
+        from dicflow.core.cameras.rectification import rectification, rectify
         from dicflow.io.rig import rig_from_dict
 
         if "right" not in images:

@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 
     import numpy as np
 
-    from dicflow.core.region import Polygon
+    from dicflow.core.photographs.region import Polygon
 
 __all__ = ["Region"]
 
@@ -112,7 +112,7 @@ class Region(Node):
         return {}
 
     def run(self, images: Product, rig: Product | None = None, file_path: Path | None = None) -> Product:
-        from dicflow.core.region import area, carry, polygons_to_attrs
+        from dicflow.core.photographs.region import area, carry, polygons_to_attrs
 
         image = images["left"]
         polygons: Sequence[Polygon]
@@ -131,8 +131,8 @@ class Region(Node):
 
     def _found(self, image: np.ndarray) -> Sequence[Polygon]:
         """The speckled specimen."""
-        from dicflow.core.region import speckled_region
-        from dicflow.core.texture import texture
+        from dicflow.core.photographs.region import speckled_region
+        from dicflow.core.photographs.texture import texture
 
         if self.window > min(image.shape) / 2:
             raise StageError(
@@ -151,7 +151,7 @@ class Region(Node):
         """The region as the user gave it."""
         import numpy as np
 
-        from dicflow.core.region import Polygon, rectangle
+        from dicflow.core.photographs.region import Polygon, rectangle
 
         height, width = images["left"].shape
         size, name = (width, height), "the image"
@@ -167,7 +167,7 @@ class Region(Node):
 
 
 def _from_file(path: Path, size: tuple[int, int], name: str) -> Sequence[Polygon]:
-    from dicflow.core.region import mask_polygons
+    from dicflow.core.photographs.region import mask_polygons
     from dicflow.io.region import is_geojson, read_geojson, read_mask
 
     if is_geojson(path):
@@ -198,8 +198,8 @@ def _camera(rig: Product | None) -> Any:
 
 def _to_tracked(kind: str, rig: Product | None) -> Callable[[np.ndarray], np.ndarray]:
     """The mapping from pixels of the left photograph to those of the image that is tracked."""
-    from dicflow.core.camera import undistort
-    from dicflow.core.stereo import raw_to_rectified, rectification
+    from dicflow.core.cameras.camera import undistort
+    from dicflow.core.cameras.rectification import raw_to_rectified, rectification
     from dicflow.io.rig import rig_from_dict
 
     camera = _camera(rig)
@@ -211,7 +211,7 @@ def _to_tracked(kind: str, rig: Product | None) -> Callable[[np.ndarray], np.nda
 
 
 def _check_inside(chosen: Selected) -> None:
-    from dicflow.core.region import bounding_box
+    from dicflow.core.photographs.region import bounding_box
 
     x0, y0, x1, y1 = bounding_box(chosen.polygons)
     width, height = chosen.size
@@ -224,8 +224,8 @@ def _check_inside(chosen: Selected) -> None:
 
 def _check_texture(image: np.ndarray, polygons: Sequence[Polygon]) -> None:
     """A region must show a pattern."""
-    from dicflow.core.region import rasterise
-    from dicflow.core.texture import LEAST_TEXTURE, mean_intensity_gradient
+    from dicflow.core.photographs.region import rasterise
+    from dicflow.core.photographs.texture import LEAST_TEXTURE, mean_intensity_gradient
 
     mask = rasterise(polygons, image.shape)
     if not mask.any():
@@ -235,7 +235,7 @@ def _check_texture(image: np.ndarray, polygons: Sequence[Polygon]) -> None:
 
 
 def _texture_sentence(image: np.ndarray, mask: np.ndarray | None = None) -> str:
-    from dicflow.core.texture import LEAST_TEXTURE, mean_intensity_gradient
+    from dicflow.core.photographs.texture import LEAST_TEXTURE, mean_intensity_gradient
 
     return (
         f"the mean intensity gradient is {mean_intensity_gradient(image, mask):.2f} grey levels per px and a pattern "

@@ -74,7 +74,7 @@ class RigFile(Node):
 def _summary(found: Calibration) -> dict[str, float]:
     import numpy as np
 
-    from dicflow.core.camera import rotation_angle_deg
+    from dicflow.core.cameras.camera import rotation_angle_deg
 
     return {
         "baseline_mm": float(np.linalg.norm(found.rig.translation)),

@@ -38,7 +38,7 @@ class Smooth(Node):
     def run(self, increment: Product) -> Product:
         import numpy as np
 
-        from dicflow.core.filters import local_polynomial, odd_window
+        from dicflow.core.surfaces.filters import local_polynomial, odd_window
 
         raw, unit = increment["displacement"], increment.attrs["unit"]
         window = odd_window(self.window, increment.attrs["step_size"])

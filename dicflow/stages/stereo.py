@@ -13,9 +13,9 @@ from dicflow.errors import StageError
 if TYPE_CHECKING:
     import numpy as np
 
-    from dicflow.core.camera import Rig
-    from dicflow.core.material import Anchor, Followed, Search
-    from dicflow.core.seed import Pairs
+    from dicflow.core.cameras.camera import Rig
+    from dicflow.core.correlation.material import Anchor, Followed, Search
+    from dicflow.core.correlation.seed import Pairs
 
 __all__ = ["Stereo", "check_size"]
 
@@ -102,7 +102,7 @@ class Stereo(Node):
         stereo_first: Product | None = None,
         stereo_before: Product | None = None,
     ) -> Product:
-        from dicflow.core.across import overexposed, passed_on
+        from dicflow.core.correlation.across import overexposed, passed_on
         from dicflow.io.rig import rig_from_dict
 
         cameras = rig_from_dict(rig.attrs["rig"])
@@ -130,8 +130,8 @@ class Stereo(Node):
         """What the first right photograph shows in the one of the step."""
         import numpy as np
 
-        from dicflow.core.across import overexposed
-        from dicflow.core.material import cropped, follow_step
+        from dicflow.core.correlation.across import overexposed
+        from dicflow.core.correlation.material import cropped, follow_step
         from dicflow.core.status import Status
         from dicflow.stages.correlate import Reference, anchor_of, carried_reference, updating
 
@@ -152,9 +152,9 @@ class Stereo(Node):
         """What the left photograph of the step shows in the right one, from starting warps (row, col, 2, 3)."""
         import numpy as np
 
-        from dicflow.core.across import contrast, follow_across
-        from dicflow.core.material import first_anchor, prepared
-        from dicflow.core.region import interior, polygons_from_attrs
+        from dicflow.core.correlation.across import contrast, follow_across
+        from dicflow.core.correlation.material import first_anchor, prepared
+        from dicflow.core.photographs.region import interior, polygons_from_attrs
         from dicflow.stages.correlate import carried_reference
 
         image, right = view.images_first["left"], view.images["right"]
@@ -167,8 +167,8 @@ class Stereo(Node):
         return follow_across(first, reference, view.correlation["way"], target, starts, search), search
 
     def _search(self, correlation: Product) -> Search:
-        from dicflow.core.correlate import Subset
-        from dicflow.core.material import Search
+        from dicflow.core.correlation.material import Search
+        from dicflow.core.correlation.subsets import Subset
 
         facts = correlation.attrs
         convergence = facts["max_iterations"], facts["tolerance"]
@@ -190,7 +190,7 @@ class Stereo(Node):
         """overexposed : share of the points in the right photograph; NaN where none is seen"""
         import numpy as np
 
-        from dicflow.core.epipolar import epipolar_distance
+        from dicflow.core.cameras.epipolar import epipolar_distance
         from dicflow.core.status import Status
 
         places = found.warp[..., 0]
@@ -240,7 +240,7 @@ def _to_follow(
 
     before : whose outline holds where too little was found
     """
-    from dicflow.core.region import polygons_from_attrs, polygons_to_attrs
+    from dicflow.core.photographs.region import polygons_from_attrs, polygons_to_attrs
     from dicflow.stages.correlate import carried_outline, packed
 
     facts = view.correlation_first.attrs
@@ -279,8 +279,8 @@ def _check_photographs(images: Product, cameras: Rig) -> None:
 
 def _check_pattern(image: np.ndarray, places: np.ndarray) -> None:
     """The first right photograph must show a pattern where the points are, about (row, col, 2), as far as is known."""
-    from dicflow.core.across import enclosed
-    from dicflow.core.pattern import check_pattern
+    from dicflow.core.correlation.across import enclosed
+    from dicflow.core.photographs.pattern import check_pattern
 
     seen = enclosed(image.shape, places)
     try:
@@ -292,7 +292,7 @@ def _check_pattern(image: np.ndarray, places: np.ndarray) -> None:
 
 def _noise_ratio(view: View, starts: np.ndarray) -> float:
     """Noise of the right camera over that of the left one; 1 where the noise of both is given."""
-    from dicflow.core.across import noise_ratio
+    from dicflow.core.correlation.across import noise_ratio
 
     if view.correlation.attrs.get("noise_source") == "given":
         return 1.0
@@ -301,7 +301,7 @@ def _noise_ratio(view: View, starts: np.ndarray) -> float:
 
 def _from_before(view: View, correlation_before: Product, stereo_before: Product) -> np.ndarray | None:
     """Starting warps (row, col, 2, 3) if the right photograph sees the surface as before; None where it does not."""
-    from dicflow.core.across import Step, as_before, borne_out
+    from dicflow.core.correlation.across import Step, as_before, borne_out
 
     steps = (view.correlation, correlation_before, stereo_before)
     starts = as_before(*(Step(step["xy"], step["gradient"]) for step in steps))
@@ -313,8 +313,8 @@ def _moved_along(view: View, before: Before) -> Pairs:
     """Some points in the right photograph of the step before, and where the motion in the left one puts them."""
     import numpy as np
 
-    from dicflow.core.across import Step, as_before
-    from dicflow.core.seed import Pairs
+    from dicflow.core.correlation.across import Step, as_before
+    from dicflow.core.correlation.seed import Pairs
 
     steps = (Step(step["xy"], step["gradient"]) for step in (view.correlation, before.correlation, before.stereo))
     places = np.stack([before.stereo["xy"], as_before(*steps)[..., 0]])
@@ -326,7 +326,7 @@ def _from_partners(cameras: Rig, view: View) -> np.ndarray:
     """Starting warps (row, col, 2, 3) from points found along their epipolar lines."""
     import numpy as np
 
-    from dicflow.core.partners import find_partners, right_of_left, started
+    from dicflow.core.correlation.partners import find_partners, right_of_left, started
 
     places = view.correlation["xy"]
     stride = int(np.ceil(np.sqrt(np.isfinite(places[..., 0]).sum() / SEEDS)))
@@ -343,8 +343,8 @@ def _check_order(cameras: Rig, view: View, found: Followed) -> None:
     """Raise StageError where left and right are exchanged, or nothing is seen by both cameras."""
     import numpy as np
 
-    from dicflow.core.geometry_check import check_order
-    from dicflow.core.seed import feature_pairs
+    from dicflow.core.cameras.geometry_check import check_order
+    from dicflow.core.correlation.seed import feature_pairs
 
     places = view.correlation["xy"]
     pairs = (places, found.warp[..., 0])

@@ -10,7 +10,7 @@ from dicflow.errors import StageError
 from dicflow.stages.smooth import WindowSide, fitted_status
 
 if TYPE_CHECKING:
-    from dicflow.core.strain import Strain as Measures
+    from dicflow.core.strain.surface_strain import Strain as Measures
 
 __all__ = ["Strain"]
 
@@ -35,7 +35,7 @@ class Strain(Node):
     def run(self, increment: Product) -> Product:
         import numpy as np
 
-        from dicflow.core.filters import odd_window
+        from dicflow.core.surfaces.filters import odd_window
 
         window = odd_window(self.window, increment.attrs["step_size"])
         try:
@@ -58,7 +58,7 @@ class Strain(Node):
 
     def _measure(self, increment: Product, window: tuple[int, int]) -> tuple[dict[str, Variable], Measures]:
         """The gradient, if the definition has one, and the strains."""
-        from dicflow.core.strain import deformation_gradient, engineering_strain, jacobian, thesis_strain
+        from dicflow.core.strain.surface_strain import deformation_gradient, engineering_strain, jacobian, thesis_strain
 
         if increment.attrs["definition"] == "thesis":
             return {}, thesis_strain(increment["displacement"], increment["xyz_reference"], window, self.degree)

@@ -57,8 +57,8 @@ class Surface(Node):
     def run(self, cloud: Product) -> Product:
         import numpy as np
 
-        from dicflow.core.filters import within_reach
         from dicflow.core.status import Status
+        from dicflow.core.surfaces.filters import within_reach
 
         xyz = np.asarray(cloud["xyz"], dtype=np.float64)
         had = np.isfinite(xyz).all(axis=2)
@@ -88,7 +88,7 @@ class Surface(Node):
             return self._lowess(values)
         import numpy as np
 
-        from dicflow.core.surface import choose_degree, evaluate, fit_surface
+        from dicflow.core.surfaces.surface import choose_degree, evaluate, fit_surface
 
         why = "given"
         if self.degree == "auto":
@@ -107,8 +107,8 @@ class Surface(Node):
         return evaluate(surface, np.arange(values.shape[1]), np.arange(values.shape[0])), facts
 
     def _lowess(self, values: Any) -> tuple[Any, dict[str, Any]]:
-        from dicflow.core.filters import odd_window
-        from dicflow.core.surface import fit_lowess
+        from dicflow.core.surfaces.filters import odd_window
+        from dicflow.core.surfaces.surface import fit_lowess
 
         window = odd_window((self.lowess_window, self.lowess_window))
         smooth = fit_lowess(values, window, self.lowess_degree, self.robust)

@@ -15,8 +15,8 @@ if TYPE_CHECKING:
 
     import numpy as np
 
-    from dicflow.core.region import Polygon
-    from dicflow.core.tracking import Tracked
+    from dicflow.core.matching.tracking import Tracked
+    from dicflow.core.photographs.region import Polygon
 
 __all__ = ["Track"]
 
@@ -77,7 +77,7 @@ class Track(Node):
         """The material grid on the region of the first step, and transforms that change nothing."""
         import numpy as np
 
-        from dicflow.core.region import bounding_box, carry, contains, polygons_from_attrs
+        from dicflow.core.photographs.region import bounding_box, carry, contains, polygons_from_attrs
         from dicflow.core.status import Status
 
         polygons = polygons_from_attrs(region.attrs["polygons"])
@@ -97,8 +97,14 @@ class Track(Node):
 
     def _next(self, matches: Product, before: Product) -> Product:
         """Everything carried from the step before to this one."""
-        from dicflow.core.region import bounding_box, contains, polygons_from_attrs
-        from dicflow.core.tracking import carry_points, follow_matches, nearest_subset, subset_grid, track_subsets
+        from dicflow.core.matching.tracking import (
+            carry_points,
+            follow_matches,
+            nearest_subset,
+            subset_grid,
+            track_subsets,
+        )
+        from dicflow.core.photographs.region import bounding_box, contains, polygons_from_attrs
 
         polygons = polygons_from_attrs(before.attrs["polygons"])
         grid = subset_grid(bounding_box(polygons), self.subsets, self.overlap)
@@ -136,7 +142,7 @@ class Track(Node):
         )
 
     def _product(self, state: State, tracked: Tracked | None) -> Product:
-        from dicflow.core.region import polygons_to_attrs
+        from dicflow.core.photographs.region import polygons_to_attrs
 
         subsets = tracked or _unmoved(self.subsets)
         attrs = {
@@ -164,7 +170,7 @@ def _carried(
     """
     import numpy as np
 
-    from dicflow.core.region import carry
+    from dicflow.core.photographs.region import carry
     from dicflow.core.status import Status
 
     points, status = mapping(state.points), state.status.copy()
@@ -182,7 +188,7 @@ def _unmoved(shape: tuple[int, int]) -> Tracked:
     """The identity in every subset, resting on nothing, as it stands at the first step."""
     import numpy as np
 
-    from dicflow.core.tracking import Tracked
+    from dicflow.core.matching.tracking import Tracked
 
     none, no = np.zeros(shape, dtype=np.int32), np.zeros(shape, dtype=bool)
     identity = np.broadcast_to(np.eye(3), (*shape, 3, 3)).copy()

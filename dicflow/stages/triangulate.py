@@ -10,7 +10,7 @@ from dicflow.engine.product import Product, Variable
 if TYPE_CHECKING:
     import numpy as np
 
-    from dicflow.core.triangulate import Triangulated
+    from dicflow.core.cameras.triangulate import Triangulated
 
 __all__ = ["Triangulate"]
 
@@ -60,7 +60,7 @@ class Triangulate(Node):
         """``correlation_first`` is that of the first step."""
         import numpy as np
 
-        from dicflow.core.triangulate import triangulate
+        from dicflow.core.cameras.triangulate import triangulate
         from dicflow.io.rig import rig_from_dict
         from dicflow.stages.stereo import check_size
 
@@ -85,9 +85,8 @@ def _errors(found: Triangulated, correlation: Product, stereo: Product) -> Error
     """
     import numpy as np
 
-    from dicflow.core.chain import congruent
-    from dicflow.core.strain import inverse
-    from dicflow.core.triangulate import point_covariance
+    from dicflow.core.cameras.triangulate import point_covariance
+    from dicflow.core.tensors import congruent, inverse
 
     by_left, by_right = found.by_left @ correlation["gradient"], found.by_right @ stereo["gradient"]
     right = congruent(inverse(stereo["gradient"]), stereo["covariance"])
@@ -124,7 +123,7 @@ def _two_errors(correlation: Product, stereo: Product) -> np.ndarray:
     """Covariance (row, col, 10) of the template's error and of what the right shape function adds to it [px²]."""
     import numpy as np
 
-    from dicflow.core.covariance import symmetric, upper
+    from dicflow.core.tensors import symmetric, upper
 
     template = correlation["template"]
     both = np.zeros((*template.shape[:2], 4, 4))
@@ -137,7 +136,7 @@ def _positive(covariance: np.ndarray) -> np.ndarray:
     """The nearest covariances (row, col, 3): without negative variances."""
     import numpy as np
 
-    from dicflow.core.covariance import symmetric, upper
+    from dicflow.core.tensors import symmetric, upper
 
     known = np.isfinite(covariance).all(axis=-1)
     nearest = np.full(covariance.shape, np.nan)
@@ -150,8 +149,8 @@ def _product(found: Triangulated, errors: Errors, correlation: Product, stereo: 
     """inside : (row, col) — the points of the region at the first step"""
     import numpy as np
 
-    from dicflow.core.covariance import upper
     from dicflow.core.status import Status
+    from dicflow.core.tensors import upper
 
     status = np.maximum(correlation["status"], stereo["status"])
     status[(status <= Status.FILLED) & ~np.isfinite(found.xyz).all(axis=-1)] = Status.EPIPOLAR

@@ -24,7 +24,7 @@ class Undistort(Node):
     def run(self, images: Product, rig: Product | None = None) -> Product:
         import numpy as np
 
-        from dicflow.core.stereo import rectify
+        from dicflow.core.cameras.rectification import rectify
         from dicflow.io.rig import rig_from_dict
 
         image = images["left"]

@@ -13,7 +13,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from dicflow.core.camera import rotation_matrix
+from dicflow.core.cameras.camera import rotation_matrix
 from dicflow.core.synthetic.checkerboard import Checkerboard
 from dicflow.core.synthetic.deformation import Deformation, carried
 from dicflow.core.synthetic.speckle import Speckles, scatter_speckles

@@ -129,7 +129,7 @@ def _photograph(result: Result, total: Product, step: str, variant: int) -> tupl
     images = result.source(result.stages_of("region")[0], "images", variant)
     if result.kind(images) != "rectified":
         return places, result.product(images, step, variant)["left"]
-    from dicflow.core.stereo import rectification, rectified_to_raw
+    from dicflow.core.cameras.rectification import rectification, rectified_to_raw
     from dicflow.io.rig import rig_from_dict
 
     rig = rig_from_dict(result.product(result.source(images, "rig", variant), None, variant).attrs["rig"])

@@ -11,7 +11,7 @@ from matplotlib.collections import PathCollection
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from dicflow.pipeline.difference import Difference
+from dicflow.comparison.difference import Difference
 from dicflow.views.colours import DIVERGING
 
 __all__ = ["difference_maps"]

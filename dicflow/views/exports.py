@@ -195,8 +195,8 @@ def _places(result: Result, total: Product, variant: int) -> NDArray[Any]:
 
 def _to_photograph(result: Result, region: str, variant: int) -> Callable[[NDArray[Any]], NDArray[Any]] | None:
     """The mapping from pixels of the image that a region lies in to those of the left photograph; None for the same."""
-    from dicflow.core.camera import distort
-    from dicflow.core.stereo import rectification, rectified_to_raw
+    from dicflow.core.cameras.camera import distort
+    from dicflow.core.cameras.rectification import rectification, rectified_to_raw
     from dicflow.io.rig import rig_from_dict
 
     image = result.source(region, "images", variant)

@@ -96,7 +96,7 @@ def photo_jpeg(image: Array, view: View, quality: int = 70) -> bytes:
     """The view's part of a photograph (row, col), uint8 or uint16, as a JPEG."""
     import cv2
 
-    from dicflow.core.texture import saturation
+    from dicflow.core.photographs.texture import saturation
 
     (x0, y0), (width, height) = view.origin, view.size
     part = image[y0 : y0 + round(height / view.scale), x0 : x0 + round(width / view.scale)]

@@ -2,7 +2,7 @@ import cv2
 import numpy as np
 import pytest
 
-from dicflow.core.camera import rotation_angle_deg
+from dicflow.core.cameras.camera import rotation_angle_deg
 from dicflow.core.synthetic.checkerboard import Checkerboard, board_corners, board_darkness, board_outline
 from dicflow.core.synthetic.render import Look, expose, render_board
 from dicflow.core.synthetic.stand import board_poses, seen_from_right, verged_stand

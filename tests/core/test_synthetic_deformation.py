@@ -3,7 +3,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from dicflow.core.camera import rotation_matrix
+from dicflow.core.cameras.camera import rotation_matrix
 from dicflow.core.synthetic.deformation import (
     Deformation,
     carried,

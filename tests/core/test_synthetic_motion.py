@@ -2,11 +2,11 @@ import numpy as np
 import pytest
 from scipy.ndimage import map_coordinates
 
+from dicflow.core.correlation.warp import apply_warp, gradient
 from dicflow.core.synthetic.motion import carried_back, render_pattern, speckle_pattern, star, star_period, strain_star
 from dicflow.core.synthetic.planar import render_planar, translation
 from dicflow.core.synthetic.render import Extent
 from dicflow.core.synthetic.speckle import scatter_speckles
-from dicflow.core.warp import apply_warp, gradient
 
 EVERYWHERE = Extent(-1e9, 1e9, -1e9, 1e9)
 POINTS = np.random.default_rng(0).uniform((0, 0), (2000, 501), (500, 2))

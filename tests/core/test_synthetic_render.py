@@ -3,7 +3,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from dicflow.core.camera import Camera, camera_matrix, rotation_matrix
+from dicflow.core.cameras.camera import Camera, camera_matrix, rotation_matrix
 from dicflow.core.synthetic.deformation import Deformation
 from dicflow.core.synthetic.render import Extent, Look, expose, outline, render_strip, shares
 from dicflow.core.synthetic.speckle import darkness, scatter_speckles

@@ -2,7 +2,7 @@ import cv2
 import numpy as np
 import pytest
 
-from dicflow.core.charuco import DICTIONARIES, marker_dictionary
+from dicflow.core.calibration.charuco import DICTIONARIES, marker_dictionary
 from dicflow.core.synthetic.charuco import MarkedBoard, marked_darkness, marked_extent
 from dicflow.core.synthetic.checkerboard import Checkerboard
 from dicflow.core.synthetic.circles import CircleGrid, circle_centres, circle_darkness, circle_extent

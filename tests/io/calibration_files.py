@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 from scipy.io import savemat
 
-from dicflow.core.camera import Camera, Rig, rotation_matrix, rotation_vector
+from dicflow.core.cameras.camera import Camera, Rig, rotation_matrix, rotation_vector
 from dicflow.io.calibrations import write_opencv
 from dicflow.io.calibrations.draft import euler_deg
 from dicflow.io.rig import write_rig

@@ -15,7 +15,7 @@ from calibration_files import (
 )
 from scipy.io import savemat
 
-from dicflow.core.camera import Rig, project, rotation_angle_deg, to_right, undistort
+from dicflow.core.cameras.camera import Rig, project, rotation_angle_deg, to_right, undistort
 from dicflow.errors import InputError
 from dicflow.io.calibrations import opencv_text, parse_calibration, read_calibration, write_opencv
 from dicflow.io.rig import rig_to_dict

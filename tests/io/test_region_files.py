@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from dicflow.core.region import area
+from dicflow.core.photographs.region import area
 from dicflow.errors import InputError
 from dicflow.io.region import is_geojson, read_geojson, read_mask, write_geojson
 

@@ -3,8 +3,8 @@ import json
 import numpy as np
 import pytest
 
-from dicflow.core.camera import Camera, Rig, camera_matrix, rotation_matrix
-from dicflow.core.rig_parameters import PARAMETERS
+from dicflow.core.cameras.camera import Camera, Rig, camera_matrix, rotation_matrix
+from dicflow.core.cameras.rig_parameters import PARAMETERS
 from dicflow.errors import InputError
 from dicflow.io.rig import read_covariance, read_rig, rig_to_dict, write_rig
 

@@ -13,7 +13,7 @@ from small import BOARDS, STEPS, dicflow
 from dicflow.errors import ConfigurationError
 from dicflow.io.configuration import parse
 from dicflow.pipeline import Pipeline
-from dicflow.pipeline.setup import OPEN, Found, Series, pipeline_text
+from dicflow.start.first_file import OPEN, Found, Series, pipeline_text
 
 
 @pytest.fixture(scope="module")
@@ -130,7 +130,7 @@ def test_boards_are_told_from_speckles_in_the_samples(stereo):
     """Speckles look like a small board here and there; most photographs must show one of the same size."""
     from small import ROOT
 
-    from dicflow.pipeline.setup import _board_size, _series
+    from dicflow.start.first_file import _board_size, _series
 
     sizes = {one.left: _board_size(one) for one in _series(ROOT / "data_samples")}
     assert sizes == {"photos/left/*.png": None, "boards/left/*.png": (9, 6)}

@@ -6,15 +6,15 @@ import shutil
 import numpy as np
 import pytest
 
-from dicflow.core.camera import project
+from dicflow.comparison.difference import compare
+from dicflow.comparison.sides import TableSide, open_sides
+from dicflow.core.cameras.camera import project
 from dicflow.engine.journal import runs
 from dicflow.engine.store import Store
 from dicflow.errors import ConfigurationError, InputError, StoreError
 from dicflow.io.points_table import PointTable
 from dicflow.io.rig import rig_from_dict
 from dicflow.pipeline import Pipeline
-from dicflow.pipeline.difference import compare
-from dicflow.pipeline.sides import TableSide, open_sides
 from dicflow.views.exports import export
 
 

@@ -6,11 +6,11 @@ import shutil
 import pytest
 from small import STEPS, dicflow
 
+from dicflow.comparison.difference import compare
+from dicflow.comparison.sides import open_sides
 from dicflow.engine.references import cache
 from dicflow.errors import InputError, NotKeptError
 from dicflow.pipeline import Pipeline
-from dicflow.pipeline.difference import compare
-from dicflow.pipeline.sides import open_sides
 from tests.pages import Page
 
 

@@ -5,7 +5,7 @@ import re
 import numpy as np
 import pytest
 
-from dicflow.core.camera import project
+from dicflow.core.cameras.camera import project
 from dicflow.engine.product import Product, Variable
 from dicflow.io.rig import rig_from_dict
 from dicflow.pipeline import Pipeline

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 from small import dicflow
 
-from dicflow.core.agreement import agreement
+from dicflow.comparison.difference import Comparison, Difference
+from dicflow.core.uncertainty.agreement import agreement
 from dicflow.engine.keys import Change
-from dicflow.pipeline.difference import Comparison, Difference
 from dicflow.report.difference import COLUMNS, difference, difference_page, difference_rows
 from dicflow.views.difference import difference_maps
 from dicflow.views.maps import png

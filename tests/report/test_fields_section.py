@@ -96,7 +96,7 @@ def test_the_second_build_draws_nothing(loaded, tmp_path, monkeypatch):
 
 
 def test_places_in_rectified_images_are_carried_back_into_the_photograph(loaded):
-    from dicflow.core.stereo import raw_to_rectified, rectification
+    from dicflow.core.cameras.rectification import raw_to_rectified, rectification
     from dicflow.io.rig import rig_from_dict
 
     result = loaded.result()

@@ -5,9 +5,9 @@ import yaml
 from small import ROOT, STEPS
 
 from dicflow.pipeline import Pipeline
-from dicflow.pipeline.reporting import Row, reporting_rows
 from dicflow.report.context import Context
 from dicflow.report.pieces import Pieces
+from dicflow.report.reporting import Row, reporting_rows
 from dicflow.report.settings import settings
 from tests.pages import Page
 

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from dicflow.core.region import carry, polygons_to_attrs, rectangle
-from dicflow.core.strain import deformation_gradient, engineering_strain
-from dicflow.core.transform import apply_transform
+from dicflow.core.matching.transform import apply_transform
+from dicflow.core.photographs.region import carry, polygons_to_attrs, rectangle
+from dicflow.core.strain.surface_strain import deformation_gradient, engineering_strain
 from dicflow.engine.product import Product, Variable
 
 SCALE = 0.1

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from dicflow.core.camera import Camera, Rig, camera_matrix, project, rotation_matrix, to_right
-from dicflow.core.covariance import upper
+from dicflow.core.cameras.camera import Camera, Rig, camera_matrix, project, rotation_matrix, to_right
+from dicflow.core.tensors import upper
 from dicflow.engine.product import Product, Variable
 from tests.noise import point_errors
 

@@ -5,7 +5,7 @@ import pytest
 from boards import SIZE, SQUARE_MM, board_corners, board_photograph, verged_rig
 from pydantic import ValidationError
 
-from dicflow.core.camera import rotation_angle_deg
+from dicflow.core.cameras.camera import rotation_angle_deg
 from dicflow.engine.product import Product, Variable
 from dicflow.errors import StageError
 from dicflow.io.rig import rig_from_dict

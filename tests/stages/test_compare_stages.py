@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from analytic import affine, cloud, run_all, track, tracks
 
-from dicflow.core.region import polygons_to_attrs
+from dicflow.core.photographs.region import polygons_to_attrs
 from dicflow.engine.product import Product, Variable
 from dicflow.errors import ConfigurationError, InputError, StageError
 from dicflow.stages.compare import Compare

@@ -4,10 +4,10 @@ import numpy as np
 import pytest
 from test_correlate_stage import about_middle, error, follow, region, series
 
-from dicflow.core.chain import congruent
+from dicflow.core.matching.transform import jacobian
 from dicflow.core.status import Status
 from dicflow.core.synthetic.planar import planar_pair, translation
-from dicflow.core.transform import jacobian
+from dicflow.core.tensors import congruent
 
 SIZE = (300, 420)
 NOISE = 2.0

@@ -6,12 +6,12 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from dicflow.core.chain import congruent
+from dicflow.core.matching.transform import apply_transform, jacobian
 from dicflow.core.status import Status
 from dicflow.core.synthetic.planar import planar_pair, render_planar, translation
 from dicflow.core.synthetic.render import Extent, expose
 from dicflow.core.synthetic.speckle import scatter_speckles
-from dicflow.core.transform import apply_transform, jacobian
+from dicflow.core.tensors import congruent
 from dicflow.engine.product import Product, Variable
 from dicflow.errors import StageError
 from dicflow.io.images import read_grey

@@ -18,10 +18,10 @@ from measured_points import (
     template_errors,
 )
 
-from dicflow.core.camera import rotation_matrix
-from dicflow.core.rig_parameters import rig_moved
+from dicflow.core.cameras.camera import rotation_matrix
+from dicflow.core.cameras.rig_parameters import rig_moved
+from dicflow.core.cameras.triangulate import triangulate
 from dicflow.core.status import Status
-from dicflow.core.triangulate import triangulate
 from dicflow.engine.product import Product, Variable
 from dicflow.engine.work import is_kept
 from dicflow.errors import StageError

@@ -7,10 +7,10 @@ import pytest
 from measured_points import RIG, SHAPE, STEP_SIZE, first_points, grid_px, points, sheet, template_errors
 from pydantic import ValidationError
 
-from dicflow.core.calibration_error import error_modes
-from dicflow.core.camera import rotation_matrix
-from dicflow.core.rig_parameters import rig_moved
-from dicflow.core.triangulate import triangulate
+from dicflow.core.cameras.camera import rotation_matrix
+from dicflow.core.cameras.rig_parameters import rig_moved
+from dicflow.core.cameras.triangulate import triangulate
+from dicflow.core.strain.calibration_error import error_modes
 from dicflow.engine.product import Product
 from dicflow.errors import StageError
 from dicflow.io.rig import rig_to_dict

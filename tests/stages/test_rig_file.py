@@ -7,7 +7,7 @@ import pytest
 from PIL import Image
 from small import dicflow
 
-from dicflow.core.camera import Camera, Rig, rotation_matrix
+from dicflow.core.cameras.camera import Camera, Rig, rotation_matrix
 from dicflow.engine.product import Product, Variable
 from dicflow.errors import InputError
 from dicflow.io.calibrations import read_calibration, write_opencv

@@ -8,7 +8,7 @@ import stereo_scene
 from stereo_scene import LENGTH, REST, WIDTH, State, photographs, right_truth, space_truth
 from test_stereo_correlation import MATERIAL, MOVED, NOISE, images, measured, rig_product, scaled_errors, tracked
 
-from dicflow.core.correlate import Subset
+from dicflow.core.correlation.subsets import Subset
 from dicflow.core.status import Status
 from dicflow.core.synthetic.render import expose
 from dicflow.core.synthetic.speckle import scatter_speckles

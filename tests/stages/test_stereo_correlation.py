@@ -19,11 +19,12 @@ from stereo_scene import (
     space_truth,
 )
 
-from dicflow.core import partners
-from dicflow.core.camera import Camera, Rig
-from dicflow.core.correlate import Subset
-from dicflow.core.covariance import MeasuredPoints, displacement_covariance, joint_covariance, symmetric
+from dicflow.core.cameras.camera import Camera, Rig
+from dicflow.core.correlation import partners
+from dicflow.core.correlation.subsets import Subset
 from dicflow.core.status import Status
+from dicflow.core.tensors import symmetric
+from dicflow.core.uncertainty.covariance import MeasuredPoints, displacement_covariance, joint_covariance
 from dicflow.engine.product import Product, Variable
 from dicflow.errors import StageError
 from dicflow.io.rig import rig_to_dict

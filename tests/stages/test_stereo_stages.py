@@ -5,10 +5,10 @@ from boards import verged_rig
 from pydantic import ValidationError
 from scenes import photographs_of_plane
 
-from dicflow.core.camera import Camera, Rig, distort
-from dicflow.core.region import Polygon, polygons_to_attrs, rectangle
+from dicflow.core.cameras.camera import Camera, Rig, distort
+from dicflow.core.cameras.rectification import raw_to_rectified, rectification
+from dicflow.core.photographs.region import Polygon, polygons_to_attrs, rectangle
 from dicflow.core.status import Status
-from dicflow.core.stereo import raw_to_rectified, rectification
 from dicflow.engine.product import Product, Variable
 from dicflow.errors import StageError
 from dicflow.io.rig import rig_to_dict

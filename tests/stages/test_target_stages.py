@@ -5,8 +5,8 @@ import pytest
 from boards import verged_rig
 from pydantic import ValidationError
 
-from dicflow.core.camera import rotation_angle_deg, rotation_matrix
-from dicflow.core.rig_parameters import FIGURES, PARAMETERS, figures
+from dicflow.core.cameras.camera import rotation_angle_deg, rotation_matrix
+from dicflow.core.cameras.rig_parameters import FIGURES, PARAMETERS, figures
 from dicflow.core.synthetic.charuco import MarkedBoard, marked_darkness, marked_extent
 from dicflow.core.synthetic.checkerboard import Checkerboard
 from dicflow.core.synthetic.circles import CircleGrid, circle_darkness, circle_extent

@@ -8,10 +8,10 @@ from blobs import Pattern, stretched
 from PIL import Image
 from pydantic import ValidationError
 
-from dicflow.core.camera import Camera, Rig
-from dicflow.core.region import area, bounding_box, contains, polygons_from_attrs
+from dicflow.core.cameras.camera import Camera, Rig
+from dicflow.core.cameras.rectification import raw_to_rectified, rectification
+from dicflow.core.photographs.region import area, bounding_box, contains, polygons_from_attrs
 from dicflow.core.status import Status
-from dicflow.core.stereo import raw_to_rectified, rectification
 from dicflow.engine.product import Product, Variable
 from dicflow.errors import StageError
 from dicflow.io.rig import rig_to_dict

@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from dicflow.core.camera import Camera, Rig, camera_matrix, project, undistort
-from dicflow.core.region import contains, densify, polygons_from_attrs, polygons_to_attrs, rectangle
+from dicflow.core.cameras.camera import Camera, Rig, camera_matrix, project, undistort
+from dicflow.core.photographs.region import contains, densify, polygons_from_attrs, polygons_to_attrs, rectangle
 from dicflow.engine.product import Product
 from dicflow.errors import ConfigurationError, DicflowError
 from dicflow.io.exports import csv as csv_module

@@ -6,15 +6,14 @@ from typing import NamedTuple
 
 import cv2
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
-from dicflow.core.charuco import marker_dictionary
+from dicflow.core.arrays import Array
+from dicflow.core.calibration.charuco import marker_dictionary
 from dicflow.core.synthetic.checkerboard import Checkerboard, board_darkness
 from dicflow.core.synthetic.render import Extent
 
 __all__ = ["MarkedBoard", "marked_darkness", "marked_extent"]
-
-Array = NDArray[np.float64]
 
 
 class MarkedBoard(NamedTuple):

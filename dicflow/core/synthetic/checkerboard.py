@@ -6,11 +6,11 @@ from typing import NamedTuple
 
 import numpy as np
 from numba import njit
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
+
+from dicflow.core.arrays import Array
 
 __all__ = ["Checkerboard", "board_corners", "board_darkness", "board_outline"]
-
-Array = NDArray[np.float64]
 
 
 class Checkerboard(NamedTuple):

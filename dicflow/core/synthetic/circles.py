@@ -5,13 +5,12 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from dicflow.core.arrays import Array
 from dicflow.core.synthetic.render import Extent
 
 __all__ = ["CircleGrid", "circle_centres", "circle_darkness", "circle_extent"]
-
-Array = NDArray[np.float64]
 
 
 class CircleGrid(NamedTuple):

@@ -20,11 +20,11 @@ from typing import Any, NamedTuple
 
 import numpy as np
 from numba import njit
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
+
+from dicflow.core.arrays import Array
 
 __all__ = ["Deformation", "Strain", "carried", "gradient", "position", "strain", "surface_kernel", "tangents_kernel"]
-
-Array = NDArray[np.float64]
 
 
 class Deformation(NamedTuple):

@@ -9,14 +9,13 @@ from __future__ import annotations
 from collections.abc import Callable
 
 import numpy as np
-from numpy.typing import NDArray
 
+from dicflow.core.arrays import Array
 from dicflow.core.synthetic.render import Extent, Look, Pattern, shares
 from dicflow.core.synthetic.speckle import darkness, scatter_speckles
 
 __all__ = ["Motion", "carried_back", "render_pattern", "speckle_pattern", "star", "star_period", "strain_star"]
 
-Array = NDArray[np.float64]
 Motion = Callable[[Array], tuple[Array, Array]]
 """Where points (..., 2) of the reference go [px], and the gradients ∂x/∂X (..., 2, 2) there."""
 

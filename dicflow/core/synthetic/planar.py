@@ -5,15 +5,14 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from dicflow.core.arrays import Array, Codes
 from dicflow.core.synthetic.render import Extent, Look, expose, shares
 from dicflow.core.synthetic.speckle import Speckles, darkness, scatter_speckles
 
 __all__ = ["PlanarPair", "planar_pair", "render_planar", "translation"]
 
-Array = NDArray[np.float64]
-Image = NDArray[np.uint8]
 
 _EVEN = Look(unevenness=0.0, light=(0.0, 0.0))
 
@@ -21,8 +20,8 @@ _EVEN = Look(unevenness=0.0, light=(0.0, 0.0))
 class PlanarPair(NamedTuple):
     """A point at x in the reference is at ``transform`` (x) in the deformed image; both are (height, width)."""
 
-    reference: Image
-    deformed: Image
+    reference: Codes
+    deformed: Codes
     transform: Array
 
 

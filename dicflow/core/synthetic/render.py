@@ -8,7 +8,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from dicflow.core.camera import Camera
+from dicflow.core.arrays import Array
+from dicflow.core.cameras.camera import Camera
 from dicflow.core.synthetic.checkerboard import Checkerboard, board_darkness
 from dicflow.core.synthetic.deformation import Deformation
 from dicflow.core.synthetic.speckle import Speckles, darkness
@@ -16,7 +17,6 @@ from dicflow.core.synthetic.trace import Box, image_of, trace
 
 __all__ = ["Extent", "Look", "Shares", "expose", "outline", "photograph", "render_board", "render_strip", "shares"]
 
-Array = NDArray[np.float64]
 Pattern = Callable[[Array], Array]
 """How dark material points (..., 2) [mm] are: (...) in 0 … 1."""
 

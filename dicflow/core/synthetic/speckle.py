@@ -6,11 +6,12 @@ from typing import NamedTuple
 
 import numpy as np
 from numba import njit
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
+
+from dicflow.core.arrays import Array, Index
 
 __all__ = ["Speckles", "darkness", "scatter_speckles"]
 
-Array = NDArray[np.float64]
 
 _GAP = 0.78
 """Least distance of two dots over the sum of their radii: a hand with a pen overlaps dots a little, never much."""
@@ -36,8 +37,8 @@ class Speckles(NamedTuple):
     edge: float
     origin: Array
     cell: float
-    first: NDArray[np.int64]
-    members: NDArray[np.int64]
+    first: Index
+    members: Index
 
 
 def scatter_speckles(

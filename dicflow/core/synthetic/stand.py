@@ -6,16 +6,15 @@ from typing import NamedTuple
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
-from dicflow.core.camera import Camera, Rig, camera_matrix, rotation_matrix
+from dicflow.core.arrays import Array, Mask
+from dicflow.core.cameras.camera import Camera, Rig, camera_matrix, rotation_matrix
 from dicflow.core.synthetic.checkerboard import Checkerboard, board_corners, board_outline
 from dicflow.core.synthetic.deformation import Deformation, carried
 from dicflow.core.synthetic.trace import image_of
 
 __all__ = ["Stand", "board_poses", "seen_from_right", "verged_stand"]
 
-Array = NDArray[np.float64]
 
 _CANDIDATES = 4000
 _TILT_DEG = 30.0
@@ -109,7 +108,7 @@ def _inside(camera: Camera, pixels: Array) -> bool:
     return bool(np.all((pixels > _BORDER_PX) & (pixels < np.array(camera.size) - 1 - _BORDER_PX)))
 
 
-def _cells_covered(rig: Rig, pose: Deformation, board: Checkerboard) -> NDArray[np.bool_]:
+def _cells_covered(rig: Rig, pose: Deformation, board: Checkerboard) -> Mask:
     """Which cells of a coarse grid over both photographs lie between the inner corners of the board, flat."""
     corners = board_corners(board)
     frame = corners[[0, 0, -1, -1], [0, -1, -1, 0]]

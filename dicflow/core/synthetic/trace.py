@@ -8,14 +8,14 @@ from __future__ import annotations
 
 import numpy as np
 from numba import njit
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
-from dicflow.core.camera import Camera, bend, bend_slopes, project
+from dicflow.core.arrays import Array
+from dicflow.core.cameras.camera import Camera, bend, bend_slopes, project
 from dicflow.core.synthetic.deformation import Deformation, position, surface_kernel, tangents_kernel
 
 __all__ = ["Box", "image_of", "material_at", "trace"]
 
-Array = NDArray[np.float64]
 Box = tuple[int, int, int, int]
 """Pixels x0 ≤ x < x1, y0 ≤ y < y1."""
 

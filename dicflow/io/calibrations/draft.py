@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from dicflow.core.camera import Camera, Rig
+from dicflow.core.cameras.camera import Camera, Rig
 from dicflow.errors import InputError
 
 __all__ = [
@@ -72,7 +72,7 @@ class Draft(NamedTuple):
     program : whose format it is, as messages say it
     rotation, translation : (3, 3) and (3,) [mm] — X1 = rotation @ X0 + translation
     warnings : what the user should know
-    covariance : (24, 24) of :data:`~dicflow.core.rig_parameters.PARAMETERS`; None where the file does not say it
+    covariance : (24, 24) of :data:`~dicflow.core.cameras.rig_parameters.PARAMETERS`; None if unknown
     """
 
     program: str

@@ -12,7 +12,7 @@ import re
 import numpy as np
 from numpy.typing import NDArray
 
-from dicflow.core.camera import rotation_matrix
+from dicflow.core.cameras.camera import rotation_matrix
 from dicflow.errors import InputError
 from dicflow.io.calibrations.draft import (
     Draft,

@@ -15,7 +15,7 @@ import numpy as np
 import yaml
 from numpy.typing import NDArray
 
-from dicflow.core.camera import Rig, rotation_matrix
+from dicflow.core.cameras.camera import Rig, rotation_matrix
 from dicflow.errors import InputError
 from dicflow.io.calibrations.draft import Draft, DraftCamera, Source, number, refuse_terms
 from dicflow.io.calibrations.xml import parse_xml

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable
 from pathlib import Path
 
-from dicflow.core.region import carry, polygons_from_attrs
+from dicflow.core.photographs.region import carry, polygons_from_attrs
 from dicflow.io.exports.items import Item, place
 from dicflow.io.region import write_geojson
 

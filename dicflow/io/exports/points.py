@@ -7,7 +7,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from dicflow.core.region import Array
+from dicflow.core.arrays import Array
 from dicflow.engine.product import Product
 
 __all__ = ["Points", "in_space", "measured", "points", "principal_strains", "quads"]

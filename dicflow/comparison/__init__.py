@@ -1,0 +1,1 @@
+"""Two measurements side by side: fields brought to the same points, and their differences."""

@@ -1,0 +1,108 @@
+"""ChArUco boards: checkerboards with markers in their white squares, of which any part may be seen.
+
+Garrido-Jurado et al. 2014, "Automatic generation and detection of highly reliable fiducial markers under occlusion".
+"""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from dicflow.core.arrays import Array, Mask
+from dicflow.core.calibration.symmetry import centres_of_symmetry
+from dicflow.core.calibration.targets import Size, Target, board_points
+from dicflow.core.matching.transform import estimate_transform, jacobian
+from dicflow.core.photographs.grey import to_8bit
+
+__all__ = ["DICTIONARIES", "Markers", "charuco", "find_charuco", "marker_dictionary"]
+
+
+_LEAST_CORNERS = 6
+_RADIUS_SQUARES = 0.6
+_LEAST_RADIUS_PX = 3
+_BLUR_PX = 1.0
+
+_CLASSIC = tuple(f"{bits}x{bits}_{count}" for bits in (4, 5, 6, 7) for count in (50, 100, 250, 1000))
+DICTIONARIES = (*_CLASSIC, "aruco_original", "apriltag_16h5", "apriltag_25h9", "apriltag_36h10", "apriltag_36h11")
+"""Names of the alphabets of markers that a board can be printed with."""
+
+
+class Markers(NamedTuple):
+    """The markers of a board.
+
+    dictionary : their alphabet, one of :data:`DICTIONARIES`
+    share : side of a marker as a share of that of a square [-]
+    """
+
+    dictionary: str
+    share: float
+
+
+def charuco(size: Size, square_mm: float) -> Target:
+    """A ChArUco board of (columns, rows) inner corners; its markers tell its corners apart."""
+    points = board_points(size, square_mm)
+    return Target(points, np.arange(len(points))[None])
+
+
+def marker_dictionary(name: str) -> Any:
+    """The alphabet of that name, as OpenCV's detectors take it."""
+    kind = name.replace("x", "X") if name in _CLASSIC else name.upper().replace("H", "h")
+    return cv2.aruco.getPredefinedDictionary(getattr(cv2.aruco, f"DICT_{kind}"))
+
+
+def find_charuco(image: NDArray[np.uint8] | NDArray[np.uint16], size: Size, markers: Markers) -> Array | None:
+    """Corners of the part of a board that a photograph shows, to half a hundredth of a pixel.
+
+    Located by the markers, and each moved to the centre of symmetry of the image around it
+    (:func:`~dicflow.core.calibration.symmetry.centres_of_symmetry`) with the markers masked out. Boards that begin
+    with a black and with a white square, as OpenCV printed them before version 4.6, are both recognised.
+
+    Returns (columns·rows, 2) [px], row by row, NaN where a corner is not seen; None where fewer than six are.
+    """
+    grey = to_8bit(image)
+    corners = max((_locate(grey, size, markers, legacy) for legacy in (False, True)), key=_count)
+    seen = np.isfinite(corners[:, 0])
+    points = board_points(size, 1.0)[:, :2]
+    if np.count_nonzero(seen) < _LEAST_CORNERS or np.linalg.matrix_rank(points[seen] - points[seen][0]) < 2:
+        return None
+    slopes = jacobian(estimate_transform("projective", points[seen], corners[seen]), points[seen])
+    spacing = np.linalg.norm(slopes, axis=1).min()
+    radius = max(_LEAST_RADIUS_PX, round(_RADIUS_SQUARES * float(spacing)))
+    windows = _free_of_markers(slopes, radius, (1.0 - markers.share) / 2.0)
+    corners[seen] = centres_of_symmetry(image, corners[seen], radius, windows)
+    return corners
+
+
+def _locate(grey: NDArray[np.uint8], size: Size, markers: Markers, legacy: bool) -> Array:
+    """Corners (columns·rows, 2) to about a pixel, NaN where not seen."""
+    dictionary = marker_dictionary(markers.dictionary)
+    board = cv2.aruco.CharucoBoard((size[0] + 1, size[1] + 1), 1.0, markers.share, dictionary)
+    board.setLegacyPattern(legacy)
+    found, numbers, _, _ = cv2.aruco.CharucoDetector(board).detectBoard(grey)
+    corners = np.full((size[0] * size[1], 2), np.nan)
+    if numbers is not None:
+        corners[numbers.reshape(-1)] = found.reshape(-1, 2)
+    return corners
+
+
+def _count(corners: Array) -> int:
+    return int(np.count_nonzero(np.isfinite(corners[:, 0])))
+
+
+def _free_of_markers(slopes: Array, radius_px: int, gap: float) -> Mask:
+    """Which pixels of the windows around corners show no marker: (n, side, side).
+
+    From the corner on, a marker begins where both coordinates along the squares exceed the gap between marker and
+    square; blur carries its ink a little further.
+
+    slopes : (n, 2, 2) — squares to pixels at each corner [px]
+    gap : width of the white between a marker and its square's side, in squares
+    """
+    offset = np.arange(-radius_px, radius_px + 1)
+    pixels = np.stack(np.meshgrid(offset, offset), axis=-1)
+    places = np.einsum("nij,yxj->nyxi", np.linalg.inv(slopes), pixels)
+    blur = _BLUR_PX / np.linalg.norm(slopes, axis=1).min()
+    return np.asarray(np.abs(places).min(axis=-1) < max(gap - blur, 0.0))

@@ -1,0 +1,1 @@
+"""Cameras and space: projection, epipolar geometry, rectification, triangulation, frames and rigid motions."""

@@ -1,0 +1,156 @@
+"""Points in space from their raw pixels in both photographs, where the pixels' errors make it most likely.
+
+Two rays with errors do not meet. The point of maximum likelihood has the least sum of squared reprojection errors in
+both photographs, weighted by the covariances of the pixels (Hartley and Sturm, Computer Vision and Image Understanding
+68, 1997). It is found from the point midway between the rays by steps of Gauss and Newton, through the distortion, so
+that the errors count where they arise. At the solution the derivatives of the point by the pixels are
+
+    ∂X/∂e = (Jᵀ W J)⁻¹ Jᵀ W,   J = ∂(pixels)/∂X,   W the inverse covariance of the pixels,
+
+which carry the pixels' covariance into space; what they neglect is of second order in the reprojection error.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from dicflow.core.arrays import Array, Mask
+from dicflow.core.cameras.camera import Camera, Rig, bend_slopes, project, to_right, undistort
+
+__all__ = ["Triangulated", "midway", "point_covariance", "projection_slopes", "triangulate"]
+
+
+_STEPS = 3
+
+
+class Triangulated(NamedTuple):
+    """Points in the left camera's frame; NaN where a pixel is.
+
+    xyz : (..., 3) [mm]
+    reprojection : (...) — root mean square over both photographs of the distance from the pixel [px]
+    by_left, by_right : (..., 3, 2) — ∂xyz/∂(x, y) of the pixel in either photograph [mm/px]
+    """
+
+    xyz: Array
+    reprojection: Array
+    by_left: Array
+    by_right: Array
+
+
+def triangulate(
+    rig: Rig,
+    left: ArrayLike,
+    right: ArrayLike,
+    covariance_left: ArrayLike | None = None,
+    covariance_right: ArrayLike | None = None,
+) -> Triangulated:
+    """Triangulate.
+
+    left, right : (..., 2) — raw pixels
+    covariance_left, covariance_right : (..., 3) — xx, xy, yy of the pixels' errors, in any one unit; where they are
+        not given, or are no covariances of full rank, all errors are taken to be alike
+    """
+    pixels = np.concatenate([np.asarray(left, dtype=float), np.asarray(right, dtype=float)], axis=-1)
+    known = np.isfinite(pixels).all(axis=-1)
+    measured = pixels[known]
+    weight = _weights(known, covariance_left, covariance_right)
+    points = midway(rig, measured[:, :2], measured[:, 2:])
+    for _ in range(_STEPS):
+        gain = _gain(rig, points, weight)
+        points = points + np.einsum("nij,nj->ni", gain, measured - _project(rig, points))
+    missed = measured - _project(rig, points)
+    gain = _gain(rig, points, weight)
+    found = points, np.sqrt(0.5 * np.sum(missed**2, axis=-1)), gain[..., :2], gain[..., 2:]
+    return Triangulated._make(_spread(part, known) for part in found)
+
+
+def point_covariance(by_pixel: Array, covariance: ArrayLike) -> Array:
+    """Share of one photograph in the covariance of points: J Σ Jᵀ.
+
+    by_pixel : (..., 3, 2) — of :class:`Triangulated` [mm/px]
+    covariance : (..., 3) — xx, xy, yy of the pixels [px²]
+    Returns (..., 3, 3) [mm²].
+    """
+    return np.asarray(by_pixel @ _full(covariance) @ np.swapaxes(by_pixel, -1, -2))
+
+
+def midway(rig: Rig, left: ArrayLike, right: ArrayLike) -> Array:
+    """Midpoints (..., 3) of the shortest lines between the rays of raw pixels (..., 2) [mm]; NaN for parallel rays."""
+    ray_left = _homogeneous(undistort(rig.left, left))
+    ray_right = _homogeneous(undistort(rig.right, right)) @ rig.rotation
+    centre = -rig.rotation.T @ rig.translation
+    ll, rr = np.sum(ray_left**2, axis=-1), np.sum(ray_right**2, axis=-1)
+    lr = np.sum(ray_left * ray_right, axis=-1)
+    lc, rc = ray_left @ centre, ray_right @ centre
+    determinant = ll * rr - lr**2
+    determinant = np.where(determinant > 0.0, determinant, np.nan)
+    along_left, along_right = (rr * lc - lr * rc) / determinant, (lr * lc - ll * rc) / determinant
+    return np.asarray(0.5 * (along_left[..., None] * ray_left + centre + along_right[..., None] * ray_right))
+
+
+def projection_slopes(camera: Camera, points: Array) -> Array:
+    """∂(pixel)/∂(point) (..., 2, 3) of points (..., 3) in this camera's frame [px/mm]."""
+    x, y, z = np.moveaxis(points, -1, 0)
+    x, y = x / z, y / z
+    xx, xy, yy = bend_slopes(x, y, camera.distortion)
+    zero, one = np.zeros_like(z), 1.0 / z
+    direction = _matrix(((one, zero, -x / z), (zero, one, -y / z)))
+    return np.asarray(camera.matrix[:2, :2] @ _matrix(((xx, xy), (xy, yy))) @ direction)
+
+
+def _project(rig: Rig, points: Array) -> Array:
+    """Pixels (n, 4) of points (n, 3) in both photographs, left first."""
+    return np.concatenate([project(rig.left, points), project(rig.right, to_right(rig, points))], axis=-1)
+
+
+def _gain(rig: Rig, points: Array, weight: Array | None) -> Array:
+    """(Jᵀ W J)⁻¹ Jᵀ W (n, 3, 4)."""
+    right = projection_slopes(rig.right, to_right(rig, points)) @ rig.rotation
+    slopes = np.concatenate([projection_slopes(rig.left, points), right], axis=-2)
+    weighted = np.swapaxes(slopes if weight is None else weight @ slopes, -1, -2)
+    return np.asarray(np.linalg.solve(weighted @ slopes, weighted))
+
+
+def _weights(known: Mask, left: ArrayLike | None, right: ArrayLike | None) -> Array | None:
+    """Inverse covariances (n, 4, 4) of the known points' pixels, relative to their size; None where all are alike."""
+    if left is None or right is None:
+        return None
+    weight = np.broadcast_to(np.eye(4), (int(known.sum()), 4, 4)).copy()
+    inverses, usable = zip(*(_inverse(np.asarray(part, dtype=float)[known]) for part in (left, right)), strict=True)
+    both = usable[0] & usable[1]
+    weight[both, :2, :2], weight[both, 2:, 2:] = inverses[0][both], inverses[1][both]
+    weight /= np.trace(weight, axis1=-2, axis2=-1)[:, None, None]
+    return weight
+
+
+def _inverse(covariance: Array) -> tuple[Array, Mask]:
+    """Inverses (n, 2, 2) of covariances (n, 3), and which of them exist."""
+    xx, xy, yy = covariance.T
+    determinant = xx * yy - xy * xy
+    usable = (determinant > 0.0) & (xx > 0.0)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        return _matrix(((yy, -xy), (-xy, xx))) / determinant[:, None, None], usable
+
+
+def _full(covariance: ArrayLike) -> Array:
+    xx, xy, yy = np.moveaxis(np.asarray(covariance, dtype=float), -1, 0)
+    return _matrix(((xx, xy), (xy, yy)))
+
+
+def _matrix(rows: tuple[tuple[Array, ...], ...]) -> Array:
+    """Matrices (..., i, j) of their elements (...)."""
+    return np.stack([np.stack(row, axis=-1) for row in rows], axis=-2)
+
+
+def _homogeneous(directions: Array) -> Array:
+    return np.concatenate([directions, np.ones((*directions.shape[:-1], 1))], axis=-1)
+
+
+def _spread(values: Array, known: Mask) -> Array:
+    """Values (n, ...) of the known points back in their places, NaN elsewhere."""
+    full = np.full((*known.shape, *values.shape[1:]), np.nan)
+    full[known] = values
+    return full

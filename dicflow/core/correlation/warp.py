@@ -1,0 +1,69 @@
+"""Shape functions: how a subset of the reference image lies in another one.
+
+A warp gives the place of the point at ``offset`` = (ξ, η) from the subset's centre in the reference as a polynomial,
+x(ξ, η) = Σ c_m m(ξ, η) with the monomials 1, ξ, η (affine) and also ξ², ξη, η² (quadratic). It is kept as
+coefficients (..., 2, 3) or (..., 2, 6): row 0 gives x, row 1 gives y; column 0 is the place of the centre [px].
+"""
+
+from __future__ import annotations
+
+from typing import Literal
+
+import numpy as np
+import numpy.typing as npt
+
+from dicflow.core.arrays import Array
+
+__all__ = ["TERMS", "ShapeFunction", "apply_warp", "gradient", "identity", "recentred", "warp_from_gradient"]
+
+ShapeFunction = Literal["affine", "quadratic"]
+
+TERMS = {"affine": 3, "quadratic": 6}
+"""Coefficients per coordinate."""
+
+
+def identity(centres: npt.ArrayLike, shape_function: ShapeFunction = "affine") -> Array:
+    """Warps (..., 2, 3 or 6) that leave subsets at centres (..., 2) [px] where they are."""
+    centres = np.asarray(centres, dtype=np.float64)
+    return warp_from_gradient(centres, np.broadcast_to(np.eye(2), (*centres.shape, 2)), shape_function)
+
+
+def warp_from_gradient(places: npt.ArrayLike, slope: npt.ArrayLike, shape_function: ShapeFunction = "affine") -> Array:
+    """Warps from the places of the centres (..., 2) [px] and the gradients ∂x/∂ξ (..., 2, 2) there."""
+    places = np.asarray(places, dtype=np.float64)
+    warp = np.zeros((*places.shape, TERMS[shape_function]))
+    warp[..., 0], warp[..., 1:3] = places, slope
+    return warp
+
+
+def gradient(warp: Array, offset: npt.ArrayLike = (0.0, 0.0)) -> Array:
+    """∂x/∂ξ (..., 2, 2) at offsets (..., 2) [px] from the centres."""
+    offset = np.asarray(offset, dtype=np.float64)
+    slope = np.broadcast_to(warp[..., 1:3], (*np.broadcast_shapes(warp.shape[:-2], offset.shape[:-1]), 2, 2)).copy()
+    if warp.shape[-1] == TERMS["quadratic"]:
+        xi, eta = (part[..., None] for part in np.moveaxis(offset, -1, 0))
+        slope[..., 0] += 2.0 * warp[..., 3] * xi + warp[..., 4] * eta
+        slope[..., 1] += warp[..., 4] * xi + 2.0 * warp[..., 5] * eta
+    return np.asarray(slope)
+
+
+def apply_warp(warp: Array, offset: npt.ArrayLike) -> Array:
+    """Places (..., 2) [px] of the points at offsets (..., 2) [px] from the centres."""
+    xi, eta = np.moveaxis(np.asarray(offset, dtype=np.float64), -1, 0)
+    return np.stack([_polynomial(np.moveaxis(warp[..., axis, :], -1, 0), xi, eta) for axis in range(2)], axis=-1)
+
+
+def _polynomial(c: Array, xi: Array, eta: Array) -> Array:
+    """Values of polynomials with the coefficients c (3 or 6, ...)."""
+    if len(c) == TERMS["affine"]:
+        return np.asarray(c[0] + c[1] * xi + c[2] * eta)
+    return np.asarray(c[0] + (c[1] + c[3] * xi + c[4] * eta) * xi + (c[2] + c[5] * eta) * eta)
+
+
+def recentred(warp: Array, offset: npt.ArrayLike) -> Array:
+    """The same warps about centres at offsets (..., 2) [px] from theirs: what a subset says of its neighbour."""
+    offset = np.asarray(offset, dtype=np.float64)
+    place = apply_warp(warp, offset)
+    moved = np.broadcast_to(warp, (*place.shape, warp.shape[-1])).copy()
+    moved[..., 0], moved[..., 1:3] = place, gradient(warp, offset)
+    return moved

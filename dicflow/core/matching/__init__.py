@@ -1,0 +1,1 @@
+"""Matching without subsets: features, transforms, semi-global disparity."""

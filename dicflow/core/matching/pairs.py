@@ -1,0 +1,208 @@
+"""Pairs of features that show the same material point in two images."""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+import cv2
+import numpy as np
+import numpy.typing as npt
+from numba import njit
+from scipy.spatial import cKDTree
+
+from dicflow.core.arrays import Array, Mask
+from dicflow.core.matching.features import Features
+from dicflow.core.matching.transform import MINIMUM_PAIRS, apply_transform, msac
+
+__all__ = ["LocalMotion", "agreeing", "consistent", "guided_matches", "local_motion", "match_features"]
+
+Pairs = npt.NDArray[np.intp]
+
+NEIGHBOURS = 24  # matches around a point that tell its motion
+_LINE = 1e-6  # ratio of the spreads across and along below which neighbours lie on a line
+BLOCK = 512  # descriptors compared at once with all others: their distances stay in the cache
+CANDIDATES = 8  # features around a predicted position that are compared
+
+
+class LocalMotion(NamedTuple):
+    """Motion at points, from the matches around them.
+
+    position : (n, 2) float64 — where the points are in the deformed image [px]
+    gradient : (n, 2, 2) float64 — ∂(deformed)/∂(reference) there
+    """
+
+    position: Array
+    gradient: Array
+
+
+def match_features(reference: Features, deformed: Features, *, ratio: float = 0.8, mutual: bool = True) -> Pairs:
+    """Pairs of indices (m, 2) of features that are each other's nearest by descriptor, in order of the reference.
+
+    ratio : nearest distance over the second nearest, at most (Lowe, Int. J. Computer Vision 60, 2004)
+    mutual : the reference feature must also be the nearest one of its partner
+    """
+    if len(reference.xy) == 0 or len(deformed.xy) < 2:
+        return np.zeros((0, 2), dtype=np.intp)
+    distance, nearest = _nearest(reference.descriptors, deformed.descriptors, 2)
+    chosen = np.flatnonzero(distance[:, 0] < ratio * distance[:, 1])
+    partner = nearest[chosen, 0]
+    if mutual and len(chosen):
+        _, back = _nearest(deformed.descriptors[partner], reference.descriptors, 1)
+        chosen, partner = chosen[back[:, 0] == chosen], partner[back[:, 0] == chosen]
+    return np.stack([chosen, partner], axis=1)
+
+
+def guided_matches(
+    reference: Features, deformed: Features, predicted: Array, *, radius_px: float = 4.0, ratio: float = 0.95
+) -> Pairs:
+    """Pairs of indices (m, 2) of features that are each other's nearest among those near the predicted positions.
+
+    predicted : (n, 2) — where each reference feature is expected in the deformed image [px]
+    radius_px : how far from there partners are looked for [px]
+    ratio : as in :func:`match_features`, among the candidates alone; a single candidate passes
+    """
+    if len(reference.xy) == 0 or len(deformed.xy) == 0:
+        return np.zeros((0, 2), dtype=np.intp)
+    tree = cKDTree(deformed.xy)
+    _, candidate = tree.query(predicted, k=CANDIDATES, distance_upper_bound=radius_px)
+    row, column = np.nonzero(candidate < len(deformed.xy))
+    partner = candidate[row, column]
+    distance = _distances(reference.descriptors[row], deformed.descriptors[partner])
+    table = np.full(candidate.shape, np.inf)
+    table[row, column] = distance
+    ranked = np.sort(table, axis=1)
+    chosen = np.flatnonzero(np.isfinite(ranked[:, 0]) & (ranked[:, 0] <= ratio * ranked[:, 1]))
+    partner = candidate[chosen, table[chosen].argmin(axis=1)]
+    best = np.full(len(deformed.xy), np.inf)
+    np.minimum.at(best, partner, ranked[chosen, 0])
+    mutual = ranked[chosen, 0] <= best[partner]
+    _, first = np.unique(partner[mutual], return_index=True)
+    order = np.sort(first)
+    return np.stack([chosen[mutual][order], partner[mutual][order]], axis=1)
+
+
+def consistent(source: Array, target: Array, *, tolerance_px: float = 2.0, seed: int = 0) -> Mask:
+    """Which matches move like those around them, (n,) bool.
+
+    source, target : (n, 2) [px]
+    tolerance_px : deviation from the median motion of the neighbours that is always allowed [px]
+
+    Motion is taken relative to the affine transform that most matches agree on. A match is kept where it differs from
+    the median of its neighbours by no more than the tolerance plus twice their median deviation (after Westerweel and
+    Scarano, Experiments in Fluids 39, 2005).
+    """
+    if len(source) <= NEIGHBOURS:
+        return np.ones(len(source), dtype=bool)
+    overall = msac("affine", source, target, threshold_px=0.1 * float(np.ptp(source, axis=0).max()), seed=seed)
+    rest = target - apply_transform(overall.transform, source)
+    keep = overall.inliers
+    for _ in range(2):
+        if keep.sum() <= NEIGHBOURS:
+            break
+        _, near = cKDTree(source[keep]).query(source, k=NEIGHBOURS + 1)
+        around = rest[keep][near[:, 1:]]
+        middle = np.median(around, axis=1)
+        spread = np.median(np.linalg.norm(around - middle[:, None], axis=2), axis=1)
+        keep = np.linalg.norm(rest - middle, axis=1) <= tolerance_px + 2 * spread
+    return keep
+
+
+def agreeing(source: Array, target: Array, *, threshold_px: float = 4.0) -> Mask:
+    """Which matches, few or many, move alike, (n,) bool.
+
+    source, target : (n, 2) [px]
+    threshold_px : where neighbours are too few to be compared, how far a match may be from the affine transform that
+        most agree on [px]
+    """
+    if len(source) > NEIGHBOURS:
+        return consistent(source, target)
+    if len(source) <= MINIMUM_PAIRS["affine"]:
+        return np.ones(len(source), dtype=bool)
+    return msac("affine", source, target, threshold_px=threshold_px).inliers
+
+
+def local_motion(source: Array, target: Array, points: Array) -> LocalMotion:
+    """Motion at points by moving least squares: an affine transform of the nearest matches, weighted by distance.
+
+    source, target : (m, 2) — matches without false ones, m at least 3 [px]
+    points : (n, 2) — in the reference image [px]
+
+    The weight (1 − d²/d_max²)² vanishes at the farthest neighbour, so that the motion is continuous (Lancaster and
+    Salkauskas, Mathematics of Computation 37, 1981). Where the neighbours lie on a line, or are fewer than three, they
+    tell only their mean motion.
+    """
+    count = min(NEIGHBOURS + 1, len(source))
+    distance, near = cKDTree(source).query(points, k=np.arange(1, count + 1))
+    with np.errstate(divide="ignore", invalid="ignore"):
+        weight = np.nan_to_num((1 - (distance / distance[:, -1:]) ** 2) ** 2, nan=1.0)
+    weight = np.where(weight.sum(axis=1, keepdims=True) > 0, weight, 1.0)
+    weight /= weight.sum(axis=1, keepdims=True)
+    centre, mean, spread, mixed = _moments(source, target - source, near, weight)
+    slope = mixed @ _inverse(spread)
+    position = points + mean + (slope @ (points - centre)[..., None])[..., 0]
+    return LocalMotion(position, slope + np.eye(2))
+
+
+@njit(cache=True, nogil=True)
+def _moments(places, motions, near, weight):  # type: ignore[no-untyped-def]
+    """Weighted means (n, 2) of the places and motions of neighbours, the second moments (n, 2, 2) of the places about
+    theirs, and the mixed ones (motion, place)."""
+    count = len(near)
+    centre, mean = np.zeros((count, 2)), np.zeros((count, 2))
+    spread, mixed = np.zeros((count, 2, 2)), np.zeros((count, 2, 2))
+    for n in range(count):
+        for k in range(near.shape[1]):
+            for i in range(2):
+                centre[n, i] += weight[n, k] * places[near[n, k], i]
+                mean[n, i] += weight[n, k] * motions[near[n, k], i]
+        for k in range(near.shape[1]):
+            for j in range(2):
+                lever = weight[n, k] * (places[near[n, k], j] - centre[n, j])
+                for i in range(2):
+                    spread[n, i, j] += lever * (places[near[n, k], i] - centre[n, i])
+                    mixed[n, i, j] += lever * (motions[near[n, k], i] - mean[n, i])
+    return centre, mean, spread, mixed
+
+
+def _inverse(matrix: Array) -> Array:
+    """Pseudo-inverses of symmetric 2 × 2 matrices (n, 2, 2) without negative eigenvalues."""
+    a, b, c = matrix[:, 0, 0], matrix[:, 0, 1], matrix[:, 1, 1]
+    apart = np.hypot(0.5 * (a - c), b)
+    large = 0.5 * (a + c) + apart
+    small = (a * c - b * b) / np.where(large > 0.0, large, 1.0)
+    is_line = small <= _LINE * large
+    scale = np.where(is_line, 2.0 * apart * large, small * large)
+    adjugate = np.stack([c, -b, -b, a], axis=-1).reshape(-1, 2, 2)
+    along = matrix - (small[:, None, None] * np.eye(2))
+    chosen = np.where(is_line[:, None, None], along, adjugate)
+    return np.asarray(chosen * np.where(scale > 0.0, 1.0 / np.where(scale > 0.0, scale, 1.0), 0.0)[:, None, None])
+
+
+def _nearest(queries: npt.NDArray[Any], others: npt.NDArray[Any], count: int) -> tuple[Array, Pairs]:
+    """Distances and indices (n, count) of the nearest one or two descriptors: by different bits, or Euclidean."""
+    if queries.dtype == np.uint8:
+        distance, index = cv2.batchDistance(queries, others, cv2.CV_32S, normType=cv2.NORM_HAMMING, K=count)
+        return distance.astype(np.float64), index.astype(np.intp)
+    blocks = [_nearest_euclidean(queries[k : k + BLOCK], others, count) for k in range(0, len(queries), BLOCK)]
+    index = np.concatenate(blocks)
+    return np.stack([_distances(queries, others[column]) for column in index.T], axis=1), index
+
+
+def _nearest_euclidean(queries: npt.NDArray[Any], others: npt.NDArray[Any], count: int) -> Pairs:
+    """Indices (n, count) by |o|² − 2 q·o: one matrix product instead of n² differences, which only ranks well.
+
+    Its rounding is of the size of the descriptors' squares, so distances are taken from differences afterwards.
+    """
+    table = np.einsum("ij,ij->i", others, others) - 2.0 * (queries @ others.T)
+    rows, index = np.arange(len(queries)), np.empty((len(queries), count), dtype=np.intp)
+    for rank in range(count):
+        index[:, rank] = table.argmin(axis=1)
+        table[rows, index[:, rank]] = np.inf
+    return index
+
+
+def _distances(a: npt.NDArray[Any], b: npt.NDArray[Any]) -> Array:
+    """Distance of each descriptor from the one in the same row, (n,)."""
+    if a.dtype == np.uint8:
+        return np.asarray(np.bitwise_count(a ^ b).sum(axis=1), dtype=np.float64)
+    return np.asarray(np.linalg.norm(a - b, axis=1), dtype=np.float64)

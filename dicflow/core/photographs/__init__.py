@@ -1,0 +1,1 @@
+"""Photographs: grey levels, texture, noise, splines between pixels, regions."""

@@ -1,0 +1,188 @@
+"""Grey levels between pixels: an image as a B-spline, and its value and slope anywhere.
+
+The spline of degree 3 or 5 passes through all pixels. Its coefficients come from recursive filters along columns and
+rows (Unser, IEEE Signal Processing Magazine 16(6), 1999); each image is filtered once, and everything that is sampled
+from it uses the same coefficients.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Any, NamedTuple
+
+import cv2
+import numpy as np
+import numpy.typing as npt
+from numba import njit
+
+from dicflow.core.arrays import Image
+
+__all__ = ["FAST", "PAD", "Spline", "interpolate", "slopes", "spline"]
+
+
+PAD = 3
+"""Rows and columns of coefficients beyond the image, its mirror image, so that the whole image can be sampled."""
+FAST = {"reassoc", "contract", "nsz", "arcp"}
+"""Liberties that let sums be vectorised; NaN and infinity keep their meaning."""
+
+_POLES = {
+    3: (math.sqrt(3.0) - 2.0,),
+    5: (
+        math.sqrt(67.5 - math.sqrt(4436.25)) + math.sqrt(26.25) - 6.5,
+        math.sqrt(67.5 + math.sqrt(4436.25)) - math.sqrt(26.25) - 6.5,
+    ),
+}
+_AT_INTEGERS = {3: ([1, 4, 1], 6.0), 5: ([1, 26, 66, 26, 1], 120.0)}
+_SLOPE_AT_INTEGERS = {3: ([-1, 0, 1], 2.0), 5: ([-1, -10, 0, 10, 1], 24.0)}
+_NEGLIGIBLE = 1e-9
+
+
+class Spline(NamedTuple):
+    """An image that can be sampled between its pixels.
+
+    image : (rows, cols) float32 — grey levels
+    coefficients : (rows + 2 PAD, cols + 2 PAD) float32
+    degree : 3 or 5
+    """
+
+    image: Image
+    coefficients: Image
+    degree: int
+
+
+def spline(image: npt.NDArray[Any], degree: int = 5) -> Spline:
+    """The B-spline through an image.
+
+    image : (rows, cols) grey; at least PAD + 1 pixels each way
+    degree : 3 (bicubic) or 5 (biquintic)
+    """
+    grey = np.ascontiguousarray(image, dtype=np.float32)
+    coefficients = grey.copy()
+    for _ in range(2):  # along the columns of the image, then along those of its transpose
+        for pole in _POLES[degree]:
+            _filter_columns(coefficients, pole)
+        coefficients = np.asarray(cv2.transpose(coefficients), dtype=np.float32)
+    return Spline(grey, np.pad(coefficients, PAD, mode="reflect"), degree)
+
+
+def slopes(image: Spline) -> tuple[Image, Image]:
+    """Derivatives of a spline along x and along y at the pixels, (rows, cols) float32 each [grey levels per px]."""
+    (value, whole), (slope, half) = _AT_INTEGERS[image.degree], _SLOPE_AT_INTEGERS[image.degree]
+    across, along = np.array(value) / whole, np.array(slope) / half
+    inner = slice(PAD, -PAD)
+    by_x = cv2.sepFilter2D(image.coefficients, -1, along, across)[inner, inner]
+    by_y = cv2.sepFilter2D(image.coefficients, -1, across, along)[inner, inner]
+    return np.ascontiguousarray(by_x), np.ascontiguousarray(by_y)
+
+
+def interpolate(image: Spline, xy: npt.ArrayLike) -> Image:
+    """Grey levels at points (..., 2) [px]; NaN outside the image."""
+    points = np.asarray(xy, dtype=np.float64)
+    values = np.full(points.shape[:-1], np.nan, dtype=np.float32)
+    _interpolate(image.coefficients, image.degree, points.reshape(-1, 2), values.reshape(-1))
+    return values
+
+
+def _filter_columns(grey: Image, pole: float) -> None:
+    """One pole's causal and anticausal filter down all columns, in place; the image goes on as its mirror image."""
+    reach = np.arange(math.ceil(math.log(_NEGLIGIBLE) / math.log(abs(pole))))
+    powers, folded = (pole**reach).astype(np.float32), reach % (2 * len(grey) - 2)
+    grey *= np.float32((1.0 - pole) * (1.0 - 1.0 / pole))
+    grey[0] = powers @ grey[np.minimum(folded, 2 * len(grey) - 2 - folded)]
+    _run_down(grey, np.float32(pole))
+    grey[-1] = np.float32(pole / (pole * pole - 1.0)) * (grey[-1] + np.float32(pole) * grey[-2])
+    _run_up(grey, np.float32(pole))
+
+
+@njit(cache=True, nogil=True)
+def _run_down(grey: Any, pole: Any) -> None:
+    for i in range(1, len(grey)):
+        for j in range(grey.shape[1]):
+            grey[i, j] += pole * grey[i - 1, j]
+
+
+@njit(cache=True, nogil=True)
+def _run_up(grey: Any, pole: Any) -> None:
+    for i in range(len(grey) - 2, -1, -1):
+        for j in range(grey.shape[1]):
+            grey[i, j] = pole * (grey[i + 1, j] - grey[i, j])
+
+
+@njit(nogil=True, fastmath=FAST, error_model="numpy", forceinline=True)
+def bicubic(c: Any, at: Any, width: Any, t: Any, s: Any) -> Any:
+    """Cubic spline of flat coefficients at fractions (t, s) behind the second of the 4 × 4 that start at ``at``."""
+    sixth, half, two_thirds, one = np.float32(1 / 6), np.float32(0.5), np.float32(2 / 3), np.float32(1)
+    r = one - t
+    x0, x1 = sixth * r * r * r, two_thirds + t * t * (half * t - one)
+    x2, x3 = two_thirds + r * r * (half * r - one), sixth * t * t * t
+    r = one - s
+    y0, y1 = sixth * r * r * r, two_thirds + s * s * (half * s - one)
+    y2, y3 = two_thirds + r * r * (half * r - one), sixth * s * s * s
+    i, j, k = np.uint64(1), np.uint64(2), np.uint64(3)
+    at1, at2, at3 = at + width, at + j * width, at + k * width
+    return (
+        y0 * (x0 * c[at] + x1 * c[at + i] + x2 * c[at + j] + x3 * c[at + k])
+        + y1 * (x0 * c[at1] + x1 * c[at1 + i] + x2 * c[at1 + j] + x3 * c[at1 + k])
+        + y2 * (x0 * c[at2] + x1 * c[at2 + i] + x2 * c[at2 + j] + x3 * c[at2 + k])
+        + y3 * (x0 * c[at3] + x1 * c[at3 + i] + x2 * c[at3 + j] + x3 * c[at3 + k])
+    )
+
+
+@njit(nogil=True, fastmath=FAST, error_model="numpy", forceinline=True)
+def quintic_weights(t: Any) -> Any:
+    """The six B-splines of degree 5 that are not zero at fraction t."""
+    r, scale = np.float32(1) - t, np.float32(1 / 120)
+    five, ten, twenty = np.float32(5), np.float32(10), np.float32(20)
+    t2 = t * t
+    a, b = t2 * t2, r * r
+    w0, w5 = scale * b * b * r, scale * a * t
+    even, odd = np.float32(26) + twenty * (t2 - a), t * (np.float32(50) - twenty * t2)
+    w1 = scale * (even - odd + five * a * t)
+    w2 = scale * (np.float32(66) - np.float32(60) * t2 + np.float32(30) * a - ten * a * t)
+    w3 = scale * (even + odd + ten * a * t)
+    w4 = scale * (np.float32(1) + five * t * (np.float32(1) + t * (np.float32(2) + t * (np.float32(2) + t - t2))))
+    return w0, w1, w2, w3, w4, w5
+
+
+@njit(nogil=True, fastmath=FAST, error_model="numpy", forceinline=True)
+def _row_of_six(c: Any, at: Any, w0: Any, w1: Any, w2: Any, w3: Any, w4: Any, w5: Any) -> Any:
+    one = np.uint64(1)
+    at1 = at + one
+    at2 = at1 + one
+    at3 = at2 + one
+    at4 = at3 + one
+    return w0 * c[at] + w1 * c[at1] + w2 * c[at2] + w3 * c[at3] + w4 * c[at4] + w5 * c[at4 + one]
+
+
+@njit(nogil=True, fastmath=FAST, error_model="numpy", forceinline=True)
+def biquintic(c: Any, at: Any, width: Any, t: Any, s: Any) -> Any:
+    """Quintic spline of flat coefficients at fractions (t, s) behind the third of the 6 × 6 that start at ``at``."""
+    x0, x1, x2, x3, x4, x5 = quintic_weights(t)
+    y0, y1, y2, y3, y4, y5 = quintic_weights(s)
+    at1 = at + width
+    at2 = at1 + width
+    at3 = at2 + width
+    at4 = at3 + width
+    return (
+        y0 * _row_of_six(c, at, x0, x1, x2, x3, x4, x5)
+        + y1 * _row_of_six(c, at1, x0, x1, x2, x3, x4, x5)
+        + y2 * _row_of_six(c, at2, x0, x1, x2, x3, x4, x5)
+        + y3 * _row_of_six(c, at3, x0, x1, x2, x3, x4, x5)
+        + y4 * _row_of_six(c, at4, x0, x1, x2, x3, x4, x5)
+        + y5 * _row_of_six(c, at4 + width, x0, x1, x2, x3, x4, x5)
+    )
+
+
+@njit(cache=True, nogil=True)
+def _interpolate(coefficients: Any, degree: int, points: Any, values: Any) -> None:
+    rows, cols = coefficients.shape[0] - 2 * PAD, coefficients.shape[1] - 2 * PAD
+    flat = coefficients.ravel()
+    width, before = np.uint64(coefficients.shape[1]), PAD - degree // 2
+    for n in range(len(points)):
+        x, y = points[n, 0], points[n, 1]
+        if not (0.0 <= x <= cols - 1 and 0.0 <= y <= rows - 1):
+            continue
+        j, i = int(x), int(y)
+        at = np.uint64((i + before) * (cols + 2 * PAD) + j + before)
+        t, s = np.float32(x - j), np.float32(y - i)
+        values[n] = bicubic(flat, at, width, t, s) if degree == 3 else biquintic(flat, at, width, t, s)

@@ -1,0 +1,226 @@
+"""Regions of interest: polygons with holes, the pixels they cover, and how they are carried along.
+
+Every ring is an (n, 2) array of (x, y) [px], n at least 3, not closed (the last corner is not the first again).
+A point belongs to a region by the even-odd rule, so the direction of a ring does not matter.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from typing import Any, NamedTuple
+
+import cv2
+import numpy as np
+import numpy.typing as npt
+
+from dicflow.core.arrays import Array, Mask
+from dicflow.core.photographs.texture import Texture, speckled
+
+__all__ = [
+    "Polygon",
+    "area",
+    "bounding_box",
+    "carry",
+    "contains",
+    "densify",
+    "grid_points",
+    "interior",
+    "mask_polygons",
+    "polygons_from_attrs",
+    "polygons_to_attrs",
+    "rasterise",
+    "rectangle",
+    "speckled_region",
+]
+
+
+class Polygon(NamedTuple):
+    """One part of a region.
+
+    exterior : (n, 2) float64 — its outline [px]
+    holes : outlines of what is left out, each (m, 2) float64 [px]
+    """
+
+    exterior: Array
+    holes: tuple[Array, ...] = ()
+
+    @property
+    def rings(self) -> tuple[Array, ...]:
+        """The exterior and the holes."""
+        return self.exterior, *self.holes
+
+
+def interior(polygons: Sequence[Polygon], shape: tuple[int, int], margin_px: int = 1) -> Mask:
+    """Pixels (rows, cols) of a region that are no nearer to its edge than a few pixels.
+
+    Where the edge is the specimen's, the outermost pixels show part of the background, and more or less of it from
+    photograph to photograph.
+    """
+    side = 2 * margin_px + 1
+    mask = rasterise(polygons, shape).astype(np.uint8)
+    return np.asarray(cv2.erode(mask, np.ones((side, side), dtype=np.uint8)) > 0)
+
+
+def rectangle(x0: float, y0: float, x1: float, y1: float) -> Polygon:
+    """The polygon of an upright rectangle.
+
+    >>> area([rectangle(0, 0, 4, 3)])
+    12.0
+    """
+    return Polygon(np.array([[x0, y0], [x1, y0], [x1, y1], [x0, y1]], dtype=float))
+
+
+def area(polygons: Sequence[Polygon]) -> float:
+    """Area of a region [px²]: exteriors less holes, by the shoelace formula."""
+    return float(sum(_ring_area(p.exterior) - sum(map(_ring_area, p.holes)) for p in polygons))
+
+
+def bounding_box(polygons: Sequence[Polygon]) -> tuple[float, float, float, float]:
+    """Extent (x0, y0, x1, y1) of a region [px]."""
+    corners = np.concatenate([p.exterior for p in polygons])
+    x0, y0 = corners.min(axis=0).tolist()
+    x1, y1 = corners.max(axis=0).tolist()
+    return x0, y0, x1, y1
+
+
+def contains(polygons: Sequence[Polygon], points: Array) -> Mask:
+    """Which points (..., 2) lie in the region, (...) bool; not those with NaN.
+
+    Even-odd rule over all rings. A point on an edge belongs to the region on one side of it only, so regions that
+    share an edge share no point.
+    """
+    x, y = points[..., 0], points[..., 1]
+    inside = np.zeros(x.shape, dtype=bool)
+    for polygon in polygons:
+        for ring in polygon.rings:
+            for (ax, ay), (bx, by) in zip(ring, np.roll(ring, -1, axis=0), strict=True):
+                if ay != by:
+                    crosses = (ay > y) != (by > y)
+                    inside ^= crosses & (x < ax + (y - ay) * ((bx - ax) / (by - ay)))
+    return inside
+
+
+def grid_points(polygons: Sequence[Polygon], step_size: int) -> Array:
+    """A grid of points (rows, cols, 2) over a region, whole pixels; NaN outside it.
+
+    step_size : distance of neighbours [px]
+    """
+    x0, y0, x1, y1 = bounding_box(polygons)
+    axes = (np.arange(np.ceil(low), high, step_size) for low, high in ((x0, x1), (y0, y1)))
+    points = np.stack(np.meshgrid(*axes), axis=-1).astype(np.float64)
+    points[~contains(polygons, points)] = np.nan
+    return points
+
+
+def rasterise(polygons: Sequence[Polygon], shape: tuple[int, int]) -> Mask:
+    """Pixels (rows, cols) whose centres lie in the region: :func:`contains` on a pixel grid, row by row.
+
+    shape : (rows, cols) of the image
+    """
+    height, width = shape
+    toggles = np.zeros((height, width + 1), dtype=np.uint8)
+    for polygon in polygons:
+        for ring in polygon.rings:
+            for (ax, ay), (bx, by) in zip(ring, np.roll(ring, -1, axis=0), strict=True):
+                if ay != by:
+                    first, last = np.ceil(np.clip([min(ay, by), max(ay, by)], 0, height)).astype(int)
+                    rows = np.arange(first, last)
+                    crossing = ax + (rows - ay) * ((bx - ax) / (by - ay))
+                    toggles[rows, np.clip(np.ceil(crossing), 0, width).astype(int)] ^= 1
+    left, top, across, down = cv2.boundingRect(toggles)
+    box = slice(top, top + down), slice(left, left + across)
+    toggles[box] = np.bitwise_xor.accumulate(toggles[box], axis=1)
+    return np.asarray(toggles[:, :width], dtype=np.bool_)
+
+
+def densify(ring: Array, spacing_px: float) -> Array:
+    """The ring with points added on its edges so that none is longer than ``spacing_px``; the corners stay.
+
+    A straight edge is no longer straight once it is carried by lens distortion or a deformation.
+    """
+    edges = np.roll(ring, -1, axis=0) - ring
+    pieces = np.maximum(1, np.ceil(np.linalg.norm(edges, axis=1) / spacing_px)).astype(int)
+    start = np.repeat(np.arange(len(ring)), pieces)
+    within = np.arange(len(start)) - np.repeat(np.cumsum(pieces) - pieces, pieces)
+    dense: Array = ring[start] + edges[start] * (within / pieces[start])[:, None]
+    return dense
+
+
+def carry(
+    polygons: Sequence[Polygon], mapping: Callable[[Array], Array], spacing_px: float | None = None
+) -> list[Polygon]:
+    """The region with every corner moved by ``mapping`` ((n, 2) → (n, 2)), its edges densified before if asked."""
+
+    def moved(ring: Array) -> Array:
+        return mapping(ring if spacing_px is None else densify(ring, spacing_px))
+
+    return [Polygon(moved(p.exterior), tuple(moved(hole) for hole in p.holes)) for p in polygons]
+
+
+def mask_polygons(mask: Mask, *, tolerance_px: float = 0.5, least_area_px: float = 16.0) -> list[Polygon]:
+    """Outlines of the parts of a mask (rows, cols), with holes, largest part first.
+
+    tolerance_px : how far an outline may leave the mask's, to need fewer corners
+    least_area_px : parts and holes below this area are dropped and filled [px²]
+
+    Outlines run through the centres of the mask's border pixels.
+    """
+    contours, hierarchy = cv2.findContours(mask.astype(np.uint8), cv2.RETR_CCOMP, cv2.CHAIN_APPROX_NONE)
+    rings = [_simplified(contour, tolerance_px) for contour in contours]
+    keep = [len(ring) >= 3 and _ring_area(ring) >= least_area_px for ring in rings]
+    parents = [] if hierarchy is None else hierarchy[0][:, 3].tolist()
+    found = []
+    for outer, parent in enumerate(parents):
+        if parent < 0 and keep[outer]:
+            holes = (rings[i] for i, of in enumerate(parents) if of == outer and keep[i])
+            found.append(Polygon(rings[outer], tuple(holes)))
+    return sorted(found, key=lambda polygon: -area([polygon]))
+
+
+def speckled_region(found: Texture) -> list[Polygon]:
+    """The largest speckled part of an image with its openings, as one polygon [px]; none where nothing is speckled.
+
+    found : texture of the image
+
+    Gaps and islands narrower than a window are smoothed away, and half a window is taken off the edge, since a window
+    half on the background still sees the pattern.
+    """
+    side = max(1, round(found.window_px / found.stride_px))
+    mask = speckled(found).astype(np.uint8)
+    mask = cv2.morphologyEx(np.pad(mask, side, mode="edge"), cv2.MORPH_CLOSE, _disc(side // 2))
+    mask = cv2.morphologyEx(mask, cv2.MORPH_OPEN, _disc(side // 2))
+    mask = cv2.erode(mask, _disc(side // 2))[side:-side, side:-side]
+    outlines = mask_polygons(mask > 0, tolerance_px=0.5, least_area_px=float(side**2))[:1]
+    return carry(outlines, lambda ring: ring * found.stride_px)
+
+
+def polygons_to_attrs(polygons: Sequence[Polygon], decimals: int = 3) -> list[dict[str, Any]]:
+    """The region as JSON values: ``{"exterior": [[x, y], …], "holes": [[[x, y], …], …]}`` of each polygon [px]."""
+    return [
+        {"exterior": p.exterior.round(decimals).tolist(), "holes": [hole.round(decimals).tolist() for hole in p.holes]}
+        for p in polygons
+    ]
+
+
+def polygons_from_attrs(attrs: Sequence[dict[str, Any]]) -> list[Polygon]:
+    """The inverse of :func:`polygons_to_attrs`."""
+    return [
+        Polygon(np.asarray(p["exterior"], dtype=float), tuple(np.asarray(hole, dtype=float) for hole in p["holes"]))
+        for p in attrs
+    ]
+
+
+def _ring_area(ring: Array) -> float:
+    """Area inside one ring [px²]."""
+    x, y = (ring - ring[0]).T
+    return 0.5 * abs(float(np.dot(x, np.roll(y, -1)) - np.dot(y, np.roll(x, -1))))
+
+
+def _simplified(contour: npt.NDArray[Any], tolerance_px: float) -> Array:
+    """A contour of cv2 as a ring with fewer corners."""
+    return np.asarray(cv2.approxPolyDP(contour, tolerance_px, True)[:, 0], dtype=float)
+
+
+def _disc(radius: int) -> npt.NDArray[np.uint8]:
+    """Round structuring element."""
+    return np.asarray(cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (2 * radius + 1, 2 * radius + 1)), dtype=np.uint8)

@@ -1,0 +1,1 @@
+"""Probes: extensometers, points, lines and areas on a measured field."""

@@ -1,0 +1,224 @@
+"""What the calibration's uncertainty does to points, displacement and strain.
+
+A point X is triangulated where its reprojection errors e (4,) are least
+(:mod:`dicflow.core.cameras.triangulate`): there Jᵀe = 0 with J = ∂e/∂X (4, 3), and the theorem of implicit functions
+gives, for errors much smaller than the photograph,
+
+    ∂X/∂θ = −(JᵀJ)⁻¹ Jᵀ ∂e/∂θ
+
+for the rig's 24 numbers θ at fixed pixels. One rig measures all points and steps, so its error is not independent from
+point to point: it is a few independent modes, each of which moves every point in its own way. Displacement sees the
+difference of a point's motion between two states, strain how the motion varies from point to point, a mean or a length
+the sum over its points; the share in σ is the root of the sum of squares over the modes.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import cv2
+import numpy as np
+from numpy.typing import ArrayLike
+
+from dicflow.core.arrays import Array, Mask
+from dicflow.core.cameras.camera import Rig
+from dicflow.core.cameras.frames import Frame
+from dicflow.core.cameras.rig_parameters import reprojection_slopes
+from dicflow.core.strain.deformation_gradient import gradient_response
+from dicflow.core.strain.measures import Directions, Measure, Measured, gradient_derivative
+from dicflow.core.strain.surface_strain import deformation_gradient
+
+__all__ = [
+    "MotionError",
+    "RigError",
+    "error_modes",
+    "field_changes",
+    "grid_slopes",
+    "motion_error",
+    "place_changes",
+    "point_sensitivity",
+    "rig_error",
+    "spread_out",
+    "thinned",
+]
+
+
+_NEGLIGIBLE = 1e-9
+_ENOUGH_POINTS = 2000
+_FEWEST_ACROSS = 12
+
+
+def point_sensitivity(rig: Rig, points: ArrayLike) -> Array:
+    """How triangulated points move with the rig's numbers while the measured pixels stay.
+
+    points : (..., 3) — in the left camera's frame [mm]
+    Returns (..., 3, 24) — ∂X/∂θ, mm per unit of each of :data:`~dicflow.core.cameras.rig_parameters.PARAMETERS`; NaN
+    where a point is.
+    """
+    by_point, by_rig = reprojection_slopes(rig, np.asarray(points, dtype=float))
+    transposed = np.swapaxes(by_point, -1, -2)
+    return np.asarray(-np.linalg.solve(transposed @ by_point, transposed @ by_rig))
+
+
+def error_modes(covariance: ArrayLike) -> Array:
+    """Independent errors of unit variance behind a covariance C (p, p): M (p, m) with M Mᵀ = C."""
+    full = np.asarray(covariance, dtype=np.float64)
+    scale = np.sqrt(np.diagonal(full))
+    units = np.where(scale > 0.0, scale, 1.0)
+    strengths, directions = np.linalg.eigh(full / np.outer(units, units))
+    kept = strengths > _NEGLIGIBLE
+    return np.asarray(scale[:, None] * directions[:, kept] * np.sqrt(strengths[kept]))
+
+
+class MotionError(NamedTuple):
+    """By how much a rigid-body motion, fitted to points that each mode moves, takes them along.
+
+    centre : (3,) — of the points [mm]
+    turn, shift : (3, m) — small rotation [rad], and translation of the centre [mm]
+    """
+
+    centre: Array
+    turn: Array
+    shift: Array
+
+    def at(self, points: Array) -> Array:
+        """Motion (..., 3, m) of points (..., 3) [mm]."""
+        return np.asarray(np.cross(self.turn, (points - self.centre)[..., None], axis=-2) + self.shift)
+
+
+class RigError(NamedTuple):
+    """A rig, and how far it may be from the true one.
+
+    modes : (24, m) — independent errors of its numbers, see :func:`error_modes`
+    frames : those in which the points at the step and at the reference are given
+    motion : what the rigid-body motion that was taken out of the step took along of each mode; None where none was
+    """
+
+    rig: Rig
+    modes: Array
+    frames: tuple[Frame, Frame]
+    motion: MotionError | None = None
+
+    def at(self, deformed: Array, reference: Array) -> Array:
+        """By how much each mode moves a point at the step and at the reference, (..., 6, m) [mm].
+
+        deformed, reference : (..., 3) — in ``frames`` [mm]
+        """
+        moved, fixed = (
+            frame.rotation @ point_sensitivity(self.rig, points @ frame.rotation + frame.origin) @ self.modes
+            for points, frame in zip((deformed, reference), self.frames, strict=True)
+        )
+        if self.motion is not None:
+            moved = moved - self.motion.at(deformed)
+        return np.concatenate([moved, fixed], axis=-2)
+
+
+def rig_error(
+    rig: Rig, covariance: ArrayLike, frames: tuple[Frame, Frame], fitted: tuple[Array, Array] | None = None
+) -> RigError:
+    """The error of a rig from the covariance (24, 24) of its numbers.
+
+    fitted : (..., 3) twice — points at the step and at the reference by which a rigid-body motion was taken out
+    """
+    error = RigError(rig, error_modes(covariance), frames)
+    return error if fitted is None else error._replace(motion=motion_error(*fitted, error.at(*fitted)))
+
+
+def motion_error(deformed: Array, reference: Array, both: Array) -> MotionError:
+    """Part of the points' changes that a rigid-body motion fitted to them (:mod:`dicflow.core.cameras.rigid`) follows.
+
+    With the points y and x from their centres, the best rotation makes S = Σ y xᵀ symmetric. Changes of y and x bring
+    A = Σ (δy xᵀ + y δxᵀ), and the rotation ω that makes S symmetric again solves (tr S · I − S) ω = axial (A − Aᵀ).
+
+    deformed, reference : (..., 3) — with the motion taken out; NaN does not count
+    both : (..., 6, m) — their changes
+    """
+    count = both.shape[-1]
+    y, x = deformed.reshape(-1, 3), reference.reshape(-1, 3)
+    known = np.isfinite(y + x).all(axis=1)
+    if not known.any():
+        return MotionError(np.zeros(3), np.zeros((3, count)), np.zeros((3, count)))
+    centre = y[known].mean(axis=0)
+    y, x, changes = y[known] - centre, x[known] - x[known].mean(axis=0), both.reshape(-1, 6, count)[known]
+    shift = (changes[:, :3] - changes[:, 3:]).mean(axis=0)
+    product = y.T @ x
+    change = np.einsum("nim,nj->ijm", changes[:, :3], x) + np.einsum("ni,njm->ijm", y, changes[:, 3:])
+    axial = np.stack([change[2, 1] - change[1, 2], change[0, 2] - change[2, 0], change[1, 0] - change[0, 1]])
+    return MotionError(centre, np.linalg.pinv(np.trace(product) * np.eye(3) - product) @ axial, shift)
+
+
+def grid_slopes(both: Array, stride: int = 1) -> Array:
+    """By how much each mode changes the slopes of the surface, (row, col, 2, 6, m), per column and per row.
+
+    both : (row, col, 6, m) — changes of the points, on the grid or on every ``stride``-th of its rows and columns
+    """
+    return np.stack([_slope(both, axis) for axis in (1, 0)], axis=-3) / stride
+
+
+def field_changes(
+    both: Array, slopes: Array, gradient: Array, response: Array, measure: Measure, directions: Directions
+) -> dict[str, Array]:
+    """By how much each mode changes X, Y, Z, U, V, W and the measures of deformation, (..., m) each.
+
+    both, slopes : (..., 6, m) and (..., 2, 6, m) — changes of the points and of the surface's slopes
+    gradient, response : (..., 2, 2) and (..., 4, 2, 6) — F, and by how much it moves with the slopes;
+        :class:`~dicflow.core.strain.deformation_gradient.SurfaceGradient` has both
+    """
+    change = np.einsum("...fai,...aim->...fm", response, slopes, optimize=True)
+    measures = gradient_derivative(gradient, measure, directions) @ change
+    return {
+        **{name: both[..., axis, :] for axis, name in enumerate("XYZ")},
+        **{name: both[..., axis, :] - both[..., axis + 3, :] for axis, name in enumerate("UVW")},
+        **{name: measures[..., row, :] for row, name in enumerate(Measured._fields)},
+    }
+
+
+def place_changes(
+    error: RigError, points: tuple[Array, Array], slopes: tuple[Array, Array], measure: Measure, directions: Directions
+) -> dict[str, Array]:
+    """The same at single places, (n, m) each.
+
+    points, slopes : (n, 3) and (n, 3, 2) — of the surface at the step and at the reference
+    """
+    steps = [0.5 * np.swapaxes(part, -1, -2) for part in slopes]
+    ahead, back = (
+        error.at(*(places[:, None] + sign * step for places, step in zip(points, steps, strict=True)))
+        for sign in (1.0, -1.0)
+    )
+    after, before = slopes
+    gradient, response = deformation_gradient(before, after), gradient_response(before, after)
+    return field_changes(error.at(*points), ahead - back, gradient, response, measure, directions)
+
+
+def thinned(known: Mask) -> tuple[slice, slice]:
+    """Rows and columns of a grid that show a field as smooth as the calibration's share.
+
+    known : (row, col) — points with a value; a narrow specimen has few, which are neighbours only on the whole grid
+    """
+    stride = min(int(np.sqrt(known.sum() / _ENOUGH_POINTS)), min(known.shape) // _FEWEST_ACROSS)
+    part = slice(max(stride, 1) // 2, None, max(stride, 1))
+    return part, part
+
+
+def spread_out(field: Array, shape: tuple[int, ...], stride: int) -> Array:
+    """A field on every ``stride``-th row and column on the whole grid: at each point the nearest value there is."""
+    known = np.isfinite(field)
+    if not known.any():
+        return np.full(shape, np.nan)
+    label = cv2.distanceTransformWithLabels(
+        (~known).astype(np.uint8), cv2.DIST_L2, cv2.DIST_MASK_5, labelType=cv2.DIST_LABEL_PIXEL
+    )[1]
+    values = np.full(int(label.max()) + 1, np.nan)
+    values[label[known]] = field[known]
+    whole = values[label].repeat(stride, axis=0).repeat(stride, axis=1)
+    beyond = [(0, max(0, full - size)) for full, size in zip(shape, whole.shape, strict=True)]
+    return np.asarray(np.pad(whole, beyond, mode="edge")[: shape[0], : shape[1]])
+
+
+def _slope(field: Array, axis: int) -> Array:
+    """Slope of a field along an axis of the grid: the mean difference to both neighbours, or to the one there is."""
+    gap = np.full_like(np.take(field, [0], axis=axis), np.nan)
+    steps = np.diff(field, axis=axis)
+    before, after = np.concatenate([gap, steps], axis=axis), np.concatenate([steps, gap], axis=axis)
+    single = np.where(np.isnan(before), after, before)
+    return np.asarray(np.where(np.isnan(before + after), single, 0.5 * (before + after)))

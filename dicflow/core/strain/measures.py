@@ -1,0 +1,156 @@
+"""Measures of strain, and what else a deformation gradient tells.
+
+With the stretches λ₁ ≥ λ₂, the roots of the eigenvalues of FᵀF, the measures of Seth (1961) and Hill (1968) are
+f(λ) along the principal directions:
+
+    green_lagrange (λ² − 1) / 2,   hencky ln λ,   euler_almansi (1 − λ⁻²) / 2,   biot λ − 1.
+
+In ``material`` directions x and y are the material's, as they lay at the reference: the tensor f(U) of F = R U. In
+``global`` directions they are the world's at this step: f(V) of F = V R. ``gxy`` is twice the tensor's component.
+``engineering`` is no tensor: the stretch less 1 of the fibres along x and y, and by how much the angle between them is
+less than a right one; in global directions, of the fibres that lie along x and y now.
+"""
+
+from __future__ import annotations
+
+from typing import Literal, NamedTuple
+
+import numpy as np
+
+from dicflow.core.arrays import Array
+from dicflow.core.strain.surface_strain import Strain, engineering_strain, tangent_basis
+from dicflow.core.tensors import inverse
+from dicflow.core.uncertainty.covariance import derivative, sigma_along
+
+__all__ = [
+    "Directions",
+    "Measure",
+    "Measured",
+    "gradient_derivative",
+    "measured",
+    "principal",
+    "sigma",
+    "slope_shares",
+    "strain_components",
+]
+
+Measure = Literal["engineering", "green_lagrange", "hencky", "euler_almansi", "biot"]
+Directions = Literal["material", "global"]
+
+
+class Measured(NamedTuple):
+    """All that is said of the deformation at a point.
+
+    exx, eyy, gxy : (...) — strains of the measure [-]
+    e1, e2 : (...) — principal strains of the measure, the larger first [-]
+    angle : (...) — of the direction of e1 from x towards y, −90 … 90 [deg]
+    rotation : (...) — R of F = R U in the tangent plane, from x towards y [deg]
+    von_mises : (...) — equivalent logarithmic strain of an incompressible material, √(4/3 (h₁² + h₁h₂ + h₂²)) with
+        h = ln λ, so that in uniaxial tension it is the strain along the load [-]
+    area_change : (...) — det F − 1 [-]
+    """
+
+    exx: Array
+    eyy: Array
+    gxy: Array
+    e1: Array
+    e2: Array
+    angle: Array
+    rotation: Array
+    von_mises: Array
+    area_change: Array
+
+
+def measured(gradient: Array, measure: Measure = "engineering", directions: Directions = "material") -> Measured:
+    """Everything from deformation gradients (..., 2, 2)."""
+    large, small, angle = principal(gradient, directions)
+    h1, h2 = np.log(large), np.log(small)
+    return Measured(
+        *strain_components(gradient, measure, directions),
+        _of_stretch(large, measure),
+        _of_stretch(small, measure),
+        np.degrees(angle),
+        np.degrees(np.arctan2(gradient[..., 1, 0] - gradient[..., 0, 1], gradient[..., 0, 0] + gradient[..., 1, 1])),
+        np.sqrt(4.0 / 3.0 * (h1**2 + h1 * h2 + h2**2)),
+        large * small - 1.0,
+    )
+
+
+def sigma(gradient: Array, covariance: Array, measure: Measure, directions: Directions) -> Measured:
+    """Standard deviation of each, by the derivative.
+
+    covariance : (..., 4, 4) — of F₁₁, F₁₂, F₂₁, F₂₂
+    Near λ₁ = λ₂ the angle's is large: no direction is the principal one there.
+    """
+    slopes = gradient_derivative(gradient, measure, directions)
+    return Measured(*np.moveaxis(sigma_along(covariance[..., None, :, :], slopes), -1, 0))
+
+
+def gradient_derivative(gradient: Array, measure: Measure, directions: Directions) -> Array:
+    """Derivatives (..., 9, 4) of all that is measured, in :class:`Measured`'s order, by F₁₁, F₁₂, F₂₁, F₂₂."""
+
+    def stacked(flat: Array) -> Array:
+        return np.stack(measured(flat.reshape(*flat.shape[:-1], 2, 2), measure, directions), axis=-1)
+
+    return derivative(stacked, gradient.reshape(*gradient.shape[:-2], 4))
+
+
+def slope_shares(gradient: Array, reference: Array, measure: Measure, directions: Directions) -> Strain:
+    """In what proportions the errors of exx, eyy and gxy consist of those of the slopes per column and per row.
+
+    gradient : (2, 2) — F
+    reference : (3, 2) — slopes J of the surface at the reference
+    Returns (4, 2) each: the coefficients of the two slopes in the errors of x and y in the deformed and in the
+    reference tangent plane, which are independent of one another and alike in size; out of the plane there are none.
+    """
+
+    def stacked(flat: Array) -> Array:
+        return np.stack(strain_components(flat.reshape(*flat.shape[:-1], 2, 2), measure, directions), axis=-1)
+
+    flat = inverse(tangent_basis(reference).T @ reference)
+    by_gradient = derivative(stacked, gradient.reshape(4)).reshape(3, 2, 2)
+    moved = by_gradient @ flat.T
+    fixed = -np.swapaxes(gradient, -1, -2) @ moved
+    return Strain(*np.concatenate([moved, fixed], axis=1))
+
+
+def strain_components(gradient: Array, measure: Measure, directions: Directions) -> Strain:
+    """Strains along x and y, and the shear."""
+    if measure == "engineering":
+        return engineering_strain(gradient) if directions == "material" else _of_present_fibres(gradient)
+    large, small, angle = principal(gradient, directions)
+    f1, f2 = _of_stretch(large, measure), _of_stretch(small, measure)
+    mean, half = (f1 + f2) / 2.0, (f1 - f2) / 2.0
+    return Strain(mean + half * np.cos(2 * angle), mean - half * np.cos(2 * angle), 2.0 * half * np.sin(2 * angle))
+
+
+def principal(gradient: Array, directions: Directions) -> tuple[Array, Array, Array]:
+    """Principal stretches λ₁ ≥ λ₂ and the angle of λ₁'s direction from x [rad], each (...).
+
+    In material directions the angle lies in the reference, in global ones at this step. NaN where det F ≤ 0.
+    """
+    transposed = np.swapaxes(gradient, -1, -2)
+    square = transposed @ gradient if directions == "material" else gradient @ transposed
+    xx, yy, xy = square[..., 0, 0], square[..., 1, 1], square[..., 0, 1]
+    determinant = gradient[..., 0, 0] * gradient[..., 1, 1] - gradient[..., 0, 1] * gradient[..., 1, 0]
+    determinant = np.where(determinant > 0.0, determinant, np.nan)
+    large = np.sqrt((xx + yy) / 2.0 + np.hypot((xx - yy) / 2.0, xy))
+    return large + 0.0 * determinant, determinant / large, 0.5 * np.arctan2(2.0 * xy, xx - yy)
+
+
+def _of_stretch(stretch: Array, measure: Measure) -> Array:
+    """f(λ) of a measure."""
+    if measure == "green_lagrange":
+        return (stretch**2 - 1.0) / 2.0
+    if measure == "hencky":
+        return np.asarray(np.log(stretch))
+    if measure == "euler_almansi":
+        return (1.0 - stretch**-2.0) / 2.0
+    return stretch - 1.0
+
+
+def _of_present_fibres(gradient: Array) -> Strain:
+    """Engineering strain of the fibres that lie along x and y at this step: what F⁻¹ undoes, with the other sign."""
+    with np.errstate(invalid="ignore"):
+        undone = engineering_strain(inverse(gradient))
+    return Strain(1.0 / (1.0 + undone.exx) - 1.0, 1.0 / (1.0 + undone.eyy) - 1.0, -undone.gxy)

@@ -1,0 +1,1 @@
+"""Surfaces and fields on grids: local polynomials, global fits, displacement, lengths."""

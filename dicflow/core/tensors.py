@@ -1,0 +1,53 @@
+"""Small matrices at every point: inverses, congruent transforms, and symmetric ones kept as their upper triangles."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from dicflow.core.arrays import Array
+
+__all__ = ["congruent", "inverse", "symmetric", "upper"]
+
+
+def inverse(matrices: Array) -> Array:
+    """Inverses of matrices (..., 2, 2); NaN where there is none."""
+    (a, b), (c, d) = np.moveaxis(matrices, (-2, -1), (0, 1))
+    adjugate = np.moveaxis(np.array([[d, -b], [-c, a]]), (0, 1), (-2, -1))
+    determinant = a * d - b * c
+    return np.asarray(adjugate / np.where(determinant == 0.0, np.nan, determinant)[..., None, None])
+
+
+def congruent(matrix: Array, covariance: Array) -> Array:
+    """M C Mᵀ of symmetric 2 × 2 matrices C kept as (xx, xy, yy), (..., 3); matrix (..., 2, 2)."""
+    (a, b), (e, f) = (np.moveaxis(matrix[..., axis, :], -1, 0) for axis in (0, 1))
+    xx, xy, yy = np.moveaxis(covariance, -1, 0)
+    return np.stack(
+        [
+            a * a * xx + 2.0 * a * b * xy + b * b * yy,
+            a * e * xx + (a * f + b * e) * xy + b * f * yy,
+            e * e * xx + 2.0 * e * f * xy + f * f * yy,
+        ],
+        axis=-1,
+    )
+
+
+def symmetric(numbers: ArrayLike) -> Array:
+    """Symmetric matrices (..., d, d) of their upper triangles by rows, (..., d (d + 1) / 2).
+
+    >>> symmetric([1.0, 2.0, 3.0])
+    array([[1., 2.],
+           [2., 3.]])
+    """
+    flat = np.asarray(numbers, dtype=np.float64)
+    side = int((np.sqrt(8 * flat.shape[-1] + 1) - 1) / 2)
+    row, col = np.triu_indices(side)
+    full = np.empty((*flat.shape[:-1], side, side))
+    full[..., row, col] = full[..., col, row] = flat
+    return full
+
+
+def upper(matrices: Array) -> Array:
+    """The inverse of :func:`symmetric`."""
+    row, col = np.triu_indices(matrices.shape[-1])
+    return matrices[..., row, col]

@@ -1,0 +1,1 @@
+"""Covariances: of points, of overlapping subsets, and how well two measurements agree."""

@@ -1,0 +1,87 @@
+"""How alike the errors of neighbouring points are, because their subsets share pixels.
+
+The place of a subset is, to first order, an average of its pixels' noise. With an affine shape function the average
+is plain, with a quadratic one it is the centre value of the least-squares parabola over the subset (the kernel of
+Savitzky & Golay 1964 in two dimensions), k(x, y) = f(x) + f(y). The correlation of two points is the autocorrelation of
+this kernel at their distance, for both a sum of few products of a function of the rows and one of the columns.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Literal, NamedTuple
+
+import numpy as np
+
+from dicflow.core.arrays import Array, Index
+
+__all__ = ["Overlap", "ShapeFunction", "independent", "mixed", "overlap"]
+
+ShapeFunction = Literal["affine", "quadratic"]
+
+
+class Overlap(NamedTuple):
+    """Correlation of errors on a regular grid: ρ(i, j) = Σₜ down[t, |i|] · across[t, |j|] at i rows, j columns apart.
+
+    down, across : (term, lag) — 0 beyond the last lag; ρ(0, 0) = 1
+    """
+
+    down: Array
+    across: Array
+
+    def at(self, rows_apart: Index, cols_apart: Index) -> Array:
+        """ρ at distances (...) [points]."""
+        down, across = (
+            np.pad(part, ((0, 0), (0, 1)))[:, np.minimum(np.abs(lag), part.shape[1])]
+            for part, lag in ((self.down, rows_apart), (self.across, cols_apart))
+        )
+        return np.asarray((down * across).sum(axis=0))
+
+
+def overlap(subset_size: int, step_size: float, shape_function: ShapeFunction = "affine") -> Overlap:
+    """Correlation of the errors of points on a grid.
+
+    subset_size : side of the square subsets [px]
+    step_size : distance of the grid's points [px]
+
+    >>> overlap(20, 5.0).down[0]
+    array([1.  , 0.75, 0.5 , 0.25])
+    """
+    lags = np.arange(0, subset_size, max(1, round(step_size)))
+    one = np.ones(subset_size)
+    plain = _correlation(one, one, lags)
+    if shape_function == "affine":
+        return Overlap(plain[None] / subset_size, plain[None] / subset_size)
+    half = _half_parabola(subset_size)
+    mixed, own = _correlation(half, one, lags), _correlation(half, half, lags)
+    scale = 2.0 * (own[0] * plain[0] + mixed[0] ** 2)
+    return Overlap(np.stack([own, 2.0 * mixed, plain]) / scale, np.stack([plain, mixed, own]))
+
+
+def mixed(parts: Sequence[tuple[float, Overlap]]) -> Overlap:
+    """Correlation of sums of independent errors, Σ sₖ ρₖ.
+
+    parts : share sₖ in the variance of the sum, and the correlation ρₖ of each, on one grid and of subsets of one size
+    """
+    down = np.concatenate([share * rho.down for share, rho in parts])
+    return Overlap(down, np.concatenate([rho.across for _, rho in parts]))
+
+
+def independent() -> Overlap:
+    """Errors that have nothing in common."""
+    return Overlap(np.ones((1, 1)), np.ones((1, 1)))
+
+
+def _half_parabola(size: int) -> Array:
+    """f with k(x, y) = f(x) + f(y): Σ k = 1, and Σ k x² = Σ k y² = 0, over a square of ``size`` pixels."""
+    x2 = (np.arange(size) - (size - 1) / 2.0) ** 2
+    second, fourth = x2.mean(), (x2**2).mean()
+    if second == 0.0:
+        return np.full(size, 0.5)
+    curvature = 1.0 / (2.0 * second - (fourth + second**2) / second) / size**2
+    return np.asarray(curvature * (x2 - (fourth + second**2) / second / 2.0))
+
+
+def _correlation(first: Array, second: Array, lags: Index) -> Array:
+    """Σ first[x] second[x + lag] for each lag."""
+    return np.array([first[: len(first) - lag] @ second[lag:] for lag in lags])

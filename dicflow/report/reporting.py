@@ -1,0 +1,364 @@
+"""What a report of a measurement must state, filled in from the settings and from what was measured.
+
+The rows follow what the iDICs Good Practices Guide for Digital Image Correlation asks a report for. What no photograph
+and no setting tells is left for the user.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterator, Mapping
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+from dicflow._version import __version__
+from dicflow.pipeline.result import Result
+
+if TYPE_CHECKING:
+    from dicflow.engine.product import Product
+
+__all__ = ["Row", "reporting_rows"]
+
+_NOISE_QUANTITIES = ("U", "V", "W", "exx", "eyy", "gxy")
+_MEASURES = {
+    "engineering": "engineering: stretch λ − 1 of the fibres along x and y, γ the decrease of their angle",
+    "green_lagrange": "Green–Lagrange: (λ² − 1) / 2 along the principal directions",
+    "hencky": "Hencky: ln λ along the principal directions",
+    "euler_almansi": "Euler–Almansi: (1 − λ⁻²) / 2 along the principal directions",
+    "biot": "Biot: λ − 1 along the principal directions",
+}
+_DIRECTIONS = {
+    "material": "x and y of the material, as they lay at the first step",
+    "global": "x and y of the coordinate system",
+}
+_MATCHES = {
+    "every_step": "matched with the left subsets at every step",
+    "first_step": "matched with the left subsets at the first step, followed in time from there",
+}
+_REFERENCES = {
+    "never": "the first photograph",
+    "on_demand": "the first photograph; another where too many points get lost",
+    "every": "the first photograph; another, new every {steps} steps, where too many points get lost",
+}
+
+
+class Row(NamedTuple):
+    """One row of the table.
+
+    value : None where the user must fill it in
+    hint : what belongs there, or where the value comes from
+    """
+
+    group: str
+    name: str
+    value: str | None
+    hint: str = ""
+
+
+_Rows = Iterator[tuple[str, str | None, str]]
+
+
+def reporting_rows(result: Result, resolved: Mapping[str, Any]) -> list[Row]:
+    """The whole table, of the first variant. Reads one photograph and the points of one step.
+
+    resolved : as :meth:`dicflow.pipeline.Pipeline.resolved` gives it
+    """
+    facts = _Facts(result, resolved)
+    groups: tuple[tuple[str, Callable[[_Facts], _Rows]], ...] = (
+        ("Cameras and lenses", _cameras),
+        ("Stereo system and calibration", _stereo_system),
+        ("Specimen and pattern", _pattern),
+        ("Software", _software),
+        ("Correlation", _correlation),
+        ("Tracking and surface", _tracking),
+        ("Displacement and strain", _strain),
+        ("Uncertainty", _uncertainty),
+    )
+    return [Row(group, name, value, hint) for group, rows in groups for name, value, hint in rows(facts)]
+
+
+class _Facts:
+    """Settings and products by type of stage and kind of product; what is not there is empty."""
+
+    def __init__(self, result: Result, resolved: Mapping[str, Any]) -> None:
+        self.result = result
+        self._settings = {
+            resolved["stages"][instance]["stage"]: resolved["stages"][instance]
+            for instance in resolved["instances"][0].values()
+        }
+        self.rig = self.attrs("rig")
+        self.figures: Mapping[str, Any] = self.rig.get("summary", {})
+        self.total = self.attrs("total")
+        self.photograph = self._photograph()
+        self.stand_off_mm = self._stand_off_mm()
+
+    def of(self, stage: str) -> Mapping[str, Any]:
+        """Parameters of a stage of this type."""
+        found: Mapping[str, Any] = self._settings.get(stage, {})
+        return found
+
+    def product(self, kind: str, *, last: bool = False) -> Product | None:
+        """The first, or last, product of a kind that is there, of the last stage that gives it."""
+        for stage in reversed(self.result.stages_of(kind)):
+            steps = self.result.steps(stage) or (None,)
+            there = [step for step in steps if self.result.has(stage, step)]
+            if there:
+                return self.result.product(stage, there[-1 if last else 0])
+        return None
+
+    def attrs(self, kind: str, *, last: bool = False) -> Mapping[str, Any]:
+        """The attributes of that product."""
+        product = self.product(kind, last=last)
+        return product.attrs if product is not None else {}
+
+    def _photograph(self) -> Product | None:
+        """The image that the region was drawn in."""
+        for region in self.result.stages_of("region"):
+            images = self.result.source(region, "images")
+            if self.result.has(images, 0):
+                return self.result.product(images, 0)
+        return None
+
+    def _stand_off_mm(self) -> float | None:
+        """Median distance of the measured points in front of the left camera at the first step."""
+        import numpy as np
+
+        product = self.product("points") or self.product("cloud")
+        depth = np.zeros(0) if product is None else product["xyz"][..., 2]
+        depth = depth[np.isfinite(depth)]
+        return float(np.median(depth)) if depth.size else None
+
+    @property
+    def size_px(self) -> tuple[int, int] | None:
+        """Width and height of the photographs."""
+        if "rig" in self.rig:
+            width, height = self.rig["rig"]["left"]["size"]
+            return width, height
+        if self.photograph is None:
+            return None
+        height, width = self.photograph["left"].shape
+        return width, height
+
+    @property
+    def scale(self) -> float | None:
+        """Pixels per mm on the specimen at the first step, by focal length and distance."""
+        if self.stand_off_mm is None or "rig" not in self.rig:
+            return None
+        return float(self.rig["rig"]["left"]["matrix"][0][0]) / self.stand_off_mm
+
+
+def _cameras(facts: _Facts) -> _Rows:
+    size, scale = facts.size_px, facts.scale
+    two = bool(facts.of("images").get("right")) and "undistort" not in facts._settings
+    yield "number of cameras", "2" if two else "1", ""
+    yield "cameras", None, "maker and model, sensor and its pixel size"
+    yield "image size", _text(size, "{0[0]} × {0[1]} px"), "width × height"
+    yield "grey levels", _bits(facts.photograph), "as the photographs are stored"
+    yield "lenses", None, "maker and model, focal length in mm, filters"
+    yield "focal length", _focal(facts), "by calibration, left and right"
+    yield "aperture", None, "f-number"
+    yield "field of view", _view(size, scale), "measured, at the specimen's median distance"
+    yield "image scale", _text(scale, "{:.3f} px/mm"), "measured, at the specimen's median distance"
+    yield "stand-off distance", _text(facts.stand_off_mm, "{:.1f} mm"), "measured: median depth of the first step"
+    yield "exposure time", None, "ms, and how the cameras were triggered"
+    yield "image acquisition rate", None, "Hz, or when each photograph was taken"
+    yield "lighting", None, "kind and place of the lamps, polarisers"
+    yield "number of steps", _steps(facts.result), ""
+
+
+def _stereo_system(facts: _Facts) -> _Rows:
+    if not facts.result.stages_of("rig"):
+        return
+    figures, chosen, corners = facts.figures, facts.of("calibrate"), facts.attrs("corners")
+    yield "stereo angle", _text(figures.get("angle_deg"), "{:.2f}°"), "between the optical axes, by calibration"
+    yield "baseline", _text(figures.get("baseline_mm"), "{:.2f} mm"), "distance of the cameras, by calibration"
+    if not chosen:
+        yield "calibration", _text(facts.rig.get("program"), "{}"), "read from a file of this program"
+        return
+    target = _text(corners.get("size"), "{0[0]} × {0[1]} ") and str(corners.get("target", ""))
+    board = f"{target}, {corners['size'][0]} × {corners['size'][1]}, {chosen['square']:g} mm" if target else None
+    pairs = facts.rig.get("pairs", ())
+    used = sum(pair["used"] for pair in pairs)
+    model = f"pinhole, {chosen['radial']} radial coefficients" + (", tangential" if chosen["tangential"] else "")
+    yield "calibration target", board or f"not yet seen; spacing {chosen['square']:g} mm", "kind, size, spacing"
+    yield "pairs of photographs", f"{used} used of {len(pairs)}" if pairs else "none yet", ""
+    yield "camera model", model, ""
+    yield "reprojection error", _text(figures.get("rms_px"), "{:.3f} px"), "root mean square"
+    yield "epipolar error", _text(figures.get("epipolar_px"), "{:.3f} px"), "of the board's corners"
+
+
+def _pattern(facts: _Facts) -> _Rows:
+    found = _texture(facts)
+    yield "specimen", None, "material, geometry, surface"
+    yield "patterning technique", None, "paint, print, stencil, …"
+    yield "pattern feature size", _speckles(found.get("speckle"), facts.scale), "measured in the first photograph"
+    yield "mean intensity gradient", _text(found.get("gradient"), "{:.1f} grey levels of 255 per px"), "measured"
+    yield "region of interest", _text(facts.attrs("region").get("area_px"), "{:.0f} px²"), "measured"
+
+
+def _software(facts: _Facts) -> _Rows:
+    yield "program", f"dicflow {__version__}", ""
+    method = "subset correlation" if facts.of("correlate") else "feature tracking and semi-global matching"
+    yield "method", method, "the pipeline is written out under Provenance"
+
+
+def _correlation(facts: _Facts) -> _Rows:
+    chosen, stereo = facts.of("correlate"), facts.of("stereo")
+    if not chosen:
+        return
+    right = f"{stereo['shape_function']} from left to right" if stereo else ""
+    shape = f"{chosen['shape_function']} in time" + (f", {right}" if right else "")
+    reference = chosen["reference"]
+    start = "features and their matches" if facts.of("match") else "cross-correlation"
+    yield "image filter", _filter(chosen["smoothing"]), ""
+    yield "subset size", f"{chosen['subset_size']} px", ""
+    yield "subset weight", _weight(chosen["gaussian"]), ""
+    yield "step size", f"{chosen['step_size']} px", ""
+    yield "subset shape function", shape, ""
+    yield "matching criterion", "zero-mean normalised sum of squared differences (ZNSSD)", ""
+    yield "limit of the criterion", f"ZNSSD {chosen['max_znssd']:g}", "points that fit worse have no value"
+    yield "interpolant", f"{chosen['interpolation']} spline", ""
+    yield "reference image", _REFERENCES[reference["update"]].format(**reference), ""
+    if stereo:
+        yield "points in the right photographs", _MATCHES[stereo["match"]], ""
+    yield "start values", start, ""
+
+
+def _tracking(facts: _Facts) -> _Rows:
+    track, disparity, surface = facts.of("track"), facts.of("disparity"), facts.of("surface")
+    if not track:
+        return
+    grid, features = track["subsets"], facts.of("features")
+    yield "features", f"{features['detector']}, at most {features['max_features']}" if features else None, "detector"
+    yield "tracked parts", f"{grid[0]} × {grid[1]}, {track['transform']} transforms", "rows × columns over the region"
+    yield "step size", f"{track['step_size']:g} px", "distance of the material points"
+    yield "reference image", "the step before", "displacements are added up"
+    if disparity:
+        sides = f"{disparity['window']} px, refined over {disparity['refine']} px"
+        yield "stereo matching window", sides, "semi-global matching, sub-pixel refinement"
+        yield "limit of the criterion", f"correlation {disparity['correlation']:g}", "of the refinement"
+    if surface:
+        yield "surface", _surface(surface), "fitted to the point cloud of each step"
+
+
+def _strain(facts: _Facts) -> _Rows:
+    precise, thesis, smooth = facts.of("deformation"), facts.of("strain"), facts.of("smooth")
+    total = facts.total
+    measures = total.get("measures", {})
+    named = "; ".join(measures[name] for name in ("exx", "eyy", "gxy") if name in measures)
+    yield "strain measure", _MEASURES[precise["measure"]] if precise else named or "not yet computed", ""
+    if precise:
+        yield "strain directions", _DIRECTIONS[precise["directions"]], ""
+    frame = facts.of("frame")
+    yield "coordinate system", f"frame: {frame['method']}" if frame else _axes(facts), ""
+    if smooth:
+        yield "displacement filter", _window(smooth), "local polynomial"
+    for chosen in (part for part in (thesis, precise) if part):
+        yield "strain window", _window(chosen), "local polynomial of the displacement"
+    if thesis:
+        yield "virtual strain gauge (VSG)", "not defined without subsets: see the windows above", ""
+    if precise:
+        side = _text(total.get("vsg_mm"), " = {:.3g} mm") or ""
+        gauge = _text(total.get("vsg_px"), "{:.0f} px" + side)
+        yield "virtual strain gauge (VSG)", gauge or "not yet computed", "window and subset together"
+        yield "rigid-body motion", "taken out" if precise["rigid"] else "kept", ""
+
+
+def _uncertainty(facts: _Facts) -> _Rows:
+    noise, unit = facts.attrs("noise").get("rows", ()), facts.total.get("unit", "mm")
+    images = facts.attrs("correlation", last=True)
+    if "noise_grey" in images:
+        yield "image noise", f"{images['noise_grey']:.2f} grey levels", str(images.get("noise_source", ""))
+    summary = facts.attrs("total", last=True).get("summary", {})
+    for name in _NOISE_QUANTITIES:
+        own = unit if name in "UVW" else "1"
+        rows = [row for row in noise if row["quantity"] == name]
+        predicted = summary.get(f"sigma_{name}" if own == "1" else f"sigma_{name}_{own}")
+        if rows:
+            yield f"noise floor of {name}", _floor(rows, own), "measured where nothing deforms"
+        elif predicted is not None:
+            yield f"σ of {name}", _with_unit(predicted, own), "predicted from image noise: median of the last step"
+    if not noise:
+        hint = "photograph the unmoved specimen and add a stage noise_floor"
+        yield "noise floor and bias of every quantity", None, hint
+
+
+def _text(value: Any, pattern: str) -> str | None:
+    """A value in words, None where there is none."""
+    unknown = value is None or (isinstance(value, float) and not math.isfinite(value))
+    return None if unknown else pattern.format(value)
+
+
+def _with_unit(value: float, unit: str) -> str:
+    return f"{value:.2g}" + ("" if unit == "1" else f" {unit}")
+
+
+def _floor(rows: list[Mapping[str, Any]], unit: str) -> str:
+    """Largest bias and quadratic mean of σ over the steps."""
+    bias = max((row["bias"] or 0.0 for row in rows), key=abs)
+    sigma = math.sqrt(sum((row["sigma"] or 0.0) ** 2 for row in rows) / len(rows))
+    return f"σ {_with_unit(sigma, unit)}, bias {_with_unit(bias, unit)}"
+
+
+def _bits(photograph: Product | None) -> str | None:
+    return None if photograph is None else f"{8 * photograph['left'].dtype.itemsize} bit"
+
+
+def _focal(facts: _Facts) -> str | None:
+    sides = [facts.rig["rig"][side]["matrix"][0][0] for side in ("left", "right")] if "rig" in facts.rig else []
+    return f"{', '.join(f'{side:.1f}' for side in sides)} px" if sides else None
+
+
+def _view(size: tuple[int, int] | None, scale: float | None) -> str | None:
+    return None if size is None or scale is None else f"{size[0] / scale:.1f} × {size[1] / scale:.1f} mm"
+
+
+def _steps(result: Result) -> str:
+    counts = [len(result.steps(result.source(stage, "images"))) for stage in result.stages_of("region")]
+    return str(max(counts, default=0))
+
+
+def _texture(facts: _Facts) -> dict[str, float]:
+    """Size of the speckles and mean intensity gradient within the region of the first photograph."""
+    region = facts.attrs("region")
+    if facts.photograph is None or "polygons" not in region:
+        return {}
+    from dicflow.core.photographs.region import interior, polygons_from_attrs
+    from dicflow.core.photographs.texture import mean_intensity_gradient, speckle_size
+
+    image = facts.photograph["left"]
+    inside = interior(polygons_from_attrs(region["polygons"]), image.shape)
+    return {"speckle": speckle_size(image, inside), "gradient": mean_intensity_gradient(image, inside)}
+
+
+def _speckles(size: float | None, scale: float | None) -> str | None:
+    text = _text(size, "{:.1f} px")
+    return text + f" = {size / scale:.2g} mm" if text and size and scale else text
+
+
+def _filter(smoothing: float) -> str:
+    return f"Gaussian low pass, σ {smoothing:g} px" if smoothing else "none"
+
+
+def _weight(gaussian: float) -> str:
+    return f"Gaussian, σ {gaussian:g} px" if gaussian else "equal"
+
+
+def _surface(surface: Mapping[str, Any]) -> str:
+    if surface["method"] == "lowess":
+        return f"local regression over {surface['lowess_window']:g} px, {surface['robust']}"
+    degree = surface["degree"]
+    told = degree if degree == "auto" else ", ".join(f"{axis} {sides[0]}×{sides[1]}" for axis, sides in degree.items())
+    return f"polynomials of degree {told}; outliers: {surface['robust']}"
+
+
+def _window(chosen: Mapping[str, Any]) -> str:
+    """Window in px and degree of a local fit."""
+    window = chosen["window"]
+    sides = (window, window) if isinstance(window, int | float) else window
+    return f"{sides[0]:g} × {sides[1]:g} px, degree {chosen['degree']}"
+
+
+def _axes(facts: _Facts) -> str:
+    if facts.total.get("unit") == "px":
+        return "pixels of the image: x right, y down"
+    return "left camera: X right, Y down, Z away"
