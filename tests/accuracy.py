@@ -12,7 +12,7 @@ from collections.abc import Iterator
 import numpy as np
 
 from dicflow.core.cameras.camera import rotation_angle_deg
-from dicflow.io.rig import rig_from_dict
+from dicflow.kinds.rig import rig_from_json
 from dicflow.pipeline import Result
 from tests import accuracy_photographs, accuracy_stereo
 from tests.accuracy_coverage import coverage
@@ -82,7 +82,7 @@ def detectors() -> Iterator[Figure]:
 def d_specimen() -> Iterator[Figure]:
     """A real steel part from its board photographs to its displacement."""
     result = pipeline_result("d_specimen", SHARED / "d_specimen", "store_d")
-    rig = rig_from_dict(result.product("rig").attrs["rig"])
+    rig = rig_from_json(result.product("rig").attrs["rig"])
     truth_t, truth_r = boards_truth()
     yield Figure("d specimen: T, largest component's error", np.abs(rig.translation - truth_t).max(), 0.1, unit="mm")
     yield Figure("d specimen: rotation error", rotation_angle_deg(rig.rotation, truth_r), 0.01, unit="°")

@@ -7,11 +7,12 @@ from typing import Literal, NamedTuple
 
 import numpy as np
 
-from dicflow.core.photographs.region import polygons_to_attrs, rectangle
+from dicflow.core.photographs.region import rectangle
 from dicflow.core.synthetic.deformation import strain
 from dicflow.core.tensors import symmetric
 from dicflow.engine.product import Product, Variable
-from dicflow.io.rig import rig_to_dict
+from dicflow.kinds.region import polygons_to_json
+from dicflow.kinds.rig import rig_to_json
 from dicflow.stages.correlate import Correlate
 from dicflow.stages.deformation import Deformation
 from dicflow.stages.stereo import Stereo
@@ -27,8 +28,8 @@ REPETITIONS = 30
 QUANTITIES = ("X", "Y", "Z", "U", "V", "W", "exx", "eyy", "gxy")
 BARS = ((1, 68.0, 3.0), (2, 95.0, 2.0))
 """How many σ, the share of the errors that should be within them, and how far off it may be [%]."""
-RIG = Product("rig", {}, {"rig": rig_to_dict(scene.RIG)})
-REGION = Product("region", {}, {"polygons": polygons_to_attrs([rectangle(*scene.REGION)])})
+RIG = Product("rig", {}, {"rig": rig_to_json(scene.RIG)})
+REGION = Product("region", {}, {"polygons": polygons_to_json([rectangle(*scene.REGION)])})
 
 
 class Measured(NamedTuple):

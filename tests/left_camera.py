@@ -8,10 +8,11 @@ from dicflow.core.correlation.material import Anchor, Search, attempt
 from dicflow.core.correlation.subsets import Subset, correlate, template
 from dicflow.core.correlation.warp import identity
 from dicflow.core.photographs.interpolate import spline
-from dicflow.core.photographs.region import Polygon, polygons_to_attrs, rasterise, rectangle
+from dicflow.core.photographs.region import Polygon, rasterise, rectangle
 from dicflow.core.status import Status
 from dicflow.core.tensors import congruent
 from dicflow.engine.product import Product, Variable
+from dicflow.kinds.region import polygons_to_json
 from dicflow.stages.correlate import Reference, packed
 
 SUBSET = Subset(31, "quadratic")
@@ -90,7 +91,7 @@ def correlation(
         "smoothing": 0.0,
         "misfit": False,
         "updating": Reference().model_dump(),
-        "polygons": polygons_to_attrs(polygons),
+        "polygons": polygons_to_json(polygons),
     }
     return Product("correlation", variables, attrs)
 

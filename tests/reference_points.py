@@ -10,7 +10,7 @@ import numpy as np
 from scipy.interpolate import LinearNDInterpolator
 
 from dicflow.core.cameras.rectification import raw_to_rectified, rectification
-from dicflow.io.rig import rig_from_dict
+from dicflow.kinds.rig import rig_from_json
 from dicflow.pipeline import Result
 
 
@@ -28,7 +28,7 @@ def difference(result: Result, folder: Path) -> Difference:
     column = {key: np.array([float(row[key]) for row in rows]) for key in rows[0]}
     photographed = np.stack([column["x"], column["y"]], axis=-1)
     theirs = np.stack([column[f"tar_{axis}"] - column[f"ref_{axis}"] for axis in "xyz"], axis=-1)
-    rig = rig_from_dict(result.product("rig").attrs["rig"])
+    rig = rig_from_json(result.product("rig").attrs["rig"])
     frame = rectification(rig)
     places = raw_to_rectified(photographed, rig.left, frame.rotation_left, frame.matrix_left)
     total, grid = result.product("total", -1), result.product("track", 0)["points"]

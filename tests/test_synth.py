@@ -11,7 +11,8 @@ from dicflow.core.synthetic.stand import seen_from_right
 from dicflow.core.synthetic.trace import image_of
 from dicflow.io.caliper import read_caliper
 from dicflow.io.region import read_geojson
-from dicflow.io.rig import read_rig, rig_to_dict
+from dicflow.io.rig import read_rig
+from dicflow.kinds.rig import rig_to_json
 from dicflow.synth import latex_experiment, sample_experiment, write_experiment
 from dicflow.synth.folder import photographs, take
 from dicflow.synth.truth import field_truth, length_rows
@@ -95,7 +96,7 @@ def test_the_sample_stretches_to_twice_its_length_in_small_steps():
 
 def test_the_folder_holds_what_a_user_would_bring(folder, small):
     assert read_caliper(folder / "caliper.csv").length_mm.tolist() == [60.0, 82.05]
-    assert rig_to_dict(read_rig(folder / "truth" / "rig.json")) == rig_to_dict(small.stand.rig)
+    assert rig_to_json(read_rig(folder / "truth" / "rig.json")) == rig_to_json(small.stand.rig)
     for side in ("left", "right"):
         assert [p.name for p in sorted((folder / "photos" / side).iterdir())] == ["step_00.png", "step_01.png"]
         assert [p.name for p in sorted((folder / "boards" / side).iterdir())] == ["board_00.png", "board_01.png"]

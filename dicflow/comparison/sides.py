@@ -124,12 +124,12 @@ class MeasuredSide(NamedTuple):
 
         from dicflow.core.cameras.camera import project
         from dicflow.core.cameras.rectification import rectification, rectified_to_raw
-        from dicflow.io.rig import rig_from_dict
+        from dicflow.kinds.rig import rig_from_json
 
         if "xy_reference" in total:
             return total["xy_reference"]
         rig = self._first("rig")
-        cameras = None if rig is None else rig_from_dict(rig.attrs["rig"])
+        cameras = None if rig is None else rig_from_json(rig.attrs["rig"])
         spatial = total.attrs["unit"] == "mm"
         if total.attrs["definition"] == "thesis":  # on a grid of its own at each step
             places = total["xyz_reference"]

@@ -9,39 +9,17 @@ from typing import Any, TypeVar
 
 import numpy as np
 
-from dicflow.core.cameras.camera import Camera, Rig
+from dicflow.core.cameras.camera import Rig
 from dicflow.core.cameras.rig_parameters import PARAMETERS
 from dicflow.errors import InputError
+from dicflow.kinds.rig import rig_from_json, rig_to_json
 
-__all__ = ["read_covariance", "read_rig", "rig_from_dict", "rig_text", "rig_to_dict", "write_rig"]
+__all__ = ["read_covariance", "read_rig", "rig_text", "write_rig"]
 
 _T = TypeVar("_T")
 
 _ROUNDING = 1e-6
 """How far, in units of the standard deviations, a covariance may be from a symmetric one without negative variances."""
-
-
-def rig_to_dict(rig: Rig) -> dict[str, Any]:
-    """The rig in JSON values; the numbers come back bit for bit.
-
-    ``rotation`` and ``translation_mm`` carry the left camera's frame into the right one's: X1 = R @ X0 + T.
-    """
-    return {
-        "left": _camera_to_dict(rig.left),
-        "right": _camera_to_dict(rig.right),
-        "rotation": np.asarray(rig.rotation, dtype=float).tolist(),
-        "translation_mm": np.asarray(rig.translation, dtype=float).tolist(),
-    }
-
-
-def rig_from_dict(values: Mapping[str, Any]) -> Rig:
-    """The inverse of :func:`rig_to_dict`. Raises KeyError for a missing entry and ValueError for a wrong shape."""
-    return Rig(
-        left=_camera_from_dict(values["left"]),
-        right=_camera_from_dict(values["right"]),
-        rotation=_numbers(values["rotation"], (3, 3), "rotation"),
-        translation=_numbers(values["translation_mm"], (3,), "translation_mm"),
-    )
 
 
 def write_rig(path: Path, rig: Rig, covariance: Any = None) -> None:
@@ -55,12 +33,12 @@ def rig_text(rig: Rig, covariance: Any = None) -> str:
     covariance : (24, 24) — of :data:`~dicflow.core.cameras.rig_parameters.PARAMETERS`; None where it is not known
     """
     known = {} if covariance is None else {"covariance": np.asarray(covariance, dtype=float).tolist()}
-    return json.dumps({**rig_to_dict(rig), **known}, indent=2) + "\n"
+    return json.dumps({**rig_to_json(rig), **known}, indent=2) + "\n"
 
 
 def read_rig(path: Path) -> Rig:
     """Read what :func:`write_rig` wrote. Raises InputError where the file does not hold a rig."""
-    return _read(path, rig_from_dict)
+    return _read(path, rig_from_json)
 
 
 def read_covariance(path: Path) -> np.ndarray | None:
@@ -104,23 +82,6 @@ def _covariance(values: Any) -> np.ndarray:
     if np.linalg.eigvalsh(correlation)[0] < -_ROUNDING:
         raise ValueError("covariance is not positive semidefinite")
     return found
-
-
-def _camera_to_dict(camera: Camera) -> dict[str, Any]:
-    return {
-        "matrix": np.asarray(camera.matrix, dtype=float).tolist(),
-        "distortion": np.asarray(camera.distortion, dtype=float).tolist(),
-        "size": [int(side) for side in camera.size],
-    }
-
-
-def _camera_from_dict(values: Mapping[str, Any]) -> Camera:
-    width, height = values["size"]
-    return Camera(
-        matrix=_numbers(values["matrix"], (3, 3), "matrix"),
-        distortion=_numbers(values["distortion"], (5,), "distortion"),
-        size=(int(width), int(height)),
-    )
 
 
 def _numbers(values: Any, shape: tuple[int, ...], name: str) -> np.ndarray:

@@ -145,9 +145,9 @@ def _drawings(context: Context, stage: str) -> list[Any]:
 
 
 def _drawn(attrs: Mapping[str, Any], corners: Mapping[str, Product], square_mm: float) -> list[Drawing]:
-    from dicflow.io.rig import rig_from_dict
+    from dicflow.kinds.rig import rig_from_json
 
-    rig = rig_from_dict(attrs["rig"])
+    rig = rig_from_json(attrs["rig"])
     used = {pair["name"]: pair["used"] for pair in attrs["pairs"]}
     seen = {name: product for name, product in corners.items() if all(product.attrs["found"].values())}
     coverage = [_coverage(side, getattr(rig, side), seen, used) for side in _SIDES] if seen else []
@@ -255,10 +255,10 @@ def _photographs(result: Result) -> str | None:
 def _pair(rig_product: Product, images: Product) -> bytes:
     """Both photographs with common rows, shrunk, and where lines are drawn across them."""
     from dicflow.core.cameras.rectification import rectification, rectify
-    from dicflow.io.rig import rig_from_dict
+    from dicflow.kinds.rig import rig_from_json
     from dicflow.views.overlay import photo_jpeg, view
 
-    rig = rig_from_dict(rig_product.attrs["rig"])
+    rig = rig_from_json(rig_product.attrs["rig"])
     aligned = rectification(rig)
     part = view([], aligned.size, _PAIR_PX)
     left = rectify(images["left"], rig.left, aligned.rotation_left, aligned.matrix_left, aligned.size)

@@ -92,9 +92,9 @@ def places(result: Result, scene: Scene, step: str | int) -> np.ndarray:
     if scene.rig is None:
         return np.asarray(tracked)
     from dicflow.core.cameras.rectification import rectification, rectified_to_raw
-    from dicflow.io.rig import rig_from_dict
+    from dicflow.kinds.rig import rig_from_json
 
-    rig = rig_from_dict(result.product(scene.rig).attrs["rig"])
+    rig = rig_from_json(result.product(scene.rig).attrs["rig"])
     rectified = rectification(rig)
     return rectified_to_raw(tracked, rig.left, rectified.rotation_left, rectified.matrix_left)
 

@@ -150,11 +150,12 @@ def _speckle(context: Context) -> dict[str, float] | None:
 
 def _measured(image: Product, region: Product) -> bytes:
     """Size, gradient, contrast and saturation of the pattern, as JSON; None for what cannot be told."""
-    from dicflow.core.photographs.region import interior, polygons_from_attrs
+    from dicflow.core.photographs.region import interior
     from dicflow.core.photographs.texture import mean_intensity_gradient, saturated_share, speckle_size
+    from dicflow.kinds.region import polygons_from_json
 
     left = image["left"]
-    inside = interior(polygons_from_attrs(region.attrs["polygons"]), left.shape)
+    inside = interior(polygons_from_json(region.attrs["polygons"]), left.shape)
     levels = left[inside].astype(float)
     content = {
         "size_px": speckle_size(left, inside),

@@ -322,11 +322,12 @@ def _texture(facts: _Facts) -> dict[str, float]:
     region = facts.attrs("region")
     if facts.photograph is None or "polygons" not in region:
         return {}
-    from dicflow.core.photographs.region import interior, polygons_from_attrs
+    from dicflow.core.photographs.region import interior
     from dicflow.core.photographs.texture import mean_intensity_gradient, speckle_size
+    from dicflow.kinds.region import polygons_from_json
 
     image = facts.photograph["left"]
-    inside = interior(polygons_from_attrs(region["polygons"]), image.shape)
+    inside = interior(polygons_from_json(region["polygons"]), image.shape)
     return {"speckle": speckle_size(image, inside), "gradient": mean_intensity_gradient(image, inside)}
 
 

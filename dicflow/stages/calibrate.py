@@ -134,13 +134,13 @@ def _product(
     """The rig, how certain it is, what each pair says of it, and the verdict."""
     from dicflow.core.calibration.coverage import covered_area, verdict
     from dicflow.core.cameras.rig_parameters import PARAMETERS
-    from dicflow.io.rig import rig_to_dict
+    from dicflow.kinds.rig import rig_to_json
 
     image_size = found.rig.left.size
     areas = [covered_area(side[found.used], image_size) for side in corners]
     coverage = {side: float(area.mean()) for side, area in zip(("left", "right"), areas, strict=True)}
     attrs = {
-        "rig": rig_to_dict(found.rig),
+        "rig": rig_to_json(found.rig),
         "parameters": list(PARAMETERS),
         "covariance": found.honest_covariance.tolist(),
         "pairs": _pairs(found, seen, names),

@@ -163,9 +163,10 @@ def _upright(field: Any, axis: str) -> Any:
 
 def _outline(track: Product, axis: str) -> np.ndarray:
     """Outline of the region's largest part, (n, 2) [px]."""
-    from dicflow.core.photographs.region import area, polygons_from_attrs
+    from dicflow.core.photographs.region import area
+    from dicflow.kinds.region import polygons_from_json
 
-    polygons = polygons_from_attrs(track.attrs["polygons"])
+    polygons = polygons_from_json(track.attrs["polygons"])
     return max(polygons, key=lambda polygon: area([polygon])).exterior[:, :: _order(axis)]
 
 

@@ -105,9 +105,10 @@ class Correlate(Node):
         matches: Product | None = None,
         correlation_before: Product | None = None,
     ) -> Product:
-        from dicflow.core.photographs.region import carry, interior, polygons_from_attrs
+        from dicflow.core.photographs.region import carry, interior
+        from dicflow.kinds.region import polygons_from_json
 
-        polygons = polygons_from_attrs(region.attrs["polygons"])
+        polygons = polygons_from_json(region.attrs["polygons"])
         outline = carry(polygons, lambda ring: ring, spacing_px=OUTLINE_STEPS * self.step_size)
         usable = interior(polygons, images_first["left"].shape)
         if correlation_before is None or images_before is None:
@@ -237,8 +238,9 @@ class Correlate(Node):
     ) -> Product:
         """level : of the noise as correlation feels it [grey levels]"""
         from dicflow.core.correlation.warp import gradient
-        from dicflow.core.photographs.region import interior, polygons_to_attrs
+        from dicflow.core.photographs.region import interior
         from dicflow.core.photographs.texture import saturated_share
+        from dicflow.kinds.region import polygons_to_json
 
         pixel, tensor = ("component",), ("pair",)
         variables = {
@@ -270,7 +272,7 @@ class Correlate(Node):
             "noise_source": noise.source,
             "noise_settled": noise.settled,
             "updating": self.reference.model_dump(),
-            "polygons": polygons_to_attrs(polygons),
+            "polygons": polygons_to_json(polygons),
             "summary": _summary(found, noise, overexposed),
         }
         if reference is not None:
@@ -314,10 +316,11 @@ def carried_outline(
 ) -> Sequence[Polygon]:
     """The region's outline at this step; that of the step before where too little was found."""
     from dicflow.core.correlation.material import FEW, carried_by
-    from dicflow.core.photographs.region import carry, polygons_from_attrs
+    from dicflow.core.photographs.region import carry
+    from dicflow.kinds.region import polygons_from_json
 
     if found.valid.sum() < FEW:
-        return polygons_from_attrs(before.attrs["polygons"])
+        return polygons_from_json(before.attrs["polygons"])
     return carry(outline, lambda ring: carried_by(found, grid, ring))
 
 
@@ -341,9 +344,10 @@ def _hopeless(before: Product) -> np.ndarray:
 def anchor_of(before: Product, image: np.ndarray) -> Anchor:
     """A step whose photograph is to follow points from."""
     from dicflow.core.correlation.material import Anchor
-    from dicflow.core.photographs.region import interior, polygons_from_attrs
+    from dicflow.core.photographs.region import interior
+    from dicflow.kinds.region import polygons_from_json
 
-    usable = interior(polygons_from_attrs(before.attrs["polygons"]), image.shape)
+    usable = interior(polygons_from_json(before.attrs["polygons"]), image.shape)
     return Anchor(image, (0, 0), usable, before["xy"], before["warp"], before["passed"], before["slope"])
 
 

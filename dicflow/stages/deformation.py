@@ -159,13 +159,13 @@ class Deformation(Node):
         import numpy as np
 
         from dicflow.core.strain import calibration_error as shares
-        from dicflow.io.rig import rig_from_dict
+        from dicflow.kinds.rig import rig_from_json
 
         known = np.asarray(np.isfinite(surface.gradient).all(axis=(-1, -2)))
         part = shares.thinned(known)
         after, before = (state[part] for state in states)
         fitted = (after, before) if self.rigid else None
-        error = shares.rig_error(rig_from_dict(rig.attrs["rig"]), rig.attrs["covariance"], frames, fitted)
+        error = shares.rig_error(rig_from_json(rig.attrs["rig"]), rig.attrs["covariance"], frames, fitted)
         both = error.at(after, before)
         stride = part[0].step
         moved = (both, shares.grid_slopes(both, stride))

@@ -113,10 +113,11 @@ class Disparity(Node):
 
 def _polygons(shape: tuple[int, ...], track: Product | None) -> list[Polygon]:
     """The region at this step, the whole image where it is not tracked."""
-    from dicflow.core.photographs.region import polygons_from_attrs, rectangle
+    from dicflow.core.photographs.region import rectangle
+    from dicflow.kinds.region import polygons_from_json
 
     rows, cols = shape
-    return [rectangle(0, 0, cols - 1, rows - 1)] if track is None else polygons_from_attrs(track.attrs["polygons"])
+    return [rectangle(0, 0, cols - 1, rows - 1)] if track is None else polygons_from_json(track.attrs["polygons"])
 
 
 def _photographed(shape: tuple[int, int], rig: Product | None) -> np.ndarray:
@@ -125,11 +126,11 @@ def _photographed(shape: tuple[int, int], rig: Product | None) -> np.ndarray:
 
     from dicflow.core.cameras.rectification import footprint, rectification
     from dicflow.core.photographs.region import Polygon, rasterise
-    from dicflow.io.rig import rig_from_dict
+    from dicflow.kinds.rig import rig_from_json
 
     if rig is None:
         return np.ones(shape, dtype=bool)
-    cameras = rig_from_dict(rig.attrs["rig"])
+    cameras = rig_from_json(rig.attrs["rig"])
     view = rectification(cameras)
     return rasterise([Polygon(footprint(cameras.left, view.rotation_left, view.matrix_left))], shape)
 

@@ -77,10 +77,10 @@ def _material(before: Product, after: Product, cloud_before: Cloud | None, cloud
 def _thesis(
     before: Product, after: Product, cloud_before: Cloud | None, cloud: Cloud | None
 ) -> tuple[Increment, float]:
-    from dicflow.core.photographs.region import polygons_from_attrs
     from dicflow.core.surfaces.displacement import WINDOW_PX, thesis_increment
+    from dicflow.kinds.region import polygons_from_json
 
-    region_before, region = (polygons_from_attrs(product.attrs["polygons"]) for product in (before, after))
+    region_before, region = (polygons_from_json(product.attrs["polygons"]) for product in (before, after))
     return thesis_increment(after["transforms"], region_before, region, cloud_before, cloud), float(WINDOW_PX)
 
 

@@ -320,7 +320,7 @@ def _error(total: Product, rig: Product | None) -> ProbeError | None:
 
     from dicflow.core.probes.probe_error import ProbeError
     from dicflow.core.strain.calibration_error import rig_error, thinned
-    from dicflow.io.rig import rig_from_dict
+    from dicflow.kinds.rig import rig_from_json
 
     facts = total.attrs
     if rig is None or "covariance" not in rig.attrs or facts["unit"] != "mm":
@@ -329,7 +329,7 @@ def _error(total: Product, rig: Product | None) -> ProbeError | None:
     part = thinned(np.isfinite(after + before).all(axis=-1))
     frames = (frame_from(facts["frames"][0]), frame_from(facts["frames"][1]))
     fitted = (after[part], before[part]) if facts["rigid"] else None
-    error = rig_error(rig_from_dict(rig.attrs["rig"]), rig.attrs["covariance"], frames, fitted)
+    error = rig_error(rig_from_json(rig.attrs["rig"]), rig.attrs["covariance"], frames, fitted)
     return ProbeError.of(error, after, before, facts["measure"], facts["directions"])
 
 

@@ -41,13 +41,13 @@ class Reconstruct(Node):
 
         from dicflow.core.cameras.rectification import rectification, triangulate
         from dicflow.core.status import Status
-        from dicflow.io.rig import rig_from_dict
+        from dicflow.kinds.rig import rig_from_json
 
         x0, y0 = disparity.attrs["origin"]
         values, status = disparity["disparity"], disparity["status"].copy()
         if track is not None:
             status[~_inside(track, (x0, y0), values.shape)] = Status.OUTSIDE
-        view = rectification(rig_from_dict(rig.attrs["rig"]))
+        view = rectification(rig_from_json(rig.attrs["rig"]))
         places = np.stack(
             np.broadcast_arrays(np.arange(values.shape[1]) + x0, np.arange(values.shape[0])[:, None] + y0), -1
         )
@@ -88,9 +88,10 @@ def _check_in_front(depth: np.ndarray) -> None:
 
 def _inside(track: Product, origin: tuple[int, int], shape: tuple[int, int]) -> np.ndarray:
     """Pixels of the map that lie in the region at this step."""
-    from dicflow.core.photographs.region import carry, polygons_from_attrs, rasterise
+    from dicflow.core.photographs.region import carry, rasterise
+    from dicflow.kinds.region import polygons_from_json
 
-    return rasterise(carry(polygons_from_attrs(track.attrs["polygons"]), lambda ring: ring - origin), shape)
+    return rasterise(carry(polygons_from_json(track.attrs["polygons"]), lambda ring: ring - origin), shape)
 
 
 def _summary(status: np.ndarray) -> dict[str, float]:

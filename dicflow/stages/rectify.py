@@ -23,11 +23,11 @@ class Rectify(Node):
 
     def run(self, images: Product, rig: Product) -> Product:
         from dicflow.core.cameras.rectification import rectification, rectify
-        from dicflow.io.rig import rig_from_dict
+        from dicflow.kinds.rig import rig_from_json
 
         if "right" not in images:
             raise StageError("rectifying takes photographs of two cameras, but there are no right ones; name them")
-        cameras = rig_from_dict(rig.attrs["rig"])
+        cameras = rig_from_json(rig.attrs["rig"])
         for side, camera in (("left", cameras.left), ("right", cameras.right)):
             size = images[side].shape[::-1]
             if size != camera.size:

@@ -112,7 +112,8 @@ class Region(Node):
         return {}
 
     def run(self, images: Product, rig: Product | None = None, file_path: Path | None = None) -> Product:
-        from dicflow.core.photographs.region import area, carry, polygons_to_attrs
+        from dicflow.core.photographs.region import area, carry
+        from dicflow.kinds.region import polygons_to_json
 
         image = images["left"]
         polygons: Sequence[Polygon]
@@ -126,7 +127,7 @@ class Region(Node):
                 polygons = carry(polygons, _to_tracked(images.kind, rig), spacing_px=OUTLINE_PX)
         _check_texture(image, polygons)
         area_px = area(polygons)
-        attrs = {"polygons": polygons_to_attrs(polygons), "area_px": area_px, "summary": {"area_px": area_px}}
+        attrs = {"polygons": polygons_to_json(polygons), "area_px": area_px, "summary": {"area_px": area_px}}
         return Product("region", {}, attrs)
 
     def _found(self, image: np.ndarray) -> Sequence[Polygon]:
@@ -186,27 +187,27 @@ def _from_file(path: Path, size: tuple[int, int], name: str) -> Sequence[Polygon
 
 def _camera(rig: Product | None) -> Any:
     """The left camera."""
-    from dicflow.io.rig import rig_from_dict
+    from dicflow.kinds.rig import rig_from_json
 
     if rig is None:
         raise StageError(
             "a region given in the photograph needs the rig to be found in the rectified image; name the stage that "
             "calibrates as 'rig', or say frame: tracked"
         )
-    return rig_from_dict(rig.attrs["rig"]).left
+    return rig_from_json(rig.attrs["rig"]).left
 
 
 def _to_tracked(kind: str, rig: Product | None) -> Callable[[np.ndarray], np.ndarray]:
     """The mapping from pixels of the left photograph to those of the image that is tracked."""
     from dicflow.core.cameras.camera import undistort
     from dicflow.core.cameras.rectification import raw_to_rectified, rectification
-    from dicflow.io.rig import rig_from_dict
+    from dicflow.kinds.rig import rig_from_json
 
     camera = _camera(rig)
     if kind == "plane":
         return lambda points: undistort(camera, points) @ camera.matrix[:2, :2].T + camera.matrix[:2, 2]
     assert rig is not None
-    rectified = rectification(rig_from_dict(rig.attrs["rig"]))
+    rectified = rectification(rig_from_json(rig.attrs["rig"]))
     return lambda points: raw_to_rectified(points, camera, rectified.rotation_left, rectified.matrix_left)
 
 

@@ -53,14 +53,14 @@ class RigFile(Node):
 
     def run(self, file_path: Path, images: Product | None = None) -> Product:
         from dicflow.io.calibrations import read_calibration
-        from dicflow.io.rig import rig_to_dict
+        from dicflow.kinds.rig import rig_to_json
 
         size = None if images is None else (images["left"].shape[1], images["left"].shape[0])
         found = read_calibration(file_path, size)
         summary = _summary(found)
         known = {} if found.covariance is None else {"covariance": found.covariance.tolist()}
         attrs = {
-            "rig": rig_to_dict(found.rig),
+            "rig": rig_to_json(found.rig),
             **known,
             "pairs": [],
             "program": found.program,

@@ -103,9 +103,9 @@ class Stereo(Node):
         stereo_before: Product | None = None,
     ) -> Product:
         from dicflow.core.correlation.across import overexposed, passed_on
-        from dicflow.io.rig import rig_from_dict
+        from dicflow.kinds.rig import rig_from_json
 
-        cameras = rig_from_dict(rig.attrs["rig"])
+        cameras = rig_from_json(rig.attrs["rig"])
         _check_photographs(images, cameras)
         view = View(images, images_first, correlation, correlation_first)
         if self.match == "first_step" and images_before and correlation_before and stereo_first and stereo_before:
@@ -154,13 +154,14 @@ class Stereo(Node):
 
         from dicflow.core.correlation.across import contrast, follow_across
         from dicflow.core.correlation.material import first_anchor, prepared
-        from dicflow.core.photographs.region import interior, polygons_from_attrs
+        from dicflow.core.photographs.region import interior
+        from dicflow.kinds.region import polygons_from_json
         from dicflow.stages.correlate import carried_reference
 
         image, right = view.images_first["left"], view.images["right"]
         contrasts = contrast(image, view.correlation_first["xy"]), contrast(right, starts[..., 0])
         search = self._search(view.correlation)._replace(strength=noise_ratio * contrasts[0] / contrasts[1])
-        usable = interior(polygons_from_attrs(view.correlation_first.attrs["polygons"]), image.shape)
+        usable = interior(polygons_from_json(view.correlation_first.attrs["polygons"]), image.shape)
         grid = np.where(np.isfinite(view.correlation["xy"]), view.correlation_first["xy"], np.nan)
         first, reference = first_anchor(image, usable, grid, search), carried_reference(view.correlation)
         target = prepared(right, search)
@@ -240,17 +241,17 @@ def _to_follow(
 
     before : whose outline holds where too little was found
     """
-    from dicflow.core.photographs.region import polygons_from_attrs, polygons_to_attrs
+    from dicflow.kinds.region import polygons_from_json, polygons_to_json
     from dicflow.stages.correlate import carried_outline, packed
 
     facts = view.correlation_first.attrs
-    outline = polygons_from_attrs(facts["polygons"])
+    outline = polygons_from_json(facts["polygons"])
     polygons = carried_outline(outline, found, view.correlation_first["xy"], before)
     variables = {
         "passed": Variable((*_GRID, "pair"), found.passed, "px²", "share of photographs before in the covariance"),
         "slope": Variable((*_GRID, "out", "in"), found.slope, "1", "gradient from the photograph that found it"),
     }
-    attrs = {"polygons": polygons_to_attrs(polygons)}
+    attrs = {"polygons": polygons_to_json(polygons)}
     if reference is None:
         return Product(product.kind, {**product.variables, **variables}, {**product.attrs, **attrs})
     carried, fact = packed(reference, facts["subset_size"])

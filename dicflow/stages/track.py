@@ -77,10 +77,11 @@ class Track(Node):
         """The material grid on the region of the first step, and transforms that change nothing."""
         import numpy as np
 
-        from dicflow.core.photographs.region import bounding_box, carry, contains, polygons_from_attrs
+        from dicflow.core.photographs.region import bounding_box, carry, contains
         from dicflow.core.status import Status
+        from dicflow.kinds.region import polygons_from_json
 
-        polygons = polygons_from_attrs(region.attrs["polygons"])
+        polygons = polygons_from_json(region.attrs["polygons"])
         polygons = carry(polygons, lambda ring: ring, spacing_px=OUTLINE_STEPS * self.step_size)
         x0, y0, x1, y1 = bounding_box(polygons)
         axes = (np.arange(np.ceil(low), high, self.step_size) for low, high in ((x0, x1), (y0, y1)))
@@ -104,9 +105,10 @@ class Track(Node):
             subset_grid,
             track_subsets,
         )
-        from dicflow.core.photographs.region import bounding_box, contains, polygons_from_attrs
+        from dicflow.core.photographs.region import bounding_box, contains
+        from dicflow.kinds.region import polygons_from_json
 
-        polygons = polygons_from_attrs(before.attrs["polygons"])
+        polygons = polygons_from_json(before.attrs["polygons"])
         grid = subset_grid(bounding_box(polygons), self.subsets, self.overlap)
         source, target, features = (matches[name].astype(float) for name in ("reference", "deformed", "features"))
         inside = contains(polygons, source)
@@ -142,11 +144,11 @@ class Track(Node):
         )
 
     def _product(self, state: State, tracked: Tracked | None) -> Product:
-        from dicflow.core.photographs.region import polygons_to_attrs
+        from dicflow.kinds.region import polygons_to_json
 
         subsets = tracked or _unmoved(self.subsets)
         attrs = {
-            "polygons": polygons_to_attrs(state.polygons),
+            "polygons": polygons_to_json(state.polygons),
             "step_size": self.step_size,
             "subsets": _subsets(subsets),
             "summary": _summary(state, tracked),

@@ -61,10 +61,10 @@ class Triangulate(Node):
         import numpy as np
 
         from dicflow.core.cameras.triangulate import triangulate
-        from dicflow.io.rig import rig_from_dict
+        from dicflow.kinds.rig import rig_from_json
         from dicflow.stages.stereo import check_size
 
-        cameras = rig_from_dict(rig.attrs["rig"])
+        cameras = rig_from_json(rig.attrs["rig"])
         check_size("left", cameras.left.size, correlation.attrs["image_size"])
         first = (correlation["way"] == 0)[..., None]
         left = np.where(first, correlation["template"], correlation["covariance"])

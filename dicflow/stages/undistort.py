@@ -25,11 +25,11 @@ class Undistort(Node):
         import numpy as np
 
         from dicflow.core.cameras.rectification import rectify
-        from dicflow.io.rig import rig_from_dict
+        from dicflow.kinds.rig import rig_from_json
 
         image = images["left"]
         if rig is not None:
-            camera = rig_from_dict(rig.attrs["rig"]).left
+            camera = rig_from_json(rig.attrs["rig"]).left
             if image.shape[::-1] != camera.size:
                 raise StageError(
                     f"the left camera was calibrated on photographs of {camera.size[0]} × {camera.size[1]} px, but "

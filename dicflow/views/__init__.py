@@ -130,9 +130,9 @@ def _photograph(result: Result, total: Product, step: str, variant: int) -> tupl
     if result.kind(images) != "rectified":
         return places, result.product(images, step, variant)["left"]
     from dicflow.core.cameras.rectification import rectification, rectified_to_raw
-    from dicflow.io.rig import rig_from_dict
+    from dicflow.kinds.rig import rig_from_json
 
-    rig = rig_from_dict(result.product(result.source(images, "rig", variant), None, variant).attrs["rig"])
+    rig = rig_from_json(result.product(result.source(images, "rig", variant), None, variant).attrs["rig"])
     rectified = rectification(rig)
     raw = rectified_to_raw(places, rig.left, rectified.rotation_left, rectified.matrix_left)
     return raw, result.product(result.source(images, "images", variant), step, variant)["left"]

@@ -197,7 +197,7 @@ def _to_photograph(result: Result, region: str, variant: int) -> Callable[[NDArr
     """The mapping from pixels of the image that a region lies in to those of the left photograph; None for the same."""
     from dicflow.core.cameras.camera import distort
     from dicflow.core.cameras.rectification import rectification, rectified_to_raw
-    from dicflow.io.rig import rig_from_dict
+    from dicflow.kinds.rig import rig_from_json
 
     image = result.source(region, "images", variant)
     kind = result.kind(image)
@@ -207,7 +207,7 @@ def _to_photograph(result: Result, region: str, variant: int) -> Callable[[NDArr
         source = result.source(image, "rig", variant)
     except KeyError:  # nothing was rectified without a rig
         return None
-    rig = rig_from_dict(result.product(source, None, variant).attrs["rig"])
+    rig = rig_from_json(result.product(source, None, variant).attrs["rig"])
     camera = rig.left
     if kind == "plane":
         return lambda pixels: distort(camera, (pixels - camera.matrix[:2, 2]) @ np.linalg.inv(camera.matrix[:2, :2]).T)

@@ -18,7 +18,7 @@ from scipy.io import savemat
 from dicflow.core.cameras.camera import Rig, project, rotation_angle_deg, to_right, undistort
 from dicflow.errors import InputError
 from dicflow.io.calibrations import opencv_text, parse_calibration, read_calibration, write_opencv
-from dicflow.io.rig import rig_to_dict
+from dicflow.kinds.rig import rig_to_json
 
 
 def close(rig: Rig, truth: Rig, digits: float = 1e-11) -> None:
@@ -172,7 +172,7 @@ def test_opencv_reads_what_is_written_for_it(tmp_path):
     assert (storage.getNode("R").mat() == truth.rotation).all()
     assert (storage.getNode("T").mat().ravel() == truth.translation).all()
     assert storage.getNode("imageSize").at(0).real() == SIZE[0]
-    assert rig_to_dict(read_calibration(tmp_path / "rig.yaml").rig) == rig_to_dict(truth)
+    assert rig_to_json(read_calibration(tmp_path / "rig.yaml").rig) == rig_to_json(truth)
 
 
 @pytest.mark.parametrize(

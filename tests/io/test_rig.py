@@ -6,7 +6,8 @@ import pytest
 from dicflow.core.cameras.camera import Camera, Rig, camera_matrix, rotation_matrix
 from dicflow.core.cameras.rig_parameters import PARAMETERS
 from dicflow.errors import InputError
-from dicflow.io.rig import read_covariance, read_rig, rig_to_dict, write_rig
+from dicflow.io.rig import read_covariance, read_rig, write_rig
+from dicflow.kinds.rig import rig_to_json
 
 
 def make_rig() -> Rig:
@@ -18,7 +19,7 @@ def make_rig() -> Rig:
 def test_a_rig_comes_back_bit_for_bit(tmp_path):
     write_rig(tmp_path / "rig.json", make_rig())
     back = read_rig(tmp_path / "rig.json")
-    assert rig_to_dict(back) == rig_to_dict(make_rig())
+    assert rig_to_json(back) == rig_to_json(make_rig())
     assert back.left.size == (1440, 1920)
 
 
@@ -54,7 +55,7 @@ def test_a_covariance_comes_back_bit_for_bit(tmp_path):
     path = tmp_path / "rig.json"
     write_rig(path, make_rig(), covariance())
     np.testing.assert_array_equal(read_covariance(path), covariance())
-    assert rig_to_dict(read_rig(path)) == rig_to_dict(make_rig())
+    assert rig_to_json(read_rig(path)) == rig_to_json(make_rig())
     write_rig(path, make_rig())
     assert read_covariance(path) is None
 
@@ -71,7 +72,7 @@ def test_a_covariance_comes_back_bit_for_bit(tmp_path):
     ],
 )
 def test_what_is_no_covariance_is_named(tmp_path, spoil, word):
-    values = {**rig_to_dict(make_rig()), "covariance": np.asarray(spoil(covariance())).tolist()}
+    values = {**rig_to_json(make_rig()), "covariance": np.asarray(spoil(covariance())).tolist()}
     (tmp_path / "rig.json").write_text(json.dumps(values), encoding="utf-8")
     with pytest.raises(InputError, match=rf"rig\.json: .*{word}.*; export the rig again, or leave its covariance out"):
         read_covariance(tmp_path / "rig.json")

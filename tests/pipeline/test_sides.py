@@ -13,7 +13,7 @@ from dicflow.engine.journal import runs
 from dicflow.engine.store import Store
 from dicflow.errors import ConfigurationError, InputError, StoreError
 from dicflow.io.points_table import PointTable
-from dicflow.io.rig import rig_from_dict
+from dicflow.kinds.rig import rig_from_json
 from dicflow.pipeline import Pipeline
 from dicflow.views.exports import export
 
@@ -117,7 +117,7 @@ def test_a_coarser_table_is_compared_at_its_own_points(pipeline, measured):
 def test_places_are_those_of_the_raw_left_photograph(pipeline, measured):
     side = open_sides(str(pipeline), str(pipeline))[0]
     result = Pipeline.load(pipeline).result()
-    rig = rig_from_dict(result.product("rig").attrs["rig"])
+    rig = rig_from_json(result.product("rig").attrs["rig"])
     seen = project(rig.left, result.product("total", -1)["xyz_reference"])
     apart = np.linalg.norm(side.field(side.steps[-1]).places - seen, axis=-1)
     assert np.nanmedian(apart) < 0.5

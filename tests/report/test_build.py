@@ -11,7 +11,8 @@ from small import ROOT, STEPS, TASKS, dicflow
 
 from dicflow.engine.journal import find_run
 from dicflow.errors import StageError, StoreError
-from dicflow.io.rig import rig_from_dict, rig_text
+from dicflow.io.rig import rig_text
+from dicflow.kinds.rig import rig_from_json
 from dicflow.pipeline import Pipeline
 from dicflow.report import build
 from dicflow.report.pieces import Pieces
@@ -191,7 +192,7 @@ def test_a_pipeline_without_maps_and_caliper(copied, tmp_path):
 
 def test_a_rig_from_a_file(copied, measured, pipeline, tmp_path):
     (copied.parent / "rig.json").write_bytes(
-        rig_text(rig_from_dict(Pipeline.load(pipeline).result().product("rig").attrs["rig"])).encode()
+        rig_text(rig_from_json(Pipeline.load(pipeline).result().product("rig").attrs["rig"])).encode()
     )
     lines = [line for line in copied.read_text().splitlines(True) if not BOARDS.search(line)]
     copied.write_text("".join(lines).replace("  # the rig,", "  rig: {stage: rig_file, file: rig.json}\n  # the rig,"))

@@ -7,7 +7,7 @@ import pytest
 
 from dicflow.core.cameras.camera import project
 from dicflow.engine.product import Product, Variable
-from dicflow.io.rig import rig_from_dict
+from dicflow.kinds.rig import rig_from_json
 from dicflow.pipeline import Pipeline
 from dicflow.report import calibration as module
 from dicflow.report.calibration import calibration
@@ -45,7 +45,7 @@ def test_cameras_boards_coverage_and_common_rows_are_drawn(section):
 def test_boards_stand_where_the_left_photographs_show_them(loaded):
     result = loaded.result()
     attrs = result.product("rig").attrs
-    camera = rig_from_dict(attrs["rig"]).left
+    camera = rig_from_json(attrs["rig"]).left
     for pair in attrs["pairs"]:
         if not pair["used"]:
             continue
@@ -80,7 +80,7 @@ def test_pairs_that_take_no_part_are_marked():
 
 
 def test_the_pyramid_of_a_camera_starts_at_its_centre(loaded):
-    rig = rig_from_dict(loaded.result().product("rig").attrs["rig"])
+    rig = rig_from_json(loaded.result().product("rig").attrs["rig"])
     faces = module._pyramid(rig.right, 50.0, rig.rotation, rig.translation)
     np.testing.assert_allclose(faces[1][0], -rig.rotation.T @ rig.translation, atol=1e-9)
     seen = rig.rotation @ faces[0].T + rig.translation[:, None]

@@ -97,12 +97,12 @@ def test_the_second_build_draws_nothing(loaded, tmp_path, monkeypatch):
 
 def test_places_in_rectified_images_are_carried_back_into_the_photograph(loaded):
     from dicflow.core.cameras.rectification import raw_to_rectified, rectification
-    from dicflow.io.rig import rig_from_dict
+    from dicflow.kinds.rig import rig_from_json
 
     result = loaded.result()
     scene = module._scene(result, "total", result.steps("total")[0])
     assert (scene.photographs, scene.rig) == ("photos", "rig")
-    rig = rig_from_dict(result.product("rig").attrs["rig"])
+    rig = rig_from_json(result.product("rig").attrs["rig"])
     rectified = rectification(rig)
     places = maps.places(result, scene, 0)
     back = raw_to_rectified(places, rig.left, rectified.rotation_left, rectified.matrix_left)

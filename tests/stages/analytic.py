@@ -5,9 +5,10 @@ from __future__ import annotations
 import numpy as np
 
 from dicflow.core.matching.transform import apply_transform
-from dicflow.core.photographs.region import carry, polygons_to_attrs, rectangle
+from dicflow.core.photographs.region import carry, rectangle
 from dicflow.core.strain.surface_strain import deformation_gradient, engineering_strain
 from dicflow.engine.product import Product, Variable
+from dicflow.kinds.region import polygons_to_json
 
 SCALE = 0.1
 """Millimetres per pixel of a camera without perspective."""
@@ -50,7 +51,7 @@ def track(total, before=None):
         "status": Variable(("row", "col"), np.zeros(grid.shape[:2], np.uint8)),
         "transforms": Variable(("subset_row", "subset_col", "i", "j"), np.broadcast_to(step, (*SUBSETS, 3, 3))),
     }
-    return Product("track", variables, {"polygons": polygons_to_attrs(region, 9), "step_size": STEP_SIZE})
+    return Product("track", variables, {"polygons": polygons_to_json(region, 9), "step_size": STEP_SIZE})
 
 
 def tracks(totals):

@@ -8,7 +8,7 @@ from pydantic import ValidationError
 from dicflow.core.cameras.camera import rotation_angle_deg
 from dicflow.engine.product import Product, Variable
 from dicflow.errors import StageError
-from dicflow.io.rig import rig_from_dict
+from dicflow.kinds.rig import rig_from_json
 from dicflow.stages.calibrate import Calibrate
 from dicflow.stages.corners import Corners
 
@@ -91,7 +91,7 @@ def test_a_size_is_two_numbers_of_corners(size):
 
 def test_rig_from_corners(pairs):
     product = stage(tangential=True).run(corners=tuple(pairs))
-    rig = rig_from_dict(product.attrs["rig"])
+    rig = rig_from_json(product.attrs["rig"])
     assert rotation_angle_deg(rig.rotation, RIG.rotation) < 1e-6
     np.testing.assert_allclose(rig.translation, RIG.translation, atol=1e-4)
     assert len(product.attrs["pairs"]) == 12
@@ -134,7 +134,7 @@ def test_pairs_without_a_board_are_told_apart(pairs):
 
 def test_the_square_is_a_length_with_a_unit(pairs):
     product = Calibrate(stage="calibrate", square="1 cm", tangential=True).run(corners=tuple(pairs))
-    np.testing.assert_allclose(rig_from_dict(product.attrs["rig"]).translation, RIG.translation, atol=1e-4)
+    np.testing.assert_allclose(rig_from_json(product.attrs["rig"]).translation, RIG.translation, atol=1e-4)
 
 
 @pytest.mark.parametrize("square", [0, -3.0, float("nan"), "14 px"])

@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 from analytic import affine, cloud, run_all, track, tracks
 
-from dicflow.core.photographs.region import polygons_to_attrs
 from dicflow.engine.product import Product, Variable
 from dicflow.errors import ConfigurationError, InputError, StageError
+from dicflow.kinds.region import polygons_to_json
 from dicflow.stages.compare import Compare
 
 LENGTHS = [12.0, 15.0, 24.0, 18.0]
@@ -133,7 +133,7 @@ def test_the_table_is_checked_before_anything_runs(tmp_path):
 
 def test_polygons_of_the_track_are_json():
     assert json.loads(json.dumps(track(np.eye(3)).attrs["polygons"])) == track(np.eye(3)).attrs["polygons"]
-    assert polygons_to_attrs([]) == []
+    assert polygons_to_json([]) == []
 
 
 def probes(lengths, unit="mm"):

@@ -25,7 +25,7 @@ from dicflow.core.status import Status
 from dicflow.engine.product import Product, Variable
 from dicflow.engine.work import is_kept
 from dicflow.errors import StageError
-from dicflow.io.rig import rig_to_dict
+from dicflow.kinds.rig import rig_to_json
 from dicflow.stages.deformation import Deformation
 from dicflow.stages.maps import Maps
 
@@ -171,7 +171,7 @@ def test_the_first_step_is_judged_by_the_noise_that_later_steps_tell():
 
 
 def uncertain(covariance):
-    return Product("rig", attrs={"rig": rig_to_dict(RIG), "covariance": np.asarray(covariance).tolist()})
+    return Product("rig", attrs={"rig": rig_to_json(RIG), "covariance": np.asarray(covariance).tolist()})
 
 
 def through_another_rig(step, after, before, **parameters):

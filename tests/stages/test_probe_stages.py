@@ -13,7 +13,7 @@ from dicflow.core.cameras.triangulate import triangulate
 from dicflow.core.strain.calibration_error import error_modes
 from dicflow.engine.product import Product
 from dicflow.errors import StageError
-from dicflow.io.rig import rig_to_dict
+from dicflow.kinds.rig import rig_to_json
 from dicflow.stages.deformation import Deformation
 from dicflow.stages.frame import Frame
 from dicflow.stages.noise_floor import NoiseFloor
@@ -127,7 +127,7 @@ def test_the_calibration_share_is_what_rigs_of_its_modes_read(rigid):
         return probes.run(total=(Deformation(rigid=rigid).run(points=states[0], points_first=states[1]),), rig=told)
 
     covariance = root @ root.T
-    found = read(RIG, Product("rig", attrs={"rig": rig_to_dict(RIG), "covariance": covariance.tolist()}))
+    found = read(RIG, Product("rig", attrs={"rig": rig_to_json(RIG), "covariance": covariance.tolist()}))
     others = [read(rig_moved(RIG, mode)) for mode in error_modes(covariance).T]
     for name in ("U", "V", "W", "exx", "eyy", "gxy", "length", "elongation", "strain"):
         expected = np.sqrt(np.sum([(other[name] - found[name]) ** 2 for other in others], axis=0))
@@ -139,7 +139,7 @@ def test_the_calibration_share_is_what_rigs_of_its_modes_read(rigid):
 
 
 def test_without_the_calibrations_error_nothing_is_said_of_it(perfect):
-    rig = Product("rig", attrs={"rig": rig_to_dict(RIG)})
+    rig = Product("rig", attrs={"rig": rig_to_json(RIG)})
     assert not [name for name in Probes(**PLACES).run(total=perfect, rig=rig).variables if "calibration" in name]
 
 

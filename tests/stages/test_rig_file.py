@@ -13,7 +13,8 @@ from dicflow.errors import InputError
 from dicflow.io.calibrations import read_calibration, write_opencv
 from dicflow.io.exports.items import Item
 from dicflow.io.exports.json import write
-from dicflow.io.rig import read_rig, rig_from_dict, rig_to_dict
+from dicflow.io.rig import read_rig
+from dicflow.kinds.rig import rig_from_json, rig_to_json
 from dicflow.pipeline import Pipeline
 from dicflow.stages.rig_file import RigFile
 
@@ -76,7 +77,7 @@ def run(folder, calibration: str):
 
 def test_how_exact_a_rig_is_goes_with_its_file(folder):
     root = np.random.default_rng(2).normal(size=(24, 24))
-    exported = Product("rig", attrs={"rig": rig_to_dict(made_rig()), "covariance": (root @ root.T).tolist()})
+    exported = Product("rig", attrs={"rig": rig_to_json(made_rig()), "covariance": (root @ root.T).tolist()})
     write([Item("rig", None, exported)], folder, "test")
     product = RigFile(file="rig.json").run(file_path=folder / "rig.json", images=photographs())
     assert product.attrs["covariance"] == exported.attrs["covariance"]
@@ -86,7 +87,7 @@ def test_how_exact_a_rig_is_goes_with_its_file(folder):
 def test_the_rig_that_the_file_holds(folder):
     node = RigFile(file="cal.yaml")
     product = node.run(file_path=folder / "cal.yaml", images=photographs())
-    assert rig_to_dict(rig_from_dict(product.attrs["rig"])) == rig_to_dict(made_rig())
+    assert rig_to_json(rig_from_json(product.attrs["rig"])) == rig_to_json(made_rig())
     assert product.attrs["warnings"] == []
     assert product.attrs["summary"]["baseline_mm"] == pytest.approx(np.hypot(80.0, 8.0))
     assert product.attrs["summary"]["angle_deg"] == pytest.approx(np.degrees(0.2))
@@ -101,7 +102,7 @@ def test_the_photographs_say_their_size_where_the_file_does_not(folder):
     node.agree(facts, {}, {"images": ("0", "1")})
     with pytest.raises(InputError, match=r"cal\.caldat: does not say the size .* as 'images'"):
         node.agree(facts, {}, {})
-    rig = rig_from_dict(node.run(file_path=path, images=photographs()).attrs["rig"])
+    rig = rig_from_json(node.run(file_path=path, images=photographs()).attrs["rig"])
     assert rig.left.size == rig.right.size == SIZE
     np.testing.assert_allclose(rig.rotation, made_rig().rotation, atol=1e-12)
 
@@ -147,8 +148,8 @@ def test_a_pipeline_with_a_rig_from_a_file(folder):
     for name, file in (("opencv", "rig.yaml"), ("json", "rig.json")):
         answer = dicflow("export", folder / "pipeline.yaml", "rig", "--format", name, "--output", folder)
         assert answer.code == 0, answer.err
-        assert rig_to_dict(read_calibration(folder / file).rig) == rig_to_dict(made_rig())
-    assert rig_to_dict(read_rig(folder / "rig.json")) == rig_to_dict(made_rig())
+        assert rig_to_json(read_calibration(folder / file).rig) == rig_to_json(made_rig())
+    assert rig_to_json(read_rig(folder / "rig.json")) == rig_to_json(made_rig())
     assert run(folder, "rig.json").code == 0
     exported = ("export", folder / "pipeline.yaml", "pair", "--format", "opencv", "--output", folder)
     dicflow(*exported).refuses(2, "pair: a product of kind rectified is no rig, which opencv is for")

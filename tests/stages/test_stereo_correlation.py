@@ -27,7 +27,7 @@ from dicflow.core.tensors import symmetric
 from dicflow.core.uncertainty.covariance import MeasuredPoints, displacement_covariance, joint_covariance
 from dicflow.engine.product import Product, Variable
 from dicflow.errors import StageError
-from dicflow.io.rig import rig_to_dict
+from dicflow.kinds.rig import rig_to_json
 from dicflow.stages.stereo import Stereo
 from dicflow.stages.triangulate import Triangulate
 
@@ -43,7 +43,7 @@ def images(left, right=None):
 
 
 def rig_product(rig=RIG):
-    return Product("rig", {}, {"rig": rig_to_dict(rig)})
+    return Product("rig", {}, {"rig": rig_to_json(rig)})
 
 
 def tracked(pairs, points=POINTS, states=(REST, MOVED), **options):

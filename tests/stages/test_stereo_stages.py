@@ -7,11 +7,12 @@ from scenes import photographs_of_plane
 
 from dicflow.core.cameras.camera import Camera, Rig, distort
 from dicflow.core.cameras.rectification import raw_to_rectified, rectification
-from dicflow.core.photographs.region import Polygon, polygons_to_attrs, rectangle
+from dicflow.core.photographs.region import Polygon, rectangle
 from dicflow.core.status import Status
 from dicflow.engine.product import Product, Variable
 from dicflow.errors import StageError
-from dicflow.io.rig import rig_to_dict
+from dicflow.kinds.region import polygons_to_json
+from dicflow.kinds.rig import rig_to_json
 from dicflow.stages.disparity import Disparity
 from dicflow.stages.reconstruct import Reconstruct
 from dicflow.stages.rectify import Rectify
@@ -29,11 +30,11 @@ def images(left, right=None):
 
 
 def rig_product(rig=RIG):
-    return Product("rig", {}, {"rig": rig_to_dict(rig)})
+    return Product("rig", {}, {"rig": rig_to_json(rig)})
 
 
 def track(*polygons):
-    return Product("track", {}, {"polygons": polygons_to_attrs(polygons)})
+    return Product("track", {}, {"polygons": polygons_to_json(polygons)})
 
 
 def disparity(**values):

@@ -15,7 +15,7 @@ from dicflow.core.synthetic.render import Look, expose, photograph
 from dicflow.core.synthetic.stand import seen_from_right
 from dicflow.engine.product import Product, Variable
 from dicflow.errors import StageError
-from dicflow.io.rig import rig_from_dict
+from dicflow.kinds.rig import rig_from_json
 from dicflow.stages.calibrate import Calibrate
 from dicflow.stages.corners import Corners
 
@@ -49,7 +49,7 @@ def calibrated(corners, square):
 
 def assert_is_the_rig(product, noise_px):
     """Within 3.5 σ of the product's own covariance, and with the corners' noise as it is."""
-    rig, summary = rig_from_dict(product.attrs["rig"]), product.attrs["summary"]
+    rig, summary = rig_from_json(product.attrs["rig"]), product.attrs["summary"]
     sigma = np.sqrt(np.diagonal(product.attrs["covariance"]))
     assert summary["noise_px"] < noise_px
     np.testing.assert_array_less(np.abs(rig.translation - RIG.translation), 3.5 * sigma[-3:])

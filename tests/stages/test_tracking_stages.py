@@ -10,11 +10,12 @@ from pydantic import ValidationError
 
 from dicflow.core.cameras.camera import Camera, Rig
 from dicflow.core.cameras.rectification import raw_to_rectified, rectification
-from dicflow.core.photographs.region import area, bounding_box, contains, polygons_from_attrs
+from dicflow.core.photographs.region import area, bounding_box, contains
 from dicflow.core.status import Status
 from dicflow.engine.product import Product, Variable
 from dicflow.errors import StageError
-from dicflow.io.rig import rig_to_dict
+from dicflow.kinds.region import polygons_from_json
+from dicflow.kinds.rig import rig_to_json
 from dicflow.stages.features import FindFeatures
 from dicflow.stages.match import Match
 from dicflow.stages.region import Region
@@ -75,7 +76,7 @@ def test_points_follow_the_material_over_a_large_step(unloading):
 def test_the_region_is_carried_along(unloading):
     mappings, tracks, _ = unloading
     for stretch, mapping, track in zip((1.0, 1.18, 1.39, 1.02), mappings, tracks, strict=True):
-        polygons = polygons_from_attrs(track.attrs["polygons"])
+        polygons = polygons_from_json(track.attrs["polygons"])
         corners = mapping(np.array([[50.0, 40], [190, 220]]))
         np.testing.assert_allclose(bounding_box(polygons), corners.ravel(), atol=0.3)
         assert area(polygons) == pytest.approx(140 * 180 * np.sqrt(stretch), rel=3e-3)
@@ -158,11 +159,11 @@ def test_a_hole_in_the_region_stays_one():
     region = Region(polygons=[outline]).run(images=REFERENCE)
     mapping = stretched(1.15, FIXED)
     tracks, _ = follow([REFERENCE, photograph(mapping, 2)], region)
-    inside = contains(polygons_from_attrs(region.attrs["polygons"]), tracks[0]["points"])
+    inside = contains(polygons_from_json(region.attrs["polygons"]), tracks[0]["points"])
     np.testing.assert_array_equal(tracks[0]["status"] == Status.VALID, inside)
     np.testing.assert_array_equal(tracks[0]["status"] == Status.OUTSIDE, ~np.isfinite(tracks[0]["points"][..., 0]))
     assert (~inside).sum() == 8 * 10
-    carried = polygons_from_attrs(tracks[1].attrs["polygons"])
+    carried = polygons_from_json(tracks[1].attrs["polygons"])
     np.testing.assert_allclose(carried[0].holes[0].mean(axis=0), mapping(np.array([[120.0, 125.0]]))[0], atol=1.0)
 
 
@@ -220,8 +221,8 @@ def test_features_of_two_detectors_do_not_match():
 
 def test_without_a_choice_the_specimen_is_the_region():
     region = Region().run(images=REFERENCE)
-    np.testing.assert_allclose(bounding_box(polygons_from_attrs(region.attrs["polygons"])), SPECIMEN, atol=16)
-    assert region.attrs["area_px"] == area(polygons_from_attrs(region.attrs["polygons"]))
+    np.testing.assert_allclose(bounding_box(polygons_from_json(region.attrs["polygons"])), SPECIMEN, atol=16)
+    assert region.attrs["area_px"] == area(polygons_from_json(region.attrs["polygons"]))
 
 
 def test_nothing_given_is_auto():
@@ -285,9 +286,9 @@ def test_a_region_of_the_photograph_is_carried_into_the_rectified_image():
     width, height = rectified.size
     grain = np.random.default_rng(0).integers(0, 255, (height // 4 + 1, width // 4 + 1), dtype=np.uint8)
     tracked = images(np.kron(grain, np.ones((4, 4), dtype=np.uint8))[:height, :width], "rectified")
-    stored = Product("rig", {}, {"rig": rig_to_dict(rig)})
+    stored = Product("rig", {}, {"rig": rig_to_json(rig)})
     region = rectangle(60, 80, 160, 240).run(images=tracked, rig=stored)
-    (found,) = polygons_from_attrs(region.attrs["polygons"])
+    (found,) = polygons_from_json(region.attrs["polygons"])
     edge = np.array([[60.0, y] for y in np.linspace(80, 240, 9)])
     expected = raw_to_rectified(edge, rig.left, rectified.rotation_left, rectified.matrix_left)
     distance = np.abs(found.exterior[:, None] - expected[None]).max(axis=2).min(axis=0)
@@ -335,7 +336,7 @@ def test_the_part_with_an_opening_moves_as_another_program_says(shared_data):
     left, reference = shared_data / "d_specimen" / "left", shared_data / "d_specimen" / "reference"
     photographs = [real(left / f"GT4-{step:04d}_0.tif") for step in (0, 273)]
     region = Region().run(images=photographs[0])
-    (part,) = polygons_from_attrs(region.attrs["polygons"])
+    (part,) = polygons_from_json(region.attrs["polygons"])
     assert len(part.holes) == 1
     tracks, _ = follow(photographs, region, features=FindFeatures(max_features=4000))
     table = np.genfromtxt(reference / "points_0273.csv", delimiter=",", skip_header=1)

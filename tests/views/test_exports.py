@@ -11,12 +11,14 @@ import pytest
 from PIL import Image
 
 from dicflow.core.cameras.camera import Camera, Rig, camera_matrix, project, undistort
-from dicflow.core.photographs.region import contains, densify, polygons_from_attrs, polygons_to_attrs, rectangle
+from dicflow.core.photographs.region import contains, densify, rectangle
 from dicflow.engine.product import Product
 from dicflow.errors import ConfigurationError, DicflowError
 from dicflow.io.exports import csv as csv_module
 from dicflow.io.region import read_geojson
-from dicflow.io.rig import read_rig, rig_to_dict
+from dicflow.io.rig import read_rig
+from dicflow.kinds.region import polygons_from_json, polygons_to_json
+from dicflow.kinds.rig import rig_to_json
 from dicflow.pipeline import Pipeline
 from dicflow.stages.region import Region
 from dicflow.views import exports
@@ -136,7 +138,7 @@ def test_a_region_comes_back(result, tmp_path):
     product = result.product("region")
     tracked = result.product(result.source("region", "images"), 0)
     again = Region(file=str(path)).run(tracked, result.product("rig"), path)
-    kept, back = (polygons_from_attrs(part.attrs["polygons"]) for part in (product, again))
+    kept, back = (polygons_from_json(part.attrs["polygons"]) for part in (product, again))
     assert [len(polygon.holes) for polygon in kept] == [len(polygon.holes) for polygon in back]
     for one, other in zip(kept, back, strict=True):
         apart = np.linalg.norm(one.exterior[:, None] - other.exterior[None], axis=-1)
@@ -148,8 +150,8 @@ class OneCamera:
     """A result whose region lies in the undistorted photograph."""
 
     left = Camera(camera_matrix(800.0, (320, 240)), np.array([-0.2, 0.05, 1e-3, -1e-3, 0.0]), (640, 480))
-    rig = Product("rig", attrs={"rig": rig_to_dict(Rig(left, left, np.eye(3), np.array([-50.0, 0.0, 0.0])))})
-    region = Product("region", attrs={"polygons": polygons_to_attrs([rectangle(100.0, 80.0, 500.0, 400.0)])})
+    rig = Product("rig", attrs={"rig": rig_to_json(Rig(left, left, np.eye(3), np.array([-50.0, 0.0, 0.0])))})
+    region = Product("region", attrs={"polygons": polygons_to_json([rectangle(100.0, 80.0, 500.0, 400.0)])})
 
     stages = ("rig", "plane", "region")
 
@@ -172,13 +174,13 @@ def test_a_region_of_an_undistorted_photograph_is_that_of_the_photograph(tmp_pat
     matrix = OneCamera.left.matrix
     straight = undistort(OneCamera.left, polygon.exterior) @ matrix[:2, :2].T + matrix[:2, 2]
     assert np.abs(polygon.exterior - straight).max() > 1.0
-    (kept,) = polygons_from_attrs(OneCamera.region.attrs["polygons"])
+    (kept,) = polygons_from_json(OneCamera.region.attrs["polygons"])
     np.testing.assert_allclose(straight, densify(kept.exterior, 20.0), atol=1e-9)
 
 
 def test_a_rig_comes_back(result, tmp_path):
     (path,) = export(result, tmp_path, stage="rig", to="json")
-    assert rig_to_dict(read_rig(path)) == result.product("rig").attrs["rig"]
+    assert rig_to_json(read_rig(path)) == result.product("rig").attrs["rig"]
 
 
 def test_nothing_is_overwritten_unasked(result, tmp_path):

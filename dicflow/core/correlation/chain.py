@@ -1,7 +1,7 @@
 """Two motions one after the other: the first image to a reference photographed in between, and from there to a third.
 
-Warps are those of core.correlation.warp. The second one belongs to a subset around a whole pixel near the place that the first
-one led to, so the material point is at a small offset from its centre.
+Warps are those of :mod:`dicflow.core.correlation.warp`. The second one belongs to a subset around a whole pixel near
+the place that the first one led to, so the material point is at a small offset from its centre.
 """
 
 from __future__ import annotations

@@ -26,8 +26,6 @@ __all__ = [
     "grid_points",
     "interior",
     "mask_polygons",
-    "polygons_from_attrs",
-    "polygons_to_attrs",
     "rasterise",
     "rectangle",
     "speckled_region",
@@ -192,22 +190,6 @@ def speckled_region(found: Texture) -> list[Polygon]:
     mask = cv2.erode(mask, _disc(side // 2))[side:-side, side:-side]
     outlines = mask_polygons(mask > 0, tolerance_px=0.5, least_area_px=float(side**2))[:1]
     return carry(outlines, lambda ring: ring * found.stride_px)
-
-
-def polygons_to_attrs(polygons: Sequence[Polygon], decimals: int = 3) -> list[dict[str, Any]]:
-    """The region as JSON values: ``{"exterior": [[x, y], …], "holes": [[[x, y], …], …]}`` of each polygon [px]."""
-    return [
-        {"exterior": p.exterior.round(decimals).tolist(), "holes": [hole.round(decimals).tolist() for hole in p.holes]}
-        for p in polygons
-    ]
-
-
-def polygons_from_attrs(attrs: Sequence[dict[str, Any]]) -> list[Polygon]:
-    """The inverse of :func:`polygons_to_attrs`."""
-    return [
-        Polygon(np.asarray(p["exterior"], dtype=float), tuple(np.asarray(hole, dtype=float) for hole in p["holes"]))
-        for p in attrs
-    ]
 
 
 def _ring_area(ring: Array) -> float:

@@ -5,9 +5,10 @@ from __future__ import annotations
 from collections.abc import Iterable
 from pathlib import Path
 
-from dicflow.core.photographs.region import carry, polygons_from_attrs
+from dicflow.core.photographs.region import carry
 from dicflow.io.exports.items import Item, place
 from dicflow.io.region import write_geojson
+from dicflow.kinds.region import polygons_from_json
 
 __all__ = ["KINDS", "write"]
 
@@ -19,7 +20,7 @@ _SPACING_PX = 20.0
 def write(items: Iterable[Item], folder: Path, name: str) -> None:
     """One file per region, such as the stage "region" reads."""
     for item in items:
-        polygons = polygons_from_attrs(item.product.attrs["polygons"])
+        polygons = polygons_from_json(item.product.attrs["polygons"])
         if item.outline is not None:
             polygons = carry(polygons, item.outline, _SPACING_PX)
         write_geojson(place(folder, f"{item.stem}.geojson"), polygons)

@@ -6,7 +6,8 @@ from collections.abc import Iterable
 from pathlib import Path
 
 from dicflow.io.exports.items import Item, place
-from dicflow.io.rig import rig_from_dict, rig_text
+from dicflow.io.rig import rig_text
+from dicflow.kinds.rig import rig_from_json
 
 __all__ = ["KINDS", "write"]
 
@@ -17,5 +18,5 @@ def write(items: Iterable[Item], folder: Path, name: str) -> None:
     """One file per rig, with its covariance where it is known; the numbers come back bit for bit."""
     for item in items:
         attrs = item.product.attrs
-        text = rig_text(rig_from_dict(attrs["rig"]), attrs.get("covariance"))
+        text = rig_text(rig_from_json(attrs["rig"]), attrs.get("covariance"))
         place(folder, f"{item.stem}.json").write_text(text, encoding="utf-8")

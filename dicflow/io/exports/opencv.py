@@ -7,7 +7,7 @@ from pathlib import Path
 
 from dicflow.io.calibrations import opencv_text
 from dicflow.io.exports.items import Item, place
-from dicflow.io.rig import rig_from_dict
+from dicflow.kinds.rig import rig_from_json
 
 __all__ = ["KINDS", "write"]
 
@@ -17,5 +17,5 @@ KINDS = ("rig",)
 def write(items: Iterable[Item], folder: Path, name: str) -> None:
     """One file per rig."""
     for item in items:
-        text = opencv_text(rig_from_dict(item.product.attrs["rig"]))
+        text = opencv_text(rig_from_json(item.product.attrs["rig"]))
         place(folder, f"{item.stem}.yaml").write_text(text, encoding="utf-8")

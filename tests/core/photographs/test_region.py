@@ -13,13 +13,12 @@ from dicflow.core.photographs.region import (
     grid_points,
     interior,
     mask_polygons,
-    polygons_from_attrs,
-    polygons_to_attrs,
     rasterise,
     rectangle,
     speckled_region,
 )
 from dicflow.core.photographs.texture import texture
+from dicflow.kinds.region import polygons_from_json, polygons_to_json
 
 HOLE = rectangle(8, 6, 12, 10).exterior
 FRAME = [Polygon(rectangle(2, 1, 30, 21).exterior, (HOLE,))]
@@ -130,7 +129,7 @@ def test_specks_of_a_mask_are_dropped_and_parts_come_by_size():
 
 
 def test_attributes_keep_a_region():
-    for one, two in zip(FRAME, polygons_from_attrs(polygons_to_attrs(FRAME)), strict=True):
+    for one, two in zip(FRAME, polygons_from_json(polygons_to_json(FRAME)), strict=True):
         for ring, other in zip(one.rings, two.rings, strict=True):
             np.testing.assert_array_equal(ring, other)
 

@@ -1,0 +1,93 @@
+"""Photographs of one step: as the cameras took them, with aligned rows, or without distortion."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import TYPE_CHECKING, ClassVar, Literal
+
+from dicflow.engine.product import Product
+from dicflow.errors import StageError
+from dicflow.kinds.kind import GRID, Kind, Layout
+
+if TYPE_CHECKING:
+    import numpy as np
+
+    from dicflow.core.cameras.camera import Rig
+
+__all__ = ["Images", "check_size"]
+
+_TITLES = {
+    "images": "{side} photograph",
+    "rectified": "rectified {side} photograph",
+    "plane": "undistorted photograph",
+}
+
+
+class Images(Kind):
+    """Grey levels (row, col) of the left photograph and, with two cameras, of the right one."""
+
+    KINDS: ClassVar = ("images", "rectified", "plane")
+
+    @classmethod
+    def write(
+        cls, left: np.ndarray, right: np.ndarray | None = None, kind: Literal["images", "rectified", "plane"] = "images"
+    ) -> Product:
+        """A product of photographs.
+
+        left, right : (row, col) — grey levels; ``right`` is None with one camera
+        kind : as taken, with aligned rows, or the left one without distortion
+        """
+        sides = {"left": left} if right is None else {"left": left, "right": right}
+        title = _TITLES[kind]
+        return Product(
+            kind,
+            {side: Layout(GRID, "grey level", title.format(side=side))(image) for side, image in sides.items()},
+        )
+
+    @property
+    def left(self) -> np.ndarray:
+        """Grey levels (row, col) of the left photograph."""
+        return self["left"]
+
+    @property
+    def right(self) -> np.ndarray:
+        """Grey levels (row, col) of the right photograph. Raises StageError with one camera."""
+        if not self.has_right:
+            raise StageError("expected photographs of two cameras, found only left ones; add 'right' to the images")
+        return self["right"]
+
+    @property
+    def has_right(self) -> bool:
+        """Whether there are two cameras."""
+        return "right" in self
+
+    @property
+    def as_taken(self) -> bool:
+        """Whether these are the cameras' own photographs, neither rectified nor undistorted."""
+        return self.product.kind == "images"
+
+    @property
+    def sides(self) -> Iterator[tuple[str, np.ndarray]]:
+        """Each camera's name, left or right, and its photograph."""
+        return ((side, self[side]) for side in ("left", "right") if side in self)
+
+    @property
+    def size(self) -> tuple[int, int]:
+        """Width and height of the left photograph [px]."""
+        height, width = self.left.shape
+        return width, height
+
+    def check_sizes(self, rig: Rig) -> None:
+        """Raise StageError where a camera was calibrated on photographs of another size."""
+        for side, camera in (("left", rig.left), ("right", rig.right)):
+            height, width = (self.left if side == "left" else self.right).shape
+            check_size(side, camera.size, (width, height))
+
+
+def check_size(side: str, camera_size: tuple[int, int], size: tuple[int, int]) -> None:
+    """Raise StageError where a camera was calibrated on photographs of another size (width, height) [px]."""
+    if tuple(size) != tuple(camera_size):
+        raise StageError(
+            f"the {side} camera was calibrated on photographs of {camera_size[0]} × {camera_size[1]} px, but this one "
+            f"has {size[0]} × {size[1]} px; photograph the board with the settings used for the specimen"
+        )

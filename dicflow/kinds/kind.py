@@ -1,0 +1,75 @@
+"""What all kinds of product share."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple, Self
+
+from dicflow.engine.product import Product, Variable
+from dicflow.errors import StageError
+
+if TYPE_CHECKING:
+    import numpy as np
+
+__all__ = ["GRID", "STATUS", "Kind", "Layout", "laid_out", "summary_of"]
+
+GRID = ("row", "col")
+"""Axes of a field: material points or pixels."""
+
+
+class Layout(NamedTuple):
+    """Axes, unit and name of one array of a product."""
+
+    dims: tuple[str, ...]
+    units: str = "1"
+    long_name: str = ""
+
+    def __call__(self, values: np.ndarray) -> Variable:
+        """The array with these."""
+        return Variable(self.dims, values, self.units, self.long_name)
+
+
+STATUS = Layout(GRID, "1", "why a point has a value, or has none")
+
+
+@dataclass(frozen=True)
+class Kind:
+    """A product, read by the names of what it holds.
+
+    KINDS : names of the kinds that the class reads; a class that writes one kind writes the first
+    """
+
+    KINDS: ClassVar[tuple[str, ...]]
+
+    product: Product
+
+    @classmethod
+    def read(cls, product: Product) -> Self:
+        """Read a product. Raises StageError for one of another kind."""
+        if product.kind not in cls.KINDS:
+            raise StageError(f"expected a product of kind {' or '.join(cls.KINDS)}, got {product.kind}")
+        return cls(product)
+
+    def __contains__(self, name: object) -> bool:
+        return name in self.product
+
+    def __getitem__(self, name: str) -> np.ndarray:
+        """The values of one array."""
+        return self.product[name]
+
+    @property
+    def summary(self) -> Mapping[str, Any]:
+        """Scalars of the product by name, as a sweep compares them."""
+        return summary_of(self.product)
+
+
+def summary_of(product: Product) -> Mapping[str, Any]:
+    """The scalars of a product of any kind; a name ends in its unit where it has one."""
+    found: Mapping[str, Any] = product.attrs.get("summary", {})
+    return found
+
+
+def laid_out(layouts: Mapping[str, Layout], values: Mapping[str, np.ndarray]) -> dict[str, Variable]:
+    """Arrays by name, each with its layout, in the order of the values."""
+    return {name: layouts[name](array) for name, array in values.items()}
