@@ -12,8 +12,8 @@ from dicflow.core.photographs.region import Polygon, rasterise, rectangle
 from dicflow.core.status import Status
 from dicflow.core.tensors import congruent
 from dicflow.engine.product import Product, Variable
+from dicflow.kinds.correlation import reference_layouts
 from dicflow.kinds.region import polygons_to_json
-from dicflow.stages.correlate import Reference, packed
 
 SUBSET = Subset(31, "quadratic")
 
@@ -84,13 +84,8 @@ def correlation(
         "image_size": [width, height],
         "noise_grey": noise,
         "noise_level": noise,
-        "gaussian": subset.gaussian,
-        "min_share": subset.min_share,
-        "max_iterations": subset.iterations,
-        "tolerance": subset.tolerance_px,
-        "smoothing": 0.0,
-        "misfit": False,
-        "updating": Reference().model_dump(),
+        "noise_source": "photograph",
+        "noise_settled": True,
         "polygons": polygons_to_json(polygons),
     }
     return Product("correlation", variables, attrs)
@@ -109,7 +104,7 @@ def through_reference(between: Product, photograph: np.ndarray, image: np.ndarra
     anchor = Anchor(photograph, (0, 0), everywhere, *known)
     begin = np.concatenate([starts[..., None], between["gradient"]], axis=-1)
     found = attempt(anchor, spline(image, 5), begin, search, way=2)
-    carried, reference = packed(anchor, facts["subset_size"])
+    carried, reference = reference_layouts(anchor, facts["subset_size"])
     arrays = {
         "xy": found.warp[..., 0],
         "gradient": found.warp[..., 1:3],
@@ -117,4 +112,4 @@ def through_reference(between: Product, photograph: np.ndarray, image: np.ndarra
         "template": between["template"],
     }
     variables = {name: Variable(("row", "col", "a", "b")[: v.ndim], v) for name, v in arrays.items()}
-    return Product("correlation", variables | carried, {**facts, "reference": reference})
+    return Product("correlation", variables | carried, {**facts, **reference})

@@ -139,6 +139,8 @@ class Node(BaseModel):
     takes: ClassVar[Mapping[str, Port]] = {}
     gives: ClassVar[str]
     """Kind of the product."""
+    follows: ClassVar[Mapping[str, tuple[str, ...]]] = {}
+    """Port → parameters that, where they are not given, are those of the stage joined to it."""
     impl_version: ClassVar[int] = 1
     """Raised by hand whenever the same inputs may give other results."""
 

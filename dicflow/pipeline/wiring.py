@@ -52,7 +52,19 @@ def wire(document: Document) -> dict[str, Wired]:
         _refuse_cycles(document, wired, problems)
     if problems:
         raise ConfigurationError("\n".join(problems))
-    return wired
+    return {name: stage._replace(node=_with_followed(stage, wired)) for name, stage in wired.items()}
+
+
+def _with_followed(stage: Wired, wired: Mapping[str, Wired]) -> Node:
+    """The node with the parameters of the stages that it follows, where its own are not given."""
+    followed = {
+        name: getattr(wired[stage.inputs[port]].node, name)
+        for port, names in stage.node.follows.items()
+        if port in stage.inputs
+        for name in names
+        if name not in stage.node.model_fields_set
+    }
+    return stage.node.model_copy(update=followed) if followed else stage.node
 
 
 def _stages(document: Document, problems: list[str]) -> dict[str, dict[str, Any]]:

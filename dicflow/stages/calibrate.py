@@ -9,6 +9,8 @@ from typing import TYPE_CHECKING, Any, ClassVar, Literal
 from dicflow.engine.node import At, Millimetres, Node, Pixels, Port, Scope, parameter
 from dicflow.engine.product import Product
 from dicflow.errors import StageError
+from dicflow.kinds.boards import BoardMarks
+from dicflow.kinds.rig import CalibratedRig
 
 if TYPE_CHECKING:
     import numpy as np
@@ -50,34 +52,47 @@ class Calibrate(Node):
         from dicflow.core.calibration.bundle import Model
         from dicflow.core.calibration.calibrate import calibrate_rig
 
-        size, image_size = self._agreed(corners)
-        seen = [k for k, product in enumerate(corners) if all(_found(product, side) for side in ("left", "right"))]
+        boards = [BoardMarks.read(product) for product in corners]
+        _check_sizes(boards)
+        seen = [k for k, board in enumerate(boards) if board.is_found_by_both]
         if len(seen) < self.min_pairs:
-            raise StageError(_too_few(corners, seen, self.min_pairs))
-        left, right = (np.stack([corners[k][side] for k in seen]) for side in ("left", "right"))
+            raise StageError(_too_few(boards, seen, self.min_pairs))
+        left, right = (np.stack([boards[k][side] for k in seen]) for side in ("left", "right"))
         model = Model(self.radial, self.tangential)
-        target = _target(corners[0].attrs["target"], size, self.square)
+        target = _target(boards[0].target, boards[0].size, self.square)
+        image_size = boards[0].image_size
         found = calibrate_rig(left, right, target, image_size, model, self.max_error_px, self.min_pairs, self.loss)
-        return _product(found, seen, _names(corners), (left, right), self)
+        return self._product(found, seen, _names(corners), (left, right))
 
-    def _agreed(self, corners: Sequence[Product]) -> tuple[tuple[int, int], tuple[int, int]]:
-        """Size of the board and of the photographs; raises StageError where they differ between pairs."""
-        if any("right" not in product for product in corners):
+    def _product(
+        self, found: Calibration, seen: list[int], names: Sequence[str], corners: tuple[np.ndarray, np.ndarray]
+    ) -> Product:
+        """The rig, how certain it is, what each pair says of it, and the verdict."""
+        from dicflow.core.calibration.coverage import covered_area, verdict
+
+        areas = [covered_area(side[found.used], found.rig.left.size) for side in corners]
+        coverage = {side: float(area.mean()) for side, area in zip(("left", "right"), areas, strict=True)}
+        return CalibratedRig.write(
+            found.rig,
+            verdict(found, areas, self.max_error_px, len(names)),
+            _residuals(found, coverage) | _figures(found) | _known_distance(found, self.square),
+            covariance=found.honest_covariance,
+            pairs=_pairs(found, seen, names),
+            coverage=coverage,
+        )
+
+
+def _check_sizes(boards: Sequence[BoardMarks]) -> None:
+    """Raise StageError where the photographs differ in size, or are of one camera."""
+    if any("right" not in board for board in boards):
+        raise StageError("a rig needs board photographs of two cameras, found only left ones; add 'right' to them")
+    first = boards[0].image_size
+    for k, board in enumerate(boards):
+        if board.image_size != first:
             raise StageError(
-                "two cameras are calibrated together, but the board photographs have no right ones; name them"
+                "all board photographs must have one size, but pair 1 has {} × {} px and pair {} has {} × {}; "
+                "remove those that do not belong".format(*first, k + 1, *board.image_size)
             )
-        first = corners[0].attrs
-        for k, product in enumerate(corners):
-            if product.attrs["image_size"] != first["image_size"]:
-                raise StageError(
-                    "all board photographs must have one size, but pair 1 has {} × {} px and pair {} has {} × {}; "
-                    "take out those that do not belong".format(
-                        *first["image_size"], k + 1, *product.attrs["image_size"]
-                    )
-                )
-        columns, rows = first["size"]
-        width, height = first["image_size"]
-        return (columns, rows), (width, height)
 
 
 def _target(kind: str, size: tuple[int, int], square_mm: float) -> Target:
@@ -90,29 +105,20 @@ def _target(kind: str, size: tuple[int, int], square_mm: float) -> Target:
     return charuco(size, square_mm) if kind == "charuco" else checkerboard(size, square_mm)
 
 
-def _found(product: Product, side: str) -> bool:
-    return bool(product.attrs["found"][side])
-
-
-def _too_few(corners: Sequence[Product], seen: list[int], needed: int) -> str:
+def _too_few(boards: Sequence[BoardMarks], seen: list[int], needed: int) -> str:
     """The message for boards that too few pairs show; it names the size of the board that they show instead."""
-    wanted, hint = _wanted(corners[0].attrs["target"], corners[0].attrs["size"])
-    others = Counter(
-        tuple(other)
-        for product in corners
-        for side, other in product.attrs["seen"].items()
-        if other is not None and not _found(product, side)
-    )
+    expected, hint = _expected(boards[0].target, boards[0].size)
+    others = Counter(other for board in boards for other in board.others.values())
     if others:
         (columns, rows), count = others.most_common(1)[0]
         hint = f"{count} photographs show one of {columns} × {rows}: set size to [{columns}, {rows}]"
     if not seen:
-        return f"{wanted} is seen in no pair of {len(corners)}; {hint}"
-    return f"{wanted} is seen by both cameras in {len(seen)} of {len(corners)} pairs, and {needed} are needed; {hint}"
+        return f"{expected} is seen in no pair of {len(boards)}; {hint}"
+    return f"{expected} is seen by both cameras in {len(seen)} of {len(boards)} pairs, and {needed} are needed; {hint}"
 
 
-def _wanted(target: str, size: Sequence[int]) -> tuple[str, str]:
-    """The target in words, and what to do where it is not seen."""
+def _expected(target: str, size: Sequence[int]) -> tuple[str, str]:
+    """The target in words, and what to do if it is not seen."""
     board = "a board of {} × {} inner corners".format(*size)
     if target == "charuco":
         return f"ChArUco: {board}", "check its dictionary and marker, and show a good part of it, evenly lit and sharp"
@@ -126,29 +132,6 @@ def _wanted(target: str, size: Sequence[int]) -> tuple[str, str]:
 def _names(corners: Sequence[Product]) -> Sequence[str]:
     """Names of the pairs, where the series of them has names."""
     return getattr(corners, "steps", None) or [f"pair {k + 1}" for k in range(len(corners))]
-
-
-def _product(
-    found: Calibration, seen: list[int], names: Sequence[str], corners: tuple[np.ndarray, np.ndarray], stage: Calibrate
-) -> Product:
-    """The rig, how certain it is, what each pair says of it, and the verdict."""
-    from dicflow.core.calibration.coverage import covered_area, verdict
-    from dicflow.core.cameras.rig_parameters import PARAMETERS
-    from dicflow.kinds.rig import rig_to_json
-
-    image_size = found.rig.left.size
-    areas = [covered_area(side[found.used], image_size) for side in corners]
-    coverage = {side: float(area.mean()) for side, area in zip(("left", "right"), areas, strict=True)}
-    attrs = {
-        "rig": rig_to_json(found.rig),
-        "parameters": list(PARAMETERS),
-        "covariance": found.honest_covariance.tolist(),
-        "pairs": _pairs(found, seen, names),
-        "coverage": coverage,
-        "verdict": verdict(found, areas, stage.max_error_px, len(names)),
-        "summary": _residuals(found, coverage) | _figures(found) | _known_distance(found, stage.square),
-    }
-    return Product("rig", {}, attrs)
 
 
 def _pairs(found: Calibration, seen: list[int], names: Sequence[str]) -> list[dict[str, Any]]:

@@ -8,8 +8,13 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar, Literal
 
 from dicflow.engine.node import At, InputFile, Node, Port, Scope, parameter
-from dicflow.engine.product import Product, Variable
+from dicflow.engine.product import Product
 from dicflow.errors import ConfigurationError, InputError, StageError
+from dicflow.kinds.cloud import Cloud
+from dicflow.kinds.comparison import Comparison
+from dicflow.kinds.probes import ProbeTable
+from dicflow.kinds.total import Total
+from dicflow.kinds.track import Track
 
 if TYPE_CHECKING:
     import numpy as np
@@ -99,15 +104,10 @@ class Compare(Node):
         table = _table(caliper, lengths[chosen], unit, displacements=same and unit == "mm")
         table.update({f"{name}_length_{unit}": values for name, values in lengths.items()})
         if self.extensometer is not None and probes is not None:
-            table["sigma_strain"] = _of_extensometer(probes, self.extensometer, "sigma_strain")
+            table["sigma_strain"] = ProbeTable.read(probes).of_extensometer(self.extensometer, "sigma_strain")
         if field_strain is not None:
             table["field_strain"] = field_strain
-        variables = {name: Variable(("step",), values, _unit(name), name) for name, values in table.items()}
-        rows = [
-            {"phase": phase, **{name: _json(values[index]) for name, values in table.items()}}
-            for index, phase in enumerate(caliper.phase)
-        ]
-        return Product("comparison", variables, {"rows": rows, "length": chosen, "summary": _summary(table)})
+        return Comparison.write(table, caliper.phase, chosen, _summary(table))
 
     def _lengths(
         self, track: Sequence[Product] | None, cloud: Sequence[Product] | None, probes: Product | None
@@ -115,22 +115,14 @@ class Compare(Node):
         """The lengths that can be measured, at every step, and their unit."""
         if self.extensometer is not None:
             if probes is None:
-                raise StageError("there are no probes to take an extensometer from; add a stage 'probes'")
-            return {"extensometer": _of_extensometer(probes, self.extensometer, "length")}, probes.attrs["unit"]
+                raise StageError("an extensometer is read from probes; add a stage 'probes'")
+            table = ProbeTable.read(probes)
+            return {"extensometer": table.of_extensometer(self.extensometer, "length")}, table.unit
         if track is None:
-            raise StageError("there is no track to measure a length in; name an extensometer of the probes")
+            raise StageError("a length is measured in a track; add one, or name an extensometer of the probes")
         if self.length == "cloud" and cloud is None:
-            raise StageError("there is no cloud to measure a length in; use length: tracked, or name a cloud")
+            raise StageError("length: cloud needs a cloud; name one, or use length: tracked")
         return _region_lengths(track, cloud, self.axis), "px" if cloud is None else "mm"
-
-
-def _of_extensometer(probes: Product, name: str, quantity: str) -> np.ndarray:
-    """A quantity of one extensometer at every step."""
-    names = probes.attrs["probes"]["extensometer"]
-    if name not in names:
-        raise StageError(f"no extensometer '{name}' among the probes; there are {', '.join(names) or 'none'}")
-    values: np.ndarray = probes[quantity][names.index(name)]
-    return values
 
 
 def _region_lengths(track: Sequence[Product], cloud: Sequence[Product] | None, axis: str) -> dict[str, np.ndarray]:
@@ -139,13 +131,14 @@ def _region_lengths(track: Sequence[Product], cloud: Sequence[Product] | None, a
 
     from dicflow.core.surfaces.length import cloud_length, edge_pairs, tracked_length
 
-    reference, outline = _upright(track[0]["points"], axis)[..., :: _order(axis)], _outline(track[0], axis)
+    first = Track.read(track[0])
+    reference, outline = _upright(first["points"], axis)[..., :: _order(axis)], _outline(first, axis)
     found: dict[str, list[float]] = {"tracked": []} if cloud is None else {"tracked": [], "cloud": []}
-    for index, step in enumerate(track):
-        surface = None if cloud is None else cloud[index]
+    for index, step in enumerate(map(Track.read, track)):
+        surface = None if cloud is None else Cloud.read(cloud[index])
         found["tracked"].append(tracked_length(_upright(_in_space(step, surface), axis), reference, outline))
         if surface is not None:
-            x, y = surface.attrs["origin"][:: _order(axis)]
+            x, y = surface.origin[:: _order(axis)]
             pairs = edge_pairs(_outline(step, axis))
             found["cloud"].append(cloud_length(_upright(surface["xyz"], axis), (x, y), pairs))
     return {name: np.array(values) for name, values in found.items()}
@@ -161,20 +154,18 @@ def _upright(field: Any, axis: str) -> Any:
     return field if axis == "y" else field.swapaxes(0, 1)
 
 
-def _outline(track: Product, axis: str) -> np.ndarray:
+def _outline(track: Track, axis: str) -> np.ndarray:
     """Outline of the region's largest part, (n, 2) [px]."""
     from dicflow.core.photographs.region import area
-    from dicflow.kinds.region import polygons_from_json
 
-    polygons = polygons_from_json(track.attrs["polygons"])
-    return max(polygons, key=lambda polygon: area([polygon])).exterior[:, :: _order(axis)]
+    return max(track.polygons, key=lambda polygon: area([polygon])).exterior[:, :: _order(axis)]
 
 
-def _in_space(track: Product, cloud: Product | None) -> np.ndarray:
+def _in_space(track: Track, cloud: Cloud | None) -> np.ndarray:
     """The material points in space [mm], or in the image without a cloud [px]; (row, col, k)."""
     from dicflow.core.surfaces.displacement import bilinear
 
-    return track["points"] if cloud is None else bilinear(cloud["xyz"], track["points"], cloud.attrs["origin"])
+    return track["points"] if cloud is None else bilinear(cloud["xyz"], track["points"], cloud.origin)
 
 
 def _alike(length: float, other: float) -> bool:
@@ -216,19 +207,19 @@ def _field_strain(total: Sequence[Product], measure: str) -> np.ndarray:
     """Mean strain of the field at every step; 0 at the first, NaN where there is no field."""
     import numpy as np
 
-    kinds = {product.attrs.get("measure", "engineering") for product in total}
-    if kinds - {"engineering"}:
-        raise StageError(f"a caliper tells the engineering strain, not {', '.join(kinds)}; set measure: engineering")
+    measures = {Total.read(product).measure for product in total}
+    if measures - {"engineering"}:
+        raise StageError(f"a caliper measures engineering strain, not {', '.join(measures)}; set measure: engineering")
     fields = (product[measure] for product in total)
     means = [float(field[np.isfinite(field)].mean()) if np.isfinite(field).any() else math.nan for field in fields]
     return np.array([0.0, *means])
 
 
 def _refuse_thesis(total: Sequence[Product]) -> None:
-    """The thesis's sums of strains on a grid that does not move with the material are no strain of a length."""
-    if any(product.attrs.get("definition") == "thesis" for product in total):
+    """The thesis's sums of strains on a grid that does not move with the material are not the strain of a length."""
+    if not all(Total.read(product).follows_material for product in total):
         raise StageError(
-            "a caliper tells the engineering strain, and the total has the thesis's; "
+            "a caliper measures engineering strain, but the total has the thesis's; "
             "set definition: material, or compare a length of the track"
         )
 
@@ -244,14 +235,3 @@ def _summary(table: Mapping[str, np.ndarray]) -> dict[str, float]:
         if sizes.size:
             summary[f"max_{name}"] = float(sizes.max())
     return summary
-
-
-def _unit(column: str) -> str:
-    """Unit at the end of a column's name."""
-    units = {"_mm": "mm", "_px": "px", "_pct": "%", "_g": "g"}
-    return next((unit for ending, unit in units.items() if column.endswith(ending)), "1")
-
-
-def _json(value: float) -> float | None:
-    """A number that JSON has."""
-    return float(value) if math.isfinite(value) else None

@@ -7,8 +7,10 @@ from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal, Self
 from pydantic import Field, model_validator
 
 from dicflow.engine.node import Node, Port, Scope, parameter
-from dicflow.engine.product import Product, Variable
+from dicflow.engine.product import Product
 from dicflow.errors import StageError
+from dicflow.kinds.boards import BoardMarks
+from dicflow.kinds.images import Images
 
 if TYPE_CHECKING:
     import numpy as np
@@ -34,7 +36,7 @@ OTHER_MARKERS = {
 class Corners(Node):
     """Find the target in the photographs of both cameras, to a few hundredths of a pixel.
 
-    A photograph that shows no target of this size has no corners and is no error; ``seen`` then tells the size of the
+    A photograph without a target of this size has no corners, which is not an error; ``seen`` is then the size of the
     checkerboard that it shows instead, if any. Of a ChArUco board any part may be seen; the other corners are NaN.
     """
 
@@ -63,7 +65,7 @@ class Corners(Node):
     def _markers_of_charuco(self) -> Self:
         given = [name for name in ("dictionary", "marker") if getattr(self, name) is not None]
         if self.target != "charuco" and given:
-            raise ValueError(f"{given[0]} is of ChArUco boards alone; take it out or set target to charuco")
+            raise ValueError(f"{given[0]} belongs to ChArUco boards only; remove it or set target to charuco")
         if self.target == "charuco" and len(given) < 2:
             raise ValueError("target charuco needs the dictionary of its markers and marker, a marker's side over a "
                              "square's")  # fmt: skip
@@ -77,27 +79,23 @@ class Corners(Node):
         return self
 
     def run(self, images: Product) -> Product:
-        sides = [side for side in ("left", "right") if side in images]
-        sizes = {side: list(images[side].shape[::-1]) for side in sides}
-        if len(set(map(tuple, sizes.values()))) > 1:
+        photographs = Images.read(images)
+        sizes = {side: image.shape[::-1] for side, image in photographs.sides}
+        if len(set(sizes.values())) > 1:
             raise StageError(
                 "the photographs of a board must have one size, but the left one has {} × {} px and the right one "
                 "{} × {}; use the cameras as they were set for the specimen".format(*sizes["left"], *sizes["right"])
             )
-        found = {side: self._find(images[side]) for side in sides}
-        return Product(
-            "corners",
-            {side: Variable(("corner", "component"), xy, "px", f"{side} corners") for side, (xy, _) in found.items()},
-            {
-                "target": self.target,
-                "size": list(self.size),
-                "image_size": sizes["left"],
-                "found": {side: len(xy) > 0 for side, (xy, _) in found.items()},
-                "seen": {side: seen for side, (_, seen) in found.items()},
-            },
+        found = {side: self._find(image) for side, image in photographs.sides}
+        return BoardMarks.write(
+            {side: marks for side, (marks, _) in found.items()},
+            {side: seen for side, (_, seen) in found.items()},
+            self.target,
+            self.size,
+            photographs.size,
         )
 
-    def _find(self, image: np.ndarray) -> tuple[np.ndarray, list[int] | None]:
+    def _find(self, image: np.ndarray) -> tuple[np.ndarray, tuple[int, int] | None]:
         """Corners (n or 0, 2) and the size of the board that is seen."""
         import numpy as np
 
@@ -105,9 +103,8 @@ class Corners(Node):
 
         corners = self._marks(image)
         if corners is not None:
-            return corners, list(self.size)
-        seen: Any = board_size(image) if self.target == "checkerboard" else None
-        return np.empty((0, 2)), None if seen is None else list(seen)
+            return corners, self.size
+        return np.empty((0, 2)), board_size(image) if self.target == "checkerboard" else None
 
     def _marks(self, image: Any) -> np.ndarray | None:
         from dicflow.core.calibration.charuco import Markers, find_charuco

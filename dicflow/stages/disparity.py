@@ -7,8 +7,12 @@ from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal
 from pydantic import AfterValidator
 
 from dicflow.engine.node import Node, Odd, Pixels, Port, Scope, parameter
-from dicflow.engine.product import Product, Variable
+from dicflow.engine.product import Product
 from dicflow.errors import StageError
+from dicflow.kinds.disparity import DisparityMap
+from dicflow.kinds.images import Images
+from dicflow.kinds.rig import CalibratedRig
+from dicflow.kinds.track import Track
 
 if TYPE_CHECKING:
     import numpy as np
@@ -66,7 +70,8 @@ class Disparity(Node):
         from dicflow.core.photographs.region import bounding_box, rasterise
         from dicflow.core.status import Status
 
-        left, right = pair["left"], pair["right"]
+        images = Images.read(pair)
+        left, right = images.left, images.right
         polygons = _polygons(left.shape, track)
         box = box_around(bounding_box(polygons), self.margin, left.shape)
         if box is None:
@@ -82,14 +87,7 @@ class Disparity(Node):
         if summary["valid_share"] < max(LEAST_VALID_SHARE, LEAST_MATCHED_SHARE * textured):
             raise StageError(_nothing_matched(left, counts, limits))
         values = np.where(status == Status.VALID, found.disparity, np.float32(np.nan))
-        return Product(
-            "disparity",
-            {
-                "disparity": Variable(("row", "col"), values, "px", "disparity"),
-                "status": Variable(("row", "col"), status, "1", "status"),
-            },
-            {"origin": list(found.origin), "range": list(limits), "summary": summary},
-        )
+        return DisparityMap.write(values, status, found.origin, limits, summary)
 
     def _limits(self, left: np.ndarray, right: np.ndarray, counts: np.ndarray) -> tuple[int, int]:
         """Range [low, high) of disparities, a multiple of 16 long."""
@@ -114,10 +112,9 @@ class Disparity(Node):
 def _polygons(shape: tuple[int, ...], track: Product | None) -> list[Polygon]:
     """The region at this step, the whole image where it is not tracked."""
     from dicflow.core.photographs.region import rectangle
-    from dicflow.kinds.region import polygons_from_json
 
     rows, cols = shape
-    return [rectangle(0, 0, cols - 1, rows - 1)] if track is None else polygons_from_json(track.attrs["polygons"])
+    return [rectangle(0, 0, cols - 1, rows - 1)] if track is None else Track.read(track).polygons
 
 
 def _photographed(shape: tuple[int, int], rig: Product | None) -> np.ndarray:
@@ -126,11 +123,10 @@ def _photographed(shape: tuple[int, int], rig: Product | None) -> np.ndarray:
 
     from dicflow.core.cameras.rectification import footprint, rectification
     from dicflow.core.photographs.region import Polygon, rasterise
-    from dicflow.kinds.rig import rig_from_json
 
     if rig is None:
         return np.ones(shape, dtype=bool)
-    cameras = rig_from_json(rig.attrs["rig"])
+    cameras = CalibratedRig.read(rig).cameras
     view = rectification(cameras)
     return rasterise([Polygon(footprint(cameras.left, view.rotation_left, view.matrix_left))], shape)
 

@@ -5,11 +5,15 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, ClassVar, Literal
 
 from dicflow.engine.node import At, Node, Port, Scope, parameter
-from dicflow.engine.product import Product, Variable
+from dicflow.engine.product import Product
 from dicflow.errors import StageError
+from dicflow.kinds.cloud import Cloud
+from dicflow.kinds.increment import Increment
+from dicflow.kinds.track import Track
 
 if TYPE_CHECKING:
-    from dicflow.core.surfaces.displacement import Cloud, Increment
+    from dicflow.core.surfaces.displacement import Cloud as CloudField
+    from dicflow.core.surfaces.displacement import Increment as IncrementField
 
 __all__ = ["Displacement"]
 
@@ -46,56 +50,37 @@ class Displacement(Node):
     ) -> Product:
         if (cloud is None) != (cloud_before is None):
             raise StageError("one of the two clouds is missing; name 'cloud' and 'cloud_before', or neither")
-        clouds = (_cloud(cloud_before), _cloud(cloud))
-        if self.definition == "material":
-            increment, step_size = _material(track_before, track, *clouds), float(track.attrs["step_size"])
-        else:
-            increment, step_size = _thesis(track_before, track, *clouds)
+        clouds = (
+            None if cloud_before is None else Cloud.read(cloud_before).field,
+            None if cloud is None else Cloud.read(cloud).field,
+        )
+        tracks = Track.read(track_before), Track.read(track)
+        field, step_size = (_material if self.definition == "material" else _thesis)(*tracks, *clouds)
         unit = "px" if cloud is None else "mm"
-        attrs = {"definition": self.definition, "step_size": step_size, "unit": unit}
-        return Product("increment", _variables(increment, unit), {**attrs, "summary": _summary(increment)})
+        return Increment.write(field, self.definition, step_size, unit, _summary(field))
 
 
-def _cloud(product: Product | None) -> Cloud | None:
-    from dicflow.core.surfaces.displacement import Cloud
-
-    if product is None:
-        return None
-    x, y = product.attrs["origin"]
-    return Cloud(product["xyz"], product["status"], (x, y))
-
-
-def _material(before: Product, after: Product, cloud_before: Cloud | None, cloud: Cloud | None) -> Increment:
+def _material(
+    before: Track, after: Track, cloud_before: CloudField | None, cloud: CloudField | None
+) -> tuple[IncrementField, float]:
     import numpy as np
 
     from dicflow.core.surfaces.displacement import material_increment
 
     status = np.maximum(before["status"], after["status"])
-    return material_increment(before["points"], after["points"], status, cloud_before, cloud)
+    return material_increment(before["points"], after["points"], status, cloud_before, cloud), after.step_size
 
 
 def _thesis(
-    before: Product, after: Product, cloud_before: Cloud | None, cloud: Cloud | None
-) -> tuple[Increment, float]:
+    before: Track, after: Track, cloud_before: CloudField | None, cloud: CloudField | None
+) -> tuple[IncrementField, float]:
     from dicflow.core.surfaces.displacement import WINDOW_PX, thesis_increment
-    from dicflow.kinds.region import polygons_from_json
 
-    region_before, region = (polygons_from_json(product.attrs["polygons"]) for product in (before, after))
-    return thesis_increment(after["transforms"], region_before, region, cloud_before, cloud), float(WINDOW_PX)
-
-
-def _variables(increment: Increment, unit: str) -> dict[str, Variable]:
-    vector = ("row", "col", "component")
-    return {
-        "xy": Variable(("row", "col", "image_component"), increment.xy, "px", "place in the image"),
-        "xyz_reference": Variable(vector, increment.xyz_reference, unit, "place at the step before"),
-        "xyz": Variable(vector, increment.xyz, unit, "place"),
-        "displacement": Variable(vector, increment.displacement, unit, "displacement since the step before"),
-        "status": Variable(("row", "col"), increment.status, "1", "why a point has a value, or has none"),
-    }
+    field = thesis_increment(after["transforms"], before.polygons, after.polygons, cloud_before, cloud)
+    return field, float(WINDOW_PX)
 
 
-def _summary(increment: Increment) -> dict[str, float]:
+def _summary(increment: IncrementField) -> dict[str, float]:
     import numpy as np
 
     return {"measured_share": float(np.isfinite(increment.displacement).all(axis=2).mean())}

@@ -7,8 +7,10 @@ from typing import TYPE_CHECKING, Annotated, ClassVar, Literal
 from pydantic import Field
 
 from dicflow.engine.node import Node, Port, Scope, parameter
-from dicflow.engine.product import Product, Variable
+from dicflow.engine.product import Product
 from dicflow.errors import StageError
+from dicflow.kinds.features import FeatureSet
+from dicflow.kinds.images import Images
 
 if TYPE_CHECKING:
     import numpy as np
@@ -46,26 +48,13 @@ class FindFeatures(Node):
     def run(self, images: Product) -> Product:
         from dicflow.core.matching.features import detect
 
-        image = images["left"]
+        photographs = Images.read(images)
+        image = photographs.left
         box = self._box(image)
         found = detect(
             image, self.detector, box=box, upright=self.upright, octaves=self.octaves, max_features=self.max_features
         )
-        height, width = image.shape
-        variables = {
-            "xy": Variable(("feature", "component"), found.xy, "px", "position in the left image"),
-            "size": Variable(("feature",), found.size, "px", "diameter of what is described"),
-            "angle": Variable(("feature",), found.angle, "deg", "orientation"),
-            "response": Variable(("feature",), found.response, "1", "strength"),
-            "descriptors": Variable(("feature", "d"), found.descriptors, "1", f"{self.detector} descriptor"),
-        }
-        attrs = {
-            "detector": self.detector,
-            "area": list(box),
-            "image_size": [width, height],
-            "summary": {"features": len(found.xy)},
-        }
-        return Product("features", variables, attrs)
+        return FeatureSet.write(found, self.detector, box, photographs.size)
 
     def _box(self, image: np.ndarray) -> tuple[int, int, int, int]:
         """The area (x0, y0, x1, y1) to search."""

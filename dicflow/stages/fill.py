@@ -5,7 +5,8 @@ from __future__ import annotations
 from typing import ClassVar, Literal
 
 from dicflow.engine.node import Node, Pixels, Port, Scope, parameter
-from dicflow.engine.product import Product, Variable
+from dicflow.engine.product import Product
+from dicflow.kinds.cloud import Cloud
 
 __all__ = ["Fill"]
 
@@ -32,14 +33,10 @@ class Fill(Node):
         from dicflow.core.status import Status
         from dicflow.core.surfaces.filters import fill_moving_mean
 
-        status = cloud["status"]
-        filled = fill_moving_mean(cloud["xyz"], round(self.window), self.passes, status != Status.OUTSIDE)
+        before = Cloud.read(cloud)
+        status = before["status"]
+        filled = fill_moving_mean(before["xyz"], round(self.window), self.passes, status != Status.OUTSIDE)
         codes = np.where(filled.filled, np.uint8(Status.FILLED), status)
         inside = int((status != Status.OUTSIDE).sum())
         share = int(filled.filled.sum()) / max(inside, 1)
-        old = cloud.variables["xyz"]
-        variables = {
-            "xyz": Variable(old.dims, filled.values.astype(old.values.dtype), old.units, old.long_name),
-            "status": Variable(cloud.variables["status"].dims, codes, "1", "why a point has a value, or has none"),
-        }
-        return Product("cloud", variables, {**cloud.attrs, "summary": {"filled_share": share}})
+        return Cloud.write(filled.values, codes, before.origin, {"filled_share": share})

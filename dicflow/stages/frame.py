@@ -2,21 +2,22 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal, Self
+from typing import TYPE_CHECKING, Annotated, ClassVar, Literal, Self
 
 from pydantic import Field, model_validator
 
 from dicflow.engine.node import At, Node, Port, Scope, parameter
 from dicflow.engine.product import Product
 from dicflow.errors import StageError
+from dicflow.kinds.frame import ResultFrame
+from dicflow.kinds.points import Points
 
 if TYPE_CHECKING:
     import numpy as np
 
     from dicflow.core.cameras.frames import Frame as Axes
 
-__all__ = ["Frame", "frame_attrs", "frame_from"]
+__all__ = ["Frame"]
 
 Place = Annotated[tuple[float, ...], Field(min_length=2, max_length=3)]
 Vector = tuple[float, float, float]
@@ -50,8 +51,8 @@ class Frame(Node):
         needs = {"three_points": ("places",), "axes": ("x", "y", "origin")}.get(self.method, ())
         given = [name for name in ("places", "x", "y", "origin") if getattr(self, name) is not None]
         if set(given) != set(needs):
-            wanted, found = (", ".join(names) or "nothing" for names in (needs, given))
-            raise ValueError(f"method: {self.method} needs {wanted} beside it, found {found}")
+            needed, found = (", ".join(names) or "nothing" for names in (needs, given))
+            raise ValueError(f"method: {self.method} needs {needed} beside it, found {found}")
         return self
 
     def run(self, points: Product) -> Product:
@@ -59,17 +60,17 @@ class Frame(Node):
 
         from dicflow.core.cameras.frames import into_frame
 
+        measured = Points.read(points)
         try:
-            axes = self._axes(points)
+            axes = self._axes(measured)
         except ValueError as error:
             raise StageError(f"{error}; look at the points of the first step, or choose another method") from error
-        height = into_frame(points["xyz"], axes)[..., 2]
+        height = into_frame(measured["xyz"], axes)[..., 2]
         height = height[np.isfinite(height)]
         summary = {"flatness_mm": float(np.sqrt(np.mean(height**2)))} if height.size else {}
-        attrs = {"method": self.method, **frame_attrs(axes)}
-        return Product("frame", attrs={**attrs, "summary": summary})
+        return ResultFrame.write(axes, self.method, summary)
 
-    def _axes(self, points: Product) -> Axes:
+    def _axes(self, points: Points) -> Axes:
         from dicflow.core.cameras.frames import CAMERA, axes_frame, plane_frame, three_point_frame
 
         if self.method == "plane":
@@ -81,21 +82,7 @@ class Frame(Node):
         return CAMERA
 
 
-def frame_attrs(frame: Axes) -> dict[str, list[Any]]:
-    """A frame as attributes of a product."""
-    return {"rotation": frame.rotation.tolist(), "origin_mm": frame.origin.tolist()}
-
-
-def frame_from(attrs: Mapping[str, Any]) -> Axes:
-    """The inverse of :func:`frame_attrs`."""
-    import numpy as np
-
-    from dicflow.core.cameras.frames import Frame as Axes
-
-    return Axes(np.array(attrs["rotation"]), np.array(attrs["origin_mm"]))
-
-
-def _in_space(points: Product, place: tuple[float, ...]) -> np.ndarray:
+def _in_space(points: Points, place: tuple[float, ...]) -> np.ndarray:
     """A place in space [mm], or in the photograph [px] as the surface shows it."""
     import numpy as np
 
@@ -104,7 +91,7 @@ def _in_space(points: Product, place: tuple[float, ...]) -> np.ndarray:
     if len(place) == 3:
         return np.array(place)
     known = np.isfinite(points["xyz"]).all(axis=-1)
-    probe = point_probe(points["xy"], known, place, float(points.attrs["step_size"]))
+    probe = point_probe(points["xy"], known, place, float(points.grid.step_size))
     if probe is None:
-        raise StageError(f"no point was measured at {list(place)} px at the first step; choose a place in the region")
+        raise StageError(f"the first step has no measured point at {list(place)} px; choose a place in the region")
     return value_of(probe, points["xyz"])

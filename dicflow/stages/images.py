@@ -7,8 +7,9 @@ from pathlib import Path
 from typing import Any, ClassVar, Literal
 
 from dicflow.engine.node import Node, Scope, parameter
-from dicflow.engine.product import Product, Variable
+from dicflow.engine.product import Product
 from dicflow.errors import InputError
+from dicflow.kinds.images import Images as Photographs
 
 __all__ = ["Images"]
 
@@ -74,12 +75,7 @@ class Images(Node):
     def run(self, left: Path, right: Path | None = None) -> Product:
         from dicflow.io.images import read_grey
 
-        files = {"left": left} if right is None else {"left": left, "right": right}
-        variables = {
-            side: Variable(("row", "col"), read_grey(path), "grey level", f"{side} photograph")
-            for side, path in files.items()
-        }
-        return Product("images", variables)
+        return Photographs.write(read_grey(left), None if right is None else read_grey(right))
 
 
 def _found(folder: Path, patterns: str | list[str], side: str) -> dict[str, Path]:

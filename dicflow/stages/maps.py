@@ -10,17 +10,19 @@ from pydantic import AfterValidator
 from dicflow.engine.node import At, Node, Port, Scope, parameter
 from dicflow.engine.product import Product
 from dicflow.errors import StageError
+from dicflow.kinds.comparison import Comparison
+from dicflow.kinds.maps import MapQuantity, Positions
+from dicflow.kinds.maps import Maps as MapsProduct
+from dicflow.kinds.quantities import QUANTITIES, of_field
+from dicflow.kinds.total import Total
 
 __all__ = ["Maps"]
 
-FIELDS = ("U", "V", "W", "exx", "eyy", "gxy", "e1", "e2", "angle", "rotation", "von_mises", "area_change")
-SHARES = ("sigma_", "calibration_")
-
 
 def _field(name: str) -> str:
-    if name.removeprefix("sigma_").removeprefix("calibration_") not in FIELDS:
-        known = ", ".join(f"'{field}'" for field in FIELDS)
-        raise ValueError(f"must be {known}, or {' or '.join(SHARES)} and one of them")
+    if of_field(name) is None:
+        known = ", ".join(f"'{field}'" for field in QUANTITIES)
+        raise ValueError(f"must be {known}, or sigma_ or calibration_ and one of them")
     return name
 
 
@@ -68,50 +70,31 @@ class Maps(Node):
     def run(self, total: Sequence[Product], comparison: Product | None = None) -> Product:
         import numpy as np
 
-        positions = "xyz" if self.configuration == "deformed" else "xyz_reference"
+        positions: Positions = "xyz" if self.configuration == "deformed" else "xyz_reference"
         extent = _Range(2)
         ranges = {name: _Range(1) for name in self.quantities}
-        for product in total:
-            self._check_drawable(product)
-            extent.include(product[positions][..., :2])
+        for field in map(Total.read, total):
+            self._check_drawable(field)
+            extent.include(field[positions][..., :2])
             for name, seen in ranges.items():
-                values = product[name][np.isfinite(product[name])]
+                values = field[name][np.isfinite(field[name])]
                 if values.size:
                     seen.include(np.percentile(values, [self.percentile, 100 - self.percentile])[:, None])
         if not np.isfinite(extent.low).all():
             raise StageError("no step has a single measured point; look at the tracking and the region of interest")
-        first = total[0]
+        first = Total.read(total[0])
         quantities = {
-            name: {
-                "range": seen.around_value(),
-                "unit": first.variables[name].units,
-                "title": _title(first, name),
-            }
+            name: MapQuantity(first.caption(name), first.unit_of(name), seen.around_value())
             for name, seen in ranges.items()
         }
-        attrs = {
-            "quantities": quantities,
-            "positions": positions,
-            "extent": [*extent.low.tolist(), *extent.high.tolist()],
-            "unit": first.attrs["unit"],
-            "colour_map": self.colour_map,
-            "phases": _phases(total, comparison),
-        }
-        return Product("maps", attrs=attrs)
+        corners = [*extent.low.tolist(), *extent.high.tolist()]
+        phases = _phases(total, comparison)
+        return MapsProduct.write(quantities, positions, corners, first.unit, self.colour_map, phases)
 
-    def _check_drawable(self, total: Product) -> None:
+    def _check_drawable(self, total: Total) -> None:
         if missing := [name for name in self.quantities if name not in total]:
-            drawable = [name for name, variable in total.variables.items() if variable.dims == ("row", "col")]
-            raise StageError(f"the total has no {', '.join(missing)} to draw; it has {', '.join(drawable)}")
-
-
-def _title(total: Product, name: str) -> str:
-    """What a map shows: the measure, and of a strain the side of its virtual strain gauge (VSG)."""
-    title: str = total.attrs["measures"].get(name, total.variables[name].long_name)
-    if "vsg_px" not in total.attrs or name.rpartition("_")[2] in ("U", "V", "W"):
-        return title
-    side = total.attrs["vsg_mm"]
-    return f"{title}, VSG {total.attrs['vsg_px']:.0f} px" + ("" if side is None else f" = {side:.3g} mm")
+            drawable = ", ".join([*total.fields, "status"])
+            raise StageError(f"the total has no {', '.join(missing)} to draw; it has {drawable}")
 
 
 class _Range:
@@ -130,12 +113,12 @@ class _Range:
         if len(rows):
             self.low, self.high = np.minimum(self.low, rows.min(axis=0)), np.maximum(self.high, rows.max(axis=0))
 
-    def around_value(self) -> list[float]:
+    def around_value(self) -> tuple[float, float]:
         """The range as two different numbers, also where nothing or one value was seen."""
         low, high = float(self.low[0]), float(self.high[0])
         if not low <= high:
-            return [-1.0, 1.0]
-        return [low, high] if high - low > 1e-12 else [low - 0.5e-6, high + 0.5e-6]
+            return -1.0, 1.0
+        return (low, high) if high - low > 1e-12 else (low - 0.5e-6, high + 0.5e-6)
 
 
 def _phases(total: Sequence[Product], comparison: Product | None) -> list[str]:
@@ -143,7 +126,7 @@ def _phases(total: Sequence[Product], comparison: Product | None) -> list[str]:
     import numpy as np
 
     if comparison is not None:
-        return [row["phase"] for row in comparison.attrs["rows"][1:]]
+        return list(Comparison.read(comparison).phases[1:])
     motion = [
         float(np.nan_to_num(np.nanmean(np.hypot(product["U"], product["V"]))))
         if np.isfinite(product["U"]).any()

@@ -5,8 +5,11 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, ClassVar, Literal
 
 from dicflow.engine.node import At, Node, Odd, Port, Scope, parameter
-from dicflow.engine.product import Product, Variable
+from dicflow.engine.product import Product
 from dicflow.errors import StageError
+from dicflow.kinds.features import FeatureSet
+from dicflow.kinds.images import Images
+from dicflow.kinds.matches import Matches
 
 if TYPE_CHECKING:
     import numpy as np
@@ -51,7 +54,8 @@ class Match(Node):
     def run(self, features: Product, features_before: Product, images: Product, images_before: Product) -> Product:
         from dicflow.core.matching.pairs import match_features
 
-        before, after = _features(features_before), _features(features)
+        source, target = FeatureSet.read(features_before), FeatureSet.read(features)
+        before, after = source.found, target.found
         if (
             before.descriptors.dtype != after.descriptors.dtype
             or before.descriptors.shape[1:] != after.descriptors.shape[1:]
@@ -62,8 +66,14 @@ class Match(Node):
         if self.guided:
             pairs = self._guided(before, after, pairs)
         if self.refine:
-            pairs = self._refined(images_before["left"], images["left"], pairs)
-        return _product(before, after, pairs, len(first), features.attrs["image_size"])
+            pairs = self._refined(Images.read(images_before).left, Images.read(images).left, pairs)
+        summary = {
+            "features_reference": len(before.xy),
+            "features_deformed": len(after.xy),
+            "matches_by_descriptor": len(first),
+            "matches": len(pairs[0]),
+        }
+        return Matches.write(*pairs, before.xy, target.image_size, summary)
 
     def _guided(self, before: Features, after: Features, pairs: Pairs) -> Pairs:
         """Matches near where those around them, without false ones, say they should be."""
@@ -92,26 +102,5 @@ class Match(Node):
         return pairs
 
 
-def _features(product: Product) -> Features:
-    from dicflow.core.matching.features import Features
-
-    return Features(*(product[name] for name in Features._fields))
-
-
 def _kept(pairs: Pairs, keep: np.ndarray) -> Pairs:
     return pairs[0][keep], pairs[1][keep]
-
-
-def _product(before: Features, after: Features, pairs: Pairs, by_descriptor: int, image_size: list[int]) -> Product:
-    summary = {
-        "features_reference": len(before.xy),
-        "features_deformed": len(after.xy),
-        "matches_by_descriptor": by_descriptor,
-        "matches": len(pairs[0]),
-    }
-    variables = {
-        "reference": Variable(("match", "component"), pairs[0].astype("float32"), "px", "position at the step before"),
-        "deformed": Variable(("match", "component"), pairs[1].astype("float32"), "px", "position at this step"),
-        "features": Variable(("feature", "component"), before.xy, "px", "all features of the step before"),
-    }
-    return Product("matches", variables, {"image_size": image_size, "summary": summary})

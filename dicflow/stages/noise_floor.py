@@ -4,19 +4,22 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from typing import TYPE_CHECKING, Any, ClassVar, Literal
+from typing import TYPE_CHECKING, ClassVar, Literal
 
 from dicflow.engine.node import At, Node, Port, Scope, parameter
-from dicflow.engine.product import Product, Variable
+from dicflow.engine.product import Product
 from dicflow.errors import StageError
+from dicflow.kinds.noise_floor import NoiseFloorTable
+from dicflow.kinds.probes import gauge_facts
+from dicflow.kinds.quantities import QUANTITIES
+from dicflow.kinds.total import Total, named_with_unit
 
 if TYPE_CHECKING:
     import numpy as np
 
 __all__ = ["NoiseFloor"]
 
-_DISPLACEMENTS, _STRAINS = ("U", "V", "W"), ("exx", "eyy", "gxy", "e1", "e2", "area_change")
-_QUANTITIES = (*_DISPLACEMENTS, *_STRAINS)
+_QUANTITIES = {name: quantity for name, quantity in QUANTITIES.items() if "noise_floor" in quantity.uses}
 _FIGURES = ("bias", "sigma", "predicted_sigma")
 
 
@@ -48,38 +51,37 @@ class NoiseFloor(Node):
         chosen = [name for name in names if not self.still or name in self.still]
         if not chosen:
             raise StageError("a noise floor needs a second step; give another photograph of the unmoved specimen")
-        found = [self._floor(total[names.index(name)]) for name in chosen]
+        found = [self._floor(Total.read(total[names.index(name)])) for name in chosen]
         figures = {
             figure: np.array([[floor[q][figure] for floor in found] for q in _QUANTITIES]) for figure in _FIGURES
         }
-        facts: dict[str, Any] = dict(total[names.index(chosen[0])].attrs)
+        facts = gauge_facts(total[names.index(chosen[0])])
         unit = facts["unit"]
         rows = [
-            {"step": step, "quantity": q, "unit": _unit(q, unit), **{name: _json(v) for name, v in floor[q].items()}}
+            {"step": step, "quantity": q, "unit": quantity.unit_in(unit), **{k: _json(v) for k, v in floor[q].items()}}
             for step, floor in zip(chosen, found, strict=True)
-            for q in _QUANTITIES
+            for q, quantity in _QUANTITIES.items()
         ]
-        kept: dict[str, Any] = {name: facts[name] for name in ("unit", "measures", "vsg_px", "vsg_mm") if name in facts}
-        attrs = {**kept, "steps": chosen, "quantities": list(_QUANTITIES), "rigid": self.rigid, "rows": rows}
-        variables = {name: Variable(("quantity", "step"), values, "1", name) for name, values in figures.items()}
-        return Product("noise", variables, {**attrs, "summary": _summary(figures, unit)})
+        facts |= {"rigid": self.rigid, "summary": _summary(figures, unit)}
+        return NoiseFloorTable.write(figures, chosen, list(_QUANTITIES), rows, facts)
 
-    def _floor(self, total: Product) -> dict[str, dict[str, float]]:
+    def _floor(self, total: Total) -> dict[str, dict[str, float]]:
         """The figures of each quantity at one step."""
         import numpy as np
 
-        if "covariance" not in total:
-            raise StageError("this total predicts no uncertainty to compare with; give one of a stage 'deformation'")
+        if not total.has_uncertainty:
+            raise StageError("this total has no uncertainty to compare with; give one of a stage 'deformation'")
         known = np.isfinite(total["U"])
         if known.sum() < 3:
             raise StageError(f"a noise floor needs points, but a step has {known.sum()}; look at its correlation")
         errors, deviations = _displacement(total, known, self.rigid)
         fields = dict(zip("UVW", zip(errors.T, deviations.T, strict=True), strict=True))
-        fields |= {name: (total[name][known], total[f"sigma_{name}"][known]) for name in _STRAINS}
+        strains = [name for name, quantity in _QUANTITIES.items() if not quantity.is_displacement]
+        fields |= {name: (total[name][known], total.sigma(name)[known]) for name in strains}
         return {name: _figures(*field) for name, field in fields.items()}
 
 
-def _displacement(total: Product, known: np.ndarray, rigid: bool) -> tuple[np.ndarray, np.ndarray]:
+def _displacement(total: Total, known: np.ndarray, rigid: bool) -> tuple[np.ndarray, np.ndarray]:
     """Displacement (n, 3) of the points and its predicted σ, without the rigid-body motion if asked."""
     import numpy as np
 
@@ -119,15 +121,11 @@ def _summary(figures: Mapping[str, np.ndarray], unit: str) -> dict[str, float]:
 
     summary: dict[str, float] = {}
     for row, quantity in enumerate(_QUANTITIES):
-        ending = f"_{unit}" if quantity in _DISPLACEMENTS else ""
-        summary[f"max_bias_{quantity}{ending}"] = float(np.abs(figures["bias"][row]).max())
-        for name in ("sigma", "predicted_sigma"):
-            summary[f"{name}_{quantity}{ending}"] = float(np.sqrt(np.mean(figures[name][row] ** 2)))
+        name = named_with_unit(quantity, unit)
+        summary[f"max_bias_{name}"] = float(np.abs(figures["bias"][row]).max())
+        for figure in ("sigma", "predicted_sigma"):
+            summary[f"{figure}_{name}"] = float(np.sqrt(np.mean(figures[figure][row] ** 2)))
     return summary
-
-
-def _unit(quantity: str, unit: str) -> str:
-    return unit if quantity in _DISPLACEMENTS else "1"
 
 
 def _json(value: float) -> float | None:

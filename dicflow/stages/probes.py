@@ -11,7 +11,10 @@ from pydantic import BeforeValidator, Field, model_validator
 from dicflow.engine.node import At, Node, Port, Scope, parameter
 from dicflow.engine.product import Product, Variable
 from dicflow.errors import StageError
-from dicflow.stages.frame import frame_from
+from dicflow.kinds.probes import ProbeTable, gauge_facts
+from dicflow.kinds.quantities import QUANTITIES, unit_of
+from dicflow.kinds.rig import CalibratedRig
+from dicflow.kinds.total import Total
 
 if TYPE_CHECKING:
     import numpy as np
@@ -35,8 +38,6 @@ _PARTS = {"": "{}", "sigma_": "σ of {}", "calibration_": "calibration's share i
 _SAMPLES = 101
 _AREA_SAMPLES = 200
 _LENGTHS = ("length", "elongation", "strain")
-_DIRECTIONS = {"U": (1, 0, 0), "V": (0, 1, 0), "W": (0, 0, 1), "exx": (1, 0, 0), "eyy": (0, 1, 0), "gxy": (0.5, 0.5, 0)}
-"""Which of U, V and W a quantity's errors come from, and to what share."""
 
 
 def _corners(value: Any) -> Any:
@@ -89,37 +90,27 @@ class Probes(Node):
         if not len(total):
             raise StageError("there is only one step, and nothing to compare it with; give more photographs")
         steps: list[str] = ["reference", *getattr(total, "steps", map(str, range(1, len(total) + 1)))]
+        cameras = None if rig is None else CalibratedRig.read(rig)
         readings: list[dict[str, Readings]] = []
         profiles: list[dict[str, np.ndarray]] = []
-        facts: dict[str, Any] = {}
         for product in total:
-            step = _Step(product, self.unit, rig)
+            step = _Step(Total.read(product), self.unit, cameras)
             along = {name: [step.at(place) for place in _samples(line)] for name, line in self.lines.items()}
             readings.append(dict(self._read(step, along)))
             profiles.append(self._profiles(step, along))
-            facts = facts or dict(product.attrs)
         readings.insert(0, _reference(readings))
         self._check_measured(readings)
-        parts = list(_PARTS)[: 3 if rig is not None and "covariance" in rig.attrs else 2]
+        facts = gauge_facts(total[0])
+        parts = list(_PARTS)[: 2 if cameras is None or cameras.covariance is None else 3]
         rows = [
             {"probe": name, "kind": kind, "step": step, **_columns(reading[name], facts["unit"], parts)}
             for kind, names in self._kinds().items()
             for name in names
             for step, reading in zip(steps, readings, strict=True)
         ]
-        variables = {
-            **self._variables(readings, facts["unit"], parts),
-            **self._profile_variables(profiles, facts["unit"]),
-        }
-        kept: dict[str, Any] = {name: facts[name] for name in ("unit", "measures", "vsg_px", "vsg_mm") if name in facts}
-        attrs = {
-            **kept,
-            "steps": steps,
-            "probes": self._kinds(),
-            "rows": rows,
-            "summary": _summary(readings),
-        }
-        return Product("probes", variables, attrs)
+        variables = self._variables(readings, facts["unit"], parts)
+        variables |= self._profile_variables(profiles, facts["unit"])
+        return ProbeTable.write(variables, steps, self._kinds(), rows, {**facts, "summary": _summary(readings)})
 
     def _kinds(self) -> dict[str, list[str]]:
         """Names of the probes by what they are."""
@@ -162,7 +153,7 @@ class Probes(Node):
             for sample, probe in enumerate(parts):
                 if probe is not None:
                     for name, profile in found.items():
-                        profile[number, sample] = value_of(probe, step.product[name])
+                        profile[number, sample] = value_of(probe, step.total[name])
         return found
 
     def _check_measured(self, readings: list[dict[str, Readings]]) -> None:
@@ -187,7 +178,7 @@ class Probes(Node):
                 found = np.array([[reading[name][quantity] for reading in readings] for name in names])
                 variables |= {
                     f"{part}{quantity}": Variable(
-                        (dim, "step"), found[..., k], _unit(quantity, unit), _PARTS[part].format(quantity)
+                        (dim, "step"), found[..., k], unit_of(quantity, unit), _PARTS[part].format(quantity)
                     )
                     for k, part in enumerate(parts)
                 }
@@ -201,7 +192,7 @@ class Probes(Node):
             f"profile_{name}": Variable(
                 ("line", "later_step", "sample"),
                 np.stack([profile[name] for profile in profiles], axis=1),
-                _unit(name, unit),
+                unit_of(name, unit),
                 f"{name} along the line",
             )
             for name in profiles[0]
@@ -215,36 +206,35 @@ class _Step:
     known : (row, col) bool — which have a value
     kinds : shares (3,) in the variance of U, V and W of each kind of subset, and how alike errors of that kind are
     spacing : their distance, in the same unit
-    error : of the rig; None where nothing is known of it
+    error : of the rig; None if unknown
     """
 
-    def __init__(self, product: Product, unit: str, rig: Product | None) -> None:
+    def __init__(self, total: Total, unit: str, rig: CalibratedRig | None) -> None:
         import numpy as np
 
         from dicflow.core.strain.surface_strain import jacobian
         from dicflow.core.tensors import symmetric
         from dicflow.core.uncertainty.overlap import overlap
 
-        facts = product.attrs
-        if "subset_size" not in facts:
+        if not total.has_uncertainty:
             raise StageError("this total has no uncertainty to read; give one of a stage 'deformation'")
-        self.product = product
-        self.known = np.isfinite(product["U"])
+        self.total = total
+        self.known = np.isfinite(total["U"])
         self.kinds = [
-            (np.array(share), overlap(facts["subset_size"], facts["step_size"], name))
-            for name, share in facts["shape_shares"].items()
+            (np.array(share), overlap(total.subset_size, total.step_size, name))
+            for name, share in total.shape_shares.items()
         ]
-        self.spacing = float(facts["step_size"])
-        self.grid = product["xy_reference"]
+        self.spacing = total.step_size
+        self.grid = total["xy_reference"]
         if unit == "mm":
-            if facts["vsg_mm"] is None:
+            if total.gauge is None or total.gauge.side_mm is None:
                 raise StageError("places in mm need two cameras; give them in px, with unit: px")
-            self.grid = product["xyz_reference"][..., :2]
-            self.spacing *= facts["vsg_mm"] / facts["vsg_px"]
-        self.covariance = symmetric(product["covariance"])
-        self.gradient = product["gradient"]
-        self.slopes = jacobian(product["xyz_reference"], (3, 3), 1)
-        self.error = _error(product, rig)
+            self.grid = total["xyz_reference"][..., :2]
+            self.spacing *= total.gauge.side_mm / total.gauge.side_px
+        self.covariance = symmetric(total["covariance"])
+        self.gradient = total["gradient"]
+        self.slopes = jacobian(total["xyz_reference"], (3, 3), 1)
+        self.error = _error(total, rig)
 
     def at(self, place: Any) -> Probe | None:
         """The probe at a place."""
@@ -261,12 +251,13 @@ class _Step:
 
         if probe is None:
             return dict.fromkeys(quantities, _NONE)
-        alike = {**{name: self.rho(weights) for name, weights in _DIRECTIONS.items()}, **self._alike(probe)}
+        sources = {name: QUANTITIES[name].sources for name in quantities}
+        alike = {**{name: self.rho(weights) for name, weights in sources.items()}, **self._alike(probe)}
         shares = self.error.of_mean([part for part in parts if part is not None]) if self.error is not None else {}
         return {
             name: (
-                float(value_of(probe, self.product[name])),
-                sigma_of(probe, self.product[f"sigma_{name}"], alike[name]),
+                float(value_of(probe, self.total[name])),
+                sigma_of(probe, self.total.sigma(name), alike[name]),
                 shares.get(name, math.nan),
             )
             for name in quantities
@@ -279,7 +270,7 @@ class _Step:
         first, second = (self.at(place) for place in line)
         if first is None or second is None:
             return dict.fromkeys(["first", *_LENGTHS], _NONE)
-        places = (self.product["xyz"], self.product["xyz_reference"])
+        places = (self.total["xyz"], self.total["xyz_reference"])
         along = value_of(difference(first, second), places[0]) ** 2 * self._variances(first)
         found = extension((first, second), *places, self.covariance, self.rho(along))._asdict()
         shares = self.error.of_lengths(first, second) if self.error is not None else [math.nan] * len(found)
@@ -296,7 +287,7 @@ class _Step:
         """Mean variance (3,) of U, V and W of a probe's points."""
         import numpy as np
 
-        sigma = _array([self.product[f"sigma_{name}"][probe.rows, probe.cols] for name in "UVW"])
+        sigma = _array([self.total.sigma(name)[probe.rows, probe.cols] for name in "UVW"])
         return np.asarray((sigma**2).mean(axis=1))
 
     def _alike(self, probe: Probe) -> dict[str, Alike]:
@@ -304,33 +295,29 @@ class _Step:
         from dicflow.core.probes.weights import complete_mean, slope_overlap
         from dicflow.core.strain.measures import slope_shares
 
-        facts = self.product.attrs
+        total = self.total
         gradient, slopes = (complete_mean(field[probe.rows, probe.cols]) for field in (self.gradient, self.slopes))
-        shares = slope_shares(gradient, slopes, facts["measure"], facts["directions"])
-        window = tuple(facts["window_points"])
+        shares = slope_shares(gradient, slopes, total.measure, total.directions)
         return {
-            name: slope_overlap(self.rho(_DIRECTIONS[name]), window, facts["degree"], share)
+            name: slope_overlap(self.rho(QUANTITIES[name].sources), total.window_points, total.degree, share)
             for name, share in shares._asdict().items()
         }
 
 
-def _error(total: Product, rig: Product | None) -> ProbeError | None:
-    """How wrong the places of a total may be for the calibration's sake; None where nothing tells."""
+def _error(total: Total, rig: CalibratedRig | None) -> ProbeError | None:
+    """Calibration uncertainty of a total's points; None if unknown."""
     import numpy as np
 
     from dicflow.core.probes.probe_error import ProbeError
     from dicflow.core.strain.calibration_error import rig_error, thinned
-    from dicflow.kinds.rig import rig_from_json
 
-    facts = total.attrs
-    if rig is None or "covariance" not in rig.attrs or facts["unit"] != "mm":
+    if rig is None or rig.covariance is None or not total.in_space:
         return None
     after, before = total["xyz"], total["xyz_reference"]
     part = thinned(np.isfinite(after + before).all(axis=-1))
-    frames = (frame_from(facts["frames"][0]), frame_from(facts["frames"][1]))
-    fitted = (after[part], before[part]) if facts["rigid"] else None
-    error = rig_error(rig_from_json(rig.attrs["rig"]), rig.attrs["covariance"], frames, fitted)
-    return ProbeError.of(error, after, before, facts["measure"], facts["directions"])
+    fitted = (after[part], before[part]) if total.rigid_motion_removed else None
+    error = rig_error(rig.cameras, rig.covariance, total.frames, fitted)
+    return ProbeError.of(error, after, before, total.measure, total.directions)
 
 
 def _array(places: Any) -> np.ndarray:
@@ -366,14 +353,10 @@ def _columns(readings: Readings, unit: str, parts: Sequence[str]) -> dict[str, f
     row: dict[str, float | None] = {}
     for quantity, found in readings.items():
         if quantity != "first":
-            ending = "" if _unit(quantity, unit) == "1" else f"_{unit}"
+            ending = "" if unit_of(quantity, unit) == "1" else f"_{unit}"
             for part, value in zip(parts, found, strict=False):
                 row[f"{part}{quantity}{ending}"] = value if math.isfinite(value) else None
     return row
-
-
-def _unit(quantity: str, unit: str) -> str:
-    return unit if quantity in ("U", "V", "W", "length", "elongation") else "1"
 
 
 def _summary(readings: list[dict[str, Readings]]) -> dict[str, float]:

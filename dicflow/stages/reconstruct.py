@@ -7,8 +7,12 @@ from typing import TYPE_CHECKING, Annotated, ClassVar, Literal
 from pydantic import Field
 
 from dicflow.engine.node import Millimetres, Node, Port, Scope, parameter
-from dicflow.engine.product import Product, Variable
+from dicflow.engine.product import Product
 from dicflow.errors import StageError
+from dicflow.kinds.cloud import Cloud
+from dicflow.kinds.disparity import DisparityMap
+from dicflow.kinds.rig import CalibratedRig
+from dicflow.kinds.track import Track
 
 if TYPE_CHECKING:
     import numpy as np
@@ -41,13 +45,13 @@ class Reconstruct(Node):
 
         from dicflow.core.cameras.rectification import rectification, triangulate
         from dicflow.core.status import Status
-        from dicflow.kinds.rig import rig_from_json
 
-        x0, y0 = disparity.attrs["origin"]
-        values, status = disparity["disparity"], disparity["status"].copy()
+        disparities = DisparityMap.read(disparity)
+        x0, y0 = disparities.origin
+        values, status = disparities["disparity"], disparities["status"].copy()
         if track is not None:
-            status[~_inside(track, (x0, y0), values.shape)] = Status.OUTSIDE
-        view = rectification(rig_from_json(rig.attrs["rig"]))
+            status[~_inside(Track.read(track), (x0, y0), values.shape)] = Status.OUTSIDE
+        view = rectification(CalibratedRig.read(rig).cameras)
         places = np.stack(
             np.broadcast_arrays(np.arange(values.shape[1]) + x0, np.arange(values.shape[0])[:, None] + y0), -1
         )
@@ -56,14 +60,7 @@ class Reconstruct(Node):
         status[(status == Status.VALID) & np.isnan(xyz[..., 2])] = Status.NO_MATCH
         status[self._background(xyz[..., 2], track is not None)] = Status.BACKGROUND
         xyz[status != Status.VALID] = np.nan
-        return Product(
-            "cloud",
-            {
-                "xyz": Variable(("row", "col", "component"), xyz.astype(np.float32), "mm", "position"),
-                "status": Variable(("row", "col"), status, "1", "status"),
-            },
-            {"origin": [x0, y0], "summary": _summary(status)},
-        )
+        return Cloud.write(xyz, status, (x0, y0), _summary(status))
 
     def _background(self, depth: np.ndarray, in_region: bool) -> np.ndarray:
         """Points beyond the depth gate (rows, cols)."""
@@ -86,12 +83,11 @@ def _check_in_front(depth: np.ndarray) -> None:
         )
 
 
-def _inside(track: Product, origin: tuple[int, int], shape: tuple[int, int]) -> np.ndarray:
+def _inside(track: Track, origin: tuple[int, int], shape: tuple[int, int]) -> np.ndarray:
     """Pixels of the map that lie in the region at this step."""
     from dicflow.core.photographs.region import carry, rasterise
-    from dicflow.kinds.region import polygons_from_json
 
-    return rasterise(carry(polygons_from_json(track.attrs["polygons"]), lambda ring: ring - origin), shape)
+    return rasterise(carry(track.polygons, lambda ring: ring - origin), shape)
 
 
 def _summary(status: np.ndarray) -> dict[str, float]:

@@ -10,12 +10,16 @@ from pydantic import AfterValidator, BaseModel, BeforeValidator, ConfigDict, Fie
 from dicflow.engine.node import At, InputFile, Node, Port, Scope, parameter
 from dicflow.engine.product import Product
 from dicflow.errors import StageError
+from dicflow.kinds.images import Images
+from dicflow.kinds.region import Region as RegionProduct
+from dicflow.kinds.rig import CalibratedRig
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
 
     import numpy as np
 
+    from dicflow.core.cameras.camera import Rig
     from dicflow.core.photographs.region import Polygon
 
 __all__ = ["Region"]
@@ -112,23 +116,21 @@ class Region(Node):
         return {}
 
     def run(self, images: Product, rig: Product | None = None, file_path: Path | None = None) -> Product:
-        from dicflow.core.photographs.region import area, carry
-        from dicflow.kinds.region import polygons_to_json
+        from dicflow.core.photographs.region import carry
 
-        image = images["left"]
+        photographs = Images.read(images)
+        cameras = None if rig is None else CalibratedRig.read(rig).cameras
         polygons: Sequence[Polygon]
         if self.auto:
-            polygons = self._found(image)
+            polygons = self._found(photographs.left)
         else:
-            chosen = self._chosen(images, rig, file_path)
+            chosen = self._chosen(photographs, cameras, file_path)
             _check_inside(chosen)
             polygons = chosen.polygons
-            if self.frame == "photograph" and images.kind != "images":
-                polygons = carry(polygons, _to_tracked(images.kind, rig), spacing_px=OUTLINE_PX)
-        _check_texture(image, polygons)
-        area_px = area(polygons)
-        attrs = {"polygons": polygons_to_json(polygons), "area_px": area_px, "summary": {"area_px": area_px}}
-        return Product("region", {}, attrs)
+            if self.frame == "photograph" and not photographs.as_taken:
+                polygons = carry(polygons, _to_tracked(photographs, cameras), spacing_px=OUTLINE_PX)
+        _check_texture(photographs.left, polygons)
+        return RegionProduct.write(polygons)
 
     def _found(self, image: np.ndarray) -> Sequence[Polygon]:
         """The speckled specimen."""
@@ -148,16 +150,15 @@ class Region(Node):
             )
         return polygons
 
-    def _chosen(self, images: Product, rig: Product | None, file_path: Path | None) -> Selected:
+    def _chosen(self, images: Images, cameras: Rig | None, file_path: Path | None) -> Selected:
         """The region as the user gave it."""
         import numpy as np
 
         from dicflow.core.photographs.region import Polygon, rectangle
 
-        height, width = images["left"].shape
-        size, name = (width, height), "the image"
-        if self.frame == "photograph" and images.kind != "images":
-            size, name = _camera(rig).size, "the left photograph"
+        size, name = images.size, "the image"
+        if self.frame == "photograph" and not images.as_taken:
+            size, name = _needed(cameras).left.size, "the left photograph"
         if self.rectangle is not None:
             return Selected([rectangle(*self.rectangle)], size, name)
         if self.polygons is not None:
@@ -185,30 +186,27 @@ def _from_file(path: Path, size: tuple[int, int], name: str) -> Sequence[Polygon
     return polygons
 
 
-def _camera(rig: Product | None) -> Any:
-    """The left camera."""
-    from dicflow.kinds.rig import rig_from_json
-
-    if rig is None:
+def _needed(cameras: Rig | None) -> Rig:
+    """The rig. Raises StageError where it is missing."""
+    if cameras is None:
         raise StageError(
             "a region given in the photograph needs the rig to be found in the rectified image; name the stage that "
             "calibrates as 'rig', or say frame: tracked"
         )
-    return rig_from_json(rig.attrs["rig"]).left
+    return cameras
 
 
-def _to_tracked(kind: str, rig: Product | None) -> Callable[[np.ndarray], np.ndarray]:
+def _to_tracked(images: Images, cameras: Rig | None) -> Callable[[np.ndarray], np.ndarray]:
     """The mapping from pixels of the left photograph to those of the image that is tracked."""
     from dicflow.core.cameras.camera import undistort
     from dicflow.core.cameras.rectification import raw_to_rectified, rectification
-    from dicflow.kinds.rig import rig_from_json
 
-    camera = _camera(rig)
-    if kind == "plane":
+    rig = _needed(cameras)
+    camera = rig.left
+    if images.product.kind == "plane":
         return lambda points: undistort(camera, points) @ camera.matrix[:2, :2].T + camera.matrix[:2, 2]
-    assert rig is not None
-    rectified = rectification(rig_from_json(rig.attrs["rig"]))
-    return lambda points: raw_to_rectified(points, camera, rectified.rotation_left, rectified.matrix_left)
+    view = rectification(rig)
+    return lambda points: raw_to_rectified(points, camera, view.rotation_left, view.matrix_left)
 
 
 def _check_inside(chosen: Selected) -> None:

@@ -9,6 +9,8 @@ from typing import TYPE_CHECKING, Any, ClassVar, Literal
 from dicflow.engine.node import At, InputFile, Node, Port, Scope, parameter
 from dicflow.engine.product import Product
 from dicflow.errors import InputError
+from dicflow.kinds.images import Images
+from dicflow.kinds.rig import CalibratedRig
 
 if TYPE_CHECKING:
     from dicflow.io.calibrations import Calibration
@@ -53,22 +55,17 @@ class RigFile(Node):
 
     def run(self, file_path: Path, images: Product | None = None) -> Product:
         from dicflow.io.calibrations import read_calibration
-        from dicflow.kinds.rig import rig_to_json
 
-        size = None if images is None else (images["left"].shape[1], images["left"].shape[0])
-        found = read_calibration(file_path, size)
+        found = read_calibration(file_path, None if images is None else Images.read(images).size)
         summary = _summary(found)
-        known = {} if found.covariance is None else {"covariance": found.covariance.tolist()}
-        attrs = {
-            "rig": rig_to_json(found.rig),
-            **known,
-            "pairs": [],
-            "program": found.program,
-            "warnings": list(found.warnings),
-            "verdict": _verdict(file_path, found, summary),
-            "summary": summary,
-        }
-        return Product("rig", {}, attrs)
+        return CalibratedRig.write(
+            found.rig,
+            _verdict(file_path, found, summary),
+            summary,
+            covariance=found.covariance,
+            program=found.program,
+            warnings=found.warnings,
+        )
 
 
 def _summary(found: Calibration) -> dict[str, float]:
@@ -85,8 +82,8 @@ def _summary(found: Calibration) -> dict[str, float]:
 def _verdict(path: Path, found: Calibration, summary: Mapping[str, float]) -> str:
     """What was read, as a sentence, with what the user should know of it."""
     width, height = found.rig.left.size
-    said = (
+    origin = (
         f"read from {path.name} of {found.program}: {width} × {height} px, cameras {summary['baseline_mm']:.1f} mm and "
         f"{summary['angle_deg']:.1f}° apart"
     )
-    return "; ".join([said, *(f"note that {warning}" for warning in found.warnings)])
+    return "; ".join([origin, *(f"note that {warning}" for warning in found.warnings)])

@@ -2,21 +2,15 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Annotated, ClassVar, Literal
+from typing import ClassVar, Literal
 
-from pydantic import Field
+from dicflow.engine.node import Node, Port, Scope, parameter
+from dicflow.engine.product import Product
+from dicflow.kinds.increment import Increment
+from dicflow.kinds.status import fitted_status
+from dicflow.stages._parameters import WindowSide
 
-from dicflow.engine.node import Node, Pixels, Port, Scope, parameter
-from dicflow.engine.product import Product, Variable
-from dicflow.errors import StageError
-
-if TYPE_CHECKING:
-    import numpy as np
-
-__all__ = ["Smooth", "WindowSide", "fitted_status"]
-
-WindowSide = Annotated[Pixels, Field(gt=0)]
-"""One side of a window."""
+__all__ = ["Smooth"]
 
 
 class Smooth(Node):
@@ -40,41 +34,16 @@ class Smooth(Node):
 
         from dicflow.core.surfaces.filters import local_polynomial, odd_window
 
-        raw, unit = increment["displacement"], increment.attrs["unit"]
-        window = odd_window(self.window, increment.attrs["step_size"])
+        before = Increment.read(increment)
+        raw = before["displacement"]
+        window = odd_window(self.window, before.step_size)
         smooth = local_polynomial(raw, window, self.degree).value
         measured = np.isfinite(raw).all(axis=2)
         smooth[~measured] = np.nan
         fitted = np.asarray(np.isfinite(smooth).all(axis=2))
-        status = fitted_status(measured, fitted, increment["status"], window, self.degree)
-        changed = {"displacement": smooth, "status": status}
-        if increment.attrs["definition"] == "material":
-            changed["xyz"] = increment["xyz_reference"] + smooth
-        variables = {
-            name: Variable(old.dims, changed.get(name, old.values), old.units, old.long_name)
-            for name, old in increment.variables.items()
-        }
+        status = fitted_status(measured, fitted, before["status"], window, self.degree)
+        values = {"displacement": smooth, "status": status}
+        if before.follows_material:
+            values["xyz"] = before["xyz_reference"] + smooth
         change = float(np.sqrt(np.nanmean((smooth - raw) ** 2))) if measured.any() else 0.0
-        summary = {f"change_rms_{unit}": change}
-        return Product("increment", variables, {**increment.attrs, "window_points": list(window), "summary": summary})
-
-
-def fitted_status(
-    measured: np.ndarray, fitted: np.ndarray, status: np.ndarray, window: tuple[int, int], degree: int
-) -> np.ndarray:
-    """Status of the points after a fit of local polynomials.
-
-    measured, fitted : (row, col) bool — which points there were to fit, and where the window held enough of them
-    status : (row, col) — before
-    Raises StageError where no point that was measured could be fitted.
-    """
-    import numpy as np
-
-    from dicflow.core.status import Status
-
-    if measured.any() and not (measured & fitted).any():
-        raise StageError(
-            f"a window of {window[0]} × {window[1]} points never holds enough for degree {degree}; "
-            "widen the window or lower the degree"
-        )
-    return np.where(measured & ~fitted, np.uint8(Status.TOO_FEW_NEIGHBOURS), status)
+        return before.changed(values, window, {f"change_rms_{before.unit}": change})

@@ -2,14 +2,18 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any, ClassVar, Literal
+from typing import TYPE_CHECKING, ClassVar, Literal
 
 from dicflow.engine.node import Node, Port, Scope, parameter
-from dicflow.engine.product import Product, Variable
+from dicflow.engine.product import Product
 from dicflow.errors import StageError
-from dicflow.stages.smooth import WindowSide, fitted_status
+from dicflow.kinds.increment import Increment, StrainIncrement
+from dicflow.kinds.status import fitted_status
+from dicflow.stages._parameters import WindowSide
 
 if TYPE_CHECKING:
+    import numpy as np
+
     from dicflow.core.strain.surface_strain import Strain as Measures
 
 __all__ = ["Strain"]
@@ -37,52 +41,23 @@ class Strain(Node):
 
         from dicflow.core.surfaces.filters import odd_window
 
-        window = odd_window(self.window, increment.attrs["step_size"])
+        motion = Increment.read(increment)
+        window = odd_window(self.window, motion.step_size)
         try:
-            fields, measures = self._measure(increment, window)
+            gradient, strain = self._measure(motion, window)
         except ValueError as error:
             raise StageError(f"{error}; look at the tracking and the clouds of this step") from error
-        moved = np.isfinite(increment["displacement"]).all(axis=2)
-        fitted = np.asarray(np.isfinite(np.stack(measures)).all(axis=0))
-        status = fitted_status(moved, fitted, increment["status"], window, self.degree)
-        kept = ("xy", "xyz", "xyz_reference")
-        variables = {
-            **{name: increment.variables[name] for name in kept},
-            **_components(increment),
-            **fields,
-            **strain_variables(measures, "in this step"),
-            "status": Variable(("row", "col"), status, "1", "why a point has a value, or has none"),
-        }
-        attrs = {name: increment.attrs[name] for name in ("definition", "step_size", "unit")}
-        return Product("strain_increment", variables, {**attrs, "window_points": list(window)})
+        moved = np.isfinite(motion["displacement"]).all(axis=2)
+        fitted = np.asarray(np.isfinite(np.stack(strain)).all(axis=0))
+        status = fitted_status(moved, fitted, motion["status"], window, self.degree)
+        return StrainIncrement.write(motion, strain, gradient, status, window)
 
-    def _measure(self, increment: Product, window: tuple[int, int]) -> tuple[dict[str, Variable], Measures]:
-        """The gradient, if the definition has one, and the strains."""
+    def _measure(self, motion: Increment, window: tuple[int, int]) -> tuple[np.ndarray | None, Measures]:
+        """The deformation gradient, if the definition has one, and the strains."""
         from dicflow.core.strain.surface_strain import deformation_gradient, engineering_strain, jacobian, thesis_strain
 
-        if increment.attrs["definition"] == "thesis":
-            return {}, thesis_strain(increment["displacement"], increment["xyz_reference"], window, self.degree)
-        before, after = (jacobian(increment[name], window, self.degree) for name in ("xyz_reference", "xyz"))
+        if not motion.follows_material:
+            return None, thesis_strain(motion["displacement"], motion["xyz_reference"], window, self.degree)
+        before, after = (jacobian(motion[name], window, self.degree) for name in ("xyz_reference", "xyz"))
         gradient = deformation_gradient(before, after)
-        dims = ("row", "col", "out", "in")
-        return {"gradient": Variable(dims, gradient, "1", "deformation gradient of the step")}, engineering_strain(
-            gradient
-        )
-
-
-def _components(increment: Product) -> dict[str, Variable]:
-    """U, V and W of the increment."""
-    values, unit = increment["displacement"], increment.attrs["unit"]
-    return {
-        name: Variable(("row", "col"), values[..., index], unit, f"displacement {name} in this step")
-        for index, name in enumerate("UVW")
-    }
-
-
-def strain_variables(measures: Any, when: str) -> dict[str, Variable]:
-    """The strains as arrays of a product."""
-    names = {"exx": "strain along x", "eyy": "strain along y", "gxy": "shear strain"}
-    return {
-        key: Variable(("row", "col"), values, "1", f"{names[key]} {when}".strip())
-        for key, values in zip(names, measures, strict=True)
-    }
+        return gradient, engineering_strain(gradient)

@@ -7,8 +7,9 @@ from typing import Annotated, Any, ClassVar, Literal
 from pydantic import BaseModel, ConfigDict, Field
 
 from dicflow.engine.node import Node, Pixels, Port, Scope, parameter
-from dicflow.engine.product import Product, Variable
+from dicflow.engine.product import Product
 from dicflow.errors import StageError
+from dicflow.kinds.cloud import Cloud
 
 __all__ = ["Surface"]
 
@@ -60,7 +61,8 @@ class Surface(Node):
         from dicflow.core.status import Status
         from dicflow.core.surfaces.filters import within_reach
 
-        xyz = np.asarray(cloud["xyz"], dtype=np.float64)
+        before = Cloud.read(cloud)
+        xyz = np.asarray(before["xyz"], dtype=np.float64)
         had = np.isfinite(xyz).all(axis=2)
         fitted, facts = np.empty_like(xyz), {}
         for index, name in enumerate("xyz"):
@@ -72,15 +74,11 @@ class Surface(Node):
                 ) from error
         has = within_reach(had, self.margin) & np.isfinite(fitted).all(axis=2)
         fitted[~has] = np.nan
-        status = np.where(has & ~had, np.uint8(Status.FILLED), cloud["status"])
+        status = np.where(has & ~had, np.uint8(Status.FILLED), before["status"])
         measures = ("sse", "r2", "adjusted_r2", "rmse")
         units = {"sse": "_mm2", "rmse": "_mm"}
         summary = {f"{m}_{name}{units.get(m, '')}": facts[name][m] for name in "xyz" for m in measures}
-        variables = {
-            "xyz": Variable(("row", "col", "component"), fitted.astype(np.float32), "mm", "smooth surface"),
-            "status": Variable(("row", "col"), status, "1", "why a point has a value, or has none"),
-        }
-        return Product("cloud", variables, {**cloud.attrs, "fit": facts, "summary": summary})
+        return Cloud.write(fitted, status, before.origin, summary, fit=facts, title="smooth surface")
 
     def _fit(self, values: Any, name: str) -> tuple[Any, dict[str, Any]]:
         """The surface of one coordinate (row, col), and its statistics."""

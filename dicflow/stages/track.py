@@ -7,8 +7,11 @@ from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal, NamedTuple
 from pydantic import Field
 
 from dicflow.engine.node import At, Node, Port, Scope, parameter
-from dicflow.engine.product import Product, Variable
+from dicflow.engine.product import Product
 from dicflow.errors import StageError
+from dicflow.kinds.matches import Matches
+from dicflow.kinds.region import Region
+from dicflow.kinds.track import Track as TrackProduct
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
@@ -68,21 +71,19 @@ class Track(Node):
 
     def run(self, region: Product, matches: Product | None = None, track_before: Product | None = None) -> Product:
         if track_before is None:
-            return self._first(region)
+            return self._first(Region.read(region))
         if matches is None:
             raise StageError("no matches from the step before; add a stage 'match' and name it as 'matches'")
-        return self._next(matches, track_before)
+        return self._next(Matches.read(matches), TrackProduct.read(track_before))
 
-    def _first(self, region: Product) -> Product:
+    def _first(self, region: Region) -> Product:
         """The material grid on the region of the first step, and transforms that change nothing."""
         import numpy as np
 
         from dicflow.core.photographs.region import bounding_box, carry, contains
         from dicflow.core.status import Status
-        from dicflow.kinds.region import polygons_from_json
 
-        polygons = polygons_from_json(region.attrs["polygons"])
-        polygons = carry(polygons, lambda ring: ring, spacing_px=OUTLINE_STEPS * self.step_size)
+        polygons = carry(region.polygons, lambda ring: ring, spacing_px=OUTLINE_STEPS * self.step_size)
         x0, y0, x1, y1 = bounding_box(polygons)
         axes = (np.arange(np.ceil(low), high, self.step_size) for low, high in ((x0, x1), (y0, y1)))
         points = np.stack(np.meshgrid(*axes), axis=-1)
@@ -96,7 +97,7 @@ class Track(Node):
         status = np.where(inside, Status.VALID, Status.OUTSIDE).astype(np.uint8)
         return self._product(State(points, status, polygons), None)
 
-    def _next(self, matches: Product, before: Product) -> Product:
+    def _next(self, matches: Matches, before: TrackProduct) -> Product:
         """Everything carried from the step before to this one."""
         from dicflow.core.matching.tracking import (
             carry_points,
@@ -106,18 +107,17 @@ class Track(Node):
             track_subsets,
         )
         from dicflow.core.photographs.region import bounding_box, contains
-        from dicflow.kinds.region import polygons_from_json
 
-        polygons = polygons_from_json(before.attrs["polygons"])
+        polygons = before.polygons
         grid = subset_grid(bounding_box(polygons), self.subsets, self.overlap)
-        source, target, features = (matches[name].astype(float) for name in ("reference", "deformed", "features"))
+        source, target = matches.pairs
         inside = contains(polygons, source)
         tracked = track_subsets(
             grid,
             polygons,
             source,
             target,
-            features,
+            matches.features,
             kind=self.transform,
             threshold_px=self.threshold,
             confidence=self.confidence,
@@ -134,7 +134,7 @@ class Track(Node):
             return carry_points(grid, tracked.transforms, points, blend=self.follow == "blend")
 
         filled = tracked.filled[nearest_subset(grid, state.points)]
-        return self._product(_carried(state, carried, filled, matches.attrs["image_size"]), tracked)
+        return self._product(_carried(state, carried, filled, matches.image_size), tracked)
 
     def _lost(self, matches: int) -> str:
         return (
@@ -144,22 +144,10 @@ class Track(Node):
         )
 
     def _product(self, state: State, tracked: Tracked | None) -> Product:
-        from dicflow.kinds.region import polygons_to_json
-
         subsets = tracked or _unmoved(self.subsets)
-        attrs = {
-            "polygons": polygons_to_json(state.polygons),
-            "step_size": self.step_size,
-            "subsets": _subsets(subsets),
-            "summary": _summary(state, tracked),
-        }
-        dims = ("subset_row", "subset_col", "i", "j")
-        variables = {
-            "points": Variable(("row", "col", "component"), state.points, "px", "material points at this step"),
-            "status": Variable(("row", "col"), state.status, "1", "why a point has a place, or has none"),
-            "transforms": Variable(dims, subsets.transforms, "1", "transform from the step before"),
-        }
-        return Product("track", variables, attrs)
+        return TrackProduct.write(
+            state.points, state.status, state.polygons, subsets, self.step_size, _summary(state, tracked)
+        )
 
 
 def _carried(
@@ -195,18 +183,6 @@ def _unmoved(shape: tuple[int, int]) -> Tracked:
     none, no = np.zeros(shape, dtype=np.int32), np.zeros(shape, dtype=bool)
     identity = np.broadcast_to(np.eye(3), (*shape, 3, 3)).copy()
     return Tracked(identity, none, none, none, np.full(shape, np.nan), no, no)
-
-
-def _subsets(tracked: Tracked) -> dict[str, Any]:
-    """What is known of each subset, by rows and columns of subsets; residual_px is null without inliers."""
-    return {
-        "features": tracked.features.tolist(),
-        "matches": tracked.matches.tolist(),
-        "inliers": tracked.inliers.tolist(),
-        "residual_px": tracked.residual_px.tolist(),
-        "filled": tracked.filled.tolist(),
-        "empty": tracked.empty.tolist(),
-    }
 
 
 def _summary(state: State, tracked: Tracked | None) -> dict[str, Any]:

@@ -2,10 +2,15 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any, ClassVar, Literal, NamedTuple
+from typing import TYPE_CHECKING, Any, ClassVar, Literal
 
 from dicflow.engine.node import At, Node, Port, Scope
-from dicflow.engine.product import Product, Variable
+from dicflow.engine.product import Product
+from dicflow.kinds.correlation import Correlation
+from dicflow.kinds.images import check_size
+from dicflow.kinds.points import PointErrors, Points
+from dicflow.kinds.rig import CalibratedRig
+from dicflow.kinds.stereo import Stereo
 
 if TYPE_CHECKING:
     import numpy as np
@@ -13,26 +18,6 @@ if TYPE_CHECKING:
     from dicflow.core.cameras.triangulate import Triangulated
 
 __all__ = ["Triangulate"]
-
-_GRID = ("row", "col")
-
-
-class Errors(NamedTuple):
-    """Errors of the points of one step.
-
-    own : (row, col, 3, 3) — covariance from all but the first template's noise [mm²]
-    left : (row, col, 3, 3) — the part of it that the subsets in the left photographs bring [mm²]
-    sensitivity : (row, col, 3, 2) — by how much a point moves per error of the first template [mm/px]
-    template : (row, col, 3) — covariance of this error, xx, xy, yy [px²]
-
-    Where the shape functions left and right differ the template has two such errors: (row, col, 3, 4) and
-    (row, col, 10), the upper triangle of the covariance of both.
-    """
-
-    own: np.ndarray
-    left: np.ndarray
-    sensitivity: np.ndarray
-    template: np.ndarray
 
 
 class Triangulate(Node):
@@ -61,20 +46,22 @@ class Triangulate(Node):
         import numpy as np
 
         from dicflow.core.cameras.triangulate import triangulate
-        from dicflow.kinds.rig import rig_from_json
-        from dicflow.stages.stereo import check_size
+        from dicflow.core.status import Status
 
-        cameras = rig_from_json(rig.attrs["rig"])
-        check_size("left", cameras.left.size, correlation.attrs["image_size"])
-        first = (correlation["way"] == 0)[..., None]
-        left = np.where(first, correlation["template"], correlation["covariance"])
-        found = triangulate(cameras, correlation["xy"], stereo["xy"], left, stereo["covariance"])
-        errors = _errors(found, correlation, stereo)
-        inside = np.isfinite(correlation_first["xy"]).all(axis=-1)
-        return _product(found, errors, correlation, stereo, inside)
+        left, right = Correlation.read(correlation), Stereo.read(stereo)
+        cameras = CalibratedRig.read(rig).cameras
+        check_size("left", cameras.left.size, left.image_size)
+        first = (left["way"] == 0)[..., None]
+        errors_left = np.where(first, left["template"], left["covariance"])
+        found = triangulate(cameras, left["xy"], right["xy"], errors_left, right["covariance"])
+        status = np.maximum(left["status"], right["status"])
+        status[(status <= Status.FILLED) & ~np.isfinite(found.xyz).all(axis=-1)] = Status.EPIPOLAR
+        inside = np.isfinite(Correlation.read(correlation_first)["xy"]).all(axis=-1)
+        errors = _errors(found, left, right)
+        return Points.write(found, errors, status, (left, right), _facts(found, errors, status, right, inside))
 
 
-def _errors(found: Triangulated, correlation: Product, stereo: Product) -> Errors:
+def _errors(found: Triangulated, left: Correlation, right: Stereo) -> PointErrors:
     """What the errors in both photographs do to the points.
 
     At the first step the left place is the point itself, without error. Where both places were chained through one
@@ -88,30 +75,30 @@ def _errors(found: Triangulated, correlation: Product, stereo: Product) -> Error
     from dicflow.core.cameras.triangulate import point_covariance
     from dicflow.core.tensors import congruent, inverse
 
-    by_left, by_right = found.by_left @ correlation["gradient"], found.by_right @ stereo["gradient"]
-    right = congruent(inverse(stereo["gradient"]), stereo["covariance"])
-    left = congruent(inverse(correlation["gradient"]), correlation["covariance"])
-    first = (correlation["way"] == 0)[..., None]
-    chained = ((stereo["way"] > 1) & (stereo.attrs["match"] == "every_step"))[..., None]
-    common = np.where(chained, congruent(inverse(correlation["gradient"]), correlation["passed"]), 0.0)
-    ratio = _variance(correlation["template"]) / _variance(stereo["template"]) if _differ(correlation, stereo) else 1.0
+    by_left, by_right = found.by_left @ left["gradient"], found.by_right @ right["gradient"]
+    of_right = congruent(inverse(right["gradient"]), right["covariance"])
+    of_left = congruent(inverse(left["gradient"]), left["covariance"])
+    first = (left["way"] == 0)[..., None]
+    chained = ((right["way"] > 1) & right.matched_at_every_step)[..., None]
+    common = np.where(chained, congruent(inverse(left["gradient"]), left["passed"]), 0.0)
+    ratio = _variance(left["template"]) / _variance(right["template"]) if _differ(left, right) else 1.0
     shares = (
-        (by_left, left - common),
-        (by_right, np.where(chained, 2.0 - ratio, 1.0) * right),
+        (by_left, of_left - common),
+        (by_right, np.where(chained, 2.0 - ratio, 1.0) * of_right),
         (by_left + by_right, common),
     )
     by_place, by_other, by_both = (point_covariance(slopes, covariance) for slopes, covariance in shares)
     own, alone = by_place + by_other + by_both, by_place + by_both
     sensitivity = np.where(first[..., None], by_right, by_left + by_right)
-    if not _differ(correlation, stereo):
-        return Errors(own, alone, sensitivity, correlation["template"])
+    if not _differ(left, right):
+        return PointErrors(own, alone, sensitivity, left["template"])
     added = np.where(chained[..., None], 0.0, by_right)
-    return Errors(own, alone, np.concatenate([sensitivity, added], axis=-1), _two_errors(correlation, stereo))
+    return PointErrors(own, alone, np.concatenate([sensitivity, added], axis=-1), _two_errors(left, right))
 
 
-def _differ(correlation: Product, stereo: Product) -> bool:
+def _differ(left: Correlation, right: Stereo) -> bool:
     """Whether the shape functions left and right do."""
-    return bool(correlation.attrs["shape_function"] != stereo.attrs["shape_function"])
+    return left.grid.shape_function != right.grid.shape_function
 
 
 def _variance(covariance: np.ndarray) -> Any:
@@ -119,16 +106,16 @@ def _variance(covariance: np.ndarray) -> Any:
     return covariance[..., :1] + covariance[..., 2:]
 
 
-def _two_errors(correlation: Product, stereo: Product) -> np.ndarray:
+def _two_errors(left: Correlation, right: Stereo) -> np.ndarray:
     """Covariance (row, col, 10) of the template's error and of what the right shape function adds to it [px²]."""
     import numpy as np
 
     from dicflow.core.tensors import symmetric, upper
 
-    template = correlation["template"]
+    template = left["template"]
     both = np.zeros((*template.shape[:2], 4, 4))
     both[..., :2, :2] = symmetric(template)
-    both[..., 2:, 2:] = symmetric(_positive(stereo["template"] - template))
+    both[..., 2:, 2:] = symmetric(_positive(right["template"] - template))
     return upper(both)
 
 
@@ -145,65 +132,21 @@ def _positive(covariance: np.ndarray) -> np.ndarray:
     return nearest
 
 
-def _product(found: Triangulated, errors: Errors, correlation: Product, stereo: Product, inside: np.ndarray) -> Product:
-    """inside : (row, col) — the points of the region at the first step"""
-    import numpy as np
+def _facts(
+    found: Triangulated, errors: PointErrors, status: np.ndarray, right: Stereo, inside: np.ndarray
+) -> dict[str, Any]:
+    """What a reader should know of a step.
 
-    from dicflow.core.status import Status
-    from dicflow.core.tensors import upper
-
-    status = np.maximum(correlation["status"], stereo["status"])
-    status[(status <= Status.FILLED) & ~np.isfinite(found.xyz).all(axis=-1)] = Status.EPIPOLAR
-    kept = status <= Status.FILLED
-    pixel, single = (*_GRID, "image_component"), np.float32
-    variables = {
-        "xyz": Variable((*_GRID, "component"), found.xyz, "mm", "position"),
-        "xy": Variable(pixel, correlation["xy"], "px", "place in the left photograph"),
-        "xy_right": Variable(pixel, stereo["xy"], "px", "place in the right photograph"),
-        "covariance": Variable((*_GRID, "pair"), upper(errors.own), "mm²", "covariance XX, XY, XZ, YY, YZ, ZZ"),
-        "covariance_left": Variable(
-            (*_GRID, "pair"), upper(errors.left), "mm²", "share of the left photographs in the covariance"
-        ),
-        "sensitivity": Variable(
-            (*_GRID, "component", "error"), errors.sensitivity, "mm/px", "motion per error of the template"
-        ),
-        "reprojection": Variable(_GRID, found.reprojection.astype(single), "px", "reprojection error"),
-    }
-    variables = {name: part._replace(values=_where(kept, part.values)) for name, part in variables.items()}
-    worse = np.fmax(correlation["znssd"], stereo["znssd"])
-    variables |= {
-        "epipolar": stereo.variables["epipolar"],
-        "template": Variable(
-            (*_GRID, "error_pair"), errors.template, "px²", "covariance of the first template's error"
-        ),
-        "znssd": Variable(_GRID, worse.astype(single), "1", "misfit of the grey levels (ZNSSD), the worse of both"),
-        "way": correlation.variables["way"],
-        "way_right": stereo.variables["way"],
-        "status": Variable(_GRID, status, "1", "why a point has a place, or has none"),
-    }
-    facts = {name: correlation.attrs[name] for name in ("step_size", "subset_size", "image_size", "noise_grey")}
+    inside : (row, col) — the points of the region at the first step
+    """
     reasons = _reasons(status[inside])
-    summary = {"points": int(inside.sum()), "valid_share": reasons.get("valid", 0.0), **_figures(variables, kept)}
-    attrs = {
-        **facts,
-        "shape_function": stereo.attrs["shape_function"],
-        "shape_function_left": correlation.attrs["shape_function"],
-        "reasons": reasons,
-        "text": _sentence(reasons, int(inside.sum())),
-        "summary": summary,
-    }
-    return Product("points", variables, attrs)
-
-
-def _where(kept: np.ndarray, values: np.ndarray) -> np.ndarray:
-    """NaN where a point does not count."""
-    import numpy as np
-
-    return np.where(kept.reshape(kept.shape + (1,) * (values.ndim - 2)), values, np.nan)
+    points = int(inside.sum())
+    summary = {"points": points, "valid_share": reasons.get("valid", 0.0), **_figures(found, errors, status, right)}
+    return {"reasons": reasons, "text": _sentence(reasons, points), "summary": summary}
 
 
 def _reasons(status: np.ndarray) -> dict[str, float]:
-    """Share of the region's points by what became of them, most first; none where there is no point."""
+    """Share of the region's points by status, most first; empty where there is no point."""
     import numpy as np
 
     from dicflow.core.status import Status
@@ -220,14 +163,17 @@ def _sentence(reasons: dict[str, float], points: int) -> str:
     return f"{measured}; {lost}" if lost else measured
 
 
-def _figures(variables: dict[str, Variable], kept: np.ndarray) -> dict[str, float]:
-    """Root mean squares of the residuals and medians of σ over the measured points; none without any."""
+def _figures(found: Triangulated, errors: PointErrors, status: np.ndarray, right: Stereo) -> dict[str, float]:
+    """Root mean squares of the residuals and medians of σ over the measured points; empty without any."""
     import numpy as np
 
+    from dicflow.core.status import Status
+
+    kept = status <= Status.FILLED
     if not kept.any():
         return {}
-    residuals = {f"{name}_px": variables[name].values[kept] for name in ("epipolar", "reprojection")}
-    variances = np.median(variables["covariance"].values[kept][:, [0, 3, 5]], axis=0)
+    residuals = {"epipolar_px": right["epipolar"][kept], "reprojection_px": found.reprojection.astype("f4")[kept]}
+    variances = np.median(np.diagonal(errors.own[kept], axis1=-2, axis2=-1), axis=0)
     return {
         **{name: float(np.sqrt(np.mean(values**2))) for name, values in residuals.items()},
         **{f"sigma_{axis}_mm": float(np.sqrt(value)) for axis, value in zip("XYZ", variances, strict=True)},

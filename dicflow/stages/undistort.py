@@ -5,8 +5,9 @@ from __future__ import annotations
 from typing import ClassVar, Literal
 
 from dicflow.engine.node import Node, Port, Scope
-from dicflow.engine.product import Product, Variable
-from dicflow.errors import StageError
+from dicflow.engine.product import Product
+from dicflow.kinds.images import Images, check_size
+from dicflow.kinds.rig import CalibratedRig
 
 __all__ = ["Undistort"]
 
@@ -25,15 +26,10 @@ class Undistort(Node):
         import numpy as np
 
         from dicflow.core.cameras.rectification import rectify
-        from dicflow.kinds.rig import rig_from_json
 
-        image = images["left"]
-        if rig is not None:
-            camera = rig_from_json(rig.attrs["rig"]).left
-            if image.shape[::-1] != camera.size:
-                raise StageError(
-                    f"the left camera was calibrated on photographs of {camera.size[0]} × {camera.size[1]} px, but "
-                    f"this one has {image.shape[1]} × {image.shape[0]}; photograph the board at the same settings"
-                )
-            image = rectify(image, camera, np.eye(3), camera.matrix, camera.size)
-        return Product("plane", {"left": Variable(("row", "col"), image, "grey level", "undistorted photograph")})
+        photographs = Images.read(images)
+        if rig is None:
+            return Images.write(photographs.left, kind="plane")
+        camera = CalibratedRig.read(rig).cameras.left
+        check_size("left", camera.size, photographs.size)
+        return Images.write(rectify(photographs.left, camera, np.eye(3), camera.matrix, camera.size), kind="plane")

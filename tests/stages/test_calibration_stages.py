@@ -170,5 +170,5 @@ def test_pairs_of_two_sizes(pairs):
 
 def test_one_camera_is_not_enough(pairs):
     left = Product("corners", {"left": pairs[0].variables["left"]}, pairs[0].attrs)
-    with pytest.raises(StageError, match="two cameras are calibrated together"):
+    with pytest.raises(StageError, match="photographs of two cameras"):
         stage().run(corners=(left,) * 9)

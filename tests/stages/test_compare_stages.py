@@ -173,7 +173,7 @@ def test_a_shorter_extensometer_is_compared_in_strain_alone(tmp_path):
 
 def test_an_extensometer_that_is_not_there(tmp_path):
     path = table(tmp_path)
-    with pytest.raises(StageError, match="no extensometer 'wide' among the probes; there are short, long"):
+    with pytest.raises(StageError, match="unknown extensometer 'wide'; the probes have: short, long"):
         Compare(caliper=str(path), extensometer="wide").run(probes=probes(LENGTHS), caliper_path=path)
     with pytest.raises(StageError, match="add a stage 'probes'"):
         Compare(caliper=str(path), extensometer="wide").run(caliper_path=path)
@@ -183,15 +183,18 @@ def test_an_extensometer_that_is_not_there(tmp_path):
         Compare(caliper=str(path), extensometer="long").agree({path: {"rows": 4}}, {}, {"total": ("b", "c")})
 
 
+PRECISE = {"definition": "precise"}
+
+
 def test_without_a_track_the_mean_strain_of_the_field_is_compared(tmp_path):
     path = table(tmp_path)
     strains = [length / LENGTHS[0] - 1.0 for length in LENGTHS[1:]]
     field = np.array([[-1e-3, np.nan], [1e-3, 0.0]])
-    total = [Product("total", {"eyy": Variable(("row", "col"), strain + field)}, {}) for strain in strains]
+    total = [Product("total", {"eyy": Variable(("row", "col"), strain + field)}, PRECISE) for strain in strains]
     found = Compare(caliper=str(path)).run(total=total, caliper_path=path)
     assert found.attrs["length"] == "field"
     assert found["dic_strain"] == pytest.approx([0.0, *strains])
-    other = [Product("total", total[0].variables, {"measure": "hencky"})] * len(total)
+    other = [Product("total", total[0].variables, {**PRECISE, "measure": "hencky"})] * len(total)
     with pytest.raises(StageError, match="engineering strain, not hencky; set measure: engineering"):
         Compare(caliper=str(path)).run(total=other, caliper_path=path)
     thesis = [Product("total", total[0].variables, {"definition": "thesis"})] * len(total)

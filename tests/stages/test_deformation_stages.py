@@ -252,7 +252,7 @@ def test_maps_of_any_field_with_its_gauge():
     drawn = Maps(quantities=("U", "eyy", "von_mises", "sigma_eyy", "sigma_U")).run(total=[result]).attrs["quantities"]
     assert drawn["U"]["title"] == "displacement U"
     assert drawn["eyy"]["title"] == "Hencky strain (material directions) εyy, VSG 63 px = 3.15 mm"
-    assert drawn["sigma_eyy"]["title"].startswith("σ of the Hencky strain εyy, VSG")
+    assert drawn["sigma_eyy"]["title"].startswith("σ of the Hencky strain (material directions) εyy, VSG")
     assert drawn["sigma_U"]["unit"] == "mm"
     assert drawn["eyy"]["range"] == pytest.approx([np.log(2.3)] * 2, abs=1e-5)
     with pytest.raises(StageError, match="has no calibration_U to draw; it has U, V, W"):

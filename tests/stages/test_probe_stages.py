@@ -184,7 +184,7 @@ def test_three_points_in_pixels_and_millimetres():
     in_mm = tuple((*((np.array(place) - [500, 400]) * 0.05), 500.0) for place in places)
     other = Frame(method="three_points", places=in_mm).run(points=first)
     assert np.allclose(other.attrs["rotation"], frame.attrs["rotation"])
-    with pytest.raises(StageError, match="no point was measured at"):
+    with pytest.raises(StageError, match="no measured point at"):
         Frame(method="three_points", places=((0, 0), (9, 0), (0, 9))).run(points=first)
 
 

@@ -79,7 +79,7 @@ def test_photographs_of_another_size_than_the_boards():
 
 
 def test_one_photograph_cannot_be_rectified():
-    with pytest.raises(StageError, match="no right ones"):
+    with pytest.raises(StageError, match="add 'right' to the images"):
         RECTIFY.run(images=images(np.zeros((480, 640), np.uint8)), rig=rig_product())
 
 

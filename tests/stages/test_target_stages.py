@@ -118,8 +118,8 @@ def test_a_square_of_another_size_shows_in_no_figure_but_lengths(marked):
     [
         ({"target": "charuco"}, "needs the dictionary of its markers and marker"),
         ({"target": "charuco", "dictionary": "4x4_50"}, "needs the dictionary of its markers and marker"),
-        ({"target": "circles", "marker": 0.7}, "marker is of ChArUco boards alone"),
-        ({"dictionary": "4x4_50"}, "dictionary is of ChArUco boards alone"),
+        ({"target": "circles", "marker": 0.7}, "marker belongs to ChArUco boards"),
+        ({"dictionary": "4x4_50"}, "dictionary belongs to ChArUco boards"),
         ({"target": "charuco", "dictionary": "4x4_55", "marker": 0.7}, "Input should be '4x4_50'"),
         ({"target": "charuco", "dictionary": "4x4_50", "marker": 1.2}, "less than 1"),
         ({"target": "charuco", "dictionary": "4x4_50", "marker": 0.7, "size": (11, 8)},

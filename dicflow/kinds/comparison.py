@@ -1,0 +1,59 @@
+"""Lengths and strains beside a caliper's."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import TYPE_CHECKING, Any, ClassVar
+
+from dicflow.engine.product import Product
+from dicflow.kinds.kind import Kind, Layout
+
+if TYPE_CHECKING:
+    import numpy as np
+
+__all__ = ["Comparison"]
+
+_UNITS = {"_mm": "mm", "_px": "px", "_pct": "%", "_g": "g"}
+
+
+class Comparison(Kind):
+    """One row per step: what the caliper measured, what DIC measured, and the differences."""
+
+    KINDS: ClassVar = ("comparison",)
+
+    @classmethod
+    def write(
+        cls, table: Mapping[str, np.ndarray], phases: Sequence[str], length: str, summary: Mapping[str, float]
+    ) -> Product:
+        """A product of columns.
+
+        table : column → (step,); a name ends in its unit where it has one; NaN where a step has no value
+        phases : of each step, loading or unloading
+        length : which of the measured lengths is compared
+        """
+        import numpy as np
+
+        variables = {name: Layout(("step",), _unit(name), name)(values) for name, values in table.items()}
+        rows = [
+            {
+                "phase": phase,
+                **{name: float(v[index]) if np.isfinite(v[index]) else None for name, v in table.items()},
+            }
+            for index, phase in enumerate(phases)
+        ]
+        return Product("comparison", variables, {"rows": rows, "length": length, "summary": dict(summary)})
+
+    @property
+    def rows(self) -> Sequence[Mapping[str, Any]]:
+        """The table, one row per step, the first included."""
+        return tuple(self.product.attrs["rows"])
+
+    @property
+    def phases(self) -> Sequence[str]:
+        """Of each step, loading or unloading."""
+        return tuple(row["phase"] for row in self.rows)
+
+
+def _unit(column: str) -> str:
+    """Unit at the end of a column's name."""
+    return next((unit for ending, unit in _UNITS.items() if column.endswith(ending)), "1")

@@ -1,0 +1,55 @@
+"""The disparity map of one step."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import TYPE_CHECKING, ClassVar
+
+from dicflow.engine.product import Product
+from dicflow.kinds.kind import GRID, Kind, Layout
+
+if TYPE_CHECKING:
+    import numpy as np
+
+__all__ = ["DisparityMap"]
+
+
+class DisparityMap(Kind):
+    """x_left − x_right of the pixels in a part of the rectified left image."""
+
+    KINDS: ClassVar = ("disparity",)
+
+    @classmethod
+    def write(
+        cls,
+        disparity: np.ndarray,
+        status: np.ndarray,
+        origin: tuple[int, int],
+        limits: tuple[int, int],
+        summary: Mapping[str, float],
+    ) -> Product:
+        """A product of disparities.
+
+        disparity : (row, col) — NaN where unknown [px]; status : (row, col)
+        origin : (x, y) of element [0, 0] in the rectified left image [px]
+        limits : range [low, high) that was searched [px]
+        """
+        variables = {
+            "disparity": Layout(GRID, "px", "disparity")(disparity),
+            "status": Layout(GRID, "1", "status")(status),
+        }
+        return Product(
+            "disparity", variables, {"origin": list(origin), "range": list(limits), "summary": dict(summary)}
+        )
+
+    @property
+    def origin(self) -> tuple[int, int]:
+        """(x, y) of element [0, 0] in the rectified left image [px]."""
+        x, y = self.product.attrs["origin"]
+        return x, y
+
+    @property
+    def limits(self) -> tuple[int, int]:
+        """Range [low, high) that was searched [px]."""
+        low, high = self.product.attrs["range"]
+        return low, high

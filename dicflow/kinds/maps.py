@@ -1,0 +1,96 @@
+"""What all maps of a test share."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any, ClassVar, Literal, NamedTuple
+
+from dicflow.engine.product import Product
+from dicflow.kinds.kind import Kind
+
+__all__ = ["MapQuantity", "Maps", "Positions"]
+
+Positions = Literal["xyz", "xyz_reference"]
+
+
+class MapQuantity(NamedTuple):
+    """What all maps of one quantity share.
+
+    title : what it is, in words
+    unit : of its values
+    range : least and largest value that has a colour of its own
+    """
+
+    title: str
+    unit: str
+    range: tuple[float, float]
+
+
+class Maps(Kind):
+    """Colour range of each quantity over all steps, and the window of the specimen that every map shows."""
+
+    KINDS: ClassVar = ("maps",)
+
+    @classmethod
+    def write(
+        cls,
+        quantities: Mapping[str, MapQuantity],
+        positions: Positions,
+        extent: Sequence[float],
+        unit: str,
+        colour_map: str,
+        phases: Sequence[str],
+    ) -> Product:
+        """A product of ranges.
+
+        positions : array of the total that says where a point is drawn
+        extent : x_min, y_min, x_max, y_max over all steps [unit]
+        colour_map : matplotlib's name, or auto
+        phases : of each total, loading or unloading
+        """
+        listed: dict[str, Any] = {name: {**q._asdict(), "range": list(q.range)} for name, q in quantities.items()}
+        attrs = {
+            "quantities": listed,
+            "positions": positions,
+            "extent": list(extent),
+            "unit": unit,
+            "colour_map": colour_map,
+            "phases": list(phases),
+        }
+        return Product("maps", attrs=attrs)
+
+    @property
+    def quantities(self) -> Mapping[str, MapQuantity]:
+        """Name of the array → what its maps share."""
+        found: Mapping[str, Mapping[str, Any]] = self.product.attrs["quantities"]
+        return {
+            name: MapQuantity(values["title"], values["unit"], (values["range"][0], values["range"][1]))
+            for name, values in found.items()
+        }
+
+    @property
+    def positions(self) -> Positions:
+        """Array of the total that says where a point is drawn."""
+        found: Positions = self.product.attrs["positions"]
+        return found
+
+    @property
+    def extent(self) -> tuple[float, float, float, float]:
+        """x_min, y_min, x_max, y_max over all steps, in the unit of length."""
+        x0, y0, x1, y1 = self.product.attrs["extent"]
+        return x0, y0, x1, y1
+
+    @property
+    def unit(self) -> str:
+        """Unit of length: mm, or px with one camera."""
+        return str(self.product.attrs["unit"])
+
+    @property
+    def colour_map(self) -> str:
+        """matplotlib's name, or auto."""
+        return str(self.product.attrs["colour_map"])
+
+    @property
+    def phases(self) -> Sequence[str]:
+        """Of each total, loading or unloading."""
+        return tuple(self.product.attrs["phases"])

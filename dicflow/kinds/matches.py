@@ -1,0 +1,66 @@
+"""Features of one step found again in the next."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import TYPE_CHECKING, ClassVar
+
+from dicflow.engine.product import Product
+from dicflow.kinds.kind import Kind, Layout
+
+if TYPE_CHECKING:
+    import numpy as np
+
+    from dicflow.core.correlation.seed import Pairs
+
+__all__ = ["Matches"]
+
+_REFERENCE = Layout(("match", "component"), "px", "position at the step before")
+_DEFORMED = Layout(("match", "component"), "px", "position at this step")
+_FEATURES = Layout(("feature", "component"), "px", "all features of the step before")
+
+
+class Matches(Kind):
+    """Positions of matched features at the step before and at this one."""
+
+    KINDS: ClassVar = ("matches",)
+
+    @classmethod
+    def write(
+        cls,
+        reference: np.ndarray,
+        deformed: np.ndarray,
+        features: np.ndarray,
+        image_size: tuple[int, int],
+        summary: Mapping[str, int],
+    ) -> Product:
+        """A product of matches.
+
+        reference, deformed : (n, 2) — positions at the step before and at this one [px]
+        features : (m, 2) — all features of the step before [px]
+        image_size : width and height [px]
+        """
+        variables = {
+            "reference": _REFERENCE(reference.astype("float32")),
+            "deformed": _DEFORMED(deformed.astype("float32")),
+            "features": _FEATURES(features),
+        }
+        return Product("matches", variables, {"image_size": list(image_size), "summary": dict(summary)})
+
+    @property
+    def pairs(self) -> Pairs:
+        """Positions (n, 2) at the step before and at this one [px]."""
+        from dicflow.core.correlation.seed import Pairs
+
+        return Pairs(self["reference"].astype(float), self["deformed"].astype(float))
+
+    @property
+    def features(self) -> np.ndarray:
+        """Positions (m, 2) of all features of the step before [px]."""
+        return self["features"].astype(float)
+
+    @property
+    def image_size(self) -> tuple[int, int]:
+        """Width and height of the image [px]."""
+        width, height = self.product.attrs["image_size"]
+        return width, height

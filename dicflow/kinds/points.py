@@ -1,0 +1,187 @@
+"""Points in space, and what is uncertain about them."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple, Self
+
+from dicflow.engine.product import Product, Variable
+from dicflow.kinds.correlation import Correlation, SubsetGrid
+from dicflow.kinds.kind import GRID, Kind, Layout
+from dicflow.kinds.stereo import Stereo
+
+if TYPE_CHECKING:
+    import numpy as np
+
+    from dicflow.core.cameras.triangulate import Triangulated
+    from dicflow.core.uncertainty.covariance import MeasuredPoints
+
+__all__ = ["PointErrors", "Points"]
+
+_LAYOUTS = {
+    "xyz": Layout((*GRID, "component"), "mm", "position"),
+    "xy": Layout((*GRID, "image_component"), "px", "place in the left photograph"),
+    "xy_right": Layout((*GRID, "image_component"), "px", "place in the right photograph"),
+    "covariance": Layout((*GRID, "pair"), "mm²", "covariance XX, XY, XZ, YY, YZ, ZZ"),
+    "covariance_left": Layout((*GRID, "pair"), "mm²", "share of the left photographs in the covariance"),
+    "sensitivity": Layout((*GRID, "component", "error"), "mm/px", "motion per error of the template"),
+    "reprojection": Layout(GRID, "px", "reprojection error"),
+    "template": Layout((*GRID, "error_pair"), "px²", "covariance of the first template's error"),
+    "znssd": Layout(GRID, "1", "misfit of the grey levels (ZNSSD), the worse of both"),
+    "status": Layout(GRID, "1", "why a point has a place, or has none"),
+}
+
+
+class PointErrors(NamedTuple):
+    """Errors of the points of one step.
+
+    own : (row, col, 3, 3) — covariance from all but the first template's noise [mm²]
+    left : (row, col, 3, 3) — the part of it that the subsets in the left photographs bring [mm²]
+    sensitivity : (row, col, 3, 2) — by how much a point moves per error of the first template [mm/px]
+    template : (row, col, 3) — covariance of this error, xx, xy, yy [px²]
+
+    Where the shape functions left and right differ the template has two such errors: (row, col, 3, 4) and
+    (row, col, 10), the upper triangle of the covariance of both.
+    """
+
+    own: np.ndarray
+    left: np.ndarray
+    sensitivity: np.ndarray
+    template: np.ndarray
+
+
+class Points(Kind):
+    """Material points at one step: in space with two cameras, in the plane of the photograph with one."""
+
+    KINDS: ClassVar = ("points", "correlation")
+
+    @classmethod
+    def write(
+        cls,
+        found: Triangulated,
+        errors: PointErrors,
+        status: np.ndarray,
+        sources: tuple[Correlation, Stereo],
+        facts: Mapping[str, Any],
+    ) -> Product:
+        """A product of points in space, NaN where a point does not count.
+
+        status : (row, col) — of both photographs
+        sources : the points in the left and the right photograph
+        facts : further attributes: reasons, text, summary
+        """
+        import numpy as np
+
+        from dicflow.core.status import Status
+        from dicflow.core.tensors import upper
+        from dicflow.kinds.status import known_or_nan
+
+        correlation, stereo = sources
+        kept = status <= Status.FILLED
+        measured = {
+            "xyz": found.xyz,
+            "xy": correlation["xy"],
+            "xy_right": stereo["xy"],
+            "covariance": upper(errors.own),
+            "covariance_left": upper(errors.left),
+            "sensitivity": errors.sensitivity,
+            "reprojection": found.reprojection.astype(np.float32),
+        }
+        worse = np.fmax(correlation["znssd"], stereo["znssd"]).astype(np.float32)
+        variables: dict[str, Variable] = {
+            **{name: _LAYOUTS[name](known_or_nan(kept, values)) for name, values in measured.items()},
+            "epipolar": stereo.product.variables["epipolar"],
+            "template": _LAYOUTS["template"](errors.template),
+            "znssd": _LAYOUTS["znssd"](worse),
+            "way": correlation.product.variables["way"],
+            "way_right": stereo.product.variables["way"],
+            "status": _LAYOUTS["status"](status),
+        }
+        attrs = {
+            "step_size": correlation.grid.step_size,
+            "subset_size": correlation.grid.subset_size,
+            "image_size": list(correlation.image_size),
+            "noise_grey": correlation.noise.grey,
+            "shape_function": stereo.grid.shape_function,
+            "shape_function_left": correlation.grid.shape_function,
+        }
+        return Product("points", variables, {**attrs, **facts})
+
+    @property
+    def unit(self) -> str:
+        """Unit of places: mm in space, px in the plane of one camera's photograph."""
+        return "mm" if self.in_space else "px"
+
+    @property
+    def in_space(self) -> bool:
+        """Whether two cameras measured them."""
+        return self.product.kind == "points"
+
+    @property
+    def grid(self) -> SubsetGrid:
+        """The grid of subsets; the shape function is that of the right photograph where there are two."""
+        attrs = self.product.attrs
+        return SubsetGrid(attrs["step_size"], attrs["subset_size"], attrs["shape_function"])
+
+    @property
+    def left_shape_function(self) -> str:
+        """Shape function of the subsets in the left photographs."""
+        return str(self.product.attrs.get("shape_function_left", self.grid.shape_function))
+
+    @property
+    def noise_grey(self) -> float:
+        """Noise by which the errors were judged [grey levels]."""
+        return float(self.product.attrs.get("noise_grey", 1.0))
+
+    @property
+    def template(self) -> np.ndarray:
+        """Covariance matrices (row, col, d, d) of the errors of the first template [px²]."""
+        from dicflow.core.tensors import symmetric
+
+        return symmetric(self["template"])
+
+    @property
+    def laid(self) -> int:
+        """How many points of the grid lie in the region at the first step."""
+        import numpy as np
+
+        return int(self.summary.get("points") or np.isfinite(self["xy"]).all(axis=-1).sum())
+
+    def judged_by(self, other: Points) -> Self:
+        """These points with the noise by which the others were judged: later photographs measure it better."""
+        if self.noise_grey == other.noise_grey:
+            return self
+        share = (other.noise_grey / self.noise_grey) ** 2
+        names = [name for name in ("covariance", "covariance_left", "template") if name in self]
+        variables = self.product.variables
+        scaled = {name: variables[name]._replace(values=share * self[name]) for name in names}
+        return type(self)(Product(self.product.kind, {**variables, **scaled}, self.product.attrs))
+
+    def measured(self) -> MeasuredPoints:
+        """Places and their errors; of one camera, in the plane of its photograph at height 0."""
+        import numpy as np
+
+        from dicflow.core.tensors import symmetric
+        from dicflow.core.uncertainty.covariance import MeasuredPoints
+
+        if self.in_space:
+            return MeasuredPoints(self["xyz"], symmetric(self["covariance"]), self["sensitivity"])
+        return MeasuredPoints(
+            np.pad(self["xy"], [(0, 0), (0, 0), (0, 1)]),
+            np.pad(symmetric(self["covariance"]), [(0, 0), (0, 0), (0, 1), (0, 1)]),
+            np.pad(self["gradient"], [(0, 0), (0, 0), (0, 1), (0, 0)]),
+        )
+
+    def measured_at_first_step(self) -> MeasuredPoints:
+        """The same at the first step, where points of one camera are exact, being where the subsets were laid."""
+        found = self.measured()
+        if self.in_space:
+            return found
+        return found._replace(own=0.0 * found.own, sensitivity=0.0 * found.sensitivity)
+
+    def measured_by_left(self) -> MeasuredPoints:
+        """Places with those errors alone that the subsets of the left photographs bring."""
+        from dicflow.core.tensors import symmetric
+        from dicflow.core.uncertainty.covariance import MeasuredPoints
+
+        return MeasuredPoints(self["xyz"], symmetric(self["covariance_left"]), self["sensitivity"][..., :2])

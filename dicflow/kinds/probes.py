@@ -1,0 +1,70 @@
+"""What probes read at every step."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import TYPE_CHECKING, Any, ClassVar
+
+from dicflow.engine.product import Product, Variable
+from dicflow.errors import StageError
+from dicflow.kinds.kind import Kind
+
+if TYPE_CHECKING:
+    import numpy as np
+
+__all__ = ["ProbeTable", "gauge_facts"]
+
+
+class ProbeTable(Kind):
+    """Readings of points, lines, areas and extensometers by step, the first step included."""
+
+    KINDS: ClassVar = ("probes",)
+
+    @classmethod
+    def write(
+        cls,
+        variables: Mapping[str, Variable],
+        steps: Sequence[str],
+        probes: Mapping[str, Sequence[str]],
+        rows: Sequence[Mapping[str, Any]],
+        facts: Mapping[str, Any],
+    ) -> Product:
+        """A product of readings.
+
+        variables : (probe, step) of points, lines and areas; (extensometer, step) of lengths; profiles of lines
+        steps : names of the steps
+        probes : "point", "line", "area", "extensometer" → names
+        rows : of the table, one per probe and step
+        facts : further attributes, of the total: unit, measures, gauge; and the summary
+        """
+        listed = {kind: list(names) for kind, names in probes.items()}
+        attrs = {"steps": list(steps), "probes": listed, "rows": [dict(row) for row in rows]}
+        return Product("probes", variables, {**attrs, **facts})
+
+    @property
+    def unit(self) -> str:
+        """Unit of lengths: mm, or px with one camera."""
+        return str(self.product.attrs["unit"])
+
+    @property
+    def rows(self) -> Sequence[Mapping[str, Any]]:
+        """The table, one row per probe and step."""
+        return tuple(self.product.attrs["rows"])
+
+    @property
+    def extensometers(self) -> Sequence[str]:
+        """Names of the extensometers."""
+        return tuple(self.product.attrs["probes"]["extensometer"])
+
+    def of_extensometer(self, name: str, quantity: str) -> np.ndarray:
+        """A quantity of one extensometer at every step. Raises StageError for an unknown name."""
+        if name not in self.extensometers:
+            known = ", ".join(self.extensometers) or "none"
+            raise StageError(f"unknown extensometer '{name}'; the probes have: {known}")
+        values: np.ndarray = self[quantity][self.extensometers.index(name)]
+        return values
+
+
+def gauge_facts(total: Product) -> dict[str, Any]:
+    """What tables made from a total say of it: unit, measures of strain, virtual strain gauge."""
+    return {name: total.attrs[name] for name in ("unit", "measures", "vsg_px", "vsg_mm") if name in total.attrs}

@@ -1,0 +1,168 @@
+"""The table of quantities: what can be measured of a deformation, said once for all who draw, export or list it.
+
+A further quantity is one entry here, or one of the entry points ``dicflow.quantities`` of another package, and the
+function of the deformation gradient that it names. A measure of strain is one entry and the function of the stretch.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal
+
+__all__ = ["BASIC", "LENGTH", "MEASURES", "QUANTITIES", "Quantity", "StrainMeasure", "is_signed", "of_field", "unit_of"]
+
+LENGTH = "length"
+"""Unit of a quantity that is given in the measurement's unit of length: mm, or px with one camera."""
+
+Use = Literal["probes", "noise_floor", "report", "sweep"]
+
+_PREFIXES = ("sigma_", "calibration_")
+"""Of the arrays that hold a quantity's standard deviation, and the calibration's share in it."""
+
+
+@dataclass(frozen=True)
+class Quantity:
+    """One quantity of a total.
+
+    name : of its array
+    symbol : as in a formula
+    title : what it is, as a colour bar names it; ``{measure}`` stands for the measure of strain
+    definition : one sentence
+    unit : of its values: LENGTH, "deg", "px²" …; "1" for a pure number
+    positive : what a positive value means; "" for what is never negative
+    sources : which of U, V and W its errors come from, and to what share; None where that is not known
+    calibrated : whether the calibration's share in its σ is computed
+    uses : where it is shown or read beside maps and exports
+    function : ``module:function`` that computes it from deformation gradients (..., 2, 2); "" for those that
+        :mod:`dicflow.core.strain.measures` computes itself
+    """
+
+    name: str
+    symbol: str
+    title: str
+    definition: str
+    unit: str = "1"
+    positive: str = ""
+    sources: tuple[float, float, float] | None = None
+    calibrated: bool = True
+    uses: tuple[Use, ...] = ()
+    function: str = ""
+
+    @property
+    def is_displacement(self) -> bool:
+        """Whether it is a component of the displacement, which belongs to a point and not to a gauge around it."""
+        return self.unit == LENGTH
+
+    def unit_in(self, length: str) -> str:
+        """Unit of its values where lengths are in the unit given."""
+        return length if self.unit == LENGTH else self.unit
+
+
+@dataclass(frozen=True)
+class StrainMeasure:
+    """One measure of strain.
+
+    name : in pipeline files
+    title : as a caption names it
+    definition : one sentence, or a formula of the stretch λ
+    function : ``module:function`` of the principal stretches; "" for those that
+        :mod:`dicflow.core.strain.measures` computes itself
+    """
+
+    name: str
+    title: str
+    definition: str
+    function: str = ""
+
+
+_EVERYWHERE: tuple[Use, ...] = ("probes", "noise_floor", "report", "sweep")
+_NO_SWEEP: tuple[Use, ...] = ("probes", "noise_floor", "report")
+
+QUANTITIES = {
+    quantity.name: quantity
+    for quantity in (
+        Quantity(
+            "U", "U", "displacement U", "displacement along X since the first step", LENGTH,
+            "towards larger X", (1, 0, 0), uses=_EVERYWHERE,
+        ),
+        Quantity(
+            "V", "V", "displacement V", "displacement along Y since the first step", LENGTH,
+            "towards larger Y", (0, 1, 0), uses=_EVERYWHERE,
+        ),
+        Quantity(
+            "W", "W", "displacement W", "displacement along Z since the first step", LENGTH,
+            "towards larger Z", (0, 0, 1), uses=_NO_SWEEP,
+        ),
+        Quantity(
+            "exx", "εxx", "{measure} εxx", "strain of the direction x", positive="longer", sources=(1, 0, 0),
+            uses=_EVERYWHERE,
+        ),
+        Quantity(
+            "eyy", "εyy", "{measure} εyy", "strain of the direction y", positive="longer", sources=(0, 1, 0),
+            uses=_EVERYWHERE,
+        ),
+        Quantity(
+            "gxy", "γxy", "{measure} γxy", "decrease of the right angle between x and y", positive="a smaller angle",
+            sources=(0.5, 0.5, 0), uses=_NO_SWEEP,
+        ),
+        Quantity(
+            "e1", "ε1", "{measure} ε1", "larger principal strain", positive="longer", uses=("noise_floor", "report"),
+        ),
+        Quantity(
+            "e2", "ε2", "{measure} ε2", "smaller principal strain", positive="longer", uses=("noise_floor", "report"),
+        ),
+        Quantity(
+            "angle", "θ1", "direction of ε1", "direction of the larger principal strain from x", "deg", "towards y",
+            calibrated=False,
+        ),
+        Quantity(
+            "rotation", "ω", "rotation in the surface", "rotation of the material in the tangent plane", "deg",
+            "from x towards y", calibrated=False,
+        ),
+        Quantity(
+            "von_mises", "εvM", "von Mises strain (logarithmic, incompressible)",
+            "equivalent logarithmic strain of an incompressible material: in uniaxial tension that along the load",
+        ),
+        Quantity(
+            "area_change", "ΔA/A", "area change", "relative change of the surface's area", positive="larger",
+            uses=("noise_floor",),
+        ),
+    )
+}  # fmt: skip
+"""All quantities of dicflow by the name of their array, in the order in which they are listed."""
+
+BASIC = ("U", "V", "W", "exx", "eyy", "gxy")
+"""What every total has."""
+
+MEASURES = {
+    measure.name: measure
+    for measure in (
+        StrainMeasure("engineering", "engineering strain", "|F e| − 1 of a fibre, and the loss of the right angle"),
+        StrainMeasure("green_lagrange", "Green–Lagrange strain", "(λ² − 1) / 2"),
+        StrainMeasure("hencky", "Hencky strain", "ln λ"),
+        StrainMeasure("euler_almansi", "Euler–Almansi strain", "(1 − λ⁻²) / 2"),
+        StrainMeasure("biot", "Biot strain", "λ − 1"),
+    )
+}
+"""All measures of strain of dicflow by their names in pipeline files."""
+
+
+def of_field(name: str) -> Quantity | None:
+    """The quantity whose value, σ or calibration's share an array holds; None for any other array."""
+    for prefix in _PREFIXES:
+        name = name.removeprefix(prefix)
+    return QUANTITIES.get(name)
+
+
+def is_signed(name: str) -> bool:
+    """Whether values of both signs mean opposite things; so for an unknown array, never for a standard deviation."""
+    quantity = of_field(name)
+    return quantity is None or (quantity.name == name and bool(quantity.positive))
+
+
+def unit_of(name: str, length: str) -> str:
+    """Unit of an array of a total, or of what a probe reads; lengths and elongations are in the unit given."""
+    quantity = of_field(name)
+    if quantity is not None:
+        return quantity.unit_in(length)
+    return length if name in ("length", "elongation") else "1"

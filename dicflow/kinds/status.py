@@ -1,0 +1,43 @@
+"""What the status of points says of their values."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from dicflow.errors import StageError
+
+if TYPE_CHECKING:
+    import numpy as np
+
+__all__ = ["fitted_status", "known_or_nan"]
+
+
+def known_or_nan(known: np.ndarray, values: np.ndarray) -> np.ndarray:
+    """The values where they are known, NaN elsewhere.
+
+    known : (row, col) bool; values : (row, col, …)
+    """
+    import numpy as np
+
+    return np.where(known.reshape(known.shape + (1,) * (values.ndim - 2)), values, np.nan)
+
+
+def fitted_status(
+    measured: np.ndarray, fitted: np.ndarray, status: np.ndarray, window: tuple[int, int], degree: int
+) -> np.ndarray:
+    """Status of the points after a fit of local polynomials.
+
+    measured, fitted : (row, col) bool — which points had a value, and where the window held enough of them
+    status : (row, col) — before
+    Raises StageError where no measured point could be fitted.
+    """
+    import numpy as np
+
+    from dicflow.core.status import Status
+
+    if measured.any() and not (measured & fitted).any():
+        raise StageError(
+            f"a window of {window[0]} × {window[1]} points never holds enough for degree {degree}; "
+            "widen the window or lower the degree"
+        )
+    return np.where(measured & ~fitted, np.uint8(Status.TOO_FEW_NEIGHBOURS), status)

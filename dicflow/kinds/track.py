@@ -1,0 +1,80 @@
+"""The region and its material points carried to a step."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import TYPE_CHECKING, Any, ClassVar
+
+from dicflow.engine.product import Product
+from dicflow.kinds.kind import GRID, Kind, Layout
+from dicflow.kinds.region import polygons_from_json, polygons_to_json
+
+if TYPE_CHECKING:
+    import numpy as np
+
+    from dicflow.core.matching.tracking import Tracked
+    from dicflow.core.photographs.region import Polygon
+
+__all__ = ["Track"]
+
+_POINTS = Layout((*GRID, "component"), "px", "material points at this step")
+_STATUS = Layout(GRID, "1", "why a point has a place, or has none")
+_TRANSFORMS = Layout(("subset_row", "subset_col", "i", "j"), "1", "transform from the step before")
+
+
+class Track(Kind):
+    """Material points, the region's outline and the transforms of its subsets at one step."""
+
+    KINDS: ClassVar = ("track",)
+
+    @classmethod
+    def write(
+        cls,
+        points: np.ndarray,
+        status: np.ndarray,
+        polygons: Sequence[Polygon],
+        tracked: Tracked,
+        step_size: float,
+        summary: Mapping[str, Any],
+    ) -> Product:
+        """A product of carried points.
+
+        points : (row, col, 2) — at this step [px]; status : (row, col)
+        polygons : the region's outline at this step [px]
+        tracked : the transforms from the step before, and what each rests on
+        step_size : distance of the points at the first step [px]
+        """
+        attrs = {
+            "polygons": polygons_to_json(polygons),
+            "step_size": step_size,
+            "subsets": _subsets(tracked),
+            "summary": dict(summary),
+        }
+        variables = {
+            "points": _POINTS(points),
+            "status": _STATUS(status),
+            "transforms": _TRANSFORMS(tracked.transforms),
+        }
+        return Product("track", variables, attrs)
+
+    @property
+    def polygons(self) -> list[Polygon]:
+        """The region's outline at this step [px]."""
+        return polygons_from_json(self.product.attrs["polygons"])
+
+    @property
+    def step_size(self) -> float:
+        """Distance of the points at the first step [px]."""
+        return float(self.product.attrs["step_size"])
+
+
+def _subsets(tracked: Tracked) -> dict[str, Any]:
+    """What is known of each subset, by rows and columns of subsets; residual_px is NaN without inliers."""
+    return {
+        "features": tracked.features.tolist(),
+        "matches": tracked.matches.tolist(),
+        "inliers": tracked.inliers.tolist(),
+        "residual_px": tracked.residual_px.tolist(),
+        "filled": tracked.filled.tolist(),
+        "empty": tracked.empty.tolist(),
+    }

@@ -1,0 +1,93 @@
+"""Parameters of the search for subsets, which the stages of both cameras share."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Literal
+
+from pydantic import BaseModel, ConfigDict
+
+from dicflow.engine.node import Node, Pixels, parameter
+
+if TYPE_CHECKING:
+    from dicflow.core.correlation.material import Search, Updating
+
+__all__ = ["ReferenceUpdate", "ShapeFunction", "SubsetSearch"]
+
+ShapeFunction = Literal["affine", "quadratic"]
+_SPLINE_DEGREE = {"bicubic": 3, "biquintic": 5}
+
+
+class ReferenceUpdate(BaseModel):
+    """When points are followed from a step in between."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
+
+    update: Literal["on_demand", "every", "never"] = parameter(
+        "on_demand", "take a new reference for lost points when there are too many, every so many steps, or never"
+    )
+    steps: int = parameter(10, "for every: after how many steps", ge=1)
+    lost: float = parameter(0.002, "share of points lost since the step before that asks for a reference", ge=0, le=1)
+    znssd: float = parameter(0.1, "median ZNSSD against a reference above which a newer one is taken", gt=0, le=4)
+
+    def rule(self) -> Updating:
+        """The same for :mod:`dicflow.core.correlation.material`."""
+        from dicflow.core.correlation.material import Updating
+
+        every = self.steps if self.update == "every" else 0
+        return Updating(self.update != "never", self.lost, self.znssd, every)
+
+
+class SubsetSearch(Node):
+    """How the subset of a point is searched in another photograph."""
+
+    shape_function: ShapeFunction = parameter("affine", "how a subset may deform")
+    interpolation: Literal["bicubic", "biquintic"] = parameter("biquintic", "spline between the pixels")
+    gaussian: Pixels = parameter(
+        0.0, "standard deviation of the weight of a subset's pixels; 0 for equal ones", unit="px", ge=0
+    )
+    max_znssd: float = parameter(
+        0.3, "what fits worse than this is lost (the zero-mean cross-correlation is 1 − ZNSSD/2)", gt=0, le=4
+    )
+    min_share: float = parameter(0.4, "share of a subset's pixels that must lie in the region", gt=0, le=1)
+    max_iterations: int = parameter(30, "of the Gauss-Newton search", ge=1)
+    tolerance: float = parameter(
+        1e-3,
+        "what may be left to correct in a subset when the search ends; the arithmetic does not reach less than 1e-5",
+        unit="px",
+        ge=1e-5,
+    )
+    smoothing: Pixels = parameter(
+        0.0, "standard deviation of a Gaussian low pass against the bias of interpolation; 0 for none", unit="px", ge=0
+    )
+    misfit: bool = parameter(
+        True, "judge the uncertainties by what subsets differ by beyond the noise too: patterns too sharp, or changed"
+    )
+    reference: ReferenceUpdate = parameter(ReferenceUpdate(), "when points are followed from a step in between")
+    threads: int = parameter(1, "threads that share the points of a step", affects="speed", ge=1)
+
+    @property
+    def spline_degree(self) -> int:
+        """Degree of the spline between the pixels."""
+        return _SPLINE_DEGREE[self.interpolation]
+
+    def search(self, subset_size: int, noise: float) -> Search:
+        """The search for subsets.
+
+        subset_size : side of a subset [px]
+        noise : behind the low pass [grey levels]
+        """
+        from dicflow.core.correlation.material import Search
+        from dicflow.core.correlation.subsets import Subset
+
+        subset = Subset(
+            subset_size, self.shape_function, self.gaussian, self.min_share, self.max_iterations, self.tolerance
+        )
+        return Search(
+            subset,
+            self.spline_degree,
+            self.smoothing,
+            self.max_znssd,
+            noise,
+            threads=self.threads,
+            counts_misfit=self.misfit,
+        )
