@@ -18,8 +18,9 @@ from tests import accuracy_photographs, accuracy_stereo
 from tests.accuracy_coverage import coverage
 from tests.accuracy_planar import planar
 from tests.accuracy_rigid import rigid_motions
+from tests.bars import Figure
 from tests.data_folder import SHARED
-from tests.figures import ROOT, Figure, pipeline_result, print_table, replica, report, run_text
+from tests.figures import ROOT, pipeline_result, print_table, replica, report, run_text
 from tests.reference_points import difference
 
 

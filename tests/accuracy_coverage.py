@@ -18,7 +18,7 @@ from dicflow.stages.deformation import Deformation
 from dicflow.stages.stereo import Stereo
 from dicflow.stages.triangulate import Triangulate
 from tests import stereo_scene as scene
-from tests.figures import Figure
+from tests.bars import Figure
 
 NOISE = 2.0
 TRUE_NOISE = float(np.hypot(NOISE, 12**-0.5))

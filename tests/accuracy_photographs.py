@@ -10,8 +10,9 @@ from scipy.io import loadmat
 from dicflow.core.cameras.camera import Camera, Rig
 from dicflow.core.cameras.triangulate import triangulate
 from dicflow.core.status import Status
+from tests.bars import Figure
 from tests.data_folder import SHARED
-from tests.figures import Figure, run_text
+from tests.figures import run_text
 
 NECKING = """\
 stages:

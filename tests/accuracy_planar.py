@@ -15,8 +15,8 @@ from dicflow.core.status import Status
 from dicflow.core.synthetic.motion import Motion, render_pattern, speckle_pattern
 from dicflow.core.synthetic.render import expose
 from tests.accuracy_stars import stars
+from tests.bars import Figure
 from tests.data_folder import SHARED
-from tests.figures import Figure
 
 SAMPLE3, SAMPLE14 = SHARED / "challenge_2d" / "sample3", SHARED / "challenge_2d" / "sample14"
 WHOLE = Subset(31)

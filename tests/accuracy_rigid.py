@@ -10,7 +10,8 @@ import numpy as np
 from dicflow.engine.product import Product
 from dicflow.pipeline import Result
 from tests import rigid_scene as scene
-from tests.figures import Figure, made, run_text
+from tests.bars import Figure
+from tests.figures import made, run_text
 
 FIELD = scene.FIELD_MM[0]
 STRAINS = ("exx", "eyy", "gxy")

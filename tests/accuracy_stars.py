@@ -9,8 +9,9 @@ import cv2
 import numpy as np
 
 from dicflow.core.photographs.interpolate import spline
+from tests.bars import Figure
 from tests.data_folder import SHARED
-from tests.figures import WORK, Figure
+from tests.figures import WORK
 from tests.stars import (
     AMPLITUDE_PX,
     COARSE,

@@ -13,8 +13,9 @@ from scipy.spatial import cKDTree
 from dicflow.engine.product import Product
 from dicflow.pipeline import Result
 from dicflow.stages.deformation import Deformation
+from tests.bars import Figure
 from tests.data_folder import SHARED
-from tests.figures import Figure, pipeline_result, print_table, replica
+from tests.figures import pipeline_result, print_table, replica
 
 SMALL_STRAIN, SMALL_ERROR = 0.05, 5e-5
 STRAINS = ("exx", "eyy")

@@ -20,7 +20,8 @@ from typing import NamedTuple
 import psutil
 
 from tests import bench_correlation, bench_stereo
-from tests.figures import ROOT, WORK, Figure, forth_and_back, fresh, replica, report
+from tests.bars import Figure
+from tests.figures import ROOT, WORK, forth_and_back, fresh, replica, report
 
 PIPELINE = ROOT / "pipelines" / "latex_experiment_1.yaml"
 DICFLOW = str(Path(sys.executable).with_name("dicflow"))

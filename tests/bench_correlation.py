@@ -23,7 +23,8 @@ from dicflow.core.correlation.subsets import Subset, template
 from dicflow.core.correlation.warp import identity
 from dicflow.core.photographs.interpolate import spline
 from dicflow.core.synthetic.planar import planar_pair
-from tests.figures import ROOT, WORK, Figure
+from tests.bars import Figure
+from tests.figures import ROOT, WORK
 
 SIZE, STEP, SUBSET, MARGIN, THREADS, LOW_PASS_PX = 2048, 5, 33, 40, 2, 0.7
 TRUTH = np.array([[1.004, 0.003, 3.37], [-0.002, 0.998, -2.21], [0.0, 0.0, 1.0]])

@@ -16,7 +16,8 @@ from dicflow.core.synthetic.speckle import scatter_speckles
 from dicflow.core.synthetic.stand import seen_from_right, verged_stand
 from dicflow.io.rig import write_rig
 from dicflow.pipeline import Pipeline
-from tests.figures import WORK, Figure, forth_and_back, fresh
+from tests.bars import Figure
+from tests.figures import WORK, forth_and_back, fresh
 
 SIZE, FIELD_MM = (2448, 2048), 100.0
 WIDTH, LENGTH = 64.0, 70.0

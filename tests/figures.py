@@ -1,4 +1,4 @@
-"""What `make accuracy` and `make bench` share: replicas on the disk, and tables of bars."""
+"""What `make accuracy` and `make bench` share: replicas on the disk, runs, and the table of figures."""
 
 from __future__ import annotations
 
@@ -7,42 +7,21 @@ import shutil
 import sys
 from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import NamedTuple, TypeVar
+from typing import TypeVar
 
 from dicflow.pipeline import Pipeline, Result
 from dicflow.synth import latex_experiment, write_experiment
+from tests.bars import Figure, print_figures
 
 ROOT = Path(__file__).resolve().parents[1]
 T = TypeVar("T")
 WORK = ROOT / "build" / "figures"
 
 
-class Figure(NamedTuple):
-    """One measured quantity against its bar; a bar of None is only reported."""
-
-    quantity: str
-    measured: float
-    bar: float | None = None
-    at_least: bool = False
-    unit: str = ""
-
-    @property
-    def verdict(self) -> str:
-        if self.bar is None:
-            return ""
-        met = self.measured >= self.bar if self.at_least else self.measured <= self.bar
-        return "ok" if met else "MISSED"
-
-
 def report(figures: Sequence[Figure]) -> int:
-    """Print the table; returns the exit code, 1 where a bar is missed."""
-    width = max(len(figure.quantity) for figure in figures)
+    """Print the machine and the table; returns the exit code, 1 where a bar is missed."""
     print(f"\n{platform.processor() or platform.machine()}, Python {platform.python_version()}")
-    print(f"{'quantity':<{width}}  {'bar':>12}  {'measured':>12}")
-    for figure in figures:
-        bar = "" if figure.bar is None else f"{'≥' if figure.at_least else '≤'} {figure.bar:.4g}"
-        print(f"{figure.quantity:<{width}}  {bar:>12}  {figure.measured:>12.4g} {figure.unit:<4} {figure.verdict}")
-    return int(any(figure.verdict == "MISSED" for figure in figures))
+    return print_figures(figures)
 
 
 def replica(experiment: int) -> Path:
