@@ -4,7 +4,7 @@ PYTHON ?= $(firstword $(foreach version,3.11 3.12 3.13,$(shell command -v python
 BIN    := $(VENV)/bin
 READY  := $(VENV)/.ready
 .DEFAULT_GOAL := help
-.PHONY: help setup quickstart test check accuracy bench peer samples lock clean
+.PHONY: help setup quickstart test check measure accuracy bench peer samples lock clean
 
 help:           ## show these lines
 	@grep -hE '^[a-z]+: .*##' $(MAKEFILE_LIST) | sed -E 's/^([a-z]+):.*## */\1\t/' | expand -t 14
@@ -27,6 +27,9 @@ check: $(READY) ## ruff and mypy
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
 	$(BIN)/mypy
+
+measure: $(READY) ## arrows, lengths, arguments and types of the code against their bars
+	$(BIN)/python -m tests.measure
 
 accuracy: $(READY) ## the five replicas and the real images against their truth; takes a while
 	$(BIN)/python -m tests.accuracy
