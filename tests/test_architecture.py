@@ -1,21 +1,62 @@
-"""The walls between the layers, read from the source."""
+"""The walls between the layers, and between the chapters of core, read from the source."""
+
+from __future__ import annotations
 
 import ast
-from pathlib import Path
+from collections.abc import Mapping, Set
 
-import pytest
+from tests.measure import (
+    Module,
+    arrows,
+    chapter_of,
+    circle,
+    common_ground,
+    import_nodes,
+    imported_modules,
+    imported_names,
+    layer_of,
+    read_package,
+)
 
-PACKAGE = Path(__file__).resolve().parents[1] / "dicflow"
-
-LAYERS = ("core", "engine", "io", "stages", "pipeline", "synth", "views", "report", "cli")
-"""Lowest first; a layer imports only what stands below it, and itself."""
+LAYERS = (
+    "core",
+    "engine",
+    "kinds",
+    "io",
+    "stages",
+    "pipeline",
+    "comparison",
+    "start",
+    "synth",
+    "views",
+    "report",
+    "cli",
+)
+"""Lowest first; a layer imports only itself and those before it, and the engine nothing of core."""
 
 COMMON = {"errors", "_version"}
-ONLY_IN = {
+ENTRANCES = {"", "__main__"}
+"""The package itself and its program, which import what they show."""
+
+NUMERICS = {"numpy", "scipy", "numba", "cv2"}
+CORE_LIBRARIES = NUMERICS | {
+    "__future__",
+    "collections",
+    "concurrent",
+    "dataclasses",
+    "dicflow",
+    "enum",
+    "functools",
+    "itertools",
+    "math",
+    "typing",
+}
+ONLY_IN: Mapping[str, Set[str]] = {
     "dask": {"engine"},
     "distributed": {"engine"},
-    "zarr": {"engine"},
     "numcodecs": {"engine"},
+    "zarr": set(),
+    "pandas": set(),
     "matplotlib": {"views"},
     "bokeh": {"views"},
     "pyvista": {"views"},
@@ -27,69 +68,105 @@ ONLY_IN = {
     "typer": {"cli"},
     "rich": {"cli", "views"},
 }
-CORE_MAY_USE = {"numpy", "scipy", "numba", "cv2"}
-STANDARD_IN_CORE = {
-    "__future__",
-    "collections",
-    "concurrent",
-    "dataclasses",
-    "enum",
-    "functools",
-    "itertools",
-    "math",
-    "typing",
+"""The layers that import a library. zarr opens products in tests alone."""
+
+CHAPTERS: Mapping[str, Set[str]] = {
+    "photographs": set(),
+    "cameras": set(),
+    "matching": {"photographs"},
+    "calibration": {"cameras", "matching", "photographs"},
+    "correlation": {"cameras", "matching", "photographs"},
+    "surfaces": {"matching", "photographs"},
+    "uncertainty": {"cameras"},
+    "strain": {"cameras", "surfaces", "uncertainty"},
+    "probes": {"strain", "surfaces", "uncertainty"},
+    "synthetic": {"calibration", "cameras"},
 }
+"""The chapters of core, each with those that it imports. All may import core's single modules, which import none."""
 
-SOURCES = sorted(PACKAGE.rglob("*.py"))
+ASSIGNED = {"dicflow.views sets Result.drawing"}
+"""Modules that set an attribute of what they import from another layer."""
 
-
-def _layer(path: Path) -> str:
-    return path.relative_to(PACKAGE).parts[0].removesuffix(".py")
-
-
-def _imports(path: Path) -> set[str]:
-    """Full names of everything imported, at the top, inside functions and for type checkers alike."""
-    names: set[str] = set()
-    for node in ast.walk(ast.parse(path.read_text())):
-        if isinstance(node, ast.Import):
-            names |= {alias.name for alias in node.names}
-        elif isinstance(node, ast.ImportFrom):
-            assert node.level == 0, f"{path}: relative import"
-            names |= {f"{node.module}.{alias.name}" for alias in node.names}
-    return names
+MODULES = read_package()
 
 
-@pytest.mark.parametrize("path", SOURCES, ids=lambda path: str(path.relative_to(PACKAGE)))
-def test_imports_only_what_stands_below(path):
-    layer = _layer(path)
-    if layer not in LAYERS:
-        return
-    allowed = COMMON | set(LAYERS[: LAYERS.index(layer) + 1])
-    if layer == "engine":
-        allowed -= {"core"}
-    inner = {name.split(".")[1] for name in _imports(path) if name.startswith("dicflow.")}
-    assert inner <= allowed, f"{layer} may not import {inner - allowed}"
+def test_a_layer_imports_only_those_below_it():
+    allowed = {layer: {*COMMON, *LAYERS[: k + 1]} for k, layer in enumerate(LAYERS)}
+    allowed["engine"].remove("core")
+    allowed |= {name: COMMON for name in COMMON} | {name: {*COMMON, *LAYERS} for name in ENTRANCES}
+    assert allowed.keys() == {layer_of(name) for name in MODULES}
+    pairs = [(name, target) for name, module in MODULES.items() for target in _imports(module)]
+    assert not [f"{name} imports {target}" for name, target in pairs if layer_of(target) not in allowed[layer_of(name)]]
 
 
-@pytest.mark.parametrize("path", SOURCES, ids=lambda path: str(path.relative_to(PACKAGE)))
-def test_libraries_stay_in_their_layer(path):
-    roots = {name.split(".")[0] for name in _imports(path)}
-    misplaced = {root for root in roots & ONLY_IN.keys() if _layer(path) not in ONLY_IN[root]}
-    assert not misplaced
-    if _layer(path) == "core":
-        assert roots <= CORE_MAY_USE | STANDARD_IN_CORE | {"dicflow"}
+def test_libraries_stay_in_their_layer():
+    used = {(name, library) for name, module in MODULES.items() for library in _libraries(import_nodes(module.tree))}
+    misplaced = sorted((name, library) for name, library in used if not _may_import(layer_of(name), library))
+    assert not [f"{name} imports {library}" for name, library in misplaced]
 
 
-@pytest.mark.parametrize("path", sorted((PACKAGE / "stages").glob("[a-z]*.py")), ids=lambda path: path.stem)
-def test_a_stage_loads_no_numerics_before_it_runs(path):
-    top = {
-        name.split(".")[0]
-        for node in ast.parse(path.read_text()).body
-        if isinstance(node, ast.Import | ast.ImportFrom)
-        for name in ([alias.name for alias in node.names] if isinstance(node, ast.Import) else [node.module or ""])
-    }
-    assert not top & {"numpy", "scipy", "cv2", "numba"}
+def test_chapters_of_core_import_those_of_the_table():
+    found, common = arrows(MODULES, chapter_of), common_ground(MODULES)
+    between = {pair: sorted(imports) for pair, imports in found.items() if pair[1] not in common}
+    table = {(chapter, other) for chapter, others in CHAPTERS.items() for other in others}
+    assert CHAPTERS.keys() == {chapter_of(name) for name in MODULES} - {None, *common}
+    assert not [imports for pair, imports in between.items() if pair not in table]
+    assert not table - between.keys(), "arrows in the table that no import draws"
+    assert not circle(found)
 
 
-def test_every_layer_is_known():
-    assert {_layer(path) for path in SOURCES} <= {*LAYERS, *COMMON, "__init__", "__main__"}
+def test_folders_of_core_hold_only_a_docstring_in_their_init():
+    inits = [module for name, module in MODULES.items() if layer_of(name) == "core" and module.path.stem == "__init__"]
+    assert len(inits) == 1 + len(CHAPTERS)
+    assert not [module.name for module in inits if len(module.tree.body) != 1 or not ast.get_docstring(module.tree)]
+
+
+def test_stages_and_kinds_load_no_numerics_before_they_work():
+    heavy = {name for name, module in MODULES.items() if NUMERICS & _libraries(_top_imports(module))}
+    light = {name: _loaded_with(name) for name in MODULES if layer_of(name) in ("stages", "kinds")}
+    assert not [f"{name} loads {sorted(heavy & loaded)}" for name, loaded in light.items() if heavy & loaded]
+
+
+def test_no_module_sets_attributes_in_another_layer():
+    assert {f"{name} sets {target}" for name, module in MODULES.items() for target in _assigned(module)} == ASSIGNED
+
+
+def _imports(module: Module) -> list[str]:
+    return imported_modules(import_nodes(module.tree), MODULES)
+
+
+def _libraries(nodes: list[ast.Import | ast.ImportFrom]) -> set[str]:
+    return {name.partition(".")[0] for node in nodes for name in imported_names(node)}
+
+
+def _may_import(layer: str, library: str) -> bool:
+    return layer in ONLY_IN.get(library, {layer}) and (layer != "core" or library in CORE_LIBRARIES)
+
+
+def _top_imports(module: Module) -> list[ast.Import | ast.ImportFrom]:
+    return [node for node in module.tree.body if isinstance(node, ast.Import | ast.ImportFrom)]
+
+
+def _loaded_with(name: str) -> set[str]:
+    """The modules that importing a module loads, itself included."""
+    loaded: set[str] = set()
+    waiting = [name]
+    while waiting:
+        name = waiting.pop()
+        if name not in loaded:
+            loaded.add(name)
+            waiting += imported_modules(_top_imports(MODULES[name]), MODULES)
+    return loaded
+
+
+def _assigned(module: Module) -> list[str]:
+    """Attributes, as ``Name.attribute``, that a module sets on names imported from other layers of the package."""
+    nodes = [node for node in import_nodes(module.tree) if _is_foreign(node, module)]
+    names = {alias.asname or alias.name.partition(".")[0] for node in nodes for alias in node.names}
+    attributes = [node for node in ast.walk(module.tree) if isinstance(node, ast.Attribute)]
+    written = [ast.unparse(node) for node in attributes if isinstance(node.ctx, ast.Store)]
+    return [target for target in written if target.partition(".")[0] in names]
+
+
+def _is_foreign(node: ast.Import | ast.ImportFrom, module: Module) -> bool:
+    return any(layer_of(name) != layer_of(module.name) for name in imported_modules([node], MODULES))
