@@ -34,7 +34,7 @@ LAYERS = (
 )
 """Lowest first; a layer imports only itself and those before it, and the engine nothing of core."""
 
-COMMON = {"errors", "_version"}
+COMMON = {"discovery", "errors", "_version"}
 ENTRANCES = {"", "__main__"}
 """The package itself and its program, which import what they show."""
 

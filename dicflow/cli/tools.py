@@ -20,8 +20,11 @@ def schema() -> None:
     \b
     dicflow schema > pipeline.schema.json
     """
+    from dicflow.pipeline.registry import node_classes
     from dicflow.pipeline.schema import pipeline_schema
 
+    for problem in node_classes()[1]:
+        typer.secho(f"warning: {problem}", fg="yellow", err=True)
     typer.echo(json.dumps(pipeline_schema(), indent=1, ensure_ascii=False))
 
 

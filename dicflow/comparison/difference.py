@@ -6,9 +6,9 @@ from collections.abc import Iterator, Mapping, Sequence
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from dicflow.comparison.sides import Field, Side
+from dicflow.discovery import nearest
 from dicflow.engine.keys import Change, differences
 from dicflow.errors import ConfigurationError
-from dicflow.pipeline.registry import nearest
 
 if TYPE_CHECKING:
     import numpy as np

@@ -1,36 +1,62 @@
-"""The stages there are, by name, found in :mod:`dicflow.stages` and imported when first asked for."""
+"""The stages by name: those of :mod:`dicflow.stages`, and those of other packages in the group ``dicflow.stages``."""
 
 from __future__ import annotations
 
-import difflib
-import importlib
-import pkgutil
-from collections.abc import Iterable
 from functools import cache
+from types import ModuleType
+from typing import Any
 
-import dicflow.stages
+from dicflow.discovery import Member, Registry
 from dicflow.engine.node import Node
 from dicflow.errors import ConfigurationError
 
-__all__ = ["nearest", "node_class", "stage_names"]
+__all__ = ["node_class", "node_classes", "stage_names"]
+
+_STAGES = Registry("stage", "dicflow.stages", "dicflow.stages")
+
+
+def stage_names() -> tuple[str, ...]:
+    """Names of all stages, sorted."""
+    return _STAGES.names()
 
 
 @cache
-def stage_names() -> tuple[str, ...]:
-    """Names of all stages, sorted: the modules of the package."""
-    return tuple(sorted(module.name for module in pkgutil.iter_modules(dicflow.stages.__path__)))
-
-
 def node_class(name: str) -> type[Node]:
-    """The node of a stage. Raises ConfigurationError that suggests the nearest name where there is none."""
-    if name not in stage_names():
-        raise ConfigurationError(f"no stage '{name}'{nearest(name, stage_names())}; stages: {', '.join(stage_names())}")
-    module = importlib.import_module(f"dicflow.stages.{name}")
-    found: type[Node] = getattr(module, module.__all__[0])
-    return found
+    """The node of a stage.
+
+    Raises ConfigurationError that suggests the nearest name for an unknown one, and for a plug-in that is no stage.
+    """
+    member, loaded = _STAGES.find(name), _STAGES.load(name)
+    kind = getattr(loaded, _first_public(loaded), None) if isinstance(loaded, ModuleType) else loaded
+    if not (isinstance(kind, type) and issubclass(kind, Node)):
+        raise ConfigurationError(
+            f"stage '{name}' of {member.place} is not a Node; name its class: package.module:Class"
+        )
+    _check_name(member, kind)
+    return kind
 
 
-def nearest(word: str, words: Iterable[str]) -> str:
-    """``", did you mean 'x'?"`` where one of the words is near, else nothing."""
-    near = difflib.get_close_matches(word, list(words), n=1, cutoff=0.6)
-    return f", did you mean '{near[0]}'?" if near else ""
+def node_classes() -> tuple[dict[str, type[Node]], list[str]]:
+    """All stages by name but plug-ins that cannot be used, and for each of those the message."""
+    found: dict[str, type[Node]] = {}
+    problems: list[str] = []
+    for name in stage_names():
+        try:
+            found[name] = node_class(name)
+        except ConfigurationError as error:
+            problems.append(str(error))
+    return found, problems
+
+
+def _first_public(module: ModuleType) -> str:
+    return str(next(iter(getattr(module, "__all__", ())), ""))
+
+
+def _check_name(member: Member, kind: type[Node]) -> None:
+    """Raise ConfigurationError where records and the pipeline file would name a stage differently."""
+    own: Any = kind.model_fields["stage"].default
+    if own != member.name:
+        raise ConfigurationError(
+            f"stage '{member.name}' of {member.place} calls itself {own!r}; "
+            f'declare stage: Literal["{member.name}"] = "{member.name}"'
+        )

@@ -4,21 +4,24 @@ from __future__ import annotations
 
 from typing import Any
 
+from pydantic.json_schema import models_json_schema
+
 from dicflow.engine.node import Node
-from dicflow.pipeline.registry import node_class, stage_names
+from dicflow.pipeline.registry import node_classes
 from dicflow.pipeline.wiring import FORMAT
 
 __all__ = ["pipeline_schema"]
 
 
 def pipeline_schema() -> dict[str, Any]:
-    """The schema: each stage's parameters with defaults, units and descriptions, and its inputs."""
-    definitions: dict[str, Any] = {}
-    stages = []
-    for name in stage_names():
-        own = _stage_schema(node_class(name))
-        definitions.update(own.pop("$defs", {}))
-        stages.append(own)
+    """The schema: each stage's parameters with defaults, units and descriptions, and its inputs.
+
+    Plug-ins that cannot be used are left out; :func:`dicflow.pipeline.registry.node_classes` says why.
+    """
+    kinds = node_classes()[0].values()
+    references, whole = models_json_schema([(kind, "validation") for kind in kinds])
+    definitions = whole["$defs"]
+    stages = [_stage_schema(kind, definitions.pop(_name(references[kind, "validation"]))) for kind in kinds]
     values = {"type": "object", "additionalProperties": {"type": "array", "minItems": 1}}
     rows = {"type": "array", "items": {"type": "object"}}
     return {
@@ -41,8 +44,12 @@ def pipeline_schema() -> dict[str, Any]:
     }
 
 
-def _stage_schema(kind: type[Node]) -> dict[str, Any]:
-    schema = kind.model_json_schema()
+def _name(reference: dict[str, Any]) -> str:
+    return str(reference["$ref"]).rpartition("/")[2]
+
+
+def _stage_schema(kind: type[Node], schema: dict[str, Any]) -> dict[str, Any]:
+    """A stage's schema with its inputs."""
     for port_name, port in kind.takes.items():
         if not port.own:
             types = ["string", "null"] if port.optional else ["string"]

@@ -7,9 +7,9 @@ import itertools
 from collections.abc import Mapping, Sequence
 from typing import Any, NamedTuple
 
+from dicflow.discovery import nearest
 from dicflow.errors import ConfigurationError
 from dicflow.io.configuration import Document, Place, parse_value
-from dicflow.pipeline.registry import nearest
 
 __all__ = ["Variant", "variants", "with_settings", "with_values"]
 

@@ -9,10 +9,11 @@ from typing import Any, NamedTuple
 
 from pydantic import ValidationError
 
+from dicflow.discovery import nearest
 from dicflow.engine.node import Node, Port
 from dicflow.errors import ConfigurationError
 from dicflow.io.configuration import Document, Place
-from dicflow.pipeline.registry import nearest, node_class
+from dicflow.pipeline.registry import node_class
 
 __all__ = ["FORMAT", "Wired", "wire"]
 

@@ -5,9 +5,9 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any, Literal
 
+from dicflow.discovery import nearest
 from dicflow.engine.product import Product
 from dicflow.errors import ConfigurationError, NotKeptError
-from dicflow.pipeline.registry import nearest
 from dicflow.pipeline.result import Result
 
 if TYPE_CHECKING:

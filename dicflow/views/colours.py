@@ -8,8 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dicflow.core.status import Status
+from dicflow.discovery import nearest
 from dicflow.errors import ConfigurationError
-from dicflow.pipeline.registry import nearest
 
 __all__ = ["REASON_COLOURS", "Look", "look", "palette"]
 

@@ -9,10 +9,10 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
+from dicflow.discovery import nearest
 from dicflow.engine.product import Product, Variable
 from dicflow.errors import ConfigurationError
 from dicflow.io.exports.items import Item, place
-from dicflow.pipeline.registry import nearest
 from dicflow.pipeline.result import Result
 from dicflow.views import look_of, maps_of, plot
 

@@ -11,13 +11,13 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from dicflow.discovery import nearest
 from dicflow.engine.product import Product
 from dicflow.errors import ConfigurationError
 from dicflow.io.exports import FORMATS as DATA_FORMATS
 from dicflow.io.exports import format_module
 from dicflow.io.exports.items import Item
 from dicflow.io.files import staged
-from dicflow.pipeline.registry import nearest
 from dicflow.pipeline.result import Result
 from dicflow.views.exported_pictures import (
     MOVIES,

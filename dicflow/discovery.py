@@ -1,0 +1,165 @@
+"""Members of a registry: the modules of a package of ours, and the entry points of the packages of others.
+
+A module is a member under its own name, an entry point under the name that its package gives it. Nothing is imported
+before it is used, so a plug-in that is broken harms nobody who does not use it.
+"""
+
+from __future__ import annotations
+
+import ast
+import difflib
+import importlib
+import pkgutil
+from collections.abc import Iterable
+from dataclasses import dataclass
+from functools import cache
+from importlib.abc import InspectLoader
+from importlib.util import find_spec
+from typing import Any, NamedTuple
+
+from dicflow.errors import ConfigurationError
+
+__all__ = ["Member", "Registry", "nearest"]
+
+
+class Member(NamedTuple):
+    """Where a member is defined.
+
+    module : full name of its module
+    attribute : what it is in there; empty for the module itself
+    place : the module, or the package of others with its version and entry point, as messages name it
+    is_plugin : whether it is an entry point of another package
+    """
+
+    name: str
+    module: str
+    attribute: str
+    place: str
+    is_plugin: bool
+
+
+@dataclass(frozen=True)
+class Registry:
+    """Members of one sort by name.
+
+    what : the sort in messages, such as "stage"
+    package : package of ours whose modules are members, but those whose name starts with ``_``
+    group : group of entry points whose value is ``package.module`` or ``package.module:attribute``
+    needs : names that a member must define; a module of ours without the first is a helper of the others
+    """
+
+    what: str
+    package: str
+    group: str
+    needs: tuple[str, ...] = ()
+
+    def members(self) -> tuple[Member, ...]:
+        """All members by name. A name that two packages use is in it twice."""
+        return _members(self)
+
+    def names(self) -> tuple[str, ...]:
+        """Names of all members, sorted."""
+        return tuple(dict.fromkeys(member.name for member in self.members()))
+
+    def find(self, name: str) -> Member:
+        """The member of this name.
+
+        Raises ConfigurationError that suggests the nearest name for an unknown one, and for a name that exists twice
+        names both places.
+        """
+        found = [member for member in self.members() if member.name == name]
+        if not found:
+            names = self.names()
+            raise ConfigurationError(f"no {self.what} '{name}'{nearest(name, names)}; {self.what}s: {', '.join(names)}")
+        if len(found) > 1:
+            places = " and ".join(member.place for member in found)
+            raise ConfigurationError(f"two {self.what}s have the name '{name}': {places}; uninstall or rename one")
+        return found[0]
+
+    def load(self, name: str) -> Any:
+        """Import a member: a module, or what the entry point names in it.
+
+        Raises ConfigurationError as :meth:`find`, and for a plug-in that cannot be imported or lacks what it needs.
+        """
+        member = self.find(name)
+        try:
+            loaded = importlib.import_module(member.module)
+            if member.attribute:
+                loaded = getattr(loaded, member.attribute)
+        except Exception as error:
+            raise self._unusable(member, error) from error
+        missing = [need for need in self.needs if not hasattr(loaded, need)]
+        if missing:
+            raise ConfigurationError(
+                f"{self.what} '{name}' of {member.place} has no {' and no '.join(missing)}; "
+                f"a {self.what} needs {', '.join(self.needs)}"
+            )
+        return loaded
+
+    def constant(self, name: str, constant: str) -> Any:
+        """A constant of a member's module, read from its source: the module is not imported.
+
+        Raises ConfigurationError as :meth:`load`, and for a constant that is missing or is not a literal.
+        """
+        member = self.find(name)
+        try:
+            return ast.literal_eval(_assigned(_tree(member.module))[constant])
+        except Exception as error:
+            raise self._unusable(member, error) from error
+
+    def _unusable(self, member: Member, error: Exception) -> Exception:
+        """The error as it is for a module of ours, else a message that names the plug-in."""
+        if not member.is_plugin:
+            return error
+        return ConfigurationError(
+            f"{self.what} '{member.name}' of {member.place} cannot be used: {type(error).__name__}: {error}; "
+            "repair or uninstall that package"
+        )
+
+
+def nearest(word: str, words: Iterable[str]) -> str:
+    """``", did you mean 'x'?"`` where one of the words is near, else nothing."""
+    near = difflib.get_close_matches(word, list(words), n=1, cutoff=0.6)
+    return f", did you mean '{near[0]}'?" if near else ""
+
+
+@cache
+def _members(registry: Registry) -> tuple[Member, ...]:
+    return tuple(sorted([*_ours(registry), *_plugins(registry)]))
+
+
+def _ours(registry: Registry) -> Iterable[Member]:
+    package = importlib.import_module(registry.package)
+    for found in pkgutil.iter_modules(package.__path__):
+        module = f"{registry.package}.{found.name}"
+        if not found.name.startswith("_") and (not registry.needs or registry.needs[0] in _assigned(_tree(module))):
+            yield Member(found.name, module, "", module, is_plugin=False)
+
+
+def _plugins(registry: Registry) -> Iterable[Member]:
+    from importlib.metadata import entry_points  # costs more than the rest of this module
+
+    for point in entry_points(group=registry.group):
+        package = f"{point.dist.name} {point.dist.version}" if point.dist else "an unknown package"
+        place = f"{package} (entry point {point.name} = {point.value})"
+        yield Member(point.name, point.module, point.attr, place, is_plugin=True)
+
+
+@cache
+def _tree(module: str) -> ast.Module:
+    """The syntax of a module that is not imported; the packages it is in are."""
+    spec = find_spec(module)
+    if spec is None or not isinstance(spec.loader, InspectLoader):
+        raise ModuleNotFoundError(f"No module named '{module}'")
+    return ast.parse(spec.loader.get_source(module) or "")
+
+
+def _assigned(tree: ast.Module) -> dict[str, ast.expr]:
+    """Values of the names that a module assigns at its top."""
+    found: dict[str, ast.expr] = {}
+    for node in tree.body:
+        if isinstance(node, ast.Assign):
+            found |= {target.id: node.value for target in node.targets if isinstance(target, ast.Name)}
+        elif isinstance(node, ast.AnnAssign) and isinstance(node.target, ast.Name) and node.value is not None:
+            found[node.target.id] = node.value
+    return found
