@@ -13,7 +13,7 @@ from dicflow.kinds.images import Images
 from dicflow.kinds.rig import CalibratedRig
 
 if TYPE_CHECKING:
-    from dicflow.io.calibrations import Calibration
+    from dicflow.io.calibrations.draft import Calibration
 
 __all__ = ["RigFile"]
 
@@ -35,8 +35,13 @@ class RigFile(Node):
         ..., "calibration: OpenCV YAML or XML, .caldat, VIC-3D .xml or .z3d, DICe .xml, OpenCorr or pyvale .csv, .mat"
     )
 
+    def uses(self) -> tuple[str, ...]:
+        from dicflow.io.calibrations import calibration_modules
+
+        return calibration_modules()
+
     def check(self, path: Path) -> dict[str, Any]:
-        from dicflow.io.calibrations import parse_calibration
+        from dicflow.io.calibrations.read import parse_calibration
 
         draft = parse_calibration(path)
         return {"sized": draft.left.size is not None and draft.right.size is not None}
@@ -54,7 +59,7 @@ class RigFile(Node):
                 )
 
     def run(self, file_path: Path, images: Product | None = None) -> Product:
-        from dicflow.io.calibrations import read_calibration
+        from dicflow.io.calibrations.read import read_calibration
 
         found = read_calibration(file_path, None if images is None else Images.read(images).size)
         summary = _summary(found)

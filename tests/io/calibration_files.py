@@ -11,8 +11,8 @@ import numpy as np
 from scipy.io import savemat
 
 from dicflow.core.cameras.camera import Camera, Rig, rotation_matrix, rotation_vector
-from dicflow.io.calibrations import write_opencv
 from dicflow.io.calibrations.draft import euler_deg
+from dicflow.io.calibrations.opencv import write_opencv
 from dicflow.io.rig import write_rig
 
 SIZE = (1440, 1080)

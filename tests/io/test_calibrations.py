@@ -1,3 +1,6 @@
+import subprocess
+import sys
+
 import cv2
 import numpy as np
 import pytest
@@ -17,7 +20,10 @@ from scipy.io import savemat
 
 from dicflow.core.cameras.camera import Rig, project, rotation_angle_deg, to_right, undistort
 from dicflow.errors import InputError
-from dicflow.io.calibrations import opencv_text, parse_calibration, read_calibration, write_opencv
+from dicflow.io.calibrations import FORMATS, calibration_modules
+from dicflow.io.calibrations.draft import Source
+from dicflow.io.calibrations.opencv import opencv_text, write_opencv
+from dicflow.io.calibrations.read import parse_calibration, read_calibration
 from dicflow.kinds.rig import rig_to_json
 
 
@@ -524,3 +530,25 @@ def test_the_matlab_calibration_of_real_points(shared_data, tmp_path):
     here = meet(rig, left, right)
     np.testing.assert_allclose(here, truth, atol=1e-9)
     assert np.abs(project(rig.right, to_right(rig, here)) - right).mean() < 0.05
+
+
+@pytest.mark.parametrize("name", FILES)
+def test_one_specific_format_recognises_each_file(tmp_path, name):
+    FILES[name](tmp_path / name, made_rig(tangential=False))
+    source = Source(tmp_path / name, (tmp_path / name).read_bytes())
+    formats = {known: FORMATS.load(known) for known in FORMATS.names()}
+    fitting = {known for known, module in formats.items() if module.recognises(source)}
+    general = {known for known, module in formats.items() if getattr(module, "GENERAL", False)}
+    assert general == {"opencv"}
+    assert len(fitting - general) == 1 or fitting == general
+
+
+def test_the_modules_of_all_formats_are_listed_without_numerics():
+    code = (
+        "import sys; from dicflow.stages.rig_file import RigFile; print(*RigFile(file='x').uses())\n"
+        "assert 'numpy' not in sys.modules"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert tuple(done.stdout.split()) == calibration_modules()
+    names = ["dice", "dicflow_json", "matchid", "matlab", "opencorr", "opencv", "pyvale", "vic3d"]
+    assert set(calibration_modules()) == {f"dicflow.io.calibrations.{name}" for name in names}

@@ -10,7 +10,8 @@ from small import dicflow
 from dicflow.core.cameras.camera import Camera, Rig, rotation_matrix
 from dicflow.engine.product import Product, Variable
 from dicflow.errors import InputError
-from dicflow.io.calibrations import read_calibration, write_opencv
+from dicflow.io.calibrations.opencv import write_opencv
+from dicflow.io.calibrations.read import read_calibration
 from dicflow.io.exports.items import Item
 from dicflow.io.exports.json import write
 from dicflow.io.rig import read_rig

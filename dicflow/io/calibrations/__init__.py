@@ -2,19 +2,24 @@
 
 A format is recognised by what the file holds, not by its name. What a file says of a rig is a
 :class:`~dicflow.io.calibrations.draft.Draft`; checked and with the size of the photographs it becomes a
-:class:`~dicflow.io.calibrations.draft.Calibration`.
+:class:`~dicflow.io.calibrations.draft.Calibration`. A module of this package, or an entry point of the group
+``dicflow.calibrations``, is a format if it has
+
+- ``PROGRAM``: the program that writes the files, as messages name it;
+- ``recognises(source)``: whether a :class:`~dicflow.io.calibrations.draft.Source` is such a file;
+- ``parse(source)``: the draft. Raises InputError that names the file, the place in it and the remedy;
+- ``GENERAL = True`` if it also recognises files of more specific formats, which are then preferred.
 """
 
-from dicflow.io.calibrations.draft import Calibration, Draft, DraftCamera
-from dicflow.io.calibrations.opencv import opencv_text, write_opencv
-from dicflow.io.calibrations.read import parse_calibration, read_calibration
+from __future__ import annotations
 
-__all__ = [
-    "Calibration",
-    "Draft",
-    "DraftCamera",
-    "opencv_text",
-    "parse_calibration",
-    "read_calibration",
-    "write_opencv",
-]
+from dicflow.discovery import Registry
+
+__all__ = ["FORMATS", "calibration_modules"]
+
+FORMATS = Registry("calibration format", __name__, "dicflow.calibrations", ("PROGRAM", "recognises", "parse"))
+
+
+def calibration_modules() -> tuple[str, ...]:
+    """Names of the modules of all formats, none of which is imported."""
+    return tuple(member.module for member in FORMATS.members())

@@ -21,9 +21,11 @@ from dicflow.io.calibrations.draft import Draft, DraftCamera, Source, number, re
 from dicflow.io.calibrations.xml import parse_xml
 from dicflow.io.files import write_whole
 
-__all__ = ["PROGRAM", "opencv_text", "parse", "recognises", "write_opencv"]
+__all__ = ["GENERAL", "PROGRAM", "opencv_text", "parse", "recognises", "write_opencv"]
 
 PROGRAM = "OpenCV (YAML, XML)"
+GENERAL = True
+"""The entries have so many names that it recognises files of others."""
 
 _PAIRS = (("1", "2"), ("0", "1"), ("left", "right"), ("l", "r"))
 _MATRIX = ("cameramatrix", "intrinsicmatrix", "intrinsics", "k", "m", "mtx")

@@ -5,15 +5,15 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Protocol
 
-from dicflow.errors import InputError
-from dicflow.io.calibrations import dice, dicflow_json, matchid, matlab, opencorr, opencv, pyvale, vic3d
+from dicflow.errors import ConfigurationError, InputError
+from dicflow.io.calibrations import FORMATS
 from dicflow.io.calibrations.draft import Calibration, Draft, Source, complete
 
 __all__ = ["parse_calibration", "read_calibration"]
 
 
 class _Format(Protocol):
-    """A module of this package that reads one program's files."""
+    """A module that reads one program's files."""
 
     PROGRAM: str
 
@@ -21,8 +21,6 @@ class _Format(Protocol):
     def parse(self, source: Source) -> Draft: ...
 
 
-_FORMATS: tuple[_Format, ...] = (matlab, vic3d, dice, dicflow_json, pyvale, matchid, opencorr, opencv)
-"""The specific ones before OpenCV's, whose entries have many names."""
 _MAX_BYTES = 50_000_000
 
 
@@ -38,17 +36,39 @@ def read_calibration(path: Path, image_size: tuple[int, int] | None = None) -> C
 
 
 def parse_calibration(path: Path) -> Draft:
-    """What a file says of a rig, not yet checked. Raises InputError where it is no calibration of a known format."""
+    """What a file says of a rig, not yet checked. Raises InputError for a file of no format, or of two."""
     path = Path(path)
     source = Source(path, _bytes(path))
-    for known in _FORMATS:
-        if known.recognises(source):
-            return known.parse(source)
-    names = ", ".join(known.PROGRAM for known in _FORMATS)
-    raise InputError(
-        f"{path}: is no calibration of two cameras that dicflow knows; expected a file of {names}; "
-        "export the calibration as OpenCV YAML with cameraMatrix1, distCoeffs1, cameraMatrix2, distCoeffs2, R and T"
-    )
+    formats, unusable = _formats()
+    fitting = [known for known in formats if known.recognises(source)]
+    specific = [known for known in fitting if not _is_general(known)] or fitting
+    names = [known.PROGRAM for known in specific or formats]
+    if len(specific) > 1:
+        raise InputError(f"{path}: looks like a calibration of {' and of '.join(names)}; uninstall one of the plug-ins")
+    if not specific:
+        raise InputError(
+            f"{path}: is no calibration of two cameras that dicflow knows; expected a file of {', '.join(names)}; "
+            "export the calibration as OpenCV YAML with cameraMatrix1, distCoeffs1, cameraMatrix2, distCoeffs2, R and T"
+            + "".join(f"; {problem}" for problem in unusable)
+        )
+    return specific[0].parse(source)
+
+
+def _formats() -> tuple[list[_Format], list[str]]:
+    """The formats, general ones last, and a message for each plug-in that cannot be used."""
+    found: list[_Format] = []
+    unusable: list[str] = []
+    for name in FORMATS.names():
+        try:
+            found.append(FORMATS.load(name))
+        except ConfigurationError as error:
+            unusable.append(str(error))
+    return sorted(found, key=_is_general), unusable
+
+
+def _is_general(known: _Format) -> bool:
+    """Whether more specific formats are preferred where they recognise a file too."""
+    return bool(getattr(known, "GENERAL", False))
 
 
 def _bytes(path: Path) -> bytes:

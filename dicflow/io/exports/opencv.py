@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable
 from pathlib import Path
 
-from dicflow.io.calibrations import opencv_text
+from dicflow.io.calibrations.opencv import opencv_text
 from dicflow.io.exports.items import Item, place
 from dicflow.kinds.rig import rig_from_json
 

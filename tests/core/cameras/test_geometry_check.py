@@ -6,7 +6,7 @@ from hypothesis import strategies as st
 
 from dicflow.core.cameras.camera import Camera, Rig, camera_matrix, project, rotation_matrix, to_right
 from dicflow.core.cameras.geometry_check import check_order, ray_depths
-from dicflow.io.calibrations import read_calibration
+from dicflow.io.calibrations.read import read_calibration
 
 RIG = verged_rig()
 FIELD = np.random.default_rng(4).uniform([-45, -32, 395], [45, 32, 405], (300, 3))
