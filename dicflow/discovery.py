@@ -96,14 +96,16 @@ class Registry:
             )
         return loaded
 
-    def constant(self, name: str, constant: str) -> Any:
+    def constant(self, name: str, constant: str, default: Any = None) -> Any:
         """A constant of a member's module, read from its source: the module is not imported.
 
-        Raises ConfigurationError as :meth:`load`, and for a constant that is missing or is not a literal.
+        default : for a module that does not assign it
+        Raises ConfigurationError as :meth:`load`, and for a constant that is not a literal.
         """
         member = self.find(name)
         try:
-            return ast.literal_eval(_assigned(_tree(member.module))[constant])
+            value = _assigned(_tree(member.module)).get(constant)
+            return default if value is None else ast.literal_eval(value)
         except Exception as error:
             raise self._unusable(member, error) from error
 

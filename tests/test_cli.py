@@ -313,7 +313,7 @@ def test_a_report_of_what_the_store_holds(given, tmp_path):
 
 def test_export_of_an_unknown_format(given):
     dicflow("export", *given, "total", "--format", "cvs").refuses(
-        2, "no format 'cvs', did you mean 'csv'?; there are csv"
+        2, "no format 'cvs', did you mean 'csv'?; there are challenge, csv"
     )
 
 

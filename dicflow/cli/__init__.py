@@ -7,9 +7,10 @@ from collections.abc import Callable
 from typing import Annotated
 
 import typer
+from typer.core import TyperCommand
 
 from dicflow._version import __version__
-from dicflow.cli.hand_over import compare, export, report
+from dicflow.cli.hand_over import ExportCommand, compare, export, report
 from dicflow.cli.measure import plan, run, why
 from dicflow.cli.products import graph, list_products, show
 from dicflow.cli.store import gc, pin, verify
@@ -43,8 +44,9 @@ COMMANDS: dict[str, Callable[..., None]] = {
     "init": init,
     "doctor": doctor,
 }
+CLASSES: dict[str, type[TyperCommand]] = {"export": ExportCommand}
 for name, command in COMMANDS.items():
-    app.command(name)(command)
+    app.command(name, cls=CLASSES.get(name))(command)
 app.add_typer(synth, name="synth")
 
 

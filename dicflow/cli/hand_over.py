@@ -5,9 +5,10 @@ from __future__ import annotations
 import json
 import os
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
+from typer.core import TyperCommand, TyperOption
 
 from dicflow.cli.options import (
     Data,
@@ -29,12 +30,8 @@ from dicflow.errors import ConfigurationError
 if TYPE_CHECKING:
     from dicflow.comparison.difference import Comparison
 
-__all__ = ["compare", "export", "report"]
+__all__ = ["ExportCommand", "compare", "export", "report"]
 
-_FORMATS = (
-    "tables: csv, matchid, challenge; arrays: hdf5, mat, npz; ParaView: vtu; a region: geojson; a rig: json, opencv; "
-    "pictures: png, pdf, svg, surface (in space; needs dicflow[solid]); movies: gif, mp4, webm"
-)
 _SIDE = "pipeline file, id of a run, or table of points; #2 behind it chooses the second variant"
 Quantities = Annotated[
     list[str],
@@ -65,13 +62,34 @@ def report(
     typer.echo(write_report(loaded, stored(loaded), results_folder(loaded, output), workers))
 
 
+class ExportCommand(TyperCommand):
+    """The command ``export``, whose help lists the formats; only then are they looked up."""
+
+    def format_help(self, ctx: Any, formatter: Any) -> None:
+        for option in self.params:
+            if isinstance(option, TyperOption) and option.name == "to":
+                option.help = _format_words()
+        super().format_help(ctx, formatter)
+
+
+def _format_words() -> str:
+    """Each description with the formats that it is of."""
+    from dicflow.io.exports import descriptions
+    from dicflow.views.exported_pictures import PICTURES
+
+    formats: dict[str, list[str]] = {}
+    for name, text in {**descriptions(), **{name: picture.description for name, picture in PICTURES.items()}}.items():
+        formats.setdefault(text, []).append(name)
+    return "; ".join(f"{', '.join(names)}: {text}" for text, names in formats.items())
+
+
 def export(
     pipeline: PipelineFile,
     settings: Settings,
     quantities: Quantities,
     stage: Annotated[str | None, typer.Argument(help="stage to write; default: the whole test")] = None,
     step: Step = None,
-    to: Annotated[str, typer.Option("--format", help=_FORMATS)] = "csv",
+    to: Annotated[str, typer.Option("--format", help="format of the files")] = "csv",
     output: Annotated[Path, typer.Option(help="folder for the files")] = Path("export"),
     data: Data = None,
     store: StoreFolder = None,

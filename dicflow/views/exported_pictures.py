@@ -2,12 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from io import BytesIO
 from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
-
-import numpy as np
 
 from dicflow.discovery import nearest
 from dicflow.engine.product import Product, Variable
@@ -17,23 +15,19 @@ from dicflow.pipeline.result import Result
 from dicflow.views import look_of, maps_of, plot
 
 if TYPE_CHECKING:
+    import numpy as np
     from matplotlib.figure import Figure
     from numpy.typing import NDArray
 
 __all__ = [
-    "MOVIES",
     "PICTURES",
-    "SURFACE",
     "Drawn",
+    "Picture",
     "check_quantities",
     "write_movies",
     "write_pictures",
     "write_surfaces",
 ]
-
-PICTURES = ("png", "pdf", "svg")
-MOVIES = ("gif", "mp4", "webm")
-SURFACE = "surface"
 
 
 class Drawn(NamedTuple):
@@ -72,10 +66,10 @@ def write_pictures(drawn: Drawn, form: str, folder: Path, whole: bool) -> None:
         place(folder, f"{item.stem}_{quantity}.{form}").write_bytes(saved(figure, form))
 
 
-def write_surfaces(drawn: Drawn, folder: Path, whole: bool) -> None:
-    """The surface in space, coloured by a field: one picture per total and array on its grid.
+def write_surfaces(drawn: Drawn, form: str, folder: Path, whole: bool) -> None:
+    """The surface in space, coloured by a field: one picture in PNG per total and array on its grid.
 
-    whole : as for :func:`write_pictures`
+    form, whole : as for :func:`write_pictures`
     Raises ConfigurationError where pyvista is not installed, and for a measurement in one camera.
     """
     from dicflow.views.solid import surface
@@ -112,6 +106,8 @@ def _drawable(item: Item, named: Sequence[str], usual: Sequence[str]) -> Sequenc
 
 
 def _is_field(variable: Variable) -> bool:
+    import numpy as np
+
     return len(variable.dims) == 2 and variable.dims == ("row", "col") and bool(np.isfinite(variable.values).any())
 
 
@@ -126,8 +122,8 @@ def _figure(drawn: Drawn, item: Item, quantity: str) -> Figure:
     return plot(drawn.result, item.stage, quantity, step=step, variant=drawn.variant)
 
 
-def write_movies(drawn: Drawn, form: str, folder: Path) -> None:
-    """One movie per total and quantity over its steps; without quantities those of the maps.
+def write_movies(drawn: Drawn, form: str, folder: Path, whole: bool) -> None:
+    """One movie per total and quantity over its steps; without quantities those of the maps, for one total and for all.
 
     Raises ConfigurationError for a quantity that maps do not draw.
     """
@@ -168,6 +164,34 @@ def _frames(drawn: Drawn, stage: str, quantity: str, totals: Sequence[Product]) 
 
 
 def _pixels(frame: bytes) -> NDArray[np.uint8]:
+    import numpy as np
     from PIL import Image
 
     return np.asarray(Image.open(BytesIO(frame)).convert("RGB"))
+
+
+class Picture(NamedTuple):
+    """A format of pictures.
+
+    description : what it is, in a few words
+    write : makes the files from what is to be drawn, the format's name, the folder, and whether it is a whole test
+    kinds : of products that it can show; None for any with an array on a grid
+    moves : whether one file shows all steps
+    """
+
+    description: str
+    write: Callable[[Drawn, str, Path, bool], None]
+    kinds: tuple[str, ...] | None = None
+    moves: bool = False
+
+
+PICTURES = {
+    "png": Picture("a picture", write_pictures),
+    "pdf": Picture("a picture", write_pictures),
+    "svg": Picture("a picture", write_pictures),
+    "surface": Picture("a picture in space (needs dicflow[solid])", write_surfaces, ("total",)),
+    "gif": Picture("a movie", write_movies, ("total",), moves=True),
+    "mp4": Picture("a movie", write_movies, ("total",), moves=True),
+    "webm": Picture("a movie", write_movies, ("total",), moves=True),
+}
+"""The formats of pictures and movies by name."""

@@ -14,30 +14,21 @@ from numpy.typing import NDArray
 from dicflow.discovery import nearest
 from dicflow.engine.product import Product
 from dicflow.errors import ConfigurationError
-from dicflow.io.exports import FORMATS as DATA_FORMATS
-from dicflow.io.exports import format_module
+from dicflow.io.exports import FORMATS, beside
 from dicflow.io.exports.items import Item
 from dicflow.io.files import staged
 from dicflow.pipeline.result import Result
-from dicflow.views.exported_pictures import (
-    MOVIES,
-    PICTURES,
-    SURFACE,
-    Drawn,
-    check_quantities,
-    write_movies,
-    write_pictures,
-    write_surfaces,
-)
+from dicflow.views.exported_pictures import PICTURES, Drawn, check_quantities
 
-__all__ = ["FORMATS", "export"]
+__all__ = ["export", "format_names"]
 
-FORMATS = (*DATA_FORMATS, *PICTURES, SURFACE, *MOVIES)
-_TABLES = ("comparison", "probes", "noise")
-_BESIDE = {"csv": _TABLES, "geojson": ("region",), "json": ("rig",)}
-"""What the export of a whole test adds to its totals: format and the kinds of products in it."""
 _MOST_ROWS = 1_048_576
 """Of a table that spreadsheets open."""
+
+
+def format_names() -> tuple[str, ...]:
+    """All formats: of numbers, then of pictures and movies."""
+    return (*FORMATS.names(), *PICTURES)
 
 
 def export(
@@ -58,14 +49,13 @@ def export(
     stage, step : names. Without a stage the whole test: every total, and for formats of numbers the tables, the region
         and the rig beside them; without a step every step that is in the store
     quantities : names of arrays; without any all of them, and of a whole test's pictures those of its maps
-    to : one of ``FORMATS``
+    to : one of :func:`format_names`
     force : overwrite files that exist
     name : of a file that holds a whole test
     tell : is given a sentence on what is left out
     Raises ConfigurationError for a name or a format that does not exist, and for a file that does.
     """
-    if to not in FORMATS:
-        raise ConfigurationError(f"no format '{to}'{nearest(to, FORMATS)}; there are {', '.join(FORMATS)}")
+    _check_format(to)
     chosen = tuple(dict.fromkeys(quantities))
     with staged(output, force) as folder:
         for job in _jobs(result, stage, to, variant, tell):
@@ -74,16 +64,24 @@ def export(
             for which, there in steps.items():
                 _tell_beforehand(result, which, there, job.form, variant, tell)
             if job.form in PICTURES:
-                write_pictures(Drawn(result, steps, wanted, variant), job.form, folder, whole=stage is None)
-            elif job.form == SURFACE:
-                write_surfaces(Drawn(result, steps, wanted, variant), folder, whole=stage is None)
-            elif job.form in MOVIES:
-                write_movies(Drawn(result, steps, wanted, variant), job.form, folder)
+                PICTURES[job.form].write(Drawn(result, steps, wanted, variant), job.form, folder, stage is None)
             else:
                 items = (item for name in job.stages for item in _items(result, name, steps[name], wanted, variant))
-                format_module(job.form).write(items, folder, name if stage is None else stage)
+                FORMATS.load(job.form).write(items, folder, name if stage is None else stage)
         files = sorted(path.name for path in folder.iterdir())
     return [output / file for file in files]
+
+
+def _check_format(name: str) -> None:
+    """Raise ConfigurationError for an unknown format, and for a plug-in with the name of a format of pictures."""
+    names = format_names()
+    if name not in names:
+        raise ConfigurationError(f"no format '{name}'{nearest(name, names)}; there are {', '.join(names)}")
+    if name in PICTURES and name in FORMATS.names():
+        raise ConfigurationError(
+            f"two export formats have the name '{name}': dicflow's own and {FORMATS.find(name).place}; "
+            "uninstall or rename one"
+        )
 
 
 class _Job(NamedTuple):
@@ -96,7 +94,7 @@ class _Job(NamedTuple):
 
 def _jobs(result: Result, stage: str | None, to: str, variant: int, tell: Callable[[str], None]) -> Iterator[_Job]:
     """What is to be written. Raises ConfigurationError where a stage does not fit the format."""
-    kinds = ("total",) if to in (*MOVIES, SURFACE) else format_module(to).KINDS if to in DATA_FORMATS else None
+    kinds = PICTURES[to].kinds if to in PICTURES else FORMATS.load(to).KINDS
     if stage is not None:
         if kinds and result.kind(stage) not in kinds:
             raise ConfigurationError(
@@ -112,10 +110,21 @@ def _jobs(result: Result, stage: str | None, to: str, variant: int, tell: Callab
             f"no stage gives a product of kind {', '.join(kinds)}; stages: {', '.join(result.stages)}"
         )
     yield _Job(stages, to)
-    if to in DATA_FORMATS and "total" in kinds:
-        for form, beside in _BESIDE.items():
-            there = [name for name in _stages(result, beside) if _is_there(result, name, variant, tell)]
-            yield _Job(there, form, main=False)
+    if to not in PICTURES and "total" in kinds:
+        yield from _jobs_beside(result, variant, tell)
+
+
+def _jobs_beside(result: Result, variant: int, tell: Callable[[str], None]) -> Iterator[_Job]:
+    """What the export of a whole test adds to its totals."""
+    for form, kinds in beside().items():
+        try:
+            FORMATS.load(form)
+        except ConfigurationError as error:
+            tell(f"left out: {error}")
+            continue
+        yield _Job(
+            [name for name in _stages(result, kinds) if _is_there(result, name, variant, tell)], form, main=False
+        )
 
 
 def _is_there(result: Result, stage: str, variant: int, tell: Callable[[str], None]) -> bool:
@@ -147,7 +156,7 @@ def _tell_beforehand(
     result: Result, stage: str, steps: Sequence[str | None], form: str, variant: int, tell: Callable[[str], None]
 ) -> None:
     """Say of files to come what nobody expects: a film that stands still, tables that no spreadsheet opens."""
-    if form in MOVIES and len(steps) == 1:
+    if form in PICTURES and PICTURES[form].moves and len(steps) == 1:
         tell(f"{stage}: a film of one step stands still; the format png gives its picture")
     if form == "csv" and (rows := _rows(result, stage, steps[0], variant)) > _MOST_ROWS:
         tables = "a table" if len(steps) == 1 else f"{len(steps)} tables"

@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 from scipy.io import loadmat
 
 from dicflow.engine.product import Product, Variable
-from dicflow.io.exports import format_module
+from dicflow.io.exports import FORMATS
 from dicflow.io.exports.items import Item
 from tests.io.exported_totals import FORMS, hole, item, known, same
 
@@ -23,7 +23,7 @@ TABLE = Product("comparison", {}, {"rows": [{"phase": "loading", "dic_strain": 0
 
 
 def write(form, items, folder, name="test"):
-    format_module(form).write(items, folder, name)
+    FORMATS.load(form).write(items, folder, name)
 
 
 @pytest.mark.parametrize("form", FORMS)

@@ -10,7 +10,7 @@ import pytest
 from dicflow._version import __version__
 from dicflow.engine.product import Product
 from dicflow.errors import ConfigurationError, InputError
-from dicflow.io.exports import FORMATS, format_module
+from dicflow.io.exports import FORMATS, beside
 from dicflow.io.exports.items import Item, place
 from dicflow.io.exports.points import in_space, principal_strains, quads
 from dicflow.io.points_table import read_points
@@ -20,7 +20,7 @@ CHALLENGE = ["x_image", "y_image", "X", "Y", "Z", "U", "V", "W", "exx", "eyy", "
 
 
 def written(form, items, folder, name="test"):
-    format_module(form).write(items, folder, name)
+    FORMATS.load(form).write(items, folder, name)
     return sorted(path.name for path in folder.iterdir())
 
 
@@ -140,5 +140,11 @@ def test_two_products_never_share_a_file(tmp_path):
 
 
 def test_every_format_has_its_module():
-    for name in FORMATS:
-        assert set(format_module(name).__all__) == {"KINDS", "write"}
+    names = ["challenge", "csv", "geojson", "hdf5", "json", "mat", "matchid", "npz", "opencv", "vtu"]
+    assert list(FORMATS.names()) == names
+    for name in names:
+        assert {"DESCRIPTION", "KINDS", "write"} <= set(FORMATS.load(name).__all__)
+
+
+def test_what_is_written_beside_a_whole_test():
+    assert beside() == {"csv": ("comparison", "probes", "noise"), "geojson": ("region",), "json": ("rig",)}

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import subprocess
 import sys
 from types import SimpleNamespace
 from xml.etree import ElementTree
@@ -23,7 +24,7 @@ from dicflow.pipeline import Pipeline
 from dicflow.stages.region import Region
 from dicflow.views import exports
 from dicflow.views.exported_pictures import Drawn, write_surfaces
-from dicflow.views.exports import FORMATS, export
+from dicflow.views.exports import export, format_names
 from tests.io.exported_totals import total
 from tests.small import STEPS, dicflow
 
@@ -215,7 +216,7 @@ def test_an_export_that_breaks_off_leaves_nothing(error, result, tmp_path, monke
 @pytest.mark.parametrize(
     ("asked", "said"),
     [
-        ({"to": "hdf"}, "no format 'hdf', did you mean 'hdf5'?; there are csv, matchid"),
+        ({"to": "hdf"}, "no format 'hdf', did you mean 'hdf5'?; there are challenge, csv"),
         ({"stage": "totl"}, "no stage 'totl', did you mean 'total'?"),
         ({"stage": "total", "step": "step_9"}, "total has no step 'step_9'; it has step_01, step_02"),
         (
@@ -260,7 +261,7 @@ def test_what_is_not_in_the_store_is_left_out_and_said(result, tmp_path, monkeyp
 
 def test_the_command_names_every_format():
     told = " ".join(dicflow("export", "--help").out.split())
-    for name in FORMATS:
+    for name in format_names():
         assert name in told
 
 
@@ -299,9 +300,15 @@ def test_one_camera_shows_no_surface_in_space(form, tmp_path, monkeypatch):
     monkeypatch.setitem(sys.modules, "pyvista", None)
     said = "one camera shows no surface in space" if form == "planar" else "needs pyvista"
     with pytest.raises(ConfigurationError, match=said):
-        write_surfaces(Drawn(result, {"total": ["step_01"]}, ("eyy",), 0), tmp_path, whole=False)
+        write_surfaces(Drawn(result, {"total": ["step_01"]}, ("eyy",), 0), "surface", tmp_path, whole=False)
 
 
 def test_only_totals_have_a_surface(result, tmp_path):
     with pytest.raises(ConfigurationError, match="kind features is no total, which surface is for"):
         export(result, tmp_path, stage="features", to="surface")
+
+
+def test_the_words_for_the_formats_load_no_numerics():
+    code = "import sys; from dicflow.cli.hand_over import _format_words; print(_format_words(), 'numpy' in sys.modules)"
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert done.stdout.endswith("False\n")

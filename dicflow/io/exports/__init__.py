@@ -1,33 +1,42 @@
 """Products as files that other programs read, one module per format.
 
-A module of this package that carries a format's name has
+A module of this package, or an entry point of the group ``dicflow.exports``, is a format if it has
 
-- ``KINDS``: the kinds of products that the format can hold, None for any;
-- ``write(items, folder, name)``: writes products into a folder of their own, one after the other.
+- ``DESCRIPTION``: what it is, in a few words;
+- ``KINDS``: the kinds of products that it can hold, None for any;
+- ``write(items, folder, name)``: writes products, :class:`~dicflow.io.exports.items.Item`, into a folder of their own,
+  one after the other;
+- ``BESIDE``, if need be: kinds that an export of a whole test writes in this format beside its totals, whatever format
+  the totals have.
+
+``DESCRIPTION`` and ``BESIDE`` are literals: they are read from the source, without importing the module.
 """
 
 from __future__ import annotations
 
-import importlib
-from types import ModuleType
+from typing import Any
 
-__all__ = ["FORMATS", "format_module"]
+from dicflow.discovery import Registry
+from dicflow.errors import ConfigurationError
 
-FORMATS = {
-    "csv": "a table with units",
-    "matchid": "a table with MatchID's columns",
-    "challenge": "the 13 columns of the Stereo-DIC Challenge",
-    "hdf5": "one file for all",
-    "mat": "MATLAB",
-    "npz": "NumPy",
-    "vtu": "ParaView, with a PVD that plays the steps",
-    "geojson": "a region",
-    "json": "a rig",
-    "opencv": "a rig as OpenCV's YAML",
-}
-"""What each format is, by its name."""
+__all__ = ["FORMATS", "beside", "descriptions"]
+
+FORMATS = Registry("export format", __name__, "dicflow.exports", ("DESCRIPTION", "KINDS", "write"))
 
 
-def format_module(name: str) -> ModuleType:
-    """The module that writes a format, one of ``FORMATS``."""
-    return importlib.import_module(f"dicflow.io.exports.{name}")
+def descriptions() -> dict[str, str]:
+    """What each format is, by its name."""
+    return {name: _read(name, "DESCRIPTION", "a plug-in that cannot be used") for name in FORMATS.names()}
+
+
+def beside() -> dict[str, tuple[str, ...]]:
+    """Format → kinds of products that an export of a whole test writes in it beside the totals."""
+    return {name: kinds for name in FORMATS.names() if (kinds := tuple(_read(name, "BESIDE", ())))}
+
+
+def _read(name: str, constant: str, default: Any) -> Any:
+    """A constant of a format; the default for a plug-in that cannot be used, whose use says why."""
+    try:
+        return FORMATS.constant(name, constant, default)
+    except ConfigurationError:
+        return default

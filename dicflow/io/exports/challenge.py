@@ -12,8 +12,9 @@ from dicflow.io.exports.items import Item, place
 from dicflow.io.exports.points import measured, points
 from dicflow.io.results import columns_text
 
-__all__ = ["KINDS", "write"]
+__all__ = ["DESCRIPTION", "KINDS", "write"]
 
+DESCRIPTION = "the 13 columns of the Stereo-DIC Challenge"
 KINDS = ("total",)
 _STRAINS = ("exx", "eyy", "exy", "e1", "e2")
 _COLUMNS = ("x_image", "y_image", "X", "Y", "Z", "U", "V", "W", *_STRAINS)

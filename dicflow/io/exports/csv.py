@@ -9,9 +9,11 @@ from dicflow.engine.product import Product, Variable
 from dicflow.io.exports.items import Item, place
 from dicflow.io.results import csv_text
 
-__all__ = ["KINDS", "write"]
+__all__ = ["BESIDE", "DESCRIPTION", "KINDS", "write"]
 
+DESCRIPTION = "a table with units"
 KINDS = None
+BESIDE = ("comparison", "probes", "noise")
 
 
 def write(items: Iterable[Item], folder: Path, name: str) -> None:

@@ -10,9 +10,11 @@ from dicflow.io.exports.items import Item, place
 from dicflow.io.region import write_geojson
 from dicflow.kinds.region import polygons_from_json
 
-__all__ = ["KINDS", "write"]
+__all__ = ["BESIDE", "DESCRIPTION", "KINDS", "write"]
 
+DESCRIPTION = "a region"
 KINDS = ("region",)
+BESIDE = ("region",)
 _SPACING_PX = 20.0
 """Longest edge: a straight one would leave the curve that lens distortion makes of it."""
 

@@ -9,9 +9,11 @@ from dicflow.io.exports.items import Item, place
 from dicflow.io.rig import rig_text
 from dicflow.kinds.rig import rig_from_json
 
-__all__ = ["KINDS", "write"]
+__all__ = ["BESIDE", "DESCRIPTION", "KINDS", "write"]
 
+DESCRIPTION = "a rig"
 KINDS = ("rig",)
+BESIDE = ("rig",)
 
 
 def write(items: Iterable[Item], folder: Path, name: str) -> None:

@@ -13,8 +13,9 @@ from dicflow._version import __version__
 from dicflow.engine.product import Product
 from dicflow.io.exports.items import Item, place
 
-__all__ = ["KINDS", "write"]
+__all__ = ["DESCRIPTION", "KINDS", "write"]
 
+DESCRIPTION = "MATLAB"
 KINDS = None
 _HEADER_BYTES = 116
 

@@ -11,8 +11,9 @@ from dicflow.io.exports.items import Item, place
 from dicflow.io.exports.points import measured, points
 from dicflow.io.results import columns_text
 
-__all__ = ["KINDS", "write"]
+__all__ = ["DESCRIPTION", "KINDS", "write"]
 
+DESCRIPTION = "a table with MatchID's columns"
 KINDS = ("total",)
 _IN_PHOTOGRAPH = ("Coordinates.Image X [Pixel]", "Coordinates.Image Y [Pixel]")
 _PLACES = ("coor.X [{unit}]", "coor.Y [{unit}]", "coor.Z [{unit}]")

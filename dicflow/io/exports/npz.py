@@ -8,8 +8,9 @@ from pathlib import Path
 from dicflow.io.exports.items import Item, place
 from dicflow.io.results import npz_bytes
 
-__all__ = ["KINDS", "write"]
+__all__ = ["DESCRIPTION", "KINDS", "write"]
 
+DESCRIPTION = "NumPy"
 KINDS = None
 
 

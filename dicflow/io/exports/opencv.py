@@ -9,8 +9,9 @@ from dicflow.io.calibrations.opencv import opencv_text
 from dicflow.io.exports.items import Item, place
 from dicflow.kinds.rig import rig_from_json
 
-__all__ = ["KINDS", "write"]
+__all__ = ["DESCRIPTION", "KINDS", "write"]
 
+DESCRIPTION = "a rig as OpenCV's YAML"
 KINDS = ("rig",)
 
 

@@ -14,8 +14,9 @@ from dicflow.engine.product import Product
 from dicflow.io.exports.items import Item, place
 from dicflow.io.exports.points import in_space, measured, quads
 
-__all__ = ["KINDS", "write"]
+__all__ = ["DESCRIPTION", "KINDS", "write"]
 
+DESCRIPTION = "ParaView, with a PVD that plays the steps"
 KINDS = ("total",)
 
 
