@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Annotated, ClassVar, Literal
 
 from pydantic import Field
 
+from dicflow.core.matching.detectors import DETECTORS
 from dicflow.engine.node import Node, Port, Scope, parameter
 from dicflow.engine.product import Product
 from dicflow.errors import StageError
@@ -14,6 +15,10 @@ from dicflow.kinds.images import Images
 
 if TYPE_CHECKING:
     import numpy as np
+
+    DetectorName = str
+else:
+    DetectorName = Literal[tuple(DETECTORS)]
 
 __all__ = ["FindFeatures"]
 
@@ -33,7 +38,7 @@ class FindFeatures(Node):
     impl_version: ClassVar = 2
 
     stage: Literal["features"] = "features"
-    detector: Literal["KAZE", "AKAZE", "BRISK", "ORB", "SIFT"] = parameter("KAZE", "detector and its own descriptor")
+    detector: DetectorName = parameter("KAZE", "detector and its own descriptor")
     area: Literal["auto", "full"] | tuple[Pixel, Pixel, Pixel, Pixel] = parameter(
         "auto", "where to search: auto (bounding box of the speckles), full, or [x0, y0, x1, y1]", unit="px"
     )

@@ -12,10 +12,11 @@ from importlib.metadata import version
 from pathlib import Path
 from typing import NamedTuple
 
+from dicflow.core.matching.detectors import DETECTORS
+
 __all__ = ["Check", "checks"]
 
 _PACKAGES = ("numpy", "scipy", "numba", "opencv-python-headless", "zarr", "dask", "distributed", "pydantic", "xarray")
-_DETECTORS = ("KAZE", "AKAZE", "BRISK", "ORB", "SIFT")
 _FREE_GB = 2.0
 
 
@@ -41,12 +42,12 @@ def checks(store: Path) -> Iterator[Check]:
 def _detectors() -> Check:
     import cv2
 
-    missing = [name for name in _DETECTORS if not hasattr(cv2, f"{name}_create")]
+    missing = [name for name in DETECTORS if not hasattr(cv2, f"{name}_create")]
     if missing:
         return Check(
             "detectors", False, f"OpenCV {cv2.__version__} lacks {', '.join(missing)}; install opencv-python-headless<5"
         )
-    return Check("detectors", True, ", ".join(_DETECTORS))
+    return Check("detectors", True, ", ".join(DETECTORS))
 
 
 def _compiler() -> Check:

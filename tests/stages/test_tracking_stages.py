@@ -10,6 +10,7 @@ from pydantic import ValidationError
 
 from dicflow.core.cameras.camera import Camera, Rig
 from dicflow.core.cameras.rectification import raw_to_rectified, rectification
+from dicflow.core.matching.detectors import DETECTORS
 from dicflow.core.photographs.region import area, bounding_box, contains
 from dicflow.core.status import Status
 from dicflow.engine.product import Product, Variable
@@ -358,3 +359,8 @@ def test_a_window_without_a_middle_is_refused():
     with pytest.raises(ValidationError, match="20 is even; use an odd number"):
         Match(window=20)
     assert Match(window=23).window == 23
+
+
+def test_the_stage_takes_the_detectors_of_the_table():
+    schema = FindFeatures.model_json_schema()["properties"]["detector"]
+    assert schema["enum"] == list(DETECTORS) == ["KAZE", "AKAZE", "BRISK", "ORB", "SIFT"]

@@ -2,18 +2,17 @@
 
 from __future__ import annotations
 
-from typing import Any, Literal, NamedTuple
+from typing import Any, NamedTuple
 
 import cv2
 import numpy as np
 import numpy.typing as npt
 
 from dicflow.core.arrays import Image
+from dicflow.core.matching.detectors import DETECTORS
 
-__all__ = ["DETECTORS", "Box", "Detector", "Features", "detect"]
+__all__ = ["Box", "Features", "detect"]
 
-Detector = Literal["KAZE", "AKAZE", "BRISK", "ORB", "SIFT"]
-DETECTORS: tuple[Detector, ...] = ("KAZE", "AKAZE", "BRISK", "ORB", "SIFT")
 Box = tuple[int, int, int, int]
 
 MARGIN = 40  # px around the box that detectors see too: their largest descriptors reach about so far
@@ -39,7 +38,7 @@ class Features(NamedTuple):
 
 def detect(
     image: npt.NDArray[Any],
-    detector: Detector = "KAZE",
+    detector: str = "KAZE",
     *,
     box: Box | None = None,
     upright: bool = True,
@@ -49,6 +48,7 @@ def detect(
     """Features of an image.
 
     image : (rows, cols) uint8 or uint16 grey
+    detector : a name in :data:`~dicflow.core.matching.detectors.DETECTORS`
     box : (x0, y0, x1, y1) [px], ends excluded: features outside are left out and, but for a margin, not searched
     upright : describe without an orientation of their own: more matches, as long as the specimen turns by less than
         about 15° from one image to the next; BRISK always has orientations
@@ -62,13 +62,14 @@ def detect(
     x0, y0, x1, y1 = box or (0, 0, width, height)
     left, top = max(0, x0 - MARGIN), max(0, y0 - MARGIN)
     crop = _stretched(image[top : y1 + MARGIN, left : x1 + MARGIN])
-    finder = _finder(detector, upright, octaves)
-    keypoints, descriptors = _describe(finder, crop, recompute=upright and detector in ("ORB", "SIFT"))
+    chosen = DETECTORS[detector]
+    finder = chosen.make(cv2, upright, octaves)
+    keypoints, descriptors = _describe(finder, crop, recompute=upright and chosen.upright == "afterwards")
     if descriptors is None or not keypoints:
         return _none(finder)
     # cv2's corner detectors and SIFT, like KAZE, put pixel centres at integers
     table = np.array([(*k.pt, k.size, k.angle, k.response) for k in keypoints], dtype=np.float32)
-    if upright and detector != "BRISK":
+    if upright and chosen.upright != "never":
         table[:, 3] = 0.0
     table[:, :2] += np.array([left, top], dtype=np.float32)
     x, y = table[:, 0], table[:, 1]
@@ -77,21 +78,6 @@ def detect(
     order = keep[np.lexsort(table[keep].T[[4, 3, 2, 0, 1]])]
     table = table[order]
     return Features(table[:, :2], table[:, 2], table[:, 3], table[:, 4], descriptors[order])
-
-
-def _finder(detector: Detector, upright: bool, octaves: int) -> Any:
-    """cv2's detector with its usual threshold."""
-    library: Any = cv2
-    if detector == "KAZE":
-        return library.KAZE_create(upright=upright, nOctaves=octaves)
-    if detector == "AKAZE":
-        kind = cv2.AKAZE_DESCRIPTOR_MLDB_UPRIGHT if upright else cv2.AKAZE_DESCRIPTOR_MLDB
-        return library.AKAZE_create(descriptor_type=kind, nOctaves=octaves)
-    if detector == "BRISK":
-        return library.BRISK_create(octaves=octaves)
-    if detector == "ORB":
-        return library.ORB_create(nfeatures=100_000)
-    return library.SIFT_create(enable_precise_upscale=True)  # without it, all positions are off by a quarter pixel
 
 
 def _describe(finder: Any, image: npt.NDArray[np.uint8], recompute: bool) -> tuple[list[Any], npt.NDArray[Any] | None]:

@@ -2,7 +2,8 @@ import numpy as np
 import pytest
 from blobs import Pattern
 
-from dicflow.core.matching.features import DETECTORS, Features, detect
+from dicflow.core.matching.detectors import DETECTORS
+from dicflow.core.matching.features import Features, detect
 
 IMAGE = Pattern((20, 20, 230, 210)).photograph((230, 250), seed=1)
 
