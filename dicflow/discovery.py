@@ -109,6 +109,10 @@ class Registry:
         except Exception as error:
             raise self._unusable(member, error) from error
 
+    def plugin_code(self) -> list[str]:
+        """What changes with the plug-ins: place and source of each; no source where it cannot be read."""
+        return [text for member in self.members() if member.is_plugin for text in (member.place, _readable(member))]
+
     def _unusable(self, member: Member, error: Exception) -> Exception:
         """The error as it is for a module of ours, else a message that names the plug-in."""
         if not member.is_plugin:
@@ -134,7 +138,7 @@ def _ours(registry: Registry) -> Iterable[Member]:
     package = importlib.import_module(registry.package)
     for found in pkgutil.iter_modules(package.__path__):
         module = f"{registry.package}.{found.name}"
-        if not found.name.startswith("_") and (not registry.needs or registry.needs[0] in _assigned(_tree(module))):
+        if not found.name.startswith("_") and (not registry.needs or _declares(module, registry.needs[0])):
             yield Member(found.name, module, "", module, is_plugin=False)
 
 
@@ -148,12 +152,29 @@ def _plugins(registry: Registry) -> Iterable[Member]:
 
 
 @cache
-def _tree(module: str) -> ast.Module:
-    """The syntax of a module that is not imported; the packages it is in are."""
+def _source(module: str) -> str:
+    """The text of a module that is not imported; the packages it is in are."""
     spec = find_spec(module)
     if spec is None or not isinstance(spec.loader, InspectLoader):
         raise ModuleNotFoundError(f"No module named '{module}'")
-    return ast.parse(spec.loader.get_source(module) or "")
+    return spec.loader.get_source(module) or ""
+
+
+def _readable(member: Member) -> str:
+    try:
+        return _source(member.module)
+    except Exception:  # the code of others, imported on the way
+        return ""
+
+
+@cache
+def _tree(module: str) -> ast.Module:
+    return ast.parse(_source(module))
+
+
+def _declares(module: str, name: str) -> bool:
+    """Whether a module assigns a name at its top."""
+    return name in _source(module) and name in _assigned(_tree(module))
 
 
 def _assigned(tree: ast.Module) -> dict[str, ast.expr]:

@@ -1,4 +1,4 @@
-"""The page: its sections in order, in one file."""
+"""The page: its sections in order, in one file. The summary stands first and is made last, from the warnings of all."""
 
 from __future__ import annotations
 
@@ -14,23 +14,15 @@ from dicflow.errors import DicflowError
 from dicflow.io.files import make_folder, write_whole
 from dicflow.pipeline import Pipeline, Result
 from dicflow.pipeline.provenance import RunFacts, run_facts
-from dicflow.report.calibration import calibration
-from dicflow.report.context import Builder, Context, Section
-from dicflow.report.fields import fields
+from dicflow.report.context import Context, Section
 from dicflow.report.pieces import Pieces
-from dicflow.report.provenance import provenance
-from dicflow.report.quality import quality
 from dicflow.report.rendering import assets, render
-from dicflow.report.settings import settings
+from dicflow.report.sections import SECTIONS, Entry, entries
 from dicflow.report.summary import summary
-from dicflow.report.sweep import sweep
 from dicflow.report.words import date
 from dicflow.views.source_digest import source_digest
 
-__all__ = ["SECTIONS", "write_report"]
-
-SECTIONS: tuple[Builder, ...] = (calibration, fields, quality, sweep, settings, provenance)
-"""All but the summary, which stands first and is made last, from the warnings of these."""
+__all__ = ["write_report"]
 
 
 def write_report(pipeline: Pipeline, result: Result, folder: Path, workers: int = 1) -> Path:
@@ -48,15 +40,11 @@ def write_report(pipeline: Pipeline, result: Result, folder: Path, workers: int 
     if _was_idle(result) and page.is_file() and told.is_file() and told.read_text() == sources:
         return page
     make_folder(folder)
-    pieces = Pieces(folder / ".report", source_digest("views", "report"))
+    pieces = Pieces(folder / ".report", _code())
     context = Context(pipeline, result, facts, pieces, folder, workers)
-    sections = [section for builder in SECTIONS if (section := _built(builder, context)) is not None]
-
-    def first(context: Context) -> Section:
-        return summary(context, sections)
-
-    first.__name__ = summary.__name__
-    text = _page(context, [part for part in (_built(first, context), *sections) if part is not None])
+    sections = _made(entries(), context)
+    first = _made([Entry("summary", "Summary", lambda context: summary(context, sections))], context)
+    text = _page(context, [*first, *sections])
     pieces.drop_unused()
     write_whole(page, text.encode())
     make_folder(told.parent)
@@ -71,12 +59,17 @@ def _was_idle(result: Result) -> bool:
     )
 
 
+def _code() -> str:
+    """Stands for the code that makes the page."""
+    return json.dumps([source_digest("views", "report"), *SECTIONS.plugin_code()])
+
+
 def _sources(pipeline: Pipeline, result: Result, run: RunFacts | None) -> str:
     """Digest of all that the page shows, but of a run that came to its end only that it did."""
     is_whole = run is None or (run.ended and not run.interrupted and not run.counts["failed"])
     state = "" if run is None or is_whole else run.id
     settings = (pipeline.path.name, pipeline.title, pipeline.resolved())
-    told = json.dumps([source_digest("views", "report"), *settings, result.digests, result.notes, state])
+    told = json.dumps([_code(), *settings, result.digests, result.notes, state])
     return hashlib.sha256(told.encode()).hexdigest()
 
 
@@ -87,14 +80,21 @@ def _run(pipeline: Pipeline, result: Result) -> RunInfo | None:
     return pipeline.last_run()
 
 
-def _built(builder: Builder, context: Context) -> Section | None:
-    """A section, or in its place the message of what went wrong."""
+def _made(parts: list[Entry], context: Context) -> list[Section]:
+    """The sections that this pipeline has."""
+    return [section for entry in parts if (section := _built(entry, context)) is not None]
+
+
+def _built(entry: Entry, context: Context) -> Section | None:
+    """A section, or in its place the message of what went wrong; a defect of a plug-in spoils no more than its own."""
     try:
-        return builder(context)
-    except DicflowError as error:
-        key = getattr(builder, "__name__", "section")
-        message = context.said(str(error))
-        return Section(key, key.capitalize(), Markup('<p class="warning">{}</p>').format(message), (message,))
+        return entry.build(context)
+    except Exception as error:
+        if not isinstance(error, DicflowError) and not entry.is_plugin:
+            raise
+        reason = str(error) if isinstance(error, DicflowError) else f"{type(error).__name__}: {error}"
+        message = context.said(reason)
+        return Section(entry.key, entry.title, Markup('<p class="warning">{}</p>').format(message), (message,))
 
 
 def _page(context: Context, sections: list[Section]) -> str:

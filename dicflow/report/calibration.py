@@ -21,7 +21,10 @@ if TYPE_CHECKING:
     from dicflow.core.cameras.camera import Camera, Rig
     from dicflow.report.drawing import Drawing, Shape
 
-__all__ = ["calibration"]
+__all__ = ["PLACE", "TITLE", "calibration"]
+
+PLACE = 10
+TITLE = "Calibration"
 
 _FIGURES = (
     ("focal length of the left camera, x", "left_fx_px", "px"),
@@ -45,7 +48,7 @@ def calibration(context: Context) -> Section | None:
         return None
     stage = rigs[-1]
     if not result.has(stage):
-        return Section("calibration", "Calibration", Markup("<p>The cameras are not calibrated yet.</p>"))
+        return Section("calibration", TITLE, Markup("<p>The cameras are not calibrated yet.</p>"))
     attrs = result.product(stage).attrs
     limit: float | None = getattr(_node(context, stage), "max_error_px", None)
     body = render(
@@ -58,7 +61,7 @@ def calibration(context: Context) -> Section | None:
         drawings=_drawings(context, stage),
         rectified=_rectified(context, stage),
     )
-    return Section("calibration", "Calibration", body, _warnings(attrs))
+    return Section("calibration", TITLE, body, _warnings(attrs))
 
 
 def _node(context: Context, stage: str) -> Any:

@@ -24,7 +24,10 @@ from dicflow.report.rendering import render
 from dicflow.views import maps_of, specimen_map
 from dicflow.views.colours import REASON_COLOURS, Look, look
 
-__all__ = ["fields"]
+__all__ = ["PLACE", "TITLE", "fields"]
+
+PLACE = 20
+TITLE = "Fields"
 
 QUANTITIES = ("U", "V", "W", "exx", "eyy", "gxy", "e1", "e2", "sigma_exx", "sigma_eyy", "znssd")
 """Shown where a total has them, behind those of the maps."""
@@ -45,7 +48,7 @@ def fields(context: Context) -> Section | None:
     names = result.steps(total)
     steps = _spread([step for step in names if result.has(total, step)])
     if not steps:
-        return Section("fields", "Fields", Markup("<p>No step has displacements yet.</p>"))
+        return Section("fields", TITLE, Markup("<p>No step has displacements yet.</p>"))
     scene = _scene(result, total, steps[0])
     frame = _frame(context, scene, steps)
     with ThreadPoolExecutor(context.workers) as pool:
@@ -63,7 +66,7 @@ def fields(context: Context) -> Section | None:
     bare = not all(maps["photo"] for maps in drawn.values())
     words = _words(result, scene) | {"shown": len(slid), "all": len(names), "bare": bare, "peak": peak}
     body = render("fields.html", content=_as_json(content), **words)
-    return Section("fields", "Fields", body, _few_points(drawn))
+    return Section("fields", TITLE, body, _few_points(drawn))
 
 
 def _spread(steps: Sequence[str]) -> list[str]:

@@ -16,7 +16,10 @@ from dicflow.report.rendering import render
 from dicflow.report.words import date, duration
 from dicflow.views.graph import Mark, graph_svg
 
-__all__ = ["provenance"]
+__all__ = ["PLACE", "TITLE", "provenance"]
+
+PLACE = 60
+TITLE = "Provenance"
 
 _ADDRESS = ' xmlns="http://www.w3.org/2000/svg"'
 
@@ -67,7 +70,7 @@ def provenance(context: Context) -> Section:
         duration=duration,
         settings=context.said(yaml.safe_dump(context.pipeline.resolved(), sort_keys=False, allow_unicode=True)),
     )
-    return Section("provenance", "Provenance", body, warnings)
+    return Section("provenance", TITLE, body, warnings)
 
 
 def _stage(run: RunFacts | None, stage: str) -> StageFacts:

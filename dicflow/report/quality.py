@@ -14,7 +14,10 @@ from dicflow.report.context import Context, Section
 from dicflow.report.rendering import render
 from dicflow.report.words import number, percent
 
-__all__ = ["quality"]
+__all__ = ["PLACE", "TITLE", "quality"]
+
+PLACE = 30
+TITLE = "Quality"
 
 _GOOD_SPECKLE_PX = (3.0, 7.0)
 _LEAST_SPECKLES = 3.0
@@ -92,7 +95,7 @@ def quality(context: Context) -> Section | None:
         floor=_noise_floor(result),
     )
     warnings = (*(sentence for good, sentence in advice if not good), *_overexposed(result))
-    return Section("quality", "Quality", body, warnings)
+    return Section("quality", TITLE, body, warnings)
 
 
 def _panels(result: Result, steps: Sequence[str]) -> _Panels:

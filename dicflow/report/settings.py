@@ -9,7 +9,10 @@ from dicflow.report.context import Context, Section
 from dicflow.report.rendering import render
 from dicflow.report.reporting import Row, reporting_rows
 
-__all__ = ["settings"]
+__all__ = ["PLACE", "TITLE", "settings"]
+
+PLACE = 50
+TITLE = "Settings"
 
 
 def settings(context: Context) -> Section:
@@ -22,7 +25,7 @@ def settings(context: Context) -> Section:
         blanks=sum(row.value is None for row in rows),
         swept=context.result.values[0] if len(context.result.values) > 1 else {},
     )
-    return Section("settings", "Settings", body)
+    return Section("settings", TITLE, body)
 
 
 def _rows(context: Context) -> list[Row]:

@@ -14,7 +14,10 @@ from dicflow.report.context import Context, Section
 from dicflow.report.rendering import render
 from dicflow.report.words import number
 
-__all__ = ["sweep"]
+__all__ = ["PLACE", "TITLE", "sweep"]
+
+PLACE = 40
+TITLE = "Variants of the sweep"
 
 _FIELDS = ("U", "V", "exx", "eyy")
 _ALIKE, _ALIKE_DRAWN = 1e-9, 1e-4
@@ -45,7 +48,7 @@ def sweep(context: Context) -> Section | None:
     warnings = tuple(
         f"Variant #{place} of the sweep has nothing in the store; run the pipeline again." for place in empty
     )
-    return Section("sweep", "Variants of the sweep", body, warnings)
+    return Section("sweep", TITLE, body, warnings)
 
 
 def _rows(table: Sequence[Mapping[str, Any]], names: Sequence[str]) -> list[list[str]]:

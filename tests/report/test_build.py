@@ -16,6 +16,7 @@ from dicflow.kinds.rig import rig_from_json
 from dicflow.pipeline import Pipeline
 from dicflow.report import build
 from dicflow.report.pieces import Pieces
+from dicflow.report.sections import SECTIONS, Entry, entries
 from tests.pages import Page
 
 RESULTS = re.compile("^  (comparison|maps):", re.MULTILINE)
@@ -75,14 +76,18 @@ def test_a_page_of_the_same_products_stays_and_any_other_is_made_again(loaded, t
 
 @pytest.mark.parametrize(
     ("sections", "absent"),
-    [("build.SECTIONS", ["matplotlib", "numba"]), ("(build.settings, build.provenance)", ["cv2", "scipy", "zarr"])],
+    [
+        ("calibration fields quality sweep settings provenance", ["matplotlib", "numba"]),
+        ("settings provenance", ["cv2", "scipy", "zarr"]),
+    ],
 )
 def test_the_second_build_loads_nothing_that_draws_or_computes(loaded, tmp_path, sections, absent):
     build.write_report(loaded, loaded.result(), tmp_path).unlink()
     code = (
         "import sys; from pathlib import Path\n"
-        "from dicflow.pipeline import Pipeline; from dicflow.report import build\n"
-        f"build.SECTIONS = {sections}\n"
+        "from dicflow.pipeline import Pipeline; from dicflow.report import build, sections\n"
+        f"chosen = [sections._placed(name)[1] for name in '{sections}'.split()]\n"
+        "build.entries = lambda: chosen\n"
         "loaded = Pipeline.load(sys.argv[1])\n"
         "build.write_report(loaded, loaded.result(), Path(sys.argv[2]))\n"
         "print(*sorted(sys.modules))"
@@ -108,7 +113,7 @@ def test_the_report_says_nothing_of_the_machine(loaded, tmp_path, monkeypatch):
     def broken(context):
         raise StageError(f"{loaded.store_folder}/tmp: <b>no</b> room in {loaded.folder}/photos; make some")
 
-    monkeypatch.setattr(build, "SECTIONS", (broken,))
+    monkeypatch.setattr(build, "entries", lambda: [Entry("broken", "Broken", broken)])
     path = build.write_report(loaded, loaded.result(), tmp_path / "new")
     assert Page.read(path).texts.count("tmp: <b>no</b> room in photos; make some") == 1
     assert "tmp: &lt;b&gt;no&lt;/b&gt; room" in path.read_text()
@@ -118,7 +123,6 @@ def test_a_summary_that_fails_leaves_the_other_sections(loaded, tmp_path, monkey
     def broken(context, sections):
         raise StoreError("the store is gone")
 
-    broken.__name__ = "summary"
     monkeypatch.setattr(build, "summary", broken)
     page = Page.read(build.write_report(loaded, loaded.result(), tmp_path))
     assert "the store is gone" in page.texts
@@ -127,7 +131,7 @@ def test_a_summary_that_fails_leaves_the_other_sections(loaded, tmp_path, monkey
 
 def test_the_run_of_a_report_is_one_with_the_same_settings(loaded, pipeline, tmp_path, monkeypatch):
     seen = []
-    monkeypatch.setattr(build, "SECTIONS", (lambda context: seen.append(context.run),))
+    monkeypatch.setattr(build, "entries", lambda: [Entry("seen", "Seen", lambda context: seen.append(context.run))])
     build.write_report(loaded, loaded.result(), tmp_path)
     other = Pipeline.load(pipeline, settings=["strain.window=[61, 61]"])
     build.write_report(other, other.result(), tmp_path)
@@ -207,3 +211,9 @@ def test_one_camera(copied, tmp_path):
     page = page_of(copied, tmp_path)
     page.assert_complete()
     assert "plane: 0 of 3" in page.texts
+
+
+def test_the_sections_and_their_order():
+    order = ["calibration", "fields", "quality", "sweep", "settings", "provenance"]
+    assert [entry.key for entry in entries()] == order
+    assert set(SECTIONS.names()) == set(order)
