@@ -18,7 +18,7 @@ from dicflow.pipeline import Pipeline
 
 SAMPLE = ROOT / "pipelines" / "thesis_quickstart.yaml"
 COMMANDS = ("run", "plan", "why", "graph", "ls", "show", "report", "export", "compare", "gc", "verify", "pin")
-COMMANDS += ("schema", "init", "doctor")
+COMMANDS += ("stages", "schema", "init", "doctor")
 RIG_ALONE = """\
 stages:
   boards: {stage: images, left: boards/left/*.png, right: boards/right/*.png}

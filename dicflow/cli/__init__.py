@@ -14,7 +14,7 @@ from dicflow.cli.hand_over import ExportCommand, compare, export, report
 from dicflow.cli.measure import plan, run, why
 from dicflow.cli.products import graph, list_products, show
 from dicflow.cli.store import gc, pin, verify
-from dicflow.cli.tools import doctor, init, schema, synth
+from dicflow.cli.tools import doctor, init, schema, stages, synth
 from dicflow.errors import DicflowError
 
 __all__ = ["app", "main"]
@@ -40,6 +40,7 @@ COMMANDS: dict[str, Callable[..., None]] = {
     "gc": gc,
     "verify": verify,
     "pin": pin,
+    "stages": stages,
     "schema": schema,
     "init": init,
     "doctor": doctor,

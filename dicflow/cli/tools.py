@@ -1,4 +1,4 @@
-"""Commands around a measurement: a first file, its schema, synthetic photographs, a check of the machine."""
+"""Commands around a measurement: stages, a first file, its schema, synthetic photographs, a check of the machine."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ import typer
 
 from dicflow.cli.options import Force, refuse_existing, refuse_full, tick, write_new
 
-__all__ = ["doctor", "init", "schema", "synth"]
+__all__ = ["doctor", "init", "schema", "stages", "synth"]
 
 
 def schema() -> None:
@@ -26,6 +26,27 @@ def schema() -> None:
     for problem in node_classes()[1]:
         typer.secho(f"warning: {problem}", fg="yellow", err=True)
     typer.echo(json.dumps(pipeline_schema(), indent=1, ensure_ascii=False))
+
+
+def stages(
+    name: Annotated[str | None, typer.Argument(metavar="NAME", help="a stage; default: list all")] = None,
+) -> None:
+    """List the stages, or print one with its parameters.
+
+    \b
+    dicflow stages
+    dicflow stages correlate
+    """
+    from dicflow.pipeline.registry import node_class, node_classes
+    from dicflow.pipeline.stage_words import list_lines, stage_lines
+
+    if name is not None:
+        typer.echo("\n".join(stage_lines(name, node_class(name))))
+        return
+    kinds, problems = node_classes()
+    typer.echo("\n".join(list_lines(kinds)))
+    for problem in problems:
+        typer.secho(f"warning: {problem}", fg="yellow", err=True)
 
 
 def init(
