@@ -10,7 +10,8 @@ import ast
 import difflib
 import importlib
 import pkgutil
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import cache
 from importlib.abc import InspectLoader
@@ -82,12 +83,10 @@ class Registry:
         Raises ConfigurationError as :meth:`find`, and for a plug-in that cannot be imported or lacks what it needs.
         """
         member = self.find(name)
-        try:
+        with self._usable(member):
             loaded = importlib.import_module(member.module)
             if member.attribute:
                 loaded = getattr(loaded, member.attribute)
-        except Exception as error:
-            raise self._unusable(member, error) from error
         missing = [need for need in self.needs if not hasattr(loaded, need)]
         if missing:
             raise ConfigurationError(
@@ -103,24 +102,26 @@ class Registry:
         Raises ConfigurationError as :meth:`load`, and for a constant that is not a literal.
         """
         member = self.find(name)
-        try:
+        with self._usable(member):
             value = _assigned(_tree(member.module)).get(constant)
             return default if value is None else ast.literal_eval(value)
-        except Exception as error:
-            raise self._unusable(member, error) from error
 
     def plugin_code(self) -> list[str]:
         """What changes with the plug-ins: place and source of each; no source where it cannot be read."""
         return [text for member in self.members() if member.is_plugin for text in (member.place, _readable(member))]
 
-    def _unusable(self, member: Member, error: Exception) -> Exception:
-        """The error as it is for a module of ours, else a message that names the plug-in."""
-        if not member.is_plugin:
-            return error
-        return ConfigurationError(
-            f"{self.what} '{member.name}' of {member.place} cannot be used: {type(error).__name__}: {error}; "
-            "repair or uninstall that package"
-        )
+    @contextmanager
+    def _usable(self, member: Member) -> Iterator[None]:
+        """Turn any error of a plug-in into a message that names it."""
+        try:
+            yield
+        except Exception as error:
+            if not member.is_plugin:
+                raise
+            raise ConfigurationError(
+                f"{self.what} '{member.name}' of {member.place} cannot be used: {type(error).__name__}: {error}; "
+                "repair or uninstall that package"
+            ) from error
 
 
 def nearest(word: str, words: Iterable[str]) -> str:
@@ -134,7 +135,7 @@ def _members(registry: Registry) -> tuple[Member, ...]:
     return tuple(sorted([*_ours(registry), *_plugins(registry)]))
 
 
-def _ours(registry: Registry) -> Iterable[Member]:
+def _ours(registry: Registry) -> Iterator[Member]:
     package = importlib.import_module(registry.package)
     for found in pkgutil.iter_modules(package.__path__):
         module = f"{registry.package}.{found.name}"
@@ -142,7 +143,7 @@ def _ours(registry: Registry) -> Iterable[Member]:
             yield Member(found.name, module, "", module, is_plugin=False)
 
 
-def _plugins(registry: Registry) -> Iterable[Member]:
+def _plugins(registry: Registry) -> Iterator[Member]:
     from importlib.metadata import entry_points  # costs more than the rest of this module
 
     for point in entry_points(group=registry.group):

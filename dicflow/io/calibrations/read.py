@@ -1,4 +1,4 @@
-"""Reading a calibration, whatever program wrote it."""
+"""Reading a calibration of any of the programs."""
 
 from __future__ import annotations
 

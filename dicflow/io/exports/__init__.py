@@ -6,8 +6,8 @@ A module of this package, or an entry point of the group ``dicflow.exports``, is
 - ``KINDS``: the kinds of products that it can hold, None for any;
 - ``write(items, folder, name)``: writes products, :class:`~dicflow.io.exports.items.Item`, into a folder of their own,
   one after the other;
-- ``BESIDE``, if need be: kinds that an export of a whole test writes in this format beside its totals, whatever format
-  the totals have.
+- ``BESIDE``, if need be: kinds that an export of a whole test writes in this format beside the totals, which
+  may have any format.
 
 ``DESCRIPTION`` and ``BESIDE`` are literals: they are read from the source, without importing the module.
 """

@@ -1,0 +1,57 @@
+"""The page on extending dicflow: its code is run as it stands there."""
+
+import re
+import tomllib
+
+import numpy as np
+import pytest
+from small import ROOT, STEPS
+
+from dicflow.pipeline import Pipeline
+from tests.installed import Site
+
+PAGE = (ROOT / "docs" / "extending.md").read_text(encoding="utf-8")
+FILES = dict(re.findall(r"^`(\S+)`\n```\w+\n(.*?)^```$", PAGE, re.MULTILINE | re.DOTALL))
+
+
+@pytest.fixture
+def site(tmp_path):
+    """The package of the page, installed as its ``pyproject.toml`` says."""
+    project = tomllib.loads(FILES["pyproject.toml"])["project"]
+    made = Site(tmp_path / "site")
+    made.install(project["name"], {"lab_dic/__init__.py": "", **FILES}, project["entry-points"])
+    return made
+
+
+@pytest.mark.parametrize("name", [name for name in FILES if name.endswith(".py")])
+def test_the_code_is_short(name):
+    assert len(FILES[name].splitlines()) < 30
+
+
+def test_every_block_of_code_is_a_file():
+    assert len(FILES) == PAGE.count("```") // 2 == 3
+
+
+def test_the_stage_divides_mean_strains(site, copied):
+    text = copied.read_text()
+    copied.write_text(text + "  ratio: {stage: poisson}\n")
+    site.dicflow("run", copied, "--scheduler", "sync", "--workers", 1)
+    shown = site.dicflow("show", copied, "ratio")
+    copied.write_text(text)
+    totals = [Pipeline.load(copied).result().product("total", step) for step in range(STEPS - 1)]
+    expected = -np.nanmean(totals[-1]["exx"]) / np.nanmean(totals[-1]["eyy"])
+    assert float(re.search(r'"poisson": (\S+)', shown)[1]) == pytest.approx(expected)
+    assert 0.2 < expected < 0.6
+
+
+def test_the_export_format_writes_the_places_of_a_step(site, copied, tmp_path):
+    site.dicflow("export", copied, "--format", "xyz", "--output", tmp_path / "out")
+    total = Pipeline.load(copied).result().product("total", -1)
+    places = total["xyz_reference"] + np.stack([total[name] for name in "UVW"], axis=-1)
+    measured = np.isfinite(places).all(axis=-1) & np.isfinite(total["exx"])
+    written = np.loadtxt(max((tmp_path / "out").glob("total_*.xyz")))
+    np.testing.assert_allclose(written, places[measured], atol=1e-6)
+
+
+def test_the_stage_says_its_parameters(site):
+    assert "  along: eyy\n      exx | eyy\n      strain along the load\n" in site.dicflow("stages", "poisson")
