@@ -8,15 +8,19 @@ from dicflow._version import __version__
 
 if TYPE_CHECKING:
     from dicflow.pipeline import Pipeline, Result
+    from dicflow.views.figures import plot
 
-__all__ = ["Pipeline", "Result", "__version__"]
+__all__ = ["Pipeline", "Result", "__version__", "plot"]
 
 
 def __getattr__(name: str) -> Any:
-    """Load the pipeline only when it is asked for, so that the command line answers at once; with it, what draws."""
+    """Load what is asked for only then, so that the command line answers at once."""
     if name in ("Pipeline", "Result"):
-        import dicflow.views  # noqa: F401  what draws results makes itself known to them
         from dicflow import pipeline
 
         return getattr(pipeline, name)
+    if name == "plot":
+        from dicflow.views.figures import plot
+
+        return plot
     raise AttributeError(f"module 'dicflow' has no attribute '{name}'")

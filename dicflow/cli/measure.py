@@ -145,9 +145,11 @@ def _tell_run(console: Console, result: Result, folder: Path, files: list[Path])
     """Verdicts, counts and where the files are."""
     outcome = result.outcome
     assert outcome is not None
+    from dicflow.kinds.rig import CalibratedRig
+
     for stage in result.stages_of("rig"):
         if result.has(stage):
-            console.print(f"{stage}: {result.product(stage).attrs['verdict']}", soft_wrap=True)
+            console.print(f"{stage}: {CalibratedRig.read(result.product(stage)).verdict}", soft_wrap=True)
     counts = ", ".join(f"{number} {name}" for name, number in outcome.counts.items() if number)
     console.print(f"{counts} in {outcome.seconds:.1f} s, run {outcome.run_id}", soft_wrap=True)
     if outcome.interrupted:

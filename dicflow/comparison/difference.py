@@ -9,6 +9,7 @@ from dicflow.comparison.sides import Field, Side
 from dicflow.discovery import nearest
 from dicflow.engine.keys import Change, differences
 from dicflow.errors import ConfigurationError
+from dicflow.kinds.quantities import BASIC
 
 if TYPE_CHECKING:
     import numpy as np
@@ -17,7 +18,6 @@ if TYPE_CHECKING:
 
 __all__ = ["Comparison", "Difference", "compare"]
 
-_USUAL = ("U", "V", "W", "exx", "eyy", "gxy")
 _SAME_PLACE_PX = 1e-6
 
 
@@ -119,7 +119,7 @@ def _quantities(a: Field, b: Field, wanted: Sequence[str]) -> tuple[str, ...]:
             raise ConfigurationError(
                 f"no quantity '{name}'{nearest(name, common)} in both; both have {_listed(common)}"
             )
-    chosen = tuple(wanted) or tuple(name for name in _USUAL if name in common)
+    chosen = tuple(wanted) or tuple(name for name in BASIC if name in common)
     if not chosen:
         raise ConfigurationError(
             f"nothing can be compared: one has {_listed(tuple(a.values))}, the other {_listed(tuple(b.values))}, "

@@ -16,7 +16,11 @@ from dicflow.engine.product import Product
 from dicflow.engine.references import Ref, load
 from dicflow.engine.store import Store
 from dicflow.errors import ConfigurationError, StoreError
+from dicflow.kinds.rig import CalibratedRig
+from dicflow.kinds.total import Total
+from dicflow.kinds.track import Track
 from dicflow.pipeline.pipeline import Pipeline
+from dicflow.pipeline.places import to_left_photograph
 from dicflow.pipeline.recipes import run_refs
 
 if TYPE_CHECKING:
@@ -106,50 +110,41 @@ class MeasuredSide(NamedTuple):
         """All fields of a step on the grid of its total."""
         import numpy as np
 
-        total = self._product(self.total, step)
-        arrays = {name: v for name, v in total.variables.items() if v.dims == ("row", "col") and name != "status"}
-        real = {name: v for name, v in arrays.items() if np.issubdtype(v.values.dtype, np.floating)}
-        known = {name: np.asarray(v.values, dtype=np.float64) for name, v in real.items()}
+        total = Total.read(self._product(self.total, step))
+        real = [name for name in total.fields if np.issubdtype(total[name].dtype, np.floating)]
+        known = {name: np.asarray(total[name], dtype=np.float64) for name in real}
         return Field(
             self._places(total),
             known,
             {name.removeprefix("sigma_"): values for name, values in known.items() if name.startswith("sigma_")},
-            {name: variable.units for name, variable in real.items()},
-            {name: total.attrs["measures"].get(name, variable.long_name) for name, variable in real.items()},
+            {name: total.unit_of(name) for name in real},
+            {name: total.title(name) for name in real},
         )
 
-    def _places(self, total: Product) -> np.ndarray:
+    def _places(self, total: Total) -> np.ndarray:
         """Where the points were in the left photograph of the first step [px]."""
-        import numpy as np
-
         from dicflow.core.cameras.camera import project
-        from dicflow.core.cameras.rectification import rectification, rectified_to_raw
-        from dicflow.kinds.rig import rig_from_json
 
         if "xy_reference" in total:
             return total["xy_reference"]
         rig = self._first("rig")
-        cameras = None if rig is None else rig_from_json(rig.attrs["rig"])
-        spatial = total.attrs["unit"] == "mm"
-        if total.attrs["definition"] == "thesis":  # on a grid of its own at each step
+        cameras = None if rig is None else CalibratedRig.read(rig).cameras
+        if total.follows_material:
+            points = self._grid()
+        else:  # on a grid of its own at each step
             places = total["xyz_reference"]
-            if spatial and cameras is not None:
+            if total.in_space and cameras is not None:
                 return project(cameras.left, places)
             points = places[..., :2]
-        else:
-            points = self._grid()
-        if cameras is None:
-            return points
-        frame = rectification(cameras) if spatial else None
-        turn, matrix = (np.eye(3), cameras.left.matrix) if frame is None else (frame.rotation_left, frame.matrix_left)
-        return rectified_to_raw(points, cameras.left, turn, matrix)
+        mapping = to_left_photograph("rectified" if total.in_space else "plane", cameras)
+        return points if mapping is None else mapping(points)
 
     def _grid(self) -> np.ndarray:
         """The material grid at the first step, in the tracked image [px]."""
         track = self._first("track")
         if track is None:
             raise StoreError(f"{self.label}: the tracked points of the first step are not in the store; run again")
-        return track["points"]
+        return Track.read(track)["points"]
 
     def _first(self, kind: str) -> Product | None:
         """The product of a kind, of the first step if it has steps."""

@@ -12,6 +12,7 @@ import numpy as np
 from dicflow._version import __version__
 from dicflow.engine.product import Product, Variable
 from dicflow.errors import InputError
+from dicflow.kinds.kind import rows_of, summary_of, titles_of
 
 __all__ = ["columns_text", "csv_text", "npz_bytes", "table_text"]
 
@@ -24,8 +25,8 @@ def csv_text(product: Product, name: str) -> str:
 
     Raises InputError where the product has neither.
     """
-    if "rows" in product.attrs:
-        return _header(product, name) + table_text(product.attrs["rows"])
+    if (rows := rows_of(product)) is not None:
+        return _header(product, name) + table_text(rows)
     if not product.variables:
         return _header(product, name) + table_text([_summary(product, name)])
     grid = next(iter(product.variables.values())).dims[:2]
@@ -78,13 +79,13 @@ def _header(product: Product, name: str) -> str:
 
 def _titles(product: Product) -> str:
     """What each array is: of strains the measure."""
-    measures = product.attrs.get("measures", {})
+    measures = titles_of(product)
     titles = {name: measures.get(name, variable.long_name) for name, variable in product.variables.items()}
     return "".join(f"# {name} is {title}\n" for name, title in titles.items() if title)
 
 
 def _summary(product: Product, name: str) -> Mapping[str, object]:
-    summary: Mapping[str, object] | None = product.attrs.get("summary")
+    summary = summary_of(product)
     if not summary:
         raise InputError(f"{name}: a product of kind {product.kind} holds nothing that fits a table; export it as npz")
     return summary

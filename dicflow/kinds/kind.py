@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple, Self
 
@@ -12,7 +12,7 @@ from dicflow.errors import StageError
 if TYPE_CHECKING:
     import numpy as np
 
-__all__ = ["GRID", "STATUS", "Kind", "Layout", "laid_out", "summary_of"]
+__all__ = ["GRID", "STATUS", "Kind", "Layout", "laid_out", "rows_of", "summary_of", "titles_of"]
 
 GRID = ("row", "col")
 """Axes of a field: material points or pixels."""
@@ -67,6 +67,18 @@ class Kind:
 def summary_of(product: Product) -> Mapping[str, Any]:
     """The scalars of a product of any kind; a name ends in its unit where it has one."""
     found: Mapping[str, Any] = product.attrs.get("summary", {})
+    return found
+
+
+def rows_of(product: Product) -> Sequence[Mapping[str, Any]] | None:
+    """The rows of a product that is a table; None for any other."""
+    found: Sequence[Mapping[str, Any]] | None = product.attrs.get("rows")
+    return found
+
+
+def titles_of(product: Product) -> Mapping[str, str]:
+    """Array → what it measures in words, where a product says more of it than its long name."""
+    found: Mapping[str, str] = product.attrs.get("measures", {})
     return found
 
 

@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from typing import Any, ClassVar, Literal, NamedTuple
+from collections.abc import Iterable, Mapping, Sequence
+from typing import TYPE_CHECKING, Any, ClassVar, Literal, NamedTuple
 
 from dicflow.engine.product import Product
 from dicflow.kinds.kind import Kind
 
-__all__ = ["MapQuantity", "Maps", "Positions"]
+if TYPE_CHECKING:
+    import numpy as np
+
+__all__ = ["MapQuantity", "Maps", "Positions", "colour_range", "joined_range"]
 
 Positions = Literal["xyz", "xyz_reference"]
 
@@ -94,3 +97,34 @@ class Maps(Kind):
     def phases(self) -> Sequence[str]:
         """Of each total, loading or unloading."""
         return tuple(self.product.attrs["phases"])
+
+
+LEFT_OUT_PERCENT = 0.5
+"""Share of the points left out at either end of a colour range, so that a few outliers do not take the colours."""
+
+
+def colour_range(values: np.ndarray, left_out_percent: float = LEFT_OUT_PERCENT) -> tuple[float, float] | None:
+    """The range in which all values lie but for a few; None where none is known.
+
+    values : of any shape; NaN does not count
+    left_out_percent : share of the values left out at either end [%]
+    """
+    import numpy as np
+
+    known = values[np.isfinite(values)]
+    if not known.size:
+        return None
+    low, high = np.percentile(known, [left_out_percent, 100 - left_out_percent]).tolist()
+    return low, high
+
+
+def joined_range(ranges: Iterable[tuple[float, float] | None]) -> tuple[float, float]:
+    """The range over several steps, from the least to the largest, as two different numbers.
+
+    Steps without a range are None; without any the range is −1 … 1.
+    """
+    known = [one for one in ranges if one is not None]
+    if not known:
+        return -1.0, 1.0
+    low, high = min(one[0] for one in known), max(one[1] for one in known)
+    return (low, high) if high - low > 1e-12 else (low - 0.5e-6, high + 0.5e-6)

@@ -49,9 +49,9 @@ class Gauge(NamedTuple):
     side_mm: float | None
 
     @property
-    def text(self) -> str:
-        """``VSG 74 px = 5.3 mm``."""
-        return f"VSG {self.side_px:.0f} px" + ("" if self.side_mm is None else f" = {self.side_mm:.3g} mm")
+    def size(self) -> str:
+        """``74 px = 5.3 mm``."""
+        return f"{self.side_px:.0f} px" + ("" if self.side_mm is None else f" = {self.side_mm:.3g} mm")
 
 
 class TotalFacts(NamedTuple):
@@ -203,7 +203,7 @@ class Total(Kind):
         belongs_to_point = quantity is None or quantity.is_displacement
         if self.gauge is None or belongs_to_point:
             return self.title(name)
-        return f"{self.title(name)}, {self.gauge.text}"
+        return f"{self.title(name)}, VSG {self.gauge.size}"
 
     def known(self) -> np.ndarray:
         """(row, col) bool — the points with displacement, strain and a place."""

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import difflib
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, ClassVar
+from typing import TYPE_CHECKING, Any
 
 from dicflow.engine.graph import Graph
 from dicflow.engine.node import Scope
@@ -14,6 +14,7 @@ from dicflow.engine.product import Product
 from dicflow.engine.references import Ref, load
 from dicflow.engine.store import Store
 from dicflow.errors import ConfigurationError, DicflowError
+from dicflow.kinds.kind import summary_of
 
 if TYPE_CHECKING:
     import xarray
@@ -27,11 +28,8 @@ class Result:
     """Products by stage and step, of one variant or of several.
 
     ``outcome`` is what the run did, None where nothing was run. ``graph`` has the stages and steps, ``notes`` whole
-    sentences about where the products come from. ``drawing`` makes the figures of :meth:`plot`; :mod:`dicflow.views`
-    puts it there, so that results can be had without anything that draws.
+    sentences about where the products come from. :func:`dicflow.plot` draws them.
     """
-
-    drawing: ClassVar[Callable[..., Any] | None] = None
 
     def __init__(
         self,
@@ -117,16 +115,6 @@ class Result:
         """One product as an xarray dataset."""
         return self.product(stage, step, variant).to_dataset()
 
-    def plot(self, stage: str, quantity: str, step: str | int = -1, **options: Any) -> Any:
-        """A matplotlib figure of one quantity at one step; options as in :func:`dicflow.views.plot`.
-
-        Raises ConfigurationError for a name that does not exist and lists those that do, DicflowError for a product
-        that was not computed.
-        """
-        if Result.drawing is None:
-            raise ConfigurationError("figures are drawn by dicflow.views; import it before you plot")
-        return Result.drawing(self, stage, quantity, step=step, **options)
-
     def table(self) -> list[dict[str, Any]]:
         """One row per variant: the values of the sweep, then the scalars of every stage, as means over its steps."""
         return [{**values, **self._scalars(variant)} for variant, values in enumerate(self.values)]
@@ -169,7 +157,7 @@ class Result:
         columns: dict[str, float] = {}
         for stage in self.stages:
             names = [step for step in self.steps(stage, variant) or (None,) if self.has(stage, step, variant)]
-            summaries = [self.product(stage, step, variant).attrs.get("summary", {}) for step in names]
+            summaries = [summary_of(self.product(stage, step, variant)) for step in names]
             for key in dict.fromkeys(key for summary in summaries for key in summary):
                 numbers = [summary[key] for summary in summaries if isinstance(summary.get(key), int | float)]
                 finite = [number for number in numbers if math.isfinite(number)]

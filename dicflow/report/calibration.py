@@ -10,6 +10,8 @@ from typing import TYPE_CHECKING, Any
 from markupsafe import Markup
 
 from dicflow.engine.product import Product
+from dicflow.kinds.boards import BoardMarks
+from dicflow.kinds.rig import CalibratedRig
 from dicflow.pipeline import Result
 from dicflow.report.context import Context, Section
 from dicflow.report.rendering import render
@@ -49,34 +51,33 @@ def calibration(context: Context) -> Section | None:
     stage = rigs[-1]
     if not result.has(stage):
         return Section("calibration", TITLE, Markup("<p>The cameras are not calibrated yet.</p>"))
-    attrs = result.product(stage).attrs
+    rig = CalibratedRig.read(result.product(stage))
     limit: float | None = getattr(_node(context, stage), "max_error_px", None)
     body = render(
         "calibration.html",
-        verdict=attrs["verdict"],
-        facts=_facts(attrs, getattr(_node(context, stage), "square", None)),
-        pairs=_pairs(attrs["pairs"]),
+        verdict=rig.verdict,
+        facts=_facts(rig, getattr(_node(context, stage), "square", None)),
+        pairs=_pairs(rig.pairs),
         limit=limit,
-        figures=_figures(attrs["summary"]),
+        figures=_figures(rig.summary),
         drawings=_drawings(context, stage),
         rectified=_rectified(context, stage),
     )
-    return Section("calibration", TITLE, body, _warnings(attrs))
+    return Section("calibration", TITLE, body, _warnings(rig))
 
 
 def _node(context: Context, stage: str) -> Any:
     return context.result.graph.stages[context.pipeline.instances[0][stage]].node
 
 
-def _warnings(attrs: Mapping[str, Any]) -> tuple[str, ...]:
-    is_doubtful = attrs["verdict"].startswith(("poor", "usable"))
-    doubtful = [f"The calibration is {attrs['verdict']}."] if is_doubtful else []
-    return (*doubtful, *(f"Calibration: {warning}." for warning in attrs.get("warnings", [])))
+def _warnings(rig: CalibratedRig) -> tuple[str, ...]:
+    doubtful = [f"The calibration is {rig.verdict}."] if rig.is_doubtful else []
+    return (*doubtful, *(f"Calibration: {warning}." for warning in rig.warnings))
 
 
-def _facts(attrs: Mapping[str, Any], square_mm: float | None) -> list[tuple[str, str, str]]:
+def _facts(rig: CalibratedRig, square_mm: float | None) -> list[tuple[str, str, str]]:
     """Name, value and remark of what a reader asks first."""
-    found = attrs["summary"]
+    found = rig.summary
     facts = [
         ("Baseline", f"{number(found['baseline_mm'], 5)} mm", _more_or_less(found, "baseline_mm", "mm")),
         ("Angle", f"{number(found['angle_deg'])}°", _more_or_less(found, "angle_deg", "°")),
@@ -87,8 +88,8 @@ def _facts(attrs: Mapping[str, Any], square_mm: float | None) -> list[tuple[str,
     facts.insert(0, ("Reprojection error (RMS)", f"{number(found['rms_px'], 2)} px", sides))
     epipolar = f"{number(found['epipolar_px'], 2)} px"
     facts.insert(1, ("Epipolar error (mean)", epipolar, "distance of a corner from the line of its partner"))
-    facts.append(("Pairs used", f"{found['pairs_used']} of {len(attrs['pairs'])}", ""))
-    covered = attrs["coverage"]
+    facts.append(("Pairs used", f"{found['pairs_used']} of {len(rig.pairs)}", ""))
+    covered = rig.coverage
     frames = f"{percent(covered['left'])} · {percent(covered['right'])}"
     facts.append(("Frame covered by boards", frames, "left · right camera"))
     if "square_mm" in found:
@@ -134,31 +135,29 @@ def _pairs(pairs: Sequence[Mapping[str, Any]]) -> list[dict[str, Any]]:
 def _drawings(context: Context, stage: str) -> list[Any]:
     """The corners in the frames, and the cameras with the boards from above and from the side."""
     result = context.result
-    boards = result.source(stage, "corners") if result.product(stage).attrs["pairs"] else None
+    boards = result.source(stage, "corners") if CalibratedRig.read(result.product(stage)).pairs else None
     steps = [step for step in result.steps(boards) if result.has(boards, step)] if boards is not None else []
     sources = ["cameras and boards", result.digest(stage), *(result.digest(str(boards), step) for step in steps)]
     square = getattr(_node(context, stage), "square", 1.0)
 
     def make() -> bytes:
-        corners = {step: result.product(str(boards), step) for step in steps}
-        return json.dumps(_drawn(result.product(stage).attrs, corners, square)).encode()
+        corners = {step: BoardMarks.read(result.product(str(boards), step)) for step in steps}
+        return json.dumps(_drawn(CalibratedRig.read(result.product(stage)), corners, square)).encode()
 
     found: list[Any] = json.loads(context.pieces.get([*sources, str(square)], make))
     return found
 
 
-def _drawn(attrs: Mapping[str, Any], corners: Mapping[str, Product], square_mm: float) -> list[Drawing]:
-    from dicflow.kinds.rig import rig_from_json
-
-    rig = rig_from_json(attrs["rig"])
-    used = {pair["name"]: pair["used"] for pair in attrs["pairs"]}
-    seen = {name: product for name, product in corners.items() if all(product.attrs["found"].values())}
+def _drawn(calibrated: CalibratedRig, corners: Mapping[str, BoardMarks], square_mm: float) -> list[Drawing]:
+    rig = calibrated.cameras
+    used = {pair["name"]: pair["used"] for pair in calibrated.pairs}
+    seen = {name: board for name, board in corners.items() if board.is_found_by_both}
     coverage = [_coverage(side, getattr(rig, side), seen, used) for side in _SIDES] if seen else []
     outlines = {name: _outline(product, rig.left, square_mm) for name, product in seen.items()}
     return [*coverage, *_views(rig, outlines, used)]
 
 
-def _coverage(side: str, camera: Camera, corners: Mapping[str, Product], used: Mapping[str, bool]) -> Drawing:
+def _coverage(side: str, camera: Camera, corners: Mapping[str, BoardMarks], used: Mapping[str, bool]) -> Drawing:
     """Where the corners of all pairs lie in the frame of one camera."""
     from dicflow.report.drawing import Shape, drawing
 
@@ -170,24 +169,24 @@ def _coverage(side: str, camera: Camera, corners: Mapping[str, Product], used: M
     return drawing(f"Corners, {side} camera", ("x [px]", "y [px]"), (0, 0, width, height), shapes)
 
 
-def _outline(corners: Product, camera: Camera, square_mm: float) -> np.ndarray:
+def _outline(corners: BoardMarks, camera: Camera, square_mm: float) -> np.ndarray:
     """The corners of a board's outline (4, 3) in the left camera's frame [mm], from its photograph alone."""
     import cv2
     import numpy as np
 
-    board = _board(corners.attrs, square_mm)
+    board = _board(corners, square_mm)
     _found, turn, place = cv2.solvePnP(board, corners["left"], camera.matrix, camera.distortion)
     (x0, y0, _), (x1, y1, _) = board.min(axis=0), board.max(axis=0)
     outline = np.array([[x0, y0, 0], [x1, y0, 0], [x1, y1, 0], [x0, y1, 0]])
     return np.asarray(outline @ cv2.Rodrigues(turn)[0].T + place.T)
 
 
-def _board(attrs: Mapping[str, Any], square_mm: float) -> np.ndarray:
+def _board(corners: BoardMarks, square_mm: float) -> np.ndarray:
     """Places of the marks on a board [mm]."""
     from dicflow.core.calibration.circles import circles
     from dicflow.core.calibration.targets import board_points
 
-    target, (columns, rows) = attrs["target"], attrs["size"]
+    target, (columns, rows) = corners.target, corners.size
     if target in ("circles", "asymmetric_circles"):
         return circles((columns, rows), square_mm, asymmetric=target == "asymmetric_circles").points
     return board_points((columns, rows), square_mm)
@@ -258,10 +257,9 @@ def _photographs(result: Result) -> str | None:
 def _pair(rig_product: Product, images: Product) -> bytes:
     """Both photographs with common rows, shrunk, and where lines are drawn across them."""
     from dicflow.core.cameras.rectification import rectification, rectify
-    from dicflow.kinds.rig import rig_from_json
     from dicflow.views.overlay import photo_jpeg, view
 
-    rig = rig_from_json(rig_product.attrs["rig"])
+    rig = CalibratedRig.read(rig_product).cameras
     aligned = rectification(rig)
     part = view([], aligned.size, _PAIR_PX)
     left = rectify(images["left"], rig.left, aligned.rotation_left, aligned.matrix_left, aligned.size)

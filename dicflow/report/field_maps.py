@@ -7,8 +7,11 @@ from base64 import b64encode
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any, NamedTuple
 
-from dicflow.engine.product import Product
+from dicflow.kinds.images import Images
+from dicflow.kinds.maps import colour_range, joined_range
+from dicflow.kinds.total import Total
 from dicflow.pipeline import Result
+from dicflow.pipeline.places import Places
 from dicflow.views.colours import Look
 
 if TYPE_CHECKING:
@@ -16,23 +19,20 @@ if TYPE_CHECKING:
 
     from dicflow.views.overlay import View
 
-__all__ = ["Frame", "Scene", "as_text", "drawn_step", "overview", "places", "worst_corner"]
-
-_LEFT_OUT_PERCENT = 0.5
+__all__ = ["Frame", "Scene", "as_text", "drawn_step", "overview", "worst_corner"]
 
 
 class Scene(NamedTuple):
-    """Which stages the maps are made of.
+    """What the maps are made of.
 
-    grid : gives the places of the points at the first step; None where each step has a grid of its own
-    photographs : gives the images that the maps lie over
-    rig : carries places in rectified images back into the photographs; None where they are tracked there
+    total : the stage whose fields are drawn
+    places : where its points lie
+    has_grid : whether points are the same at every step; else each step has a grid of its own
     """
 
     total: str
-    grid: str | None
-    photographs: str
-    rig: str | None
+    places: Places
+    has_grid: bool
 
 
 class Frame(NamedTuple):
@@ -51,52 +51,22 @@ class Frame(NamedTuple):
 
 def overview(result: Result, scene: Scene, steps: Sequence[str], names: Sequence[str]) -> bytes:
     """Where the points are over all steps, and between which values each quantity lies."""
-    import numpy as np
-
     from dicflow.views.overlay import point_box
 
-    boxes = [point_box(places(result, scene, 0))] if scene.grid is not None else []
-    ranges: dict[str, list[float]] = {}
+    boxes = [point_box(scene.places.at_first_step())] if scene.has_grid else []
+    ranges: dict[str, list[tuple[float, float] | None]] = {name: [] for name in names}
     for step in steps:
-        total = result.product(scene.total, step)
-        boxes.append(point_box(places(result, scene, step)))
-        for name in names:
-            known = total[name][np.isfinite(total[name])]
-            if known.size:
-                low, high = np.percentile(known, [_LEFT_OUT_PERCENT, 100 - _LEFT_OUT_PERCENT]).tolist()
-                before = ranges.get(name, [low, high])
-                ranges[name] = [min(low, before[0]), max(high, before[1])]
-    height, width = result.shape(scene.photographs, "left", steps[0])
+        total = Total.read(result.product(scene.total, step))
+        boxes.append(point_box(scene.places.at_step(total)))
+        for name, seen in ranges.items():
+            seen.append(colour_range(total[name]))
+    height, width = result.shape(scene.places.photographs, "left", steps[0])
     content = {
         "boxes": [box for box in boxes if box is not None],
         "image_size": [width, height],
-        "ranges": {name: _two(*ranges.get(name, [-1.0, 1.0])) for name in names},
+        "ranges": {name: joined_range(seen) for name, seen in ranges.items()},
     }
     return json.dumps(content).encode()
-
-
-def _two(low: float, high: float) -> list[float]:
-    """A range of two different numbers."""
-    return [low, high] if high - low > 1e-12 else [low - 0.5e-6, high + 0.5e-6]
-
-
-def places(result: Result, scene: Scene, step: str | int) -> np.ndarray:
-    """Places of the points in the photograph (row, col, 2) [px]; of step 0, those of the whole grid."""
-    import numpy as np
-
-    if step == 0:
-        grid = result.product(str(scene.grid), 0)
-        tracked = grid["xy"] if "xy" in grid else grid["points"]
-    else:
-        tracked = result.product(scene.total, step)["xy"]
-    if scene.rig is None:
-        return np.asarray(tracked)
-    from dicflow.core.cameras.rectification import rectification, rectified_to_raw
-    from dicflow.kinds.rig import rig_from_json
-
-    rig = rig_from_json(result.product(scene.rig).attrs["rig"])
-    rectified = rectification(rig)
-    return rectified_to_raw(tracked, rig.left, rectified.rotation_left, rectified.matrix_left)
 
 
 def drawn_step(result: Result, scene: Scene, step: str, frame: Frame, bare: bool = False) -> bytes:
@@ -106,20 +76,20 @@ def drawn_step(result: Result, scene: Scene, step: str, frame: Frame, bare: bool
     from dicflow.core.status import Status
     from dicflow.views.overlay import cell_index, photo_jpeg, reason_png
 
-    total = result.product(scene.total, step)
-    here = places(result, scene, step)
+    total = Total.read(result.product(scene.total, step))
+    here = scene.places.at_step(total)
     index = cell_index(here, frame.view)
-    photo = b"" if bare else photo_jpeg(result.product(scene.photographs, step)["left"], frame.view)
+    photo = b"" if bare else photo_jpeg(Images.read(result.product(scene.places.photographs, step)).left, frame.view)
     content: dict[str, Any] = {
         "photo": as_text(photo),
         "deformed": _overlays(total, index, frame.looks),
     }
     status = total["status"]
-    if scene.grid is None:
+    if not scene.has_grid:
         inside = status != Status.OUTSIDE
         content |= {"reasons": as_text(reason_png(status))}
     else:
-        grid = places(result, scene, 0)
+        grid = scene.places.at_first_step()
         inside = np.isfinite(grid).all(axis=-1)
         index = cell_index(grid, frame.smaller)
         content["reference"] = _overlays(total, index, frame.looks)
@@ -128,7 +98,7 @@ def drawn_step(result: Result, scene: Scene, step: str, frame: Frame, bare: bool
     return json.dumps(content | {"counts": _counts(status[inside])}).encode()
 
 
-def _overlays(total: Product, index: Any, looks: Sequence[Look]) -> dict[str, str]:
+def _overlays(total: Total, index: Any, looks: Sequence[Look]) -> dict[str, str]:
     from dicflow.views.overlay import field_png
 
     return {look.quantity: as_text(field_png(total[look.quantity], index, look)) for look in looks}
@@ -142,7 +112,7 @@ def worst_corner(status: np.ndarray) -> np.ndarray:
     return np.append(np.maximum.reduce(corners).ravel(), np.uint8(0))
 
 
-def _directions(total: Product, grid: np.ndarray, here: np.ndarray, view: View) -> dict[str, str]:
+def _directions(total: Total, grid: np.ndarray, here: np.ndarray, view: View) -> dict[str, str]:
     """Lines along the principal direction of the larger strain, over the first step and over this one."""
     import numpy as np
 
@@ -152,7 +122,7 @@ def _directions(total: Product, grid: np.ndarray, here: np.ndarray, view: View) 
         angle = total["angle"]
     else:
         angle = np.degrees(0.5 * np.arctan2(total["gxy"], total["exx"] - total["eyy"]))
-    if total.attrs.get("directions") == "global":  # the angle is that at this step
+    if total.directions == "global":  # the angle is that at this step
         first, now = carried_angle(here, grid, angle), angle
     else:
         first, now = angle, carried_angle(grid, here, angle)

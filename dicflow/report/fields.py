@@ -16,23 +16,32 @@ from urllib.parse import quote
 
 from markupsafe import Markup
 
-from dicflow.engine.product import Product
+from dicflow.kinds.images import Images
+from dicflow.kinds.kind import summary_of
+from dicflow.kinds.maps import Maps
+from dicflow.kinds.quantities import QUANTITIES, of_field
+from dicflow.kinds.total import Total
 from dicflow.pipeline import Result
+from dicflow.pipeline.places import Places
 from dicflow.report.context import Context, Section
 from dicflow.report.field_maps import Frame, Scene, as_text, drawn_step, overview
 from dicflow.report.rendering import render
-from dicflow.views import maps_of, specimen_map
 from dicflow.views.colours import REASON_COLOURS, Look, look
+from dicflow.views.figures import maps_of, specimen_map
 
 __all__ = ["PLACE", "TITLE", "fields"]
 
 PLACE = 20
 TITLE = "Fields"
 
-QUANTITIES = ("U", "V", "W", "exx", "eyy", "gxy", "e1", "e2", "sigma_exx", "sigma_eyy", "znssd")
-"""Shown where a total has them, behind those of the maps."""
+SHOWN = (
+    *(name for name, quantity in QUANTITIES.items() if "report" in quantity.uses),
+    "sigma_exx",
+    "sigma_eyy",
+    "znssd",
+)
+"""Fields shown where a total has them, behind those of the maps."""
 
-_WITHOUT_GAUGE = ("U", "V", "W", "znssd")
 _SIZES_PX = (640, 560, 480, 400, 320, 240, 160, 112, 80, 56, 40)
 _BUDGET_BYTES = 7.0e6
 _MOST_STEPS = 40
@@ -84,12 +93,8 @@ def _shown_total(result: Result) -> str | None:
 
 
 def _scene(result: Result, total: str, step: str) -> Scene:
-    images = result.source(result.stages_of("region")[0], "images")
-    rectified = result.kind(images) == "rectified"
-    photographs = result.source(images, "images") if rectified else images
-    own_grid = result.product(total, step).attrs["definition"] == "thesis"
-    grid = None if own_grid else (result.stages_of("correlation") or result.stages_of("track"))[0]
-    return Scene(total, grid, photographs, result.source(images, "rig") if rectified else None)
+    places = Places(result)
+    return Scene(total, places, Total.read(result.product(total, step)).follows_material)
 
 
 def _frame(context: Context, scene: Scene, steps: Sequence[str]) -> Frame:
@@ -97,18 +102,18 @@ def _frame(context: Context, scene: Scene, steps: Sequence[str]) -> Frame:
     from dicflow.views.overlay import View, view
 
     result = context.result
-    first = result.product(scene.total, steps[0])
+    first = Total.read(result.product(scene.total, steps[0]))
     names = _names(result, first)
     sources = ["fields of a test", *names, *_digests(result, scene, steps)]
     found = json.loads(context.pieces.get(sources, lambda: overview(result, scene, steps, names)))
-    chosen = {name: settings for maps in _maps(result) for name, settings in maps["quantities"].items()}
-    table = next((maps["colour_map"] for maps in _maps(result)), "auto")
+    chosen = {name: quantity for maps in _maps(result) for name, quantity in maps.quantities.items()}
+    table = next((maps.colour_map for maps in _maps(result)), "auto")
     looks = []
     for name in names:
-        low, high = chosen[name]["range"] if name in chosen else found["ranges"][name]
+        low, high = chosen[name].range if name in chosen else found["ranges"][name]
         choice = table if name in chosen else "auto"
-        looks.append(look(name, _title(context, first, name), first.variables[name].units, low, high, choice))
-    sources += ["size", json.dumps(looks), result.digest(scene.photographs, steps[-1])]
+        looks.append(look(name, _title(context, first, name), first.unit_of(name), low, high, choice))
+    sources += ["size", json.dumps(looks), result.digest(scene.places.photographs, steps[-1])]
     boxes, size = found["boxes"], found["image_size"]
     frames = [Frame(view(boxes, size, longest), tuple(looks)) for longest in _SIZES_PX]
     fitting = _over_photographs(context, sources, partial(_fitting, result, scene, steps, frames))
@@ -132,37 +137,34 @@ def _fitting(result: Result, scene: Scene, steps: Sequence[str], frames: Sequenc
     return json.dumps(frame.view).encode()
 
 
-def _maps(result: Result) -> list[Mapping[str, Any]]:
-    return [result.product(stage).attrs for stage in result.stages_of("maps") if result.has(stage)]
+def _maps(result: Result) -> list[Maps]:
+    return [Maps.read(result.product(stage)) for stage in result.stages_of("maps") if result.has(stage)]
 
 
-def _names(result: Result, total: Product) -> list[str]:
+def _names(result: Result, total: Total) -> list[str]:
     """The quantities of the maps, then the others that are there."""
-    chosen = [name for maps in _maps(result) for name in maps["quantities"]]
-    flat = ("W",) if total.attrs["unit"] == "px" else ()
-    others = [name for name in QUANTITIES if name in total and name not in flat]
+    chosen = [name for maps in _maps(result) for name in maps.quantities]
+    flat = () if total.in_space else ("W",)
+    others = [name for name in SHOWN if name in total and name not in flat]
     return list(dict.fromkeys([*chosen, *others]))
 
 
 def _digests(result: Result, scene: Scene, steps: Sequence[str]) -> list[str]:
-    """Digests of all that tells the places of points at these steps."""
+    """Digests of all products by which points are placed at these steps."""
     found = [result.digest(scene.total, step) for step in steps]
-    if scene.grid is not None:
-        found.append(result.digest(scene.grid, 0))
-    if scene.rig is not None:
-        found.append(result.digest(scene.rig))
+    if scene.has_grid and scene.places.grid is not None:
+        found.append(result.digest(scene.places.grid, 0))
+    if scene.places.photographs != scene.places.images:
+        found.append(result.digest(result.source(scene.places.images, "rig")))
     return found
 
 
-def _title(context: Context, total: Product, name: str) -> str:
+def _title(context: Context, total: Total, name: str) -> str:
     """The measure in words, and of a strain the part of the specimen that each value is the mean of."""
-    title: str = total.attrs.get("measures", {}).get(name) or total.variables[name].long_name or name
-    if name.rpartition("_")[2] in _WITHOUT_GAUGE:
-        return title
-    if "vsg_px" in total.attrs:
-        side = total.attrs["vsg_mm"]
-        return f"{title}, VSG {total.attrs['vsg_px']:.0f} px" + ("" if side is None else f" = {side:.3g} mm")
-    return title + _window(context)
+    quantity = of_field(name)
+    if total.gauge is not None or quantity is None or quantity.is_displacement:
+        return total.caption(name)
+    return total.title(name) + _window(context)
 
 
 def _window(context: Context) -> str:
@@ -177,7 +179,7 @@ def _window(context: Context) -> str:
 def _step(context: Context, scene: Scene, step: str, frame: Frame) -> dict[str, Any]:
     """The pictures of one step, as texts that the page shows."""
     result = context.result
-    sources = ["fields of a step", *_digests(result, scene, [step]), result.digest(scene.photographs, step)]
+    sources = ["fields of a step", *_digests(result, scene, [step]), result.digest(scene.places.photographs, step)]
     sources += [json.dumps(frame.view), json.dumps(frame.looks)]
     drawn = _over_photographs(context, sources, lambda **bare: drawn_step(result, scene, step, frame, **bare))
     found: dict[str, Any] = json.loads(drawn)
@@ -193,15 +195,15 @@ def _reason_colours() -> dict[str, str]:
 def _reference(context: Context, scene: Scene, frame: Frame) -> str | None:
     """The photograph of the first step; None where no map is drawn over it, or where it is not at hand."""
     result = context.result
-    if scene.grid is None:
+    if not scene.has_grid:
         return None
 
     def make() -> bytes:
         from dicflow.views.overlay import photo_jpeg
 
-        return photo_jpeg(result.product(scene.photographs, 0)["left"], frame.view)
+        return photo_jpeg(Images.read(result.product(scene.places.photographs, 0)).left, frame.view)
 
-    found = context.piece(["photograph", result.digest(scene.photographs, 0), json.dumps(frame.view)], make)
+    found = context.piece(["photograph", result.digest(scene.places.photographs, 0), json.dumps(frame.view)], make)
     return None if found is None else as_text(found)
 
 
@@ -232,9 +234,13 @@ def _full_map(context: Context, total: str, look: Look, step: str) -> str:
     def make() -> bytes:
         from dicflow.views.maps import png
 
-        return png(specimen_map(context.result.product(total, step), look, maps, step))
+        return png(specimen_map(Total.read(context.result.product(total, step)), look, maps, step))
 
-    sources = ["full map", context.result.digest(total, step), json.dumps([look, maps, step])]
+    sources = [
+        "full map",
+        context.result.digest(total, step),
+        json.dumps([look, maps and [maps.positions, maps.extent, maps.unit], step]),
+    ]
     return as_text(context.pieces.get(sources, make))
 
 
@@ -242,7 +248,7 @@ def _peak(result: Result, total: str, steps: Sequence[str]) -> str:
     """The step of the largest mean displacement."""
 
     def size(step: str) -> float:
-        summary = result.product(total, step).attrs.get("summary", {})
+        summary = summary_of(result.product(total, step))
         return math.hypot(
             *(value for name, value in summary.items() if name.startswith(("mean_U", "mean_V", "mean_W")))
         )
@@ -252,13 +258,13 @@ def _peak(result: Result, total: str, steps: Sequence[str]) -> str:
 
 def _words(result: Result, scene: Scene) -> dict[str, Any]:
     """What lies under the maps, and over which step the others lie."""
-    plane = result.kind(scene.photographs) == "plane"
+    plane = result.kind(scene.places.photographs) == "plane"
     photograph = "left photograph, freed of its distortion" if plane else "left photograph"
     return {
         "photograph": photograph,
-        "own_grid": scene.grid is None,
-        "first": result.steps(scene.photographs)[0],
-        "along": scene.grid is not None and not result.stages_of("frame"),  # else x is not the photograph's
+        "own_grid": not scene.has_grid,
+        "first": result.steps(scene.places.photographs)[0],
+        "along": scene.has_grid and not result.stages_of("frame"),  # else x is not the photograph's
     }
 
 

@@ -3,10 +3,14 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any, NamedTuple
 
 from dicflow.core.status import Status
+from dicflow.kinds.comparison import Comparison
+from dicflow.kinds.kind import summary_of
+from dicflow.kinds.probes import ProbeTable
+from dicflow.kinds.quantities import QUANTITIES
 from dicflow.pipeline import Result
 from dicflow.report.context import Context
 
@@ -25,7 +29,6 @@ _TITLES = {
     "displacement_error": "displacement error",
     "strain_error_pct": "strain error",
 }
-_MEANS = {"U": "U", "V": "V", "W": "W", "exx": "εxx", "eyy": "εyy", "gxy": "γxy"}
 
 
 class Column(NamedTuple):
@@ -92,11 +95,10 @@ def step_names(result: Result, total: str) -> tuple[str, ...]:
     return next((steps for stage in result.stages if (steps := result.steps(stage))[1:] == later), ("first", *later))
 
 
-def _comparison(result: Result) -> list[dict[str, Any]]:
+def _comparison(result: Result) -> Sequence[Mapping[str, Any]]:
     for stage in result.stages_of("comparison"):
         if result.has(stage):
-            rows: list[dict[str, Any]] = result.product(stage).attrs["rows"]
-            return rows
+            return Comparison.read(result.product(stage)).rows
     return []
 
 
@@ -115,19 +117,19 @@ def _extensometers(result: Result) -> dict[str, tuple[float | None, ...]]:
     for stage in result.stages_of("probes"):
         if not result.has(stage):
             continue
-        attrs = result.product(stage).attrs
-        rows = [row for row in attrs["rows"] if row["kind"] == "extensometer"]
+        table = ProbeTable.read(result.product(stage))
+        rows = [row for row in table.rows if row["kind"] == "extensometer"]
         keys = [key for key in (rows[0] if rows else {}) if key.removeprefix("sigma_").startswith(("length", "strain"))]
         return {
             f"{name} · {key}": tuple(row[key] for row in rows if row["probe"] == name)
-            for name in attrs["probes"]["extensometer"]
+            for name in table.extensometers
             for key in keys
         }
     return {}
 
 
 def _means(result: Result, total: str, steps: tuple[str, ...]) -> dict[str, tuple[float | None, ...]]:
-    summaries = [result.product(total, step).attrs["summary"] if result.has(total, step) else {} for step in steps[1:]]
+    summaries = [summary_of(result.product(total, step)) if result.has(total, step) else {} for step in steps[1:]]
     keys = dict.fromkeys(key for summary in summaries for key in summary if key.startswith("mean_"))
     return {key: (0.0, *(summary.get(key) for summary in summaries)) for key in keys}
 
@@ -137,8 +139,8 @@ def _valid_share(context: Context, total: str, step: str) -> float | None:
     if not context.result.has(total, step):
         return None
     product = context.result.product(total, step)
-    if "valid_share" in product.attrs["summary"]:
-        return float(product.attrs["summary"]["valid_share"])
+    if "valid_share" in summary_of(product):
+        return float(summary_of(product)["valid_share"])
 
     def counted() -> bytes:
         status = product["status"]
@@ -161,6 +163,10 @@ def _column(key: str) -> Column:
     """Title and unit of a column, from the name of its values."""
     ending, bare = _ending(key), _bare(key)
     if bare.startswith("mean_"):
-        return Column(key, f"mean {_MEANS.get(bare[5:], bare[5:])}", _UNITS.get(ending, "1"))
+        return Column(key, f"mean {_symbol(bare[5:])}", _UNITS.get(ending, "1"))
     title = _TITLES.get(key) or _TITLES.get(bare) or bare.replace("sigma_", "σ of the ").replace("_", " ")
     return Column(key, title, _UNITS.get(ending, "1"))
+
+
+def _symbol(name: str) -> str:
+    return QUANTITIES[name].symbol if name in QUANTITIES else name

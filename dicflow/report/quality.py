@@ -9,6 +9,11 @@ from typing import NamedTuple
 from markupsafe import Markup
 
 from dicflow.engine.product import Product
+from dicflow.kinds.correlation import Correlation
+from dicflow.kinds.images import Images
+from dicflow.kinds.kind import summary_of
+from dicflow.kinds.noise_floor import NoiseFloorTable
+from dicflow.kinds.region import Region
 from dicflow.pipeline import Result
 from dicflow.report.context import Context, Section
 from dicflow.report.rendering import render
@@ -112,7 +117,7 @@ def _panels(result: Result, steps: Sequence[str]) -> _Panels:
 def _figure(result: Result, stage: str, step: str, key: str) -> float | None:
     if step not in result.steps(stage) or not result.has(stage, step):
         return None
-    value: float | None = result.product(stage, step).attrs.get("summary", {}).get(key)
+    value: float | None = summary_of(result.product(stage, step)).get(key)
     return value
 
 
@@ -155,10 +160,9 @@ def _measured(image: Product, region: Product) -> bytes:
     """Size, gradient, contrast and saturation of the pattern, as JSON; None for what cannot be told."""
     from dicflow.core.photographs.region import interior
     from dicflow.core.photographs.texture import mean_intensity_gradient, saturated_share, speckle_size
-    from dicflow.kinds.region import polygons_from_json
 
-    left = image["left"]
-    inside = interior(polygons_from_json(region.attrs["polygons"]), left.shape)
+    left = Images.read(image).left
+    inside = interior(Region.read(region).polygons, left.shape)
     levels = left[inside].astype(float)
     content = {
         "size_px": speckle_size(left, inside),
@@ -232,17 +236,17 @@ def _subset(result: Result) -> float | None:
     """Side of a correlation's subset [px]."""
     for stage in result.stages_of("correlation"):
         if result.has(stage, 0):
-            return float(result.product(stage, 0).attrs["subset_size"])
+            return float(Correlation.read(result.product(stage, 0)).grid.subset_size)
     return None
 
 
 def _noise_of_photographs(result: Result, stage: str) -> str:
     """What the standard deviations of the last step that is there rest on."""
     there = [step for step in result.steps(stage) if result.has(stage, step)]
-    attrs = result.product(stage, there[-1]).attrs if there else {}
-    if "noise_grey" not in attrs:
+    if not there or result.product(stage, there[-1]).kind != "correlation":
         return ""
-    return f"Noise of the photographs: {attrs['noise_grey']:.2f} grey levels, told by the {attrs['noise_source']}."
+    noise = Correlation.read(result.product(stage, there[-1])).noise
+    return f"Noise of the photographs: {noise.grey:.2f} grey levels, from {noise.source}."
 
 
 def _noise_floor(result: Result) -> list[list[str]]:
@@ -256,5 +260,5 @@ def _noise_floor(result: Result) -> list[list[str]]:
         ]
         for stage in result.stages_of("noise")
         if result.has(stage)
-        for row in result.product(stage).attrs["rows"]
+        for row in NoiseFloorTable.read(result.product(stage)).rows
     ]

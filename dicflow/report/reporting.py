@@ -11,14 +11,23 @@ from collections.abc import Callable, Iterator, Mapping
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from dicflow._version import __version__
+from dicflow.kinds.boards import BoardMarks
+from dicflow.kinds.correlation import Correlation
+from dicflow.kinds.images import Images
+from dicflow.kinds.kind import summary_of
+from dicflow.kinds.noise_floor import NoiseFloorTable
+from dicflow.kinds.quantities import BASIC, unit_of
+from dicflow.kinds.region import Region
+from dicflow.kinds.rig import CalibratedRig
+from dicflow.kinds.total import Total, named_with_unit
 from dicflow.pipeline.result import Result
 
 if TYPE_CHECKING:
+    from dicflow.core.cameras.camera import Rig
     from dicflow.engine.product import Product
 
 __all__ = ["Row", "reporting_rows"]
 
-_NOISE_QUANTITIES = ("U", "V", "W", "exx", "eyy", "gxy")
 _MEASURES = {
     "engineering": "engineering: stretch λ − 1 of the fibres along x and y, γ the decrease of their angle",
     "green_lagrange": "Green–Lagrange: (λ² − 1) / 2 along the principal directions",
@@ -85,9 +94,10 @@ class _Facts:
             resolved["stages"][instance]["stage"]: resolved["stages"][instance]
             for instance in resolved["instances"][0].values()
         }
-        self.rig = self.attrs("rig")
-        self.figures: Mapping[str, Any] = self.rig.get("summary", {})
-        self.total = self.attrs("total")
+        rig, total = self.product("rig"), self.product("total")
+        self.rig = None if rig is None else CalibratedRig.read(rig)
+        self.figures: Mapping[str, Any] = {} if self.rig is None else self.rig.summary
+        self.total = None if total is None else Total.read(total)
         self.photograph = self._photograph()
         self.stand_off_mm = self._stand_off_mm()
 
@@ -105,17 +115,12 @@ class _Facts:
                 return self.result.product(stage, there[-1 if last else 0])
         return None
 
-    def attrs(self, kind: str, *, last: bool = False) -> Mapping[str, Any]:
-        """The attributes of that product."""
-        product = self.product(kind, last=last)
-        return product.attrs if product is not None else {}
-
-    def _photograph(self) -> Product | None:
+    def _photograph(self) -> Images | None:
         """The image that the region was drawn in."""
         for region in self.result.stages_of("region"):
             images = self.result.source(region, "images")
             if self.result.has(images, 0):
-                return self.result.product(images, 0)
+                return Images.read(self.result.product(images, 0))
         return None
 
     def _stand_off_mm(self) -> float | None:
@@ -128,22 +133,29 @@ class _Facts:
         return float(np.median(depth)) if depth.size else None
 
     @property
+    def region(self) -> Region | None:
+        """The region of interest."""
+        product = self.product("region")
+        return None if product is None else Region.read(product)
+
+    @property
+    def cameras(self) -> Rig | None:
+        """Both cameras."""
+        return None if self.rig is None else self.rig.cameras
+
+    @property
     def size_px(self) -> tuple[int, int] | None:
         """Width and height of the photographs."""
-        if "rig" in self.rig:
-            width, height = self.rig["rig"]["left"]["size"]
-            return width, height
-        if self.photograph is None:
-            return None
-        height, width = self.photograph["left"].shape
-        return width, height
+        if self.cameras is not None:
+            return self.cameras.left.size
+        return None if self.photograph is None else self.photograph.size
 
     @property
     def scale(self) -> float | None:
         """Pixels per mm on the specimen at the first step, by focal length and distance."""
-        if self.stand_off_mm is None or "rig" not in self.rig:
+        if self.stand_off_mm is None or self.cameras is None:
             return None
-        return float(self.rig["rig"]["left"]["matrix"][0][0]) / self.stand_off_mm
+        return float(self.cameras.left.matrix[0, 0]) / self.stand_off_mm
 
 
 def _cameras(facts: _Facts) -> _Rows:
@@ -168,22 +180,28 @@ def _cameras(facts: _Facts) -> _Rows:
 def _stereo_system(facts: _Facts) -> _Rows:
     if not facts.result.stages_of("rig"):
         return
-    figures, chosen, corners = facts.figures, facts.of("calibrate"), facts.attrs("corners")
+    figures, chosen = facts.figures, facts.of("calibrate")
     yield "stereo angle", _text(figures.get("angle_deg"), "{:.2f}°"), "between the optical axes, by calibration"
     yield "baseline", _text(figures.get("baseline_mm"), "{:.2f} mm"), "distance of the cameras, by calibration"
     if not chosen:
-        yield "calibration", _text(facts.rig.get("program"), "{}"), "read from a file of this program"
+        yield "calibration", None if facts.rig is None else facts.rig.program, "read from a file of this program"
         return
-    target = _text(corners.get("size"), "{0[0]} × {0[1]} ") and str(corners.get("target", ""))
-    board = f"{target}, {corners['size'][0]} × {corners['size'][1]}, {chosen['square']:g} mm" if target else None
-    pairs = facts.rig.get("pairs", ())
+    pairs = () if facts.rig is None else facts.rig.pairs
     used = sum(pair["used"] for pair in pairs)
     model = f"pinhole, {chosen['radial']} radial coefficients" + (", tangential" if chosen["tangential"] else "")
-    yield "calibration target", board or f"not yet seen; spacing {chosen['square']:g} mm", "kind, size, spacing"
+    yield "calibration target", _target(facts, chosen["square"]), "kind, size, spacing"
     yield "pairs of photographs", f"{used} used of {len(pairs)}" if pairs else "none yet", ""
     yield "camera model", model, ""
     yield "reprojection error", _text(figures.get("rms_px"), "{:.3f} px"), "root mean square"
     yield "epipolar error", _text(figures.get("epipolar_px"), "{:.3f} px"), "of the board's corners"
+
+
+def _target(facts: _Facts, square_mm: float) -> str:
+    product = facts.product("corners")
+    if product is None:
+        return f"not yet seen; spacing {square_mm:g} mm"
+    board = BoardMarks.read(product)
+    return f"{board.target}, {board.size[0]} × {board.size[1]}, {square_mm:g} mm"
 
 
 def _pattern(facts: _Facts) -> _Rows:
@@ -192,7 +210,7 @@ def _pattern(facts: _Facts) -> _Rows:
     yield "patterning technique", None, "paint, print, stencil, …"
     yield "pattern feature size", _speckles(found.get("speckle"), facts.scale), "measured in the first photograph"
     yield "mean intensity gradient", _text(found.get("gradient"), "{:.1f} grey levels of 255 per px"), "measured"
-    yield "region of interest", _text(facts.attrs("region").get("area_px"), "{:.0f} px²"), "measured"
+    yield "region of interest", _text(facts.region and facts.region.area_px, "{:.0f} px²"), "measured"
 
 
 def _software(facts: _Facts) -> _Rows:
@@ -242,8 +260,7 @@ def _tracking(facts: _Facts) -> _Rows:
 
 def _strain(facts: _Facts) -> _Rows:
     precise, thesis, smooth = facts.of("deformation"), facts.of("strain"), facts.of("smooth")
-    total = facts.total
-    measures = total.get("measures", {})
+    measures: Mapping[str, str] = {} if facts.total is None else facts.total.titles
     named = "; ".join(measures[name] for name in ("exx", "eyy", "gxy") if name in measures)
     yield "strain measure", _MEASURES[precise["measure"]] if precise else named or "not yet computed", ""
     if precise:
@@ -257,22 +274,25 @@ def _strain(facts: _Facts) -> _Rows:
     if thesis:
         yield "virtual strain gauge (VSG)", "not defined without subsets: see the windows above", ""
     if precise:
-        side = _text(total.get("vsg_mm"), " = {:.3g} mm") or ""
-        gauge = _text(total.get("vsg_px"), "{:.0f} px" + side)
-        yield "virtual strain gauge (VSG)", gauge or "not yet computed", "window and subset together"
+        gauge = None if facts.total is None else facts.total.gauge
+        size = "not yet computed" if gauge is None else gauge.size
+        yield "virtual strain gauge (VSG)", size, "window and subset together"
         yield "rigid-body motion", "taken out" if precise["rigid"] else "kept", ""
 
 
 def _uncertainty(facts: _Facts) -> _Rows:
-    noise, unit = facts.attrs("noise").get("rows", ()), facts.total.get("unit", "mm")
-    images = facts.attrs("correlation", last=True)
-    if "noise_grey" in images:
-        yield "image noise", f"{images['noise_grey']:.2f} grey levels", str(images.get("noise_source", ""))
-    summary = facts.attrs("total", last=True).get("summary", {})
-    for name in _NOISE_QUANTITIES:
-        own = unit if name in "UVW" else "1"
+    floor, last = facts.product("noise"), facts.product("total", last=True)
+    noise = () if floor is None else NoiseFloorTable.read(floor).rows
+    unit = "mm" if facts.total is None else facts.total.unit
+    correlation = facts.product("correlation", last=True)
+    if correlation is not None:
+        found = Correlation.read(correlation).noise
+        yield "image noise", f"{found.grey:.2f} grey levels", found.source
+    summary = {} if last is None else summary_of(last)
+    for name in BASIC:
+        own = unit_of(name, unit)
         rows = [row for row in noise if row["quantity"] == name]
-        predicted = summary.get(f"sigma_{name}" if own == "1" else f"sigma_{name}_{own}")
+        predicted = summary.get(f"sigma_{named_with_unit(name, unit)}")
         if rows:
             yield f"noise floor of {name}", _floor(rows, own), "measured where nothing deforms"
         elif predicted is not None:
@@ -299,13 +319,14 @@ def _floor(rows: list[Mapping[str, Any]], unit: str) -> str:
     return f"σ {_with_unit(sigma, unit)}, bias {_with_unit(bias, unit)}"
 
 
-def _bits(photograph: Product | None) -> str | None:
-    return None if photograph is None else f"{8 * photograph['left'].dtype.itemsize} bit"
+def _bits(photograph: Images | None) -> str | None:
+    return None if photograph is None else f"{8 * photograph.left.dtype.itemsize} bit"
 
 
 def _focal(facts: _Facts) -> str | None:
-    sides = [facts.rig["rig"][side]["matrix"][0][0] for side in ("left", "right")] if "rig" in facts.rig else []
-    return f"{', '.join(f'{side:.1f}' for side in sides)} px" if sides else None
+    if facts.cameras is None:
+        return None
+    return f"{facts.cameras.left.matrix[0, 0]:.1f}, {facts.cameras.right.matrix[0, 0]:.1f} px"
 
 
 def _view(size: tuple[int, int] | None, scale: float | None) -> str | None:
@@ -319,15 +340,13 @@ def _steps(result: Result) -> str:
 
 def _texture(facts: _Facts) -> dict[str, float]:
     """Size of the speckles and mean intensity gradient within the region of the first photograph."""
-    region = facts.attrs("region")
-    if facts.photograph is None or "polygons" not in region:
+    if facts.photograph is None or facts.region is None:
         return {}
     from dicflow.core.photographs.region import interior
     from dicflow.core.photographs.texture import mean_intensity_gradient, speckle_size
-    from dicflow.kinds.region import polygons_from_json
 
-    image = facts.photograph["left"]
-    inside = interior(polygons_from_json(region["polygons"]), image.shape)
+    image = facts.photograph.left
+    inside = interior(facts.region.polygons, image.shape)
     return {"speckle": speckle_size(image, inside), "gradient": mean_intensity_gradient(image, inside)}
 
 
@@ -360,6 +379,6 @@ def _window(chosen: Mapping[str, Any]) -> str:
 
 
 def _axes(facts: _Facts) -> str:
-    if facts.total.get("unit") == "px":
+    if facts.total is not None and not facts.total.in_space:
         return "pixels of the image: x right, y down"
     return "left camera: X right, Y down, Z away"

@@ -9,6 +9,8 @@ from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 from dicflow.io.results import table_text
+from dicflow.kinds.kind import summary_of
+from dicflow.kinds.quantities import QUANTITIES
 from dicflow.pipeline import Result
 from dicflow.report.context import Context, Section
 from dicflow.report.rendering import render
@@ -19,7 +21,7 @@ __all__ = ["PLACE", "TITLE", "sweep"]
 PLACE = 40
 TITLE = "Variants of the sweep"
 
-_FIELDS = ("U", "V", "exx", "eyy")
+_FIELDS = tuple(name for name, quantity in QUANTITIES.items() if "sweep" in quantity.uses)
 _ALIKE, _ALIKE_DRAWN = 1e-9, 1e-4
 """Relative spread up to which scalars count as equal; what differs less than the second is not drawn."""
 
@@ -89,7 +91,7 @@ def _curves(result: Result, names: Sequence[str]) -> tuple[dict[str, list[list[f
 def _scalar(result: Result, stage: str, key: str, step: str, variant: int) -> float:
     if not result.has(stage, step, variant):
         return math.nan
-    value = result.product(stage, step, variant).attrs.get("summary", {}).get(key)
+    value = summary_of(result.product(stage, step, variant)).get(key)
     return float(value) if isinstance(value, int | float) else math.nan
 
 

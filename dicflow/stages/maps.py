@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Annotated, Any, ClassVar, Literal
+from typing import TYPE_CHECKING, Annotated, ClassVar, Literal
 
 from pydantic import AfterValidator
 
@@ -11,10 +11,13 @@ from dicflow.engine.node import At, Node, Port, Scope, parameter
 from dicflow.engine.product import Product
 from dicflow.errors import StageError
 from dicflow.kinds.comparison import Comparison
-from dicflow.kinds.maps import MapQuantity, Positions
+from dicflow.kinds.maps import MapQuantity, Positions, colour_range, joined_range
 from dicflow.kinds.maps import Maps as MapsProduct
 from dicflow.kinds.quantities import QUANTITIES, of_field
 from dicflow.kinds.total import Total
+
+if TYPE_CHECKING:
+    import numpy as np
 
 __all__ = ["Maps"]
 
@@ -71,20 +74,18 @@ class Maps(Node):
         import numpy as np
 
         positions: Positions = "xyz" if self.configuration == "deformed" else "xyz_reference"
-        extent = _Range(2)
-        ranges = {name: _Range(1) for name in self.quantities}
+        extent = _Extent()
+        ranges: dict[str, list[tuple[float, float] | None]] = {name: [] for name in self.quantities}
         for field in map(Total.read, total):
             self._check_drawable(field)
             extent.include(field[positions][..., :2])
             for name, seen in ranges.items():
-                values = field[name][np.isfinite(field[name])]
-                if values.size:
-                    seen.include(np.percentile(values, [self.percentile, 100 - self.percentile])[:, None])
+                seen.append(colour_range(field[name], self.percentile))
         if not np.isfinite(extent.low).all():
             raise StageError("no step has a single measured point; look at the tracking and the region of interest")
         first = Total.read(total[0])
         quantities = {
-            name: MapQuantity(first.caption(name), first.unit_of(name), seen.around_value())
+            name: MapQuantity(first.caption(name), first.unit_of(name), joined_range(seen))
             for name, seen in ranges.items()
         }
         corners = [*extent.low.tolist(), *extent.high.tolist()]
@@ -97,28 +98,22 @@ class Maps(Node):
             raise StageError(f"the total has no {', '.join(missing)} to draw; it has {drawable}")
 
 
-class _Range:
-    """Least and largest value seen, per component; NaN is not seen."""
+class _Extent:
+    """Least and largest place seen, (x, y) each; NaN is not seen."""
 
-    def __init__(self, components: int) -> None:
+    def __init__(self) -> None:
         import numpy as np
 
-        self.low, self.high = np.full(components, np.inf), np.full(components, -np.inf)
+        self.low, self.high = np.full(2, np.inf), np.full(2, -np.inf)
 
-    def include(self, values: Any) -> None:
+    def include(self, places: np.ndarray) -> None:
+        """See further places (…, 2)."""
         import numpy as np
 
-        rows = values.reshape(-1, values.shape[-1])
+        rows = places.reshape(-1, 2)
         rows = rows[np.isfinite(rows).all(axis=1)]
         if len(rows):
             self.low, self.high = np.minimum(self.low, rows.min(axis=0)), np.maximum(self.high, rows.max(axis=0))
-
-    def around_value(self) -> tuple[float, float]:
-        """The range as two different numbers, also where nothing or one value was seen."""
-        low, high = float(self.low[0]), float(self.high[0])
-        if not low <= high:
-            return -1.0, 1.0
-        return (low, high) if high - low > 1e-12 else (low - 0.5e-6, high + 0.5e-6)
 
 
 def _phases(total: Sequence[Product], comparison: Product | None) -> list[str]:

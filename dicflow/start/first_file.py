@@ -13,6 +13,7 @@ from dicflow.engine.node import Node
 from dicflow.errors import InputError, StageError
 from dicflow.io.configuration import parse
 from dicflow.io.images import SUFFIXES, read_grey
+from dicflow.kinds.disparity import DisparityMap
 from dicflow.pipeline.registry import node_class
 from dicflow.pipeline.wiring import wire
 
@@ -191,7 +192,7 @@ def _disparity_range(photos: Series, boards: Series, size: tuple[int, int]) -> t
         product = disparity().run(pair=pair, rig=rig)
     except StageError:
         return None
-    low, high = product.attrs["range"]
+    low, high = DisparityMap.read(product).limits
     return int(low), int(high)
 
 

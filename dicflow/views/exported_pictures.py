@@ -11,8 +11,10 @@ from dicflow.discovery import nearest
 from dicflow.engine.product import Product, Variable
 from dicflow.errors import ConfigurationError
 from dicflow.io.exports.items import Item, place
+from dicflow.kinds.maps import Maps
+from dicflow.kinds.total import Total
 from dicflow.pipeline.result import Result
-from dicflow.views import look_of, maps_of, plot
+from dicflow.views.figures import look_of, maps_of, plot
 
 if TYPE_CHECKING:
     import numpy as np
@@ -75,9 +77,10 @@ def write_surfaces(drawn: Drawn, form: str, folder: Path, whole: bool) -> None:
     from dicflow.views.solid import surface
 
     for item, quantity in _fields(drawn, whole):
-        if item.product.attrs["unit"] == "px":
+        total = Total.read(item.product)
+        if not total.in_space:
             raise ConfigurationError(f"{item.stem}: one camera shows no surface in space; export it as png")
-        look = look_of(item.product, quantity, maps_of(drawn.result, item.stage, drawn.variant))
+        look = look_of(total, quantity, maps_of(drawn.result, item.stage, drawn.variant))
         surface(item.product, look, place(folder, f"{item.stem}_{quantity}_surface.png"))
 
 
@@ -140,27 +143,27 @@ def write_movies(drawn: Drawn, form: str, folder: Path, whole: bool) -> None:
 
 def _usual(drawn: Drawn, stage: str) -> tuple[str, ...]:
     """Quantities of the maps of a total, or those that maps have by default."""
-    from dicflow.stages.maps import Maps
+    from dicflow.stages.maps import Maps as MapsStage
 
     maps = maps_of(drawn.result, stage, drawn.variant)
-    return Maps().quantities if maps is None else tuple(maps["quantities"])
+    return MapsStage().quantities if maps is None else tuple(maps.quantities)
 
 
 def _frames(drawn: Drawn, stage: str, quantity: str, totals: Sequence[Product]) -> Iterator[bytes]:
     """A PNG per step, of one size and with one colour range."""
-    from dicflow.stages.maps import Maps
+    from dicflow.stages.maps import Maps as MapsStage
     from dicflow.views.maps import field_pngs, style
 
-    attrs = maps_of(drawn.result, stage, drawn.variant)
-    if attrs is None or quantity not in attrs["quantities"]:
+    maps = maps_of(drawn.result, stage, drawn.variant)
+    if maps is None or quantity not in maps.quantities:
         try:
-            attrs = Maps(quantities=(quantity,)).run(total=totals).attrs
+            maps = Maps.read(MapsStage(quantities=(quantity,)).run(total=totals))
         except ValueError as error:
             raise ConfigurationError(
                 f"{stage}: no movie of {quantity}: a movie shows a displacement or strain"
             ) from error
     titles = [str(step) for step in drawn.steps[stage]]
-    return field_pngs(totals, style(attrs, quantity), titles)
+    return field_pngs(totals, style(maps, quantity), titles)
 
 
 def _pixels(frame: bytes) -> NDArray[np.uint8]:

@@ -6,17 +6,15 @@ import math
 from collections.abc import Callable, Iterator, Sequence
 from functools import partial
 from pathlib import Path
-from typing import Any, NamedTuple
-
-import numpy as np
-from numpy.typing import NDArray
+from typing import NamedTuple
 
 from dicflow.discovery import nearest
-from dicflow.engine.product import Product
 from dicflow.errors import ConfigurationError
 from dicflow.io.exports import FORMATS, beside
 from dicflow.io.exports.items import Item
 from dicflow.io.files import staged
+from dicflow.kinds.total import Total
+from dicflow.pipeline.places import Places
 from dicflow.pipeline.result import Result
 from dicflow.views.exported_pictures import PICTURES, Drawn, check_quantities
 
@@ -181,44 +179,9 @@ def _items(
         check_quantities(stage, product, quantities)
         item = Item(stage, step, product, quantities)
         if product.kind == "total":
-            places = partial(_places, result, product, variant) if _has_places(result, product) else None
-            item = item._replace(places=places, number=result.number(stage, step, variant))
+            total, places = Total.read(product), Places(result, variant)
+            of_first = partial(places.of_first, total) if places.has_first(total) else None
+            item = item._replace(places=of_first, number=result.number(stage, step, variant))
         elif product.kind == "region":
-            item = item._replace(outline=_to_photograph(result, stage, variant))
+            item = item._replace(outline=Places(result, variant).as_taken)
         yield item
-
-
-def _has_places(result: Result, total: Product) -> bool:
-    """Whether its points are the same material at every step, so that the first photograph shows each."""
-    return "xy_reference" in total or (total.attrs["definition"] == "material" and bool(result.stages_of("track")))
-
-
-def _places(result: Result, total: Product, variant: int) -> NDArray[Any]:
-    """Places of the points of a total in the left photograph of the first step, (row, col, 2) [px]."""
-    track = result.stages_of("track")
-    grid = total["xy_reference"] if "xy_reference" in total else result.product(track[0], 0, variant)["points"]
-    regions = result.stages_of("region")
-    carry = _to_photograph(result, regions[0], variant) if regions else None
-    return grid if carry is None else carry(grid)
-
-
-def _to_photograph(result: Result, region: str, variant: int) -> Callable[[NDArray[Any]], NDArray[Any]] | None:
-    """The mapping from pixels of the image that a region lies in to those of the left photograph; None for the same."""
-    from dicflow.core.cameras.camera import distort
-    from dicflow.core.cameras.rectification import rectification, rectified_to_raw
-    from dicflow.kinds.rig import rig_from_json
-
-    image = result.source(region, "images", variant)
-    kind = result.kind(image)
-    if kind == "images":
-        return None
-    try:
-        source = result.source(image, "rig", variant)
-    except KeyError:  # nothing was rectified without a rig
-        return None
-    rig = rig_from_json(result.product(source, None, variant).attrs["rig"])
-    camera = rig.left
-    if kind == "plane":
-        return lambda pixels: distort(camera, (pixels - camera.matrix[:2, 2]) @ np.linalg.inv(camera.matrix[:2, :2]).T)
-    view = rectification(rig)
-    return lambda pixels: rectified_to_raw(pixels, camera, view.rotation_left, view.matrix_left)

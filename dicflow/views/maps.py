@@ -20,6 +20,7 @@ from matplotlib.transforms import Bbox
 from numpy.typing import NDArray
 
 from dicflow.engine.product import Product, Variable
+from dicflow.kinds.maps import Maps
 from dicflow.views import colours as looks
 from dicflow.views.colours import Look
 from dicflow.views.overlay import point_box, view
@@ -71,12 +72,11 @@ class Style(NamedTuple):
         return f"{self.title} [{'–' if self.unit == '1' else self.unit}]"
 
 
-def style(maps: Mapping[str, Any], quantity: str) -> Style:
-    """The style of one quantity from the attributes of a product of kind "maps"."""
-    chosen = maps["quantities"][quantity]
-    low, high = chosen["range"]
-    shown = looks.look(quantity, chosen["title"], chosen["unit"], low, high, maps["colour_map"])
-    x0, y0, x1, y1 = maps["extent"]
+def style(maps: Maps, quantity: str) -> Style:
+    """The style of one quantity of a test's maps."""
+    chosen = maps.quantities[quantity]
+    shown = looks.look(quantity, chosen.title, chosen.unit, *chosen.range, maps.colour_map)
+    x0, y0, x1, y1 = maps.extent
     margin = 0.04 * max(x1 - x0, y1 - y0)
     return Style(
         quantity,
@@ -84,8 +84,8 @@ def style(maps: Mapping[str, Any], quantity: str) -> Style:
         shown.unit,
         shown.range,
         (x0 - margin, y0 - margin, x1 + margin, y1 + margin),
-        maps["unit"],
-        maps["positions"],
+        maps.unit,
+        maps.positions,
         shown.table,
     )
 

@@ -9,7 +9,7 @@ from __future__ import annotations
 import hashlib
 import json
 import multiprocessing
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from contextlib import suppress
 from functools import partial
@@ -20,6 +20,7 @@ from dicflow.engine.references import Ref, load
 from dicflow.engine.store import Store
 from dicflow.io.files import make_folder, write_whole
 from dicflow.io.results import csv_text, table_text
+from dicflow.kinds.maps import Maps
 from dicflow.pipeline.result import Result
 from dicflow.views.source_digest import source_digest
 
@@ -118,32 +119,33 @@ def _prefix(result: Result, variant: int) -> str:
 
 def _map_jobs(result: Result, stage: str, variant: int, prefix: str) -> Iterator[_Job]:
     """One job per quantity: a picture per step, a sheet per phase, an animation."""
-    maps = result.product(stage, None, variant).attrs
+    maps = Maps.read(result.product(stage, None, variant))
     source = result.source(stage, "total", variant)
     steps = result.steps(source, variant)
     refs = [result.ref(source, step, variant) for step in steps]
     sources = (_code(), result.digest(stage, None, variant), *(ref.digest for ref in refs))
-    for quantity in maps["quantities"]:
+    for quantity in maps.quantities:
         base = f"{prefix}{stage}/{quantity}"
-        files = _map_files(base, steps, maps["phases"])
-        make = partial(_draw, result.store_folder, refs, dict(maps), quantity, base, steps)
+        files = _map_files(base, steps, maps.phases)
+        make = partial(_draw, result.store_folder, refs, result.ref(stage, None, variant), quantity, base, steps)
         yield _Job(tuple(files), sources, make)
 
 
-def _map_files(base: str, steps: tuple[str, ...], phases: list[str]) -> list[str]:
+def _map_files(base: str, steps: tuple[str, ...], phases: Sequence[str]) -> list[str]:
     sheets = [f"{base}_{phase}.png" for phase in dict.fromkeys(phases)]
     return [*sheets, f"{base}.gif", *(f"{base}/{step}.png" for step in steps)]
 
 
 def _draw(
-    store_folder: Path, refs: list[Ref], maps: Mapping[str, Any], quantity: str, base: str, steps: tuple[str, ...]
+    store_folder: Path, refs: list[Ref], maps_ref: Ref, quantity: str, base: str, steps: tuple[str, ...]
 ) -> dict[str, bytes]:
     """All pictures of one quantity by file name."""
     from dicflow.views import maps as views
 
     store = Store.open(store_folder)
+    maps = Maps.read(load(store, maps_ref))
     look = views.style(maps, quantity)
-    phases = maps["phases"]
+    phases = maps.phases
     titles = [f"{step} · {phase}" for step, phase in zip(steps, phases, strict=True)]
     frames = list(views.field_pngs((load(store, ref) for ref in refs), look, titles))
     pictures = {f"{base}/{step}.png": frame for step, frame in zip(steps, frames, strict=True)}

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from dicflow.engine.product import Product
 from dicflow.errors import ConfigurationError, StageError
+from dicflow.kinds.total import Total
 from dicflow.views.colours import Look
 
 __all__ = ["surface", "surface_mesh"]
@@ -33,7 +34,7 @@ def surface(total: Product, look: Look, path: Path) -> None:
     plotter.set_background("white")
     plotter.add_mesh(mesh, scalars=values, cmap=look.table, clim=look.range, lighting=False, show_scalar_bar=False)
     plotter.add_scalar_bar(color="black", width=0.8, position_x=0.1, position_y=0.03, height=0.07)
-    text = f"{look.label}\n{_extent(places, total.attrs['unit'])}"
+    text = f"{look.label}\n{_extent(places, Total.read(total).unit)}"
     plotter.add_text(text, color="black", font_size=11, font_file=_font())
     plotter.add_axes(color="black", viewport=(0.0, 0.12, 0.18, 0.36))
     plotter.camera_position = _camera(places)

@@ -11,6 +11,8 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from dicflow.engine.product import Product
+from dicflow.kinds.maps import colour_range, joined_range
+from dicflow.kinds.total import Total
 from dicflow.views.colours import look, palette
 
 __all__ = ["differing", "small_multiples", "step_figure", "sweep_figure", "variant_labels"]
@@ -74,15 +76,13 @@ def small_multiples(totals: Sequence[Product], labels: Sequence[str], quantity: 
     """The same field of every variant at one step, in one colour range over the specimen."""
     from dicflow.views.maps import Style, contact_sheet
 
-    finite = [total[quantity][np.isfinite(total[quantity])] for total in totals]
     places = np.concatenate([total["xyz"][..., :2][np.isfinite(total["xyz"]).all(axis=-1)] for total in totals])
-    every = np.concatenate(finite)
-    low, high = np.percentile(every, [0.5, 99.5]) if every.size else (0.0, 1.0)
     corners = (*places.min(axis=0), *places.max(axis=0)) if len(places) else (0.0, 0.0, 1.0, 1.0)
-    first, unit = totals[0], totals[0].variables[quantity].units
-    title = first.attrs["measures"].get(quantity, first.variables[quantity].long_name)
-    chosen = look(quantity, title, unit, float(low), float(high) if high > low else float(low) + 1e-6)
-    style = Style(quantity, title, unit, chosen.range, corners, first.attrs["unit"], "xyz", chosen.table)
+    first = Total.read(totals[0])
+    title, unit = first.title(quantity), first.unit_of(quantity)
+    every = np.concatenate([total[quantity].ravel() for total in totals])
+    chosen = look(quantity, title, unit, *joined_range([colour_range(every)]))
+    style = Style(quantity, title, unit, chosen.range, corners, first.unit, "xyz", chosen.table)
     return contact_sheet(totals, labels, style, title)
 
 

@@ -249,12 +249,12 @@ def test_defaults_of_a_pipeline(pipeline):
 
 def test_a_result_draws_what_it_holds(pipeline, measured):
     result = dicflow.Pipeline.load(pipeline).result()
-    figure = result.plot("total", "eyy", step="step_01")
+    figure = dicflow.plot(result, "total", "eyy", step="step_01")
     assert figure.axes[0].get_title() == "step_01"
     with pytest.raises(ConfigurationError, match=r"no quantity 'ezz' in total.*; it has U, V, W"):
-        result.plot("total", "ezz")
+        dicflow.plot(result, "total", "ezz")
     with pytest.raises(ConfigurationError, match="total has no step 'step_7'"):
-        result.plot("total", "eyy", step="step_7")
+        dicflow.plot(result, "total", "eyy", step="step_7")
 
 
 def test_workers_compute_with_one_thread():

@@ -6,8 +6,9 @@ import numpy as np
 import pytest
 
 from dicflow.core.cameras.camera import project
-from dicflow.engine.product import Product, Variable
-from dicflow.kinds.rig import rig_from_json
+from dicflow.engine.product import Product
+from dicflow.kinds.boards import BoardMarks
+from dicflow.kinds.rig import CalibratedRig, rig_from_json
 from dicflow.pipeline import Pipeline
 from dicflow.report import calibration as module
 from dicflow.report.calibration import calibration
@@ -51,7 +52,7 @@ def test_boards_stand_where_the_left_photographs_show_them(loaded):
             continue
         corners = result.product("corners", pair["name"])
         columns, rows = corners.attrs["size"]
-        outline = module._outline(corners, camera, 14.5)
+        outline = module._outline(BoardMarks.read(corners), camera, 14.5)
         board = corners["left"].reshape(rows, columns, 2)
         shown = np.stack([board[0, 0], board[0, -1], board[-1, -1], board[-1, 0]])
         apart = np.linalg.norm(project(camera, outline) - shown, axis=-1)
@@ -87,37 +88,32 @@ def test_the_pyramid_of_a_camera_starts_at_its_centre(loaded):
     np.testing.assert_allclose(seen[2], 50.0)
 
 
+def rig_of(**attrs):
+    return CalibratedRig.read(Product("rig", attrs=attrs))
+
+
 def test_a_rig_from_a_file_has_cameras_and_its_warnings(loaded, section):
     attrs = dict(loaded.result().product("rig").attrs) | {"pairs": [], "warnings": ["it has no size"]}
-    assert [one.title for one in module._drawn(attrs, {}, 1.0)] == ["From above", "From the side"]
-    assert module._warnings(attrs | {"verdict": "read from a file"}) == ("Calibration: it has no size.",)
+    assert [one.title for one in module._drawn(rig_of(**attrs), {}, 1.0)] == ["From above", "From the side"]
+    read = rig_of(**attrs | {"verdict": "read from a file"})
+    assert module._warnings(read) == ("Calibration: it has no size.",)
     found = {"baseline_mm": 100.0, "angle_deg": 14.25}
-    assert [name for name, *_ in module._facts({"summary": found, "pairs": []}, None)] == ["Baseline", "Angle"]
-    assert section.warnings == module._warnings(loaded.result().product("rig").attrs)
+    assert [name for name, *_ in module._facts(rig_of(summary=found, pairs=[]), None)] == ["Baseline", "Angle"]
+    assert section.warnings == module._warnings(CalibratedRig.read(loaded.result().product("rig")))
 
 
 def test_a_poor_calibration_is_warned_of():
-    assert module._warnings({"verdict": "poor: 2.10 px"}) == ("The calibration is poor: 2.10 px.",)
-    assert module._warnings({"verdict": "usable: 0.3 px"}) == ("The calibration is usable: 0.3 px.",)
-    assert module._warnings({"verdict": "good: 0.02 px"}) == ()
+    assert module._warnings(rig_of(verdict="poor: 2.10 px")) == ("The calibration is poor: 2.10 px.",)
+    assert module._warnings(rig_of(verdict="usable: 0.3 px")) == ("The calibration is usable: 0.3 px.",)
+    assert module._warnings(rig_of(verdict="good: 0.02 px")) == ()
 
 
 def test_circles_are_drawn_as_their_grid():
-    attrs = {"target": "asymmetric_circles", "size": [4, 11]}
-    assert len(module._board(attrs, 10.0)) == 44
-    assert module._board({"target": "checkerboard", "size": [9, 6]}, 2.0).max() == pytest.approx(16.0)
+    def marks(target, size):
+        return BoardMarks.read(BoardMarks.write({}, {}, target, size, (640, 480)))
 
-
-def test_without_right_photographs_there_are_no_common_rows(loaded, tmp_path, monkeypatch):
-    context = context_of(loaded, tmp_path)
-    left = Product("images", {"left": Variable(("row", "col"), np.zeros((4, 4), np.uint8))})
-    monkeypatch.setattr(type(context.result), "product", lambda *_arguments: left)
-    assert module._rectified(context, "rig") is None
-
-
-def test_an_uncalibrated_rig_is_said(pipeline, tmp_path):
-    empty = Pipeline.load(pipeline, store=tmp_path / "store")
-    assert "not calibrated yet" in calibration(context_of(empty, tmp_path)).body
+    assert len(module._board(marks("asymmetric_circles", (4, 11)), 10.0)) == 44
+    assert module._board(marks("checkerboard", (9, 6)), 2.0).max() == pytest.approx(16.0)
 
 
 def test_shapes_are_drawn_to_scale_and_upwards():

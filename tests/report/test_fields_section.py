@@ -14,6 +14,7 @@ from dicflow.report import field_maps as maps
 from dicflow.report import fields as module
 from dicflow.report.fields import fields
 from dicflow.views.colours import Look
+from dicflow.views.figures import plot
 from dicflow.views.maps import png
 from dicflow.views.overlay import View, view
 from tests.pages import context_of
@@ -80,7 +81,7 @@ def test_a_quantity_without_maps_beside_the_page_has_a_full_map_in_it(loaded, pi
     assert list(embedded) == ["U", "V", "W", "exx", "gxy"]
     peak = data["steps"][data["start"]]["name"]
     for name, picture in embedded.items():
-        drawn = png(loaded.result().plot("total", name, step=peak, over="specimen"))
+        drawn = png(plot(loaded.result(), "total", name, step=peak, over="specimen"))
         with Image.open(BytesIO(b64decode(picture))) as image, Image.open(BytesIO(drawn)) as expected:
             assert abs(image.width - expected.width) < 60
             assert image.height == expected.height
@@ -97,15 +98,16 @@ def test_the_second_build_draws_nothing(loaded, tmp_path, monkeypatch):
 
 def test_places_in_rectified_images_are_carried_back_into_the_photograph(loaded):
     from dicflow.core.cameras.rectification import raw_to_rectified, rectification
-    from dicflow.kinds.rig import rig_from_json
+    from dicflow.kinds.rig import CalibratedRig
+    from dicflow.pipeline.places import Places
 
     result = loaded.result()
-    scene = module._scene(result, "total", result.steps("total")[0])
-    assert (scene.photographs, scene.rig) == ("photos", "rig")
-    rig = rig_from_json(result.product("rig").attrs["rig"])
+    places = Places(result)
+    assert (places.images, places.photographs, places.grid) == ("pair", "photos", "track")
+    rig = CalibratedRig.read(result.product("rig")).cameras
     rectified = rectification(rig)
-    places = maps.places(result, scene, 0)
-    back = raw_to_rectified(places, rig.left, rectified.rotation_left, rectified.matrix_left)
+    found = places.at_first_step()
+    back = raw_to_rectified(found, rig.left, rectified.rotation_left, rectified.matrix_left)
     np.testing.assert_allclose(back, result.product("track", 0)["points"], atol=1e-6)
 
 
@@ -114,30 +116,41 @@ def test_the_gravest_corner_tells_why_a_cell_is_missing():
     assert maps.worst_corner(status).tolist() == [1, 13, 0]
 
 
-def test_one_value_everywhere_still_has_a_range():
-    low, high = maps._two(0.25, 0.25)
-    assert low < 0.25 < high
-
-
 class Noise:
     """A result whose every array is noise."""
 
     def __init__(self):
         rng = np.random.default_rng(1)
         grid = np.stack(np.meshgrid(np.arange(300, 1600, 7.0), np.arange(100, 1300, 7.0)), axis=-1)
-        fields = {name: rng.normal(size=grid.shape[:2]) for name in (*module.QUANTITIES, "angle")}
+        fields = {name: rng.normal(size=grid.shape[:2]) for name in (*module.SHOWN, "angle")}
         fields |= {"xy": grid, "status": rng.integers(0, 15, grid.shape[:2], dtype=np.uint8)}
         self.boxes = [(300.0, 100.0, 1600.0, 1300.0)]
         self.arrays = fields | {"left": rng.integers(0, 256, (1440, 1920), dtype=np.uint8)}
 
     def product(self, stage, step=None):
-        return Product("any", {name: Variable(("row", "col"), values) for name, values in self.arrays.items()})
+        kind = "images" if stage == "photos" else "total"
+        return Product(kind, {name: Variable(("row", "col"), values) for name, values in self.arrays.items()})
+
+
+class Fixed:
+    """Places of points that do not move."""
+
+    photographs = images = "photos"
+
+    def __init__(self):
+        self.xy = Noise().arrays["xy"]
+
+    def at_step(self, total):
+        return self.xy
+
+    def at_first_step(self):
+        return self.xy
 
 
 @pytest.mark.parametrize("count", [22, 40])
 def test_steps_of_noise_stay_within_the_page(count):
-    noise, scene = Noise(), maps.Scene("total", "grid", "photos", None)
-    looks = tuple(Look(name, name, "1", (-2.0, 2.0), "viridis") for name in module.QUANTITIES)
+    noise, scene = Noise(), maps.Scene("total", Fixed(), has_grid=True)
+    looks = tuple(Look(name, name, "1", (-2.0, 2.0), "viridis") for name in module.SHOWN)
     frames = (maps.Frame(view(noise.boxes, (1920, 1440), side), looks) for side in module._SIZES_PX)
     steps = [f"step_{number}" for number in range(count)]
     chosen = View(*json.loads(module._fitting(noise, scene, steps, frames)))

@@ -115,10 +115,11 @@ def test_the_noise_is_that_of_the_last_step_at_hand():
 
         def product(self, stage, step):
             told = {"a": (1.38, "first photograph"), "b": (0.79, "static pair")}[step]
-            return Product("correlation", {}, {"noise_grey": told[0], "noise_source": told[1]})
+            facts = {"noise_grey": told[0], "noise_source": told[1], "noise_settled": True}
+            return Product("correlation", {}, facts)
 
     text = module._noise_of_photographs(Followed(), "correlation")
-    assert text == "Noise of the photographs: 0.79 grey levels, told by the static pair."
+    assert text == "Noise of the photographs: 0.79 grey levels, from static pair."
 
 
 def test_steps_that_are_overexposed_come_with_a_warning():

@@ -10,6 +10,7 @@ import pytest
 from PIL import Image
 
 from dicflow.engine.product import Product, Variable
+from dicflow.kinds.maps import Maps
 from dicflow.views import maps as views
 
 ROWS, COLS = 41, 11
@@ -24,6 +25,11 @@ MAPS = {
     "colour_map": "viridis",
     "phases": ["loading", "loading"],
 }
+
+
+def shared(changes=None):
+    """What the maps share, with some attributes changed."""
+    return Maps.read(Product("maps", attrs=MAPS | (changes or {})))
 
 
 def total(stretch, hole=False):
@@ -50,7 +56,7 @@ def opened(content):
 
 
 def drawn(product, quantity="eyy"):
-    return views.png(views.field_map(product, views.style(MAPS, quantity), "step_01 · loading"))
+    return views.png(views.field_map(product, views.style(shared(), quantity), "step_01 · loading"))
 
 
 def colour_of(image, colour):
@@ -70,7 +76,7 @@ def is_whole(image):
 def test_a_map_is_a_png_of_its_size():
     image = opened(drawn(total(1.2)))
     assert image.format == "PNG"
-    look = views.style(MAPS, "eyy")
+    look = views.style(shared(), "eyy")
     width_mm, height_mm = look.extent[2] - look.extent[0], look.extent[3] - look.extent[1]
     map_px = 5.0 * 110 * np.array([width_mm / height_mm, 1.0])
     assert (map_px < image.size).all()
@@ -81,7 +87,7 @@ def test_a_map_is_a_png_of_its_size():
 
 @pytest.mark.parametrize("extent", [(0, 0, 100, 20), (0, 0, 10, 300), (0, 0, 300, 10)])
 def test_maps_of_any_shape_are_whole_and_nothing_overlaps(extent):
-    figure = views.field_map(total(1.2), views.style({**MAPS, "extent": extent}, "eyy"), "step_01 · loading")
+    figure = views.field_map(total(1.2), views.style(shared({"extent": extent}), "eyy"), "step_01 · loading")
     figure.draw_without_rendering()
     axes, bar = figure.axes
     for part in (axes.bbox, axes.xaxis.label.get_window_extent(), axes.title.get_window_extent()):
@@ -116,7 +122,7 @@ def test_where_nothing_is_known_nothing_is_drawn():
 
 
 def test_maps_of_many_steps_have_one_layout():
-    look = views.style(MAPS, "V")
+    look = views.style(shared(), "V")
     steps = [total(s) for s in (1.1, 1.2, 1.3)]
     frames = list(views.field_pngs(iter(steps), look, ["a", "b", "c"]))
     assert {opened(frame).size for frame in frames} == {opened(frames[0]).size}
@@ -125,12 +131,12 @@ def test_maps_of_many_steps_have_one_layout():
 
 
 def test_titles_of_all_steps_fit():
-    frames = views.field_pngs([total(1.1)] * 3, views.style(MAPS, "V"), ["a", "a long name " * 5, "a name " * 4])
+    frames = views.field_pngs([total(1.1)] * 3, views.style(shared(), "V"), ["a", "a long name " * 5, "a name " * 4])
     assert all(is_whole(opened(frame)) for frame in frames)
 
 
 def test_an_animation_has_a_frame_per_step_and_repeats():
-    look = views.style(MAPS, "eyy")
+    look = views.style(shared(), "eyy")
     frames = list(views.field_pngs((total(s) for s in (1.1, 1.2, 1.3)), look, "abc"))
     content = views.gif(frames, seconds=0.25)
     image = Image.open(BytesIO(content))
@@ -142,7 +148,7 @@ def test_an_animation_has_a_frame_per_step_and_repeats():
 
 def test_an_animation_has_the_colours_of_the_maps():
     """Also those that only its other frames have in plenty."""
-    frames = list(views.field_pngs([total(1.4), total(1.0)], views.style(MAPS, "eyy"), "ab"))
+    frames = list(views.field_pngs([total(1.4), total(1.0)], views.style(shared(), "eyy"), "ab"))
     animation = Image.open(BytesIO(views.gif(frames)))
     for place, frame in enumerate(frames):
         animation.seek(place)
@@ -152,7 +158,7 @@ def test_an_animation_has_the_colours_of_the_maps():
 
 @pytest.mark.parametrize(("count", "columns"), [(1, 1), (3, 3), (20, 15)])
 def test_a_sheet_holds_all_steps_in_rows(count, columns):
-    look = views.style(MAPS, "eyy")
+    look = views.style(shared(), "eyy")
     figure = views.contact_sheet([total(1.2)] * count, [f"{k}" for k in range(count)], look, "strain, loading")
     tiles = [axes.get_position() for axes in figure.axes[:-1]]
     assert len(tiles) == count
@@ -171,7 +177,7 @@ def test_a_long_measure_stays_beside_its_bar_and_below_the_title():
         **MAPS["quantities"]["eyy"],
         "title": "engineering strain (material directions) εyy, VSG 61 px = 10.5 mm",
     }
-    look = views.style({**MAPS, "quantities": {"eyy": measure}}, "eyy")
+    look = views.style(shared({"quantities": {"eyy": measure}}), "eyy")
     sheet = views.contact_sheet([total(1.2)] * 3, "abc", look, f"{look.title}, loading")
     alone = views.field_map(total(1.2), look, "a")
     for figure in (alone, sheet):
@@ -184,21 +190,21 @@ def test_a_long_measure_stays_beside_its_bar_and_below_the_title():
 
 def test_long_names_on_a_sheet_keep_apart():
     names = [f"specimen 12, photograph {k:04d}" for k in range(4)]
-    figure = views.contact_sheet([total(1.2)] * 4, names, views.style(MAPS, "eyy"), "strain, loading")
+    figure = views.contact_sheet([total(1.2)] * 4, names, views.style(shared(), "eyy"), "strain, loading")
     titles = [axes.title.get_window_extent() for axes in figure.axes[:4]]
     assert all(one.x1 < other.x0 for one, other in pairwise(titles))
 
 
 def test_labels_name_measure_and_unit():
-    assert views.style(MAPS, "V").label == "displacement along y [mm]"
-    assert views.style(MAPS, "eyy").label == "strain along y [–]"
+    assert views.style(shared(), "V").label == "displacement along y [mm]"
+    assert views.style(shared(), "eyy").label == "strain along y [–]"
 
 
 def test_values_of_both_signs_have_zero_in_the_middle_of_the_colours():
     signed = {"range": [-0.1, 0.4], "unit": "1", "title": "strain along y"}
-    chosen = views.style({**MAPS, "quantities": {"eyy": signed}, "colour_map": "auto"}, "eyy")
+    chosen = views.style(shared({"quantities": {"eyy": signed}, "colour_map": "auto"}), "eyy")
     assert (chosen.range, chosen.colour_map) == ((-0.4, 0.4), "RdBu_r")
-    assert views.style({**MAPS, "colour_map": "auto"}, "V").colour_map == "viridis"
+    assert views.style(shared({"colour_map": "auto"}), "V").colour_map == "viridis"
 
 
 @pytest.mark.parametrize(("shape", "units"), [((30, 40), "grey level"), ((40, 30), "mm"), ((4, 400), "1")])

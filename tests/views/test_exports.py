@@ -162,6 +162,9 @@ class OneCamera:
     def kind(self, stage):
         return stage
 
+    def stages_of(self, kind):
+        return [kind]
+
     def source(self, stage, port, variant):
         return {"images": "plane", "rig": "rig"}[port]
 

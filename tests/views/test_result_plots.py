@@ -10,6 +10,7 @@ import pytest
 import dicflow
 from dicflow.errors import ConfigurationError
 from dicflow.views import plots
+from dicflow.views.figures import plot
 
 
 @pytest.fixture(scope="module")
@@ -20,7 +21,7 @@ def result(pipeline, measured, tmp_path_factory):
 
 
 def test_a_total_lies_over_the_photograph(result):
-    figure = result.plot("total", "eyy", step=0)
+    figure = plot(result, "total", "eyy", step=0)
     axes, bar = figure.axes
     assert (axes.get_xlabel(), axes.get_ylabel()) == ("x [px]", "y [px]")
     assert bar.get_ylabel().endswith("[–]")
@@ -35,12 +36,12 @@ def test_a_total_lies_over_the_photograph(result):
 
 
 def test_the_range_is_that_of_the_maps_at_every_step(result):
-    ranges = {result.plot("total", "eyy", step=step).axes[0].collections[0].get_clim() for step in (0, 1)}
+    ranges = {plot(result, "total", "eyy", step=step).axes[0].collections[0].get_clim() for step in (0, 1)}
     assert ranges == {tuple(result.product("maps").attrs["quantities"]["eyy"]["range"])}
 
 
 def test_a_total_in_mm(result):
-    figure = result.plot("total", "U", over="specimen")
+    figure = plot(result, "total", "U", over="specimen")
     axes, bar = figure.axes
     assert (axes.get_xlabel(), axes.get_ylabel()) == ("X [mm]", "Y [mm]")
     assert bar.get_ylabel() == "displacement U [mm]"
@@ -50,25 +51,25 @@ def test_a_total_in_mm(result):
 
 
 def test_colours_on_request(result):
-    assert result.plot("total", "U", colours="jet").axes[0].collections[0].get_cmap().name == "jet"
+    assert plot(result, "total", "U", colours="jet").axes[0].collections[0].get_cmap().name == "jet"
     with pytest.raises(ConfigurationError, match="no colour map 'jett', did you mean 'jet'"):
-        result.plot("total", "U", colours="jett")
+        plot(result, "total", "U", colours="jett")
 
 
 def test_reasons_are_named(result):
-    _, bar = result.plot("total", "status").axes
+    _, bar = plot(result, "total", "status").axes
     assert "valid" in [label.get_text() for label in bar.get_yticklabels()]
 
 
 def test_an_array_of_another_stage_is_drawn_on_its_grid(result):
-    figure = result.plot("disparity", "disparity")
+    figure = plot(result, "disparity", "disparity")
     assert figure.axes[1].get_ylabel().endswith("[px]")
 
 
 def test_names_that_do_not_exist(result):
     with pytest.raises(ConfigurationError, match=r"no quantity 'eyx' in total.*it has .*eyy"):
-        result.plot("total", "eyx")
+        plot(result, "total", "eyx")
     with pytest.raises(ConfigurationError, match=r"xyz is not one number per row and column; choose of .*eyy"):
-        result.plot("total", "xyz")
+        plot(result, "total", "xyz")
     with pytest.raises(ConfigurationError, match="no step '9'; it has"):
-        result.plot("total", "eyy", step="9")
+        plot(result, "total", "eyy", step="9")

@@ -9,8 +9,9 @@ import numpy as np
 
 from dicflow.errors import ConfigurationError
 from dicflow.io.exports.items import Item, place
-from dicflow.io.exports.points import measured, points
+from dicflow.io.exports.points import points
 from dicflow.io.results import columns_text
+from dicflow.kinds.total import Total
 
 __all__ = ["DESCRIPTION", "KINDS", "write"]
 
@@ -33,7 +34,7 @@ def write(items: Iterable[Item], folder: Path, name: str) -> None:
                 "first photograph, which the challenge's columns need; export it as csv or matchid"
             )
         found = points(item.product)
-        in_photograph = item.places()[measured(item.product)]
+        in_photograph = item.places()[Total.read(item.product).known()]
         strains = [found.strain[name] for name in _STRAINS]
         text = columns_text(_COLUMNS, np.column_stack([in_photograph, found.xyz, found.displacement, *strains]))
         place(folder, f"{item.stem}.csv").write_text(text, encoding="utf-8")

@@ -8,7 +8,7 @@ from pathlib import Path
 from dicflow.core.photographs.region import carry
 from dicflow.io.exports.items import Item, place
 from dicflow.io.region import write_geojson
-from dicflow.kinds.region import polygons_from_json
+from dicflow.kinds.region import Region
 
 __all__ = ["BESIDE", "DESCRIPTION", "KINDS", "write"]
 
@@ -22,7 +22,7 @@ _SPACING_PX = 20.0
 def write(items: Iterable[Item], folder: Path, name: str) -> None:
     """One file per region, such as the stage "region" reads."""
     for item in items:
-        polygons = polygons_from_json(item.product.attrs["polygons"])
+        polygons = Region.read(item.product).polygons
         if item.outline is not None:
             polygons = carry(polygons, item.outline, _SPACING_PX)
         write_geojson(place(folder, f"{item.stem}.geojson"), polygons)

@@ -7,7 +7,7 @@ from pathlib import Path
 
 from dicflow.io.exports.items import Item, place
 from dicflow.io.rig import rig_text
-from dicflow.kinds.rig import rig_from_json
+from dicflow.kinds.rig import CalibratedRig
 
 __all__ = ["BESIDE", "DESCRIPTION", "KINDS", "write"]
 
@@ -19,6 +19,6 @@ BESIDE = ("rig",)
 def write(items: Iterable[Item], folder: Path, name: str) -> None:
     """One file per rig, with its covariance where it is known; the numbers come back bit for bit."""
     for item in items:
-        attrs = item.product.attrs
-        text = rig_text(rig_from_json(attrs["rig"]), attrs.get("covariance"))
+        rig = CalibratedRig.read(item.product)
+        text = rig_text(rig.cameras, rig.covariance)
         place(folder, f"{item.stem}.json").write_text(text, encoding="utf-8")

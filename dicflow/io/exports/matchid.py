@@ -8,8 +8,9 @@ from pathlib import Path
 import numpy as np
 
 from dicflow.io.exports.items import Item, place
-from dicflow.io.exports.points import measured, points
+from dicflow.io.exports.points import points
 from dicflow.io.results import columns_text
+from dicflow.kinds.total import Total
 
 __all__ = ["DESCRIPTION", "KINDS", "write"]
 
@@ -42,6 +43,6 @@ def write(items: Iterable[Item], folder: Path, name: str) -> None:
         names = [*(column.format(unit=found.unit) for column in (*_PLACES, *_MOTIONS)), *_STRAINS.values()]
         values = [found.xyz, found.displacement, *(found.strain[name] for name in _STRAINS)]
         if item.places is not None:
-            names, values = [*_IN_PHOTOGRAPH, *names], [item.places()[measured(item.product)], *values]
+            names, values = [*_IN_PHOTOGRAPH, *names], [item.places()[Total.read(item.product).known()], *values]
         text = columns_text(names, np.column_stack(values))
         place(folder, f"{item.stem}.csv").write_text(text, encoding="utf-8")

@@ -7,7 +7,7 @@ from pathlib import Path
 
 from dicflow.io.calibrations.opencv import opencv_text
 from dicflow.io.exports.items import Item, place
-from dicflow.kinds.rig import rig_from_json
+from dicflow.kinds.rig import CalibratedRig
 
 __all__ = ["DESCRIPTION", "KINDS", "write"]
 
@@ -18,5 +18,5 @@ KINDS = ("rig",)
 def write(items: Iterable[Item], folder: Path, name: str) -> None:
     """One file per rig."""
     for item in items:
-        text = opencv_text(rig_from_json(item.product.attrs["rig"]))
+        text = opencv_text(CalibratedRig.read(item.product).cameras)
         place(folder, f"{item.stem}.yaml").write_text(text, encoding="utf-8")

@@ -9,8 +9,9 @@ from numpy.typing import NDArray
 
 from dicflow.core.arrays import Array
 from dicflow.engine.product import Product
+from dicflow.kinds.total import Total
 
-__all__ = ["Points", "in_space", "measured", "points", "principal_strains", "quads"]
+__all__ = ["Points", "in_space", "points", "principal_strains", "quads"]
 
 
 class Points(NamedTuple):
@@ -28,24 +29,18 @@ class Points(NamedTuple):
     unit: str
 
 
-def points(total: Product) -> Points:
-    """The measured points of a product of kind "total", row by row.
+def points(product: Product) -> Points:
+    """The measured points of a total, row by row.
 
     The principal strains are the product's own where it has them, else those of the tensor (εxx, εyy, εxy).
     """
-    known = measured(total)
+    total = Total.read(product)
+    known = total.known()
     exx, eyy, exy = total["exx"][known], total["eyy"][known], total["gxy"][known] / 2.0
     e1, e2 = (total[name][known] for name in ("e1", "e2")) if "e1" in total else principal_strains(exx, eyy, exy)
     strain = {"exx": exx, "eyy": eyy, "exy": exy, "e1": e1, "e2": e2}
     displacement = np.stack([total[name][known] for name in "UVW"], axis=-1)
-    return Points(in_space(total["xyz_reference"][known]), displacement, strain, total.attrs["unit"])
-
-
-def measured(total: Product) -> NDArray[np.bool_]:
-    """(row, col) bool — the points with displacement and strain."""
-    fields = [total[name] for name in ("U", "V", "W", "exx", "eyy", "gxy")]
-    placed = np.isfinite(total["xyz_reference"]).all(axis=-1)
-    return np.asarray(np.isfinite(np.stack(fields)).all(axis=0) & placed)
+    return Points(in_space(total["xyz_reference"][known]), displacement, strain, total.unit)
 
 
 def principal_strains(exx: Array, eyy: Array, exy: Array) -> tuple[Array, Array]:

@@ -12,7 +12,8 @@ import numpy as np
 
 from dicflow.engine.product import Product
 from dicflow.io.exports.items import Item, place
-from dicflow.io.exports.points import in_space, measured, quads
+from dicflow.io.exports.points import in_space, quads
+from dicflow.kinds.total import Total
 
 __all__ = ["DESCRIPTION", "KINDS", "write"]
 
@@ -37,7 +38,7 @@ def write(items: Iterable[Item], folder: Path, name: str) -> None:
 
 def _mesh(item: Item) -> Any:
     total = item.product
-    known = measured(total)
+    known = Total.read(total).known()
     cells = quads(known)
     alone = np.setdiff1d(np.arange(known.sum()), cells)
     data = {name: np.ascontiguousarray(values[known]) for name, values in _fields(item.chosen).items()}

@@ -1,0 +1,115 @@
+"""Figures of products by the names of a result."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Literal
+
+from dicflow.discovery import nearest
+from dicflow.engine.product import Product
+from dicflow.errors import ConfigurationError, NotKeptError
+from dicflow.kinds.images import Images
+from dicflow.kinds.maps import MapQuantity, Maps, colour_range, joined_range
+from dicflow.kinds.total import Total
+from dicflow.pipeline.places import Places
+from dicflow.pipeline.result import Result
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+    from dicflow.views.colours import Look
+
+__all__ = ["look_of", "maps_of", "plot", "specimen_map"]
+
+_MARGIN = 0.04
+
+
+def plot(
+    result: Result,
+    stage: str,
+    quantity: str,
+    *,
+    step: str | int = -1,
+    variant: int = 0,
+    over: Literal["photograph", "specimen"] = "photograph",
+    colours: str = "auto",
+) -> Figure:
+    """One quantity of one step: that of a total over the photograph or the specimen, any other on its grid.
+
+    step : name or number; the last by default. Not looked at for a stage that runs once
+    over : the left photograph of the step, or the plane of X and Y; this plane also where the photograph is not at hand
+    colours : a matplotlib colour map; "auto" is the choice of the maps stage, or a diverging one for values of both
+        signs and viridis else. The range is that of the maps where they draw the quantity
+    Raises ConfigurationError for a quantity that the product does not have and lists those it has.
+    """
+    product = result.product(stage, step if result.steps(stage) else None, variant)
+    if quantity not in product.variables:
+        known = ", ".join(product.variables)
+        raise ConfigurationError(
+            f"no quantity '{quantity}' in {stage}{nearest(quantity, product.variables)}; it has {known}"
+        )
+    variable = product.variables[quantity]
+    if len(variable.dims) != 2:
+        fields = ", ".join(name for name, other in product.variables.items() if len(other.dims) == 2) or "none"
+        raise ConfigurationError(f"{stage}: {quantity} is not one number per row and column; choose of {fields}")
+    name = result.task(stage, step if result.steps(stage) else None, variant).rpartition("/")[2]
+    if quantity == "status":
+        return _reasons(product, f"{stage} · {name}")
+    if product.kind != "total":
+        from dicflow.views.maps import picture
+
+        return picture(variable, f"{stage} · {quantity}")
+    total, maps = Total.read(product), maps_of(result, stage, variant)
+    look = look_of(total, quantity, maps, colours)
+    if over == "specimen":
+        return specimen_map(total, look, maps, name)
+    from dicflow.views.maps import photo_map
+
+    places = Places(result, variant)
+    try:
+        photograph = Images.read(result.product(places.photographs, name, variant)).left
+    except NotKeptError:
+        return specimen_map(total, look, maps, name)
+    return photo_map(product[quantity], places.at_step(total), photograph, look, name)
+
+
+def _reasons(product: Product, title: str) -> Figure:
+    from dicflow.core.status import Status
+    from dicflow.views.maps import code_picture
+
+    return code_picture(product.variables["status"], title, {status.value: status.label for status in Status})
+
+
+def maps_of(result: Result, stage: str, variant: int = 0) -> Maps | None:
+    """What the maps of a total share; None where they are not in the store."""
+    for name in result.stages_of("maps"):
+        if result.has(name, None, variant) and result.source(name, "total", variant) == stage:
+            return Maps.read(result.product(name, None, variant))
+    return None
+
+
+def look_of(total: Total, quantity: str, maps: Maps | None, colours: str = "auto") -> Look:
+    """As the maps show the quantity; else by the values of this step but for a few."""
+    from dicflow.views.colours import look, palette
+
+    if maps is not None and colours == "auto":
+        colours = maps.colour_map
+    if colours != "auto":
+        palette(colours)
+    chosen = None if maps is None else maps.quantities.get(quantity)
+    if chosen is None:
+        seen = joined_range([colour_range(total[quantity])])
+        chosen = MapQuantity(total.title(quantity), total.unit_of(quantity), seen)
+    return look(quantity, chosen.title, chosen.unit, *chosen.range, colours)
+
+
+def specimen_map(total: Total, look: Look, maps: Maps | None, title: str) -> Figure:
+    """One quantity of a total over the plane of X and Y, in the window of its maps where there are any."""
+    from dicflow.views.maps import Style, field_map
+    from dicflow.views.overlay import point_box
+
+    positions = "xyz" if maps is None else maps.positions
+    whole = maps.extent if maps is not None else point_box(total[positions][..., :2]) or (0.0, 0.0, 1.0, 1.0)
+    margin = _MARGIN * max(whole[2] - whole[0], whole[3] - whole[1])
+    extent = (whole[0] - margin, whole[1] - margin, whole[2] + margin, whole[3] + margin)
+    style = Style(look.quantity, look.title, look.unit, look.range, extent, total.unit, positions, look.table)
+    return field_map(total.product, style, title)
