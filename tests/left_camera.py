@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from dicflow.core.correlation.material import Anchor, Search, attempt
+from dicflow.core.correlation.points import VIA_REFERENCE_STEP, ReferencePhotograph
+from dicflow.core.correlation.search import Search, find_points
 from dicflow.core.correlation.subsets import Subset, correlate, template
 from dicflow.core.correlation.warp import identity
 from dicflow.core.photographs.interpolate import spline
@@ -16,6 +17,8 @@ from dicflow.kinds.correlation import reference_layouts
 from dicflow.kinds.region import polygons_to_json
 
 SUBSET = Subset(31, "quadratic")
+_ARRAYS = {"route": "way", "template_covariance": "template", "inherited_covariance": "passed"}
+"""Names of fields in the product, where they differ."""
 
 
 def grid(region: tuple[float, float, float, float], step_size: int) -> np.ndarray:
@@ -101,14 +104,14 @@ def through_reference(between: Product, photograph: np.ndarray, image: np.ndarra
     search = Search(Subset(facts["subset_size"], facts["shape_function"]), noise=facts["noise_grey"])
     everywhere = np.ones(photograph.shape, dtype=bool)
     known = (between[name] for name in ("xy", "warp", "passed", "slope"))
-    anchor = Anchor(photograph, (0, 0), everywhere, *known)
+    reference_step = ReferencePhotograph(photograph, (0, 0), everywhere, *known)
     begin = np.concatenate([starts[..., None], between["gradient"]], axis=-1)
-    found = attempt(anchor, spline(image, 5), begin, search, way=2)
-    carried, reference = reference_layouts(anchor, facts["subset_size"])
+    found = find_points(reference_step, spline(image, 5), begin, search, VIA_REFERENCE_STEP)
+    carried, reference = reference_layouts(reference_step, facts["subset_size"])
     arrays = {
         "xy": found.warp[..., 0],
         "gradient": found.warp[..., 1:3],
-        **found._asdict(),
+        **{_ARRAYS.get(name, name): values for name, values in found._asdict().items()},
         "template": between["template"],
     }
     variables = {name: Variable(("row", "col", "a", "b")[: v.ndim], v) for name, v in arrays.items()}

@@ -1,4 +1,4 @@
-"""The types of arrays, named once; what an array's axes are is said where it is used."""
+"""Types of arrays by what they hold; docstrings of functions give shapes, units and frames."""
 
 from __future__ import annotations
 
@@ -7,17 +7,21 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["Array", "Codes", "Grey", "Image", "Index", "Mask"]
+__all__ = ["Array", "Codes", "Counts", "Grey", "Image", "Index", "Iterations", "Mask"]
 
 Array = NDArray[np.float64]
 """Numbers in double precision."""
 Image = NDArray[np.float32]
-"""Grey levels as numbers to compute with."""
+"""Numbers in single precision, one for each pixel: grey levels, their derivatives, weights, offsets."""
 Grey = NDArray[Any]
 """Grey levels as a file holds them: uint8 or uint16."""
 Mask = NDArray[np.bool_]
-"""Whether, for each element."""
+"""True or False for each element."""
 Codes = NDArray[np.uint8]
 """Codes of an enumeration, such as a status."""
 Index = NDArray[np.int64]
-"""Places along the axes of another array."""
+"""Indices into the axes of another array, such as rows, columns and whole pixels."""
+Counts = NDArray[np.int32]
+"""Counts of pixels, or numbers of connected parts."""
+Iterations = NDArray[np.int16]
+"""Numbers of iterations."""

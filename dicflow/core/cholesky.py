@@ -2,27 +2,27 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
 from numba import njit
+
+from dicflow.core.arrays import Array
 
 __all__ = ["factorise", "solve", "solve_columns"]
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def factorise(matrix: Any, least: float) -> bool:
+def factorise(matrix: Array, min_pivot_share: float) -> bool:
     """Factorise a symmetric matrix (n, n) in place; only its lower triangle is read and written.
 
-    least : share of its diagonal element that each pivot must keep
-    Returns False where a pivot does not: the matrix is singular, or close to it.
+    min_pivot_share : smallest pivot, relative to the diagonal element it came from
+    Returns False where a pivot is smaller: the matrix is singular, or close to it.
     """
     size = len(matrix)
     for j in range(size):
         pivot = matrix[j, j]
         for k in range(j):
             pivot -= matrix[j, k] * matrix[j, k]
-        if not pivot > least * matrix[j, j]:
+        if not pivot > min_pivot_share * matrix[j, j]:
             return False
         matrix[j, j] = np.sqrt(pivot)
         for i in range(j + 1, size):
@@ -34,8 +34,8 @@ def factorise(matrix: Any, least: float) -> bool:
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def solve(factor: Any, vector: Any) -> None:
-    """Solve L Lᵀ x = b in place: b (n,) becomes x. factor : L (n, n), as :func:`factorise` leaves it."""
+def solve(factor: Array, vector: Array) -> None:
+    """Solve L Lᵀ x = b in place: b (n,) becomes x. factor : L (n, n) from :func:`factorise`."""
     size = len(factor)
     for i in range(size):
         for k in range(i):
@@ -48,7 +48,7 @@ def solve(factor: Any, vector: Any) -> None:
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def solve_columns(factor: Any, sides: Any) -> None:
-    """The same for every column of ``sides`` (n, m)."""
-    for column in range(sides.shape[1]):
-        solve(factor, sides[:, column])
+def solve_columns(factor: Array, columns: Array) -> None:
+    """Solve L Lᵀ X = B in place: B (n, m) becomes X. factor : as for :func:`solve`."""
+    for column in range(columns.shape[1]):
+        solve(factor, columns[:, column])

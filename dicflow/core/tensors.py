@@ -1,4 +1,4 @@
-"""Small matrices at every point: inverses, congruent transforms, and symmetric ones kept as their upper triangles."""
+"""Small matrices at every point: inverses, congruent transforms, and symmetric ones stored as upper triangles."""
 
 from __future__ import annotations
 
@@ -7,11 +7,11 @@ from numpy.typing import ArrayLike
 
 from dicflow.core.arrays import Array
 
-__all__ = ["congruent", "inverse", "symmetric", "upper"]
+__all__ = ["congruent", "inverse", "symmetric", "upper_triangle"]
 
 
 def inverse(matrices: Array) -> Array:
-    """Inverses of matrices (..., 2, 2); NaN where there is none."""
+    """Inverses of matrices (..., 2, 2); NaN where a matrix is singular."""
     (a, b), (c, d) = np.moveaxis(matrices, (-2, -1), (0, 1))
     adjugate = np.moveaxis(np.array([[d, -b], [-c, a]]), (0, 1), (-2, -1))
     determinant = a * d - b * c
@@ -19,7 +19,7 @@ def inverse(matrices: Array) -> Array:
 
 
 def congruent(matrix: Array, covariance: Array) -> Array:
-    """M C Mᵀ of symmetric 2 × 2 matrices C kept as (xx, xy, yy), (..., 3); matrix (..., 2, 2)."""
+    """M C Mᵀ for matrices M (..., 2, 2) and symmetric C; C and the result are (xx, xy, yy), (..., 3)."""
     (a, b), (e, f) = (np.moveaxis(matrix[..., axis, :], -1, 0) for axis in (0, 1))
     xx, xy, yy = np.moveaxis(covariance, -1, 0)
     return np.stack(
@@ -32,14 +32,14 @@ def congruent(matrix: Array, covariance: Array) -> Array:
     )
 
 
-def symmetric(numbers: ArrayLike) -> Array:
-    """Symmetric matrices (..., d, d) of their upper triangles by rows, (..., d (d + 1) / 2).
+def symmetric(triangles: ArrayLike) -> Array:
+    """Symmetric matrices (..., d, d) from their upper triangles, row by row, (..., d (d + 1) / 2).
 
     >>> symmetric([1.0, 2.0, 3.0])
     array([[1., 2.],
            [2., 3.]])
     """
-    flat = np.asarray(numbers, dtype=np.float64)
+    flat = np.asarray(triangles, dtype=np.float64)
     side = int((np.sqrt(8 * flat.shape[-1] + 1) - 1) / 2)
     row, col = np.triu_indices(side)
     full = np.empty((*flat.shape[:-1], side, side))
@@ -47,7 +47,7 @@ def symmetric(numbers: ArrayLike) -> Array:
     return full
 
 
-def upper(matrices: Array) -> Array:
-    """The inverse of :func:`symmetric`."""
+def upper_triangle(matrices: Array) -> Array:
+    """Upper triangles of symmetric matrices: the inverse of :func:`symmetric`."""
     row, col = np.triu_indices(matrices.shape[-1])
     return matrices[..., row, col]

@@ -13,7 +13,7 @@ if TYPE_CHECKING:
     import numpy as np
 
     from dicflow.core.correlation.course import Course
-    from dicflow.core.correlation.material import Anchor, Followed
+    from dicflow.core.correlation.points import FoundPoints, ReferencePhotograph
     from dicflow.core.photographs.noise import Noise
     from dicflow.core.photographs.region import Polygon
 
@@ -74,21 +74,21 @@ class FollowedPoints(Kind):
         """Outline of the region at this step [px]."""
         return polygons_from_json(self.product.attrs["polygons"])
 
-    def as_reference(self, image: np.ndarray) -> Anchor:
+    def as_reference(self, image: np.ndarray) -> ReferencePhotograph:
         """The step as one whose photograph points are followed from.
 
         image : (row, col) — its photograph by the same camera
         """
-        from dicflow.core.correlation.material import Anchor
+        from dicflow.core.correlation.points import ReferencePhotograph
         from dicflow.core.photographs.region import interior
 
         usable = interior(self.polygons, image.shape)
-        return Anchor(image, (0, 0), usable, self["xy"], self["warp"], self["passed"], self["slope"])
+        return ReferencePhotograph(image, (0, 0), usable, self["xy"], self["warp"], self["passed"], self["slope"])
 
     @property
-    def reference_between(self) -> Anchor | None:
+    def reference_between(self) -> ReferencePhotograph | None:
         """The step in between that the points went through; None where all came from the first photograph."""
-        from dicflow.core.correlation.material import Anchor
+        from dicflow.core.correlation.points import ReferencePhotograph
 
         if "reference" not in self.product.attrs:
             return None
@@ -96,25 +96,27 @@ class FollowedPoints(Kind):
         x, y = facts["origin"]
         image, usable = self["reference_image"], self["reference_usable"] > 0
         points, warp, passed, slope = (self[f"reference_{name}"] for name in ("xy", "warp", "passed", "slope"))
-        return Anchor(image, (x, y), usable, points, warp, passed, slope, facts["age"])
+        return ReferencePhotograph(image, (x, y), usable, points, warp, passed, slope, facts["age"])
 
-    def outline(self, start: Sequence[Polygon], found: Followed, places: np.ndarray) -> Sequence[Polygon]:
+    def outline(self, start: Sequence[Polygon], found: FoundPoints, places: np.ndarray) -> Sequence[Polygon]:
         """The region's outline at the next step; that of this step where too few points were found there.
 
         start : the outline at the first step [px]
         found : points at the next step; places : (row, col, 2) — where they were at the first [px]
         """
-        from dicflow.core.correlation.material import FEW, carried_by
+        from dicflow.core.correlation.points import MIN_POINTS_FOR_MOTION, carried_points
         from dicflow.core.photographs.region import carry
 
-        if found.valid.sum() < FEW:
+        if found.valid.sum() < MIN_POINTS_FOR_MOTION:
             return self.polygons
-        return carry(start, lambda ring: carried_by(found, places, ring))
+        return carry(start, lambda ring: carried_points(found, places, ring))
 
 
-def reference_layouts(reference: Anchor | None, subset_size: int) -> tuple[dict[str, Variable], dict[str, Any]]:
+def reference_layouts(
+    reference: ReferencePhotograph | None, subset_size: int
+) -> tuple[dict[str, Variable], dict[str, Any]]:
     """A reference step that is not the first, as arrays and attributes of a product; nothing for None."""
-    from dicflow.core.correlation.material import cropped
+    from dicflow.core.correlation.points import cropped
 
     if reference is None:
         return {}, {}
@@ -124,7 +126,7 @@ def reference_layouts(reference: Anchor | None, subset_size: int) -> tuple[dict[
         "reference_usable": kept.usable.astype("uint8"),
         "reference_xy": kept.points,
         "reference_warp": kept.warp,
-        "reference_passed": kept.passed,
+        "reference_passed": kept.inherited_covariance,
         "reference_slope": kept.slope,
     }
     return laid_out(_REFERENCE_LAYOUTS, values), {"reference": {"origin": list(kept.origin), "age": kept.age}}
@@ -138,13 +140,13 @@ class Correlation(FollowedPoints):
     @classmethod
     def write(
         cls,
-        found: Followed,
+        found: FoundPoints,
         course: Course,
         template: np.ndarray,
         noise: tuple[Noise, float],
         polygons: Sequence[Polygon],
         grid: SubsetGrid,
-        reference: Anchor | None = None,
+        reference: ReferencePhotograph | None = None,
         facts: Mapping[str, Any] | None = None,
     ) -> Product:
         """A product of points.
@@ -167,11 +169,11 @@ class Correlation(FollowedPoints):
             "status": found.status,
             "covariance": found.covariance,
             "template": template,
-            "passed": found.passed,
+            "passed": found.inherited_covariance,
             "slope": found.slope,
             "course": course.place.astype("f4"),
             "motion": course.motion.astype("f4"),
-            "way": found.way,
+            "way": found.route,
         }
         carried, between = reference_layouts(reference, grid.subset_size)
         grey, level = noise

@@ -73,7 +73,7 @@ class Points(Kind):
         import numpy as np
 
         from dicflow.core.status import Status
-        from dicflow.core.tensors import upper
+        from dicflow.core.tensors import upper_triangle
         from dicflow.kinds.status import known_or_nan
 
         correlation, stereo = sources
@@ -82,8 +82,8 @@ class Points(Kind):
             "xyz": found.xyz,
             "xy": correlation["xy"],
             "xy_right": stereo["xy"],
-            "covariance": upper(errors.own),
-            "covariance_left": upper(errors.left),
+            "covariance": upper_triangle(errors.own),
+            "covariance_left": upper_triangle(errors.left),
             "sensitivity": errors.sensitivity,
             "reprojection": found.reprojection.astype(np.float32),
         }

@@ -13,7 +13,7 @@ from dicflow.kinds.region import polygons_to_json
 if TYPE_CHECKING:
     import numpy as np
 
-    from dicflow.core.correlation.material import Anchor, Followed
+    from dicflow.core.correlation.points import FoundPoints, ReferencePhotograph
     from dicflow.core.photographs.region import Polygon
 
 __all__ = ["Stereo"]
@@ -44,7 +44,7 @@ class Stereo(FollowedPoints):
     @classmethod
     def write(
         cls,
-        found: Followed,
+        found: FoundPoints,
         epipolar: np.ndarray,
         status: np.ndarray,
         grid: SubsetGrid,
@@ -67,21 +67,23 @@ class Stereo(FollowedPoints):
             "gradient": found.warp[..., 1:3],
             "warp": found.warp,
             "covariance": found.covariance,
-            "template": found.template,
+            "template": found.template_covariance,
         }
         values = {name: known_or_nan(kept, array) for name, array in measured.items()}
-        values |= {"znssd": found.znssd, "iterations": found.iterations, "way": found.way}
+        values |= {"znssd": found.znssd, "iterations": found.iterations, "way": found.route}
         values |= {"epipolar": epipolar, "status": status}
         attrs = {**grid._asdict(), "noise_ratio": noise_ratio, **facts}
         return Product("stereo", laid_out(_LAYOUTS, values), attrs)
 
-    def to_follow(self, found: Followed, polygons: Sequence[Polygon], reference: Anchor | None = None) -> Product:
+    def to_follow(
+        self, found: FoundPoints, polygons: Sequence[Polygon], reference: ReferencePhotograph | None = None
+    ) -> Product:
         """The product with what its points are followed from at the next steps.
 
         polygons : the region's outline in the right photograph [px]
         reference : the step in between that points were followed from
         """
-        followed = laid_out(_FOLLOWED_LAYOUTS, {"passed": found.passed, "slope": found.slope})
+        followed = laid_out(_FOLLOWED_LAYOUTS, {"passed": found.inherited_covariance, "slope": found.slope})
         carried, between = reference_layouts(reference, self.grid.subset_size)
         attrs = {**self.product.attrs, "polygons": polygons_to_json(polygons), **between}
         return Product("stereo", {**self.product.variables, **followed, **carried}, attrs)

@@ -9,7 +9,8 @@ from pydantic import BaseModel, ConfigDict
 from dicflow.engine.node import Node, Pixels, parameter
 
 if TYPE_CHECKING:
-    from dicflow.core.correlation.material import Search, Updating
+    from dicflow.core.correlation.material import Updating
+    from dicflow.core.correlation.search import Search
 
 __all__ = ["ReferenceUpdate", "ShapeFunction", "SubsetSearch"]
 
@@ -76,7 +77,7 @@ class SubsetSearch(Node):
         subset_size : side of a subset [px]
         noise : behind the low pass [grey levels]
         """
-        from dicflow.core.correlation.material import Search
+        from dicflow.core.correlation.search import Search
         from dicflow.core.correlation.subsets import Subset
 
         subset = Subset(

@@ -20,7 +20,8 @@ if TYPE_CHECKING:
 
     import numpy as np
 
-    from dicflow.core.correlation.material import Anchor, Followed, Search
+    from dicflow.core.correlation.points import FoundPoints, ReferencePhotograph
+    from dicflow.core.correlation.search import Search
     from dicflow.core.correlation.seed import Pairs
     from dicflow.core.photographs.noise import Noise
     from dicflow.core.photographs.region import Polygon
@@ -99,7 +100,7 @@ class Correlate(SubsetSearch):
     def _first_step(self, image: np.ndarray, first: _First) -> Product:
         """The points in the first photograph."""
         from dicflow.core.correlation.course import Course
-        from dicflow.core.correlation.material import at_rest, first_anchor
+        from dicflow.core.correlation.search import first_photograph, points_in_first_photograph
         from dicflow.core.photographs.noise import Noise, first_noise
         from dicflow.core.photographs.region import grid_points
 
@@ -107,7 +108,7 @@ class Correlate(SubsetSearch):
         noise = first_noise(image, first.usable) if self.noise == "auto" else Noise(self.noise, "given", True)
         search = self._search(noise.grey, first)
         points = grid_points(first.outline, self.step_size)
-        found = at_rest(first_anchor(image, first.usable, points, search), search)
+        found = points_in_first_photograph(first_photograph(image, first.usable, points, search), search)
         if not found.valid.any():
             raise StageError(self._subsets_too_large(first.usable))
         exact = found._replace(covariance=0.0 * found.covariance)
@@ -126,8 +127,9 @@ class Correlate(SubsetSearch):
         """The points in every other photograph."""
         import numpy as np
 
-        from dicflow.core.correlation.course import carried_on
-        from dicflow.core.correlation.material import first_anchor, follow_step
+        from dicflow.core.correlation.course import next_course
+        from dicflow.core.correlation.material import follow_step
+        from dicflow.core.correlation.search import first_photograph
         from dicflow.core.photographs.region import grid_points
 
         noise, course, status = before.points.noise, before.points.course, before.points["status"]
@@ -135,9 +137,9 @@ class Correlate(SubsetSearch):
         grid = np.where(lost[..., None], np.nan, grid_points(first.outline, self.step_size))
         between, last = before.points.reference_between, before.points.as_reference(before.image)
 
-        def follow(level: float) -> tuple[Followed, Anchor | None]:
+        def follow(level: float) -> tuple[FoundPoints, ReferencePhotograph | None]:
             search = self._search(level, first)
-            start = first_anchor(first.image, first.usable, grid, search)
+            start = first_photograph(first.image, first.usable, grid, search)
             return follow_step(start, between, last, image, search, self.reference.rule(), pairs, course.expected)
 
         found, reference = follow(noise.grey)
@@ -151,7 +153,7 @@ class Correlate(SubsetSearch):
         polygons = before.points.outline(first.outline, found, grid)
         return Correlation.write(
             found,
-            carried_on(course, last.points, found.warp[..., 0]),
+            next_course(course, last.points, found.warp[..., 0]),
             template,
             (noise, self._search(noise.grey, first).noise),
             polygons,
@@ -170,7 +172,7 @@ class Correlate(SubsetSearch):
         return self.search(self.subset_size, smoothed_noise(noise, first.image, first.usable, self.smoothing))
 
     def _measured_noise(
-        self, noise: Noise, found: Followed, grid: np.ndarray, first: _First, image: np.ndarray
+        self, noise: Noise, found: FoundPoints, grid: np.ndarray, first: _First, image: np.ndarray
     ) -> Noise:
         """The noise that the first photograph and this one show."""
         from dicflow.core.photographs.noise import told_by_motion
@@ -198,7 +200,9 @@ class Correlate(SubsetSearch):
             "region"
         )
 
-    def _facts(self, found: Followed, noise: Noise, image: np.ndarray, polygons: Sequence[Polygon]) -> dict[str, Any]:
+    def _facts(
+        self, found: FoundPoints, noise: Noise, image: np.ndarray, polygons: Sequence[Polygon]
+    ) -> dict[str, Any]:
         """What else a reader should know of a step."""
         from dicflow.core.photographs.region import interior
         from dicflow.core.photographs.texture import saturated_share
@@ -212,13 +216,14 @@ class Correlate(SubsetSearch):
         }
 
 
-def _summary(found: Followed, noise: Noise, overexposed: float) -> dict[str, Any]:
+def _summary(found: FoundPoints, noise: Noise, overexposed: float) -> dict[str, Any]:
     """Scalars of a step; null where no point has a value.
 
     overexposed : share of the region's pixels; NaN where none of it is in the photograph
     """
     import numpy as np
 
+    from dicflow.core.correlation.points import VIA_REFERENCE_STEP
     from dicflow.core.status import Status
 
     valid = found.valid
@@ -230,7 +235,7 @@ def _summary(found: Followed, noise: Noise, overexposed: float) -> dict[str, Any
     return {
         "points": int(valid.sum()),
         "valid_share": float(valid.sum() / max(int(in_region.sum()), 1)),
-        "chained_points": int((found.way == 2).sum()),
+        "chained_points": int((found.route == VIA_REFERENCE_STEP).sum()),
         "znssd": middle(found.znssd),
         "iterations": middle(found.iterations),
         "noise_grey": noise.grey,

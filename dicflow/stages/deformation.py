@@ -75,7 +75,7 @@ class Deformation(Node):
         """``points_first`` are those of the first step."""
         from dicflow.core.cameras.frames import CAMERA, within
         from dicflow.core.strain.deformation_gradient import surface_gradient
-        from dicflow.core.tensors import upper
+        from dicflow.core.tensors import upper_triangle
         from dicflow.core.uncertainty.covariance import joint_covariance, points_in_frame
 
         axes = CAMERA if frame is None else ResultFrame.read(frame).axes
@@ -95,7 +95,7 @@ class Deformation(Node):
         if rig is not None:
             fields |= self._calibration(CalibratedRig.read(rig), (after.xyz, before.xyz), frames, surface)
         fields |= {"xyz": after.xyz, "xyz_reference": before.xyz, "gradient": surface.gradient}
-        fields["covariance"] = upper(covariance)
+        fields["covariance"] = upper_triangle(covariance)
         return self._product(fields, errors, (step, first), _Motion(motion, frames))
 
     def _window(self, points: Points) -> tuple[int, int]:

@@ -19,7 +19,8 @@ if TYPE_CHECKING:
     import numpy as np
 
     from dicflow.core.cameras.camera import Rig
-    from dicflow.core.correlation.material import Followed, Search
+    from dicflow.core.correlation.points import FoundPoints
+    from dicflow.core.correlation.search import Search
     from dicflow.core.correlation.seed import Pairs
 
 __all__ = ["Stereo"]
@@ -127,7 +128,7 @@ class Stereo(SubsetSearch):
 
     def _first_step(self, cameras: Rig, view: _View) -> Product:
         """The points matched at the first step, where left and right and the pattern are checked."""
-        from dicflow.core.correlation.across import passed_on
+        from dicflow.core.correlation.across import inherited_covariance
 
         starts = _from_partners(cameras, view)
         _check_pattern(view.images.right, starts[..., 0])
@@ -137,7 +138,7 @@ class Stereo(SubsetSearch):
         product = self._product(cameras, view, found, ratio)
         if self.match == "every_step":
             return product
-        found = found._replace(passed=passed_on(found, search))
+        found = found._replace(inherited_covariance=inherited_covariance(found, search))
         outline = view.points.outline(view.points_first.polygons, found, view.points_first["xy"])
         return StereoPoints.read(product).to_follow(found, outline)
 
@@ -152,7 +153,8 @@ class Stereo(SubsetSearch):
         """What the first right photograph shows in the one of the step."""
         import numpy as np
 
-        from dicflow.core.correlation.material import cropped, follow_step
+        from dicflow.core.correlation.material import follow_step
+        from dicflow.core.correlation.points import cropped
         from dicflow.core.status import Status
 
         ratio = before.stereo.noise_ratio
@@ -164,34 +166,34 @@ class Stereo(SubsetSearch):
         )
         status = np.where(first_stereo["status"] > Status.FILLED, first_stereo["status"], found.status)
         louder = np.divide(view.points.noise_level, view.points_first.noise_level)
-        found = found._replace(status=status, template=louder**2 * first_stereo["template"])
+        found = found._replace(status=status, template_covariance=louder**2 * first_stereo["template"])
         product = self._product(cameras, view, found, ratio)
         outline = before.stereo.outline(view.points_first.polygons, found, view.points_first["xy"])
         return StereoPoints.read(product).to_follow(found, outline, reference)
 
-    def _matched(self, view: _View, starts: np.ndarray, noise_ratio: float) -> tuple[Followed, Search]:
+    def _matched(self, view: _View, starts: np.ndarray, noise_ratio: float) -> tuple[FoundPoints, Search]:
         """What the left photograph of the step shows in the right one, from starting warps (row, col, 2, 3)."""
         import numpy as np
 
         from dicflow.core.correlation.across import contrast, follow_across
-        from dicflow.core.correlation.material import first_anchor, prepared
+        from dicflow.core.correlation.search import first_photograph, target_spline
         from dicflow.core.photographs.region import interior
 
         image, right = view.images_first.left, view.images.right
         contrasts = contrast(image, view.points_first["xy"]), contrast(right, starts[..., 0])
         search = self.search(view.points.grid.subset_size, view.points.noise_level)
-        search = search._replace(strength=noise_ratio * contrasts[0] / contrasts[1])
+        search = search._replace(target_noise_ratio=noise_ratio * contrasts[0] / contrasts[1])
         usable = interior(view.points_first.polygons, image.shape)
         grid = np.where(np.isfinite(view.points["xy"]), view.points_first["xy"], np.nan)
-        first, between = first_anchor(image, usable, grid, search), view.points.reference_between
-        target = prepared(right, search)
+        first, between = first_photograph(image, usable, grid, search), view.points.reference_between
+        target = target_spline(right, search)
         return follow_across(first, between, view.points["way"], target, starts, search), search
 
-    def _product(self, cameras: Rig, view: _View, found: Followed, noise_ratio: float) -> Product:
+    def _product(self, cameras: Rig, view: _View, found: FoundPoints, noise_ratio: float) -> Product:
         import numpy as np
 
         from dicflow.core.cameras.epipolar import epipolar_distance
-        from dicflow.core.correlation.across import overexposed
+        from dicflow.core.correlation.across import overexposed_share
         from dicflow.core.status import Status
 
         left, places = view.points, found.warp[..., 0]
@@ -199,7 +201,7 @@ class Stereo(SubsetSearch):
         status = _status(left["status"], found.status)
         status[(status == Status.VALID) & ~(apart <= self.max_epipolar)] = Status.EPIPOLAR
         kept = status == Status.VALID
-        share = overexposed(view.images.right, places)
+        share = overexposed_share(view.images.right, places)
         summary = {
             **_summary(left["status"], status, apart[kept], found.iterations[kept]),
             "overexposed_share": share if np.isfinite(share) else None,
@@ -211,10 +213,10 @@ class Stereo(SubsetSearch):
 
 def _check_pattern(image: np.ndarray, places: np.ndarray) -> None:
     """The first right photograph must show a pattern where the points are, about (row, col, 2), as far as is known."""
-    from dicflow.core.correlation.across import enclosed
+    from dicflow.core.correlation.across import grid_mask
     from dicflow.core.photographs.pattern import check_pattern
 
-    seen = enclosed(image.shape, places)
+    seen = grid_mask(image.shape, places)
     try:
         if seen.any():
             check_pattern(image, seen, "the first right photograph")
@@ -233,23 +235,23 @@ def _noise_ratio(view: _View, starts: np.ndarray) -> float:
 
 def _from_before(view: _View, before: _Before) -> np.ndarray | None:
     """Starting warps (row, col, 2, 3) if the right photograph sees the surface as before; None where it does not."""
-    from dicflow.core.correlation.across import Step, as_before, borne_out
+    from dicflow.core.correlation.across import PointsInStep, starts_agree, starts_from_previous_step
 
     steps = (view.points, before.points, before.stereo)
-    starts = as_before(*(Step(step["xy"], step["gradient"]) for step in steps))
+    starts = starts_from_previous_step(*(PointsInStep(step["xy"], step["gradient"]) for step in steps))
     centres = view.points_first["xy"]
-    return starts if borne_out(view.images_first.left, view.images.right, centres, starts) else None
+    return starts if starts_agree(view.images_first.left, view.images.right, centres, starts) else None
 
 
 def _moved_along(view: _View, before: _Before) -> Pairs:
     """Some points in the right photograph of the step before, and where the motion in the left one puts them."""
     import numpy as np
 
-    from dicflow.core.correlation.across import Step, as_before
+    from dicflow.core.correlation.across import PointsInStep, starts_from_previous_step
     from dicflow.core.correlation.seed import Pairs
 
-    steps = (Step(step["xy"], step["gradient"]) for step in (view.points, before.points, before.stereo))
-    places = np.stack([before.stereo["xy"], as_before(*steps)[..., 0]])
+    steps = (PointsInStep(step["xy"], step["gradient"]) for step in (view.points, before.points, before.stereo))
+    places = np.stack([before.stereo["xy"], starts_from_previous_step(*steps)[..., 0]])
     known = places[:, np.isfinite(places).all(axis=(0, -1))]
     return Pairs(*known[:, :: 1 + known.shape[1] // _FOLLOWED_PAIRS])
 
@@ -258,7 +260,7 @@ def _from_partners(cameras: Rig, view: _View) -> np.ndarray:
     """Starting warps (row, col, 2, 3) from points found along their epipolar lines."""
     import numpy as np
 
-    from dicflow.core.correlation.partners import find_partners, right_of_left, started
+    from dicflow.core.correlation.partners import find_partners, right_of_left, starting_warps
 
     places = view.points["xy"]
     stride = int(np.ceil(np.sqrt(np.isfinite(places[..., 0]).sum() / _SEEDS)))
@@ -268,10 +270,10 @@ def _from_partners(cameras: Rig, view: _View) -> np.ndarray:
         partners = find_partners(cameras, view.images.left, view.images.right, seeds, window)
     except ValueError as error:
         raise StageError(f"the rig cannot be rectified: {error}; calibrate again") from error
-    return started(view.points["warp"], *right_of_left(partners, places))
+    return starting_warps(view.points["warp"], *right_of_left(partners, places))
 
 
-def _check_order(cameras: Rig, view: _View, found: Followed) -> None:
+def _check_order(cameras: Rig, view: _View, found: FoundPoints) -> None:
     """Raise StageError where left and right are exchanged, or nothing is seen by both cameras."""
     import numpy as np
 

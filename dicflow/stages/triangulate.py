@@ -110,25 +110,25 @@ def _two_errors(left: Correlation, right: Stereo) -> np.ndarray:
     """Covariance (row, col, 10) of the template's error and of what the right shape function adds to it [px²]."""
     import numpy as np
 
-    from dicflow.core.tensors import symmetric, upper
+    from dicflow.core.tensors import symmetric, upper_triangle
 
     template = left["template"]
     both = np.zeros((*template.shape[:2], 4, 4))
     both[..., :2, :2] = symmetric(template)
     both[..., 2:, 2:] = symmetric(_positive(right["template"] - template))
-    return upper(both)
+    return upper_triangle(both)
 
 
 def _positive(covariance: np.ndarray) -> np.ndarray:
     """The nearest covariances (row, col, 3): without negative variances."""
     import numpy as np
 
-    from dicflow.core.tensors import symmetric, upper
+    from dicflow.core.tensors import symmetric, upper_triangle
 
     known = np.isfinite(covariance).all(axis=-1)
     nearest = np.full(covariance.shape, np.nan)
     values, axes = np.linalg.eigh(symmetric(covariance[known]))
-    nearest[known] = upper((axes * np.maximum(values, 0.0)[..., None, :]) @ np.swapaxes(axes, -1, -2))
+    nearest[known] = upper_triangle((axes * np.maximum(values, 0.0)[..., None, :]) @ np.swapaxes(axes, -1, -2))
     return nearest
 
 

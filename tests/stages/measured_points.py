@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from dicflow.core.cameras.camera import Camera, Rig, camera_matrix, project, rotation_matrix, to_right
-from dicflow.core.tensors import upper
+from dicflow.core.tensors import upper_triangle
 from dicflow.engine.product import Product, Variable
 from tests.noise import point_errors
 
@@ -51,9 +51,9 @@ def points(xyz, rng=None, common=None, sensitivity=SENSITIVITY, scale=1.0):
         "xy": seen[0],
         "xy_right": seen[1],
         "xyz": xyz,
-        "covariance": np.broadcast_to(upper(scale**2 * OWN_MM2), (*SHAPE, 6)),
+        "covariance": np.broadcast_to(upper_triangle(scale**2 * OWN_MM2), (*SHAPE, 6)),
         "sensitivity": np.broadcast_to(sensitivity, (*SHAPE, 3, 2)),
-        "template": np.broadcast_to(upper(TEMPLATE_PX2), (*SHAPE, 3)),
+        "template": np.broadcast_to(upper_triangle(TEMPLATE_PX2), (*SHAPE, 3)),
         "status": status,
         "way": np.ones(SHAPE, np.uint8),
     }

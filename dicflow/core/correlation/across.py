@@ -1,8 +1,8 @@
 """Material points of the first left photograph found in a right one.
 
-The template is that of the left camera. Points that the left camera lost sight of with the first photograph, and found
-again through a reference in between, are looked for with the subsets of this reference; what its way there adds to
-their errors is then common to both photographs and left to who knows both.
+The template is that of the left camera. Points that were found in the left photograph via a reference step are searched
+for with the subsets of that step. The errors that the route to it adds are common to both photographs, so they are not
+part of the covariance here.
 """
 
 from __future__ import annotations
@@ -11,13 +11,13 @@ from typing import NamedTuple
 
 import cv2
 import numpy as np
-import numpy.typing as npt
 
-from dicflow.core.arrays import Array, Grey, Mask
+from dicflow.core.arrays import Array, Codes, Grey, Mask
 from dicflow.core.correlation.chain import uncancelled_noise
-from dicflow.core.correlation.material import Anchor, Followed, Search, attempt, cropped, merged
-from dicflow.core.correlation.partners import started
-from dicflow.core.correlation.seed import ACCEPTED, BLUR_PX, agreement
+from dicflow.core.correlation.partners import starting_warps
+from dicflow.core.correlation.points import VIA_REFERENCE_STEP, FoundPoints, ReferencePhotograph, cropped, merged
+from dicflow.core.correlation.search import Search, find_points
+from dicflow.core.correlation.seed import ACCEPTED_CORRELATION, BLUR_PX, window_correlation
 from dicflow.core.correlation.warp import TERMS
 from dicflow.core.photographs.interpolate import Spline
 from dicflow.core.photographs.noise import image_noise, interpolated_noise
@@ -25,26 +25,24 @@ from dicflow.core.photographs.texture import saturation
 from dicflow.core.tensors import congruent, inverse
 
 __all__ = [
-    "Step",
-    "as_before",
-    "borne_out",
+    "PointsInStep",
     "contrast",
-    "enclosed",
     "follow_across",
+    "grid_mask",
+    "inherited_covariance",
     "noise_ratio",
-    "overexposed",
-    "passed_on",
+    "overexposed_share",
+    "starts_agree",
+    "starts_from_previous_step",
 ]
 
 
-_SOME = 0.5
-"""Share of the points that must have a start."""
-THROUGH = 2
-"""Way of a point that was found through a reference in between."""
+_MIN_SHARE_WITH_START = 0.5
+"""Share of the points that must have a starting warp."""
 
 
-class Step(NamedTuple):
-    """What the left photograph of a step, and perhaps the right one, say of the material points on a grid (row, col).
+class PointsInStep(NamedTuple):
+    """Places of the material points, on a grid (row, col), in the left or the right photograph of a step.
 
     xy : (..., 2) [px]; gradient : (..., 2, 2) — from the first left photograph
     """
@@ -54,80 +52,91 @@ class Step(NamedTuple):
 
 
 def follow_across(
-    first: Anchor, reference: Anchor | None, way: npt.NDArray[np.uint8], target: Spline, starts: Array, search: Search
-) -> Followed:
+    first: ReferencePhotograph,
+    reference_step: ReferencePhotograph | None,
+    route: Codes,
+    target: Spline,
+    starts: Array,
+    search: Search,
+) -> FoundPoints:
     """Find material points in a right photograph.
 
-    first, reference : the left photographs that points are found from
-    way : (row, col) — by which each point was found in the left photograph of the step
-    starts : (row, col, 2, 3) — warps from the first left photograph; NaN where nothing is known
-    Returns the points; their covariance is that of the right photograph's noise alone. A point whose reference is no
-    longer known, since a later one has been taken, is looked for with the first photograph.
+    first, reference_step : left photographs
+    route : (row, col) — by which each point was found in the left photograph of the step
+    starts : (row, col, 2, 3) — warps from the first left photograph; NaN where unknown
+    Returns the points, with the covariance by the right photograph's noise alone. A point without a place in the
+    reference step, because a later step has replaced the one it was found with, is searched for with the first
+    photograph.
     """
-    if reference is None:
-        return attempt(_part(first, np.ones_like(way, dtype=bool), search), target, starts, search)
-    through = (way == THROUGH) & np.isfinite(reference.points).all(axis=-1)
-    found = attempt(_part(first, ~through, search), target, starts, search)
-    chained = attempt(_part(reference, through, search), target, starts, search)
-    return merged(found, chained._replace(way=np.where(chained.valid, np.uint8(THROUGH), chained.way)))
+    if reference_step is None:
+        return find_points(_selected(first, np.ones_like(route, dtype=bool), search), target, starts, search)
+    through = (route == VIA_REFERENCE_STEP) & np.isfinite(reference_step.points).all(axis=-1)
+    found = find_points(_selected(first, ~through, search), target, starts, search)
+    chained = find_points(_selected(reference_step, through, search), target, starts, search)
+    routes = np.where(chained.valid, np.uint8(VIA_REFERENCE_STEP), chained.route)
+    return merged(found, chained._replace(route=routes))
 
 
-def passed_on(matched: Followed, search: Search) -> Array:
-    """Covariance (row, col, 3) that matched points pass on to places found with subsets of the right photograph [px²].
+def inherited_covariance(matched: FoundPoints, search: Search) -> Array:
+    """Covariance (row, col, 3) that places found with subsets of the right photograph inherit from the match [px²].
 
-    matched, search : of :func:`follow_across` from the first left photograph, on the grid (row, col)
+    matched : result of :func:`follow_across` with the first left photograph and ``search``, on the grid (row, col)
 
-    The noise of the right photograph, which led to a point, leads away from it again with the point's own subset, and
-    little of it remains (:func:`dicflow.core.correlation.chain.uncancelled_noise`). What the two cameras see
-    differently remains.
+    The noise of the right photograph moved the matched point; with the point's own subset as the template it moves
+    later places back, and little of it remains (:func:`dicflow.core.correlation.chain.uncancelled_noise`). The misfit
+    between the two cameras remains.
     """
     slope = matched.slope
-    noise = search.strength**2 * congruent(slope, matched.template)
-    remains = uncancelled_noise(slope, matched.warp.shape[-1], search.degree)
-    return np.asarray(matched.covariance + (remains - interpolated_noise(slope, search.degree))[..., None] * noise)
+    noise = search.target_noise_ratio**2 * congruent(slope, matched.template_covariance)
+    remaining = uncancelled_noise(slope, matched.warp.shape[-1], search.degree)
+    return np.asarray(matched.covariance + (remaining - interpolated_noise(slope, search.degree))[..., None] * noise)
 
 
-def _part(anchor: Anchor, wanted: Mask, search: Search) -> Anchor:
-    """The wanted points of an anchor, as if their places in it were exact, with warps as the search has them."""
+def _selected(reference: ReferencePhotograph, selected: Mask, search: Search) -> ReferencePhotograph:
+    """Selected points of a reference photograph, with exact places and warps of the search's shape."""
     terms = TERMS[search.subset.shape_function]
-    warp = np.zeros((*anchor.warp.shape[:-1], terms))
-    shared = min(terms, anchor.warp.shape[-1])
-    warp[..., :shared] = anchor.warp[..., :shared]
-    points = np.where(wanted[..., None], anchor.points, np.nan)
-    exact = np.zeros(anchor.passed.shape)
-    return cropped(anchor._replace(points=points, warp=warp, passed=exact), search.subset.size)
+    warp = np.zeros((*reference.warp.shape[:-1], terms))
+    shared = min(terms, reference.warp.shape[-1])
+    warp[..., :shared] = reference.warp[..., :shared]
+    points = np.where(selected[..., None], reference.points, np.nan)
+    exact = np.zeros(reference.inherited_covariance.shape)
+    return cropped(reference._replace(points=points, warp=warp, inherited_covariance=exact), search.subset.size)
 
 
-def as_before(left: Step, left_before: Step, right_before: Step) -> Array:
-    """Starting warps (row, col, 2, 3) for a right photograph that sees the surface as it did at the step before."""
+def starts_from_previous_step(left: PointsInStep, left_before: PointsInStep, right_before: PointsInStep) -> Array:
+    """Starting warps (row, col, 2, 3) for a right photograph, as if it saw the surface as at the previous step."""
     slope = right_before.gradient @ inverse(left_before.gradient)
     moved = (slope @ (left.xy - left_before.xy)[..., None])[..., 0]
-    return started(np.concatenate([left.xy[..., None], left.gradient], axis=-1), right_before.xy + moved, slope)
+    return starting_warps(np.concatenate([left.xy[..., None], left.gradient], axis=-1), right_before.xy + moved, slope)
 
 
-def borne_out(left: Grey, right: Grey, centres: Array, starts: Array) -> bool:
-    """Whether the photographs look alike where starting warps (row, col, 2, 3) put points (row, col, 2) [px]."""
-    wanted = np.isfinite(centres).all(axis=-1)
-    known = wanted & np.isfinite(starts).all(axis=(-2, -1))
-    smooth, other = (cv2.GaussianBlur(image.astype(np.float32), (0, 0), BLUR_PX) for image in (left, right))
-    some = known.sum() > _SOME * wanted.sum()
-    return bool(some and agreement(smooth, other, centres[known], starts[known]) >= ACCEPTED)
+def starts_agree(left: Grey, right: Grey, centres: Array, starts: Array) -> bool:
+    """Whether the grey levels of both photographs agree with starting warps (row, col, 2, 3) of points (row, col, 2).
+
+    left, centres : the photograph that the warps start from, and the points in it [px]
+    """
+    in_grid = np.isfinite(centres).all(axis=-1)
+    known = in_grid & np.isfinite(starts).all(axis=(-2, -1))
+    if known.sum() <= _MIN_SHARE_WITH_START * in_grid.sum():
+        return False
+    smooth_left, smooth_right = (cv2.GaussianBlur(image.astype(np.float32), (0, 0), BLUR_PX) for image in (left, right))
+    return window_correlation(smooth_left, smooth_right, centres[known], starts[known]) >= ACCEPTED_CORRELATION
 
 
 def contrast(image: Grey, places: Array) -> float:
-    """Standard deviation of the grey levels at places (..., 2) [px] in an image; 1 where there is none."""
+    """Standard deviation of the grey levels at places (..., 2) [px] in an image; 1 where it is 0 or unknown."""
     levels = _levels(image, places)
     return float(np.std(levels)) or 1.0 if len(levels) > 1 else 1.0
 
 
-def overexposed(image: Grey, places: Array) -> float:
-    """Share of places (..., 2) [px] at which an image is as bright as it can be; NaN where it shows none of them."""
+def overexposed_share(image: Grey, places: Array) -> float:
+    """Share of places (..., 2) [px] at which an image is overexposed; NaN where all are outside the image."""
     levels = _levels(image, places)
     return float(np.mean(levels > saturation(image))) if len(levels) else float("nan")
 
 
 def _levels(image: Grey, places: Array) -> Grey:
-    """Grey levels (n,) at the places (..., 2) that lie in an image [px]."""
+    """Grey levels (n,) at those of the places (..., 2) [px] that lie in an image."""
     height, width = image.shape
     x, y = np.rint(places[np.isfinite(places).all(axis=-1)]).astype(int).T
     inside = (x >= 0) & (x < width) & (y >= 0) & (y < height)
@@ -135,20 +144,20 @@ def _levels(image: Grey, places: Array) -> Grey:
 
 
 def noise_ratio(left: Grey, right: Grey, places: Array, places_right: Array) -> float:
-    """Noise of the right photograph over that of the left one, in grey levels; 1 where it cannot be told.
+    """Noise of the right photograph over that of the left one, in grey levels; 1 where it is unknown.
 
     places, places_right : (row, col, 2) — of the same points in both [px]; NaN where unknown
 
-    What the pattern adds to an estimate from one photograph is much the same in both.
+    The pattern adds to an estimate from a single photograph, but by much the same factor in both.
     """
     known = np.asarray(np.isfinite(places + places_right).all(axis=-1))
     views = (left, places), (right, places_right)
-    levels = [image_noise(image, enclosed(image.shape, np.where(known[..., None], at, np.nan))) for image, at in views]
+    levels = [image_noise(image, grid_mask(image.shape, np.where(known[..., None], at, np.nan))) for image, at in views]
     return float(np.clip(levels[1] / levels[0], 0.1, 10.0)) if min(levels) > 0.0 else 1.0
 
 
-def enclosed(shape: tuple[int, ...], places: Array) -> Mask:
-    """The part of an image that neighbouring points of a grid (row, col, 2) enclose [px]; NaN where there is none."""
+def grid_mask(shape: tuple[int, ...], places: Array) -> Mask:
+    """Pixels of an image inside the cells of a grid of places (row, col, 2) [px]; NaN where a place is missing."""
     known = np.asarray(np.isfinite(places).all(axis=-1))
     inside = np.zeros(shape, dtype=np.uint8)
     whole = known[:-1, :-1] & known[1:, :-1] & known[:-1, 1:] & known[1:, 1:]

@@ -1,4 +1,4 @@
-"""Where material points are that a photograph does not show, by their last known places and motions."""
+"""Where material points without a value should be, by their last known places and motions."""
 
 from __future__ import annotations
 
@@ -8,14 +8,14 @@ import numpy as np
 
 from dicflow.core.arrays import Array
 
-__all__ = ["Course", "carried_on"]
+__all__ = ["Course", "next_course"]
 
 
 class Course(NamedTuple):
-    """Points on their way through a series of photographs.
+    """Last known places and motions of points at a step.
 
-    place : (..., 2) — at a step: as found, or as the motion has carried them on; NaN for what was never found [px]
-    motion : (..., 2) — since the step before, the last one known [px]
+    place : (..., 2) — as found, or else extrapolated by the last motion; NaN for points that were never found [px]
+    motion : (..., 2) — the last known one from a step to the next [px]
     """
 
     place: Array
@@ -23,21 +23,21 @@ class Course(NamedTuple):
 
     @property
     def expected(self) -> Array:
-        """Where the next photograph will have the points, if they move on alike (..., 2) [px]."""
+        """Places at the next step if the motion stays the same (..., 2) [px]."""
         return self.place + self.motion
 
 
-def carried_on(course: Course, before: Array, found: Array) -> Course:
+def next_course(course: Course, previous: Array, found: Array) -> Course:
     """The course at the next step.
 
-    before, found : (..., 2) — places found at the step before and at this one [px]; NaN where there are none
+    previous, found : (..., 2) — places found at the previous step and at this one [px]; NaN where not found
 
-    A point that has just been found again has no motion yet.
+    The motion of a point that was not found at the previous step is 0.
 
     >>> course = Course(np.array([[5.0, 5.0]]), np.array([[-4.0, 0.0]]))
     >>> carried_on(course, np.array([[5.0, 5.0]]), np.array([[np.nan, np.nan]])).expected
     array([[-3.,  5.]])
     """
     known = np.isfinite(found)
-    motion = np.where(known, np.nan_to_num(found - before), course.motion)
+    motion = np.where(known, np.nan_to_num(found - previous), course.motion)
     return Course(np.where(known, found, course.expected), motion)

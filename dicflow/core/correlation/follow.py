@@ -1,9 +1,9 @@
-"""A grid of subsets followed from one image into another, every point started from what its neighbours found.
+"""A grid of subsets correlated, every point started from the warps of its neighbours.
 
-First a coarse grid is correlated, from given starts and from there outwards, wave after wave of points that start where
-their neighbours say (after Pan, Applied Optics 48, 2009, who takes points one by one; here all points of a wave are
-independent of each other, so that they can be shared between threads). Then grids of half the spacing, started in the
-same way; on each, points without a value are tried again from what has been found around them.
+First a coarse grid is correlated: points with a start, and from there outwards wave after wave of their neighbours
+(after Pan, Applied Optics 48, 2009, who takes points one by one; here the points of a wave are independent of each
+other, so that threads can share them). Then come grids of half the spacing, started in the same way; on each, points
+without a value are tried again from the points found around them.
 """
 
 from __future__ import annotations
@@ -14,11 +14,10 @@ from typing import Any, NamedTuple
 
 import cv2
 import numpy as np
-import numpy.typing as npt
 from numba import njit
 from scipy.spatial import cKDTree
 
-from dicflow.core.arrays import Array, Index, Mask
+from dicflow.core.arrays import Array, Codes, Index, Iterations, Mask
 from dicflow.core.correlation.subsets import Correlated, Subset, Template, correlate
 from dicflow.core.correlation.warp import TERMS, recentred
 from dicflow.core.photographs.interpolate import Spline
@@ -28,25 +27,29 @@ __all__ = ["Field", "correlate_field"]
 
 
 _STRIDES = (8, 4, 2, 1)
-_TRIES = 3
-_ENOUGH, _SHARE = 20, 0.95
-_BEST_ZNSSD = 1e-3
+"""Spacings of the grids [points]."""
+_MAX_TRIES = 3
+_MIN_RATIOS, _CONTRACTION_QUANTILE = 20, 0.95
+"""Points that fix the contraction, and the quantile of theirs that it is."""
+_ZNSSD_OFFSET = 1e-3
+"""Added to the ZNSSD of a neighbour, whose weight is the inverse."""
 _VALID = int(Status.VALID)
-_HOPELESS = (Status.CUT_SUBSET, Status.LOW_TEXTURE)
+_FINAL_STATUSES = (Status.CUT_SUBSET, Status.LOW_TEXTURE)
+"""A point with one of these is not tried again: the reason does not depend on the start."""
 
 
 class Field(NamedTuple):
     """Correlated subsets on a grid.
 
-    warp : (rows, cols, 2, 3 or 6) float64 — NaN where there is no value
+    warp : (rows, cols, 2, 3 or 6) float64 — NaN where a subset was not found
     znssd : (rows, cols) float64; iterations : (rows, cols) int16; status : (rows, cols) uint8
-    covariance : (rows, cols, 3) float64 — as in core.correlate.Correlated
+    covariance : (rows, cols, 3) float64 — see :class:`dicflow.core.correlation.subsets.Correlated`
     """
 
     warp: Array
     znssd: Array
-    iterations: npt.NDArray[np.int16]
-    status: npt.NDArray[np.uint8]
+    iterations: Iterations
+    status: Codes
     covariance: Array
 
 
@@ -60,29 +63,30 @@ def correlate_field(
     max_znssd: float = 0.6,
     threads: int = 1,
 ) -> Field:
-    """Follow a grid of subsets.
+    """Find a grid of subsets in the target.
 
-    grid : (rows, cols, 2) — centres, whole pixels of the reference; NaN outside the region
-    starts : (rows, cols, 2, 3) — affine warps to start from, right to a few pixels; NaN where nothing is known
-    max_znssd : what fits worse is no match and gets the status LOW_CORRELATION
+    grid : (rows, cols, 2) — centres, whole pixels of the reference photograph; NaN outside the region
+    starts : (rows, cols, 2, 3) — affine warps to start from, right to a few pixels; NaN where unknown
+    max_znssd : a subset that fits worse is not found and gets the status LOW_CORRELATION
 
-    Points that no start and no neighbour leads to stay UNTRACKED.
+    Points with neither a start nor a neighbour that was found stay UNTRACKED.
     """
-    search = _Search(
-        reference, target, grid, subset, max_znssd, threads, _empty(grid, subset), np.zeros(grid.shape[:2])
+    search = _FieldSearch(
+        reference, target, grid, subset, max_znssd, threads, _untracked_field(grid, subset), np.zeros(grid.shape[:2])
     )
     for stride in _STRIDES:
         search.fill(stride, starts)
-        search.learn()
+        search.update_contraction()
     return search.field
 
 
 @dataclasses.dataclass
-class _Search:
-    """A field under way.
+class _FieldSearch:
+    """A search that fills ``field``.
 
-    tries : (rows, cols) — how often each point was looked for
-    ratios : by how much increments shrank, of points so far; contraction : what nearly all of them stay below
+    tries : (rows, cols) — how often each point was searched for
+    ratios : last increment over the one before, of the points so far
+    contraction : estimate from ``ratios`` for the next points, 1 until there are enough
     """
 
     reference: Template
@@ -97,30 +101,30 @@ class _Search:
     contraction: float = 1.0
 
     def fill(self, stride: int, starts: Array) -> None:
-        """Find every ``stride``-th point of the grid, each way, that neighbours on this lattice or a start lead to."""
+        """Find the points on every ``stride``-th row and column that have a start or a neighbour that was found."""
         lattice = (slice(None, None, stride),) * 2
         status, tries, inside = self.field.status[lattice], self.tries[lattice], np.isfinite(self.grid[..., 0])[lattice]
         points = stride * np.argwhere(status == Status.UNTRACKED)
-        self.attempt(points, self.first_guess(points, stride, starts))
-        fresh = status == Status.VALID
-        while fresh.any():
-            before = status == Status.VALID
-            lost = inside & ~before & ~np.isin(status, _HOPELESS) & (tries < _TRIES)
-            points = stride * np.argwhere(lost & _around(fresh))
-            self.attempt(points, self.predicted(points, stride))
-            fresh = (status == Status.VALID) & ~before
+        self.correlate_points(points, self.starting_warps(points, stride, starts))
+        newly_found = status == Status.VALID
+        while newly_found.any():
+            found_before = status == Status.VALID
+            lost = inside & ~found_before & ~np.isin(status, _FINAL_STATUSES) & (tries < _MAX_TRIES)
+            points = stride * np.argwhere(lost & _dilated(newly_found))
+            self.correlate_points(points, self.predicted_warps(points, stride))
+            newly_found = (status == Status.VALID) & ~found_before
 
-    def first_guess(self, points: Index, stride: int, starts: Array) -> Array:
-        """Warps (n, 2, 3) that the neighbours say, or else the starts at the points (n, 2), or the nearest start."""
-        guess = self.predicted(points, stride)
-        unknown = np.isnan(guess[:, 0, 0])
-        guess[unknown] = starts[tuple(points[unknown].T)]
-        unknown = np.isnan(guess[:, 0, 0])
-        guess[unknown] = _nearest(starts, self.grid, points[unknown], stride)
-        return guess
+    def starting_warps(self, points: Index, stride: int, starts: Array) -> Array:
+        """Warps (n, 2, 3) of points (n, 2): predicted by neighbours, or else the start there, or the nearest start."""
+        warps = self.predicted_warps(points, stride)
+        unknown = np.isnan(warps[:, 0, 0])
+        warps[unknown] = starts[tuple(points[unknown].T)]
+        unknown = np.isnan(warps[:, 0, 0])
+        warps[unknown] = _nearest(starts, self.grid, points[unknown], stride)
+        return warps
 
-    def attempt(self, points: Index, starts: Array) -> None:
-        """Correlate points (n, 2) of the grid from affine warps (n, 2, 3), those that have one."""
+    def correlate_points(self, points: Index, starts: Array) -> None:
+        """Correlate points (n, 2) of the grid from affine warps (n, 2, 3), except where these are NaN."""
         known = np.isfinite(starts).all(axis=(-2, -1))
         rows, cols = points[known].T
         start = np.zeros((len(rows), 2, TERMS[self.subset.shape_function]))
@@ -130,32 +134,32 @@ class _Search:
         )
         self.ratios.append(found.contraction[np.isfinite(found.contraction)])
         self.tries[rows, cols] += 1
-        pairs: Iterable[tuple[Any, Any]] = zip(self.field, self._judged(found), strict=False)
+        pairs: Iterable[tuple[Any, Any]] = zip(self.field, self._without_bad_fits(found), strict=False)
         for kept, new in pairs:
             kept[rows, cols] = new
 
-    def learn(self) -> None:
-        """Take the contraction from the points so far, once they are enough to tell."""
+    def update_contraction(self) -> None:
+        """Estimate the contraction once, from the points so far, as soon as there are enough."""
         ratios = np.concatenate(self.ratios)
-        if self.contraction == 1.0 and len(ratios) >= _ENOUGH:
-            self.contraction = min(1.0, float(np.quantile(ratios, _SHARE)))
+        if self.contraction == 1.0 and len(ratios) >= _MIN_RATIOS:
+            self.contraction = min(1.0, float(np.quantile(ratios, _CONTRACTION_QUANTILE)))
 
-    def _judged(self, found: Correlated) -> Correlated:
-        """What fits badly is no match."""
+    def _without_bad_fits(self, found: Correlated) -> Correlated:
+        """The results, with the status LOW_CORRELATION and no value for subsets that fit badly."""
         bad = (found.status == Status.VALID) & ~(found.znssd <= self.max_znssd)
         found.status[bad] = Status.LOW_CORRELATION
         found.warp[bad] = np.nan
         found.covariance[bad] = np.nan
         return found
 
-    def predicted(self, points: Index, stride: int) -> Array:
-        """Affine warps (n, 2, 3) that the eight points ``stride`` away say of points (n, 2); NaN where none is good."""
+    def predicted_warps(self, points: Index, stride: int) -> Array:
+        """Warps (n, 2, 3) of points (n, 2) from their eight neighbours ``stride`` away; NaN where none is valid."""
         warps = np.full((len(points), 2, 3), np.nan)
-        _predict(points, self.field.status, self.field.warp, self.grid, self.field.znssd, stride, warps)
+        _predict_warps(points, self.field.status, self.field.warp, self.grid, self.field.znssd, stride, warps)
         return warps
 
 
-def _empty(grid: Array, subset: Subset) -> Field:
+def _untracked_field(grid: Array, subset: Subset) -> Field:
     shape = grid.shape[:2]
     status = np.where(np.isfinite(grid).all(axis=-1), Status.UNTRACKED, Status.OUTSIDE).astype(np.uint8)
     return Field(
@@ -168,26 +172,28 @@ def _empty(grid: Array, subset: Subset) -> Field:
 
 
 def _nearest(starts: Array, grid: Array, points: Index, stride: int) -> Array:
-    """The start nearest on the grid to each point (n, 2) of a lattice, at most half a stride away; NaN without any."""
+    """Warps (n, 2, 3) by the start nearest to each point (n, 2); NaN where all are farther than half a stride."""
     warps = np.full((len(points), 2, 3), np.nan)
-    given = np.argwhere(np.isfinite(starts[..., 0, 0]))
-    if not len(points) or not len(given):
+    with_start = np.argwhere(np.isfinite(starts[..., 0, 0]))
+    if not len(points) or not len(with_start):
         return warps
-    away, which = cKDTree(given).query(points, p=np.inf, distance_upper_bound=stride / 2 + 1e-9)
-    known = np.isfinite(away)
-    here, there = tuple(points[known].T), tuple(given[which[known]].T)
+    distance, index = cKDTree(with_start).query(points, p=np.inf, distance_upper_bound=stride / 2 + 1e-9)
+    known = np.isfinite(distance)
+    here, there = tuple(points[known].T), tuple(with_start[index[known]].T)
     warps[known] = recentred(starts[there], grid[here] - grid[there])
     return warps
 
 
-def _around(mask: Mask) -> Mask:
-    """Points with one of the mask among themselves and their eight neighbours."""
+def _dilated(mask: Mask) -> Mask:
+    """The mask grown by one point in all eight directions."""
     return np.asarray(cv2.dilate(mask.astype(np.uint8), np.ones((3, 3), dtype=np.uint8)) > 0, dtype=np.bool_)
 
 
 @njit(cache=True, nogil=True)
-def _predict(points: Any, status: Any, warp: Any, grid: Any, znssd: Any, stride: int, out: Any) -> None:
-    """Mean over the good ones of the eight neighbours of where their warps put a point, the better the weightier."""
+def _predict_warps(
+    points: Index, status: Codes, warp: Array, grid: Array, znssd: Array, stride: int, out: Array
+) -> None:
+    """Mean of what the warps of the valid ones of eight neighbours predict, weighted by how well these fit."""
     rows, cols = status.shape
     sums = np.empty((2, 3))
     for k in range(len(points)):
@@ -196,7 +202,7 @@ def _predict(points: Any, status: Any, warp: Any, grid: Any, znssd: Any, stride:
         for a in range(i - stride, i + stride + 1, stride):
             for b in range(j - stride, j + stride + 1, stride):
                 if 0 <= a < rows and 0 <= b < cols and status[a, b] == _VALID:
-                    weight = 1.0 / (znssd[a, b] + _BEST_ZNSSD)
+                    weight = 1.0 / (znssd[a, b] + _ZNSSD_OFFSET)
                     total += weight
                     x, y = grid[i, j, 0] - grid[a, b, 0], grid[i, j, 1] - grid[a, b, 1]
                     _add_recentred(warp[a, b], x, y, weight, sums)
@@ -205,8 +211,8 @@ def _predict(points: Any, status: Any, warp: Any, grid: Any, znssd: Any, stride:
 
 
 @njit(cache=True, nogil=True)
-def _add_recentred(warp: Any, x: float, y: float, weight: float, out: Any) -> None:
-    """Add the affine part of a warp about the point at (x, y) from its centre."""
+def _add_recentred(warp: Array, x: float, y: float, weight: float, out: Array) -> None:
+    """Add the weighted affine part of a warp, taken about the point at (x, y) from its centre."""
     for axis in range(2):
         c = warp[axis]
         place, by_x, by_y = c[0] + c[1] * x + c[2] * y, c[1], c[2]

@@ -1,101 +1,126 @@
-"""Gauss-Newton for one subset: the steps of correlation (core.correlate), over the sums of core.subset_sums."""
+"""Gauss-Newton for one subset of :mod:`dicflow.core.correlation.subsets`."""
 
 from __future__ import annotations
 
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numba import njit
 
+from dicflow.core.arrays import Array, Image
 from dicflow.core.cholesky import factorise, solve
 from dicflow.core.correlation.subset_sums import (
+    Pixels,
+    Places,
     centre_grey,
     gathered_sums,
+    grey_sums,
+    locate_pixels,
     normal_matrix,
-    place,
     sample_runs,
     slope_sums,
-    sums,
 )
 from dicflow.core.status import Status
 
-__all__ = ["Normal", "covariance", "iterate", "prepare"]
+__all__ = ["Control", "NormalEquations", "covariance", "iterate", "prepare"]
 
-_SINGULAR = 1e-6
-_SCATTERED = 0.2
-"""Slip per pixel, along a row of the target or across rows, from which runs are too short to be worth it."""
+_MIN_PIVOT_SHARE = 1e-6
+"""Of the Hessian; with a smaller pivot the subset has too little texture."""
+_MAX_SLIP_OF_RUNS = 0.2
+"""Slip per pixel, along a row of the target or across rows, up to which runs are long enough to be faster."""
 _VALID, _OUTSIDE, _NOT_CONVERGED = int(Status.VALID), int(Status.OUTSIDE), int(Status.NOT_CONVERGED)
 
 
-class Normal(NamedTuple):
-    """The normal equations of one subset of n pixels.
+class Control(NamedTuple):
+    """Settings of the iteration; see :class:`dicflow.core.correlation.subsets.Subset` and ``correlate`` there."""
+
+    min_share: float
+    iterations: int
+    tolerance_px: float
+    is_weighted: bool
+    contraction: float
+
+
+class NormalEquations(NamedTuple):
+    """The normal equations of one subset of n pixels, for a shape function of m terms per coordinate.
 
     factor : (2m, 2m) — the Hessian, then Cholesky's factor of it in the lower triangle
-    hessian : (2m, 2m); ones, by_f : (2m,) — Σ w J and Σ w J f; facts : (3,) — mean of f, Σ w, Δf²
-    moments : (15,), sums : (3 + 2m,), increment : (2m,) — working space
+    hessian : (2m, 2m); slope_sums, slope_grey_sums : (2m,) — Σ w J and Σ w J f
+    statistics : (3,) — mean of f, Σ w, Δf²
+    moments : (15,), grey_sums : (3 + 2m,), increment : (2m,) — working space
     """
 
-    factor: Any
-    hessian: Any
-    ones: Any
-    by_f: Any
-    facts: Any
-    moments: Any
-    sums: Any
-    increment: Any
+    factor: Array
+    hessian: Array
+    slope_sums: Array
+    slope_grey_sums: Array
+    statistics: Array
+    moments: Array
+    grey_sums: Array
+    increment: Array
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def prepare(p: Any, n: int, one: Any, normal: Any) -> Any:
-    """Set up the normal equations; False where the subset shows too little to solve them."""
-    centre_grey(p, n, normal.facts)
-    if not normal.facts[2] > 0.0:
+def prepare(p: Pixels, n: int, ones_like_f: Image, normal: NormalEquations) -> bool:
+    """Set up the normal equations; False where the subset has too little texture to solve them."""
+    centre_grey(p, n, normal.statistics)
+    if not normal.statistics[2] > 0.0:
         return False
     normal_matrix(p, n, normal.moments, normal.hessian)
-    slope_sums(p, one, n, normal.moments, normal.ones)
-    slope_sums(p, p.f, n, normal.moments, normal.by_f)
+    slope_sums(p, ones_like_f, n, normal.moments, normal.slope_sums)
+    slope_sums(p, p.f, n, normal.moments, normal.slope_grey_sums)
     _project(normal)
-    return factorise(normal.factor, _SINGULAR)
+    return bool(factorise(normal.factor, _MIN_PIVOT_SHARE))
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def iterate(
-    coefficients: Any, degree: int, p: Any, n: int, half: int, normal: Any, control: Any, places: Any, c: Any
-) -> Any:
-    """Improve the warp ``c`` until it stays; returns status, iterations, ZNSSD and the ratio of the last increments.
+    coefficients: Image,
+    degree: int,
+    p: Pixels,
+    n: int,
+    half: int,
+    normal: NormalEquations,
+    control: Control,
+    places: Places,
+    c: Array,
+) -> tuple[int, int, float, float]:
+    """Improve the warp ``c`` until it converges; returns status, iterations, ZNSSD and ratio of the last increments.
 
-    The increments of Gauss-Newton shrink by a ratio r, so that what is left after one of size e is e r/(1 − r). For the
-    first increment r is what ``control.contraction`` says.
+    Gauss-Newton increments shrink by a ratio r, so the correction that remains after one of size e is e r/(1 − r). For
+    the first increment, r is ``control.contraction``.
     """
     flat, width = coefficients.ravel(), np.uint64(coefficients.shape[1])
-    terms, level = len(normal.increment) // 2, np.float32(normal.facts[0])
-    last, ratio, znssd = 0.0, np.nan, np.nan
+    terms, level = len(normal.increment) // 2, np.float32(normal.statistics[0])
+    last_size, ratio, znssd = 0.0, np.nan, np.nan
     for iteration in range(1, control.iterations + 1):
-        if not place(c, coefficients.shape, degree, p, n, half, places):
+        if not locate_pixels(c, coefficients.shape, degree, p, n, half, places):
             return _OUTSIDE, iteration, znssd, np.nan
-        if abs(c[0, 1] - 1.0) + abs(c[1, 1]) < _SCATTERED:
+        if abs(c[0, 1] - 1.0) + abs(c[1, 1]) < _MAX_SLIP_OF_RUNS:
             sample_runs(flat, width, degree, places, n, 2 * half + 1)
-            sums(places.g, level, p, n, normal.sums)
+            grey_sums(places.g, level, p, n, normal.grey_sums)
         else:
-            gathered_sums(flat, width, degree, places, level, p, n, normal.sums)
+            gathered_sums(flat, width, degree, places, level, p, n, normal.grey_sums)
         znssd = _increment(normal)
         size = _rms_motion(normal.increment)
         if not size < half:
             return _NOT_CONVERGED, iteration, znssd, np.nan
         _update(c, normal.increment, terms, half)
-        ratio = size / last if iteration > 1 else np.nan
+        ratio = size / last_size if iteration > 1 else np.nan
         shrinks = ratio if iteration > 1 else control.contraction
         if size < control.tolerance_px or size * shrinks < control.tolerance_px * (1.0 - shrinks):
             return _VALID, iteration, znssd, ratio
-        last = size
+        last_size = size
     return _NOT_CONVERGED, control.iterations, znssd, np.nan
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def covariance(p: Any, n: int, one: Any, normal: Any, is_weighted: bool, c: Any, out: Any) -> None:
+def covariance(
+    p: Pixels, n: int, ones_like_f: Image, normal: NormalEquations, is_weighted: bool, c: Array, out: Array
+) -> None:
     """2 A (H⁻¹ V H⁻¹) Aᵀ at the centre; V = Σ w² J̃ᵀJ̃ for J̃ of :func:`_weigh_twice`, which is H without weights."""
     if is_weighted:
-        _weigh_twice(p, n, one, normal)
+        _weigh_twice(p, n, ones_like_f, normal)
     size = len(normal.factor)
     rows = np.zeros((2, size))
     for axis in range(2):
@@ -114,10 +139,10 @@ def covariance(p: Any, n: int, one: Any, normal: Any, is_weighted: bool, c: Any,
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _weigh_twice(p: Any, n: int, one: Any, normal: Any) -> None:
-    """Σ w² J̃ᵀJ̃ in the Hessian's place; J̃ = J − J̄/Σw − f (Σ w J f)/Δf² is what brightness and contrast leave of J."""
-    size, total, square = len(normal.hessian), normal.facts[1], normal.facts[2]
-    ones, by_f = np.empty(size), np.empty(size)
+def _weigh_twice(p: Pixels, n: int, ones_like_f: Image, normal: NormalEquations) -> None:
+    """Replace the Hessian by Σ w² J̃ᵀJ̃; J̃ = J − J̄/Σw − f (Σ w J f)/Δf² is J without brightness and contrast."""
+    size, total, square = len(normal.hessian), normal.statistics[1], normal.statistics[2]
+    slope, slope_grey = np.empty(size), np.empty(size)
     weights, first, second = 0.0, 0.0, 0.0
     for k in range(n):
         p.w[k] *= p.w[k]
@@ -125,33 +150,34 @@ def _weigh_twice(p: Any, n: int, one: Any, normal: Any) -> None:
         first += p.w[k] * p.f[k]
         second += p.w[k] * p.f[k] * p.f[k]
     normal_matrix(p, n, normal.moments, normal.hessian)
-    slope_sums(p, one, n, normal.moments, ones)
-    slope_sums(p, p.f, n, normal.moments, by_f)
+    slope_sums(p, ones_like_f, n, normal.moments, slope)
+    slope_sums(p, p.f, n, normal.moments, slope_grey)
     for k in range(n):
         p.w[k] = np.sqrt(p.w[k])
     for i in range(size):
-        a, b = normal.ones[i] / total, normal.by_f[i] / square
+        a, b = normal.slope_sums[i] / total, normal.slope_grey_sums[i] / square
         for j in range(size):
-            d, e = normal.ones[j] / total, normal.by_f[j] / square
-            crossed = a * ones[j] + ones[i] * d + b * by_f[j] + by_f[i] * e
+            d, e = normal.slope_sums[j] / total, normal.slope_grey_sums[j] / square
+            crossed = a * slope[j] + slope[i] * d + b * slope_grey[j] + slope_grey[i] * e
             normal.hessian[i, j] += weights * a * d + first * (a * e + b * d) + second * b * e - crossed
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _project(normal: Any) -> None:
-    """Take out of the Hessian what brightness and contrast explain: H − J̄J̄ᵀ/Σw − (Σ w J f)(Σ w J f)ᵀ/Δf²."""
-    total, square = normal.facts[1], normal.facts[2]
+def _project(normal: NormalEquations) -> None:
+    """Subtract from the Hessian the part by brightness and contrast: H − J̄J̄ᵀ/Σw − (Σ w J f)(Σ w J f)ᵀ/Δf²."""
+    total, square = normal.statistics[1], normal.statistics[2]
     for i in range(len(normal.hessian)):
         for j in range(len(normal.hessian)):
-            light = normal.ones[i] * normal.ones[j] / total + normal.by_f[i] * normal.by_f[j] / square
-            normal.hessian[i, j] -= light
+            by_brightness = normal.slope_sums[i] * normal.slope_sums[j] / total
+            by_contrast = normal.slope_grey_sums[i] * normal.slope_grey_sums[j] / square
+            normal.hessian[i, j] -= by_brightness + by_contrast
             normal.factor[i, j] = normal.hessian[i, j]
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _increment(normal: Any) -> Any:
-    """The Gauss-Newton increment from the sums over the target's grey levels; returns the ZNSSD."""
-    target, total, square = normal.sums, normal.facts[1], normal.facts[2]
+def _increment(normal: NormalEquations) -> float:
+    """Compute the Gauss-Newton increment from the sums over the target's grey levels; returns the ZNSSD."""
+    target, total, square = normal.grey_sums, normal.statistics[1], normal.statistics[2]
     mean = target[0] / total
     other = target[1] - mean * target[0]
     if not other > 0.0:
@@ -160,25 +186,25 @@ def _increment(normal: Any) -> Any:
     gain = np.sqrt(square / other)
     fit = gain * target[2] / square
     for i in range(len(normal.increment)):
-        normal.increment[i] = gain * (target[3 + i] - mean * normal.ones[i]) - normal.by_f[i] * fit
+        normal.increment[i] = gain * (target[3 + i] - mean * normal.slope_sums[i]) - normal.slope_grey_sums[i] * fit
     solve(normal.factor, normal.increment)
-    return 2.0 * (1.0 - fit)
+    return float(2.0 * (1.0 - fit))
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _rms_motion(d: Any) -> Any:
-    """Root of the mean square, over the subset, of the motion that an increment gives to its pixels [px]."""
+def _rms_motion(d: Array) -> float:
+    """RMS, over the subset, of the motion of its pixels by an increment [px]."""
     square, terms = 0.0, len(d) // 2
     for i in (0, terms):
         square += d[i] * d[i] + (d[i + 1] * d[i + 1] + d[i + 2] * d[i + 2]) / 3.0
         if terms == 6:
             xx, xy, yy = d[i + 3], d[i + 4], d[i + 5]
             square += 2.0 * d[i] * (xx + yy) / 3.0 + (xx * xx + yy * yy) / 5.0 + (xy * xy + 2.0 * xx * yy) / 9.0
-    return np.sqrt(square)
+    return float(np.sqrt(square))
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _update(c: Any, d: Any, terms: int, half: int) -> None:
+def _update(c: Array, d: Array, terms: int, half: int) -> None:
     """Compose a warp with the inverse of an increment, in place, to second order in the offsets.
 
     c : (2, 6) — warp; d : (2 terms,) — increment in offsets of half sides

@@ -1,42 +1,48 @@
-"""Points of the left photograph found again in the right one, to about a pixel: the start of stereo correlation.
+"""Points of the left photograph found in the right one, to about a pixel: the start of stereo correlation.
 
-Both photographs are rectified, made smaller where they are large. A partner then lies in the same row, whatever its
-depth, and windows look alike, so that normalised cross-correlation along the row finds it wherever it is. What does not
-stand out, or does not go with its neighbours, is dropped; the rest gives a smooth map from left to right.
+Both photographs are rectified, and reduced where they are large. A partner then lies in the same row at any depth, and
+windows look alike, so that normalised cross-correlation along the row finds it. Ambiguous partners, and those that
+disagree with their neighbours, are dropped; the rest gives a smooth map from left to right.
 """
 
 from __future__ import annotations
 
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import cv2
 import numpy as np
-import numpy.typing as npt
 
-from dicflow.core.arrays import Array, Image, Mask
+from dicflow.core.arrays import Array, Grey, Image, Mask
 from dicflow.core.cameras.camera import Rig
 from dicflow.core.cameras.rectification import Rectification, raw_to_rectified, rectification, rectified_to_raw, rectify
 from dicflow.core.matching.pairs import agreeing, local_motion
 
-__all__ = ["FEWEST", "Partners", "find_partners", "right_of_left", "started"]
+__all__ = ["MIN_PARTNERS", "Partners", "find_partners", "right_of_left", "starting_warps"]
 
 
-FEWEST = 12
-"""Partners below which nothing is known of how the right photograph sees the surface."""
+MIN_PARTNERS = 12
+"""With fewer partners, the map from left to right is unknown."""
 
-_LONGEST_PX = 1100.0
-_BLUR_PX = 0.4
-_SMALLEST_WINDOW = 15
-_ROWS_APART = 2
-_LEAST_CORRELATION = 0.45
-_MARGIN = 0.15
-_SQUEEZES = (1.0, 0.85, 1.18)
-_ENOUGH = 0.6
-_SCOUTS = 6
+_MAX_IMAGE_SIDE_PX = 1100.0
+"""Larger photographs are reduced."""
+_REDUCTION_BLUR_PX = 0.4
+"""Standard deviation of the smoothing before a reduction [px of the reduced image]."""
+_MIN_WINDOW_PX = 15
+_MAX_ROW_DIFFERENCE = 2
+"""Rows by which a partner may lie above or below its epipolar line [px]."""
+_MIN_CORRELATION = 0.45
+_MIN_CORRELATION_LEAD = 0.15
+"""Lead of a partner's correlation over that of the next best place; with less it is ambiguous."""
+_WIDTH_FACTORS = (1.0, 0.85, 1.18)
+"""Widths of windows in the right image over those in the left one, as of surfaces askew to the cameras."""
+_SUFFICIENT_SHARE = 0.6
+"""Share of points with a partner at which no further width is tried."""
+_SCOUT_STRIDE = 6
+"""Every so many points are searched for in the whole row, the others at depths between theirs."""
 
 
 class Partners(NamedTuple):
-    """Points in both photographs.
+    """Places of the same points in both photographs.
 
     left, right : (m, 2) — raw pixels
     """
@@ -46,38 +52,36 @@ class Partners(NamedTuple):
 
 
 class _View(NamedTuple):
-    """The rectified photographs, (rows, cols) each, and where the left one reaches."""
+    """The rectified photographs, (rows, cols) each, and which pixels the left one covers."""
 
     left: Image
     right: Image
     covered: Mask
 
 
-def find_partners(
-    rig: Rig, left: npt.NDArray[Any], right: npt.NDArray[Any], points: Array, window_px: float = 41.0
-) -> Partners:
+def find_partners(rig: Rig, left: Grey, right: Grey, points: Array, window_px: float = 41.0) -> Partners:
     """Partners of points of the left photograph.
 
-    left, right : (rows, cols) — the photographs, grey
+    left, right : (rows, cols) — the photographs
     points : (n, 2) — raw pixels of the left one; those with NaN are left out
-    window_px : side of what is compared [px]
+    window_px : side of the windows that are compared [px]
 
-    Where few are found the windows are also compared squeezed and widened, as surfaces askew to the cameras look.
+    Where few are found, windows of other widths are compared too.
     Raises ValueError where the rig cannot be rectified.
     """
     points = points[np.isfinite(points).all(axis=1)]
-    small, scale = _shrunk(rectification(rig))
-    half = max(_SMALLEST_WINDOW, round(window_px * scale)) // 2
+    small, scale = _reduced(rectification(rig))
+    half = max(_MIN_WINDOW_PX, round(window_px * scale)) // 2
     places = raw_to_rectified(points, rig.left, small.rotation_left, small.matrix_left)
-    strip, top = _cut(small, places[:, 1], half + _ROWS_APART)
+    strip, top = _cropped_rows(small, places[:, 1], half + _MAX_ROW_DIFFERENCE)
     places[:, 1] -= top
-    view = _seen(rig, strip, left, right, scale)
+    view = _rectified_view(rig, strip, left, right, scale)
     found = np.full(points.shape, np.nan)
-    for squeeze in _SQUEEZES:
+    for width_factor in _WIDTH_FACTORS:
         missing = np.isnan(found[:, 0])
-        if missing.mean() <= 1.0 - _ENOUGH:
+        if missing.mean() <= 1.0 - _SUFFICIENT_SHARE:
             break
-        found[missing] = _searched(view, places[missing], half, squeeze)
+        found[missing] = _matched_places(view, places[missing], half, width_factor)
     known = np.isfinite(found).all(axis=1)
     points = points[known]
     partners = rectified_to_raw(found[known], rig.right, strip.rotation_right, strip.matrix_right)
@@ -86,58 +90,58 @@ def find_partners(
 
 
 def right_of_left(partners: Partners, places: Array) -> tuple[Array, Array]:
-    """Where the right photograph shows what the left one shows at places (..., 2), from the partners around.
+    """Places in the right photograph of what the left one shows at places (..., 2), from the partners around.
 
-    Returns the places there (..., 2) [px] and their slopes ∂(right)/∂(left) (..., 2, 2); NaN where a place is, and
+    Returns the places (..., 2) [px] and their slopes ∂(right)/∂(left) (..., 2, 2); NaN where a place is NaN, and
     everywhere with too few partners.
     """
     known = np.isfinite(places).all(axis=-1)
     position, slope = np.full(places.shape, np.nan), np.full((*places.shape, 2), np.nan)
-    if len(partners.left) >= FEWEST and known.any():
+    if len(partners.left) >= MIN_PARTNERS and known.any():
         position[known], slope[known] = local_motion(partners.left, partners.right, places[known])
     return position, slope
 
 
-def started(warp_left: Array, position: Array, slope: Array) -> Array:
-    """Affine warps (..., 2, 3) from the reference into the right photograph: first into the left one, then across.
+def starting_warps(warp_left: Array, position: Array, slope: Array) -> Array:
+    """Affine warps (..., 2, 3) from the first left photograph to the right one of a step.
 
-    warp_left : (..., 2, 3 or 6) — from the reference into the left photograph
+    warp_left : (..., 2, 3 or 6) — from the first left photograph to the left one of the step
     position, slope : (..., 2), (..., 2, 2) — of :func:`right_of_left` at the places of its centres
     """
     return np.concatenate([position[..., None], slope @ warp_left[..., 1:3]], axis=-1)
 
 
-def _shrunk(full: Rectification) -> tuple[Rectification, float]:
-    """Rectified cameras with images that are small enough, and their scale."""
-    scale = min(1.0, _LONGEST_PX / max(full.size))
+def _reduced(full: Rectification) -> tuple[Rectification, float]:
+    """Rectified cameras with images of at most _MAX_IMAGE_SIDE_PX, and their scale."""
+    scale = min(1.0, _MAX_IMAGE_SIDE_PX / max(full.size))
     width, height = full.size
-    return _carried(full, np.diag([scale, scale, 1.0]), (round(scale * width), round(scale * height))), scale
+    return _transformed(full, np.diag([scale, scale, 1.0]), (round(scale * width), round(scale * height))), scale
 
 
-def _cut(small: Rectification, y: Array, reach: int) -> tuple[Rectification, int]:
-    """The same with only the rows that windows at heights y (n,) need, at least one; and the first of them."""
+def _cropped_rows(small: Rectification, y: Array, reach: int) -> tuple[Rectification, int]:
+    """Rectified cameras with only the rows that windows at y (n,) need, at least one; and the first of these rows."""
     width, height = small.size
     known = y[np.isfinite(y)]
     low, high = (known.min(), known.max()) if len(known) else (0.0, 0.0)
     first = int(np.clip(np.floor(low) - reach, 0, height - 1))
     last = int(np.clip(np.ceil(high) + reach + 1, first + 1, height))
-    upward = np.array([[1.0, 0.0, 0.0], [0.0, 1.0, -first], [0.0, 0.0, 1.0]])
-    return _carried(small, upward, (width, last - first)), first
+    shift_up = np.array([[1.0, 0.0, 0.0], [0.0, 1.0, -first], [0.0, 0.0, 1.0]])
+    return _transformed(small, shift_up, (width, last - first)), first
 
 
-def _carried(rectified: Rectification, change: Array, size: tuple[int, int]) -> Rectification:
-    """Rectified cameras whose images are carried on by a change of pixels (3, 3)."""
+def _transformed(rectified: Rectification, transform: Array, size: tuple[int, int]) -> Rectification:
+    """Rectified cameras after a transform of their pixels (3, 3); size : (width, height) of the images."""
     return rectified._replace(
-        matrix_left=change @ rectified.matrix_left, matrix_right=change @ rectified.matrix_right, size=size
+        matrix_left=transform @ rectified.matrix_left, matrix_right=transform @ rectified.matrix_right, size=size
     )
 
 
-def _seen(rig: Rig, strip: Rectification, left: npt.NDArray[Any], right: npt.NDArray[Any], scale: float) -> _View:
-    """Both photographs rectified, without detail that is finer than the pixels there."""
+def _rectified_view(rig: Rig, strip: Rectification, left: Grey, right: Grey, scale: float) -> _View:
+    """Both photographs rectified, smoothed before by as much as they are reduced."""
 
-    def smooth(image: npt.NDArray[Any]) -> npt.NDArray[Any]:
+    def smooth(image: Grey) -> Grey:
         grey = image.astype(np.float32)
-        return np.asarray(cv2.GaussianBlur(grey, (0, 0), _BLUR_PX / scale) if scale < 1.0 else grey)
+        return np.asarray(cv2.GaussianBlur(grey, (0, 0), _REDUCTION_BLUR_PX / scale) if scale < 1.0 else grey)
 
     views = (
         rectify(smooth(left), rig.left, strip.rotation_left, strip.matrix_left, strip.size),
@@ -147,48 +151,48 @@ def _seen(rig: Rig, strip: Rectification, left: npt.NDArray[Any], right: npt.NDA
     return _View(*views, rectify(whole, rig.left, strip.rotation_left, strip.matrix_left, strip.size) > 127)
 
 
-def _searched(view: _View, places: Array, half: int, squeeze: float) -> Array:
-    """Partners (n, 2) of places: of a few in the whole row, and of the others where these and what they span say."""
+def _matched_places(view: _View, places: Array, half: int, width_factor: float) -> Array:
+    """Partners (n, 2) of places: of scouts in the whole row, and of the others at offsets about those of the scouts."""
     found, width = np.full(places.shape, np.nan), view.left.shape[1]
     scouts = np.zeros(len(places), dtype=bool)
-    scouts[::_SCOUTS] = True
-    found[scouts] = [_partner(view, place, half, squeeze, (-width, width)) for place in places[scouts]]
+    scouts[::_SCOUT_STRIDE] = True
+    found[scouts] = [_partner(view, place, half, width_factor, (-width, width)) for place in places[scouts]]
     offsets = np.sort((found - places)[np.isfinite(found[:, 0]), 0])
     limits = (-width, width)
-    if len(offsets) >= FEWEST:
+    if len(offsets) >= MIN_PARTNERS:
         low, high = offsets[len(offsets) // 10], offsets[-1 - len(offsets) // 10]
         spare = 4.0 * half + high - low
         limits = int(low - spare), int(high + spare)
-    found[~scouts] = [_partner(view, place, half, squeeze, limits) for place in places[~scouts]]
+    found[~scouts] = [_partner(view, place, half, width_factor, limits) for place in places[~scouts]]
     return found
 
 
-def _partner(view: _View, place: Array, half: int, squeeze: float, limits: tuple[int, int]) -> tuple[float, float]:
-    """Where the right image fits best in the rows of a place of the left one; NaN where nothing stands out.
+def _partner(view: _View, place: Array, half: int, width_factor: float, limits: tuple[int, int]) -> tuple[float, float]:
+    """The place of the right image that fits a place of the left one best; NaN where no place clearly does.
 
-    limits : least and greatest x in the right image less x in the left one
+    limits : smallest and largest x in the right image minus x in the left one
     """
-    nothing = (np.nan, np.nan)
+    unknown = (np.nan, np.nan)
     if not np.isfinite(place).all():
-        return nothing
+        return unknown
     x, y = np.rint(place).astype(int)
-    wide, high = round(half / squeeze), half + _ROWS_APART
+    wide, high = round(half / width_factor), half + _MAX_ROW_DIFFERENCE
     rows, cols = view.left.shape
     if not (wide <= x < cols - wide and high <= y < rows - high):
-        return nothing
+        return unknown
     around = slice(y - half, y + half + 1), slice(x - wide, x + wide + 1)
     first, last = max(0, x + limits[0] - half), min(cols, x + limits[1] + half + 1)
     side = 2 * half + 1
     if not view.covered[around].all() or last - first < side:
-        return nothing
+        return unknown
     window = view.left[around]
     template = window if wide == half else cv2.resize(window, (side, side), interpolation=cv2.INTER_AREA)
     fit = cv2.matchTemplate(view.right[y - high : y + high + 1, first:last], template, cv2.TM_CCOEFF_NORMED)
-    fit[~(np.abs(fit) <= 1.0)] = -1.0  # where the image shows nothing at all
+    fit[~(np.abs(fit) <= 1.0)] = -1.0  # where the image has no contrast
     row, col = np.unravel_index(fit.argmax(), fit.shape)
     best = fit[row, col]
     fit[:, max(0, col - half) : col + half + 1] = -1.0
-    if best < _LEAST_CORRELATION or best < fit.max() + _MARGIN:
-        return nothing
+    if best < _MIN_CORRELATION or best < fit.max() + _MIN_CORRELATION_LEAD:
+        return unknown
     offset = place - (x, y)
-    return float(first + col + half + offset[0]), float(row - _ROWS_APART + y + offset[1])
+    return float(first + col + half + offset[0]), float(row - _MAX_ROW_DIFFERENCE + y + offset[1])

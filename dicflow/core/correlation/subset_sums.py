@@ -1,16 +1,18 @@
-"""Sums over the pixels of one subset: the loops that correlation spends its time in.
+"""Sums over the pixels of one subset: the loops in which correlation spends its time.
 
-The pixels of a subset are flat arrays, so that a subset cut by an edge is only a shorter one. Derivatives of the grey
-levels by the warp are J = (fx m, fy m) over the monomials m = 1, ξ, η, ξ², ξη, η² with offsets in half sides.
+The pixels of a subset are flat arrays, so that a subset cut by an edge is only shorter. Derivatives of the grey levels
+by the warp are J = (fx m, fy m) over the monomials m = 1, ξ, η, ξ², ξη, η² with offsets in half sides.
 """
 
 from __future__ import annotations
 
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numba import njit
+from numpy.typing import NDArray
 
+from dicflow.core.arrays import Array, Image
 from dicflow.core.photographs.interpolate import FAST, PAD, bicubic, biquintic
 
 __all__ = [
@@ -19,46 +21,49 @@ __all__ = [
     "Places",
     "centre_grey",
     "gathered_sums",
+    "grey_sums",
+    "locate_pixels",
     "normal_matrix",
-    "place",
     "sample_runs",
     "slope_sums",
-    "sums",
 ]
 
 LANES = 8
-"""Pixels that are sampled at once; a run of pixels is rounded up to so many."""
+"""Pixels that are sampled at once; a run of pixels is rounded up to a multiple."""
+
+Sums = tuple[np.float32, ...]
+"""Sums over pixels, kept in registers."""
 
 
 class Pixels(NamedTuple):
-    """The pixels of one subset, flat float32 arrays with room for all.
+    """The pixels of one subset: flat float32 arrays, long enough for a whole subset.
 
-    f, fx, fy : grey level less its mean, and derivatives; xi, eta : offsets in half sides; w : weight
+    f, fx, fy : grey level minus its mean, and derivatives; xi, eta : offsets in half sides; w : weight
     """
 
-    f: Any
-    fx: Any
-    fy: Any
-    xi: Any
-    eta: Any
-    w: Any
+    f: Image
+    fx: Image
+    fy: Image
+    xi: Image
+    eta: Image
+    w: Image
 
 
 class Places(NamedTuple):
-    """Where the pixels of one subset lie in the target, with room for LANES more.
+    """Places of the pixels of one subset in the target, and grey levels there; arrays longer than a subset by LANES.
 
     at : uint32 — index of the first coefficient; t, s : float32 — fractions along x and y; g : float32 — grey levels
     """
 
-    at: Any
-    t: Any
-    s: Any
-    g: Any
+    at: NDArray[np.uint32]
+    t: Image
+    s: Image
+    g: Image
 
 
 @njit(cache=True, nogil=True, fastmath=FAST, error_model="numpy")
-def centre_grey(p: Any, n: int, facts: Any) -> None:
-    """Take the weighted mean off f; into ``facts`` go the mean, the sum of weights and Δf²."""
+def centre_grey(p: Pixels, n: int, statistics: Array) -> None:
+    """Subtract the weighted mean from f; write the mean, the sum of weights and Δf² to ``statistics``."""
     total, first, square = np.float32(0.0), np.float32(0.0), np.float32(0.0)
     for k in range(n):
         total += p.w[k]
@@ -68,11 +73,11 @@ def centre_grey(p: Any, n: int, facts: Any) -> None:
         p.f[k] -= mean
     for k in range(n):
         square += p.w[k] * p.f[k] * p.f[k]
-    facts[0], facts[1], facts[2] = mean, total, square
+    statistics[0], statistics[1], statistics[2] = mean, total, square
 
 
 @njit(cache=True, nogil=True, fastmath=FAST, error_model="numpy")
-def _low_moments(p: Any, a: Any, b: Any, n: int, out: Any) -> None:
+def _low_moments(p: Pixels, a: Image, b: Image, n: int, out: Array) -> None:
     """Σ w a b m over the monomials m of degree 0 to 2."""
     s0, s1, s2 = np.float32(0), np.float32(0), np.float32(0)
     s3, s4, s5 = np.float32(0), np.float32(0), np.float32(0)
@@ -86,8 +91,8 @@ def _low_moments(p: Any, a: Any, b: Any, n: int, out: Any) -> None:
 
 
 @njit(cache=True, nogil=True, fastmath=FAST, error_model="numpy")
-def _high_moments(p: Any, a: Any, b: Any, n: int, out: Any) -> None:
-    """Σ w a b m over ξ³, ξ²η, ξη², η³, ξ⁴, ξ³η, ξ²η², ξη³, η⁴, behind those of lower degree."""
+def _high_moments(p: Pixels, a: Image, b: Image, n: int, out: Array) -> None:
+    """Σ w a b m over ξ³, ξ²η, ξη², η³, ξ⁴, ξ³η, ξ²η², ξη³, η⁴, written after those of lower degree."""
     s0, s1, s2, s3 = np.float32(0), np.float32(0), np.float32(0), np.float32(0)
     s4, s5, s6, s7, s8 = np.float32(0), np.float32(0), np.float32(0), np.float32(0), np.float32(0)
     for k in range(n):
@@ -101,7 +106,7 @@ def _high_moments(p: Any, a: Any, b: Any, n: int, out: Any) -> None:
     out[10], out[11], out[12], out[13], out[14] = s4, s5, s6, s7, s8
 
 
-_PRODUCT = np.array(
+_PRODUCT_MOMENT = np.array(
     [
         [0, 1, 2, 3, 4, 5],
         [1, 3, 4, 6, 7, 8],
@@ -111,11 +116,11 @@ _PRODUCT = np.array(
         [5, 8, 9, 12, 13, 14],
     ]
 )
-"""Which moment the product of two monomials is."""
+"""Index of the moment that belongs to the product of two monomials."""
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def normal_matrix(p: Any, n: int, moments: Any, hessian: Any) -> None:
+def normal_matrix(p: Pixels, n: int, moments: Array, hessian: Array) -> None:
     """H (2m, 2m) = Σ w JᵀJ for J = (fx m, fy m)."""
     terms = len(hessian) // 2
     for a in range(2):
@@ -126,12 +131,12 @@ def normal_matrix(p: Any, n: int, moments: Any, hessian: Any) -> None:
                 _high_moments(p, first, second, n, moments)
             for i in range(terms):
                 for j in range(terms):
-                    hessian[a * terms + i, b * terms + j] = moments[_PRODUCT[i, j]]
-                    hessian[b * terms + j, a * terms + i] = moments[_PRODUCT[i, j]]
+                    hessian[a * terms + i, b * terms + j] = moments[_PRODUCT_MOMENT[i, j]]
+                    hessian[b * terms + j, a * terms + i] = moments[_PRODUCT_MOMENT[i, j]]
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def slope_sums(p: Any, b: Any, n: int, moments: Any, out: Any) -> None:
+def slope_sums(p: Pixels, b: Image, n: int, moments: Array, out: Array) -> None:
     """Σ w J b for an array b."""
     terms = len(out) // 2
     _low_moments(p, p.fx, b, n, moments)
@@ -143,8 +148,8 @@ def slope_sums(p: Any, b: Any, n: int, moments: Any, out: Any) -> None:
 
 
 @njit(cache=True, nogil=True, fastmath=FAST, error_model="numpy")
-def place(c: Any, shape: Any, degree: int, p: Any, n: int, half: int, places: Any) -> Any:
-    """Where the pixels of a subset lie in the target under a warp (2, 6); False where some are outside.
+def locate_pixels(c: Array, shape: tuple[int, int], degree: int, p: Pixels, n: int, half: int, places: Places) -> bool:
+    """Set the places of the pixels of a subset in the target by a warp c (2, 6); False where some are outside.
 
     shape : (rows, cols) of the coefficients
     """
@@ -169,26 +174,26 @@ def place(c: Any, shape: Any, degree: int, p: Any, n: int, half: int, places: An
         j, i = np.int32(floor_x), np.int32(floor_y)
         left, right, top, bottom = min(left, j), max(right, j), min(top, i), max(bottom, i)
         places.at[k] = np.uint32(origin + i * width + j)
-    return x0 + left >= 0 and x0 + right < cols and y0 + top >= 0 and y0 + bottom < rows
+    return bool(x0 + left >= 0 and x0 + right < cols and y0 + top >= 0 and y0 + bottom < rows)
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def sample_runs(flat: Any, width: Any, degree: int, places: Any, n: int, side: int) -> None:
-    """Grey levels at the places, run by run: pixels whose coefficients lie side by side need no gathering.
+def sample_runs(flat: Image, width: np.uint64, degree: int, places: Places, n: int, side: int) -> None:
+    """Grey levels at the places, run by run; the coefficients of a run of pixels lie side by side.
 
-    The last pixels of a run are rounded up to LANES; what that writes too much, the next run writes over.
+    The length of a run is rounded up to LANES; the next run overwrites the surplus.
     """
     k, end = 0, len(flat) - degree * (int(width) + 1)
     while k < n:
-        run = _run(places.at, k, min(side, n - k))
+        run = _run_length(places.at, k, min(side, n - k))
         count = min(-(-run // LANES) * LANES, end - int(places.at[k]))
         _sample(flat, np.uint64(places.at[k]), width, degree, np.uint64(k), np.uint64(count), places)
         k += run
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _run(at: Any, k: int, most: int) -> int:
-    """How many pixels from the k-th on, ``most`` at most, have their coefficients side by side."""
+def _run_length(at: NDArray[np.uint32], k: int, most: int) -> int:
+    """Number of pixels from the k-th on, at most ``most``, whose coefficients lie side by side."""
     first, differ = at[k], np.uint32(0)
     for j in range(most):
         differ |= at[k + j] - first - np.uint32(j)
@@ -201,7 +206,9 @@ def _run(at: Any, k: int, most: int) -> int:
 
 
 @njit(cache=True, nogil=True, fastmath=FAST, error_model="numpy")
-def _sample(flat: Any, at: Any, width: Any, degree: int, k: Any, count: Any, places: Any) -> None:
+def _sample(
+    flat: Image, at: np.uint64, width: np.uint64, degree: int, k: np.uint64, count: np.uint64, places: Places
+) -> None:
     """Grey levels of pixels k, k + 1, … whose first coefficients are at, at + 1, …"""
     for j in range(count):
         t, s = places.t[k + j], places.s[k + j]
@@ -211,15 +218,15 @@ def _sample(flat: Any, at: Any, width: Any, degree: int, k: Any, count: Any, pla
             places.g[k + j] = biquintic(flat, at + j, width, t, s)
 
 
-_NONE = (np.float32(0.0),) * 9
-"""Σ v, Σ v g, Σ v f, Σ v fx m, Σ v fy m with m = 1, ξ, η before the first pixel."""
-_NO_MORE = (np.float32(0.0),) * 6
-"""Σ v fx m, Σ v fy m with m = ξ², ξη, η²."""
+_ZERO_AFFINE = (np.float32(0.0),) * 9
+"""Σ v, Σ v g, Σ v f, Σ v fx m, Σ v fy m with m = 1, ξ, η and v = w g, before the first pixel."""
+_ZERO_QUADRATIC = (np.float32(0.0),) * 6
+"""Σ v fx m, Σ v fy m with m = ξ², ξη, η², before the first pixel."""
 
 
 @njit(nogil=True, fastmath=FAST, error_model="numpy", forceinline=True)
-def _added(s: Any, p: Any, k: Any, g: Any) -> Any:
-    """The sums of an affine warp with pixel k, whose grey level is g."""
+def _affine_sums(s: Sums, p: Pixels, k: int, g: np.float32) -> Sums:
+    """The sums for an affine warp, s plus those of pixel k with grey level g."""
     v, xi, eta = p.w[k] * g, p.xi[k], p.eta[k]
     x, y = v * p.fx[k], v * p.fy[k]
     return (
@@ -236,46 +243,48 @@ def _added(s: Any, p: Any, k: Any, g: Any) -> Any:
 
 
 @njit(nogil=True, fastmath=FAST, error_model="numpy", forceinline=True)
-def _added_quadratic(s: Any, p: Any, k: Any, g: Any) -> Any:
-    """What a quadratic warp has beyond an affine one."""
+def _quadratic_sums(s: Sums, p: Pixels, k: int, g: np.float32) -> Sums:
+    """The further sums for a quadratic warp."""
     v, xi, eta = p.w[k] * g, p.xi[k], p.eta[k]
     x, y, xx, xy, yy = v * p.fx[k], v * p.fy[k], xi * xi, xi * eta, eta * eta
     return s[0] + x * xx, s[1] + x * xy, s[2] + x * yy, s[3] + y * xx, s[4] + y * xy, s[5] + y * yy
 
 
 @njit(cache=True, nogil=True, fastmath=FAST, error_model="numpy")
-def sums(g: Any, level: Any, p: Any, n: int, out: Any) -> None:
-    """Sums over grey levels g, less a level: Σ w g, Σ w g², Σ w f g, then Σ w J g."""
-    terms, s, q = (len(out) - 3) // 2, _NONE, _NO_MORE
+def grey_sums(g: Image, level: np.float32, p: Pixels, n: int, out: Array) -> None:
+    """Sums over grey levels g minus a level: Σ w g, Σ w g², Σ w f g, then Σ w J g."""
+    terms, s, q = (len(out) - 3) // 2, _ZERO_AFFINE, _ZERO_QUADRATIC
     for k in range(n):
-        s = _added(s, p, k, g[k] - level)
+        s = _affine_sums(s, p, k, g[k] - level)
     if terms == 6:
         for k in range(n):
-            q = _added_quadratic(q, p, k, g[k] - level)
-    _put(s, q, terms, out)
+            q = _quadratic_sums(q, p, k, g[k] - level)
+    _write_sums(s, q, terms, out)
 
 
 @njit(cache=True, nogil=True, fastmath=FAST, error_model="numpy")
-def gathered_sums(flat: Any, width: Any, degree: int, places: Any, level: Any, p: Any, n: int, out: Any) -> None:
+def gathered_sums(
+    flat: Image, width: np.uint64, degree: int, places: Places, level: np.float32, p: Pixels, n: int, out: Array
+) -> None:
     """The same sums with grey levels from scattered coefficients.
 
-    Nothing is stored in the loops, since only then their loads can be gathered in one instruction for many pixels.
+    The loops store nothing: only then one instruction gathers the coefficients of many pixels.
     """
-    terms, s, q = (len(out) - 3) // 2, _NONE, _NO_MORE
+    terms, s, q = (len(out) - 3) // 2, _ZERO_AFFINE, _ZERO_QUADRATIC
     if degree == 3:
         for k in range(n):
             g = bicubic(flat, np.uint64(places.at[k]), width, places.t[k], places.s[k]) - level
-            s, q = _added(s, p, k, g), _added_quadratic(q, p, k, g)
+            s, q = _affine_sums(s, p, k, g), _quadratic_sums(q, p, k, g)
     else:
         for k in range(n):
             g = biquintic(flat, np.uint64(places.at[k]), width, places.t[k], places.s[k]) - level
-            s, q = _added(s, p, k, g), _added_quadratic(q, p, k, g)
-    _put(s, q, terms, out)
+            s, q = _affine_sums(s, p, k, g), _quadratic_sums(q, p, k, g)
+    _write_sums(s, q, terms, out)
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _put(s: Any, q: Any, terms: int, out: Any) -> None:
-    """Write sums in the order of the warp's coefficients."""
+def _write_sums(s: Sums, q: Sums, terms: int, out: Array) -> None:
+    """Write the sums in the order of the warp's coefficients."""
     for i in range(3):
         out[i], out[3 + i], out[3 + terms + i] = s[i], s[3 + i], s[6 + i]
         if terms == 6:

@@ -1,7 +1,7 @@
-"""Shape functions: how a subset of the reference image lies in another one.
+"""Shape functions: how a subset of the reference photograph lies in the target.
 
-A warp gives the place of the point at ``offset`` = (ξ, η) from the subset's centre in the reference as a polynomial,
-x(ξ, η) = Σ c_m m(ξ, η) with the monomials 1, ξ, η (affine) and also ξ², ξη, η² (quadratic). It is kept as
+A warp gives the place of the point at ``offset`` = (ξ, η) from the subset's centre as a polynomial,
+x(ξ, η) = Σ c_m m(ξ, η) with the monomials 1, ξ, η (affine) and also ξ², ξη, η² (quadratic). It is stored as
 coefficients (..., 2, 3) or (..., 2, 6): row 0 gives x, row 1 gives y; column 0 is the place of the centre [px].
 """
 
@@ -61,9 +61,9 @@ def _polynomial(c: Array, xi: Array, eta: Array) -> Array:
 
 
 def recentred(warp: Array, offset: npt.ArrayLike) -> Array:
-    """The same warps about centres at offsets (..., 2) [px] from theirs: what a subset says of its neighbour."""
+    """The same warps about centres at offsets (..., 2) [px] from theirs, as for the subset of a neighbour."""
     offset = np.asarray(offset, dtype=np.float64)
     place = apply_warp(warp, offset)
-    moved = np.broadcast_to(warp, (*place.shape, warp.shape[-1])).copy()
-    moved[..., 0], moved[..., 1:3] = place, gradient(warp, offset)
-    return moved
+    result = np.broadcast_to(warp, (*place.shape, warp.shape[-1])).copy()
+    result[..., 0], result[..., 1:3] = place, gradient(warp, offset)
+    return result

@@ -4,17 +4,18 @@ from left_camera import correlation, grid
 from stereo_scene import REST, State, left_truth, material, photographs, right_truth
 
 from dicflow.core.correlation.across import (
-    Step,
-    as_before,
-    borne_out,
+    PointsInStep,
     contrast,
-    enclosed,
     follow_across,
+    grid_mask,
+    inherited_covariance,
     noise_ratio,
-    overexposed,
-    passed_on,
+    overexposed_share,
+    starts_agree,
+    starts_from_previous_step,
 )
-from dicflow.core.correlation.material import Anchor, Search, attempt, first_anchor, prepared
+from dicflow.core.correlation.points import ReferencePhotograph
+from dicflow.core.correlation.search import Search, find_points, first_photograph, target_spline
 from dicflow.core.correlation.subsets import Subset
 from dicflow.core.correlation.warp import warp_from_gradient
 from dicflow.core.tensors import congruent
@@ -37,57 +38,57 @@ def starts(state=REST, points=POINTS):
 
 
 def first():
-    return first_anchor(LEFT[0], np.ones(LEFT[0].shape, dtype=bool), POINTS, SEARCH)
+    return first_photograph(LEFT[0], np.ones(LEFT[0].shape, dtype=bool), POINTS, SEARCH)
 
 
 def between():
     step = correlation(LEFT[0], BETWEEN[0], POINTS, left_truth(MATERIAL, TURNED))
     everywhere = np.ones(LEFT[0].shape, dtype=bool)
     warp = step["warp"][..., :3]
-    return Anchor(BETWEEN[0], (0, 0), everywhere, step["xy"], warp, step["passed"], step["slope"])
+    return ReferencePhotograph(BETWEEN[0], (0, 0), everywhere, step["xy"], warp, step["passed"], step["slope"])
 
 
-def ways(value):
+def routes(value):
     return np.full(POINTS.shape[:2], value, dtype=np.uint8)
 
 
-def test_points_of_either_anchor_are_found_at_the_same_place():
-    target, truth = prepared(BETWEEN[1], SEARCH), right_truth(MATERIAL, TURNED)
-    direct = follow_across(first(), between(), ways(1), target, starts(TURNED), SEARCH)
-    chained = follow_across(first(), between(), ways(2), target, starts(TURNED), SEARCH)
-    mixed = ways(1)
+def test_points_of_either_reference_are_found_at_the_same_place():
+    target, truth = target_spline(BETWEEN[1], SEARCH), right_truth(MATERIAL, TURNED)
+    direct = follow_across(first(), between(), routes(1), target, starts(TURNED), SEARCH)
+    chained = follow_across(first(), between(), routes(2), target, starts(TURNED), SEARCH)
+    mixed = routes(1)
     mixed[::2] = 2
     both = follow_across(first(), between(), mixed, target, starts(TURNED), SEARCH)
     for found in (direct, chained, both):
         assert found.valid.all()
         assert found.warp.shape == (*POINTS.shape[:2], 2, 6)
         assert np.abs(found.warp[..., 0] - truth).max() < 0.012
-    np.testing.assert_array_equal(both.way, mixed)
+    np.testing.assert_array_equal(both.route, mixed)
     expected = np.where((mixed == 2)[..., None], chained.warp[..., 0], direct.warp[..., 0])
     np.testing.assert_allclose(both.warp[..., 0], expected, atol=1e-3)
 
 
 def test_points_whose_reference_is_no_longer_known_are_found_with_the_first_photograph():
-    anchor = between()
-    part = anchor._replace(points=np.where((np.arange(POINTS.shape[1]) < 3)[:, None], np.nan, anchor.points))
-    found = follow_across(first(), part, ways(2), prepared(BETWEEN[1], SEARCH), starts(TURNED), SEARCH)
+    photograph = between()
+    part = photograph._replace(points=np.where((np.arange(POINTS.shape[1]) < 3)[:, None], np.nan, photograph.points))
+    found = follow_across(first(), part, routes(2), target_spline(BETWEEN[1], SEARCH), starts(TURNED), SEARCH)
     assert found.valid.all()
-    np.testing.assert_array_equal(found.way[0], [1, 1, 1, *[2] * (POINTS.shape[1] - 3)])
+    np.testing.assert_array_equal(found.route[0], [1, 1, 1, *[2] * (POINTS.shape[1] - 3)])
 
 
-def test_covariance_is_that_of_the_right_photograph_alone_by_either_way():
-    target = prepared(BETWEEN[1], SEARCH)
+def test_covariance_is_that_of_the_right_photograph_alone_by_either_route():
+    target = target_spline(BETWEEN[1], SEARCH)
     direct, chained = (
-        follow_across(first(), between(), ways(way), target, starts(TURNED), SEARCH).covariance for way in (1, 2)
+        follow_across(first(), between(), routes(route), target, starts(TURNED), SEARCH).covariance for route in (1, 2)
     )
     assert 0.85 < np.median(chained / direct, axis=(0, 1))[[0, 2]].min() < 1.15
 
 
 def test_points_without_a_start_or_a_place_have_no_value():
-    begin, anchor = starts(), first()
+    begin, photograph = starts(), first()
     begin[:3] = np.nan
-    hidden = anchor._replace(points=np.where((np.arange(POINTS.shape[1]) < 2)[:, None], np.nan, anchor.points))
-    found = follow_across(hidden, None, ways(0), prepared(LEFT[1], SEARCH), begin, SEARCH)
+    hidden = photograph._replace(points=np.where((np.arange(POINTS.shape[1]) < 2)[:, None], np.nan, photograph.points))
+    found = follow_across(hidden, None, routes(0), target_spline(LEFT[1], SEARCH), begin, SEARCH)
     assert not found.valid[:, :2].any()
     assert found.valid[:, 2:].all()  # grown from the neighbours
 
@@ -99,18 +100,20 @@ def test_a_view_that_stays_carries_points_over():
     across, left_gradient = np.array([[0.9, 0.1], [0.0, 1.1]]), generator.normal(np.eye(2), 0.1, (*shape, 2, 2))
     before, motion = generator.uniform(0, 500, (*shape, 2)), generator.uniform(-9, 9, (*shape, 2))
     after_gradient = generator.normal(np.eye(2), 0.1, (*shape, 2, 2))
-    right = Step(before @ across.T + [3.0, 4.0], across @ left_gradient)
-    start = as_before(Step(before + motion, after_gradient), Step(before, left_gradient), right)
+    right = PointsInStep(before @ across.T + [3.0, 4.0], across @ left_gradient)
+    start = starts_from_previous_step(
+        PointsInStep(before + motion, after_gradient), PointsInStep(before, left_gradient), right
+    )
     np.testing.assert_allclose(start[..., 0], (before + motion) @ across.T + [3.0, 4.0])
     np.testing.assert_allclose(start[..., 1:], across @ after_gradient)
 
 
-def test_starts_are_borne_out_by_the_grey_levels_or_not():
+def test_starts_are_confirmed_by_the_grey_levels_or_not():
     begin = starts()
-    assert borne_out(LEFT[0], LEFT[1], POINTS, begin)
-    assert not borne_out(LEFT[0], LEFT[1], POINTS, begin + np.array([[9.0, 0.0, 0.0], [0.0, 0.0, 0.0]]))
+    assert starts_agree(LEFT[0], LEFT[1], POINTS, begin)
+    assert not starts_agree(LEFT[0], LEFT[1], POINTS, begin + np.array([[9.0, 0.0, 0.0], [0.0, 0.0, 0.0]]))
     begin[2:] = np.nan
-    assert not borne_out(LEFT[0], LEFT[1], POINTS, begin)
+    assert not starts_agree(LEFT[0], LEFT[1], POINTS, begin)
 
 
 def test_each_camera_has_its_noise():
@@ -125,12 +128,13 @@ def test_each_camera_has_its_noise():
 
 
 def test_noise_of_the_right_photograph_moves_its_places_alone():
-    target = prepared(BETWEEN[1], SEARCH)
+    target = target_spline(BETWEEN[1], SEARCH)
     one, two = (
-        follow_across(first(), None, ways(1), target, starts(TURNED), SEARCH._replace(strength=s)) for s in (1.0, 2.0)
+        follow_across(first(), None, routes(1), target, starts(TURNED), SEARCH._replace(target_noise_ratio=s))
+        for s in (1.0, 2.0)
     )
     np.testing.assert_allclose(two.covariance, 4.0 * one.covariance)
-    np.testing.assert_allclose(two.template, one.template)
+    np.testing.assert_allclose(two.template_covariance, one.template_covariance)
 
 
 def test_contrast_is_the_spread_of_grey_levels():
@@ -145,33 +149,33 @@ def test_overexposed_places():
     image = np.full((20, 30), 90, dtype=np.uint8)
     image[:, 15:] = 255
     places = np.stack(np.meshgrid(np.arange(0.0, 40.0, 5.0), [4.0, 9.0]), axis=-1)
-    assert overexposed(image, places) == pytest.approx(0.5)
+    assert overexposed_share(image, places) == pytest.approx(0.5)
     places[0, 0] = np.nan
-    assert overexposed(image, places) == pytest.approx(6 / 11)
-    assert np.isnan(overexposed(image, places + 100.0))
+    assert overexposed_share(image, places) == pytest.approx(6 / 11)
+    assert np.isnan(overexposed_share(image, places + 100.0))
 
 
 def test_places_enclose_what_lies_between_them():
     places = np.stack(np.meshgrid([4.0, 10.0, 16.0], [3.0, 8.0]), axis=-1)
-    inside = enclosed((12, 20), places)
+    inside = grid_mask((12, 20), places)
     assert inside.sum() == 13 * 6
     places[0, 2] = np.nan
-    assert enclosed((12, 20), places).sum() == 7 * 6
+    assert grid_mask((12, 20), places).sum() == 7 * 6
 
 
 def test_noise_that_led_to_a_place_leads_away_from_it_again():
     """Where a subset looks the same in the right photograph nothing of it remains; where it shrinks, some of it."""
     shift = warp_from_gradient(POINTS + 0.3, np.broadcast_to(np.eye(2), (*POINTS.shape, 2)))
-    matched = follow_across(first(), None, ways(1), prepared(LEFT[0], SEARCH), shift, SEARCH)
-    assert (np.abs(passed_on(matched, SEARCH)) < 1e-3 * matched.covariance[..., :1]).all()
-    across = follow_across(first(), None, ways(1), prepared(LEFT[1], SEARCH), starts(), SEARCH)
-    remains = (passed_on(across, SEARCH) / across.covariance)[..., [0, 2]]
+    matched = follow_across(first(), None, routes(1), target_spline(LEFT[0], SEARCH), shift, SEARCH)
+    assert (np.abs(inherited_covariance(matched, SEARCH)) < 1e-3 * matched.covariance[..., :1]).all()
+    across = follow_across(first(), None, routes(1), target_spline(LEFT[1], SEARCH), starts(), SEARCH)
+    remains = (inherited_covariance(across, SEARCH) / across.covariance)[..., [0, 2]]
     assert (remains > 0.0).all()
     assert np.median(remains) < 0.3
 
 
-@pytest.mark.parametrize("way", ["direct", "chained"])
-def test_sigma_covers_the_errors_of_places_followed_from_a_match(way):
+@pytest.mark.parametrize("route", ["direct", "chained"])
+def test_sigma_covers_the_errors_of_places_followed_from_a_match(route):
     """By the noise of the left photograph, of the right one that was matched, of one in between, and of the last."""
     noise, fine = 4.0, grid((150, 90, 450, 410), 20).astype(float)
     search, everywhere = SEARCH._replace(noise=np.hypot(noise, 12**-0.5)), np.ones(LEFT[0].shape, dtype=bool)
@@ -180,18 +184,26 @@ def test_sigma_covers_the_errors_of_places_followed_from_a_match(way):
     sizes = []
     for run in range(5):
         views = [photographs(state, noise, 10 * run + k) for k, state in enumerate((REST, TURNED, STRETCHED))]
-        anchor, target = first_anchor(views[0][0], everywhere, fine, search), prepared(views[2][1], search)
+        photograph, target = first_photograph(views[0][0], everywhere, fine, search), target_spline(views[2][1], search)
         match = follow_across(
-            anchor, None, np.ones(fine.shape[:2], np.uint8), prepared(views[0][1], search), begin[0], search
+            photograph, None, np.ones(fine.shape[:2], np.uint8), target_spline(views[0][1], search), begin[0], search
         )
-        reference = Anchor(
-            views[0][1], (0, 0), everywhere, match.warp[..., 0], match.warp, passed_on(match, search), match.slope
+        reference = ReferencePhotograph(
+            views[0][1],
+            (0, 0),
+            everywhere,
+            match.warp[..., 0],
+            match.warp,
+            inherited_covariance(match, search),
+            match.slope,
         )
-        if way == "chained":
-            step = attempt(reference, prepared(views[1][1], search), begin[1], search)
-            reference = Anchor(views[1][1], (0, 0), everywhere, step.warp[..., 0], step.warp, step.passed, step.slope)
-        found = attempt(reference, target, begin[2], search, way=1 + (way == "chained"))
-        covariance = found.covariance + congruent(found.warp[..., 1:3], match.template)
+        if route == "chained":
+            step = find_points(reference, target_spline(views[1][1], search), begin[1], search)
+            reference = ReferencePhotograph(
+                views[1][1], (0, 0), everywhere, step.warp[..., 0], step.warp, step.inherited_covariance, step.slope
+            )
+        found = find_points(reference, target, begin[2], search, route=1 + (route == "chained"))
+        covariance = found.covariance + congruent(found.warp[..., 1:3], match.template_covariance)
         sizes.append(np.abs(found.warp[..., 0] - truth[2]) / np.sqrt(covariance[..., [0, 2]]))
     sizes = np.array(sizes)
     assert np.mean(sizes < 1.0) == pytest.approx(0.683, abs=0.03)

@@ -2,17 +2,14 @@ import numpy as np
 import pytest
 from scenes import grey, texture
 
-from dicflow.core.correlation.material import (
-    Anchor,
+from dicflow.core.correlation.material import Updating, follow_step
+from dicflow.core.correlation.points import VIA_REFERENCE_STEP, ReferencePhotograph, carried_points, cropped
+from dicflow.core.correlation.search import (
     Search,
-    Updating,
-    at_rest,
-    attempt,
-    carried_by,
-    cropped,
-    first_anchor,
-    follow_step,
-    prepared,
+    find_points,
+    first_photograph,
+    points_in_first_photograph,
+    target_spline,
 )
 from dicflow.core.correlation.subsets import Subset
 from dicflow.core.correlation.warp import warp_from_gradient
@@ -33,18 +30,20 @@ def image(stretch=1.0, shift=(0.0, 0.0), noise=0.0, seed=0):
     return grey(texture((x - shift[0]) / stretch, y - shift[1]), noise, seed)
 
 
-def anchor_of(found, photograph):
-    return Anchor(photograph, (0, 0), EVERYWHERE, found.warp[..., 0], found.warp, found.passed, found.slope)
+def as_reference(found, photograph):
+    return ReferencePhotograph(
+        photograph, (0, 0), EVERYWHERE, found.warp[..., 0], found.warp, found.inherited_covariance, found.slope
+    )
 
 
-def test_an_anchor_keeps_what_its_subsets_need():
-    first = first_anchor(image(), EVERYWHERE, GRID, SEARCH)
+def test_a_cropped_photograph_keeps_what_its_subsets_need():
+    first = first_photograph(image(), EVERYWHERE, GRID, SEARCH)
     whole = first._replace(image=image(), origin=(0, 0), usable=EVERYWHERE)
     part = cropped(whole, 21)
     assert part.image.shape < whole.image.shape
     x, y = part.origin
     np.testing.assert_array_equal(part.image, whole.image[y : y + part.image.shape[0], x : x + part.image.shape[1]])
-    one, two = (at_rest(anchor, SEARCH) for anchor in (first, part))
+    one, two = (points_in_first_photograph(reference, SEARCH) for reference in (first, part))
     np.testing.assert_allclose(one.covariance, two.covariance, rtol=1e-6)
     lost = cropped(whole._replace(points=np.full(GRID.shape, np.nan)), 21)
     assert lost.image.shape == whole.image.shape
@@ -52,26 +51,24 @@ def test_an_anchor_keeps_what_its_subsets_need():
 
 def test_crops_change_no_place():
     """What is cut off a photograph does not move a point by more than rounding does."""
-    first = first_anchor(image(), EVERYWHERE, GRID, SEARCH)
+    first = first_photograph(image(), EVERYWHERE, GRID, SEARCH)
     whole = first._replace(image=image(), origin=(0, 0), usable=EVERYWHERE)
     target = image(1.05, (4.0, 2.0))
-    one, two = (
-        follow_step(a, None, anchor_of(at_rest(first, SEARCH), image()), target, SEARCH, Updating())[0]
-        for a in (first, whole)
-    )
+    previous = as_reference(points_in_first_photograph(first, SEARCH), image())
+    one, two = (follow_step(a, None, previous, target, SEARCH, Updating())[0] for a in (first, whole))
     assert np.abs(one.warp[..., 0] - two.warp[..., 0]).max() < 2e-4
 
 
 def test_points_around_carry_others_along():
-    first = first_anchor(image(), EVERYWHERE, GRID, SEARCH)
-    before = anchor_of(at_rest(first, SEARCH), image())
+    first = first_photograph(image(), EVERYWHERE, GRID, SEARCH)
+    before = as_reference(points_in_first_photograph(first, SEARCH), image())
     found, reference = follow_step(first, None, before, image(1.1, (3.0, 5.0)), SEARCH, Updating())
     assert reference is None
     assert found.valid.all()
     between = np.array([[63.0, 71.0], [155.0, 158.0], [52.0, 165.0]])
-    np.testing.assert_allclose(carried_by(found, GRID, between), between * (1.1, 1.0) + (3.0, 5.0), atol=0.02)
+    np.testing.assert_allclose(carried_points(found, GRID, between), between * (1.1, 1.0) + (3.0, 5.0), atol=0.02)
     none = found._replace(status=np.full(found.status.shape, Status.UNTRACKED, dtype=np.uint8))
-    assert np.isnan(carried_by(none, GRID, between)).all()
+    assert np.isnan(carried_points(none, GRID, between)).all()
 
 
 @pytest.mark.parametrize(("degree", "seed"), [(3, 4), (5, 6)])
@@ -79,16 +76,16 @@ def test_noise_that_correlation_leaves(degree, seed):
     """A stretch brings all fractions of a pixel, so that the mean share that interpolation leaves is met."""
     search = SEARCH._replace(degree=degree)
     photographs = image(noise=3.0, seed=1), image(1.07, noise=3.0, seed=seed)
-    first = first_anchor(photographs[0], EVERYWHERE, GRID, search)
-    before = anchor_of(at_rest(first, search), photographs[0])
+    first = first_photograph(photographs[0], EVERYWHERE, GRID, search)
+    before = as_reference(points_in_first_photograph(first, search), photographs[0])
     found, _ = follow_step(first, None, before, photographs[1], search, Updating())
     left = residual_noise(photographs[0], GRID[found.valid], found.znssd[found.valid], 21, degree)
     assert left == pytest.approx(np.hypot(3.0, 12**-0.5), rel=0.04)
 
 
-@pytest.mark.parametrize("way", ["direct", "chained"])
+@pytest.mark.parametrize("route", ["direct", "chained"])
 @pytest.mark.parametrize("stretches", [((1.0, 1.0), (1.0, 1.0)), ((1.3, 0.87), (1.2, 0.9)), ((0.7, 0.7), (0.9, 0.9))])
-def test_sigma_covers_the_errors_by_either_way(stretches, way):
+def test_sigma_covers_the_errors_by_either_route(stretches, route):
     """1σ covers 68 % and 2σ 95 % of the errors by the noise of the first photograph, a reference and the target."""
     noise, between, middle = 3.0, np.diag(stretches[0]), np.array([110.0, 110.0])
     motions = np.eye(2), between, np.diag(stretches[1]) @ between
@@ -99,13 +96,13 @@ def test_sigma_covers_the_errors_by_either_way(stretches, way):
     sizes = []
     for run in range(12):
         images = [grey(part, noise, 3 * run + k) for k, part in enumerate(clean)]
-        first = first_anchor(images[0], EVERYWHERE, NEAR, search)
-        template, target = at_rest(first, search).covariance, prepared(images[2], search)
-        if way == "chained":
-            reference = anchor_of(attempt(first, prepared(images[1], search), starts[1], search), images[1])
-            found = attempt(reference, target, starts[2], search, way=2)
+        first = first_photograph(images[0], EVERYWHERE, NEAR, search)
+        template, target = points_in_first_photograph(first, search).covariance, target_spline(images[2], search)
+        if route == "chained":
+            reference = as_reference(find_points(first, target_spline(images[1], search), starts[1], search), images[1])
+            found = find_points(reference, target, starts[2], search, VIA_REFERENCE_STEP)
         else:
-            found = attempt(first, target, starts[2], search)
+            found = find_points(first, target, starts[2], search)
         covariance = found.covariance + congruent(found.warp[..., 1:], template)
         sizes.append(np.abs(found.warp[..., 0] - starts[2][..., 0]) / np.sqrt(covariance[..., [0, 2]]))
     assert np.mean(np.array(sizes) < 1.0) == pytest.approx(0.683, abs=0.03)

@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 from scenes import texture
 
-from dicflow.core.correlation.misfit import misfit_covariance, moved_by_residuals
+from dicflow.core.correlation.misfit import misfit_covariance, place_covariances
 from dicflow.core.correlation.subsets import Subset, correlate, template
 from dicflow.core.correlation.warp import identity
 from dicflow.core.photographs.interpolate import spline
@@ -36,10 +36,10 @@ def matched(images, subset):
 )
 def test_white_noise_moves_subsets_as_the_hessian_says(subset):
     reference, target, found = matched(photographs(), subset)
-    moved = moved_by_residuals(reference, target, CENTRES.astype(int), found.warp, subset)
+    covariances = place_covariances(reference, target, CENTRES.astype(int), found.warp, subset)
     hessian = found.covariance[:, [0, 1, 1, 2]].reshape(-1, 2, 2)
-    np.testing.assert_allclose(2.0 * moved.noise, hessian, rtol=0.02, atol=0.02 * hessian.max())
-    told, white = (np.trace(part, axis1=1, axis2=2).mean() for part in (moved.residual, NOISE**2 * hessian))
+    np.testing.assert_allclose(2.0 * covariances.noise, hessian, rtol=0.02, atol=0.02 * hessian.max())
+    told, white = (np.trace(part, axis1=1, axis2=2).mean() for part in (covariances.residual, NOISE**2 * hessian))
     assert told == pytest.approx(white, rel=0.04)
 
 
@@ -48,10 +48,10 @@ def test_noise_that_is_alike_over_a_few_pixels_is_seen():
     subset, errors, told, white = Subset(31), [], [], []
     for seed in range(4):
         reference, target, found = matched(photographs(1.0, seed), subset)
-        moved = moved_by_residuals(reference, target, CENTRES.astype(int), found.warp, subset)
+        covariances = place_covariances(reference, target, CENTRES.astype(int), found.warp, subset)
         errors.append(found.warp[..., 0] - CENTRES)
-        told.append(moved.residual[:, [0, 1], [0, 1]])
-        white.append(2.0 * NOISE**2 * moved.noise[:, [0, 1], [0, 1]])
+        told.append(covariances.residual[:, [0, 1], [0, 1]])
+        white.append(2.0 * NOISE**2 * covariances.noise[:, [0, 1], [0, 1]])
     true = np.mean(np.square(errors))
     assert true > 3.0 * np.mean(white)
     assert np.mean(told) == pytest.approx(true, rel=0.15)
@@ -79,5 +79,5 @@ def test_subsets_that_leave_the_image_or_were_not_found_say_nothing():
     centres, warp = np.array([[5, 100], [100, 100], [100, 100]]), found.warp[:3].copy()
     warp[:, :, 0] = 100.0
     warp[2] = np.nan
-    moved = moved_by_residuals(reference, target, centres, warp, subset)
-    np.testing.assert_array_equal(np.isnan(moved.residual[:, 0, 0]), [True, False, True])
+    covariances = place_covariances(reference, target, centres, warp, subset)
+    np.testing.assert_array_equal(np.isnan(covariances.residual[:, 0, 0]), [True, False, True])

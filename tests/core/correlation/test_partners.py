@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 from stereo_scene import REGION, REST, RIG, State, clean, material, photographs, right_truth
 
-from dicflow.core.correlation.partners import FEWEST, Partners, find_partners, right_of_left, started
+from dicflow.core.correlation.partners import MIN_PARTNERS, Partners, find_partners, right_of_left, starting_warps
 
 
 def seeds(count=14):
@@ -50,7 +50,7 @@ def test_what_the_right_photograph_does_not_show_has_no_partner():
 def test_unlike_photographs_have_no_partners():
     noise = np.random.default_rng(0).integers(0, 255, (2, 500, 600)).astype(np.uint8)
     found = find_partners(RIG, *noise, seeds(8))
-    assert len(found.left) < FEWEST
+    assert len(found.left) < MIN_PARTNERS
     position, slope = right_of_left(found, seeds(3))
     assert np.isnan(position).all()
     assert np.isnan(slope).all()
@@ -88,7 +88,7 @@ def _doubled(camera):
 def test_starts_go_through_the_left_photograph():
     left = np.array([[[10.0, 1.1, 0.1, 0.01, 0.0, 0.0], [20.0, 0.0, 0.9, 0.0, 0.0, 0.02]]])
     slope = np.array([[[0.8, 0.0], [0.1, 1.0]]])
-    start = started(left, np.array([[50.0, 60.0]]), slope)
+    start = starting_warps(left, np.array([[50.0, 60.0]]), slope)
     assert start.shape == (1, 2, 3)
     np.testing.assert_allclose(start[0], [[50.0, 0.88, 0.08], [60.0, 0.11, 0.91]])
 

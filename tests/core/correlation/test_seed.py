@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from dicflow.core.correlation.seed import Pairs, agreement, islands, seed_warps
+from dicflow.core.correlation.seed import Pairs, islands, seed_warps, window_correlation
 from dicflow.core.correlation.warp import identity, warp_from_gradient
 from dicflow.core.matching.transform import apply_transform, jacobian
 from dicflow.core.synthetic.planar import planar_pair, translation
@@ -110,8 +110,8 @@ def test_agreement_is_one_with_the_truth_and_none_beside_it():
     centres = grid_with_a_hole().reshape(-1, 2)
     centres = centres[np.isfinite(centres[:, 0])]
     there = identity(centres)
-    assert abs(agreement(pair.reference, pair.deformed, centres, there)) < 0.2
+    assert abs(window_correlation(pair.reference, pair.deformed, centres, there)) < 0.2
     there[..., 0] += (20.0, 10.0)
-    assert agreement(pair.reference, pair.deformed, centres, there) > 0.99
+    assert window_correlation(pair.reference, pair.deformed, centres, there) > 0.99
     there[..., 0] += 500.0
-    assert agreement(pair.reference, pair.deformed, centres, there) == -1.0
+    assert window_correlation(pair.reference, pair.deformed, centres, there) == -1.0

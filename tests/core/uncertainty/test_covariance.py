@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 
 from dicflow.core.cameras.frames import axes_frame
-from dicflow.core.tensors import symmetric, upper
+from dicflow.core.tensors import symmetric, upper_triangle
 from dicflow.core.uncertainty.covariance import (
     MeasuredPoints,
     derivative,
@@ -26,8 +26,8 @@ TEMPLATE = definite(2)
 
 def test_triangles_and_matrices():
     matrices = definite(6)
-    assert upper(matrices).shape == (4, 21)
-    assert np.array_equal(symmetric(upper(matrices)), np.maximum(matrices, np.swapaxes(matrices, -1, -2)))
+    assert upper_triangle(matrices).shape == (4, 21)
+    assert np.array_equal(symmetric(upper_triangle(matrices)), np.maximum(matrices, np.swapaxes(matrices, -1, -2)))
 
 
 def test_displacement_sees_only_the_difference_of_the_template_shares():

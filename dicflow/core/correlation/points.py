@@ -1,0 +1,121 @@
+"""Material points in a photograph, with which a search starts and which it returns."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from dicflow.core.arrays import Array, Codes, Grey, Iterations, Mask
+from dicflow.core.matching.pairs import local_motion
+from dicflow.core.status import Status
+
+__all__ = [
+    "DIRECT",
+    "MIN_POINTS_FOR_MOTION",
+    "VIA_REFERENCE_STEP",
+    "FoundPoints",
+    "ReferencePhotograph",
+    "carried_points",
+    "cropped",
+    "merged",
+]
+
+DIRECT, VIA_REFERENCE_STEP = 1, 2
+"""Routes by which a point is found."""
+
+MARGIN_PX = 24
+"""Pixels kept around the subsets of a cropped photograph: those farther away do not change the spline there."""
+
+
+MIN_POINTS_FOR_MOTION = 3
+"""With fewer valid points, the motion of the others is unknown."""
+
+
+class ReferencePhotograph(NamedTuple):
+    """A photograph with known places of the material points, whose subsets can be searched for.
+
+    image : (h, w) grey; part of the photograph
+    origin : (x, y) of its first pixel [px]
+    usable : (h, w) bool — pixels in the region
+    points : (rows, cols, 2) — places of the points in the photograph [px]; NaN where unknown
+    warp : (rows, cols, 2, m) — from the first photograph
+    inherited_covariance : (rows, cols, 3) — of the places, by earlier photographs except the first [px²]
+    slope : (rows, cols, 2, 2) — gradient of the motion from the photograph with whose subsets the points were found
+    age : steps for which it has been the reference photograph
+    """
+
+    image: Grey
+    origin: tuple[int, int]
+    usable: Mask
+    points: Array
+    warp: Array
+    inherited_covariance: Array
+    slope: Array
+    age: int = 0
+
+
+class FoundPoints(NamedTuple):
+    """Material points in one photograph, on the grid (rows, cols).
+
+    warp : (..., 2, m) — from the first photograph; NaN where a point has no value
+    znssd, iterations, status : of the subset that found the point
+    covariance : (..., 3) — of the places, without the noise of the first photograph [px²]
+    route : uint8 — DIRECT: with a subset of the first photograph; VIA_REFERENCE_STEP; 0: no value, or the photograph
+        is the first one
+    template_covariance : (..., 3) — of the places, by the noise of the template [px² of the first photograph]
+    inherited_covariance : (..., 3) — share of reference steps in ``covariance`` [px²]
+    slope : (..., 2, 2) — gradient of the motion from the reference photograph
+    """
+
+    warp: Array
+    znssd: Array
+    iterations: Iterations
+    status: Codes
+    covariance: Array
+    route: Codes
+    template_covariance: Array
+    inherited_covariance: Array
+    slope: Array
+
+    @property
+    def valid(self) -> Mask:
+        """Which points have a value."""
+        return np.asarray(self.status == Status.VALID, dtype=np.bool_)
+
+
+def cropped(reference: ReferencePhotograph, subset_size: int) -> ReferencePhotograph:
+    """The reference photograph without pixels that its subsets do not need."""
+    known = reference.points[np.isfinite(reference.points).all(axis=-1)] - reference.origin
+    if len(known) == 0:
+        return reference
+    reach = subset_size // 2 + 1 + MARGIN_PX
+    x0, y0 = np.maximum(np.floor(known.min(axis=0)).astype(int) - reach, 0).tolist()
+    x1, y1 = (np.ceil(known.max(axis=0)).astype(int) + reach + 1).tolist()
+    part = slice(y0, y1), slice(x0, x1)
+    origin = reference.origin[0] + x0, reference.origin[1] + y0
+    return reference._replace(image=reference.image[part], usable=reference.usable[part], origin=origin)
+
+
+def merged(found: FoundPoints, better: FoundPoints) -> FoundPoints:
+    """The points of ``found``, replaced by those of ``better`` where these have a value."""
+    pairs: Iterable[tuple[Any, Any]] = zip(found, better, strict=True)
+    return FoundPoints._make(np.where(_broadcast_mask(better.valid, new), new, old) for old, new in pairs)
+
+
+def carried_points(found: FoundPoints, grid: Array, points: Array) -> Array:
+    """Where points (n, 2) of the first photograph are, by the motion of the material points around them [px].
+
+    grid : (rows, cols, 2) — the material points in the first photograph
+    Returns NaN with too few valid material points.
+    """
+    valid = found.valid
+    if valid.sum() < MIN_POINTS_FOR_MOTION:
+        return np.full(points.shape, np.nan)
+    return local_motion(grid[valid], found.warp[valid][..., 0], points).position
+
+
+def _broadcast_mask(mask: Mask, values: Array) -> Mask:
+    """The mask with as many axes as the values."""
+    return mask.reshape(mask.shape + (1,) * (values.ndim - mask.ndim))

@@ -1,0 +1,166 @@
+"""The subsets of a reference photograph searched for in a target, with the covariance of the places found."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import cv2
+import numpy as np
+
+from dicflow.core.arrays import Array, Grey, Image, Mask
+from dicflow.core.correlation.chain import chained, uncancelled_noise
+from dicflow.core.correlation.follow import Field, correlate_field
+from dicflow.core.correlation.misfit import misfit_covariance
+from dicflow.core.correlation.points import (
+    DIRECT,
+    VIA_REFERENCE_STEP,
+    FoundPoints,
+    ReferencePhotograph,
+    cropped,
+)
+from dicflow.core.correlation.subsets import Subset, Template, template
+from dicflow.core.correlation.warp import gradient, identity, warp_from_gradient
+from dicflow.core.photographs.footprint import blurred, missing_blurs
+from dicflow.core.photographs.interpolate import Spline, spline
+from dicflow.core.photographs.noise import interpolated_noise
+from dicflow.core.status import Status
+from dicflow.core.tensors import congruent, inverse
+
+__all__ = ["Search", "find_points", "first_photograph", "points_in_first_photograph", "target_spline"]
+
+
+class Search(NamedTuple):
+    """Settings of a search for subsets.
+
+    subset : size, shape function and convergence
+    degree : of the splines, 3 or 5
+    smoothing_px : standard deviation of the Gaussian that smooths all photographs first; 0 for none
+    max_znssd : a subset that fits worse is not found
+    noise : standard deviation of the noise of the templates' photographs [grey levels]
+    target_noise_ratio : noise of the target over that of the template, each relative to its contrast
+    threads : how many share the points
+    counts_misfit : whether residuals beyond the noise add to the covariance
+    """
+
+    subset: Subset
+    degree: int = 5
+    smoothing_px: float = 0.0
+    max_znssd: float = 0.3
+    noise: float = 1.0
+    target_noise_ratio: float = 1.0
+    threads: int = 1
+    counts_misfit: bool = False
+
+
+def first_photograph(image: Grey, usable: Mask, grid: Array, search: Search) -> ReferencePhotograph:
+    """The first photograph as a reference photograph.
+
+    grid : (rows, cols, 2) — whole pixels; NaN outside the region
+    """
+    warp = identity(grid, search.subset.shape_function)  # type: ignore[arg-type]
+    exact = np.zeros((*grid.shape[:2], 3))
+    return cropped(ReferencePhotograph(image, (0, 0), usable, grid, warp, exact, gradient(warp)), search.subset.size)
+
+
+def points_in_first_photograph(first: ReferencePhotograph, search: Search) -> FoundPoints:
+    """The points in the first photograph itself, correlated with itself.
+
+    The covariance is that of the first photograph's noise, which all later places share; NaN where a point has no
+    value.
+    """
+    itself = target_spline(first.image, search)
+    pair = template(itself, first.usable), itself
+    found = _correlate_subsets(first, pair, first.warp[..., :3], search, first.origin)
+    route = np.zeros(found.status.shape, dtype=np.uint8)
+    warp = np.where((found.status == Status.VALID)[..., None, None], first.warp, np.nan)
+    covariance = 0.5 * search.noise**2 * found.covariance
+    fit = found.znssd, found.iterations, found.status
+    return FoundPoints(warp, *fit, covariance, route, covariance, 0.0 * covariance, warp[..., 1:3])
+
+
+def target_spline(image: Grey, search: Search) -> Spline:
+    """The spline of a photograph, for a search in it."""
+    return spline(_smoothed(image, search), search.degree)
+
+
+def find_points(
+    reference: ReferencePhotograph, target: Spline, starts: Array, search: Search, route: int = DIRECT
+) -> FoundPoints:
+    """Find the points of a reference photograph in the target.
+
+    starts : (rows, cols, 2, 3) — from the first photograph to the target
+    route : VIA_REFERENCE_STEP counts the noise of the reference photograph too
+    """
+    pair, centres = _match_blur(reference, target, starts, search), np.rint(reference.points)
+    field = _correlate_subsets(reference, pair, starts, search)
+    noise = 0.5 * search.noise**2 * field.covariance
+    slope = gradient(field.warp, reference.points - centres)
+    inherited = congruent(slope, reference.inherited_covariance)
+    if route == VIA_REFERENCE_STEP:
+        remaining = uncancelled_noise(reference.slope, field.warp.shape[-1], search.degree)
+        inherited = inherited + remaining[..., None] * noise
+    target_noise = search.target_noise_ratio**2 * interpolated_noise(slope, search.degree)
+    covariance = inherited + target_noise[..., None] * noise
+    if search.counts_misfit:
+        unit, variance = 0.5 * congruent(inverse(slope), field.covariance), search.noise**2 * (1.0 + target_noise)
+        misfit = misfit_covariance(*pair, centres - reference.origin, field.warp, search.subset, unit, variance)
+        covariance = covariance + congruent(slope, misfit)
+    warp = chained(reference.warp, field.warp, centres)
+    routes = np.where(field.status == Status.VALID, route, 0).astype(np.uint8)
+    by_template = congruent(inverse(warp[..., 1:3]), noise)
+    fit = field.znssd, field.iterations, field.status
+    return FoundPoints(warp, *fit, covariance, routes, by_template, inherited, slope)
+
+
+def _smoothed(image: Grey, search: Search) -> Image:
+    grey = image.astype(np.float32)
+    if search.smoothing_px > 0.0:
+        grey = np.asarray(cv2.GaussianBlur(grey, (0, 0), search.smoothing_px), dtype=np.float32)
+    return grey
+
+
+def _match_blur(
+    reference: ReferencePhotograph, target: Spline, starts: Array, search: Search
+) -> tuple[Template, Spline]:
+    """The template and the target, one of them blurred so that both show the material equally sharp on average."""
+    image, slopes = _smoothed(reference.image, search), _motion_gradients(reference, starts)
+    slopes = slopes[np.isfinite(slopes).all(axis=(-2, -1))]
+    if len(slopes):
+        blurs = missing_blurs(np.median(slopes, axis=0), search.smoothing_px)
+        image = blurred(image, blurs.template)
+        target = target if blurs.target is None else spline(blurred(target.image, blurs.target), search.degree)
+    return template(spline(image, search.degree), reference.usable), target
+
+
+def _motion_gradients(reference: ReferencePhotograph, starts: Array) -> Array:
+    """Gradients (rows, cols, 2, 2) of the motion from a reference photograph to where ``starts`` lead."""
+    known = np.where(np.isnan(reference.warp[..., 1:3]), np.eye(2), reference.warp[..., 1:3])
+    return starts[..., 1:3] @ np.linalg.inv(known)
+
+
+def _correlate_subsets(
+    reference: ReferencePhotograph,
+    pair: tuple[Template, Spline],
+    starts: Array,
+    search: Search,
+    target_origin: Sequence[int] = (0, 0),
+) -> Field:
+    """Correlate the subsets around the whole pixels next to the points of a reference photograph.
+
+    pair : the photograph as a template, and the target
+    starts : (rows, cols, 2, 3) — from the first photograph to the target
+    target_origin : (x, y) of the target's first pixel in the coordinates of ``starts`` [px]
+    Returns warps of these subsets, from the reference photograph.
+    """
+    slope = _motion_gradients(reference, starts)
+    centres = np.rint(reference.points)
+    place = starts[..., 0] + np.einsum("...ij,...j->...i", slope, centres - reference.points) - target_origin
+    return correlate_field(
+        *pair,
+        centres - reference.origin,
+        warp_from_gradient(place, slope),
+        search.subset,
+        max_znssd=search.max_znssd,
+        threads=search.threads,
+    )
