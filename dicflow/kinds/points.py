@@ -177,7 +177,7 @@ class Points(Kind):
         found = self.measured()
         if self.in_space:
             return found
-        return found._replace(own=0.0 * found.own, sensitivity=0.0 * found.sensitivity)
+        return found._replace(step_covariance=0.0 * found.step_covariance, sensitivity=0.0 * found.sensitivity)
 
     def measured_by_left(self) -> MeasuredPoints:
         """Places with those errors alone that the subsets of the left photographs bring."""

@@ -69,7 +69,7 @@ def difference_rows(comparison: Comparison) -> list[list[str | int | float]]:
 
 def _row(one: Difference) -> list[str | int | float]:
     found = one.agreement
-    outside: str | float = "–" if found.outside is None else 100.0 * found.outside
+    outside: str | float = "–" if found.share_beyond_sigma is None else 100.0 * found.share_beyond_sigma
     numbers = (found.mean, found.sigma, found.rms, *found.percentiles, found.largest, outside)
     return [one.step, one.quantity, _unit(one), found.points, 100.0 * found.share, *numbers]
 

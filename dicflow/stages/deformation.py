@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 
     from dicflow.core.cameras.frames import Frame
     from dicflow.core.cameras.rigid import RigidMotion
-    from dicflow.core.strain.deformation_gradient import Share, SurfaceGradient
+    from dicflow.core.strain.deformation_gradient import ErrorShare, SurfaceGradient
     from dicflow.core.uncertainty.covariance import MeasuredPoints
     from dicflow.core.uncertainty.overlap import ShapeFunction
 
@@ -112,7 +112,7 @@ class Deformation(Node):
 
         if not self.rigid or not np.isfinite(before.xyz + after.xyz).any():
             return None
-        weights = 1.0 / np.maximum(np.trace(before.own + after.own, axis1=-2, axis2=-1), 1e-12)
+        weights = 1.0 / np.maximum(np.trace(before.step_covariance + after.step_covariance, axis1=-2, axis2=-1), 1e-12)
         try:
             return rigid_motion(before.xyz, after.xyz, np.nan_to_num(weights))
         except ValueError as error:
@@ -120,10 +120,10 @@ class Deformation(Node):
 
     def _strains(self, surface: SurfaceGradient) -> dict[str, np.ndarray]:
         """All quantities of the deformation gradient, and σ of each."""
-        from dicflow.core.strain.measures import measured, sigma
+        from dicflow.core.strain.measures import deformation_measures, measure_sigmas
 
-        values = measured(surface.gradient, self.measure, self.directions)
-        deviations = sigma(surface.gradient, surface.covariance, self.measure, self.directions)
+        values = deformation_measures(surface.gradient, self.measure, self.directions)
+        deviations = measure_sigmas(surface.gradient, surface.covariance, self.measure, self.directions)
         return {**values._asdict(), **{f"sigma_{name}": part for name, part in deviations._asdict().items()}}
 
     def _calibration(
@@ -144,25 +144,27 @@ class Deformation(Node):
         if rig.covariance is None:
             return {}
         known = np.asarray(np.isfinite(surface.gradient).all(axis=(-1, -2)))
-        part = shares.thinned(known)
+        part = shares.thinned_grid(known)
         after, before = (state[part] for state in states)
         fitted = (after, before) if self.rigid else None
         error = shares.rig_error(rig.cameras, rig.covariance, frames, fitted)
-        both = error.at(after, before)
+        both = error.changes_at(after, before)
         stride = part[0].step
-        moved = (both, shares.grid_slopes(both, stride))
+        moved = (both, shares.slope_changes(both, stride))
         changes = shares.field_changes(
             *moved, surface.gradient[part], surface.response[part], self.measure, self.directions
         )
         names = (*"XYZ", *(name for name, quantity in QUANTITIES.items() if quantity.calibrated))
-        found = {name: shares.spread_out(np.linalg.norm(changes[name], axis=-1), known.shape, stride) for name in names}
+        found = {
+            name: shares.nearest_on_grid(np.linalg.norm(changes[name], axis=-1), known.shape, stride) for name in names
+        }
         place = np.stack([found.pop(name) for name in "XYZ"], axis=-1)
         return {"calibration_xyz": place, **{f"calibration_{name}": share for name, share in found.items()}}
 
     def _product(
         self,
         fields: dict[str, np.ndarray],
-        errors: Mapping[ShapeFunction, Share],
+        errors: Mapping[ShapeFunction, ErrorShare],
         steps: tuple[Points, Points],
         motion: _Motion,
     ) -> Product:
@@ -216,12 +218,12 @@ class Deformation(Node):
 
 def _errors_by_shape(
     covariance: np.ndarray, step: Points, first: Points, frames: tuple[Frame, Frame]
-) -> dict[ShapeFunction, Share]:
+) -> dict[ShapeFunction, ErrorShare]:
     """The covariance of the points at both steps by the shape functions of the subsets that bring it.
 
     frames : that of the results, and the one that moves along with what is taken out
     """
-    from dicflow.core.strain.deformation_gradient import Share
+    from dicflow.core.strain.deformation_gradient import ErrorShare
     from dicflow.core.uncertainty.covariance import joint_covariance, points_in_frame
     from dicflow.core.uncertainty.overlap import overlap
 
@@ -229,13 +231,13 @@ def _errors_by_shape(
     own: Any = first.left_shape_function
     other: Any = first.grid.shape_function
     if own == other:
-        return {own: Share(covariance, overlap(*grid, own))}
+        return {own: ErrorShare(covariance, overlap(*grid, own))}
     after, before = (points_in_frame(points.measured_by_left(), frames[0]) for points in (step, first))
     left = joint_covariance(points_in_frame(after, frames[1]), before, first.template[..., :2, :2])
-    return {own: Share(left, overlap(*grid, own)), other: Share(covariance - left, overlap(*grid, other))}
+    return {own: ErrorShare(left, overlap(*grid, own)), other: ErrorShare(covariance - left, overlap(*grid, other))}
 
 
-def _variance_shares(errors: Mapping[ShapeFunction, Share]) -> dict[str, list[float]]:
+def _variance_shares(errors: Mapping[ShapeFunction, ErrorShare]) -> dict[str, list[float]]:
     """Shares of each shape function in the variance of U, V and W, means over the points."""
     import numpy as np
 

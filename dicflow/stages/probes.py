@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     import numpy as np
 
     from dicflow.core.probes.probe_error import ProbeError
-    from dicflow.core.probes.weights import Alike, Probe
+    from dicflow.core.probes.weights import ErrorCorrelation, Probe
     from dicflow.core.uncertainty.overlap import Overlap
 
 __all__ = ["Probes"]
@@ -127,7 +127,7 @@ class Probes(Node):
         along : for each line the probes on it
         """
         from dicflow.core.photographs.region import Polygon, contains
-        from dicflow.core.probes.weights import area_probe, mean_probe, sampled
+        from dicflow.core.probes.weights import area_probe, mean_probe, sample_probes
 
         for name, place in self.points.items():
             probe = step.at(place)
@@ -137,7 +137,10 @@ class Probes(Node):
         for name, ring in self.areas.items():
             inside = contains([Polygon(_array(ring))], step.grid)
             area = area_probe(inside, step.known)
-            yield name, step.values(area, self.quantities, sampled(area, _AREA_SAMPLES) if area is not None else [])
+            yield (
+                name,
+                step.values(area, self.quantities, sample_probes(area, _AREA_SAMPLES) if area is not None else []),
+            )
         for name, line in self.extensometers.items():
             yield name, step.extension(line)
 
@@ -253,7 +256,7 @@ class _Step:
             return dict.fromkeys(quantities, _NONE)
         sources = {name: QUANTITIES[name].sources for name in quantities}
         alike = {**{name: self.rho(weights) for name, weights in sources.items()}, **self._alike(probe)}
-        shares = self.error.of_mean([part for part in parts if part is not None]) if self.error is not None else {}
+        shares = self.error.mean_sigmas([part for part in parts if part is not None]) if self.error is not None else {}
         return {
             name: (
                 float(value_of(probe, self.total[name])),
@@ -273,7 +276,7 @@ class _Step:
         places = (self.total["xyz"], self.total["xyz_reference"])
         along = value_of(difference(first, second), places[0]) ** 2 * self._variances(first)
         found = extension((first, second), *places, self.covariance, self.rho(along))._asdict()
-        shares = self.error.of_lengths(first, second) if self.error is not None else [math.nan] * len(found)
+        shares = self.error.length_sigmas(first, second) if self.error is not None else [math.nan] * len(found)
         return {name: (*pair, float(share)) for (name, pair), share in zip(found.items(), shares, strict=True)}
 
     def rho(self, weights: Any) -> Overlap:
@@ -290,16 +293,16 @@ class _Step:
         sigma = _array([self.total.sigma(name)[probe.rows, probe.cols] for name in "UVW"])
         return np.asarray((sigma**2).mean(axis=1))
 
-    def _alike(self, probe: Probe) -> dict[str, Alike]:
+    def _alike(self, probe: Probe) -> dict[str, ErrorCorrelation]:
         """How the errors of the strains of a probe's points are correlated."""
-        from dicflow.core.probes.weights import complete_mean, slope_overlap
-        from dicflow.core.strain.measures import slope_shares
+        from dicflow.core.probes.weights import complete_mean, strain_correlation
+        from dicflow.core.strain.measures import strain_slope_coefficients
 
         total = self.total
         gradient, slopes = (complete_mean(field[probe.rows, probe.cols]) for field in (self.gradient, self.slopes))
-        shares = slope_shares(gradient, slopes, total.measure, total.directions)
+        shares = strain_slope_coefficients(gradient, slopes, total.measure, total.directions)
         return {
-            name: slope_overlap(self.rho(QUANTITIES[name].sources), total.window_points, total.degree, share)
+            name: strain_correlation(self.rho(QUANTITIES[name].sources), total.window_points, total.degree, share)
             for name, share in shares._asdict().items()
         }
 
@@ -309,15 +312,15 @@ def _error(total: Total, rig: CalibratedRig | None) -> ProbeError | None:
     import numpy as np
 
     from dicflow.core.probes.probe_error import ProbeError
-    from dicflow.core.strain.calibration_error import rig_error, thinned
+    from dicflow.core.strain.calibration_error import rig_error, thinned_grid
 
     if rig is None or rig.covariance is None or not total.in_space:
         return None
     after, before = total["xyz"], total["xyz_reference"]
-    part = thinned(np.isfinite(after + before).all(axis=-1))
+    part = thinned_grid(np.isfinite(after + before).all(axis=-1))
     fitted = (after[part], before[part]) if total.rigid_motion_removed else None
     error = rig_error(rig.cameras, rig.covariance, total.frames, fitted)
-    return ProbeError.of(error, after, before, total.measure, total.directions)
+    return ProbeError.with_plane_slopes(error, after, before, total.measure, total.directions)
 
 
 def _array(places: Any) -> np.ndarray:

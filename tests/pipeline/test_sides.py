@@ -82,7 +82,7 @@ def test_a_table_that_is_moved_and_says_its_sigma(pipeline, measured):
     assert moved.step == step
     assert moved.agreement.mean == pytest.approx(-0.25)
     assert moved.agreement.sigma == pytest.approx(0.0, abs=1e-9)
-    assert moved.agreement.outside == 0.0
+    assert moved.agreement.share_beyond_sigma == 0.0
     assert found.changes is None
     assert any("Only B says its σ" in note for note in found.notes)
     assert any("unit" in note for note in found.notes)

@@ -1,7 +1,7 @@
-"""Values at places between the points of the grid, along lines and over areas, as weighted sums of the points.
+"""Values at places between the points of the grid, along lines and over areas, as weighted sums over points.
 
-A probe knows by what weights the points around it add up, so that its standard deviation follows from theirs and from
-the correlation of their errors.
+The standard deviation of a sum follows from its weights, the standard deviations of the points and the correlation of
+their errors.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ from dicflow.core.uncertainty.covariance import sigma_along
 from dicflow.core.uncertainty.overlap import Overlap
 
 __all__ = [
-    "Alike",
+    "ErrorCorrelation",
     "Extension",
     "Probe",
     "area_probe",
@@ -29,20 +29,23 @@ __all__ = [
     "length_slopes",
     "mean_probe",
     "point_probe",
-    "sampled",
+    "sample_probes",
     "sigma_of",
-    "slope_overlap",
+    "strain_correlation",
     "value_of",
 ]
 
 
-_REACH = 2.5
-_NEAR = 2.0
-_PARABOLA_POINTS = 8
-_PLANE_POINTS = 4
-_FLAT = 1e-3
-_MANY_POINTS = 500
-_GOLDEN = (5.0**0.5 - 1.0) / 2.0
+_FIT_RADIUS_STEPS = 2.5
+"""Radius of the points that a value at a place is fitted to, beyond the distance of the nearest [steps of the grid]."""
+_MAX_DISTANCE_STEPS = 2.0
+"""Distance of the nearest point beyond which a place has no value [steps of the grid]."""
+_MIN_PARABOLA_POINTS = 8
+_MIN_PLANE_POINTS = 4
+_RANK_TOLERANCE = 1e-3
+_MAX_POINTS_IN_PAIRS = 500
+"""Points up to which a standard deviation is summed over all pairs; with more, over distances."""
+_GOLDEN_RATIO = (5.0**0.5 - 1.0) / 2.0
 
 
 class Probe(NamedTuple):
@@ -56,7 +59,7 @@ class Probe(NamedTuple):
     weights: Array
 
 
-class Alike(Protocol):
+class ErrorCorrelation(Protocol):
     """The correlation of errors at a distance on the grid."""
 
     def at(self, rows_apart: Index, cols_apart: Index) -> Array:
@@ -65,19 +68,19 @@ class Alike(Protocol):
 
 
 def point_probe(grid: Array, known: Mask, place: ArrayLike, step_size: float) -> Probe | None:
-    """The value at one place: of the parabola, or with few points the plane, that fits the points around it best.
+    """The value at one place: of the parabola, or with few points the plane, fitted to the points around it.
 
-    grid : (row, col, 2) — places of the points in the photograph of the first step [px]
+    grid : (row, col, 2) — places of the points in the first photograph [px]
     known : (row, col) — which of them have a value
     place : (2,) [px]
-    Returns None where no points are near: the place lies beyond what was measured.
+    Returns None where no points are near, or those near do not define a plane.
     """
     apart = (grid - np.asarray(place, dtype=np.float64)) / step_size
     distance = np.where(known, np.hypot(apart[..., 0], apart[..., 1]), np.inf)
     nearest = float(distance.min(initial=np.inf))
-    if nearest > _NEAR:
+    if nearest > _MAX_DISTANCE_STEPS:
         return None
-    near = distance <= _REACH + nearest
+    near = distance <= _FIT_RADIUS_STEPS + nearest
     weights = _centre_weights(apart[near])
     if weights is None:
         return None
@@ -86,12 +89,12 @@ def point_probe(grid: Array, known: Mask, place: ArrayLike, step_size: float) ->
 
 
 def _centre_weights(places: Array) -> Array | None:
-    """Weights (n,) of points (n, 2) in the value at 0 of the polynomial through them; None where they fix no plane."""
+    """Weights (n,) of points (n, 2) in the value at 0 of the polynomial fitted to them; None if they fix no plane."""
     x, y = places.T
     terms = np.stack([np.ones_like(x), x, y, x * x, x * y, y * y], axis=1)
-    for count, least in ((6, _PARABOLA_POINTS), (3, _PLANE_POINTS)):
+    for count, min_points in ((6, _MIN_PARABOLA_POINTS), (3, _MIN_PLANE_POINTS)):
         design = terms[:, :count]
-        if len(x) >= least and np.linalg.matrix_rank(design, tol=_FLAT) == count:
+        if len(x) >= min_points and np.linalg.matrix_rank(design, tol=_RANK_TOLERANCE) == count:
             return np.asarray(np.linalg.pinv(design)[0])
     return None
 
@@ -109,22 +112,22 @@ def mean_probe(parts: Sequence[Probe | None]) -> Probe | None:
 
 
 def area_probe(inside: Mask, known: Mask) -> Probe | None:
-    """The mean over the points (row, col) of an area that have a value; None without any."""
+    """The mean over the known points inside an area, (row, col) each; None without any."""
     rows, cols = np.nonzero(inside & known)
     return Probe(rows, cols, np.full(len(rows), 1.0 / len(rows))) if len(rows) else None
 
 
-def sampled(probe: Probe, most: int) -> list[Probe]:
-    """Points of an area, each as a probe, spread evenly where there are more than ``most``."""
+def sample_probes(probe: Probe, max_count: int) -> list[Probe]:
+    """The points of an area, each as a probe; if more than ``max_count``, that many, spread evenly."""
     count = len(probe.rows)
     chosen = np.arange(count)
-    if count > most:
-        chosen = np.unique((count * (np.arange(most) * _GOLDEN % 1.0)).astype(int))
+    if count > max_count:
+        chosen = np.unique((count * (np.arange(max_count) * _GOLDEN_RATIO % 1.0)).astype(int))
     return [Probe(probe.rows[[index]], probe.cols[[index]], np.ones(1)) for index in chosen]
 
 
 def difference(first: Probe, second: Probe) -> Probe:
-    """The weighted sum that gives the value of one probe less that of another; its weights add up to 0."""
+    """The value of one probe minus that of another, as a weighted sum; its weights add up to 0."""
     return Probe(
         np.concatenate([first.rows, second.rows]),
         np.concatenate([first.cols, second.cols]),
@@ -133,7 +136,7 @@ def difference(first: Probe, second: Probe) -> Probe:
 
 
 def complete_mean(values: Array) -> Array:
-    """Mean (…) over those of values (n, …) that are complete; NaN without any."""
+    """Mean (…) over those of values (n, …) that contain no NaN; NaN without any."""
     complete = values[np.isfinite(values).reshape(len(values), -1).all(axis=1)]
     return np.asarray(complete.mean(axis=0) if len(complete) else np.full(values.shape[1:], np.nan))
 
@@ -143,33 +146,34 @@ def value_of(probe: Probe, field: NDArray[np.floating]) -> Array:
     return np.asarray(np.tensordot(probe.weights, field[probe.rows, probe.cols], axes=1))
 
 
-def sigma_of(probe: Probe, sigma: NDArray[np.floating], alike: Alike) -> float:
-    """Standard deviation of the sum.
+def sigma_of(probe: Probe, sigma: NDArray[np.floating], correlation: ErrorCorrelation) -> float:
+    """Standard deviation of a probe's value.
 
     sigma : (row, col) — of the points
-    alike : how the errors of the points are correlated
+    correlation : of the errors of the points
     """
     scaled = probe.weights * sigma[probe.rows, probe.cols]
-    if len(scaled) > _MANY_POINTS:
-        return _sigma_of_many(probe, scaled, alike)
-    rho = alike.at(probe.rows[:, None] - probe.rows, probe.cols[:, None] - probe.cols)
+    if len(scaled) > _MAX_POINTS_IN_PAIRS:
+        return _sigma_of_many(probe, scaled, correlation)
+    rho = correlation.at(probe.rows[:, None] - probe.rows, probe.cols[:, None] - probe.cols)
     return float(np.sqrt(max(float(scaled @ rho @ scaled), 0.0)))
 
 
-def _sigma_of_many(probe: Probe, scaled: Array, alike: Alike) -> float:
-    """The same by distances instead of pairs: Σ over distances of ρ times the autocorrelation of weight times σ."""
+def _sigma_of_many(probe: Probe, scaled: Array, correlation: ErrorCorrelation) -> float:
+    """The same, summed over distances instead of pairs: ρ times the autocorrelation of weight times σ."""
     row, col = probe.rows - probe.rows.min(), probe.cols - probe.cols.min()
     field = np.zeros((row.max() + 1, col.max() + 1))
     np.add.at(field, (row, col), scaled)
     apart = np.meshgrid(*(np.arange(1 - side, side) for side in field.shape), indexing="ij")
-    variance = float((correlate(field, field, method="fft") * alike.at(*apart)).sum())
+    variance = float((correlate(field, field, method="fft") * correlation.at(*apart)).sum())
     return float(np.sqrt(max(variance, 0.0)))
 
 
 class Extension(NamedTuple):
-    """The distance of two points of the material, and what became of it, each with its standard deviation.
+    """Reading of an extensometer between two material points: values, each with its standard deviation.
 
-    first, length, elongation : now and at the reference, and the difference [mm]
+    first, length : distance at the reference state and at the step [mm]
+    elongation : their difference [mm]
     strain : elongation per first length [-]
     """
 
@@ -180,31 +184,31 @@ class Extension(NamedTuple):
 
 
 def extension(
-    ends: tuple[Probe, Probe], deformed: Array, reference: Array, covariance: Array, alike: Alike
+    ends: tuple[Probe, Probe], deformed: Array, reference: Array, covariance: Array, correlation: ErrorCorrelation
 ) -> Extension:
     """Read an extensometer between two probes: straight distances in space.
 
     deformed, reference : (row, col, 3) [mm]
-    covariance : (row, col, 6, 6) — of a point at the step and at the reference [mm²]
+    covariance : (row, col, 6, 6) — of a point at the step and at the reference state [mm²]
     """
-    both = difference(*ends)
-    now, before = value_of(both, deformed), value_of(both, reference)
-    length, first = float(np.linalg.norm(now)), float(np.linalg.norm(before))
+    between = difference(*ends)
+    after, before = value_of(between, deformed), value_of(between, reference)
+    length, first = float(np.linalg.norm(after)), float(np.linalg.norm(before))
     values = (first, length, length - first, length / first - 1.0)
-    sigmas = (sigma_of(both, sigma_along(covariance, slope), alike) for slope in length_slopes(now, before))
+    sigmas = (sigma_of(between, sigma_along(covariance, slope), correlation) for slope in length_slopes(after, before))
     return Extension(*zip(values, sigmas, strict=True))
 
 
-def length_slopes(now: Array, before: Array) -> Array:
+def length_slopes(after: Array, before: Array) -> Array:
     """Derivatives (4, 6) of an :class:`Extension`'s values by both vectors (3,) from end to end [-, strain 1/mm]."""
-    length, first = np.linalg.norm(now), np.linalg.norm(before)
-    along, along_first, none = now / length, before / first, np.zeros(3)
+    length, first = np.linalg.norm(after), np.linalg.norm(before)
+    along, along_first, none = after / length, before / first, np.zeros(3)
     slopes = [[none, along_first], [along, none], [along, -along_first], [along, -along_first * length / first]]
     return np.asarray(np.reshape(slopes, (4, 6)) / np.array([1.0, 1.0, 1.0, first])[:, None])
 
 
-class _Table(NamedTuple):
-    """A correlation as a table (2 n + 1, 2 m + 1), its middle at no distance."""
+class _TabulatedCorrelation(NamedTuple):
+    """A correlation as a table (2 n + 1, 2 m + 1), with distance 0 in the middle; 0 beyond it."""
 
     values: Array
 
@@ -214,13 +218,13 @@ class _Table(NamedTuple):
         return np.asarray(np.pad(self.values, 1)[row, col])
 
 
-def slope_overlap(rho: Overlap, window: tuple[int, int], degree: int, directions: ArrayLike) -> Alike:
-    """How alike the errors of strains are, whose windows share points, for full windows.
+def strain_correlation(rho: Overlap, window: tuple[int, int], degree: int, directions: ArrayLike) -> ErrorCorrelation:
+    """Correlation of the errors of strains, whose windows share points; for windows without missing points.
 
     rho : correlation of the points' errors
     window, degree : of the fits
-    directions : (k, 2) — the strain's error is that of the slopes per column and per row in these proportions, the
-        errors of the k of them being independent of one another
+    directions : (k, 2) — coefficients of the slopes per column and per row in the strain's error, for k independent
+        errors of the points
     """
     factors, terms = slope_weights(np.ones(window), window, degree)
     slopes = np.tensordot(factors[window[0] // 2, window[1] // 2], terms, axes=1)
@@ -228,4 +232,4 @@ def slope_overlap(rho: Overlap, window: tuple[int, int], degree: int, directions
     shared = sum(correlate2d(part, part) for part in weights)
     reach = [np.arange(-part.shape[1] + 1, part.shape[1]) for part in (rho.down, rho.across)]
     spread = convolve2d(shared, rho.at(*np.meshgrid(*reach, indexing="ij")))
-    return _Table(spread / spread[spread.shape[0] // 2, spread.shape[1] // 2])
+    return _TabulatedCorrelation(spread / spread[spread.shape[0] // 2, spread.shape[1] // 2])

@@ -1,15 +1,15 @@
-"""What the calibration's uncertainty does to points, displacement and strain.
+"""Uncertainty of points, displacement and strain by that of the calibration.
 
-A point X is triangulated where its reprojection errors e (4,) are least
+A point X is triangulated where its reprojection errors e (4,) are smallest
 (:mod:`dicflow.core.cameras.triangulate`): there Jᵀe = 0 with J = ∂e/∂X (4, 3), and the theorem of implicit functions
 gives, for errors much smaller than the photograph,
 
     ∂X/∂θ = −(JᵀJ)⁻¹ Jᵀ ∂e/∂θ
 
-for the rig's 24 numbers θ at fixed pixels. One rig measures all points and steps, so its error is not independent from
-point to point: it is a few independent modes, each of which moves every point in its own way. Displacement sees the
-difference of a point's motion between two states, strain how the motion varies from point to point, a mean or a length
-the sum over its points; the share in σ is the root of the sum of squares over the modes.
+for the rig's 24 parameters θ at fixed pixels. One rig measures all points and steps, so its errors are common to them:
+a few independent modes, each of which moves all points. The error of a displacement is the difference of a point's
+motion between two states, that of a strain how the motion varies from point to point, that of a mean or a length the
+sum over its points; the share in σ is the root of the sum of squares over the modes.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ from dicflow.core.cameras.camera import Rig
 from dicflow.core.cameras.frames import Frame
 from dicflow.core.cameras.rig_parameters import reprojection_slopes
 from dicflow.core.strain.deformation_gradient import gradient_response
-from dicflow.core.strain.measures import Directions, Measure, Measured, gradient_derivative
+from dicflow.core.strain.measures import DeformationMeasures, Directions, Measure, measure_derivatives
 from dicflow.core.strain.surface_strain import deformation_gradient
 
 __all__ = [
@@ -33,27 +33,29 @@ __all__ = [
     "RigError",
     "error_modes",
     "field_changes",
-    "grid_slopes",
     "motion_error",
+    "nearest_on_grid",
     "place_changes",
     "point_sensitivity",
     "rig_error",
-    "spread_out",
-    "thinned",
+    "slope_changes",
+    "thinned_grid",
 ]
 
 
-_NEGLIGIBLE = 1e-9
-_ENOUGH_POINTS = 2000
-_FEWEST_ACROSS = 12
+_MIN_EIGENVALUE = 1e-9
+"""Of the correlation matrix of the rig's parameters; modes with a smaller one are dropped."""
+_MIN_POINTS = 2000
+_MIN_POINTS_ACROSS = 12
+"""Points that a thinned grid keeps, in all and along its shorter side."""
 
 
 def point_sensitivity(rig: Rig, points: ArrayLike) -> Array:
-    """How triangulated points move with the rig's numbers while the measured pixels stay.
+    """Derivatives of triangulated points by the rig's parameters at fixed pixels.
 
     points : (..., 3) — in the left camera's frame [mm]
     Returns (..., 3, 24) — ∂X/∂θ, mm per unit of each of :data:`~dicflow.core.cameras.rig_parameters.PARAMETERS`; NaN
-    where a point is.
+    where a point is NaN.
     """
     by_point, by_rig = reprojection_slopes(rig, np.asarray(points, dtype=float))
     transposed = np.swapaxes(by_point, -1, -2)
@@ -61,17 +63,17 @@ def point_sensitivity(rig: Rig, points: ArrayLike) -> Array:
 
 
 def error_modes(covariance: ArrayLike) -> Array:
-    """Independent errors of unit variance behind a covariance C (p, p): M (p, m) with M Mᵀ = C."""
+    """Modes M (p, m) of a covariance C (p, p), with M Mᵀ = C: independent errors of unit variance."""
     full = np.asarray(covariance, dtype=np.float64)
     scale = np.sqrt(np.diagonal(full))
     units = np.where(scale > 0.0, scale, 1.0)
     strengths, directions = np.linalg.eigh(full / np.outer(units, units))
-    kept = strengths > _NEGLIGIBLE
+    kept = strengths > _MIN_EIGENVALUE
     return np.asarray(scale[:, None] * directions[:, kept] * np.sqrt(strengths[kept]))
 
 
 class MotionError(NamedTuple):
-    """By how much a rigid-body motion, fitted to points that each mode moves, takes them along.
+    """Change, by each mode, of the rigid-body motion that is fitted to the points.
 
     centre : (3,) — of the points [mm]
     turn, shift : (3, m) — small rotation [rad], and translation of the centre [mm]
@@ -81,17 +83,17 @@ class MotionError(NamedTuple):
     turn: Array
     shift: Array
 
-    def at(self, points: Array) -> Array:
-        """Motion (..., 3, m) of points (..., 3) [mm]."""
+    def changes_at(self, points: Array) -> Array:
+        """Motion (..., 3, m) of points (..., 3) by each mode [mm]."""
         return np.asarray(np.cross(self.turn, (points - self.centre)[..., None], axis=-2) + self.shift)
 
 
 class RigError(NamedTuple):
-    """A rig, and how far it may be from the true one.
+    """A rig, and its error.
 
-    modes : (24, m) — independent errors of its numbers, see :func:`error_modes`
-    frames : those in which the points at the step and at the reference are given
-    motion : what the rigid-body motion that was taken out of the step took along of each mode; None where none was
+    modes : (24, m) — independent errors of its parameters, see :func:`error_modes`
+    frames : of the points at the step, and of those at the reference state
+    motion : change of the rigid-body motion that was subtracted from the step; None where none was subtracted
     """
 
     rig: Rig
@@ -99,8 +101,8 @@ class RigError(NamedTuple):
     frames: tuple[Frame, Frame]
     motion: MotionError | None = None
 
-    def at(self, deformed: Array, reference: Array) -> Array:
-        """By how much each mode moves a point at the step and at the reference, (..., 6, m) [mm].
+    def changes_at(self, deformed: Array, reference: Array) -> Array:
+        """Change of a point at the step and at the reference state by each mode, (..., 6, m) [mm].
 
         deformed, reference : (..., 3) — in ``frames`` [mm]
         """
@@ -109,37 +111,39 @@ class RigError(NamedTuple):
             for points, frame in zip((deformed, reference), self.frames, strict=True)
         )
         if self.motion is not None:
-            moved = moved - self.motion.at(deformed)
+            moved = moved - self.motion.changes_at(deformed)
         return np.concatenate([moved, fixed], axis=-2)
 
 
 def rig_error(
     rig: Rig, covariance: ArrayLike, frames: tuple[Frame, Frame], fitted: tuple[Array, Array] | None = None
 ) -> RigError:
-    """The error of a rig from the covariance (24, 24) of its numbers.
+    """The error of a rig from the covariance (24, 24) of its parameters.
 
-    fitted : (..., 3) twice — points at the step and at the reference by which a rigid-body motion was taken out
+    fitted : (..., 3) twice — points at the step and at the reference state to which the subtracted rigid-body motion
+        was fitted; None where none was subtracted
     """
     error = RigError(rig, error_modes(covariance), frames)
-    return error if fitted is None else error._replace(motion=motion_error(*fitted, error.at(*fitted)))
+    return error if fitted is None else error._replace(motion=motion_error(*fitted, error.changes_at(*fitted)))
 
 
-def motion_error(deformed: Array, reference: Array, both: Array) -> MotionError:
-    """Part of the points' changes that a rigid-body motion fitted to them (:mod:`dicflow.core.cameras.rigid`) follows.
+def motion_error(deformed: Array, reference: Array, changes: Array) -> MotionError:
+    """Change of the rigid-body motion fitted to points (:mod:`dicflow.core.cameras.rigid`) when the points change.
 
-    With the points y and x from their centres, the best rotation makes S = Σ y xᵀ symmetric. Changes of y and x bring
-    A = Σ (δy xᵀ + y δxᵀ), and the rotation ω that makes S symmetric again solves (tr S · I − S) ω = axial (A − Aᵀ).
+    With the points y and x from their centres, the best rotation makes S = Σ y xᵀ symmetric. Changes of y and x change
+    S by A = Σ (δy xᵀ + y δxᵀ), and the rotation ω that makes it symmetric again solves
+    (tr S · I − S) ω = axial (A − Aᵀ).
 
-    deformed, reference : (..., 3) — with the motion taken out; NaN does not count
-    both : (..., 6, m) — their changes
+    deformed, reference : (..., 3) — with the motion subtracted; points with NaN are ignored
+    changes : (..., 6, m) — of both, by each mode
     """
-    count = both.shape[-1]
+    count = changes.shape[-1]
     y, x = deformed.reshape(-1, 3), reference.reshape(-1, 3)
     known = np.isfinite(y + x).all(axis=1)
     if not known.any():
         return MotionError(np.zeros(3), np.zeros((3, count)), np.zeros((3, count)))
     centre = y[known].mean(axis=0)
-    y, x, changes = y[known] - centre, x[known] - x[known].mean(axis=0), both.reshape(-1, 6, count)[known]
+    y, x, changes = y[known] - centre, x[known] - x[known].mean(axis=0), changes.reshape(-1, 6, count)[known]
     shift = (changes[:, :3] - changes[:, 3:]).mean(axis=0)
     product = y.T @ x
     change = np.einsum("nim,nj->ijm", changes[:, :3], x) + np.einsum("ni,njm->ijm", y, changes[:, 3:])
@@ -147,61 +151,61 @@ def motion_error(deformed: Array, reference: Array, both: Array) -> MotionError:
     return MotionError(centre, np.linalg.pinv(np.trace(product) * np.eye(3) - product) @ axial, shift)
 
 
-def grid_slopes(both: Array, stride: int = 1) -> Array:
-    """By how much each mode changes the slopes of the surface, (row, col, 2, 6, m), per column and per row.
+def slope_changes(changes: Array, stride: int = 1) -> Array:
+    """Changes of the slopes of the surface by each mode, (row, col, 2, 6, m), per column and per row.
 
-    both : (row, col, 6, m) — changes of the points, on the grid or on every ``stride``-th of its rows and columns
+    changes : (row, col, 6, m) — of the points, on the grid or on every ``stride``-th of its rows and columns
     """
-    return np.stack([_slope(both, axis) for axis in (1, 0)], axis=-3) / stride
+    return np.stack([_slope(changes, axis) for axis in (1, 0)], axis=-3) / stride
 
 
 def field_changes(
-    both: Array, slopes: Array, gradient: Array, response: Array, measure: Measure, directions: Directions
+    changes: Array, slopes: Array, gradient: Array, response: Array, measure: Measure, directions: Directions
 ) -> dict[str, Array]:
-    """By how much each mode changes X, Y, Z, U, V, W and the measures of deformation, (..., m) each.
+    """Changes of X, Y, Z, U, V, W and the measures of deformation by each mode, (..., m) each.
 
-    both, slopes : (..., 6, m) and (..., 2, 6, m) — changes of the points and of the surface's slopes
-    gradient, response : (..., 2, 2) and (..., 4, 2, 6) — F, and by how much it moves with the slopes;
+    changes, slopes : (..., 6, m) and (..., 2, 6, m) — changes of the points and of the surface's slopes
+    gradient, response : (..., 2, 2) and (..., 4, 2, 6) — F, and its derivatives by the slopes;
         :class:`~dicflow.core.strain.deformation_gradient.SurfaceGradient` has both
     """
     change = np.einsum("...fai,...aim->...fm", response, slopes, optimize=True)
-    measures = gradient_derivative(gradient, measure, directions) @ change
+    measures = measure_derivatives(gradient, measure, directions) @ change
     return {
-        **{name: both[..., axis, :] for axis, name in enumerate("XYZ")},
-        **{name: both[..., axis, :] - both[..., axis + 3, :] for axis, name in enumerate("UVW")},
-        **{name: measures[..., row, :] for row, name in enumerate(Measured._fields)},
+        **{name: changes[..., axis, :] for axis, name in enumerate("XYZ")},
+        **{name: changes[..., axis, :] - changes[..., axis + 3, :] for axis, name in enumerate("UVW")},
+        **{name: measures[..., row, :] for row, name in enumerate(DeformationMeasures._fields)},
     }
 
 
 def place_changes(
     error: RigError, points: tuple[Array, Array], slopes: tuple[Array, Array], measure: Measure, directions: Directions
 ) -> dict[str, Array]:
-    """The same at single places, (n, m) each.
+    """The same changes at single places, (n, m) each.
 
-    points, slopes : (n, 3) and (n, 3, 2) — of the surface at the step and at the reference
+    points, slopes : (n, 3) and (n, 3, 2) — of the surface at the step and at the reference state
     """
     steps = [0.5 * np.swapaxes(part, -1, -2) for part in slopes]
     ahead, back = (
-        error.at(*(places[:, None] + sign * step for places, step in zip(points, steps, strict=True)))
+        error.changes_at(*(places[:, None] + sign * step for places, step in zip(points, steps, strict=True)))
         for sign in (1.0, -1.0)
     )
     after, before = slopes
     gradient, response = deformation_gradient(before, after), gradient_response(before, after)
-    return field_changes(error.at(*points), ahead - back, gradient, response, measure, directions)
+    return field_changes(error.changes_at(*points), ahead - back, gradient, response, measure, directions)
 
 
-def thinned(known: Mask) -> tuple[slice, slice]:
-    """Rows and columns of a grid that show a field as smooth as the calibration's share.
+def thinned_grid(known: Mask) -> tuple[slice, slice]:
+    """Rows and columns of a grid that are enough for a field as smooth as the calibration's share.
 
-    known : (row, col) — points with a value; a narrow specimen has few, which are neighbours only on the whole grid
+    known : (row, col) — points with a value; a narrow specimen keeps all, because thinning would separate neighbours
     """
-    stride = min(int(np.sqrt(known.sum() / _ENOUGH_POINTS)), min(known.shape) // _FEWEST_ACROSS)
+    stride = min(int(np.sqrt(known.sum() / _MIN_POINTS)), min(known.shape) // _MIN_POINTS_ACROSS)
     part = slice(max(stride, 1) // 2, None, max(stride, 1))
     return part, part
 
 
-def spread_out(field: Array, shape: tuple[int, ...], stride: int) -> Array:
-    """A field on every ``stride``-th row and column on the whole grid: at each point the nearest value there is."""
+def nearest_on_grid(field: Array, shape: tuple[int, ...], stride: int) -> Array:
+    """A field on every ``stride``-th row and column, on the whole grid: at each point the nearest known value."""
     known = np.isfinite(field)
     if not known.any():
         return np.full(shape, np.nan)
@@ -216,7 +220,7 @@ def spread_out(field: Array, shape: tuple[int, ...], stride: int) -> Array:
 
 
 def _slope(field: Array, axis: int) -> Array:
-    """Slope of a field along an axis of the grid: the mean difference to both neighbours, or to the one there is."""
+    """Slope of a field along an axis of the grid: mean of the differences to both neighbours, or that to one."""
     gap = np.full_like(np.take(field, [0], axis=axis), np.nan)
     steps = np.diff(field, axis=axis)
     before, after = np.concatenate([gap, steps], axis=axis), np.concatenate([steps, gap], axis=axis)

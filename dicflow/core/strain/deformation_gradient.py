@@ -1,16 +1,16 @@
-"""Deformation gradient of a measured surface from its reference, and how uncertain it is.
+"""Deformation gradient of a measured surface from its reference state, and its uncertainty.
 
-The surface at both steps is fitted around every point by a polynomial over the window of the material grid (least
-squares, each point weighted with 1 / σ² of its displacement), which gives the Jacobians J and J' of
-:mod:`dicflow.core.strain.surface_strain` and with the tangent bases there F = (B'ᵀJ')(BᵀJ)⁻¹ = T' T⁻¹.
+The surface in both states is fitted around every point by a polynomial over the window of the material grid (least
+squares, each point weighted with 1 / σ² of its displacement). The slopes are the Jacobians J and J' of
+:mod:`dicflow.core.strain.surface_strain`, and with the tangent bases there F = (B'ᵀJ')(BᵀJ)⁻¹ = T' T⁻¹.
 
-Errors are carried through to first order. Fit slopes are sums Σₙ wₙ Xₙ over the window, so their covariance is that of
-a point times Q = Σₙₘ wₙ ρₙₘ wₘ, where ρ is the correlation of points whose subsets overlap. Each
-shape function has its own, so the shares in the covariance are carried through one by one. An error of J moves F by
+Errors are propagated to first order. Slopes of a fit are sums Σₙ wₙ Xₙ over the window, so their covariance is that of
+a point times Q = Σₙₘ wₙ ρₙₘ wₘ, where ρ is the correlation of points whose subsets overlap. It depends on the shape
+function, so the shares in the covariance are propagated one by one. An error of J changes F by
 
     δF = (B'ᵀδJ' + δω' K T') T⁻¹ − F (BᵀδJ + δω K T) T⁻¹,   K = [[0, 1], [−1, 0]],
 
-where δω is the turn of the basis about the normal n, since e₁ is the projection of the world's X on a plane that tilts.
+where δω is the rotation of the basis about the normal n: e₁ is the projection of the world's X on a plane that tilts.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ from dicflow.core.uncertainty.covariance import displacement_covariance
 from dicflow.core.uncertainty.overlap import Overlap
 
 __all__ = [
-    "Share",
+    "ErrorShare",
     "SurfaceGradient",
     "gradient_response",
     "pixel_size_mm",
@@ -39,14 +39,14 @@ __all__ = [
 ]
 
 
-_TURN = np.array([[0.0, 1.0], [-1.0, 0.0]])
+_QUARTER_TURN = np.array([[0.0, 1.0], [-1.0, 0.0]])
 
 
-class Share(NamedTuple):
-    """Errors of points that subsets of one kind make.
+class ErrorShare(NamedTuple):
+    """Share in the errors of points by subsets of one kind.
 
-    covariance : (row, col, 6, 6) — of each point at the step and at the reference, in this order
-    rho : correlation of the errors of points that are apart
+    covariance : (row, col, 6, 6) — of each point at the step and at the reference state, in this order
+    rho : correlation of the errors of two points
     """
 
     covariance: Array
@@ -58,8 +58,8 @@ class SurfaceGradient(NamedTuple):
 
     gradient : (row, col, 2, 2) — F [-]
     covariance : (row, col, 4, 4) — of F₁₁, F₁₂, F₂₁, F₂₂ [-]
-    response : (row, col, 4, 2, 6) — by how much they move with the slopes, per column and per row, of the point at
-        the step and at the reference [1/mm]
+    response : (row, col, 4, 2, 6) — derivatives of these by the slopes, per column and per row, of the point at the
+        step and at the reference state [1/mm]
     """
 
     gradient: Array
@@ -68,7 +68,7 @@ class SurfaceGradient(NamedTuple):
 
 
 def vsg_px(window_points: int, step_size: float, subset_size: float) -> float:
-    """Side of the virtual strain gauge: how much of the photograph one strain value rests on [px].
+    """Side of the virtual strain gauge: the square of the photograph that enters one strain value [px].
 
     (window_points − 1) · step_size + subset_size, after the Good Practices Guide of the iDICs (2018).
 
@@ -81,7 +81,7 @@ def vsg_px(window_points: int, step_size: float, subset_size: float) -> float:
 def surface_gradient(
     reference: Array,
     deformed: Array,
-    errors: Sequence[Share],
+    errors: Sequence[ErrorShare],
     window: tuple[int, int],
     degree: int,
     min_share: float = 0.25,
@@ -93,7 +93,7 @@ def surface_gradient(
     errors : independent shares that add up to the errors of the points; a point without covariance does not count
     window : (rows, cols), odd numbers of points
     degree : of the polynomials, 1 or more
-    min_share : a window counts with at least this share of its points
+    min_share : share of a window's points that must have a value
     """
     whole = np.sum([share.covariance for share in errors], axis=0)
     sigma = np.sqrt(np.trace(displacement_covariance(whole), axis1=-2, axis2=-1))
@@ -114,7 +114,7 @@ def surface_gradient(
 def pixel_size_mm(reference: Array, step_size: float) -> Array:
     """Side of a pixel of the photograph on the surface (row, col), the root of its area [mm/px].
 
-    reference : (row, col, 3) — the points at the reference [mm]
+    reference : (row, col, 3) — the points in the reference state [mm]
     step_size : distance of the grid's points [px]
     """
     across = jacobian(reference, (3, 3), 1)
@@ -143,10 +143,13 @@ def _band(lags: Array, side: int) -> Array:
 
 
 @njit(cache=True, nogil=True)
-def _slope_covariance(factors, terms, scaled, down, across):  # type: ignore[no-untyped-def]
-    """Σₜ w : (downₜ w acrossₜ) for both slopes' weights w and their mixture; (row, col, 2, 2).
+def _slope_covariance(factors: Array, terms: Array, scaled: Array, down: Array, across: Array) -> Array:
+    """Σₜ wₐ : (downₜ w_b acrossₜ) for the weights w of both slopes a, b; (row, col, 2, 2).
 
+    factors, terms : (row, col, 2, term) and (term, high, wide) — see
+        :func:`~dicflow.core.surfaces.filters.slope_weights`
     scaled : (row, col) weight times σ, padded by half a window on each side
+    down, across : (term, high, high) and (term, wide, wide) — correlation of the points of a window
     """
     rows, cols = factors.shape[:2]
     high, wide = terms.shape[1:]
@@ -175,8 +178,8 @@ def _slope_covariance(factors, terms, scaled, down, across):  # type: ignore[no-
 
 
 @njit(cache=True, nogil=True)
-def _window_weights(factors, terms, scaled, weights):  # type: ignore[no-untyped-def]
-    """Weights (2, high, wide) of both slopes in one window."""
+def _window_weights(factors: Array, terms: Array, scaled: Array, weights: Array) -> None:
+    """Set the weights (2, high, wide) of both slopes in one window."""
     weights[:] = 0.0
     for slope in range(2):
         for term in range(terms.shape[0]):
@@ -187,8 +190,8 @@ def _window_weights(factors, terms, scaled, weights):  # type: ignore[no-untyped
 
 
 @njit(cache=True, nogil=True)
-def _product(first, second, result):  # type: ignore[no-untyped-def]
-    """Matrix product, along the rows of the second so that it vectorises."""
+def _product(first: Array, second: Array, result: Array) -> None:
+    """Set the matrix product, summed along the rows of the second so that it vectorises."""
     result[:] = 0.0
     for i in range(first.shape[0]):
         for k in range(first.shape[1]):
@@ -199,7 +202,7 @@ def _product(first, second, result):  # type: ignore[no-untyped-def]
 
 
 def gradient_response(before: Array, after: Array) -> Array:
-    """By how much F moves with the Jacobians of both states, (..., 4, 2, 6); see :class:`SurfaceGradient`.
+    """Derivatives of F by the Jacobians of both states, (..., 4, 2, 6); see :class:`SurfaceGradient`.
 
     before, after : (..., 3, 2) — J and J'
     """
@@ -208,8 +211,8 @@ def gradient_response(before: Array, after: Array) -> Array:
     with np.errstate(invalid="ignore"):
         flat = inverse(np.swapaxes(basis, -1, -2) @ before)
         flat_after = inverse(np.swapaxes(basis_after, -1, -2) @ after)
-        moved = _sensitivity(basis_after, flat, flat_after, _TURN @ gradient)
-        fixed = _sensitivity(basis @ np.swapaxes(gradient, -1, -2), flat, flat, gradient @ _TURN, basis)
+        moved = _sensitivity(basis_after, flat, flat_after, _QUARTER_TURN @ gradient)
+        fixed = _sensitivity(basis @ np.swapaxes(gradient, -1, -2), flat, flat, gradient @ _QUARTER_TURN, basis)
     both = np.concatenate([moved, -fixed], axis=-1)
     return both.reshape(*both.shape[:-4], 4, 2, 6)
 
@@ -227,12 +230,12 @@ def _gradient_covariance(response: Array, slopes: Array, points: Array) -> Array
 
 
 def _sensitivity(along: Array, flat: Array, own_flat: Array, turned: Array, basis: Array | None = None) -> Array:
-    """∂F_ab / ∂J_iα as (..., a, b, α, i): the part in the plane, and the turn of the basis about the normal.
+    """∂F_ab / ∂J_iα as (..., a, b, α, i): the part in the plane, and that by the rotation of the basis.
 
-    along : (..., 3, 2) — directions i of space that move row a of F
-    flat : T⁻¹ of the reference, own_flat : that of the state which errs
-    turned : (..., 2, 2) — by how much F changes per turn of the basis
-    basis : of the state which errs, if it is not ``along``
+    along : (..., 3, 2) — directions i of space that change row a of F
+    flat : T⁻¹ of the reference state, own_flat : T⁻¹ of the state with Jacobian J
+    turned : (..., 2, 2) — derivative of F by the rotation of the basis
+    basis : of the state with Jacobian J, where it is not ``along``
     """
     first, second = np.moveaxis(along if basis is None else basis, -1, 0)
     normal = np.cross(first, second)

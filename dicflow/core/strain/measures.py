@@ -1,14 +1,14 @@
-"""Measures of strain, and what else a deformation gradient tells.
+"""Measures of strain and the other measures of a deformation gradient, with their uncertainty.
 
 With the stretches λ₁ ≥ λ₂, the roots of the eigenvalues of FᵀF, the measures of Seth (1961) and Hill (1968) are
 f(λ) along the principal directions:
 
     green_lagrange (λ² − 1) / 2,   hencky ln λ,   euler_almansi (1 − λ⁻²) / 2,   biot λ − 1.
 
-In ``material`` directions x and y are the material's, as they lay at the reference: the tensor f(U) of F = R U. In
+In ``material`` directions x and y are those of the material in the reference state: the tensor f(U) of F = R U. In
 ``global`` directions they are the world's at this step: f(V) of F = V R. ``gxy`` is twice the tensor's component.
-``engineering`` is no tensor: the stretch less 1 of the fibres along x and y, and by how much the angle between them is
-less than a right one; in global directions, of the fibres that lie along x and y now.
+``engineering`` is not a tensor: the stretch minus 1 of the fibres along x and y, and the decrease of the right angle
+between them; in global directions, of the fibres that lie along x and y at this step.
 """
 
 from __future__ import annotations
@@ -23,23 +23,23 @@ from dicflow.core.tensors import inverse
 from dicflow.core.uncertainty.covariance import derivative, sigma_along
 
 __all__ = [
+    "DeformationMeasures",
     "Directions",
     "Measure",
-    "Measured",
-    "gradient_derivative",
-    "measured",
-    "principal",
-    "sigma",
-    "slope_shares",
+    "deformation_measures",
+    "measure_derivatives",
+    "measure_sigmas",
+    "principal_stretches",
     "strain_components",
+    "strain_slope_coefficients",
 ]
 
 Measure = Literal["engineering", "green_lagrange", "hencky", "euler_almansi", "biot"]
 Directions = Literal["material", "global"]
 
 
-class Measured(NamedTuple):
-    """All that is said of the deformation at a point.
+class DeformationMeasures(NamedTuple):
+    """Strains and other measures of the deformation at a point.
 
     exx, eyy, gxy : (...) — strains of the measure [-]
     e1, e2 : (...) — principal strains of the measure, the larger first [-]
@@ -61,14 +61,16 @@ class Measured(NamedTuple):
     area_change: Array
 
 
-def measured(gradient: Array, measure: Measure = "engineering", directions: Directions = "material") -> Measured:
-    """Everything from deformation gradients (..., 2, 2)."""
-    large, small, angle = principal(gradient, directions)
+def deformation_measures(
+    gradient: Array, measure: Measure = "engineering", directions: Directions = "material"
+) -> DeformationMeasures:
+    """All measures of deformation gradients (..., 2, 2)."""
+    large, small, angle = principal_stretches(gradient, directions)
     h1, h2 = np.log(large), np.log(small)
-    return Measured(
+    return DeformationMeasures(
         *strain_components(gradient, measure, directions),
-        _of_stretch(large, measure),
-        _of_stretch(small, measure),
+        _strain_of_stretch(large, measure),
+        _strain_of_stretch(small, measure),
         np.degrees(angle),
         np.degrees(np.arctan2(gradient[..., 1, 0] - gradient[..., 0, 1], gradient[..., 0, 0] + gradient[..., 1, 1])),
         np.sqrt(4.0 / 3.0 * (h1**2 + h1 * h2 + h2**2)),
@@ -76,32 +78,32 @@ def measured(gradient: Array, measure: Measure = "engineering", directions: Dire
     )
 
 
-def sigma(gradient: Array, covariance: Array, measure: Measure, directions: Directions) -> Measured:
-    """Standard deviation of each, by the derivative.
+def measure_sigmas(gradient: Array, covariance: Array, measure: Measure, directions: Directions) -> DeformationMeasures:
+    """Standard deviation of each measure, to first order.
 
     covariance : (..., 4, 4) — of F₁₁, F₁₂, F₂₁, F₂₂
-    Near λ₁ = λ₂ the angle's is large: no direction is the principal one there.
+    That of the angle is large near λ₁ = λ₂, where the principal direction is undefined.
     """
-    slopes = gradient_derivative(gradient, measure, directions)
-    return Measured(*np.moveaxis(sigma_along(covariance[..., None, :, :], slopes), -1, 0))
+    slopes = measure_derivatives(gradient, measure, directions)
+    return DeformationMeasures(*np.moveaxis(sigma_along(covariance[..., None, :, :], slopes), -1, 0))
 
 
-def gradient_derivative(gradient: Array, measure: Measure, directions: Directions) -> Array:
-    """Derivatives (..., 9, 4) of all that is measured, in :class:`Measured`'s order, by F₁₁, F₁₂, F₂₁, F₂₂."""
+def measure_derivatives(gradient: Array, measure: Measure, directions: Directions) -> Array:
+    """Derivatives (..., 9, 4) of the measures, in the order of :class:`DeformationMeasures`, by F₁₁, F₁₂, F₂₁, F₂₂."""
 
     def stacked(flat: Array) -> Array:
-        return np.stack(measured(flat.reshape(*flat.shape[:-1], 2, 2), measure, directions), axis=-1)
+        return np.stack(deformation_measures(flat.reshape(*flat.shape[:-1], 2, 2), measure, directions), axis=-1)
 
     return derivative(stacked, gradient.reshape(*gradient.shape[:-2], 4))
 
 
-def slope_shares(gradient: Array, reference: Array, measure: Measure, directions: Directions) -> Strain:
-    """In what proportions the errors of exx, eyy and gxy consist of those of the slopes per column and per row.
+def strain_slope_coefficients(gradient: Array, reference: Array, measure: Measure, directions: Directions) -> Strain:
+    """Coefficients (4, 2) of the slopes, per column and per row, in the errors of exx, eyy and gxy.
 
     gradient : (2, 2) — F
-    reference : (3, 2) — slopes J of the surface at the reference
-    Returns (4, 2) each: the coefficients of the two slopes in the errors of x and y in the deformed and in the
-    reference tangent plane, which are independent of one another and alike in size; out of the plane there are none.
+    reference : (3, 2) — slopes J of the surface in the reference state
+    Row by row, the coefficients multiply errors along x and y of the deformed and then of the reference tangent plane,
+    which are independent and equally large; errors normal to the planes have no effect.
     """
 
     def stacked(flat: Array) -> Array:
@@ -115,19 +117,20 @@ def slope_shares(gradient: Array, reference: Array, measure: Measure, directions
 
 
 def strain_components(gradient: Array, measure: Measure, directions: Directions) -> Strain:
-    """Strains along x and y, and the shear."""
+    """Strains of a measure along x and y, and the shear, from deformation gradients (..., 2, 2)."""
     if measure == "engineering":
-        return engineering_strain(gradient) if directions == "material" else _of_present_fibres(gradient)
-    large, small, angle = principal(gradient, directions)
-    f1, f2 = _of_stretch(large, measure), _of_stretch(small, measure)
+        return engineering_strain(gradient) if directions == "material" else _strain_of_present_fibres(gradient)
+    large, small, angle = principal_stretches(gradient, directions)
+    f1, f2 = _strain_of_stretch(large, measure), _strain_of_stretch(small, measure)
     mean, half = (f1 + f2) / 2.0, (f1 - f2) / 2.0
     return Strain(mean + half * np.cos(2 * angle), mean - half * np.cos(2 * angle), 2.0 * half * np.sin(2 * angle))
 
 
-def principal(gradient: Array, directions: Directions) -> tuple[Array, Array, Array]:
+def principal_stretches(gradient: Array, directions: Directions) -> tuple[Array, Array, Array]:
     """Principal stretches λ₁ ≥ λ₂ and the angle of λ₁'s direction from x [rad], each (...).
 
-    In material directions the angle lies in the reference, in global ones at this step. NaN where det F ≤ 0.
+    In material directions the angle is that in the reference state, in global ones that at this step. NaN where
+    det F ≤ 0.
     """
     transposed = np.swapaxes(gradient, -1, -2)
     square = transposed @ gradient if directions == "material" else gradient @ transposed
@@ -138,8 +141,8 @@ def principal(gradient: Array, directions: Directions) -> tuple[Array, Array, Ar
     return large + 0.0 * determinant, determinant / large, 0.5 * np.arctan2(2.0 * xy, xx - yy)
 
 
-def _of_stretch(stretch: Array, measure: Measure) -> Array:
-    """f(λ) of a measure."""
+def _strain_of_stretch(stretch: Array, measure: Measure) -> Array:
+    """Strain f(λ) of a measure."""
     if measure == "green_lagrange":
         return (stretch**2 - 1.0) / 2.0
     if measure == "hencky":
@@ -149,8 +152,8 @@ def _of_stretch(stretch: Array, measure: Measure) -> Array:
     return stretch - 1.0
 
 
-def _of_present_fibres(gradient: Array) -> Strain:
-    """Engineering strain of the fibres that lie along x and y at this step: what F⁻¹ undoes, with the other sign."""
+def _strain_of_present_fibres(gradient: Array) -> Strain:
+    """Engineering strain of the fibres that lie along x and y at this step, from that of F⁻¹."""
     with np.errstate(invalid="ignore"):
-        undone = engineering_strain(inverse(gradient))
-    return Strain(1.0 / (1.0 + undone.exx) - 1.0, 1.0 / (1.0 + undone.eyy) - 1.0, -undone.gxy)
+        backward = engineering_strain(inverse(gradient))
+    return Strain(1.0 / (1.0 + backward.exx) - 1.0, 1.0 / (1.0 + backward.eyy) - 1.0, -backward.gxy)

@@ -29,10 +29,10 @@ __all__ = [
 
 
 class Strain(NamedTuple):
-    """Strain in the plane of the surface; NaN where there is none.
+    """Strain in the plane of the surface; NaN where unknown.
 
-    exx, eyy : (...) — stretch less 1 of the directions that were x and y
-    gxy : (...) — shear: by how much the angle between them has become smaller [rad]
+    exx, eyy : (...) — stretch minus 1 of the directions that were x and y
+    gxy : (...) — shear: decrease of the angle between them [rad]
     """
 
     exx: Array
@@ -48,7 +48,7 @@ def jacobian(
     xyz : (row, col, 3) [mm]
     window : (rows, cols), odd numbers of points
     weights : (row, col) — of each point
-    min_share : a window counts with at least this share of its points, and 1.5 per coefficient
+    min_share : share of a window's points that must have a value; at least 1.5 per coefficient in any case
     Returns (row, col, 3, 2): per column and per row; NaN where the point or too much of its window is missing.
     """
     points = np.asarray(xyz, dtype=np.float64)
@@ -90,7 +90,7 @@ def deformation_gradient(before: Array, after: Array) -> Array:
 def engineering_strain(gradient: Array) -> Strain:
     """Engineering strain from a deformation gradient (..., 2, 2).
 
-    εx = |F e₁| − 1, εy = |F e₂| − 1, γxy = asin(F e₁ · F e₂ / (|F e₁| |F e₂|)): a rotation gives none.
+    εx = |F e₁| − 1, εy = |F e₂| − 1, γxy = asin(F e₁ · F e₂ / (|F e₁| |F e₂|)); a rotation gives 0.
     """
     first, second = gradient[..., 0], gradient[..., 1]
     stretch_x, stretch_y = np.linalg.norm(first, axis=-1), np.linalg.norm(second, axis=-1)
@@ -109,8 +109,8 @@ def thesis_strain(displacement: Array, xyz_reference: Array, window: tuple[int, 
     xyz_reference : (row, col, 3) — coordinates before the increment, stretched to the grid [mm]
     window, degree : of the local polynomials that smooth the differences
 
-    The script replaces each window of its field by the fit before it goes on to the next, so that its result depends
-    on the order; here every point has a window of its own, on differences that stay as they are.
+    The thesis's script replaces each window of its field by the fit before the next one, so that its result depends on
+    the order; here every window contains the original differences.
     Raises ValueError where too few points are valid for a plane.
     """
     spacing_x = _plane(_difference(xyz_reference[..., 0], axis=1))
@@ -127,11 +127,12 @@ def thesis_strain(displacement: Array, xyz_reference: Array, window: tuple[int, 
 
 
 def _difference(field: Array, axis: int) -> Array:
-    """Each column (axis 1) or row (0) less the one before it; NaN at the first."""
+    """Each column (axis 1) or row (axis 0) minus the previous one; NaN at the first."""
     gap = np.full_like(np.take(field, [0], axis=axis), np.nan)
     return np.concatenate([gap, np.diff(field, axis=axis)], axis=axis)
 
 
 def _plane(field: Array) -> Array:
+    """The least-squares plane of a field (row, col)."""
     rows, cols = field.shape
     return evaluate(fit_surface(field, (1, 1)), np.arange(cols), np.arange(rows))

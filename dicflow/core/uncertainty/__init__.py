@@ -1,1 +1,1 @@
-"""Covariances: of points, of overlapping subsets, and how well two measurements agree."""
+"""Uncertainty: covariance of points, correlation by overlapping subsets, and agreement of two measurements."""

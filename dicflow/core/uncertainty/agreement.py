@@ -13,20 +13,20 @@ from dicflow.core.arrays import Array, Mask
 __all__ = ["Agreement", "agreement", "resampled"]
 
 
-_LONGEST = 3.0
-"""Triangles with a longer side, in sides of the usual triangle, span a gap or a hole and are left out."""
+_MAX_SIDE_RATIO = 3.0
+"""Longest side of a triangle over the median of all; with a longer one it spans a gap and is left out."""
 
 
 class Agreement(NamedTuple):
-    """Statistics of a difference over the points where both fields have a value; NaN without any.
+    """Statistics of a difference over the points where both fields have a value; NaN without such points.
 
     points : their number
     share : of all points
     sigma : standard deviation about the mean
     percentiles : 2.5 %, 50 % and 97.5 %
-    largest : largest size
-    outside : share of the points whose difference is larger than the combined σ, of those that have one; None
-        without any. Independent Gaussian errors of the σ that is told give 31.7 %
+    largest : largest magnitude
+    share_beyond_sigma : share of points with a difference larger than the combined σ, of those with a σ; None without
+        any. 31.7 % for independent Gaussian errors of this σ
     """
 
     points: int
@@ -36,7 +36,7 @@ class Agreement(NamedTuple):
     rms: float
     percentiles: tuple[float, float, float]
     largest: float
-    outside: float | None
+    share_beyond_sigma: float | None
 
 
 def agreement(difference: Array, sigma: Array | None = None) -> Agreement:
@@ -58,38 +58,38 @@ def agreement(difference: Array, sigma: Array | None = None) -> Agreement:
         float(np.sqrt(np.mean(values**2))),
         (float(low), float(middle), float(high)),
         float(np.abs(values).max()),
-        None if sigma is None else _outside(values, sigma[known]),
+        None if sigma is None else _share_beyond_sigma(values, sigma[known]),
     )
 
 
 def resampled(places: Array, values: Array, at: Array) -> Array:
-    """Scattered values at other places, linearly between the three nearest corners of a Delaunay triangle.
+    """Scattered values at other places, linear between the corners of Delaunay triangles.
 
-    places : (n, 2) px, NaN where there is no point
-    values : (n, k), NaN where a point has no value
-    at : (..., 2) px
-    Returns (..., k); NaN outside the points, in gaps between them, and beside a point without value.
+    places : (n, 2) px; NaN where unknown
+    values : (n, k); NaN where a point has no value
+    at : (..., 2) px; NaN where unknown
+    Returns (..., k); NaN outside the points, in gaps between them, and in triangles with a corner without a value.
     """
     found = np.full((*at.shape[:-1], values.shape[1]), np.nan)
-    known, wanted = np.isfinite(places).all(axis=1), np.isfinite(at).all(axis=-1)
+    known, known_at = np.isfinite(places).all(axis=1), np.isfinite(at).all(axis=-1)
     corners = places[known]
-    if len(corners) < 3 or not wanted.any():
+    if len(corners) < 3 or not known_at.any():
         return found
     try:
         mesh = Delaunay(corners)
-    except QhullError:  # all on one line: no place lies between them
+    except QhullError:  # all on one line: they span no triangle
         return found
-    triangle = mesh.find_simplex(at[wanted])
-    weights = _barycentric(mesh, triangle, at[wanted])
+    triangle = mesh.find_simplex(at[known_at])
+    weights = _barycentric(mesh, triangle, at[known_at])
     inside = (triangle >= 0) & ~_spans_gap(corners, mesh.simplices)[triangle]
     between = np.einsum("ij,ijk->ik", weights, values[known][mesh.simplices[triangle]])
-    found[wanted] = np.where(inside[:, None], between, np.nan)
+    found[known_at] = np.where(inside[:, None], between, np.nan)
     return found
 
 
-def _outside(values: Array, sigma: Array) -> float | None:
-    told = np.isfinite(sigma)
-    return float(np.mean(np.abs(values[told]) > sigma[told])) if told.any() else None
+def _share_beyond_sigma(values: Array, sigma: Array) -> float | None:
+    known = np.isfinite(sigma)
+    return float(np.mean(np.abs(values[known]) > sigma[known])) if known.any() else None
 
 
 def _barycentric(mesh: Delaunay, triangle: NDArray[np.intp], at: Array) -> Array:
@@ -100,7 +100,7 @@ def _barycentric(mesh: Delaunay, triangle: NDArray[np.intp], at: Array) -> Array
 
 
 def _spans_gap(corners: Array, simplices: NDArray[np.intc]) -> Mask:
-    """Which triangles are much longer than the usual one."""
+    """Which triangles have a side much longer than usual."""
     sides = corners[simplices] - corners[np.roll(simplices, 1, axis=1)]
     longest = np.linalg.norm(sides, axis=-1).max(axis=1)
-    return np.asarray(longest > _LONGEST * np.median(longest))
+    return np.asarray(longest > _MAX_SIDE_RATIO * np.median(longest))

@@ -1,9 +1,10 @@
-"""How alike the errors of neighbouring points are, because their subsets share pixels.
+"""Correlation of the errors of neighbouring points, whose subsets share pixels.
 
 The place of a subset is, to first order, an average of its pixels' noise. With an affine shape function the average
 is plain, with a quadratic one it is the centre value of the least-squares parabola over the subset (the kernel of
 Savitzky & Golay 1964 in two dimensions), k(x, y) = f(x) + f(y). The correlation of two points is the autocorrelation of
-this kernel at their distance, for both a sum of few products of a function of the rows and one of the columns.
+this kernel at their distance: for either shape function a sum of up to three products of a function of the rows and one
+of the columns.
 """
 
 from __future__ import annotations
@@ -23,7 +24,7 @@ ShapeFunction = Literal["affine", "quadratic"]
 class Overlap(NamedTuple):
     """Correlation of errors on a regular grid: ρ(i, j) = Σₜ down[t, |i|] · across[t, |j|] at i rows, j columns apart.
 
-    down, across : (term, lag) — 0 beyond the last lag; ρ(0, 0) = 1
+    down, across : (term, lag) — taken as 0 beyond the last lag; ρ(0, 0) = 1
     """
 
     down: Array
@@ -53,9 +54,9 @@ def overlap(subset_size: int, step_size: float, shape_function: ShapeFunction = 
     if shape_function == "affine":
         return Overlap(plain[None] / subset_size, plain[None] / subset_size)
     half = _half_parabola(subset_size)
-    mixed, own = _correlation(half, one, lags), _correlation(half, half, lags)
-    scale = 2.0 * (own[0] * plain[0] + mixed[0] ** 2)
-    return Overlap(np.stack([own, 2.0 * mixed, plain]) / scale, np.stack([plain, mixed, own]))
+    crossed, parabolic = _correlation(half, one, lags), _correlation(half, half, lags)
+    scale = 2.0 * (parabolic[0] * plain[0] + crossed[0] ** 2)
+    return Overlap(np.stack([parabolic, 2.0 * crossed, plain]) / scale, np.stack([plain, crossed, parabolic]))
 
 
 def mixed(parts: Sequence[tuple[float, Overlap]]) -> Overlap:
@@ -68,7 +69,7 @@ def mixed(parts: Sequence[tuple[float, Overlap]]) -> Overlap:
 
 
 def independent() -> Overlap:
-    """Errors that have nothing in common."""
+    """The correlation of independent errors: 1 at distance 0, 0 elsewhere."""
     return Overlap(np.ones((1, 1)), np.ones((1, 1)))
 
 

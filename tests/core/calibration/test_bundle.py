@@ -91,7 +91,7 @@ def test_the_calibrations_share_of_a_displacement_is_its_scatter(calibrated):
     errors, shares = [], []
     for rig, matrix in calibrated:
         errors.append(triangulate(rig, *seen[1]).xyz - triangulate(rig, *seen[0]).xyz - (after - before))
-        both = rig_error(rig, matrix, (CAMERA, CAMERA)).at(after, before)
+        both = rig_error(rig, matrix, (CAMERA, CAMERA)).changes_at(after, before)
         shares.append(np.sum((both[..., :3, :] - both[..., 3:, :]) ** 2, axis=-1))
     predicted = np.sqrt(np.mean(shares, axis=0))
     scatter = np.sqrt(np.mean(np.square(errors), axis=0))

@@ -9,12 +9,12 @@ from dicflow.core.probes.weights import (
     difference,
     mean_probe,
     point_probe,
-    sampled,
+    sample_probes,
     sigma_of,
-    slope_overlap,
+    strain_correlation,
     value_of,
 )
-from dicflow.core.strain.deformation_gradient import Share, surface_gradient
+from dicflow.core.strain.deformation_gradient import ErrorShare, surface_gradient
 from dicflow.core.uncertainty.overlap import independent, overlap
 from tests.noise import point_errors
 
@@ -98,7 +98,7 @@ def test_sigma_of_a_mean_strain_is_the_scatter():
     means = {"exx": [], "eyy": [], "gxy": []}
     for _ in range(200):
         noisy = flat + point_errors(rng, SHAPE, 1e-4 * np.diag([1.0, 1.0, 0.0]), SUBSET, STEP)
-        found = surface_gradient(flat, noisy, [Share(covariance, rho)], (7, 7), 2)
+        found = surface_gradient(flat, noisy, [ErrorShare(covariance, rho)], (7, 7), 2)
         change = found.gradient - np.eye(2)
         fields = (change[..., 0, 0], change[..., 1, 1], change[..., 0, 1] + change[..., 1, 0])
         for collected, field in zip(means.values(), fields, strict=True):
@@ -107,22 +107,24 @@ def test_sigma_of_a_mean_strain_is_the_scatter():
     shear = np.sqrt(found.covariance[..., 1, 1] + found.covariance[..., 2, 2])
     along = {"exx": [[1, 0]], "eyy": [[0, 1]], "gxy": [[1, 0], [0, 1]]}
     for (name, values), field in zip(means.items(), (sigma[..., 0], sigma[..., 3], shear), strict=True):
-        predicted = sigma_of(area, field, slope_overlap(rho, (7, 7), 2, along[name]))
+        predicted = sigma_of(area, field, strain_correlation(rho, (7, 7), 2, along[name]))
         assert np.std(values) == pytest.approx(predicted, rel=4 / np.sqrt(400))
         assert predicted > 2 * np.sqrt(np.sum((area.weights * field[area.rows, area.cols]) ** 2))
 
 
 def test_points_of_an_area_are_sampled_evenly():
     area = area_probe(ALL, ALL)
-    few = sampled(area, 100)
+    few = sample_probes(area, 100)
     assert 90 <= len(few) <= 100
     linear = 3.0 * X - 2.0 * Y
     mean = np.mean([value_of(part, linear) for part in few])
     assert mean == pytest.approx(linear.mean(), abs=0.02 * np.ptp(linear))
-    assert len(sampled(area, 10**6)) == len(area.rows)
+    assert len(sample_probes(area, 10**6)) == len(area.rows)
 
 
-@pytest.mark.parametrize("alike", [overlap(SUBSET, STEP), slope_overlap(overlap(SUBSET, STEP), (5, 5), 1, [[1, 0]])])
+@pytest.mark.parametrize(
+    "alike", [overlap(SUBSET, STEP), strain_correlation(overlap(SUBSET, STEP), (5, 5), 1, [[1, 0]])]
+)
 def test_sigma_over_many_points_is_the_sum_over_all_pairs(alike):
     rows, cols = np.nonzero(np.add.outer(np.arange(40), np.arange(50)) % 7 > 0)
     sigma, weights = 1e-3 * (1.0 + np.random.default_rng(1).random((40, 50))), np.linspace(-1.0, 2.0, len(rows))

@@ -10,12 +10,12 @@ from dicflow.core.cameras.triangulate import triangulate
 from dicflow.core.strain.calibration_error import (
     error_modes,
     field_changes,
-    grid_slopes,
+    nearest_on_grid,
     place_changes,
     point_sensitivity,
     rig_error,
-    spread_out,
-    thinned,
+    slope_changes,
+    thinned_grid,
 )
 from dicflow.core.strain.deformation_gradient import gradient_response
 from dicflow.core.strain.surface_strain import deformation_gradient
@@ -58,7 +58,7 @@ def test_an_error_of_the_baseline_alone_is_a_share_in_proportion_to_place_and_di
     covariance[-3:, -3:] = 1e-6 * np.outer(RIG.translation, RIG.translation)
     frame = axes_frame([1.0, 2.0, 0.5], [0.0, 1.0, -3.0])
     before, after = (into_frame(points, frame) for points in (POINTS, POINTS + np.array([6.0, -3.0, 2.0])))
-    both = rig_error(RIG, covariance, (frame, frame)).at(after, before)
+    both = rig_error(RIG, covariance, (frame, frame)).changes_at(after, before)
     assert both.shape == (4, 6, 1)
     np.testing.assert_allclose(np.abs(both[..., 0]), 1e-3 * np.abs(np.concatenate([after, before], axis=-1)), rtol=1e-6)
     np.testing.assert_allclose(np.abs(both[:, :3] - both[:, 3:])[..., 0], 1e-3 * np.abs(after - before), rtol=1e-5)
@@ -71,9 +71,9 @@ def test_a_motion_that_is_taken_out_takes_along_what_is_rigid():
     states = (into_frame(turned, along), POINTS)
     root = STEPS[:, None] * np.random.default_rng(5).normal(size=(len(STEPS), 4))
     covariance = root @ root.T
-    plain = rig_error(RIG, covariance, (along, CAMERA)).at(*states)
+    plain = rig_error(RIG, covariance, (along, CAMERA)).changes_at(*states)
     error = rig_error(RIG, covariance, (along, CAMERA), states)
-    found = error.at(*states)
+    found = error.changes_at(*states)
     for k, mode in enumerate(error.modes.T):
         before, after = (triangulate(rig_moved(RIG, mode), *seen(points)).xyz for points in (POINTS, turned))
         expected = into_frame(after, undoing(rigid_motion(before, after))) - states[0]
@@ -82,7 +82,7 @@ def test_a_motion_that_is_taken_out_takes_along_what_is_rigid():
 
 def test_a_motion_of_no_points_takes_nothing_along():
     states = (np.nan * POINTS, POINTS)
-    both = rig_error(RIG, np.diag(STEPS**2), (CAMERA, CAMERA), states).at(*states)
+    both = rig_error(RIG, np.diag(STEPS**2), (CAMERA, CAMERA), states).changes_at(*states)
     assert np.isnan(both[:, :3]).all()
     assert np.isfinite(both[:, 3:]).all()
 
@@ -111,7 +111,7 @@ def test_modes_of_scale_and_shift():
     stretched = FLAT * [1.0, 1.5, 1.0] + [3.0, 0.0, 0.0]
     shift = np.broadcast_to([0.2, 0.3, 0.4], FLAT.shape)
     after, before = (np.stack([1e-3 * state, shift], axis=-1) for state in (stretched, FLAT))
-    found = fields(after, before, grid_slopes, jacobians(stretched, FLAT))
+    found = fields(after, before, slope_changes, jacobians(stretched, FLAT))
     for axis, name in enumerate("UVW"):
         assert np.allclose(found[name][..., 0], 1e-3 * (stretched - FLAT)[..., axis])
         assert not found[name][..., 1].any()
@@ -119,7 +119,7 @@ def test_modes_of_scale_and_shift():
         assert np.allclose(found[name][..., 0], 1e-3 * stretched[..., axis])
         assert np.allclose(found[name][..., 1], shift[..., axis])
     assert max(np.abs(found[name]).max() for name in ("exx", "eyy", "gxy", "e1", "e2", "von_mises")) < 1e-9
-    only = fields(after, 0 * before, grid_slopes, jacobians(stretched, FLAT))
+    only = fields(after, 0 * before, slope_changes, jacobians(stretched, FLAT))
     expected = {"exx": 1e-3, "eyy": 1.5e-3, "e1": 1.5e-3, "e2": 1e-3, "area_change": 3e-3}
     for name, value in expected.items():
         assert np.allclose(only[name][5, 5], [value, 0.0])
@@ -130,8 +130,8 @@ def test_a_thinned_grid_tells_the_same_strain():
     after, before = 1e-4 * (FLAT * [0.0, 1.0, 0.0])[..., None], np.zeros((*SHAPE, 3, 1))
     states = jacobians(FLAT, FLAT)
     part = (slice(1, None, 3), slice(1, None, 3))
-    whole = fields(after, before, grid_slopes, states)
-    few = fields(after[part], before[part], lambda both: grid_slopes(both, 3), [state[part] for state in states])
+    whole = fields(after, before, slope_changes, states)
+    few = fields(after[part], before[part], lambda both: slope_changes(both, 3), [state[part] for state in states])
     assert np.allclose(whole["eyy"], 1e-4)
     for name, change in few.items():
         assert np.allclose(change, whole[name][part], atol=1e-12)
@@ -142,8 +142,8 @@ def test_single_places_tell_the_same_as_the_grid():
     after = before @ (rotation_matrix([0.1, 0.2, 0.0]) @ np.diag([1.2, 0.9, 1.0])).T + [1.0, 2.0, 60.0]
     error = rig_error(RIG, np.diag(STEPS**2), (CAMERA, CAMERA))
     states, inner = jacobians(after, before), (slice(1, -1), slice(1, -1))
-    both = error.at(after, before)
-    whole = fields(both[..., :3, :], both[..., 3:, :], grid_slopes, states)
+    both = error.changes_at(after, before)
+    whole = fields(both[..., :3, :], both[..., 3:, :], slope_changes, states)
     places = [state[inner].reshape(-1, 3) for state in (after, before)]
     few = place_changes(error, places, [state[inner].reshape(-1, 3, 2) for state in states], "engineering", "material")
     for name, changes in few.items():
@@ -154,10 +154,10 @@ def test_single_places_tell_the_same_as_the_grid():
 @pytest.mark.parametrize("shape", [(30, 20), (150, 80), (401, 395), (40, 300), (5, 900)])
 def test_a_thinned_field_comes_back(shape):
     field = np.add.outer(np.arange(shape[0]), 0.3 * np.arange(shape[1])).astype(float)
-    part = thinned(np.ones(shape, dtype=bool))
+    part = thinned_grid(np.ones(shape, dtype=bool))
     assert field[part].size <= max(4 * 2000, field.size / 4)
     coarse = field[part].copy()
-    whole = spread_out(coarse, shape, part[0].step)
+    whole = nearest_on_grid(coarse, shape, part[0].step)
     assert whole.shape == shape
     assert np.abs(whole - field).max() <= 1.3 * part[0].step
     assert np.array_equal(whole[part], coarse)
@@ -167,10 +167,10 @@ def test_a_narrow_specimen_across_a_large_grid_keeps_its_neighbours():
     """A strip of 8 points' width along the diagonal: every 10th row and column of it would have no neighbours."""
     row, col = np.indices((450, 450))
     strip = abs(row - col) < 6
-    assert thinned(np.ones(strip.shape, dtype=bool))[0].step == 10
-    part = thinned(strip)
+    assert thinned_grid(np.ones(strip.shape, dtype=bool))[0].step == 10
+    part = thinned_grid(strip)
     both = np.where(strip[..., None, None], col[..., None, None], np.nan)[part]
-    slopes = grid_slopes(both, part[0].step)[strip[part]]
+    slopes = slope_changes(both, part[0].step)[strip[part]]
     assert np.isfinite(slopes).all()
     assert np.allclose(slopes[:, 0], 1.0)
 
@@ -179,5 +179,5 @@ def test_holes_of_a_thinned_field_take_the_nearest():
     field = np.ones(SHAPE)
     field[:, 10:] = 2.0
     field[3:6, 2:4] = np.nan
-    assert np.array_equal(spread_out(field, SHAPE, 1), np.where(np.arange(20) >= 10, 2.0, np.ones(SHAPE)))
-    assert np.isnan(spread_out(np.nan * field, SHAPE, 1)).all()
+    assert np.array_equal(nearest_on_grid(field, SHAPE, 1), np.where(np.arange(20) >= 10, 2.0, np.ones(SHAPE)))
+    assert np.isnan(nearest_on_grid(np.nan * field, SHAPE, 1)).all()

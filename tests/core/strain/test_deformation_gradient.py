@@ -5,14 +5,14 @@ import pytest
 
 from dicflow.core.cameras.camera import rotation_matrix
 from dicflow.core.strain.deformation_gradient import (
-    Share,
+    ErrorShare,
     gradient_response,
     pixel_size_mm,
     slope_covariance,
     surface_gradient,
     vsg_px,
 )
-from dicflow.core.strain.measures import measured, sigma
+from dicflow.core.strain.measures import deformation_measures, measure_sigmas
 from dicflow.core.strain.surface_strain import deformation_gradient, tangent_basis
 from dicflow.core.uncertainty.covariance import MeasuredPoints, joint_covariance
 from dicflow.core.uncertainty.overlap import independent, overlap
@@ -28,7 +28,9 @@ EXACT = np.broadcast_to(1e-6 * np.eye(6), (*SHAPE, 6, 6))
 
 
 def gradient_of(reference, deformed, window=(7, 7), degree=1, covariance=EXACT, rho=None, **options):
-    return surface_gradient(reference, deformed, [Share(covariance, rho or independent())], window, degree, **options)
+    return surface_gradient(
+        reference, deformed, [ErrorShare(covariance, rho or independent())], window, degree, **options
+    )
 
 
 def stretched(reference, gradient):
@@ -52,7 +54,7 @@ def test_perfect_homogeneous_deformation(truth, reference, degree, side):
 def test_rigid_motion_gives_no_strain(degree, side):
     curved = PLANE + np.stack([0 * X, 0 * X, 0.03 * (X - 4) ** 2], axis=-1)
     moved = (curved - [4, 5, 500]) @ rotation_matrix([0.2, -0.3, 0.5]).T + [14, -5, 520]
-    result = measured(gradient_of(curved, moved, (side, side), degree).gradient)
+    result = deformation_measures(gradient_of(curved, moved, (side, side), degree).gradient)
     for name in ("exx", "eyy", "gxy", "e1", "e2", "von_mises", "area_change"):
         assert np.abs(getattr(result, name)).max() < 1e-9
 
@@ -62,7 +64,7 @@ def test_bending_gives_the_fibres_of_the_surface_their_length_back():
     radius, stretch = 15.0, 1.1
     around = (X - X.mean()) * stretch / radius
     rolled = np.stack([radius * np.sin(around), Y, 500 + radius * (1 - np.cos(around))], axis=-1)
-    result = measured(gradient_of(PLANE, rolled, window=(5, 5), degree=2).gradient)
+    result = deformation_measures(gradient_of(PLANE, rolled, window=(5, 5), degree=2).gradient)
     assert np.abs(result.exx - 0.1).max() < (0.5 / radius) ** 2
     assert np.abs(result.eyy).max() < 1e-9
 
@@ -162,13 +164,15 @@ def test_one_sigma_covers_68_percent(shape_function, degree, stretch):
         MeasuredPoints(deformed, OWN, SENSITIVITY), MeasuredPoints(TILTED, FIRST, SENSITIVITY_FIRST), TEMPLATE
     )
     covariance, rho = np.broadcast_to(joint, (*SHAPE, 6, 6)), overlap(21, STEP, shape_function)
-    perfect = measured(gradient_of(TILTED, deformed, (7, 7), degree, covariance, rho).gradient)
+    perfect = deformation_measures(gradient_of(TILTED, deformed, (7, 7), degree, covariance, rho).gradient)
     rng, scores = np.random.default_rng(11), []
     for _ in range(60):
         pair = noisy_pair(rng, TILTED, deformed, 21, shape_function)
         result = gradient_of(*pair, (7, 7), degree, covariance, rho)
-        error = np.stack(measured(result.gradient)[:3]) - np.stack(perfect[:3])
-        scores.append(error / np.stack(sigma(result.gradient, result.covariance, "engineering", "material")[:3]))
+        error = np.stack(deformation_measures(result.gradient)[:3]) - np.stack(perfect[:3])
+        scores.append(
+            error / np.stack(measure_sigmas(result.gradient, result.covariance, "engineering", "material")[:3])
+        )
     inside = np.abs(np.stack(scores))
     for strain in range(3):
         assert (inside[:, strain] < 1).mean() == pytest.approx(0.683, abs=0.03)
@@ -179,14 +183,16 @@ def test_shares_of_either_shape_function_add_up():
     rng = np.random.default_rng(7)
     root = rng.normal(size=(6, 6))
     shares = [
-        Share(np.broadcast_to(part, (*SHAPE, 6, 6)), overlap(21, STEP, shape_function))
+        ErrorShare(np.broadcast_to(part, (*SHAPE, 6, 6)), overlap(21, STEP, shape_function))
         for part, shape_function in ((1e-6 * root @ root.T, "affine"), (1e-6 * np.eye(6), "quadratic"))
     ]
     both, first, second = (
         surface_gradient(TILTED, 1.1 * TILTED, part, (7, 7), 1).covariance for part in (shares, shares[:1], shares[1:])
     )
     assert np.allclose(both, first + second, rtol=1e-9, equal_nan=True)
-    alike = surface_gradient(TILTED, 1.1 * TILTED, [Share(sum(s.covariance for s in shares), shares[0].rho)], (7, 7), 1)
+    alike = surface_gradient(
+        TILTED, 1.1 * TILTED, [ErrorShare(sum(s.covariance for s in shares), shares[0].rho)], (7, 7), 1
+    )
     assert not np.allclose(both, alike.covariance, rtol=0.05, equal_nan=True)
 
 

@@ -24,7 +24,7 @@ def test_known_shift_and_sigma():
     assert found.sigma == pytest.approx(sigma, rel=4 / math.sqrt(2 * count))
     assert found.rms == pytest.approx(math.hypot(found.mean, found.sigma))
     assert found.percentiles == pytest.approx((shift - 1.96 * sigma, shift, shift + 1.96 * sigma), abs=0.02 * sigma * 4)
-    assert found.outside is None
+    assert found.share_beyond_sigma is None
 
 
 def test_share_outside_of_independent_gaussian_errors():
@@ -33,17 +33,17 @@ def test_share_outside_of_independent_gaussian_errors():
     one, other = rng.normal(0.0, sigma)
     found = agreement(one - other, np.hypot(*sigma))
     expected = math.erfc(1 / math.sqrt(2))
-    assert found.outside == pytest.approx(expected, abs=3 * math.sqrt(expected * (1 - expected) / count))
+    assert found.share_beyond_sigma == pytest.approx(expected, abs=3 * math.sqrt(expected * (1 - expected) / count))
 
 
 def test_points_that_one_field_lacks_count_in_the_share_alone():
     found = agreement(np.array([[1.0, np.nan], [-3.0, 1.0]]), np.array([[2.0, 2.0], [2.0, np.nan]]))
-    assert (found.points, found.share, found.largest, found.outside) == (3, 0.75, 3.0, 0.5)
+    assert (found.points, found.share, found.largest, found.share_beyond_sigma) == (3, 0.75, 3.0, 0.5)
 
 
 def test_nothing_in_common():
     found = agreement(np.full(4, np.nan), np.ones(4))
-    assert (found.points, found.share, found.outside) == (0, 0.0, None)
+    assert (found.points, found.share, found.share_beyond_sigma) == (0, 0.0, None)
     assert math.isnan(found.mean)
 
 

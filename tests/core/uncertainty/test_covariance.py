@@ -33,14 +33,16 @@ def test_triangles_and_matrices():
 def test_displacement_sees_only_the_difference_of_the_template_shares():
     found = displacement_covariance(joint_covariance(AFTER, BEFORE, TEMPLATE))
     change = AFTER.sensitivity - BEFORE.sensitivity
-    assert np.allclose(found, AFTER.own + BEFORE.own + change @ TEMPLATE @ np.swapaxes(change, -1, -2))
+    assert np.allclose(
+        found, AFTER.step_covariance + BEFORE.step_covariance + change @ TEMPLATE @ np.swapaxes(change, -1, -2)
+    )
 
 
 def test_joint_covariance_is_that_of_the_errors():
     count = 200_000
     own, first, common = (
         RNG.normal(size=(count, len(part[0]))) @ np.linalg.cholesky(part[0]).T
-        for part in (AFTER.own, BEFORE.own, TEMPLATE)
+        for part in (AFTER.step_covariance, BEFORE.step_covariance, TEMPLATE)
     )
     after, before = own - common @ AFTER.sensitivity[0].T, first - common @ BEFORE.sensitivity[0].T
     expected = joint_covariance(AFTER, BEFORE, TEMPLATE)[0]
@@ -52,7 +54,9 @@ def test_joint_covariance_is_that_of_the_errors():
 def test_another_frame_changes_no_uncertainty_along_a_direction():
     frame, direction = axes_frame([1, 2, 0.5], [0, 1, -3], [10, 20, 30]), np.array([0.3, -0.5, 0.8])
     turned = points_in_frame(AFTER, frame)
-    assert sigma_along(turned.own, frame.rotation @ direction) == pytest.approx(sigma_along(AFTER.own, direction))
+    assert sigma_along(turned.step_covariance, frame.rotation @ direction) == pytest.approx(
+        sigma_along(AFTER.step_covariance, direction)
+    )
     assert np.allclose(turned.sensitivity, frame.rotation @ AFTER.sensitivity)
     assert np.allclose(turned.xyz, (AFTER.xyz - [10, 20, 30]) @ frame.rotation.T)
 
