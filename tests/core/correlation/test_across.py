@@ -68,7 +68,7 @@ def test_points_of_either_reference_are_found_at_the_same_place():
     np.testing.assert_allclose(both.warp[..., 0], expected, atol=1e-3)
 
 
-def test_points_whose_reference_is_no_longer_known_are_found_with_the_first_photograph():
+def test_points_without_a_place_in_the_reference_step_are_found_with_the_first_photograph():
     photograph = between()
     part = photograph._replace(points=np.where((np.arange(POINTS.shape[1]) < 3)[:, None], np.nan, photograph.points))
     found = follow_across(first(), part, routes(2), target_spline(BETWEEN[1], SEARCH), starts(TURNED), SEARCH)
@@ -93,7 +93,7 @@ def test_points_without_a_start_or_a_place_have_no_value():
     assert found.valid[:, 2:].all()  # grown from the neighbours
 
 
-def test_a_view_that_stays_carries_points_over():
+def test_starts_from_the_previous_step_follow_the_left_photograph():
     """The surface moves in itself, so the left photograph's motion times the slope across is the right one's."""
     generator = np.random.default_rng(0)
     shape = (4, 5)
@@ -108,7 +108,7 @@ def test_a_view_that_stays_carries_points_over():
     np.testing.assert_allclose(start[..., 1:], across @ after_gradient)
 
 
-def test_starts_are_confirmed_by_the_grey_levels_or_not():
+def test_starts_agree_with_the_grey_levels_or_not():
     begin = starts()
     assert starts_agree(LEFT[0], LEFT[1], POINTS, begin)
     assert not starts_agree(LEFT[0], LEFT[1], POINTS, begin + np.array([[9.0, 0.0, 0.0], [0.0, 0.0, 0.0]]))
@@ -116,7 +116,7 @@ def test_starts_are_confirmed_by_the_grey_levels_or_not():
     assert not starts_agree(LEFT[0], LEFT[1], POINTS, begin)
 
 
-def test_each_camera_has_its_noise():
+def test_noise_ratio_of_the_cameras():
     generator = np.random.default_rng(2)
     left = np.rint(LEFT[0] + generator.normal(0.0, 2.0, LEFT[0].shape))
     right = np.rint(LEFT[1] + generator.normal(0.0, 4.0, LEFT[1].shape))
@@ -127,7 +127,7 @@ def test_each_camera_has_its_noise():
     assert noise_ratio(left, right, POINTS, places + np.nan) == 1.0
 
 
-def test_noise_of_the_right_photograph_moves_its_places_alone():
+def test_noise_of_the_right_photograph_changes_only_its_covariance():
     target = target_spline(BETWEEN[1], SEARCH)
     one, two = (
         follow_across(first(), None, routes(1), target, starts(TURNED), SEARCH._replace(target_noise_ratio=s))
@@ -155,7 +155,7 @@ def test_overexposed_places():
     assert np.isnan(overexposed_share(image, places + 100.0))
 
 
-def test_places_enclose_what_lies_between_them():
+def test_grid_mask_has_the_pixels_between_places():
     places = np.stack(np.meshgrid([4.0, 10.0, 16.0], [3.0, 8.0]), axis=-1)
     inside = grid_mask((12, 20), places)
     assert inside.sum() == 13 * 6
@@ -163,7 +163,7 @@ def test_places_enclose_what_lies_between_them():
     assert grid_mask((12, 20), places).sum() == 7 * 6
 
 
-def test_noise_that_led_to_a_place_leads_away_from_it_again():
+def test_little_of_the_matched_noise_is_inherited():
     """Where a subset looks the same in the right photograph nothing of it remains; where it shrinks, some of it."""
     shift = warp_from_gradient(POINTS + 0.3, np.broadcast_to(np.eye(2), (*POINTS.shape, 2)))
     matched = follow_across(first(), None, routes(1), target_spline(LEFT[0], SEARCH), shift, SEARCH)

@@ -43,7 +43,7 @@ def test_affine_chain_has_the_product_of_gradients():
     np.testing.assert_allclose(gradient(total), gradient(second) @ gradient(first))
 
 
-def test_covariance_is_carried_as_a_tensor():
+def test_covariance_transforms_as_a_tensor():
     matrix = RNG.normal(size=(5, 2, 2))
     root = RNG.normal(size=(5, 2, 2))
     full = root @ np.swapaxes(root, 1, 2)
@@ -55,7 +55,7 @@ def test_covariance_is_carried_as_a_tensor():
 
 @pytest.mark.parametrize("terms", [3, 6])
 @pytest.mark.parametrize("stretches", [(1.0, 1.0), (1.5, 0.8), (0.7, 0.8)])
-def test_noise_of_a_reference_that_leads_there_and_away_again(terms, stretches):
+def test_noise_of_a_reference_step_cancels_in_part(terms, stretches):
     """The kernel of the subset laid out in the reference, less that of the first subset carried there."""
     half = 30.5
     x, y = np.meshgrid(*[np.arange(-60, 61)] * 2)

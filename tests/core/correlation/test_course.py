@@ -7,7 +7,7 @@ PLACES = np.array([[10.0, 5.0], [20.0, 5.0], [np.nan, np.nan]])
 SHIFT = np.array([-8.0, 1.0])
 
 
-def test_points_go_on_as_they_last_moved():
+def test_lost_points_keep_their_last_motion():
     course = next_course(Course(PLACES, np.zeros((3, 2))), PLACES, PLACES + SHIFT)
     for steps in (2, 3, 4):
         course = next_course(course, NOWHERE, NOWHERE)

@@ -86,7 +86,7 @@ def test_starts_everywhere_and_one_seed_give_the_same_field():
     assert np.abs(dense.warp[..., 0] - sparse.warp[..., 0]).max() < 5e-3
 
 
-def test_wrong_starts_are_put_right_by_their_neighbours():
+def test_neighbours_correct_wrong_starts():
     everywhere = list(np.ndindex(ROWS, COLS))
     reference, target = photographs(STRETCHED, 60)
     starts = seeds(STRETCHED, everywhere, 60)
@@ -128,7 +128,7 @@ def test_no_seed_no_field():
     assert np.isnan(found.warp).all()
 
 
-def test_what_leaves_the_photograph_is_lost_and_nothing_else():
+def test_only_points_outside_the_photograph_are_lost():
     found = follow(STRETCHED, [(14, 18)], margin=0)
     place, reach = STRETCHED(GRID)[0], 1.4 * 11
     low, high = place.min(axis=-1), (np.array(SHAPE[::-1]) - 1 - place).min(axis=-1)
@@ -139,7 +139,7 @@ def test_what_leaves_the_photograph_is_lost_and_nothing_else():
     assert set(np.unique(found.status[gone])) <= {Status.OUTSIDE, Status.UNTRACKED, Status.NOT_CONVERGED}
 
 
-def test_what_fits_nowhere_gets_its_reason():
+def test_status_of_subsets_that_fit_badly():
     reference, target = photographs(STRETCHED, 60)
     spot = np.zeros(target.shape, dtype=bool)
     spot[150:200, 160:230] = True  # paint fell off

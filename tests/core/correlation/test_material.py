@@ -59,7 +59,7 @@ def test_crops_change_no_place():
     assert np.abs(one.warp[..., 0] - two.warp[..., 0]).max() < 2e-4
 
 
-def test_points_around_carry_others_along():
+def test_carried_points_follow_the_points_around_them():
     first = first_photograph(image(), EVERYWHERE, GRID, SEARCH)
     before = as_reference(points_in_first_photograph(first, SEARCH), image())
     found, reference = follow_step(first, None, before, image(1.1, (3.0, 5.0)), SEARCH, Updating())
@@ -72,7 +72,7 @@ def test_points_around_carry_others_along():
 
 
 @pytest.mark.parametrize(("degree", "seed"), [(3, 4), (5, 6)])
-def test_noise_that_correlation_leaves(degree, seed):
+def test_residual_noise_is_that_of_the_photographs(degree, seed):
     """A stretch brings all fractions of a pixel, so that the mean share that interpolation leaves is met."""
     search = SEARCH._replace(degree=degree)
     photographs = image(noise=3.0, seed=1), image(1.07, noise=3.0, seed=seed)

@@ -36,7 +36,7 @@ def test_partners_are_right_to_a_pixel_and_their_map_is_smoother(state):
     assert np.abs(slope[:, :, 0] - (ahead - back) / 2.0).max() < 0.06
 
 
-def test_what_the_right_photograph_does_not_show_has_no_partner():
+def test_points_outside_the_right_photograph_have_no_partner():
     left, right = photographs(REST)
     hidden = right.copy()
     hidden[:, 300:] = 90
@@ -56,7 +56,7 @@ def test_unlike_photographs_have_no_partners():
     assert np.isnan(slope).all()
 
 
-def test_black_speckles_are_part_of_the_photograph():
+def test_underexposed_photographs_have_partners():
     """A pattern underexposed so far that a twentieth of the pixels shows nothing at all."""
     left, right = photographs(REST)
     dark = np.percentile(left, 5)

@@ -37,9 +37,9 @@ def truth(transform, points):
 def check(found, transform, points, slope=0.06):
     """Every point has a start; with subsets of 31 px it is off by two pixels at most at a corner."""
     inside = np.isfinite(points).all(axis=-1)
-    away = np.abs(found - truth(transform, points))[inside]
-    assert away[..., 0].max() < 0.8
-    assert away[..., 1:].max() < slope
+    error = np.abs(found - truth(transform, points))[inside]
+    assert error[..., 0].max() < 0.8
+    assert error[..., 1:].max() < slope
     assert np.isnan(found[~inside]).all()
 
 
@@ -54,7 +54,7 @@ def check(found, transform, points, slope=0.06):
     ],
     ids=["rest", "far", "stretch", "turned", "both"],
 )
-def test_starts_without_any_help(transform):
+def test_starts_without_matches(transform):
     pair = planar_pair((340, 340), transform, noise=2.0)
     points = grid_with_a_hole()
     inside = apply_transform(transform, points.reshape(-1, 2)).reshape(points.shape)
@@ -62,7 +62,7 @@ def test_starts_without_any_help(transform):
     check(seed_warps(pair.reference, pair.deformed, points), transform, points)
 
 
-def test_matches_tell_though_half_of_them_are_false():
+def test_half_of_the_matches_may_be_false():
     transform = translation((40.0, 10.0)) @ about_middle([[1.1, 0.05], [-0.05, 0.95]])
     pair = planar_pair((340, 340), transform, noise=2.0)
     rng = np.random.default_rng(2)
@@ -80,7 +80,7 @@ def test_matches_that_are_all_false_do_no_harm():
     check(seed_warps(pair.reference, pair.deformed, points, Pairs(source, source + 30.0)), pair.transform, points)
 
 
-def test_islands_move_by_themselves():
+def test_each_island_has_its_own_motion():
     """Two parts of one image, one moved to the left and one to the right."""
     shifts = (48.0, 6.0), (-37.0, -4.0)
     first, second = (planar_pair((260, 150), shift, noise=1.0, seed=seed) for seed, shift in enumerate(shifts))
@@ -93,7 +93,7 @@ def test_islands_move_by_themselves():
     np.testing.assert_allclose(found[-9:], np.broadcast_to(shifts[1], upper.shape), atol=0.6)
 
 
-def test_nothing_is_said_where_nothing_fits():
+def test_unrelated_photographs_give_no_starts():
     reference, other = (planar_pair((340, 340), (0.0, 0.0), seed=seed).reference for seed in (1, 2))
     assert np.isnan(seed_warps(reference, other, grid_with_a_hole())).all()
     assert np.isnan(seed_warps(reference, np.full((340, 340), 90, dtype=np.uint8), grid_with_a_hole())).all()
@@ -105,7 +105,7 @@ def test_parts_of_a_grid_are_numbered():
     np.testing.assert_array_equal(islands(points)[0], [1, 1, 0, 2, 2])
 
 
-def test_agreement_is_one_with_the_truth_and_none_beside_it():
+def test_correlation_is_one_at_the_true_place_and_zero_beside_it():
     pair = planar_pair((340, 340), translation((20.0, 10.0)))
     centres = grid_with_a_hole().reshape(-1, 2)
     centres = centres[np.isfinite(centres[:, 0])]

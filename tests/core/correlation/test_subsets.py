@@ -131,7 +131,7 @@ def test_the_last_increments_shrink_to_the_tolerance():
 
 
 @both
-def test_whole_image_region_is_no_region(shape_function):
+def test_a_region_of_the_whole_image_changes_nothing(shape_function):
     subset = EXACT._replace(shape_function=shape_function)
     target, start = spline(photograph(AFFINE)), nearby(expected_warps(AFFINE, shape_function))
     masked = template(spline(photograph()), np.ones((SIDE, SIDE), dtype=bool))
@@ -162,7 +162,7 @@ def test_a_subset_cut_by_the_region_uses_what_is_inside(shape_function, columns_
     assert np.isnan(refused.warp).all()
 
 
-def test_what_lies_beyond_the_region_does_not_count():
+def test_pixels_outside_the_region_are_not_used():
     usable = np.zeros((SIDE, SIDE), dtype=bool)
     usable[:, :64] = True
     images, rng = [photograph(), photograph(SHIFT)], np.random.default_rng(1)
@@ -199,7 +199,7 @@ def test_points_without_a_start_stay_untracked():
 
 @pytest.mark.parametrize("kind", ["plain", "stripes", "ramp"])
 @both
-def test_a_subset_that_shows_too_little(kind, shape_function):
+def test_status_of_a_subset_without_texture(kind, shape_function):
     x = pixels()[..., 0]
     image = {"plain": 0 * x + 80, "stripes": 100 + 50 * np.cos(x), "ramp": x}[kind]
     start = identity(CENTRES, shape_function)
@@ -240,7 +240,7 @@ def test_no_points_at_all():
 @pytest.mark.parametrize(
     ("subset", "match"), [(Subset(30), "odd"), (Subset(3), "at least 5"), (Subset(31, "quadratic"), "quadratic warps")]
 )
-def test_settings_that_cannot_be(subset, match):
+def test_invalid_settings(subset, match):
     with pytest.raises(ValueError, match=match):
         correlate(REFERENCE, spline(photograph()), CENTRES, identity(CENTRES), subset)
 
@@ -321,7 +321,7 @@ def test_scatter_is_the_reported_covariance(shape_function, gaussian):
 
 
 @weighted
-def test_one_and_two_sigma_hold_what_they_should(shape_function, gaussian):
+def test_coverage_of_one_and_two_sigma(shape_function, gaussian):
     error, covariance = noisy_errors(shape_function, gaussian)
     scaled = np.abs(error) / np.sqrt(covariance[:, [0, 2]])
     assert (scaled < 1).mean() == pytest.approx(0.683, abs=0.03)

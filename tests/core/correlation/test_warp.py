@@ -72,7 +72,7 @@ def test_one_warp_at_many_offsets_and_many_warps_at_their_own(terms):
         np.testing.assert_allclose(function(many[0], offsets), [function(many[0], offset) for offset in offsets])
 
 
-def test_the_argument_is_left_alone():
+def test_arguments_are_not_modified():
     warp = np.random.default_rng(2).normal(size=(2, 6))
     before = warp.copy()
     gradient(warp, [3.0, 4.0])

@@ -123,14 +123,14 @@ def test_points_of_an_area_are_sampled_evenly():
 
 
 @pytest.mark.parametrize(
-    "alike", [overlap(SUBSET, STEP), strain_correlation(overlap(SUBSET, STEP), (5, 5), 1, [[1, 0]])]
+    "correlation", [overlap(SUBSET, STEP), strain_correlation(overlap(SUBSET, STEP), (5, 5), 1, [[1, 0]])]
 )
-def test_sigma_over_many_points_is_the_sum_over_all_pairs(alike):
+def test_sigma_over_many_points_is_the_sum_over_all_pairs(correlation):
     rows, cols = np.nonzero(np.add.outer(np.arange(40), np.arange(50)) % 7 > 0)
     sigma, weights = 1e-3 * (1.0 + np.random.default_rng(1).random((40, 50))), np.linspace(-1.0, 2.0, len(rows))
     scaled = weights * sigma[rows, cols]
-    wanted = scaled @ alike.at(rows[:, None] - rows, cols[:, None] - cols) @ scaled
-    assert sigma_of(Probe(rows, cols, weights), sigma, alike) == pytest.approx(np.sqrt(wanted), rel=1e-9)
+    expected = scaled @ correlation.at(rows[:, None] - rows, cols[:, None] - cols) @ scaled
+    assert sigma_of(Probe(rows, cols, weights), sigma, correlation) == pytest.approx(np.sqrt(expected), rel=1e-9)
 
 
 def test_the_mean_over_a_whole_grid_has_its_sigma():

@@ -47,7 +47,7 @@ def test_a_longer_baseline_scales_all_points():
     np.testing.assert_allclose(point_sensitivity(RIG, POINTS)[..., -3:] @ RIG.translation, POINTS, atol=1e-9)
 
 
-def test_points_that_are_missing_give_no_value():
+def test_missing_points_have_no_sensitivity():
     missing = np.where([[False], [True], [False], [False]], np.nan, POINTS)
     assert np.isnan(point_sensitivity(RIG, missing)).any(axis=(-2, -1)).tolist() == [False, True, False, False]
 
@@ -64,7 +64,7 @@ def test_an_error_of_the_baseline_alone_is_a_share_in_proportion_to_place_and_di
     np.testing.assert_allclose(np.abs(both[:, :3] - both[:, 3:])[..., 0], 1e-3 * np.abs(after - before), rtol=1e-5)
 
 
-def test_a_motion_that_is_taken_out_takes_along_what_is_rigid():
+def test_a_subtracted_motion_removes_rigid_errors():
     """Against rigid motions that are fitted anew to the points of rigs a little wrong; the points stretch by 40 %."""
     turned = (POINTS - POINTS[2]) @ (rotation_matrix([0.1, -0.2, 0.3]) @ np.diag([1.4, 0.9, 1.1])).T + POINTS[2] + 5.0
     along = undoing(rigid_motion(POINTS, turned))
@@ -80,7 +80,7 @@ def test_a_motion_that_is_taken_out_takes_along_what_is_rigid():
         np.testing.assert_allclose(found[:, :3, k], expected, atol=1e-3 * np.abs(plain[:, :3, k]).max())
 
 
-def test_a_motion_of_no_points_takes_nothing_along():
+def test_a_motion_of_no_points_changes_nothing():
     states = (np.nan * POINTS, POINTS)
     both = rig_error(RIG, np.diag(STEPS**2), (CAMERA, CAMERA), states).changes_at(*states)
     assert np.isnan(both[:, :3]).all()
@@ -125,7 +125,7 @@ def test_modes_of_scale_and_shift():
         assert np.allclose(only[name][5, 5], [value, 0.0])
 
 
-def test_a_thinned_grid_tells_the_same_strain():
+def test_a_thinned_grid_gives_the_same_strain():
     """A mode that stretches by 1e-4 along Y, on all points and on every third."""
     after, before = 1e-4 * (FLAT * [0.0, 1.0, 0.0])[..., None], np.zeros((*SHAPE, 3, 1))
     states = jacobians(FLAT, FLAT)
@@ -137,7 +137,7 @@ def test_a_thinned_grid_tells_the_same_strain():
         assert np.allclose(change, whole[name][part], atol=1e-12)
 
 
-def test_single_places_tell_the_same_as_the_grid():
+def test_single_places_agree_with_the_grid():
     before = FLAT + np.array([-4.0, -6.0, 400.0])
     after = before @ (rotation_matrix([0.1, 0.2, 0.0]) @ np.diag([1.2, 0.9, 1.0])).T + [1.0, 2.0, 60.0]
     error = rig_error(RIG, np.diag(STEPS**2), (CAMERA, CAMERA))

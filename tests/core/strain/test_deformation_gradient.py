@@ -118,8 +118,8 @@ def test_slopes_near_an_edge_are_exact_too():
     design = np.stack([np.ones(30), col - 2, row - 1, (col - 2) ** 2, (col - 2) * (row - 1), (row - 1) ** 2], axis=1)
     w, s = weights[row, col], sigmas[row, col]
     operator = (np.linalg.inv(design.T @ (w[:, None] * design)) @ design.T * w)[1:3]
-    alike = rho.at(row[:, None] - row, col[:, None] - col)
-    expected = (operator * s) @ alike @ (operator * s).T / sigmas[1, 2] ** 2
+    joint = rho.at(row[:, None] - row, col[:, None] - col)
+    expected = (operator * s) @ joint @ (operator * s).T / sigmas[1, 2] ** 2
     assert np.allclose(slope_covariance(weights, sigmas, rho, (7, 7), 2)[1, 2], expected, rtol=1e-9)
 
 
@@ -190,10 +190,10 @@ def test_shares_of_either_shape_function_add_up():
         surface_gradient(TILTED, 1.1 * TILTED, part, (7, 7), 1).covariance for part in (shares, shares[:1], shares[1:])
     )
     assert np.allclose(both, first + second, rtol=1e-9, equal_nan=True)
-    alike = surface_gradient(
+    joint = surface_gradient(
         TILTED, 1.1 * TILTED, [ErrorShare(sum(s.covariance for s in shares), shares[0].rho)], (7, 7), 1
     )
-    assert not np.allclose(both, alike.covariance, rtol=0.05, equal_nan=True)
+    assert not np.allclose(both, joint.covariance, rtol=0.05, equal_nan=True)
 
 
 def test_gauge_and_scale():

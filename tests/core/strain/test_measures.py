@@ -96,7 +96,9 @@ def test_uniaxial_stretch_of_2_3(measure, along, across):
 
 def test_simple_shear():
     gradient = np.array([[1.0, 0.7], [0.0, 1.0]])
-    material, present = (strain_components(gradient, "engineering", way) for way in ("material", "global"))
+    material, present = (
+        strain_components(gradient, "engineering", directions) for directions in ("material", "global")
+    )
     assert np.allclose(material, [0.0, np.hypot(0.7, 1.0) - 1.0, np.arctan(0.7)])
     assert np.allclose(present, [0.0, 1.0 / np.hypot(0.7, 1.0) - 1.0, np.arctan(0.7)])
     assert np.allclose(strain_components(gradient, "green_lagrange", "material"), [0.0, 0.245, 0.7])

@@ -41,7 +41,7 @@ def test_points_that_one_field_lacks_count_in_the_share_alone():
     assert (found.points, found.share, found.largest, found.share_beyond_sigma) == (3, 0.75, 3.0, 0.5)
 
 
-def test_nothing_in_common():
+def test_fields_without_common_points():
     found = agreement(np.full(4, np.nan), np.ones(4))
     assert (found.points, found.share, found.share_beyond_sigma) == (0, 0.0, None)
     assert math.isnan(found.mean)
@@ -60,7 +60,7 @@ def test_a_linear_field_is_found_exactly_on_another_grid(slope_x, slope_y, const
     np.testing.assert_allclose(found, field(coarse), atol=1e-10)
 
 
-def test_nothing_is_said_outside_in_holes_and_beside_points_without_value():
+def test_resampled_is_nan_outside_in_holes_and_beside_missing_points():
     places = grid(5.0).reshape(-1, 2)
     values = places[:, :1].copy()
     hole = np.abs(places - 30.0).max(axis=1) < 12.0
@@ -72,6 +72,6 @@ def test_nothing_is_said_outside_in_holes_and_beside_points_without_value():
 
 
 @pytest.mark.parametrize("places", [np.empty((0, 2)), np.array([[0.0, 0.0], [1.0, 1.0], [2.0, 2.0], [3.0, 3.0]])])
-def test_points_that_span_no_area_say_nothing(places):
+def test_points_on_a_line_give_no_values(places):
     found = resampled(places, np.ones((len(places), 1)), np.array([[1.0, 1.0]]))
     assert np.isnan(found).all()

@@ -8,7 +8,7 @@ from tests.noise import subset_kernel
 
 @pytest.mark.parametrize("shape_function", ["affine", "quadratic"])
 @pytest.mark.parametrize(("subset_size", "step_size"), [(21, 5), (9, 2), (15, 15), (11, 20)])
-def test_it_is_the_autocorrelation_of_the_kernel(subset_size, step_size, shape_function):
+def test_overlap_is_the_autocorrelation_of_the_kernel(subset_size, step_size, shape_function):
     kernel = subset_kernel(subset_size, shape_function)
     full = correlate2d(kernel, kernel)
     middle = subset_size - 1
@@ -27,7 +27,7 @@ def test_affine_subsets_overlap_by_a_triangle():
     assert rho.at(np.array([0, 1, 2, 5]), np.array([0, 0, 3, 0])) == pytest.approx([1.0, 0.8, 0.6 * 0.4, 0.0])
 
 
-def test_a_sum_of_independent_errors_is_alike_by_their_shares():
+def test_correlation_of_a_sum_is_the_mean_by_shares():
     affine, quadratic = overlap(21, 5), overlap(21, 5, "quadratic")
     rows, cols = np.array([0, 1, 0, 3, 9]), np.array([0, 0, 2, 1, 0])
     expected = 0.7 * affine.at(rows, cols) + 0.3 * quadratic.at(rows, cols)
