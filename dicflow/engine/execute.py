@@ -13,6 +13,7 @@ from pathlib import Path
 from types import FrameType
 from typing import Any
 
+from dicflow.engine.fingerprint import Fingerprint
 from dicflow.engine.graph import Graph
 from dicflow.engine.journal import Event, Journal
 from dicflow.engine.plan import CodePolicy, Plan, make_plan
@@ -228,6 +229,7 @@ def _run_once(
         journal.write_index(state.index())
         try:
             if jobs:
+                _keep_code(plan, store)
                 _compute(state, journal.id, jobs)
         finally:
             _close(state, journal)
@@ -254,9 +256,16 @@ def _journal(plan: Plan, store: Store, pipeline: str, resolved: Any) -> Journal 
         raise
 
 
+def _keep_code(plan: Plan, store: Store) -> None:
+    """Keep which code the records will name."""
+    for stage in dict.fromkeys(entry.task.stage for entry in plan.entries.values() if entry.state != "hit"):
+        store.put_code(plan.code[stage].root, plan.code[stage].parts)
+
+
 def _jobs(plan: Plan, store: Store, run_id: str, options: Options) -> dict[str, Job]:
     """A job for every task that is no hit."""
     jobs, gathered = {}, plan.graph.gathered()
+    codes = {stage: Fingerprint(code.root) for stage, code in plan.code.items()}
     for name, entry in plan.entries.items():
         if entry.state != "hit":
             task = entry.task
@@ -268,7 +277,7 @@ def _jobs(plan: Plan, store: Store, run_id: str, options: Options) -> dict[str, 
                 plan.parameters[task.stage],
                 {producer: ref for producer, ref in refs.items() if ref is not None},
                 plan.files[name],
-                plan.code[task.stage],
+                codes[task.stage],
                 name in gathered,
                 options.code_policy,
                 options.retries,

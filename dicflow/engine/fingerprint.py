@@ -1,126 +1,257 @@
 """Fingerprint of the code that a stage uses, so that an edited helper never passes unnoticed.
 
-The fingerprint covers the stage's module and every module of the same package that it imports, at the top or inside a
-function, directly or through others. It is taken from the syntax tree: comments, docstrings, line breaks, titles and
-descriptions of parameters do not count. Of :mod:`dicflow.engine` only the modules that a stage computes with (products,
-nodes, units) are covered: the rest decides when and where a stage runs, never what it gives.
+What counts: the stage's class, every function, class and constant that it uses, those that these use, and so on,
+through imports at the top or inside functions; and of each module met on the way the statements that are more than
+definitions. Where a name leads to no definition (a module passed around, ``from m import *``, an attribute made while
+it runs), the whole module counts. Code that a stage finds in another way, it names in :meth:`Node.uses`.
+
+What does not count: other packages than dicflow and the stage's own; of :mod:`dicflow.engine` all but products, nodes
+and units, for the rest decides when and where a stage runs, never what it gives; and within a definition what its bare
+code leaves out (:mod:`dicflow.engine.source_code`): comments, docstrings, annotations, descriptions, messages.
+
+Names do not count either. The digest of a definition is made of its bare code and of the digests of what it uses, so
+that renaming or moving functions and modules changes nothing. For the explanation of a difference the fingerprint also
+lists the digest of the bare code of each definition, by name.
 """
 
 from __future__ import annotations
 
-import ast
+import importlib.util
 import sys
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
+from dicflow.engine.components import components
 from dicflow.engine.files import FileIndex
 from dicflow.engine.hashing import digest_json
+from dicflow.engine.source_code import code_of
 from dicflow.errors import ConfigurationError
 
-__all__ = ["Fingerprint", "code_of", "fingerprint"]
+__all__ = ["Fingerprint", "Sources", "changed_names"]
 
-Fingerprint = dict[str, str]
-"""Module → digest of its code."""
+_FORM = 1
+"""Of what :func:`code_of` gives, since it is remembered by file."""
+_STATEMENTS, _WHOLE = "", "*"
+"""In the place of a definition's name: the statements of its module, or all of the module."""
 
-_ENGINE = "dicflow.engine"
-_COVERED = {f"{_ENGINE}.{name}" for name in ("node", "product", "units")}
+Place = tuple[str, str]
+"""Module and name of a definition."""
 
 
-def fingerprint(cls: type, index: FileIndex) -> Fingerprint:
-    """Digests of all modules that a class uses, by name.
+@dataclass(frozen=True)
+class Fingerprint:
+    """The code that a stage uses.
 
-    cls : class of a stage
-    index : remembers the syntax of unchanged source files
-    Raises ConfigurationError for a class whose source is not in a file.
+    root : digest of all of it; equal roots, equal fingerprints
+    parts : "module:definition" → digest of its own bare code
     """
-    file = getattr(sys.modules.get(cls.__module__), "__file__", None)
-    if file is None:
-        raise ConfigurationError(f"{cls.__qualname__}: its source is in no file; put the stage into a module")
-    source = Path(file)
-    root = source.parents[cls.__module__.count(".") + (source.name == "__init__.py")]
-    packages = {cls.__module__.partition(".")[0], "dicflow"}
-    roots = {"dicflow": Path(__file__).parents[2], cls.__module__.partition(".")[0]: root}
-    found: Fingerprint = {}
-    waiting = [(cls.__module__, source)]
-    while waiting:
-        module, path = waiting.pop()
-        if module in found:
-            continue
-        code = index.fact(path, f"code:{module}", partial(code_of, module=module))
-        found[module] = code["digest"]
-        names = [pair for pair in code["imports"] if pair[0].partition(".")[0] in packages]
-        waiting += [(name, file) for pair in names for name, file in _files(roots, *pair) if _counts(name)]
-    return dict(sorted(found.items()))
+
+    root: str
+    parts: Mapping[str, str] = field(default_factory=dict, compare=False)
 
 
-def code_of(path: Path, module: str) -> dict[str, Any]:
-    """Digest of a source file's meaning, and the names that it imports: [module, name or ""]."""
-    tree = ast.parse(path.read_bytes(), str(path))
-    imports = sorted({pair for node in _running(tree) for pair in _imports(node, module, path)})
-    text = ast.dump(_Bare().visit(tree), annotate_fields=False)
-    return {"digest": digest_json(text), "imports": [list(pair) for pair in imports]}
+def changed_names(old: Mapping[str, str], new: Mapping[str, str]) -> list[str]:
+    """Names of the definitions whose own code differs, without those that only have another name.
+
+    old, new : parts of two fingerprints; where one is empty, nothing is known
+    """
+    if not old or not new:
+        return []
+    common = [name for name in sorted(old.keys() & new.keys()) if old[name] != new[name]]
+    gone, come = ({name: one[name] for name in one.keys() - other.keys()} for one, other in ((old, new), (new, old)))
+    moved = set(gone.values()) & set(come.values())
+    return sorted([*common, *(name for name, digest in {**gone, **come}.items() if digest not in moved)])
 
 
-def _counts(module: str) -> bool:
-    return module in _COVERED or not (module == _ENGINE or module.startswith(f"{_ENGINE}."))
+class _Definition(NamedTuple):
+    """A definition, linked. links : what its marks stand for: definitions, and attributes or names of these"""
+
+    digest: str
+    links: tuple[tuple[tuple[Place, ...], str], ...]
+
+    def places(self) -> Iterator[Place]:
+        """All definitions that it uses."""
+        return (place for places, _ in self.links for place in places)
 
 
-def _files(roots: dict[str, Path], module: str, name: str) -> Iterator[tuple[str, Path]]:
-    """The source files behind ``import module`` or ``from module import name``."""
-    root = roots[module.partition(".")[0]]
-    inner = f"{module}.{name}" if name else module
-    for candidate in (inner, module):
-        base = root.joinpath(*candidate.split("."))
-        for path in (base.with_suffix(".py"), base / "__init__.py"):
-            if path.is_file():
-                yield candidate, path
-                return
+class Sources:
+    """The source files of dicflow and of plug-in packages, each looked at once for all fingerprints.
 
+    index : remembers what is in unchanged source files
+    """
 
-def _running(tree: ast.AST) -> Iterator[ast.AST]:
-    """All nodes of a tree but those that only a type checker sees."""
-    waiting = [tree]
-    while waiting:
-        node = waiting.pop()
-        if isinstance(node, ast.If) and ast.unparse(node.test).endswith("TYPE_CHECKING"):
-            waiting += node.orelse
-            continue
-        yield node
-        waiting += ast.iter_child_nodes(node)
+    def __init__(self, index: FileIndex) -> None:
+        self._index = index
+        self._roots = {"dicflow": Path(__file__).parents[2]}
+        self._paths: dict[str, Path | None] = {}
+        self._codes: dict[str, dict[str, Any] | None] = {}
+        self._definitions: dict[Place, _Definition] = {}
+        self._resolved: dict[tuple[str, ...], tuple[tuple[Place, ...], str]] = {}
+        self._digests: dict[Place, str] = {}
+        self._known: dict[tuple[type, tuple[str, ...]], Fingerprint] = {}
 
+    def fingerprint(self, cls: type, uses: tuple[str, ...] = ()) -> Fingerprint:
+        """Fingerprint of the class of a stage.
 
-def _imports(node: ast.AST, module: str, path: Path) -> Iterator[tuple[str, str]]:
-    if isinstance(node, ast.Import):
-        yield from ((alias.name, "") for alias in node.names)
-    elif isinstance(node, ast.ImportFrom):
-        base = node.module or ""
-        if node.level:
-            parts = module.split(".") + ["__init__"] * (path.name == "__init__.py")
-            base = ".".join([*parts[: -node.level], *filter(None, [node.module])])
-        yield from ((base, alias.name) for alias in node.names)
+        uses : further code, as ``Node.uses`` names it
+        Raises ConfigurationError for a class or a further module whose source is in no file.
+        """
+        found = self._known.get((cls, uses))
+        if found is None:
+            self._locate(cls)
+            further = [self._named(name, cls) for name in sorted(set(uses))]
+            found = self._known[cls, uses] = self._taken([self._own(cls), *further])
+        return found
 
+    def _taken(self, starts: list[tuple[tuple[Place, ...], str]]) -> Fingerprint:
+        covered = self._covered(place for places, _ in starts for place in places)
+        for members in components(covered, lambda place: self._definition(place).places(), self._digests):
+            self._digest(members)
+        root = digest_json([[[self._digests[place] for place in places], rest] for places, rest in starts])
+        parts = {":".join(filter(None, place)): self._own_digest(place) for place in covered if place[1] != _WHOLE}
+        return Fingerprint(root, dict(sorted(parts.items())))
 
-class _Bare(ast.NodeTransformer):
-    """Takes out of a tree what changes no result."""
+    def _covered(self, starts: Iterable[Place]) -> list[Place]:
+        """Everything that is used from some definitions on, these included."""
+        waiting = list(starts)
+        found = dict.fromkeys(waiting)
+        while waiting:
+            for place in self._definition(waiting.pop()).places():
+                if place not in found:
+                    found[place] = None
+                    waiting.append(place)
+        return list(found)
 
-    def generic_visit(self, node: ast.AST) -> ast.AST:
-        body = getattr(node, "body", None)
-        if isinstance(node, ast.Module | ast.ClassDef | ast.FunctionDef | ast.AsyncFunctionDef) and body:
-            node.body = [part for part in body if not _is_text(part) and not _is_title(part)] or [ast.Pass()]
-        return super().generic_visit(node)
+    # digests
 
-    def visit_Call(self, node: ast.Call) -> ast.AST:
-        if isinstance(node.func, ast.Name) and node.func.id == "parameter":
-            node.args = node.args[:1]
-            node.keywords = [word for word in node.keywords if word.arg != "description"]
-        return self.generic_visit(node)
+    def _own_digest(self, place: Place) -> str:
+        """Digest of bare code and the names used in it, without their modules."""
+        found = self._definition(place)
+        return digest_json([found.digest, [[[name for _, name in places], rest] for places, rest in found.links]])
 
+    def _digest(self, members: list[Place]) -> None:
+        """Digests of definitions that use one another in a circle, or of a single one.
 
-def _is_text(node: ast.stmt) -> bool:
-    return isinstance(node, ast.Expr) and isinstance(node.value, ast.Constant) and isinstance(node.value.value, str)
+        They are told apart by what they use, as deep as it takes, so that no names and no order enter.
+        """
+        shades = {place: self._definition(place).digest for place in members}
+        count = 0
+        while len(set(shades.values())) > count:
+            count = len(set(shades.values()))
+            known = {**shades}
+            shades = {place: self._shade(place, known) for place in members}
+        alike = sorted(set(shades.values()))
+        for place in members:
+            circle = alike if len(members) > 1 else []
+            self._digests[place] = digest_json([shades[place], circle])
 
+    def _shade(self, place: Place, shades: Mapping[Place, str]) -> str:
+        found = self._definition(place)
+        used = [[[shades.get(one) or self._digests[one] for one in places], rest] for places, rest in found.links]
+        return digest_json([shades[place], used])
 
-def _is_title(node: ast.stmt) -> bool:
-    return isinstance(node, ast.AnnAssign) and isinstance(node.target, ast.Name) and node.target.id == "title"
+    # from names to definitions
+
+    def _definition(self, place: Place) -> _Definition:
+        found = self._definitions.get(place)
+        if found is None:
+            found = self._definitions[place] = self._linked(*place)
+        return found
+
+    def _linked(self, module: str, name: str) -> _Definition:
+        code = self._code(module)
+        assert code is not None, "only modules that are there are linked"
+        if name == _WHOLE:
+            names = sorted([*code["definitions"], *code["imports"]])
+            everything = [(module, one) for one in (*names, *[_STATEMENTS] * (code["statements"] is not None))]
+            return _Definition(digest_json(names), tuple(self._resolve(target) for target in everything))
+        digest, targets = code["statements"] if name == _STATEMENTS else code["definitions"][name]
+        links = [self._resolve(tuple(target)) for target in targets]
+        if name != _STATEMENTS and code["statements"] is not None:
+            links.append((((module, _STATEMENTS),), ""))
+        return _Definition(digest, tuple(links))
+
+    def _resolve(self, target: tuple[str, ...]) -> tuple[tuple[Place, ...], str]:
+        """The definitions that a module and names lead to, and the names that lead further."""
+        found = self._resolved.get(target)
+        if found is None:
+            self._resolved[target] = ((), "in a circle")
+            found = self._resolved[target] = self._followed(*target)
+        return found
+
+    def _followed(self, module: str, *names: str) -> tuple[tuple[Place, ...], str]:
+        code = self._code(module)
+        if code is None:
+            return (), ".".join([module, *names])
+        if not names:
+            return ((module, _WHOLE),), ""
+        first, rest = names[0], names[1:]
+        if first in code["definitions"]:
+            return ((module, first),), ".".join(rest)
+        if first in code["bound"] or first == _STATEMENTS:
+            return ((module, _STATEMENTS),), ".".join(names)
+        if first in code["imports"]:
+            return self._through(module, code, first, rest)
+        if self._code(f"{module}.{first}") is not None:
+            return self._resolve((f"{module}.{first}", *rest))
+        return ((module, _WHOLE),), ".".join(names)
+
+    def _through(
+        self, module: str, code: dict[str, Any], name: str, rest: tuple[str, ...]
+    ) -> tuple[tuple[Place, ...], str]:
+        """Through the imports of a module, whose statements count then."""
+        found = [self._resolve((*target, *rest)) for target in code["imports"][name]]
+        places = [place for places, _ in found for place in places]
+        if code["statements"] is not None:
+            places.append((module, _STATEMENTS))
+        return tuple(places), "|".join(rest for _, rest in found)
+
+    # files
+
+    def _code(self, module: str) -> dict[str, Any] | None:
+        """What is in a module; None where there is no such source file."""
+        if module not in self._codes:
+            path = self._path(module)
+            read = partial(code_of, module=module)
+            self._codes[module] = None if path is None else self._index.fact(path, f"code {_FORM}:{module}", read)
+        return self._codes[module]
+
+    def _path(self, module: str) -> Path | None:
+        if module not in self._paths:
+            root = self._roots.get(module.partition(".")[0])
+            base = root.joinpath(*module.split(".")) if root is not None else None
+            files = [] if base is None else [base.with_suffix(".py"), base / "__init__.py"]
+            self._paths[module] = next((file for file in files if file.is_file()), None)
+        return self._paths[module]
+
+    def _locate(self, cls: type) -> None:
+        """Note where the package of a class is."""
+        module = cls.__module__
+        file = getattr(sys.modules.get(module), "__file__", None)
+        if file is None:
+            raise ConfigurationError(f"{cls.__qualname__}: its source is in no file; put the stage into a module")
+        source = Path(file)
+        self._paths[module] = source
+        depth = module.count(".") + (source.name == "__init__.py")
+        self._roots.setdefault(module.partition(".")[0], source.parents[depth])
+
+    def _own(self, cls: type) -> tuple[tuple[Place, ...], str]:
+        return self._resolve((cls.__module__, *cls.__qualname__.split(".")))
+
+    def _named(self, name: str, cls: type) -> tuple[tuple[Place, ...], str]:
+        """What ``package.module:definition`` or ``package.module`` stands for, with nothing of it imported."""
+        module, _, definition = name.partition(":")
+        top = module.partition(".")[0]
+        if top not in self._roots:
+            spec = importlib.util.find_spec(top)
+            places = [] if spec is None else spec.submodule_search_locations or [spec.origin or ""]
+            self._roots.update((top, Path(place).parent) for place in places[:1])
+        if self._code(module) is None:
+            raise ConfigurationError(
+                f"{cls.__qualname__}: uses the code of {name}, but {module} is no module with a source file; "
+                "install it, or correct the name"
+            )
+        return self._resolve((module, *filter(None, definition.split("."))))

@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 import shutil
 import time
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -62,7 +62,9 @@ def collect(store: Store, *, keep_runs: int = 5, delete: bool = False, grace_s: 
     folders = [(name, store.path / "runs" / name) for name in old_runs]
     loose = [path for path in _listed(store.path / "tmp") if _older(path, before)]
     loose += _listed(store.path / "quarantine")
-    paths = [path for _, path in (*records, *objects, *folders)] + loose
+    deleted = {path for _, path in records}
+    codes = _unnamed_codes(store, [path for _, path in _named(store, "actions") if path not in deleted], before)
+    paths = [path for _, path in (*records, *objects, *folders)] + codes + loose
     nbytes = sum(_size(path) for path in paths)
     if delete:
         with store.writing():
@@ -160,6 +162,16 @@ def _named(store: Store, part: str) -> Iterator[tuple[str, Path]]:
         for path in _listed(folder):
             name = f"sha256:{path.name.partition('.')[0]}"
             yield (name if is_digest(name) else ""), path
+
+
+def _unnamed_codes(store: Store, records: Iterable[Path], before: float) -> list[Path]:
+    """Files of code that none of these records names."""
+    found = [path for path in _listed(store.path / "code") if _older(path, before)]
+    if found:
+        loaded = [Record.from_json(read_json(path)) for path in records]
+        named = {store.code_path(record.code) for record in loaded if record is not None and record.code}
+        found = [path for path in found if path not in named]
+    return found
 
 
 def _listed(folder: Path) -> list[Path]:

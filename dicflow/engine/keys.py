@@ -16,7 +16,7 @@ __all__ = ["Change", "differences", "input_digests", "key_of", "key_parts", "par
 
 @dataclass(frozen=True)
 class Change:
-    """One thing that differs from the last time. name : which parameter, input, file or module it is."""
+    """One thing that differs from the last time. name : which parameter, input, file or definition it is."""
 
     what: Literal["parameter", "input", "file", "code", "version", "record", "object", "stage"]
     name: str = ""
@@ -32,7 +32,7 @@ class Change:
             verb = "is new" if self.old is None else "is no longer given" if self.new is None else "changed"
             return f"{self.what} {self.name} {verb}"
         if self.what == "code":
-            return f"code of {self.name} changed"
+            return f"code of {self.name} changed" if self.name else "the code changed"
         return self.name
 
 

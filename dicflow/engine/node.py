@@ -176,6 +176,15 @@ class Node(BaseModel):
         Raises InputError that names the first file that does not fit the others.
         """
 
+    def uses(self) -> tuple[str, ...]:
+        """Code that :meth:`run` finds while it runs, beside what it imports: it counts as the stage's own.
+
+        Names ``"package.module:definition"`` or ``"package.module"``, of any package; the modules are read, not
+        imported. A stage that picks a function by name from a registry names the function, or all modules of the
+        registry.
+        """
+        return ()
+
     def run(self, **inputs: Any) -> Product:
         """Make the product. Raises StageError where the inputs do not allow it."""
         raise NotImplementedError

@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import Any, Literal
 
 from dicflow.engine.files import Stamp, stamp
-from dicflow.engine.fingerprint import Fingerprint, fingerprint
+from dicflow.engine.fingerprint import Fingerprint, Sources, changed_names
 from dicflow.engine.graph import Graph, Task, TaskInput
 from dicflow.engine.hashing import plain
 from dicflow.engine.journal import latest
@@ -28,6 +28,9 @@ __all__ = ["CodePolicy", "FileStamp", "Plan", "PlanEntry", "code_changes", "code
 
 CodePolicy = Literal["recompute", "warn", "ignore"]
 """What to do with a result that other code has made, though its ``impl_version`` is the same."""
+
+_MOST_NAMES = 5
+"""So many definitions are named as changed; of more, their number is given."""
 
 
 @dataclass(frozen=True)
@@ -133,7 +136,7 @@ def find_hit(
     record = store.record(key)
     if record is None:
         return None, False, ()
-    changed = code_changes(record.code, code)
+    changed = code_changes(store, record, code)
     if changed and policy == "recompute":
         return record, False, changed
     state, manifest = store.inspect(record.digest)
@@ -142,14 +145,22 @@ def find_hit(
     return record, manifest.kept, ()
 
 
-def code_changes(old: Mapping[str, str], new: Mapping[str, str]) -> tuple[Change, ...]:
-    """The modules whose code differs."""
-    return tuple(Change("code", name) for name in sorted({**old, **new}) if old.get(name) != new.get(name))
+def code_changes(store: Store, record: Record, code: Fingerprint) -> tuple[Change, ...]:
+    """The definitions whose code is not what made a record; one change without a name where that is unknown.
+
+    code : its parts may be missing; the store knows them then
+    """
+    if record.code == code.root:
+        return ()
+    names = changed_names(store.code_parts(record.code), code.parts or store.code_parts(code.root))
+    if len(names) > _MOST_NAMES:
+        names[_MOST_NAMES:] = [f"{len(names) - _MOST_NAMES} more definitions"]
+    return tuple(Change("code", name) for name in names or [""])
 
 
-def code_warning(stage: str, record: Record, code: Fingerprint, policy: CodePolicy) -> str:
-    """What to tell of a result that other code has made and that is used, "" where the policy asks for nothing."""
-    changes = code_changes(record.code, code)
+def code_warning(store: Store, stage: str, record: Record, code: Fingerprint, policy: CodePolicy) -> str:
+    """Message about a result that other code has made and that is used, "" where the policy asks for nothing."""
+    changes = code_changes(store, record, code)
     if policy != "warn" or not changes:
         return ""
     return f"{stage}: {'; '.join(change.text for change in changes)} since its results were made; they are used"
@@ -165,8 +176,8 @@ class _Planner:
         self.entries: dict[str, PlanEntry] = {}
         self.files: dict[str, dict[str, FileStamp]] = {}
         values = {name: parameters(spec.node) for name, spec in graph.stages.items()}
-        by_class = {cls: fingerprint(cls, store.files) for cls in {type(s.node) for s in graph.stages.values()}}
-        code = {name: by_class[type(spec.node)] for name, spec in graph.stages.items()}
+        sources = Sources(store.files)
+        code = {name: sources.fingerprint(type(spec.node), spec.node.uses()) for name, spec in graph.stages.items()}
         self.plan = Plan(graph, self.entries, values, code, self.files, policy)
 
     def add(self, task: Task) -> None:
@@ -190,7 +201,7 @@ class _Planner:
         record, kept, against = find_hit(self.store, key, code, self.policy)
         if record is None or against:
             return PlanEntry(task, "run", against or self._reasons(task, key, parts), key, parts)
-        warning = code_warning(task.stage, record, code, self.policy)
+        warning = code_warning(self.store, task.stage, record, code, self.policy)
         if warning and warning not in self.plan.warnings:
             self.plan.warnings.append(warning)
         ref = Ref(record.digest, None if kept else Recipe(task.name, task.node, inputs, task.files))

@@ -23,14 +23,14 @@ class Record:
     key : digest of the parts
     parts : stage, impl_version, parameters, inputs and files, see :mod:`dicflow.engine.keys`
     digest : of the product
-    code : module → digest of the code that made it
+    code : root of the fingerprint of the code that made it; "" where that has another form, made by other code
     made : provenance: task, run, time, host, seconds, peak memory, versions
     """
 
     key: str
     parts: Mapping[str, Any]
     digest: str
-    code: Mapping[str, str]
+    code: str
     made: Mapping[str, Any]
 
     def to_json(self) -> dict[str, Any]:
@@ -39,7 +39,7 @@ class Record:
             "key": self.key,
             "parts": self.parts,
             "digest": self.digest,
-            "code": dict(self.code),
+            "code": self.code,
             "made": dict(self.made),
         }
 
@@ -47,11 +47,11 @@ class Record:
     def from_json(cls, value: Any) -> Record | None:
         """The record, or None where the JSON is none."""
         try:
-            loaded = cls(value["key"], value["parts"], value["digest"], value["code"], value["made"])
+            code = value["code"] if is_digest(value["code"]) else ""
+            loaded = cls(value["key"], value["parts"], value["digest"], code, value["made"])
         except (TypeError, KeyError):
             return None
-        sound = is_digest(loaded.key) and is_digest(loaded.digest) and isinstance(loaded.code, dict)
-        return loaded if sound else None
+        return loaded if is_digest(loaded.key) and is_digest(loaded.digest) else None
 
 
 @cache

@@ -6,6 +6,7 @@
       objects/ab/<digest>/       the arrays of a product as a zarr group; none where it is remade when it is used
       objects/ab/<digest>.json   its manifest: what it is, and the sizes of the group's files
       actions/ab/<key>.json      a record
+      code/<root>.json           the definitions that a fingerprint covers, with their digests
       runs/<id>/                 pipeline, journal and index of a run
       tmp/  quarantine/
 
@@ -53,6 +54,7 @@ class Store:
 
     def __init__(self, path: Path) -> None:
         self.path = path
+        self._code_parts: dict[str, dict[str, str]] = {}
 
     @classmethod
     def open(cls, path: Path | str, create: bool = True) -> Store:
@@ -109,6 +111,25 @@ class Store:
     def record_path(self, key: str) -> Path:
         """Where the record of a key is."""
         return self.path / "actions" / _hex(key)[:2] / f"{_hex(key)}.json"
+
+    # code
+
+    def code_parts(self, root: str) -> dict[str, str]:
+        """Definition → digest of its code, by the root of a fingerprint; empty where that is not known."""
+        if is_digest(root) and root not in self._code_parts:
+            found = read_json(self.code_path(root))
+            if isinstance(found, dict) and found:
+                self._code_parts[root] = {name: str(digest) for name, digest in found.items()}
+        return self._code_parts.get(root, {})
+
+    def put_code(self, root: str, parts: Mapping[str, str]) -> None:
+        """Keep the definitions of a fingerprint, unless they are there. Raises StoreError."""
+        if read_json(self.code_path(root)) is None:
+            self.write_json(self.code_path(root), dict(parts))
+
+    def code_path(self, root: str) -> Path:
+        """Where the definitions of a fingerprint are."""
+        return self.path / "code" / f"{_hex(root)}.json"
 
     # objects
 

@@ -72,7 +72,7 @@ class Job:
     store : folder of the store
     known : producers that were hits in the plan
     files : argument of ``run`` → contents
-    code : fingerprint of the stage
+    code : fingerprint of the stage; the store knows its parts
     gathered : whether a stage takes this product together with those of all other steps
     retries : how often a failure that is no DicflowError is tried again
     """
@@ -150,7 +150,7 @@ def _performed(job: Job, inputs: tuple[Outcome, ...], start: float) -> Outcome:
         ref = Ref(record.digest, None if kept else recipe)
         if record.made.get("run") == job.run_id:  # done before by a worker that died of something else
             return job.outcome("computed", ref=ref, key=key, stage_s=record.made.get("stage_s", 0.0))
-        warning = code_warning(task.stage, record, job.code, job.code_policy)
+        warning = code_warning(store, task.stage, record, job.code, job.code_policy)
         return job.outcome("hit", ref=ref, key=key, warning=warning)
     product, times = _run(job, store, recipe)
     manifest = describe(product)
@@ -163,7 +163,7 @@ def _performed(job: Job, inputs: tuple[Outcome, ...], start: float) -> Outcome:
     done = job.outcome(
         "computed", ref=ref, key=key, stage_s=stage_s, remake_s=remake_s, engine_s=engine_s, peak_bytes=_peak()
     )
-    store.put_record(Record(key, parts, manifest.digest, job.code, _provenance(job, done, manifest)))
+    store.put_record(Record(key, parts, manifest.digest, job.code.root, _provenance(job, done, manifest)))
     return replace(done, engine_s=time.perf_counter() - start - stage_s - remake_s)
 
 

@@ -5,9 +5,12 @@ from __future__ import annotations
 from functools import cache
 from typing import Any
 
-from dicflow.engine.fingerprint import Fingerprint, fingerprint
+from pydantic import ValidationError
+
+from dicflow.engine.fingerprint import Sources
 from dicflow.engine.journal import RunInfo
 from dicflow.engine.node import Node
+from dicflow.engine.records import Record
 from dicflow.engine.references import Recipe, Ref, RefInput, refs_in
 from dicflow.engine.store import Store
 from dicflow.pipeline.registry import node_class
@@ -22,11 +25,8 @@ def run_refs(store: Store, run: RunInfo) -> dict[str, Ref]:
     records know files by their contents, not by their places. Else it is lost.
     """
     index = run.index
+    sources = Sources(store.files)
     owners = {entry["digest"]: (task, entry["key"]) for task, entry in index.items()}
-
-    @cache
-    def code(stage: type[Node]) -> Fingerprint:
-        return fingerprint(stage, store.files)
 
     @cache
     def ref(digest: str) -> Ref:
@@ -40,13 +40,22 @@ def run_refs(store: Store, run: RunInfo) -> dict[str, Ref]:
         record = store.record(key)
         if record is None or record.parts["files"]:
             return None
-        stage = node_class(record.parts["stage"])
+        node = _same_node(record, sources)
         inputs = {port: source(value) for port, value in record.parts["inputs"].items()}
-        if record.code != code(stage) or any(one.lost for one in refs_in(inputs)):
+        if node is None or any(one.lost for one in refs_in(inputs)):
             return None
-        return Recipe(task, stage(**record.parts["parameters"]), inputs, {})
+        return Recipe(task, node, inputs, {})
 
     def source(value: Any) -> RefInput:
         return ref(value) if isinstance(value, str) else tuple((step, ref(digest)) for step, digest in value)
 
     return {task: ref(entry["digest"]) for task, entry in index.items()}
+
+
+def _same_node(record: Record, sources: Sources) -> Node | None:
+    """The node that made a record, None where the code is another."""
+    try:
+        node = node_class(record.parts["stage"])(**record.parts["parameters"])
+    except ValidationError:  # other code knows other parameters
+        return None
+    return node if sources.fingerprint(type(node), node.uses()).root == record.code else None

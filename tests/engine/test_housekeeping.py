@@ -104,6 +104,18 @@ def test_nothing_is_deleted_while_it_is_unknown_what_must_stay(store, three, dam
     assert size(store) == before
 
 
+def test_code_goes_with_the_last_record_that_names_it(store, three):
+    kept = {store.code_path(store.record(outcome.key).code) for outcome in three[2].outcomes.values()}
+    root = "sha256:" + "0" * 64
+    store.put_code(root, {"m:f": root})
+    collect(store, keep_runs=1, delete=True)
+    assert store.code_path(root).exists()
+    collect(store, keep_runs=1, grace_s=0, delete=True)
+    assert set((store.path / "code").iterdir()) == kept
+    collect(store, keep_runs=0, grace_s=0, delete=True)
+    assert not list((store.path / "code").iterdir())
+
+
 def test_what_is_young_stays(store, three):
     (store.path / "tmp" / "left by a kill").mkdir()
     assert collect(store, keep_runs=0).objects == []

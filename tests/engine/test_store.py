@@ -3,6 +3,7 @@ import json
 import os
 import shutil
 import subprocess
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -220,12 +221,32 @@ def test_what_cannot_be_kept_is_refused(product, message):
         describe(normalised(product))
 
 
+ROOT_OF_CODE = "sha256:" + "c" * 64
+
+
 def test_a_record_comes_back(store):
-    record = Record("sha256:" + "a" * 64, {"stage": "x"}, "sha256:" + "b" * 64, {"m": "sha256:c"}, {"task": "x"})
+    record = Record("sha256:" + "a" * 64, {"stage": "x"}, "sha256:" + "b" * 64, ROOT_OF_CODE, {"task": "x"})
     store.put_record(record)
     assert store.record(record.key) == record
     store.record_path(record.key).write_text('{"key": 3}')
     assert store.record(record.key) is None
+
+
+@pytest.mark.parametrize("code", [{"m": ROOT_OF_CODE}, "", None, 3])
+def test_a_record_with_code_in_another_form_was_made_by_other_code(store, code):
+    record = Record("sha256:" + "a" * 64, {"stage": "x"}, "sha256:" + "b" * 64, ROOT_OF_CODE, {"task": "x"})
+    store.write_json(store.record_path(record.key), {**record.to_json(), "code": code})
+    assert store.record(record.key) == replace(record, code="")
+
+
+@pytest.mark.parametrize("damage", ["", "[]", '{"m:f": '])
+def test_the_definitions_of_a_fingerprint_come_back(store, damage):
+    assert store.code_parts(ROOT_OF_CODE) == store.code_parts("") == {}
+    store.put_code(ROOT_OF_CODE, {"m:f": "sha256:d"})
+    store.put_code(ROOT_OF_CODE, {"m:f": "left as it was"})
+    assert store.code_parts(ROOT_OF_CODE) == {"m:f": "sha256:d"}
+    store.code_path(ROOT_OF_CODE).write_text(damage)
+    assert Store.open(store.path).code_parts(ROOT_OF_CODE) == {}
 
 
 def test_versions_name_what_results_depend_on():

@@ -5,6 +5,7 @@ import shutil
 import numpy as np
 import pytest
 
+from dicflow.engine.fingerprint import Fingerprint
 from dicflow.engine.journal import find_run
 from dicflow.engine.references import cache, load
 from dicflow.engine.store import Store
@@ -41,5 +42,5 @@ def test_what_was_kept_and_what_needs_photographs_has_no_recipe(strained):
 
 def test_other_code_makes_nothing_again(strained, monkeypatch):
     store, run, _ = strained
-    monkeypatch.setattr(recipes, "fingerprint", lambda stage, index: {"elsewhere": "other"})
+    monkeypatch.setattr(recipes.Sources, "fingerprint", lambda *_: Fingerprint("other"))
     assert run_refs(Store.open(store.path), run)["strain/step_02"].recipe is None
