@@ -124,11 +124,11 @@ class BareCode:
 
     def _use(self, name: str, attributes: Target) -> None:
         """A name, and its attributes where it is imported."""
-        targets = self._lookup(name)
-        if targets is None:
-            self._text.append(f"!{self._full_name(name)}")
-            if name in _OWN_NAMESPACE:
-                self.mark((self.names.origin.module,))
+        targets, foreign = self._lookup(name), self._foreign(name)
+        if targets is None or foreign:
+            self._text.append(f"!{foreign or name}")
+        if targets is None and name in _OWN_NAMESPACE:
+            self.mark((self.names.origin.module,))
         for target in targets or ():
             self.mark((*target, *attributes))
         if targets is not None and (self._named or not targets):
@@ -142,9 +142,10 @@ class BareCode:
         found = [target for target in scope[name] if self.names.origin.owns(target[0])]
         return found if found or not scope[name] else None
 
-    def _full_name(self, name: str) -> str:
+    def _foreign(self, name: str) -> str:
+        """Full name of what another package gives under a name."""
         scope = next((scope for scope in reversed(self._scopes) if name in scope), self.names.imports)
-        return "|".join(".".join(target) for target in scope.get(name, ())) or name
+        return "|".join(".".join(target) for target in scope.get(name, ()) if not self.names.origin.owns(target[0]))
 
     # definitions and scopes
 

@@ -246,7 +246,7 @@ class Sources:
         module, _, definition = name.partition(":")
         top = module.partition(".")[0]
         if top not in self._roots:
-            spec = importlib.util.find_spec(top)
+            spec = importlib.util.find_spec(top) if top else None
             places = [] if spec is None else spec.submodule_search_locations or [spec.origin or ""]
             self._roots.update((top, Path(place).parent) for place in places[:1])
         if self._code(module) is None:

@@ -181,7 +181,7 @@ class Node(BaseModel):
 
         Names ``"package.module:definition"`` or ``"package.module"``, of any package; the modules are read, not
         imported. A stage that picks a function by name from a registry names the function, or all modules of the
-        registry.
+        registry; so does one that looks for subclasses.
         """
         return ()
 

@@ -15,9 +15,12 @@ from typing import Any
 
 from dicflow.engine.bare_code import BareCode
 from dicflow.engine.hashing import digest_json
-from dicflow.engine.syntax import Definition, Globals, Import, Origin, Target, assigned, bound, called, counting
+from dicflow.engine.syntax import Definition, Globals, Import, Origin, Target, assigned, bound, called, counting, dotted
 
 __all__ = ["code_of"]
+
+_REGISTERING = ("overload", "register")
+"""How names of decorators of other packages start that note down what they decorate."""
 
 
 def code_of(path: Path, module: str) -> dict[str, Any]:
@@ -111,7 +114,10 @@ class _Module:
             self.loose.append(node)
 
     def _registers(self, node: ast.stmt) -> bool:
-        """Whether code of these packages decorates a definition: it may note it down somewhere."""
-        decorators = node.decorator_list if isinstance(node, Definition) else []
-        names = [part.id for one in decorators for part in ast.walk(called(one)) if isinstance(part, ast.Name)]
+        """Whether a decorator may note a definition down somewhere: one of these packages, or one called so."""
+        parts = [node, *node.body] if isinstance(node, ast.ClassDef) else [node]
+        decorators = [called(one) for part in parts if isinstance(part, Definition) for one in part.decorator_list]
+        if any((dotted(one) or ("",))[-1].startswith(_REGISTERING) for one in decorators):
+            return True
+        names = [part.id for one in decorators for part in ast.walk(one) if isinstance(part, ast.Name)]
         return any(self.globals.targets(name) for name in names)

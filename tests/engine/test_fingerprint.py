@@ -109,7 +109,15 @@ def small(tmp_path, **files):
 
 def test_it_covers_what_is_used_and_nothing_else(package):
     found = set(taken(package).parts)
-    own = {"stage:Stage", "stage:marked", "stage:own", "errors:TooFewError", "fields:Degree", "inner.deep:value"}
+    own = {
+        "stage:Stage",
+        "stage:marked",
+        "stage:own",
+        "errors:TooFewError",
+        "fields:Degree",
+        "inner.deep:value",
+        "stage",
+    }
     own |= {f"helper:{name}" for name in ("LIMIT", "SIZE", "Base", "scale", "even", "odd")}
     assert {name for name in found if name.startswith("sample")} == {f"sample.{name}" for name in own}
     assert "dicflow.engine.units:quantity" in found
@@ -236,6 +244,7 @@ def test_a_package_may_have_another_name(tmp_path):
         "from sample.code import f\nTABLE = {}\nTABLE['f'] = f\nclass Stage:\n    a = TABLE",
         "from sample.code import f\nTABLE = {}\ndef note(g): TABLE['f'] = g\n@note\ndef noted(): f()\n"
         "class Stage:\n    a = TABLE",
+        "import numba\nfrom sample.code import f\n@numba.extending.overload(len)\ndef noted(): f()\nclass Stage: pass",
         "from sample import code\ndef f(): return code.f()\nclass Stage:\n    def run(self): return eval('f')()",
         "from sample.code import f\nclass Stage:\n    def run(self):\n        global g\n        g = f",
         "from sample.code import f\nclass Stage:\n    def run(self):\n        match self:\n            case f(): pass",
@@ -268,6 +277,15 @@ def test_names_that_only_look_alike_lead_nowhere(tmp_path, use):
     stage = f"import warnings\nfrom sample.code import f\n__all__ = ['Stage', 'f']\nclass Stage:\n    {use}"
     found = [small(tmp_path, stage=stage, code=f"def f(): return {number}") for number in (1, 2)]
     assert found[0] == found[1]
+
+
+@pytest.mark.parametrize("place", ["", "    "], ids=["at the top", "in a function"])
+def test_what_another_package_gives_instead_counts(tmp_path, place):
+    chosen = "try:\n{0}    from sample.code import f\n{0}except ImportError:\n{0}    from math import {1} as f\n"
+    stage = "def g():\n    {}    return f\nclass Stage: a = g" if place else "{}def g(): return f\nclass Stage: a = g"
+    stages = [stage.format(chosen.format(place, name)) for name in ("sin", "cos")]
+    found = [small(tmp_path, stage=text, code="def f(): return 1") for text in stages]
+    assert found[0] != found[1]
 
 
 def test_statements_of_a_module_count_for_all_of_it(tmp_path):
