@@ -20,16 +20,16 @@ THESIS = {
 
 RECOMPUTES = {
     "core.calibration": "calibrate corners",
-    "core.cameras": "calibrate deformation disparity frame noise_floor probes reconstruct rectify region rig_file "
-    "stereo triangulate undistort",
-    "core.correlation": "correlate stereo",
-    "core.matching": "corners correlate disparity displacement features match stereo track",
+    "core.cameras": "accumulate calibrate compare deformation disparity frame maps noise_floor probes reconstruct "
+    "rectify region rig_file stereo triangulate undistort",
+    "core.correlation": "correlate match stereo track triangulate",
+    "core.matching": "corners correlate disparity displacement features match stereo track triangulate",
     "core.photographs": "compare corners correlate disparity displacement features probes reconstruct region stereo "
-    "track",
+    "track triangulate",
     "core.probes": "frame probes",
     "core.strain": "accumulate deformation probes strain",
     "core.surfaces": "accumulate compare deformation displacement fill probes reconstruct smooth strain surface",
-    "core.uncertainty": "deformation noise_floor probes",
+    "core.uncertainty": "deformation frame noise_floor probes triangulate",
     "io.calibrations": "rig_file",
     "io.caliper": "compare",
     "io.images": "images region",
@@ -37,19 +37,6 @@ RECOMPUTES = {
     "io.rig": "rig_file",
 }
 """Chapter → the stages that an edit there may recompute. What is in no chapter, all may share."""
-
-STAGES_SHARE = {
-    "accumulate": {"strain"},
-    "deformation": {"accumulate", "frame", "smooth"},
-    "probes": {"frame"},
-    "stereo": {"correlate"},
-    "strain": {"smooth"},
-    "triangulate": {"stereo"},
-}
-"""Stage → other stages from whose modules it may use something."""
-
-FORMS_SHARE = {"field_means", "fitted_status"}
-"""What both forms of the pipeline may use of stages of the other one."""
 
 
 @pytest.fixture(scope="module")
@@ -60,7 +47,8 @@ def index(tmp_path_factory):
 
 def fingerprints(index):
     sources = Sources(index)
-    return {name: sources.fingerprint(node_class(name)) for name in stage_names()}
+    classes = {name: node_class(name) for name in stage_names()}
+    return {name: sources.fingerprint(cls, cls.uses(cls.model_construct())) for name, cls in classes.items()}
 
 
 @pytest.fixture(scope="module")
@@ -79,11 +67,6 @@ def covers(fingerprint, chapter):
     return any(f"{name}.".startswith(f"{chapter}.") for name in modules(fingerprint))
 
 
-def of_stages(fingerprint, stages):
-    """What a fingerprint covers of the modules of some stages."""
-    return {name for name in fingerprint.parts if name.partition(":")[0] in {f"dicflow.stages.{one}" for one in stages}}
-
-
 def test_every_chapter_of_core_has_its_line():
     chapters = {f"core.{path.parent.name}" for path in (PACKAGE / "core").glob("*/__init__.py")}
     assert chapters - {"core.synthetic"} == {name for name in RECOMPUTES if name.startswith("core.")}
@@ -97,7 +80,15 @@ def test_an_edit_of_a_chapter_recomputes_only_what_uses_it(taken, chapter):
 @pytest.mark.parametrize("stage", stage_names())
 def test_a_stage_uses_nothing_above_it_and_of_the_engine_only_what_it_computes_with(taken, stage):
     found = modules(taken[stage])
-    assert {name.partition(".")[0] for name in found} <= {"core", "engine", "errors", "io", "kinds", "stages"}
+    assert {name.partition(".")[0] for name in found} <= {
+        "core",
+        "discovery",
+        "engine",
+        "errors",
+        "io",
+        "kinds",
+        "stages",
+    }
     engine = {name for name in found if name.startswith("engine")}
     assert engine <= {"engine.node", "engine.product", "engine.units"}
 
@@ -109,15 +100,15 @@ def test_a_stage_is_nobody_elses_code(taken, stage):
 
 
 @pytest.mark.parametrize("stage", stage_names())
-def test_stages_share_little(taken, stage):
-    others = set(stage_names()) - {stage} - STAGES_SHARE.get(stage, set())
-    assert of_stages(taken[stage], others) == set()
+def test_a_stage_uses_nothing_of_other_stages(taken, stage):
+    others = {f"dicflow.stages.{name}" for name in stage_names() if name != stage}
+    assert {name for name in taken[stage].parts if name.partition(":")[0] in others} == set()
 
 
 @pytest.mark.parametrize(("form", "other"), [(PRECISE, THESIS), (THESIS, PRECISE)], ids=["precise", "thesis"])
 def test_an_edit_of_one_form_of_the_pipeline_leaves_the_other_alone(taken, form, other):
-    crossing = {name.partition(":")[2] for stage in form for name in of_stages(taken[stage], other)}
-    assert crossing <= FORMS_SHARE
+    theirs = {f"dicflow.stages.{name}" for name in other}
+    assert {name for stage in form for name in taken[stage].parts if name.partition(":")[0] in theirs} == set()
 
 
 class Edited:

@@ -19,6 +19,7 @@ from __future__ import annotations
 import importlib.util
 import sys
 from collections.abc import Iterable, Iterator, Mapping
+from contextlib import suppress
 from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
@@ -97,12 +98,12 @@ class Sources:
         """Fingerprint of the class of a stage.
 
         uses : further code, as ``Node.uses`` names it
-        Raises ConfigurationError for a class or a further module whose source is in no file.
+        Raises ConfigurationError for a class whose source is in no file.
         """
         found = self._known.get((cls, uses))
         if found is None:
             self._locate(cls)
-            further = [self._named(name, cls) for name in sorted(set(uses))]
+            further = [self._named(name) for name in sorted(set(uses))]
             found = self._known[cls, uses] = self._taken([self._own(cls), *further])
         return found
 
@@ -212,11 +213,13 @@ class Sources:
     # files
 
     def _code(self, module: str) -> dict[str, Any] | None:
-        """What is in a module; None where there is no such source file."""
+        """What is in a module; None where there is no such source file, or none that Python could run."""
         if module not in self._codes:
-            path = self._path(module)
-            read = partial(code_of, module=module)
-            self._codes[module] = None if path is None else self._index.fact(path, f"code {_FORM}:{module}", read)
+            path, self._codes[module] = self._path(module), None
+            with suppress(SyntaxError, ValueError):
+                if path is not None:
+                    read = partial(code_of, module=module)
+                    self._codes[module] = self._index.fact(path, f"code {_FORM}:{module}", read)
         return self._codes[module]
 
     def _path(self, module: str) -> Path | None:
@@ -241,17 +244,15 @@ class Sources:
     def _own(self, cls: type) -> tuple[tuple[Place, ...], str]:
         return self._resolve((cls.__module__, *cls.__qualname__.split(".")))
 
-    def _named(self, name: str, cls: type) -> tuple[tuple[Place, ...], str]:
-        """What ``package.module:definition`` or ``package.module`` stands for, with nothing of it imported."""
+    def _named(self, name: str) -> tuple[tuple[Place, ...], str]:
+        """What ``package.module:definition`` or ``package.module`` stands for, with nothing of it imported.
+
+        A module without a source file counts by its name.
+        """
         module, _, definition = name.partition(":")
         top = module.partition(".")[0]
         if top not in self._roots:
             spec = importlib.util.find_spec(top) if top else None
             places = [] if spec is None else spec.submodule_search_locations or [spec.origin or ""]
             self._roots.update((top, Path(place).parent) for place in places[:1])
-        if self._code(module) is None:
-            raise ConfigurationError(
-                f"{cls.__qualname__}: uses the code of {name}, but {module} is no module with a source file; "
-                "install it, or correct the name"
-            )
         return self._resolve((module, *filter(None, definition.split("."))))

@@ -357,10 +357,17 @@ def test_code_found_at_run_time_counts_when_it_is_named(tmp_path, monkeypatch, n
     assert "elsewhere" not in sys.modules
 
 
-def test_a_node_names_what_it_uses_and_unknown_modules_are_refused():
+def test_a_module_without_source_counts_by_its_name():
     assert toys.Scale().uses() == ()
-    with pytest.raises(ConfigurationError, match=r"Scale: uses the code of no_such\.module:f"):
-        Sources(FileIndex(Path("/nowhere/index"))).fingerprint(toys.Scale, ("no_such.module:f",))
+    sources = Sources(FileIndex(Path("/nowhere/index")))
+    uses = [(), ("no_such.module:f",), ("no_such.module:g",), ("math",)]
+    assert len({sources.fingerprint(toys.Scale, one).root for one in uses}) == len(uses)
+
+
+def test_a_module_that_python_cannot_run_counts_by_its_name(tmp_path):
+    stage = "class Stage: pass"
+    root = write(tmp_path / "sample", {"__init__": "", "stage": stage, "broken": "def f(:"})
+    assert taken(root, uses=("sample.broken",)) != taken(root)
 
 
 def test_real_stages_have_one():
