@@ -4,10 +4,10 @@ PYTHON ?= $(firstword $(foreach version,3.11 3.12 3.13,$(shell command -v python
 BIN    := $(VENV)/bin
 READY  := $(VENV)/.ready
 .DEFAULT_GOAL := help
-.PHONY: help setup quickstart test check measure accuracy bench peer samples lock clean
+.PHONY: help setup quickstart test test-fast check measure accuracy bench peer samples lock clean
 
 help:           ## show these lines
-	@grep -hE '^[a-z]+: .*##' $(MAKEFILE_LIST) | sed -E 's/^([a-z]+):.*## */\1\t/' | expand -t 14
+	@grep -hE '^[a-z-]+: .*##' $(MAKEFILE_LIST) | sed -E 's/^([a-z-]+):.*## */\1\t/' | expand -t 14
 
 $(READY): pyproject.toml constraints.txt
 	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' || { echo "dicflow needs Python 3.11 or newer; name one with PYTHON=..."; exit 1; }
@@ -22,6 +22,9 @@ quickstart: $(READY) ## measure the specimen in data_samples and say where the m
 
 test: $(READY)  ## run the tests
 	$(BIN)/python -m pytest
+
+test-fast: $(READY) ## run the tests that need neither a whole pipeline nor many repetitions
+	$(BIN)/python -m pytest -m "not slow"
 
 check: $(READY) ## ruff and mypy
 	$(BIN)/ruff check .

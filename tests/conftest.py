@@ -45,3 +45,10 @@ def copied(pipeline: Path, measured: Path, tmp_path: Path) -> Path:
     """The pipeline and its store in a folder that may be changed."""
     shutil.copytree(pipeline.parent, tmp_path / "copy", ignore=shutil.ignore_patterns("results"))
     return tmp_path / "copy" / pipeline.name
+
+
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """A test of the small experiment is slow, because the first one renders its photographs and measures them."""
+    for item in items:
+        if "pipeline" in getattr(item, "fixturenames", ()):
+            item.add_marker(pytest.mark.slow)

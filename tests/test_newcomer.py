@@ -9,6 +9,8 @@ from small import dicflow
 
 from tests.pages import Page
 
+pytestmark = pytest.mark.slow
+
 
 @pytest.fixture
 def photographs(pipeline, tmp_path):

@@ -12,6 +12,8 @@ from dicflow.synth import latex_experiment, write_experiment
 from tests.browser import chromium, opened
 from tests.reference_points import difference
 
+pytestmark = pytest.mark.slow
+
 ROOT = Path(__file__).resolve().parents[1]
 SAMPLES = ROOT / "data_samples"
 FIRST_STEPS = [

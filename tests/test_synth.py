@@ -41,6 +41,7 @@ def contents(folder: Path) -> dict[str, bytes]:
     return {str(p.relative_to(folder)): p.read_bytes() for p in sorted(folder.rglob("*")) if p.is_file()}
 
 
+@pytest.mark.slow
 def test_the_five_tests_have_their_84_steps_and_lengths(experiments):
     caliper = [experiments[number].caliper for number in range(1, 6)]
     assert [len(c.length_mm) for c in caliper] == [22, 22, 22, 12, 6]

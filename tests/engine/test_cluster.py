@@ -19,6 +19,8 @@ from dicflow.engine import cluster
 from dicflow.engine.store import Store
 from dicflow.errors import ConfigurationError, StoreError
 
+pytestmark = pytest.mark.slow
+
 ROLES, PARTS = ("client", "scheduler", "worker"), ("cert", "key")
 
 

@@ -5,12 +5,15 @@ import time
 from pathlib import Path
 
 import numpy as np
+import pytest
 import toys
 from test_execute import index
 from toys import chain, run_sync
 
 from dicflow.engine.housekeeping import verify
 from dicflow.engine.store import Store
+
+pytestmark = pytest.mark.slow
 
 WRITER = """
 import sys

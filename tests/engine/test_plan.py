@@ -204,6 +204,7 @@ print(result.counts["hit"], len(result.outcomes), sorted(loaded))
 """
 
 
+@pytest.mark.slow
 def test_a_thousand_hits_start_no_cluster_and_load_no_numerics(tmp_path, store):
     folder = toys.numbers(tmp_path / "many", 500)
     graph = chain(folder).upstream(["scale"])

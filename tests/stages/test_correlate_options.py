@@ -53,6 +53,7 @@ def turned(angle_deg):
     return about_middle([[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("transform", "where"),
     [

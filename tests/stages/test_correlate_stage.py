@@ -18,6 +18,8 @@ from dicflow.io.images import read_grey
 from dicflow.stages.correlate import Correlate
 from dicflow.stages.region import Region
 
+pytestmark = pytest.mark.slow
+
 SIZE, MIDDLE = (300, 420), np.array([150.0, 210.0])
 SQUARE = [[80.0, 140.0], [220.0, 140.0], [220.0, 280.0], [80.0, 280.0]]
 STRETCHES = (1.0, 1.2, 1.45, 1.75, 2.05, 2.3, 1.9, 1.5, 1.2, 1.0)

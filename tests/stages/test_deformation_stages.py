@@ -210,6 +210,7 @@ def test_the_calibration_share_is_what_another_rig_would_give():
         assert deviation.max() < 0.1 * change.max()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("rigid", [False, True])
 def test_the_calibration_share_is_the_scatter_of_rigs_drawn_from_its_covariance(rigid):
     """A Monte Carlo over all 24 numbers; the points' errors being one error, only the draws count."""

@@ -95,6 +95,7 @@ def test_a_rectangle_is_an_area(perfect):
     assert Probes(areas={"A": [330, 230, 400, 300]}) == Probes(areas=PLACES["areas"])
 
 
+@pytest.mark.slow
 def test_sigma_covers_the_errors(perfect):
     probe = Probes(**{**PLACES, "lines": {}, "areas": {**PLACES["areas"], "thin": (330, 298, 400, 305)}})
     rng, scores = np.random.default_rng(4), {}

@@ -16,6 +16,8 @@ from dicflow.engine.product import Product
 from dicflow.errors import StageError
 from dicflow.stages.stereo import Stereo
 
+pytestmark = pytest.mark.slow
+
 HALFWAY = State(stretch=1.02, bulge=-0.1, curl=0.3, turn=(0.02, 0.05, 0.01), shift=(0.2, 0.1, -0.5))
 STATES = (REST, HALFWAY, MOVED)
 

@@ -31,6 +31,8 @@ from dicflow.kinds.rig import rig_to_json
 from dicflow.stages.stereo import Stereo
 from dicflow.stages.triangulate import Triangulate
 
+pytestmark = pytest.mark.slow
+
 POINTS = grid(REGION, 12).astype(float)
 MATERIAL = material(POINTS)
 MOVED = State(stretch=1.05, bulge=-0.2, curl=0.3, turn=(0.05, 0.1, 0.03), shift=(0.5, 0.3, -1.0))

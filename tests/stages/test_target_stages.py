@@ -19,6 +19,8 @@ from dicflow.kinds.rig import rig_from_json
 from dicflow.stages.calibrate import Calibrate
 from dicflow.stages.corners import Corners
 
+pytestmark = pytest.mark.slow
+
 RIG = verged_rig()
 PAIRS = 9
 LOOK = Look(paper=205.0, ink=34.0)

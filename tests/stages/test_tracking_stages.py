@@ -22,6 +22,8 @@ from dicflow.stages.match import Match
 from dicflow.stages.region import Region
 from dicflow.stages.track import Track
 
+pytestmark = pytest.mark.slow
+
 SPECIMEN = (40.0, 30.0, 200.0, 230.0)
 SHAPE = (340, 240)
 PATTERN = Pattern(SPECIMEN)

@@ -63,6 +63,7 @@ def drawn_texts(figure):
     return [text for text in texts if text.get_visible() and text.get_text().strip()]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("form", ["png", "pdf", "svg"])
 def test_equal_input_gives_equal_files(form):
     start = {"png": b"\x89PNG", "pdf": b"%PDF", "svg": b"<?xml"}[form]

@@ -56,6 +56,7 @@ def calibrated(exact):
     return found
 
 
+@pytest.mark.slow
 def test_predicted_sigmas_are_the_scatter(calibrated):
     """σ of an RMS over n trials is 1/√(2n) of it; of 22 parameters none may be off by more than 3.5 of that."""
     errors = np.array([difference(rig, RIG) for rig, _ in calibrated])

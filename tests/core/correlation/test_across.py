@@ -52,6 +52,7 @@ def routes(value):
     return np.full(POINTS.shape[:2], value, dtype=np.uint8)
 
 
+@pytest.mark.slow
 def test_points_of_either_reference_are_found_at_the_same_place():
     target, truth = target_spline(BETWEEN[1], SEARCH), right_truth(MATERIAL, TURNED)
     direct = follow_across(first(), between(), routes(1), target, starts(TURNED), SEARCH)

@@ -71,6 +71,7 @@ def test_sigma_of_independent_points():
     assert sigma_of(area_probe(ALL, ALL), np.full(SHAPE, 2.0), independent()) == pytest.approx(2 / np.sqrt(ALL.size))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("shape_function", ["affine", "quadratic"])
 def test_sigma_is_the_scatter(shape_function):
     """Of a point, a line, an area and the difference of two points; 1500 fields, so within 4 of its deviations."""
@@ -89,6 +90,7 @@ def test_sigma_is_the_scatter(shape_function):
         )
 
 
+@pytest.mark.slow
 def test_sigma_of_a_mean_strain_is_the_scatter():
     """Strains share their windows' points; the area lies a window away from the edges."""
     rho, rng = overlap(SUBSET, STEP), np.random.default_rng(2)

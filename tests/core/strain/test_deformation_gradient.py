@@ -152,6 +152,7 @@ def noisy_pair(rng, reference, deformed, subset_size, shape_function):
     return reference + first - common @ SENSITIVITY_FIRST.T, deformed + own - common @ SENSITIVITY.T
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("shape_function", "degree", "stretch"),
     [("affine", 1, 1.0), ("affine", 2, 2.3), ("quadratic", 1, 2.3), ("quadratic", 3, 1.0)],
