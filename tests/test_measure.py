@@ -37,7 +37,7 @@ def functions(folder, text, name="module.py"):
     return {one.name: one for module in modules.values() for one in measure.functions(module)}
 
 
-def test_arrows_between_chapters_count_pairs_whatever_the_number_of_imports(tmp_path):
+def test_arrows_between_chapters_are_pairs_with_their_imports(tmp_path):
     modules = package(tmp_path, SOURCES)
     assert measure.arrows(modules, measure.chapter_of) == {
         ("lens", "status"): {"pkg.core.lens.model -> pkg.core.status", "pkg.core.lens.fit -> pkg.core.status"},
