@@ -13,7 +13,7 @@ from dicflow.core.correlation.warp import identity
 from dicflow.core.photographs.interpolate import Spline, spline
 from dicflow.core.status import Status
 from dicflow.core.synthetic.motion import Motion, render_pattern, speckle_pattern
-from dicflow.core.synthetic.render import expose
+from dicflow.core.synthetic.render import add_noise_and_round
 from tests.accuracy_stars import stars
 from tests.bars import Figure
 from tests.data_folder import SHARED
@@ -67,7 +67,7 @@ def every_shift() -> Iterator[Figure]:
     pattern = speckle_pattern(SIZE, (4.0, 8.0), 3.0, 0.5, seed=3)
     points, shifts = grid(SIZE, 24, 7), np.arange(0.05, 1.0, 0.1)
     images = [render_pattern(pattern, SIZE, shifted(by), order=5) for by in (0.0, *shifts)]
-    for name, kept in (("not rounded", images), ("8 bits", [expose(image, 0.0, [1]) for image in images])):
+    for name, kept in (("not rounded", images), ("8 bits", [add_noise_and_round(image, 0.0, [1]) for image in images])):
         reference = template(spline(kept[0]))
         biases = [
             motion_of(points, from_rest(reference, spline(image), points, WHOLE)).mean(axis=(0, 1)) - [by, -0.5 * by]
@@ -95,7 +95,7 @@ def coverage() -> Iterator[Figure]:
 
 def scaled_errors(clean: list[np.ndarray], points: np.ndarray, subset: Subset, seed: int) -> np.ndarray:
     """Errors of u and v over their reported σ in one pair of noisy 8-bit images."""
-    images = [spline(expose(image, NOISE, [seed, side])) for side, image in enumerate(clean)]
+    images = [spline(add_noise_and_round(image, NOISE, [seed, side])) for side, image in enumerate(clean)]
     found = from_rest(template(images[0]), images[1], points, subset)
     sigma = np.sqrt((NOISE**2 + 1.0 / 12.0) * found.covariance[:, [0, 2]])
     return ((motion_of(points, found).reshape(-1, 2) - [0.3, -0.15]) / sigma).ravel()

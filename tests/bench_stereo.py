@@ -10,10 +10,10 @@ from collections.abc import Iterator
 import cv2
 import numpy as np
 
-from dicflow.core.synthetic.deformation import Deformation, carried
-from dicflow.core.synthetic.render import Look, expose, render_strip
+from dicflow.core.synthetic.deformation import Deformation, moved_rigidly
+from dicflow.core.synthetic.render import GreyLevels, add_noise_and_round, render_strip
 from dicflow.core.synthetic.speckle import scatter_speckles
-from dicflow.core.synthetic.stand import seen_from_right, verged_stand
+from dicflow.core.synthetic.stand import in_right_frame, verged_stand
 from dicflow.io.rig import write_rig
 from dicflow.pipeline import Pipeline
 from tests.bars import Figure
@@ -44,12 +44,14 @@ def photographs() -> None:
         speckles = scatter_speckles((WIDTH, LENGTH), (0.2, 0.32), 0.11, seed=4)
         for step, stretch in enumerate(STRETCHES):
             plain = Deformation(LENGTH, WIDTH, stretch, curl=0.2)
-            centred = carried(plain, np.eye(3), np.array([0.0, -stretch * LENGTH / 2.0, 0.0]))
-            left = carried(centred, stand.rotation, stand.translation)
-            views = {"left": (stand.rig.left, left), "right": (stand.rig.right, seen_from_right(stand.rig, left))}
+            centred = moved_rigidly(plain, np.eye(3), np.array([0.0, -stretch * LENGTH / 2.0, 0.0]))
+            left = moved_rigidly(centred, stand.rotation, stand.translation)
+            views = {"left": (stand.rig.left, left), "right": (stand.rig.right, in_right_frame(stand.rig, left))}
             for side, (camera, seen) in views.items():
                 (folder / side).mkdir(parents=True, exist_ok=True)
-                image = expose(render_strip(camera, seen, speckles, 1.0, Look()), 2.0, [step, side == "right"])
+                image = add_noise_and_round(
+                    render_strip(camera, seen, speckles, 1.0, GreyLevels()), 2.0, [step, side == "right"]
+                )
                 cv2.imwrite(str(folder / side / f"step_{step}.png"), image)
         write_rig(folder / "rig.json", stand.rig)
         (folder / "region.geojson").write_text(json.dumps(_region()))

@@ -8,7 +8,7 @@ import numpy as np
 
 from dicflow.core.cameras.camera import rotation_matrix
 from dicflow.core.synthetic.checkerboard import Checkerboard
-from dicflow.core.synthetic.deformation import Deformation, carried, position
+from dicflow.core.synthetic.deformation import Deformation, moved_rigidly, position
 from dicflow.core.synthetic.speckle import scatter_speckles
 from dicflow.core.synthetic.stand import board_poses, verged_stand
 from dicflow.core.synthetic.trace import material_at
@@ -48,7 +48,7 @@ def moved(translation: tuple[float, ...], rotation_deg: tuple[float, ...]) -> De
     """The plate in the left camera's frame, after a motion about its middle."""
     turn = rotation_matrix(np.radians(rotation_deg))
     middle = np.array([0.0, PLATE.length / 2.0, 0.0])
-    return carried(carried(PLATE, turn, translation - turn @ middle), STAND.rotation, STAND.translation)
+    return moved_rigidly(moved_rigidly(PLATE, turn, translation - turn @ middle), STAND.rotation, STAND.translation)
 
 
 REST = moved((0.0, 0.0, 0.0), (0.0, 0.0, 0.0))

@@ -17,11 +17,11 @@ from dicflow.core.correlation.warp import identity
 from dicflow.core.photographs.interpolate import Spline, slopes, spline
 from dicflow.core.surfaces.filters import local_polynomial
 from dicflow.core.synthetic.motion import render_pattern, speckle_pattern, star, star_period, strain_star
-from dicflow.core.synthetic.render import Look, expose
+from dicflow.core.synthetic.render import GreyLevels, add_noise_and_round
 from tests.noise import subset_kernel
 
 WIDTH, HEIGHT, MIDDLE = 2000, 101, 50
-LOOK = Look(paper=176.0, ink=83.0)
+LOOK = GreyLevels(paper=176.0, ink=83.0)
 AMPLITUDE_PX, STRAIN, NOISE = 0.5, 0.05, 2.0
 DEGREE, KEPT = 12, 0.9
 
@@ -73,8 +73,8 @@ def regenerated(seed: int, dots: Dots = FINE) -> Images:
     pattern = speckle_pattern((WIDTH, HEIGHT), *dots, seed=seed)
     motions = (None, star(AMPLITUDE_PX, MIDDLE), strain_star(STRAIN, MIDDLE))
     plain = [render_pattern(pattern, (WIDTH, HEIGHT), motion, LOOK) for motion in motions]
-    rounded = [expose(image, 0.0, [seed]) for image in plain]
-    noisy = (expose(plain[0], NOISE, [seed, 1]), expose(plain[0], NOISE, [seed, 2]))
+    rounded = [add_noise_and_round(image, 0.0, [seed]) for image in plain]
+    noisy = (add_noise_and_round(plain[0], NOISE, [seed, 1]), add_noise_and_round(plain[0], NOISE, [seed, 2]))
     return Images(*rounded, noisy, MIDDLE)
 
 

@@ -8,10 +8,10 @@ from typing import NamedTuple
 import numpy as np
 
 from dicflow.core.cameras.camera import rotation_matrix
-from dicflow.core.synthetic.deformation import Deformation, carried, position
-from dicflow.core.synthetic.render import Look, expose, render_strip
+from dicflow.core.synthetic.deformation import Deformation, moved_rigidly, position
+from dicflow.core.synthetic.render import GreyLevels, add_noise_and_round, render_strip
 from dicflow.core.synthetic.speckle import scatter_speckles
-from dicflow.core.synthetic.stand import seen_from_right, verged_stand
+from dicflow.core.synthetic.stand import in_right_frame, verged_stand
 from dicflow.core.synthetic.trace import image_of, material_at
 
 SIZE = (600, 500)
@@ -43,16 +43,16 @@ def deformation(state: State) -> Deformation:
     plain = Deformation(LENGTH, WIDTH, state.stretch, bulge=state.bulge, curl=state.curl)
     middle = np.array([0.0, state.stretch * LENGTH / 2.0, 0.0])
     turned = rotation_matrix(state.turn)
-    placed = carried(plain, turned, np.array(state.shift) - turned @ middle)
-    return carried(placed, STAND.rotation, STAND.translation)
+    placed = moved_rigidly(plain, turned, np.array(state.shift) - turned @ middle)
+    return moved_rigidly(placed, STAND.rotation, STAND.translation)
 
 
 @cache
 def clean(state: State) -> tuple[np.ndarray, np.ndarray]:
     """Both photographs before noise (rows, cols)."""
     left = deformation(state)
-    looks = (Look(gain=1.0), Look(gain=0.93, light=(-0.06, 0.1), phase=1.0))
-    views = ((RIG.left, left), (RIG.right, seen_from_right(RIG, left)))
+    looks = (GreyLevels(gain=1.0), GreyLevels(gain=0.93, light=(-0.06, 0.1), phase=1.0))
+    views = ((RIG.left, left), (RIG.right, in_right_frame(RIG, left)))
     left_view, right_view = (
         render_strip(camera, seen, SPECKLES, 1.0, look) for (camera, seen), look in zip(views, looks, strict=True)
     )
@@ -61,7 +61,7 @@ def clean(state: State) -> tuple[np.ndarray, np.ndarray]:
 
 def photographs(state: State, noise: float = 0.5, seed: int = 0) -> tuple[np.ndarray, np.ndarray]:
     """Both photographs (rows, cols) uint8."""
-    left, right = (expose(view, noise, [seed, side]) for side, view in enumerate(clean(state)))
+    left, right = (add_noise_and_round(view, noise, [seed, side]) for side, view in enumerate(clean(state)))
     return left, right
 
 
@@ -77,7 +77,7 @@ def left_truth(points: np.ndarray, state: State) -> np.ndarray:
 
 def right_truth(points: np.ndarray, state: State) -> np.ndarray:
     """Pixels (..., 2) of material points in the right photograph."""
-    return image_of(RIG.right, seen_from_right(RIG, deformation(state)), points)
+    return image_of(RIG.right, in_right_frame(RIG, deformation(state)), points)
 
 
 def space_truth(points: np.ndarray, state: State) -> np.ndarray:

@@ -6,8 +6,8 @@ import pytest
 
 from dicflow.core.cameras.camera import project
 from dicflow.core.synthetic.deformation import position
-from dicflow.core.synthetic.render import Extent, outline
-from dicflow.core.synthetic.stand import seen_from_right
+from dicflow.core.synthetic.render import Extent, extent_outline
+from dicflow.core.synthetic.stand import in_right_frame
 from dicflow.core.synthetic.trace import image_of
 from dicflow.io.caliper import read_caliper
 from dicflow.io.region import read_geojson
@@ -64,8 +64,8 @@ def test_the_whole_strip_is_in_both_photographs_at_every_step(experiments, numbe
     rig, margin = experiment.stand.rig, 20.0
     for state in experiment.deformations:
         half = state.width / 2.0
-        edge = outline(Extent(-half, half, -experiment.overhang, state.length + experiment.overhang))
-        for camera, seen in ((rig.left, state), (rig.right, seen_from_right(rig, state))):
+        edge = extent_outline(Extent(-half, half, -experiment.overhang, state.length + experiment.overhang))
+        for camera, seen in ((rig.left, state), (rig.right, in_right_frame(rig, state))):
             pixels = image_of(camera, seen, edge)
             assert camera.size == (1440, 1920)
             assert (pixels > margin).all()

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["Array", "Codes", "Counts", "Grey", "Image", "Index", "Iterations", "Mask"]
+__all__ = ["Array", "Bytes", "Codes", "Counts", "Grey", "Image", "Index", "Iterations", "Mask"]
 
 Array = NDArray[np.float64]
 """Numbers in double precision."""
@@ -15,6 +15,8 @@ Image = NDArray[np.float32]
 """Numbers in single precision, one for each pixel: grey levels, their derivatives, weights, offsets."""
 Grey = NDArray[Any]
 """Grey levels as a file holds them: uint8 or uint16."""
+Bytes = NDArray[np.uint8]
+"""Grey levels of 8 bits."""
 Mask = NDArray[np.bool_]
 """True or False for each element."""
 Codes = NDArray[np.uint8]

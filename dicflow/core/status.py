@@ -1,4 +1,4 @@
-"""Why a point has a value, or has none."""
+"""Status codes of points: measured, filled, or the reason why a value is missing."""
 
 from __future__ import annotations
 
@@ -8,40 +8,40 @@ __all__ = ["Status"]
 
 
 class Status(IntEnum):
-    """Reason code kept beside every field as ``uint8``; everything above FILLED has the value NaN."""
+    """Code kept beside every field as ``uint8``; where it is above FILLED, the value is NaN."""
 
     VALID = 0
     """Measured."""
     FILLED = 1
-    """Not measured here: taken from the neighbours, and marked."""
+    """Not measured; interpolated from the neighbours."""
     OUTSIDE = 2
-    """Not in the region of interest, or outside the photograph."""
+    """Outside the region of interest or the photograph."""
     LOW_TEXTURE = 3
-    """Too little grey-level variation to match."""
+    """Too little grey-level variation for matching."""
     NO_MATCH = 4
-    """Stereo matching found no partner."""
+    """Stereo matching did not find a partner in the other photograph."""
     LEFT_RIGHT = 5
-    """Matching left to right and right to left disagree."""
+    """Matching from left to right and from right to left disagree."""
     SPECKLE = 6
-    """A small island of disparities unlike those around it."""
+    """A small island of disparities that differ from those around it."""
     BACKGROUND = 7
-    """At a depth that is not the specimen's."""
+    """Too far from the specimen's surface in depth."""
     UNTRACKED = 8
-    """No transform carries this point to this step."""
+    """The point could not be followed to this step."""
     TOO_FEW_NEIGHBOURS = 9
-    """Too few points around it for a local fit."""
+    """Too few valid points around it for a local fit."""
     NOT_CONVERGED = 10
-    """Correlation found no place at which the subset fits best."""
+    """The iterations of the correlation did not converge."""
     LOW_CORRELATION = 11
-    """The subset fits nowhere well enough."""
+    """The correlation coefficient at the best match is too low."""
     EPIPOLAR = 12
-    """The places in the two photographs are not of one point in space."""
+    """The matched points lie too far from each other's epipolar lines."""
     HIDDEN = 13
-    """The other camera does not see it."""
+    """Not visible in the other camera."""
     CUT_SUBSET = 14
-    """Too little of its subset lies in the region."""
+    """Too small a part of its subset lies in the region."""
 
     @property
     def label(self) -> str:
-        """The reason in plain words."""
+        """The code's name in lower case with spaces."""
         return self.name.lower().replace("_", " ")

@@ -182,7 +182,7 @@ class Correlation(FollowedPoints):
             "noise_grey": grey.grey,
             "noise_level": level,
             "noise_source": grey.source,
-            "noise_settled": grey.settled,
+            "noise_settled": grey.is_final,
             "polygons": polygons_to_json(polygons),
         }
         return Product("correlation", {**laid_out(_LAYOUTS, values), **carried}, {**attrs, **(facts or {}), **between})

@@ -12,7 +12,7 @@ from dicflow.kinds.region import polygons_from_json, polygons_to_json
 if TYPE_CHECKING:
     import numpy as np
 
-    from dicflow.core.matching.tracking import Tracked
+    from dicflow.core.matching.tracking import TrackedSubsets
     from dicflow.core.photographs.region import Polygon
 
 __all__ = ["Track"]
@@ -33,7 +33,7 @@ class Track(Kind):
         points: np.ndarray,
         status: np.ndarray,
         polygons: Sequence[Polygon],
-        tracked: Tracked,
+        tracked: TrackedSubsets,
         step_size: float,
         summary: Mapping[str, Any],
     ) -> Product:
@@ -68,7 +68,7 @@ class Track(Kind):
         return float(self.product.attrs["step_size"])
 
 
-def _subsets(tracked: Tracked) -> dict[str, Any]:
+def _subsets(tracked: TrackedSubsets) -> dict[str, Any]:
     """What is known of each subset, by rows and columns of subsets; residual_px is NaN without inliers."""
     return {
         "features": tracked.features.tolist(),

@@ -183,12 +183,12 @@ def _outline(corners: BoardMarks, camera: Camera, square_mm: float) -> np.ndarra
 
 def _board(corners: BoardMarks, square_mm: float) -> np.ndarray:
     """Places of the marks on a board [mm]."""
-    from dicflow.core.calibration.circles import circles
+    from dicflow.core.calibration.circles import circle_target
     from dicflow.core.calibration.targets import board_points
 
     target, (columns, rows) = corners.target, corners.size
     if target in ("circles", "asymmetric_circles"):
-        return circles((columns, rows), square_mm, asymmetric=target == "asymmetric_circles").points
+        return circle_target((columns, rows), square_mm, asymmetric=target == "asymmetric_circles").points
     return board_points((columns, rows), square_mm)
 
 

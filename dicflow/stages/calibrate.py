@@ -49,7 +49,7 @@ class Calibrate(Node):
     def run(self, corners: Sequence[Product]) -> Product:
         import numpy as np
 
-        from dicflow.core.calibration.bundle import Model
+        from dicflow.core.calibration.bundle import LensModel
         from dicflow.core.calibration.calibrate import calibrate_rig
 
         boards = [BoardMarks.read(product) for product in corners]
@@ -58,7 +58,7 @@ class Calibrate(Node):
         if len(seen) < self.min_pairs:
             raise StageError(_too_few(boards, seen, self.min_pairs))
         left, right = (np.stack([boards[k][side] for k in seen]) for side in ("left", "right"))
-        model = Model(self.radial, self.tangential)
+        model = LensModel(self.radial, self.tangential)
         target = _target(boards[0].target, boards[0].size, self.square)
         image_size = boards[0].image_size
         found = calibrate_rig(left, right, target, image_size, model, self.max_error_px, self.min_pairs, self.loss)
@@ -76,7 +76,7 @@ class Calibrate(Node):
             found.rig,
             verdict(found, areas, self.max_error_px, len(names)),
             _residuals(found, coverage) | _figures(found) | _known_distance(found, self.square),
-            covariance=found.honest_covariance,
+            covariance=found.widened_covariance,
             pairs=_pairs(found, seen, names),
             coverage=coverage,
         )
@@ -96,13 +96,13 @@ def _check_sizes(boards: Sequence[BoardMarks]) -> None:
 
 
 def _target(kind: str, size: tuple[int, int], square_mm: float) -> Target:
-    from dicflow.core.calibration.charuco import charuco
-    from dicflow.core.calibration.circles import circles
-    from dicflow.core.calibration.targets import checkerboard
+    from dicflow.core.calibration.charuco import charuco_target
+    from dicflow.core.calibration.circles import circle_target
+    from dicflow.core.calibration.targets import checkerboard_target
 
     if kind in ("circles", "asymmetric_circles"):
-        return circles(size, square_mm, asymmetric=kind == "asymmetric_circles")
-    return charuco(size, square_mm) if kind == "charuco" else checkerboard(size, square_mm)
+        return circle_target(size, square_mm, asymmetric=kind == "asymmetric_circles")
+    return charuco_target(size, square_mm) if kind == "charuco" else checkerboard_target(size, square_mm)
 
 
 def _too_few(boards: Sequence[BoardMarks], seen: list[int], needed: int) -> str:
@@ -169,12 +169,12 @@ def _residuals(found: Calibration, coverage: dict[str, float]) -> dict[str, floa
 
 def _figures(found: Calibration) -> dict[str, float]:
     """Focal lengths, baseline and angle, with their standard deviations and how they spread as pairs are left out."""
-    from dicflow.core.cameras.rig_parameters import FIGURES, figure_sigmas, figures
+    from dicflow.core.cameras.rig_parameters import KEY_FIGURES, key_figure_sigmas, key_figures
 
-    sigmas = figure_sigmas(found.rig, found.honest_covariance)
-    columns = {"": figures(found.rig), "sigma_": sigmas, "spread_": found.leave_out.spread}
+    sigmas = key_figure_sigmas(found.rig, found.widened_covariance)
+    columns = {"": key_figures(found.rig), "sigma_": sigmas, "spread_": found.leave_out.spread}
     table = {sign + name: float(value) for sign, values in columns.items()
-             for name, value in zip(FIGURES, values, strict=True)}  # fmt: skip
+             for name, value in zip(KEY_FIGURES, values, strict=True)}  # fmt: skip
     return {**table, "disagreement": found.disagreement}
 
 

@@ -101,11 +101,13 @@ class Correlate(SubsetSearch):
         """The points in the first photograph."""
         from dicflow.core.correlation.course import Course
         from dicflow.core.correlation.search import first_photograph, points_in_first_photograph
-        from dicflow.core.photographs.noise import Noise, first_noise
+        from dicflow.core.photographs.noise import Noise, noise_of_first_photograph
         from dicflow.core.photographs.region import grid_points
 
         _check_photograph(image, first.usable, self.subset_size)
-        noise = first_noise(image, first.usable) if self.noise == "auto" else Noise(self.noise, "given", True)
+        noise = (
+            noise_of_first_photograph(image, first.usable) if self.noise == "auto" else Noise(self.noise, "given", True)
+        )
         search = self._search(noise.grey, first)
         points = grid_points(first.outline, self.step_size)
         found = points_in_first_photograph(first_photograph(image, first.usable, points, search), search)
@@ -144,7 +146,7 @@ class Correlate(SubsetSearch):
 
         found, reference = follow(noise.grey)
         template = before.points["template"]
-        if not noise.settled:
+        if not noise.is_final:
             measured = self._measured_noise(noise, found, grid, first, image)
             template = (measured.grey / noise.grey) ** 2 * template
             found, reference = (found, reference) if measured.grey == noise.grey else follow(measured.grey)
@@ -175,11 +177,11 @@ class Correlate(SubsetSearch):
         self, noise: Noise, found: FoundPoints, grid: np.ndarray, first: _First, image: np.ndarray
     ) -> Noise:
         """The noise that the first photograph and this one show."""
-        from dicflow.core.photographs.noise import told_by_motion
+        from dicflow.core.photographs.noise import noise_from_pair
 
         valid = found.valid
         points = grid[valid], found.warp[valid][..., 0], found.znssd[valid]
-        return told_by_motion(
+        return noise_from_pair(
             noise,
             first.image,
             image,

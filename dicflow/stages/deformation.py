@@ -73,12 +73,12 @@ class Deformation(Node):
         self, points: Product, points_first: Product, rig: Product | None = None, frame: Product | None = None
     ) -> Product:
         """``points_first`` are those of the first step."""
-        from dicflow.core.cameras.frames import CAMERA, within
+        from dicflow.core.cameras.frames import LEFT_CAMERA, compose_frames
         from dicflow.core.strain.deformation_gradient import surface_gradient
         from dicflow.core.tensors import upper_triangle
         from dicflow.core.uncertainty.covariance import joint_covariance, points_in_frame
 
-        axes = CAMERA if frame is None else ResultFrame.read(frame).axes
+        axes = LEFT_CAMERA if frame is None else ResultFrame.read(frame).axes
         step = Points.read(points)
         first = Points.read(points_first).judged_by(step)
         before = points_in_frame(first.measured_at_first_step(), axes)
@@ -90,7 +90,7 @@ class Deformation(Node):
         errors = _errors_by_shape(covariance, step, first, (axes, along))
         window = self._window(first)
         surface = surface_gradient(before.xyz, after.xyz, [*errors.values()], window, self.degree, self.min_share)
-        frames = (within(along, axes), axes)
+        frames = (compose_frames(along, axes), axes)
         fields = {**_displacements(before, after, covariance), **self._strains(surface)}
         if rig is not None:
             fields |= self._calibration(CalibratedRig.read(rig), (after.xyz, before.xyz), frames, surface)
@@ -256,10 +256,10 @@ def _variance_shares(errors: Mapping[ShapeFunction, ErrorShare]) -> dict[str, li
 
 def _moving_frame(motion: RigidMotion | None) -> Frame:
     """The frame that moves along with what is taken out."""
-    from dicflow.core.cameras.frames import CAMERA
-    from dicflow.core.cameras.rigid import undoing
+    from dicflow.core.cameras.frames import LEFT_CAMERA
+    from dicflow.core.cameras.rigid import co_moving_frame
 
-    return CAMERA if motion is None else undoing(motion)
+    return LEFT_CAMERA if motion is None else co_moving_frame(motion)
 
 
 def _displacements(before: MeasuredPoints, after: MeasuredPoints, covariance: np.ndarray) -> dict[str, np.ndarray]:

@@ -102,9 +102,9 @@ class Disparity(Node):
         return limits
 
     def _matching(self) -> Any:
-        from dicflow.core.matching.disparity import Matching
+        from dicflow.core.matching.disparity import MatchingParameters
 
-        return Matching(
+        return MatchingParameters(
             self.window, self.uniqueness, self.left_right, self.speckle, self.texture, self.refine, self.correlation
         )
 
@@ -121,14 +121,14 @@ def _photographed(shape: tuple[int, int], rig: Product | None) -> np.ndarray:
     """Pixels of the rectified left image that its photograph reaches; all of them where the rig is not given."""
     import numpy as np
 
-    from dicflow.core.cameras.rectification import footprint, rectification
+    from dicflow.core.cameras.rectification import photograph_outline, rectification
     from dicflow.core.photographs.region import Polygon, rasterise
 
     if rig is None:
         return np.ones(shape, dtype=bool)
     cameras = CalibratedRig.read(rig).cameras
     view = rectification(cameras)
-    return rasterise([Polygon(footprint(cameras.left, view.rotation_left, view.matrix_left))], shape)
+    return rasterise([Polygon(photograph_outline(cameras.left, view.rotation_left, view.matrix_left))], shape)
 
 
 def _summary(status: np.ndarray, limits: tuple[int, int]) -> dict[str, float]:

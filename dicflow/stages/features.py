@@ -63,7 +63,7 @@ class FindFeatures(Node):
 
     def _box(self, image: np.ndarray) -> tuple[int, int, int, int]:
         """The area (x0, y0, x1, y1) to search."""
-        from dicflow.core.photographs.texture import LEAST_TEXTURE, mean_intensity_gradient, textured_box
+        from dicflow.core.photographs.texture import MIN_TEXTURE, mean_intensity_gradient, textured_box
 
         height, width = image.shape
         if self.area == "full":
@@ -73,7 +73,7 @@ class FindFeatures(Node):
             if box is None:
                 raise StageError(
                     f"found no speckles in the photograph: its mean intensity gradient is "
-                    f"{mean_intensity_gradient(image):.2f} grey levels per px, and a pattern needs {LEAST_TEXTURE} or "
+                    f"{mean_intensity_gradient(image):.2f} grey levels per px, and a pattern needs {MIN_TEXTURE} or "
                     "more; check light, exposure and focus"
                 )
             return box

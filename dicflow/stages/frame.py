@@ -71,7 +71,7 @@ class Frame(Node):
         return ResultFrame.write(axes, self.method, summary)
 
     def _axes(self, points: Points) -> Axes:
-        from dicflow.core.cameras.frames import CAMERA, axes_frame, plane_frame, three_point_frame
+        from dicflow.core.cameras.frames import LEFT_CAMERA, axes_frame, plane_frame, three_point_frame
 
         if self.method == "plane":
             return plane_frame(points["xyz"])
@@ -79,7 +79,7 @@ class Frame(Node):
             return three_point_frame(*(_in_space(points, place) for place in self.places))
         if self.x is not None and self.y is not None and self.origin is not None:
             return axes_frame(self.x, self.y, self.origin)
-        return CAMERA
+        return LEFT_CAMERA
 
 
 def _in_space(points: Points, place: tuple[float, ...]) -> np.ndarray:

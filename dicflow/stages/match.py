@@ -77,22 +77,22 @@ class Match(Node):
 
     def _guided(self, before: Features, after: Features, pairs: Pairs) -> Pairs:
         """Matches near where those around them, without false ones, say they should be."""
-        from dicflow.core.matching.pairs import consistent, guided_matches, local_motion
+        from dicflow.core.matching.pairs import consistent_matches, guided_matches, local_motion
 
-        source, target = _kept(pairs, consistent(*pairs))
+        source, target = _kept(pairs, consistent_matches(*pairs))
         if len(source) < ENOUGH:
             return pairs
         predicted = local_motion(source, target, before.xy.astype(float)).position
         found = guided_matches(before, after, predicted, radius_px=self.radius)
         pairs = before.xy[found[:, 0]].astype(float), after.xy[found[:, 1]].astype(float)
-        return _kept(pairs, consistent(*pairs))
+        return _kept(pairs, consistent_matches(*pairs))
 
     def _refined(self, image_before: np.ndarray, image: np.ndarray, pairs: Pairs) -> Pairs:
         """Matches whose windows correlate, at the positions where they do so best."""
-        from dicflow.core.matching.pairs import consistent, local_motion
+        from dicflow.core.matching.pairs import consistent_matches, local_motion
         from dicflow.core.matching.refine import refine_matches
 
-        pairs = _kept(pairs, consistent(*pairs))
+        pairs = _kept(pairs, consistent_matches(*pairs))
         for _ in range(PASSES):
             if len(pairs[0]) < ENOUGH:
                 break

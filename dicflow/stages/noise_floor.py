@@ -85,18 +85,18 @@ def _displacement(total: Total, known: np.ndarray, rigid: bool) -> tuple[np.ndar
     """Displacement (n, 3) of the points and its predicted σ, without the rigid-body motion if asked."""
     import numpy as np
 
-    from dicflow.core.cameras.frames import CAMERA, into_frame
-    from dicflow.core.cameras.rigid import rigid_motion, undoing
+    from dicflow.core.cameras.frames import LEFT_CAMERA, into_frame
+    from dicflow.core.cameras.rigid import co_moving_frame, rigid_motion
     from dicflow.core.tensors import symmetric
     from dicflow.core.uncertainty.covariance import displacement_covariance
 
     reference, deformed = total["xyz_reference"][known], total["xyz"][known]
     covariance = symmetric(total["covariance"][known])
-    along = CAMERA
+    along = LEFT_CAMERA
     if rigid:
         weights = 1.0 / np.maximum(np.trace(displacement_covariance(covariance), axis1=-2, axis2=-1), 1e-12)
         try:
-            along = undoing(rigid_motion(reference, deformed, weights))
+            along = co_moving_frame(rigid_motion(reference, deformed, weights))
         except ValueError as error:
             raise StageError(f"{error}; look at the points of the step, or use rigid: false") from error
     both = np.concatenate([along.rotation, -np.eye(3)], axis=1)

@@ -43,7 +43,7 @@ class Reconstruct(Node):
     def run(self, disparity: Product, rig: Product, track: Product | None = None) -> Product:
         import numpy as np
 
-        from dicflow.core.cameras.rectification import rectification, triangulate
+        from dicflow.core.cameras.rectification import rectification, triangulate_disparity
         from dicflow.core.status import Status
 
         disparities = DisparityMap.read(disparity)
@@ -55,7 +55,7 @@ class Reconstruct(Node):
         places = np.stack(
             np.broadcast_arrays(np.arange(values.shape[1]) + x0, np.arange(values.shape[0])[:, None] + y0), -1
         )
-        xyz = triangulate(places, np.where(status == Status.VALID, values, np.nan), view)
+        xyz = triangulate_disparity(places, np.where(status == Status.VALID, values, np.nan), view)
         _check_in_front(xyz[..., 2][status == Status.VALID])
         status[(status == Status.VALID) & np.isnan(xyz[..., 2])] = Status.NO_MATCH
         status[self._background(xyz[..., 2], track is not None)] = Status.BACKGROUND
@@ -66,11 +66,11 @@ class Reconstruct(Node):
         """Points beyond the depth gate (rows, cols)."""
         import numpy as np
 
-        from dicflow.core.surfaces.depth import background
+        from dicflow.core.surfaces.depth import is_background
 
         if self.depth_gate == "off" or (self.depth_gate == "auto" and not in_region):
             return np.zeros(depth.shape, dtype=bool)
-        return background(depth, None if self.depth_gate == "auto" else self.depth_gate)
+        return is_background(depth, None if self.depth_gate == "auto" else self.depth_gate)
 
 
 def _check_in_front(depth: np.ndarray) -> None:

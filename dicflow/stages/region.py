@@ -224,19 +224,19 @@ def _check_inside(chosen: Selected) -> None:
 def _check_texture(image: np.ndarray, polygons: Sequence[Polygon]) -> None:
     """A region must show a pattern."""
     from dicflow.core.photographs.region import rasterise
-    from dicflow.core.photographs.texture import LEAST_TEXTURE, mean_intensity_gradient
+    from dicflow.core.photographs.texture import MIN_TEXTURE, mean_intensity_gradient
 
     mask = rasterise(polygons, image.shape)
     if not mask.any():
         raise StageError("the region covers no pixel of the image; choose a larger one")
-    if mean_intensity_gradient(image, mask) < LEAST_TEXTURE:
+    if mean_intensity_gradient(image, mask) < MIN_TEXTURE:
         raise StageError(f"the region shows too little texture; {_texture_sentence(image, mask)}, or move the region")
 
 
 def _texture_sentence(image: np.ndarray, mask: np.ndarray | None = None) -> str:
-    from dicflow.core.photographs.texture import LEAST_TEXTURE, mean_intensity_gradient
+    from dicflow.core.photographs.texture import MIN_TEXTURE, mean_intensity_gradient
 
     return (
         f"the mean intensity gradient is {mean_intensity_gradient(image, mask):.2f} grey levels per px and a pattern "
-        f"needs {LEAST_TEXTURE} or more: check light, exposure and focus"
+        f"needs {MIN_TEXTURE} or more: check light, exposure and focus"
     )

@@ -91,7 +91,7 @@ class Surface(Node):
         why = "given"
         if self.degree == "auto":
             choice = choose_degree(values, self.robust, self.max_points)
-            degree, why = (choice.degree, choice.degree), choice.why
+            degree, why = (choice.degree, choice.degree), choice.reason
         else:
             degree = getattr(self.degree, name)
         surface = fit_surface(values, degree, self.robust, self.max_points)

@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
     import numpy as np
 
-    from dicflow.core.matching.tracking import Tracked
+    from dicflow.core.matching.tracking import TrackedSubsets
     from dicflow.core.photographs.region import Polygon
 
 __all__ = ["Track"]
@@ -143,7 +143,7 @@ class Track(Node):
             "or another detector"
         )
 
-    def _product(self, state: State, tracked: Tracked | None) -> Product:
+    def _product(self, state: State, tracked: TrackedSubsets | None) -> Product:
         subsets = tracked or _unmoved(self.subsets)
         return TrackProduct.write(
             state.points, state.status, state.polygons, subsets, self.step_size, _summary(state, tracked)
@@ -174,18 +174,18 @@ def _carried(
     return State(points, status, carry(state.polygons, mapping))
 
 
-def _unmoved(shape: tuple[int, int]) -> Tracked:
+def _unmoved(shape: tuple[int, int]) -> TrackedSubsets:
     """The identity in every subset, resting on nothing, as it stands at the first step."""
     import numpy as np
 
-    from dicflow.core.matching.tracking import Tracked
+    from dicflow.core.matching.tracking import TrackedSubsets
 
     none, no = np.zeros(shape, dtype=np.int32), np.zeros(shape, dtype=bool)
     identity = np.broadcast_to(np.eye(3), (*shape, 3, 3)).copy()
-    return Tracked(identity, none, none, none, np.full(shape, np.nan), no, no)
+    return TrackedSubsets(identity, none, none, none, np.full(shape, np.nan), no, no)
 
 
-def _summary(state: State, tracked: Tracked | None) -> dict[str, Any]:
+def _summary(state: State, tracked: TrackedSubsets | None) -> dict[str, Any]:
     """Counts over the subsets, and the share of the material points that are still followed."""
     import numpy as np
 

@@ -15,7 +15,7 @@ import numpy as np
 
 from dicflow.core.cameras.camera import rotation_matrix
 from dicflow.core.synthetic.checkerboard import Checkerboard
-from dicflow.core.synthetic.deformation import Deformation, carried
+from dicflow.core.synthetic.deformation import Deformation, moved_rigidly
 from dicflow.core.synthetic.speckle import Speckles, scatter_speckles
 from dicflow.core.synthetic.stand import Stand, board_poses, verged_stand
 from dicflow.io.caliper import Caliper, read_caliper
@@ -147,5 +147,5 @@ def _deformations(number: int, strip: _Strip, caliper: Caliper, stand: Stand) ->
             rotation=rotation_matrix(moving * np.radians(_SWAY_DEG) * turn),
             translation=upper_edge + moving * _SWAY_MM * shift,
         )
-        states.append(carried(state, stand.rotation, stand.translation))
+        states.append(moved_rigidly(state, stand.rotation, stand.translation))
     return states

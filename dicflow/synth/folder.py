@@ -23,8 +23,8 @@ from typing import NamedTuple
 import cv2
 import numpy as np
 
-from dicflow.core.synthetic.render import Look, expose, render_board, render_strip
-from dicflow.core.synthetic.stand import seen_from_right
+from dicflow.core.synthetic.render import GreyLevels, add_noise_and_round, render_board, render_strip
+from dicflow.core.synthetic.stand import in_right_frame
 from dicflow.io.rig import write_rig
 from dicflow.synth.experiment import Experiment, sample_experiment
 from dicflow.synth.truth import board_truth, field_truth, length_rows, region_outline
@@ -34,7 +34,7 @@ __all__ = ["Photograph", "photographs", "take", "write_experiment", "write_sampl
 Progress = Callable[[int, int, str], None]
 
 _SIDES = ("left", "right")
-_LOOKS = (Look(), Look(gain=0.96, light=(0.07, -0.09), phase=1.7))
+_LOOKS = (GreyLevels(), GreyLevels(gain=0.96, light=(0.07, -0.09), phase=1.7))
 _BOARD_PAPER, _BOARD_INK = 205.0, 34.0
 _PNG = (cv2.IMWRITE_PNG_STRATEGY, cv2.IMWRITE_PNG_STRATEGY_HUFFMAN_ONLY)  # noise repeats nothing worth searching for
 
@@ -97,13 +97,13 @@ def take(experiment: Experiment, picture: Photograph) -> np.ndarray:
     board = picture.subject == "board"
     state = (experiment.poses if board else experiment.deformations)[picture.number]
     camera = (rig.left, rig.right)[picture.side]
-    state = seen_from_right(rig, state) if picture.side else state
+    state = in_right_frame(rig, state) if picture.side else state
     if board:
         look = look._replace(paper=_BOARD_PAPER, ink=_BOARD_INK)
         image = render_board(camera, state, experiment.board, look)
     else:
         image = render_strip(camera, state, experiment.speckles, experiment.overhang, look)
-    return expose(image, experiment.noise, [experiment.seed, int(board), picture.side, picture.number])
+    return add_noise_and_round(image, experiment.noise, [experiment.seed, int(board), picture.side, picture.number])
 
 
 def _write_photograph(folder: Path, experiment: Experiment, picture: Photograph) -> None:

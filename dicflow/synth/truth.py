@@ -7,8 +7,8 @@ from numpy.typing import NDArray
 
 from dicflow.core.synthetic.checkerboard import board_corners
 from dicflow.core.synthetic.deformation import Deformation, position, strain
-from dicflow.core.synthetic.render import Extent, outline
-from dicflow.core.synthetic.stand import seen_from_right
+from dicflow.core.synthetic.render import Extent, extent_outline
+from dicflow.core.synthetic.stand import in_right_frame
 from dicflow.core.synthetic.trace import image_of
 from dicflow.synth.experiment import Experiment
 
@@ -35,7 +35,7 @@ def field_truth(experiment: Experiment) -> dict[str, Array]:
         "xyz": np.array([position(state, material) for state in states]),
         **{name: np.array([getattr(each, name) for each in strains]) for name in ("exx", "eyy", "gxy")},
         "left_px": np.array([image_of(rig.left, state, material) for state in states]),
-        "right_px": np.array([image_of(rig.right, seen_from_right(rig, state), material) for state in states]),
+        "right_px": np.array([image_of(rig.right, in_right_frame(rig, state), material) for state in states]),
     }
 
 
@@ -44,7 +44,7 @@ def board_truth(experiment: Experiment) -> dict[str, Array]:
     rig, corners = experiment.stand.rig, board_corners(experiment.board)
     return {
         "left": np.array([image_of(rig.left, pose, corners) for pose in experiment.poses]),
-        "right": np.array([image_of(rig.right, seen_from_right(rig, pose), corners) for pose in experiment.poses]),
+        "right": np.array([image_of(rig.right, in_right_frame(rig, pose), corners) for pose in experiment.poses]),
     }
 
 
@@ -61,7 +61,7 @@ def region_outline(experiment: Experiment) -> Array:
     """Closed outline (n, 2) of the speckled region in the left photograph of the first step [px]."""
     state = experiment.deformations[0]
     extent = Extent(-state.width / 2.0, state.width / 2.0, 0.0, state.length)
-    return image_of(experiment.stand.rig.left, state, outline(extent, 30))
+    return image_of(experiment.stand.rig.left, state, extent_outline(extent, 30))
 
 
 def _material_grid(state: Deformation) -> Array:

@@ -96,12 +96,12 @@ def photo_jpeg(image: Array, view: View, quality: int = 70) -> bytes:
     """The view's part of a photograph (row, col), uint8 or uint16, as a JPEG."""
     import cv2
 
-    from dicflow.core.photographs.texture import saturation
+    from dicflow.core.photographs.texture import saturation_level
 
     (x0, y0), (width, height) = view.origin, view.size
     part = image[y0 : y0 + round(height / view.scale), x0 : x0 + round(width / view.scale)]
     if image.dtype != np.uint8:
-        part = np.clip(part * (255.0 / saturation(image)), 0, 255).astype(np.uint8)
+        part = np.clip(part * (255.0 / saturation_level(image)), 0, 255).astype(np.uint8)
     shrunk = cv2.resize(part, view.size, interpolation=cv2.INTER_AREA)
     done, coded = cv2.imencode(".jpg", shrunk, [cv2.IMWRITE_JPEG_QUALITY, quality])
     assert done

@@ -19,7 +19,7 @@ from measured_points import (
 )
 
 from dicflow.core.cameras.camera import rotation_matrix
-from dicflow.core.cameras.rig_parameters import rig_moved
+from dicflow.core.cameras.rig_parameters import rig_after_step
 from dicflow.core.cameras.triangulate import triangulate
 from dicflow.core.status import Status
 from dicflow.engine.product import Product, Variable
@@ -176,7 +176,7 @@ def uncertain(covariance):
 
 def through_another_rig(step, after, before, **parameters):
     """The total of the same photographs, with the rig's numbers wrong by a step."""
-    rig = rig_moved(RIG, step)
+    rig = rig_after_step(RIG, step)
     states = [points(triangulate(rig, part["xy"], part["xy_right"]).xyz) for part in (after, before)]
     return Deformation(**parameters).run(points=states[0], points_first=states[1])
 

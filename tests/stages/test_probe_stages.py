@@ -8,7 +8,7 @@ from measured_points import RIG, SHAPE, STEP_SIZE, first_points, grid_px, points
 from pydantic import ValidationError
 
 from dicflow.core.cameras.camera import rotation_matrix
-from dicflow.core.cameras.rig_parameters import rig_moved
+from dicflow.core.cameras.rig_parameters import rig_after_step
 from dicflow.core.cameras.triangulate import triangulate
 from dicflow.core.strain.calibration_error import error_modes
 from dicflow.engine.product import Product
@@ -129,7 +129,7 @@ def test_the_calibration_share_is_what_rigs_of_its_modes_read(rigid):
 
     covariance = root @ root.T
     found = read(RIG, Product("rig", attrs={"rig": rig_to_json(RIG), "covariance": covariance.tolist()}))
-    others = [read(rig_moved(RIG, mode)) for mode in error_modes(covariance).T]
+    others = [read(rig_after_step(RIG, mode)) for mode in error_modes(covariance).T]
     for name in ("U", "V", "W", "exx", "eyy", "gxy", "length", "elongation", "strain"):
         expected = np.sqrt(np.sum([(other[name] - found[name]) ** 2 for other in others], axis=0))
         np.testing.assert_allclose(found[f"calibration_{name}"], expected, rtol=0.05, atol=0.02 * expected.max())

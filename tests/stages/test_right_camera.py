@@ -10,7 +10,7 @@ from test_stereo_correlation import MATERIAL, MOVED, NOISE, images, measured, ri
 
 from dicflow.core.correlation.subsets import Subset
 from dicflow.core.status import Status
-from dicflow.core.synthetic.render import expose
+from dicflow.core.synthetic.render import add_noise_and_round
 from dicflow.core.synthetic.speckle import scatter_speckles
 from dicflow.engine.product import Product
 from dicflow.errors import StageError
@@ -131,7 +131,7 @@ def test_a_right_view_that_changes_is_followed_through_references(left):
     for step, (state, share) in enumerate(zip(states, shares, strict=True)):
         one, two = stereo_scene.clean(state)
         mixed = (1.0 - share) * two + share * other[step]
-        pairs.append((expose(one, NOISE, [step, 0]), expose(mixed, NOISE, [step, 1])))
+        pairs.append((add_noise_and_round(one, NOISE, [step, 0]), add_noise_and_round(mixed, NOISE, [step, 1])))
     left = tracked(pairs, states=states)
     assert (measured(pairs, left)[3][0]["status"] != Status.VALID).mean() > 0.9
     stereo, _ = measured(pairs, left, match="first_step")[3]
@@ -160,7 +160,7 @@ def test_overexposed_points_of_the_right_photograph_are_counted(first, left, gai
 
 
 def test_an_overexposed_first_right_photograph_is_refused(first, left):
-    with pytest.raises(StageError, match="as bright as they can be in the first right photograph"):
+    with pytest.raises(StageError, match="overexposed in the first right photograph"):
         measured([(first[0], bright(first[1], 2.5))], left[:1])
 
 

@@ -6,13 +6,13 @@ from boards import verged_rig
 from pydantic import ValidationError
 
 from dicflow.core.cameras.camera import rotation_angle_deg, rotation_matrix
-from dicflow.core.cameras.rig_parameters import FIGURES, PARAMETERS, figures
-from dicflow.core.synthetic.charuco import MarkedBoard, marked_darkness, marked_extent
+from dicflow.core.cameras.rig_parameters import KEY_FIGURES, PARAMETERS, key_figures
+from dicflow.core.synthetic.charuco import CharucoBoard, charuco_darkness, charuco_extent
 from dicflow.core.synthetic.checkerboard import Checkerboard
 from dicflow.core.synthetic.circles import CircleGrid, circle_darkness, circle_extent
 from dicflow.core.synthetic.deformation import Deformation
-from dicflow.core.synthetic.render import Look, expose, photograph
-from dicflow.core.synthetic.stand import seen_from_right
+from dicflow.core.synthetic.render import GreyLevels, add_noise_and_round, photograph
+from dicflow.core.synthetic.stand import in_right_frame
 from dicflow.engine.product import Product, Variable
 from dicflow.errors import StageError
 from dicflow.kinds.rig import rig_from_json
@@ -23,10 +23,10 @@ pytestmark = pytest.mark.slow
 
 RIG = verged_rig()
 PAIRS = 9
-LOOK = Look(paper=205.0, ink=34.0)
+LOOK = GreyLevels(paper=205.0, ink=34.0)
 GRID = CircleGrid(7, 5, 13.0, 4.0, margin=10.0, edge=0.4)
 SHIFTED = CircleGrid(4, 9, 8.0, 3.6, asymmetric=True, margin=9.0, edge=0.4)
-MARKED = MarkedBoard(Checkerboard(9, 7, 14.0, 4.0, 0.4), 0.7, "5x5_50")
+MARKED = CharucoBoard(Checkerboard(9, 7, 14.0, 4.0, 0.4), 0.7, "5x5_50")
 
 
 def photographs(extent, pattern, place_mm):
@@ -37,9 +37,9 @@ def photographs(extent, pattern, place_mm):
         turn = rotation_matrix(generator.uniform([-0.5, -0.5, -0.3], [0.5, 0.5, 0.3]))
         place = generator.uniform([-place_mm, -place_mm, 440.0], [place_mm, place_mm, 480.0])
         pose = Deformation(1.0, 1.0, rotation=turn, translation=place - turn @ middle)
-        sides = {"left": (RIG.left, pose), "right": (RIG.right, seen_from_right(RIG, pose))}
+        sides = {"left": (RIG.left, pose), "right": (RIG.right, in_right_frame(RIG, pose))}
         shown = {
-            side: expose(photograph(camera, seen, extent, pattern, LOOK, 2), 1.5, [k, side == "right"])
+            side: add_noise_and_round(photograph(camera, seen, extent, pattern, LOOK, 2), 1.5, [k, side == "right"])
             for side, (camera, seen) in sides.items()
         }
         yield Product("images", {side: Variable(("row", "col"), image) for side, image in shown.items()})
@@ -56,15 +56,15 @@ def assert_is_the_rig(product, noise_px):
     assert summary["noise_px"] < noise_px
     np.testing.assert_array_less(np.abs(rig.translation - RIG.translation), 3.5 * sigma[-3:])
     assert rotation_angle_deg(rig.rotation, RIG.rotation) < 3.5 * np.degrees(np.linalg.norm(sigma[-6:-3]))
-    predicted = np.array([summary[f"sigma_{name}"] for name in FIGURES])
-    np.testing.assert_array_less(np.abs(figures(rig) - figures(RIG)), 3.5 * predicted)
+    predicted = np.array([summary[f"sigma_{name}"] for name in KEY_FIGURES])
+    np.testing.assert_array_less(np.abs(key_figures(rig) - key_figures(RIG)), 3.5 * predicted)
 
 
 @pytest.fixture(scope="module")
 def marked():
     """Corners of a ChArUco board that leaves the frame in most of the photographs."""
     stage = Corners(size=(8, 6), target="charuco", dictionary="5x5_50", marker=0.7)
-    shown = photographs(marked_extent(MARKED), lambda points: marked_darkness(MARKED, points), 35.0)
+    shown = photographs(charuco_extent(MARKED), lambda points: charuco_darkness(MARKED, points), 35.0)
     return [stage.run(images=images) for images in shown]
 
 

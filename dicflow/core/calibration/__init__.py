@@ -1,1 +1,1 @@
-"""Calibration: targets in photographs, both cameras by bundle adjustment, and how far the result can be trusted."""
+"""Calibration: targets in photographs, both cameras by bundle adjustment, and the uncertainty of the result."""

@@ -9,22 +9,29 @@ from typing import NamedTuple
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
-from dicflow.core.arrays import Array, Mask
-from dicflow.core.calibration.bundle import Bundle, Model, adjust_to_noise, covariance, estimated, lengths, residuals
+from dicflow.core.arrays import Array, Index, Mask
+from dicflow.core.calibration.bundle import (
+    Bundle,
+    LensModel,
+    adjust_with_scaled_loss,
+    covariance,
+    parameter_count,
+    residual_lengths,
+    residuals,
+)
 from dicflow.core.calibration.leave_out import LeaveOut, leave_out
-from dicflow.core.calibration.lens_model import Distortion, left_out
-from dicflow.core.calibration.robust import Kind, Loss, noise
+from dicflow.core.calibration.lens_model import DistortionTerm, unmodelled_distortion
+from dicflow.core.calibration.robust import Loss, LossKind, noise_sigma
 from dicflow.core.calibration.targets import Target
 from dicflow.core.cameras.camera import Camera, Rig, rotation_matrix
 from dicflow.core.cameras.epipolar import epipolar_distance
-from dicflow.core.cameras.rig_parameters import figure_sigmas
+from dicflow.core.cameras.rig_parameters import key_figure_sigmas
 
 __all__ = [
-    "CHANCE",
+    "MAX_NOISE_DISAGREEMENT",
     "Calibration",
-    "Views",
+    "CameraCalibration",
     "board_tilt_deg",
     "calibrate_camera",
     "calibrate_rig",
@@ -33,17 +40,16 @@ __all__ = [
 
 Size = tuple[int, int]
 
-CHANCE = 2.0
-"""Disagreement that noise alone does not reach: of 12 noisy pairs it stays below 1.7 in 30 of 30 calibrations."""
+MAX_NOISE_DISAGREEMENT = 2.0
+"""Limit of the disagreement that noise alone can cause; in 30 simulated calibrations of 12 noisy pairs it was < 1.7."""
 _SAME_ANGLE_RAD = np.radians(5.0)
-_SAME_PLACE = 0.15
+_SAME_PLACE_SHARE = 0.15
 _CRITERIA = (cv2.TERM_CRITERIA_EPS | cv2.TERM_CRITERIA_COUNT, 100, 1e-9)
 
 
-class Views(NamedTuple):
-    """What one camera tells alone.
+class CameraCalibration(NamedTuple):
+    """One camera calibrated on its own, and the board poses in its photographs.
 
-    camera : the calibrated camera
     rotations : (n, 3, 3), translations : (n, 3) [mm] — board frame to camera frame, per photograph
     """
 
@@ -53,20 +59,20 @@ class Views(NamedTuple):
 
 
 class Calibration(NamedTuple):
-    """A rig and how well it explains the marks.
+    """A rig and how well it fits the marks.
 
     rig : the two cameras
-    used : (n,) bool — pairs that the rig rests on
-    turned : (n,) bool — pairs whose right marks came in another order than the left ones
-    error_px : (n, 2) — mean distance of reprojected and observed marks, left and right; of a pair
-        that was dropped the one at which it was dropped
+    used : (n,) bool — pairs that the rig was estimated from
+    turned : (n,) bool — pairs whose right marks were detected in another order than the left ones
+    error_px : (n, 2) — mean distance of reprojected and observed marks, left and right; for a dropped pair its value
+        when it was dropped
     rms_px : (3,) — root mean square distance over the pairs used: left, right, both
     epipolar_px : (n,) — mean epipolar distance of the marks; NaN where no mark is seen by both cameras
     tilt_deg : (n,) — angle of the board to the left image plane; NaN for pairs not used
     covariance : (24, 24) — of the rig's :data:`~dicflow.core.cameras.rig_parameters.PARAMETERS`, from independent noise
-    noise_px : standard deviation of one coordinate of a mark, as the residuals show it
-    leave_out : what the pairs used say when some of them are left out
-    unmodelled : distortion that the lenses show and that was not estimated
+    noise_px : standard deviation of one coordinate of a mark, estimated from the residuals
+    leave_out : results of calibrations without some of the pairs used
+    unmodelled : distortion that the lenses have and the model leaves out
     """
 
     rig: Rig
@@ -79,36 +85,37 @@ class Calibration(NamedTuple):
     covariance: Array
     noise_px: float
     leave_out: LeaveOut
-    unmodelled: tuple[Distortion, ...]
+    unmodelled: tuple[DistortionTerm, ...]
 
     @property
     def disagreement(self) -> float:
-        """Spread of the rigs with pairs left out over what independent noise of the marks lets expect [-].
+        """Spread of the rigs with pairs left out, over the spread that independent noise of the marks predicts [-].
 
-        About 1 where that noise is all there is, as of rendered boards; 10 is not rare with boards that are not flat.
+        About 1 where the marks have independent noise only, as in rendered boards; boards that are not flat can reach
+        10.
         """
-        ratio = self.leave_out.spread / figure_sigmas(self.rig, self.covariance)
+        ratio = self.leave_out.spread / key_figure_sigmas(self.rig, self.covariance)
         return float(np.sqrt(np.mean(ratio**2)))
 
     @property
-    def honest_covariance(self) -> Array:
-        """The covariance, widened by the pairs' disagreement where that is more than chance explains: (24, 24)."""
-        return self.covariance * (self.disagreement**2 if self.disagreement > CHANCE else 1.0)
+    def widened_covariance(self) -> Array:
+        """The covariance (24, 24), multiplied by disagreement² where noise alone cannot explain the disagreement."""
+        return self.covariance * (self.disagreement**2 if self.disagreement > MAX_NOISE_DISAGREEMENT else 1.0)
 
 
 class _Marks(NamedTuple):
-    """Marks of the target (m, 3) [mm], and where both cameras see them (n, m, 2) [px], in one order."""
+    """Marks of the target (m, 3) [mm] and their pixels in both cameras (n, m, 2), all in the same order."""
 
     points: Array
     left: Array
     right: Array
 
-    def of(self, pairs: Mask) -> _Marks:
+    def select(self, pairs: Mask) -> _Marks:
         return _Marks(self.points, self.left[pairs], self.right[pairs])
 
 
-class _Solved(NamedTuple):
-    """An adjusted bundle of the pairs used (n,), the loss it was adjusted with, and error_px as in Calibration."""
+class _Solution(NamedTuple):
+    """An adjusted bundle of the pairs used (n,), its loss, and error_px as in Calibration."""
 
     bundle: Bundle
     loss: Loss
@@ -121,19 +128,19 @@ def calibrate_rig(
     right: Array,
     target: Target,
     image_size: Size,
-    model: Model,
+    model: LensModel,
     max_error_px: float = 0.5,
     min_pairs: int = 8,
-    loss: Kind = "squares",
+    loss: LossKind = "squares",
 ) -> Calibration:
-    """Calibrate both cameras; drop the worst pair and solve again while one is above the limit.
+    """Calibrate both cameras; while a pair exceeds the limit, drop the worst one and adjust again.
 
     left, right : (n, m, 2) — marks per pair [px], NaN where not seen; the right ones may be in another order
         (:func:`reconcile_orders`)
     image_size : (width, height) of all photographs [px]
     max_error_px : limit of a pair's mean reprojection error
     min_pairs : pairs are dropped only while more than this many remain
-    loss : how residuals count; its scale follows from the residuals
+    loss : kind of loss; its scale is estimated from the residuals
     """
     views_left = calibrate_camera(target.points, left, image_size, model)
     views_right = calibrate_camera(target.points, right, image_size, model)
@@ -143,20 +150,19 @@ def calibrate_rig(
         Rig(views_left.camera, views_right.camera, rotation, translation), views_left.rotations, views_left.translations
     )
     solved = _adjust_and_drop(start, marks, model, loss, max_error_px, min_pairs)
-    return _judged(solved, marks, model, order != 0)
+    return _calibration(solved, marks, model, order != 0)
 
 
-def calibrate_camera(points: Array, marks: Array, image_size: Size, model: Model) -> Views:
+def calibrate_camera(points: Array, marks: Array, image_size: Size, model: LensModel) -> CameraCalibration:
     """One camera from photographs of a plane (Zhang 2000).
 
     points : (m, 3) — marks of the target [mm]
-    marks : (n, m, 2) — observed marks [px], NaN where not seen, each photograph in any order that a turn of the target
-        explains
+    marks : (n, m, 2) — observed marks [px], NaN where not seen; each photograph in any of the target's orders
     """
     flags = 0 if model.tangential else cv2.CALIB_ZERO_TANGENT_DIST
     flags |= cv2.CALIB_FIX_K3 if model.radial == 2 else 0
     seen: Mask = np.isfinite(marks[..., 0])
-    _, matrix, distortion, turns, places = cv2.calibrateCamera(
+    _, matrix, distortion, rotation_vectors, translations = cv2.calibrateCamera(
         [points[shown].astype(np.float32) for shown in seen],
         [view[shown].astype(np.float32) for view, shown in zip(marks, seen, strict=True)],
         image_size,
@@ -165,17 +171,17 @@ def calibrate_camera(points: Array, marks: Array, image_size: Size, model: Model
         flags=flags,
         criteria=_CRITERIA,
     )
-    rotations = np.stack([cv2.Rodrigues(turn)[0] for turn in turns])
+    rotations = np.stack([cv2.Rodrigues(turn)[0] for turn in rotation_vectors])
     camera = Camera(matrix, distortion.reshape(-1)[:5], image_size)
-    return Views(camera, rotations, np.stack(places).reshape(-1, 3))
+    return CameraCalibration(camera, rotations, np.stack(translations).reshape(-1, 3))
 
 
-def reconcile_orders(left: Views, right: Views, target: Target) -> tuple[NDArray[np.intp], Array, Array]:
-    """Choose for each pair the order of the right marks that agrees with the left ones, by consensus.
+def reconcile_orders(left: CameraCalibration, right: CameraCalibration, target: Target) -> tuple[Index, Array, Array]:
+    """Choose for each pair the order of the right marks that matches the left ones, by consensus.
 
-    A target that looks the same turned by 180° gives each pair two hypotheses of the pose from the left to the right
-    camera, and only the true ones agree with each other over differently placed boards. The pose that the most pairs
-    can agree with is taken; of equals the one with the smaller rotation.
+    A target that looks the same after a turn by 180° gives each pair two hypotheses of the pose from the left to the
+    right camera. Only the true ones agree over differently placed boards. The pose that agrees with most pairs is
+    chosen; among equals, the one with the smaller rotation.
 
     Returns the index (n,) into the target's orders, rotation (3, 3) and translation (3,) [mm].
     """
@@ -185,17 +191,19 @@ def reconcile_orders(left: Views, right: Views, target: Target) -> tuple[NDArray
     flat_rotations, flat_translations = rotations.reshape(-1, 3, 3), translations.reshape(-1, 3)
     chord = np.linalg.norm(flat_rotations[:, None] - flat_rotations[None], axis=(-2, -1))
     angle = 2.0 * np.arcsin(np.minimum(chord / np.sqrt(8.0), 1.0)) / _SAME_ANGLE_RAD
-    shift = np.linalg.norm(flat_translations[:, None] - flat_translations[None], axis=-1) / (_SAME_PLACE * distance)
+    shift = np.linalg.norm(flat_translations[:, None] - flat_translations[None], axis=-1) / (
+        _SAME_PLACE_SHARE * distance
+    )
     unlike = np.maximum(angle, shift).reshape(-1, pairs, orders)
     nearest = np.minimum(unlike.min(axis=-1), 1.0)
     agreeing = np.sum(nearest < 1.0, axis=1)
     turn = np.linalg.norm(flat_rotations - np.eye(3), axis=(-2, -1))
-    best = _first_of_largest_set(agreeing, turn, nearest.sum(axis=1))
+    best = _best_hypothesis(agreeing, turn, nearest.sum(axis=1))
     return unlike[best].argmin(axis=-1), flat_rotations[best], flat_translations[best]
 
 
 def board_tilt_deg(rotations: Array) -> Array:
-    """Angle between boards and the image plane.
+    """Angles between boards and the image plane.
 
     rotations : (n, 3, 3) — board frame to camera frame
     Returns (n,) [deg], 0 for a board that faces the camera.
@@ -203,26 +211,26 @@ def board_tilt_deg(rotations: Array) -> Array:
     return np.asarray(np.degrees(np.arccos(np.clip(np.abs(rotations[:, 2, 2]), 0.0, 1.0))))
 
 
-def _relative_poses(left: Views, right: Views, target: Target) -> tuple[Array, Array]:
-    """Pose from the left to the right camera, per pair and order of the right marks: (n, o, 3, 3) and (n, o, 3)."""
-    turns, shifts = _motions(target)
+def _relative_poses(left: CameraCalibration, right: CameraCalibration, target: Target) -> tuple[Array, Array]:
+    """Poses from the left to the right camera, per pair and order of the right marks: (n, o, 3, 3) and (n, o, 3)."""
+    turns, shifts = _reordering_motions(target)
     rotations = right.rotations[:, None] @ turns @ left.rotations.transpose(0, 2, 1)[:, None]
-    places = shifts @ right.rotations.transpose(0, 2, 1) + right.translations[:, None]
-    return rotations, places - np.einsum("noij,nj->noi", rotations, left.translations)
+    translations = shifts @ right.rotations.transpose(0, 2, 1) + right.translations[:, None]
+    return rotations, translations - np.einsum("noij,nj->noi", rotations, left.translations)
 
 
-def _motions(target: Target) -> tuple[Array, Array]:
-    """The motions in its plane that carry the marks into each of their orders: (o, 3, 3) and (o, 3) [mm]."""
+def _reordering_motions(target: Target) -> tuple[Array, Array]:
+    """Motions of the target in its plane that map the marks onto each of their orders: (o, 3, 3) and (o, 3) [mm]."""
     middle = target.points.mean(axis=0)
-    plain, turned = target.points - middle, target.points[target.orders] - middle
-    along = np.einsum("mi,omi->o", plain, turned)
-    across = np.einsum("m,om->o", plain[:, 0], turned[..., 1]) - np.einsum("m,om->o", plain[:, 1], turned[..., 0])
+    given, turned = target.points - middle, target.points[target.orders] - middle
+    along = np.einsum("mi,omi->o", given, turned)
+    across = np.einsum("m,om->o", given[:, 0], turned[..., 1]) - np.einsum("m,om->o", given[:, 1], turned[..., 0])
     turns = np.stack([rotation_matrix([0.0, 0.0, angle]) for angle in np.arctan2(across, along)])
     return turns, middle - turns @ middle
 
 
-def _first_of_largest_set(agreeing: NDArray[np.intp], turn: Array, spread: Array) -> int:
-    """The hypothesis in the middle of the largest agreeing set; of sets of one size, that of the smaller rotation."""
+def _best_hypothesis(agreeing: Index, turn: Array, spread: Array) -> int:
+    """Index of the hypothesis in the middle of the largest agreeing set; of equal sets, that of smaller rotation."""
     largest = np.flatnonzero(agreeing == agreeing.max())
     least_turn = largest[np.argmin(turn[largest])]
     same = largest[np.abs(turn[largest] - turn[least_turn]) < _SAME_ANGLE_RAD]
@@ -230,26 +238,26 @@ def _first_of_largest_set(agreeing: NDArray[np.intp], turn: Array, spread: Array
 
 
 def _adjust_and_drop(
-    bundle: Bundle, marks: _Marks, model: Model, loss: Kind, max_error_px: float, min_pairs: int
-) -> _Solved:
-    """Adjust; drop the worst pair above the limit; repeat."""
+    bundle: Bundle, marks: _Marks, model: LensModel, loss: LossKind, max_error_px: float, min_pairs: int
+) -> _Solution:
+    """Adjust and drop the worst pair, until none exceeds the limit or only ``min_pairs`` remain."""
     used = np.ones(len(marks.left), dtype=bool)
     error_px = np.empty((len(used), 2))
     while True:
-        bundle, bent = adjust_to_noise(bundle, *marks.of(used), model, loss)
-        error_px[used] = _mean(np.linalg.norm(residuals(bundle, *marks.of(used)), axis=-1))
+        bundle, scaled_loss = adjust_with_scaled_loss(bundle, *marks.select(used), model, loss)
+        error_px[used] = _mean(np.linalg.norm(residuals(bundle, *marks.select(used)), axis=-1))
         mean = error_px[used].mean(axis=1)
         worst = int(mean.argmax())
         if mean[worst] <= max_error_px or np.count_nonzero(used) <= min_pairs:
-            return _Solved(bundle, bent, used, error_px)
+            return _Solution(bundle, scaled_loss, used, error_px)
         used[np.flatnonzero(used)[worst]] = False
         bundle = Bundle(bundle.rig, np.delete(bundle.rotations, worst, 0), np.delete(bundle.translations, worst, 0))
 
 
-def _judged(solved: _Solved, marks: _Marks, model: Model, turned: Mask) -> Calibration:
-    """The solution with all that tells how good it is."""
+def _calibration(solved: _Solution, marks: _Marks, model: LensModel, turned: Mask) -> Calibration:
+    """The calibration of a solution: its errors, covariance and checks."""
     bundle, loss, used, error_px = solved
-    kept = marks.of(used)
+    kept = marks.select(used)
     error = residuals(bundle, *kept)
     tilt = np.full(len(used), np.nan)
     tilt[used] = board_tilt_deg(bundle.rotations)
@@ -262,20 +270,20 @@ def _judged(solved: _Solved, marks: _Marks, model: Model, turned: Mask) -> Calib
         epipolar_px=_mean(epipolar_distance(bundle.rig, marks.left, marks.right)),
         tilt_deg=tilt,
         covariance=covariance(bundle, *kept, model, loss),
-        noise_px=noise(loss, lengths(error), estimated(bundle, model)),
+        noise_px=noise_sigma(loss, residual_lengths(error), parameter_count(bundle, model)),
         leave_out=leave_out(bundle, *kept, model, loss),
-        unmodelled=left_out(bundle, *kept, model, loss),
+        unmodelled=unmodelled_distortion(bundle, *kept, model, loss),
     )
 
 
 def _mean(values: Array) -> Array:
-    """Mean (...) over the last axis of what is not NaN; NaN where nothing is."""
-    there = np.isfinite(values)
-    count = there.sum(axis=-1)
-    return np.asarray(np.where(there, values, 0.0).sum(axis=-1) / np.where(count > 0, count, np.nan))
+    """Mean (...) over the last axis, without NaN; NaN where all values are."""
+    known = np.isfinite(values)
+    count = known.sum(axis=-1)
+    return np.asarray(np.where(known, values, 0.0).sum(axis=-1) / np.where(count > 0, count, np.nan))
 
 
 def _rms(error: Array) -> Array:
     """Root mean square length of residuals (n, 2, m, 2): left, right, both."""
-    sides = [lengths(error[:, 0]), lengths(error[:, 1]), lengths(error)]
+    sides = [residual_lengths(error[:, 0]), residual_lengths(error[:, 1]), residual_lengths(error)]
     return np.array([np.sqrt(np.mean(side**2)) for side in sides])

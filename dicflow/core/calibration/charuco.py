@@ -1,4 +1,4 @@
-"""ChArUco boards: checkerboards with markers in their white squares, of which any part may be seen.
+"""ChArUco boards: checkerboards with markers in their white squares; a photograph may show any part of one.
 
 Garrido-Jurado et al. 2014, "Automatic generation and detection of highly reliable fiducial markers under occlusion".
 """
@@ -9,31 +9,37 @@ from typing import Any, NamedTuple
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
-from dicflow.core.arrays import Array, Mask
+from dicflow.core.arrays import Array, Bytes, Grey, Mask
 from dicflow.core.calibration.symmetry import centres_of_symmetry
 from dicflow.core.calibration.targets import Size, Target, board_points
 from dicflow.core.matching.transform import estimate_transform, jacobian
 from dicflow.core.photographs.grey import to_8bit
 
-__all__ = ["DICTIONARIES", "Markers", "charuco", "find_charuco", "marker_dictionary"]
+__all__ = ["DICTIONARIES", "Markers", "charuco_target", "find_charuco", "marker_dictionary"]
 
 
-_LEAST_CORNERS = 6
+_MIN_CORNERS = 6
 _RADIUS_SQUARES = 0.6
-_LEAST_RADIUS_PX = 3
+_MIN_RADIUS_PX = 3
 _BLUR_PX = 1.0
 
-_CLASSIC = tuple(f"{bits}x{bits}_{count}" for bits in (4, 5, 6, 7) for count in (50, 100, 250, 1000))
-DICTIONARIES = (*_CLASSIC, "aruco_original", "apriltag_16h5", "apriltag_25h9", "apriltag_36h10", "apriltag_36h11")
-"""Names of the alphabets of markers that a board can be printed with."""
+_CLASSIC_DICTIONARIES = tuple(f"{bits}x{bits}_{count}" for bits in (4, 5, 6, 7) for count in (50, 100, 250, 1000))
+DICTIONARIES = (
+    *_CLASSIC_DICTIONARIES,
+    "aruco_original",
+    "apriltag_16h5",
+    "apriltag_25h9",
+    "apriltag_36h10",
+    "apriltag_36h11",
+)
+"""Names of the marker dictionaries that a board can be printed with."""
 
 
 class Markers(NamedTuple):
     """The markers of a board.
 
-    dictionary : their alphabet, one of :data:`DICTIONARIES`
+    dictionary : one of :data:`DICTIONARIES`
     share : side of a marker as a share of that of a square [-]
     """
 
@@ -41,43 +47,46 @@ class Markers(NamedTuple):
     share: float
 
 
-def charuco(size: Size, square_mm: float) -> Target:
-    """A ChArUco board of (columns, rows) inner corners; its markers tell its corners apart."""
+def charuco_target(size: Size, square_mm: float) -> Target:
+    """A ChArUco board of (columns, rows) inner corners; its markers identify the corners, so it has one order."""
     points = board_points(size, square_mm)
     return Target(points, np.arange(len(points))[None])
 
 
 def marker_dictionary(name: str) -> Any:
-    """The alphabet of that name, as OpenCV's detectors take it."""
-    kind = name.replace("x", "X") if name in _CLASSIC else name.upper().replace("H", "h")
+    """OpenCV's marker dictionary of a name in :data:`DICTIONARIES`."""
+    kind = name.replace("x", "X") if name in _CLASSIC_DICTIONARIES else name.upper().replace("H", "h")
     return cv2.aruco.getPredefinedDictionary(getattr(cv2.aruco, f"DICT_{kind}"))
 
 
-def find_charuco(image: NDArray[np.uint8] | NDArray[np.uint16], size: Size, markers: Markers) -> Array | None:
-    """Corners of the part of a board that a photograph shows, to half a hundredth of a pixel.
+def find_charuco(image: Grey, size: Size, markers: Markers) -> Array | None:
+    """Corners of the part of a board that a photograph shows, accurate to about 0.005 px.
 
-    Located by the markers, and each moved to the centre of symmetry of the image around it
-    (:func:`~dicflow.core.calibration.symmetry.centres_of_symmetry`) with the markers masked out. Boards that begin
-    with a black and with a white square, as OpenCV printed them before version 4.6, are both recognised.
+    The corners are located by the markers; each is then moved to the centre of symmetry of the image around it
+    (:func:`~dicflow.core.calibration.symmetry.centres_of_symmetry`) with the markers masked out. The first square may
+    be black, or white as on boards by OpenCV before version 4.6.
 
     Returns (columns·rows, 2) [px], row by row, NaN where a corner is not seen; None where fewer than six are.
     """
     grey = to_8bit(image)
-    corners = max((_locate(grey, size, markers, legacy) for legacy in (False, True)), key=_count)
+    corners = max((_locate_corners(grey, size, markers, legacy) for legacy in (False, True)), key=_seen_count)
     seen = np.isfinite(corners[:, 0])
     points = board_points(size, 1.0)[:, :2]
-    if np.count_nonzero(seen) < _LEAST_CORNERS or np.linalg.matrix_rank(points[seen] - points[seen][0]) < 2:
+    if np.count_nonzero(seen) < _MIN_CORNERS or np.linalg.matrix_rank(points[seen] - points[seen][0]) < 2:
         return None
     slopes = jacobian(estimate_transform("projective", points[seen], corners[seen]), points[seen])
     spacing = np.linalg.norm(slopes, axis=1).min()
-    radius = max(_LEAST_RADIUS_PX, round(_RADIUS_SQUARES * float(spacing)))
-    windows = _free_of_markers(slopes, radius, (1.0 - markers.share) / 2.0)
+    radius = max(_MIN_RADIUS_PX, round(_RADIUS_SQUARES * float(spacing)))
+    windows = _marker_free_pixels(slopes, radius, (1.0 - markers.share) / 2.0)
     corners[seen] = centres_of_symmetry(image, corners[seen], radius, windows)
     return corners
 
 
-def _locate(grey: NDArray[np.uint8], size: Size, markers: Markers, legacy: bool) -> Array:
-    """Corners (columns·rows, 2) to about a pixel, NaN where not seen."""
+def _locate_corners(grey: Bytes, size: Size, markers: Markers, legacy: bool) -> Array:
+    """Corners (columns·rows, 2) accurate to about a pixel, NaN where not seen.
+
+    legacy : whether the board's first square is white
+    """
     dictionary = marker_dictionary(markers.dictionary)
     board = cv2.aruco.CharucoBoard((size[0] + 1, size[1] + 1), 1.0, markers.share, dictionary)
     board.setLegacyPattern(legacy)
@@ -88,15 +97,16 @@ def _locate(grey: NDArray[np.uint8], size: Size, markers: Markers, legacy: bool)
     return corners
 
 
-def _count(corners: Array) -> int:
+def _seen_count(corners: Array) -> int:
+    """Number of corners that are not NaN."""
     return int(np.count_nonzero(np.isfinite(corners[:, 0])))
 
 
-def _free_of_markers(slopes: Array, radius_px: int, gap: float) -> Mask:
-    """Which pixels of the windows around corners show no marker: (n, side, side).
+def _marker_free_pixels(slopes: Array, radius_px: int, gap: float) -> Mask:
+    """Which pixels of the windows around corners are free of markers: (n, side, side).
 
-    From the corner on, a marker begins where both coordinates along the squares exceed the gap between marker and
-    square; blur carries its ink a little further.
+    A marker begins where both coordinates from the corner along the squares exceed the gap between marker and square,
+    less the blur of its ink.
 
     slopes : (n, 2, 2) — squares to pixels at each corner [px]
     gap : width of the white between a marker and its square's side, in squares

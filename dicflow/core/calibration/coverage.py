@@ -1,4 +1,4 @@
-"""How much of the frame the boards cover, and what a calibration is worth, in words."""
+"""The part of the photographs that the boards cover, and a verdict on a calibration in words."""
 
 from __future__ import annotations
 
@@ -8,30 +8,34 @@ import cv2
 import numpy as np
 
 from dicflow.core.arrays import Array, Mask
-from dicflow.core.calibration.calibrate import CHANCE, Calibration
-from dicflow.core.cameras.rig_parameters import figures
+from dicflow.core.calibration.calibrate import MAX_NOISE_DISAGREEMENT, Calibration
+from dicflow.core.cameras.rig_parameters import key_figures
 
 __all__ = ["covered_area", "empty_parts", "verdict"]
 
 Size = tuple[int, int]
 
-_PARTS = (("upper left", "top", "upper right"), ("left", "centre", "right"), ("lower left", "bottom", "lower right"))
-_EMPTY_SHARE = 0.2
-_GOOD_COVERAGE = 0.5
-_GOOD_PAIRS = 10
-_GOOD_TILT_DEG = 10.0
-_GOOD_SPREAD = 1e-4
-_LENGTHS = slice(0, 5)
+_PART_NAMES = (
+    ("upper left", "top", "upper right"),
+    ("left", "centre", "right"),
+    ("lower left", "bottom", "lower right"),
+)
+_MIN_COVERED_SHARE = 0.2
+_MIN_GOOD_COVERAGE = 0.5
+_MIN_GOOD_PAIRS = 10
+_MIN_GOOD_TILT_DEG = 10.0
+_MAX_GOOD_SPREAD = 1e-4
+_LENGTH_FIGURES = slice(0, 5)
 _SETTING = {"tangential": "tangential: true", "third radial": "radial: 3"}
 
 
 def covered_area(boards: Array, image_size: Size, cells: int = 240) -> Mask:
-    """Part of the frame that the boards cover: the union of the convex hulls of their corners.
+    """Part of the photographs that the boards cover: the union of the convex hulls of their corners.
 
     boards : (n, m, 2) [px], NaN where not seen
     image_size : (width, height) [px]
-    cells : number of cells along the longer side
-    Returns (rows, cols) bool, one per cell of the frame.
+    cells : number of cells along the longer side of a photograph
+    Returns (rows, cols) bool, one per cell.
     """
     scale = cells / max(image_size)
     area = np.zeros((max(1, round(image_size[1] * scale)), max(1, round(image_size[0] * scale))), np.uint8)
@@ -43,25 +47,25 @@ def covered_area(boards: Array, image_size: Size, cells: int = 240) -> Mask:
 
 
 def empty_parts(area: Mask) -> list[str]:
-    """Which ninths of the frame no board covers to a fifth, by name ("upper left", …).
+    """Names of the ninths of the photographs of which the boards cover less than a fifth ("upper left", …).
 
     area : (rows, cols) bool, from :func:`covered_area`
     """
     thirds = [np.array_split(band, 3, axis=1) for band in np.array_split(area, 3, axis=0)]
     return [
         name
-        for names, band in zip(_PARTS, thirds, strict=True)
+        for names, band in zip(_PART_NAMES, thirds, strict=True)
         for name, part in zip(names, band, strict=True)
-        if part.mean() < _EMPTY_SHARE
+        if part.mean() < _MIN_COVERED_SHARE
     ]
 
 
 def verdict(calibration: Calibration, areas: Sequence[Mask], max_error_px: float, pairs: int) -> str:
-    """What the calibration is worth, and what to photograph again.
+    """Verdict (good, usable or poor), the figures it follows from, and what to improve.
 
-    areas : covered areas of the left and right frame
+    areas : covered areas of the left and right photographs
     max_error_px : limit of a pair's mean reprojection error
-    pairs : pairs that were photographed, those in which no board was found included
+    pairs : number of pairs photographed, including those without a detected board
     """
     used = calibration.used
     share = min(float(area.mean()) for area in areas)
@@ -72,34 +76,37 @@ def verdict(calibration: Calibration, areas: Sequence[Mask], max_error_px: float
     )
     above = float(calibration.error_px[used].mean(axis=1).max()) > max_error_px
     advice = _advice(calibration, areas, max_error_px if above else None)
-    poor = above or np.nanmax(calibration.tilt_deg) < _GOOD_TILT_DEG
+    poor = above or np.nanmax(calibration.tilt_deg) < _MIN_GOOD_TILT_DEG
     return f"{'poor' if poor else 'usable' if advice else 'good'}: {'; '.join([figures, *advice])}"
 
 
 def _advice(calibration: Calibration, areas: Sequence[Mask], missed_limit_px: float | None) -> list[str]:
-    """What to photograph again, one entry per shortcoming."""
+    """What to improve, one entry per shortcoming.
+
+    missed_limit_px : limit of the reprojection error if a pair exceeds it, else None
+    """
     advice = []
     if missed_limit_px is not None:
         advice.append(f"some pairs are above {missed_limit_px:g} px: photograph a flat board, sharp and at rest")
-    if np.count_nonzero(calibration.used) < _GOOD_PAIRS:
-        advice.append("take more pairs, 20 are a good number")
-    if np.nanmax(calibration.tilt_deg) < _GOOD_TILT_DEG:
-        advice.append("the focal length is uncertain: tilt the board by 20° to 40° in some of the photographs")
+    if np.count_nonzero(calibration.used) < _MIN_GOOD_PAIRS:
+        advice.append("take more pairs, about 20")
+    if np.nanmax(calibration.tilt_deg) < _MIN_GOOD_TILT_DEG:
+        advice.append("the focal length is uncertain: tilt the board by 20° to 40° in some photographs")
     advice += [f"the lenses show distortion that is not estimated: set {_SETTING[k]}" for k in calibration.unmodelled]
-    if _disagree(calibration):
+    if _depends_on_pairs(calibration):
         remedy = "set that first" if calibration.unmodelled else "use a flat, stiff board, at rest"
         advice.append(
-            f"the pairs disagree {calibration.disagreement:.0f} times more than their noise explains, so the rig is "
-            f"that much less certain: {remedy}"
+            f"calibrations without some of the pairs differ {calibration.disagreement:.0f} times more than noise "
+            f"explains, and the uncertainty is multiplied by that: {remedy}"
         )
     for side, area in zip(("left", "right"), areas, strict=True):
-        if area.mean() < _GOOD_COVERAGE:
+        if area.mean() < _MIN_GOOD_COVERAGE:
             parts = ", ".join(empty_parts(area)) or "edges"
-            advice.append(f"show the board also in the {side} camera's {parts}")
+            advice.append(f"place the board also in these parts of the {side} photographs: {parts}")
     return advice
 
 
-def _disagree(calibration: Calibration) -> bool:
-    """Whether focal lengths and baseline depend on the choice of pairs beyond chance, and by more than 0.01 %."""
-    spread = calibration.leave_out.spread[_LENGTHS] / figures(calibration.rig)[_LENGTHS]
-    return calibration.disagreement > CHANCE and float(spread.max()) > _GOOD_SPREAD
+def _depends_on_pairs(calibration: Calibration) -> bool:
+    """Whether focal lengths or baseline change with the choice of pairs beyond noise, and by more than 0.01 %."""
+    spread = calibration.leave_out.spread[_LENGTH_FIGURES] / key_figures(calibration.rig)[_LENGTH_FIGURES]
+    return calibration.disagreement > MAX_NOISE_DISAGREEMENT and float(spread.max()) > _MAX_GOOD_SPREAD

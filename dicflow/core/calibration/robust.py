@@ -1,11 +1,11 @@
-"""Robust losses of residual vectors in the plane, for least squares by iterated weights.
+"""Robust losses of residual vectors in the image plane, for least squares with iterated weights.
 
 A loss ρ of the length r of a residual replaces r². Its minimum solves the normal equations weighted by
 w(r) = ρ'(r) / 2r (Holland and Welsch 1977), and the estimate's covariance is that of least squares times
 
     κ = mean(w² r²) / (2 mean(w + r w'/2)²)
 
-in place of the variance per coordinate (Huber 1981, "Robust Statistics", for residuals alike in all directions).
+in place of the variance per coordinate (Huber 1981, "Robust Statistics", for isotropic residuals).
 """
 
 from __future__ import annotations
@@ -16,23 +16,23 @@ import numpy as np
 
 from dicflow.core.arrays import Array
 
-__all__ = ["Kind", "Loss", "cost", "efficient_scale", "noise", "normal_sigma", "variance", "weights"]
+__all__ = ["Loss", "LossKind", "cost", "efficient_scale", "noise_sigma", "sigma_from_median", "variance", "weights"]
 
-Kind = Literal["squares", "huber", "cauchy"]
+LossKind = Literal["squares", "huber", "cauchy"]
 
-_EFFICIENT = {"squares": 1.0, "huber": 1.50, "cauchy": 2.56}
+_EFFICIENT_SCALES = {"squares": 1.0, "huber": 1.50, "cauchy": 2.56}
 """Scales, in standard deviations per coordinate, that keep 95 % efficiency for normal residuals in the plane."""
 _RAYLEIGH_MEDIAN = np.sqrt(2.0 * np.log(2.0))
 
 
 class Loss(NamedTuple):
-    """How residuals count.
+    """A loss ρ(r) of the length r of a residual.
 
     kind : squares (r²), huber (r² up to the scale, then linear), cauchy (s² log(1 + r²/s²))
-    scale_px : length s at which a residual begins to count less
+    scale_px : length s from which a residual has less weight
     """
 
-    kind: Kind = "squares"
+    kind: LossKind = "squares"
     scale_px: float = 1.0
 
 
@@ -56,9 +56,9 @@ def weights(loss: Loss, lengths: Array) -> Array:
 
 
 def variance(loss: Loss, lengths: Array, parameters: int) -> float:
-    """κ: what (JᵀJ)⁻¹ is to be multiplied by, σ² of one coordinate where the loss is squares [px²].
+    """κ, the factor from (JᵀJ)⁻¹ to the covariance [px²]; for squares the variance of one coordinate.
 
-    lengths : (n,) — of the residuals; parameters : how many numbers were estimated from them
+    lengths : (n,) — of the residuals; parameters : number of parameters estimated from them
     """
     weight = weights(loss, lengths)
     freedom = max(2 * lengths.size - parameters, 1)
@@ -72,21 +72,21 @@ def _stiffness(loss: Loss, weight: Array) -> Array:
     return weight**2 if loss.kind == "cauchy" else weight
 
 
-def noise(loss: Loss, lengths: Array, parameters: int) -> float:
-    """σ of one coordinate [px]: from the sum of squares, or from the median where the loss is robust."""
+def noise_sigma(loss: Loss, lengths: Array, parameters: int) -> float:
+    """σ of one coordinate [px]: from the sum of squares, or from the median for a robust loss."""
     robust = loss.kind != "squares"
-    return normal_sigma(lengths, parameters) if robust else float(np.sqrt(variance(loss, lengths, parameters)))
+    return sigma_from_median(lengths, parameters) if robust else float(np.sqrt(variance(loss, lengths, parameters)))
 
 
-def normal_sigma(lengths: Array, parameters: int = 0) -> float:
-    """σ of one coordinate from the median length, which no minority of outliers moves much [px].
+def sigma_from_median(lengths: Array, parameters: int = 0) -> float:
+    """σ of one coordinate from the median length, on which a minority of outliers has little effect [px].
 
-    parameters : how many numbers were estimated from the residuals, which makes them shorter
+    parameters : number of parameters estimated from the residuals, which makes them shorter
     """
     freedom = max(1.0 - parameters / (2.0 * lengths.size), 0.1)
     return float(np.median(lengths) / _RAYLEIGH_MEDIAN / np.sqrt(freedom))
 
 
-def efficient_scale(kind: Kind, sigma_px: float) -> float:
-    """The scale that loses 5 % of the efficiency of least squares where residuals are normal after all [px]."""
-    return _EFFICIENT[kind] * sigma_px
+def efficient_scale(kind: LossKind, sigma_px: float) -> float:
+    """The scale of a loss that keeps 95 % efficiency for normal residuals of standard deviation ``sigma_px`` [px]."""
+    return _EFFICIENT_SCALES[kind] * sigma_px

@@ -1,4 +1,4 @@
-"""The camera: from points in space to pixels of a photograph, and back to rays.
+"""Camera model: from points in space to pixels of a photograph, and from pixels to rays.
 
 A pinhole with the distortion of Brown (1971), five coefficients (k1, k2, p1, p2, k3) in the order that OpenCV and
 MATLAB's toolboxes use. With x = X/Z, y = Y/Z and r² = x² + y²::
@@ -21,10 +21,11 @@ from dicflow.core.arrays import Array
 __all__ = [
     "Camera",
     "Rig",
-    "bend",
-    "bend_slopes",
     "camera_matrix",
     "distort",
+    "distort_normalised",
+    "distortion_slopes",
+    "homogeneous",
     "project",
     "rotation_angle_deg",
     "rotation_matrix",
@@ -35,12 +36,13 @@ __all__ = [
 
 _Number = TypeVar("_Number", float, Array)
 
-_NEWTON_STEPS = 40
+_MAX_NEWTON_STEPS = 40
 _NEWTON_TOLERANCE = 1e-13
+_MAX_SMALL_SINE = 1e-4
 
 
 class Camera(NamedTuple):
-    """What one camera does to light, whatever its place.
+    """Intrinsic parameters of one camera.
 
     matrix : (3, 3) — focal lengths, principal point and skew [px]
     distortion : (5,) — k1, k2, p1, p2, k3 [-]
@@ -53,7 +55,7 @@ class Camera(NamedTuple):
 
 
 class Rig(NamedTuple):
-    """Two cameras on one frame; a point X0 seen from the left one is X1 = rotation @ X0 + translation from the right.
+    """Two cameras and their relative pose: X1 = rotation @ X0 + translation, X0 in the left, X1 in the right frame.
 
     rotation : (3, 3)
     translation : (3,) [mm]
@@ -76,12 +78,17 @@ def camera_matrix(focal_px: float, centre: ArrayLike) -> Array:
 
 
 def to_right(rig: Rig, points: ArrayLike) -> Array:
-    """Carry points (..., 3) [mm] from the left camera's frame into the right one's."""
+    """Transform points (..., 3) [mm] from the left camera's frame into the right one's."""
     return np.asarray(points, dtype=float) @ rig.rotation.T + rig.translation
 
 
+def homogeneous(points: Array) -> Array:
+    """Points (..., d) with a last coordinate of 1: (..., d + 1)."""
+    return np.concatenate([points, np.ones((*points.shape[:-1], 1))], axis=-1)
+
+
 def project(camera: Camera, points: ArrayLike) -> Array:
-    """Image points in raw pixels of the photograph.
+    """Raw pixels of points in space.
 
     points : (..., 3) — in the frame of this camera [mm]
     Returns (..., 2) [px]; NaN where a point is not in front of the camera.
@@ -97,47 +104,47 @@ def distort(camera: Camera, normalised: ArrayLike) -> Array:
     normalised : (..., 2) — undistorted normalised coordinates X/Z, Y/Z [-]
     Returns (..., 2) [px].
     """
-    ideal = np.asarray(normalised, dtype=float)
-    bent = np.stack(bend(ideal[..., 0], ideal[..., 1], camera.distortion), axis=-1)
-    return bent @ camera.matrix[:2, :2].T + camera.matrix[:2, 2]
+    undistorted = np.asarray(normalised, dtype=float)
+    distorted = np.stack(distort_normalised(undistorted[..., 0], undistorted[..., 1], camera.distortion), axis=-1)
+    return distorted @ camera.matrix[:2, :2].T + camera.matrix[:2, 2]
 
 
 def undistort(camera: Camera, pixels: ArrayLike) -> Array:
     """Directions of raw pixels: the inverse of :func:`distort`, by Newton's method to 1e-12.
 
     pixels : (..., 2) [px]
-    Returns (..., 2) — undistorted normalised coordinates [-]; NaN where the distortion has no inverse, beyond the
-    radius at which it folds the image back.
+    Returns (..., 2) — undistorted normalised coordinates [-]; NaN beyond the radius at which the distortion folds the
+    image, where it cannot be inverted.
     """
     matrix, distortion = camera.matrix, camera.distortion
-    bent = (np.asarray(pixels, dtype=float) - matrix[:2, 2]) @ np.linalg.inv(matrix[:2, :2]).T
-    bent_x, bent_y = bent[..., 0], bent[..., 1]
-    x, y = bent_x, bent_y
-    for _ in range(_NEWTON_STEPS):
-        at_x, at_y = bend(x, y, distortion)
-        dx, dy = bent_x - at_x, bent_y - at_y
+    distorted = (np.asarray(pixels, dtype=float) - matrix[:2, 2]) @ np.linalg.inv(matrix[:2, :2]).T
+    distorted_x, distorted_y = distorted[..., 0], distorted[..., 1]
+    x, y = distorted_x, distorted_y
+    for _ in range(_MAX_NEWTON_STEPS):
+        trial_x, trial_y = distort_normalised(x, y, distortion)
+        dx, dy = distorted_x - trial_x, distorted_y - trial_y
         if not np.any(np.abs(dx) + np.abs(dy) > _NEWTON_TOLERANCE):
             break
-        xx, xy, yy = bend_slopes(x, y, distortion)
+        xx, xy, yy = distortion_slopes(x, y, distortion)
         determinant = xx * yy - xy * xy
         determinant = np.where(determinant > 0.0, determinant, np.nan)
         x, y = x + (yy * dx - xy * dy) / determinant, y + (xx * dy - xy * dx) / determinant
-    missed = np.abs(dx) + np.abs(dy) > 10.0 * _NEWTON_TOLERANCE
-    return np.where(missed[..., None], np.nan, np.stack([x, y], axis=-1))
+    diverged = np.abs(dx) + np.abs(dy) > 10.0 * _NEWTON_TOLERANCE
+    return np.where(diverged[..., None], np.nan, np.stack([x, y], axis=-1))
 
 
-def bend(x: _Number, y: _Number, distortion: Array) -> tuple[_Number, _Number]:
-    """Distorted normalised coordinates (x', y') of undistorted ones: plain arithmetic, for numbers and arrays alike."""
+def distort_normalised(x: _Number, y: _Number, distortion: Array) -> tuple[_Number, _Number]:
+    """Distorted normalised coordinates (x', y') of undistorted ones, for numbers and arrays."""
     r2 = x * x + y * y
     radial = 1.0 + r2 * (distortion[0] + r2 * (distortion[1] + r2 * distortion[4]))
     cross = 2.0 * x * y
-    bent_x = x * radial + distortion[2] * cross + distortion[3] * (r2 + 2.0 * x * x)
-    bent_y = y * radial + distortion[2] * (r2 + 2.0 * y * y) + distortion[3] * cross
-    return bent_x, bent_y
+    distorted_x = x * radial + distortion[2] * cross + distortion[3] * (r2 + 2.0 * x * x)
+    distorted_y = y * radial + distortion[2] * (r2 + 2.0 * y * y) + distortion[3] * cross
+    return distorted_x, distorted_y
 
 
-def bend_slopes(x: _Number, y: _Number, distortion: Array) -> tuple[_Number, _Number, _Number]:
-    """∂x'/∂x, ∂x'/∂y = ∂y'/∂x and ∂y'/∂y of :func:`bend`."""
+def distortion_slopes(x: _Number, y: _Number, distortion: Array) -> tuple[_Number, _Number, _Number]:
+    """∂x'/∂x, ∂x'/∂y = ∂y'/∂x and ∂y'/∂y of :func:`distort_normalised`."""
     r2 = x * x + y * y
     radial = 1.0 + r2 * (distortion[0] + r2 * (distortion[1] + r2 * distortion[4]))
     slope = 2.0 * (distortion[0] + r2 * (2.0 * distortion[1] + r2 * 3.0 * distortion[4]))
@@ -153,22 +160,21 @@ def rotation_matrix(vector: ArrayLike) -> Array:
     return np.asarray(cv2.Rodrigues(np.asarray(vector, dtype=float).reshape(3))[0], dtype=float)
 
 
-_SMALL_RAD = 1e-4
-
-
 def rotation_vector(matrix: ArrayLike) -> Array:
     """Axis (3,) of a rotation (3, 3), its length the angle [rad]: the inverse of :func:`rotation_matrix`."""
-    turn = np.asarray(matrix, dtype=float)
-    odd = 0.5 * np.array([turn[2, 1] - turn[1, 2], turn[0, 2] - turn[2, 0], turn[1, 0] - turn[0, 1]])
-    if np.trace(turn) > 1.0 and np.linalg.norm(odd) < _SMALL_RAD:  # where the general formula gives zero
-        return odd
-    return np.asarray(cv2.Rodrigues(turn)[0], dtype=float).reshape(3)
+    rotation = np.asarray(matrix, dtype=float)
+    antisymmetric = 0.5 * np.array(
+        [rotation[2, 1] - rotation[1, 2], rotation[0, 2] - rotation[2, 0], rotation[1, 0] - rotation[0, 1]]
+    )
+    if np.trace(rotation) > 1.0 and np.linalg.norm(antisymmetric) < _MAX_SMALL_SINE:  # where cv2.Rodrigues returns zero
+        return antisymmetric
+    return np.asarray(cv2.Rodrigues(rotation)[0], dtype=float).reshape(3)
 
 
 def rotation_angle_deg(rotation: ArrayLike, other: ArrayLike | None = None) -> float:
     """Angle of a rotation (3, 3), or between two [deg].
 
-    From the chord, ‖R − I‖_F = 2√2 sin(θ/2), which keeps its digits at small angles, where the trace loses them.
+    From ‖R − I‖_F = 2√2 sin(θ/2), which is accurate at small angles, where the trace is not.
     """
     chord = np.linalg.norm(np.asarray(rotation) - (np.eye(3) if other is None else np.asarray(other)))
     return float(np.degrees(2.0 * np.arcsin(min(1.0, chord / np.sqrt(8.0)))))

@@ -1,4 +1,4 @@
-"""Epipolar geometry: where a point of the left photograph can lie in the right one.
+"""Epipolar geometry: the line in the right photograph on which a point of the left one must lie, and the reverse.
 
 With x0, x1 normalised coordinates of one point in both cameras, x1ᵀ E x0 = 0 where E = [T]× R; in pixels free of
 distortion, p1ᵀ F p0 = 0 where F = K1⁻ᵀ E K0⁻¹ (Hartley and Zisserman 2004, ch. 9).
@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from dicflow.core.arrays import Array
-from dicflow.core.cameras.camera import Camera, Rig, undistort
+from dicflow.core.cameras.camera import Camera, Rig, homogeneous, undistort
 
 __all__ = ["epipolar_distance", "essential_matrix", "fundamental_matrix"]
 
@@ -27,24 +27,23 @@ def fundamental_matrix(rig: Rig) -> Array:
 
 
 def epipolar_distance(rig: Rig, left: ArrayLike, right: ArrayLike) -> Array:
-    """Mean distance of two matched points from each other's epipolar line, distortion taken out.
+    """Mean distance of two matched points from each other's epipolar line, after removal of the distortion.
 
     left, right : (..., 2) — raw pixels
     Returns (...) [px].
     """
-    ideal_left, ideal_right = _ideal(rig.left, left), _ideal(rig.right, right)
+    pixels_left, pixels_right = _undistorted_pixels(rig.left, left), _undistorted_pixels(rig.right, right)
     fundamental = fundamental_matrix(rig)
-    lines_right, lines_left = ideal_left @ fundamental.T, ideal_right @ fundamental
-    product = np.abs(np.sum(ideal_right * lines_right, axis=-1))
-    return np.asarray(0.5 * product * (1.0 / _normal(lines_left) + 1.0 / _normal(lines_right)))
+    lines_right, lines_left = pixels_left @ fundamental.T, pixels_right @ fundamental
+    product = np.abs(np.sum(pixels_right * lines_right, axis=-1))
+    return np.asarray(0.5 * product * (1.0 / _normal_lengths(lines_left) + 1.0 / _normal_lengths(lines_right)))
 
 
-def _ideal(camera: Camera, pixels: ArrayLike) -> Array:
+def _undistorted_pixels(camera: Camera, pixels: ArrayLike) -> Array:
     """Homogeneous pixels (..., 3) of a camera with the same matrix and no distortion."""
-    directions = undistort(camera, pixels)
-    return np.concatenate([directions, np.ones((*directions.shape[:-1], 1))], axis=-1) @ camera.matrix.T
+    return homogeneous(undistort(camera, pixels)) @ camera.matrix.T
 
 
-def _normal(lines: Array) -> Array:
-    """Length of the normal of lines (..., 3)."""
+def _normal_lengths(lines: Array) -> Array:
+    """Lengths (...) of the normals of homogeneous lines (..., 3)."""
     return np.hypot(lines[..., 0], lines[..., 1])

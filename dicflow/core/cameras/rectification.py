@@ -1,34 +1,34 @@
-"""Stereo: rows of both photographs aligned, and points in space from disparities.
+"""Stereo rectification: photographs with aligned rows, and points in space from disparities.
 
-Both cameras are turned about their centres until their image planes are one and the baseline runs along the rows
+Both cameras are turned about their centres until their image planes coincide and the baseline runs along the rows
 (Fusiello, Trucco and Verri 2000, "A compact algorithm for rectification of stereo pairs"). A point then has the same y
-in both rectified images, and its disparity x_left − x_right tells its depth.
+in both rectified images, and its depth follows from its disparity x_left − x_right.
 """
 
 from __future__ import annotations
 
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import cv2
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
-from dicflow.core.arrays import Array
-from dicflow.core.cameras.camera import Camera, Rig, distort, undistort
+from dicflow.core.arrays import Array, Grey
+from dicflow.core.cameras.camera import Camera, Rig, distort, homogeneous, undistort
 
 __all__ = [
     "Rectification",
-    "footprint",
+    "photograph_outline",
     "raw_to_rectified",
     "rectification",
     "rectified_to_raw",
     "rectify",
-    "triangulate",
+    "triangulate_disparity",
 ]
 
 
-_WIDEST_DEG = 75.0
-_OUTLINE_POINTS = 65
+_MAX_ANGLE_DEG = 75.0
+_OUTLINE_POINTS_PER_SIDE = 65
 
 
 class Rectification(NamedTuple):
@@ -37,7 +37,7 @@ class Rectification(NamedTuple):
     rotation_left, rotation_right : (3, 3) — from a camera's frame into its rectified one
     matrix_left, matrix_right : (3, 3) — rectified camera matrices; they differ in the principal point's x only [px]
     size : (width, height) of both rectified images [px]
-    baseline_mm : place of the right camera's centre on the rectified x axis, negative where it stands on the other side
+    baseline_mm : x of the right camera's centre in the left rectified frame; negative where it is left of the left one
     """
 
     rotation_left: Array
@@ -49,12 +49,11 @@ class Rectification(NamedTuple):
 
 
 def rectification(rig: Rig) -> Rectification:
-    """Rectify a rig: all of both photographs is seen, at the mean of their scales.
+    """The rectification of a rig, at the mean scale of the photographs and large enough for all of both.
 
-    Each image has its own principal point, so that the disparities of what both cameras look at are near 0 also where
-    their axes converge.
+    Each image has its own principal point, so that disparities are near 0 also where the cameras' axes converge.
 
-    Raises ValueError where the cameras diverge so far from a common image plane that no image of useful size shows all.
+    Raises ValueError where a ray of a photograph makes too large an angle with the common optical axis.
     """
     centre = -rig.rotation.T @ rig.translation
     rotation_left = _common_axes(centre, rig.rotation)
@@ -66,30 +65,33 @@ def rectification(rig: Rig) -> Rectification:
     return Rectification(
         rotation_left,
         rotation_right,
-        _matrix(focal, -left[0, 0], -top),
-        _matrix(focal, -right[0, 0], -top),
+        _camera_matrix(focal, -left[0, 0], -top),
+        _camera_matrix(focal, -right[0, 0], -top),
         (int(np.ceil(width)) + 1, int(np.ceil(bottom - top)) + 1),
         float(rotation_left[0] @ centre),
     )
 
 
 def raw_to_rectified(points: ArrayLike, camera: Camera, rotation: Array, matrix: Array) -> Array:
-    """Carry raw pixels (..., 2) of a photograph into its rectified image."""
-    directions = _homogeneous(undistort(camera, points)) @ rotation.T
+    """Transform raw pixels (..., 2) of a photograph into its rectified image.
+
+    rotation, matrix : (3, 3) — of this camera, from a :class:`Rectification`
+    """
+    directions = homogeneous(undistort(camera, points)) @ rotation.T
     return np.asarray(directions[..., :2] / directions[..., 2:] @ matrix[:2, :2].T + matrix[:2, 2])
 
 
 def rectified_to_raw(points: ArrayLike, camera: Camera, rotation: Array, matrix: Array) -> Array:
     """The inverse of :func:`raw_to_rectified`."""
-    directions = _homogeneous(np.asarray(points, dtype=float)) @ (rotation.T @ np.linalg.inv(matrix)).T
+    directions = homogeneous(np.asarray(points, dtype=float)) @ (rotation.T @ np.linalg.inv(matrix)).T
     return distort(camera, directions[..., :2] / directions[..., 2:])
 
 
-def rectify(image: NDArray[Any], camera: Camera, rotation: Array, matrix: Array, size: tuple[int, int]) -> NDArray[Any]:
-    """The rectified image of a photograph; 0 where the photograph does not reach.
+def rectify(image: Grey, camera: Camera, rotation: Array, matrix: Array, size: tuple[int, int]) -> Grey:
+    """The rectified image of a photograph; 0 outside the photograph.
 
-    By Lanczos' kernel of 8 × 8 pixels: the waves that interpolation leaves in the disparity of fine speckles are lower
-    than with cubic convolution. Places are rounded to 1/32 px, which leaves less than the kernel does.
+    Interpolated with the Lanczos kernel of 8 × 8 pixels, whose periodic error in the disparity of fine speckles is
+    smaller than that of cubic convolution. Positions are rounded to 1/32 px; the error of that is smaller still.
 
     image : (rows, cols) uint8 or uint16
     rotation, matrix : (3, 3) — of a :class:`Rectification`
@@ -98,39 +100,42 @@ def rectify(image: NDArray[Any], camera: Camera, rotation: Array, matrix: Array,
     """
     x, y = cv2.initUndistortRectifyMap(camera.matrix, camera.distortion, rotation, matrix, size, cv2.CV_32FC1)
     focal, skew = camera.matrix[1, 1], camera.matrix[0, 1]
-    if skew:  # OpenCV's maps have none
+    if skew:  # initUndistortRectifyMap ignores it
         x += (skew / focal) * (y - camera.matrix[1, 2])
     return np.asarray(cv2.remap(image, x, y, cv2.INTER_LANCZOS4, borderMode=cv2.BORDER_CONSTANT, borderValue=0))
 
 
-def footprint(camera: Camera, rotation: Array, matrix: Array) -> Array:
+def photograph_outline(camera: Camera, rotation: Array, matrix: Array) -> Array:
     """Outline (n, 2) [px] of a photograph in its rectified image."""
-    return raw_to_rectified(_border(camera.size, _OUTLINE_POINTS), camera, rotation, matrix)
+    return raw_to_rectified(_border_pixels(camera.size, _OUTLINE_POINTS_PER_SIDE), camera, rotation, matrix)
 
 
-def triangulate(xy_left: ArrayLike, disparity: ArrayLike, rectified: Rectification) -> Array:
-    """Points in space from their place in the rectified left image and their disparity.
+def triangulate_disparity(xy_left: ArrayLike, disparity: ArrayLike, rectified: Rectification) -> Array:
+    """Points in space from their pixels in the rectified left image and their disparities.
 
-    Since both rays lie in one plane, they meet: no choice of a best point is left.
+    Both rays lie in one plane, so they intersect.
 
     xy_left : (..., 2) — rectified left pixels
     disparity : (...) — x_left − x_right [px]
-    Returns (..., 3) — points in the left camera's (unrectified) frame [mm]; NaN where the rays do not meet.
+    Returns (..., 3) — points in the left camera's (unrectified) frame [mm]; NaN where they would not be in front of it.
     """
     xy = np.asarray(xy_left, dtype=float)
     focal = rectified.matrix_left[0, 0]
     parallax = np.asarray(disparity, dtype=float) - rectified.matrix_left[0, 2] + rectified.matrix_right[0, 2]
-    meet = parallax * np.sign(rectified.baseline_mm) > 0.0
-    depth = focal * rectified.baseline_mm / np.where(meet, parallax, np.nan)
-    turn = rectified.rotation_left
-    directions = (xy - rectified.matrix_left[:2, 2]) / focal @ turn[:2] + turn[2]
+    in_front = parallax * np.sign(rectified.baseline_mm) > 0.0
+    depth = focal * rectified.baseline_mm / np.where(in_front, parallax, np.nan)
+    rotation = rectified.rotation_left
+    directions = (xy - rectified.matrix_left[:2, 2]) / focal @ rotation[:2] + rotation[2]
     return np.asarray(directions * depth[..., None])
 
 
 def _common_axes(centre: Array, rotation: Array) -> Array:
-    """Rows: the rectified x, y and z axis in the left camera's frame.
+    """The rectified x, y and z axes in the left camera's frame, as rows (3, 3).
 
-    x runs along the baseline, the way that keeps the photographs upright; z is as near as it can to both optical axes.
+    x runs along the baseline, in the direction that keeps the photographs upright; z is the mean of both optical axes,
+    made normal to x.
+
+    centre : (3,) — the right camera's, in the left one's frame; rotation : (3, 3) — from the left to the right frame
     """
     along = centre / np.linalg.norm(centre)
     if along[0] + (rotation @ along)[0] < 0.0:
@@ -141,29 +146,25 @@ def _common_axes(centre: Array, rotation: Array) -> Array:
 
 
 def _extent(camera: Camera, rotation: Array) -> Array:
-    """Least and greatest rectified normalised (x, y) over the frame of a photograph, (2, 2)."""
-    directions = _homogeneous(undistort(camera, _border(camera.size, max(camera.size)))) @ rotation.T
+    """Least and greatest rectified normalised (x, y) over a photograph, (2, 2)."""
+    directions = homogeneous(undistort(camera, _border_pixels(camera.size, max(camera.size)))) @ rotation.T
     directions /= np.linalg.norm(directions, axis=-1, keepdims=True)
-    if not np.nanmin(directions[:, 2]) > np.cos(np.radians(_WIDEST_DEG)):
+    if not np.nanmin(directions[:, 2]) > np.cos(np.radians(_MAX_ANGLE_DEG)):
         raise ValueError(
-            f"the photographs reach more than {_WIDEST_DEG:.0f}° from the plane that both cameras can share; "
-            "expected cameras side by side that look at one scene"
+            f"a photograph reaches more than {_MAX_ANGLE_DEG:.0f}° from the optical axis of the rectified cameras; "
+            "expected cameras side by side that look at one scene: check the calibration"
         )
     seen = directions[:, :2] / directions[:, 2:]
     return np.stack([np.nanmin(seen, axis=0), np.nanmax(seen, axis=0)])
 
 
-def _border(size: tuple[int, int], points: int) -> Array:
-    """Places on the outermost pixels of a photograph, once around, (4 · points, 2)."""
+def _border_pixels(size: tuple[int, int], points: int) -> Array:
+    """Pixels (4 · points, 2) along the border of a photograph, once around."""
     width, height = size
     x, y = np.linspace(0.0, width - 1.0, points), np.linspace(0.0, height - 1.0, points)
     sides = ((x, 0.0), (width - 1.0, y), (x[::-1], height - 1.0), (0.0, y[::-1]))
     return np.concatenate([np.stack(np.broadcast_arrays(*side), axis=-1) for side in sides])
 
 
-def _matrix(focal: float, x: float, y: float) -> Array:
+def _camera_matrix(focal: float, x: float, y: float) -> Array:
     return np.array([[focal, 0.0, x], [0.0, focal, y], [0.0, 0.0, 1.0]])
-
-
-def _homogeneous(points: Array) -> Array:
-    return np.concatenate([points, np.ones((*points.shape[:-1], 1))], axis=-1)

@@ -1,4 +1,4 @@
-"""The rigid-body motion of a cloud of points, and the frame that moves along."""
+"""The rigid-body motion of a cloud of points, and the frame that moves with it."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from dicflow.core.arrays import Array
 from dicflow.core.cameras.camera import rotation_vector
 from dicflow.core.cameras.frames import Frame
 
-__all__ = ["RigidMotion", "rigid_motion", "undoing"]
+__all__ = ["RigidMotion", "co_moving_frame", "rigid_motion"]
 
 
 class RigidMotion(NamedTuple):
@@ -33,12 +33,12 @@ class RigidMotion(NamedTuple):
 
 
 def rigid_motion(reference: ArrayLike, deformed: ArrayLike, weights: ArrayLike | None = None) -> RigidMotion:
-    """The motion that leaves the least Σ w |X' − moved(X)|² (Kabsch 1976, Acta Cryst. A32:922).
+    """The motion that minimises Σ w |X' − moved(X)|² (Kabsch 1976, Acta Cryst. A32:922).
 
-    reference, deformed : (..., 3) — the same points in both states [mm]; those with a NaN in either do not count
+    reference, deformed : (..., 3) — the same points in both states [mm]; those with a NaN in either are left out
     weights : (...) — w, as 1 / σ²; equal if absent
 
-    Raises ValueError where fewer than three points count or all lie on one line.
+    Raises ValueError where fewer than three points are left or all lie on one line.
     """
     before, after = (np.asarray(points, dtype=np.float64).reshape(-1, 3) for points in (reference, deformed))
     weight = np.ones(len(before)) if weights is None else np.array(weights, dtype=np.float64).ravel()
@@ -48,14 +48,14 @@ def rigid_motion(reference: ArrayLike, deformed: ArrayLike, weights: ArrayLike |
         raise ValueError(f"a rigid-body motion needs three points, found {len(before)}")
     weight /= weight.sum()
     centre, centre_after = weight @ before, weight @ after
-    left, strengths, right = np.linalg.svd((after - centre_after).T @ (weight[:, None] * (before - centre)))
-    if strengths[1] <= 1e-9 * strengths[0]:
+    left, singular_values, right = np.linalg.svd((after - centre_after).T @ (weight[:, None] * (before - centre)))
+    if singular_values[1] <= 1e-9 * singular_values[0]:
         raise ValueError("a rigid-body motion needs points that do not lie on one line")
-    handed = np.diag([1.0, 1.0, np.sign(np.linalg.det(left @ right))])
-    return RigidMotion(left @ handed @ right, centre, centre_after - centre)
+    proper = np.diag([1.0, 1.0, np.sign(np.linalg.det(left @ right))])
+    return RigidMotion(left @ proper @ right, centre, centre_after - centre)
 
 
-def undoing(motion: RigidMotion) -> Frame:
-    """The frame that moved along: in it, points that only moved are where they were at the reference."""
+def co_moving_frame(motion: RigidMotion) -> Frame:
+    """The frame that moved with the body: in it, points of a rigid body keep their reference coordinates."""
     back = motion.rotation.T
     return Frame(back, motion.centre + motion.translation - motion.rotation @ motion.centre)

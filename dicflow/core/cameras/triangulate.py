@@ -1,13 +1,13 @@
-"""Points in space from their raw pixels in both photographs, where the pixels' errors make it most likely.
+"""Points in space from their raw pixels in both photographs, by maximum likelihood.
 
-Two rays with errors do not meet. The point of maximum likelihood has the least sum of squared reprojection errors in
-both photographs, weighted by the covariances of the pixels (Hartley and Sturm, Computer Vision and Image Understanding
-68, 1997). It is found from the point midway between the rays by steps of Gauss and Newton, through the distortion, so
-that the errors count where they arise. At the solution the derivatives of the point by the pixels are
+Two rays with errors do not intersect. The point of maximum likelihood has the least sum of squared reprojection errors
+in both photographs, weighted by the covariances of the pixels (Hartley and Sturm, Computer Vision and Image
+Understanding 68, 1997). Gauss–Newton steps start at the midpoint between the rays and include the distortion, so the
+errors are those of raw pixels. At the solution the derivatives of the point with respect to the pixels are
 
     ∂X/∂e = (Jᵀ W J)⁻¹ Jᵀ W,   J = ∂(pixels)/∂X,   W the inverse covariance of the pixels,
 
-which carry the pixels' covariance into space; what they neglect is of second order in the reprojection error.
+to first order in the reprojection error. They propagate the pixels' covariance to the point.
 """
 
 from __future__ import annotations
@@ -18,20 +18,20 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from dicflow.core.arrays import Array, Mask
-from dicflow.core.cameras.camera import Camera, Rig, bend_slopes, project, to_right, undistort
+from dicflow.core.cameras.camera import Camera, Rig, distortion_slopes, homogeneous, project, to_right, undistort
 
-__all__ = ["Triangulated", "midway", "point_covariance", "projection_slopes", "triangulate"]
+__all__ = ["Triangulated", "point_covariance", "projection_slopes", "ray_midpoints", "triangulate"]
 
 
-_STEPS = 3
+_GAUSS_NEWTON_STEPS = 3
 
 
 class Triangulated(NamedTuple):
-    """Points in the left camera's frame; NaN where a pixel is.
+    """Points in the left camera's frame; NaN where a pixel is NaN.
 
     xyz : (..., 3) [mm]
-    reprojection : (...) — root mean square over both photographs of the distance from the pixel [px]
-    by_left, by_right : (..., 3, 2) — ∂xyz/∂(x, y) of the pixel in either photograph [mm/px]
+    reprojection : (...) — reprojection error, root mean square over both photographs [px]
+    by_left, by_right : (..., 3, 2) — ∂xyz/∂(x, y) of the left and of the right pixel [mm/px]
     """
 
     xyz: Array
@@ -47,40 +47,40 @@ def triangulate(
     covariance_left: ArrayLike | None = None,
     covariance_right: ArrayLike | None = None,
 ) -> Triangulated:
-    """Triangulate.
+    """Points of maximum likelihood from matched pixels.
 
     left, right : (..., 2) — raw pixels
-    covariance_left, covariance_right : (..., 3) — xx, xy, yy of the pixels' errors, in any one unit; where they are
-        not given, or are no covariances of full rank, all errors are taken to be alike
+    covariance_left, covariance_right : (..., 3) — xx, xy, yy of the pixels' errors, up to a common factor; where
+        absent or not of full rank, all errors are taken as independent and equal
     """
     pixels = np.concatenate([np.asarray(left, dtype=float), np.asarray(right, dtype=float)], axis=-1)
     known = np.isfinite(pixels).all(axis=-1)
     measured = pixels[known]
     weight = _weights(known, covariance_left, covariance_right)
-    points = midway(rig, measured[:, :2], measured[:, 2:])
-    for _ in range(_STEPS):
+    points = ray_midpoints(rig, measured[:, :2], measured[:, 2:])
+    for _ in range(_GAUSS_NEWTON_STEPS):
         gain = _gain(rig, points, weight)
         points = points + np.einsum("nij,nj->ni", gain, measured - _project(rig, points))
-    missed = measured - _project(rig, points)
+    residual = measured - _project(rig, points)
     gain = _gain(rig, points, weight)
-    found = points, np.sqrt(0.5 * np.sum(missed**2, axis=-1)), gain[..., :2], gain[..., 2:]
-    return Triangulated._make(_spread(part, known) for part in found)
+    results = points, np.sqrt(0.5 * np.sum(residual**2, axis=-1)), gain[..., :2], gain[..., 2:]
+    return Triangulated._make(_scatter(part, known) for part in results)
 
 
 def point_covariance(by_pixel: Array, covariance: ArrayLike) -> Array:
-    """Share of one photograph in the covariance of points: J Σ Jᵀ.
+    """Contribution of one photograph to the covariance of points: J Σ Jᵀ.
 
     by_pixel : (..., 3, 2) — of :class:`Triangulated` [mm/px]
     covariance : (..., 3) — xx, xy, yy of the pixels [px²]
     Returns (..., 3, 3) [mm²].
     """
-    return np.asarray(by_pixel @ _full(covariance) @ np.swapaxes(by_pixel, -1, -2))
+    return np.asarray(by_pixel @ _covariance_matrices(covariance) @ np.swapaxes(by_pixel, -1, -2))
 
 
-def midway(rig: Rig, left: ArrayLike, right: ArrayLike) -> Array:
+def ray_midpoints(rig: Rig, left: ArrayLike, right: ArrayLike) -> Array:
     """Midpoints (..., 3) of the shortest lines between the rays of raw pixels (..., 2) [mm]; NaN for parallel rays."""
-    ray_left = _homogeneous(undistort(rig.left, left))
-    ray_right = _homogeneous(undistort(rig.right, right)) @ rig.rotation
+    ray_left = homogeneous(undistort(rig.left, left))
+    ray_right = homogeneous(undistort(rig.right, right)) @ rig.rotation
     centre = -rig.rotation.T @ rig.translation
     ll, rr = np.sum(ray_left**2, axis=-1), np.sum(ray_right**2, axis=-1)
     lr = np.sum(ray_left * ray_right, axis=-1)
@@ -95,10 +95,10 @@ def projection_slopes(camera: Camera, points: Array) -> Array:
     """∂(pixel)/∂(point) (..., 2, 3) of points (..., 3) in this camera's frame [px/mm]."""
     x, y, z = np.moveaxis(points, -1, 0)
     x, y = x / z, y / z
-    xx, xy, yy = bend_slopes(x, y, camera.distortion)
+    xx, xy, yy = distortion_slopes(x, y, camera.distortion)
     zero, one = np.zeros_like(z), 1.0 / z
-    direction = _matrix(((one, zero, -x / z), (zero, one, -y / z)))
-    return np.asarray(camera.matrix[:2, :2] @ _matrix(((xx, xy), (xy, yy))) @ direction)
+    direction = _stack_matrix(((one, zero, -x / z), (zero, one, -y / z)))
+    return np.asarray(camera.matrix[:2, :2] @ _stack_matrix(((xx, xy), (xy, yy))) @ direction)
 
 
 def _project(rig: Rig, points: Array) -> Array:
@@ -115,7 +115,7 @@ def _gain(rig: Rig, points: Array, weight: Array | None) -> Array:
 
 
 def _weights(known: Mask, left: ArrayLike | None, right: ArrayLike | None) -> Array | None:
-    """Inverse covariances (n, 4, 4) of the known points' pixels, relative to their size; None where all are alike."""
+    """Inverse covariances (n, 4, 4) of the known points' pixels, scaled to trace 1; None without covariances."""
     if left is None or right is None:
         return None
     weight = np.broadcast_to(np.eye(4), (int(known.sum()), 4, 4)).copy()
@@ -127,30 +127,27 @@ def _weights(known: Mask, left: ArrayLike | None, right: ArrayLike | None) -> Ar
 
 
 def _inverse(covariance: Array) -> tuple[Array, Mask]:
-    """Inverses (n, 2, 2) of covariances (n, 3), and which of them exist."""
+    """Inverses (n, 2, 2) of covariances (n, 3), and which are valid (n,)."""
     xx, xy, yy = covariance.T
     determinant = xx * yy - xy * xy
     usable = (determinant > 0.0) & (xx > 0.0)
     with np.errstate(divide="ignore", invalid="ignore"):
-        return _matrix(((yy, -xy), (-xy, xx))) / determinant[:, None, None], usable
+        return _stack_matrix(((yy, -xy), (-xy, xx))) / determinant[:, None, None], usable
 
 
-def _full(covariance: ArrayLike) -> Array:
+def _covariance_matrices(covariance: ArrayLike) -> Array:
+    """Matrices (..., 2, 2) of covariances (..., 3)."""
     xx, xy, yy = np.moveaxis(np.asarray(covariance, dtype=float), -1, 0)
-    return _matrix(((xx, xy), (xy, yy)))
+    return _stack_matrix(((xx, xy), (xy, yy)))
 
 
-def _matrix(rows: tuple[tuple[Array, ...], ...]) -> Array:
-    """Matrices (..., i, j) of their elements (...)."""
+def _stack_matrix(rows: tuple[tuple[Array, ...], ...]) -> Array:
+    """Matrices (..., i, j) from their elements (...), given by rows."""
     return np.stack([np.stack(row, axis=-1) for row in rows], axis=-2)
 
 
-def _homogeneous(directions: Array) -> Array:
-    return np.concatenate([directions, np.ones((*directions.shape[:-1], 1))], axis=-1)
-
-
-def _spread(values: Array, known: Mask) -> Array:
-    """Values (n, ...) of the known points back in their places, NaN elsewhere."""
+def _scatter(values: Array, known: Mask) -> Array:
+    """Values (n, ...) of the known points at their indices, NaN at all others."""
     full = np.full((*known.shape, *values.shape[1:]), np.nan)
     full[known] = values
     return full

@@ -20,8 +20,8 @@ from dicflow.core.correlation.search import Search, find_points
 from dicflow.core.correlation.seed import ACCEPTED_CORRELATION, BLUR_PX, window_correlation
 from dicflow.core.correlation.warp import TERMS
 from dicflow.core.photographs.interpolate import Spline
-from dicflow.core.photographs.noise import image_noise, interpolated_noise
-from dicflow.core.photographs.texture import saturation
+from dicflow.core.photographs.noise import image_noise, interpolated_noise_ratio
+from dicflow.core.photographs.texture import saturation_level
 from dicflow.core.tensors import congruent, inverse
 
 __all__ = [
@@ -89,7 +89,9 @@ def inherited_covariance(matched: FoundPoints, search: Search) -> Array:
     slope = matched.slope
     noise = search.target_noise_ratio**2 * congruent(slope, matched.template_covariance)
     remaining = uncancelled_noise(slope, matched.warp.shape[-1], search.degree)
-    return np.asarray(matched.covariance + (remaining - interpolated_noise(slope, search.degree))[..., None] * noise)
+    return np.asarray(
+        matched.covariance + (remaining - interpolated_noise_ratio(slope, search.degree))[..., None] * noise
+    )
 
 
 def _selected(reference: ReferencePhotograph, selected: Mask, search: Search) -> ReferencePhotograph:
@@ -132,7 +134,7 @@ def contrast(image: Grey, places: Array) -> float:
 def overexposed_share(image: Grey, places: Array) -> float:
     """Share of places (..., 2) [px] at which an image is overexposed; NaN where all are outside the image."""
     levels = _levels(image, places)
-    return float(np.mean(levels > saturation(image))) if len(levels) else float("nan")
+    return float(np.mean(levels > saturation_level(image))) if len(levels) else float("nan")
 
 
 def _levels(image: Grey, places: Array) -> Grey:

@@ -11,7 +11,7 @@ import numpy.typing as npt
 
 from dicflow.core.arrays import Array
 from dicflow.core.correlation.warp import TERMS, apply_warp, gradient
-from dicflow.core.photographs.noise import interpolated_noise
+from dicflow.core.photographs.noise import interpolated_noise_ratio
 
 __all__ = ["chained", "uncancelled_noise"]
 
@@ -54,12 +54,12 @@ def uncancelled_noise(slope: Array, terms: int, degree: int) -> Array:
     back by +Σ k(ξ) n(ξ). k is the kernel of the shape function: 1 over the square for an affine one, the centre value
     of the least-squares parabola, ∝ 14/15 − ξ² − η², for a quadratic one (offsets in half sides). The variance that
     remains, s(A) + 1 − 2 c, is small where the subset has kept its shape; c = Σ k(ξ) k(A ξ) / Σ k(ξ)², and s is that of
-    :func:`dicflow.core.photographs.noise.interpolated_noise`.
+    :func:`dicflow.core.photographs.noise.interpolated_noise_ratio`.
     """
     axis = (np.arange(_SAMPLES_PER_SIDE) + 0.5) * 2.0 / _SAMPLES_PER_SIDE - 1.0
     offsets = np.stack(np.meshgrid(axis, axis), axis=-1).reshape(-1, 2)
     here, there = _kernel(offsets, terms), _kernel(np.einsum("...ij,kj->...ki", slope, offsets), terms)
-    return np.asarray(interpolated_noise(slope, degree) + 1.0 - 2.0 * (there @ here) / (here @ here))
+    return np.asarray(interpolated_noise_ratio(slope, degree) + 1.0 - 2.0 * (there @ here) / (here @ here))
 
 
 def _kernel(offsets: Array, terms: int) -> Array:

@@ -15,7 +15,7 @@ import numpy as np
 from dicflow.core.arrays import Array, Grey, Image, Mask
 from dicflow.core.cameras.camera import Rig
 from dicflow.core.cameras.rectification import Rectification, raw_to_rectified, rectification, rectified_to_raw, rectify
-from dicflow.core.matching.pairs import agreeing, local_motion
+from dicflow.core.matching.pairs import agreeing_matches, local_motion
 
 __all__ = ["MIN_PARTNERS", "Partners", "find_partners", "right_of_left", "starting_warps"]
 
@@ -85,7 +85,7 @@ def find_partners(rig: Rig, left: Grey, right: Grey, points: Array, window_px: f
     known = np.isfinite(found).all(axis=1)
     points = points[known]
     partners = rectified_to_raw(found[known], rig.right, strip.rotation_right, strip.matrix_right)
-    kept = agreeing(points, partners)
+    kept = agreeing_matches(points, partners)
     return Partners(points[kept], partners[kept])
 
 

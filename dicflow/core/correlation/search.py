@@ -23,7 +23,7 @@ from dicflow.core.correlation.subsets import Subset, Template, template
 from dicflow.core.correlation.warp import gradient, identity, warp_from_gradient
 from dicflow.core.photographs.footprint import blurred, missing_blurs
 from dicflow.core.photographs.interpolate import Spline, spline
-from dicflow.core.photographs.noise import interpolated_noise
+from dicflow.core.photographs.noise import interpolated_noise_ratio
 from dicflow.core.status import Status
 from dicflow.core.tensors import congruent, inverse
 
@@ -100,7 +100,7 @@ def find_points(
     if route == VIA_REFERENCE_STEP:
         remaining = uncancelled_noise(reference.slope, field.warp.shape[-1], search.degree)
         inherited = inherited + remaining[..., None] * noise
-    target_noise = search.target_noise_ratio**2 * interpolated_noise(slope, search.degree)
+    target_noise = search.target_noise_ratio**2 * interpolated_noise_ratio(slope, search.degree)
     covariance = inherited + target_noise[..., None] * noise
     if search.counts_misfit:
         unit, variance = 0.5 * congruent(inverse(slope), field.covariance), search.noise**2 * (1.0 + target_noise)

@@ -21,7 +21,7 @@ from dicflow.core.arrays import Array, Counts, Grey, Mask
 from dicflow.core.correlation.warp import apply_warp, identity, warp_from_gradient
 from dicflow.core.matching.features import detect
 from dicflow.core.matching.fft_search import fft_matches
-from dicflow.core.matching.pairs import agreeing, guided_matches, local_motion, match_features
+from dicflow.core.matching.pairs import agreeing_matches, guided_matches, local_motion, match_features
 
 __all__ = ["Pairs", "feature_pairs", "islands", "seed_warps", "window_correlation"]
 
@@ -105,7 +105,7 @@ def _candidate_warps(
     footprint = _footprint(points, in_part, reference.shape)
     yield _warps_from_pairs(Pairs(*fft_matches(reference, target, footprint)), centres)
     yield _warps_from_pairs(_pairs_of_part(features(), points, in_part), centres)
-    yield _warps_from_pairs(Pairs(*fft_matches(reference, target, footprint, in_pieces=True)), centres)
+    yield _warps_from_pairs(Pairs(*fft_matches(reference, target, footprint, separate_windows=True)), centres)
 
 
 def islands(points: Array) -> Counts:
@@ -159,7 +159,7 @@ def _pairs_of_part(pairs: Pairs, points: Array, in_part: Mask) -> Pairs:
     distance, nearest = cKDTree(points[known]).query(source)
     here = in_part[known][nearest] & (distance <= 2.0 * _spacing(points))
     source, target = source[here], target[here]
-    keep = agreeing(source, target)
+    keep = agreeing_matches(source, target)
     return Pairs(source[keep], target[keep])
 
 
@@ -209,7 +209,7 @@ def feature_pairs(reference: Grey, target: Grey, points: Array) -> Pairs:
     before, after = detect(reference, "SIFT", box=box, upright=False), detect(target, "SIFT", upright=False)
     found = match_features(before, after)
     source, moved = before.xy[found[:, 0]].astype(float), after.xy[found[:, 1]].astype(float)
-    keep = agreeing(source, moved)
+    keep = agreeing_matches(source, moved)
     if keep.sum() >= MIN_PAIRS:
         predicted = local_motion(source[keep], moved[keep], before.xy.astype(float)).position
         found = guided_matches(before, after, predicted)

@@ -1,1 +1,1 @@
-"""Matching without subsets: features, transforms, semi-global disparity."""
+"""Matching without subset correlation: features, plane transforms, cross-correlation, semi-global disparity."""

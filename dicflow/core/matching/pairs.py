@@ -2,32 +2,31 @@
 
 from __future__ import annotations
 
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import cv2
 import numpy as np
-import numpy.typing as npt
 from numba import njit
 from scipy.spatial import cKDTree
 
-from dicflow.core.arrays import Array, Mask
-from dicflow.core.matching.features import Features
+from dicflow.core.arrays import Array, Index, Mask
+from dicflow.core.matching.features import Descriptors, Features
 from dicflow.core.matching.transform import MINIMUM_PAIRS, apply_transform, msac
 
-__all__ = ["LocalMotion", "agreeing", "consistent", "guided_matches", "local_motion", "match_features"]
+__all__ = ["LocalMotion", "agreeing_matches", "consistent_matches", "guided_matches", "local_motion", "match_features"]
 
-Pairs = npt.NDArray[np.intp]
+Pairs = Index
 
-NEIGHBOURS = 24  # matches around a point that tell its motion
-_LINE = 1e-6  # ratio of the spreads across and along below which neighbours lie on a line
-BLOCK = 512  # descriptors compared at once with all others: their distances stay in the cache
-CANDIDATES = 8  # features around a predicted position that are compared
+NEIGHBOURS = 24  # matches around a point from which its motion is estimated
+_MAX_COLLINEAR_RATIO = 1e-6  # variance across over variance along below which neighbours are collinear
+DESCRIPTORS_PER_BLOCK = 512  # descriptors compared at once with all others, so that their distances fit into the cache
+CANDIDATES = 8  # nearest features to a predicted position that are compared
 
 
 class LocalMotion(NamedTuple):
     """Motion at points, from the matches around them.
 
-    position : (n, 2) float64 — where the points are in the deformed image [px]
+    position : (n, 2) float64 — of the points in the deformed image [px]
     gradient : (n, 2, 2) float64 — ∂(deformed)/∂(reference) there
     """
 
@@ -58,8 +57,8 @@ def guided_matches(
     """Pairs of indices (m, 2) of features that are each other's nearest among those near the predicted positions.
 
     predicted : (n, 2) — where each reference feature is expected in the deformed image [px]
-    radius_px : how far from there partners are looked for [px]
-    ratio : as in :func:`match_features`, among the candidates alone; a single candidate passes
+    radius_px : radius of the search around the predicted position [px]
+    ratio : as in :func:`match_features`, among the candidates only; a single candidate is accepted
     """
     if len(reference.xy) == 0 or len(deformed.xy) == 0:
         return np.zeros((0, 2), dtype=np.intp)
@@ -81,41 +80,40 @@ def guided_matches(
     return np.stack([chosen[mutual][order], partner[mutual][order]], axis=1)
 
 
-def consistent(source: Array, target: Array, *, tolerance_px: float = 2.0, seed: int = 0) -> Mask:
-    """Which matches move like those around them, (n,) bool.
+def consistent_matches(source: Array, target: Array, *, tolerance_px: float = 2.0, seed: int = 0) -> Mask:
+    """Which matches have the motion of their neighbours, (n,) bool; all where they are too few to compare.
 
     source, target : (n, 2) [px]
     tolerance_px : deviation from the median motion of the neighbours that is always allowed [px]
 
-    Motion is taken relative to the affine transform that most matches agree on. A match is kept where it differs from
-    the median of its neighbours by no more than the tolerance plus twice their median deviation (after Westerweel and
+    Motion is taken relative to the affine transform that most matches fit. A match is consistent where it differs from
+    the median of its neighbours by at most the tolerance plus twice their median deviation (after Westerweel and
     Scarano, Experiments in Fluids 39, 2005).
     """
     if len(source) <= NEIGHBOURS:
         return np.ones(len(source), dtype=bool)
     overall = msac("affine", source, target, threshold_px=0.1 * float(np.ptp(source, axis=0).max()), seed=seed)
-    rest = target - apply_transform(overall.transform, source)
+    deviation = target - apply_transform(overall.transform, source)
     keep = overall.inliers
     for _ in range(2):
         if keep.sum() <= NEIGHBOURS:
             break
         _, near = cKDTree(source[keep]).query(source, k=NEIGHBOURS + 1)
-        around = rest[keep][near[:, 1:]]
-        middle = np.median(around, axis=1)
-        spread = np.median(np.linalg.norm(around - middle[:, None], axis=2), axis=1)
-        keep = np.linalg.norm(rest - middle, axis=1) <= tolerance_px + 2 * spread
+        around = deviation[keep][near[:, 1:]]
+        usual = np.median(around, axis=1)
+        spread = np.median(np.linalg.norm(around - usual[:, None], axis=2), axis=1)
+        keep = np.linalg.norm(deviation - usual, axis=1) <= tolerance_px + 2 * spread
     return keep
 
 
-def agreeing(source: Array, target: Array, *, threshold_px: float = 4.0) -> Mask:
-    """Which matches, few or many, move alike, (n,) bool.
+def agreeing_matches(source: Array, target: Array, *, threshold_px: float = 4.0) -> Mask:
+    """Which matches agree: by :func:`consistent_matches` where they are many, else with an affine transform, (n,) bool.
 
     source, target : (n, 2) [px]
-    threshold_px : where neighbours are too few to be compared, how far a match may be from the affine transform that
-        most agree on [px]
+    threshold_px : largest distance from the affine transform that most matches fit [px]
     """
     if len(source) > NEIGHBOURS:
-        return consistent(source, target)
+        return consistent_matches(source, target)
     if len(source) <= MINIMUM_PAIRS["affine"]:
         return np.ones(len(source), dtype=bool)
     return msac("affine", source, target, threshold_px=threshold_px).inliers
@@ -124,29 +122,33 @@ def agreeing(source: Array, target: Array, *, threshold_px: float = 4.0) -> Mask
 def local_motion(source: Array, target: Array, points: Array) -> LocalMotion:
     """Motion at points by moving least squares: an affine transform of the nearest matches, weighted by distance.
 
-    source, target : (m, 2) — matches without false ones, m at least 3 [px]
+    source, target : (m, 2) — correct matches, m at least 3 [px]
     points : (n, 2) — in the reference image [px]
 
     The weight (1 − d²/d_max²)² vanishes at the farthest neighbour, so that the motion is continuous (Lancaster and
-    Salkauskas, Mathematics of Computation 37, 1981). Where the neighbours lie on a line, or are fewer than three, they
-    tell only their mean motion.
+    Salkauskas, Mathematics of Computation 37, 1981). Where the neighbours are collinear, the gradient is estimated
+    along their line only.
     """
     count = min(NEIGHBOURS + 1, len(source))
-    distance, near = cKDTree(source).query(points, k=np.arange(1, count + 1))
+    distance, neighbours = cKDTree(source).query(points, k=np.arange(1, count + 1))
     with np.errstate(divide="ignore", invalid="ignore"):
         weight = np.nan_to_num((1 - (distance / distance[:, -1:]) ** 2) ** 2, nan=1.0)
     weight = np.where(weight.sum(axis=1, keepdims=True) > 0, weight, 1.0)
     weight /= weight.sum(axis=1, keepdims=True)
-    centre, mean, spread, mixed = _moments(source, target - source, near, weight)
-    slope = mixed @ _inverse(spread)
-    position = points + mean + (slope @ (points - centre)[..., None])[..., 0]
+    centre, mean_motion, spread, mixed = _moments(source, target - source, neighbours, weight)
+    slope = mixed @ _pseudo_inverse(spread)
+    position = points + mean_motion + (slope @ (points - centre)[..., None])[..., 0]
     return LocalMotion(position, slope + np.eye(2))
 
 
 @njit(cache=True, nogil=True)
-def _moments(places, motions, near, weight):  # type: ignore[no-untyped-def]
-    """Weighted means (n, 2) of the places and motions of neighbours, the second moments (n, 2, 2) of the places about
-    theirs, and the mixed ones (motion, place)."""
+def _moments(places: Array, motions: Array, near: Index, weight: Array) -> tuple[Array, Array, Array, Array]:
+    """Weighted moments of the neighbours of n points.
+
+    places, motions : (m, 2); near : (n, k) — indices of the neighbours; weight : (n, k)
+    Returns the means of places and motions (n, 2), the second central moments of the places (n, 2, 2), and the mixed
+    ones of motion and place (n, 2, 2).
+    """
     count = len(near)
     centre, mean = np.zeros((count, 2)), np.zeros((count, 2))
     spread, mixed = np.zeros((count, 2, 2)), np.zeros((count, 2, 2))
@@ -164,13 +166,13 @@ def _moments(places, motions, near, weight):  # type: ignore[no-untyped-def]
     return centre, mean, spread, mixed
 
 
-def _inverse(matrix: Array) -> Array:
-    """Pseudo-inverses of symmetric 2 × 2 matrices (n, 2, 2) without negative eigenvalues."""
+def _pseudo_inverse(matrix: Array) -> Array:
+    """Pseudo-inverses of positive semidefinite matrices (n, 2, 2)."""
     a, b, c = matrix[:, 0, 0], matrix[:, 0, 1], matrix[:, 1, 1]
     apart = np.hypot(0.5 * (a - c), b)
     large = 0.5 * (a + c) + apart
     small = (a * c - b * b) / np.where(large > 0.0, large, 1.0)
-    is_line = small <= _LINE * large
+    is_line = small <= _MAX_COLLINEAR_RATIO * large
     scale = np.where(is_line, 2.0 * apart * large, small * large)
     adjugate = np.stack([c, -b, -b, a], axis=-1).reshape(-1, 2, 2)
     along = matrix - (small[:, None, None] * np.eye(2))
@@ -178,20 +180,23 @@ def _inverse(matrix: Array) -> Array:
     return np.asarray(chosen * np.where(scale > 0.0, 1.0 / np.where(scale > 0.0, scale, 1.0), 0.0)[:, None, None])
 
 
-def _nearest(queries: npt.NDArray[Any], others: npt.NDArray[Any], count: int) -> tuple[Array, Pairs]:
-    """Distances and indices (n, count) of the nearest one or two descriptors: by different bits, or Euclidean."""
+def _nearest(queries: Descriptors, others: Descriptors, count: int) -> tuple[Array, Pairs]:
+    """Distances and indices (n, count) of the nearest descriptors: number of different bits, or Euclidean distance."""
     if queries.dtype == np.uint8:
         distance, index = cv2.batchDistance(queries, others, cv2.CV_32S, normType=cv2.NORM_HAMMING, K=count)
         return distance.astype(np.float64), index.astype(np.intp)
-    blocks = [_nearest_euclidean(queries[k : k + BLOCK], others, count) for k in range(0, len(queries), BLOCK)]
+    blocks = [
+        _nearest_euclidean(queries[k : k + DESCRIPTORS_PER_BLOCK], others, count)
+        for k in range(0, len(queries), DESCRIPTORS_PER_BLOCK)
+    ]
     index = np.concatenate(blocks)
     return np.stack([_distances(queries, others[column]) for column in index.T], axis=1), index
 
 
-def _nearest_euclidean(queries: npt.NDArray[Any], others: npt.NDArray[Any], count: int) -> Pairs:
-    """Indices (n, count) by |o|² − 2 q·o: one matrix product instead of n² differences, which only ranks well.
+def _nearest_euclidean(queries: Descriptors, others: Descriptors, count: int) -> Pairs:
+    """Indices (n, count) of the nearest descriptors by |o|² − 2 q·o, one matrix product instead of n² differences.
 
-    Its rounding is of the size of the descriptors' squares, so distances are taken from differences afterwards.
+    Its rounding errors are relative to the squared descriptors: good enough to rank, not for the distances themselves.
     """
     table = np.einsum("ij,ij->i", others, others) - 2.0 * (queries @ others.T)
     rows, index = np.arange(len(queries)), np.empty((len(queries), count), dtype=np.intp)
@@ -201,7 +206,7 @@ def _nearest_euclidean(queries: npt.NDArray[Any], others: npt.NDArray[Any], coun
     return index
 
 
-def _distances(a: npt.NDArray[Any], b: npt.NDArray[Any]) -> Array:
+def _distances(a: Descriptors, b: Descriptors) -> Array:
     """Distance of each descriptor from the one in the same row, (n,)."""
     if a.dtype == np.uint8:
         return np.asarray(np.bitwise_count(a ^ b).sum(axis=1), dtype=np.float64)

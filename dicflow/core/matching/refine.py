@@ -1,30 +1,29 @@
-"""Matched positions to a few hundredths of a pixel, by comparing the grey levels around them."""
+"""Refinement of matched positions to a few hundredths of a pixel, by correlation of the windows around them."""
 
 from __future__ import annotations
 
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import cv2
 import numpy as np
-import numpy.typing as npt
 from numba import njit
 from scipy.ndimage import spline_filter
 
-from dicflow.core.arrays import Array, Image
+from dicflow.core.arrays import Array, Grey, Image
 
-__all__ = ["Refined", "refine_matches"]
+__all__ = ["RefinedMatches", "refine_matches"]
 
 
-ITERATIONS = 20
+MAX_ITERATIONS = 20
 CONVERGED_PX = 1e-3
-SMOOTHING_PX = 1.0  # noise and the finest grain bias interpolated positions (Pan, Optics Express 21, 2013)
+SMOOTHING_PX = 1.0  # reduces the bias of interpolation by noise and fine texture (Pan, Optics Express 21, 2013)
 
 
-class Refined(NamedTuple):
+class RefinedMatches(NamedTuple):
     """Matches after refinement.
 
     reference : (n, 2) float64 — the pixels nearest to the given reference positions [px]
-    deformed : (n, 2) float64 — where those are in the deformed image [px]; NaN where the comparison did not settle
+    deformed : (n, 2) float64 — their positions in the deformed image [px]; NaN where the iterations did not converge
     correlation : (n,) float64 — zero-mean normalised cross-correlation of the two windows; NaN likewise
     """
 
@@ -34,22 +33,22 @@ class Refined(NamedTuple):
 
 
 def refine_matches(
-    reference_image: npt.NDArray[Any],
-    deformed_image: npt.NDArray[Any],
+    reference_image: Grey,
+    deformed_image: Grey,
     reference: Array,
     deformed: Array,
     gradient: Array,
     *,
     window_px: int = 21,
     limit_px: float = 3.0,
-) -> Refined:
-    """Positions in the deformed image at which the window around each reference pixel fits best.
+) -> RefinedMatches:
+    """Positions in the deformed image at which the window around each reference pixel correlates best.
 
     reference_image, deformed_image : (rows, cols) grey
     reference, deformed : (n, 2) — matched positions [px]
-    gradient : (n, 2, 2) — ∂(deformed)/∂(reference) around each match, which shapes the window; it is not changed
+    gradient : (n, 2, 2) — ∂(deformed)/∂(reference) at each match, which deforms the window; it stays fixed
     window_px : side of the window, odd
-    limit_px : a match that moves farther than this has not settled [px]
+    limit_px : largest correction; a match that moves farther is not accepted [px]
 
     Minimises the zero-mean normalised sum of squared differences over the translation by inverse compositional
     Gauss-Newton steps (Baker and Matthews, Int. J. Computer Vision 56, 2004).
@@ -59,21 +58,21 @@ def refine_matches(
     found, correlation = _refine(
         _smoothed(reference_image), _coefficients(deformed_image), start, moved, gradient, window_px // 2, limit_px
     )
-    return Refined(start, found, correlation)
+    return RefinedMatches(start, found, correlation)
 
 
-def _smoothed(image: npt.NDArray[Any]) -> Image:
+def _smoothed(image: Grey) -> Image:
     """The image as float32 under a narrow Gaussian."""
     return np.asarray(cv2.GaussianBlur(image.astype(np.float32), (0, 0), SMOOTHING_PX), dtype=np.float32)
 
 
-def _coefficients(image: npt.NDArray[Any]) -> Image:
-    """Coefficients of the cubic B-spline through the smoothed image, which interpolates with less bias than others."""
+def _coefficients(image: Grey) -> Image:
+    """Coefficients of the cubic B-spline through the smoothed image."""
     return np.asarray(spline_filter(_smoothed(image), order=3, output=np.float32, mode="mirror"))
 
 
 @njit(cache=True, nogil=True)
-def _spline(coefficients: Any, x: float, y: float) -> float:
+def _spline(coefficients: Image, x: float, y: float) -> float:
     """Cubic B-spline at (x, y); NaN nearer than 2 px to the border."""
     rows, cols = coefficients.shape
     if not (1.0 <= x < cols - 2.0 and 1.0 <= y < rows - 2.0):
@@ -90,8 +89,8 @@ def _spline(coefficients: Any, x: float, y: float) -> float:
 
 
 @njit(cache=True, nogil=True)
-def _sample(coefficients: Any, x: float, y: float, gradient: Any, window: Any) -> bool:
-    """Fill ``window`` with the deformed image at (x, y) + gradient · offset; False where that leaves the image."""
+def _sample(coefficients: Image, x: float, y: float, gradient: Array, window: Array) -> bool:
+    """Fill ``window`` with the deformed image at (x, y) + gradient · offset; False if a sample is outside the image."""
     half = len(window) // 2
     for i in range(-half, half + 1):
         for j in range(-half, half + 1):
@@ -105,8 +104,10 @@ def _sample(coefficients: Any, x: float, y: float, gradient: Any, window: Any) -
 
 
 @njit(cache=True, nogil=True)
-def _refine(image: Any, coefficients: Any, start: Any, moved: Any, gradient: Any, half: int, limit: float) -> Any:
-    """The loop of :func:`refine_matches`: positions (n, 2) and correlations (n,)."""
+def _refine(
+    image: Image, coefficients: Image, start: Array, moved: Array, gradient: Array, half: int, limit: float
+) -> tuple[Array, Array]:
+    """Positions (n, 2) and correlations (n,) of :func:`refine_matches`."""
     rows, cols = image.shape
     found = np.full(moved.shape, np.nan)
     correlation = np.full(len(moved), np.nan)
@@ -123,7 +124,7 @@ def _refine(image: Any, coefficients: Any, start: Any, moved: Any, gradient: Any
         x, y = moved[n, 0], moved[n, 1]
         if determinant <= 1e-9 * (xx + yy) ** 2:
             continue
-        for _ in range(ITERATIONS):
+        for _ in range(MAX_ITERATIONS):
             if not (
                 np.hypot(x - moved[n, 0], y - moved[n, 1]) <= limit and _sample(coefficients, x, y, gradient[n], window)
             ):

@@ -1,9 +1,8 @@
-"""Disparities to a hundredth of a pixel: one-dimensional matching of windows along the rows.
+"""Refinement of disparities to a hundredth of a pixel, by one-dimensional matching of windows along the rows.
 
-Semi-global matching interpolates its cost by a parabola, which draws disparities towards whole pixels. Here the right
-image is warped by the disparity found so far and compared with the left one in a window around every pixel (Lucas and
-Kanade 1981). The warp follows the disparity from pixel to pixel, so the window takes on the slope and the curvature of
-the surface.
+Semi-global matching interpolates its cost by a parabola, which biases disparities towards whole pixels. Here the right
+image is warped by the current disparity and compared with the left one in a window around every pixel (Lucas and
+Kanade 1981). The warp uses the disparity of each pixel, so the window follows the slope and curvature of the surface.
 """
 
 from __future__ import annotations
@@ -17,35 +16,37 @@ from scipy.ndimage import spline_filter1d
 
 from dicflow.core.arrays import Image, Mask
 
-__all__ = ["Refined", "refine"]
+__all__ = ["RefinedDisparity", "refine_disparity"]
 
 
-_FARTHEST_PX = 1.0
+_MAX_CORRECTION_PX = 1.0
 
 
-class Refined(NamedTuple):
+class RefinedDisparity(NamedTuple):
     """A refined disparity map.
 
-    disparity : (rows, cols) float32 — x_left − x_right [px], NaN where none was given
+    disparity : (rows, cols) float32 — x_left − x_right [px], NaN where the given one is
     correlation : (rows, cols) float32 — zero-mean normalised cross-correlation of the windows, before the last
-        correction; NaN where there is nothing to compare
+        correction; NaN where the window holds no known pixel
     """
 
     disparity: Image
     correlation: Image
 
 
-def refine(left: Image, right: Image, disparity: Image, window_px: int = 21, iterations: int = 2) -> Refined:
-    """Refine a disparity map that is right to about half a pixel.
+def refine_disparity(
+    left: Image, right: Image, disparity: Image, window_px: int = 21, iterations: int = 2
+) -> RefinedDisparity:
+    """Refine a disparity map that is accurate to about half a pixel.
 
-    In each window the left image is fitted by a R + b ∂R/∂x + c with R the warped right image; what the disparity lacks
-    is −b/a, whatever the cameras' contrast and brightness. Pixels without disparity do not count.
+    In each window the left image is fitted by a R + b ∂R/∂x + c with R the warped right image. The correction of the
+    disparity is −b/a, independent of the cameras' contrast and brightness. Pixels with unknown disparity are left out.
 
     left, right : (rows, cols) float32 — rectified grey levels
-    disparity : (rows, cols) float32 — x_left − x_right [px], NaN where there is none
+    disparity : (rows, cols) float32 — x_left − x_right [px], NaN where unknown
     window_px : side of the window, odd
 
-    Where the window shows an edge of depth or no contrast the given value is kept.
+    Where the correction exceeds 1 px or is unknown, as at a depth edge or without contrast, the given value is kept.
     """
     refined = disparity
     known = np.isfinite(disparity)
@@ -55,12 +56,12 @@ def refine(left: Image, right: Image, disparity: Image, window_px: int = 21, ite
         grey, slope = _warp_rows(coefficients, smooth)
         correction, correlation = _correction(left, grey, slope, known & np.isfinite(grey), window_px)
         refined = smooth + np.clip(correction, -0.5, 0.5)
-        refined = np.where(np.abs(refined - disparity) <= _FARTHEST_PX, refined, disparity)
-    return Refined(np.asarray(refined, dtype=np.float32), correlation)
+        refined = np.where(np.abs(refined - disparity) <= _MAX_CORRECTION_PX, refined, disparity)
+    return RefinedDisparity(np.asarray(refined, dtype=np.float32), correlation)
 
 
 def _window_mean(values: Image, known: Mask, window_px: int) -> Image:
-    """Mean of the known values in a window around every pixel, NaN where none is known."""
+    """Mean of the known values in a window around every pixel; NaN where the window holds none."""
     share = _box(known.astype(np.float32), window_px)
     with np.errstate(invalid="ignore", divide="ignore"):
         return np.asarray(_box(np.where(known, values, 0.0).astype(np.float32), window_px) / share, dtype=np.float32)
@@ -85,6 +86,7 @@ def _correction(left: Image, grey: Image, slope: Image, known: Mask, window_px: 
 
 
 def _box(image: Image, window_px: int) -> Image:
+    """Sum over a window around every pixel, divided by its full area; pixels outside the image count as 0."""
     return np.asarray(cv2.blur(image, (window_px, window_px), borderType=cv2.BORDER_CONSTANT))
 
 

@@ -1,28 +1,35 @@
-"""Subsets of a region followed from one image to the next, and all of its points with them.
+"""Transforms of the subsets of a region from one image to the next, and the motion of its points.
 
-Each subset has one plane transform from the matches in it. Between the subsets' centres the carried positions are
-blended by bilinear weights, a partition of unity, so that what is carried stays continuous.
+Each subset has one plane transform from the matches in it. Between the subsets' centres the transformed positions are
+blended by bilinear weights, a partition of unity, so that the motion is continuous.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
-import numpy.typing as npt
 
-from dicflow.core.arrays import Array, Mask
-from dicflow.core.matching.pairs import consistent, local_motion
+from dicflow.core.arrays import Array, Counts, Index, Mask
+from dicflow.core.matching.pairs import consistent_matches, local_motion
 from dicflow.core.matching.transform import TransformKind, apply_transform, estimate_transform, jacobian, msac
 from dicflow.core.photographs.region import Polygon, contains
 
-__all__ = ["SubsetGrid", "Tracked", "carry_points", "follow_matches", "nearest_subset", "subset_grid", "track_subsets"]
+__all__ = [
+    "SubsetGrid",
+    "TrackedSubsets",
+    "carry_points",
+    "follow_matches",
+    "nearest_subset",
+    "subset_grid",
+    "track_subsets",
+]
 
 
-AREA_CHANGE = 3.0  # a subset whose area changes by this factor more, or less, than that of the others is wrong
-ENOUGH = 12  # matches below which nothing can be said about deviations
-PROBES = 32  # points per side of a subset that tell whether the region reaches into it
+MAX_AREA_CHANGE_RATIO = 3.0  # limit of a subset's change of area over the median change, or the reverse
+MIN_MATCHES_FOR_DEVIATIONS = 12
+PROBES_PER_SIDE = 32  # points per side of a subset at which it is tested whether the region reaches into it
 
 
 class SubsetGrid(NamedTuple):
@@ -30,7 +37,7 @@ class SubsetGrid(NamedTuple):
 
     x : (cols,) float64 — centres [px]
     y : (rows,) float64 — centres [px]
-    half_width_px, half_height_px : half the sides of one subset, its overlap included
+    half_width_px, half_height_px : half the sides of one subset, including its overlap
     cell_px : (2,) float64 — width and height of one subset without overlap
     """
 
@@ -46,25 +53,26 @@ class SubsetGrid(NamedTuple):
         return len(self.y), len(self.x)
 
     def members(self, row: int, column: int, points: Array) -> Mask:
-        """Which points (n, 2) lie in a subset, overlap included."""
+        """Which points (n, 2) lie in a subset, including its overlap."""
         dx, dy = np.abs(points[:, 0] - self.x[column]), np.abs(points[:, 1] - self.y[row])
         return np.asarray((dx <= self.half_width_px) & (dy <= self.half_height_px))
 
 
-class Tracked(NamedTuple):
+class TrackedSubsets(NamedTuple):
     """Transforms of all subsets, arrays of (rows, cols, …).
 
     transforms : (rows, cols, 3, 3) float64 — from the reference to the deformed image [px]
-    features, matches, inliers : int32 — reference features, matches and matches that the transform fits, in the region
+    features, matches, inliers : int32 — numbers of reference features, of matches, and of inliers of the transform, in
+        the region
     residual_px : root mean square transfer error of the inliers; NaN in filled and empty subsets
-    filled : the transform is that of the matches around the subset
-    empty : no part of the region is in the subset
+    filled : whether the transform is estimated from the matches of neighbouring subsets
+    empty : whether the subset holds no part of the region
     """
 
     transforms: Array
-    features: npt.NDArray[np.int32]
-    matches: npt.NDArray[np.int32]
-    inliers: npt.NDArray[np.int32]
+    features: Counts
+    matches: Counts
+    inliers: Counts
     residual_px: Array
     filled: Mask
     empty: Mask
@@ -73,7 +81,7 @@ class Tracked(NamedTuple):
 def subset_grid(box: tuple[float, float, float, float], shape: tuple[int, int], overlap: float) -> SubsetGrid:
     """Divide a box (x0, y0, x1, y1) [px] into rows × columns of subsets.
 
-    overlap : share of its own size by which each side of a subset reaches into the next one, 0 … 1
+    overlap : share of its size by which a subset reaches into its neighbour on each side, 0 … 1
     """
     x0, y0, x1, y1 = box
     rows, columns = shape
@@ -96,13 +104,13 @@ def track_subsets(
     confidence: float = 0.99,
     min_inliers: int = 8,
     seed: int = 0,
-) -> Tracked | None:
-    """Transform of each subset from the matches inside it and the region.
+) -> TrackedSubsets | None:
+    """Transform of each subset from the matches inside it and inside the region.
 
     source, target : (m, 2) — matches [px]
     features : (n, 2) — all features of the reference image [px]
     min_inliers : a subset with fewer is filled from its neighbours
-    Returns None where no subset has a transform.
+    Returns None where all transforms are missing or implausible.
     """
     inside = contains(polygons, source)
     source, target = source[inside], target[inside]
@@ -110,33 +118,36 @@ def track_subsets(
     shape = grid.shape
     transforms, residual = np.full((*shape, 3, 3), np.nan), np.full(shape, np.nan)
     counts = np.zeros((3, *shape), dtype=np.int32)
-    kept = np.zeros((*shape, len(source)), dtype=bool)
+    inliers = np.zeros((*shape, len(source)), dtype=bool)
     for row, column in np.ndindex(*shape):
-        here = np.flatnonzero(grid.members(row, column, source))
+        inside_subset = np.flatnonzero(grid.members(row, column, source))
         found = msac(
-            kind, source[here], target[here],
+            kind, source[inside_subset], target[inside_subset],
             threshold_px=threshold_px, confidence=confidence, seed=(seed, row, column),
         )  # fmt: skip
         number = int(found.inliers.sum())
-        counts[:, row, column] = grid.members(row, column, features).sum(), len(here), number
+        counts[:, row, column] = grid.members(row, column, features).sum(), len(inside_subset), number
         if number >= min_inliers:
             transforms[row, column], residual[row, column] = found.transform, found.residual_px
-            kept[row, column, here[found.inliers]] = True
-    sound = _sound(grid, transforms)
-    if not sound.any():
+            inliers[row, column, inside_subset[found.inliers]] = True
+    plausible = _is_plausible(grid, transforms)
+    if not plausible.any():
         return None
-    transforms[~sound], residual[~sound] = _from_neighbours(sound, kept, source, target), np.nan
-    empty = _empty(grid, polygons)
-    return Tracked(transforms, counts[0], counts[1], counts[2], residual, ~sound & ~empty, empty)
+    transforms[~plausible], residual[~plausible] = (
+        _transforms_from_neighbours(plausible, inliers, source, target),
+        np.nan,
+    )
+    empty = _is_outside_region(grid, polygons)
+    return TrackedSubsets(transforms, counts[0], counts[1], counts[2], residual, ~plausible & ~empty, empty)
 
 
 def carry_points(grid: SubsetGrid, transforms: Array, points: Array, *, blend: bool = True) -> Array:
-    """Carry points (..., 2) [px]; each by the transforms of the nearest subsets, blended, or by its own subset's alone.
+    """Points (..., 2) [px] after the transforms of the nearest subsets, blended, or of the nearest subset alone.
 
-    Outside the outermost centres the outermost transforms hold.
+    Outside the outermost centres the outermost transforms apply.
     """
     flat = points.reshape(-1, 2)
-    (j, u), (i, v) = _place(grid.x, flat[:, 0]), _place(grid.y, flat[:, 1])
+    (j, u), (i, v) = _bracketing_centres(grid.x, flat[:, 0]), _bracketing_centres(grid.y, flat[:, 1])
     if not blend:
         u, v = np.rint(u), np.rint(v)
     rows, columns = grid.shape
@@ -149,32 +160,32 @@ def carry_points(grid: SubsetGrid, transforms: Array, points: Array, *, blend: b
 
 
 def follow_matches(grid: SubsetGrid, transforms: Array, source: Array, target: Array, points: Array) -> Array:
-    """Carry points (..., 2) [px] by the blended transforms and by what the matches around each deviate from these.
+    """Points (..., 2) [px] after the blended transforms, corrected by the deviation of the matches around each point.
 
-    source, target : (m, 2) — matches [px]; those that move unlike their neighbours are left out
+    source, target : (m, 2) — matches [px]; inconsistent ones are left out
 
-    A plane transform per subset misses what varies inside the subset, such as a neck; the matches do not.
+    The correction includes motion that varies within a subset, such as a neck, which one plane transform cannot.
     """
-    keep = consistent(source, target)
+    keep = consistent_matches(source, target)
     source, deviation = source[keep], target[keep] - carry_points(grid, transforms, source[keep])
     flat, carried = points.reshape(-1, 2), carry_points(grid, transforms, points)
-    exist = np.flatnonzero(np.isfinite(flat).all(axis=1))
-    if len(source) >= ENOUGH and len(exist):
-        local = local_motion(source, source + deviation, flat[exist]).position - flat[exist]
-        carried.reshape(-1, 2)[exist] += local
+    known = np.flatnonzero(np.isfinite(flat).all(axis=1))
+    if len(source) >= MIN_MATCHES_FOR_DEVIATIONS and len(known):
+        local_deviation = local_motion(source, source + deviation, flat[known]).position - flat[known]
+        carried.reshape(-1, 2)[known] += local_deviation
     return carried
 
 
-def nearest_subset(grid: SubsetGrid, points: Array) -> tuple[npt.NDArray[np.intp], npt.NDArray[np.intp]]:
+def nearest_subset(grid: SubsetGrid, points: Array) -> tuple[Index, Index]:
     """Row and column (each (...)) of the subset whose centre is nearest to each point (..., 2)."""
-    (j, u), (i, v) = _place(grid.x, points[..., 0]), _place(grid.y, points[..., 1])
+    (j, u), (i, v) = _bracketing_centres(grid.x, points[..., 0]), _bracketing_centres(grid.y, points[..., 1])
     rows, columns = grid.shape
     row = np.minimum(i + np.rint(v).astype(np.intp), rows - 1)
     return row, np.minimum(j + np.rint(u).astype(np.intp), columns - 1)
 
 
-def _place(centres: Array, values: Array) -> tuple[npt.NDArray[np.intp], Array]:
-    """Index of the centre before each value, and the share of the way to the next one, both within the centres."""
+def _bracketing_centres(centres: Array, values: Array) -> tuple[Index, Array]:
+    """Index of the centre before each value, and the share of the way to the next one, clipped to the centres."""
     if len(centres) == 1:
         return np.zeros(values.shape, dtype=np.intp), np.zeros(values.shape)
     steps = np.nan_to_num((values - centres[0]) / (centres[1] - centres[0]))
@@ -183,8 +194,8 @@ def _place(centres: Array, values: Array) -> tuple[npt.NDArray[np.intp], Array]:
     return index, steps - index
 
 
-def _sound(grid: SubsetGrid, transforms: Array) -> Mask:
-    """Subsets whose transform neither folds nor changes the area unlike the others.
+def _is_plausible(grid: SubsetGrid, transforms: Array) -> Mask:
+    """Subsets whose transform does not fold and changes the area about as the others do.
 
     The local change of area at the centre and corners of the subset must stay within a factor of the median of all.
     """
@@ -198,28 +209,32 @@ def _sound(grid: SubsetGrid, transforms: Array) -> Mask:
         return np.asarray(exists)
     change[~exists] = -1.0
     usual = float(np.median(change[exists, 0]))
-    return np.asarray((change > max(usual, 0) / AREA_CHANGE).all(axis=-1) & (change < usual * AREA_CHANGE).all(axis=-1))
+    return np.asarray(
+        (change > max(usual, 0) / MAX_AREA_CHANGE_RATIO).all(axis=-1)
+        & (change < usual * MAX_AREA_CHANGE_RATIO).all(axis=-1)
+    )
 
 
-def _from_neighbours(sound: Mask, kept: Mask, source: Array, target: Array) -> Array:
-    """Transforms (n, 3, 3) of the subsets that have none: affine, by the inliers of the nearest ring of sound ones.
+def _transforms_from_neighbours(plausible: Mask, inliers: Mask, source: Array, target: Array) -> Array:
+    """Affine transforms (n, 3, 3) of the implausible subsets, from the inliers of the nearest ring of plausible ones.
 
-    kept : (rows, cols, m) — inliers of each subset
+    plausible : (rows, cols)
+    inliers : (rows, cols, m) — of each subset
     """
-    rows, columns = np.indices(sound.shape)
-    found = []
-    for row, column in np.argwhere(~sound):
+    rows, columns = np.indices(plausible.shape)
+    transforms = []
+    for row, column in np.argwhere(~plausible):
         ring = np.maximum(abs(rows - row), abs(columns - column))
-        nearest = ring == ring[sound].min()
-        pooled = kept[nearest & sound].any(axis=0)
-        found.append(estimate_transform("affine", source[pooled], target[pooled]))
-    return np.array(found).reshape(-1, 3, 3)
+        nearest = ring == ring[plausible].min()
+        pooled = inliers[nearest & plausible].any(axis=0)
+        transforms.append(estimate_transform("affine", source[pooled], target[pooled]))
+    return np.array(transforms).reshape(-1, 3, 3)
 
 
-def _empty(grid: SubsetGrid, polygons: Sequence[Polygon]) -> Mask:
-    """Subsets, without overlap, that the region does not reach into."""
-    share = (np.arange(PROBES) + 0.5) / PROBES - 0.5
+def _is_outside_region(grid: SubsetGrid, polygons: Sequence[Polygon]) -> Mask:
+    """Subsets, without overlap, that hold no part of the region."""
+    share = (np.arange(PROBES_PER_SIDE) + 0.5) / PROBES_PER_SIDE - 0.5
     x = (grid.x[:, None] + share * grid.cell_px[0]).ravel()
     y = (grid.y[:, None] + share * grid.cell_px[1]).ravel()
-    covered: npt.NDArray[Any] = contains(polygons, np.stack(np.meshgrid(x, y), axis=-1))
-    return ~np.asarray(covered.reshape(len(grid.y), PROBES, len(grid.x), PROBES).any(axis=(1, 3)))
+    covered = contains(polygons, np.stack(np.meshgrid(x, y), axis=-1))
+    return ~np.asarray(covered.reshape(len(grid.y), PROBES_PER_SIDE, len(grid.x), PROBES_PER_SIDE).any(axis=(1, 3)))

@@ -1,4 +1,4 @@
-"""Plane transforms from point pairs: least squares, and robust estimation among false pairs.
+"""Plane transforms from point pairs: least squares, and robust estimation with false pairs.
 
 A transform is a 3 × 3 matrix H in homogeneous pixel coordinates, H[2, 2] = 1: x' ~ H (x, y, 1).
 """
@@ -26,19 +26,19 @@ __all__ = [
 TransformKind = Literal["similarity", "affine", "projective"]
 
 MINIMUM_PAIRS: dict[str, int] = {"similarity": 2, "affine": 3, "projective": 4}
-"""Number of point pairs that determine each kind of transform."""
+"""Number of point pairs that each kind of transform needs."""
 
-BLOCK = 32  # hypotheses that are tried at once
-REFITS = 20  # a refit that has not settled by then alternates between two sets that are equally good
+HYPOTHESES_PER_BLOCK = 32  # hypotheses that are evaluated at once
+MAX_REFITS = 20  # refits that have not converged by then alternate between two equally good sets of inliers
 
 
 class Consensus(NamedTuple):
-    """What MSAC found.
+    """Result of the sample consensus.
 
-    transform : (3, 3) float64 — NaN where no hypothesis was possible
+    transform : (3, 3) float64 — NaN with too few pairs
     inliers : (n,) bool — pairs whose transfer error is below the threshold
-    residual_px : root mean square transfer error of the inliers [px]; NaN without any
-    trials : hypotheses that were tried
+    residual_px : root mean square transfer error of the inliers [px]; NaN without inliers
+    trials : number of hypotheses that were evaluated
     """
 
     transform: Array
@@ -48,11 +48,11 @@ class Consensus(NamedTuple):
 
 
 def apply_transform(transform: Array, points: Array) -> Array:
-    """Carry points by transforms.
+    """Points after a transform.
 
     transform : (..., 3, 3) float64
     points : (..., n, 2) float64 — (x, y) [px]; leading axes broadcast against those of ``transform``
-    Returns (..., n, 2) float64 [px]; NaN for points on or beyond the transform's horizon, where it has no meaning.
+    Returns (..., n, 2) float64 [px]; NaN for points on or beyond the transform's horizon, where it is undefined.
 
     >>> apply_transform(np.array([[2.0, 0, 1], [0, 2, 0], [0, 0, 1]]), np.array([[3.0, 4.0]]))
     array([[7., 8.]])
@@ -77,7 +77,7 @@ def jacobian(transform: Array, points: Array) -> Array:
 
 
 def transfer_error(transform: Array, source: Array, target: Array) -> Array:
-    """Distance of each carried source point from its target, (..., n) [px]; infinite beyond the horizon."""
+    """Distance of each transformed source point from its target, (..., n) [px]; infinite beyond the horizon."""
     difference = apply_transform(transform, source) - target
     distance = np.sqrt(np.einsum("...i,...i->...", difference, difference))
     return np.where(np.isnan(distance), np.inf, distance)
@@ -115,32 +115,32 @@ def msac(
     max_trials: int = 2000,
     seed: int | Sequence[int] = 0,
 ) -> Consensus:
-    """Transform that most pairs agree on, by the M-estimator sample consensus.
+    """Transform that fits most pairs, by M-estimator sample consensus.
 
     source, target : (n, 2) float64 — matched points, some of them wrong [px]
     threshold_px : transfer error from which a pair counts as wrong [px]
-    confidence : probability with which at least one sample without wrong pairs was tried
+    confidence : probability with which at least one sample has no wrong pair
     seed : of the random samples; equal seeds give equal results to the last bit
 
-    Each hypothesis from a minimal sample costs Σ min(e², threshold²) (Torr and Zisserman, Computer Vision and Image
-    Understanding 78, 2000); the best one is fitted again to its inliers until they no longer change.
+    The cost of a hypothesis from a minimal sample is Σ min(e², threshold²) (Torr and Zisserman, Computer Vision and
+    Image Understanding 78, 2000); the best one is refitted to its inliers until they no longer change.
     """
     minimum = MINIMUM_PAIRS[kind]
     if len(source) < minimum:
         return Consensus(np.full((3, 3), np.nan), np.zeros(len(source), dtype=bool), float("nan"), 0)
     generator = np.random.default_rng(seed)
-    best, best_cost, trials, needed = np.full((3, 3), np.nan), np.inf, 0, max_trials
-    while trials < needed:
-        picks = _samples(generator, BLOCK, len(source), minimum)
+    best, best_cost, trials, trials_needed = np.full((3, 3), np.nan), np.inf, 0, max_trials
+    while trials < trials_needed:
+        picks = _samples(generator, HYPOTHESES_PER_BLOCK, len(source), minimum)
         hypotheses = estimate_transform(kind, source[picks], target[picks])
         errors = transfer_error(hypotheses, source, target)
         costs = np.minimum(errors**2, threshold_px**2).sum(axis=-1)
-        trials += BLOCK
+        trials += HYPOTHESES_PER_BLOCK
         if costs.min() < best_cost:
-            first = int(costs.argmin())
-            best, best_cost = hypotheses[first], float(costs[first])
-            share = float(np.mean(errors[first] < threshold_px))
-            needed = min(max_trials, _trials_needed(share, minimum, confidence))
+            cheapest = int(costs.argmin())
+            best, best_cost = hypotheses[cheapest], float(costs[cheapest])
+            share = float(np.mean(errors[cheapest] < threshold_px))
+            trials_needed = min(max_trials, _trials_needed(share, minimum, confidence))
     transform, inliers = _refit(kind, best, source, target, threshold_px)
     errors = transfer_error(transform, source[inliers], target[inliers])
     residual = float(np.sqrt(np.mean(errors**2))) if inliers.any() else float("nan")
@@ -148,7 +148,7 @@ def msac(
 
 
 def _samples(generator: np.random.Generator, count: int, population: int, size: int) -> Index:
-    """``count`` samples of ``size`` different indices below ``population``: each draw steps over the earlier ones."""
+    """``count`` samples of ``size`` different indices below ``population``: each draw skips the earlier ones."""
     picks = generator.integers(0, population - np.arange(size), (count, size))
     for column in range(1, size):
         for earlier in np.sort(picks[:, :column], axis=1).T:
@@ -157,7 +157,7 @@ def _samples(generator: np.random.Generator, count: int, population: int, size: 
 
 
 def _trials_needed(inlier_share: float, sample_size: int, confidence: float) -> int:
-    """Number of samples for one without outliers: log(1 − confidence) / log(1 − share^size)."""
+    """Number of samples of which one is free of outliers: log(1 − confidence) / log(1 − share^size)."""
     clean = inlier_share**sample_size
     if clean <= 0:
         return np.iinfo(np.int64).max
@@ -169,9 +169,9 @@ def _trials_needed(inlier_share: float, sample_size: int, confidence: float) -> 
 def _refit(
     kind: TransformKind, transform: Array, source: Array, target: Array, threshold_px: float
 ) -> tuple[Array, Mask]:
-    """Fit to the inliers and take the inliers of that fit, until they stay the same."""
+    """Transform and inliers after repeated fits to the inliers of the last fit, until these stay the same."""
     inliers = transfer_error(transform, source, target) < threshold_px
-    for _ in range(REFITS):
+    for _ in range(MAX_REFITS):
         if inliers.sum() < MINIMUM_PAIRS[kind]:
             break
         fitted = estimate_transform(kind, source[inliers], target[inliers])
@@ -198,7 +198,7 @@ def _normalisation(points: Array) -> Array:
 
 
 def _inverse_normalisation(transform: Array) -> Array:
-    """Inverse of what ``_normalisation`` gives."""
+    """Inverse of a transform by :func:`_normalisation`."""
     scale = transform[..., 0, 0]
     inverse = np.zeros_like(transform)
     inverse[..., 0, 0] = inverse[..., 1, 1] = 1 / scale

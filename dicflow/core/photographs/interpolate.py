@@ -1,29 +1,28 @@
-"""Grey levels between pixels: an image as a B-spline, and its value and slope anywhere.
+"""Grey levels between pixels: an image as a B-spline, its values anywhere and its slopes at the pixels.
 
 The spline of degree 3 or 5 passes through all pixels. Its coefficients come from recursive filters along columns and
-rows (Unser, IEEE Signal Processing Magazine 16(6), 1999); each image is filtered once, and everything that is sampled
-from it uses the same coefficients.
+rows (Unser, IEEE Signal Processing Magazine 16(6), 1999). Each image is filtered once for all samples.
 """
 
 from __future__ import annotations
 
 import math
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import cv2
 import numpy as np
 import numpy.typing as npt
 from numba import njit
 
-from dicflow.core.arrays import Image
+from dicflow.core.arrays import Array, Grey, Image
 
-__all__ = ["FAST", "PAD", "Spline", "interpolate", "slopes", "spline"]
+__all__ = ["FAST_MATH", "PAD", "Spline", "interpolate", "slopes", "spline"]
 
 
 PAD = 3
-"""Rows and columns of coefficients beyond the image, its mirror image, so that the whole image can be sampled."""
-FAST = {"reassoc", "contract", "nsz", "arcp"}
-"""Liberties that let sums be vectorised; NaN and infinity keep their meaning."""
+"""Rows and columns of mirrored coefficients beyond each border, so that the spline can be sampled up to the border."""
+FAST_MATH = {"reassoc", "contract", "nsz", "arcp"}
+"""Fast-math flags that allow vectorised sums; NaN and infinity are still handled correctly."""
 
 _POLES = {
     3: (math.sqrt(3.0) - 2.0,),
@@ -32,9 +31,13 @@ _POLES = {
         math.sqrt(67.5 + math.sqrt(4436.25)) - math.sqrt(26.25) - 6.5,
     ),
 }
-_AT_INTEGERS = {3: ([1, 4, 1], 6.0), 5: ([1, 26, 66, 26, 1], 120.0)}
-_SLOPE_AT_INTEGERS = {3: ([-1, 0, 1], 2.0), 5: ([-1, -10, 0, 10, 1], 24.0)}
-_NEGLIGIBLE = 1e-9
+_VALUES_AT_INTEGERS = {3: ([1, 4, 1], 6.0), 5: ([1, 26, 66, 26, 1], 120.0)}
+_SLOPES_AT_INTEGERS = {3: ([-1, 0, 1], 2.0), 5: ([-1, -10, 0, 10, 1], 24.0)}
+_NEGLIGIBLE_WEIGHT = 1e-9
+
+
+Weights = tuple[np.float32, np.float32, np.float32, np.float32, np.float32, np.float32]
+"""Values of the six quintic B-splines that overlap a point."""
 
 
 class Spline(NamedTuple):
@@ -50,7 +53,7 @@ class Spline(NamedTuple):
     degree: int
 
 
-def spline(image: npt.NDArray[Any], degree: int = 5) -> Spline:
+def spline(image: Grey, degree: int = 5) -> Spline:
     """The B-spline through an image.
 
     image : (rows, cols) grey; at least PAD + 1 pixels each way
@@ -66,8 +69,8 @@ def spline(image: npt.NDArray[Any], degree: int = 5) -> Spline:
 
 
 def slopes(image: Spline) -> tuple[Image, Image]:
-    """Derivatives of a spline along x and along y at the pixels, (rows, cols) float32 each [grey levels per px]."""
-    (value, whole), (slope, half) = _AT_INTEGERS[image.degree], _SLOPE_AT_INTEGERS[image.degree]
+    """Derivatives of a spline along x and y at the pixels, (rows, cols) float32 each [grey levels per px]."""
+    (value, whole), (slope, half) = _VALUES_AT_INTEGERS[image.degree], _SLOPES_AT_INTEGERS[image.degree]
     across, along = np.array(value) / whole, np.array(slope) / half
     inner = slice(PAD, -PAD)
     by_x = cv2.sepFilter2D(image.coefficients, -1, along, across)[inner, inner]
@@ -84,33 +87,38 @@ def interpolate(image: Spline, xy: npt.ArrayLike) -> Image:
 
 
 def _filter_columns(grey: Image, pole: float) -> None:
-    """One pole's causal and anticausal filter down all columns, in place; the image goes on as its mirror image."""
-    reach = np.arange(math.ceil(math.log(_NEGLIGIBLE) / math.log(abs(pole))))
+    """Causal and anticausal filter of one pole along all columns, in place, with mirrored borders."""
+    reach = np.arange(math.ceil(math.log(_NEGLIGIBLE_WEIGHT) / math.log(abs(pole))))
     powers, folded = (pole**reach).astype(np.float32), reach % (2 * len(grey) - 2)
     grey *= np.float32((1.0 - pole) * (1.0 - 1.0 / pole))
     grey[0] = powers @ grey[np.minimum(folded, 2 * len(grey) - 2 - folded)]
-    _run_down(grey, np.float32(pole))
+    _causal_filter(grey, np.float32(pole))
     grey[-1] = np.float32(pole / (pole * pole - 1.0)) * (grey[-1] + np.float32(pole) * grey[-2])
-    _run_up(grey, np.float32(pole))
+    _anticausal_filter(grey, np.float32(pole))
 
 
 @njit(cache=True, nogil=True)
-def _run_down(grey: Any, pole: Any) -> None:
+def _causal_filter(grey: Image, pole: np.float32) -> None:
+    """Recursive filter from the first row to the last, in place."""
     for i in range(1, len(grey)):
         for j in range(grey.shape[1]):
             grey[i, j] += pole * grey[i - 1, j]
 
 
 @njit(cache=True, nogil=True)
-def _run_up(grey: Any, pole: Any) -> None:
+def _anticausal_filter(grey: Image, pole: np.float32) -> None:
+    """Recursive filter from the last row to the first, in place."""
     for i in range(len(grey) - 2, -1, -1):
         for j in range(grey.shape[1]):
             grey[i, j] = pole * (grey[i + 1, j] - grey[i, j])
 
 
-@njit(nogil=True, fastmath=FAST, error_model="numpy", forceinline=True)
-def bicubic(c: Any, at: Any, width: Any, t: Any, s: Any) -> Any:
-    """Cubic spline of flat coefficients at fractions (t, s) behind the second of the 4 × 4 that start at ``at``."""
+@njit(nogil=True, fastmath=FAST_MATH, error_model="numpy", forceinline=True)
+def bicubic(c: Image, at: np.uint64, width: np.uint64, t: np.float32, s: np.float32) -> np.float32:
+    """Value of the cubic spline of flat coefficients c, of which the 4 × 4 from index ``at`` on contribute.
+
+    width : coefficients per row; t, s : offsets along x and y from the second of the 4 × 4, 0 … 1
+    """
     sixth, half, two_thirds, one = np.float32(1 / 6), np.float32(0.5), np.float32(2 / 3), np.float32(1)
     r = one - t
     x0, x1 = sixth * r * r * r, two_thirds + t * t * (half * t - one)
@@ -120,17 +128,18 @@ def bicubic(c: Any, at: Any, width: Any, t: Any, s: Any) -> Any:
     y2, y3 = two_thirds + r * r * (half * r - one), sixth * s * s * s
     i, j, k = np.uint64(1), np.uint64(2), np.uint64(3)
     at1, at2, at3 = at + width, at + j * width, at + k * width
-    return (
+    value: np.float32 = (
         y0 * (x0 * c[at] + x1 * c[at + i] + x2 * c[at + j] + x3 * c[at + k])
         + y1 * (x0 * c[at1] + x1 * c[at1 + i] + x2 * c[at1 + j] + x3 * c[at1 + k])
         + y2 * (x0 * c[at2] + x1 * c[at2 + i] + x2 * c[at2 + j] + x3 * c[at2 + k])
         + y3 * (x0 * c[at3] + x1 * c[at3 + i] + x2 * c[at3 + j] + x3 * c[at3 + k])
     )
+    return value
 
 
-@njit(nogil=True, fastmath=FAST, error_model="numpy", forceinline=True)
-def quintic_weights(t: Any) -> Any:
-    """The six B-splines of degree 5 that are not zero at fraction t."""
+@njit(nogil=True, fastmath=FAST_MATH, error_model="numpy", forceinline=True)
+def quintic_weights(t: np.float32) -> Weights:
+    """Values at an offset t, 0 … 1, of the six B-splines of degree 5 that are not zero there."""
     r, scale = np.float32(1) - t, np.float32(1 / 120)
     five, ten, twenty = np.float32(5), np.float32(10), np.float32(20)
     t2 = t * t
@@ -144,37 +153,53 @@ def quintic_weights(t: Any) -> Any:
     return w0, w1, w2, w3, w4, w5
 
 
-@njit(nogil=True, fastmath=FAST, error_model="numpy", forceinline=True)
-def _row_of_six(c: Any, at: Any, w0: Any, w1: Any, w2: Any, w3: Any, w4: Any, w5: Any) -> Any:
+@njit(nogil=True, fastmath=FAST_MATH, error_model="numpy", forceinline=True)
+def _weighted_row(
+    c: Image,
+    at: np.uint64,
+    w0: np.float32,
+    w1: np.float32,
+    w2: np.float32,
+    w3: np.float32,
+    w4: np.float32,
+    w5: np.float32,
+) -> np.float32:
+    """Weighted sum of the six coefficients from index ``at`` on."""
     one = np.uint64(1)
     at1 = at + one
     at2 = at1 + one
     at3 = at2 + one
     at4 = at3 + one
-    return w0 * c[at] + w1 * c[at1] + w2 * c[at2] + w3 * c[at3] + w4 * c[at4] + w5 * c[at4 + one]
+    value: np.float32 = w0 * c[at] + w1 * c[at1] + w2 * c[at2] + w3 * c[at3] + w4 * c[at4] + w5 * c[at4 + one]
+    return value
 
 
-@njit(nogil=True, fastmath=FAST, error_model="numpy", forceinline=True)
-def biquintic(c: Any, at: Any, width: Any, t: Any, s: Any) -> Any:
-    """Quintic spline of flat coefficients at fractions (t, s) behind the third of the 6 × 6 that start at ``at``."""
+@njit(nogil=True, fastmath=FAST_MATH, error_model="numpy", forceinline=True)
+def biquintic(c: Image, at: np.uint64, width: np.uint64, t: np.float32, s: np.float32) -> np.float32:
+    """Value of the quintic spline of flat coefficients c, of which the 6 × 6 from index ``at`` on contribute.
+
+    width : coefficients per row; t, s : offsets along x and y from the third of the 6 × 6, 0 … 1
+    """
     x0, x1, x2, x3, x4, x5 = quintic_weights(t)
     y0, y1, y2, y3, y4, y5 = quintic_weights(s)
     at1 = at + width
     at2 = at1 + width
     at3 = at2 + width
     at4 = at3 + width
-    return (
-        y0 * _row_of_six(c, at, x0, x1, x2, x3, x4, x5)
-        + y1 * _row_of_six(c, at1, x0, x1, x2, x3, x4, x5)
-        + y2 * _row_of_six(c, at2, x0, x1, x2, x3, x4, x5)
-        + y3 * _row_of_six(c, at3, x0, x1, x2, x3, x4, x5)
-        + y4 * _row_of_six(c, at4, x0, x1, x2, x3, x4, x5)
-        + y5 * _row_of_six(c, at4 + width, x0, x1, x2, x3, x4, x5)
+    value: np.float32 = (
+        y0 * _weighted_row(c, at, x0, x1, x2, x3, x4, x5)
+        + y1 * _weighted_row(c, at1, x0, x1, x2, x3, x4, x5)
+        + y2 * _weighted_row(c, at2, x0, x1, x2, x3, x4, x5)
+        + y3 * _weighted_row(c, at3, x0, x1, x2, x3, x4, x5)
+        + y4 * _weighted_row(c, at4, x0, x1, x2, x3, x4, x5)
+        + y5 * _weighted_row(c, at4 + width, x0, x1, x2, x3, x4, x5)
     )
+    return value
 
 
 @njit(cache=True, nogil=True)
-def _interpolate(coefficients: Any, degree: int, points: Any, values: Any) -> None:
+def _interpolate(coefficients: Image, degree: int, points: Array, values: Image) -> None:
+    """Write the grey levels at points (n, 2) into values (n,); those outside the image are left unchanged."""
     rows, cols = coefficients.shape[0] - 2 * PAD, coefficients.shape[1] - 2 * PAD
     flat = coefficients.ravel()
     width, before = np.uint64(coefficients.shape[1]), PAD - degree // 2

@@ -1,119 +1,123 @@
-"""The noise of photographs, in grey levels: from two of the same scene where there are such, or from one."""
+"""The noise of photographs in grey levels, from one photograph or from two of the same scene."""
 
 from __future__ import annotations
 
 from functools import cache
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import cv2
 import numpy as np
-import numpy.typing as npt
 
-from dicflow.core.arrays import Array, Mask
-from dicflow.core.photographs.texture import saturation
+from dicflow.core.arrays import Array, Grey, Mask
+from dicflow.core.photographs.texture import saturation_level
 
 __all__ = [
     "Noise",
-    "first_noise",
     "image_noise",
-    "interpolated_noise",
+    "interpolated_noise_ratio",
+    "noise_from_pair",
+    "noise_of_first_photograph",
     "pair_noise",
     "residual_noise",
     "smoothed_noise",
-    "told_by_motion",
 ]
 
 
-ROUNDING = 12**-0.5  # grey levels: noise that whole numbers have in any case
-STATIC_PX = 0.05  # motion below which two photographs count as of one scene
+ROUNDING_NOISE = 12**-0.5  # grey levels: standard deviation of the rounding to whole numbers
+MAX_STATIC_MOTION_PX = 0.05  # motion below which two photographs are a static pair
 
-PLAIN_SHARE, PLAIN_PIXELS = 0.03, 500  # of the region, where its grey levels change least; at least so many pixels
-_DIFFERENCES = np.array([1.0, -4.0, 6.0, -4.0, 1.0]) / np.sqrt(70.0)
-_KEPT = {3: 0.874**2, 5: 0.918**2}
-"""Share of the noise's variance that interpolation leaves on average: (∫ φ²)² of the cardinal spline φ."""
-_MAD = 1.4826  # of a normal distribution: standard deviation over median absolute deviation
+MIN_PLAIN_SHARE, MIN_PLAIN_PIXELS = 0.03, 500  # size of the plainest part of the region
+_FOURTH_DIFFERENCE = np.array([1.0, -4.0, 6.0, -4.0, 1.0]) / np.sqrt(70.0)
+_INTERPOLATED_VARIANCE = {3: 0.874**2, 5: 0.918**2}
+"""Mean variance of white noise after interpolation, over that before: (∫ φ²)² of the cardinal spline φ."""
+_SIGMA_PER_MAD = 1.4826  # of a normal distribution: standard deviation over median absolute deviation
 
 
 class Noise(NamedTuple):
-    """What is known of the noise of a series of photographs.
+    """The noise of a series of photographs.
 
     grey : its standard deviation [grey levels]
-    source : what told it
-    settled : it stays, whatever photographs follow
+    source : photographs from which it is estimated
+    is_final : whether later photographs leave it unchanged
     """
 
     grey: float
     source: str
-    settled: bool
+    is_final: bool
 
 
-def first_noise(image: npt.NDArray[Any], usable: Mask) -> Noise:
-    """The noise as the first photograph tells it, until another one shows the same points.
+def noise_of_first_photograph(image: Grey, usable: Mask) -> Noise:
+    """The noise estimated from the first photograph, not final until a second one shows the same points.
 
     image : (rows, cols) grey; usable : (rows, cols) bool — the region
     """
-    return Noise(max(image_noise(image, usable), ROUNDING), "first photograph", False)
+    return Noise(max(image_noise(image, usable), ROUNDING_NOISE), "first photograph", False)
 
 
-def told_by_motion(
+def noise_from_pair(
     noise: Noise,
-    first: npt.NDArray[Any],
-    second: npt.NDArray[Any],
+    first: Grey,
+    second: Grey,
     usable: Mask,
-    found: tuple[Array, Array, Array],
+    points: tuple[Array, Array, Array],
     *,
     size: int,
     degree: int,
     smoothing_px: float,
 ) -> Noise:
-    """The noise as two photographs tell it together, where that is better than the first alone.
+    """The noise estimated from two correlated photographs, or that of the first where it is smaller.
 
-    noise : as the first photograph tells it
+    noise : estimated from the first photograph
     first, second : (rows, cols) grey; usable : (rows, cols) bool — the region in the first one
-    found : points in the first one (n, 2) — whole pixels, in the second one (n, 2) [px], and their ZNSSD (n,)
+    points : points in the first one (n, 2) — whole pixels, their matches in the second one (n, 2) [px], and ZNSSD (n,)
     size, degree : as in :func:`residual_noise`
-    smoothing_px : of both photographs before they were correlated, which leaves little of the noise in the residual
+    smoothing_px : smoothing of both before the correlation; the residual of smoothed photographs is not used
 
-    It stays unsettled where no point was found.
+    Final, except without points.
     """
-    centres, places, znssd = found
+    centres, places, znssd = points
     if not len(centres):
         return noise
-    if np.quantile(np.linalg.norm(places - centres, axis=-1), 0.95) < STATIC_PX:
-        return Noise(max(pair_noise(first, second, usable), ROUNDING), "static pair", True)
-    left = np.inf if smoothing_px > 0.0 else max(residual_noise(first, centres, znssd, size, degree), ROUNDING)
-    return Noise(left, "residual of a second photograph", True) if left < noise.grey else noise._replace(settled=True)
+    if np.quantile(np.linalg.norm(places - centres, axis=-1), 0.95) < MAX_STATIC_MOTION_PX:
+        return Noise(max(pair_noise(first, second, usable), ROUNDING_NOISE), "static pair", True)
+    residual = (
+        np.inf if smoothing_px > 0.0 else max(residual_noise(first, centres, znssd, size, degree), ROUNDING_NOISE)
+    )
+    return (
+        Noise(residual, "residual of a second photograph", True)
+        if residual < noise.grey
+        else noise._replace(is_final=True)
+    )
 
 
-def image_noise(image: npt.NDArray[Any], usable: Mask) -> float:
+def image_noise(image: Grey, usable: Mask) -> float:
     """Standard deviation of the noise of one photograph [grey levels].
 
     image : (rows, cols) grey; usable : (rows, cols) bool — the region
 
-    Fourth differences along rows and columns leave white noise as strong as it is, and little of what a lens has
-    drawn (after Immerkær, Computer Vision and Image Understanding 64, 1996, who takes second ones). The edges of
-    sharp speckles still show, so only the plainest part is used, as the smoothed image has it. Clipped pixels have no
-    noise and do not count. With a pattern finer than a few pixels the noise comes out too large.
+    Fourth differences along rows and columns keep the variance of white noise and remove most of the pattern (after
+    Immerkær, Computer Vision and Image Understanding 64, 1996, who uses second differences). The edges of sharp
+    speckles remain, so only the part where the smoothed image varies least is used. Clipped pixels lack noise and are
+    left out. The noise is overestimated where the pattern is finer than a few pixels.
     """
     grey = image.astype(np.float32)
-    residual = cv2.sepFilter2D(grey, cv2.CV_64F, _DIFFERENCES, _DIFFERENCES, borderType=cv2.BORDER_REFLECT)
+    residual = cv2.sepFilter2D(grey, cv2.CV_64F, _FOURTH_DIFFERENCE, _FOURTH_DIFFERENCE, borderType=cv2.BORDER_REFLECT)
     smooth = cv2.GaussianBlur(grey, (0, 0), 1.0)
     slope = np.hypot(cv2.Sobel(smooth, cv2.CV_32F, 1, 0, ksize=3), cv2.Sobel(smooth, cv2.CV_32F, 0, 1, ksize=3))
     slope = np.asarray(cv2.GaussianBlur(slope, (0, 0), 1.0))
-    free = usable & (grey > 0) & (grey < saturation(image))
-    if not free.any():
+    unclipped = usable & (grey > 0) & (grey < saturation_level(image))
+    if not unclipped.any():
         return 0.0
-    share = min(1.0, max(PLAIN_SHARE, PLAIN_PIXELS / int(free.sum())))
-    return _spread(residual[free & (slope <= np.quantile(slope[free], share))])
+    share = min(1.0, max(MIN_PLAIN_SHARE, MIN_PLAIN_PIXELS / int(unclipped.sum())))
+    return _standard_deviation_without_outliers(residual[unclipped & (slope <= np.quantile(slope[unclipped], share))])
 
 
-def pair_noise(first: npt.NDArray[Any], second: npt.NDArray[Any], usable: Mask) -> float:
-    """Standard deviation of the noise of each of two photographs in which nothing moved [grey levels].
+def pair_noise(first: Grey, second: Grey, usable: Mask) -> float:
+    """Standard deviation of the noise of each of two photographs of a static scene [grey levels].
 
     first, second : (rows, cols) grey; usable : (rows, cols) bool — the region
 
-    What a change of light, and a shift of a few hundredths of a pixel, explain is taken off the difference by least
-    squares.
+    A change of light and a shift of a few hundredths of a pixel are fitted to the difference and subtracted.
     """
     f, g = (image.astype(np.float32) for image in (first, second))
     smooth = cv2.GaussianBlur(f, (0, 0), 1.0)
@@ -122,59 +126,61 @@ def pair_noise(first: npt.NDArray[Any], second: npt.NDArray[Any], usable: Mask) 
         [np.ones(int(usable.sum()), dtype=np.float32), *(v[usable] for v in (smooth, *slopes))], axis=-1
     )
     difference = (g - f)[usable].astype(np.float64)
-    part = np.linalg.lstsq(explained.astype(np.float64), difference, rcond=None)[0]
-    return _spread(difference - explained @ part) / float(np.sqrt(2.0))
+    coefficients = np.linalg.lstsq(explained.astype(np.float64), difference, rcond=None)[0]
+    return _standard_deviation_without_outliers(difference - explained @ coefficients) / float(np.sqrt(2.0))
 
 
-def residual_noise(image: npt.NDArray[Any], centres: Array, znssd: Array, size: int, degree: int) -> float:
-    """Standard deviation of the noise that correlation left between two photographs [grey levels]; NaN without points.
+def residual_noise(image: Grey, centres: Array, znssd: Array, size: int, degree: int) -> float:
+    """Standard deviation of the noise from the residual of a correlation [grey levels]; NaN without points.
 
-    image : (rows, cols) grey — the reference; centres : (n, 2) — whole pixels; znssd : (n,) — there
+    image : (rows, cols) grey — the reference; centres : (n, 2) — whole pixels; znssd : (n,) — of their subsets
     size : side of the subsets [px]; degree : of the spline, 3 or 5
 
-    Σ (f − g)² is ZNSSD times Σ (f − f̄)², and has the noise of both: that of f, and that of g as interpolation leaves
-    it. What the shape function or the light did not allow for counts too, so this is an upper bound.
+    Σ (f − g)² is ZNSSD times Σ (f − f̄)² and contains the noise of f and the interpolated noise of g. Errors of the
+    shape function and changes of the light add to it, so this is an upper bound.
     """
     grey = image.astype(np.float64)
     mean, square = (cv2.blur(part, (size, size)) for part in (grey, grey * grey))
     col, row = centres.astype(int).T
     residual = znssd * (square - mean * mean)[row, col]
-    return float(np.sqrt(np.median(residual) / (1.0 + _KEPT[degree]))) if len(residual) else float("nan")
+    return (
+        float(np.sqrt(np.median(residual) / (1.0 + _INTERPOLATED_VARIANCE[degree]))) if len(residual) else float("nan")
+    )
 
 
-def interpolated_noise(slope: Array, degree: int) -> Array:
-    """Variance of a subset's place by the noise of the target, (...), relative to what a template's noise makes.
+def interpolated_noise_ratio(slope: Array, degree: int) -> Array:
+    """Variance of a subset's position by the noise of the target, over that by the noise of the template, (...).
 
     slope : (..., 2, 2) — gradient of the motion into the target; degree : of the spline, 3 or 5
 
-    The pixels of a subset that shrinks share those of the target, so their noise is no longer independent; one that
-    grows averages over more of them. Interpolation with the cardinal spline φ gives white noise the spectrum |φ̂|², and
-    samples λ apart fold it. Of a pattern that is coarse beside the pixels only its lowest frequencies count:
+    The samples of a subset that shrinks share pixels of the target, so their noise is correlated; those of one that
+    grows depend on more pixels. Interpolation with the cardinal spline φ gives white noise the spectrum |φ̂|², which
+    samples at a distance λ alias. If the pattern is coarse relative to the pixels, only the lowest frequencies matter:
     s(λ) = Σₘ |φ̂(m/λ)|² / λ for each of the principal stretches λ.
     """
     (a, b), (c, d) = (np.moveaxis(slope[..., axis, :], -1, 0) for axis in (0, 1))
     even, odd = np.hypot(a + d, c - b) / 2.0, np.hypot(a - d, c + b) / 2.0
-    stretches, kept = _folded(degree)
+    stretches, kept = _variance_after_stretch(degree)
     return np.asarray(np.interp(even + odd, stretches, kept) * np.interp(np.abs(even - odd), stretches, kept))
 
 
 @cache
-def _folded(degree: int) -> tuple[Array, Array]:
-    """Stretches, and s of each."""
+def _variance_after_stretch(degree: int) -> tuple[Array, Array]:
+    """Stretches λ and s(λ) of :func:`interpolated_noise_ratio`, (401,) each."""
     stretches, orders = np.geomspace(0.1, 10.0, 401), np.arange(-30, 31)
     frequency = orders / stretches[:, None]
-    part = frequency - np.rint(frequency)
-    all_bells = (np.sinc(part[..., None] + np.arange(-4, 5)) ** (degree + 1)).sum(axis=-1)
-    spectrum = np.sinc(frequency) ** (degree + 1) / all_bells
+    alias = frequency - np.rint(frequency)
+    sum_of_aliases = (np.sinc(alias[..., None] + np.arange(-4, 5)) ** (degree + 1)).sum(axis=-1)
+    spectrum = np.sinc(frequency) ** (degree + 1) / sum_of_aliases
     return stretches, (spectrum**2).sum(axis=1) / stretches
 
 
-def smoothed_noise(noise: float, image: npt.NDArray[Any], usable: Mask, smoothing_px: float) -> float:
-    """The level of white noise that does to correlation what noise does after smoothing [grey levels].
+def smoothed_noise(noise: float, image: Grey, usable: Mask, smoothing_px: float) -> float:
+    """Standard deviation of the white noise with the same effect on correlation as smoothed noise [grey levels].
 
-    noise : standard deviation before [grey levels]; smoothing_px : standard deviation of the Gaussian
+    noise : standard deviation before smoothing [grey levels]; smoothing_px : standard deviation of the Gaussian
 
-    A subset's place moves by H⁻¹ Σ J n. Smoothed noise has Σ J (K n) = Σ (K J) n, so its variance is that of white
+    Noise n moves a subset by H⁻¹ Σ J n. Smoothed noise has Σ J (K n) = Σ (K J) n, so its variance is that of white
     noise times Σ (K J)² / Σ J², with the derivatives J of the smoothed image.
     """
     if smoothing_px <= 0.0:
@@ -188,7 +194,7 @@ def smoothed_noise(noise: float, image: npt.NDArray[Any], usable: Mask, smoothin
     return noise * float(np.sqrt(after / before)) if before > 0.0 else noise
 
 
-def _spread(values: npt.NDArray[Any]) -> float:
-    """Standard deviation without outliers."""
+def _standard_deviation_without_outliers(values: Grey) -> float:
+    """Standard deviation of values without those beyond 4 σ (+ 1) from the median, σ from the median deviation."""
     away = values - np.median(values)
-    return float(np.std(away[np.abs(away) <= 4.0 * _MAD * np.median(np.abs(away)) + 1.0]))
+    return float(np.std(away[np.abs(away) <= 4.0 * _SIGMA_PER_MAD * np.median(np.abs(away)) + 1.0]))

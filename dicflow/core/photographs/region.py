@@ -1,20 +1,19 @@
-"""Regions of interest: polygons with holes, the pixels they cover, and how they are carried along.
+"""Regions of interest: polygons with holes, the pixels that they cover, and their motion.
 
-Every ring is an (n, 2) array of (x, y) [px], n at least 3, not closed (the last corner is not the first again).
-A point belongs to a region by the even-odd rule, so the direction of a ring does not matter.
+Every ring is an (n, 2) array of (x, y) [px], n at least 3, without a repetition of the first corner at the end.
+Whether a point is inside follows the even-odd rule, so the direction of a ring does not matter.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import cv2
 import numpy as np
-import numpy.typing as npt
 
-from dicflow.core.arrays import Array, Mask
-from dicflow.core.photographs.texture import Texture, speckled
+from dicflow.core.arrays import Array, Bytes, Grey, Mask
+from dicflow.core.photographs.texture import Texture, speckled_points
 
 __all__ = [
     "Polygon",
@@ -35,8 +34,8 @@ __all__ = [
 class Polygon(NamedTuple):
     """One part of a region.
 
-    exterior : (n, 2) float64 — its outline [px]
-    holes : outlines of what is left out, each (m, 2) float64 [px]
+    exterior : (n, 2) float64 — outline [px]
+    holes : outlines of its holes, each (m, 2) float64 [px]
     """
 
     exterior: Array
@@ -49,10 +48,11 @@ class Polygon(NamedTuple):
 
 
 def interior(polygons: Sequence[Polygon], shape: tuple[int, int], margin_px: int = 1) -> Mask:
-    """Pixels (rows, cols) of a region that are no nearer to its edge than a few pixels.
+    """Pixels (rows, cols) of a region without a margin along its edge.
 
-    Where the edge is the specimen's, the outermost pixels show part of the background, and more or less of it from
-    photograph to photograph.
+    At the specimen's edge, the outermost pixels show a part of the background that changes between photographs.
+
+    shape : (rows, cols) of the image
     """
     side = 2 * margin_px + 1
     mask = rasterise(polygons, shape).astype(np.uint8)
@@ -60,7 +60,7 @@ def interior(polygons: Sequence[Polygon], shape: tuple[int, int], margin_px: int
 
 
 def rectangle(x0: float, y0: float, x1: float, y1: float) -> Polygon:
-    """The polygon of an upright rectangle.
+    """The polygon of a rectangle with sides along x and y.
 
     >>> area([rectangle(0, 0, 4, 3)])
     12.0
@@ -69,7 +69,7 @@ def rectangle(x0: float, y0: float, x1: float, y1: float) -> Polygon:
 
 
 def area(polygons: Sequence[Polygon]) -> float:
-    """Area of a region [px²]: exteriors less holes, by the shoelace formula."""
+    """Area of a region [px²]: exteriors minus holes, by the shoelace formula."""
     return float(sum(_ring_area(p.exterior) - sum(map(_ring_area, p.holes)) for p in polygons))
 
 
@@ -82,10 +82,10 @@ def bounding_box(polygons: Sequence[Polygon]) -> tuple[float, float, float, floa
 
 
 def contains(polygons: Sequence[Polygon], points: Array) -> Mask:
-    """Which points (..., 2) lie in the region, (...) bool; not those with NaN.
+    """Which points (..., 2) lie in the region, (...) bool; False for NaN.
 
-    Even-odd rule over all rings. A point on an edge belongs to the region on one side of it only, so regions that
-    share an edge share no point.
+    Even-odd rule over all rings. A point on an edge belongs to the region on one side only, so regions that share an
+    edge have no common point.
     """
     x, y = points[..., 0], points[..., 1]
     inside = np.zeros(x.shape, dtype=bool)
@@ -99,9 +99,9 @@ def contains(polygons: Sequence[Polygon], points: Array) -> Mask:
 
 
 def grid_points(polygons: Sequence[Polygon], step_size: int) -> Array:
-    """A grid of points (rows, cols, 2) over a region, whole pixels; NaN outside it.
+    """A grid of whole pixels (rows, cols, 2) over a region; NaN outside the region.
 
-    step_size : distance of neighbours [px]
+    step_size : distance between neighbouring points [px]
     """
     x0, y0, x1, y1 = bounding_box(polygons)
     axes = (np.arange(np.ceil(low), high, step_size) for low, high in ((x0, x1), (y0, y1)))
@@ -111,7 +111,7 @@ def grid_points(polygons: Sequence[Polygon], step_size: int) -> Array:
 
 
 def rasterise(polygons: Sequence[Polygon], shape: tuple[int, int]) -> Mask:
-    """Pixels (rows, cols) whose centres lie in the region: :func:`contains` on a pixel grid, row by row.
+    """Pixels (rows, cols) whose centres lie in the region, as by :func:`contains` on a pixel grid, but faster.
 
     shape : (rows, cols) of the image
     """
@@ -132,9 +132,9 @@ def rasterise(polygons: Sequence[Polygon], shape: tuple[int, int]) -> Mask:
 
 
 def densify(ring: Array, spacing_px: float) -> Array:
-    """The ring with points added on its edges so that none is longer than ``spacing_px``; the corners stay.
+    """The ring with corners added on its edges, so that no edge is longer than ``spacing_px``.
 
-    A straight edge is no longer straight once it is carried by lens distortion or a deformation.
+    A straight edge may become curved under lens distortion or a deformation.
     """
     edges = np.roll(ring, -1, axis=0) - ring
     pieces = np.maximum(1, np.ceil(np.linalg.norm(edges, axis=1) / spacing_px)).astype(int)
@@ -147,7 +147,10 @@ def densify(ring: Array, spacing_px: float) -> Array:
 def carry(
     polygons: Sequence[Polygon], mapping: Callable[[Array], Array], spacing_px: float | None = None
 ) -> list[Polygon]:
-    """The region with every corner moved by ``mapping`` ((n, 2) → (n, 2)), its edges densified before if asked."""
+    """The region with every corner moved by ``mapping`` ((n, 2) → (n, 2)).
+
+    spacing_px : greatest length of an edge before the motion (:func:`densify`); edges stay whole if absent
+    """
 
     def moved(ring: Array) -> Array:
         return mapping(ring if spacing_px is None else densify(ring, spacing_px))
@@ -158,8 +161,8 @@ def carry(
 def mask_polygons(mask: Mask, *, tolerance_px: float = 0.5, least_area_px: float = 16.0) -> list[Polygon]:
     """Outlines of the parts of a mask (rows, cols), with holes, largest part first.
 
-    tolerance_px : how far an outline may leave the mask's, to need fewer corners
-    least_area_px : parts and holes below this area are dropped and filled [px²]
+    tolerance_px : largest deviation of the simplified outline from the mask's
+    least_area_px : smaller parts are dropped, smaller holes filled [px²]
 
     Outlines run through the centres of the mask's border pixels.
     """
@@ -167,29 +170,27 @@ def mask_polygons(mask: Mask, *, tolerance_px: float = 0.5, least_area_px: float
     rings = [_simplified(contour, tolerance_px) for contour in contours]
     keep = [len(ring) >= 3 and _ring_area(ring) >= least_area_px for ring in rings]
     parents = [] if hierarchy is None else hierarchy[0][:, 3].tolist()
-    found = []
+    polygons = []
     for outer, parent in enumerate(parents):
         if parent < 0 and keep[outer]:
             holes = (rings[i] for i, of in enumerate(parents) if of == outer and keep[i])
-            found.append(Polygon(rings[outer], tuple(holes)))
-    return sorted(found, key=lambda polygon: -area([polygon]))
+            polygons.append(Polygon(rings[outer], tuple(holes)))
+    return sorted(polygons, key=lambda polygon: -area([polygon]))
 
 
-def speckled_region(found: Texture) -> list[Polygon]:
-    """The largest speckled part of an image with its openings, as one polygon [px]; none where nothing is speckled.
+def speckled_region(texture: Texture) -> list[Polygon]:
+    """The largest speckled part of an image with its holes, as one polygon [px]; empty without speckles.
 
-    found : texture of the image
-
-    Gaps and islands narrower than a window are smoothed away, and half a window is taken off the edge, since a window
-    half on the background still sees the pattern.
+    Gaps and islands narrower than a window are removed. The edge is moved inwards by half a window, because a window
+    that is half on the background still contains texture.
     """
-    side = max(1, round(found.window_px / found.stride_px))
-    mask = speckled(found).astype(np.uint8)
+    side = max(1, round(texture.window_px / texture.stride_px))
+    mask = speckled_points(texture).astype(np.uint8)
     mask = cv2.morphologyEx(np.pad(mask, side, mode="edge"), cv2.MORPH_CLOSE, _disc(side // 2))
     mask = cv2.morphologyEx(mask, cv2.MORPH_OPEN, _disc(side // 2))
     mask = cv2.erode(mask, _disc(side // 2))[side:-side, side:-side]
     outlines = mask_polygons(mask > 0, tolerance_px=0.5, least_area_px=float(side**2))[:1]
-    return carry(outlines, lambda ring: ring * found.stride_px)
+    return carry(outlines, lambda ring: ring * texture.stride_px)
 
 
 def _ring_area(ring: Array) -> float:
@@ -198,11 +199,11 @@ def _ring_area(ring: Array) -> float:
     return 0.5 * abs(float(np.dot(x, np.roll(y, -1)) - np.dot(y, np.roll(x, -1))))
 
 
-def _simplified(contour: npt.NDArray[Any], tolerance_px: float) -> Array:
-    """A contour of cv2 as a ring with fewer corners."""
+def _simplified(contour: Grey, tolerance_px: float) -> Array:
+    """A contour of cv2 (n, 1, 2) as a ring with fewer corners."""
     return np.asarray(cv2.approxPolyDP(contour, tolerance_px, True)[:, 0], dtype=float)
 
 
-def _disc(radius: int) -> npt.NDArray[np.uint8]:
+def _disc(radius: int) -> Bytes:
     """Round structuring element."""
     return np.asarray(cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (2 * radius + 1, 2 * radius + 1)), dtype=np.uint8)

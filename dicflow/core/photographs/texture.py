@@ -1,31 +1,30 @@
-"""Where an image carries a speckle pattern: texture that runs in all directions, not edges and not noise."""
+"""Texture of an image: where it shows a speckle pattern, and the pattern's contrast, exposure and speckle size."""
 
 from __future__ import annotations
 
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import cv2
 import numpy as np
-import numpy.typing as npt
 from scipy.fft import irfft2, next_fast_len, rfft2
 
-from dicflow.core.arrays import Array, Image, Mask
+from dicflow.core.arrays import Array, Grey, Image, Mask
 
 __all__ = [
-    "LEAST_TEXTURE",
+    "MIN_TEXTURE",
     "Texture",
     "mean_intensity_gradient",
     "saturated_share",
-    "saturation",
+    "saturation_level",
     "speckle_size",
-    "speckled",
+    "speckled_points",
     "texture",
     "textured_box",
 ]
 
-STRIDE = 4  # px between texture values: fine enough for a region's outline, 16 times cheaper than every pixel
-SEPARATION = 3.0  # pattern and background count as two things where their typical textures differ by this factor
-LEAST_TEXTURE = 1.5  # grey levels per pixel (of 255): below this, sensor noise is as strong as the pattern
+STRIDE_PX = 4  # between texture values: fine enough for a region's outline, 16 times cheaper than every pixel
+MIN_TEXTURE_RATIO = 3.0  # least ratio of the median textures of pattern and background
+MIN_TEXTURE = 1.5  # grey levels (of 255) per pixel: below this, sensor noise is as strong as the pattern
 
 
 class Texture(NamedTuple):
@@ -41,44 +40,41 @@ class Texture(NamedTuple):
     window_px: int
 
 
-def mean_intensity_gradient(image: npt.NDArray[Any], mask: Mask | None = None) -> float:
+def mean_intensity_gradient(image: Grey, mask: Mask | None = None) -> float:
     """Mean length of the grey-level gradient over the mask [grey levels of 255 per px].
 
     The measure of a speckle pattern's quality by Pan, Lu and Xie (Optics and Lasers in Engineering 48, 2010), here of
-    the image smoothed by 1 px, which leaves little of the sensor's noise.
+    the image smoothed by 1 px to reduce the sensor's noise.
     """
     gx, gy = _gradient(_smoothed(image))
     length = np.hypot(gx, gy)
     return float(length.mean() if mask is None else length[mask].mean())
 
 
-def saturation(image: npt.NDArray[Any]) -> float:
-    """The grey level from which on a pixel is as bright as it can be."""
+def saturation_level(image: Grey) -> float:
+    """The grey level above which a pixel is saturated."""
     return _full_scale(image) * (1.0 - 2.0**-8)
 
 
-def saturated_share(image: npt.NDArray[Any], mask: Mask) -> float:
-    """Share of the mask's pixels that are as bright as they can be: what is brighter there does not show.
-
-    NaN where the mask holds no pixel.
-    """
-    return float((image[mask] > saturation(image)).mean()) if mask.any() else float("nan")
+def saturated_share(image: Grey, mask: Mask) -> float:
+    """Share of the mask's pixels that are saturated; NaN for an empty mask."""
+    return float((image[mask] > saturation_level(image)).mean()) if mask.any() else float("nan")
 
 
-def speckle_size(image: npt.NDArray[Any], mask: Mask) -> float:
-    """Diameter of the speckles in a mask [px], at most about an eighth of its size; NaN where nothing varies.
+def speckle_size(image: Grey, mask: Mask) -> float:
+    """Diameter of the speckles in a mask [px], at most about an eighth of its size; NaN without contrast.
 
-    Where the autocorrelation of discs of diameter D has fallen to one half, they overlap by half: at 0.404 D. Slow
-    changes of the light are taken off first.
+    The autocorrelation of discs of diameter D falls to one half at a shift of 0.404 D, where they overlap by half.
+    Slow changes of the light are subtracted first.
     """
     x, y, width, height = cv2.boundingRect(mask.astype(np.uint8))
     part = slice(y, y + height), slice(x, x + width)
     inside, side = mask[part].astype(np.float64), max(3, min(width, height) // 4)
     grey = image[part].astype(np.float64)
     mean = cv2.blur(grey * inside, (side, side)) / np.maximum(cv2.blur(inside, (side, side)), 1e-9)
-    alike = _autocorrelation((grey - mean) * inside, side) / np.maximum(_autocorrelation(inside, side), 1.0)
+    correlation = _autocorrelation((grey - mean) * inside, side) / np.maximum(_autocorrelation(inside, side), 1.0)
     radius = np.hypot(*np.meshgrid(np.arange(side), np.arange(side)))
-    profile = np.array([alike[np.abs(radius - r) < 0.5].mean() for r in range(side)])
+    profile = np.array([correlation[np.abs(radius - r) < 0.5].mean() for r in range(side)])
     below = np.flatnonzero(profile < 0.5 * profile[0])
     if not profile[0] > 0.0 or len(below) == 0:
         return float("nan")
@@ -94,28 +90,28 @@ def _autocorrelation(values: Array, reach: int) -> Array:
     return np.asarray(irfft2(spectrum.real**2 + spectrum.imag**2, shape)[:reach, :reach], dtype=np.float64)
 
 
-def texture(image: npt.NDArray[Any], window_px: int = 32) -> Texture:
+def texture(image: Grey, window_px: int = 32) -> Texture:
     """Strength of the pattern around each point: √ of the smaller eigenvalue of the mean structure tensor.
 
     image : (rows, cols) uint8 or uint16 grey
     window_px : side of the averaging window; several speckles should fit in it
 
-    A straight edge has gradients in one direction only, so the smaller eigenvalue (Shi and Tomasi, CVPR 1994) does
-    not see it, however strong it is.
+    A straight edge has gradients in one direction only, so it does not contribute to the smaller eigenvalue (Shi and
+    Tomasi, CVPR 1994).
     """
     gx, gy = _gradient(_smoothed(image))
     xx, yy, xy = (_window_mean(product, window_px) for product in (gx * gx, gy * gy, gx * gy))
     smaller = (xx + yy) / 2 - np.sqrt(((xx - yy) / 2) ** 2 + xy**2)
-    return Texture(np.sqrt(np.maximum(smaller, 0)), STRIDE, window_px)
+    return Texture(np.sqrt(np.maximum(smaller, 0)), STRIDE_PX, window_px)
 
 
-def speckled(found: Texture) -> Mask:
-    """Grid points that carry the pattern, (rows, cols) bool; none where the whole image is too plain.
+def speckled_points(texture: Texture) -> Mask:
+    """Grid points that show the pattern, (rows, cols) bool; all False where the texture is too weak everywhere.
 
-    The bound between pattern and background is Otsu's on the logarithm of the strength, where the two differ
-    clearly; otherwise all of the image is one thing.
+    The threshold between pattern and background is Otsu's on the logarithm of the strength. It is used only where the
+    two sides differ clearly; otherwise the whole image is pattern or background.
     """
-    strength = found.strength
+    strength = texture.strength
     logarithm = np.log(np.maximum(strength, 0.05))
     span = float(np.ptp(logarithm))
     bound = 0.0
@@ -123,36 +119,36 @@ def speckled(found: Texture) -> Mask:
         scaled = ((logarithm - logarithm.min()) * (255 / span)).astype(np.uint8)
         level, _ = cv2.threshold(scaled, 0, 255, cv2.THRESH_OTSU)
         upper = scaled > level
-        if upper.any() and np.median(logarithm[upper]) - np.median(logarithm[~upper]) > np.log(SEPARATION):
+        if upper.any() and np.median(logarithm[upper]) - np.median(logarithm[~upper]) > np.log(MIN_TEXTURE_RATIO):
             bound = float(np.exp(logarithm.min() + (level + 1) * span / 255))
-    mask: Mask = strength >= max(bound, LEAST_TEXTURE)
+    mask: Mask = strength >= max(bound, MIN_TEXTURE)
     return mask
 
 
-def textured_box(image: npt.NDArray[Any], window_px: int = 32) -> tuple[int, int, int, int] | None:
-    """Bounding box (x0, y0, x1, y1) [px], ends excluded, of the pattern in an image; None where there is none.
+def textured_box(image: Grey, window_px: int = 32) -> tuple[int, int, int, int] | None:
+    """Bounding box (x0, y0, x1, y1) [px], ends excluded, of the pattern in an image; None without a pattern.
 
     Islands smaller than two windows are left out.
     """
     found = texture(image, window_px)
-    mask = speckled(found).astype(np.uint8)
+    mask = speckled_points(found).astype(np.uint8)
     _, _, stats, _ = cv2.connectedComponentsWithStats(mask, connectivity=4)
-    large = stats[1:][stats[1:, cv2.CC_STAT_AREA] >= 2 * (window_px / STRIDE) ** 2]
+    large = stats[1:][stats[1:, cv2.CC_STAT_AREA] >= 2 * (window_px / STRIDE_PX) ** 2]
     if len(large) == 0:
         return None
     height, width = image.shape
-    x0, y0 = (large[:, :2].min(axis=0) * STRIDE).tolist()
-    x1, y1 = ((large[:, :2] + large[:, 2:4]).max(axis=0) * STRIDE).tolist()
+    x0, y0 = (large[:, :2].min(axis=0) * STRIDE_PX).tolist()
+    x1, y1 = ((large[:, :2] + large[:, 2:4]).max(axis=0) * STRIDE_PX).tolist()
     return x0, y0, min(x1, width), min(y1, height)
 
 
-def _full_scale(image: npt.NDArray[Any]) -> float:
-    """The greatest grey level of 8, 10, 12, 14 or 16 bits, as few as hold the image: those that sensors have."""
+def _full_scale(image: Grey) -> float:
+    """The greatest grey level of the image's depth: the least of 8, 10, 12, 14 or 16 bits that holds its values."""
     bits = max(8, 2 * ((int(image.max()).bit_length() + 1) // 2))
     return float(2**bits - 1)
 
 
-def _smoothed(image: npt.NDArray[Any]) -> Image:
+def _smoothed(image: Grey) -> Image:
     """Grey levels 0 … 255, smoothed by 1 px."""
     grey = image.astype(np.float32) * np.float32(255.0 / _full_scale(image))
     return np.asarray(cv2.GaussianBlur(grey, (0, 0), 1.0), dtype=np.float32)
@@ -166,6 +162,6 @@ def _gradient(image: Image) -> tuple[Image, Image]:
 
 
 def _window_mean(values: Image, window_px: int) -> Image:
-    """Mean over the window around every STRIDE-th pixel."""
+    """Mean over the window around every pixel of the coarse grid."""
     side = window_px | 1
-    return np.asarray(cv2.blur(values, (side, side))[::STRIDE, ::STRIDE], dtype=np.float32)
+    return np.asarray(cv2.blur(values, (side, side))[::STRIDE_PX, ::STRIDE_PX], dtype=np.float32)

@@ -1,8 +1,8 @@
-"""Displacement of one increment, from points or transforms of the images and the clouds of both steps.
+"""Displacement of one increment, from points or transforms in the images and the clouds of both steps.
 
-``material_increment`` follows points and gives the vector between their places. ``thesis_increment`` is the definition
-of the thesis (§3.2.8), kept for comparison: its horizontal and vertical component both hold the whole change of
-depth, and it stands on a pixel grid of the deformed state instead of on material points.
+``material_increment`` gives the vectors between the positions of material points. ``thesis_increment`` is the
+definition of the thesis (§3.2.8), kept for comparison: its horizontal and vertical components both contain the whole
+change of depth, and its grid is one of pixels of the deformed state, not of material points.
 """
 
 from __future__ import annotations
@@ -32,14 +32,14 @@ __all__ = [
 
 
 WINDOW_PX = 3
-"""Side of the thesis's small windows, and of the cells of its grid [px]."""
+"""Side of the thesis's windows and of the cells of its grid [px]."""
 _FILL_WINDOW_PX = 20
 
 
 class Cloud(NamedTuple):
     """Points in space of a rectangle of pixels.
 
-    xyz : (row, col, 3) [mm]; NaN where there is none
+    xyz : (row, col, 3) [mm]; NaN where missing
     status : (row, col)
     origin : (x, y) of element [0, 0] [px]
     """
@@ -50,11 +50,11 @@ class Cloud(NamedTuple):
 
 
 class Increment(NamedTuple):
-    """Motion from the step before to this one, on a grid; NaN where it is unknown.
+    """Motion from the step before to this one, on a grid; NaN where unknown.
 
-    xy : (row, col, 2) — place in the image at this step [px]
-    xyz_reference, xyz : (row, col, 3) — place in space at the step before and at this step [mm, or px without clouds]
-    displacement : (row, col, 3) [the same]
+    xy : (row, col, 2) — position in the image at this step [px]
+    xyz_reference, xyz : (row, col, 3) — position in space at the step before and at this step [mm; px without clouds]
+    displacement : (row, col, 3) [mm; px without clouds]
     status : (row, col)
     """
 
@@ -66,12 +66,12 @@ class Increment(NamedTuple):
 
 
 def bilinear(field: ArrayLike, points: Array, origin: tuple[float, float] = (0.0, 0.0)) -> Array:
-    """Interpolate a field between its four neighbouring pixels.
+    """Values of a field at points, interpolated between the four neighbouring pixels.
 
     field : (row, col, k)
     points : (..., 2) — (x, y) [px]
     origin : (x, y) of element [0, 0] [px]
-    Returns (..., k) float64; NaN outside, and where a neighbour that counts is NaN.
+    Returns (..., k) float64; NaN outside the field, and where a neighbour with a weight above 0 is NaN.
     """
     values = np.asarray(field)
     rows, cols = values.shape[:2]
@@ -90,10 +90,10 @@ def bilinear(field: ArrayLike, points: Array, origin: tuple[float, float] = (0.0
 
 
 def resize(field: Array, shape: tuple[int, int]) -> Array:
-    """Stretch a field (row, col, k) to another number of rows and columns, as an image is: borders fall on borders.
+    """Resample a field (row, col, k) to another number of rows and columns; the outer borders stay the same.
 
-    Between four neighbours, or those of them that have a value and at least half of the weight; so a field with an
-    irregular border does not shrink, however often it is stretched. A point with any NaN has no value.
+    Bilinear between the four neighbours, or between the known ones where these have at least half of the weight, so
+    that repeated resampling does not shrink a field with an irregular border. A point with any NaN is unknown.
     """
     y, x = (
         np.clip((np.arange(new) + 0.5) * old / new - 0.5, 0.0, old - 1.0)
@@ -107,7 +107,7 @@ def resize(field: Array, shape: tuple[int, int]) -> Array:
 
 
 def resize_codes(codes: Codes, shape: tuple[int, int]) -> Codes:
-    """The same stretch for codes (row, col), which cannot be interpolated: each point takes the nearest."""
+    """Resample codes (row, col) as :func:`resize` does a field, each point from its nearest neighbour."""
     row, col = (
         ((np.arange(new) + 0.5) * old / new).astype(np.int64) for new, old in zip(shape, codes.shape, strict=True)
     )
@@ -115,7 +115,10 @@ def resize_codes(codes: Codes, shape: tuple[int, int]) -> Codes:
 
 
 def fill_cells(field: Array, inside: Mask) -> Filled:
-    """Fill cells (row, col, k) of the thesis's grid from their neighbours: five passes of a window of 20 px."""
+    """Fill missing cells (row, col, k) of the thesis's grid by five passes of a moving mean over 20 px.
+
+    inside : (row, col) — cells to fill
+    """
     return fill_moving_mean(field, round(_FILL_WINDOW_PX / WINDOW_PX), 5, inside)
 
 
@@ -126,10 +129,10 @@ def material_increment(
 
     before, after : (row, col, 2) — the points in the image at the two steps [px]
     status : (row, col) — of the points
-    cloud_before, cloud : of the two steps; without them the result is in pixels, with z = 0
+    cloud_before, cloud : of the two steps; without them the result is in pixels with z = 0
     """
-    reference, code_before = _place(before, cloud_before)
-    xyz, code = _place(after, cloud)
+    reference, code_before = _points_in_space(before, cloud_before)
+    xyz, code = _points_in_space(after, cloud)
     displacement = xyz - reference
     worst = np.maximum(np.maximum(status, code_before), code)
     known: Mask = np.asarray(np.isfinite(displacement).all(axis=-1))
@@ -150,24 +153,25 @@ def thesis_increment(
     """Displacement as the thesis defines it, on the centres of equal cells that fill the deformed region's box.
 
     The box of the region at the step before is divided into subsets, and these into windows of 3 × 3 px, the size of
-    the cells. The centre of a window is carried by the transform of its subset, and its displacement
-    dx = ±√(Δx² + Δz²), dy = ±√(Δy² + Δz²), with the sign of Δx and Δy, is kept in the cell where it arrives; several
-    in one cell are averaged, and cells without any are filled from their neighbours.
+    the cells. The centre of a window moves by the transform of its subset. Its displacement dx = ±√(Δx² + Δz²),
+    dy = ±√(Δy² + Δz²), with the signs of Δx and Δy, belongs to the cell at its end. The mean is taken where a cell has
+    several; cells without any are filled from their neighbours.
 
     transforms : (subset_row, subset_col, 3, 3)
     region_before, region : at the two steps [px]
-    cloud_before, cloud : of the two steps; without them the result is plain (Δx, Δy, 0) in pixels
+    cloud_before, cloud : of the two steps; without them the result is (Δx, Δy, 0) in pixels
 
-    The third component is Δz. ``xyz_reference`` is the cloud of the step before, stretched from its box to the new one,
-    as the strain of the thesis needs it. Clouds are interpolated between pixels, where the script takes the nearest.
+    The third component is Δz. ``xyz_reference`` is the cloud of the step before, stretched from its box to that of this
+    step, as the strain of the thesis needs it. Clouds are interpolated between pixels; the thesis's script takes the
+    nearest pixel.
     """
-    centres, arrived = _carried_windows(transforms, region_before)
-    start, end = _place(centres, cloud_before)[0], _place(arrived, cloud)[0]
-    motion = end - start
+    centres, moved = _moved_windows(transforms, region_before)
+    before, after = _points_in_space(centres, cloud_before)[0], _points_in_space(moved, cloud)[0]
+    motion = after - before
     signed = np.copysign(np.hypot(motion[:, :2], motion[:, 2:]), motion[:, :2])
     box_before, box = np.array(bounding_box(region_before)), np.array(bounding_box(region))
     grid = _cell_centres(box)
-    means = _scatter(np.concatenate([signed, motion[:, 2:]], axis=1), arrived, grid)
+    means = _cell_means(np.concatenate([signed, motion[:, 2:]], axis=1), moved, grid)
     inside = contains(region, grid)
     means[~inside] = np.nan
     filled = fill_cells(means, inside)
@@ -175,13 +179,16 @@ def thesis_increment(
     status = np.where(filled.filled, Status.FILLED, np.where(missing, Status.OUTSIDE, Status.VALID))
     status[missing & inside] = Status.UNTRACKED
     scale = (box_before[2:] - box_before[:2]) / (box[2:] - box[:2])
-    reference = _place(box_before[:2] + (grid - box[:2]) * scale, cloud_before)[0]
-    xyz = _place(grid, cloud)[0]
+    reference = _points_in_space(box_before[:2] + (grid - box[:2]) * scale, cloud_before)[0]
+    xyz = _points_in_space(grid, cloud)[0]
     return Increment(grid, reference, xyz, filled.values, status.astype(np.uint8))
 
 
-def _place(points: Array, cloud: Cloud | None) -> tuple[Array, Codes]:
-    """Points in space (..., 3) under points of the image, and the worst status of the pixels around them."""
+def _points_in_space(points: Array, cloud: Cloud | None) -> tuple[Array, Codes]:
+    """Points in space (..., 3) at points (..., 2) of the image, and the highest status of the pixels around them.
+
+    Without a cloud, the points themselves with z = 0, and VALID.
+    """
     if cloud is None:
         flat = np.where(np.isnan(points[..., :1]), np.nan, 0.0)
         return np.concatenate([points, flat], axis=-1), np.zeros(points.shape[:-1], np.uint8)
@@ -189,7 +196,7 @@ def _place(points: Array, cloud: Cloud | None) -> tuple[Array, Codes]:
 
 
 def _worst_neighbour(status: Codes, points: Array, origin: tuple[float, float]) -> Codes:
-    """Largest code among the pixels around each point (..., 2); OUTSIDE where one is beyond the field."""
+    """Highest code of the pixels around each point (..., 2); OUTSIDE where one of them is beyond the field."""
     rows, cols = status.shape
     place = np.nan_to_num(points - np.asarray(origin, dtype=np.float64), nan=-1.0)
     low, high = np.floor(place).astype(np.int64), np.ceil(place).astype(np.int64)
@@ -199,11 +206,11 @@ def _worst_neighbour(status: Codes, points: Array, origin: tuple[float, float]) 
     return np.where(inside, np.max(around, axis=0), np.uint8(Status.OUTSIDE))
 
 
-def _carried_windows(transforms: Array, region: Sequence[Polygon]) -> tuple[Array, Array]:
-    """Centres (n, 2) of the small windows inside a region, and where their subsets' transforms take them [px]."""
+def _moved_windows(transforms: Array, region: Sequence[Polygon]) -> tuple[Array, Array]:
+    """Centres (n, 2) of the windows inside a region, before and after the transforms of their subsets [px]."""
     rows, cols = transforms.shape[:2]
     x0, y0, x1, y1 = bounding_box(region)
-    centres, arrived = [], []
+    centres, moved = [], []
     for row, top in enumerate(np.linspace(y0, y1, rows + 1)[:-1]):
         for col, left in enumerate(np.linspace(x0, x1, cols + 1)[:-1]):
             x = np.arange(left, left + (x1 - x0) / cols, WINDOW_PX) + WINDOW_PX / 2.0
@@ -211,28 +218,33 @@ def _carried_windows(transforms: Array, region: Sequence[Polygon]) -> tuple[Arra
             points = np.stack(np.meshgrid(x, y), axis=-1).reshape(-1, 2)
             points = points[contains(region, points)]
             centres.append(points)
-            arrived.append(apply_transform(transforms[row, col], points))
-    return np.concatenate(centres), np.concatenate(arrived)
+            moved.append(apply_transform(transforms[row, col], points))
+    return np.concatenate(centres), np.concatenate(moved)
 
 
 def _cell_centres(box: Array) -> Array:
     """Centres (row, col, 2) of equal cells of about 3 × 3 px that fill a box (x0, y0, x1, y1) [px]."""
-    x, y = (_middles(low, high) for low, high in ((box[0], box[2]), (box[1], box[3])))
+    x, y = (_centres(low, high) for low, high in ((box[0], box[2]), (box[1], box[3])))
     return np.stack(np.meshgrid(x, y), axis=-1)
 
 
-def _middles(low: float, high: float) -> Array:
+def _centres(low: float, high: float) -> Array:
+    """Centres (n,) of equal cells of about 3 px between two limits, at least two."""
     count = max(2, round((high - low) / WINDOW_PX))
     return low + (np.arange(count) + 0.5) * (high - low) / count
 
 
-def _scatter(values: Array, points: Array, grid: Array) -> Array:
-    """Mean of the values (n, k) with points (n, 2) in the cell around each point of the grid; NaN where none are."""
+def _cell_means(values: Array, points: Array, grid: Array) -> Array:
+    """Mean of the values (n, k) whose points (n, 2) lie in the cell around each point of the grid; NaN for empty cells.
+
+    grid : (row, col, 2) — centres of the cells
+    Returns (row, col, k).
+    """
     rows, cols = grid.shape[:2]
     known = np.isfinite(values).all(axis=1) & np.isfinite(points).all(axis=1)
-    place = np.rint((points[known] - grid[0, 0]) / (grid[1, 1] - grid[0, 0])).astype(np.int64)
-    inside = ((place >= 0) & (place < (cols, rows))).all(axis=1)
-    index = place[inside, 1] * cols + place[inside, 0]
+    cell = np.rint((points[known] - grid[0, 0]) / (grid[1, 1] - grid[0, 0])).astype(np.int64)
+    inside = ((cell >= 0) & (cell < (cols, rows))).all(axis=1)
+    index = cell[inside, 1] * cols + cell[inside, 0]
     count = np.bincount(index, minlength=rows * cols)
     sums = np.stack([np.bincount(index, plane, minlength=rows * cols) for plane in values[known][inside].T], axis=-1)
     means = np.where(count[:, None] > 0, sums / np.maximum(count, 1)[:, None], np.nan)

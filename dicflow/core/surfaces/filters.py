@@ -1,12 +1,11 @@
 """Moving windows over a field: fills of missing values, and local polynomial fits with their gradient.
 
 The local polynomial is the filter of Savitzky & Golay (1964), Anal. Chem. 36:1627, in two dimensions and for fields
-with holes: at every point a polynomial is fitted to what is valid inside the window around it, and evaluated at the
-point. Every point has a window of its own and the input is never written to, so the result depends on no order. With
-the tricube kernel it is the local regression of Cleveland (1979), J. Am. Stat. Assoc. 74:829.
+with holes: at every point a polynomial is fitted to the valid points of the window around it and evaluated at its
+centre. With the tricube kernel it is the local regression of Cleveland (1979), J. Am. Stat. Assoc. 74:829.
 
-The normal equations of all windows at once are correlations of the field with the separable kernels k(u) uᵃ · k(v) vᵇ;
-each point then takes one small Cholesky solution.
+The normal equations of all windows are correlations of the field with the separable kernels k(u) uᵃ · k(v) vᵇ; each
+point then needs one small Cholesky solution.
 """
 
 from __future__ import annotations
@@ -35,15 +34,15 @@ __all__ = [
 
 Kernel = Literal["box", "tricube"]
 
-_SINGULAR = 1e-9
-"""A pivot below this share of its diagonal element means that the points do not determine the polynomial."""
+_MIN_PIVOT_SHARE = 1e-9
+"""Least pivot as a share of its diagonal element; below it the points do not determine the polynomial."""
 
 
 class Filled(NamedTuple):
-    """A field without holes.
+    """A field after its holes are filled.
 
     values : (row, col, …)
-    filled : (row, col) bool — was missing and has a value now
+    filled : (row, col) bool — points that were missing and are filled
     """
 
     values: Array
@@ -51,7 +50,7 @@ class Filled(NamedTuple):
 
 
 class LocalFit(NamedTuple):
-    """Local polynomials, evaluated at the centre of their windows; NaN where the window holds too few points.
+    """Local polynomials at the centres of their windows; NaN where the window holds too few points.
 
     value : (row, col, …)
     d_row, d_col : (row, col, …) — derivative per row and per column
@@ -65,11 +64,11 @@ class LocalFit(NamedTuple):
 
 
 class SlopeWeights(NamedTuple):
-    """By what weights the slopes of local polynomials add up their data: Σₙ wₙ zₙ over the window around each point.
+    """Weights wₙ of the data zₙ in the slopes of local polynomials, Σₙ wₙ zₙ over the window around each point.
 
-    wₙ is the data's weight times Σᵢ factors[row, col, slope, i] · terms[i, row of the window, column of it].
+    wₙ is the data's own weight times Σᵢ factors[row, col, slope, i] · terms[i, window row, window column].
 
-    factors : (row, col, 2, i) — slope 0 per column, 1 per row; NaN where the points do not determine them
+    factors : (row, col, 2, i) — slope 0 per column, 1 per row; NaN where the points do not determine the polynomial
     terms : (i, window rows, window columns)
     """
 
@@ -78,33 +77,33 @@ class SlopeWeights(NamedTuple):
 
 
 def fill_moving_mean(values: ArrayLike, window: int, passes: int = 5, inside: Mask | None = None) -> Filled:
-    """Fill missing points with the mean of a moving window, along columns and then along rows, several times.
+    """Fill missing points with the mean of a moving window, in several passes along columns and rows in turn.
 
     values : (row, col) or (row, col, k) — a point with any NaN is missing
-    window : length of the window [points]; of an even one, the larger half lies before the point
-    passes : how often; a hole wider than ``passes`` windows stays open
-    inside : (row, col) bool — where to fill; everywhere if absent
+    window : length of the window [points]; the larger half of an even window lies before the point
+    passes : number of passes; a hole wider than ``passes`` windows is not filled completely
+    inside : (row, col) bool — points to fill; all if absent
     """
     field: Array = np.array(values, dtype=np.float64)
     planes = field.reshape(*field.shape[:2], -1)
     missing = np.isnan(planes).any(axis=2)
     planes[missing] = np.nan
     fillable: Mask = np.logical_and(missing, True if inside is None else inside)
-    still: Mask = fillable.copy()
+    remaining: Mask = fillable.copy()
     for axis in (0, 1) * passes:
-        if not still.any():
+        if not remaining.any():
             break
-        lines = np.flatnonzero(still.any(axis=axis))
+        lines = np.flatnonzero(remaining.any(axis=axis))
         means = _moving_mean(planes.take(lines, axis=1 - axis), window, axis)
-        row, col = np.nonzero(still.take(lines, axis=1 - axis))
+        row, col = np.nonzero(remaining.take(lines, axis=1 - axis))
         at = (row, lines[col]) if axis == 0 else (lines[row], col)
         planes[at] = means[row, col]
-        still[at] = np.isnan(means[row, col, 0])
-    return Filled(field, np.logical_and(fillable, ~still))
+        remaining[at] = np.isnan(means[row, col, 0])
+    return Filled(field, np.logical_and(fillable, ~remaining))
 
 
 def _moving_mean(planes: Array, window: int, axis: int) -> Array:
-    """Mean of the valid points in a window along one axis of (row, col, k); NaN where there is none."""
+    """Mean of the valid points in a window along one axis of (row, col, k); NaN for a window without valid points."""
     valid = np.isfinite(planes[..., 0])
     count = _moving_sum(valid.astype(np.float64), window, axis)
     total = _moving_sum(np.where(valid[..., None], planes, 0.0), window, axis)
@@ -112,6 +111,7 @@ def _moving_mean(planes: Array, window: int, axis: int) -> Array:
 
 
 def _moving_sum(field: Array, window: int, axis: int) -> Array:
+    """Sum over a window along one axis; points outside the field count as 0."""
     size, anchor = ((1, window), (0, window // 2)) if axis == 0 else ((window, 1), (window // 2, 0))
     sums = cv2.boxFilter(field, cv2.CV_64F, size, anchor=anchor, normalize=False, borderType=cv2.BORDER_CONSTANT)
     return np.asarray(sums).reshape(field.shape)
@@ -131,7 +131,7 @@ def odd_window(window_px: tuple[float, float], step_px: float = 1.0) -> tuple[in
 
 
 def within_reach(mask: ArrayLike, distance: float) -> Mask:
-    """Which points (row, col) lie in the mask or at most ``distance`` points from one that does."""
+    """Which points (row, col) are at most ``distance`` [points] from the mask, those in it included."""
     inside: Mask = np.array(mask, dtype=np.bool_)
     if not inside.any():
         return inside
@@ -153,11 +153,11 @@ def local_polynomial(
     values : (row, col) or (row, col, k) — a point with any NaN is missing
     window : (rows, cols), odd numbers of points; at edges and holes the fit uses what lies inside
     degree : largest total degree a + b of the terms rowᵃ colᵇ, 0 … 5
-    kernel : weight within the window: 1, or the tricube (1 − |u|³)³ (1 − |v|³)³ with u, v = ±1 just beyond its edge
-    weights : (row, col) — a further weight of each point
-    margin : a window counts with at least ``margin`` points per coefficient
+    kernel : weight within the window: 1, or the tricube (1 − |u|³)³ (1 − |v|³)³ with u, v = ±1 one point beyond it
+    weights : (row, col) — additional weight of each point
+    margin : least number of points in a window per coefficient
 
-    Also points that are missing themselves get a value where their window holds enough points.
+    Missing points get a value too, where their window holds enough points.
     Raises ValueError for an even window or a degree out of range.
     """
     if window[0] % 2 == 0 or window[1] % 2 == 0 or not 0 <= degree <= 5:
@@ -172,7 +172,7 @@ def local_polynomial(
     centred: Array = np.where(valid[..., None], data - centre, 0.0) * weight[..., None]
     right = np.stack([_moments(centred[..., plane], window, degree, kernel) for plane in range(data.shape[2])])
     count = _moments(np.sign(weight), window, 0, "box")[0]
-    solved = _solve_all(normal, right, _pairs(powers, degree), count, margin * len(powers))
+    solved = _solve_all(normal, right, _moment_indices(powers, degree), count, margin * len(powers))
     half = (np.array(window) + 1.0) / 2.0
     middle = _kernel_weights(window[0], kernel).max() * _kernel_weights(window[1], kernel).max()
     value, d_row, d_col = (solved[:, :, index, :-1].reshape(field.shape) for index in range(3))
@@ -182,20 +182,20 @@ def local_polynomial(
 
 
 def slope_weights(weights: Array, window: tuple[int, int], degree: int) -> SlopeWeights:
-    """The weights by which :func:`local_polynomial` with a box kernel finds its slopes.
+    """The weights of the data in the slopes of :func:`local_polynomial` with the box kernel.
 
     weights : (row, col) — of each point, 0 where it is missing
-    window, degree : as there; the degree is 1 at least
+    window, degree : as there; the degree is at least 1
     """
     powers = _powers(degree)
     down, across = _offsets(window[0]), _offsets(window[1])
     terms = np.stack([np.outer(down**a, across**b) for a, b in powers])
-    moments = _moments(weights, window, 2 * degree, "box")[_pairs(powers, degree)]
+    moments = _moments(weights, window, 2 * degree, "box")[_moment_indices(powers, degree)]
     normal = np.moveaxis(moments, (0, 1), (-2, -1))
     diagonal = np.einsum("...ii->...i", normal)
     scale = 1.0 / np.sqrt(np.where(diagonal > 0.0, diagonal, 1.0))
     scaled = normal * scale[..., :, None] * scale[..., None, :]
-    solvable = np.linalg.eigvalsh(scaled)[..., 0] > _SINGULAR
+    solvable = np.linalg.eigvalsh(scaled)[..., 0] > _MIN_PIVOT_SHARE
     inverse = np.linalg.inv(np.where(solvable[..., None, None], scaled, np.eye(len(powers))))
     factors = (inverse * scale[..., :, None] * scale[..., None, :])[..., [2, 1], :]
     factors /= (np.array(window)[::-1, None] + 1.0) / 2.0
@@ -208,20 +208,21 @@ def _powers(degree: int) -> list[tuple[int, int]]:
     return [(total - b, b) for total in range(degree + 1) for b in range(total + 1)]
 
 
-def _pairs(powers: list[tuple[int, int]], degree: int) -> Index:
-    """(n, n) — which moment of the weights is element (i, j) of the normal matrix."""
+def _moment_indices(powers: list[tuple[int, int]], degree: int) -> Index:
+    """Indices (n, n) into the moments of the weights for the elements of the normal matrix."""
     index = {power: i for i, power in enumerate(_powers(2 * degree))}
     return np.array([[index[a + c, b + d] for c, d in powers] for a, b in powers], dtype=np.int64)
 
 
 def _kernel_weights(size: int, kernel: Kernel) -> Array:
+    """Weights (size,) of a kernel along one side of a window."""
     if kernel == "box":
         return np.ones(size)
     return (1.0 - np.abs(_offsets(size)) ** 3) ** 3
 
 
 def _offsets(size: int) -> Array:
-    """Places of a window's points, scaled so that ±1 lies one point beyond its edge."""
+    """Coordinates (size,) of a window's points, scaled so that ±1 lies one point beyond its edge."""
     half = size // 2
     return np.arange(-half, half + 1) / (half + 1.0)
 
@@ -241,15 +242,17 @@ def _moments(field: Array, window: tuple[int, int], degree: int, kernel: Kernel)
 
 
 def _correlate(field: Array, along_row: Array, along_col: Array) -> Array:
+    """Correlation of a field with a separable kernel; points outside the field count as 0."""
     return np.asarray(cv2.sepFilter2D(field, cv2.CV_64F, along_row, along_col, borderType=cv2.BORDER_CONSTANT))
 
 
 @njit(cache=True, nogil=True)
-def _solve_all(normal, right, pairs, count, needed):  # type: ignore[no-untyped-def]
-    """Coefficients of 1, row and col for every point and data plane, and last the same for a unit pulse at the centre.
+def _solve_all(normal: Array, right: Array, indices: Index, count: Array, needed: float) -> Array:
+    """Coefficients of 1, row and col for every point and data plane, and last those for a unit pulse at the centre.
 
-    normal : (moment, row, col), right : (k, n, row, col), pairs : (n, n), count : (row, col)
-    Returns (row, col, 3, k + 1); a gradient of degree 0 is 0.
+    normal : (moment, row, col); right : (k, n, row, col); indices : (n, n) into the moments
+    count : (row, col) — points in the window; needed : least count
+    Returns (row, col, 3, k + 1); the gradient of degree 0 is 0; NaN where the polynomial is not determined.
     """
     rows, cols = count.shape
     planes, n = right.shape[0], right.shape[1]
@@ -262,11 +265,11 @@ def _solve_all(normal, right, pairs, count, needed):  # type: ignore[no-untyped-
                 continue
             for i in range(n):
                 for j in range(i + 1):
-                    matrix[i, j] = normal[pairs[i, j], row, col]
+                    matrix[i, j] = normal[indices[i, j], row, col]
                 for plane in range(planes):
                     side[i, plane] = right[plane, i, row, col]
                 side[i, planes] = 1.0 if i == 0 else 0.0
-            if factorise(matrix, _SINGULAR):
+            if factorise(matrix, _MIN_PIVOT_SHARE):
                 solve_columns(matrix, side)
                 for i in range(3):
                     for plane in range(planes + 1):

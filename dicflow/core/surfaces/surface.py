@@ -5,7 +5,7 @@ A polynomial of degree (p, q) has the terms xⁱ yʲ with i ≤ p, j ≤ q and i
 polynomials, which span the same surfaces and keep the normal equations well conditioned. On a grid these equations
 separate, so a solution costs two matrix products.
 
-Robust fits are least squares with weights that follow from the residuals r, repeated until the surface is still
+Robust fits are least squares with weights that follow from the residuals r, repeated until the surface converges
 (Holland & Welsch 1977, Commun. Stat. Theory Methods 6:813), with the scale s = median|r| / 0.6745:
 bisquare w = (1 − (r / 4.685 s)²)², 0 beyond; LAR, the least sum of |r|, w = 1 / max(|r|, 0.01 s).
 """
@@ -22,7 +22,7 @@ from dicflow.core.arrays import Array, Mask
 from dicflow.core.surfaces.filters import local_polynomial
 
 __all__ = [
-    "Choice",
+    "DegreeChoice",
     "Lowess",
     "Quality",
     "Robust",
@@ -37,23 +37,23 @@ __all__ = [
 
 Robust = Literal["none", "lar", "bisquare"]
 
-_MAD = 0.6745
-_BISQUARE = 4.685
-_LAR_FLOOR = 0.01
-_STILL = 1e-3
-"""A robust fit has converged when no point of the surface moves by more than this share of the scale s."""
-_MOST_SOLUTIONS = 50
+_MAD_PER_SIGMA = 0.6745
+_BISQUARE_CUTOFF = 4.685
+_LAR_MIN_RESIDUAL = 0.01
+_CONVERGED_SHARE = 1e-3
+"""A robust fit has converged when every point of the surface moves by less than this share of the scale s."""
+_MAX_SOLUTIONS = 50
 _LOWESS_SOLUTIONS = 4
-_ROUNDING = 1e-11
-"""Residuals below this share of the largest value are rounding: s is never taken as smaller."""
-_UNCORRELATED = 0.05
-_HIGHEST_DEGREE = 5
+_ROUNDING_SHARE = 1e-11
+"""Rounding error as a share of the largest value: the least scale s."""
+_MIN_CORRELATION = 0.05
+_MAX_DEGREE = 5
 
 
 class Quality(NamedTuple):
-    """How well a surface fits, with the weights w of its points; n = Σw (thesis, §3.2.6).
+    """Goodness of fit of a surface, with the weights w of its points; n = Σw (thesis, §3.2.6).
 
-    Bisquare weights take some share of normal noise too, so that its RMSE reads 0.910 of its deviation.
+    Bisquare weights reduce normal noise too: the RMSE is 0.910 of its standard deviation.
 
     sse : Σ w (z − ẑ)²
     r2 : Σ w (ẑ − z̄)² / Σ w (z − z̄)², z̄ the weighted mean
@@ -71,10 +71,10 @@ class Surface(NamedTuple):
     """A fitted polynomial.
 
     coefficients : (p + 1, q + 1) of the Legendre products; 0 where a term is left out
-    centre, half : (x, y) of the middle, and half the size, of what is valid [points]
-    weights : (row, col) — of every point in the last solution; 0 at holes, of LAR with a mean of 1 elsewhere
-    solutions : how many least-squares solutions it took
-    converged : whether a robust fit came to rest
+    centre, half : (x, y) of the centre, and half the size, of the box around the valid points [points]
+    weights : (row, col) — of every point in the last solution; 0 at holes; with LAR their mean is 1 elsewhere
+    solutions : number of least-squares solutions
+    converged : whether a robust fit converged
     quality : of the fit on all points
     """
 
@@ -87,14 +87,14 @@ class Surface(NamedTuple):
     quality: Quality
 
 
-class Choice(NamedTuple):
-    """A degree chosen among several; the same in x and y.
+class DegreeChoice(NamedTuple):
+    """A chosen degree, the same in x and y.
 
-    why : in plain words
+    reason : explanation in one sentence
     """
 
     degree: int
-    why: str
+    reason: str
 
 
 class Lowess(NamedTuple):
@@ -118,8 +118,8 @@ class _Basis(NamedTuple):
     used: Mask
 
 
-class _Rest(NamedTuple):
-    """Where a robust fit came to rest."""
+class _RobustSolution(NamedTuple):
+    """Result of a robust fit."""
 
     coefficients: Array
     scale: float
@@ -140,11 +140,11 @@ def fit_surface(
 
     values : (row, col)
     degree : (p, q) in x = column and y = row
-    max_points : a robust fit comes to rest on a regular subset of about this many points at most; then all points take
-        part in one last solution, with the weights that the surface of the subset gives them
+    max_points : a robust fit iterates on a regular subset of at most about this many points; one last solution uses all
+        points, with the weights by the surface of the subset
 
-    Without outlier weights SSE cannot grow with the degree, since the surfaces are nested. With them it can, a little:
-    every degree judges its own outliers.
+    Without outlier weights SSE cannot grow with the degree, because the surfaces are nested. With them it can grow a
+    little, because every degree has its own outliers.
     Raises ValueError where fewer points than coefficients are valid.
     """
     field, valid = _without_holes(values)
@@ -154,21 +154,23 @@ def fit_surface(
             f"a surface of degree {degree[0]} × {degree[1]} has {np.count_nonzero(terms)} coefficients, "
             f"but only {np.count_nonzero(valid)} points have a value"
         )
-    centre, half = _frame(valid)
+    centre, half = _valid_box(valid)
     basis = _basis(np.arange(valid.shape[1]), np.arange(valid.shape[0]), centre, half, terms)
-    weights, rest = valid.astype(np.float64), _Rest(np.zeros(0), 0.0, 0, True)
+    weights, robust_solution = valid.astype(np.float64), _RobustSolution(np.zeros(0), 0.0, 0, True)
     if robust != "none":
-        rest = _come_to_rest(basis, field, valid, robust, _stride(valid, max_points))
-        weights = _outlier_weights((field - _values(basis, rest.coefficients)) / rest.scale, valid, robust)
+        robust_solution = _robust_solution(basis, field, valid, robust, _stride(valid, max_points))
+        weights = _outlier_weights(
+            (field - _surface_values(basis, robust_solution.coefficients)) / robust_solution.scale, valid, robust
+        )
     coefficients = _solve(basis, field, weights)
-    fit = quality(field, _values(basis, coefficients), weights, int(np.count_nonzero(terms)))
-    return Surface(coefficients, centre, half, weights, rest.solutions + 1, rest.converged, fit)
+    fit = quality(field, _surface_values(basis, coefficients), weights, int(np.count_nonzero(terms)))
+    return Surface(coefficients, centre, half, weights, robust_solution.solutions + 1, robust_solution.converged, fit)
 
 
 def evaluate(surface: Surface, x: ArrayLike, y: ArrayLike) -> Array:
-    """Value of a surface at every crossing of columns x (col,) and rows y (row,); (row, col), beyond its points too."""
+    """Values (row, col) of a surface on the grid of columns x (col,) and rows y (row,), also beyond its points."""
     terms = np.ones(surface.coefficients.shape, dtype=np.bool_)
-    return _values(_basis(x, y, surface.centre, surface.half, terms), surface.coefficients)
+    return _surface_values(_basis(x, y, surface.centre, surface.half, terms), surface.coefficients)
 
 
 def quality(values: Array, fitted: Array, weights: Array, coefficients: float) -> Quality:
@@ -185,46 +187,46 @@ def quality(values: Array, fitted: Array, weights: Array, coefficients: float) -
     return Quality(sse, ssr / sst, adjusted, (sse / freedom) ** 0.5)
 
 
-def choose_degree(values: ArrayLike, robust: Robust = "none", max_points: int = 50_000) -> Choice:
+def choose_degree(values: ArrayLike, robust: Robust = "none", max_points: int = 50_000) -> DegreeChoice:
     """Choose the degree of a polynomial surface among 1 … 5 by the Bayesian information criterion.
 
-    BIC = N ln(SSE / n) + coefficients · ln N (Schwarz 1978, Ann. Stat. 6:461). Neighbouring points of a dense field err
-    together, so N is not the number of points but that of independent ones: N = n / A with A the area over which the
+    BIC = N ln(SSE / n) + coefficients · ln N (Schwarz 1978, Ann. Stat. 6:461). The errors of neighbouring points of a
+    dense field are correlated, so N is the number of independent points: N = n / A with A the area over which the
     residuals of degree 5 are correlated. All degrees are compared with the outlier weights of degree 5, so that SSE
     cannot grow with the degree.
 
     values : (row, col), NaN at holes
     Raises ValueError where fewer points than coefficients of degree 5 are valid.
     """
-    whole = np.asarray(values, dtype=np.float64)
-    step = _stride(np.isfinite(whole), max_points)
-    field = whole[::step, ::step]
-    richest = fit_surface(field, (_HIGHEST_DEGREE, _HIGHEST_DEGREE), robust, max_points)
+    full_field = np.asarray(values, dtype=np.float64)
+    step = _stride(np.isfinite(full_field), max_points)
+    field = full_field[::step, ::step]
+    richest = fit_surface(field, (_MAX_DEGREE, _MAX_DEGREE), robust, max_points)
     zeroed, valid = _without_holes(field)
     residual = zeroed - evaluate(richest, np.arange(valid.shape[1]), np.arange(valid.shape[0]))
     area = _correlated_area(residual, richest.weights > 0.0)
     independent = max(float(richest.weights.sum()) / area, 1.0)
-    floor = (_ROUNDING * np.abs(zeroed).max()) ** 2
+    floor = (_ROUNDING_SHARE * np.abs(zeroed).max()) ** 2
     variances, criteria = [], []
-    for degree in range(1, _HIGHEST_DEGREE + 1):
+    for degree in range(1, _MAX_DEGREE + 1):
         terms = polynomial_terms((degree, degree))
         basis = _basis(np.arange(valid.shape[1]), np.arange(valid.shape[0]), richest.centre, richest.half, terms)
-        fitted = _values(basis, _solve(basis, zeroed, richest.weights))
+        fitted = _surface_values(basis, _solve(basis, zeroed, richest.weights))
         sse = float((richest.weights * (zeroed - fitted) ** 2).sum())
         variances.append(max(sse / float(richest.weights.sum()), floor))
         criteria.append(independent * np.log(variances[-1]) + np.count_nonzero(terms) * np.log(independent))
     degree = int(np.argmin(criteria)) + 1
     gain = 1.0 - (min(variances) / variances[degree - 1]) ** 0.5
-    why = (
-        f"degree {degree} of 1…{_HIGHEST_DEGREE} has the lowest BIC with {independent:.0f} independent points "
+    reason = (
+        f"degree {degree} of 1…{_MAX_DEGREE} has the lowest BIC with {independent:.0f} independent points "
         f"(residuals are correlated over {area * step**2:.0f} points); "
-        f"degree {_HIGHEST_DEGREE} would lower the RMSE by {100.0 * gain:.2g} %"
+        f"degree {_MAX_DEGREE} would lower the RMSE by {100.0 * gain:.2g} %"
     )
-    return Choice(degree, why)
+    return DegreeChoice(degree, reason)
 
 
 def fit_lowess(values: ArrayLike, window: tuple[int, int], degree: int = 1, robust: Robust = "none") -> Lowess:
-    """Smooth a field by local regression with tricube weights (Cleveland 1979), and 3 robust repetitions if asked.
+    """Smooth a field by local regression with tricube weights (Cleveland 1979); a robust one repeats it 3 times.
 
     values : (row, col)
     window : (rows, cols), odd numbers of points
@@ -248,13 +250,13 @@ def fit_lowess(values: ArrayLike, window: tuple[int, int], degree: int = 1, robu
 
 
 def _without_holes(values: ArrayLike) -> tuple[Array, Mask]:
-    """The field with 0 at its holes, and where it is valid."""
+    """The field with 0 at its holes, and which points are valid."""
     field = np.asarray(values, dtype=np.float64)
     valid: Mask = np.asarray(np.isfinite(field))
     return np.where(valid, field, 0.0), valid
 
 
-def _frame(valid: Mask) -> tuple[tuple[float, float], tuple[float, float]]:
+def _valid_box(valid: Mask) -> tuple[tuple[float, float], tuple[float, float]]:
     """Centre and half size (x, y) of the box around the valid points."""
     spans = [np.flatnonzero(valid.any(axis=axis))[[0, -1]] for axis in (0, 1)]
     (x0, x1), (y0, y1) = spans
@@ -262,6 +264,7 @@ def _frame(valid: Mask) -> tuple[tuple[float, float], tuple[float, float]]:
 
 
 def _basis(x: ArrayLike, y: ArrayLike, centre: tuple[float, float], half: tuple[float, float], used: Mask) -> _Basis:
+    """The basis at columns x and rows y, scaled to −1 … 1 over ``centre`` ± ``half``; used : which terms to keep."""
     across, down = (
         np.asarray(legendre.legvander((np.asarray(places, np.float64) - middle) / size, count - 1), np.float64)
         for places, middle, size, count in zip((x, y), centre, half, used.shape, strict=True)
@@ -269,80 +272,83 @@ def _basis(x: ArrayLike, y: ArrayLike, centre: tuple[float, float], half: tuple[
     return _Basis(across, down, used)
 
 
-def _values(basis: _Basis, coefficients: Array) -> Array:
+def _surface_values(basis: _Basis, coefficients: Array) -> Array:
+    """Values (row, col) of a surface on the grid of a basis."""
     return np.asarray(np.einsum("rq,qc->rc", basis.down, coefficients.T @ basis.across.T))
 
 
 def _solve(basis: _Basis, field: Array, weights: Array) -> Array:
     """Coefficients of weighted least squares; field and weights (row, col), finite.
 
-    Long sums are taken by einsum: a matrix product's order of summation depends on the number of threads.
+    Long sums use einsum, because the order of summation of a matrix product depends on the number of threads.
     """
     (cols, p), (rows, q) = basis.across.shape, basis.down.shape
     across = (basis.across[:, :, None] * basis.across[:, None, :]).reshape(cols, p * p)
     down = (basis.down[:, :, None] * basis.down[:, None, :]).reshape(rows, q * q)
-    moments = np.einsum("rj,rk->jk", down, _along_rows(weights, across))
+    moments = np.einsum("rj,rk->jk", down, _sums_along_rows(weights, across))
     normal = moments.reshape(q, q, p, p).transpose(2, 0, 3, 1)[basis.used][:, basis.used]
-    right = np.einsum("rp,rq->pq", _along_rows(weights * field, basis.across), basis.down)[basis.used]
+    right = np.einsum("rp,rq->pq", _sums_along_rows(weights * field, basis.across), basis.down)[basis.used]
     coefficients = np.zeros((p, q))
     coefficients[basis.used] = np.linalg.lstsq(normal, right, rcond=1e-13)[0]
     return coefficients
 
 
-def _along_rows(values: Array, functions: Array) -> Array:
+def _sums_along_rows(values: Array, functions: Array) -> Array:
     """Σ over the columns of values (row, col) times functions (col, k); (row, k)."""
     return np.asarray(np.einsum("rc,kc->rk", values, np.ascontiguousarray(functions.T)))
 
 
 def _stride(valid: Mask, max_points: int) -> int:
-    """Every how-manieth row and column leaves about ``max_points`` valid ones."""
+    """Step between the rows and columns to keep, so that at most about ``max_points`` valid points remain."""
     return max(1, int(np.ceil(np.sqrt(np.count_nonzero(valid) / max_points))))
 
 
-def _come_to_rest(basis: _Basis, field: Array, valid: Mask, robust: Robust, stride: int) -> _Rest:
-    """Solve with outlier weights again and again until the surface is still, on every ``stride``-th row and column."""
+def _robust_solution(basis: _Basis, field: Array, valid: Mask, robust: Robust, stride: int) -> _RobustSolution:
+    """Solutions with outlier weights until the surface converges, on every ``stride``-th row and column."""
     part = _Basis(basis.across[::stride], basis.down[::stride], basis.used)
     z, known = field[::stride, ::stride], valid[::stride, ::stride]
     coefficients = _solve(part, z, known.astype(np.float64))
-    for solutions in range(1, _MOST_SOLUTIONS):
-        residual = z - _values(part, coefficients)
+    for solutions in range(1, _MAX_SOLUTIONS):
+        residual = z - _surface_values(part, coefficients)
         scale = _scale(residual, known, z)
         before = coefficients
         coefficients = _solve(part, z, _outlier_weights(residual / scale, known, robust))
-        if np.abs(coefficients - before).sum() <= _STILL * scale:
-            return _Rest(coefficients, scale, solutions + 1, True)
-    return _Rest(coefficients, scale, _MOST_SOLUTIONS, False)
+        if np.abs(coefficients - before).sum() <= _CONVERGED_SHARE * scale:
+            return _RobustSolution(coefficients, scale, solutions + 1, True)
+    return _RobustSolution(coefficients, scale, _MAX_SOLUTIONS, False)
 
 
 def _scale(residual: Array, valid: Mask, field: Array) -> float:
-    """Robust standard deviation of the residuals, never below what rounding makes."""
-    return max(float(np.median(np.abs(residual[valid]))) / _MAD, _ROUNDING * float(np.abs(field).max()), 1e-300)
+    """Robust standard deviation of the residuals, at least the rounding error."""
+    return max(
+        float(np.median(np.abs(residual[valid]))) / _MAD_PER_SIGMA, _ROUNDING_SHARE * float(np.abs(field).max()), 1e-300
+    )
 
 
 def _outlier_weights(relative: Array, valid: Mask, robust: Robust) -> Array:
-    """Weights from residuals in units of their scale; 0 at holes."""
+    """Weights (row, col) from residuals over their scale; 0 at holes."""
     if robust == "bisquare":
-        weights = np.clip(1.0 - (relative / _BISQUARE) ** 2, 0.0, None) ** 2 * valid
+        weights = np.clip(1.0 - (relative / _BISQUARE_CUTOFF) ** 2, 0.0, None) ** 2 * valid
     else:
-        weights = valid / np.maximum(np.abs(relative), _LAR_FLOOR)
+        weights = valid / np.maximum(np.abs(relative), _LAR_MIN_RESIDUAL)
         weights /= weights[valid].mean()
     return np.asarray(weights)
 
 
 def _correlated_area(residual: Array, valid: Mask) -> float:
-    """Area of one independent value [points]: the product of Σ ρ(lag) over all lags along rows and along columns."""
+    """Correlated area of the residuals [points]: the product of Σ ρ(lag) over all lags along rows and along columns."""
     zeroed: Array = np.where(valid, residual, 0.0)
     return _correlated_length(zeroed, valid) * _correlated_length(zeroed.T, valid.T)
 
 
 def _correlated_length(residual: Array, valid: Mask) -> float:
-    """Sum of the correlation along the first axis over all lags, as far as it is distinctly positive [points]."""
+    """Sum of the correlation along the first axis over all lags, up to the first below 0.05 [points]."""
     variance = float((residual**2).sum()) / max(int(np.count_nonzero(valid)), 1)
     length = 1.0
     for lag in range(1, residual.shape[0] // 4 if variance > 0.0 else 0):
         pairs = max(int(np.count_nonzero(valid[lag:] & valid[:-lag])), 1)
         correlation = float((residual[lag:] * residual[:-lag]).sum()) / pairs / variance
-        if correlation < _UNCORRELATED:
+        if correlation < _MIN_CORRELATION:
             break
         length += 2.0 * correlation
     return length

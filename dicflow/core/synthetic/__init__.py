@@ -1,6 +1,6 @@
-"""Photographs of surfaces whose every point is known in closed form.
+"""Synthetic photographs with exact truth: every point of the surface is known in closed form.
 
-:mod:`deformation` puts material points into space, :mod:`speckle` and :mod:`checkerboard` say how dark each material
-point is, :mod:`render` photographs them through a camera, and :mod:`planar` and :mod:`motion` without one. No image is
-ever interpolated: each pixel looks up the material it sees.
+:mod:`deformation` gives the positions of material points in space, :mod:`speckle` and :mod:`checkerboard` their
+darkness; :mod:`render` renders photographs through a camera, :mod:`planar` and :mod:`motion` flat images. Images are
+never interpolated: each pixel integrates the pattern of the material that it shows.
 """

@@ -1,4 +1,4 @@
-"""The ChArUco board: a checkerboard with a marker in each white square, so that parts of it can be told apart."""
+"""The ChArUco board: a checkerboard with a marker in each white square, which identifies the squares."""
 
 from __future__ import annotations
 
@@ -13,15 +13,15 @@ from dicflow.core.calibration.charuco import marker_dictionary
 from dicflow.core.synthetic.checkerboard import Checkerboard, board_darkness
 from dicflow.core.synthetic.render import Extent
 
-__all__ = ["MarkedBoard", "marked_darkness", "marked_extent"]
+__all__ = ["CharucoBoard", "charuco_darkness", "charuco_extent"]
 
 
-class MarkedBoard(NamedTuple):
+class CharucoBoard(NamedTuple):
     """A checkerboard with markers, numbered row by row.
 
     board : the squares; the first one is black
     marker : side of a marker as a share of that of a square [-]
-    dictionary : name of the markers' alphabet
+    dictionary : name of the marker dictionary
     """
 
     board: Checkerboard = Checkerboard()
@@ -29,21 +29,21 @@ class MarkedBoard(NamedTuple):
     dictionary: str = "4x4_50"
 
 
-def marked_extent(marked: MarkedBoard) -> Extent:
-    """The paper."""
+def charuco_extent(marked: CharucoBoard) -> Extent:
+    """Extent of the paper [mm]."""
     board = marked.board
     right, bottom = board.columns * board.square + board.margin, board.rows * board.square + board.margin
     return Extent(-board.margin, right, -board.margin, bottom)
 
 
-def marked_darkness(marked: MarkedBoard, points: ArrayLike) -> Array:
-    """How dark points (..., 2) of the board [mm] are: 0 white … 1 black, shape (...)."""
+def charuco_darkness(marked: CharucoBoard, points: ArrayLike) -> Array:
+    """Darkness (...) of points (..., 2) of the board [mm]: 0 white … 1 black."""
     points = np.asarray(points, dtype=float)
     return np.maximum(board_darkness(marked.board, points), _marker_darkness(marked, points))
 
 
-def _marker_darkness(marked: MarkedBoard, points: Array) -> Array:
-    """Ink of the markers alone at points (..., 2) [mm]."""
+def _marker_darkness(marked: CharucoBoard, points: Array) -> Array:
+    """Darkness (...) of the markers alone at points (..., 2) [mm]."""
     board, modules = marked.board, _modules(marked)
     square = np.floor(points / board.square).astype(int)
     count = modules.shape[-1]
@@ -56,8 +56,8 @@ def _marker_darkness(marked: MarkedBoard, points: Array) -> Array:
     return np.where(inked, modules[number, down, across], 0.0)
 
 
-def _modules(marked: MarkedBoard) -> Array:
-    """Ink of each marker's modules (marker, row, col), its black border included: 0 or 1."""
+def _modules(marked: CharucoBoard) -> Array:
+    """Darkness of each marker's modules (marker, row, col), including the black border: 0 or 1."""
     dictionary = marker_dictionary(marked.dictionary)
     side = dictionary.markerSize + 2
     count = marked.board.columns * marked.board.rows // 2

@@ -19,7 +19,7 @@ class Checkerboard(NamedTuple):
     columns, rows : number of squares, one more than the inner corners in each direction
     square : side of a square [mm]
     margin : width of the white paper around the squares [mm]
-    edge : width over which black turns into white, as a printer and a lens leave it [mm]
+    edge : width of the transition from black to white [mm]
     """
 
     columns: int = 10
@@ -43,45 +43,50 @@ def board_outline(board: Checkerboard) -> Array:
 
 
 def board_darkness(board: Checkerboard, points: ArrayLike) -> Array:
-    """How dark points (..., 2) of the board [mm] are: 0 white … 1 black, shape (...); the first square is black."""
+    """Darkness (...) of points (..., 2) of the board [mm]: 0 white … 1 black; the first square is black."""
     points = np.asarray(points, dtype=float)
-    return np.asarray(_darkness(board, points.reshape(-1, 2))).reshape(points.shape[:-1])
+    return np.asarray(_darkness_at(board, points.reshape(-1, 2))).reshape(points.shape[:-1])
 
 
 @njit(cache=True, nogil=True)
-def _step(distance, width):  # type: ignore[no-untyped-def]
-    """0 … 1 across a soft edge of a width, ½ on it."""
+def _soft_step(distance: float, width: float) -> float:
+    """Smooth step from 0 to 1 over a width, ½ at distance 0."""
     t = min(max(0.5 + distance / width, 0.0), 1.0)
     return t * t * (3.0 - 2.0 * t)
 
 
 @njit(cache=True, nogil=True)
-def _alternation(coordinate, count, square, edge):  # type: ignore[no-untyped-def]
-    """Square wave −1 … 1 over the squares of one direction; the outermost squares go on beyond the board."""
+def _square_wave(coordinate: float, count: int, square: float, edge: float) -> float:
+    """Wave between −1 and 1 over the squares of one direction; the outermost squares extend beyond the board."""
     line = min(max(round(coordinate / square), 1), count - 1)
-    wave = 2.0 * _step(coordinate - line * square, edge) - 1.0
+    wave: float = 2.0 * _soft_step(coordinate - line * square, edge) - 1.0
     return wave if line % 2 == 0 else -wave
 
 
 @njit(cache=True, nogil=True)
-def _within(coordinate, count, square, edge):  # type: ignore[no-untyped-def]
-    """1 on the squares, 0 beyond the outermost line."""
-    return _step(coordinate, edge) * _step(count * square - coordinate, edge)
+def _inside_squares(coordinate: float, count: int, square: float, edge: float) -> float:
+    """1 on the squares, 0 outside them, with soft edges."""
+    inside: float = _soft_step(coordinate, edge) * _soft_step(count * square - coordinate, edge)
+    return inside
 
 
 @njit(cache=True, nogil=True)
-def _ink(board, x, y):  # type: ignore[no-untyped-def]
-    """Ink at one point of the board [-]."""
-    inside = _within(x, board.columns, board.square, board.edge) * _within(y, board.rows, board.square, board.edge)
+def _ink(board: Checkerboard, x: float, y: float) -> float:
+    """Darkness of one point of the board, 0 … 1."""
+    inside = _inside_squares(x, board.columns, board.square, board.edge) * _inside_squares(
+        y, board.rows, board.square, board.edge
+    )
     if inside == 0.0:
         return 0.0
-    wave_x = _alternation(x, board.columns, board.square, board.edge)
-    wave_y = _alternation(y, board.rows, board.square, board.edge)
-    return 0.5 * inside * (1.0 + wave_x * wave_y)
+    wave_x = _square_wave(x, board.columns, board.square, board.edge)
+    wave_y = _square_wave(y, board.rows, board.square, board.edge)
+    darkness: float = 0.5 * inside * (1.0 + wave_x * wave_y)
+    return darkness
 
 
 @njit(cache=True, nogil=True)
-def _darkness(board, points):  # type: ignore[no-untyped-def]
+def _darkness_at(board: Checkerboard, points: Array) -> Array:
+    """Darkness (n,) of points (n, 2) of the board."""
     out = np.empty(len(points))
     for i in range(len(points)):
         out[i] = _ink(board, points[i, 0], points[i, 1])

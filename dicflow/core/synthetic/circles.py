@@ -1,4 +1,4 @@
-"""The grid of circles: black ones on white paper, the first centre at (0, 0), X along its rows."""
+"""The grid of circles: black circles on white paper, the first centre at (0, 0), X along the rows."""
 
 from __future__ import annotations
 
@@ -16,12 +16,12 @@ __all__ = ["CircleGrid", "circle_centres", "circle_darkness", "circle_extent"]
 class CircleGrid(NamedTuple):
     """A flat grid of circles.
 
-    columns, rows : circles in a row, and rows
-    spacing : distance of neighbouring rows [mm]; of a symmetric grid also that of the circles of a row, of an
-        asymmetric one half of it, and every other row is shifted by it
+    columns, rows : number of circles in a row, and of rows
+    spacing : distance of neighbouring rows [mm]; in a symmetric grid the circles of a row have the same distance, in
+        an asymmetric one twice that, and every other row is shifted by it
     radius : of a circle [mm]
     margin : width of the white paper around the circles' centres [mm]
-    edge : width over which black turns into white [mm]
+    edge : width of the transition from black to white [mm]
     """
 
     columns: int = 9
@@ -41,22 +41,24 @@ def circle_centres(grid: CircleGrid) -> Array:
 
 
 def circle_extent(grid: CircleGrid) -> Extent:
-    """The paper."""
+    """Extent of the paper [mm]."""
     right, bottom = circle_centres(grid).reshape(-1, 2).max(axis=0) + grid.margin
     return Extent(-grid.margin, float(right), -grid.margin, float(bottom))
 
 
 def circle_darkness(grid: CircleGrid, points: ArrayLike) -> Array:
-    """How dark points (..., 2) of the grid [mm] are: 0 white … 1 black, shape (...), ½ on the circles' edges."""
+    """Darkness (...) of points (..., 2) of the grid [mm]: 0 white … 1 black, ½ on the circles' edges."""
     x, y = np.moveaxis(np.asarray(points, dtype=float) / grid.spacing, -1, 0)
     above = np.floor(y)
-    distance = np.minimum(_to_nearest_in_row(grid, x, y, above), _to_nearest_in_row(grid, x, y, above + 1.0))
+    distance = np.minimum(
+        _distance_to_nearest_in_row(grid, x, y, above), _distance_to_nearest_in_row(grid, x, y, above + 1.0)
+    )
     t = np.clip(0.5 + (grid.radius - grid.spacing * distance) / grid.edge, 0.0, 1.0)
     return np.asarray(t * t * (3.0 - 2.0 * t))
 
 
-def _to_nearest_in_row(grid: CircleGrid, x: Array, y: Array, row: Array) -> Array:
-    """Distance from the nearest centre of the row nearest to one asked for, in spacings."""
+def _distance_to_nearest_in_row(grid: CircleGrid, x: Array, y: Array, row: Array) -> Array:
+    """Distance from the nearest centre in a row, which is clipped to those of the grid, in spacings."""
     row = np.clip(row, 0, grid.rows - 1)
     pitch, start = (2.0, row % 2) if grid.asymmetric else (1.0, np.zeros_like(row))
     column = np.clip(np.round((x - start) / pitch), 0, grid.columns - 1)

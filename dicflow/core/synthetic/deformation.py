@@ -1,22 +1,22 @@
-"""Deformed specimens in closed form: where each material point is, and how its neighbourhood is stretched.
+"""Deformed specimens in closed form: positions of material points, and the deformation gradient there.
 
 Material points (X, Y) [mm] lie on a flat strip at rest: X across it, 0 at its middle; Y along it, 0 at the upper and
 ``length`` at the lower edge of the speckled region. With the mean stretch λ, the local one is
 
     s(Y) = λ + (λ − 1) a cos(πY/L),
 
-whose integral over [0, L] is λL whatever the inhomogeneity a, so that the imposed length holds exactly::
+whose integral over [0, L] is λL for every inhomogeneity a, so that the deformed length is exact::
 
     y = λY + (λ − 1) a (L/π) sin(πY/L)
     x = X s(Y)^(−c) + γ y
     z = b sin(πY/L) + q (2X/W)²
 
-and the specimen's place in space is R (x, y, z) + t.
+and the position in space is R (x, y, z) + t.
 """
 
 from __future__ import annotations
 
-from typing import Any, NamedTuple
+from typing import NamedTuple, TypeVar
 
 import numpy as np
 from numba import njit
@@ -24,19 +24,30 @@ from numpy.typing import ArrayLike
 
 from dicflow.core.arrays import Array
 
-__all__ = ["Deformation", "Strain", "carried", "gradient", "position", "strain", "surface_kernel", "tangents_kernel"]
+__all__ = [
+    "Deformation",
+    "Strain",
+    "gradient",
+    "moved_rigidly",
+    "position",
+    "strain",
+    "surface_kernel",
+    "tangents_kernel",
+]
+
+_Number = TypeVar("_Number", float, Array)
 
 
 class Deformation(NamedTuple):
-    """A deformed state of a strip and its place in space; the defaults are the strip at rest.
+    """A deformed state of a strip and its pose; the defaults are the undeformed strip.
 
     length, width : of the speckled region at rest, L and W [mm]
     stretch : mean stretch λ along the strip [-]
     contraction : exponent c of the lateral contraction; 1/2 keeps an incompressible strip's volume [-]
-    inhomogeneity : a, how far the local stretch departs from the mean one [-]
+    inhomogeneity : a, amplitude of the local stretch relative to λ − 1 [-]
     shear : γ, simple shear across the strip [-]
     bulge, curl : heights b and q out of the plane, along and across the strip [mm]
-    rotation, translation : (3, 3) and (3,) [mm] — the strip's frame seen from the camera's
+    rotation, translation : (3, 3) and (3,) [mm] — strip's frame to camera frame
     """
 
     length: float
@@ -63,8 +74,8 @@ class Strain(NamedTuple):
     gxy: Array
 
 
-def carried(deformation: Deformation, rotation: ArrayLike, translation: ArrayLike) -> Deformation:
-    """The same state after a rigid motion p → rotation @ p + translation, or seen from a frame so related."""
+def moved_rigidly(deformation: Deformation, rotation: ArrayLike, translation: ArrayLike) -> Deformation:
+    """The same state after a rigid motion p → rotation @ p + translation, or in a frame with that relation."""
     rotation = np.asarray(rotation, dtype=float)
     return deformation._replace(
         rotation=rotation @ deformation.rotation,
@@ -73,7 +84,7 @@ def carried(deformation: Deformation, rotation: ArrayLike, translation: ArrayLik
 
 
 def position(deformation: Deformation, material: ArrayLike) -> Array:
-    """Where material points (..., 2) [mm] are: (..., 3) [mm], seen from the camera."""
+    """Positions (..., 3) [mm] of material points (..., 2) [mm] in the camera's frame."""
     x, y = np.moveaxis(np.asarray(material, dtype=float), -1, 0)
     local = np.stack(_surface(deformation, x, y), axis=-1)
     return local @ deformation.rotation.T + deformation.translation
@@ -101,8 +112,8 @@ def _fibre_angle(fibres: Array) -> Array:
     return np.asarray(np.arctan2(np.linalg.norm(np.cross(x, y), axis=-1), np.sum(x * y, axis=-1)))
 
 
-def _surface(deformation: Any, x: Any, y: Any) -> tuple[Any, Any, Any]:
-    """The deformed point (x, y, z) in the strip's frame; plain arithmetic, for arrays and kernels alike."""
+def _surface(deformation: Deformation, x: _Number, y: _Number) -> tuple[_Number, _Number, _Number]:
+    """The deformed point (x, y, z) in the strip's frame, for arrays and in kernels."""
     wave = np.pi / deformation.length
     excess = (deformation.stretch - 1.0) * deformation.inhomogeneity
     local_stretch = deformation.stretch + excess * np.cos(wave * y)
@@ -112,7 +123,7 @@ def _surface(deformation: Any, x: Any, y: Any) -> tuple[Any, Any, Any]:
     return across, along, height
 
 
-def _tangents(deformation: Any, x: Any, y: Any) -> tuple[Any, Any, Any, Any, Any]:
+def _tangents(deformation: Deformation, x: _Number, y: _Number) -> tuple[_Number, _Number, _Number, _Number, _Number]:
     """∂x/∂X, ∂x/∂Y, ∂y/∂Y, ∂z/∂X and ∂z/∂Y of :func:`_surface` (∂y/∂X is 0)."""
     wave = np.pi / deformation.length
     excess = (deformation.stretch - 1.0) * deformation.inhomogeneity

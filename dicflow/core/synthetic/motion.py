@@ -1,7 +1,7 @@
-"""Flat speckle images carried by any smooth motion of the plane, also one that no single transform describes.
+"""Flat speckle images deformed by any smooth motion of the plane.
 
-A material point at X in the reference image is at x(X) in the deformed one, I(x(X)) = I₀(X). Every sample within a
-pixel is carried back to the material by Newton's method, so that the images are exact to the integration over pixels.
+A material point at X in the reference image is at x(X) in the deformed one, I(x(X)) = I₀(X). The reference point of
+every sample within a pixel is found by Newton's method, so the only error of the images is the integration over pixels.
 """
 
 from __future__ import annotations
@@ -11,21 +11,21 @@ from collections.abc import Callable
 import numpy as np
 
 from dicflow.core.arrays import Array
-from dicflow.core.synthetic.render import Extent, Look, Pattern, shares
+from dicflow.core.synthetic.render import Extent, GreyLevels, Pattern, pixel_shares
 from dicflow.core.synthetic.speckle import darkness, scatter_speckles
 
-__all__ = ["Motion", "carried_back", "render_pattern", "speckle_pattern", "star", "star_period", "strain_star"]
+__all__ = ["Motion", "reference_points", "render_pattern", "speckle_pattern", "star", "star_period", "strain_star"]
 
 Motion = Callable[[Array], tuple[Array, Array]]
-"""Where points (..., 2) of the reference go [px], and the gradients ∂x/∂X (..., 2, 2) there."""
+"""Maps points (..., 2) of the reference [px] to deformed positions (..., 2) and gradients ∂x/∂X (..., 2, 2)."""
 
-_EVEN = Look(unevenness=0.0, light=(0.0, 0.0))
+_EVEN_LIGHT = GreyLevels(unevenness=0.0, light=(0.0, 0.0))
 _EVERYWHERE = Extent(-np.inf, np.inf, -np.inf, np.inf)
-_GROWTH = 140.0
+_PERIOD_GROWTH_PX = 140.0
 _ROWS_AT_ONCE = 8
-_NEWTON = 30
-_SMALL_STEP = 1e-4
-"""What is left after a step of Newton's method is about the step's square [px]."""
+_MAX_NEWTON_STEPS = 30
+_MAX_LAST_STEP_PX = 1e-4
+"""Newton's method stops below this step; the remaining error is about its square [px]."""
 
 
 def speckle_pattern(
@@ -36,13 +36,13 @@ def speckle_pattern(
     margin: float = 20.0,
     seed: int = 0,
 ) -> Pattern:
-    """How dark the points (..., 2) [px] of a speckled reference image are, 0 … 1.
+    """The speckle pattern of a reference image: darkness 0 … 1 of points (..., 2) [px].
 
     size : (width, height) of the image [px]
     diameter : of the dots, least and greatest [px]
-    edge : width over which the ink fades out [px]
+    edge : width of the transition from black to white [px]
     coverage : share of the image that is dark
-    margin : how far speckles go on beyond the image [px]
+    margin : width of the speckled border around the image [px]
     """
     width, height = size[0] + 2.0 * margin, size[1] + 2.0 * margin
     speckles = scatter_speckles((width, height), diameter, edge, coverage, seed=seed)
@@ -51,7 +51,11 @@ def speckle_pattern(
 
 
 def render_pattern(
-    pattern: Pattern, size: tuple[int, int], motion: Motion | None = None, look: Look = _EVEN, order: int = 3
+    pattern: Pattern,
+    size: tuple[int, int],
+    motion: Motion | None = None,
+    levels: GreyLevels = _EVEN_LIGHT,
+    order: int = 3,
 ) -> Array:
     """Image (height, width) of a pattern before noise, evenly lit.
 
@@ -61,32 +65,32 @@ def render_pattern(
     """
 
     def moved(places: Array) -> Array:
-        return pattern(places if motion is None else carried_back(motion, places))
+        return pattern(places if motion is None else reference_points(motion, places))
 
     ink = np.empty(size[::-1])
     for top in range(0, size[1], _ROWS_AT_ONCE):
         rows = np.arange(top, min(top + _ROWS_AT_ONCE, size[1]))
         pixels = np.stack(np.meshgrid(np.arange(size[0]), rows), axis=-1).astype(float)
         squares = np.broadcast_to(np.eye(2), (*pixels.shape, 2))
-        ink[rows] = shares(pixels, squares, _EVERYWHERE, moved, order).ink
-    return np.asarray(look.paper + (look.ink - look.paper) * ink)
+        ink[rows] = pixel_shares(pixels, squares, _EVERYWHERE, moved, order).ink
+    return np.asarray(levels.paper + (levels.ink - levels.paper) * ink)
 
 
-def carried_back(motion: Motion, places: Array) -> Array:
-    """Points (..., 2) of the reference that a motion carries to ``places`` (..., 2) [px].
+def reference_points(motion: Motion, places: Array) -> Array:
+    """Points (..., 2) of the reference that a motion maps to ``places`` (..., 2) [px].
 
-    Raises ValueError where Newton's method finds none, as it may where a motion folds the plane.
+    Raises ValueError where Newton's method does not converge, as it may where a motion folds the plane.
     """
     points = places.copy()
-    for _ in range(_NEWTON):
+    for _ in range(_MAX_NEWTON_STEPS):
         at, slope = motion(points)
         (dx, dy), (a, b, c, d) = np.moveaxis(places - at, -1, 0), np.moveaxis(slope.reshape(*at.shape[:-1], 4), -1, 0)
         step = np.stack([d * dx - b * dy, a * dy - c * dx], axis=-1) / (a * d - b * c)[..., None]
         points += step
-        if not (largest := np.abs(step).max()) > _SMALL_STEP:
+        if not (largest := np.abs(step).max()) > _MAX_LAST_STEP_PX:
             break
-    if not largest <= _SMALL_STEP:
-        raise ValueError(f"the motion cannot be inverted: its points still move by {largest:.2g} px")
+    if not largest <= _MAX_LAST_STEP_PX:
+        raise ValueError(f"the motion cannot be inverted: the last step of Newton's method is {largest:.2g} px")
     return points
 
 
@@ -95,8 +99,8 @@ def star(amplitude: float = 0.5, middle: float = 250.0, width: int = 2000) -> Mo
     62, 2022): v = A cos(2π (y − m)/λ(x)), u = 0.
 
     amplitude : A [px]
-    middle : m, the row that moves by A everywhere [px]
-    width : over which the period grows from 10 to 150 px [px]
+    middle : m, the row with displacement A everywhere [px]
+    width : width over which the period grows from 10 to 150 px [px]
     """
 
     def wave(y: Array, period: Array) -> tuple[Array, Array, Array]:
@@ -108,7 +112,7 @@ def star(amplitude: float = 0.5, middle: float = 250.0, width: int = 2000) -> Mo
 
 
 def strain_star(strain: float = 0.05, middle: float = 250.0, width: int = 2000) -> Motion:
-    """The same for strains: v = ε λ/(2π) sin(2π (y − m)/λ(x)), so that ∂v/∂y is ε in the whole middle row."""
+    """The wave of constant strain: v = ε λ/(2π) sin(2π (y − m)/λ(x)), so that ∂v/∂y is ε in the whole middle row."""
 
     def wave(y: Array, period: Array) -> tuple[Array, Array, Array]:
         turn = 2.0 * np.pi * y / period
@@ -120,18 +124,18 @@ def strain_star(strain: float = 0.05, middle: float = 250.0, width: int = 2000) 
 
 def star_period(x: Array, width: int = 2000) -> Array:
     """The period λ of the stars at columns x [px]."""
-    return np.asarray(10.0 + _GROWTH * x / width)
+    return np.asarray(10.0 + _PERIOD_GROWTH_PX * x / width)
 
 
 def _along_y(wave: Callable[[Array, Array], tuple[Array, Array, Array]], middle: float, width: int) -> Motion:
-    """Motion by v along y alone, from v, ∂v/∂y and ∂v/∂λ as functions of y − m and λ."""
+    """Motion v along y only; ``wave`` gives v, ∂v/∂y and ∂v/∂λ as functions of y − m and λ."""
 
     def motion(points: Array) -> tuple[Array, Array]:
         v, by_y, by_period = wave(points[..., 1] - middle, star_period(points[..., 0], width))
         places, slope = points.copy(), np.zeros((*v.shape, 2, 2))
         places[..., 1] += v
         slope[..., 0, 0], slope[..., 1, 1] = 1.0, 1.0 + by_y
-        slope[..., 1, 0] = by_period * _GROWTH / width
+        slope[..., 1, 0] = by_period * _PERIOD_GROWTH_PX / width
         return places, slope
 
     return motion

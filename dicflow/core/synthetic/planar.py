@@ -1,4 +1,4 @@
-"""Pairs of flat speckle images with an exactly known motion in pixels, for methods that use one camera."""
+"""Pairs of flat speckle images with an exactly known motion in pixels, for one camera."""
 
 from __future__ import annotations
 
@@ -8,17 +8,17 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from dicflow.core.arrays import Array, Codes
-from dicflow.core.synthetic.render import Extent, Look, expose, shares
+from dicflow.core.synthetic.render import Extent, GreyLevels, add_noise_and_round, pixel_shares
 from dicflow.core.synthetic.speckle import Speckles, darkness, scatter_speckles
 
 __all__ = ["PlanarPair", "planar_pair", "render_planar", "translation"]
 
 
-_EVEN = Look(unevenness=0.0, light=(0.0, 0.0))
+_EVEN_LIGHT = GreyLevels(unevenness=0.0, light=(0.0, 0.0))
 
 
 class PlanarPair(NamedTuple):
-    """A point at x in the reference is at ``transform`` (x) in the deformed image; both are (height, width)."""
+    """A reference and a deformed image (height, width); ``transform`` (3, 3) maps pixels of the first to the second."""
 
     reference: Codes
     deformed: Codes
@@ -26,7 +26,7 @@ class PlanarPair(NamedTuple):
 
 
 def translation(shift: ArrayLike) -> Array:
-    """The projective transform (3, 3) that moves by ``shift`` (x, y) [px]."""
+    """The projective transform (3, 3) that translates by ``shift`` (x, y) [px]."""
     matrix = np.eye(3)
     matrix[:2, 2] = shift
     return matrix
@@ -41,7 +41,7 @@ def planar_pair(
     noise: float = 0.0,
     seed: int = 0,
 ) -> PlanarPair:
-    """Speckles over the whole image, and the same moved by a projective transform.
+    """Images of speckles before and after a projective transform.
 
     size : (width, height) [px]
     transform : (3, 3) — from reference to deformed pixels, or (2,) — a shift (x, y) [px]
@@ -53,29 +53,38 @@ def planar_pair(
     reach = 0.25 * max(size) + 20.0
     width, height = size[0] + 2.0 * reach, size[1] + 2.0 * reach
     speckles = scatter_speckles((width, height), diameter, 1.0, coverage, seed=seed)
-    at_rest = translation((0.5 * size[0], -reach))
+    material_to_reference = translation((0.5 * size[0], -reach))
     images = [
-        expose(render_planar(speckles, size, matrix @ at_rest, Extent(-width / 2, width / 2, 0.0, height)), noise, key)
+        add_noise_and_round(
+            render_planar(speckles, size, matrix @ material_to_reference, Extent(-width / 2, width / 2, 0.0, height)),
+            noise,
+            key,
+        )
         for matrix, key in ((np.eye(3), [seed, 1]), (transform, [seed, 2]))
     ]
     return PlanarPair(images[0], images[1], transform)
 
 
 def render_planar(
-    speckles: Speckles, size: tuple[int, int], transform: Array, extent: Extent, look: Look = _EVEN, order: int = 3
+    speckles: Speckles,
+    size: tuple[int, int],
+    transform: Array,
+    extent: Extent,
+    levels: GreyLevels = _EVEN_LIGHT,
+    order: int = 3,
 ) -> Array:
-    """Image (height, width) of speckles before noise, evenly lit.
+    """Image (height, width) of speckles without noise, evenly lit.
 
     size : (width, height) [px]
     transform : (3, 3) — from material [mm or px] to pixels; a projective one
     """
     pixels = np.stack(np.meshgrid(np.arange(size[0]), np.arange(size[1])), axis=-1).astype(float)
-    points, slopes = _back(np.asarray(np.linalg.inv(transform), dtype=float), pixels)
-    surface, ink = shares(points, slopes, extent, lambda samples: darkness(speckles, samples), order)
-    return np.asarray(look.background * (1.0 - surface) + look.paper * (surface - ink) + look.ink * ink)
+    points, slopes = _material_at_pixels(np.asarray(np.linalg.inv(transform), dtype=float), pixels)
+    surface, ink = pixel_shares(points, slopes, extent, lambda samples: darkness(speckles, samples), order)
+    return np.asarray(levels.background * (1.0 - surface) + levels.paper * (surface - ink) + levels.ink * ink)
 
 
-def _back(inverse: Array, pixels: Array) -> tuple[Array, Array]:
+def _material_at_pixels(inverse: Array, pixels: Array) -> tuple[Array, Array]:
     """Material points (..., 2) at pixels (..., 2), and the slopes (..., 2, 2) of a projective transform there."""
     numerator = pixels @ inverse[:2, :2].T + inverse[:2, 2]
     denominator = (pixels @ inverse[2, :2] + inverse[2, 2])[..., None]

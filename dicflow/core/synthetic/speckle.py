@@ -1,4 +1,4 @@
-"""Speckles as a marker pen makes them: soft-edged, slightly oval dots at random places, each fixed to the material."""
+"""Speckles as drawn with a marker pen: soft-edged, slightly oval dots at random places of the material."""
 
 from __future__ import annotations
 
@@ -13,22 +13,22 @@ from dicflow.core.arrays import Array, Index
 __all__ = ["Speckles", "darkness", "scatter_speckles"]
 
 
-_GAP = 0.78
-"""Least distance of two dots over the sum of their radii: a hand with a pen overlaps dots a little, never much."""
-_TRIES_PER_DOT = 60
-_PER_CELL = 32
+_MIN_DISTANCE_RATIO = 0.78
+"""Least distance of two dots over the sum of their radii: dots may overlap a little."""
+_CANDIDATES_PER_DOT = 60
+_MAX_DOTS_PER_CELL = 32
 
 
 class Speckles(NamedTuple):
-    """Dots on a strip, and an index of cells to find those near a point.
+    """Dots on a strip, and an index of cells for the search of the dots near a point.
 
     centres : (n, 2) [mm]
-    shapes : (n, 3) — a, b, c of the oval a dx² + 2 b dx dy + c dy² = 1 that is a dot's edge [1/mm²]
+    shapes : (n, 3) — a, b, c of a dot's edge a dx² + 2 b dx dy + c dy² = 1 [1/mm²]
     radii : (n,) — radius of the circle of equal area [mm]
-    edge : width over which the ink fades out [mm]
+    edge : width of the transition from black to white [mm]
     origin, cell : corner (2,) and side of the square cells of the index [mm]
-    first : (rows, cols + 1) — where the dots of each cell start in ``members``; a cell ends where the next starts
-    members : (m,) — dots by cell; a dot stands in every cell that it reaches
+    first : (rows, cols + 1) — index of the first dot of each cell in ``members``; the next cell's is its end
+    members : (m,) — dots by cell; a dot belongs to every cell that it reaches
     """
 
     centres: Array
@@ -49,68 +49,75 @@ def scatter_speckles(
     elongation: float = 1.35,
     seed: int = 0,
 ) -> Speckles:
-    """Random dots on the strip X ∈ [−W/2, W/2], Y ∈ [0, L], thrown one by one until the share ``coverage`` is dark.
+    """Random dots on the strip X ∈ [−W/2, W/2], Y ∈ [0, L], added one by one until the share ``coverage`` is dark.
 
-    No dot reaches beyond the ends Y = 0 and Y = L, where the speckled region ends; the sides cut dots off.
+    Dots do not reach beyond the ends Y = 0 and Y = L of the speckled region; at the sides they are cut off.
 
     size : width W and length L [mm]
     diameter : least and greatest [mm]
-    edge : width over which the ink fades out [mm]
-    coverage : share of the region that is dark, overlaps counted once [-]
+    edge : width of the transition from black to white [mm]
+    coverage : total area of the dots over that of the region [-]
     elongation : greatest ratio of a dot's axes [-]
     """
     rng = np.random.default_rng([seed, 0x5BEC])
     width, length = size
     mean_area = np.pi / 12.0 * (diameter[0] ** 2 + diameter[0] * diameter[1] + diameter[1] ** 2)
-    tries = int(_TRIES_PER_DOT * coverage * width * length / mean_area) + 1
-    radii = rng.uniform(*diameter, tries) / 2.0
-    ratios = np.sqrt(rng.uniform(1.0, elongation, tries))
+    candidates = int(_CANDIDATES_PER_DOT * coverage * width * length / mean_area) + 1
+    radii = rng.uniform(*diameter, candidates) / 2.0
+    ratios = np.sqrt(rng.uniform(1.0, elongation, candidates))
     reach = radii * ratios + edge / 2.0
     centres = np.stack(
-        [rng.uniform(-width / 2, width / 2, tries), reach + rng.uniform(0.0, 1.0, tries) * (length - 2.0 * reach)], -1
+        [
+            rng.uniform(-width / 2, width / 2, candidates),
+            reach + rng.uniform(0.0, 1.0, candidates) * (length - 2.0 * reach),
+        ],
+        -1,
     )
-    angles = rng.uniform(0.0, np.pi, tries)
-    kept = _throw(centres, radii, np.array([-width / 2, 0.0]), diameter[1], coverage * width * length, _GAP)
-    return _indexed(centres[kept], _ovals(radii, ratios, angles)[kept], radii[kept], reach[kept], edge)
+    angles = rng.uniform(0.0, np.pi, candidates)
+    kept = _select_dots(
+        centres, radii, np.array([-width / 2, 0.0]), diameter[1], coverage * width * length, _MIN_DISTANCE_RATIO
+    )
+    return _indexed(centres[kept], _oval_shapes(radii, ratios, angles)[kept], radii[kept], reach[kept], edge)
 
 
 def darkness(speckles: Speckles, material: ArrayLike) -> Array:
-    """How much ink lies at material points (..., 2) [mm]: 0 none … 1 full, shape (...)."""
+    """Darkness (...) of material points (..., 2) [mm]: 0 white … 1 black."""
     points = np.asarray(material, dtype=float)
-    return np.asarray(_darkness(speckles, points.reshape(-1, 2))).reshape(points.shape[:-1])
+    return np.asarray(_darkness_at(speckles, points.reshape(-1, 2))).reshape(points.shape[:-1])
 
 
-def _ovals(radii: Array, ratios: Array, angles: Array) -> Array:
-    """Quadratic forms (n, 3) of ovals with axes radius × ratio and radius / ratio, the long one at an angle [rad]."""
+def _oval_shapes(radii: Array, ratios: Array, angles: Array) -> Array:
+    """Shapes (n, 3) of ovals with semi-axes radius × ratio and radius / ratio, the longer one at an angle [rad]."""
     long, short = (radii * ratios) ** -2.0, (radii / ratios) ** -2.0
     c, s = np.cos(angles), np.sin(angles)
     return np.stack([long * c * c + short * s * s, (long - short) * c * s, long * s * s + short * c * c], axis=-1)
 
 
 def _indexed(centres: Array, shapes: Array, radii: Array, reach: Array, edge: float) -> Speckles:
+    """Speckles with their index of cells; reach : (n,) — greatest distance of a dot's ink from its centre."""
     cell = 2.0 * float(radii.max())
     origin = (centres - reach[:, None]).min(axis=0)
     low = np.floor((centres - reach[:, None] - origin) / cell).astype(np.int64)
     high = np.floor((centres + reach[:, None] - origin) / cell).astype(np.int64)
     cols, rows = high.max(axis=0) + 1
-    first, members = _cells(low, high, rows, cols)
+    first, members = _dots_by_cell(low, high, rows, cols)
     return Speckles(centres, shapes, radii, edge, origin, cell, first, members)
 
 
 @njit(cache=True, nogil=True)
-def _throw(centres, radii, origin, cell, area, gap):  # type: ignore[no-untyped-def]
-    """Indices of the dots that keep their distance from all before them, until their area is reached.
+def _select_dots(centres: Array, radii: Array, origin: Array, cell: float, area: float, gap: float) -> Index:
+    """Indices of dots that keep their distance from all selected before, until they cover an area.
 
-    A cell of side ``cell``, the greatest diameter, holds few dots, and only the nine cells around a dot matter.
+    A dot is compared with those in the nine cells around it; a cell's side is the greatest diameter.
     """
     spots = np.floor((centres - origin) / cell).astype(np.int64) + 1
-    dots = np.full((spots[:, 1].max() + 2, spots[:, 0].max() + 2, _PER_CELL), -1)
+    dots = np.full((spots[:, 1].max() + 2, spots[:, 0].max() + 2, _MAX_DOTS_PER_CELL), -1)
     counts = np.zeros(dots.shape[:2], dtype=np.int64)
     kept = np.empty(len(centres), dtype=np.int64)
     n, covered = 0, 0.0
     for i in range(len(centres)):
         col, row = spots[i]
-        if counts[row, col] == _PER_CELL or _crowded(i, row, col, dots, counts, centres, radii, gap):
+        if counts[row, col] == _MAX_DOTS_PER_CELL or _is_too_near(i, row, col, dots, counts, centres, radii, gap):
             continue
         dots[row, col, counts[row, col]] = i
         counts[row, col] += 1
@@ -123,8 +130,13 @@ def _throw(centres, radii, origin, cell, area, gap):  # type: ignore[no-untyped-
 
 
 @njit(cache=True, nogil=True)
-def _crowded(i, row, col, dots, counts, centres, radii, gap):  # type: ignore[no-untyped-def]
-    """Whether a dot thrown before lies too near to dot i."""
+def _is_too_near(
+    i: int, row: int, col: int, dots: Index, counts: Index, centres: Array, radii: Array, gap: float
+) -> bool:
+    """Whether dot i in cell (row, col) is too near to a selected dot.
+
+    dots : (rows, cols, 32) — selected dots by cell; counts : (rows, cols) — their numbers
+    """
     for r in range(row - 1, row + 2):
         for c in range(col - 1, col + 2):
             for k in range(counts[r, c]):
@@ -135,8 +147,11 @@ def _crowded(i, row, col, dots, counts, centres, radii, gap):  # type: ignore[no
 
 
 @njit(cache=True, nogil=True)
-def _cells(low, high, rows, cols):  # type: ignore[no-untyped-def]
-    """Dots by cell: their starts (rows, cols + 1) and the list of members, as a counting sort."""
+def _dots_by_cell(low: Index, high: Index, rows: int, cols: int) -> tuple[Index, Index]:
+    """``first`` and ``members`` of :class:`Speckles`, by a counting sort.
+
+    low, high : (n, 2) — first and last cell (x, y) that each dot reaches
+    """
     counts = np.zeros(rows * cols + 1, dtype=np.int64)
     for i in range(len(low)):
         for r in range(low[i, 1], high[i, 1] + 1):
@@ -157,8 +172,8 @@ def _cells(low, high, rows, cols):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, nogil=True)
-def _ink(speckles, x, y):  # type: ignore[no-untyped-def]
-    """Ink at one material point [-]; where dots overlap, the light that each lets through is multiplied."""
+def _ink(speckles: Speckles, x: float, y: float) -> float:
+    """Darkness of one material point, 0 … 1; where dots overlap, their transmissions 1 − darkness are multiplied."""
     col = int(np.floor((x - speckles.origin[0]) / speckles.cell))
     row = int(np.floor((y - speckles.origin[1]) / speckles.cell))
     rows, cols = speckles.first.shape[0], speckles.first.shape[1] - 1
@@ -181,7 +196,8 @@ def _ink(speckles, x, y):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, nogil=True)
-def _darkness(speckles, points):  # type: ignore[no-untyped-def]
+def _darkness_at(speckles: Speckles, points: Array) -> Array:
+    """Darkness (n,) of material points (n, 2)."""
     out = np.empty(len(points))
     for i in range(len(points)):
         out[i] = _ink(speckles, points[i, 0], points[i, 1])

@@ -1,4 +1,4 @@
-"""The stand of an experiment: two cameras that look at one place, and where boards are held before them."""
+"""The stand of an experiment: two cameras aimed at one place, and poses of boards in front of them."""
 
 from __future__ import annotations
 
@@ -10,10 +10,10 @@ import numpy as np
 from dicflow.core.arrays import Array, Mask
 from dicflow.core.cameras.camera import Camera, Rig, camera_matrix, rotation_matrix
 from dicflow.core.synthetic.checkerboard import Checkerboard, board_corners, board_outline
-from dicflow.core.synthetic.deformation import Deformation, carried
+from dicflow.core.synthetic.deformation import Deformation, moved_rigidly
 from dicflow.core.synthetic.trace import image_of
 
-__all__ = ["Stand", "board_poses", "seen_from_right", "verged_stand"]
+__all__ = ["Stand", "board_poses", "in_right_frame", "verged_stand"]
 
 
 _CANDIDATES = 4000
@@ -36,10 +36,10 @@ class Stand(NamedTuple):
 
 
 def verged_stand(size: tuple[int, int], field: float, standoff: float = 400.0, baseline: float = 100.0) -> Stand:
-    """Two cheap cameras on a bar, turned towards one place; alike as two of a kind are, and mounted as by hand.
+    """Two cameras of one type on a bar, aimed at one place, with small manufacturing and mounting errors.
 
     size : (width, height) of the photographs [px]
-    field : height that a photograph shows at the place aimed at [mm]
+    field : height of the field of view at that place [mm]
     standoff : distance of the bar from there [mm]
     baseline : distance of the cameras [mm]
     """
@@ -58,18 +58,18 @@ def verged_stand(size: tuple[int, int], field: float, standoff: float = 400.0, b
     return Stand(rig, turn_left, -turn_left @ at_left)
 
 
-def seen_from_right(rig: Rig, deformation: Deformation) -> Deformation:
-    """A state given in the left camera's frame, in the right one's."""
-    return carried(deformation, rig.rotation, rig.translation)
+def in_right_frame(rig: Rig, deformation: Deformation) -> Deformation:
+    """A state in the right camera's frame, given in the left one's."""
+    return moved_rigidly(deformation, rig.rotation, rig.translation)
 
 
 def board_poses(
     stand: Stand, board: Checkerboard, count: int, depth: tuple[float, float] = (0.0, 200.0), seed: int = 0
 ) -> list[Deformation]:
-    """Places of the board, in the left camera's frame, at which it is wholly inside both photographs.
+    """Poses of the board, in the left camera's frame, at which it is wholly inside both photographs.
 
-    Of many random ones (tilted by up to 30° each way, its long side along the photographs' height) those are taken
-    whose corners cover what the others leave, so that they spread over the frame.
+    Of many random poses (tilted by up to 30° each way, the long side along the photographs' height) those are selected
+    one by one whose corners cover the parts of the photographs that the others leave free.
 
     depth : least and greatest distance behind the place aimed at [mm]
     Raises ValueError where fewer than ``count`` fit.
@@ -78,9 +78,11 @@ def board_poses(
     outline = board_outline(board)
     fitting = [pose for pose in _random_poses(stand, outline, depth, rng) if _visible(stand.rig, pose, outline)]
     if len(fitting) < count:
-        raise ValueError(f"only {len(fitting)} of {_CANDIDATES} random boards fit into both photographs")
+        raise ValueError(
+            f"only {len(fitting)} of {_CANDIDATES} random poses fit into both photographs, expected {count}"
+        )
     covered = np.array([_cells_covered(stand.rig, pose, board) for pose in fitting], dtype=float)
-    return [fitting[i] for i in _spread(covered, count)]
+    return [fitting[i] for i in _evenly_covering(covered, count)]
 
 
 def _random_poses(
@@ -94,13 +96,13 @@ def _random_poses(
         rotation = rotation_matrix([tilt[0], tilt[1], 0.0]) @ rotation_matrix([0.0, 0.0, tilt[2]]) @ upright
         place = np.append(rng.uniform(-45.0, 45.0, 2), rng.uniform(*depth))
         pose = Deformation(1.0, 1.0, rotation=rotation, translation=place - rotation @ middle)
-        poses.append(carried(pose, stand.rotation, stand.translation))
+        poses.append(moved_rigidly(pose, stand.rotation, stand.translation))
     return poses
 
 
 def _visible(rig: Rig, pose: Deformation, outline: Array) -> bool:
     """Whether the whole board is inside both photographs."""
-    views = ((rig.left, pose), (rig.right, seen_from_right(rig, pose)))
+    views = ((rig.left, pose), (rig.right, in_right_frame(rig, pose)))
     return all(_inside(camera, image_of(camera, seen, outline)) for camera, seen in views)
 
 
@@ -109,19 +111,22 @@ def _inside(camera: Camera, pixels: Array) -> bool:
 
 
 def _cells_covered(rig: Rig, pose: Deformation, board: Checkerboard) -> Mask:
-    """Which cells of a coarse grid over both photographs lie between the inner corners of the board, flat."""
+    """Which cells of a coarse grid over both photographs the inner corners of the board enclose: (cells,)."""
     corners = board_corners(board)
     frame = corners[[0, 0, -1, -1], [0, -1, -1, 0]]
     masks = []
-    for camera, seen in ((rig.left, pose), (rig.right, seen_from_right(rig, pose))):
+    for camera, seen in ((rig.left, pose), (rig.right, in_right_frame(rig, pose))):
         cells = image_of(camera, seen, frame) / camera.size * _GRID
         mask = np.zeros(_GRID[::-1], dtype=np.uint8)
         masks.append(cv2.fillConvexPoly(mask, np.floor(cells).astype(np.int32), 1).ravel() > 0)
     return np.concatenate(masks)
 
 
-def _spread(covered: Array, count: int) -> list[int]:
-    """Indices of boards chosen one by one for covering cells (board, cell) that few chosen before them cover."""
+def _evenly_covering(covered: Array, count: int) -> list[int]:
+    """Indices of ``count`` boards, chosen one by one to cover cells that few of those chosen before cover.
+
+    covered : (board, cell)
+    """
     chosen: list[int] = []
     times = np.zeros(covered.shape[1])
     while len(chosen) < count:

@@ -1,7 +1,7 @@
-"""From pixels to the material they show, exactly.
+"""Exact material points of pixels.
 
-For each pixel the material point on its ray is solved for by Newton's method on the camera's image of the deformed
-surface, started from the neighbour. The slopes found on the way map the pixel's square onto the material.
+The material point on the ray of a pixel is found by Newton's method on the camera's image of the deformed surface,
+started at the point of the neighbouring pixel. Its slopes map the pixel's square to the material.
 """
 
 from __future__ import annotations
@@ -11,7 +11,7 @@ from numba import njit
 from numpy.typing import ArrayLike
 
 from dicflow.core.arrays import Array
-from dicflow.core.cameras.camera import Camera, bend, bend_slopes, project
+from dicflow.core.cameras.camera import Camera, distort_normalised, distortion_slopes, project
 from dicflow.core.synthetic.deformation import Deformation, position, surface_kernel, tangents_kernel
 
 __all__ = ["Box", "image_of", "material_at", "trace"]
@@ -22,41 +22,45 @@ Box = tuple[int, int, int, int]
 _NEWTON_STEPS = 12
 _NEWTON_TOLERANCE_PX = 1e-9
 
-_bend_kernel = njit(nogil=True)(bend)
-_bend_slopes_kernel = njit(nogil=True)(bend_slopes)
+_distort_kernel = njit(nogil=True)(distort_normalised)
+_distortion_slopes_kernel = njit(nogil=True)(distortion_slopes)
 
 
 def image_of(camera: Camera, deformation: Deformation, material: ArrayLike) -> Array:
-    """Raw pixels (..., 2) [px] at which a camera sees material points (..., 2) [mm]."""
+    """Raw pixels (..., 2) [px] of material points (..., 2) [mm] in a camera."""
     return project(camera, position(deformation, material))
 
 
 def material_at(camera: Camera, deformation: Deformation, pixels: ArrayLike, start: ArrayLike = (0.0, 0.0)) -> Array:
-    """Material points (..., 2) [mm] that a camera sees at raw pixels (..., 2): the inverse of :func:`image_of`.
+    """Material points (..., 2) [mm] at raw pixels (..., 2) of a camera: the inverse of :func:`image_of`.
 
-    start : a material point to begin the search at. NaN where there is none.
+    start : a material point at which the search begins [mm]
+    Returns NaN where the search does not converge, as for a ray that misses the surface.
     """
     pixels = np.asarray(pixels, dtype=float)
-    found = _follow(pixels.reshape(-1, 2), camera, deformation, np.array(start, dtype=float))[0]
+    found = _trace_pixels(pixels.reshape(-1, 2), camera, deformation, np.array(start, dtype=float))[0]
     return np.asarray(found).reshape(pixels.shape)
 
 
 def trace(camera: Camera, deformation: Deformation, box: Box, start: ArrayLike) -> tuple[Array, Array]:
-    """Material under every pixel of a box (x0, y0, x1, y1), the last column and row excluded.
+    """Material at every pixel of a box (x0, y0, x1, y1), ends excluded.
 
-    Returns points (row, col, 2) [mm] and the slopes ∂material/∂pixel (row, col, 2, 2) [mm/px]; NaN where a ray misses.
+    Returns points (row, col, 2) [mm] and slopes ∂material/∂pixel (row, col, 2, 2) [mm/px]; NaN where a ray misses the
+    surface.
     """
     x0, y0, x1, y1 = box
     pixels = np.stack(np.meshgrid(np.arange(x0, x1), np.arange(y0, y1)), axis=-1).astype(float)
     pixels[1::2] = pixels[1::2, ::-1].copy()
-    points, slopes = _follow(pixels.reshape(-1, 2), camera, deformation, np.array(start, dtype=float))
+    points, slopes = _trace_pixels(pixels.reshape(-1, 2), camera, deformation, np.array(start, dtype=float))
     points, slopes = points.reshape(y1 - y0, x1 - x0, 2), slopes.reshape(y1 - y0, x1 - x0, 2, 2)
     points[1::2], slopes[1::2] = points[1::2, ::-1].copy(), slopes[1::2, ::-1].copy()
     return points, slopes
 
 
 @njit(cache=True, nogil=True)
-def _image_and_slopes(camera, deformation, x, y):  # type: ignore[no-untyped-def]
+def _image_and_slopes(
+    camera: Camera, deformation: Deformation, x: float, y: float
+) -> tuple[float, float, float, float, float, float]:
     """Pixel u, v of a material point and ∂u/∂X, ∂u/∂Y, ∂v/∂X, ∂v/∂Y; u is NaN behind the camera."""
     rotation, shift = deformation.rotation, deformation.translation
     px, py, pz = surface_kernel(deformation, x, y)
@@ -72,8 +76,8 @@ def _image_and_slopes(camera, deformation, x, y):  # type: ignore[no-untyped-def
     a_y = (rotation[0, 0] * x_y + rotation[0, 1] * y_y + rotation[0, 2] * z_y - a * depth_y) / depth
     b_x = (rotation[1, 0] * x_x + rotation[1, 2] * z_x - b * depth_x) / depth
     b_y = (rotation[1, 0] * x_y + rotation[1, 1] * y_y + rotation[1, 2] * z_y - b * depth_y) / depth
-    bent_a, bent_b = _bend_kernel(a, b, camera.distortion)
-    aa, ab, bb = _bend_slopes_kernel(a, b, camera.distortion)
+    bent_a, bent_b = _distort_kernel(a, b, camera.distortion)
+    aa, ab, bb = _distortion_slopes_kernel(a, b, camera.distortion)
     fx, skew, fy = camera.matrix[0, 0], camera.matrix[0, 1], camera.matrix[1, 1]
     u = fx * bent_a + skew * bent_b + camera.matrix[0, 2]
     v = fy * bent_b + camera.matrix[1, 2]
@@ -83,11 +87,11 @@ def _image_and_slopes(camera, deformation, x, y):  # type: ignore[no-untyped-def
 
 
 @njit(cache=True, nogil=True)
-def _follow(pixels, camera, deformation, start):  # type: ignore[no-untyped-def]
-    """Material points (n, 2) and slopes (n, 2, 2) under pixels (n, 2), each search starting where the last one led.
+def _trace_pixels(pixels: Array, camera: Camera, deformation: Deformation, start: Array) -> tuple[Array, Array]:
+    """Material points (n, 2) and slopes (n, 2, 2) at pixels (n, 2).
 
-    The last slopes predict how far the material moves from one pixel to the next; where a search fails, NaN is left
-    and the next one starts from ``start``.
+    Each search starts at the point that the last point and slopes predict. Where a search does not converge, the
+    result is NaN and the next search begins at ``start``.
     """
     points = np.full(pixels.shape, np.nan)
     slopes = np.full((len(pixels), 2, 2), np.nan)

@@ -2,18 +2,33 @@ import numpy as np
 import pytest
 from boards import SIZE, SQUARE_MM, board_corners, verged_rig
 
-from dicflow.core.calibration.bundle import Bundle, Model, adjust, adjust_to_noise, covariance, lengths, residuals
+from dicflow.core.calibration.bundle import (
+    Bundle,
+    LensModel,
+    adjust,
+    adjust_with_scaled_loss,
+    covariance,
+    residual_lengths,
+    residuals,
+)
 from dicflow.core.calibration.calibrate import calibrate_camera
 from dicflow.core.calibration.targets import board_points
 from dicflow.core.cameras.camera import project, rotation_vector, to_right
-from dicflow.core.cameras.frames import CAMERA
-from dicflow.core.cameras.rig_parameters import LENS, PARAMETERS, figure_sigmas, figures, reprojection_slopes, rig_moved
+from dicflow.core.cameras.frames import LEFT_CAMERA
+from dicflow.core.cameras.rig_parameters import (
+    PARAMETERS,
+    PARAMETERS_PER_CAMERA,
+    key_figure_sigmas,
+    key_figures,
+    reprojection_slopes,
+    rig_after_step,
+)
 from dicflow.core.cameras.triangulate import triangulate
 from dicflow.core.strain.calibration_error import rig_error
 
 RIG = verged_rig()
 BOARD = board_points(SIZE, SQUARE_MM)
-MODEL = Model(radial=2, tangential=True)
+MODEL = LensModel(radial=2, tangential=True)
 NOISE_PX = 0.05
 TRIALS = 80
 
@@ -40,7 +55,7 @@ def exact():
     left, right = board_corners(RIG)
     views = calibrate_camera(BOARD, left, (640, 480), MODEL)
     bundle = adjust(Bundle(RIG, views.rotations, views.translations), BOARD, left, right, MODEL)
-    assert lengths(residuals(bundle, BOARD, left, right)).max() < 1e-9
+    assert residual_lengths(residuals(bundle, BOARD, left, right)).max() < 1e-9
     return bundle, left, right
 
 
@@ -63,8 +78,8 @@ def test_predicted_sigmas_are_the_scatter(calibrated):
     predicted = np.sqrt(np.mean([np.diagonal(matrix) for _, matrix in calibrated], axis=0))
     scatter = np.sqrt(np.mean(errors**2, axis=0))
     np.testing.assert_allclose(scatter[MODEL.free] / predicted[MODEL.free], 1.0, atol=3.5 / np.sqrt(2 * TRIALS))
-    assert not scatter[[8, LENS + 8]].any()
-    assert not predicted[[8, LENS + 8]].any()
+    assert not scatter[[8, PARAMETERS_PER_CAMERA + 8]].any()
+    assert not predicted[[8, PARAMETERS_PER_CAMERA + 8]].any()
 
 
 def test_the_whole_covariance_is_that_of_the_scatter(calibrated):
@@ -77,8 +92,8 @@ def test_the_whole_covariance_is_that_of_the_scatter(calibrated):
 
 
 def test_sigmas_of_focal_lengths_baseline_and_angle(calibrated):
-    errors = np.array([figures(rig) - figures(RIG) for rig, _ in calibrated])
-    predicted = np.array([figure_sigmas(rig, matrix) for rig, matrix in calibrated])
+    errors = np.array([key_figures(rig) - key_figures(RIG) for rig, _ in calibrated])
+    predicted = np.array([key_figure_sigmas(rig, matrix) for rig, matrix in calibrated])
     ratio = np.sqrt(np.mean(errors**2, axis=0) / np.mean(predicted**2, axis=0))
     np.testing.assert_allclose(ratio, 1.0, atol=3.5 / np.sqrt(2 * TRIALS))
 
@@ -92,7 +107,7 @@ def test_the_calibrations_share_of_a_displacement_is_its_scatter(calibrated):
     errors, shares = [], []
     for rig, matrix in calibrated:
         errors.append(triangulate(rig, *seen[1]).xyz - triangulate(rig, *seen[0]).xyz - (after - before))
-        both = rig_error(rig, matrix, (CAMERA, CAMERA)).changes_at(after, before)
+        both = rig_error(rig, matrix, (LEFT_CAMERA, LEFT_CAMERA)).changes_at(after, before)
         shares.append(np.sum((both[..., :3, :] - both[..., 3:, :]) ** 2, axis=-1))
     predicted = np.sqrt(np.mean(shares, axis=0))
     scatter = np.sqrt(np.mean(np.square(errors), axis=0))
@@ -115,7 +130,7 @@ def test_slopes_of_the_pixels_are_their_differences(exact):
         numeric = (pixels(skewed, points + step) - pixels(skewed, points - step)) / 2e-3
         np.testing.assert_allclose(by_point[..., axis], numeric, atol=1e-6)
     for k, step in enumerate(1e-5 * np.eye(len(PARAMETERS))):
-        numeric = (pixels(rig_moved(skewed, step), points) - pixels(rig_moved(skewed, -step), points)) / 2e-5
+        numeric = (pixels(rig_after_step(skewed, step), points) - pixels(rig_after_step(skewed, -step), points)) / 2e-5
         np.testing.assert_allclose(by_rig[..., k], numeric, rtol=1e-6, atol=1e-4)
 
 
@@ -124,10 +139,10 @@ def test_marks_that_are_not_seen_do_not_matter(exact):
     bundle, left, right = exact
     generator = np.random.default_rng(1)
     partial = [np.where(generator.random(side.shape[:2])[..., None] < 0.4, np.nan, side) for side in (left, right)]
-    start = bundle._replace(rig=rig_moved(RIG, np.repeat([2.0, 0.0, 0.01, 1.0], [4, 14, 3, 3])))
+    start = bundle._replace(rig=rig_after_step(RIG, np.repeat([2.0, 0.0, 0.01, 1.0], [4, 14, 3, 3])))
     solved = adjust(start, BOARD, *partial, MODEL)
     np.testing.assert_allclose(difference(solved.rig, RIG)[-3:], 0.0, atol=1e-5)
-    assert np.isfinite(lengths(residuals(solved, BOARD, *partial))).all()
+    assert np.isfinite(residual_lengths(residuals(solved, BOARD, *partial))).all()
 
 
 def test_covariance_of_half_the_marks_is_twice_as_large(exact):
@@ -142,18 +157,18 @@ def test_covariance_of_half_the_marks_is_twice_as_large(exact):
     assert np.median(ratio) == pytest.approx(2.0, rel=0.15)
 
 
-def test_what_boards_cannot_tell_is_very_uncertain(exact):
+def test_parameters_without_information_are_very_uncertain(exact):
     """Boards that all face the left camera leave its focal length open."""
     bundle, _, _ = exact
     facing = Bundle(RIG, np.broadcast_to(np.eye(3), (6, 3, 3)), bundle.translations[:6] - BOARD.mean(axis=0))
     points = BOARD + facing.translations[:, None]
     sides = noisy((project(RIG.left, points), project(RIG.right, to_right(RIG, points))), 3)
     tilted = covariance(bundle, BOARD, *noisy(exact[1:], 3), MODEL)
-    assert figure_sigmas(RIG, covariance(facing, BOARD, *sides, MODEL))[0] > 5.0 * figure_sigmas(RIG, tilted)[0]
+    assert key_figure_sigmas(RIG, covariance(facing, BOARD, *sides, MODEL))[0] > 5.0 * key_figure_sigmas(RIG, tilted)[0]
 
 
 @pytest.mark.parametrize("kind", ["huber", "cauchy"])
-def test_single_bad_corners_hardly_count_under_a_robust_loss(exact, kind):
+def test_single_bad_corners_have_little_effect_under_a_robust_loss(exact, kind):
     """Three corners in a hundred are off by 1 to 5 px."""
     bundle, left, right = exact
     clean, spoilt = noisy((left, right), 4), noisy((left, right), 4)
@@ -163,20 +178,20 @@ def test_single_bad_corners_hardly_count_under_a_robust_loss(exact, kind):
         side[bad] += generator.uniform(1.0, 5.0, (np.count_nonzero(bad), 2))
     best = adjust(bundle, BOARD, *clean, MODEL)
     squares = adjust(bundle, BOARD, *spoilt, MODEL)
-    robust, loss = adjust_to_noise(bundle, BOARD, *spoilt, MODEL, kind)
+    robust, loss = adjust_with_scaled_loss(bundle, BOARD, *spoilt, MODEL, kind)
     errors = [np.linalg.norm(one.rig.translation - RIG.translation) for one in (best, robust, squares)]
     assert errors[1] < 0.25 * errors[2]
     assert errors[1] < 4.0 * errors[0]
-    sigma = figure_sigmas(robust.rig, covariance(robust, BOARD, *spoilt, MODEL, loss))
-    np.testing.assert_array_less(np.abs(figures(robust.rig) - figures(RIG)), 3.5 * sigma)
-    np.testing.assert_allclose(sigma, figure_sigmas(best.rig, covariance(best, BOARD, *clean, MODEL)), rtol=0.25)
+    sigma = key_figure_sigmas(robust.rig, covariance(robust, BOARD, *spoilt, MODEL, loss))
+    np.testing.assert_array_less(np.abs(key_figures(robust.rig) - key_figures(RIG)), 3.5 * sigma)
+    np.testing.assert_allclose(sigma, key_figure_sigmas(best.rig, covariance(best, BOARD, *clean, MODEL)), rtol=0.25)
 
 
 @pytest.mark.parametrize("kind", ["huber", "cauchy"])
 def test_a_robust_loss_loses_little_where_there_are_no_bad_corners(exact, kind):
     bundle, left, right = exact
     sides = noisy((left, right), 5)
-    squares, robust = (adjust_to_noise(bundle, BOARD, *sides, MODEL, name) for name in ("squares", kind))
+    squares, robust = (adjust_with_scaled_loss(bundle, BOARD, *sides, MODEL, name) for name in ("squares", kind))
     least, bent = (covariance(solved, BOARD, *sides, MODEL, loss) for solved, loss in (squares, robust))
     ratio = np.diagonal(bent)[MODEL.free] / np.diagonal(least)[MODEL.free]
     assert np.median(ratio) == pytest.approx(1.0 / 0.95, abs=0.05)

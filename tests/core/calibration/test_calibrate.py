@@ -5,16 +5,16 @@ import numpy as np
 import pytest
 from boards import SIZE, SQUARE_MM, board_corners, verged_rig
 
-from dicflow.core.calibration.bundle import Bundle, Model, adjust, residuals
-from dicflow.core.calibration.calibrate import CHANCE, calibrate_camera, calibrate_rig, reconcile_orders
+from dicflow.core.calibration.bundle import Bundle, LensModel, adjust, residuals
+from dicflow.core.calibration.calibrate import MAX_NOISE_DISAGREEMENT, calibrate_camera, calibrate_rig, reconcile_orders
 from dicflow.core.calibration.coverage import covered_area, empty_parts, verdict
-from dicflow.core.calibration.targets import checkerboard, find_board
+from dicflow.core.calibration.targets import checkerboard_target, find_board
 from dicflow.core.cameras.camera import rotation_angle_deg, rotation_matrix
 
 RIG = verged_rig()
-BOARD = checkerboard(SIZE, SQUARE_MM)
+BOARD = checkerboard_target(SIZE, SQUARE_MM)
 IMAGE = (640, 480)
-FULL = Model(radial=2, tangential=True)
+FULL = LensModel(radial=2, tangential=True)
 
 
 @pytest.fixture(scope="module")
@@ -33,7 +33,7 @@ def test_perfect_corners_give_the_rig(corners):
     assert found.epipolar_px.max() < 1e-6
 
 
-def test_noise_shows_in_the_residuals_as_theory_says(corners):
+def test_residuals_have_the_noise_that_theory_predicts(corners):
     """RMS distance² = 2 σ² (1 − parameters / observations) for independent normal errors."""
     sigma = 0.05
     generator = np.random.default_rng(5)
@@ -47,7 +47,7 @@ def test_noise_shows_in_the_residuals_as_theory_says(corners):
 
 def test_units_of_the_board_scale_the_translation_only(corners):
     millimetres = calibrate_rig(*corners, BOARD, IMAGE, FULL).rig
-    inches = calibrate_rig(*corners, checkerboard(SIZE, SQUARE_MM / 25.4), IMAGE, FULL).rig
+    inches = calibrate_rig(*corners, checkerboard_target(SIZE, SQUARE_MM / 25.4), IMAGE, FULL).rig
     np.testing.assert_allclose(inches.translation * 25.4, millimetres.translation, atol=1e-4)
     np.testing.assert_allclose(inches.rotation, millimetres.rotation, atol=1e-7)
 
@@ -63,8 +63,8 @@ def test_turned_boards_are_reconciled(corners, turned):
     assert rotation_angle_deg(found.rig.rotation, RIG.rotation) < 1e-6
 
 
-def test_equal_sets_are_told_apart_by_the_smaller_rotation(corners):
-    """A single pair supports both orders alike."""
+def test_of_equal_sets_the_smaller_rotation_is_chosen(corners):
+    """A single pair supports both orders equally."""
     points = BOARD.points
     views = [calibrate_camera(points, side, IMAGE, FULL) for side in corners]
     for order in (1, -1):
@@ -94,7 +94,7 @@ def test_bad_pairs_are_dropped_worst_first(corners):
 def test_no_more_pairs_are_dropped_than_allowed(corners):
     generator = np.random.default_rng(2)
     left, right = (side + generator.normal(0, 2.0, side.shape) for side in corners)
-    found = calibrate_rig(left, right, BOARD, IMAGE, Model(), max_error_px=0.5, min_pairs=10)
+    found = calibrate_rig(left, right, BOARD, IMAGE, LensModel(), max_error_px=0.5, min_pairs=10)
     assert np.count_nonzero(found.used) == 10
     areas = [covered_area(side, IMAGE) for side in (left, right)]
     assert verdict(found, areas, 0.5, 12).startswith("poor")
@@ -103,7 +103,7 @@ def test_no_more_pairs_are_dropped_than_allowed(corners):
 def test_adjustment_never_raises_the_cost_and_ends_at_the_optimum(corners):
     left, right = (side + np.random.default_rng(8).normal(0, 0.1, side.shape) for side in corners)
     points = BOARD.points
-    views = calibrate_camera(points, left, IMAGE, Model())
+    views = calibrate_camera(points, left, IMAGE, LensModel())
     start = Bundle(RIG._replace(translation=RIG.translation + 5.0), views.rotations, views.translations)
     end = adjust(start, points, left, right, FULL)
     cost = np.sum(residuals(end, points, left, right) ** 2)
@@ -122,14 +122,14 @@ def test_coverage_of_a_rectangle_is_its_share():
     assert empty_parts(area) == ["upper right", "right", "lower right"]
 
 
-def test_verdict_says_what_to_photograph_again(corners):
+def test_verdict_names_what_to_improve(corners):
     found = calibrate_rig(*corners, BOARD, IMAGE, FULL)
     full, half = np.ones((180, 240), bool), np.zeros((180, 240), bool)
     half[:, :100] = True
     assert verdict(found, [full, full], 0.5, 12) == "good: 0.000 px, 12 of 12 pairs, boards cover 100 % of the frame"
     text = verdict(found, [full, half], 0.5, 14)
     assert text.startswith("usable: 0.000 px, 12 of 14 pairs, boards cover 42 % of the frame; ")
-    assert "right camera's upper right, right, lower right" in text
+    assert "right photographs: upper right, right, lower right" in text
     flat = found._replace(tilt_deg=np.full(12, 3.0))
     text = verdict(flat, [full, full], 0.5, 12)
     assert text.startswith("poor")
@@ -141,21 +141,21 @@ def test_coverage_counts_what_is_seen():
     assert covered_area(board, IMAGE).mean() == pytest.approx(0.5, abs=0.01)
 
 
-def test_verdict_says_when_pairs_disagree():
+def test_verdict_reports_disagreement_of_the_pairs():
     """Boards that are bent by 1 mm, in each photograph another way."""
     bend = np.random.default_rng(8).normal(0.0, 1.0, 14)
     found = calibrate_rig(*board_corners(RIG, 14, bend_mm=bend), BOARD, IMAGE, FULL, max_error_px=5.0)
     full = np.ones((180, 240), bool)
     text = verdict(found, [full, full], 5.0, 14)
     assert text.startswith("usable")
-    assert f"the pairs disagree {found.disagreement:.0f} times more than their noise explains" in text
+    assert f"differ {found.disagreement:.0f} times more" in text
     assert "flat, stiff board" in text
 
 
 def test_verdict_names_the_distortion_that_is_not_estimated(corners):
     """The lenses have tangential distortion (p1, p2) of 4·10⁻⁴ and no third radial coefficient."""
     left, right = (side + np.random.default_rng(3).normal(0.0, 0.01, side.shape) for side in corners)
-    plain, full = (calibrate_rig(left, right, BOARD, IMAGE, model) for model in (Model(), FULL))
+    plain, full = (calibrate_rig(left, right, BOARD, IMAGE, model) for model in (LensModel(), FULL))
     assert plain.unmodelled == ("tangential",)
     assert full.unmodelled == ()
     covered = [np.ones((180, 240), bool)] * 2
@@ -170,7 +170,7 @@ def test_verdict_asks_for_a_third_coefficient_of_wide_lenses():
         right=RIG.right._replace(distortion=np.array([-0.3, 0.5, 0.0, 0.0, 60.0])),
     )
     left, right = (side + np.random.default_rng(3).normal(0.0, 0.01, side.shape) for side in board_corners(wide))
-    found = calibrate_rig(left, right, BOARD, IMAGE, Model(2, True))
+    found = calibrate_rig(left, right, BOARD, IMAGE, LensModel(2, True))
     assert found.unmodelled == ("third radial",)
     assert "set radial: 3" in verdict(found, [np.ones((180, 240), bool)] * 2, 0.5, 12)
 
@@ -199,7 +199,7 @@ def found_boards(folder, size):
 def rendered(shared_data):
     folder = shared_data / "d_specimen" / "boards"
     sides = [found_boards(folder / side, (12, 8)) for side in ("left", "right")]
-    return calibrate_rig(*sides, checkerboard((12, 8), 5.0), (1920, 1200), Model())
+    return calibrate_rig(*sides, checkerboard_target((12, 8), 5.0), (1920, 1200), LensModel())
 
 
 def test_rendered_boards_give_the_rig_they_were_rendered_with(rendered, shared_data):
@@ -216,17 +216,17 @@ def test_rendered_boards_give_the_rig_they_were_rendered_with(rendered, shared_d
 
 
 def test_rendered_boards_agree_and_measure_their_squares(rendered, shared_data):
-    """The spread with pairs left out is what the noise of 0.002 px lets expect; squares come out to 0.0001 %."""
+    """The spread with pairs left out is that of noise of 0.002 px; the squares' size is right to 0.0001 %."""
     assert rendered.noise_px < 0.0025
-    assert rendered.disagreement < CHANCE
+    assert rendered.disagreement < MAX_NOISE_DISAGREEMENT
     assert rendered.leave_out.scale.mean() == pytest.approx(1.0, abs=1e-6)
     assert rendered.leave_out.scale.std() < 1e-6
 
 
 def test_real_boards(shared_data):
     sides = [found_boards(shared_data / "boards" / side, (11, 7)) for side in ("left", "right")]
-    found = calibrate_rig(*sides, checkerboard((11, 7), 8.0), (613, 513), Model())
+    found = calibrate_rig(*sides, checkerboard_target((11, 7), 8.0), (613, 513), LensModel())
     assert np.count_nonzero(found.used) == 20
     assert found.rms_px[2] < 0.11
-    assert found.disagreement > CHANCE
+    assert found.disagreement > MAX_NOISE_DISAGREEMENT
     assert found.leave_out.scale.mean() == pytest.approx(1.0, abs=5e-4)

@@ -2,16 +2,16 @@ import numpy as np
 import pytest
 from boards import SIZE, SQUARE_MM, board_corners, verged_rig
 
-from dicflow.core.calibration.bundle import Bundle, Model, adjust, covariance
-from dicflow.core.calibration.calibrate import CHANCE, calibrate_camera, calibrate_rig
+from dicflow.core.calibration.bundle import Bundle, LensModel, adjust, covariance
+from dicflow.core.calibration.calibrate import MAX_NOISE_DISAGREEMENT, calibrate_camera, calibrate_rig
 from dicflow.core.calibration.leave_out import leave_out, reconstructed_scale
 from dicflow.core.calibration.robust import Loss
-from dicflow.core.calibration.targets import board_points, checkerboard
-from dicflow.core.cameras.rig_parameters import figure_sigmas
+from dicflow.core.calibration.targets import board_points, checkerboard_target
+from dicflow.core.cameras.rig_parameters import key_figure_sigmas
 
 RIG = verged_rig()
 BOARD = board_points(SIZE, SQUARE_MM)
-MODEL = Model(radial=2, tangential=True)
+MODEL = LensModel(radial=2, tangential=True)
 
 
 def solved(left, right):
@@ -26,27 +26,27 @@ def test_exact_corners_give_the_same_rig_from_all_pairs():
     np.testing.assert_allclose(found.scale, 1.0, atol=1e-6)
 
 
-def test_spread_is_the_predicted_sigma_where_noise_is_all_there_is():
+def test_spread_of_independent_noise_is_the_predicted_sigma():
     """Twenty-four pairs in ten folds: the jackknife's σ is known to 1/√18 of it for each figure."""
     left, right = board_corners(RIG, 24)
     generator = np.random.default_rng(6)
     left, right = (side + generator.normal(0.0, 0.05, side.shape) for side in (left, right))
     bundle = solved(left, right)
     spread = leave_out(bundle, BOARD, left, right, MODEL, Loss()).spread
-    sigma = figure_sigmas(bundle.rig, covariance(bundle, BOARD, left, right, MODEL))
+    sigma = key_figure_sigmas(bundle.rig, covariance(bundle, BOARD, left, right, MODEL))
     assert np.sqrt(np.mean((spread / sigma) ** 2)) == pytest.approx(1.0, abs=0.5)
 
 
 def test_bent_boards_show_in_the_disagreement_of_the_pairs():
-    """A board that is bent another way in each photograph, by 0.3 mm: residuals hardly tell, the spread does."""
+    """A board that is bent another way in each photograph, by 0.3 mm; the spread shows it, the residuals hardly."""
     generator = np.random.default_rng(8)
     left, right = board_corners(RIG, 14, bend_mm=generator.normal(0.0, 0.3, 14))
     left, right = (side + generator.normal(0.0, 0.02, side.shape) for side in (left, right))
-    found = calibrate_rig(left, right, checkerboard(SIZE, SQUARE_MM), (640, 480), MODEL)
-    assert found.disagreement > CHANCE
-    np.testing.assert_allclose(found.honest_covariance, found.disagreement**2 * found.covariance)
+    found = calibrate_rig(left, right, checkerboard_target(SIZE, SQUARE_MM), (640, 480), MODEL)
+    assert found.disagreement > MAX_NOISE_DISAGREEMENT
+    np.testing.assert_allclose(found.widened_covariance, found.disagreement**2 * found.covariance)
     error = np.abs(np.linalg.norm(found.rig.translation) - np.linalg.norm(RIG.translation))
-    assert error < 3.0 * figure_sigmas(found.rig, found.honest_covariance)[4]
+    assert error < 3.0 * key_figure_sigmas(found.rig, found.widened_covariance)[4]
 
 
 def test_few_pairs_are_left_out_one_by_one():

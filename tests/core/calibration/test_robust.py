@@ -4,7 +4,15 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.integrate import quad
 
-from dicflow.core.calibration.robust import Loss, cost, efficient_scale, noise, normal_sigma, variance, weights
+from dicflow.core.calibration.robust import (
+    Loss,
+    cost,
+    efficient_scale,
+    noise_sigma,
+    sigma_from_median,
+    variance,
+    weights,
+)
 
 KINDS = ("squares", "huber", "cauchy")
 LENGTHS = st.floats(1e-3, 50.0)
@@ -60,13 +68,13 @@ def test_variance_of_normal_residuals(kind):
 
 def test_sigma_from_the_median_ignores_a_minority():
     lengths = np.hypot(*np.random.default_rng(1).normal(0.0, 0.2, (2, 20_000)))
-    assert normal_sigma(lengths) == pytest.approx(0.2, rel=0.02)
+    assert sigma_from_median(lengths) == pytest.approx(0.2, rel=0.02)
     lengths[:1000] = 100.0
-    assert normal_sigma(lengths) == pytest.approx(0.2, rel=0.07)
-    assert noise(Loss("huber", 0.3), lengths, 0) == normal_sigma(lengths)
+    assert sigma_from_median(lengths) == pytest.approx(0.2, rel=0.07)
+    assert noise_sigma(Loss("huber", 0.3), lengths, 0) == sigma_from_median(lengths)
 
 
 def test_estimated_parameters_raise_the_variance():
     lengths = np.ones(100)
     assert variance(Loss(), lengths, 100) == pytest.approx(2.0 * variance(Loss(), lengths, 0))
-    assert noise(Loss(), lengths, 100) == pytest.approx(1.0)
+    assert noise_sigma(Loss(), lengths, 100) == pytest.approx(1.0)

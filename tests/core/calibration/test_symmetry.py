@@ -44,7 +44,7 @@ def test_a_place_near_the_border_keeps_its_window():
 
 @pytest.mark.parametrize("shift", [0.0, 0.25, 0.4])
 @pytest.mark.parametrize("angle_deg", [3.0, 40.0])
-def test_sharp_edges_do_not_draw_corners_to_the_pixels(shift, angle_deg):
+def test_sharp_edges_do_not_bias_corners_towards_pixels(shift, angle_deg):
     """Edges that are as sharp as pixels can show them, at any place and angle between the pixels."""
     c, s = 30.0 * np.cos(np.radians(angle_deg)), 30.0 * np.sin(np.radians(angle_deg))
     view = np.array([[c, -s, 100.0 + shift], [s, c, 40.0 + 0.7 * shift], [0, 0, 1]])

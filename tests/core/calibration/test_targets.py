@@ -64,7 +64,7 @@ def test_deeper_grey_levels_give_the_same_corners(photograph):
     np.testing.assert_allclose(find_board(deep, SIZE), find_board(photograph, SIZE), atol=2e-3)
 
 
-def test_no_board_is_no_error(photograph):
+def test_without_a_board_the_result_is_none(photograph):
     assert find_board(np.full((200, 300), 128, np.uint8), SIZE) is None
     assert find_board(photograph, (8, 5)) is None
 

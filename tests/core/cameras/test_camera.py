@@ -68,7 +68,7 @@ def test_no_ray_beyond_the_fold():
     assert np.isnan(undistort(camera, centre + 2400.0 * beyond)).all()
 
 
-def test_behind_the_camera_is_nowhere():
+def test_points_behind_the_camera_give_nan():
     assert np.isnan(project(make_camera(), [[1.0, 2.0, -5.0], [0.0, 0.0, 0.0]])).all()
 
 
@@ -80,7 +80,7 @@ def test_rotation_vector_inverts_rotation_matrix(vector):
     assert rotation_angle_deg(rotation) == pytest.approx(np.degrees(np.linalg.norm(vector)), abs=1e-6)
 
 
-def test_small_angles_keep_their_digits():
+def test_small_angles_are_accurate():
     assert rotation_angle_deg(rotation_matrix([0.0, np.radians(1e-6), 0.0])) == pytest.approx(1e-6, rel=1e-6)
     assert rotation_angle_deg(rotation_matrix([0.2, 0, 0]), rotation_matrix([0.5, 0, 0])) == pytest.approx(
         np.degrees(0.3)

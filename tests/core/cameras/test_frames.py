@@ -3,7 +3,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from dicflow.core.cameras.frames import CAMERA, axes_frame, into_frame, plane_frame, three_point_frame
+from dicflow.core.cameras.frames import LEFT_CAMERA, axes_frame, into_frame, plane_frame, three_point_frame
 
 Y, X = np.mgrid[-20.0:21.0:5.0, -10.0:11.0:5.0]
 
@@ -28,7 +28,7 @@ def test_best_plane(slope_x, slope_y):
 def test_three_points():
     frame = three_point_frame([1, 2, 500], [1, 12, 500], [-4, 7, 500])
     assert np.allclose(into_frame([[1, 2, 500], [1, 5, 500], [-4, 2, 500]], frame), [[0, 0, 0], [3, 0, 0], [0, 5, 0]])
-    with pytest.raises(ValueError, match="not parallel"):
+    with pytest.raises(ValueError, match="must not be parallel"):
         three_point_frame([0, 0, 0], [1, 1, 1], [3, 3, 3])
 
 
@@ -36,13 +36,13 @@ def test_given_axes():
     frame = axes_frame([2, 0, 0], [5, -1, 0], [0, 0, 500])
     assert np.allclose(frame.rotation, [[1, 0, 0], [0, -1, 0], [0, 0, -1]])
     assert np.allclose(into_frame([3, 4, 510], frame), [3, -4, -10])
-    assert np.array_equal(into_frame([3.0, 4.0, 5.0], CAMERA), [3.0, 4.0, 5.0])
+    assert np.array_equal(into_frame([3.0, 4.0, 5.0], LEFT_CAMERA), [3.0, 4.0, 5.0])
 
 
-def test_what_determines_no_plane_is_refused():
+def test_points_that_do_not_determine_a_plane_are_refused():
     with pytest.raises(ValueError, match="three points, found 1"):
         plane_frame([[0.0, 0.0, 1.0]])
     with pytest.raises(ValueError, match="one line"):
         plane_frame(np.arange(5.0)[:, None] * [1.0, 1.0, 1.0])
-    with pytest.raises(ValueError, match="not parallel"):
+    with pytest.raises(ValueError, match="must not be parallel"):
         plane_frame(np.stack([0 * X, Y, 600 + X], axis=-1))

@@ -7,12 +7,12 @@ from scenes import texture
 
 from dicflow.core.cameras.camera import project, rotation_matrix, to_right
 from dicflow.core.cameras.rectification import (
-    footprint,
+    photograph_outline,
     raw_to_rectified,
     rectification,
     rectified_to_raw,
     rectify,
-    triangulate,
+    triangulate_disparity,
 )
 
 POINTS = np.random.default_rng(4).uniform([-50, -40, 330], [50, 40, 480], (300, 3))
@@ -52,7 +52,7 @@ def test_a_point_has_the_same_row_in_both_images(rig):
 
 def test_perfect_disparities_give_the_points(rig):
     view, left, right = seen_rectified(rig, POINTS)
-    np.testing.assert_allclose(triangulate(left, left[:, 0] - right[:, 0], view), POINTS, atol=1e-8)
+    np.testing.assert_allclose(triangulate_disparity(left, left[:, 0] - right[:, 0], view), POINTS, atol=1e-8)
 
 
 def test_swapped_cameras_give_the_mirrored_disparity_and_the_same_points(rig):
@@ -62,7 +62,7 @@ def test_swapped_cameras_give_the_mirrored_disparity_and_the_same_points(rig):
     assert other.size == view.size
     np.testing.assert_allclose(other_left, right, atol=1e-8)
     np.testing.assert_allclose(other_right, left, atol=1e-8)
-    points = triangulate(other_left, other_left[:, 0] - other_right[:, 0], other)
+    points = triangulate_disparity(other_left, other_left[:, 0] - other_right[:, 0], other)
     np.testing.assert_allclose(points, to_right(rig, POINTS), atol=1e-8)
 
 
@@ -72,7 +72,7 @@ def test_all_of_both_photographs_is_seen_at_their_scale(rig):
         (rig.left, view.rotation_left, view.matrix_left),
         (rig.right, view.rotation_right, view.matrix_right),
     ):
-        outline = footprint(camera, rotation, matrix)
+        outline = photograph_outline(camera, rotation, matrix)
         assert outline.min() > -1e-9
         assert (outline.max(axis=0) <= np.array(view.size) - 1 + 1e-9).all()
         middle = np.array(camera.size) / 2.0
@@ -91,7 +91,7 @@ def test_raw_and_rectified_pixels_are_inverse(x, y):
 
 
 def test_rectified_images_hold_the_photograph_s_grey_levels():
-    """Against the pattern itself at the place that the geometry says; 0 beyond the photograph."""
+    """The pattern itself at the pixels that the geometry predicts; 0 beyond the photograph."""
     rig = verged_rig()
     view = rectification(rig)
     y, x = np.mgrid[:480, :640]
@@ -129,16 +129,16 @@ def test_deep_photographs_stay_deep():
     assert found[view.size[1] // 2, view.size[0] // 2] == 40000
 
 
-def test_no_point_where_the_rays_do_not_meet_or_nothing_is_known():
+def test_rays_that_do_not_meet_and_unknown_pixels_give_nan():
     view = rectification(verged_rig())
     parallel = view.matrix_left[0, 2] - view.matrix_right[0, 2]
     behind = parallel - np.sign(view.baseline_mm)
     xy = np.zeros((3, 2))
-    assert np.isnan(triangulate(xy, [parallel, behind, np.nan], view)).all()
+    assert np.isnan(triangulate_disparity(xy, [parallel, behind, np.nan], view)).all()
 
 
 def test_cameras_without_a_common_plane_are_refused():
     rig = verged_rig()
     apart = rig._replace(rotation=rotation_matrix([0.0, np.radians(170.0), 0.0]))
-    with pytest.raises(ValueError, match="plane that both cameras can share"):
+    with pytest.raises(ValueError, match="75° from the optical axis"):
         rectification(apart)

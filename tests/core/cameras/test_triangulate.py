@@ -6,7 +6,7 @@ from hypothesis import strategies as st
 
 from dicflow.core.cameras.camera import project, to_right
 from dicflow.core.cameras.epipolar import epipolar_distance
-from dicflow.core.cameras.triangulate import midway, point_covariance, projection_slopes, triangulate
+from dicflow.core.cameras.triangulate import point_covariance, projection_slopes, ray_midpoints, triangulate
 
 RIG = verged_rig()
 POINTS = np.random.default_rng(1).uniform([-40, -30, 350], [40, 30, 450], (200, 3))
@@ -27,11 +27,11 @@ def noisy(seed, left=SIGMA_LEFT, right=SIGMA_RIGHT):
 def test_perfect_points_come_back():
     found = triangulate(RIG, LEFT, RIGHT)
     np.testing.assert_allclose(found.xyz, POINTS, rtol=0, atol=1e-9)
-    np.testing.assert_allclose(midway(RIG, LEFT, RIGHT), POINTS, rtol=0, atol=1e-9)
+    np.testing.assert_allclose(ray_midpoints(RIG, LEFT, RIGHT), POINTS, rtol=0, atol=1e-9)
     assert found.reprojection.max() < 1e-10
 
 
-def test_shapes_follow_the_pixels_and_nothing_is_known_of_unknown_ones():
+def test_shapes_follow_the_pixels_and_unknown_pixels_give_nan():
     left, right = LEFT.reshape(10, 20, 2).copy(), RIGHT.reshape(10, 20, 2).copy()
     left[2, 3, 0], right[4, 5, 1] = np.nan, np.nan
     found = triangulate(RIG, left, right)
@@ -109,7 +109,7 @@ def test_without_full_rank_all_errors_count_alike():
     np.testing.assert_allclose(singular.xyz, plain.xyz, atol=1e-9)
 
 
-def test_left_and_right_have_equal_rights():
+def test_exchange_of_the_cameras_gives_the_same_points():
     left, right = noisy(7)
     one, other = triangulate(RIG, left, right), triangulate(swapped(RIG), right, left)
     np.testing.assert_allclose(to_right(RIG, one.xyz), other.xyz, atol=1e-7)

@@ -6,7 +6,7 @@ from dicflow.core.correlation.subsets import Subset, template
 from dicflow.core.correlation.warp import apply_warp, gradient
 from dicflow.core.photographs.interpolate import spline
 from dicflow.core.status import Status
-from dicflow.core.synthetic.motion import carried_back
+from dicflow.core.synthetic.motion import reference_points
 from tests.scenes import texture
 
 ROWS, COLS, STEP, SUBSET = 29, 37, 7, Subset(21)
@@ -34,7 +34,7 @@ def photographs(motion, margin=0, noise=0.0):
     for edge, moved in ((0, False), (margin, True)):
         height, width = SHAPE[0] + 2 * edge, SHAPE[1] + 2 * edge
         points = np.stack(np.meshgrid(np.arange(width), np.arange(height)), axis=-1).astype(float) - edge
-        points = carried_back(motion, points) if moved else points
+        points = reference_points(motion, points) if moved else points
         images.append(texture(points[..., 0], points[..., 1], 6.0) + rng.normal(0, noise, (height, width)))
     return images
 

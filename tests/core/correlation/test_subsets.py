@@ -11,7 +11,7 @@ from dicflow.core.correlation.subsets import Subset, correlate, template
 from dicflow.core.correlation.warp import TERMS, apply_warp, gradient, identity, recentred
 from dicflow.core.photographs.interpolate import slopes, spline
 from dicflow.core.status import Status
-from dicflow.core.synthetic.motion import carried_back, render_pattern, speckle_pattern
+from dicflow.core.synthetic.motion import reference_points, render_pattern, speckle_pattern
 from tests.scenes import texture
 
 SIDE = 121
@@ -36,7 +36,7 @@ def photograph(warp=None, side=SIDE):
     points = pixels(side)
     if warp is not None:
         middle = np.array([side // 2, side // 2])
-        points = carried_back(lambda p: (apply_warp(warp, p - middle), gradient(warp, p - middle)), points)
+        points = reference_points(lambda p: (apply_warp(warp, p - middle), gradient(warp, p - middle)), points)
     return texture(points[..., 0], points[..., 1], 6.0)
 
 

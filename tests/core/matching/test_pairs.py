@@ -3,7 +3,13 @@ import pytest
 from blobs import Pattern
 
 from dicflow.core.matching.features import Features, detect
-from dicflow.core.matching.pairs import agreeing, consistent, guided_matches, local_motion, match_features
+from dicflow.core.matching.pairs import (
+    agreeing_matches,
+    consistent_matches,
+    guided_matches,
+    local_motion,
+    match_features,
+)
 
 RNG = np.random.default_rng(0)
 COUNT = 300
@@ -41,7 +47,7 @@ def test_a_partner_that_exists_twice_is_no_partner(kind):
     np.testing.assert_array_equal(pairs[:, 0], np.arange(10, COUNT))
 
 
-def test_mutual_keeps_one_of_two_that_want_the_same_partner():
+def test_mutual_keeps_one_of_two_with_the_same_partner():
     descriptors = described("float")
     near = descriptors[:1] + np.float32(0.01)
     reference = features(np.zeros((COUNT + 1, 2)), np.concatenate([descriptors, near]))
@@ -57,7 +63,7 @@ def test_without_features_there_are_no_matches(counts):
     assert match_features(*sides).shape == (0, 2)
 
 
-def test_guided_matches_tell_twins_apart_by_their_place():
+def test_guided_matches_distinguish_equal_features_by_position():
     descriptors = np.repeat(described("float", COUNT // 2), 2, axis=0)
     moved = PLACES + np.array([30.0, -12.0])
     reference, deformed = features(PLACES, descriptors), features(moved, descriptors)
@@ -100,13 +106,13 @@ def quadratic(points):
 def test_consistent_finds_the_false_matches():
     target = quadratic(PLACES)
     target[:90] += np.random.default_rng(3).uniform(8, 60, (90, 2)) * np.random.default_rng(4).choice([-1, 1], (90, 2))
-    keep = consistent(PLACES, target)
+    keep = consistent_matches(PLACES, target)
     assert not keep[:90].any()
     assert keep[90:].mean() > 0.98
 
 
 def test_few_matches_cannot_be_judged():
-    assert consistent(PLACES[:10], PLACES[::-1][:10]).all()
+    assert consistent_matches(PLACES[:10], PLACES[::-1][:10]).all()
 
 
 def test_local_motion_is_exact_for_affine_motion():
@@ -133,7 +139,7 @@ def test_local_motion_has_no_jumps():
     assert np.abs(np.diff(motion, axis=0)).max() < 0.02
 
 
-def test_neighbours_on_a_line_tell_their_mean_motion():
+def test_collinear_neighbours_give_their_mean_motion():
     source = np.stack([np.arange(30.0), np.zeros(30)], axis=1)
     found = local_motion(source, source + np.array([3.0, 4.0]), np.array([[15.0, 50.0]]))
     np.testing.assert_allclose(found.position, [[18.0, 54.0]], atol=1e-9)
@@ -141,13 +147,13 @@ def test_neighbours_on_a_line_tell_their_mean_motion():
 
 @pytest.mark.parametrize(("count", "false"), [(12, 3), (300, 120)])
 def test_agreeing_matches_of_a_half_turn(count, false):
-    """False ones are found among few matches and among many, whatever the rotation."""
+    """False matches are recognised among few and among many, at any rotation."""
     rng = np.random.default_rng(1)
     angle = np.radians(170.0)
     source = rng.uniform(0.0, 300.0, (count, 2))
     turn = np.array([[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]])
     target = (source - 150.0) @ turn.T + 150.0 + rng.normal(0.0, 0.2, source.shape)
     target[:false] += rng.choice([-1.0, 1.0], (false, 2)) * rng.uniform(40.0, 90.0, (false, 2))
-    keep = agreeing(source, target)
+    keep = agreeing_matches(source, target)
     assert not keep[:false].any()
     assert keep[false:].mean() > 0.97

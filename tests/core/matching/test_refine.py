@@ -71,7 +71,7 @@ def test_a_false_match_does_not_correlate():
     assert np.mean(found.correlation > 0.6) < 0.02
 
 
-def test_windows_beyond_the_image_do_not_settle():
+def test_windows_beyond_the_image_do_not_converge():
     edge = np.array([[5.0, 100.0], [100.0, 196.0], [215.0, 60.0]])
     found = refine_matches(REFERENCE, REFERENCE, edge, edge, IDENTITY[:3])
     assert np.isnan(found.deformed).all()
@@ -79,7 +79,7 @@ def test_windows_beyond_the_image_do_not_settle():
     assert np.isnan(refine_matches(REFERENCE, REFERENCE, inside, edge, IDENTITY[:3]).correlation).all()
 
 
-def test_a_plain_image_settles_nowhere():
+def test_a_plain_image_does_not_converge():
     plain = np.full(SHAPE, 100, dtype=np.uint8)
     for images in ((plain, REFERENCE), (REFERENCE, plain)):
         assert np.isnan(refine_matches(*images, GRID, GRID, IDENTITY).deformed).all()

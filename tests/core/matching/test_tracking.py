@@ -113,7 +113,7 @@ def test_one_subset_carries_everything():
     np.testing.assert_allclose(carried, apply_transform(AFFINE, SOURCE))
 
 
-def test_following_the_matches_sees_what_subsets_miss():
+def test_following_the_matches_resolves_motion_within_a_subset():
     def neck(points):
         x, y = points.T
         return np.stack([x, y + 15 * np.tanh((y - 130) / 40)], axis=1)
@@ -130,7 +130,7 @@ def test_following_the_matches_sees_what_subsets_miss():
     assert np.abs(blended).max() > 5 * np.abs(followed).max()
 
 
-def test_points_without_a_place_stay_so():
+def test_unknown_points_stay_unknown():
     points = np.array([[[50.0, 60.0], [np.nan, np.nan]]])
     for carried in (
         carry_points(GRID, random_transforms(), points),

@@ -53,12 +53,12 @@ def test_noise_leaves_the_residual_that_the_degrees_of_freedom_predict(kind, unk
 
 
 @pytest.mark.parametrize("kind", ["affine", "projective"])
-def test_collinear_points_determine_nothing(kind):
+def test_collinear_points_give_nan(kind):
     line = np.arange(6.0)[:, None] * [1.0, 2.0]
     assert np.isnan(estimate_transform(kind, line, line + 3)).all()
 
 
-def test_coincident_points_determine_nothing():
+def test_coincident_points_give_nan():
     assert np.isnan(estimate_transform("similarity", np.ones((3, 2)), points(3))).all()
 
 
@@ -78,7 +78,7 @@ def test_jacobian_is_the_derivative():
     np.testing.assert_allclose(jacobian(PROJECTIVE, place), np.stack(differences, axis=-1), atol=1e-7)
 
 
-def test_beyond_the_horizon_there_is_nothing():
+def test_points_beyond_the_horizon_give_nan():
     steep = np.array([[1.0, 0, 0], [0, 1, 0], [-0.01, 0, 1]])
     carried = apply_transform(steep, np.array([[50.0, 0], [150.0, 0]]))
     np.testing.assert_allclose(carried[0], [100.0, 0.0])

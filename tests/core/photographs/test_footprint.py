@@ -6,14 +6,14 @@ from dicflow.core.photographs.footprint import blurred, missing_blurs
 MIDDLE = np.stack(np.meshgrid(*[np.arange(-25.0, 26.0)] * 2), axis=-1)
 
 
-def test_photographs_of_unchanged_or_turned_material_lack_nothing():
+def test_unchanged_or_turned_material_needs_no_blur():
     turn = np.array([[0.8, -0.6], [0.6, 0.8]])
     for slope in (np.eye(2), turn, 1.05 * turn):
         assert missing_blurs(slope) == (None, None)
 
 
 @pytest.mark.parametrize("smoothing", [0.0, 0.8])
-def test_both_blur_the_material_alike(smoothing):
+def test_both_photographs_have_the_same_blur_of_the_material(smoothing):
     """Template's and target's pixel, and what is laid over them, in pixels of the template."""
     turn = np.array([[0.8, -0.6], [0.6, 0.8]])
     slope = turn @ np.diag([1.9, 0.6])

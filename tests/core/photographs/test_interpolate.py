@@ -89,7 +89,7 @@ def test_error_falls_with_the_order_of_the_spline(degree):
     assert degree + 0.9 < np.log2(errors[0] / errors[1]) < degree + 2.0
 
 
-def test_nothing_is_known_outside():
+def test_points_outside_give_nan():
     around = np.array([[-1e-9, 5], [5, -0.1], [52.001, 5], [5, 39.5], [np.nan, 5], [0, 0], [52, 39]])
     values = interpolate(spline(IMAGE), around)
     assert np.isnan(values).tolist() == [True] * 5 + [False] * 2

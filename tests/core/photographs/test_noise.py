@@ -4,12 +4,12 @@ import pytest
 from dicflow.core.photographs.interpolate import interpolate, spline
 from dicflow.core.photographs.noise import (
     Noise,
-    first_noise,
     image_noise,
-    interpolated_noise,
+    interpolated_noise_ratio,
+    noise_from_pair,
+    noise_of_first_photograph,
     pair_noise,
     smoothed_noise,
-    told_by_motion,
 )
 from dicflow.core.synthetic.planar import planar_pair
 
@@ -42,30 +42,30 @@ def test_clipped_pixels_have_no_noise():
     assert image_noise(dark, INSIDE) == pytest.approx(2.0, rel=0.15)
 
 
-def told(noise, shift, misfit, smoothing_px=0.0, points=50):
-    """What two photographs tell in which all points moved alike and were fitted alike."""
+def noise_from_moved_pair(noise, shift, misfit, smoothing_px=0.0, points=50):
+    """Noise from two photographs in which all points have one shift and one misfit."""
     pair = planar_pair((240, 240), shift, noise=2.0)
     centres = np.random.default_rng(0).integers(40, 200, (points, 2)).astype(float)
     found = centres, centres + shift, np.full(points, misfit)
-    return told_by_motion(
+    return noise_from_pair(
         noise, pair.reference, pair.deformed, INSIDE, found, size=21, degree=5, smoothing_px=smoothing_px
     )
 
 
-def test_two_photographs_settle_the_noise_of_the_first():
-    first = first_noise(planar_pair((240, 240), (0.0, 0.0), noise=2.0).reference, INSIDE)
-    assert not first.settled
-    static = told(first, (0.0, 0.0), 0.0)
+def test_a_second_photograph_makes_the_noise_final():
+    first = noise_of_first_photograph(planar_pair((240, 240), (0.0, 0.0), noise=2.0).reference, INSIDE)
+    assert not first.is_final
+    static = noise_from_moved_pair(first, (0.0, 0.0), 0.0)
     assert static == (pytest.approx(np.hypot(2.0, 12**-0.5), rel=0.02), "static pair", True)
-    small, large = told(first, (3.0, 1.0), 1e-6), told(first, (3.0, 1.0), 0.5)
+    small, large = noise_from_moved_pair(first, (3.0, 1.0), 1e-6), noise_from_moved_pair(first, (3.0, 1.0), 0.5)
     assert small == (pytest.approx(12**-0.5), "residual of a second photograph", True)
-    assert large == first._replace(settled=True)
-    assert told(first, (3.0, 1.0), 1e-6, smoothing_px=1.0) == first._replace(settled=True)
+    assert large == first._replace(is_final=True)
+    assert noise_from_moved_pair(first, (3.0, 1.0), 1e-6, smoothing_px=1.0) == first._replace(is_final=True)
 
 
-def test_without_a_point_the_noise_stays_unsettled():
+def test_without_a_point_the_noise_is_not_final():
     first = Noise(2.0, "first photograph", False)
-    assert told(first, (3.0, 1.0), 0.0, points=0) == first
+    assert noise_from_moved_pair(first, (3.0, 1.0), 0.0, points=0) == first
 
 
 def test_smoothing_leaves_less_than_white_noise():
@@ -94,12 +94,12 @@ def test_noise_that_interpolation_leaves_in_a_mean(degree, stretch):
     axis = np.arange(-half, half + 1)
     offsets = stretch * np.stack(np.meshgrid(axis, axis), axis=-1)
     means = [np.mean(interpolate(noise, place + offsets)) for place in places.reshape(-1, 2)]
-    found = np.var(means) * side**2 / interpolated_noise(stretch * np.eye(2), degree)
+    found = np.var(means) * side**2 / interpolated_noise_ratio(stretch * np.eye(2), degree)
     assert found == pytest.approx(1.0, abs=5.0 / np.sqrt(len(means) / 2))
 
 
 def test_turns_leave_noise_as_it_is():
     turn = np.array([[0.8, -0.6], [0.6, 0.8]])
-    assert interpolated_noise(turn, 5) == pytest.approx(1.0, rel=1e-4)
+    assert interpolated_noise_ratio(turn, 5) == pytest.approx(1.0, rel=1e-4)
     sheared = turn @ np.diag([0.5, 1.2])
-    assert interpolated_noise(sheared, 5) == pytest.approx(interpolated_noise(np.diag([0.5, 1.2]), 5))
+    assert interpolated_noise_ratio(sheared, 5) == pytest.approx(interpolated_noise_ratio(np.diag([0.5, 1.2]), 5))

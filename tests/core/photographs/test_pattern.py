@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from dicflow.core.photographs.pattern import SATURATED, check_pattern, check_subset
+from dicflow.core.photographs.pattern import MAX_SATURATED_SHARE, check_pattern, check_subset
 from dicflow.core.photographs.texture import speckle_size
 from dicflow.core.synthetic.planar import planar_pair
 
@@ -11,7 +11,7 @@ INSIDE[20:-20, 20:-20] = True
 
 
 def saturated(share):
-    """The pattern with so much of the region as bright as can be."""
+    """The pattern with a share of the region saturated."""
     bright = GREY.copy()
     bright[20 : 20 + round(share * 120), 20:-20] = 255
     return bright
@@ -28,8 +28,8 @@ def test_only_the_region_counts():
 
 
 def test_too_much_light():
-    check_pattern(saturated(SATURATED - 0.05), INSIDE, "it")
-    with pytest.raises(ValueError, match=r"30% of the region's pixels .* in the first right photograph"):
+    check_pattern(saturated(MAX_SATURATED_SHARE - 0.05), INSIDE, "it")
+    with pytest.raises(ValueError, match=r"30 % of the region .* in the first right photograph"):
         check_pattern(saturated(0.3), INSIDE, "the first right photograph")
 
 
@@ -42,5 +42,5 @@ def test_too_small_a_subset():
     """Three discs of diameter D that cover half of a square need a side of √(3 π/2) D."""
     least = np.sqrt(1.5 * np.pi) * speckle_size(GREY, INSIDE)
     check_subset(GREY, INSIDE, int(np.ceil(least)))
-    with pytest.raises(ValueError, match=f"a subset of {int(least)} px holds fewer than 3 of these speckles"):
+    with pytest.raises(ValueError, match=f"a subset of {int(least)} px holds fewer than 3 speckles"):
         check_subset(GREY, INSIDE, int(least))

@@ -122,7 +122,7 @@ def test_mask_to_polygons_and_back():
     assert (rasterise(polygons, mask.shape) ^ mask).sum() < 0.06 * mask.sum()
 
 
-def test_specks_of_a_mask_are_dropped_and_parts_come_by_size():
+def test_small_parts_of_a_mask_are_dropped_and_others_sorted_by_size():
     mask = np.zeros((60, 80), dtype=bool)
     mask[5:15, 5:25] = mask[20:55, 10:70] = mask[2, 60] = True
     assert [bounding_box([p]) for p in mask_polygons(mask)] == [(10, 20, 69, 54), (5, 5, 24, 14)]

@@ -5,7 +5,7 @@ from dicflow.core.photographs.texture import (
     mean_intensity_gradient,
     saturated_share,
     speckle_size,
-    speckled,
+    speckled_points,
     texture,
     textured_box,
 )
@@ -45,7 +45,7 @@ def test_one_bright_pixel_does_not_change_the_texture_around_others():
 
 
 def test_an_image_full_of_speckles_is_all_pattern():
-    assert speckled(texture(grain(160, 160).astype(np.uint8))).all()
+    assert speckled_points(texture(grain(160, 160).astype(np.uint8))).all()
 
 
 def test_the_box_holds_the_pattern_and_not_the_background():

@@ -3,9 +3,9 @@ import pytest
 from boards import board_corners, verged_rig
 
 from dicflow.core.cameras.camera import project, rotation_matrix, to_right
-from dicflow.core.cameras.frames import CAMERA, axes_frame, into_frame
-from dicflow.core.cameras.rig_parameters import PARAMETERS, rig_moved
-from dicflow.core.cameras.rigid import rigid_motion, undoing
+from dicflow.core.cameras.frames import LEFT_CAMERA, axes_frame, into_frame
+from dicflow.core.cameras.rig_parameters import PARAMETERS, rig_after_step
+from dicflow.core.cameras.rigid import co_moving_frame, rigid_motion
 from dicflow.core.cameras.triangulate import triangulate
 from dicflow.core.strain.calibration_error import (
     error_modes,
@@ -37,7 +37,7 @@ def test_sensitivity_is_the_difference_quotient():
     sensitivity = point_sensitivity(RIG, triangulate(RIG, *sides).xyz)
     assert sensitivity.shape == (2, 6, 3, len(PARAMETERS))
     for k, step in enumerate(np.diag(STEPS)):
-        ahead, back = (triangulate(rig_moved(RIG, sign * step), *sides).xyz for sign in (1.0, -1.0))
+        ahead, back = (triangulate(rig_after_step(RIG, sign * step), *sides).xyz for sign in (1.0, -1.0))
         scale = np.abs(sensitivity[..., k]).max()
         np.testing.assert_allclose(sensitivity[..., k], (ahead - back) / (2.0 * STEPS[k]), atol=1e-5 * scale)
 
@@ -67,22 +67,22 @@ def test_an_error_of_the_baseline_alone_is_a_share_in_proportion_to_place_and_di
 def test_a_subtracted_motion_removes_rigid_errors():
     """Against rigid motions that are fitted anew to the points of rigs a little wrong; the points stretch by 40 %."""
     turned = (POINTS - POINTS[2]) @ (rotation_matrix([0.1, -0.2, 0.3]) @ np.diag([1.4, 0.9, 1.1])).T + POINTS[2] + 5.0
-    along = undoing(rigid_motion(POINTS, turned))
+    along = co_moving_frame(rigid_motion(POINTS, turned))
     states = (into_frame(turned, along), POINTS)
     root = STEPS[:, None] * np.random.default_rng(5).normal(size=(len(STEPS), 4))
     covariance = root @ root.T
-    plain = rig_error(RIG, covariance, (along, CAMERA)).changes_at(*states)
-    error = rig_error(RIG, covariance, (along, CAMERA), states)
+    plain = rig_error(RIG, covariance, (along, LEFT_CAMERA)).changes_at(*states)
+    error = rig_error(RIG, covariance, (along, LEFT_CAMERA), states)
     found = error.changes_at(*states)
     for k, mode in enumerate(error.modes.T):
-        before, after = (triangulate(rig_moved(RIG, mode), *seen(points)).xyz for points in (POINTS, turned))
-        expected = into_frame(after, undoing(rigid_motion(before, after))) - states[0]
+        before, after = (triangulate(rig_after_step(RIG, mode), *seen(points)).xyz for points in (POINTS, turned))
+        expected = into_frame(after, co_moving_frame(rigid_motion(before, after))) - states[0]
         np.testing.assert_allclose(found[:, :3, k], expected, atol=1e-3 * np.abs(plain[:, :3, k]).max())
 
 
 def test_a_motion_of_no_points_changes_nothing():
     states = (np.nan * POINTS, POINTS)
-    both = rig_error(RIG, np.diag(STEPS**2), (CAMERA, CAMERA), states).changes_at(*states)
+    both = rig_error(RIG, np.diag(STEPS**2), (LEFT_CAMERA, LEFT_CAMERA), states).changes_at(*states)
     assert np.isnan(both[:, :3]).all()
     assert np.isfinite(both[:, 3:]).all()
 
@@ -140,7 +140,7 @@ def test_a_thinned_grid_gives_the_same_strain():
 def test_single_places_agree_with_the_grid():
     before = FLAT + np.array([-4.0, -6.0, 400.0])
     after = before @ (rotation_matrix([0.1, 0.2, 0.0]) @ np.diag([1.2, 0.9, 1.0])).T + [1.0, 2.0, 60.0]
-    error = rig_error(RIG, np.diag(STEPS**2), (CAMERA, CAMERA))
+    error = rig_error(RIG, np.diag(STEPS**2), (LEFT_CAMERA, LEFT_CAMERA))
     states, inner = jacobians(after, before), (slice(1, -1), slice(1, -1))
     both = error.changes_at(after, before)
     whole = fields(both[..., :3, :], both[..., 3:, :], slope_changes, states)

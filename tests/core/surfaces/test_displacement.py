@@ -87,7 +87,7 @@ def test_perfect_rigid_shift_of_material_points(shift):
     assert not result.status.any()
 
 
-def test_material_points_with_their_reasons():
+def test_status_of_material_points():
     before = np.stack([20 + 2 * COL, 20 + 2 * ROW], axis=-1)
     after, status = before + 1.5, np.zeros(ROW.shape, np.uint8)
     after[3, 4], status[3, 4] = np.nan, Status.UNTRACKED

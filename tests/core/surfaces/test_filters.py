@@ -85,7 +85,7 @@ def test_components_and_single_planes_agree():
 
 
 def test_leverage_of_a_full_window():
-    """Degree 0 and 1 weigh all n points alike; degree 2 follows from the one-dimensional moments."""
+    """Degree 0 and 1 give all n points the same weight; degree 2 follows from the one-dimensional moments."""
     field = np.zeros((31, 31))
     assert local_polynomial(field, (9, 7), 0).leverage[15, 15] == pytest.approx(1 / 63)
     assert local_polynomial(field, (9, 7), 1).leverage[15, 15] == pytest.approx(1 / 63)
@@ -171,7 +171,7 @@ def test_reach_is_a_distance():
 def test_kernel_as_plain_python():
     field = np.random.default_rng(2).normal(size=(6, 6))
     expected = local_polynomial(field, (5, 5), 2)
-    compiled = {name: getattr(filters, name) for name in ("_solve_all", "_cholesky", "_substitute")}
+    compiled = {name: getattr(filters, name) for name in ("_solve_all", "factorise", "solve_columns")}
     with pytest.MonkeyPatch.context() as patch:
         for name, kernel in compiled.items():
             patch.setattr(filters, name, getattr(kernel, "py_func", kernel))

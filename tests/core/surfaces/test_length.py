@@ -19,7 +19,7 @@ def tilted(angle_deg=25.0, scale=0.1):
 
 @pytest.mark.parametrize("start", [0, 1, 2, 3])
 @pytest.mark.parametrize("turned", [False, True])
-def test_edges_of_a_rectangle_whatever_its_first_corner(start, turned):
+def test_edges_of_a_rectangle_do_not_depend_on_its_first_corner(start, turned):
     ring = np.roll(densify(OUTLINE, 7.0), -5 * start, axis=0)
     upper, lower = edge_pairs(ring[::-1] if turned else ring)
     assert np.allclose(upper, np.stack([np.linspace(20, 60, 101), np.full(101, 30.0)], axis=-1))
@@ -38,7 +38,7 @@ def test_perfect_length_of_a_tilted_plane(angle):
     assert cloud_length(tilted(angle), (0.0, 0.0), edge_pairs(OUTLINE)) == pytest.approx(14.0, rel=1e-9)
 
 
-def test_a_cloud_that_ends_before_the_edge_is_continued():
+def test_a_cloud_that_ends_before_the_edge_is_extrapolated():
     """A stretch that varies along the length as a parabola is continued exactly."""
     cloud = tilted()
     cloud[..., 1] += 1e-4 * ROW**2
@@ -47,7 +47,7 @@ def test_a_cloud_that_ends_before_the_edge_is_continued():
     assert cloud_length(cloud, (0.0, 0.0), edge_pairs(OUTLINE)) == pytest.approx(whole, rel=1e-6)
 
 
-def test_a_cloud_far_from_the_edge_gives_nothing():
+def test_a_cloud_far_from_the_edge_gives_nan():
     cloud = tilted()
     cloud[:80] = np.nan
     assert np.isnan(cloud_length(cloud, (0.0, 0.0), edge_pairs(OUTLINE)))

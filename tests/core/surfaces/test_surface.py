@@ -149,19 +149,19 @@ def test_too_few_points_are_refused():
 
 @pytest.mark.parametrize("blur", [0.0, 2.0])
 @pytest.mark.parametrize("robust", ["none", "bisquare"])
-def test_choice_finds_the_degree_whatever_the_noise_is_correlated_over(blur, robust):
+def test_choice_finds_the_degree_for_any_correlation_length_of_the_noise(blur, robust):
     chosen = [choose_degree(bowl(noise=0.1, seed=seed, blur=blur)[1], robust).degree for seed in range(8)]
     assert chosen.count(2) >= 7
 
 
-def test_choice_says_why():
+def test_choice_gives_its_reason():
     choice = choose_degree(bowl(noise=0.1, blur=2.0)[1])
-    assert choice.why.startswith("degree 2 of 1…5 has the lowest BIC with")
-    area = float(choice.why.split("correlated over ")[1].split()[0])
+    assert choice.reason.startswith("degree 2 of 1…5 has the lowest BIC with")
+    area = float(choice.reason.split("correlated over ")[1].split()[0])
     assert area == pytest.approx(4 * np.pi * 2.0**2, rel=0.35)  # ∬ ρ of Gaussian smoothing: 4 π s²
 
 
-def test_choice_among_exact_data():
+def test_choice_for_exact_data():
     assert choose_degree(bowl()[0]).degree == 2
 
 

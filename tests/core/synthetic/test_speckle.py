@@ -10,12 +10,12 @@ def speckles():
     return scatter_speckles((20.0, 60.0), (0.3, 0.7), 0.1, seed=4)
 
 
-def test_the_wanted_share_is_dark(speckles):
+def test_coverage_is_the_dark_share(speckles):
     grid = np.stack(np.meshgrid(np.linspace(-10, 10, 500), np.linspace(0, 60, 1500)), axis=-1)
     assert darkness(speckles, grid).mean() == pytest.approx(0.45, abs=0.02)
 
 
-def test_dots_have_the_wanted_sizes_and_stay_in_the_region(speckles):
+def test_dots_have_the_given_sizes_and_stay_in_the_region(speckles):
     assert speckles.radii.min() >= 0.15
     assert speckles.radii.max() <= 0.35
     ends = np.stack(np.meshgrid(np.linspace(-10, 10, 2000), [-1e-6, -0.2, 60.0 + 1e-6, 60.2]), axis=-1)

@@ -6,8 +6,8 @@ from hypothesis import strategies as st
 from dicflow.core.cameras.camera import rotation_matrix
 from dicflow.core.synthetic.deformation import (
     Deformation,
-    carried,
     gradient,
+    moved_rigidly,
     position,
     strain,
     surface_kernel,
@@ -37,7 +37,7 @@ def test_gradient_is_the_slope_of_position():
 
 
 @given(st.floats(1.0, 2.5), st.floats(-0.3, 0.3), st.floats(-2.0, 2.0))
-def test_the_imposed_length_holds_whatever_the_inhomogeneity(stretch, inhomogeneity, bulge):
+def test_the_length_does_not_depend_on_the_inhomogeneity(stretch, inhomogeneity, bulge):
     state = Deformation(60.0, 20.0, stretch, inhomogeneity=inhomogeneity, bulge=bulge)
     top, bottom = position(state, [[0.0, 0.0], [0.0, 60.0]])
     assert np.linalg.norm(bottom - top) == pytest.approx(60.0 * stretch, rel=1e-12)
@@ -68,17 +68,17 @@ def test_simple_shear_turns_the_fibre_by_its_arctangent(shear):
 @settings(max_examples=30)
 @given(st.tuples(*[st.floats(-1.0, 1.0)] * 3), st.tuples(*[st.floats(-50.0, 50.0)] * 3))
 def test_rigid_motion_gives_no_strain(vector, shift):
-    moved = carried(GENERAL, rotation_matrix(vector), shift)
+    moved = moved_rigidly(GENERAL, rotation_matrix(vector), shift)
     assert max(np.abs(part).max() for part in strain(GENERAL, moved, material_points(20))) < 1e-12
 
 
-def test_carried_moves_every_point_alike():
+def test_a_rigid_motion_moves_every_point():
     rotation, shift = rotation_matrix([0.3, -0.2, 0.1]), np.array([1.0, 2.0, 3.0])
     expected = position(GENERAL, material_points()) @ rotation.T + shift
-    assert position(carried(GENERAL, rotation, shift), material_points()) == pytest.approx(expected, abs=1e-10)
+    assert position(moved_rigidly(GENERAL, rotation, shift), material_points()) == pytest.approx(expected, abs=1e-10)
 
 
-def test_kernels_say_the_same_as_arrays():
+def test_kernels_agree_with_arrays():
     place = GENERAL._replace(rotation=np.eye(3), translation=np.zeros(3))
     for x, y in material_points(20):
         assert surface_kernel(place, x, y) == pytest.approx(tuple(position(place, [x, y])), abs=1e-12)

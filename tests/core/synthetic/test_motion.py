@@ -3,7 +3,14 @@ import pytest
 from scipy.ndimage import map_coordinates
 
 from dicflow.core.correlation.warp import apply_warp, gradient
-from dicflow.core.synthetic.motion import carried_back, render_pattern, speckle_pattern, star, star_period, strain_star
+from dicflow.core.synthetic.motion import (
+    reference_points,
+    render_pattern,
+    speckle_pattern,
+    star,
+    star_period,
+    strain_star,
+)
 from dicflow.core.synthetic.planar import render_planar, translation
 from dicflow.core.synthetic.render import Extent
 from dicflow.core.synthetic.speckle import scatter_speckles
@@ -30,20 +37,20 @@ def test_the_middle_row_of_a_strain_star_has_the_strain_everywhere():
 
 
 @pytest.mark.parametrize("motion", [star(0.3, 120.0, 900), strain_star(0.1, 120.0, 900)])
-def test_stars_know_their_gradient(motion):
+def test_gradients_of_stars_are_their_differences(motion):
     step = 1e-4
     by_difference = [(motion(POINTS + d)[0] - motion(POINTS - d)[0]) / (2 * step) for d in step * np.eye(2)]
     np.testing.assert_allclose(motion(POINTS)[1], np.stack(by_difference, axis=-1), atol=1e-6)
 
 
-def test_points_are_carried_back_to_where_they_came_from():
+def test_reference_points_invert_the_motion():
     motion = star(1.2)
-    np.testing.assert_allclose(carried_back(motion, motion(POINTS)[0]), POINTS, atol=1e-7)
+    np.testing.assert_allclose(reference_points(motion, motion(POINTS)[0]), POINTS, atol=1e-7)
 
 
 def test_a_motion_that_folds_the_plane_is_refused():
     with pytest.raises(ValueError, match="cannot be inverted"):
-        carried_back(star(40.0), POINTS)
+        reference_points(star(40.0), POINTS)
 
 
 def test_an_affine_motion_gives_the_image_of_the_transform():
@@ -58,7 +65,7 @@ def test_an_affine_motion_gives_the_image_of_the_transform():
     np.testing.assert_allclose(image, expected, atol=1e-6)
 
 
-def test_grey_levels_travel_with_the_material():
+def test_grey_levels_move_with_the_material():
     warp = np.array([[31.4, 1.01, 0.02, 3e-4, -2e-4, 1e-4], [29.2, -0.01, 0.98, 1e-4, 2e-4, -3e-4]])
     size, middle = (60, 60), np.array([30.0, 30.0])
 

@@ -2,11 +2,11 @@ import numpy as np
 import pytest
 
 from dicflow.core.synthetic.planar import planar_pair, render_planar, translation
-from dicflow.core.synthetic.render import Extent, Look
+from dicflow.core.synthetic.render import Extent, GreyLevels
 from dicflow.core.synthetic.speckle import scatter_speckles
 
 EVERYWHERE = Extent(-1e9, 1e9, -1e9, 1e9)
-INK = Look(paper=0.0, ink=1.0, background=0.0)
+INK = GreyLevels(paper=0.0, ink=1.0, background=0.0)
 
 
 def one_dot(edge: float = 1.0):

@@ -5,7 +5,14 @@ from hypothesis import strategies as st
 
 from dicflow.core.cameras.camera import Camera, camera_matrix, rotation_matrix
 from dicflow.core.synthetic.deformation import Deformation
-from dicflow.core.synthetic.render import Extent, Look, expose, outline, render_strip, shares
+from dicflow.core.synthetic.render import (
+    Extent,
+    GreyLevels,
+    add_noise_and_round,
+    extent_outline,
+    pixel_shares,
+    render_strip,
+)
 from dicflow.core.synthetic.speckle import darkness, scatter_speckles
 from dicflow.core.synthetic.trace import image_of, material_at, trace
 
@@ -23,19 +30,19 @@ def unit_pixels() -> tuple[np.ndarray, np.ndarray]:
 
 def test_a_ramp_integrates_to_its_value_at_the_centre():
     points, slopes = unit_pixels()
-    ramp = shares(points, 0.3 * slopes, EVERYWHERE, lambda p: 0.02 * p[..., 0] + 0.01 * p[..., 1] + 0.1, 3).ink
+    ramp = pixel_shares(points, 0.3 * slopes, EVERYWHERE, lambda p: 0.02 * p[..., 0] + 0.01 * p[..., 1] + 0.1, 3).ink
     assert ramp == pytest.approx(0.02 * points[..., 0] + 0.01 * points[..., 1] + 0.1, abs=1e-15)
 
 
 def test_a_parabola_integrates_with_its_second_moment():
     points, slopes = unit_pixels()
-    ink = shares(points, 0.3 * slopes, EVERYWHERE, lambda p: p[..., 0] ** 2, 2).ink
+    ink = pixel_shares(points, 0.3 * slopes, EVERYWHERE, lambda p: p[..., 0] ** 2, 2).ink
     assert ink == pytest.approx(points[..., 0] ** 2 + 0.3**2 / 12.0, abs=1e-12)
 
 
 def test_a_polynomial_of_fifth_degree_is_exact_with_three_points():
     points, slopes = unit_pixels()
-    ink = shares(points, slopes, EVERYWHERE, lambda p: p[..., 0] ** 5, 3).ink
+    ink = pixel_shares(points, slopes, EVERYWHERE, lambda p: p[..., 0] ** 5, 3).ink
     x = points[..., 0]
     assert ink == pytest.approx(((x + 0.5) ** 6 - (x - 0.5) ** 6) / 6.0, rel=1e-12)
 
@@ -43,7 +50,7 @@ def test_a_polynomial_of_fifth_degree_is_exact_with_three_points():
 def test_pixels_without_material_show_nothing():
     points, slopes = unit_pixels()
     points[0, 0] = np.nan
-    surface, ink = shares(points, slopes, EVERYWHERE, lambda p: np.ones(p.shape[:-1]), 3)
+    surface, ink = pixel_shares(points, slopes, EVERYWHERE, lambda p: np.ones(p.shape[:-1]), 3)
     assert surface[0, 0] == ink[0, 0] == 0.0
     assert surface.sum() == pytest.approx(19.0)
 
@@ -70,8 +77,8 @@ def test_nothing_is_found_behind_the_camera():
     assert np.isnan(material_at(CAMERA, behind, [150.0, 200.0])).all()
 
 
-def bare_look() -> Look:
-    return Look(paper=1.0, ink=0.0, background=0.0, unevenness=0.0, light=(0.0, 0.0))
+def bare_look() -> GreyLevels:
+    return GreyLevels(paper=1.0, ink=0.0, background=0.0, unevenness=0.0, light=(0.0, 0.0))
 
 
 def test_the_strip_covers_the_area_of_its_outline():
@@ -79,7 +86,7 @@ def test_the_strip_covers_the_area_of_its_outline():
     image = render_strip(
         CAMERA, STATE, blank._replace(radii=blank.radii * 0 + 1e-9, shapes=blank.shapes * 1e12), 4.0, bare_look()
     )
-    x, y = image_of(CAMERA, STATE, outline(Extent(-10.0, 10.0, -4.0, 64.0), 400)).T
+    x, y = image_of(CAMERA, STATE, extent_outline(Extent(-10.0, 10.0, -4.0, 64.0), 400)).T
     area = 0.5 * abs(np.sum(x[:-1] * y[1:] - x[1:] * y[:-1]))
     assert image.sum() == pytest.approx(area, rel=5e-4)
 
@@ -99,19 +106,19 @@ def test_each_pixel_shows_the_material_on_its_ray():
 
 def test_the_background_is_plain_and_untouched_by_the_strip():
     speckles = scatter_speckles((20.0, 60.0), (1.0, 2.0), 0.3)
-    image = render_strip(CAMERA, STATE, speckles, 4.0, Look())
+    image = render_strip(CAMERA, STATE, speckles, 4.0, GreyLevels())
     assert image[:, :60].std() < 6.0
     assert np.abs(np.diff(image[:, :60], axis=1)).max() < 0.5
     assert image.shape == (400, 300)
 
 
 def test_noise_has_its_standard_deviation_and_rounding_adds_a_twelfth():
-    image = expose(np.full((400, 500), 100.3), 2.0, [1, 2])
+    image = add_noise_and_round(np.full((400, 500), 100.3), 2.0, [1, 2])
     assert image.dtype == np.uint8
     assert image.mean() == pytest.approx(100.3, abs=0.02)
     assert image.std() == pytest.approx(np.sqrt(4.0 + 1.0 / 12.0), rel=0.01)
-    assert np.array_equal(image, expose(np.full((400, 500), 100.3), 2.0, [1, 2]))
+    assert np.array_equal(image, add_noise_and_round(np.full((400, 500), 100.3), 2.0, [1, 2]))
 
 
 def test_exposure_saturates():
-    assert expose(np.array([[-30.0, 300.0]]), 0.0, [1]).tolist() == [[0, 255]]
+    assert add_noise_and_round(np.array([[-30.0, 300.0]]), 0.0, [1]).tolist() == [[0, 255]]

@@ -4,12 +4,12 @@ import pytest
 
 from dicflow.core.cameras.camera import rotation_angle_deg
 from dicflow.core.synthetic.checkerboard import Checkerboard, board_corners, board_darkness, board_outline
-from dicflow.core.synthetic.render import Look, expose, render_board
-from dicflow.core.synthetic.stand import board_poses, seen_from_right, verged_stand
+from dicflow.core.synthetic.render import GreyLevels, add_noise_and_round, render_board
+from dicflow.core.synthetic.stand import board_poses, in_right_frame, verged_stand
 from dicflow.core.synthetic.trace import image_of
 
 SIZE = (540, 720)
-LOOK = Look(paper=205.0, ink=34.0)
+LOOK = GreyLevels(paper=205.0, ink=34.0)
 
 
 @pytest.fixture(scope="module")
@@ -45,7 +45,7 @@ def test_edges_are_half_dark_and_corners_lie_between_four_squares():
 
 def test_boards_lie_inside_both_photographs(stand, board, poses):
     for pose in poses:
-        for camera, seen in ((stand.rig.left, pose), (stand.rig.right, seen_from_right(stand.rig, pose))):
+        for camera, seen in ((stand.rig.left, pose), (stand.rig.right, in_right_frame(stand.rig, pose))):
             pixels = image_of(camera, seen, board_outline(board))
             assert (pixels > 0).all()
             assert (pixels < np.array(SIZE) - 1).all()
@@ -64,8 +64,8 @@ def test_too_many_boards_are_refused(stand):
 
 def test_refinement_of_corners_leads_to_the_true_ones(stand, board, poses):
     errors, soft = [], board._replace(edge=1.0)
-    for camera, seen in ((stand.rig.left, poses[0]), (stand.rig.right, seen_from_right(stand.rig, poses[1]))):
-        image = expose(render_board(camera, seen, soft, LOOK), 0.0, [1])
+    for camera, seen in ((stand.rig.left, poses[0]), (stand.rig.right, in_right_frame(stand.rig, poses[1]))):
+        image = add_noise_and_round(render_board(camera, seen, soft, LOOK), 0.0, [1])
         truth = image_of(camera, seen, board_corners(board)).reshape(-1, 1, 2)
         until = (cv2.TERM_CRITERIA_EPS | cv2.TERM_CRITERIA_MAX_ITER, 50, 1e-4)
         found = cv2.cornerSubPix(image, np.float32(truth + np.array([0.6, -0.4])), (5, 5), (-1, -1), until)
