@@ -365,11 +365,11 @@ def test_a_store_of_a_newer_format(run, tmp_path):
         dicflow(command, store).refuses(2, "has format 99")
     assert [path.name for path in store.iterdir()] == ["dicflow.json"]
     mark.write_text("scribble")
-    run(store=store).refuses(2, "dicflow.json: says no format; this is no store of dicflow, or its mark is damaged")
+    run(store=store).refuses(2, "dicflow.json: has no format number: not a dicflow store, or a damaged one")
 
 
 def test_a_folder_that_is_no_store(run, data, tmp_path):
-    run(store=data).refuses(2, "data: holds other files and no store; name an empty or new folder")
+    run(store=data).refuses(2, "data: holds other files and is not a store; name an empty or new folder")
     (tmp_path / "file").write_text("")
     run(store=tmp_path / "file").refuses(2, "file: cannot be written", "name another store")
 

@@ -394,7 +394,7 @@ def test_damage_that_an_export_meets(own, tmp_path):
 
 def test_what_is_wrong_with_a_store_command(measured, tmp_path):
     for command in ("gc", "verify", "pin"):
-        dicflow(command, tmp_path / "none").refuses(2, "none: holds no store; run a pipeline first")
+        dicflow(command, tmp_path / "none").refuses(2, "none: is not a store; run a pipeline first")
     dicflow("pin", measured, "yesterday").refuses(2, "no run 'yesterday'; 'dicflow pin STORE' lists")
     dicflow("pin", measured, "yesterday", "--remove").refuses(2, "yesterday is not pinned")
 

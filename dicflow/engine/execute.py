@@ -218,7 +218,14 @@ def _run_once(
     graph: Graph, store: Store, pipeline: str, resolved: Any, options: Options, before: Mapping[str, Outcome]
 ) -> RunResult:
     """Plan and run. before : outcomes of a first try; what that computed counts as computed."""
-    plan = make_plan(graph, store, pipeline=pipeline, code_policy=options.code_policy)
+    plan = make_plan(
+        graph,
+        store,
+        pipeline=pipeline,
+        code_policy=options.code_policy,
+        every_file=bool(before),
+        on_event=options.on_event,
+    )
     journal = _journal(plan, store, pipeline, resolved)
     state = _Run(plan, store, journal, options)
     state.tell(Event("planned", counts=plan.counts, stages=plan.by_stage()))

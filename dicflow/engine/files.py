@@ -1,4 +1,4 @@
-"""What is known of files, remembered for as long as they are unchanged.
+"""Facts about files, remembered for as long as the files are unchanged.
 
 A run with nothing to do must not read gigabytes of photographs to learn that. So a file's digest, what a stage's
 ``check`` found in it, and the syntax of a source file are kept beside the file's size, time and inode.
@@ -73,9 +73,9 @@ class FileIndex:
         return str(self.fact(file, "digest", digest_file))
 
     def save(self) -> None:
-        """Keep what is new, together with what other processes kept meanwhile; in vain where nothing may be written.
+        """Keep what is new, together with what other processes kept meanwhile.
 
-        The index only saves time, so that a store that is read-only or full is no reason to stop here.
+        A store that is read-only or full is ignored here: the index only saves time.
         """
         if not self._new:
             return

@@ -37,7 +37,7 @@ class StageSpec:
     where: str = ""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, slots=True)
 class Task:
     """One piece of work: a stage at one step, or a stage that runs once.
 

@@ -16,11 +16,12 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     import numpy as np
 
-__all__ = ["canonical_json", "digest_array", "digest_file", "digest_json", "is_digest", "plain"]
+__all__ = ["canonical_json", "digest_array", "digest_bytes", "digest_file", "digest_json", "is_digest", "plain"]
 
 _DIGEST = re.compile(r"sha256:[0-9a-f]{64}")
 _KINDS = "biuf"
 """Kinds of dtype that have one meaning everywhere: booleans, integers, floats."""
+_CANONICAL = json.JSONEncoder(sort_keys=True, separators=(",", ":"), ensure_ascii=False, allow_nan=False)
 
 
 def is_digest(text: object) -> bool:
@@ -31,15 +32,19 @@ def is_digest(text: object) -> bool:
 def canonical_json(value: Any) -> bytes:
     """JSON with one spelling per value: sorted keys, no spaces, shortest numbers, UTF-8.
 
-    Raises TypeError for what is no JSON value and ValueError for NaN and infinities.
+    Raises TypeError for what is not a JSON value and ValueError for NaN and infinities.
     """
-    text = json.dumps(value, sort_keys=True, separators=(",", ":"), ensure_ascii=False, allow_nan=False)
-    return text.encode("utf-8")
+    return _CANONICAL.encode(value).encode("utf-8")
 
 
 def digest_json(value: Any) -> str:
     """Digest of a JSON value. Raises as :func:`canonical_json` does."""
-    return _name(hashlib.sha256(canonical_json(value)))
+    return digest_bytes(canonical_json(value))
+
+
+def digest_bytes(content: bytes) -> str:
+    """Digest of bytes."""
+    return _name(hashlib.sha256(content))
 
 
 def digest_array(array: np.ndarray) -> str:
@@ -83,12 +88,12 @@ def plain(value: Any) -> Any:
         return float(value) if math.isfinite(value) else None
     if isinstance(value, int):
         return int(value)
-    raise TypeError(f"{type(value).__name__} is no JSON value")
+    raise TypeError(f"{type(value).__name__} is not a JSON value")
 
 
 def _text(key: Any) -> str:
     if not isinstance(key, str):
-        raise TypeError(f"the name {key!r} in a mapping is no text")
+        raise TypeError(f"mapping keys must be strings, got {key!r}")
     return str(key)
 
 

@@ -28,7 +28,7 @@ class Garbage:
 
     objects, records, runs : digests, keys, ids
     leftovers : files of killed processes, and what is in quarantine
-    nbytes : what it takes on the disk
+    nbytes : what it takes on the disk, without the records' lines in the store's index
     deleted : whether it is gone, or was only looked for
     """
 
@@ -53,7 +53,7 @@ def collect(store: Store, *, keep_runs: int = 5, delete: bool = False, grace_s: 
 
     keep_runs : so many of the newest runs of each pipeline stay, with all their products; pinned ones do besides
     grace_s : what is younger stays, and a run that has written its journal since, with all its products [s]
-    Raises StoreError where something cannot be deleted, or is damaged that says what must stay.
+    Raises StoreError where something cannot be deleted, or where what must stay is unknown because a file is damaged.
     """
     before = time.time() - grace_s
     keys, digests, old_runs = _marked(store, keep_runs, before)
@@ -70,6 +70,7 @@ def collect(store: Store, *, keep_runs: int = 5, delete: bool = False, grace_s: 
         with store.writing():
             for path in paths:
                 shutil.rmtree(path) if path.is_dir() else path.unlink(missing_ok=True)
+            store.index.keep_only({name for name, _ in _named(store, "actions")})
     return Garbage(
         sorted({name for name, _ in objects}),
         [name for name, _ in records],
@@ -81,7 +82,7 @@ def collect(store: Store, *, keep_runs: int = 5, delete: bool = False, grace_s: 
 
 
 def verify(store: Store, *, repair: bool = False) -> list[Damage]:
-    """Read everything and compare it with its digests; arrays without a manifest, left by a kill, do no harm.
+    """Read all products and records and compare them with their digests; arrays without a manifest do no harm.
 
     repair : move damaged products into quarantine and delete damaged records, so that they are made again
     Raises StoreError where that cannot be done.
@@ -90,7 +91,7 @@ def verify(store: Store, *, repair: bool = False) -> list[Damage]:
     for name, path in _named(store, "objects"):
         if path.suffix != ".json" and name:
             continue
-        reason = fault(store, name) if name else f"{path}: is no part of a store"
+        reason = fault(store, name) if name else f"{path}: is not part of a store"
         if reason:
             found.append(Damage(name, reason))
             if repair and name:
@@ -114,12 +115,12 @@ def pin(store: Store, what: str, note: str = "") -> None:
     """Keep a run with all its products, or one product, until it is unpinned.
 
     what : id of a run or "latest", or digest of a product
-    Raises StoreError where there is no such thing, or a product is made again from others when it is used.
+    Raises StoreError where it does not exist, or for a product that is made again from others when it is used.
     """
     if is_digest(what):
         found = store.manifest(what)
         if found is None:
-            raise StoreError(f"{store.path}: holds no product {what}; nothing to pin")
+            raise StoreError(f"{store.path}: product {what} is missing; nothing to pin")
         if not found.kept:
             raise StoreError(f"{store.path}: the arrays of {what} are not stored but made again; pin its run")
     else:
@@ -128,7 +129,7 @@ def pin(store: Store, what: str, note: str = "") -> None:
 
 
 def unpin(store: Store, what: str) -> None:
-    """Take a pin away. Raises StoreError where there is none."""
+    """Take a pin away. Raises StoreError where it is not pinned."""
     left = pins(store)
     if left.pop(what, None) is None:
         raise StoreError(f"{store.path}: {what} is not pinned; pins: {', '.join(left) or 'none'}")
@@ -191,7 +192,7 @@ def _at_rest(folder: Path, before: float) -> bool:
 
 
 def _size(path: Path) -> int:
-    """Size of a file, or of all files below a folder; 0 of what is not there."""
+    """Size of a file, or of all files below a folder; 0 where it is missing."""
     if path.is_dir():
         return sum(_size(Path(folder) / name) for folder, _, names in os.walk(path) for name in names)
     try:

@@ -25,18 +25,19 @@ Entry = dict[str, str]
 """What an index holds for a task: ``key`` and ``digest``."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, slots=True)
 class Event:
     """One thing that happened in a run.
 
     status : of a finished task: hit, computed, failed or skipped
     seconds : of a finished task, in its stage; of an ended run, altogether
-    text : message of an error or warning, or the dashboard's link
-    counts : planned: hit, run, pending; ended: hit, computed, failed, skipped
+    text : message of an error or warning, the dashboard's link, or what is being checked: files or tasks
+    counts : checking: done and all, of what ``text`` names; planned: hit, run, pending;
+        ended: hit, computed, failed, skipped
     stages : planned: the same counts per stage
     """
 
-    kind: Literal["planned", "dashboard", "finished", "warning", "ended"]
+    kind: Literal["checking", "planned", "dashboard", "finished", "warning", "ended"]
     time: float = field(default_factory=time.time)
     task: str = ""
     stage: str = ""
@@ -52,7 +53,7 @@ class Event:
 
 @dataclass(frozen=True)
 class RunInfo:
-    """A run as its folder tells of it."""
+    """A run, read from its folder."""
 
     id: str
     folder: Path
@@ -74,18 +75,21 @@ class RunInfo:
 
     @property
     def started(self) -> float:
-        """When it started [s since 1970]."""
+        """Start time [s since 1970]."""
         return float(self._about.get("started", 0.0))
 
     @cached_property
     def result(self) -> dict[str, Any] | None:
-        """Counts, seconds and ok; None while it runs, or where it was killed."""
+        """Counts, and whether it was interrupted; None while it runs, or after it was killed."""
         found = read_json(self.folder / "result.json")
         return found if isinstance(found, dict) else None
 
     @cached_property
     def index(self) -> dict[str, Entry]:
-        """Task → key and digest, of everything that was found or made. Raises StoreError where it is damaged."""
+        """Task → key and digest, of everything that was found or made. Raises StoreError where it is damaged.
+
+        The file holds what the plan found, and the journal what has finished since.
+        """
         entries = read_mapping(self.folder / "index.json")
         for event in self.events():
             if event.get("kind") == "finished" and event.get("digest"):
@@ -122,9 +126,9 @@ class Journal:
         self._cut = False
 
     def write(self, event: Event) -> None:
-        """Append an event, in vain on a full disk: the tasks tell of that themselves."""
+        """Append an event. A full disk is ignored here; the tasks report it."""
         said = {name: value for name, value in asdict(event).items() if value not in ("", None, {}, 0.0)}
-        # a text that is no Unicode, from a file's name in a message, is kept in JSON's own escapes
+        # a text that is not Unicode, from a file's name in a message, is kept in JSON's own escapes
         line = json.dumps(said, ensure_ascii=False).encode("utf-8", "backslashreplace") + b"\n"
         whole = b"\n" + line if self._cut else line
         self._cut = True
@@ -132,14 +136,13 @@ class Journal:
             self._cut = self._file.write(whole) < len(whole)
 
     def write_index(self, entries: Mapping[str, Entry]) -> None:
-        """Keep which product each task came to. Raises StoreError."""
+        """Write the product of each hit of the plan, once; the journal adds the others. Raises StoreError."""
         self._store.write_json(self.folder / "index.json", entries)
 
     def close(self, entries: Mapping[str, Entry], result: Mapping[str, Any]) -> None:
-        """Keep the index, also as the pipeline's latest, and the counts. Raises StoreError."""
+        """Write the counts, and what each task came to as the pipeline's latest. Raises StoreError."""
         with suppress(OSError):
             self._file.close()
-        self.write_index(entries)
         merged = {**latest(self._store, self.pipeline), **entries}
         self._store.write_json(_latest_path(self._store, self.pipeline), merged)
         self._store.write_json(self.folder / "result.json", result)
@@ -159,11 +162,11 @@ def runs(store: Store) -> list[RunInfo]:
 
 
 def find_run(store: Store, name: str = "latest", pipeline: str | None = None) -> RunInfo:
-    """A run by its id, or the latest one. Raises StoreError where there is none."""
+    """A run by its id, or the latest one. Raises StoreError where it does not exist."""
     for run in runs(store):
         if name in ("latest", run.id) and pipeline in (None, run.pipeline):
             return run
-    raise StoreError(f"{store.path}: no run '{name}'; 'dicflow pin STORE' lists the runs there are")
+    raise StoreError(f"{store.path}: no run '{name}'; 'dicflow pin STORE' lists all runs")
 
 
 def latest(store: Store, pipeline: str) -> dict[str, Entry]:

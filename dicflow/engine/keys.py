@@ -2,16 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from typing import Any, Literal
 
 from dicflow.engine.graph import file_fields
-from dicflow.engine.hashing import digest_json
+from dicflow.engine.hashing import canonical_json, digest_bytes, digest_json
 from dicflow.engine.node import Node
 from dicflow.engine.references import Ref, RefInput
 
-__all__ = ["Change", "differences", "input_digests", "key_of", "key_parts", "parameters"]
+__all__ = ["Change", "differences", "input_digests", "key_maker", "key_of", "key_parts", "parameters"]
 
 
 @dataclass(frozen=True)
@@ -74,6 +74,22 @@ def input_digests(inputs: Mapping[str, RefInput]) -> dict[str, Any]:
 def key_of(parts: Mapping[str, Any]) -> str:
     """The key: digest of its parts. Raises TypeError or ValueError for a parameter without one spelling."""
     return digest_json(parts)
+
+
+def key_maker(node: Node, values: Mapping[str, Any]) -> Callable[[Mapping[str, Any], Mapping[str, str]], str]:
+    """A function of the inputs and files of a task that gives its key, as :func:`key_of` its :func:`key_parts`.
+
+    What all tasks of a node have in common is spelled once. values : :func:`parameters` of the node
+    Raises TypeError or ValueError for a parameter without one spelling.
+    """
+    version = canonical_json(node.impl_version)
+    common = canonical_json({"parameters": values, "stage": node.stage})[1:]
+
+    def key(inputs: Mapping[str, Any], files: Mapping[str, str]) -> str:
+        varying = canonical_json(files), version, canonical_json(inputs), common
+        return digest_bytes(b'{"files":%b,"impl_version":%b,"inputs":%b,%b' % varying)
+
+    return key
 
 
 def differences(old: Mapping[str, Any], new: Mapping[str, Any]) -> list[Change]:

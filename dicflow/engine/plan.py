@@ -1,24 +1,29 @@
 """The plan: for every task whether its product is there, and if not, why not.
 
 All keys are resolved in the main process, from digests alone; no array is read and no numerics are loaded.
+
+Of few tasks the records and the files of their products are looked at. Of many, the store's index says what each key
+came to, and one listing of the store's folders whether record and product are there; a file that is missing inside a
+product is then found when it is read, and the product is made again.
 """
 
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field
-from functools import partial
+from functools import cached_property, partial
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any, Literal, TypeVar
 
+from dicflow.engine.action_index import Action, action_of
 from dicflow.engine.files import Stamp, stamp
 from dicflow.engine.fingerprint import Fingerprint, Sources, changed_names
 from dicflow.engine.graph import Graph, Task, TaskInput
 from dicflow.engine.hashing import plain
-from dicflow.engine.journal import latest
-from dicflow.engine.keys import Change, differences, input_digests, key_of, key_parts, parameters
+from dicflow.engine.journal import Entry, Event, latest
+from dicflow.engine.keys import Change, differences, input_digests, key_maker, key_parts, parameters
 from dicflow.engine.node import Node
 from dicflow.engine.records import Record
 from dicflow.engine.references import Recipe, Ref, RefInput
@@ -32,8 +37,17 @@ CodePolicy = Literal["recompute", "warn", "ignore"]
 _MOST_NAMES = 5
 """So many definitions are named as changed; of more, their number is given."""
 
+_MANY = 2000
+"""Tasks of a plan above which the store's index is read, and progress is reported."""
+_MANY_FILES = 100
+"""Files above which progress is reported."""
+_REPORTS = 100
+"""Reports of progress in one pass."""
 
-@dataclass(frozen=True)
+T = TypeVar("T")
+
+
+@dataclass(frozen=True, slots=True)
 class FileStamp:
     """The contents of a file, and how to see that it is still the same."""
 
@@ -41,13 +55,17 @@ class FileStamp:
     stamp: Stamp
 
 
-@dataclass(frozen=True)
+_NO_FILES: Mapping[str, FileStamp] = {}
+"""The files of a task without any, shared by all of them."""
+
+
+@dataclass(frozen=True, slots=True)
 class PlanEntry:
     """What is planned for one task.
 
     state : "hit": its product is there; "run": it must run; "pending": known once those before it have run
     changes : why it must run, against the last time
-    key, parts : once all its inputs are known
+    key : once all its inputs are known
     ref : the product of a hit
     """
 
@@ -55,7 +73,6 @@ class PlanEntry:
     state: Literal["hit", "run", "pending"]
     changes: tuple[Change, ...] = ()
     key: str | None = None
-    parts: Mapping[str, Any] | None = None
     ref: Ref | None = None
     waits_for: tuple[str, ...] = ()
 
@@ -115,17 +132,30 @@ class Plan:
         return found
 
 
-def make_plan(graph: Graph, store: Store, *, pipeline: str = "", code_policy: CodePolicy = "recompute") -> Plan:
+def make_plan(
+    graph: Graph,
+    store: Store,
+    *,
+    pipeline: str = "",
+    code_policy: CodePolicy = "recompute",
+    every_file: bool = False,
+    on_event: Callable[[Event], None] | None = None,
+) -> Plan:
     """Look at all files, resolve all keys, and find what is there.
 
     pipeline : name under which its last run is looked up, for the reasons
+    every_file : look at the files of every product, however many tasks there are
+    on_event : receives an event "checking" now and then, where there are many files or tasks
     Raises InputError for a file that cannot be used, before anything has run.
     """
-    _check_files(graph, store)
-    planner = _Planner(graph, store, pipeline, code_policy)
-    for task in graph.tasks.values():
-        planner.add(task)
-    store.files.save()
+    try:
+        _check_files(graph, store, on_event)
+        planner = _Planner(graph, store, pipeline, code_policy, not every_file and len(graph.tasks) > _MANY)
+        for task in _reported("tasks", graph.tasks.values(), len(graph.tasks), _MANY, on_event):
+            planner.add(task)
+    finally:
+        store.files.save()  # also where a file is refused: the others need not be looked at again
+    store.index.append(planner.unindexed)
     return planner.plan
 
 
@@ -167,21 +197,32 @@ def code_warning(store: Store, stage: str, record: Record, code: Fingerprint, po
 
 
 class _Planner:
-    """Goes through the tasks in order and keeps what the next ones need."""
+    """Goes through the tasks in order and keeps what the next ones need.
 
-    def __init__(self, graph: Graph, store: Store, pipeline: str, policy: CodePolicy) -> None:
+    unindexed : key and action of every hit that the index did not know
+    """
+
+    def __init__(self, graph: Graph, store: Store, pipeline: str, policy: CodePolicy, by_index: bool) -> None:
         self.store = store
         self.policy = policy
-        self.last = latest(store, pipeline)
+        self.pipeline = pipeline
         self.entries: dict[str, PlanEntry] = {}
-        self.files: dict[str, dict[str, FileStamp]] = {}
+        self.files: dict[str, Mapping[str, FileStamp]] = {}
+        self.unindexed: list[tuple[str, Action]] = []
+        self.indexed = store.index.present(store.path) if by_index else None
         values = {name: parameters(spec.node) for name, spec in graph.stages.items()}
         sources = Sources(store.files)
         code = {name: sources.fingerprint(type(spec.node), spec.node.uses()) for name, spec in graph.stages.items()}
+        self.keys = {name: key_maker(spec.node, values[name]) for name, spec in graph.stages.items()}
         self.plan = Plan(graph, self.entries, values, code, self.files, policy)
 
+    @cached_property
+    def last(self) -> dict[str, Entry]:
+        """What each task came to in the last run; read where a task must run, since only reasons need it."""
+        return latest(self.store, self.pipeline)
+
     def add(self, task: Task) -> None:
-        files = {name: self._stamped(path) for name, path in task.files.items()}
+        files = {name: self._stamped(path) for name, path in task.files.items()} if task.files else _NO_FILES
         self.files[task.name] = files
         waits_for = tuple(name for name in task.producers() if self.entries[name].state != "hit")
         if waits_for:
@@ -189,31 +230,54 @@ class _Planner:
             return
         inputs = {port: self._refs(source) for port, source in task.inputs.items()}
         digests = {name: file.digest for name, file in files.items()}
-        parts = key_parts(task.node, self.plan.parameters[task.stage], input_digests(inputs), digests)
-        self.entries[task.name] = self._known(task, key_of(parts), parts, inputs)
+        key = self.keys[task.stage](input_digests(inputs), digests)
+        self.entries[task.name] = self._indexed(task, key, inputs) or self._found(task, key, inputs, digests)
 
     def _stamped(self, path: Path) -> FileStamp:
         before = stamp(path)  # first: of a file that changes meanwhile the stamp then no longer fits
         return FileStamp(self.store.files.digest(path), before)
 
-    def _known(self, task: Task, key: str, parts: dict[str, Any], inputs: dict[str, RefInput]) -> PlanEntry:
+    def _indexed(self, task: Task, key: str, inputs: dict[str, RefInput]) -> PlanEntry | None:
+        """A hit by the index; None where only the record can tell."""
+        action = self.indexed.get(key) if self.indexed is not None else None
+        if action is None or (self.policy != "ignore" and action.code != self.plan.code[task.stage].root):
+            return None
+        return self._hit(task, key, action.digest, action.kept, inputs)
+
+    def _found(self, task: Task, key: str, inputs: dict[str, RefInput], files: dict[str, str]) -> PlanEntry:
+        """A hit by its record and files, or a task that must run."""
         code = self.plan.code[task.stage]
         record, kept, against = find_hit(self.store, key, code, self.policy)
         if record is None or against:
-            return PlanEntry(task, "run", against or self._reasons(task, key, parts), key, parts)
+            changes = against or self._reasons(task, key, inputs, files)
+            return PlanEntry(task, "run", changes, key)
+        self._note(key, record)
         warning = code_warning(self.store, task.stage, record, code, self.policy)
         if warning and warning not in self.plan.warnings:
             self.plan.warnings.append(warning)
-        ref = Ref(record.digest, None if kept else Recipe(task.name, task.node, inputs, task.files))
-        return PlanEntry(task, "hit", (), key, parts, ref)
+        return self._hit(task, key, record.digest, kept, inputs)
 
-    def _reasons(self, task: Task, key: str, parts: dict[str, Any]) -> tuple[Change, ...]:
+    @staticmethod
+    def _hit(task: Task, key: str, digest: str, kept: bool, inputs: dict[str, RefInput]) -> PlanEntry:
+        ref = Ref(digest, None if kept else Recipe(task.name, task.node, inputs, task.files))
+        return PlanEntry(task, "hit", (), key, ref)
+
+    def _note(self, key: str, record: Record) -> None:
+        """Remember a hit that the index should have known."""
+        if self.indexed is None or not record.code:
+            return
+        manifest = self.store.manifest(record.digest)
+        if manifest is not None and self.indexed.get(key) != (action := action_of(record, manifest)):
+            self.unindexed.append((key, action))
+
+    def _reasons(self, task: Task, key: str, inputs: dict[str, RefInput], files: dict[str, str]) -> tuple[Change, ...]:
         last = self.last.get(task.name)
         if last is None:
             return (Change("record", "not made before"),)
         record = self.store.record(last["key"]) if last["key"] != key else None
         if record is None:
             return (Change("record", "its record is no longer in the store"),)
+        parts = key_parts(task.node, self.plan.parameters[task.stage], input_digests(inputs), files)
         return tuple(differences(record.parts, parts)) or (Change("record", "made with another key"),)
 
     def _refs(self, source: TaskInput) -> RefInput:
@@ -229,7 +293,7 @@ class _Planner:
         return ref
 
 
-def _check_files(graph: Graph, store: Store) -> None:
+def _check_files(graph: Graph, store: Store, on_event: Callable[[Event], None] | None) -> None:
     """Let every stage look at its files, one by one and together.
 
     Most of the time goes into unpacking photographs, which threads do side by side.
@@ -243,10 +307,22 @@ def _check_files(graph: Graph, store: Store) -> None:
             node = graph.stages[name].node
             purpose = f"check:{node.stage}:{node.impl_version}"
             fact = partial(store.files.fact, purpose=purpose, find=partial(_facts, node))
-            facts = dict(zip(found, threads.map(fact, found), strict=True))
+            looked = _reported("files", threads.map(fact, found), len(found), _MANY_FILES, on_event)
+            facts = dict(zip(found, looked, strict=True))
             inputs = {port: graph.steps[source] for port, source in graph.stages[name].inputs.items()}
             node.agree(facts, graph.files.get(name, {}), inputs)
 
 
 def _facts(node: Node, path: Path) -> Any:
     return plain(node.check(path))
+
+
+def _reported(
+    what: str, items: Iterable[T], count: int, many: int, on_event: Callable[[Event], None] | None
+) -> Iterator[T]:
+    """The items, with an event "checking" each time that a hundredth of them is done; none up to ``many`` items."""
+    every = max(count // _REPORTS, 1)
+    for done, item in enumerate(items, start=1):
+        yield item
+        if on_event is not None and count > many and done % every == 0:
+            on_event(Event("checking", text=what, counts={"done": done, "all": count}))

@@ -45,7 +45,7 @@ class Record:
 
     @classmethod
     def from_json(cls, value: Any) -> Record | None:
-        """The record, or None where the JSON is none."""
+        """The record, or None where the JSON is not a record."""
         try:
             code = value["code"] if is_digest(value["code"]) else ""
             loaded = cls(value["key"], value["parts"], value["digest"], code, value["made"])

@@ -41,19 +41,19 @@ __all__ = [
 ]
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, slots=True)
 class Ref:
     """A product by name.
 
     recipe : how to make it again, where it is not kept
-    lost : it is not kept, and nothing is known by which it could be made again; its attributes alone are there
+    lost : it is not kept and its recipe is unknown; only its attributes are there
     """
 
     digest: str
     recipe: Recipe | None = None
     lost: bool = False
 
-    @cached_property
+    @property
     def depth(self) -> int:
         """How many stages must run, one after the other, before the product can be used."""
         return 0 if self.recipe is None else self.recipe.depth
@@ -129,7 +129,7 @@ class ProductCache:
             return self._products[digest][1]
 
     def put(self, digest: str, product: Product, nbytes: int) -> None:
-        """Remember a product; those not used for longest give way."""
+        """Remember a product; evicts the least recently used."""
         with self._lock:
             if nbytes > self.limit or digest in self._products:
                 return
@@ -183,7 +183,7 @@ def load(store: Store, ref: Ref) -> Product:
     """
     manifest = store.manifest(ref.digest)
     if manifest is None:
-        raise DamagedError(f"{store.path}: the product {ref.digest[:19]}… has gone; run again to make it")
+        raise DamagedError(f"{store.path}: the product {ref.digest[:19]}… is missing; run again to make it")
     if not manifest.is_sound:
         raise _damaged(store, ref.digest, store.object_path(ref.digest).with_suffix(".json"))
 
@@ -226,7 +226,7 @@ def _remade(store: Store, ref: Ref) -> Product:
         manifest = describe(product)
     if manifest.digest != ref.digest:
         raise StageError(
-            f"{recipe.task}: made again, it gave another result than before; "
+            f"{recipe.task}: made again, its product differs from the first; "
             "run with the code policy 'recompute', or set 'keep: always' if the stage involves chance"
         )
     cache.put(ref.digest, product, manifest.nbytes)
@@ -250,7 +250,7 @@ def _stored(store: Store, manifest: Manifest, name: str) -> np.ndarray:
 
 
 def _damaged(store: Store, digest: str, what: Path) -> DamagedError:
-    """The error that tells of a damaged product, which is put aside so that it is made again."""
+    """The error for a damaged product, which is moved into quarantine so that it is made again."""
     with suppress(StoreError):
         store.quarantine(digest)
     return DamagedError(f"{what}: is damaged and was put into quarantine; run again to make it")

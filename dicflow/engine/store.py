@@ -2,8 +2,8 @@
 
 ::
 
-    store/  dicflow.json  files.index  pins.json
-      objects/ab/<digest>/       the arrays of a product as a zarr group; none where it is remade when it is used
+    store/  dicflow.json  files.index  actions.index  pins.json
+      objects/ab/<digest>/       the arrays of a product as a zarr group; absent where it is remade when it is used
       objects/ab/<digest>.json   its manifest: what it is, and the sizes of the group's files
       actions/ab/<key>.json      a record
       code/<root>.json           the definitions that a fingerprint covers, with their digests
@@ -12,7 +12,8 @@
 
 Nothing is ever changed in its place: it is written in ``tmp`` and renamed, first the arrays, then the manifest that
 names them, then the record that names the product.
-So a killed process leaves nothing that could be taken for a result, and writers need no lock.
+So a killed process leaves nothing that could be taken for a result, and writers need no lock. Only ``actions.index`` is
+appended to; it repeats what the records say.
 """
 
 from __future__ import annotations
@@ -30,6 +31,7 @@ from functools import cached_property
 from pathlib import Path
 from typing import Any, Literal
 
+from dicflow.engine.action_index import ActionIndex
 from dicflow.engine.files import FileIndex
 from dicflow.engine.hashing import is_digest
 from dicflow.engine.objects import Manifest, write_group
@@ -69,9 +71,9 @@ class Store:
             store._check_format(mark)
             return store
         if not create:
-            raise StoreError(f"{store.path}: holds no store; run a pipeline first, or name the store's folder")
+            raise StoreError(f"{store.path}: is not a store; run a pipeline first, or name the store's folder")
         if foreign:
-            raise StoreError(f"{store.path}: holds other files and no store; name an empty or new folder")
+            raise StoreError(f"{store.path}: holds other files and is not a store; name an empty or new folder")
         with store.writing():
             (store.path / "tmp").mkdir(parents=True, exist_ok=True)
         store.write_json(mark, {"format": FORMAT})
@@ -82,6 +84,11 @@ class Store:
         """What is known of input files and source files."""
         return FileIndex(self.path / "files.index")
 
+    @cached_property
+    def index(self) -> ActionIndex:
+        """What every key came to, in one file."""
+        return ActionIndex(self.path / "actions.index")
+
     @contextmanager
     def writing(self) -> Iterator[None]:
         """Turns failures of the file system into StoreErrors that say what to do."""
@@ -90,7 +97,7 @@ class Store:
         except OSError as error:
             reason = error.strerror or str(error)
             if error.errno in _FULL:
-                message = "the disk is full; free some space ('dicflow gc' shows what the store could give)"
+                message = "the disk is full; free some space ('dicflow gc' shows what can be deleted)"
             elif error.errno in _DENIED:
                 message = f"cannot be written ({reason.lower()}); get write access, or name another store"
             else:
@@ -100,7 +107,7 @@ class Store:
     # records
 
     def record(self, key: str) -> Record | None:
-        """The record of a key; None where there is none that can be read."""
+        """The record of a key; None where it is missing or cannot be read."""
         record = Record.from_json(read_json(self.record_path(key)))
         return record if record is not None and record.key == key else None
 
@@ -138,7 +145,7 @@ class Store:
         return self.path / "objects" / _hex(digest)[:2] / _hex(digest)
 
     def manifest(self, digest: str) -> Manifest | None:
-        """The manifest of a product, None where there is none that can be read."""
+        """The manifest of a product; None where it is missing or cannot be read."""
         found = Manifest.from_json(read_json(self.object_path(digest).with_suffix(".json")))
         return found if found is not None and found.digest == digest else None
 
@@ -221,7 +228,7 @@ class Store:
         content = read_json(mark)
         found = content.get("format") if isinstance(content, dict) else None
         if not isinstance(found, int):
-            raise StoreError(f"{mark}: says no format; this is no store of dicflow, or its mark is damaged")
+            raise StoreError(f"{mark}: has no format number: not a dicflow store, or a damaged one")
         if found != FORMAT:
             raise StoreError(
                 f"{self.path}: has format {found}, this release reads {FORMAT}; "
@@ -230,7 +237,7 @@ class Store:
 
 
 def read_json(path: Path) -> Any:
-    """What a JSON file holds, None where it cannot be read."""
+    """The value in a JSON file; None where it cannot be read."""
     try:
         return json.loads(path.read_bytes())
     except (OSError, ValueError):
@@ -238,16 +245,16 @@ def read_json(path: Path) -> Any:
 
 
 def read_mapping(path: Path) -> dict[str, Any]:
-    """The mapping that a JSON file holds, an empty one where there is no such file.
+    """The mapping in a JSON file; empty where the file is missing.
 
-    Raises StoreError where there is one that holds none: what it says is not known then.
+    Raises StoreError where the file does not hold a mapping, since its contents are then unknown.
     """
     found = read_json(path)
     if isinstance(found, dict):
         return found
     if not path.exists():
         return {}
-    raise StoreError(f"{path}: cannot be read as a mapping in JSON; bring it back from a copy, or delete it")
+    raise StoreError(f"{path}: cannot be read as a mapping in JSON; restore it from a copy, or delete it")
 
 
 def _foreign(folder: Path) -> bool:
@@ -270,5 +277,5 @@ def _holds(folder: Path, files: Mapping[str, int]) -> bool:
 def _hex(digest: str) -> str:
     """The part of a digest that names a file; nothing but a digest ever becomes a path."""
     if not is_digest(digest):
-        raise StoreError(f"{digest!r} is no digest; the store's files are damaged, run 'dicflow verify'")
+        raise StoreError(f"{digest!r} is not a digest; the store's files are damaged, run 'dicflow verify'")
     return digest.partition(":")[2]

@@ -13,6 +13,7 @@ from functools import cache
 from pathlib import Path
 from typing import Any, Literal
 
+from dicflow.engine.action_index import action_of
 from dicflow.engine.files import stamp
 from dicflow.engine.fingerprint import Fingerprint
 from dicflow.engine.graph import Task, TaskInput
@@ -38,7 +39,7 @@ _WORTH = 5.0
 """A product is kept when making it took so many times longer than keeping it."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, slots=True)
 class Outcome:
     """What became of a task. It travels in the place of the product.
 
@@ -155,15 +156,17 @@ def _performed(job: Job, inputs: tuple[Outcome, ...], start: float) -> Outcome:
     product, times = _run(job, store, recipe)
     manifest = describe(product)
     keep = is_kept(task.node, len(product.variables), manifest.nbytes, sum(times), recipe.depth, job.gathered)
-    kept = store.put(product, manifest, keep).kept
+    manifest = store.put(product, manifest, keep)
     products.put(manifest.digest, product, manifest.nbytes)
-    ref = Ref(manifest.digest, None if kept else recipe)
+    ref = Ref(manifest.digest, None if manifest.kept else recipe)
     stage_s, remake_s = times
     engine_s = time.perf_counter() - start - stage_s - remake_s
     done = job.outcome(
         "computed", ref=ref, key=key, stage_s=stage_s, remake_s=remake_s, engine_s=engine_s, peak_bytes=_peak()
     )
-    store.put_record(Record(key, parts, manifest.digest, job.code.root, _provenance(job, done, manifest)))
+    made = Record(key, parts, manifest.digest, job.code.root, _provenance(job, done, manifest))
+    store.put_record(made)
+    store.index.append([(key, action_of(made, manifest))])
     return replace(done, engine_s=time.perf_counter() - start - stage_s - remake_s)
 
 

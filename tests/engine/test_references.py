@@ -49,7 +49,7 @@ def test_an_array_belongs_to_whoever_asked_for_it(store):
 
 
 def test_a_product_that_has_gone_is_an_error(store):
-    with pytest.raises(StoreError, match="has gone; run again"):
+    with pytest.raises(StoreError, match="is missing; run again"):
         load(store, Ref("sha256:" + "0" * 64))
 
 

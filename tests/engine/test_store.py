@@ -202,7 +202,7 @@ def test_no_path_leads_out_of_the_store(store, name):
     assert Manifest.from_json({**manifest, "files": {name: 1}}) is None
     content = {**manifest["content"], "variables": {name: {}}}
     assert Manifest.from_json({**manifest, "content": content}) is None
-    with pytest.raises(StoreError, match="is no digest"):
+    with pytest.raises(StoreError, match="is not a digest"):
         store.object_path(f"sha256:{name}")
     with pytest.raises(StageError, match="cannot name an array"):
         normalised(Product("a", {name: Variable((), np.array(1.0))}))
@@ -263,15 +263,15 @@ def test_another_format_is_refused(store, other):
 @pytest.mark.parametrize("text", ["", "[]", "{}", '{"format": "x"}'])
 def test_a_damaged_mark_is_refused(store, text):
     (store.path / "dicflow.json").write_text(text)
-    with pytest.raises(StoreError, match="says no format"):
+    with pytest.raises(StoreError, match="has no format number"):
         Store.open(store.path)
 
 
 def test_a_folder_of_other_things_is_no_store(tmp_path):
     (tmp_path / "thesis.doc").touch()
-    with pytest.raises(StoreError, match="holds other files and no store"):
+    with pytest.raises(StoreError, match="holds other files and is not a store"):
         Store.open(tmp_path)
-    with pytest.raises(StoreError, match="holds no store; run a pipeline first"):
+    with pytest.raises(StoreError, match="is not a store; run a pipeline first"):
         Store.open(tmp_path / "nothing", create=False)
 
 
@@ -280,7 +280,7 @@ def test_a_folder_with_a_tmp_of_its_own_is_no_store(tmp_path, names):
     (tmp_path / "tmp").mkdir()
     for name in names:
         (tmp_path / name).touch()
-    with pytest.raises(StoreError, match="holds other files and no store"):
+    with pytest.raises(StoreError, match="holds other files and is not a store"):
         Store.open(tmp_path)
     assert not (tmp_path / "dicflow.json").exists()
 
