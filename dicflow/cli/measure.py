@@ -98,10 +98,11 @@ def plan(
     dicflow plan pipeline.yaml
     dicflow plan pipeline.yaml --set smooth.window=[40,20]
     """
-    from dicflow.views.console import consoles, plan_table
+    from dicflow.views.console import Progress, consoles, plan_table
 
-    out, _ = consoles()
-    made = load(pipeline, data, store, settings).plan(code_policy.value)
+    out, progress = consoles()
+    with Progress(progress) as shown:
+        made = load(pipeline, data, store, settings).plan(code_policy.value, shown.on_event)
     for warning in made.warnings:
         out.print(f"warning: {warning}", style="yellow", soft_wrap=True)
     out.print(plan_table(made))
@@ -121,10 +122,12 @@ def why(
     \b
     dicflow why pipeline.yaml strain
     """
-    from dicflow.views.console import consoles, why_lines
+    from dicflow.views.console import Progress, consoles, why_lines
 
-    out, _ = consoles()
-    for line in why_lines(load(pipeline, data, store, settings).plan(), stage):
+    out, progress = consoles()
+    with Progress(progress) as shown:
+        made = load(pipeline, data, store, settings).plan(on_event=shown.on_event)
+    for line in why_lines(made, stage):
         out.print(line, soft_wrap=True)
 
 

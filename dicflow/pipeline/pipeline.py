@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from dicflow.engine.graph import Graph, StageSpec, expand
-from dicflow.engine.journal import RunInfo, runs
+from dicflow.engine.journal import Event, RunInfo, runs
 from dicflow.engine.plan import CodePolicy, Plan, make_plan
 from dicflow.engine.store import Store
 from dicflow.errors import ConfigurationError, InputError
@@ -136,9 +136,9 @@ class Pipeline:
         """The store, made where there is none."""
         return Store.open(self.store_folder)
 
-    def plan(self, code_policy: CodePolicy = "recompute") -> Plan:
-        """What is there and what has to be computed, with reasons."""
-        return make_plan(self.graph, self.store, pipeline=self.name, code_policy=code_policy)
+    def plan(self, code_policy: CodePolicy = "recompute", on_event: Callable[[Event], None] | None = None) -> Plan:
+        """What is stored and what has to be computed, with reasons. on_event : receives the progress of a large plan"""
+        return make_plan(self.graph, self.store, pipeline=self.name, code_policy=code_policy, on_event=on_event)
 
     def run(self, **options: Any) -> Result:
         """Compute what is missing and return everything by name.

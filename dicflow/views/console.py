@@ -14,6 +14,7 @@ import numpy as np
 from rich.console import Console
 from rich.live import Live
 from rich.table import Table
+from rich.text import Text
 
 from dicflow.engine.journal import Event
 from dicflow.engine.plan import Plan
@@ -30,7 +31,8 @@ _FILE_WIDTH = 240
 class Progress:
     """Shows a run as it goes: per stage what was cached, computed, failed, and what is left.
 
-    On a terminal the table renews itself; elsewhere one line tells of each stage that is done.
+    On a terminal the table renews itself, and before it a line counts the files and tasks that are being checked;
+    elsewhere one line is printed per finished stage.
     Give :meth:`on_event` to the run, and use the object as a context.
     """
 
@@ -40,6 +42,7 @@ class Progress:
         self._stages: dict[str, dict[str, int]] = {}
         self._totals: dict[str, int] = {}
         self._seconds: dict[str, float] = {}
+        self._checking = ""
         self._started = time.monotonic()
 
     def __enter__(self) -> Progress:
@@ -49,19 +52,28 @@ class Progress:
 
     def __exit__(self, *error: Any) -> None:
         if self._live:
-            self._live.update(self._table())
+            self._checking = ""
+            self._live.transient = not self._stages
+            self._live.update(self._shown())
             self._live.__exit__(*error)
 
     def on_event(self, event: Event) -> None:
         """Take in one event of the run."""
-        if event.kind == "planned":
+        self._checking = ""
+        if event.kind == "checking":
+            self._checking = f"checking {event.text}: {event.counts['done']:,} of {event.counts['all']:,}"
+        elif event.kind == "planned":
             self._plan(event)
         elif event.kind == "finished":
             self._finish(event)
         elif event.kind in ("warning", "dashboard"):
             self._console.print(event.text, style="yellow" if event.kind == "warning" else "cyan", soft_wrap=True)
         if self._live:
-            self._live.update(self._table())
+            self._live.update(self._shown())
+
+    def _shown(self) -> Table | Text:
+        """The table; before the plan is made, what is being checked."""
+        return self._table() if self._stages else Text(self._checking)
 
     def _plan(self, event: Event) -> None:
         self._started = time.monotonic()
@@ -88,7 +100,7 @@ class Progress:
             cells = [str(counts[name] or "·") for name in _COLUMNS]
             style = "red" if counts["failed"] else "dim" if left else ""
             table.add_row(stage, *cells, str(left or "·"), f"{self._seconds[stage]:.1f}", style=style)
-        table.caption = self._time_left()
+        table.caption = self._checking or self._time_left()
         return table
 
     def _time_left(self) -> str:

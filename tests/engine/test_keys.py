@@ -2,15 +2,18 @@ import pytest
 import toys
 from toys import Scale
 
-from dicflow.engine.keys import Change, differences, input_digests, key_of, key_parts, parameters
+from dicflow.engine.keys import Change, differences, input_digests, key_maker, key_of, key_parts, parameters
 from dicflow.engine.references import Ref
 
 ONE, TWO = "sha256:" + "1" * 64, "sha256:" + "2" * 64
 
 
 def key(node, inputs=None, files=None):
-    inputs = inputs if inputs is not None else {"number": Ref(ONE)}
-    return key_of(key_parts(node, parameters(node), input_digests(inputs), files or {}))
+    """The key of a task, which a plan and a worker find in two ways."""
+    found, values = input_digests(inputs if inputs is not None else {"number": Ref(ONE)}), parameters(node)
+    whole = key_of(key_parts(node, values, found, files or {}))
+    assert key_maker(node, values)(found, files or {}) == whole
+    return whole
 
 
 GOLDEN = {

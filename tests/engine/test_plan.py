@@ -170,6 +170,35 @@ def test_checked_files_are_not_opened_again(folder, store, monkeypatch):
     assert plan(chain(folder), type(store).open(store.path)).counts["hit"] == 24
 
 
+def test_a_file_that_is_refused_costs_those_before_it_no_second_look(folder, store, monkeypatch):
+    write(folder / "step_04.txt", "four")
+    with pytest.raises(InputError):
+        plan(chain(folder), store)
+    seen, check = [], toys.Read.check
+    monkeypatch.setattr(toys.Read, "check", lambda self, path: seen.append(path.stem) or check(self, path))
+    write(folder / "step_04.txt", "4")
+    plan(chain(folder), type(store).open(store.path))
+    assert "step_04" in seen
+    assert not {"step_01", "step_02", "step_03"} & set(seen)
+
+
+def checking(folder, store):
+    """The events that a plan sends: what is checked, how much is done, how much there is."""
+    events = []
+    plan(chain(folder), store, on_event=events.append)
+    assert {event.kind for event in events} <= {"checking"}
+    return [(event.text, event.counts["done"], event.counts["all"]) for event in events]
+
+
+def test_a_large_plan_reports_what_it_has_checked(folder, store, monkeypatch):
+    assert checking(folder, store) == []
+    monkeypatch.setattr("dicflow.engine.plan._MANY", 0)
+    monkeypatch.setattr("dicflow.engine.plan._MANY_FILES", 0)
+    monkeypatch.setattr("dicflow.engine.plan._REPORTS", 3)
+    files, tasks = [("files", done, 6) for done in (2, 4, 6)], [("tasks", done, 24) for done in (8, 16, 24)]
+    assert checking(folder, store) == files + tasks
+
+
 def test_touching_a_file_changes_nothing(folder, store):
     run_sync(chain(folder), store)
     os.utime(folder / "step_02.txt")

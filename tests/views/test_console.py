@@ -21,15 +21,22 @@ def finished(stage, number, status, text="", seconds=0.5):
     return Event("finished", task=name, stage=stage, step=f"step_{number}", status=status, seconds=seconds, text=text)
 
 
-def told(events, terminal=False):
-    """What a run with these events leaves on the screen."""
+def told(events, terminal=False, before=()):
+    """What a run with these events leaves on the screen. before : events before the plan"""
     buffer = io.StringIO()
     console = Console(file=buffer, force_terminal=terminal, width=120, markup=False, highlight=False)
     with Progress(console) as progress:
+        for event in before:
+            progress.on_event(event)
         progress.on_event(Event("planned", counts={}, stages=STAGES))
         for event in events:
             progress.on_event(event)
-    return re.sub(r"\x1b\[[0-9;?]*[a-zA-Z]", "", buffer.getvalue())
+    return plain(buffer.getvalue())
+
+
+def plain(text):
+    """The text without a terminal's control sequences."""
+    return re.sub(r"\x1b\[[0-9;?]*[a-zA-Z]", "", text)
 
 
 def test_a_line_per_stage_that_is_done():
@@ -53,6 +60,26 @@ def test_a_terminal_shows_counts_and_the_time_left():
     assert re.search(r"photos\s+2\s+·\s+·\s+·\s+·\s+0\.0", last)
     assert re.search(r"pair\s+·\s+1\s+·\s+·\s+1\s+0\.5", last)
     assert re.search(r"\d+ s, about \d+ s left", last)
+
+
+def checking(done):
+    return Event("checking", text="files", counts={"done": done, "all": 12_000})
+
+
+def test_what_is_checked_is_a_line_that_gives_way_to_the_table():
+    shown = told([], terminal=True, before=[checking(6_000)])
+    assert "checking" not in shown[shown.rindex("stage") :]
+    assert told([], before=[checking(6_000)]) == ""
+
+
+def test_a_plan_without_a_run_leaves_nothing_on_the_screen():
+    buffer = io.StringIO()
+    with Progress(Console(file=buffer, force_terminal=True, width=120)) as progress:
+        progress.on_event(checking(6_000))
+        progress._live.refresh()
+    line, rest = buffer.getvalue().split("checking files: 6,000 of 12,000")
+    assert plain(line) == ""
+    assert plain(rest).strip() == ""
 
 
 def test_output_to_a_file_is_neither_folded_nor_interpreted(capsys):
