@@ -1,6 +1,19 @@
 """Arrays in the files of zarr's format 3, which zarr and xarray open; packed and unpacked without zarr.
 
-zarr hands each chunk to threads of its own, which costs ten times what packing a small array does.
+The library costs too much for small arrays. Processor time to write and read one array, in ms, with one thread, no
+consolidated metadata, the codecs below and the files in the page cache (zarr 3.1.6, zarrs 0.2.3, obstore 0.12.1,
+numcodecs 0.16.6, Python 3.11 on Linux)::
+
+                                   50 × 50 float64     2 … 8 MB
+                                   write    read       write   read
+    this module                    0.33     0.03         9.6    3.1
+    zarr, LocalStore               3.0      0.8         11.3    4.7
+    zarr with zarrs' pipeline      2.1      0.9         15.0    4.7
+    zarr on obstore's LocalStore   2.8      0.9         14.0    4.5
+
+A full run spends 90 s in its stages and keeps 330 products of 10 arrays, each read about once: 1.3 % of that time goes
+into this module, and 11 to 14 % would go into the library. The library is to take this module's place when writing and
+reading a small array costs 1.6 ms or less, which is 6 %.
 
 An array is one chunk, or above 4 MB one chunk per plane of its two longest axes. It is packed with lz4 bit plane by bit
 plane, since the upper ones of a photograph or a field hardly change from place to place. Every chunk ends with its
