@@ -8,6 +8,7 @@ from toys import chain, run_sync
 
 from dicflow.engine import plan as plans
 from dicflow.engine.action_index import Action, ActionIndex
+from dicflow.engine.fingerprint import Fingerprint
 from dicflow.engine.housekeeping import collect, verify
 from dicflow.engine.journal import find_run
 from dicflow.engine.plan import make_plan
@@ -220,7 +221,8 @@ def test_a_product_stored_after_all_is_seen(folder, store, opened_records):
 
 def test_other_code_is_found_by_the_index(folder, store, monkeypatch):
     run_sync(chain(folder), store)
-    monkeypatch.setattr(plans, "fingerprint", lambda *_: {"toys": "sha256:" + "0" * 64})
+    other = Fingerprint("sha256:" + "0" * 64)
+    monkeypatch.setattr(plans.Sources, "fingerprint", lambda *_: other)
     counts = {policy: make_plan(chain(folder), store, code_policy=policy) for policy in ("recompute", "warn", "ignore")}
     assert [(found.counts["hit"], len(found.warnings)) for found in counts.values()] == [(0, 0), (24, 6), (24, 0)]
 
