@@ -44,7 +44,7 @@ class Registry:
     """Members of one sort by name.
 
     what : the sort in messages, such as "stage"
-    package : package of ours whose modules are members, but those whose name starts with ``_``
+    package : package of ours whose modules are members, but those whose name starts with ``_``; "" for none
     group : group of entry points whose value is ``package.module`` or ``package.module:attribute``
     needs : names that a member must define; a module of ours without the first is a helper of the others
     """
@@ -136,6 +136,8 @@ def _members(registry: Registry) -> tuple[Member, ...]:
 
 
 def _ours(registry: Registry) -> Iterator[Member]:
+    if not registry.package:
+        return
     package = importlib.import_module(registry.package)
     for found in pkgutil.iter_modules(package.__path__):
         module = f"{registry.package}.{found.name}"

@@ -29,7 +29,7 @@ def test_the_code_is_short(name):
 
 
 def test_every_block_of_code_is_a_file():
-    assert len(FILES) == PAGE.count("```") // 2 == 3
+    assert len(FILES) == PAGE.count("```") // 2 == 4
 
 
 def test_the_stage_divides_mean_strains(site, copied):
@@ -55,3 +55,31 @@ def test_the_export_format_writes_the_places_of_a_step(site, copied, tmp_path):
 
 def test_the_stage_says_its_parameters(site):
     assert "  along: eyy\n      exx | eyy\n      strain along the load\n" in site.dicflow("stages", "poisson")
+
+
+MEASURED = """
+import numpy as np
+from dicflow.stages.deformation import Deformation
+from tests.stages.measured_points import points, sheet
+
+stretch = np.array([0.8, 1.5, 1.0])
+node = Deformation(measure="swainger", window=30.0)
+total = node.run(points=points(sheet() * stretch), points_first=points(sheet()))
+print(node.uses(), total.attrs["measures"]["eyy"], *(np.nanmean(total[name]) for name in ("exx", "eyy", "e1")), sep="|")
+print(np.nanmin(total["sigma_eyy"]) > 0.0)
+"""
+
+
+def test_the_measure_is_computed_along_x_and_y_with_its_uncertainty(site):
+    done = site.python("-c", MEASURED)
+    assert done.returncode == 0, done.stderr
+    (uses, title, *strains), (has_sigma,) = (line.split("|") for line in done.stdout.splitlines())
+    assert uses == "('lab_dic.swainger:strain',)"
+    assert title.startswith("Swainger strain")
+    assert [float(strain) for strain in strains] == pytest.approx([1 - 1 / 0.8, 1 - 1 / 1.5, 1 - 1 / 1.5], abs=1e-4)
+    assert has_sigma == "True"
+
+
+def test_an_unknown_measure_is_refused_with_the_known_ones(site):
+    done = site.python("-c", "from dicflow.stages.deformation import Deformation as D; D(measure='swinger')")
+    assert "unknown measure of strain 'swinger', did you mean 'swainger'" in done.stderr

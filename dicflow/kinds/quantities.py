@@ -1,15 +1,40 @@
 """The table of quantities: what can be measured of a deformation, said once for all who draw, export or list it.
 
-A further quantity is one entry here, or one of the entry points ``dicflow.quantities`` of another package, and the
-function of the deformation gradient that it names. A measure of strain is one entry and the function of the stretch.
+A further quantity, or measure of strain, is one entry: here, or as an entry point ``dicflow.quantities`` of another
+package, and the function that it names. ``deformation`` computes it where its parameters name it.
 """
 
 from __future__ import annotations
 
+import importlib
+from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Literal
+from typing import TYPE_CHECKING, Any, Literal, TypeVar
 
-__all__ = ["BASIC", "LENGTH", "MEASURES", "QUANTITIES", "Quantity", "StrainMeasure", "is_signed", "of_field", "unit_of"]
+from dicflow.discovery import Registry, nearest
+from dicflow.errors import ConfigurationError
+
+if TYPE_CHECKING:
+    from dicflow.core.strain.measures import GradientFunction, StretchFunction
+
+__all__ = [
+    "BASIC",
+    "LENGTH",
+    "MEASURES",
+    "QUANTITIES",
+    "Quantity",
+    "StrainMeasure",
+    "further_quantity",
+    "gradient_functions",
+    "is_signed",
+    "of_field",
+    "strain_function",
+    "strain_measure",
+    "unit_of",
+]
+
+_PLUGINS = Registry("quantity", "", "dicflow.quantities")
+_Entry = TypeVar("_Entry", "Quantity", "StrainMeasure")
 
 LENGTH = "length"
 """Unit of a quantity that is given in the measurement's unit of length: mm, or px with one camera."""
@@ -65,14 +90,14 @@ class StrainMeasure:
     name : in pipeline files
     title : as a caption names it
     definition : one sentence, or a formula of the stretch λ
-    function : ``module:function`` of the principal stretches; "" for those that
-        :mod:`dicflow.core.strain.measures` computes itself
+    function : ``module:function`` of the principal stretches λ (...); "" for engineering strain, which is that of
+        fibres
     """
 
     name: str
     title: str
     definition: str
-    function: str = ""
+    function: str
 
 
 _EVERYWHERE: tuple[Use, ...] = ("probes", "noise_floor", "report", "sweep")
@@ -134,24 +159,70 @@ QUANTITIES = {
 BASIC = ("U", "V", "W", "exx", "eyy", "gxy")
 """What every total has."""
 
+_CORE = "dicflow.core.strain.measures"
 MEASURES = {
     measure.name: measure
     for measure in (
-        StrainMeasure("engineering", "engineering strain", "|F e| − 1 of a fibre, and the loss of the right angle"),
-        StrainMeasure("green_lagrange", "Green–Lagrange strain", "(λ² − 1) / 2"),
-        StrainMeasure("hencky", "Hencky strain", "ln λ"),
-        StrainMeasure("euler_almansi", "Euler–Almansi strain", "(1 − λ⁻²) / 2"),
-        StrainMeasure("biot", "Biot strain", "λ − 1"),
+        StrainMeasure("engineering", "engineering strain", "|F e| − 1 of a fibre, and the loss of the right angle", ""),
+        StrainMeasure("green_lagrange", "Green–Lagrange strain", "(λ² − 1) / 2", f"{_CORE}:green_lagrange_strain"),
+        StrainMeasure("hencky", "Hencky strain", "ln λ", f"{_CORE}:hencky_strain"),
+        StrainMeasure("euler_almansi", "Euler–Almansi strain", "(1 − λ⁻²) / 2", f"{_CORE}:almansi_strain"),
+        StrainMeasure("biot", "Biot strain", "λ − 1", f"{_CORE}:biot_strain"),
     )
 }
 """All measures of strain of dicflow by their names in pipeline files."""
+
+
+def strain_measure(name: str) -> StrainMeasure:
+    """The measure of a name. Raises ConfigurationError that suggests the nearest for an unknown one."""
+    return _entry(name, MEASURES, StrainMeasure, "measure of strain")
+
+
+def further_quantity(name: str) -> Quantity:
+    """The quantity of a name that has a function of its own. Raises ConfigurationError for any other."""
+    own = {key: quantity for key, quantity in QUANTITIES.items() if quantity.function}
+    return _entry(name, own, Quantity, "further quantity")
+
+
+def strain_function(name: str) -> StretchFunction | None:
+    """The function of the stretch by which a measure is defined; None for engineering strain."""
+    measure = strain_measure(name)
+    function: StretchFunction | None = _loaded(measure.function) if measure.function else None
+    return function
+
+
+def gradient_functions(names: tuple[str, ...]) -> dict[str, GradientFunction]:
+    """Name → function of the deformation gradient of further quantities."""
+    return {name: _loaded(further_quantity(name).function) for name in names}
+
+
+def _entry(name: str, own: Mapping[str, _Entry], sort: type[_Entry], what: str) -> _Entry:
+    """An entry of ours, or of a package that is installed."""
+    if name in own:
+        return own[name]
+    if name not in _PLUGINS.names():
+        known = (*own, *_PLUGINS.names())
+        raise ConfigurationError(f"unknown {what} '{name}'{nearest(name, known)}; known: {', '.join(known) or 'none'}")
+    found = _PLUGINS.load(name)
+    if not isinstance(found, sort) or found.name != name:
+        raise ConfigurationError(f"{_PLUGINS.find(name).place}: expected a {sort.__name__} with the name '{name}'")
+    return found
+
+
+def _loaded(place: str) -> Any:
+    """The function of a place ``module:function``."""
+    module, _, function = place.partition(":")
+    return getattr(importlib.import_module(module), function)
 
 
 def of_field(name: str) -> Quantity | None:
     """The quantity whose value, σ or calibration's share an array holds; None for any other array."""
     for prefix in _PREFIXES:
         name = name.removeprefix(prefix)
-    return QUANTITIES.get(name)
+    if name in QUANTITIES or name not in _PLUGINS.names():
+        return QUANTITIES.get(name)
+    found = _PLUGINS.load(name)
+    return found if isinstance(found, Quantity) else None
 
 
 def is_signed(name: str) -> bool:

@@ -8,17 +8,26 @@ from typing import TYPE_CHECKING, Any, ClassVar, Literal, NamedTuple
 from dicflow.engine.product import Product, Variable
 from dicflow.kinds.frame import frame_from_json, frame_to_json
 from dicflow.kinds.kind import GRID, STATUS, Kind, Layout
-from dicflow.kinds.quantities import BASIC, of_field
+from dicflow.kinds.quantities import BASIC, of_field, strain_function
 
 if TYPE_CHECKING:
     import numpy as np
 
     from dicflow.core.cameras.frames import Frame
     from dicflow.core.cameras.rigid import RigidMotion
-    from dicflow.core.strain.measures import Measure
+    from dicflow.core.strain.measures import GradientMeasures
     from dicflow.core.uncertainty.overlap import ShapeFunction
 
-__all__ = ["Gauge", "Total", "TotalFacts", "field_means", "frames_to_json", "named_with_unit", "rigid_motion_to_json"]
+__all__ = [
+    "Gauge",
+    "Total",
+    "TotalFacts",
+    "field_means",
+    "frames_to_json",
+    "gradient_measures",
+    "named_with_unit",
+    "rigid_motion_to_json",
+]
 
 Definition = Literal["precise", "material", "thesis"]
 
@@ -114,10 +123,9 @@ class Total(Kind):
         return self.unit == "mm"
 
     @property
-    def measure(self) -> Measure:
+    def measure(self) -> str:
         """Name of the measure of strain."""
-        found: Measure = self.product.attrs.get("measure", "engineering")
-        return found
+        return str(self.product.attrs.get("measure", "engineering"))
 
     @property
     def directions(self) -> Literal["material", "global"]:
@@ -228,6 +236,13 @@ def _variable(name: str, values: np.ndarray, facts: TotalFacts) -> Variable:
     units = "1" if quantity is None else quantity.unit_in(facts.unit)
     title = facts.titles.get(base) or (base if quantity is None else quantity.title)
     return Variable(GRID, values, units, _SHARES[prefix].format(title=title) if prefix else title)
+
+
+def gradient_measures(total: Total) -> GradientMeasures:
+    """The measures of deformation gradients by which the strains of a total are defined."""
+    from dicflow.core.strain.measures import GradientMeasures
+
+    return GradientMeasures(strain_function(total.measure), total.directions)
 
 
 def field_means(fields: Mapping[str, np.ndarray], unit: str) -> dict[str, float]:

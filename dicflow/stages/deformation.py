@@ -5,14 +5,23 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal, NamedTuple
 
-from pydantic import Field
+from pydantic import AfterValidator, Field
 
 from dicflow.engine.node import At, Keep, Node, Pixels, Port, Scope, keeping, parameter
 from dicflow.engine.product import Product
-from dicflow.errors import StageError
+from dicflow.errors import ConfigurationError, StageError
 from dicflow.kinds.frame import ResultFrame
 from dicflow.kinds.points import Points
-from dicflow.kinds.quantities import BASIC, MEASURES, QUANTITIES
+from dicflow.kinds.quantities import (
+    BASIC,
+    MEASURES,
+    QUANTITIES,
+    Quantity,
+    further_quantity,
+    gradient_functions,
+    strain_function,
+    strain_measure,
+)
 from dicflow.kinds.rig import CalibratedRig
 from dicflow.kinds.total import Total, TotalFacts, field_means, frames_to_json, named_with_unit, rigid_motion_to_json
 
@@ -22,10 +31,25 @@ if TYPE_CHECKING:
     from dicflow.core.cameras.frames import Frame
     from dicflow.core.cameras.rigid import RigidMotion
     from dicflow.core.strain.deformation_gradient import ErrorShare, SurfaceGradient
+    from dicflow.core.strain.measures import GradientMeasures
     from dicflow.core.uncertainty.covariance import MeasuredPoints
     from dicflow.core.uncertainty.overlap import ShapeFunction
 
 __all__ = ["Deformation"]
+
+
+def _known_measure(name: str) -> str:
+    try:
+        return strain_measure(name).name
+    except ConfigurationError as error:
+        raise ValueError(str(error)) from error
+
+
+def _known_quantity(name: str) -> str:
+    try:
+        return further_quantity(name).name
+    except ConfigurationError as error:
+        raise ValueError(str(error)) from error
 
 
 class _Motion(NamedTuple):
@@ -61,13 +85,20 @@ class Deformation(Node):
         1, "of the polynomial in the window; 3 or 5 resolves shorter waves at equal noise, in a larger one", ge=1, le=5
     )
     min_share: float = parameter(0.25, "share of the window's points that must be measured", ge=0, le=1)
-    measure: Literal["engineering", "green_lagrange", "hencky", "euler_almansi", "biot"] = parameter(
-        "engineering", "measure of strain"
+    measure: Annotated[str, AfterValidator(_known_measure)] = parameter(
+        "engineering", f"measure of strain: {', '.join(MEASURES)}, or that of an installed package"
     )
     directions: Literal["material", "global"] = parameter(
         "material", "x and y of the strains: the material's, as they lay at the first step, or the frame's at this one"
     )
+    further: tuple[Annotated[str, AfterValidator(_known_quantity)], ...] = parameter(
+        (), "further quantities of the deformation gradient, of installed packages, by name"
+    )
     rigid: bool = parameter(False, "take out the rigid-body motion since the first step")
+
+    def uses(self) -> tuple[str, ...]:
+        quantities = [further_quantity(name).function for name in self.further]
+        return tuple(filter(None, [strain_measure(self.measure).function, *quantities]))
 
     def run(
         self, points: Product, points_first: Product, rig: Product | None = None, frame: Product | None = None
@@ -120,11 +151,19 @@ class Deformation(Node):
 
     def _strains(self, surface: SurfaceGradient) -> dict[str, np.ndarray]:
         """All quantities of the deformation gradient, and σ of each."""
-        from dicflow.core.strain.measures import deformation_measures, measure_sigmas
+        values = self._measures().values(surface.gradient)
+        deviations = self._measures().sigmas(surface.gradient, surface.covariance)
+        return {**values, **{f"sigma_{name}": part for name, part in deviations.items()}}
 
-        values = deformation_measures(surface.gradient, self.measure, self.directions)
-        deviations = measure_sigmas(surface.gradient, surface.covariance, self.measure, self.directions)
-        return {**values._asdict(), **{f"sigma_{name}": part for name, part in deviations._asdict().items()}}
+    def _measures(self) -> GradientMeasures:
+        """The measures of deformation gradients."""
+        from dicflow.core.strain.measures import GradientMeasures
+
+        return GradientMeasures(strain_function(self.measure), self.directions, gradient_functions(self.further))
+
+    def _quantities(self) -> dict[str, Quantity]:
+        """All quantities by name."""
+        return {**QUANTITIES, **{name: further_quantity(name) for name in self.further}}
 
     def _calibration(
         self,
@@ -151,10 +190,8 @@ class Deformation(Node):
         both = error.changes_at(after, before)
         stride = part[0].step
         moved = (both, shares.slope_changes(both, stride))
-        changes = shares.field_changes(
-            *moved, surface.gradient[part], surface.response[part], self.measure, self.directions
-        )
-        names = (*"XYZ", *(name for name, quantity in QUANTITIES.items() if quantity.calibrated))
+        changes = shares.field_changes(*moved, surface.gradient[part], surface.response[part], self._measures())
+        names = (*"XYZ", *(name for name, quantity in self._quantities().items() if quantity.calibrated))
         found = {
             name: shares.nearest_on_grid(np.linalg.norm(changes[name], axis=-1), known.shape, stride) for name in names
         }
@@ -192,8 +229,8 @@ class Deformation(Node):
 
     def _titles(self) -> dict[str, str]:
         """Each quantity in words."""
-        measure = f"{MEASURES[self.measure].title} ({self.directions} directions)"
-        return {name: quantity.title.format(measure=measure) for name, quantity in QUANTITIES.items()}
+        measure = f"{strain_measure(self.measure).title} ({self.directions} directions)"
+        return {name: quantity.title.format(measure=measure) for name, quantity in self._quantities().items()}
 
     def _facts(self, fields: Mapping[str, np.ndarray], first: Points, unit: str) -> dict[str, Any]:
         """On how much of the photograph each number rests, and how it was computed."""

@@ -14,7 +14,7 @@ from dicflow.errors import StageError
 from dicflow.kinds.probes import ProbeTable, gauge_facts
 from dicflow.kinds.quantities import QUANTITIES, unit_of
 from dicflow.kinds.rig import CalibratedRig
-from dicflow.kinds.total import Total
+from dicflow.kinds.total import Total, gradient_measures
 
 if TYPE_CHECKING:
     import numpy as np
@@ -300,7 +300,7 @@ class _Step:
 
         total = self.total
         gradient, slopes = (complete_mean(field[probe.rows, probe.cols]) for field in (self.gradient, self.slopes))
-        shares = strain_slope_coefficients(gradient, slopes, total.measure, total.directions)
+        shares = strain_slope_coefficients(gradient, slopes, *gradient_measures(total)[:2])
         return {
             name: strain_correlation(self.rho(QUANTITIES[name].sources), total.window_points, total.degree, share)
             for name, share in shares._asdict().items()
@@ -320,7 +320,7 @@ def _error(total: Total, rig: CalibratedRig | None) -> ProbeError | None:
     part = thinned_grid(np.isfinite(after + before).all(axis=-1))
     fitted = (after[part], before[part]) if total.rigid_motion_removed else None
     error = rig_error(rig.cameras, rig.covariance, total.frames, fitted)
-    return ProbeError.with_plane_slopes(error, after, before, total.measure, total.directions)
+    return ProbeError.with_plane_slopes(error, after, before, gradient_measures(total))
 
 
 def _array(places: Any) -> np.ndarray:

@@ -10,7 +10,7 @@ import numpy as np
 from dicflow.core.arrays import Array
 from dicflow.core.probes.weights import Probe, complete_mean, length_slopes, value_of
 from dicflow.core.strain.calibration_error import RigError, place_changes
-from dicflow.core.strain.measures import Directions, Measure
+from dicflow.core.strain.measures import GradientMeasures
 from dicflow.core.strain.surface_strain import jacobian
 
 __all__ = ["ProbeError"]
@@ -21,30 +21,27 @@ class ProbeError(NamedTuple):
 
     deformed, reference : (row, col, 3) — at the step and at the reference state, in the frames of ``rig`` [mm]
     slopes : (row, col, 3, 2) twice — of the surface in both
-    measure, directions : of the strains
+    measures : of the deformation
     """
 
     rig: RigError
     deformed: Array
     reference: Array
     slopes: tuple[Array, Array]
-    measure: Measure
-    directions: Directions
+    measures: GradientMeasures
 
     @classmethod
-    def with_plane_slopes(
-        cls, rig: RigError, deformed: Array, reference: Array, measure: Measure, directions: Directions
-    ) -> Self:
+    def with_plane_slopes(cls, rig: RigError, deformed: Array, reference: Array, measures: GradientMeasures) -> Self:
         """With slopes of planes through each point and its neighbours."""
         slopes = (jacobian(deformed, (3, 3), 1), jacobian(reference, (3, 3), 1))
-        return cls(rig, deformed, reference, slopes, measure, directions)
+        return cls(rig, deformed, reference, slopes, measures)
 
     def mean_sigmas(self, places: Sequence[Probe]) -> dict[str, float]:
         """Shares in σ of the means of all quantities over places; NaN where unknown."""
         after, before = (
             np.stack([complete_mean(field[place.rows, place.cols]) for place in places]) for field in self.slopes
         )
-        changes = place_changes(self.rig, self._points(places), (after, before), self.measure, self.directions)
+        changes = place_changes(self.rig, self._points(places), (after, before), self.measures)
         return {name: float(np.linalg.norm(complete_mean(change))) for name, change in changes.items()}
 
     def length_sigmas(self, first: Probe, second: Probe) -> Array:

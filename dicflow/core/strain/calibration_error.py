@@ -25,7 +25,7 @@ from dicflow.core.cameras.camera import Rig
 from dicflow.core.cameras.frames import Frame
 from dicflow.core.cameras.rig_parameters import reprojection_slopes
 from dicflow.core.strain.deformation_gradient import gradient_response
-from dicflow.core.strain.measures import DeformationMeasures, Directions, Measure, measure_derivatives
+from dicflow.core.strain.measures import GradientMeasures
 from dicflow.core.strain.surface_strain import deformation_gradient
 
 __all__ = [
@@ -160,7 +160,7 @@ def slope_changes(changes: Array, stride: int = 1) -> Array:
 
 
 def field_changes(
-    changes: Array, slopes: Array, gradient: Array, response: Array, measure: Measure, directions: Directions
+    changes: Array, slopes: Array, gradient: Array, response: Array, measures: GradientMeasures
 ) -> dict[str, Array]:
     """Changes of X, Y, Z, U, V, W and the measures of deformation by each mode, (..., m) each.
 
@@ -169,16 +169,16 @@ def field_changes(
         :class:`~dicflow.core.strain.deformation_gradient.SurfaceGradient` has both
     """
     change = np.einsum("...fai,...aim->...fm", response, slopes, optimize=True)
-    measures = measure_derivatives(gradient, measure, directions) @ change
+    moved = measures.derivatives(gradient) @ change
     return {
         **{name: changes[..., axis, :] for axis, name in enumerate("XYZ")},
         **{name: changes[..., axis, :] - changes[..., axis + 3, :] for axis, name in enumerate("UVW")},
-        **{name: measures[..., row, :] for row, name in enumerate(DeformationMeasures._fields)},
+        **{name: moved[..., row, :] for row, name in enumerate(measures.names)},
     }
 
 
 def place_changes(
-    error: RigError, points: tuple[Array, Array], slopes: tuple[Array, Array], measure: Measure, directions: Directions
+    error: RigError, points: tuple[Array, Array], slopes: tuple[Array, Array], measures: GradientMeasures
 ) -> dict[str, Array]:
     """The same changes at single places, (n, m) each.
 
@@ -191,7 +191,7 @@ def place_changes(
     )
     after, before = slopes
     gradient, response = deformation_gradient(before, after), gradient_response(before, after)
-    return field_changes(error.changes_at(*points), ahead - back, gradient, response, measure, directions)
+    return field_changes(error.changes_at(*points), ahead - back, gradient, response, measures)
 
 
 def thinned_grid(known: Mask) -> tuple[slice, slice]:

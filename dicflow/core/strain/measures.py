@@ -13,6 +13,7 @@ between them; in global directions, of the fibres that lie along x and y at this
 
 from __future__ import annotations
 
+from collections.abc import Callable, Mapping
 from typing import Literal, NamedTuple
 
 import numpy as np
@@ -23,19 +24,50 @@ from dicflow.core.tensors import inverse
 from dicflow.core.uncertainty.covariance import derivative, sigma_along
 
 __all__ = [
+    "ENGINEERING",
     "DeformationMeasures",
     "Directions",
-    "Measure",
+    "GradientFunction",
+    "GradientMeasures",
+    "StretchFunction",
+    "almansi_strain",
+    "biot_strain",
     "deformation_measures",
-    "measure_derivatives",
-    "measure_sigmas",
+    "green_lagrange_strain",
+    "hencky_strain",
     "principal_stretches",
     "strain_components",
     "strain_slope_coefficients",
 ]
 
-Measure = Literal["engineering", "green_lagrange", "hencky", "euler_almansi", "biot"]
 Directions = Literal["material", "global"]
+StretchFunction = Callable[[Array], Array]
+"""Strain f(λ) of stretches (...); f(1) = 0 and f′(1) = 1."""
+GradientFunction = Callable[[Array], Array]
+"""A quantity (...) of deformation gradients (..., 2, 2)."""
+
+ENGINEERING: StretchFunction | None = None
+"""The measure without a tensor: the strain of fibres."""
+
+
+def green_lagrange_strain(stretch: Array) -> Array:
+    """(λ² − 1) / 2."""
+    return (stretch**2 - 1.0) / 2.0
+
+
+def hencky_strain(stretch: Array) -> Array:
+    """ln λ."""
+    return np.asarray(np.log(stretch))
+
+
+def almansi_strain(stretch: Array) -> Array:
+    """(1 − λ⁻²) / 2."""
+    return (1.0 - stretch**-2.0) / 2.0
+
+
+def biot_strain(stretch: Array) -> Array:
+    """λ − 1."""
+    return stretch - 1.0
 
 
 class DeformationMeasures(NamedTuple):
@@ -61,16 +93,57 @@ class DeformationMeasures(NamedTuple):
     area_change: Array
 
 
+class GradientMeasures(NamedTuple):
+    """What is computed of deformation gradients.
+
+    strain : measure of strain; None for engineering strain
+    directions : in which x and y of the strains lie
+    further : name → quantity beside those of :class:`DeformationMeasures`
+    """
+
+    strain: StretchFunction | None = ENGINEERING
+    directions: Directions = "material"
+    further: Mapping[str, GradientFunction] = {}
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Names of all quantities, in the order of their derivatives."""
+        return (*DeformationMeasures._fields, *self.further)
+
+    def values(self, gradient: Array) -> dict[str, Array]:
+        """Each quantity (...) of deformation gradients (..., 2, 2)."""
+        measures = deformation_measures(gradient, self.strain, self.directions)
+        return {**measures._asdict(), **{name: function(gradient) for name, function in self.further.items()}}
+
+    def sigmas(self, gradient: Array, covariance: Array) -> dict[str, Array]:
+        """Standard deviation of each quantity, to first order.
+
+        covariance : (..., 4, 4) — of F₁₁, F₁₂, F₂₁, F₂₂
+        That of the angle is large near λ₁ = λ₂, where the principal direction is undefined.
+        """
+        deviations = sigma_along(covariance[..., None, :, :], self.derivatives(gradient))
+        return dict(zip(self.names, np.moveaxis(deviations, -1, 0), strict=True))
+
+    def derivatives(self, gradient: Array) -> Array:
+        """Derivatives (..., n, 4) of all quantities, in the order of their names, by F₁₁, F₁₂, F₂₁, F₂₂."""
+
+        def stacked(flat: Array) -> Array:
+            return np.stack([*self.values(flat.reshape(*flat.shape[:-1], 2, 2)).values()], axis=-1)
+
+        return derivative(stacked, gradient.reshape(*gradient.shape[:-2], 4))
+
+
 def deformation_measures(
-    gradient: Array, measure: Measure = "engineering", directions: Directions = "material"
+    gradient: Array, strain: StretchFunction | None = ENGINEERING, directions: Directions = "material"
 ) -> DeformationMeasures:
     """All measures of deformation gradients (..., 2, 2)."""
     large, small, angle = principal_stretches(gradient, directions)
     h1, h2 = np.log(large), np.log(small)
+    of_stretch = strain or biot_strain
     return DeformationMeasures(
-        *strain_components(gradient, measure, directions),
-        _strain_of_stretch(large, measure),
-        _strain_of_stretch(small, measure),
+        *strain_components(gradient, strain, directions),
+        of_stretch(large),
+        of_stretch(small),
         np.degrees(angle),
         np.degrees(np.arctan2(gradient[..., 1, 0] - gradient[..., 0, 1], gradient[..., 0, 0] + gradient[..., 1, 1])),
         np.sqrt(4.0 / 3.0 * (h1**2 + h1 * h2 + h2**2)),
@@ -78,26 +151,9 @@ def deformation_measures(
     )
 
 
-def measure_sigmas(gradient: Array, covariance: Array, measure: Measure, directions: Directions) -> DeformationMeasures:
-    """Standard deviation of each measure, to first order.
-
-    covariance : (..., 4, 4) — of F₁₁, F₁₂, F₂₁, F₂₂
-    That of the angle is large near λ₁ = λ₂, where the principal direction is undefined.
-    """
-    slopes = measure_derivatives(gradient, measure, directions)
-    return DeformationMeasures(*np.moveaxis(sigma_along(covariance[..., None, :, :], slopes), -1, 0))
-
-
-def measure_derivatives(gradient: Array, measure: Measure, directions: Directions) -> Array:
-    """Derivatives (..., 9, 4) of the measures, in the order of :class:`DeformationMeasures`, by F₁₁, F₁₂, F₂₁, F₂₂."""
-
-    def stacked(flat: Array) -> Array:
-        return np.stack(deformation_measures(flat.reshape(*flat.shape[:-1], 2, 2), measure, directions), axis=-1)
-
-    return derivative(stacked, gradient.reshape(*gradient.shape[:-2], 4))
-
-
-def strain_slope_coefficients(gradient: Array, reference: Array, measure: Measure, directions: Directions) -> Strain:
+def strain_slope_coefficients(
+    gradient: Array, reference: Array, strain: StretchFunction | None, directions: Directions
+) -> Strain:
     """Coefficients (4, 2) of the slopes, per column and per row, in the errors of exx, eyy and gxy.
 
     gradient : (2, 2) — F
@@ -107,7 +163,7 @@ def strain_slope_coefficients(gradient: Array, reference: Array, measure: Measur
     """
 
     def stacked(flat: Array) -> Array:
-        return np.stack(strain_components(flat.reshape(*flat.shape[:-1], 2, 2), measure, directions), axis=-1)
+        return np.stack(strain_components(flat.reshape(*flat.shape[:-1], 2, 2), strain, directions), axis=-1)
 
     flat = inverse(tangent_basis(reference).T @ reference)
     by_gradient = derivative(stacked, gradient.reshape(4)).reshape(3, 2, 2)
@@ -116,12 +172,12 @@ def strain_slope_coefficients(gradient: Array, reference: Array, measure: Measur
     return Strain(*np.concatenate([moved, fixed], axis=1))
 
 
-def strain_components(gradient: Array, measure: Measure, directions: Directions) -> Strain:
+def strain_components(gradient: Array, strain: StretchFunction | None, directions: Directions) -> Strain:
     """Strains of a measure along x and y, and the shear, from deformation gradients (..., 2, 2)."""
-    if measure == "engineering":
+    if strain is None:
         return engineering_strain(gradient) if directions == "material" else _strain_of_present_fibres(gradient)
     large, small, angle = principal_stretches(gradient, directions)
-    f1, f2 = _strain_of_stretch(large, measure), _strain_of_stretch(small, measure)
+    f1, f2 = strain(large), strain(small)
     mean, half = (f1 + f2) / 2.0, (f1 - f2) / 2.0
     return Strain(mean + half * np.cos(2 * angle), mean - half * np.cos(2 * angle), 2.0 * half * np.sin(2 * angle))
 
@@ -139,17 +195,6 @@ def principal_stretches(gradient: Array, directions: Directions) -> tuple[Array,
     determinant = np.where(determinant > 0.0, determinant, np.nan)
     large = np.sqrt((xx + yy) / 2.0 + np.hypot((xx - yy) / 2.0, xy))
     return large + 0.0 * determinant, determinant / large, 0.5 * np.arctan2(2.0 * xy, xx - yy)
-
-
-def _strain_of_stretch(stretch: Array, measure: Measure) -> Array:
-    """Strain f(λ) of a measure."""
-    if measure == "green_lagrange":
-        return (stretch**2 - 1.0) / 2.0
-    if measure == "hencky":
-        return np.asarray(np.log(stretch))
-    if measure == "euler_almansi":
-        return (1.0 - stretch**-2.0) / 2.0
-    return stretch - 1.0
 
 
 def _strain_of_present_fibres(gradient: Array) -> Strain:

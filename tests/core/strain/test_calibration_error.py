@@ -18,6 +18,7 @@ from dicflow.core.strain.calibration_error import (
     thinned_grid,
 )
 from dicflow.core.strain.deformation_gradient import gradient_response
+from dicflow.core.strain.measures import GradientMeasures
 from dicflow.core.strain.surface_strain import deformation_gradient
 
 SHAPE = (30, 20)
@@ -99,7 +100,7 @@ def fields(after, before, slopes, states):
     """What modes that move points of ``states`` and their slopes so do to a surface with such Jacobians."""
     gradient, response = deformation_gradient(*states[::-1]), gradient_response(*states[::-1])
     both = np.concatenate([after, before], axis=-2)
-    return field_changes(both, slopes(both), gradient, response, "engineering", "material")
+    return field_changes(both, slopes(both), gradient, response, GradientMeasures())
 
 
 def jacobians(*states):
@@ -145,7 +146,7 @@ def test_single_places_agree_with_the_grid():
     both = error.changes_at(after, before)
     whole = fields(both[..., :3, :], both[..., 3:, :], slope_changes, states)
     places = [state[inner].reshape(-1, 3) for state in (after, before)]
-    few = place_changes(error, places, [state[inner].reshape(-1, 3, 2) for state in states], "engineering", "material")
+    few = place_changes(error, places, [state[inner].reshape(-1, 3, 2) for state in states], GradientMeasures())
     for name, changes in few.items():
         expected = whole[name][inner].reshape(changes.shape)
         assert np.abs(changes - expected).max() < 1e-3 * np.abs(expected).max()

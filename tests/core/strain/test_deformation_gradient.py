@@ -12,7 +12,7 @@ from dicflow.core.strain.deformation_gradient import (
     surface_gradient,
     vsg_px,
 )
-from dicflow.core.strain.measures import deformation_measures, measure_sigmas
+from dicflow.core.strain.measures import GradientMeasures, deformation_measures
 from dicflow.core.strain.surface_strain import deformation_gradient, tangent_basis
 from dicflow.core.uncertainty.covariance import MeasuredPoints, joint_covariance
 from dicflow.core.uncertainty.overlap import independent, overlap
@@ -171,9 +171,7 @@ def test_one_sigma_covers_68_percent(shape_function, degree, stretch):
         pair = noisy_pair(rng, TILTED, deformed, 21, shape_function)
         result = gradient_of(*pair, (7, 7), degree, covariance, rho)
         error = np.stack(deformation_measures(result.gradient)[:3]) - np.stack(perfect[:3])
-        scores.append(
-            error / np.stack(measure_sigmas(result.gradient, result.covariance, "engineering", "material")[:3])
-        )
+        scores.append(error / np.stack([*GradientMeasures().sigmas(result.gradient, result.covariance).values()][:3]))
     inside = np.abs(np.stack(scores))
     for strain in range(3):
         assert (inside[:, strain] < 1).mean() == pytest.approx(0.683, abs=0.03)

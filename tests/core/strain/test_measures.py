@@ -4,14 +4,37 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.linalg import logm, sqrtm
 
-from dicflow.core.strain.measures import deformation_measures, measure_sigmas, principal_stretches, strain_components
+from dicflow.core.strain import measures as module
+from dicflow.core.strain.measures import (
+    GradientMeasures,
+    almansi_strain,
+    biot_strain,
+    green_lagrange_strain,
+    hencky_strain,
+    principal_stretches,
+)
 
-MEASURES = ("engineering", "green_lagrange", "hencky", "euler_almansi", "biot")
+FUNCTIONS = {
+    "engineering": None,
+    "green_lagrange": green_lagrange_strain,
+    "hencky": hencky_strain,
+    "euler_almansi": almansi_strain,
+    "biot": biot_strain,
+}
+MEASURES = tuple(FUNCTIONS)
 TENSORS = MEASURES[1:]
 number = st.floats(-0.6, 0.6)
 GRADIENTS = st.tuples(number, number, number, number).map(
     lambda m: np.eye(2) * 1.5 + np.array([[m[0], m[1]], [m[2], m[3]]])
 )
+
+
+def deformation_measures(gradient, measure="engineering", directions="material"):
+    return module.deformation_measures(gradient, FUNCTIONS[measure], directions)
+
+
+def strain_components(gradient, measure, directions):
+    return module.strain_components(gradient, FUNCTIONS[measure], directions)
 
 
 def turn(degrees):
@@ -117,6 +140,9 @@ def test_sigma_is_the_scatter(measure, directions):
     gradient = turn(25) @ np.array([[0.8, 0.2], [-0.1, 1.9]])
     root = 1e-4 * rng.normal(size=(4, 4))
     noisy = gradient + (rng.normal(size=(40_000, 4)) @ root.T).reshape(-1, 2, 2)
-    predicted = measure_sigmas(gradient, root @ root.T, measure, directions)
-    for found, expected in zip(deformation_measures(noisy, measure, directions), predicted, strict=True):
-        assert found.std() == pytest.approx(expected, rel=0.02)
+    measures = GradientMeasures(FUNCTIONS[measure], directions, {"trace": lambda f: np.trace(f, axis1=-2, axis2=-1)})
+    predicted = measures.sigmas(gradient, root @ root.T)
+    found = measures.values(noisy)
+    assert tuple(predicted) == tuple(found) == measures.names
+    for name, expected in predicted.items():
+        assert found[name].std() == pytest.approx(expected, rel=0.02)
