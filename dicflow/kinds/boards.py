@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from typing import TYPE_CHECKING, ClassVar
 
 from dicflow.engine.product import Product
-from dicflow.kinds.kind import Kind, Layout
+from dicflow.kinds.kind import Kind, Layout, laid_out
 
 if TYPE_CHECKING:
     import numpy as np
@@ -14,6 +14,8 @@ if TYPE_CHECKING:
 __all__ = ["BoardMarks"]
 
 Size = tuple[int, int]
+
+_LAYOUTS = {side: Layout(("corner", "component"), "px", f"{side} corners") for side in ("left", "right")}
 
 
 class BoardMarks(Kind):
@@ -33,12 +35,11 @@ class BoardMarks(Kind):
         """A product of marks.
 
         marks : left and right → (n, 2) — empty where the board is not seen, NaN for a hidden corner [px]
-        seen : left and right → columns and rows of the board that the photograph shows; None for none
+        seen : left and right → columns and rows of the board that the photograph shows; None without a board
         target : what the board shows: checkerboard, charuco, circles, asymmetric_circles
         size : columns and rows that were expected
         image_size : width and height of the photographs [px]
         """
-        variables = {side: Layout(("corner", "component"), "px", f"{side} corners")(xy) for side, xy in marks.items()}
         attrs = {
             "target": target,
             "size": list(size),
@@ -46,7 +47,7 @@ class BoardMarks(Kind):
             "found": {side: len(xy) > 0 for side, xy in marks.items()},
             "seen": {side: None if other is None else list(other) for side, other in seen.items()},
         }
-        return Product("corners", variables, attrs)
+        return Product("corners", laid_out(_LAYOUTS, marks), attrs)
 
     def is_found(self, side: str) -> bool:
         """Whether one camera saw the board."""

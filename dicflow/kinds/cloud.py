@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any, ClassVar
 
 from dicflow.engine.product import Product
-from dicflow.kinds.kind import GRID, STATUS, Kind, Layout
+from dicflow.kinds.kind import GRID, STATUS, Kind, Layout, laid_out
 
 if TYPE_CHECKING:
     import numpy as np
@@ -14,6 +14,8 @@ if TYPE_CHECKING:
     from dicflow.core.surfaces.displacement import Cloud as CloudField
 
 __all__ = ["Cloud"]
+
+_LAYOUTS = {"xyz": Layout((*GRID, "component"), "mm", "position"), "status": STATUS}
 
 
 class Cloud(Kind):
@@ -30,22 +32,22 @@ class Cloud(Kind):
         summary: Mapping[str, Any],
         *,
         fit: Mapping[str, Any] | None = None,
-        title: str = "position",
+        title: str = _LAYOUTS["xyz"].long_name,
     ) -> Product:
         """A product of points.
 
         xyz : (row, col, 3) — NaN where unknown [mm]; status : (row, col)
         origin : (x, y) of element [0, 0] in the rectified left image [px]
-        fit : statistics of the surface of each coordinate, where the points are of one
+        fit : statistics of the surface fitted to each coordinate; None for measured points
+        title : long name of the points
         """
         import numpy as np
 
-        variables = {
-            "xyz": Layout((*GRID, "component"), "mm", title)(xyz.astype(np.float32)),
-            "status": STATUS(status),
-        }
+        layouts = _LAYOUTS | {"xyz": _LAYOUTS["xyz"]._replace(long_name=title)}
+        values = {"xyz": xyz.astype(np.float32), "status": status}
         known: dict[str, Any] = {} if fit is None else {"fit": dict(fit)}
-        return Product("cloud", variables, {"origin": list(origin), **known, "summary": dict(summary)})
+        attrs = {"origin": list(origin), **known, "summary": dict(summary)}
+        return Product("cloud", laid_out(layouts, values), attrs)
 
     @property
     def origin(self) -> tuple[int, int]:
@@ -54,10 +56,15 @@ class Cloud(Kind):
         return x, y
 
     @property
+    def title(self) -> str:
+        """Long name of the points: measured positions, or a surface fitted to them."""
+        return self.product.variables["xyz"].long_name
+
+    @property
     def fit(self) -> Mapping[str, Any]:
-        """Statistics of the surface of each coordinate; empty where the points are not of one."""
-        found: Mapping[str, Any] = self.product.attrs.get("fit", {})
-        return found
+        """Statistics of the surface fitted to each coordinate; empty for measured points."""
+        statistics: Mapping[str, Any] = self.product.attrs.get("fit", {})
+        return statistics
 
     @property
     def field(self) -> CloudField:

@@ -6,12 +6,14 @@ from collections.abc import Mapping
 from typing import TYPE_CHECKING, ClassVar
 
 from dicflow.engine.product import Product
-from dicflow.kinds.kind import GRID, Kind, Layout
+from dicflow.kinds.kind import GRID, Kind, Layout, laid_out
 
 if TYPE_CHECKING:
     import numpy as np
 
 __all__ = ["DisparityMap"]
+
+_LAYOUTS = {"disparity": Layout(GRID, "px", "disparity"), "status": Layout(GRID, "1", "status")}
 
 
 class DisparityMap(Kind):
@@ -34,13 +36,9 @@ class DisparityMap(Kind):
         origin : (x, y) of element [0, 0] in the rectified left image [px]
         limits : range [low, high) that was searched [px]
         """
-        variables = {
-            "disparity": Layout(GRID, "px", "disparity")(disparity),
-            "status": Layout(GRID, "1", "status")(status),
-        }
-        return Product(
-            "disparity", variables, {"origin": list(origin), "range": list(limits), "summary": dict(summary)}
-        )
+        values = {"disparity": disparity, "status": status}
+        attrs = {"origin": list(origin), "range": list(limits), "summary": dict(summary)}
+        return Product("disparity", laid_out(_LAYOUTS, values), attrs)
 
     @property
     def origin(self) -> tuple[int, int]:

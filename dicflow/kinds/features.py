@@ -5,12 +5,20 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, ClassVar
 
 from dicflow.engine.product import Product
-from dicflow.kinds.kind import Kind, Layout
+from dicflow.kinds.kind import Kind, Layout, laid_out
 
 if TYPE_CHECKING:
     from dicflow.core.matching.features import Features
 
 __all__ = ["FeatureSet"]
+
+_LAYOUTS = {
+    "xy": Layout(("feature", "component"), "px", "position in the left image"),
+    "size": Layout(("feature",), "px", "diameter of what is described"),
+    "angle": Layout(("feature",), "deg", "orientation"),
+    "response": Layout(("feature",), "1", "strength"),
+    "descriptors": Layout(("feature", "d"), "1", "{detector} descriptor"),
+}
 
 
 class FeatureSet(Kind):
@@ -20,32 +28,27 @@ class FeatureSet(Kind):
 
     @classmethod
     def write(
-        cls, found: Features, detector: str, area: tuple[int, int, int, int], image_size: tuple[int, int]
+        cls, features: Features, detector: str, area: tuple[int, int, int, int], image_size: tuple[int, int]
     ) -> Product:
         """A product of features.
 
+        detector : name of the detector, whose descriptors these are
         area : x0, y0, x1, y1 of what was searched [px]
         image_size : width and height [px]
         """
-        layouts = {
-            "xy": Layout(("feature", "component"), "px", "position in the left image"),
-            "size": Layout(("feature",), "px", "diameter of what is described"),
-            "angle": Layout(("feature",), "deg", "orientation"),
-            "response": Layout(("feature",), "1", "strength"),
-            "descriptors": Layout(("feature", "d"), "1", f"{detector} descriptor"),
-        }
-        variables = {name: layout(getattr(found, name)) for name, layout in layouts.items()}
+        title = _LAYOUTS["descriptors"].long_name.format(detector=detector)
+        layouts = _LAYOUTS | {"descriptors": _LAYOUTS["descriptors"]._replace(long_name=title)}
         attrs = {
             "detector": detector,
             "area": list(area),
             "image_size": list(image_size),
-            "summary": {"features": len(found.xy)},
+            "summary": {"features": len(features.xy)},
         }
-        return Product("features", variables, attrs)
+        return Product("features", laid_out(layouts, features._asdict()), attrs)
 
     @property
-    def found(self) -> Features:
-        """The features."""
+    def features(self) -> Features:
+        """The features as :mod:`dicflow.core.matching` takes them."""
         from dicflow.core.matching.features import Features
 
         return Features(*(self[name] for name in Features._fields))

@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any, ClassVar, Literal
 
-from dicflow.engine.product import Product
-from dicflow.kinds.kind import GRID, STATUS, Kind, Layout
+from dicflow.engine.product import Product, Variable
+from dicflow.kinds.kind import GRID, STATUS, Kind, Layout, laid_out
 
 if TYPE_CHECKING:
     import numpy as np
@@ -19,22 +19,36 @@ __all__ = ["Increment", "StrainIncrement"]
 Definition = Literal["material", "thesis"]
 
 _VECTOR = (*GRID, "component")
-_GRADIENT = Layout((*GRID, "out", "in"), "1", "deformation gradient of the step")
-_STRAIN_TITLES = {
-    "exx": "strain along x in this step",
-    "eyy": "strain along y in this step",
-    "gxy": "shear strain in this step",
+_LAYOUTS = {
+    "xy": Layout((*GRID, "image_component"), "px", "place in the image"),
+    "xyz_reference": Layout(_VECTOR, "{unit}", "place at the step before"),
+    "xyz": Layout(_VECTOR, "{unit}", "place"),
+    "displacement": Layout(_VECTOR, "{unit}", "displacement since the step before"),
+    "U": Layout(GRID, "{unit}", "displacement U in this step"),
+    "V": Layout(GRID, "{unit}", "displacement V in this step"),
+    "W": Layout(GRID, "{unit}", "displacement W in this step"),
+    "gradient": Layout((*GRID, "out", "in"), "1", "deformation gradient of the step"),
+    "exx": Layout(GRID, "1", "strain along x in this step"),
+    "eyy": Layout(GRID, "1", "strain along y in this step"),
+    "gxy": Layout(GRID, "1", "shear strain in this step"),
+    "status": STATUS,
 }
 
 
+def _laid_out(values: Mapping[str, np.ndarray], unit: str) -> dict[str, Variable]:
+    """Arrays by name, each with its layout; ``unit`` is that of lengths."""
+    layouts = {name: layout._replace(units=layout.units.format(unit=unit)) for name, layout in _LAYOUTS.items()}
+    return laid_out(layouts, values)
+
+
 class _SinceStepBefore(Kind):
-    """What both kinds share."""
+    """Properties of displacements and of strains since the step before."""
 
     @property
     def definition(self) -> Definition:
         """material: vectors of material points; thesis: on the deformed pixel grid of each step."""
-        found: Definition = self.product.attrs["definition"]
-        return found
+        definition: Definition = self.product.attrs["definition"]
+        return definition
 
     @property
     def follows_material(self) -> bool:
@@ -71,15 +85,8 @@ class Increment(_SinceStepBefore):
         step_size : distance of neighbouring points [px]
         unit : mm, or px with one camera
         """
-        variables = {
-            "xy": Layout((*GRID, "image_component"), "px", "place in the image")(field.xy),
-            "xyz_reference": Layout(_VECTOR, unit, "place at the step before")(field.xyz_reference),
-            "xyz": Layout(_VECTOR, unit, "place")(field.xyz),
-            "displacement": Layout(_VECTOR, unit, "displacement since the step before")(field.displacement),
-            "status": STATUS(field.status),
-        }
         attrs = {"definition": definition, "step_size": step_size, "unit": unit, "summary": dict(summary)}
-        return Product("increment", variables, attrs)
+        return Product("increment", _laid_out(field._asdict(), unit), attrs)
 
     def changed(self, values: Mapping[str, np.ndarray], window: Sequence[int], summary: Mapping[str, float]) -> Product:
         """The product with other values of some arrays.
@@ -108,21 +115,20 @@ class StrainIncrement(_SinceStepBefore):
     ) -> Product:
         """A product of strains.
 
-        increment : the displacements that they are of
-        gradient : (row, col, 2, 2) — of the deformation; None where the definition has none
+        increment : the displacements from which the strains come
+        strain : of the step, arrays (row, col)
+        gradient : (row, col, 2, 2) — of the deformation; None in the thesis's definition
         status : (row, col)
         window : rows and columns of the window of a strain [points]
         """
-        unit, motion = increment.unit, increment["displacement"]
-        variables = {
-            **{name: increment.product.variables[name] for name in ("xy", "xyz", "xyz_reference")},
-            **{
-                name: Layout(GRID, unit, f"displacement {name} in this step")(motion[..., axis])
-                for axis, name in enumerate("UVW")
-            },
-            **({} if gradient is None else {"gradient": _GRADIENT(gradient)}),
-            **{name: Layout(GRID, "1", title)(getattr(strain, name)) for name, title in _STRAIN_TITLES.items()},
-            "status": STATUS(status),
+        values = {name: increment[name] for name in ("xy", "xyz", "xyz_reference")}
+        values |= {name: increment["displacement"][..., axis] for axis, name in enumerate("UVW")}
+        values |= {} if gradient is None else {"gradient": gradient}
+        values |= {**strain._asdict(), "status": status}
+        attrs = {
+            "definition": increment.definition,
+            "step_size": increment.step_size,
+            "unit": increment.unit,
+            "window_points": list(window),
         }
-        attrs = {name: increment.product.attrs[name] for name in ("definition", "step_size", "unit")}
-        return Product("strain_increment", variables, {**attrs, "window_points": list(window)})
+        return Product("strain_increment", _laid_out(values, increment.unit), attrs)

@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from typing import TYPE_CHECKING, ClassVar
 
 from dicflow.engine.product import Product
-from dicflow.kinds.kind import Kind, Layout
+from dicflow.kinds.kind import Kind, Layout, laid_out
 
 if TYPE_CHECKING:
     import numpy as np
@@ -15,9 +15,11 @@ if TYPE_CHECKING:
 
 __all__ = ["Matches"]
 
-_REFERENCE = Layout(("match", "component"), "px", "position at the step before")
-_DEFORMED = Layout(("match", "component"), "px", "position at this step")
-_FEATURES = Layout(("feature", "component"), "px", "all features of the step before")
+_LAYOUTS = {
+    "reference": Layout(("match", "component"), "px", "position at the step before"),
+    "deformed": Layout(("match", "component"), "px", "position at this step"),
+    "features": Layout(("feature", "component"), "px", "all features of the step before"),
+}
 
 
 class Matches(Kind):
@@ -40,12 +42,13 @@ class Matches(Kind):
         features : (m, 2) — all features of the step before [px]
         image_size : width and height [px]
         """
-        variables = {
-            "reference": _REFERENCE(reference.astype("float32")),
-            "deformed": _DEFORMED(deformed.astype("float32")),
-            "features": _FEATURES(features),
+        values = {
+            "reference": reference.astype("float32"),
+            "deformed": deformed.astype("float32"),
+            "features": features,
         }
-        return Product("matches", variables, {"image_size": list(image_size), "summary": dict(summary)})
+        attrs = {"image_size": list(image_size), "summary": dict(summary)}
+        return Product("matches", laid_out(_LAYOUTS, values), attrs)
 
     @property
     def pairs(self) -> Pairs:

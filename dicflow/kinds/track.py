@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any, ClassVar
 
 from dicflow.engine.product import Product
-from dicflow.kinds.kind import GRID, Kind, Layout
+from dicflow.kinds.kind import GRID, Kind, Layout, laid_out
 from dicflow.kinds.region import polygons_from_json, polygons_to_json
 
 if TYPE_CHECKING:
@@ -17,9 +17,11 @@ if TYPE_CHECKING:
 
 __all__ = ["Track"]
 
-_POINTS = Layout((*GRID, "component"), "px", "material points at this step")
-_STATUS = Layout(GRID, "1", "why a point has a place, or has none")
-_TRANSFORMS = Layout(("subset_row", "subset_col", "i", "j"), "1", "transform from the step before")
+_LAYOUTS = {
+    "points": Layout((*GRID, "component"), "px", "material points at this step"),
+    "status": Layout(GRID, "1", "why a point has a place, or has none"),
+    "transforms": Layout(("subset_row", "subset_col", "i", "j"), "1", "transform from the step before"),
+}
 
 
 class Track(Kind):
@@ -41,7 +43,7 @@ class Track(Kind):
 
         points : (row, col, 2) — at this step [px]; status : (row, col)
         polygons : the region's outline at this step [px]
-        tracked : the transforms from the step before, and what each rests on
+        tracked : the transforms from the step before, and the matches that each one fits
         step_size : distance of the points at the first step [px]
         """
         attrs = {
@@ -50,12 +52,8 @@ class Track(Kind):
             "subsets": _subsets(tracked),
             "summary": dict(summary),
         }
-        variables = {
-            "points": _POINTS(points),
-            "status": _STATUS(status),
-            "transforms": _TRANSFORMS(tracked.transforms),
-        }
-        return Product("track", variables, attrs)
+        values = {"points": points, "status": status, "transforms": tracked.transforms}
+        return Product("track", laid_out(_LAYOUTS, values), attrs)
 
     @property
     def polygons(self) -> list[Polygon]:
@@ -69,7 +67,7 @@ class Track(Kind):
 
 
 def _subsets(tracked: TrackedSubsets) -> dict[str, Any]:
-    """What is known of each subset, by rows and columns of subsets; residual_px is NaN without inliers."""
+    """Counts and residual of each subset, by rows and columns of subsets; residual_px is NaN without inliers."""
     return {
         "features": tracked.features.tolist(),
         "matches": tracked.matches.tolist(),

@@ -39,4 +39,5 @@ class Fill(Node):
         codes = np.where(filled.filled, np.uint8(Status.FILLED), status)
         inside = int((status != Status.OUTSIDE).sum())
         share = int(filled.filled.sum()) / max(inside, 1)
-        return Cloud.write(filled.values, codes, before.origin, {"filled_share": share})
+        summary = {"filled_share": share}
+        return Cloud.write(filled.values, codes, before.origin, summary, fit=before.fit or None, title=before.title)

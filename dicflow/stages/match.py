@@ -55,7 +55,7 @@ class Match(Node):
         from dicflow.core.matching.pairs import match_features
 
         source, target = FeatureSet.read(features_before), FeatureSet.read(features)
-        before, after = source.found, target.found
+        before, after = source.features, target.features
         if (
             before.descriptors.dtype != after.descriptors.dtype
             or before.descriptors.shape[1:] != after.descriptors.shape[1:]
