@@ -6,8 +6,10 @@ from boards import SIZE, SQUARE_MM, board_corners, board_photograph, verged_rig
 from pydantic import ValidationError
 
 from dicflow.core.cameras.camera import rotation_angle_deg
-from dicflow.engine.product import Product, Variable
+from dicflow.engine.product import Product
 from dicflow.errors import StageError
+from dicflow.kinds.boards import BoardMarks
+from dicflow.kinds.images import Images
 from dicflow.kinds.rig import rig_from_json
 from dicflow.stages.calibrate import Calibrate
 from dicflow.stages.corners import Corners
@@ -22,26 +24,16 @@ def photograph():
     return board_photograph(HOMOGRAPHY, (300, 400))
 
 
-def images(**sides):
-    return Product("images", {side: Variable(("row", "col"), image) for side, image in sides.items()})
+def images(left, right=None):
+    return Images.write(left, right)
 
 
 def corners(left, right, size=SIZE, image_size=(640, 480), seen=None):
-    """The product of the stage for corners that are given, none where they are None."""
+    """The product of the stage for given corners; None stands for a photograph without the board."""
     sides = {"left": left, "right": right}
-    found = {side: xy is not None for side, xy in sides.items()}
-    arrays = {side: np.empty((0, 2)) if xy is None else xy for side, xy in sides.items()}
-    return Product(
-        "corners",
-        {side: Variable(("corner", "component"), xy, "px") for side, xy in arrays.items()},
-        {
-            "target": "checkerboard",
-            "size": list(size),
-            "image_size": list(image_size),
-            "found": found,
-            "seen": {side: list(size) if found[side] else seen for side in sides},
-        },
-    )
+    marks = {side: np.empty((0, 2)) if xy is None else xy for side, xy in sides.items()}
+    shown = {side: seen if xy is None else size for side, xy in sides.items()}
+    return BoardMarks.write(marks, shown, "checkerboard", size, image_size)
 
 
 @pytest.fixture(scope="module")

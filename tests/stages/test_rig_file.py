@@ -8,14 +8,15 @@ from PIL import Image
 from small import dicflow
 
 from dicflow.core.cameras.camera import Camera, Rig, rotation_matrix
-from dicflow.engine.product import Product, Variable
+from dicflow.engine.product import Product
 from dicflow.errors import InputError
 from dicflow.io.calibrations.opencv import write_opencv
 from dicflow.io.calibrations.read import read_calibration
 from dicflow.io.exports.items import Item
 from dicflow.io.exports.json import write
 from dicflow.io.rig import read_rig
-from dicflow.kinds.rig import rig_from_json, rig_to_json
+from dicflow.kinds.images import Images
+from dicflow.kinds.rig import CalibratedRig, rig_from_json, rig_to_json
 from dicflow.pipeline import Pipeline
 from dicflow.stages.rig_file import RigFile
 
@@ -48,8 +49,8 @@ MATCHID = (
 
 
 def photographs(width: int = SIZE[0], height: int = SIZE[1]) -> Product:
-    image = Variable(("row", "col"), np.zeros((height, width), np.uint8))
-    return Product("images", {"left": image, "right": image})
+    image = np.zeros((height, width), np.uint8)
+    return Images.write(image, image)
 
 
 @pytest.fixture
@@ -78,7 +79,7 @@ def run(folder, calibration: str):
 
 def test_how_exact_a_rig_is_goes_with_its_file(folder):
     root = np.random.default_rng(2).normal(size=(24, 24))
-    exported = Product("rig", attrs={"rig": rig_to_json(made_rig()), "covariance": (root @ root.T).tolist()})
+    exported = CalibratedRig.write(made_rig(), "", {}, covariance=root @ root.T)
     write([Item("rig", None, exported)], folder, "test")
     product = RigFile(file="rig.json").run(file_path=folder / "rig.json", images=photographs())
     assert product.attrs["covariance"] == exported.attrs["covariance"]

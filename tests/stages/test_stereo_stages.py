@@ -11,8 +11,9 @@ from dicflow.core.photographs.region import Polygon, rectangle
 from dicflow.core.status import Status
 from dicflow.engine.product import Product, Variable
 from dicflow.errors import StageError
+from dicflow.kinds.images import Images
 from dicflow.kinds.region import polygons_to_json
-from dicflow.kinds.rig import rig_to_json
+from dicflow.kinds.rig import CalibratedRig
 from dicflow.stages.disparity import Disparity
 from dicflow.stages.reconstruct import Reconstruct
 from dicflow.stages.rectify import Rectify
@@ -25,12 +26,11 @@ RECTIFY, UNDISTORT = Rectify(stage="rectify"), Undistort(stage="undistort")
 
 
 def images(left, right=None):
-    sides = {"left": left} if right is None else {"left": left, "right": right}
-    return Product("images", {side: Variable(("row", "col"), image) for side, image in sides.items()})
+    return Images.write(left, right)
 
 
 def rig_product(rig=RIG):
-    return Product("rig", {}, {"rig": rig_to_json(rig)})
+    return CalibratedRig.write(rig, "", {})
 
 
 def track(*polygons):

@@ -5,8 +5,8 @@ import pytest
 from pydantic import ValidationError
 
 from dicflow.core.status import Status
-from dicflow.engine.product import Product, Variable
 from dicflow.errors import StageError
+from dicflow.kinds.cloud import Cloud
 from dicflow.stages.fill import Fill
 from dicflow.stages.surface import Surface
 
@@ -30,11 +30,16 @@ def cloud(noise=0.0, opening=False, holes=()):
     for where, code in holes:
         status[where] = code
     xyz[status != Status.VALID] = np.nan
-    variables = {
-        "xyz": Variable(("row", "col", "component"), xyz.astype(np.float32), "mm", "point"),
-        "status": Variable(("row", "col"), status),
-    }
-    return Product("cloud", variables, {"origin": [100.0, 50.0]})
+    return Cloud.write(xyz, status, (100, 50), {})
+
+
+def test_a_filled_surface_keeps_its_fit_and_title():
+    surface = Surface().run(cloud=cloud(noise=0.01))
+    filled = Cloud.read(Fill().run(cloud=surface))
+    assert filled.fit == Cloud.read(surface).fit
+    assert set(filled.fit) == {"x", "y", "z"}
+    assert filled.title == "smooth surface"
+    assert Cloud.read(Fill().run(cloud=cloud())).fit == {}
 
 
 def test_fill_marks_what_it_fills_and_stays_inside():

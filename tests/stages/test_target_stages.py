@@ -15,6 +15,7 @@ from dicflow.core.synthetic.render import GreyLevels, add_noise_and_round, photo
 from dicflow.core.synthetic.stand import in_right_frame
 from dicflow.engine.product import Product, Variable
 from dicflow.errors import StageError
+from dicflow.kinds.images import Images
 from dicflow.kinds.rig import rig_from_json
 from dicflow.stages.calibrate import Calibrate
 from dicflow.stages.corners import Corners
@@ -42,7 +43,7 @@ def photographs(extent, pattern, place_mm):
             side: add_noise_and_round(photograph(camera, seen, extent, pattern, LOOK, 2), 1.5, [k, side == "right"])
             for side, (camera, seen) in sides.items()
         }
-        yield Product("images", {side: Variable(("row", "col"), image) for side, image in shown.items()})
+        yield Images.write(**shown)
 
 
 def calibrated(corners, square):
@@ -144,8 +145,8 @@ def test_a_target_needs_what_belongs_to_it(values, message):
     ],
 )
 def test_a_target_that_is_not_seen_is_named(target, extra, message):
-    blank = Variable(("row", "col"), np.full((300, 400), 120, np.uint8))
+    blank = np.full((300, 400), 120, np.uint8)
     stage = Corners(size=(7, 5), target=target, **extra)
-    corners = [stage.run(images=Product("images", {"left": blank, "right": blank}))] * 3
+    corners = [stage.run(images=Images.write(blank, blank))] * 3
     with pytest.raises(StageError, match=message):
         Calibrate(square=10.0).run(corners=corners)

@@ -13,10 +13,11 @@ from dicflow.core.cameras.rectification import raw_to_rectified, rectification
 from dicflow.core.matching.detectors import DETECTORS
 from dicflow.core.photographs.region import area, bounding_box, contains
 from dicflow.core.status import Status
-from dicflow.engine.product import Product, Variable
 from dicflow.errors import StageError
+from dicflow.kinds.images import Images
+from dicflow.kinds.matches import Matches
 from dicflow.kinds.region import polygons_from_json
-from dicflow.kinds.rig import rig_to_json
+from dicflow.kinds.rig import CalibratedRig
 from dicflow.stages.features import FindFeatures
 from dicflow.stages.match import Match
 from dicflow.stages.region import Region
@@ -31,7 +32,7 @@ FIXED = np.array([120.0, 30.0])
 
 
 def images(grey, kind="images"):
-    return Product(kind, {"left": Variable(("row", "col"), grey, "grey level")})
+    return Images.write(grey, kind=kind)
 
 
 def photograph(mapping=None, seed=1):
@@ -171,11 +172,8 @@ def test_a_hole_in_the_region_stays_one():
 
 
 def pairs(source, target, size=(240, 340)):
-    variables = {
-        name: Variable(("match", "component"), np.asarray(values, dtype=np.float32), "px")
-        for name, values in (("reference", source), ("deformed", target), ("features", source))
-    }
-    return Product("matches", variables, {"image_size": list(size)})
+    source, target = (np.asarray(values, dtype=np.float32) for values in (source, target))
+    return Matches.write(source, target, source, size, {})
 
 
 def test_points_of_a_filled_subset_are_marked_from_then_on():
@@ -289,7 +287,7 @@ def test_a_region_of_the_photograph_is_carried_into_the_rectified_image():
     width, height = rectified.size
     grain = np.random.default_rng(0).integers(0, 255, (height // 4 + 1, width // 4 + 1), dtype=np.uint8)
     tracked = images(np.kron(grain, np.ones((4, 4), dtype=np.uint8))[:height, :width], "rectified")
-    stored = Product("rig", {}, {"rig": rig_to_json(rig)})
+    stored = CalibratedRig.write(rig, "", {})
     region = rectangle(60, 80, 160, 240).run(images=tracked, rig=stored)
     (found,) = polygons_from_json(region.attrs["polygons"])
     edge = np.array([[60.0, y] for y in np.linspace(80, 240, 9)])
