@@ -238,7 +238,7 @@ def _measured(label: str, settings: Mapping[str, Any], store: Store, refs: Mappi
 
 
 def _stage_of(store: Store, refs: Mapping[Names, Ref], kind: str) -> str | None:
-    """The last stage that gives a kind of product; None where there is none in the store."""
+    """The last stage that gives a kind of product; None if the store holds no such product."""
     examples = {stage: ref.digest for (stage, _), ref in refs.items()}
     for stage in reversed(examples):
         manifest = store.manifest(examples[stage])
@@ -269,5 +269,5 @@ def _settings(text: str, resolved: Mapping[str, Any], variant: int) -> dict[str,
 def _label(name: str, resolved: Mapping[str, Any], variant: int) -> str:
     """The name, and of a sweep the variant with its values."""
     values: Iterable[tuple[str, Any]] = resolved["variants"][variant].items() if resolved["variants"] else ()
-    told = ", ".join(f"{key} = {value}" for key, value in values)
-    return f"{name}#{variant + 1} ({told})" if told else name
+    chosen = ", ".join(f"{key} = {value}" for key, value in values)
+    return f"{name}#{variant + 1} ({chosen})" if chosen else name

@@ -104,7 +104,7 @@ def quality(context: Context) -> Section | None:
 
 
 def _panels(result: Result, steps: Sequence[str]) -> _Panels:
-    """The figures that some step has: panel → series → one per step, None where there is none."""
+    """The figures that some step has: panel → series → one value per step, None if unknown."""
     panels: _Panels = {}
     for figure in _FIGURES:
         for stage in result.stages_of(figure.kind):
@@ -193,10 +193,10 @@ def _advice(speckle: Mapping[str, float | None], subset_px: float | None) -> lis
         enough = subset_px >= _LEAST_SPECKLES * size
         remedy = "" if enough else f"; take at least {_LEAST_SPECKLES * size:.0f} px"
         found.append((enough, f"A subset of {subset_px:g} px is {subset_px / size:.1f} speckles wide{remedy}."))
-    told = f"The mean intensity gradient of {gradient:.1f} is"
+    finding = f"The mean intensity gradient of {gradient:.1f} is"
     steep = gradient >= _LEAST_GRADIENT
     remedy = "enough" if steep else "low: light the specimen better, focus, or paint it with more contrast"
-    found.append((steep, f"{told} {remedy}."))
+    found.append((steep, f"{finding} {remedy}."))
     if contrast < _LEAST_CONTRAST:
         found.append((False, f"The contrast of {percent(contrast)} is low: paint the specimen blacker and whiter."))
     if (speckle["saturated"] or 0.0) > _MOST_SATURATED:
@@ -208,12 +208,12 @@ def _advice(speckle: Mapping[str, float | None], subset_px: float | None) -> lis
 
 def _size_sentence(size: float) -> str:
     low, high = _GOOD_SPECKLE_PX
-    told, good = f"Speckles of {size:.1f} px", f"{low:.0f} to {high:.0f} px are good"
+    finding, good = f"Speckles of {size:.1f} px", f"{low:.0f} to {high:.0f} px are good"
     if size < low:
-        return f"{told} are small, which biases the interpolation; {good}, so paint coarser ones."
+        return f"{finding} are small, which biases the interpolation; {good}, so paint coarser ones."
     if size > high:
-        return f"{told} are large and need large subsets; {good}, so paint finer ones."
-    return f"{told} are of a good size; {good}."
+        return f"{finding} are large and need large subsets; {good}, so paint finer ones."
+    return f"{finding} are of a good size; {good}."
 
 
 def _overexposed(result: Result) -> Iterator[str]:

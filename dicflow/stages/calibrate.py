@@ -61,23 +61,25 @@ class Calibrate(Node):
         model = LensModel(self.radial, self.tangential)
         target = _target(boards[0].target, boards[0].size, self.square)
         image_size = boards[0].image_size
-        found = calibrate_rig(left, right, target, image_size, model, self.max_error_px, self.min_pairs, self.loss)
-        return self._product(found, seen, _names(corners), (left, right))
+        calibration = calibrate_rig(
+            left, right, target, image_size, model, self.max_error_px, self.min_pairs, self.loss
+        )
+        return self._product(calibration, seen, _names(corners), (left, right))
 
     def _product(
-        self, found: Calibration, seen: list[int], names: Sequence[str], corners: tuple[np.ndarray, np.ndarray]
+        self, calibration: Calibration, seen: list[int], names: Sequence[str], corners: tuple[np.ndarray, np.ndarray]
     ) -> Product:
-        """The rig, how certain it is, what each pair says of it, and the verdict."""
+        """The rig, its covariance, the errors of each pair, and the verdict."""
         from dicflow.core.calibration.coverage import covered_area, verdict
 
-        areas = [covered_area(side[found.used], found.rig.left.size) for side in corners]
+        areas = [covered_area(side[calibration.used], calibration.rig.left.size) for side in corners]
         coverage = {side: float(area.mean()) for side, area in zip(("left", "right"), areas, strict=True)}
         return CalibratedRig.write(
-            found.rig,
-            verdict(found, areas, self.max_error_px, len(names)),
-            _residuals(found, coverage) | _figures(found) | _known_distance(found, self.square),
-            covariance=found.widened_covariance,
-            pairs=_pairs(found, seen, names),
+            calibration.rig,
+            verdict(calibration, areas, self.max_error_px, len(names)),
+            _residuals(calibration, coverage) | _figures(calibration) | _known_distance(calibration, self.square),
+            covariance=calibration.widened_covariance,
+            pairs=_pairs(calibration, seen, names),
             coverage=coverage,
         )
 
@@ -91,7 +93,7 @@ def _check_sizes(boards: Sequence[BoardMarks]) -> None:
         if board.image_size != first:
             raise StageError(
                 "all board photographs must have one size, but pair 1 has {} × {} px and pair {} has {} × {}; "
-                "remove those that do not belong".format(*first, k + 1, *board.image_size)
+                "remove those of another size".format(*first, k + 1, *board.image_size)
             )
 
 
@@ -106,19 +108,19 @@ def _target(kind: str, size: tuple[int, int], square_mm: float) -> Target:
 
 
 def _too_few(boards: Sequence[BoardMarks], seen: list[int], needed: int) -> str:
-    """The message for boards that too few pairs show; it names the size of the board that they show instead."""
+    """The message for too few pairs with the board; it names the size of another board in them."""
     expected, hint = _expected(boards[0].target, boards[0].size)
     others = Counter(other for board in boards for other in board.others.values())
     if others:
         (columns, rows), count = others.most_common(1)[0]
         hint = f"{count} photographs show one of {columns} × {rows}: set size to [{columns}, {rows}]"
     if not seen:
-        return f"{expected} is seen in no pair of {len(boards)}; {hint}"
+        return f"{expected} is seen in none of {len(boards)} pairs; {hint}"
     return f"{expected} is seen by both cameras in {len(seen)} of {len(boards)} pairs, and {needed} are needed; {hint}"
 
 
 def _expected(target: str, size: Sequence[int]) -> tuple[str, str]:
-    """The target in words, and what to do if it is not seen."""
+    """The target in words, and what to do if no pair shows it."""
     board = "a board of {} × {} inner corners".format(*size)
     if target == "charuco":
         return f"ChArUco: {board}", "check its dictionary and marker, and show a good part of it, evenly lit and sharp"
@@ -130,18 +132,18 @@ def _expected(target: str, size: Sequence[int]) -> tuple[str, str]:
 
 
 def _names(corners: Sequence[Product]) -> Sequence[str]:
-    """Names of the pairs, where the series of them has names."""
+    """Names of the pairs; "pair 1", "pair 2", … if the series has none."""
     return getattr(corners, "steps", None) or [f"pair {k + 1}" for k in range(len(corners))]
 
 
-def _pairs(found: Calibration, seen: list[int], names: Sequence[str]) -> list[dict[str, Any]]:
+def _pairs(calibration: Calibration, seen: list[int], names: Sequence[str]) -> list[dict[str, Any]]:
     """One entry per board pair, in order; a pair whose board is not seen by both cameras has no figures.
 
     The epipolar distance is None where the cameras see different parts of a board.
     """
     pairs: list[dict[str, Any]] = [{"name": name, "used": False} for name in names]
     for k, used, turned, (left, right), epipolar in zip(
-        seen, found.used, found.turned, found.error_px, found.epipolar_px, strict=True
+        seen, calibration.used, calibration.turned, calibration.error_px, calibration.epipolar_px, strict=True
     ):
         pairs[k] |= {"used": bool(used), "turned": bool(turned)}
         pairs[k] |= {"left_px": float(left), "right_px": float(right)}
@@ -149,40 +151,40 @@ def _pairs(found: Calibration, seen: list[int], names: Sequence[str]) -> list[di
     return pairs
 
 
-def _residuals(found: Calibration, coverage: dict[str, float]) -> dict[str, float]:
-    """How well the rig explains the corners of the pairs used."""
+def _residuals(calibration: Calibration, coverage: dict[str, float]) -> dict[str, float]:
+    """Residuals of the corners in the pairs used, and the share of each frame that these pairs cover."""
     import numpy as np
 
-    left, right, both = found.rms_px.tolist()
+    left, right, both = calibration.rms_px.tolist()
     return {
         "rms_px": both,
         "left_rms_px": left,
         "right_rms_px": right,
-        "mean_px": float(found.error_px[found.used].mean()),
-        "epipolar_px": float(np.nanmean(found.epipolar_px[found.used])),
-        "noise_px": found.noise_px,
-        "pairs_used": int(found.used.sum()),
+        "mean_px": float(calibration.error_px[calibration.used].mean()),
+        "epipolar_px": float(np.nanmean(calibration.epipolar_px[calibration.used])),
+        "noise_px": calibration.noise_px,
+        "pairs_used": int(calibration.used.sum()),
         "coverage_left": coverage["left"],
         "coverage_right": coverage["right"],
     }
 
 
-def _figures(found: Calibration) -> dict[str, float]:
+def _figures(calibration: Calibration) -> dict[str, float]:
     """Focal lengths, baseline and angle, with their standard deviations and how they spread as pairs are left out."""
     from dicflow.core.cameras.rig_parameters import KEY_FIGURES, key_figure_sigmas, key_figures
 
-    sigmas = key_figure_sigmas(found.rig, found.widened_covariance)
-    columns = {"": key_figures(found.rig), "sigma_": sigmas, "spread_": found.leave_out.spread}
+    sigmas = key_figure_sigmas(calibration.rig, calibration.widened_covariance)
+    columns = {"": key_figures(calibration.rig), "sigma_": sigmas, "spread_": calibration.leave_out.spread}
     table = {sign + name: float(value) for sign, values in columns.items()
              for name, value in zip(KEY_FIGURES, values, strict=True)}  # fmt: skip
-    return {**table, "disagreement": found.disagreement}
+    return {**table, "disagreement": calibration.disagreement}
 
 
-def _known_distance(found: Calibration, square_mm: float) -> dict[str, float]:
-    """The square as reconstructed in pairs that the rig has not seen: mean and standard deviation over the boards."""
+def _known_distance(calibration: Calibration, square_mm: float) -> dict[str, float]:
+    """Side of the square, reconstructed in pairs left out of the rig: mean and standard deviation over the boards."""
     import numpy as np
 
-    scale = found.leave_out.scale[np.isfinite(found.leave_out.scale)]
+    scale = calibration.leave_out.scale[np.isfinite(calibration.leave_out.scale)]
     if not len(scale):
         return {}
     return {

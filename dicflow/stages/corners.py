@@ -30,14 +30,14 @@ OTHER_MARKERS = {
     "apriltag_36h10": 2320,
     "apriltag_36h11": 587,
 }
-"""How many markers the dictionaries have that do not say so in their names."""
+"""Number of markers in each dictionary whose name does not state it."""
 
 
 class Corners(Node):
     """Find the target in the photographs of both cameras, to a few hundredths of a pixel.
 
-    A photograph without a target of this size has no corners, which is not an error; ``seen`` is then the size of the
-    checkerboard that it shows instead, if any. Of a ChArUco board any part may be seen; the other corners are NaN.
+    A photograph without a target of this size has no corners, which is not an error; ``seen`` is then the size of
+    another checkerboard in it, if any. Of a ChArUco board any part may be seen; the other corners are NaN.
     """
 
     title: ClassVar = "find board corners"
@@ -71,8 +71,8 @@ class Corners(Node):
                              "square's")  # fmt: skip
         if self.dictionary is not None and _markers_needed(self.size) > _markers_in(self.dictionary):
             raise ValueError(
-                "a board of {} × {} inner corners bears {} markers, more than the {} of dictionary {}; name the one "
-                "that it was printed with".format(
+                "a board of {} × {} inner corners has {} markers, more than the {} of dictionary {}; name the "
+                "dictionary of the printed board".format(
                     *self.size, _markers_needed(self.size), _markers_in(self.dictionary), self.dictionary
                 )
             )
@@ -86,17 +86,17 @@ class Corners(Node):
                 "the photographs of a board must have one size, but the left one has {} × {} px and the right one "
                 "{} × {}; use the cameras as they were set for the specimen".format(*sizes["left"], *sizes["right"])
             )
-        found = {side: self._find(image) for side, image in photographs.sides}
+        boards = {side: self._find(image) for side, image in photographs.sides}
         return BoardMarks.write(
-            {side: marks for side, (marks, _) in found.items()},
-            {side: seen for side, (_, seen) in found.items()},
+            {side: marks for side, (marks, _) in boards.items()},
+            {side: seen for side, (_, seen) in boards.items()},
             self.target,
             self.size,
             photographs.size,
         )
 
     def _find(self, image: np.ndarray) -> tuple[np.ndarray, tuple[int, int] | None]:
-        """Corners (n or 0, 2) and the size of the board that is seen."""
+        """Corners (n or 0, 2) and the size of the board in the photograph."""
         import numpy as np
 
         from dicflow.core.calibration.targets import board_size

@@ -21,9 +21,12 @@ if TYPE_CHECKING:
 
 __all__ = ["Disparity"]
 
-WEAK_PATTERN = 3.0  # mean intensity gradient below which a pattern, not the range, is the likely trouble
-LEAST_VALID_SHARE = 0.005
-LEAST_MATCHED_SHARE = 0.1  # of what has texture; chance alone matches some hundredths
+WEAK_GRADIENT = 3.0
+"""Mean intensity gradient below which the pattern, not the range, is the likely cause [grey levels per px]."""
+MIN_VALID_SHARE = 0.005
+"""Of the region's pixels."""
+MIN_MATCHED_SHARE = 0.1
+"""Of the pixels with texture; a few per cent match by chance."""
 
 
 def _ordered(value: tuple[int, int]) -> tuple[int, int]:
@@ -79,15 +82,15 @@ class Disparity(Node):
         photographed = _photographed(left.shape, rig)
         counts = rasterise(polygons, left.shape) & photographed
         limits = self._limits(left, right, counts)
-        found = match_rows(left, right, box, limits, self._matching())
+        matched = match_rows(left, right, box, limits, self._matching())
         part = np.s_[box[1] : box[3], box[0] : box[2]]
-        status = np.where(photographed[part], found.status, np.uint8(Status.OUTSIDE))
+        status = np.where(photographed[part], matched.status, np.uint8(Status.OUTSIDE))
         summary = _summary(status[counts[part]], limits)
         textured = 1.0 - summary["low_texture_share"]
-        if summary["valid_share"] < max(LEAST_VALID_SHARE, LEAST_MATCHED_SHARE * textured):
-            raise StageError(_nothing_matched(left, counts, limits))
-        values = np.where(status == Status.VALID, found.disparity, np.float32(np.nan))
-        return DisparityMap.write(values, status, found.origin, limits, summary)
+        if summary["valid_share"] < max(MIN_VALID_SHARE, MIN_MATCHED_SHARE * textured):
+            raise StageError(_no_disparities(left, counts, limits))
+        values = np.where(status == Status.VALID, matched.disparity, np.float32(np.nan))
+        return DisparityMap.write(values, status, matched.origin, limits, summary)
 
     def _limits(self, left: np.ndarray, right: np.ndarray, counts: np.ndarray) -> tuple[int, int]:
         """Range [low, high) of disparities, a multiple of 16 long."""
@@ -98,7 +101,7 @@ class Disparity(Node):
             return low, low + 16 * -(-(high + 1 - low) // 16)
         limits = disparity_range(left, right, counts)
         if limits is None:
-            raise StageError(_nothing_matched(left, counts, None))
+            raise StageError(_no_disparities(left, counts, None))
         return limits
 
     def _matching(self) -> Any:
@@ -110,7 +113,7 @@ class Disparity(Node):
 
 
 def _polygons(shape: tuple[int, ...], track: Product | None) -> list[Polygon]:
-    """The region at this step, the whole image where it is not tracked."""
+    """The region at this step; the whole image without a track."""
     from dicflow.core.photographs.region import rectangle
 
     rows, cols = shape
@@ -118,7 +121,7 @@ def _polygons(shape: tuple[int, ...], track: Product | None) -> list[Polygon]:
 
 
 def _photographed(shape: tuple[int, int], rig: Product | None) -> np.ndarray:
-    """Pixels of the rectified left image that its photograph reaches; all of them where the rig is not given."""
+    """Mask of the rectified left image: pixels that show the photograph; all of them without a rig."""
     import numpy as np
 
     from dicflow.core.cameras.rectification import photograph_outline, rectification
@@ -140,22 +143,22 @@ def _summary(status: np.ndarray, limits: tuple[int, int]) -> dict[str, float]:
     return shares | {"range_low_px": limits[0], "range_high_px": limits[1]}
 
 
-def _nothing_matched(left: np.ndarray, counts: np.ndarray, limits: tuple[int, int] | None) -> str:
-    """The message for a region without disparities: the pattern or else the range is to blame."""
+def _no_disparities(left: np.ndarray, counts: np.ndarray, limits: tuple[int, int] | None) -> str:
+    """The message for a region without disparities, which names the cause: the pattern or the range."""
     from dicflow.core.photographs.texture import mean_intensity_gradient
 
     gradient = mean_intensity_gradient(left, counts) if counts.any() else 0.0
-    if gradient < WEAK_PATTERN:
+    if gradient < WEAK_GRADIENT:
         return (
             f"the region has too little texture to match: its mean intensity gradient is {gradient:.1f} grey levels "
-            "per px, and a speckle pattern has 5 or more; light the specimen, speckle it anew, or correct the region"
+            "per px, and a speckle pattern has 5 or more; light the specimen, renew its speckles, or correct the region"
         )
     if limits is None:
         return (
-            "no range of disparities was found, since too few features match along the rows; check that the rig is the "
-            "one that took these photographs, or give the range as [least, largest]"
+            "no range of disparities was found, since too few features match along the rows; check that this rig took "
+            "the photographs, or give the range as [least, largest]"
         )
     return (
-        f"next to nothing matches at disparities from {limits[0]} to {limits[1]} px; check that the rig is the "
-        "one that took these photographs, and give another range, or auto"
+        f"almost no pixel matches at disparities from {limits[0]} to {limits[1]} px; check that this rig took the "
+        "photographs, and give another range, or auto"
     )

@@ -56,10 +56,10 @@ class FindFeatures(Node):
         photographs = Images.read(images)
         image = photographs.left
         box = self._box(image)
-        found = detect(
+        detected = detect(
             image, self.detector, box=box, upright=self.upright, octaves=self.octaves, max_features=self.max_features
         )
-        return FeatureSet.write(found, self.detector, box, photographs.size)
+        return FeatureSet.write(detected, self.detector, box, photographs.size)
 
     def _box(self, image: np.ndarray) -> tuple[int, int, int, int]:
         """The area (x0, y0, x1, y1) to search."""

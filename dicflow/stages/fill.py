@@ -14,8 +14,8 @@ __all__ = ["Fill"]
 class Fill(Node):
     """Give every missing point of the region the mean of its neighbours, along columns and then along rows.
 
-    A filled point has the status FILLED; also those at the depth of the background are filled. What is outside the
-    region stays empty. The thesis's script fills the first five columns of each plane only, by a typing error.
+    A filled point has the status FILLED; points of the background are filled too. Points outside the region stay
+    without a value. The thesis's script fills the first five columns of each plane only, by a typing error.
     """
 
     title: ClassVar = "fill the holes of the cloud"

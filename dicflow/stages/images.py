@@ -37,10 +37,10 @@ class Images(Node):
     def steps(self, folder: Path) -> Mapping[str, Mapping[str, Path]]:
         from dicflow.io.images import pair_names
 
-        left = _found(folder, self.left, "left")
+        left = _photographs(folder, self.left, "left")
         if self.right is None:
             return {path.stem: {"left": path} for path in left.values()}
-        right = _found(folder, self.right, "right")
+        right = _photographs(folder, self.right, "right")
         pairs = pair_names(list(left), list(right)).pairs
         return {Path(a).stem: {"left": left[a], "right": right[b]} for a, b in pairs}
 
@@ -69,7 +69,7 @@ class Images(Node):
                 path = next(path for path, value in turned.items() if value != 1)
                 raise InputError(
                     f"{path}: marked as rotated (EXIF orientation {turned[path]}) while its partner is not; "
-                    "take the mark out of the file, and hold both cameras alike"
+                    "remove the mark from the file, and mount both cameras alike"
                 )
 
     def run(self, left: Path, right: Path | None = None) -> Product:
@@ -78,25 +78,25 @@ class Images(Node):
         return Photographs.write(read_grey(left), None if right is None else read_grey(right))
 
 
-def _found(folder: Path, patterns: str | list[str], side: str) -> dict[str, Path]:
-    """Files that the patterns name, by file name. Raises InputError where there are none, or two have one stem."""
-    found: dict[str, Path] = {}
+def _photographs(folder: Path, patterns: str | list[str], side: str) -> dict[str, Path]:
+    """Files that match the patterns, by file name. Raises InputError if no file matches or two have one stem."""
+    by_stem: dict[str, Path] = {}
     for pattern in [patterns] if isinstance(patterns, str) else patterns:
-        for path in _named(folder, pattern, side):
-            if (other := found.setdefault(path.stem, path)) != path:
+        for path in _matching_files(folder, pattern, side):
+            if (other := by_stem.setdefault(path.stem, path)) != path:
                 raise InputError(
                     f"{side}: {other} and {path} would both be step '{path.stem}'; "
                     "rename one of them, or leave it out of the pattern"
                 )
-    if not found:
+    if not by_stem:
         raise InputError(
             f"{side}: no photograph matches {patterns!r} in {folder}; check the pattern, or start from 'dicflow init'"
         )
-    return {path.name: path for path in found.values()}
+    return {path.name: path for path in by_stem.values()}
 
 
-def _named(folder: Path, pattern: str, side: str) -> list[Path]:
-    """The one file that a name gives, or the photographs of a pattern in natural order."""
+def _matching_files(folder: Path, pattern: str, side: str) -> list[Path]:
+    """The file of this name, or the photographs that match a pattern, in natural order."""
     from dicflow.io.images import SUFFIXES, natural_key
 
     if not any(sign in pattern for sign in "*?["):
@@ -108,7 +108,7 @@ def _named(folder: Path, pattern: str, side: str) -> list[Path]:
 
 
 def _glob(folder: Path, pattern: str) -> list[Path]:
-    """Files below a folder that a pattern names; an absolute pattern starts at its own root."""
+    """Files below a folder that match a pattern; an absolute pattern starts at its own root."""
     path = Path(pattern)
     return (
         list(Path(path.anchor).glob(str(path.relative_to(path.anchor))))

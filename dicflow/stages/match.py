@@ -20,16 +20,18 @@ if TYPE_CHECKING:
 
 __all__ = ["Match"]
 
-PASSES = 2  # the windows' shape comes from the matches; the second pass has it from refined ones
-ENOUGH = 12  # matches below which nothing can be said about the motion around a point
+REFINEMENT_PASSES = 2
+"""The windows' shape comes from the matches; in the second pass from refined ones."""
+MIN_MATCHES = 12
+"""Fewer matches do not give the motion around a point."""
 
 
 class Match(Node):
     """Match the features of the step before with those of this one.
 
-    First by descriptor over the whole image. Then ``guided``: where the motion of the first matches says the others
-    should be, which finds several times as many after a large stretch. Then ``refine``: each position is moved to
-    where the grey levels around it fit best, and what does not fit is dropped.
+    First by descriptor over the whole image. Then ``guided``: near the positions that the motion of the first matches
+    predicts, which gives several times as many matches after a large stretch. Then ``refine``: each match moves to the
+    position where the grey levels around it fit best, and matches that do not fit are dropped.
     """
 
     title: ClassVar = "match features"
@@ -76,29 +78,29 @@ class Match(Node):
         return Matches.write(*pairs, before.xy, target.image_size, summary)
 
     def _guided(self, before: Features, after: Features, pairs: Pairs) -> Pairs:
-        """Matches near where those around them, without false ones, say they should be."""
+        """Matches near the positions that the consistent matches around them predict."""
         from dicflow.core.matching.pairs import consistent_matches, guided_matches, local_motion
 
         source, target = _kept(pairs, consistent_matches(*pairs))
-        if len(source) < ENOUGH:
+        if len(source) < MIN_MATCHES:
             return pairs
         predicted = local_motion(source, target, before.xy.astype(float)).position
-        found = guided_matches(before, after, predicted, radius_px=self.radius)
-        pairs = before.xy[found[:, 0]].astype(float), after.xy[found[:, 1]].astype(float)
+        guided = guided_matches(before, after, predicted, radius_px=self.radius)
+        pairs = before.xy[guided[:, 0]].astype(float), after.xy[guided[:, 1]].astype(float)
         return _kept(pairs, consistent_matches(*pairs))
 
     def _refined(self, image_before: np.ndarray, image: np.ndarray, pairs: Pairs) -> Pairs:
-        """Matches whose windows correlate, at the positions where they do so best."""
+        """Matches whose windows correlate, at the positions of the highest correlation."""
         from dicflow.core.matching.pairs import consistent_matches, local_motion
         from dicflow.core.matching.refine import refine_matches
 
         pairs = _kept(pairs, consistent_matches(*pairs))
-        for _ in range(PASSES):
-            if len(pairs[0]) < ENOUGH:
+        for _ in range(REFINEMENT_PASSES):
+            if len(pairs[0]) < MIN_MATCHES:
                 break
             gradient = local_motion(*pairs, pairs[0]).gradient
-            found = refine_matches(image_before, image, *pairs, gradient, window_px=self.window)
-            pairs = _kept((found.reference, found.deformed), found.correlation >= self.min_correlation)
+            refined = refine_matches(image_before, image, *pairs, gradient, window_px=self.window)
+            pairs = _kept((refined.reference, refined.deformed), refined.correlation >= self.min_correlation)
         return pairs
 
 

@@ -25,7 +25,7 @@ Gate = Annotated[Millimetres, Field(gt=0)]
 class Reconstruct(Node):
     """Turn disparities into points in the left camera's frame.
 
-    Points outside the tracked region have no value, and neither have points of the background seen over its edge.
+    Points outside the tracked region, and points of the background seen over its edge, have no value.
     """
 
     title: ClassVar = "reconstruct points"
@@ -74,12 +74,12 @@ class Reconstruct(Node):
 
 
 def _check_in_front(depth: np.ndarray) -> None:
-    """Most points must lie in front of the cameras; exchanged photographs turn the sign of all disparities."""
+    """Raise StageError if most points lie behind the cameras, as exchanged photographs turn the sign of disparities."""
     in_front = (depth > 0.0).mean() if depth.size else 1.0
     if in_front < 0.5:
         raise StageError(
-            f"only {in_front:.0%} of the points lie in front of the cameras, so left and right photographs look "
-            "swapped, or are not of this rig; exchange left and right"
+            f"only {in_front:.0%} of the points lie in front of the cameras, so left and right photographs are "
+            "swapped or come from another rig; exchange left and right"
         )
 
 
@@ -91,7 +91,7 @@ def _inside(track: Track, origin: tuple[int, int], shape: tuple[int, int]) -> np
 
 
 def _summary(status: np.ndarray) -> dict[str, float]:
-    """Share of the region's points that have a value, and that were taken for background."""
+    """Shares of the region's points that have a value, and that belong to the background."""
     from dicflow.core.status import Status
 
     region = max(1, int((status != Status.OUTSIDE).sum()))

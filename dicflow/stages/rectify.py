@@ -14,7 +14,7 @@ __all__ = ["Rectify"]
 
 
 class Rectify(Node):
-    """Align the rows of both photographs; all of both is seen, at their own scale."""
+    """Align the rows of both photographs; both stay whole, at their own scale."""
 
     title: ClassVar = "rectify"
     scope: ClassVar = Scope.STEP

@@ -61,10 +61,10 @@ class Selected(NamedTuple):
 
 
 class Region(Node):
-    """Choose the region of interest on the first photograph: a rectangle, polygons with holes, a file, or by itself.
+    """Choose the region of interest on the first photograph: a rectangle, polygons with holes, a file, or auto.
 
-    With none of the three given, the largest speckled part of the image is taken, its openings left out. Later steps
-    need no choice, since the tracked transforms carry the region along.
+    If none of the three is given, the region is the largest speckled part of the image, without its openings. The
+    tracked transforms carry the region to the later steps.
     """
 
     title: ClassVar = "region of interest"
@@ -94,7 +94,7 @@ class Region(Node):
     @model_validator(mode="before")
     @classmethod
     def _auto_alone(cls, values: Any) -> Any:
-        """Nothing given means auto, so that both have one key."""
+        """Set auto if no way is given, so that both have one key."""
         if isinstance(values, dict) and all(values.get(way) is None for way in WAYS):
             return {**values, "auto": values.get("auto", True)}
         return values
@@ -122,7 +122,7 @@ class Region(Node):
         cameras = None if rig is None else CalibratedRig.read(rig).cameras
         polygons: Sequence[Polygon]
         if self.auto:
-            polygons = self._found(photographs.left)
+            polygons = self._speckled(photographs.left)
         else:
             chosen = self._chosen(photographs, cameras, file_path)
             _check_inside(chosen)
@@ -132,15 +132,15 @@ class Region(Node):
         _check_texture(photographs.left, polygons)
         return RegionProduct.write(polygons)
 
-    def _found(self, image: np.ndarray) -> Sequence[Polygon]:
-        """The speckled specimen."""
+    def _speckled(self, image: np.ndarray) -> Sequence[Polygon]:
+        """Outlines of the speckled specimen [px]. Raises StageError if the photograph shows no speckles."""
         from dicflow.core.photographs.region import speckled_region
         from dicflow.core.photographs.texture import texture
 
         if self.window > min(image.shape) / 2:
             raise StageError(
-                f"a window of {self.window} px sees no outline in a photograph of "
-                f"{image.shape[1]} × {image.shape[0]} px; take {min(image.shape) // 2} px at most"
+                f"a window of {self.window} px is too large for a photograph of "
+                f"{image.shape[1]} × {image.shape[0]} px; use {min(image.shape) // 2} px at most"
             )
         polygons = speckled_region(texture(image, self.window))
         if not polygons:
@@ -158,7 +158,7 @@ class Region(Node):
 
         size, name = images.size, "the image"
         if self.frame == "photograph" and not images.as_taken:
-            size, name = _needed(cameras).left.size, "the left photograph"
+            size, name = _require_rig(cameras).left.size, "the left photograph"
         if self.rectangle is not None:
             return Selected([rectangle(*self.rectangle)], size, name)
         if self.polygons is not None:
@@ -186,12 +186,12 @@ def _from_file(path: Path, size: tuple[int, int], name: str) -> Sequence[Polygon
     return polygons
 
 
-def _needed(cameras: Rig | None) -> Rig:
-    """The rig. Raises StageError where it is missing."""
+def _require_rig(cameras: Rig | None) -> Rig:
+    """The rig. Raises StageError if it is missing."""
     if cameras is None:
         raise StageError(
-            "a region given in the photograph needs the rig to be found in the rectified image; name the stage that "
-            "calibrates as 'rig', or say frame: tracked"
+            "a region given in the photograph needs the rig to carry it into the rectified image; name the stage that "
+            "calibrates as 'rig', or set frame: tracked"
         )
     return cameras
 
@@ -201,7 +201,7 @@ def _to_tracked(images: Images, cameras: Rig | None) -> Callable[[np.ndarray], n
     from dicflow.core.cameras.camera import undistort
     from dicflow.core.cameras.rectification import raw_to_rectified, rectification
 
-    rig = _needed(cameras)
+    rig = _require_rig(cameras)
     camera = rig.left
     if images.product.kind == "plane":
         return lambda points: undistort(camera, points) @ camera.matrix[:2, :2].T + camera.matrix[:2, 2]
@@ -210,6 +210,7 @@ def _to_tracked(images: Images, cameras: Rig | None) -> Callable[[np.ndarray], n
 
 
 def _check_inside(chosen: Selected) -> None:
+    """Raise StageError if the region reaches outside the image."""
     from dicflow.core.photographs.region import bounding_box
 
     x0, y0, x1, y1 = bounding_box(chosen.polygons)
@@ -222,7 +223,7 @@ def _check_inside(chosen: Selected) -> None:
 
 
 def _check_texture(image: np.ndarray, polygons: Sequence[Polygon]) -> None:
-    """A region must show a pattern."""
+    """Raise StageError if the region shows too little texture."""
     from dicflow.core.photographs.region import rasterise
     from dicflow.core.photographs.texture import MIN_TEXTURE, mean_intensity_gradient
 

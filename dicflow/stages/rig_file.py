@@ -21,8 +21,8 @@ __all__ = ["RigFile"]
 class RigFile(Node):
     """Read a calibration of both cameras: OpenCV, MatchID, VIC-3D, DICe, OpenCorr, pyvale, MATLAB or dicflow's own.
 
-    The photographs say their size where the file does not, and must have the file's where it does. How exact the
-    calibration is, only dicflow's own files say.
+    The photographs give their size if the file does not; otherwise they must have the size in the file. Only dicflow's
+    own files hold the covariance of the calibration.
     """
 
     title: ClassVar = "read the rig"
@@ -55,40 +55,40 @@ class RigFile(Node):
         for path, fact in facts.items():
             if not fact["sized"] and "images" not in inputs:
                 raise InputError(
-                    f"{path}: does not say the size of the photographs; name the stage of the photographs as 'images'"
+                    f"{path}: does not give the size of the photographs; name the stage of the photographs as 'images'"
                 )
 
     def run(self, file_path: Path, images: Product | None = None) -> Product:
         from dicflow.io.calibrations.read import read_calibration
 
-        found = read_calibration(file_path, None if images is None else Images.read(images).size)
-        summary = _summary(found)
+        calibration = read_calibration(file_path, None if images is None else Images.read(images).size)
+        summary = _summary(calibration)
         return CalibratedRig.write(
-            found.rig,
-            _verdict(file_path, found, summary),
+            calibration.rig,
+            _verdict(file_path, calibration, summary),
             summary,
-            covariance=found.covariance,
-            program=found.program,
-            warnings=found.warnings,
+            covariance=calibration.covariance,
+            program=calibration.program,
+            warnings=calibration.warnings,
         )
 
 
-def _summary(found: Calibration) -> dict[str, float]:
+def _summary(calibration: Calibration) -> dict[str, float]:
     import numpy as np
 
     from dicflow.core.cameras.camera import rotation_angle_deg
 
     return {
-        "baseline_mm": float(np.linalg.norm(found.rig.translation)),
-        "angle_deg": rotation_angle_deg(found.rig.rotation),
+        "baseline_mm": float(np.linalg.norm(calibration.rig.translation)),
+        "angle_deg": rotation_angle_deg(calibration.rig.rotation),
     }
 
 
-def _verdict(path: Path, found: Calibration, summary: Mapping[str, float]) -> str:
-    """What was read, as a sentence, with what the user should know of it."""
-    width, height = found.rig.left.size
+def _verdict(path: Path, calibration: Calibration, summary: Mapping[str, float]) -> str:
+    """Origin and geometry of the rig in one sentence, with the warnings about the file."""
+    width, height = calibration.rig.left.size
     origin = (
-        f"read from {path.name} of {found.program}: {width} × {height} px, cameras {summary['baseline_mm']:.1f} mm and "
-        f"{summary['angle_deg']:.1f}° apart"
+        f"read from {path.name} of {calibration.program}: {width} × {height} px, cameras "
+        f"{summary['baseline_mm']:.1f} mm and {summary['angle_deg']:.1f}° apart"
     )
-    return "; ".join([origin, *(f"note that {warning}" for warning in found.warnings)])
+    return "; ".join([origin, *(f"note that {warning}" for warning in calibration.warnings)])

@@ -16,8 +16,8 @@ __all__ = ["Smooth"]
 class Smooth(Node):
     """Replace the displacement at each point by a polynomial fitted to the window around it (Savitzky–Golay in 2D).
 
-    Points without a value stay without. In the material definition ``xyz`` moves with the displacement, so that it is
-    always the place at the step before plus the displacement.
+    Points without a value keep none. In the material definition ``xyz`` is the place at the step before plus the
+    smoothed displacement.
     """
 
     title: ClassVar = "smooth the displacement"

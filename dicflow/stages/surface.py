@@ -29,10 +29,10 @@ class CoordinateDegrees(BaseModel):
 class Surface(Node):
     """Fit a smooth surface to each coordinate of the cloud, as a function of the pixel (column, row).
 
-    The surface stands wherever the cloud has a point, and in a band around it (status FILLED) so that places at the
-    very edge can be interpolated; beyond the band there is nothing. ``degree: auto`` takes the degree with the lowest
-    Bayesian information criterion, counting only as many points as err independently, and says why. The product's
-    ``fit`` holds degree, SSE, R², adjusted R² and RMSE of each coordinate.
+    The surface covers every point of the cloud and a band around them (status FILLED), so that places at the very edge
+    can be interpolated; beyond the band values are NaN. ``degree: auto`` selects the degree with the lowest Bayesian
+    information criterion, with the number of points whose errors are independent. The product's ``fit`` holds degree,
+    the reason for it, SSE, R², adjusted R² and RMSE of each coordinate.
     """
 
     title: ClassVar = "fit smooth surfaces"

@@ -29,7 +29,7 @@ OUTLINE_STEPS = 4  # material steps between the points of the carried outline
 
 
 class State(NamedTuple):
-    """What is carried: the material points (rows, cols, 2) with their status (rows, cols), and the region."""
+    """Material points (rows, cols, 2) with their status (rows, cols), and the region, at one step [px]."""
 
     points: np.ndarray
     status: np.ndarray
@@ -39,11 +39,11 @@ class State(NamedTuple):
 class Track(Node):
     """Follow the region: one plane transform per subset, estimated from the matches in it by MSAC.
 
-    The material points, a regular grid at the first step, and the region's outline go along from step to step. By
-    default they follow the transforms, blended between the subsets' centres, and what the matches around each point
-    deviate from these; without refined matches ``follow: blend`` is less noisy. A subset with too few matches, or a
-    folding transform, gets that of its neighbours' matches; its points are marked as filled from then on. Points
-    that leave the photograph are given up, since nothing tells where they are.
+    The material points, a regular grid at the first step, and the region's outline are carried from step to step. By
+    default they follow the transforms, blended between the subsets' centres, plus the deviation of the matches around
+    each point from these; without refined matches ``follow: blend`` is less noisy. A subset with too few matches, or a
+    folding transform, gets the transform of its neighbours' matches; its points have the status FILLED from then on.
+    Points that leave the photograph are lost.
     """
 
     title: ClassVar = "track subsets"
@@ -77,7 +77,7 @@ class Track(Node):
         return self._next(Matches.read(matches), TrackProduct.read(track_before))
 
     def _first(self, region: Region) -> Product:
-        """The material grid on the region of the first step, and transforms that change nothing."""
+        """The material grid on the region of the first step, and identity transforms."""
         import numpy as np
 
         from dicflow.core.photographs.region import bounding_box, carry, contains
@@ -90,7 +90,7 @@ class Track(Node):
         inside = contains(polygons, points)
         if not inside.any():
             raise StageError(
-                f"the region of {x1 - x0:.0f} × {y1 - y0:.0f} px holds no point of a grid of {self.step_size} px; "
+                f"the region of {x1 - x0:.0f} × {y1 - y0:.0f} px contains no point of a grid of {self.step_size} px; "
                 "use a smaller step_size or a larger region"
             )
         points[~inside] = np.nan
@@ -98,7 +98,7 @@ class Track(Node):
         return self._product(State(points, status, polygons), None)
 
     def _next(self, matches: Matches, before: TrackProduct) -> Product:
-        """Everything carried from the step before to this one."""
+        """Points, outline and transforms, carried from the step before to this one."""
         from dicflow.core.matching.tracking import (
             carry_points,
             follow_matches,
@@ -125,7 +125,7 @@ class Track(Node):
             seed=self.seed,
         )
         if tracked is None:
-            raise StageError(self._lost(int(inside.sum())))
+            raise StageError(self._too_few_inliers(int(inside.sum())))
         state = State(before["points"], before["status"], polygons)
 
         def carried(points: np.ndarray) -> np.ndarray:
@@ -136,15 +136,16 @@ class Track(Node):
         filled = tracked.filled[nearest_subset(grid, state.points)]
         return self._product(_carried(state, carried, filled, matches.image_size), tracked)
 
-    def _lost(self, matches: int) -> str:
+    def _too_few_inliers(self, matches: int) -> str:
+        """The message for a region whose matches fit no transform."""
         return (
-            f"{matches} matches in the region, and none of its {self.subsets[0]} × {self.subsets[1]} subsets has the "
-            f"{self.min_inliers} that agree on one {self.transform} transform; use smaller load steps, fewer subsets "
-            "or another detector"
+            f"{matches} matches in the region, but in none of its {self.subsets[0]} × {self.subsets[1]} subsets do "
+            f"{self.min_inliers} fit one {self.transform} transform; use smaller load steps, fewer subsets or another "
+            "detector"
         )
 
     def _product(self, state: State, tracked: TrackedSubsets | None) -> Product:
-        subsets = tracked or _unmoved(self.subsets)
+        subsets = tracked or _identity(self.subsets)
         return TrackProduct.write(
             state.points, state.status, state.polygons, subsets, self.step_size, _summary(state, tracked)
         )
@@ -174,8 +175,8 @@ def _carried(
     return State(points, status, carry(state.polygons, mapping))
 
 
-def _unmoved(shape: tuple[int, int]) -> TrackedSubsets:
-    """The identity in every subset, resting on nothing, as it stands at the first step."""
+def _identity(shape: tuple[int, int]) -> TrackedSubsets:
+    """The identity in every subset, without matches: the transforms of the first step."""
     import numpy as np
 
     from dicflow.core.matching.tracking import TrackedSubsets
@@ -186,7 +187,7 @@ def _unmoved(shape: tuple[int, int]) -> TrackedSubsets:
 
 
 def _summary(state: State, tracked: TrackedSubsets | None) -> dict[str, Any]:
-    """Counts over the subsets, and the share of the material points that are still followed."""
+    """Number of followed points, and from the second step on counts and residual over the subsets."""
     import numpy as np
 
     from dicflow.core.status import Status

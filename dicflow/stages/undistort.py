@@ -13,7 +13,7 @@ __all__ = ["Undistort"]
 
 
 class Undistort(Node):
-    """Take out the lens distortion of the left photograph; without a rig it stays as it is."""
+    """Remove the lens distortion of the left photograph; without a rig the photograph is unchanged."""
 
     title: ClassVar = "undistort"
     scope: ClassVar = Scope.STEP

@@ -138,7 +138,7 @@ def test_the_square_is_positive(square):
 def test_a_board_seen_in_no_pair():
     none = tuple(corners(None, None) for _ in range(9))
     with pytest.raises(
-        StageError, match=r"a board of 9 × 6 inner corners is seen in no pair of 9; show the whole board"
+        StageError, match=r"a board of 9 × 6 inner corners is seen in none of 9 pairs; show the whole board"
     ):
         stage().run(corners=none)
 

@@ -102,7 +102,7 @@ def test_the_photographs_say_their_size_where_the_file_does_not(folder):
     node = RigFile(file=str(path))
     facts = {path: node.check(path)}
     node.agree(facts, {}, {"images": ("0", "1")})
-    with pytest.raises(InputError, match=r"cal\.caldat: does not say the size .* as 'images'"):
+    with pytest.raises(InputError, match=r"cal\.caldat: does not give the size .* as 'images'"):
         node.agree(facts, {}, {})
     rig = rig_from_json(node.run(file_path=path, images=photographs()).attrs["rig"])
     assert rig.left.size == rig.right.size == SIZE

@@ -166,7 +166,7 @@ def test_a_step_without_texture(region):
 
 def test_a_range_that_holds_nothing(pair, region):
     with pytest.raises(
-        StageError, match=r"next to nothing matches at disparities from 200 to 232 px; .* give another range, or auto"
+        StageError, match=r"almost no pixel matches at disparities from 200 to 232 px; .* give another range, or auto"
     ):
         disparity(range=[200, 231]).run(pair=pair, rig=rig_product(), track=region)
 

@@ -126,9 +126,9 @@ def test_a_square_of_another_size_shows_in_no_figure_but_lengths(marked):
         ({"target": "charuco", "dictionary": "4x4_55", "marker": 0.7}, "Input should be '4x4_50'"),
         ({"target": "charuco", "dictionary": "4x4_50", "marker": 1.2}, "less than 1"),
         ({"target": "charuco", "dictionary": "4x4_50", "marker": 0.7, "size": (11, 8)},
-         "bears 54 markers, more than the 50 of dictionary 4x4_50"),
+         "has 54 markers, more than the 50 of dictionary 4x4_50"),
         ({"target": "charuco", "dictionary": "apriltag_16h5", "marker": 0.7, "size": (7, 7)},
-         "bears 32 markers, more than the 30"),
+         "has 32 markers, more than the 30"),
     ],
 )  # fmt: skip
 def test_a_target_needs_what_belongs_to_it(values, message):
@@ -140,8 +140,8 @@ def test_a_target_needs_what_belongs_to_it(values, message):
     ("target", "extra", "message"),
     [
         ("charuco", {"dictionary": "5x5_50", "marker": 0.5}, "ChArUco: a board of 7 × 5 .* check its dictionary"),
-        ("circles", {}, "a grid of 7 × 5 circles is seen in no pair of 3; check its size"),
-        ("asymmetric_circles", {}, "an asymmetric grid of 7 × 5 circles is seen in no pair of 3"),
+        ("circles", {}, "a grid of 7 × 5 circles is seen in none of 3 pairs; check its size"),
+        ("asymmetric_circles", {}, "an asymmetric grid of 7 × 5 circles is seen in none of 3 pairs"),
     ],
 )
 def test_a_target_that_is_not_seen_is_named(target, extra, message):
