@@ -58,11 +58,7 @@ class Match(Node):
 
         source, target = FeatureSet.read(features_before), FeatureSet.read(features)
         before, after = source.features, target.features
-        if (
-            before.descriptors.dtype != after.descriptors.dtype
-            or before.descriptors.shape[1:] != after.descriptors.shape[1:]
-        ):
-            raise StageError("the features of the two steps come from different detectors; use one detector for both")
+        _check_descriptors(before, after)
         first = match_features(before, after, ratio=self.ratio, mutual=self.mutual)
         pairs = before.xy[first[:, 0]].astype(float), after.xy[first[:, 1]].astype(float)
         if self.guided:
@@ -102,6 +98,13 @@ class Match(Node):
             refined = refine_matches(image_before, image, *pairs, gradient, window_px=self.window)
             pairs = _kept((refined.reference, refined.deformed), refined.correlation >= self.min_correlation)
         return pairs
+
+
+def _check_descriptors(before: Features, after: Features) -> None:
+    """Raise StageError if the descriptors differ in type or length, so that they cannot be compared."""
+    one, other = before.descriptors, after.descriptors
+    if one.dtype != other.dtype or one.shape[1:] != other.shape[1:]:
+        raise StageError("the features of the two steps come from different detectors; use one detector for both")
 
 
 def _kept(pairs: Pairs, keep: np.ndarray) -> Pairs:

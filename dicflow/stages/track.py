@@ -18,8 +18,10 @@ if TYPE_CHECKING:
 
     import numpy as np
 
-    from dicflow.core.matching.tracking import TrackedSubsets
+    from dicflow.core.matching.tracking import SubsetGrid, TrackedSubsets
     from dicflow.core.photographs.region import Polygon
+
+    Pairs = tuple[np.ndarray, np.ndarray]
 
 __all__ = ["Track"]
 
@@ -99,24 +101,24 @@ class Track(Node):
 
     def _next(self, matches: Matches, before: TrackProduct) -> Product:
         """Points, outline and transforms, carried from the step before to this one."""
-        from dicflow.core.matching.tracking import (
-            carry_points,
-            follow_matches,
-            nearest_subset,
-            subset_grid,
-            track_subsets,
-        )
-        from dicflow.core.photographs.region import bounding_box, contains
+        from dicflow.core.matching.tracking import nearest_subset, subset_grid
+        from dicflow.core.photographs.region import bounding_box
 
-        polygons = before.polygons
-        grid = subset_grid(bounding_box(polygons), self.subsets, self.overlap)
-        source, target = matches.pairs
-        inside = contains(polygons, source)
+        state = State(before["points"], before["status"], before.polygons)
+        grid = subset_grid(bounding_box(state.polygons), self.subsets, self.overlap)
+        tracked = self._transforms(grid, state.polygons, matches)
+        mapping = self._mapping(grid, tracked, _inside(state.polygons, matches))
+        filled = tracked.filled[nearest_subset(grid, state.points)]
+        return self._product(_carried(state, mapping, filled, matches.image_size), tracked)
+
+    def _transforms(self, grid: SubsetGrid, polygons: Sequence[Polygon], matches: Matches) -> TrackedSubsets:
+        """Transforms of all subsets. Raises StageError if no subset has enough inliers."""
+        from dicflow.core.matching.tracking import track_subsets
+
         tracked = track_subsets(
             grid,
             polygons,
-            source,
-            target,
+            *matches.pairs,
             matches.features,
             kind=self.transform,
             threshold_px=self.threshold,
@@ -125,16 +127,19 @@ class Track(Node):
             seed=self.seed,
         )
         if tracked is None:
-            raise StageError(self._too_few_inliers(int(inside.sum())))
-        state = State(before["points"], before["status"], polygons)
+            raise StageError(self._too_few_inliers(len(_inside(polygons, matches)[0])))
+        return tracked
 
-        def carried(points: np.ndarray) -> np.ndarray:
-            if self.follow == "matches":
-                return follow_matches(grid, tracked.transforms, source[inside], target[inside], points)
-            return carry_points(grid, tracked.transforms, points, blend=self.follow == "blend")
+    def _mapping(self, grid: SubsetGrid, tracked: TrackedSubsets, pairs: Pairs) -> Callable[[np.ndarray], np.ndarray]:
+        """The mapping of points (..., 2) from the step before to this one [px].
 
-        filled = tracked.filled[nearest_subset(grid, state.points)]
-        return self._product(_carried(state, carried, filled, matches.image_size), tracked)
+        pairs : positions (n, 2) of the matches in the region at both steps [px]
+        """
+        from dicflow.core.matching.tracking import carry_points, follow_matches
+
+        if self.follow == "matches":
+            return lambda points: follow_matches(grid, tracked.transforms, *pairs, points)
+        return lambda points: carry_points(grid, tracked.transforms, points, blend=self.follow == "blend")
 
     def _too_few_inliers(self, matches: int) -> str:
         """The message for a region whose matches fit no transform."""
@@ -149,6 +154,15 @@ class Track(Node):
         return TrackProduct.write(
             state.points, state.status, state.polygons, subsets, self.step_size, _summary(state, tracked)
         )
+
+
+def _inside(polygons: Sequence[Polygon], matches: Matches) -> Pairs:
+    """Positions (n, 2) at both steps of the matches in the region at the step before [px]."""
+    from dicflow.core.photographs.region import contains
+
+    source, target = matches.pairs
+    inside = contains(polygons, source)
+    return source[inside], target[inside]
 
 
 def _carried(
