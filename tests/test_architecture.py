@@ -55,7 +55,7 @@ ONLY_IN: Mapping[str, Set[str]] = {
     "dask": {"engine"},
     "distributed": {"engine"},
     "numcodecs": {"engine"},
-    "zarr": set(),
+    "zarr": {"engine", "pipeline"},
     "pandas": set(),
     "matplotlib": {"views"},
     "bokeh": {"views"},
@@ -68,7 +68,7 @@ ONLY_IN: Mapping[str, Set[str]] = {
     "typer": {"cli"},
     "rich": {"cli", "views"},
 }
-"""The layers that import a library. zarr opens products in tests alone."""
+"""The layers that import a library."""
 
 CHAPTERS: Mapping[str, Set[str]] = {
     "photographs": set(),

@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from dicflow.engine.graph import Graph
+from dicflow.engine.lazy import lazy_dataset, open_group
 from dicflow.engine.node import Scope
 from dicflow.engine.product import Product
 from dicflow.engine.references import Ref, load
@@ -18,6 +19,7 @@ from dicflow.kinds.kind import summary_of
 
 if TYPE_CHECKING:
     import xarray
+    import zarr
 
     from dicflow.engine.execute import RunResult
 
@@ -111,9 +113,27 @@ class Result:
             raise DicflowError(f"{self.task(stage, step, variant)} has gone from the store; run the pipeline again")
         return tuple(manifest.content["variables"][array]["shape"])
 
-    def dataset(self, stage: str, step: str | int | None = None, variant: int = 0) -> xarray.Dataset:
-        """One product as an xarray dataset."""
-        return self.product(stage, step, variant).to_dataset()
+    def dataset(
+        self, stage: str, step: str | int | None = None, variant: int = 0, *, chunks: Any = None
+    ) -> xarray.Dataset:
+        """One product as an xarray dataset; with ``chunks`` that of all steps, whose arrays dask reads when used.
+
+        chunks : as in xarray: "auto" for an array of a step in each, or lengths by dimension. Without a step only
+        Raises ConfigurationError for chunks of one step, and where an array has not one shape at all steps.
+        """
+        if chunks is None:
+            return self.product(stage, step, variant).to_dataset()
+        if step is not None:
+            raise ConfigurationError("chunks are for all steps of a stage at once; leave out the step, or the chunks")
+        refs = {name: self.ref(stage, name, variant) for name in self.steps(stage, variant)}
+        if not refs:
+            raise ConfigurationError(f"{stage} runs once and has no steps; leave out the chunks")
+        dataset = lazy_dataset(self._store, refs)
+        return dataset if chunks == "auto" else dataset.chunk(chunks)
+
+    def open(self, stage: str, step: str | int | None = None, variant: int = 0) -> zarr.Group:
+        """One product as a group of zarr's arrays, read-only. Raises as :meth:`product` does."""
+        return open_group(self._store, self.ref(stage, step, variant))
 
     def table(self) -> list[dict[str, Any]]:
         """One row per variant: the values of the sweep, then the scalars of every stage, as means over its steps."""

@@ -1,0 +1,66 @@
+"""Products of a result as groups of zarr's and as datasets of xarray, also of all steps at once."""
+
+from __future__ import annotations
+
+import dask.array
+import numpy as np
+import pytest
+import zarr
+
+import dicflow
+from dicflow.engine import lazy
+from dicflow.engine.references import load
+from dicflow.errors import ConfigurationError
+
+
+@pytest.fixture(scope="module")
+def result(pipeline, measured):
+    return dicflow.Pipeline.load(pipeline).result()
+
+
+@pytest.mark.parametrize(("stage", "step"), [("total", "step_01"), ("photos", 0)])
+def test_a_product_opens_as_a_group_of_zarr(result, stage, step):
+    """Photographs are not kept here and are made again; totals are read where they lie."""
+    group, product = result.open(stage, step), result.product(stage, step)
+    assert isinstance(group, zarr.Group)
+    assert group.attrs["kind"] == product.kind
+    assert set(group.array_keys()) == set(product.variables)
+    for name, variable in product.variables.items():
+        np.testing.assert_array_equal(group[name][...], variable.values)
+        assert group[name].metadata.dimension_names == variable.dims
+        assert group[name].attrs["units"] == variable.units
+
+
+def test_a_group_of_the_store_is_read_only(result):
+    with pytest.raises(ValueError, match="read-only"):
+        result.open("total", 0)["U"][...] = 0.0
+
+
+def test_all_steps_are_one_lazy_dataset(result, monkeypatch):
+    read = []
+    monkeypatch.setattr(lazy, "load", lambda store, ref: read.append(ref.digest) or load(store, ref))
+    whole = result.dataset("total", chunks="auto")
+    assert list(whole.step.values) == list(result.steps("total"))
+    assert isinstance(whole.U.data, dask.array.Array)
+    assert whole.U.data.numblocks[0] == len(result.steps("total"))
+    assert not read
+    last = whole.U.isel(step=-1).values
+    assert len(read) == 1
+    np.testing.assert_array_equal(last, result.product("total", -1)["U"])
+    assert (whole.U.attrs["units"], whole.U.dims) == ("mm", ("step", "row", "col"))
+
+
+def test_chunks_along_a_dimension(result):
+    whole = result.dataset("total", chunks={"row": 5})
+    assert max(whole.U.chunksizes["row"]) == 5
+
+
+def test_arrays_of_several_shapes_are_no_dataset(result):
+    with pytest.raises(ConfigurationError, match="another shape at"):
+        result.dataset("features", chunks="auto")
+
+
+@pytest.mark.parametrize(("stage", "step"), [("total", 0), ("rig", None)])
+def test_chunks_are_for_stages_with_steps(result, stage, step):
+    with pytest.raises(ConfigurationError, match="leave out"):
+        result.dataset(stage, step, chunks="auto")
