@@ -104,11 +104,9 @@ class Stereo(SubsetSearch):
         rig: Product,
         correlation: Product,
         correlation_first: Product,
-        images_before: Product | None = None,
-        correlation_before: Product | None = None,
-        stereo_first: Product | None = None,
-        stereo_before: Product | None = None,
+        **before: Product | None,
     ) -> Product:
+        """``before`` has the remaining ports, empty at the first step."""
         cameras = CalibratedRig.read(rig).cameras
         view = _View(
             Images.read(images),
@@ -117,14 +115,13 @@ class Stereo(SubsetSearch):
             Correlation.read(correlation_first),
         )
         view.images.check_sizes(cameras)
-        if images_before is None or correlation_before is None or stereo_before is None:
+        earlier = _before(**before)
+        if earlier is None:
             return self._first_step(cameras, view)
-        before = _Before(
-            Images.read(images_before), Correlation.read(correlation_before), StereoPoints.read(stereo_before)
-        )
+        stereo_first = before.get("stereo_first")
         if self.match == "first_step" and stereo_first is not None:
-            return self._followed(cameras, view, before, StereoPoints.read(stereo_first))
-        return self._next_step(cameras, view, before)
+            return self._followed(cameras, view, earlier, StereoPoints.read(stereo_first))
+        return self._next_step(cameras, view, earlier)
 
     def _first_step(self, cameras: Rig, view: _View) -> Product:
         """The points matched at the first step, where left and right and the pattern are checked."""
@@ -209,6 +206,18 @@ class Stereo(SubsetSearch):
         facts = {"interpolation": self.interpolation, "match": self.match, "summary": summary}
         grid = SubsetGrid(left.grid.step_size, left.grid.subset_size, self.shape_function)
         return StereoPoints.write(found, apart, status, grid, noise_ratio, facts)
+
+
+def _before(
+    images_before: Product | None = None,
+    correlation_before: Product | None = None,
+    stereo_before: Product | None = None,
+    stereo_first: Product | None = None,
+) -> _Before | None:
+    """The step before; None at the first step."""
+    if images_before is None or correlation_before is None or stereo_before is None:
+        return None
+    return _Before(Images.read(images_before), Correlation.read(correlation_before), StereoPoints.read(stereo_before))
 
 
 def _check_pattern(image: np.ndarray, places: np.ndarray) -> None:

@@ -113,19 +113,10 @@ class Track(Node):
 
     def _transforms(self, grid: SubsetGrid, polygons: Sequence[Polygon], matches: Matches) -> TrackedSubsets:
         """Transforms of all subsets. Raises StageError if no subset has enough inliers."""
-        from dicflow.core.matching.tracking import track_subsets
+        from dicflow.core.matching.tracking import Estimation, track_subsets
 
-        tracked = track_subsets(
-            grid,
-            polygons,
-            *matches.pairs,
-            matches.features,
-            kind=self.transform,
-            threshold_px=self.threshold,
-            confidence=self.confidence,
-            min_inliers=self.min_inliers,
-            seed=self.seed,
-        )
+        estimation = Estimation(self.transform, self.threshold, self.confidence, self.min_inliers, self.seed)
+        tracked = track_subsets(grid, polygons, *matches.pairs, matches.features, estimation)
         if tracked is None:
             raise StageError(self._too_few_inliers(len(_inside(polygons, matches)[0])))
         return tracked

@@ -34,6 +34,7 @@ _VALID, _OUTSIDE, _NOT_CONVERGED = int(Status.VALID), int(Status.OUTSIDE), int(S
 class Control(NamedTuple):
     """Settings of the iteration; see :class:`dicflow.core.correlation.subsets.Subset` and ``correlate`` there."""
 
+    degree: int
     min_share: float
     iterations: int
     tolerance_px: float
@@ -76,7 +77,6 @@ def prepare(p: Pixels, n: int, ones_like_f: Image, normal: NormalEquations) -> b
 @njit(cache=True, nogil=True, error_model="numpy")
 def iterate(
     coefficients: Image,
-    degree: int,
     p: Pixels,
     n: int,
     half: int,
@@ -94,13 +94,13 @@ def iterate(
     terms, level = len(normal.increment) // 2, np.float32(normal.statistics[0])
     last_size, ratio, znssd = 0.0, np.nan, np.nan
     for iteration in range(1, control.iterations + 1):
-        if not locate_pixels(c, coefficients.shape, degree, p, n, half, places):
+        if not locate_pixels(c, coefficients.shape, control.degree, p, n, half, places):
             return _OUTSIDE, iteration, znssd, np.nan
         if abs(c[0, 1] - 1.0) + abs(c[1, 1]) < _MAX_SLIP_OF_RUNS:
-            sample_runs(flat, width, degree, places, n, 2 * half + 1)
+            sample_runs(flat, width, control.degree, places, n, 2 * half + 1)
             grey_sums(places.g, level, p, n, normal.grey_sums)
         else:
-            gathered_sums(flat, width, degree, places, level, p, n, normal.grey_sums)
+            gathered_sums(flat, width, control.degree, places, level, p, n, normal.grey_sums)
         znssd = _increment(normal)
         size = _rms_motion(normal.increment)
         if not size < half:

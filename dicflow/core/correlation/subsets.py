@@ -157,15 +157,18 @@ def correlate(
     found = _untracked(start)
     whole_pixels, weight = centres.astype(np.int64), _weight(subset)
     control = Control(
-        subset.min_share, subset.iterations, float(subset.tolerance_px), subset.gaussian > 0.0, contraction
+        target.degree,
+        subset.min_share,
+        subset.iterations,
+        float(subset.tolerance_px),
+        subset.gaussian > 0.0,
+        contraction,
     )
 
     def correlate_chunk(first: int) -> None:
         chunk = slice(first, first + _CHUNK)
         results = Correlated._make(field[chunk] for field in found)
-        _correlate(
-            reference, target.coefficients, target.degree, whole_pixels[chunk], start[chunk], weight, control, results
-        )
+        _correlate(reference, target.coefficients, whole_pixels[chunk], start[chunk], weight, control, results)
 
     firsts = range(0, len(centres), _CHUNK)
     if threads == 1:
@@ -243,7 +246,6 @@ def _copy_square(image: Image, row: int, col: int, size: int, out: Image) -> Non
 def _correlate(
     reference: Template,
     coefficients: Image,
-    degree: int,
     centres: Index,
     start: Array,
     weight: Image,
@@ -282,7 +284,7 @@ def _correlate(
             continue
         _copy_coefficients(c, start[k])
         found.status[k], found.iterations[k], found.znssd[k], found.contraction[k] = iterate(
-            coefficients, degree, p, n, half, normal, control, places, c
+            coefficients, p, n, half, normal, control, places, c
         )
         if found.status[k] == _VALID:
             _copy_coefficients(found.warp[k], c)

@@ -92,24 +92,34 @@ def subset_grid(box: tuple[float, float, float, float], shape: tuple[int, int], 
     return SubsetGrid(x, y, float(half[0]), float(half[1]), cell)
 
 
+class Estimation(NamedTuple):
+    """How the transform of a subset is estimated from its matches by MSAC.
+
+    threshold_px : distance from which a match counts as wrong [px]
+    confidence : probability that one of the random samples has no wrong match
+    min_inliers : a subset with fewer is filled from its neighbours
+    seed : of the random samples
+    """
+
+    kind: TransformKind = "projective"
+    threshold_px: float = 1.5
+    confidence: float = 0.99
+    min_inliers: int = 8
+    seed: int = 0
+
+
 def track_subsets(
     grid: SubsetGrid,
     polygons: Sequence[Polygon],
     source: Array,
     target: Array,
     features: Array,
-    *,
-    kind: TransformKind = "projective",
-    threshold_px: float = 1.5,
-    confidence: float = 0.99,
-    min_inliers: int = 8,
-    seed: int = 0,
+    estimation: Estimation,
 ) -> TrackedSubsets | None:
     """Transform of each subset from the matches inside it and inside the region.
 
     source, target : (m, 2) — matches [px]
     features : (n, 2) — all features of the reference image [px]
-    min_inliers : a subset with fewer is filled from its neighbours
     Returns None where all transforms are missing or implausible.
     """
     inside = contains(polygons, source)
@@ -122,12 +132,12 @@ def track_subsets(
     for row, column in np.ndindex(*shape):
         inside_subset = np.flatnonzero(grid.members(row, column, source))
         found = msac(
-            kind, source[inside_subset], target[inside_subset],
-            threshold_px=threshold_px, confidence=confidence, seed=(seed, row, column),
+            estimation.kind, source[inside_subset], target[inside_subset], threshold_px=estimation.threshold_px,
+            confidence=estimation.confidence, seed=(estimation.seed, row, column),
         )  # fmt: skip
         number = int(found.inliers.sum())
         counts[:, row, column] = grid.members(row, column, features).sum(), len(inside_subset), number
-        if number >= min_inliers:
+        if number >= estimation.min_inliers:
             transforms[row, column], residual[row, column] = found.transform, found.residual_px
             inliers[row, column, inside_subset[found.inliers]] = True
     plausible = _is_plausible(grid, transforms)

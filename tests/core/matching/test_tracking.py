@@ -1,7 +1,14 @@
 import numpy as np
 import pytest
 
-from dicflow.core.matching.tracking import carry_points, follow_matches, nearest_subset, subset_grid, track_subsets
+from dicflow.core.matching.tracking import (
+    Estimation,
+    carry_points,
+    follow_matches,
+    nearest_subset,
+    subset_grid,
+    track_subsets,
+)
 from dicflow.core.matching.transform import apply_transform
 from dicflow.core.photographs.region import Polygon, rectangle
 
@@ -13,7 +20,7 @@ GRID = subset_grid(BOX, (3, 4), 0.25)
 
 
 def track(target, source=SOURCE, grid=GRID, region=REGION, **options):
-    return track_subsets(grid, region, source, target, source, **options)
+    return track_subsets(grid, region, source, target, source, Estimation(**options))
 
 
 def test_subsets_tile_the_box_and_overlap():
