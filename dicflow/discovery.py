@@ -1,7 +1,7 @@
-"""Members of a registry: the modules of a package of ours, and the entry points of the packages of others.
+"""Members of a registry: the modules of a package of dicflow, and entry points of other packages.
 
 A module is a member under its own name, an entry point under the name that its package gives it. Nothing is imported
-before it is used, so a plug-in that is broken harms nobody who does not use it.
+before it is used, so a broken plug-in affects only those who use it.
 """
 
 from __future__ import annotations
@@ -27,8 +27,8 @@ class Member(NamedTuple):
     """Where a member is defined.
 
     module : full name of its module
-    attribute : what it is in there; empty for the module itself
-    place : the module, or the package of others with its version and entry point, as messages name it
+    attribute : name of the member in the module; empty for the module itself
+    place : the module, or the other package with its version and the entry point, as messages name it
     is_plugin : whether it is an entry point of another package
     """
 
@@ -46,7 +46,7 @@ class Registry:
     what : the sort in messages, such as "stage"
     package : package of ours whose modules are members, but those whose name starts with ``_``; "" for none
     group : group of entry points whose value is ``package.module`` or ``package.module:attribute``
-    needs : names that a member must define; a module of ours without the first is a helper of the others
+    needs : names that a member must define; a module of ``package`` without the first one is not a member
     """
 
     what: str
@@ -55,7 +55,7 @@ class Registry:
     needs: tuple[str, ...] = ()
 
     def members(self) -> tuple[Member, ...]:
-        """All members by name. A name that two packages use is in it twice."""
+        """All members, sorted by name. A name that two packages use occurs twice."""
         return _members(self)
 
     def names(self) -> tuple[str, ...]:
@@ -65,8 +65,8 @@ class Registry:
     def find(self, name: str) -> Member:
         """The member of this name.
 
-        Raises ConfigurationError that suggests the nearest name for an unknown one, and for a name that exists twice
-        names both places.
+        Raises ConfigurationError that suggests the nearest name for an unknown one, and names both
+        places for a name that exists twice.
         """
         found = [member for member in self.members() if member.name == name]
         if not found:
@@ -78,7 +78,7 @@ class Registry:
         return found[0]
 
     def load(self, name: str) -> Any:
-        """Import a member: a module, or what the entry point names in it.
+        """Import a member: a module, or the object that the entry point names.
 
         Raises ConfigurationError as :meth:`find`, and for a plug-in that cannot be imported or lacks what it needs.
         """
@@ -107,8 +107,10 @@ class Registry:
             return default if value is None else ast.literal_eval(value)
 
     def plugin_code(self) -> list[str]:
-        """What changes with the plug-ins: place and source of each; no source where it cannot be read."""
-        return [text for member in self.members() if member.is_plugin for text in (member.place, _readable(member))]
+        """Place and source text of each plug-in; the text is empty if it cannot be read."""
+        return [
+            text for member in self.members() if member.is_plugin for text in (member.place, _source_or_empty(member))
+        ]
 
     @contextmanager
     def _usable(self, member: Member) -> Iterator[None]:
@@ -125,17 +127,17 @@ class Registry:
 
 
 def nearest(word: str, words: Iterable[str]) -> str:
-    """``", did you mean 'x'?"`` where one of the words is near, else nothing."""
+    """``", did you mean 'x'?"`` if one of the words is near, else an empty string."""
     near = difflib.get_close_matches(word, list(words), n=1, cutoff=0.6)
     return f", did you mean '{near[0]}'?" if near else ""
 
 
 @cache
 def _members(registry: Registry) -> tuple[Member, ...]:
-    return tuple(sorted([*_ours(registry), *_plugins(registry)]))
+    return tuple(sorted([*_own_members(registry), *_plugin_members(registry)]))
 
 
-def _ours(registry: Registry) -> Iterator[Member]:
+def _own_members(registry: Registry) -> Iterator[Member]:
     if not registry.package:
         return
     package = importlib.import_module(registry.package)
@@ -145,7 +147,7 @@ def _ours(registry: Registry) -> Iterator[Member]:
             yield Member(found.name, module, "", module, is_plugin=False)
 
 
-def _plugins(registry: Registry) -> Iterator[Member]:
+def _plugin_members(registry: Registry) -> Iterator[Member]:
     from importlib.metadata import entry_points  # costs more than the rest of this module
 
     for point in entry_points(group=registry.group):
@@ -156,14 +158,14 @@ def _plugins(registry: Registry) -> Iterator[Member]:
 
 @cache
 def _source(module: str) -> str:
-    """The text of a module that is not imported; the packages it is in are."""
+    """Text of a module, which is not imported itself; the packages around it are."""
     spec = find_spec(module)
     if spec is None or not isinstance(spec.loader, InspectLoader):
         raise ModuleNotFoundError(f"No module named '{module}'")
     return spec.loader.get_source(module) or ""
 
 
-def _readable(member: Member) -> str:
+def _source_or_empty(member: Member) -> str:
     try:
         return _source(member.module)
     except Exception:  # the code of others, imported on the way

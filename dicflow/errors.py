@@ -7,10 +7,10 @@
     ├── InputError           a file that the user brings is missing or unusable (exit code 2)
     ├── StageError           a stage could not do its work on its inputs        (exit code 1)
     └── StoreError           the store cannot be read or written                (exit code 2)
-        ├── DamagedError     a product in it turns out damaged                  (exit code 1)
-        └── NotKeptError     a product was not kept, nor can it be made again   (exit code 2)
+        ├── DamagedError     a product in it is damaged                         (exit code 1)
+        └── NotKeptError     a product was not kept and cannot be made again    (exit code 2)
 
-Exit code 2 says that nothing was done: what was given cannot be used. Within a task every error fails that task alone,
+Exit code 2 means that nothing was done, because the input is unusable. An error within a task fails that task alone,
 and the run ends with 1.
 
 Every message is a sentence that says what was expected, what was found, where, and what to do.
@@ -31,7 +31,7 @@ __all__ = [
 
 
 class DicflowError(Exception):
-    """Root of all errors with a message made for users."""
+    """Root of all errors with a message for users."""
 
     exit_code = 1
 
@@ -59,10 +59,10 @@ class StoreError(DicflowError):
 
 
 class DamagedError(StoreError):
-    """An object of the store that had passed for complete is not; it has been moved into quarantine."""
+    """An object in the store is damaged; it has been moved into quarantine."""
 
     exit_code = 1
 
 
 class NotKeptError(StoreError):
-    """A product was not kept, and what it was made from is not at hand."""
+    """A product was not kept, and an input for making it again is missing."""

@@ -37,7 +37,7 @@ class Measured(NamedTuple):
 
     places : (row, col, 2) — of the points in the first left photograph [px]
     total : what became of them
-    noise : of the photographs, as they tell or were told [grey levels]
+    noise : of the photographs, measured or given [grey levels]
     """
 
     places: np.ndarray
@@ -47,8 +47,8 @@ class Measured(NamedTuple):
 
 def coverage() -> Iterator[Figure]:
     """Subsets as they are by default, affine in time and quadratic across, and quadratic in both."""
-    told = measured(0, Correlate()).noise / TRUE_NOISE
-    yield Figure("coverage in space: noise as the photographs tell it, over the true one", told)
+    ratio = measured(0, Correlate()).noise / TRUE_NOISE
+    yield Figure("coverage in space: noise measured in the photographs, over the true one", ratio)
     for way, shape_function in (("by default", "affine"), ("quadratic", "quadratic")):
         yield from covered(f"coverage in space, {way}", shape_function)
 
@@ -66,9 +66,9 @@ def covered(name: str, shape_function: Literal["affine", "quadratic"]) -> Iterat
         all_of_them = np.concatenate(scaled)
         print(f"{quantity:<6}{all_of_them.std():>8.3f}{all_of_them.mean():>8.3f}", end="")
         print("".join(f"{share:>8.1f}" for share in shares), f"{all_of_them.size:>9}")
-        for share, (sigmas, wanted, tolerance) in zip(shares, BARS, strict=True):
-            text = f"{name}: |share within {sigmas}σ of {quantity} − {wanted:g} %|"
-            yield Figure(text, abs(share - wanted), tolerance, unit="%")
+        for share, (sigmas, expected, tolerance) in zip(shares, BARS, strict=True):
+            text = f"{name}: |share within {sigmas}σ of {quantity} − {expected:g} %|"
+            yield Figure(text, abs(share - expected), tolerance, unit="%")
     yield Figure(f"{name}: largest standard error of these shares", max(doubts), 1.0, unit="%")
 
 

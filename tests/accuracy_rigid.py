@@ -70,7 +70,7 @@ class Calibrated(NamedTuple):
     """What the calibrated rig adds to one motion, root mean squares over the points.
 
     extra : difference of the displacement from that with the exact rig [µm]
-    predicted : σ of it, as the calibration tells it [µm]
+    predicted : σ of it by the calibration [µm]
     motion : the displacement itself [µm]
     """
 
@@ -84,7 +84,7 @@ def rigid_motions() -> Iterator[Figure]:
     result = run_text("rigid", TEXT, made("rigid", scene.write_photographs))
     noise = result.product("correlation", 1).attrs["noise_grey"] / np.hypot(scene.NOISE, 12**-0.5)
     name = f"rigid motion, field of view {FIELD:g} mm"
-    yield Figure(f"{name}: noise as the photographs tell it, over the true one", noise)
+    yield Figure(f"{name}: noise measured in the photographs, over the true one", noise)
     for ending, way in WAYS.items():
         yield from with_exact_rig(f"{name}, {way}", measured(result, ending))
     yield from with_calibrated_rig(name, [added(result, step) for step in result.steps("total")])

@@ -51,14 +51,14 @@ _VIEWER = """
 
 
 def chromium() -> str | None:
-    """The browser's program, None where there is none."""
+    """The browser's program; None if missing."""
     return next(
         (path for name in ("chromium", "chromium-browser", "google-chrome") if (path := shutil.which(name))), None
     )
 
 
 class Page:
-    """A tab. ``events`` holds all that it has told since it was opened."""
+    """A tab. ``events`` holds all its messages since it was opened."""
 
     def __init__(self, loop: asyncio.AbstractEventLoop, socket: WebSocketClientConnection) -> None:
         self._loop, self._socket, self._number = loop, socket, 0
@@ -82,26 +82,28 @@ class Page:
         """Show a file and wait until it is loaded."""
         self.events.clear()
         self.send("Page.navigate", url=path.resolve().as_uri())
-        while not self.told("Page.loadEventFired"):
+        while not self.messages("Page.loadEventFired"):
             self._read()
 
-    def told(self, method: str) -> list[dict[str, Any]]:
-        """What the page has told of one kind."""
+    def messages(self, method: str) -> list[dict[str, Any]]:
+        """The page's messages of one kind."""
         return [event["params"] for event in self.events if event["method"] == method]
 
     def complaints(self) -> list[Any]:
         """Errors and warnings on the console, and exceptions of scripts."""
         self.evaluate("0")
-        entries = [told["entry"] for told in self.told("Log.entryAdded")]
+        entries = [message["entry"] for message in self.messages("Log.entryAdded")]
         calls = [
-            told for told in self.told("Runtime.consoleAPICalled") if told["type"] in ("error", "warning", "assert")
+            message
+            for message in self.messages("Runtime.consoleAPICalled")
+            if message["type"] in ("error", "warning", "assert")
         ]
         loud = [entry for entry in entries if entry["level"] in ("error", "warning")]
-        return [*loud, *calls, *self.told("Runtime.exceptionThrown")]
+        return [*loud, *calls, *self.messages("Runtime.exceptionThrown")]
 
     def requests(self) -> list[str]:
         """Addresses of all that was asked for, but data in the page itself."""
-        asked = [told["request"]["url"] for told in self.told("Network.requestWillBeSent")]
+        asked = [message["request"]["url"] for message in self.messages("Network.requestWillBeSent")]
         return [address for address in asked if not address.startswith("data:")]
 
     def evaluate(self, script: str) -> Any:

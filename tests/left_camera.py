@@ -13,7 +13,7 @@ from dicflow.core.photographs.region import Polygon, rasterise, rectangle
 from dicflow.core.status import Status
 from dicflow.core.tensors import congruent
 from dicflow.engine.product import Product, Variable
-from dicflow.kinds.correlation import reference_layouts
+from dicflow.kinds.correlation import reference_variables
 from dicflow.kinds.region import polygons_to_json
 
 SUBSET = Subset(31, "quadratic")
@@ -107,7 +107,7 @@ def through_reference(between: Product, photograph: np.ndarray, image: np.ndarra
     reference_step = ReferencePhotograph(photograph, (0, 0), everywhere, *known)
     begin = np.concatenate([starts[..., None], between["gradient"]], axis=-1)
     found = find_points(reference_step, spline(image, 5), begin, search, VIA_REFERENCE_STEP)
-    carried, reference = reference_layouts(reference_step, facts["subset_size"])
+    carried, reference = reference_variables(reference_step, facts["subset_size"])
     arrays = {
         "xy": found.warp[..., 0],
         "gradient": found.warp[..., 1:3],

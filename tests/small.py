@@ -36,8 +36,8 @@ class Answer(NamedTuple):
         """Check that it ended with this code and one message that holds all these words."""
         assert "Traceback" not in self.out + self.err
         assert self.code == code, self.err
-        told = [line for line in self.err.splitlines() if all(word in line for word in words)]
-        assert len(told) == 1, self.err
+        matching = [line for line in self.err.splitlines() if all(word in line for word in words)]
+        assert len(matching) == 1, self.err
 
 
 def dicflow(*arguments: object) -> Answer:

@@ -63,7 +63,7 @@ def test_overexposed_photographs(run, data, side, stage):
     assert answer.line["stages"]["points"]["computed"] == 0
 
 
-def test_an_overexposed_later_step_is_told_in_the_report(run, data, tmp_path):
+def test_an_overexposed_later_step_is_in_the_report(run, data, tmp_path):
     overexpose(data / "photos" / "left", "02")
     assert run().code == 0
     page = next((tmp_path / "o").rglob("report.html")).read_text()

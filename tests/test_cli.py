@@ -92,7 +92,7 @@ def test_a_sweep_shares_what_its_variants_have_in_common(own, tmp_path):
         assert (tmp_path / "o" / f"variant_{number}" / "maps" / "eyy.gif").is_file()
 
 
-def test_a_failure_is_told_once_and_ends_with_1(own, tmp_path):
+def test_a_failure_is_reported_once_and_ends_with_1(own, tmp_path):
     answer = run(own, tmp_path / "o", "--set", "region.rectangle=[10, 10, 900, 20]", "--set", "region.file=null")
     answer.refuses(1, "region: the region spans x 10 … 900", "0 … 431", "choose the region inside it")
     assert answer.line["counts"]["failed"] == 1
@@ -135,7 +135,7 @@ def test_keep_going_computes_what_does_not_need_the_failure(own, tmp_path):
         (("synth", "latex", "x", "--experiment", "6"), "less than or equal to 5"),
     ],
 )
-def test_what_is_wrong_with_a_command_is_told_with_2(arguments, words):
+def test_a_wrong_command_ends_with_2(arguments, words):
     dicflow(*arguments).refuses(2, words)
 
 
@@ -214,12 +214,12 @@ def test_an_interrupted_run_ends_with_130_and_the_next_goes_on(pipeline, tmp_pat
 
 def test_plan_and_why_tell_old_and_new_values(given):
     changed = (*given, "--set", "strain.window=[60, 60]")
-    told = dicflow("plan", *changed)
-    assert told.code == 0
-    row = next(line for line in told.out.splitlines() if line.startswith("strain "))
+    answer = dicflow("plan", *changed)
+    assert answer.code == 0
+    row = next(line for line in answer.out.splitlines() if line.startswith("strain "))
     assert row.split()[1:4] == ["0", str(STEPS - 1), "0"]
     assert "window: [80.0, 20.0] → [60.0, 60.0]" in row
-    assert "waits for strain/step_01" in told.out
+    assert "waits for strain/step_01" in answer.out
     why = dicflow("why", *changed, "maps")
     assert "window: [80.0, 20.0] → [60.0, 60.0]" in why.out
     assert dicflow("why", *given, "strain/step_01").out == "strain/step_01: hit\n"
@@ -227,9 +227,9 @@ def test_plan_and_why_tell_old_and_new_values(given):
 
 
 def test_plan_of_what_was_never_run(pipeline, tmp_path):
-    told = dicflow("plan", pipeline, "--store", tmp_path / "new")
-    assert told.code == 0
-    assert "not made before (8 ×)" in told.out
+    answer = dicflow("plan", pipeline, "--store", tmp_path / "new")
+    assert answer.code == 0
+    assert "not made before (8 ×)" in answer.out
 
 
 def test_graph_as_text(given):
@@ -259,11 +259,11 @@ def test_ls_counts_what_is_there(given, pipeline, tmp_path):
 
 
 def test_show(given):
-    told = dicflow("show", *given, "total/step_01")
-    assert told.code == 0
-    row = next(line for line in told.out.splitlines() if line.startswith("eyy"))
+    answer = dicflow("show", *given, "total/step_01")
+    assert answer.code == 0
+    row = next(line for line in answer.out.splitlines() if line.startswith("eyy"))
     assert row.split()[1:3] == ["1", "float64"]
-    attrs = json.loads(told.out[told.out.index("\n{") :])
+    attrs = json.loads(answer.out[answer.out.index("\n{") :])
     assert attrs["measures"]["gxy"].startswith("shear γxy")
     rig = json.loads(dicflow("show", *given, "rig").out)
     assert rig["summary"]["pairs_used"] == 8
@@ -422,11 +422,11 @@ def test_schema_knows_every_stage_and_what_pipelines_say():
 
 
 def test_doctor(tmp_path):
-    told = dicflow("doctor", "--store", tmp_path / "a" / "b")
-    subjects = [line.split()[1] for line in told.out.splitlines()]
+    answer = dicflow("doctor", "--store", tmp_path / "a" / "b")
+    subjects = [line.split()[1] for line in answer.out.splitlines()]
     assert subjects == ["python:", "packages:", "detectors:", "compiler:", "cores:", "store:", "disk:", "loopback:"]
-    assert told.code == ("PROBLEM" in told.out)
-    assert f"ok       store: {tmp_path} can be written" in told.out
+    assert answer.code == ("PROBLEM" in answer.out)
+    assert f"ok       store: {tmp_path} can be written" in answer.out
 
 
 def test_synth_keeps_what_is_there(tmp_path):

@@ -22,11 +22,11 @@ _SAME_PLACE_PX = 1e-6
 
 
 class Difference(NamedTuple):
-    """One quantity at one step, A less B.
+    """One quantity at one step, A − B.
 
     title : the measure
     places : (..., 2) px of the left photograph at the first step
-    values : (...), NaN where one of them has none
+    values : (...), NaN where one of them is unknown
     """
 
     step: str
@@ -58,7 +58,7 @@ class Comparison(NamedTuple):
         return bool(self.changes) or any(one.largest != 0.0 or one.share < 1.0 for one in found)
 
     def to_json(self) -> dict[str, Any]:
-        """All but the fields as JSON; what is not known is null."""
+        """All but the fields as JSON; an unknown value is null."""
         return {
             "a": self.a,
             "b": self.b,
@@ -77,14 +77,14 @@ def compare(a: Side, b: Side, steps: Sequence[str] = (), quantities: Sequence[st
 
     steps : default those that both have by name; for a table, which has none, the last of the other
     quantities : default those of U, V, W, exx, eyy, gxy that both have
-    Raises ConfigurationError that names what there is where they have no such step or quantity in common.
+    Raises ConfigurationError that lists the common steps or quantities if a selected one is not among them.
     """
     found: list[Difference] = []
     chosen = _steps(a, b, steps)
     is_guess = not steps and bool(a.steps) != bool(b.steps)
     notes = dict.fromkeys([*a.notes, *b.notes])
     if is_guess:
-        notes[f"A table has no steps; it is held against the last one, {chosen[-1]}."] = None
+        notes[f"A table has no steps; it is compared with the last one, {chosen[-1]}."] = None
     for step in chosen:
         one, other = a.field(step), b.field(step)
         names = _quantities(one, other, quantities)
@@ -93,13 +93,13 @@ def compare(a: Side, b: Side, steps: Sequence[str] = (), quantities: Sequence[st
     return Comparison(a.label, b.label, _changes(a.settings, b.settings), tuple(found), tuple(notes))
 
 
-def _steps(a: Side, b: Side, wanted: Sequence[str]) -> tuple[str, ...]:
+def _steps(a: Side, b: Side, selected: Sequence[str]) -> tuple[str, ...]:
     if not (a.steps and b.steps):
-        known = a.steps or b.steps or tuple(wanted) or ("",)
-        chosen = tuple(wanted) or known[-1:]
+        known = a.steps or b.steps or tuple(selected) or ("",)
+        chosen = tuple(selected) or known[-1:]
     else:
         known = tuple(step for step in a.steps if step in b.steps)
-        chosen = tuple(wanted) or known
+        chosen = tuple(selected) or known
     if not chosen:
         raise ConfigurationError(
             f"no step has the same name in both: {a.label} has {_listed(a.steps)}, {b.label} has {_listed(b.steps)}; "
@@ -107,19 +107,19 @@ def _steps(a: Side, b: Side, wanted: Sequence[str]) -> tuple[str, ...]:
         )
     for step in chosen:
         if step not in known:
-            raise ConfigurationError(f"no step '{step}'{nearest(step, known)} in both; there are {_listed(known)}")
+            raise ConfigurationError(f"no step '{step}'{nearest(step, known)} in both; both have {_listed(known)}")
     return chosen
 
 
-def _quantities(a: Field, b: Field, wanted: Sequence[str]) -> tuple[str, ...]:
+def _quantities(a: Field, b: Field, selected: Sequence[str]) -> tuple[str, ...]:
     """Those in both, in one unit."""
     common = [name for name in a.values if name in b.values and _one_unit(a, b, name)]
-    for name in wanted:
+    for name in selected:
         if name not in common:
             raise ConfigurationError(
                 f"no quantity '{name}'{nearest(name, common)} in both; both have {_listed(common)}"
             )
-    chosen = tuple(wanted) or tuple(name for name in BASIC if name in common)
+    chosen = tuple(selected) or tuple(name for name in BASIC if name in common)
     if not chosen:
         raise ConfigurationError(
             f"nothing can be compared: one has {_listed(tuple(a.values))}, the other {_listed(tuple(b.values))}, "
@@ -139,14 +139,14 @@ def _differences(step: str, a: Field, b: Field, names: Sequence[str]) -> Iterato
     sigmas = np.where(variances > 0.0, np.sqrt(variances), np.nan)
     known = np.isfinite(ours[..., :count]) | np.isfinite(theirs[..., :count])
     for index, name in enumerate(names):
-        values, told = ours[..., index] - theirs[..., index], known[..., index]
+        values, is_known = ours[..., index] - theirs[..., index], known[..., index]
         title, unit = a.titles.get(name) or b.titles.get(name) or name, a.units.get(name) or b.units.get(name, "")
-        statistics = agreement(values[told], sigmas[..., index][told])
+        statistics = agreement(values[is_known], sigmas[..., index][is_known])
         yield Difference(step, name, title, unit, places, values, statistics)
 
 
 def _together(a: Field, b: Field, names: Sequence[str]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Places, and the values of both there with their σ behind them: (..., 2 × quantities)."""
+    """Places, and the values of both there followed by their σ: (..., 2 × quantities)."""
     import numpy as np
 
     from dicflow.core.uncertainty.agreement import resampled
@@ -175,7 +175,7 @@ def _points(places: np.ndarray) -> int:
 
 
 def _one_unit(a: Field, b: Field, name: str) -> bool:
-    """Whether the units agree, as far as they are known."""
+    """Whether the known units agree."""
     units = {_plain(side.units[name]) for side in (a, b) if name in side.units}
     return len(units) <= 1
 
@@ -192,14 +192,14 @@ def _notes(a: Field, b: Field, names: Sequence[str]) -> Iterator[str]:
     if strains := [name for name in names if name not in "UVW" and not (name in a.titles and name in b.titles)]:
         yield f"A table does not say which measure its {', '.join(strains)} are of; a difference may come from that."
     if plain := [name for name in names if name in "UVW" and not (name in a.units and name in b.units)]:
-        yield f"A table does not say the unit of its {', '.join(plain)}; that of the other side is supposed."
-    told = [any(name in side.sigmas for name in names) for side in (a, b)]
-    if any(told) and not all(told):
-        yield f"Only {'A' if told[0] else 'B'} says its σ; the share outside counts that one alone."
+        yield f"A table does not say the unit of its {', '.join(plain)}; that of the other side is assumed."
+    have_sigma = [any(name in side.sigmas for name in names) for side in (a, b)]
+    if any(have_sigma) and not all(have_sigma):
+        yield f"Only {'A' if have_sigma[0] else 'B'} has a σ; the share outside uses that one alone."
 
 
 def _changes(a: Mapping[str, Any] | None, b: Mapping[str, Any] | None) -> tuple[Change, ...] | None:
-    """What differs in the settings; stages that only one has are named, not unfolded."""
+    """Differences of the settings; a stage that only one side has is one entry."""
     if a is None or b is None:
         return None
     alone = [

@@ -1,4 +1,4 @@
-"""What can be compared: what the store holds of a pipeline, a run, a table of points.
+"""Sides of a comparison: the stored products of a pipeline or a run, or a table of points.
 
 Each gives its fields at the places that the points had in the left photograph of the first step, so that measurements
 on different grids, in rectified or raw photographs, meet.
@@ -39,8 +39,8 @@ class Field(NamedTuple):
     """Everything measured at one step.
 
     places : (..., 2) px of the left photograph at the first step
-    values, sigmas : quantity → (...), NaN where it is not known
-    units : quantity → unit, where it is known; titles : quantity → measure, likewise
+    values, sigmas : quantity → (...), NaN if unknown
+    units : quantity → unit, if known; titles : quantity → measure, if known
     """
 
     places: np.ndarray
@@ -54,7 +54,7 @@ class Side(Protocol):
     """One of two measurements.
 
     settings : parameters and inputs of each stage by its name in the file; None for a table
-    steps : names of the steps that have a field; none for a table, which is of whatever step it is compared with
+    steps : names of the steps that have a field; empty for a table, which may be compared with any step
     notes : whole sentences about where it comes from
     """
 
@@ -79,7 +79,7 @@ class TableSide(NamedTuple):
     notes: tuple[str, ...] = ()
 
     def field(self, step: str) -> Field:
-        """The table, whatever the step."""
+        """The table, for any step."""
         table = self.table
         return Field(table.xy, table.values, table.sigmas, table.units, {})
 
@@ -161,7 +161,7 @@ class MeasuredSide(NamedTuple):
         state, manifest = self.store.inspect(ref.digest)
         what = stage if step is None else f"{stage}/{step}"
         if state != "complete" or manifest is None:
-            raise StoreError(f"{self.label}: {what} has gone from {self.store.path}; run the pipeline again to have it")
+            raise StoreError(f"{self.label}: {what} is no longer in {self.store.path}; run the pipeline again")
         if ref.lost:
             raise StoreError(
                 f"{self.label}: {what} was not kept, and cannot be made again by this version of dicflow; run the "
@@ -171,10 +171,10 @@ class MeasuredSide(NamedTuple):
 
 
 def open_sides(a: str, b: str, store: Path | None = None, data: Path | None = None) -> tuple[Side, Side]:
-    """Two measurements by what a user calls them.
+    """Two measurements by the names that a user gives.
 
-    a, b : a pipeline file, of which the store tells what it holds; the id of a run; a table of points. ``#2`` behind
-        a file or an id chooses the second variant of a sweep
+    a, b : a pipeline file, for its stored products; the id of a run; or a table of points. ``#2`` behind a
+        file or an id selects the second variant of a sweep
     store : folder of the products; default ``.dicflow`` beside each pipeline file, for a run beside the other side's
     data : folder where relative paths of the pipeline files start; default their own
     Raises ConfigurationError, InputError or StoreError that says what was expected.
@@ -192,14 +192,16 @@ def _open(text: str, other: str, store: Path | None, data: Path | None) -> Side:
     if path.suffix in (".yaml", ".yml"):
         return _pipeline_side(text, variant, Pipeline.load(path, data=data, store=store))
     if not path.is_file():
-        raise ConfigurationError(f"{text}: is no file and no id of a run; name a pipeline, a run, or a table of points")
+        raise ConfigurationError(
+            f"{text}: is neither a file nor the id of a run; name a pipeline, a run, or a table of points"
+        )
     from dicflow.io.points_table import read_points
 
     return TableSide(path.name, read_points(path))
 
 
 def _parted(text: str) -> tuple[str, int]:
-    """A name and the place of the variant, which is counted from 1 behind a #."""
+    """A name, and the index of the variant; the number behind # counts from 1."""
     if (match := _NUMBERED.fullmatch(text)) and not Path(text).exists():
         return match[1], int(match[2]) - 1
     return text, 0
@@ -233,7 +235,7 @@ def _run_side(text: str, name: str, variant: int, store: Store) -> MeasuredSide:
 def _measured(label: str, settings: Mapping[str, Any], store: Store, refs: Mapping[Names, Ref]) -> MeasuredSide:
     total = _stage_of(store, refs, "total")
     if total is None:
-        raise StoreError(f"{label}: {store.path} holds no displacement or strain of it; run the pipeline (again) first")
+        raise StoreError(f"{label}: {store.path} holds no displacement or strain of it; run the pipeline first")
     return MeasuredSide(label, settings, store, total, refs)
 
 

@@ -37,7 +37,7 @@ class BoardMarks(Kind):
         marks : left and right → (n, 2) — empty where the board is not seen, NaN for a hidden corner [px]
         seen : left and right → columns and rows of the board that the photograph shows; None without a board
         target : what the board shows: checkerboard, charuco, circles, asymmetric_circles
-        size : columns and rows that were expected
+        size : columns and rows of the expected marks
         image_size : width and height of the photographs [px]
         """
         attrs = {
@@ -60,7 +60,7 @@ class BoardMarks(Kind):
 
     @property
     def others(self) -> Mapping[str, Size]:
-        """left and right → columns and rows of another board that the photograph shows."""
+        """left and right → columns and rows of a board of another size in the photograph."""
         return {
             side: (other[0], other[1])
             for side, other in self.product.attrs["seen"].items()

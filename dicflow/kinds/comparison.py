@@ -1,4 +1,4 @@
-"""Lengths and strains beside a caliper's."""
+"""Lengths and strains compared with a caliper's."""
 
 from __future__ import annotations
 

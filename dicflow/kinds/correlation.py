@@ -1,4 +1,4 @@
-"""Material points found in the left photograph of a step, and what they are followed from at the next ones."""
+"""Material points found in the left photograph of a step, and the reference photographs of the next steps."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from dicflow.core.photographs.noise import Noise
     from dicflow.core.photographs.region import Polygon
 
-__all__ = ["Correlation", "FollowedPoints", "SubsetGrid", "reference_layouts"]
+__all__ = ["Correlation", "FollowedPoints", "SubsetGrid", "reference_variables"]
 
 _VECTOR, _SYMMETRIC, _GRADIENT = (*GRID, "component"), (*GRID, "pair"), (*GRID, "out", "in")
 _WARP = (*GRID, "component", "term")
@@ -27,23 +27,25 @@ _LAYOUTS = {
     "warp": Layout(_WARP, "1", "warp of the subset"),
     "znssd": Layout(GRID, "1", "ZNSSD"),
     "iterations": Layout(GRID, "1", "iterations"),
-    "status": Layout(GRID, "1", "why a point has a place, or has none"),
+    "status": Layout(GRID, "1", "valid, or why the place is unknown"),
     "covariance": Layout(_SYMMETRIC, "px²", "covariance of the place (xx, xy, yy)"),
-    "template": Layout(_SYMMETRIC, "px²", "covariance by the first photograph's noise"),
-    "passed": Layout(_SYMMETRIC, "px²", "share of photographs in between in the covariance"),
-    "slope": Layout(_GRADIENT, "1", "gradient from the photograph whose subset found it"),
-    "course": Layout(_VECTOR, "px", "place, or where the motion has carried it"),
+    "template": Layout(_SYMMETRIC, "px²", "covariance of the place by the noise of the template"),
+    "passed": Layout(_SYMMETRIC, "px²", "share of reference steps in the covariance"),
+    "slope": Layout(_GRADIENT, "1", "gradient of the motion from the reference photograph"),
+    "course": Layout(_VECTOR, "px", "place, or the place expected by the last motion"),
     "motion": Layout(_VECTOR, "px", "last known motion of a step"),
-    "way": Layout(GRID, "1", "0 the reference itself, 1 directly from it, 2 through another"),
+    "way": Layout(GRID, "1", "route: 0 no value or the first photograph, 1 direct, 2 via a reference step"),
 }
 _IMAGE = ("reference_row", "reference_col")
 _REFERENCE_LAYOUTS = {
-    "reference_image": Layout(_IMAGE, "grey level", "part of the photograph in between"),
-    "reference_usable": Layout(_IMAGE, "1", "the region in it"),
-    "reference_xy": Layout(_VECTOR, "px", "place in it"),
-    "reference_warp": Layout(_WARP, "1", "warp from the first photograph to it"),
-    "reference_passed": Layout(_SYMMETRIC, "px²", "covariance of the place by others before it"),
-    "reference_slope": Layout(_GRADIENT, "1", "gradient of the motion from the one before it"),
+    "reference_image": Layout(_IMAGE, "grey level", "part of the photograph of the reference step"),
+    "reference_usable": Layout(_IMAGE, "1", "pixels in the region"),
+    "reference_xy": Layout(_VECTOR, "px", "place in the reference step"),
+    "reference_warp": Layout(_WARP, "1", "warp from the first photograph to the reference step"),
+    "reference_passed": Layout(_SYMMETRIC, "px²", "covariance of that place by earlier reference steps"),
+    "reference_slope": Layout(
+        _GRADIENT, "1", "gradient of the motion to the reference step from its own reference photograph"
+    ),
 }
 
 
@@ -75,7 +77,7 @@ class FollowedPoints(Kind):
         return polygons_from_json(self.product.attrs["polygons"])
 
     def as_reference(self, image: np.ndarray) -> ReferencePhotograph:
-        """The step as one whose photograph points are followed from.
+        """This step as a reference photograph.
 
         image : (row, col) — its photograph by the same camera
         """
@@ -86,8 +88,8 @@ class FollowedPoints(Kind):
         return ReferencePhotograph(image, (0, 0), usable, self["xy"], self["warp"], self["passed"], self["slope"])
 
     @property
-    def reference_between(self) -> ReferencePhotograph | None:
-        """The step in between that the points went through; None where all came from the first photograph."""
+    def reference_step(self) -> ReferencePhotograph | None:
+        """The reference step; None while the first photograph is enough."""
         from dicflow.core.correlation.points import ReferencePhotograph
 
         if "reference" not in self.product.attrs:
@@ -99,10 +101,10 @@ class FollowedPoints(Kind):
         return ReferencePhotograph(image, (x, y), usable, points, warp, passed, slope, facts["age"])
 
     def outline(self, start: Sequence[Polygon], found: FoundPoints, places: np.ndarray) -> Sequence[Polygon]:
-        """The region's outline at the next step; that of this step where too few points were found there.
+        """The region's outline at the next step; this step's outline if too few points are found there.
 
         start : the outline at the first step [px]
-        found : points at the next step; places : (row, col, 2) — where they were at the first [px]
+        found : points at the next step; places : (row, col, 2) — their places at the first step [px]
         """
         from dicflow.core.correlation.points import MIN_POINTS_FOR_MOTION, carried_points
         from dicflow.core.photographs.region import carry
@@ -112,10 +114,10 @@ class FollowedPoints(Kind):
         return carry(start, lambda ring: carried_points(found, places, ring))
 
 
-def reference_layouts(
+def reference_variables(
     reference: ReferencePhotograph | None, subset_size: int
 ) -> tuple[dict[str, Variable], dict[str, Any]]:
-    """A reference step that is not the first, as arrays and attributes of a product; nothing for None."""
+    """Arrays and attributes of a product that hold a reference step; empty for None."""
     from dicflow.core.correlation.points import cropped
 
     if reference is None:
@@ -151,11 +153,11 @@ class Correlation(FollowedPoints):
     ) -> Product:
         """A product of points.
 
-        course : where each point is or would be, and its last motion
-        template : (row, col, 3) — covariance by the first photograph's noise [px²]
-        noise : of the photographs, and as correlation feels it [grey levels]
+        course : place of each point, or its expected place, and its last motion
+        template : (row, col, 3) — covariance of the places by the noise of the template [px²]
+        noise : of the photographs, and its level after the low pass [grey levels]
         polygons : the region's outline at this step [px]
-        reference : the step in between that points were followed from
+        reference : the reference step; None while the first photograph is enough
         facts : further attributes: image_size, interpolation, summary
         """
         from dicflow.core.correlation.warp import gradient
@@ -175,7 +177,7 @@ class Correlation(FollowedPoints):
             "motion": course.motion.astype("f4"),
             "way": found.route,
         }
-        carried, between = reference_layouts(reference, grid.subset_size)
+        variables, step_attrs = reference_variables(reference, grid.subset_size)
         grey, level = noise
         attrs = {
             **grid._asdict(),
@@ -185,7 +187,9 @@ class Correlation(FollowedPoints):
             "noise_settled": grey.is_final,
             "polygons": polygons_to_json(polygons),
         }
-        return Product("correlation", {**laid_out(_LAYOUTS, values), **carried}, {**attrs, **(facts or {}), **between})
+        return Product(
+            "correlation", {**laid_out(_LAYOUTS, values), **variables}, {**attrs, **(facts or {}), **step_attrs}
+        )
 
     @property
     def noise(self) -> Noise:
@@ -196,12 +200,12 @@ class Correlation(FollowedPoints):
 
     @property
     def noise_level(self) -> float:
-        """Noise as correlation feels it, behind the low pass [grey levels]."""
+        """Noise after the low pass [grey levels]."""
         return float(self.product.attrs["noise_level"])
 
     @property
     def noise_is_given(self) -> bool:
-        """Whether the user gave the noise, rather than the photographs."""
+        """Whether the user gave the noise; otherwise it was measured in the photographs."""
         return self.product.attrs.get("noise_source") == "given"
 
     @property
@@ -212,7 +216,7 @@ class Correlation(FollowedPoints):
 
     @property
     def course(self) -> Course:
-        """Where each point is, or where the motion has carried it, and its last known motion."""
+        """Place of each point, or its expected place, and its last known motion."""
         from dicflow.core.correlation.course import Course
 
         return Course(*(self[name].astype(float) for name in ("course", "motion")))

@@ -14,7 +14,7 @@ __all__ = ["FeatureSet"]
 
 _LAYOUTS = {
     "xy": Layout(("feature", "component"), "px", "position in the left image"),
-    "size": Layout(("feature",), "px", "diameter of what is described"),
+    "size": Layout(("feature",), "px", "diameter of the described area"),
     "angle": Layout(("feature",), "deg", "orientation"),
     "response": Layout(("feature",), "1", "strength"),
     "descriptors": Layout(("feature", "d"), "1", "{detector} descriptor"),
@@ -33,7 +33,7 @@ class FeatureSet(Kind):
         """A product of features.
 
         detector : name of the detector, whose descriptors these are
-        area : x0, y0, x1, y1 of what was searched [px]
+        area : x0, y0, x1, y1 of the searched area [px]
         image_size : width and height [px]
         """
         title = _LAYOUTS["descriptors"].long_name.format(detector=detector)

@@ -1,4 +1,4 @@
-"""Displacement since the step before, and the strain of that step."""
+"""Displacement since the previous step, and the strain of that step."""
 
 from __future__ import annotations
 
@@ -21,9 +21,9 @@ Definition = Literal["material", "thesis"]
 _VECTOR = (*GRID, "component")
 _LAYOUTS = {
     "xy": Layout((*GRID, "image_component"), "px", "place in the image"),
-    "xyz_reference": Layout(_VECTOR, "{unit}", "place at the step before"),
+    "xyz_reference": Layout(_VECTOR, "{unit}", "place at the previous step"),
     "xyz": Layout(_VECTOR, "{unit}", "place"),
-    "displacement": Layout(_VECTOR, "{unit}", "displacement since the step before"),
+    "displacement": Layout(_VECTOR, "{unit}", "displacement since the previous step"),
     "U": Layout(GRID, "{unit}", "displacement U in this step"),
     "V": Layout(GRID, "{unit}", "displacement V in this step"),
     "W": Layout(GRID, "{unit}", "displacement W in this step"),
@@ -41,8 +41,8 @@ def _laid_out(values: Mapping[str, np.ndarray], unit: str) -> dict[str, Variable
     return laid_out(layouts, values)
 
 
-class _SinceStepBefore(Kind):
-    """Properties of displacements and of strains since the step before."""
+class _SincePreviousStep(Kind):
+    """Properties of displacements and of strains since the previous step."""
 
     @property
     def definition(self) -> Definition:
@@ -66,8 +66,8 @@ class _SinceStepBefore(Kind):
         return float(self.product.attrs["step_size"])
 
 
-class Increment(_SinceStepBefore):
-    """Displacement vectors (row, col, 3) since the step before."""
+class Increment(_SincePreviousStep):
+    """Displacement vectors (row, col, 3) since the previous step."""
 
     KINDS: ClassVar = ("increment",)
 
@@ -99,8 +99,8 @@ class Increment(_SinceStepBefore):
         return Product("increment", variables, attrs)
 
 
-class StrainIncrement(_SinceStepBefore):
-    """Displacement (row, col) and strain since the step before."""
+class StrainIncrement(_SincePreviousStep):
+    """Displacement (row, col) and strain since the previous step."""
 
     KINDS: ClassVar = ("strain_increment",)
 

@@ -26,16 +26,16 @@ class Layout(NamedTuple):
     long_name: str = ""
 
     def __call__(self, values: np.ndarray) -> Variable:
-        """The array with these."""
+        """The values with these axes, unit and name."""
         return Variable(self.dims, values, self.units, self.long_name)
 
 
-STATUS = Layout(GRID, "1", "why a point has a value, or has none")
+STATUS = Layout(GRID, "1", "valid, filled, or why the value is unknown")
 
 
 @dataclass(frozen=True)
 class Kind:
-    """A product, read by the names of what it holds.
+    """A product whose arrays and attributes are read by name.
 
     KINDS : names of the kinds that the class reads; a class that writes one kind writes the first
     """
@@ -77,7 +77,7 @@ def rows_of(product: Product) -> Sequence[Mapping[str, Any]] | None:
 
 
 def titles_of(product: Product) -> Mapping[str, str]:
-    """Array → what it measures in words, where a product says more of it than its long name."""
+    """Array → its title, for arrays of which the product says more than the long name."""
     found: Mapping[str, str] = product.attrs.get("measures", {})
     return found
 

@@ -1,4 +1,4 @@
-"""What all maps of a test share."""
+"""Colour ranges and extent that all maps of a test share."""
 
 from __future__ import annotations
 
@@ -100,11 +100,11 @@ class Maps(Kind):
 
 
 LEFT_OUT_PERCENT = 0.5
-"""Share of the points left out at either end of a colour range, so that a few outliers do not take the colours."""
+"""Share of the points left out at either end of a colour range, so that a few outliers do not use up the colours."""
 
 
 def colour_range(values: np.ndarray, left_out_percent: float = LEFT_OUT_PERCENT) -> tuple[float, float] | None:
-    """The range in which all values lie but for a few; None where none is known.
+    """The range of all values but a few outliers; None if no value is known.
 
     values : of any shape; NaN does not count
     left_out_percent : share of the values left out at either end [%]

@@ -16,14 +16,14 @@ if TYPE_CHECKING:
 __all__ = ["Matches"]
 
 _LAYOUTS = {
-    "reference": Layout(("match", "component"), "px", "position at the step before"),
+    "reference": Layout(("match", "component"), "px", "position at the previous step"),
     "deformed": Layout(("match", "component"), "px", "position at this step"),
-    "features": Layout(("feature", "component"), "px", "all features of the step before"),
+    "features": Layout(("feature", "component"), "px", "all features of the previous step"),
 }
 
 
 class Matches(Kind):
-    """Positions of matched features at the step before and at this one."""
+    """Positions of matched features at the previous step and at this one."""
 
     KINDS: ClassVar = ("matches",)
 
@@ -38,8 +38,8 @@ class Matches(Kind):
     ) -> Product:
         """A product of matches.
 
-        reference, deformed : (n, 2) — positions at the step before and at this one [px]
-        features : (m, 2) — all features of the step before [px]
+        reference, deformed : (n, 2) — positions at the previous step and at this one [px]
+        features : (m, 2) — all features of the previous step [px]
         image_size : width and height [px]
         """
         values = {
@@ -52,14 +52,14 @@ class Matches(Kind):
 
     @property
     def pairs(self) -> Pairs:
-        """Positions (n, 2) at the step before and at this one [px]."""
+        """Positions (n, 2) at the previous step and at this one [px]."""
         from dicflow.core.correlation.seed import Pairs
 
         return Pairs(self["reference"].astype(float), self["deformed"].astype(float))
 
     @property
     def features(self) -> np.ndarray:
-        """Positions (m, 2) of all features of the step before [px]."""
+        """Positions (m, 2) of all features of the previous step [px]."""
         return self["features"].astype(float)
 
     @property

@@ -1,4 +1,4 @@
-"""Points in space, and what is uncertain about them."""
+"""Points in space and their uncertainty."""
 
 from __future__ import annotations
 
@@ -26,18 +26,18 @@ _LAYOUTS = {
     "covariance_left": Layout((*GRID, "pair"), "mm²", "share of the left photographs in the covariance"),
     "sensitivity": Layout((*GRID, "component", "error"), "mm/px", "motion per error of the template"),
     "reprojection": Layout(GRID, "px", "reprojection error"),
-    "template": Layout((*GRID, "error_pair"), "px²", "covariance of the first template's error"),
+    "template": Layout((*GRID, "error_pair"), "px²", "covariance of the template's error"),
     "znssd": Layout(GRID, "1", "misfit of the grey levels (ZNSSD), the worse of both"),
-    "status": Layout(GRID, "1", "why a point has a place, or has none"),
+    "status": Layout(GRID, "1", "valid, or why the place is unknown"),
 }
 
 
 class PointErrors(NamedTuple):
     """Errors of the points of one step.
 
-    own : (row, col, 3, 3) — covariance from all but the first template's noise [mm²]
-    left : (row, col, 3, 3) — the part of it that the subsets in the left photographs bring [mm²]
-    sensitivity : (row, col, 3, 2) — by how much a point moves per error of the first template [mm/px]
+    own : (row, col, 3, 3) — covariance by all noise but the template's [mm²]
+    left : (row, col, 3, 3) — share of the left photographs in it [mm²]
+    sensitivity : (row, col, 3, 2) — motion of a point per error of the template [mm/px]
     template : (row, col, 3) — covariance of this error, xx, xy, yy [px²]
 
     Where the shape functions left and right differ the template has two such errors: (row, col, 3, 4) and
@@ -64,7 +64,7 @@ class Points(Kind):
         sources: tuple[Correlation, Stereo],
         facts: Mapping[str, Any],
     ) -> Product:
-        """A product of points in space, NaN where a point does not count.
+        """A product of points in space, NaN where a point is not valid.
 
         status : (row, col) — of both photographs
         sources : the points in the left and the right photograph
@@ -119,7 +119,7 @@ class Points(Kind):
 
     @property
     def grid(self) -> SubsetGrid:
-        """The grid of subsets; the shape function is that of the right photograph where there are two."""
+        """The grid of subsets; with two cameras the shape function is that of the right photograph."""
         attrs = self.product.attrs
         return SubsetGrid(attrs["step_size"], attrs["subset_size"], attrs["shape_function"])
 
@@ -130,25 +130,25 @@ class Points(Kind):
 
     @property
     def noise_grey(self) -> float:
-        """Noise by which the errors were judged [grey levels]."""
+        """Noise from which the errors were computed [grey levels]."""
         return float(self.product.attrs.get("noise_grey", 1.0))
 
     @property
     def template(self) -> np.ndarray:
-        """Covariance matrices (row, col, d, d) of the errors of the first template [px²]."""
+        """Covariance matrices (row, col, d, d) of the errors of the template [px²]."""
         from dicflow.core.tensors import symmetric
 
         return symmetric(self["template"])
 
     @property
-    def laid(self) -> int:
-        """How many points of the grid lie in the region at the first step."""
+    def points_in_region(self) -> int:
+        """Number of points of the grid in the region at the first step."""
         import numpy as np
 
         return int(self.summary.get("points") or np.isfinite(self["xy"]).all(axis=-1).sum())
 
-    def judged_by(self, other: Points) -> Self:
-        """These points with the noise by which the others were judged: later photographs measure it better."""
+    def with_noise_of(self, other: Points) -> Self:
+        """These points with errors for the noise of the others: later photographs measure the noise better."""
         if self.noise_grey == other.noise_grey:
             return self
         share = (other.noise_grey / self.noise_grey) ** 2
@@ -173,14 +173,14 @@ class Points(Kind):
         )
 
     def measured_at_first_step(self) -> MeasuredPoints:
-        """The same at the first step, where points of one camera are exact, being where the subsets were laid."""
+        """Places and errors at the first step; with one camera these places define the points and have no error."""
         found = self.measured()
         if self.in_space:
             return found
         return found._replace(step_covariance=0.0 * found.step_covariance, sensitivity=0.0 * found.sensitivity)
 
     def measured_by_left(self) -> MeasuredPoints:
-        """Places with those errors alone that the subsets of the left photographs bring."""
+        """Places with the errors by the left photographs alone."""
         from dicflow.core.tensors import symmetric
         from dicflow.core.uncertainty.covariance import MeasuredPoints
 

@@ -66,5 +66,5 @@ class ProbeTable(Kind):
 
 
 def gauge_facts(total: Product) -> dict[str, Any]:
-    """What tables made from a total say of it: unit, measures of strain, virtual strain gauge."""
+    """Attributes of a total that its tables repeat: unit, measures of strain, virtual strain gauge."""
     return {name: total.attrs[name] for name in ("unit", "measures", "vsg_px", "vsg_mm") if name in total.attrs}

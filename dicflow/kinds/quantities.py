@@ -1,4 +1,4 @@
-"""The table of quantities: what can be measured of a deformation, said once for all who draw, export or list it.
+"""The table of quantities of a deformation, which stages, maps, exports and reports read.
 
 A further quantity, or measure of strain, is one entry: here, or as an entry point ``dicflow.quantities`` of another
 package, and the function that it names. ``deformation`` computes it where its parameters name it.
@@ -55,7 +55,7 @@ class Quantity:
     definition : one sentence
     unit : of its values: LENGTH, "deg", "px²" …; "1" for a pure number
     positive : what a positive value means; "" for what is never negative
-    sources : which of U, V and W its errors come from, and to what share; None where that is not known
+    sources : which of U, V and W its errors come from, and to what share; None if unknown
     calibrated : whether the calibration's share in its σ is computed
     uses : where it is shown or read beside maps and exports
     function : ``module:function`` that computes it from deformation gradients (..., 2, 2); "" for those that
@@ -226,7 +226,7 @@ def of_field(name: str) -> Quantity | None:
 
 
 def is_signed(name: str) -> bool:
-    """Whether values of both signs mean opposite things; so for an unknown array, never for a standard deviation."""
+    """Whether values of both signs mean opposite things; true for an unknown array, false for a standard deviation."""
     quantity = of_field(name)
     return quantity is None or (quantity.name == name and bool(quantity.positive))
 

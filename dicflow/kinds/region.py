@@ -15,7 +15,7 @@ __all__ = ["Region", "polygons_from_json", "polygons_to_json"]
 
 
 class Region(Kind):
-    """The part of the photograph that is measured, in pixels of the image that is tracked."""
+    """The part of the photograph that is measured, in pixels of the image in which points are followed."""
 
     KINDS: ClassVar = ("region",)
 

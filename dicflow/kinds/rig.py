@@ -17,7 +17,7 @@ __all__ = ["CalibratedRig", "rig_from_json", "rig_to_json"]
 
 
 class CalibratedRig(Kind):
-    """Both cameras, their relative pose, and how well they are known."""
+    """Both cameras, their relative pose, and their uncertainty."""
 
     KINDS: ClassVar = ("rig",)
 
@@ -38,9 +38,9 @@ class CalibratedRig(Kind):
 
         verdict : one sentence on how good it is
         covariance : (24, 24) — of :data:`~dicflow.core.cameras.rig_parameters.PARAMETERS`; None if unknown
-        pairs : of each pair of board photographs its name, whether it was used, and its errors [px]
+        pairs : for each pair of board photographs its name, whether it was used, and its errors [px]
         coverage : share of each camera's frame that the boards cover
-        program : that wrote the calibration; "" for a calibration by dicflow
+        program : the one that wrote the calibration; "" for a calibration by dicflow
         """
         from dicflow.core.cameras.rig_parameters import PARAMETERS
 
@@ -84,7 +84,7 @@ class CalibratedRig(Kind):
 
     @property
     def pairs(self) -> Sequence[Mapping[str, Any]]:
-        """Of each pair of board photographs its name, whether it was used, and its errors [px]."""
+        """For each pair of board photographs its name, whether it was used, and its errors [px]."""
         return tuple(self.product.attrs["pairs"])
 
     @property

@@ -1,4 +1,4 @@
-"""What the status of points says of their values."""
+"""Values of known points, and the status of points after a fit."""
 
 from __future__ import annotations
 
@@ -27,8 +27,8 @@ def fitted_status(
 ) -> np.ndarray:
     """Status of the points after a fit of local polynomials.
 
-    measured, fitted : (row, col) bool — which points had a value, and where the window held enough of them
-    status : (row, col) — before
+    measured, fitted : (row, col) bool — points with a value, and points whose window holds enough of them
+    status : (row, col) — before the fit
     Raises StageError where no measured point could be fitted.
     """
     import numpy as np
@@ -37,7 +37,7 @@ def fitted_status(
 
     if measured.any() and not (measured & fitted).any():
         raise StageError(
-            f"a window of {window[0]} × {window[1]} points never holds enough for degree {degree}; "
+            f"no window of {window[0]} × {window[1]} points holds enough measured points for degree {degree}; "
             "widen the window or lower the degree"
         )
     return np.where(measured & ~fitted, np.uint8(Status.TOO_FEW_NEIGHBOURS), status)

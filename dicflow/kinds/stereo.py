@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any, ClassVar
 
 from dicflow.engine.product import Product
-from dicflow.kinds.correlation import FollowedPoints, SubsetGrid, reference_layouts
+from dicflow.kinds.correlation import FollowedPoints, SubsetGrid, reference_variables
 from dicflow.kinds.kind import GRID, Layout, laid_out
 from dicflow.kinds.region import polygons_to_json
 
@@ -20,24 +20,24 @@ __all__ = ["Stereo"]
 
 _LAYOUTS = {
     "xy": Layout((*GRID, "component"), "px", "place in the right photograph"),
-    "gradient": Layout((*GRID, "out", "in"), "1", "gradient of the motion into it"),
+    "gradient": Layout((*GRID, "out", "in"), "1", "gradient of the motion into the right photograph"),
     "warp": Layout((*GRID, "component", "term"), "1", "warp of the subset"),
     "covariance": Layout((*GRID, "pair"), "px²", "covariance of the place by this photograph's noise"),
-    "template": Layout((*GRID, "pair"), "px²", "covariance by the first photograph's noise"),
+    "template": Layout((*GRID, "pair"), "px²", "covariance of the place by the noise of the template"),
     "znssd": Layout(GRID, "1", "ZNSSD"),
     "iterations": Layout(GRID, "1", "iterations"),
-    "way": Layout(GRID, "1", "0 no value, 1 directly from the first photograph, 2 through another"),
+    "way": Layout(GRID, "1", "route: 0 no value, 1 direct from the first photograph, 2 via a reference step"),
     "epipolar": Layout(GRID, "px", "distance from the epipolar line"),
-    "status": Layout(GRID, "1", "why a point has a place, or has none"),
+    "status": Layout(GRID, "1", "valid, or why the place is unknown"),
 }
 _FOLLOWED_LAYOUTS = {
-    "passed": Layout((*GRID, "pair"), "px²", "share of photographs before in the covariance"),
-    "slope": Layout((*GRID, "out", "in"), "1", "gradient from the photograph that found it"),
+    "passed": Layout((*GRID, "pair"), "px²", "share of reference steps in the covariance"),
+    "slope": Layout((*GRID, "out", "in"), "1", "gradient of the motion from the reference photograph"),
 }
 
 
 class Stereo(FollowedPoints):
-    """Points in the right photograph; NaN where one does not count."""
+    """Points in the right photograph; NaN where a point is not valid."""
 
     KINDS: ClassVar = ("stereo",)
 
@@ -75,18 +75,18 @@ class Stereo(FollowedPoints):
         attrs = {**grid._asdict(), "noise_ratio": noise_ratio, **facts}
         return Product("stereo", laid_out(_LAYOUTS, values), attrs)
 
-    def to_follow(
+    def with_reference(
         self, found: FoundPoints, polygons: Sequence[Polygon], reference: ReferencePhotograph | None = None
     ) -> Product:
-        """The product with what its points are followed from at the next steps.
+        """The product with all that makes it a reference photograph of the next steps.
 
         polygons : the region's outline in the right photograph [px]
-        reference : the step in between that points were followed from
+        reference : the reference step; None while the first photograph is enough
         """
         followed = laid_out(_FOLLOWED_LAYOUTS, {"passed": found.inherited_covariance, "slope": found.slope})
-        carried, between = reference_layouts(reference, self.grid.subset_size)
-        attrs = {**self.product.attrs, "polygons": polygons_to_json(polygons), **between}
-        return Product("stereo", {**self.product.variables, **followed, **carried}, attrs)
+        variables, step_attrs = reference_variables(reference, self.grid.subset_size)
+        attrs = {**self.product.attrs, "polygons": polygons_to_json(polygons), **step_attrs}
+        return Product("stereo", {**self.product.variables, **followed, **variables}, attrs)
 
     @property
     def noise_ratio(self) -> float:
@@ -95,5 +95,5 @@ class Stereo(FollowedPoints):
 
     @property
     def matched_at_every_step(self) -> bool:
-        """Whether the cameras were matched at this very step, not at the first one only."""
+        """Whether the cameras are matched at every step, not at the first one only."""
         return bool(self.product.attrs["match"] == "every_step")

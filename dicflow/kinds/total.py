@@ -64,12 +64,12 @@ class Gauge(NamedTuple):
 
 
 class TotalFacts(NamedTuple):
-    """What the numbers of a total are.
+    """Definition, unit and titles of the numbers of a total.
 
     definition : precise, from subsets; material or thesis, from increments
     unit : of displacements and places, mm or px
     titles : quantity → its measure in words
-    further : attributes that only one form has
+    further : attributes of one definition only
     """
 
     definition: Definition
@@ -95,7 +95,7 @@ class Total(Kind):
 
         fields : quantities, their standard deviations and shares (row, col), and places (row, col, …)
         status : (row, col)
-        beside : arrays of other products that are of the same points
+        beside : arrays of the same points from other products
         """
         variables = {name: _variable(name, values, facts) for name, values in fields.items()}
         attrs = {"definition": facts.definition, "unit": facts.unit, "measures": dict(facts.titles), **facts.further}
@@ -129,7 +129,7 @@ class Total(Kind):
 
     @property
     def directions(self) -> Literal["material", "global"]:
-        """Whether x and y of the strains are the material's, as they lay at the first step, or the frame's now."""
+        """Whether x and y of the strains are the material's, as they lay at the first step, or the frame's."""
         found: Literal["material", "global"] = self.product.attrs.get("directions", "material")
         return found
 
@@ -146,7 +146,7 @@ class Total(Kind):
 
     @property
     def gauge(self) -> Gauge | None:
-        """The virtual strain gauge; None where none is defined, as without subsets."""
+        """The virtual strain gauge; None if undefined, as without subsets."""
         attrs = self.product.attrs
         return Gauge(attrs["vsg_px"], attrs["vsg_mm"]) if "vsg_px" in attrs else None
 
@@ -185,7 +185,7 @@ class Total(Kind):
 
     @property
     def rigid_motion_removed(self) -> bool:
-        """Whether the rigid-body motion since the first step was taken out."""
+        """Whether the rigid-body motion since the first step was removed."""
         return self.product.attrs.get("rigid") is not None
 
     @property
@@ -206,7 +206,7 @@ class Total(Kind):
         return self.titles.get(name) or self.product.variables[name].long_name or name
 
     def caption(self, name: str) -> str:
-        """The same, and of a strain the virtual strain gauge."""
+        """The title, for a strain with the virtual strain gauge."""
         quantity = of_field(name)
         belongs_to_point = quantity is None or quantity.is_displacement
         if self.gauge is None or belongs_to_point:
@@ -246,7 +246,7 @@ def gradient_measures(total: Total) -> GradientMeasures:
 
 
 def field_means(fields: Mapping[str, np.ndarray], unit: str) -> dict[str, float]:
-    """Means of the basic quantities over the points that have a value; absent without any."""
+    """Mean of each basic quantity over the points with a value; a quantity without values is absent."""
     import numpy as np
 
     known = {name: fields[name][np.isfinite(fields[name])] for name in BASIC}

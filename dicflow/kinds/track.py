@@ -19,8 +19,8 @@ __all__ = ["Track"]
 
 _LAYOUTS = {
     "points": Layout((*GRID, "component"), "px", "material points at this step"),
-    "status": Layout(GRID, "1", "why a point has a place, or has none"),
-    "transforms": Layout(("subset_row", "subset_col", "i", "j"), "1", "transform from the step before"),
+    "status": Layout(GRID, "1", "valid, or why the place is unknown"),
+    "transforms": Layout(("subset_row", "subset_col", "i", "j"), "1", "transform from the previous step"),
 }
 
 
@@ -43,7 +43,7 @@ class Track(Kind):
 
         points : (row, col, 2) — at this step [px]; status : (row, col)
         polygons : the region's outline at this step [px]
-        tracked : the transforms from the step before, and the matches that each one fits
+        tracked : the transforms from the previous step, and the matches that each one fits
         step_size : distance of the points at the first step [px]
         """
         attrs = {

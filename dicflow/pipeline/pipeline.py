@@ -26,7 +26,7 @@ if TYPE_CHECKING:
 __all__ = ["Pipeline"]
 
 _SETTINGS = ("stages", "variants")
-"""What two runs have in common that are of one measurement."""
+"""Parts of the resolved pipeline that are equal in all runs of one measurement."""
 
 
 @dataclass(frozen=True)
@@ -84,7 +84,7 @@ class Pipeline:
 
     @cached_property
     def variants(self) -> list[Variant]:
-        """What the sweep makes of the file; one variant without values where there is none."""
+        """Variants of the sweep; one without values if the file has no sweep."""
         return variants(self.document)
 
     @cached_property
@@ -133,11 +133,11 @@ class Pipeline:
 
     @cached_property
     def store(self) -> Store:
-        """The store, made where there is none."""
+        """The store, made if missing."""
         return Store.open(self.store_folder)
 
     def plan(self, code_policy: CodePolicy = "recompute", on_event: Callable[[Event], None] | None = None) -> Plan:
-        """What is stored and what has to be computed, with reasons. on_event : receives the progress of a large plan"""
+        """What is stored and what must be computed, with reasons. on_event : receives the progress of a large plan"""
         return make_plan(self.graph, self.store, pipeline=self.name, code_policy=code_policy, on_event=on_event)
 
     def run(self, **options: Any) -> Result:
@@ -150,16 +150,16 @@ class Pipeline:
 
         chosen = Options(worker_setup=_single_threaded, **options)
         steps = {stage: list(files) for stage, files in self.graph.files.items()}
-        told = {**self.resolved(), "steps": steps, "data": self.folder.name}
-        outcome = run(self.graph, self.store, pipeline=self.name, resolved=told, options=chosen)
+        resolved = {**self.resolved(), "steps": steps, "data": self.folder.name}
+        outcome = run(self.graph, self.store, pipeline=self.name, resolved=resolved, options=chosen)
         refs = {name: done.ref for name, done in outcome.outcomes.items() if done.ref is not None}
         return self._result(refs, outcome)
 
     def result(self) -> Result:
-        """What the store already holds of this pipeline, without computing anything.
+        """The stored products of this pipeline; nothing is computed.
 
-        Where photographs or other files of the user cannot be used, it is what the last run of these settings found or
-        made, and ``notes`` says so. Raises InputError where there is no such run.
+        If photographs or other files of the user cannot be used, these are the products of the last run with the same
+        settings, and ``notes`` says so. Raises InputError if that run is unknown too.
         """
         try:
             plan = self.plan("ignore")
@@ -169,7 +169,7 @@ class Pipeline:
         return self._result(refs, None)
 
     def last_run(self) -> RunInfo | None:
-        """The newest run with the same stages and settings, None where there is none."""
+        """The newest run with the same stages and settings; None before the first."""
         ours = self.resolved()
         alike = (run for run in runs(self.store) if run.pipeline == self.name and run.resolved)
         return next((run for run in alike if all(run.resolved[name] == ours[name] for name in _SETTINGS)), None)

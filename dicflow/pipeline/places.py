@@ -1,4 +1,4 @@
-"""Where the points of a test lie in the left photograph, whatever image they were followed in."""
+"""Places of the points of a test in the left photograph, also of points followed in a rectified one."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ def to_left_photograph(kind: ImageKind, rig: Rig | None) -> Mapping | None:
     """The mapping of pixels (..., 2) of an image to those of the left photograph [px]; None where they are the same.
 
     kind : the photograph itself, its image with aligned rows, or without distortion
-    rig : None where nothing is known of the cameras; then the image is the photograph
+    rig : None if the cameras are unknown; then the image is the photograph
     """
     import numpy as np
 
@@ -56,7 +56,7 @@ class Places:
 
     @property
     def grid(self) -> str | None:
-        """The stage whose first step has the places of the grid; None where nothing was followed."""
+        """The stage whose first step has the places of the grid; None if no points were followed."""
         return next((stage for kind in ("correlation", "track") for stage in self._result.stages_of(kind)), None)
 
     def at_step(self, total: Total) -> np.ndarray:

@@ -1,4 +1,4 @@
-"""What a run did, as its journal and the records of its products tell of it."""
+"""What a run did, read from its journal and the records of its products."""
 
 from __future__ import annotations
 
@@ -13,13 +13,13 @@ __all__ = ["RunFacts", "TaskFacts", "run_facts"]
 
 
 class TaskFacts(NamedTuple):
-    """What became of one task.
+    """Outcome of one task.
 
     stage : its name in the graph, ``surface`` or in a sweep also ``surface@2``
     step : None for a stage that runs once
     status : hit, computed, failed or skipped
     seconds : in its stage; of a hit, in the run that computed it
-    key, digest : of its record and its product; empty where there is none
+    key, digest : of its record and its product; empty if missing
     error : why it failed or was skipped; may name files of the machine
     """
 
@@ -37,9 +37,9 @@ class RunFacts(NamedTuple):
     """What one run did.
 
     started : s since 1970
-    planned : number of its tasks; a run that was killed tells nothing of some of them
+    planned : number of its tasks; ``tasks`` of a killed run has fewer
     interrupted : by Ctrl-C
-    ended : false while it runs, and for ever where it was killed
+    ended : false while it runs, and for a killed run
     versions : package → every version that has made a product of this run
     """
 
@@ -60,7 +60,7 @@ class RunFacts(NamedTuple):
 
     @property
     def saved_s(self) -> float:
-        """Time that the products at hand once took and now did not [s]."""
+        """Time in stages that hits once took, and that this run saved [s]."""
         return sum(task.seconds for task in self.tasks if task.status == "hit")
 
 
@@ -85,13 +85,13 @@ def run_facts(store: Store, run: RunInfo) -> RunFacts:
 
 
 def _made(store: Store, key: str) -> Mapping[str, Any]:
-    """Where a product comes from; nothing where its record has been freed."""
+    """How a product was made, by its record; empty if the record has been freed."""
     record = store.record(key)
     return record.made if record is not None else {}
 
 
 def _hit(task: str, entry: Mapping[str, str], made: Mapping[str, Any]) -> TaskFacts:
-    """A task that the plan found done; the journal has no event of it."""
+    """A task whose product the plan found in the store; the journal has no event of it."""
     stage, _sign, step = task.partition("/")
     return TaskFacts(task, stage, step or None, "hit", made.get("stage_s", 0.0), entry["key"], entry["digest"], "")
 

@@ -21,8 +21,8 @@ __all__ = ["run_refs"]
 def run_refs(store: Store, run: RunInfo) -> dict[str, Ref]:
     """Task → product of everything that a run found or made.
 
-    What was not kept can be made again from what was, as long as the code is the same and no photograph is needed:
-    records know files by their contents, not by their places. Else it is lost.
+    A product that was not kept can be made again from kept ones while the code is unchanged and no photograph is
+    needed: records hold the digests of files, not their paths. Otherwise its reference is marked as lost.
     """
     index = run.index
     sources = Sources(store.files)
@@ -53,7 +53,7 @@ def run_refs(store: Store, run: RunInfo) -> dict[str, Ref]:
 
 
 def _same_node(record: Record, sources: Sources) -> Node | None:
-    """The node that made a record, None where the code is another."""
+    """The node that made a record, None if the code has changed."""
     try:
         node = node_class(record.parts["stage"])(**record.parts["parameters"])
     except ValidationError:  # other code knows other parameters

@@ -24,7 +24,7 @@ def stage_names() -> tuple[str, ...]:
 def node_class(name: str) -> type[Node]:
     """The node of a stage.
 
-    Raises ConfigurationError that suggests the nearest name for an unknown one, and for a plug-in that is no stage.
+    Raises ConfigurationError that suggests the nearest name for an unknown one, and for a plug-in that is not a stage.
     """
     member, loaded = _STAGES.find(name), _STAGES.load(name)
     kind = getattr(loaded, _first_public(loaded), None) if isinstance(loaded, ModuleType) else loaded
@@ -37,7 +37,7 @@ def node_class(name: str) -> type[Node]:
 
 
 def node_classes() -> tuple[dict[str, type[Node]], list[str]]:
-    """All stages by name but plug-ins that cannot be used, and for each of those the message."""
+    """All usable stages by name, and a message for each plug-in that cannot be used."""
     found: dict[str, type[Node]] = {}
     problems: list[str] = []
     for name in stage_names():
@@ -53,7 +53,7 @@ def _first_public(module: ModuleType) -> str:
 
 
 def _check_name(member: Member, kind: type[Node]) -> None:
-    """Raise ConfigurationError where records and the pipeline file would name a stage differently."""
+    """Raise ConfigurationError if the class has another stage name than its registration."""
     own: Any = kind.model_fields["stage"].default
     if own != member.name:
         raise ConfigurationError(

@@ -29,7 +29,7 @@ __all__ = ["Result"]
 class Result:
     """Products by stage and step, of one variant or of several.
 
-    ``outcome`` is what the run did, None where nothing was run. ``graph`` has the stages and steps, ``notes`` whole
+    ``outcome`` is what the run did, None if nothing was run. ``graph`` has the stages and steps, ``notes`` whole
     sentences about where the products come from. :func:`dicflow.plot` draws them.
     """
 
@@ -82,17 +82,17 @@ class Result:
         return [stage for stage in self.stages if self.kind(stage) == kind]
 
     def has(self, stage: str, step: str | int | None = None, variant: int = 0) -> bool:
-        """Whether the product is there, or can be made again."""
+        """Whether the product is stored, or can be made again."""
         ref = self._refs.get(self.task(stage, step, variant))
         return ref is not None and not ref.lost
 
     def digest(self, stage: str, step: str | int | None = None, variant: int = 0) -> str:
-        """Name of the product's contents."""
+        """Digest of the product's contents."""
         return self.ref(stage, step, variant).digest
 
     @property
     def digests(self) -> dict[str, str]:
-        """Names of the contents of all products that there are, by task."""
+        """Task → digest of its product, for all products in the store."""
         return {task: ref.digest for task, ref in sorted(self._refs.items())}
 
     def product(self, stage: str, step: str | int | None = None, variant: int = 0) -> Product:
@@ -110,7 +110,7 @@ class Result:
         ref = self.ref(stage, step, variant)
         manifest = self._store.manifest(ref.digest)
         if manifest is None:
-            raise DicflowError(f"{self.task(stage, step, variant)} has gone from the store; run the pipeline again")
+            raise DicflowError(f"{self.task(stage, step, variant)} is no longer in the store; run the pipeline again")
         return tuple(manifest.content["variables"][array]["shape"])
 
     def dataset(

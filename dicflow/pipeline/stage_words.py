@@ -30,7 +30,7 @@ _SCOPES = {
     Scope.PAIR: "once per step but the first",
     Scope.TEST: "once for the test",
 }
-_STEPS = {At.SAME: "", At.PREVIOUS: "of the step before", At.FIRST: "of the first step", At.ALL: "of all steps"}
+_STEPS = {At.SAME: "", At.PREVIOUS: "of the previous step", At.FIRST: "of the first step", At.ALL: "of all steps"}
 
 
 def list_lines(kinds: Mapping[str, type[Node]]) -> Iterator[str]:
@@ -74,12 +74,12 @@ def _kinds(port: Port) -> str:
 
 def _port(name: str, port: Port) -> str:
     if port.own:
-        return f"{name}: what it gives itself, {_STEPS[port.at]}"
+        return f"{name}: its own product, {_STEPS[port.at]}"
     return " ".join(filter(None, [f"{name}: {_kinds(port)}", _STEPS[port.at]]))
 
 
 def _value(value: Any) -> str:
-    """A default as the pipeline file would say it."""
+    """A default as a pipeline file has it."""
     return value if isinstance(value, str) else json.dumps(value, ensure_ascii=False).replace('"', "")
 
 

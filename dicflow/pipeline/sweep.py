@@ -28,7 +28,7 @@ class Variant(NamedTuple):
 
 
 def variants(document: Document) -> list[Variant]:
-    """All variants of a pipeline file, in the order of the sweep; one with no values where there is no sweep.
+    """All variants of a pipeline file, in the order of the sweep; one without values if the file has no sweep.
 
     ``grid`` combines every value with every other, ``zip`` takes the n-th of each, ``list`` adds combinations given
     one by one, ``exclude`` removes those that hold all values of one of its entries. Grid and zip multiply.
@@ -40,7 +40,7 @@ def variants(document: Document) -> list[Variant]:
         return [Variant({}, document)]
     _check(document, sweep)
     rows = [*_products(sweep), *sweep.get("list", [])]
-    _refuse_strangers(document, sweep.get("exclude", []), rows)
+    _refuse_unknown(document, sweep.get("exclude", []), rows)
     kept = [row for row in rows if not any(_holds(row, entry) for entry in sweep.get("exclude", []))]
     if not kept:
         raise ConfigurationError(f"{document.where(('sweep',))}: the sweep has no variant left; take out an exclude")
@@ -50,8 +50,8 @@ def variants(document: Document) -> list[Variant]:
 def with_values(document: Document, values: Mapping[str, Any], given_by: str = "") -> Document:
     """The file with other values at dotted places, ``stage.parameter`` or deeper.
 
-    given_by : what messages about these values shall name; default the place of each in the sweep
-    Raises ConfigurationError where the stage does not exist.
+    given_by : origin of the values in messages; default the place of each in the sweep
+    Raises ConfigurationError if the stage does not exist.
     """
     data, positions, given = copy.deepcopy(document.data), dict(document.positions), dict(document.given)
     for dotted, value in values.items():
@@ -73,7 +73,7 @@ def with_values(document: Document, values: Mapping[str, Any], given_by: str = "
 def with_settings(document: Document, settings: Sequence[str]) -> Document:
     """The file as the command line changes it: ``stage.parameter=value``, and ``=v1,v2,v3`` for one more sweep.
 
-    A setting stands above what the file's own sweep says of the same parameter.
+    A setting overrides the file's own sweep of the same parameter.
 
     Raises ConfigurationError for a setting of another form.
     """
@@ -96,7 +96,7 @@ def with_settings(document: Document, settings: Sequence[str]) -> Document:
 
 
 def _checked(document: Document) -> Mapping[str, Any]:
-    """The sweep of a file; empty where there is none."""
+    """The sweep of a file; empty if it has none."""
     sweep: Mapping[str, Any] | None = document.data.get("sweep")
     if sweep is None:
         return {}
@@ -105,9 +105,10 @@ def _checked(document: Document) -> Mapping[str, Any]:
 
 
 def _without(sweep: Mapping[str, Any], dotted: str, values: Sequence[Any]) -> dict[str, Any]:
-    """A sweep that leaves a parameter to what it was set to.
+    """A sweep without a parameter that a setting gives.
 
-    An exclude that names the parameter goes on for the rest of what it names where it holds for the only value.
+    With a single value, an exclude of another value of the parameter is dropped, and one of this value keeps its other
+    conditions.
     """
     left: dict[str, Any] = {key: _dropped(part, dotted) for key, part in sweep.items() if key in ("grid", "zip")}
     if "list" in sweep:
@@ -131,7 +132,7 @@ def _sweep_place(document: Document, dotted: str) -> str:
 
 
 def _values(setting: str, text: str) -> list[Any]:
-    """The values of a setting. Raises ConfigurationError where it has none, or is cut short."""
+    """The values of a setting. Raises ConfigurationError if it has none, or is cut short."""
     try:
         values = parse_value(f"[{text}]")
     except ConfigurationError as error:
@@ -166,7 +167,7 @@ def _holds(row: Mapping[str, Any], entry: Mapping[str, Any]) -> bool:
     return all(key in row and row[key] == value for key, value in entry.items())
 
 
-def _refuse_strangers(
+def _refuse_unknown(
     document: Document, exclude: Sequence[Mapping[str, Any]], rows: Sequence[Mapping[str, Any]]
 ) -> None:
     """Every parameter under exclude must be one that the sweep varies."""
@@ -199,4 +200,4 @@ def _check(document: Document, sweep: Any) -> None:
         fail(("zip",), f"the lists under 'zip' must have one length, found {sorted(lengths)}")
     twice = set(sweep.get("grid", {})) & set(sweep.get("zip", {}))
     if twice:
-        fail(("zip",), f"'{twice.pop()}' stands under grid and zip; keep one")
+        fail(("zip",), f"'{twice.pop()}' is under grid and zip; keep one")

@@ -40,7 +40,7 @@ class Wired(NamedTuple):
 def wire(document: Document) -> dict[str, Wired]:
     """Validate every stage and find every input.
 
-    Raises ConfigurationError that lists all that is wrong, one line each with its place.
+    Raises ConfigurationError that lists all problems, one line each with its place.
     """
     problems: list[str] = []
     stages = _stages(document, problems)
@@ -57,7 +57,7 @@ def wire(document: Document) -> dict[str, Wired]:
 
 
 def _with_followed(stage: Wired, wired: Mapping[str, Wired]) -> Node:
-    """The node with the parameters of the stages that it follows, where its own are not given."""
+    """The node with parameters that are not given taken from the stages that it follows."""
     followed = {
         name: getattr(wired[stage.inputs[port]].node, name)
         for port, names in stage.node.follows.items()
@@ -93,7 +93,7 @@ def _stages(document: Document, problems: list[str]) -> dict[str, dict[str, Any]
 def _is_entry(document: Document, name: str, entry: Any, problems: list[str]) -> bool:
     where = document.where(("stages", name))
     if not _NAME.fullmatch(name):
-        problems.append(f"{where}: '{name}' is no name for a stage; use letters, digits and _")
+        problems.append(f"{where}: '{name}' is not a name for a stage; use letters, digits and _")
     elif not isinstance(entry, dict) or not isinstance(entry.get("stage"), str):
         problems.append(f"{where}: {name}: expected a mapping with 'stage: …' that says which stage it is")
     else:
@@ -116,7 +116,7 @@ def _node(document: Document, name: str, entry: Mapping[str, Any], problems: lis
 
 
 def _complaints(document: Document, place: Place, kind: type[Node], details: list[dict[str, Any]]) -> list[str]:
-    """One line per place; where a parameter may have several forms, of the form that was understood furthest."""
+    """One line per place; for a parameter with several forms, of the form that fits deepest."""
     placed: dict[Place, list[dict[str, Any]]] = {}
     for detail in details:
         placed.setdefault(_path(document, place, detail["loc"]), []).append(detail)
@@ -129,7 +129,7 @@ def _within(path: Place, other: Place) -> bool:
 
 
 def _complaint(document: Document, place: Place, kind: type[Node], path: Place, details: list[dict[str, Any]]) -> str:
-    """One line for what pydantic says of one place."""
+    """One line for the errors of pydantic at one place."""
     first = details[0]
     where = document.where((*place, *path))
     named = path or tuple(itertools.takewhile(_is_name, first["loc"]))
@@ -144,9 +144,11 @@ def _complaint(document: Document, place: Place, kind: type[Node], path: Place, 
         lack = "has too few values" if path and isinstance(first["loc"][-1], int) else "is missing"
         return f"{where}: {dotted}: {lack}; give {meaning}"
     details = [detail for detail in details if detail["type"] == "value_error"] or details
-    said = " or ".join(dict.fromkeys(_said(detail) for detail in details)).replace(" or must be ", " or ")
+    message = " or ".join(dict.fromkeys(_pydantic_message(detail) for detail in details)).replace(
+        " or must be ", " or "
+    )
     found = repr(details[0]["input"])
-    return f"{where}: {dotted}: {said}" + ("" if found in said else f", found {found}") + f"; give {meaning}"
+    return f"{where}: {dotted}: {message}" + ("" if found in message else f", found {found}") + f"; give {meaning}"
 
 
 def _is_name(part: str | int) -> bool:
@@ -154,8 +156,8 @@ def _is_name(part: str | int) -> bool:
     return isinstance(part, int) or (part.isidentifier() and part.islower())
 
 
-def _said(detail: Mapping[str, Any]) -> str:
-    """What pydantic says, in the words of a pipeline file."""
+def _pydantic_message(detail: Mapping[str, Any]) -> str:
+    """Pydantic's message in the words of a pipeline file."""
     forms = {"tuple_type": "a list", "list_type": "a list", "model_type": "a mapping", "string_type": "text"}
     if detail["type"] in forms:
         return f"must be {forms[detail['type']]}"
@@ -164,7 +166,7 @@ def _said(detail: Mapping[str, Any]) -> str:
 
 
 def _path(document: Document, place: Place, location: tuple[str | int, ...]) -> Place:
-    """The part of an error's location that stands in the file; tags of unions do not."""
+    """The part of an error's location that is in the file; tags of unions are not."""
     path: Place = ()
     for part in location:
         if document.holds((*place, *path, part)):
@@ -204,36 +206,36 @@ def _producer(
 ) -> str | None:
     where = document.where(("stages", name, port_name))
     fitting = [other for other, node in nodes.items() if node.gives in port.kinds and other != name]
-    wanted = " or ".join(port.kinds)
+    kinds = " or ".join(port.kinds)
     if port_name in entry:
         given = entry[port_name]
         if given in fitting or (given is None and port.optional):
             return None if given is None else str(given)
         if not isinstance(given, str):
-            said = f"expected the name of one stage, found {'null' if given is None else repr(given)}"
+            problem = f"expected the name of one stage, found {'null' if given is None else repr(given)}"
         elif given == name:
-            said = "takes what it gives itself"
+            problem = "takes its own product"
         elif given in nodes:
-            said = f"'{given}' gives {nodes[given].gives}, not {wanted}"
+            problem = f"'{given}' gives {nodes[given].gives}, not {kinds}"
         elif given in document.data["stages"]:
-            return None  # the fault of that stage is told at its own place
+            return None  # that stage is reported at its own place
         else:
-            said = f"no stage '{given}'{nearest(given, nodes)}"
-        problems.append(f"{where}: {name}.{port_name}: {said}; {_offer(fitting, wanted)}")
+            problem = f"no stage '{given}'{nearest(given, nodes)}"
+        problems.append(f"{where}: {name}.{port_name}: {problem}; {_suggestion(fitting, kinds)}")
     elif len(fitting) == 1:
         return fitting[0]
     elif fitting or (not port.optional and len(nodes) == len(document.data["stages"])):
         none = ", or null for none" if port.optional else ""
-        problems.append(f"{where}: {name}.{port_name}: needs {wanted}; {_offer(fitting, wanted)}{none}")
+        problems.append(f"{where}: {name}.{port_name}: needs {kinds}; {_suggestion(fitting, kinds)}{none}")
     return None
 
 
-def _offer(fitting: list[str], wanted: str) -> str:
-    return f"name one of {', '.join(fitting)}" if fitting else f"add a stage that gives {wanted}"
+def _suggestion(fitting: list[str], kinds: str) -> str:
+    return f"name one of {', '.join(fitting)}" if fitting else f"add a stage that gives {kinds}"
 
 
 def _refuse_cycles(document: Document, wired: Mapping[str, Wired], problems: list[str]) -> None:
-    """A stage may take its own output of another step, and no other way round."""
+    """List stages that wait for each other; only its own product of another step may feed a stage."""
     done: set[str] = set()
 
     def visit(name: str, trail: tuple[str, ...]) -> None:

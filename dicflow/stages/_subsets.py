@@ -19,19 +19,23 @@ _SPLINE_DEGREE = {"bicubic": 3, "biquintic": 5}
 
 
 class ReferenceUpdate(BaseModel):
-    """When points are followed from a step in between."""
+    """When points are followed from a reference step instead of the first photograph."""
 
     model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
 
     update: Literal["on_demand", "every", "never"] = parameter(
-        "on_demand", "take a new reference for lost points when there are too many, every so many steps, or never"
+        "on_demand", "when to take a reference step: when too many points are lost, every so many steps, or never"
     )
-    steps: int = parameter(10, "for every: after how many steps", ge=1)
-    lost: float = parameter(0.002, "share of points lost since the step before that asks for a reference", ge=0, le=1)
-    znssd: float = parameter(0.1, "median ZNSSD against a reference above which a newer one is taken", gt=0, le=4)
+    steps: int = parameter(10, "update: every takes a reference step after this many steps", ge=1)
+    lost: float = parameter(
+        0.002, "share of points lost since the previous step above which a reference step is taken", ge=0, le=1
+    )
+    znssd: float = parameter(
+        0.1, "median ZNSSD against the reference step above which a later one replaces it", gt=0, le=4
+    )
 
-    def rule(self) -> Updating:
-        """The same for :mod:`dicflow.core.correlation.material`."""
+    def updating(self) -> Updating:
+        """These settings for :mod:`dicflow.core.correlation.material`."""
         from dicflow.core.correlation.material import Updating
 
         every = self.steps if self.update == "every" else 0
@@ -47,13 +51,13 @@ class SubsetSearch(Node):
         0.0, "standard deviation of the weight of a subset's pixels; 0 for equal ones", unit="px", ge=0
     )
     max_znssd: float = parameter(
-        0.3, "what fits worse than this is lost (the zero-mean cross-correlation is 1 − ZNSSD/2)", gt=0, le=4
+        0.3, "a point with a larger ZNSSD is lost (the zero-mean cross-correlation is 1 − ZNSSD/2)", gt=0, le=4
     )
     min_share: float = parameter(0.4, "share of a subset's pixels that must lie in the region", gt=0, le=1)
     max_iterations: int = parameter(30, "of the Gauss-Newton search", ge=1)
     tolerance: float = parameter(
         1e-3,
-        "what may be left to correct in a subset when the search ends; the arithmetic does not reach less than 1e-5",
+        "largest correction left in a subset when the search ends; rounding does not allow less than 1e-5",
         unit="px",
         ge=1e-5,
     )
@@ -61,9 +65,9 @@ class SubsetSearch(Node):
         0.0, "standard deviation of a Gaussian low pass against the bias of interpolation; 0 for none", unit="px", ge=0
     )
     misfit: bool = parameter(
-        True, "judge the uncertainties by what subsets differ by beyond the noise too: patterns too sharp, or changed"
+        True, "count the misfit of subsets beyond the noise in the uncertainties: patterns too sharp, or changed"
     )
-    reference: ReferenceUpdate = parameter(ReferenceUpdate(), "when points are followed from a step in between")
+    reference: ReferenceUpdate = parameter(ReferenceUpdate(), "when points are followed from a reference step")
     threads: int = parameter(1, "threads that share the points of a step", affects="speed", ge=1)
 
     @property
@@ -75,7 +79,7 @@ class SubsetSearch(Node):
         """The search for subsets.
 
         subset_size : side of a subset [px]
-        noise : behind the low pass [grey levels]
+        noise : of the photographs after the low pass [grey levels]
         """
         from dicflow.core.correlation.search import Search
         from dicflow.core.correlation.subsets import Subset

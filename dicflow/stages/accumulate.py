@@ -28,13 +28,12 @@ _TITLES = {
 
 
 class Accumulate(Node):
-    """Add an increment to the total before it.
+    """Add an increment to the total of the previous step.
 
     In the material definition displacements are added and deformation gradients multiplied point by point,
-    F = f · F before; a point that was lost once stays lost. In the thesis's the total before is stretched to the new
+    F = f · F of the previous step; a lost point stays lost. In the thesis's the previous total is stretched to the new
     grid like an image, gaps are filled, and displacements and strains are added. The sum of incremental engineering
-    strains is not the engineering strain: it comes near ln(1 + ε), so at a stretch of 2.2 it reads about 0.8 instead
-    of 1.2.
+    strains is not the engineering strain: it approximates ln(1 + ε), about 0.8 instead of 1.2 at a stretch of 2.2.
     """
 
     title: ClassVar = "accumulate the steps"

@@ -85,7 +85,7 @@ class Calibrate(Node):
 
 
 def _check_sizes(boards: Sequence[BoardMarks]) -> None:
-    """Raise StageError where the photographs differ in size, or are of one camera."""
+    """Raise StageError if the photographs differ in size, or are of one camera."""
     if any("right" not in board for board in boards):
         raise StageError("a rig needs board photographs of two cameras, found only left ones; add 'right' to them")
     first = boards[0].image_size
@@ -137,9 +137,9 @@ def _names(corners: Sequence[Product]) -> Sequence[str]:
 
 
 def _pairs(calibration: Calibration, seen: list[int], names: Sequence[str]) -> list[dict[str, Any]]:
-    """One entry per board pair, in order; a pair whose board is not seen by both cameras has no figures.
+    """One entry per board pair, in order; without errors if a camera does not see the board.
 
-    The epipolar distance is None where the cameras see different parts of a board.
+    The epipolar distance is None if the cameras see different parts of a board.
     """
     pairs: list[dict[str, Any]] = [{"name": name, "used": False} for name in names]
     for k, used, turned, (left, right), epipolar in zip(
@@ -170,7 +170,7 @@ def _residuals(calibration: Calibration, coverage: dict[str, float]) -> dict[str
 
 
 def _figures(calibration: Calibration) -> dict[str, float]:
-    """Focal lengths, baseline and angle, with their standard deviations and how they spread as pairs are left out."""
+    """Focal lengths, baseline and angle, with σ of each and its spread as pairs are left out."""
     from dicflow.core.cameras.rig_parameters import KEY_FIGURES, key_figure_sigmas, key_figures
 
     sigmas = key_figure_sigmas(calibration.rig, calibration.widened_covariance)

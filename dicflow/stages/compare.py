@@ -27,7 +27,7 @@ _SAME_LENGTH = 0.05
 
 
 class Compare(Node):
-    """Length of the region at every step, its displacement and strain, and how far they are from a caliper's.
+    """Length of the region at every step, its displacement and strain, and their differences from a caliper's.
 
     Two lengths are measured. ``cloud``: the distance in space between the two loaded edges of the region as it was
     carried to the step, in the cloud of the step. ``tracked``: the distance between the material points that lay on
@@ -100,7 +100,7 @@ class Compare(Node):
                 f"{caliper_path}: has {len(caliper.length_mm)} rows for {len(lengths[chosen])} steps; "
                 "write one row per step, the first for the unloaded specimen"
             )
-        same = chosen != "extensometer" or _alike(lengths[chosen][0], caliper.length_mm[0])
+        same = chosen != "extensometer" or _is_comparable(lengths[chosen][0], caliper.length_mm[0])
         table = _table(caliper, lengths[chosen], unit, displacements=same and unit == "mm")
         table.update({f"{name}_length_{unit}": values for name, values in lengths.items()})
         if self.extensometer is not None and probes is not None:
@@ -112,7 +112,7 @@ class Compare(Node):
     def _lengths(
         self, track: Sequence[Product] | None, cloud: Sequence[Product] | None, probes: Product | None
     ) -> tuple[dict[str, np.ndarray], str]:
-        """The lengths that can be measured, at every step, and their unit."""
+        """The lengths by name, at every step, and their unit."""
         if self.extensometer is not None:
             if probes is None:
                 raise StageError("an extensometer is read from probes; add a stage 'probes'")
@@ -126,7 +126,7 @@ class Compare(Node):
 
 
 def _region_lengths(track: Sequence[Product], cloud: Sequence[Product] | None, axis: str) -> dict[str, np.ndarray]:
-    """The lengths that can be measured, at every step."""
+    """The lengths by name, at every step."""
     import numpy as np
 
     from dicflow.core.surfaces.length import cloud_length, edge_pairs, tracked_length
@@ -168,8 +168,8 @@ def _in_space(track: Track, cloud: Cloud | None) -> np.ndarray:
     return track["points"] if cloud is None else bilinear(cloud["xyz"], track["points"], cloud.origin)
 
 
-def _alike(length: float, other: float) -> bool:
-    """Whether two first lengths are near enough for displacements to be comparable."""
+def _is_comparable(length: float, other: float) -> bool:
+    """Whether two first lengths are so near that displacements can be compared."""
     return abs(length - other) <= _SAME_LENGTH * other
 
 
@@ -196,7 +196,7 @@ def _table(caliper: Caliper, length: np.ndarray, unit: str, displacements: bool)
 
 
 def _percent(error: np.ndarray, truth: np.ndarray) -> np.ndarray:
-    """Error in percent of the truth; 0 where both are 0, NaN where only the truth is."""
+    """Error in percent of the truth; 0 if both are 0, NaN if only the truth is 0."""
     import numpy as np
 
     whole = np.where(truth == 0.0, np.nan, truth)
@@ -204,7 +204,7 @@ def _percent(error: np.ndarray, truth: np.ndarray) -> np.ndarray:
 
 
 def _field_strain(total: Sequence[Product], measure: str) -> np.ndarray:
-    """Mean strain of the field at every step; 0 at the first, NaN where there is no field."""
+    """Mean strain of the field at every step; 0 at the first, NaN without measured points."""
     import numpy as np
 
     measures = {Total.read(product).measure for product in total}
@@ -216,7 +216,7 @@ def _field_strain(total: Sequence[Product], measure: str) -> np.ndarray:
 
 
 def _refuse_thesis(total: Sequence[Product]) -> None:
-    """The thesis's sums of strains on a grid that does not move with the material are not the strain of a length."""
+    """Raise StageError for the thesis's totals: sums on a grid that does not move are not the strain of a length."""
     if not all(Total.read(product).follows_material for product in total):
         raise StageError(
             "a caliper measures engineering strain, but the total has the thesis's; "
@@ -225,7 +225,7 @@ def _refuse_thesis(total: Sequence[Product]) -> None:
 
 
 def _summary(table: Mapping[str, np.ndarray]) -> dict[str, float]:
-    """The largest errors, and on how many steps they stand."""
+    """The largest errors, and the number of measured steps."""
     import numpy as np
 
     errors = ("displacement_error_mm", "displacement_error_pct", "strain_error_pct")

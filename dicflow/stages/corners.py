@@ -56,7 +56,7 @@ class Corners(Node):
     target: Literal["checkerboard", "charuco", "circles", "asymmetric_circles"] = parameter(
         "checkerboard", "what the target shows; in an asymmetric grid every other row of circles is shifted"
     )
-    dictionary: Dictionary | None = parameter(None, "alphabet of a ChArUco board's markers, which only it has")
+    dictionary: Dictionary | None = parameter(None, "dictionary of the markers; for a ChArUco board only")
     marker: float | None = parameter(
         None, "side of a ChArUco board's marker as a share of that of a square", gt=0.0, lt=1.0
     )

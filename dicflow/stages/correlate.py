@@ -1,4 +1,4 @@
-"""The material points of the first photograph found in every other, to the noise limit."""
+"""The material points of the first photograph, found in every other one to the noise limit."""
 
 from __future__ import annotations
 
@@ -40,8 +40,8 @@ class _First(NamedTuple):
     outline: Sequence[Polygon]
 
 
-class _Before(NamedTuple):
-    """The step before: its left photograph (row, col) and the points in it."""
+class _Previous(NamedTuple):
+    """The previous step: its left photograph (row, col) and the points in it."""
 
     image: np.ndarray
     points: Correlation
@@ -50,10 +50,10 @@ class _Before(NamedTuple):
 class Correlate(SubsetSearch):
     """Find a grid of subsets of the first left photograph in the left photograph of every step.
 
-    Inverse compositional Gauss-Newton on ZNSSD, started from the features that ``matches`` brings where there are such,
-    from cross-correlation where they fail, and from what neighbours found. Each point is looked for with its subset
-    of the first photograph; where too many are lost, through a step in between, from which it is then tried directly
-    once more. Points that leave the frame lose their value and are looked for again when they return.
+    Inverse compositional Gauss-Newton on ZNSSD, started from matched features if ``matches`` is given, from
+    cross-correlation where these fail, and from found neighbours. Each point is searched for with its subset of the
+    first photograph; if too many are lost, with that of a reference step, and from there once more with the first.
+    Points that leave the frame lose their value and are searched for again when they return.
     """
 
     title: ClassVar = "correlate in time"
@@ -94,8 +94,8 @@ class Correlate(SubsetSearch):
         image = Images.read(images).left
         if correlation_before is None or images_before is None:
             return self._first_step(image, first)
-        before = _Before(Images.read(images_before).left, Correlation.read(correlation_before))
-        return self._next_step(image, first, before, None if matches is None else Matches.read(matches).pairs)
+        previous = _Previous(Images.read(images_before).left, Correlation.read(correlation_before))
+        return self._next_step(image, first, previous, None if matches is None else Matches.read(matches).pairs)
 
     def _first_step(self, image: np.ndarray, first: _First) -> Product:
         """The points in the first photograph."""
@@ -125,7 +125,7 @@ class Correlate(SubsetSearch):
             facts=self._facts(exact, noise, image, first.outline),
         )
 
-    def _next_step(self, image: np.ndarray, first: _First, before: _Before, pairs: Pairs | None) -> Product:
+    def _next_step(self, image: np.ndarray, first: _First, previous: _Previous, pairs: Pairs | None) -> Product:
         """The points in every other photograph."""
         import numpy as np
 
@@ -134,25 +134,27 @@ class Correlate(SubsetSearch):
         from dicflow.core.correlation.search import first_photograph
         from dicflow.core.photographs.region import grid_points
 
-        noise, course, status = before.points.noise, before.points.course, before.points["status"]
+        noise, course, status = previous.points.noise, previous.points.course, previous.points["status"]
         lost = _never_followed(status)
         grid = np.where(lost[..., None], np.nan, grid_points(first.outline, self.step_size))
-        between, last = before.points.reference_between, before.points.as_reference(before.image)
+        reference_step, last = previous.points.reference_step, previous.points.as_reference(previous.image)
 
         def follow(level: float) -> tuple[FoundPoints, ReferencePhotograph | None]:
             search = self._search(level, first)
             start = first_photograph(first.image, first.usable, grid, search)
-            return follow_step(start, between, last, image, search, self.reference.rule(), pairs, course.expected)
+            return follow_step(
+                start, reference_step, last, image, search, self.reference.updating(), pairs, course.expected
+            )
 
         found, reference = follow(noise.grey)
-        template = before.points["template"]
+        template = previous.points["template"]
         if not noise.is_final:
             measured = self._measured_noise(noise, found, grid, first, image)
             template = (measured.grey / noise.grey) ** 2 * template
             found, reference = (found, reference) if measured.grey == noise.grey else follow(measured.grey)
             noise = measured
         found = found._replace(status=np.where(lost, status, found.status))
-        polygons = before.points.outline(first.outline, found, grid)
+        polygons = previous.points.outline(first.outline, found, grid)
         return Correlation.write(
             found,
             next_course(course, last.points, found.warp[..., 0]),
@@ -176,7 +178,7 @@ class Correlate(SubsetSearch):
     def _measured_noise(
         self, noise: Noise, found: FoundPoints, grid: np.ndarray, first: _First, image: np.ndarray
     ) -> Noise:
-        """The noise that the first photograph and this one show."""
+        """The noise, measured in the first photograph and this one."""
         from dicflow.core.photographs.noise import noise_from_pair
 
         valid = found.valid
@@ -205,7 +207,7 @@ class Correlate(SubsetSearch):
     def _facts(
         self, found: FoundPoints, noise: Noise, image: np.ndarray, polygons: Sequence[Polygon]
     ) -> dict[str, Any]:
-        """What else a reader should know of a step."""
+        """Further attributes of a step."""
         from dicflow.core.photographs.region import interior
         from dicflow.core.photographs.texture import saturated_share
 
@@ -219,9 +221,9 @@ class Correlate(SubsetSearch):
 
 
 def _summary(found: FoundPoints, noise: Noise, overexposed: float) -> dict[str, Any]:
-    """Scalars of a step; null where no point has a value.
+    """Scalars of a step; null without valid points.
 
-    overexposed : share of the region's pixels; NaN where none of it is in the photograph
+    overexposed : share of the region's pixels; NaN if it is outside the photograph
     """
     import numpy as np
 
@@ -231,22 +233,22 @@ def _summary(found: FoundPoints, noise: Noise, overexposed: float) -> dict[str, 
     valid = found.valid
     in_region = valid | (found.status != Status.OUTSIDE) | np.isfinite(found.znssd)
 
-    def middle(values: np.ndarray) -> float | None:
+    def median(values: np.ndarray) -> float | None:
         return float(np.median(values[valid])) if valid.any() else None
 
     return {
         "points": int(valid.sum()),
         "valid_share": float(valid.sum() / max(int(in_region.sum()), 1)),
         "chained_points": int((found.route == VIA_REFERENCE_STEP).sum()),
-        "znssd": middle(found.znssd),
-        "iterations": middle(found.iterations),
+        "znssd": median(found.znssd),
+        "iterations": median(found.iterations),
         "noise_grey": noise.grey,
         "overexposed_share": overexposed if np.isfinite(overexposed) else None,
     }
 
 
 def _never_followed(status: np.ndarray) -> np.ndarray:
-    """Points (row, col) whose subset of the first photograph can never be followed."""
+    """Points (row, col) whose subset of the first photograph cannot be followed."""
     import numpy as np
 
     from dicflow.core.status import Status
@@ -255,7 +257,7 @@ def _never_followed(status: np.ndarray) -> np.ndarray:
 
 
 def _check_photograph(image: np.ndarray, usable: np.ndarray, subset_size: int) -> None:
-    """The first photograph must show a pattern by which subsets can be told apart."""
+    """Raise StageError unless the first photograph shows a pattern that distinguishes subsets."""
     from dicflow.core.photographs.pattern import check_pattern, check_subset
 
     try:

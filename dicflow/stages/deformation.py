@@ -53,7 +53,7 @@ def _known_quantity(name: str) -> str:
 
 
 class _Motion(NamedTuple):
-    """The rigid-body motion that is taken out, None for none, and the frames of the step and of the first one."""
+    """The removed rigid-body motion, None if it stays in, and the frames of the step and of the first one."""
 
     removed: RigidMotion | None
     frames: tuple[Frame, Frame]
@@ -63,8 +63,8 @@ class Deformation(Node):
     """Displacement of every point from its place at the first step, and the deformation of the surface around it.
 
     The deformation gradient comes from least-squares fits over a window, in the tangent planes of the surface at both
-    steps. Beside each value stands its standard deviation from the noise of the photographs and, where the rig says
-    how uncertain it is, the calibration's share. With one camera everything lies in the plane of the photograph.
+    steps. Each value has a standard deviation by the noise of the photographs and, if the uncertainty of the rig
+    is known, the calibration's share. With one camera everything lies in the plane of the photograph.
     """
 
     title: ClassVar = "displacement and strain"
@@ -94,7 +94,7 @@ class Deformation(Node):
     further: tuple[Annotated[str, AfterValidator(_known_quantity)], ...] = parameter(
         (), "further quantities of the deformation gradient, of installed packages, by name"
     )
-    rigid: bool = parameter(False, "take out the rigid-body motion since the first step")
+    rigid: bool = parameter(False, "remove the rigid-body motion since the first step")
 
     def uses(self) -> tuple[str, ...]:
         quantities = [further_quantity(name).function for name in self.further]
@@ -111,7 +111,7 @@ class Deformation(Node):
 
         axes = LEFT_CAMERA if frame is None else ResultFrame.read(frame).axes
         step = Points.read(points)
-        first = Points.read(points_first).judged_by(step)
+        first = Points.read(points_first).with_noise_of(step)
         before = points_in_frame(first.measured_at_first_step(), axes)
         after = points_in_frame(step.measured(), axes)
         motion = self._motion(before, after)
@@ -136,7 +136,7 @@ class Deformation(Node):
         return odd_window((self.window, self.window), points.grid.step_size)
 
     def _motion(self, before: MeasuredPoints, after: MeasuredPoints) -> RigidMotion | None:
-        """The rigid-body motion to take out; None where it stays in, or no point is left."""
+        """The rigid-body motion to remove; None if it stays in, or no point is left."""
         import numpy as np
 
         from dicflow.core.cameras.rigid import rigid_motion
@@ -172,7 +172,7 @@ class Deformation(Node):
         frames: tuple[Frame, Frame],
         surface: SurfaceGradient,
     ) -> dict[str, np.ndarray]:
-        """The calibration's share in σ of place, displacement and strain; nothing where it is unknown.
+        """The calibration's share in σ of place, displacement and strain; empty if unknown.
 
         states, frames : the points at this step and the first, and the frames in which they are given
         """
@@ -211,18 +211,18 @@ class Deformation(Node):
 
         step, first = steps
         moved, strained = np.isfinite(fields["U"]), np.isfinite(fields["exx"])
-        reasons = _reasons(np.maximum(step["status"], first["status"]), moved)
+        reasons = _consistent_status(np.maximum(step["status"], first["status"]), moved)
         status = fitted_status(moved, strained, reasons, self._window(first), self.degree)
         fields = {**fields, "xy": step["xy"], "xy_reference": first["xy"]}
         fields = {name: known_or_nan(moved & strained, values) for name, values in fields.items()}
-        share = (moved & strained).sum() / max(1, first.laid)
+        share = (moved & strained).sum() / max(1, first.points_in_region)
         means = field_means(fields, step.unit)
         further = {
             **self._facts(fields, first, step.unit),
             "shape_shares": _variance_shares(errors),
             "rigid": rigid_motion_to_json(motion.removed),
             "frames": frames_to_json(motion.frames),
-            "summary": {"valid_share": float(share), **means, **_usual_sigmas(fields, step.unit)},
+            "summary": {"valid_share": float(share), **means, **_median_sigmas(fields, step.unit)},
         }
         beside = {name: step.product.variables[name] for name in ("way", "way_right", "znssd") if name in step}
         return Total.write(fields, status, TotalFacts("precise", step.unit, self._titles(), further), beside)
@@ -233,7 +233,7 @@ class Deformation(Node):
         return {name: quantity.title.format(measure=measure) for name, quantity in self._quantities().items()}
 
     def _facts(self, fields: Mapping[str, np.ndarray], first: Points, unit: str) -> dict[str, Any]:
-        """On how much of the photograph each number rests, and how it was computed."""
+        """Settings of the computation, and the virtual strain gauge."""
         import numpy as np
 
         from dicflow.core.strain.deformation_gradient import pixel_size_mm, vsg_px
@@ -256,9 +256,9 @@ class Deformation(Node):
 def _errors_by_shape(
     covariance: np.ndarray, step: Points, first: Points, frames: tuple[Frame, Frame]
 ) -> dict[ShapeFunction, ErrorShare]:
-    """The covariance of the points at both steps by the shape functions of the subsets that bring it.
+    """The covariance of the points at both steps by the shape function of the subsets that cause it.
 
-    frames : that of the results, and the one that moves along with what is taken out
+    frames : that of the results, and the one that moves with the removed motion
     """
     from dicflow.core.strain.deformation_gradient import ErrorShare
     from dicflow.core.uncertainty.covariance import joint_covariance, points_in_frame
@@ -292,7 +292,7 @@ def _variance_shares(errors: Mapping[ShapeFunction, ErrorShare]) -> dict[str, li
 
 
 def _moving_frame(motion: RigidMotion | None) -> Frame:
-    """The frame that moves along with what is taken out."""
+    """The frame that moves with the removed rigid-body motion."""
     from dicflow.core.cameras.frames import LEFT_CAMERA
     from dicflow.core.cameras.rigid import co_moving_frame
 
@@ -315,8 +315,8 @@ def _displacements(before: MeasuredPoints, after: MeasuredPoints, covariance: np
     }
 
 
-def _reasons(status: np.ndarray, known: np.ndarray) -> np.ndarray:
-    """Status that agrees with what is known: a value, or a reason why there is none."""
+def _consistent_status(status: np.ndarray, known: np.ndarray) -> np.ndarray:
+    """Status that agrees with the values: valid or filled if known, else a reason."""
     import numpy as np
 
     from dicflow.core.status import Status
@@ -325,8 +325,8 @@ def _reasons(status: np.ndarray, known: np.ndarray) -> np.ndarray:
     return np.asarray(reasons, dtype=np.uint8)
 
 
-def _usual_sigmas(fields: Mapping[str, np.ndarray], unit: str) -> dict[str, float]:
-    """Median σ of displacements and strains; absent without any."""
+def _median_sigmas(fields: Mapping[str, np.ndarray], unit: str) -> dict[str, float]:
+    """Median σ of displacements and strains; a quantity without values is absent."""
     import numpy as np
 
     names = {name: f"sigma_{name}" for name in BASIC}

@@ -59,12 +59,12 @@ class Disparity(Node):
     )
     window: Odd = parameter(5, "side of the window of the semi-global matching", unit="px", ge=1, le=31)
     uniqueness: int = parameter(5, "margin by which the best match must beat the second", unit="%", ge=0, le=100)
-    left_right: Pixels = parameter(1.0, "how far matching from left and from right may disagree", unit="px", ge=0)
-    speckle: int = parameter(200, "islands of similar disparity of fewer pixels are taken out", unit="px²", ge=0)
+    left_right: Pixels = parameter(1.0, "largest difference of matching from left and from right", unit="px", ge=0)
+    speckle: int = parameter(200, "islands of similar disparity of fewer pixels are removed", unit="px²", ge=0)
     texture: float = parameter(1.5, "least root mean square slope of the grey level along a row", unit="1/px", ge=0)
     refine: Odd = parameter(21, "side of the window of the sub-pixel refinement", unit="px", ge=5, le=101)
     correlation: float = parameter(0.6, "least correlation of the windows that the refinement compares", ge=-1, le=1)
-    margin: Pixels = parameter(24.0, "what is matched around the region", unit="px", ge=0)
+    margin: Pixels = parameter(24.0, "width of the band around the region that is matched too", unit="px", ge=0)
 
     def run(self, pair: Product, rig: Product | None = None, track: Product | None = None) -> Product:
         import numpy as np

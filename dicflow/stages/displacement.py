@@ -19,7 +19,7 @@ __all__ = ["Displacement"]
 
 
 class Displacement(Node):
-    """How far the specimen moved since the step before.
+    """How far the specimen moved since the previous step.
 
     ``material`` follows the points of the track: the vector between their places in the two clouds. ``thesis`` is the
     definition of the thesis on every third pixel of the deformed region, in which both components hold the whole change

@@ -28,7 +28,7 @@ Pixel = Annotated[int, Field(ge=0)]
 class FindFeatures(Node):
     """Find features in the left image and describe them, once per image.
 
-    KAZE's cost goes with the area it searches, so ``area: auto`` searches the bounding box of the speckles only.
+    KAZE's cost grows with the searched area, so ``area: auto`` searches the bounding box of the speckles only.
     """
 
     title: ClassVar = "find features"

@@ -25,7 +25,7 @@ class Fill(Node):
 
     stage: Literal["fill"] = "fill"
     window: Pixels = parameter(20.0, "length of the moving window", unit="px", ge=2)
-    passes: int = parameter(5, "how often; wider holes need more", ge=1, le=100)
+    passes: int = parameter(5, "number of passes; wider holes need more", ge=1, le=100)
 
     def run(self, cloud: Product) -> Product:
         import numpy as np

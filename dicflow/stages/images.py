@@ -19,7 +19,7 @@ class Images(Node):
 
     One step per left photograph, named by its stem; no two may share one. Those of a pattern follow in natural order of
     the names, those of a list as they are listed. With ``right`` the photographs are paired by the numbers in their
-    names, or by order where these do not agree.
+    names, or by order if the numbers differ.
     """
 
     title: ClassVar = "read photographs"

@@ -99,7 +99,7 @@ class Maps(Node):
 
 
 class _Extent:
-    """Least and largest place seen, (x, y) each; NaN is not seen."""
+    """Least and largest place, (x, y) each; NaN does not count."""
 
     def __init__(self) -> None:
         import numpy as np
@@ -107,7 +107,7 @@ class _Extent:
         self.low, self.high = np.full(2, np.inf), np.full(2, -np.inf)
 
     def include(self, places: np.ndarray) -> None:
-        """See further places (…, 2)."""
+        """Extend by further places (…, 2)."""
         import numpy as np
 
         rows = places.reshape(-1, 2)
@@ -117,7 +117,7 @@ class _Extent:
 
 
 def _phases(total: Sequence[Product], comparison: Product | None) -> list[str]:
-    """Loading or unloading for each total: as the comparison says, else unloading after the largest displacement."""
+    """Loading or unloading for each total: by the comparison, else unloading after the largest displacement."""
     import numpy as np
 
     if comparison is not None:

@@ -27,7 +27,7 @@ MIN_MATCHES = 12
 
 
 class Match(Node):
-    """Match the features of the step before with those of this one.
+    """Match the features of the previous step with those of this one.
 
     First by descriptor over the whole image. Then ``guided``: near the positions that the motion of the first matches
     predicts, which gives several times as many matches after a large stretch. Then ``refine``: each match moves to the

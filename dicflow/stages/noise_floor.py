@@ -1,4 +1,4 @@
-"""What the measurement reads where nothing deforms: bias and scatter of each quantity."""
+"""Bias and scatter of each quantity at steps without deformation."""
 
 from __future__ import annotations
 
@@ -27,9 +27,9 @@ class NoiseFloor(Node):
     """Bias and standard deviation over the points of displacement and strain, at steps without deformation.
 
     Bias is the mean over the points, σ their scatter about it, beside the σ that was predicted (its root mean square).
-    At a rigidly moved step the best rigid-body motion is taken out of the displacement first; the scatter of the
-    displacement is then that about the motion. Noise alone drives the principal strains apart, so that they have a bias
-    of about σ where there is no strain.
+    At a rigidly moved step the best rigid-body motion is removed from the displacement first; the scatter of the
+    displacement is then that about the motion. Noise alone separates the principal strains, which gives them a bias of
+    about σ at zero strain.
     """
 
     title: ClassVar = "noise floor"
@@ -40,7 +40,7 @@ class NoiseFloor(Node):
 
     stage: Literal["noise_floor"] = "noise_floor"
     still: tuple[str, ...] = parameter((), "names of the static or rigidly moved steps; all if none is named")
-    rigid: bool = parameter(True, "take the rigid-body motion out of each step first")
+    rigid: bool = parameter(True, "remove the rigid-body motion of each step first")
 
     def run(self, total: Sequence[Product]) -> Product:
         import numpy as np
@@ -82,7 +82,7 @@ class NoiseFloor(Node):
 
 
 def _displacement(total: Total, known: np.ndarray, rigid: bool) -> tuple[np.ndarray, np.ndarray]:
-    """Displacement (n, 3) of the points and its predicted σ, without the rigid-body motion if asked."""
+    """Displacement (n, 3) of the points and its predicted σ, without the rigid-body motion if ``rigid``."""
     import numpy as np
 
     from dicflow.core.cameras.frames import LEFT_CAMERA, into_frame
@@ -129,5 +129,5 @@ def _summary(figures: Mapping[str, np.ndarray], unit: str) -> dict[str, float]:
 
 
 def _json(value: float) -> float | None:
-    """A number that JSON has."""
+    """The value; None for NaN and infinity, which JSON lacks."""
     return value if math.isfinite(value) else None

@@ -31,9 +31,9 @@ Ring = Annotated[tuple[Place, ...], Field(min_length=3)]
 Quantity = Literal["U", "V", "W", "exx", "eyy", "gxy"]
 
 Readings = dict[str, tuple[float, float, float]]
-"""Value, standard deviation and the calibration's share in it by quantity; NaN where there is none."""
+"""Value, standard deviation and the calibration's share in it by quantity; NaN if unknown."""
 
-_NONE = (math.nan, math.nan, math.nan)
+_UNKNOWN = (math.nan, math.nan, math.nan)
 _PARTS = {"": "{}", "sigma_": "σ of {}", "calibration_": "calibration's share in σ of {}"}
 _SAMPLES = 101
 _AREA_SAMPLES = 200
@@ -54,8 +54,8 @@ class Probes(Node):
     A point's value is that of the parabola through the points around it, a line's the mean over it, an area's the mean
     of its points. An extensometer is the straight distance in space of two points: its length, the elongation since
     the first step, and elongation per first length. Each has its standard deviation, from those of the points and from
-    how much the subsets and windows of neighbours overlap, and beside it the calibration's share, where the rig says
-    how uncertain it is. A place lies on the material: it moves along.
+    how much the subsets and windows of neighbours overlap, and beside it the calibration's share, if the uncertainty of
+    the rig is known. A place belongs to the material and moves with it.
     """
 
     title: ClassVar = "probes"
@@ -88,7 +88,7 @@ class Probes(Node):
 
     def run(self, total: Sequence[Product], rig: Product | None = None) -> Product:
         if not len(total):
-            raise StageError("there is only one step, and nothing to compare it with; give more photographs")
+            raise StageError("expected two or more steps, found one; give more photographs")
         steps: list[str] = ["reference", *getattr(total, "steps", map(str, range(1, len(total) + 1)))]
         cameras = None if rig is None else CalibratedRig.read(rig)
         readings: list[dict[str, Readings]] = []
@@ -98,7 +98,7 @@ class Probes(Node):
             along = {name: [step.at(place) for place in _samples(line)] for name, line in self.lines.items()}
             readings.append(dict(self._read(step, along)))
             profiles.append(self._profiles(step, along))
-        readings.insert(0, _reference(readings))
+        readings.insert(0, _at_first_step(readings))
         self._check_measured(readings)
         facts = gauge_facts(total[0])
         parts = list(_PARTS)[: 2 if cameras is None or cameras.covariance is None else 3]
@@ -122,7 +122,7 @@ class Probes(Node):
         }
 
     def _read(self, step: _Step, along: Mapping[str, list[Probe | None]]) -> Iterator[tuple[str, Readings]]:
-        """What every probe says of one step.
+        """Readings of every probe at one step.
 
         along : for each line the probes on it
         """
@@ -206,9 +206,9 @@ class _Step:
     """One step of the total, ready to be read at places.
 
     grid : (row, col, 2) — where the points lay at the first step, in the unit of the places
-    known : (row, col) bool — which have a value
-    kinds : shares (3,) in the variance of U, V and W of each kind of subset, and how alike errors of that kind are
-    spacing : their distance, in the same unit
+    known : (row, col) bool — points with a value
+    kinds : for each shape function its shares (3,) in the variances of U, V and W, and the correlation of its errors
+    spacing : distance of the points, in the same unit
     error : of the rig; None if unknown
     """
 
@@ -237,7 +237,7 @@ class _Step:
         self.covariance = symmetric(total["covariance"])
         self.gradient = total["gradient"]
         self.slopes = jacobian(total["xyz_reference"], (3, 3), 1)
-        self.error = _error(total, rig)
+        self.error = _probe_error(total, rig)
 
     def at(self, place: Any) -> Probe | None:
         """The probe at a place."""
@@ -248,19 +248,22 @@ class _Step:
     def values(self, probe: Probe | None, quantities: Sequence[str], parts: Sequence[Probe | None]) -> Readings:
         """Quantities of one probe.
 
-        parts : probes at places over which it is the mean
+        parts : probes at the places over which it is a mean
         """
         from dicflow.core.probes.weights import sigma_of, value_of
 
         if probe is None:
-            return dict.fromkeys(quantities, _NONE)
+            return dict.fromkeys(quantities, _UNKNOWN)
         sources = {name: QUANTITIES[name].sources for name in quantities}
-        alike = {**{name: self.rho(weights) for name, weights in sources.items()}, **self._alike(probe)}
+        correlations = {
+            **{name: self.rho(weights) for name, weights in sources.items()},
+            **self._strain_correlations(probe),
+        }
         shares = self.error.mean_sigmas([part for part in parts if part is not None]) if self.error is not None else {}
         return {
             name: (
                 float(value_of(probe, self.total[name])),
-                sigma_of(probe, self.total.sigma(name), alike[name]),
+                sigma_of(probe, self.total.sigma(name), correlations[name]),
                 shares.get(name, math.nan),
             )
             for name in quantities
@@ -272,7 +275,7 @@ class _Step:
 
         first, second = (self.at(place) for place in line)
         if first is None or second is None:
-            return dict.fromkeys(["first", *_LENGTHS], _NONE)
+            return dict.fromkeys(["first", *_LENGTHS], _UNKNOWN)
         places = (self.total["xyz"], self.total["xyz_reference"])
         along = value_of(difference(first, second), places[0]) ** 2 * self._variances(first)
         found = extension((first, second), *places, self.covariance, self.rho(along))._asdict()
@@ -280,7 +283,7 @@ class _Step:
         return {name: (*pair, float(share)) for (name, pair), share in zip(found.items(), shares, strict=True)}
 
     def rho(self, weights: Any) -> Overlap:
-        """How alike the errors of neighbours are in what depends on U, V and W by such weights (3,)."""
+        """Correlation of the errors of neighbours in a quantity that depends on U, V and W with these weights (3,)."""
         from dicflow.core.uncertainty.overlap import mixed
 
         part = _array(weights)
@@ -293,8 +296,8 @@ class _Step:
         sigma = _array([self.total.sigma(name)[probe.rows, probe.cols] for name in "UVW"])
         return np.asarray((sigma**2).mean(axis=1))
 
-    def _alike(self, probe: Probe) -> dict[str, ErrorCorrelation]:
-        """How the errors of the strains of a probe's points are correlated."""
+    def _strain_correlations(self, probe: Probe) -> dict[str, ErrorCorrelation]:
+        """Correlation of the errors of a probe's points in each strain."""
         from dicflow.core.probes.weights import complete_mean, strain_correlation
         from dicflow.core.strain.measures import strain_slope_coefficients
 
@@ -307,7 +310,7 @@ class _Step:
         }
 
 
-def _error(total: Total, rig: CalibratedRig | None) -> ProbeError | None:
+def _probe_error(total: Total, rig: CalibratedRig | None) -> ProbeError | None:
     """Calibration uncertainty of a total's points; None if unknown."""
     import numpy as np
 
@@ -337,13 +340,13 @@ def _samples(line: Line) -> np.ndarray:
     return np.asarray(np.linspace(start, end, _SAMPLES))
 
 
-def _reference(readings: list[dict[str, Readings]]) -> dict[str, Readings]:
-    """What the probes say of the first step: nothing has moved, and lengths are what they were."""
+def _at_first_step(readings: list[dict[str, Readings]]) -> dict[str, Readings]:
+    """Readings at the first step: zero, and the lengths themselves."""
     zero = (0.0, 0.0, 0.0)
 
     def first(name: str) -> Readings:
         lengths = (reading[name]["first"] for reading in readings)
-        length = next((length for length in lengths if math.isfinite(length[0])), _NONE)
+        length = next((length for length in lengths if math.isfinite(length[0])), _UNKNOWN)
         return {"length": length, "elongation": zero, "strain": zero}
 
     return {

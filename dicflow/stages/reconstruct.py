@@ -36,7 +36,7 @@ class Reconstruct(Node):
     stage: Literal["reconstruct"] = "reconstruct"
     depth_gate: Literal["auto", "off"] | Gate = parameter(
         "auto",
-        "how far a point may be off the specimen's surface; auto takes it from the scatter where a region is tracked",
+        "largest distance of a point from the specimen's surface; auto takes it from the scatter in a tracked region",
         unit="mm",
     )
 

@@ -25,8 +25,8 @@ if TYPE_CHECKING:
 __all__ = ["Region"]
 
 SLACK_PX = 1.0  # a region may touch the outermost pixels' outer edges
-OUTLINE_PX = 20.0  # a longer edge would leave the curve that lens distortion makes of it
-WAYS = ("rectangle", "polygons", "file")
+OUTLINE_PX = 20.0  # a longer edge would deviate from its image, which lens distortion curves
+SOURCES = ("rectangle", "polygons", "file")
 
 Ring = Annotated[list[tuple[float, float]], Field(min_length=3)]
 
@@ -53,7 +53,7 @@ def _ordered(value: tuple[float, float, float, float]) -> tuple[float, float, fl
 
 
 class Selected(NamedTuple):
-    """A region in the pixels of an image called ``name``, which is ``size`` (width, height) large."""
+    """A region in the pixels of an image: ``name`` in messages, ``size`` (width, height) [px]."""
 
     polygons: Sequence[Polygon]
     size: tuple[int, int]
@@ -83,7 +83,7 @@ class Region(Node):
         None, "outlines: each a list of corners [x, y], or {exterior: corners, holes: [corners, …]}", unit="px"
     )
     file: InputFile | None = parameter(None, "GeoJSON polygons in px, or an image that is white inside the region")
-    auto: bool = parameter(False, "find the speckled specimen; so it is done when nothing else is given")
+    auto: bool = parameter(False, "find the speckled specimen; the default if nothing else is given")
     frame: Literal["photograph", "tracked"] = parameter(
         "photograph", "what the coordinates and the mask refer to: the left photograph, or the rectified image"
     )
@@ -94,16 +94,16 @@ class Region(Node):
     @model_validator(mode="before")
     @classmethod
     def _auto_alone(cls, values: Any) -> Any:
-        """Set auto if no way is given, so that both have one key."""
-        if isinstance(values, dict) and all(values.get(way) is None for way in WAYS):
+        """Set auto if no source is given, so that both have one key."""
+        if isinstance(values, dict) and all(values.get(source) is None for source in SOURCES):
             return {**values, "auto": values.get("auto", True)}
         return values
 
     @model_validator(mode="after")
-    def _one_way(self) -> Self:
-        given = [way for way in WAYS if getattr(self, way) is not None] + ["auto"] * self.auto
+    def _one_source(self) -> Self:
+        given = [source for source in SOURCES if getattr(self, source) is not None] + ["auto"] * self.auto
         if len(given) != 1:
-            raise ValueError(f"give exactly one of {', '.join(WAYS)} and auto, found {', '.join(given) or 'none'}")
+            raise ValueError(f"give exactly one of {', '.join(SOURCES)} and auto, found {', '.join(given) or 'none'}")
         return self
 
     def check(self, path: Path) -> dict[str, Any]:
@@ -151,7 +151,7 @@ class Region(Node):
         return polygons
 
     def _chosen(self, images: Images, cameras: Rig | None, file_path: Path | None) -> Selected:
-        """The region as the user gave it."""
+        """The region that the user gave."""
         import numpy as np
 
         from dicflow.core.photographs.region import Polygon, rectangle

@@ -16,7 +16,7 @@ __all__ = ["Smooth"]
 class Smooth(Node):
     """Replace the displacement at each point by a polynomial fitted to the window around it (Savitzky–Golay in 2D).
 
-    Points without a value keep none. In the material definition ``xyz`` is the place at the step before plus the
+    Points without a value keep none. In the material definition ``xyz`` is the place at the previous step plus the
     smoothed displacement.
     """
 

@@ -32,7 +32,7 @@ _FOLLOWED_PAIRS = 1000
 _SEED_WINDOW = 1.5
 """Side of the windows compared along epipolar lines, in subsets."""
 _FOUND_SHARE = 0.5
-"""Share of the points that, when found, decides the order of left and right; with fewer, features do."""
+"""Share of found points from which they decide the order of left and right; below it, features do."""
 
 
 class _View(NamedTuple):
@@ -44,8 +44,8 @@ class _View(NamedTuple):
     points_first: Correlation
 
 
-class _Before(NamedTuple):
-    """The step before."""
+class _Previous(NamedTuple):
+    """The previous step."""
 
     images: Images
     points: Correlation
@@ -55,15 +55,16 @@ class _Before(NamedTuple):
 class Stereo(SubsetSearch):
     """Correlate the subsets of the first left photograph with the right one of each step.
 
-    The template is that of the left camera, so that both show the same material point. Where a subset is searched
-    comes from its place in the left photograph: ``start: match`` finds points spread over the region anew along their
-    epipolar lines, at any depth; ``time`` takes how the right photograph saw the surface at the step before, and the
-    lines only where the grey levels disagree with that.
+    The template is that of the left camera, so that both show the same material point. A search starts from the place
+    in the left photograph: ``start: match`` finds points spread over the region along their epipolar lines, at any
+    depth; ``time`` takes the surface of the previous step, and the epipolar lines only if the grey levels disagree with
+    it.
 
     With ``match: first_step`` the cameras are matched at the first step only. From the places found there the right
     photographs are correlated with the first right one, as ``correlate`` does it with the left ones; an error of the
-    first match then stays with a point. Either way, a point counts where the grey levels fit and the two places are
-    of one point in space. Parameters of the search that are not given are those of ``correlation``.
+    first match then stays with a point. A point is valid if the grey levels fit and both places belong to one point in
+    space. Not given, ``gaussian``, ``min_share``, ``max_iterations``, ``tolerance``, ``smoothing``, ``misfit`` and
+    ``reference`` are those of ``correlation``.
     """
 
     title: ClassVar = "correlate left and right"
@@ -92,7 +93,7 @@ class Stereo(SubsetSearch):
         "every_step", "when points are matched from left to right; after the first step alone they are followed in time"
     )
     start: Literal["match", "time"] = parameter(
-        "match", "where starting values of a match come from: epipolar lines of this step, or the step before"
+        "match", "where starting values of a match come from: epipolar lines of this step, or the previous step"
     )
     shape_function: ShapeFunction = parameter("quadratic", "how a subset may deform")
     max_epipolar: Annotated[Pixels, Field(gt=0)] = parameter(1.0, "distance from the epipolar line, at most", unit="px")
@@ -115,7 +116,7 @@ class Stereo(SubsetSearch):
             Correlation.read(correlation_first),
         )
         view.images.check_sizes(cameras)
-        earlier = _before(**before)
+        earlier = _previous(**before)
         if earlier is None:
             return self._first_step(cameras, view)
         stereo_first = before.get("stereo_first")
@@ -124,10 +125,10 @@ class Stereo(SubsetSearch):
         return self._next_step(cameras, view, earlier)
 
     def _first_step(self, cameras: Rig, view: _View) -> Product:
-        """The points matched at the first step, where left and right and the pattern are checked."""
+        """The points matched at the first step; the order of left and right and the pattern are checked."""
         from dicflow.core.correlation.across import inherited_covariance
 
-        starts = _from_partners(cameras, view)
+        starts = _starts_from_epipolar_lines(cameras, view)
         _check_pattern(view.images.right, starts[..., 0])
         ratio = _noise_ratio(view, starts)
         found, search = self._matched(view, starts, ratio)
@@ -137,39 +138,45 @@ class Stereo(SubsetSearch):
             return product
         found = found._replace(inherited_covariance=inherited_covariance(found, search))
         outline = view.points.outline(view.points_first.polygons, found, view.points_first["xy"])
-        return StereoPoints.read(product).to_follow(found, outline)
+        return StereoPoints.read(product).with_reference(found, outline)
 
-    def _next_step(self, cameras: Rig, view: _View, before: _Before) -> Product:
-        """The points matched at a further step."""
-        starts = _from_before(view, before) if self.start == "time" else None
-        ratio = before.stereo.noise_ratio
-        found, _ = self._matched(view, _from_partners(cameras, view) if starts is None else starts, ratio)
+    def _next_step(self, cameras: Rig, view: _View, previous: _Previous) -> Product:
+        """The points matched at a later step."""
+        starts = _starts_from_previous_step(view, previous) if self.start == "time" else None
+        ratio = previous.stereo.noise_ratio
+        found, _ = self._matched(view, _starts_from_epipolar_lines(cameras, view) if starts is None else starts, ratio)
         return self._product(cameras, view, found, ratio)
 
-    def _followed(self, cameras: Rig, view: _View, before: _Before, first_stereo: StereoPoints) -> Product:
-        """What the first right photograph shows in the one of the step."""
+    def _followed(self, cameras: Rig, view: _View, previous: _Previous, first_stereo: StereoPoints) -> Product:
+        """The points of the first right photograph, found in that of the step."""
         import numpy as np
 
         from dicflow.core.correlation.material import follow_step
         from dicflow.core.correlation.points import cropped
         from dicflow.core.status import Status
 
-        ratio = before.stereo.noise_ratio
+        ratio = previous.stereo.noise_ratio
         search = self.search(view.points.grid.subset_size, ratio * view.points.noise_level)
         first = cropped(first_stereo.as_reference(view.images_first.right), search.subset.size)
-        last, between = before.stereo.as_reference(before.images.right), before.stereo.reference_between
+        last, reference_step = previous.stereo.as_reference(previous.images.right), previous.stereo.reference_step
         found, reference = follow_step(
-            first, between, last, view.images.right, search, self.reference.rule(), _moved_along(view, before)
+            first,
+            reference_step,
+            last,
+            view.images.right,
+            search,
+            self.reference.updating(),
+            _predicted_pairs(view, previous),
         )
         status = np.where(first_stereo["status"] > Status.FILLED, first_stereo["status"], found.status)
-        louder = np.divide(view.points.noise_level, view.points_first.noise_level)
-        found = found._replace(status=status, template_covariance=louder**2 * first_stereo["template"])
+        noise_growth = np.divide(view.points.noise_level, view.points_first.noise_level)
+        found = found._replace(status=status, template_covariance=noise_growth**2 * first_stereo["template"])
         product = self._product(cameras, view, found, ratio)
-        outline = before.stereo.outline(view.points_first.polygons, found, view.points_first["xy"])
-        return StereoPoints.read(product).to_follow(found, outline, reference)
+        outline = previous.stereo.outline(view.points_first.polygons, found, view.points_first["xy"])
+        return StereoPoints.read(product).with_reference(found, outline, reference)
 
     def _matched(self, view: _View, starts: np.ndarray, noise_ratio: float) -> tuple[FoundPoints, Search]:
-        """What the left photograph of the step shows in the right one, from starting warps (row, col, 2, 3)."""
+        """The points of the left photograph, found in the right one from starting warps (row, col, 2, 3)."""
         import numpy as np
 
         from dicflow.core.correlation.across import contrast, follow_across
@@ -182,9 +189,9 @@ class Stereo(SubsetSearch):
         search = search._replace(target_noise_ratio=noise_ratio * contrasts[0] / contrasts[1])
         usable = interior(view.points_first.polygons, image.shape)
         grid = np.where(np.isfinite(view.points["xy"]), view.points_first["xy"], np.nan)
-        first, between = first_photograph(image, usable, grid, search), view.points.reference_between
+        first, reference_step = first_photograph(image, usable, grid, search), view.points.reference_step
         target = target_spline(right, search)
-        return follow_across(first, between, view.points["way"], target, starts, search), search
+        return follow_across(first, reference_step, view.points["way"], target, starts, search), search
 
     def _product(self, cameras: Rig, view: _View, found: FoundPoints, noise_ratio: float) -> Product:
         import numpy as np
@@ -208,20 +215,20 @@ class Stereo(SubsetSearch):
         return StereoPoints.write(found, apart, status, grid, noise_ratio, facts)
 
 
-def _before(
+def _previous(
     images_before: Product | None = None,
     correlation_before: Product | None = None,
     stereo_before: Product | None = None,
     stereo_first: Product | None = None,
-) -> _Before | None:
-    """The step before; None at the first step."""
+) -> _Previous | None:
+    """The previous step; None at the first step."""
     if images_before is None or correlation_before is None or stereo_before is None:
         return None
-    return _Before(Images.read(images_before), Correlation.read(correlation_before), StereoPoints.read(stereo_before))
+    return _Previous(Images.read(images_before), Correlation.read(correlation_before), StereoPoints.read(stereo_before))
 
 
 def _check_pattern(image: np.ndarray, places: np.ndarray) -> None:
-    """The first right photograph must show a pattern where the points are, about (row, col, 2), as far as is known."""
+    """Raise StageError unless the first right photograph shows a pattern around the points (row, col, 2) [px]."""
     from dicflow.core.correlation.across import grid_mask
     from dicflow.core.photographs.pattern import check_pattern
 
@@ -234,7 +241,7 @@ def _check_pattern(image: np.ndarray, places: np.ndarray) -> None:
 
 
 def _noise_ratio(view: _View, starts: np.ndarray) -> float:
-    """Noise of the right camera over that of the left one; 1 where the noise of both is given."""
+    """Noise of the right camera over that of the left one; 1 if the noise of both is given."""
     from dicflow.core.correlation.across import noise_ratio
 
     if view.points.noise_is_given:
@@ -242,30 +249,30 @@ def _noise_ratio(view: _View, starts: np.ndarray) -> float:
     return noise_ratio(view.images.left, view.images.right, view.points["xy"], starts[..., 0])
 
 
-def _from_before(view: _View, before: _Before) -> np.ndarray | None:
-    """Starting warps (row, col, 2, 3) if the right photograph sees the surface as before; None where it does not."""
+def _starts_from_previous_step(view: _View, previous: _Previous) -> np.ndarray | None:
+    """Starting warps (row, col, 2, 3) from the previous step; None if the grey levels disagree with it."""
     from dicflow.core.correlation.across import PointsInStep, starts_agree, starts_from_previous_step
 
-    steps = (view.points, before.points, before.stereo)
+    steps = (view.points, previous.points, previous.stereo)
     starts = starts_from_previous_step(*(PointsInStep(step["xy"], step["gradient"]) for step in steps))
     centres = view.points_first["xy"]
     return starts if starts_agree(view.images_first.left, view.images.right, centres, starts) else None
 
 
-def _moved_along(view: _View, before: _Before) -> Pairs:
-    """Some points in the right photograph of the step before, and where the motion in the left one puts them."""
+def _predicted_pairs(view: _View, previous: _Previous) -> Pairs:
+    """Some points in the right photograph of the previous step, and their places predicted by the left one."""
     import numpy as np
 
     from dicflow.core.correlation.across import PointsInStep, starts_from_previous_step
     from dicflow.core.correlation.seed import Pairs
 
-    steps = (PointsInStep(step["xy"], step["gradient"]) for step in (view.points, before.points, before.stereo))
-    places = np.stack([before.stereo["xy"], starts_from_previous_step(*steps)[..., 0]])
+    steps = (PointsInStep(step["xy"], step["gradient"]) for step in (view.points, previous.points, previous.stereo))
+    places = np.stack([previous.stereo["xy"], starts_from_previous_step(*steps)[..., 0]])
     known = places[:, np.isfinite(places).all(axis=(0, -1))]
     return Pairs(*known[:, :: 1 + known.shape[1] // _FOLLOWED_PAIRS])
 
 
-def _from_partners(cameras: Rig, view: _View) -> np.ndarray:
+def _starts_from_epipolar_lines(cameras: Rig, view: _View) -> np.ndarray:
     """Starting warps (row, col, 2, 3) from points found along their epipolar lines."""
     import numpy as np
 
@@ -283,7 +290,7 @@ def _from_partners(cameras: Rig, view: _View) -> np.ndarray:
 
 
 def _check_order(cameras: Rig, view: _View, found: FoundPoints) -> None:
-    """Raise StageError where left and right are exchanged, or nothing is seen by both cameras."""
+    """Raise StageError if left and right are exchanged, or no point is found in both photographs."""
     import numpy as np
 
     from dicflow.core.cameras.geometry_check import check_order
@@ -314,7 +321,7 @@ def _status(left: np.ndarray, right: np.ndarray) -> np.ndarray:
 
 
 def _summary(left: np.ndarray, status: np.ndarray, apart: np.ndarray, iterations: np.ndarray) -> dict[str, float]:
-    """Shares of the points that the left photograph shows, by what became of them."""
+    """Shares of the points in the left photograph by status."""
     import numpy as np
 
     from dicflow.core.status import Status

@@ -20,7 +20,7 @@ __all__ = ["Strain"]
 
 
 class Strain(Node):
-    """How the specimen deformed since the step before.
+    """How the specimen deformed since the previous step.
 
     In the material definition: the deformation gradient between the tangent planes of the two surfaces, from local
     polynomials of the points in space over the material grid. In the thesis's: quotients of differences of

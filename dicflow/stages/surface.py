@@ -47,12 +47,12 @@ class Surface(Node):
     degree: CoordinateDegrees | Literal["auto"] = parameter(
         CoordinateDegrees(), "degree [x, y] of the polynomial for each of x, y and z, or auto"
     )
-    robust: Literal["none", "lar", "bisquare"] = parameter("bisquare", "how outliers are kept from the surface")
+    robust: Literal["none", "lar", "bisquare"] = parameter("bisquare", "how the weight of outliers is reduced")
     lowess_window: Pixels = parameter(61.0, "side of the window of the local regression", unit="px", ge=5)
     lowess_degree: Literal[1, 2] = parameter(1, "degree of the local regression")
-    margin: Pixels = parameter(12.0, "width of the band around the cloud that gets a value too", unit="px", ge=0)
+    margin: Pixels = parameter(12.0, "width of the band around the cloud with a value", unit="px", ge=0)
     max_points: int = parameter(
-        50_000, "points on which outliers are judged at most; all points take part in the last solution", ge=1000
+        50_000, "most points from which the weights are found; the last solution uses all points", ge=1000
     )
 
     def run(self, cloud: Product) -> Product:

@@ -75,7 +75,7 @@ class Track(Node):
         if track_before is None:
             return self._first(Region.read(region))
         if matches is None:
-            raise StageError("no matches from the step before; add a stage 'match' and name it as 'matches'")
+            raise StageError("no matches from the previous step; add a stage 'match' and name it as 'matches'")
         return self._next(Matches.read(matches), TrackProduct.read(track_before))
 
     def _first(self, region: Region) -> Product:
@@ -100,7 +100,7 @@ class Track(Node):
         return self._product(State(points, status, polygons), None)
 
     def _next(self, matches: Matches, before: TrackProduct) -> Product:
-        """Points, outline and transforms, carried from the step before to this one."""
+        """Points, outline and transforms, carried from the previous step to this one."""
         from dicflow.core.matching.tracking import nearest_subset, subset_grid
         from dicflow.core.photographs.region import bounding_box
 
@@ -122,7 +122,7 @@ class Track(Node):
         return tracked
 
     def _mapping(self, grid: SubsetGrid, tracked: TrackedSubsets, pairs: Pairs) -> Callable[[np.ndarray], np.ndarray]:
-        """The mapping of points (..., 2) from the step before to this one [px].
+        """The mapping of points (..., 2) from the previous step to this one [px].
 
         pairs : positions (n, 2) of the matches in the region at both steps [px]
         """
@@ -148,7 +148,7 @@ class Track(Node):
 
 
 def _inside(polygons: Sequence[Polygon], matches: Matches) -> Pairs:
-    """Positions (n, 2) at both steps of the matches in the region at the step before [px]."""
+    """Positions (n, 2) at both steps of the matches in the region at the previous step [px]."""
     from dicflow.core.photographs.region import contains
 
     source, target = matches.pairs

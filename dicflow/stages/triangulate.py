@@ -1,4 +1,4 @@
-"""Points in space, with what is uncertain about them."""
+"""Points in space and their uncertainty."""
 
 from __future__ import annotations
 
@@ -21,11 +21,11 @@ __all__ = ["Triangulate"]
 
 
 class Triangulate(Node):
-    """The points that best explain both photographs, with covariance and the reason where there is none.
+    """The points that best explain both photographs, with covariance and status.
 
-    Both places go back to one template, so its noise moves a point along the surface alike in both; the noise of the
-    photographs themselves moves it in depth too. ``way`` and ``way_right`` say by which way the left and the right
-    place were found, directly from the first photographs or through others.
+    Both places are found with one template, whose noise moves a point along the surface; the noise of the photographs
+    themselves moves it in depth too. ``way`` and ``way_right`` hold the routes by which the left and the right place
+    were found: directly from the first photograph, or via a reference step.
     """
 
     title: ClassVar = "triangulate"
@@ -62,13 +62,13 @@ class Triangulate(Node):
 
 
 def _errors(found: Triangulated, left: Correlation, right: Stereo) -> PointErrors:
-    """What the errors in both photographs do to the points.
+    """Errors of the points by those in both photographs.
 
-    At the first step the left place is the point itself, without error. Where both places were chained through one
-    later reference, the error of the way there is common to both photographs, as they are correlated with one template.
+    At the first step the left place is the point itself, without error. If both places were found via one reference
+    step, its inherited covariance is common to both photographs, which are correlated with one template.
 
-    A richer shape function in the right photograph feels the template's noise more. Since the other one's estimate is
-    efficient, what is added is independent of it: a second error of the template, which only the right place has.
+    A richer shape function in the right photograph is more sensitive to the template's noise. Since the other one's
+    estimate is efficient, the additional error is independent of it: a second error, of the right place alone.
     """
     import numpy as np
 
@@ -97,7 +97,7 @@ def _errors(found: Triangulated, left: Correlation, right: Stereo) -> PointError
 
 
 def _differ(left: Correlation, right: Stereo) -> bool:
-    """Whether the shape functions left and right do."""
+    """Whether the shape functions left and right differ."""
     return left.grid.shape_function != right.grid.shape_function
 
 
@@ -107,7 +107,7 @@ def _variance(covariance: np.ndarray) -> Any:
 
 
 def _two_errors(left: Correlation, right: Stereo) -> np.ndarray:
-    """Covariance (row, col, 10) of the template's error and of what the right shape function adds to it [px²]."""
+    """Covariance (row, col, 10) of the template's error and of the addition by the right shape function [px²]."""
     import numpy as np
 
     from dicflow.core.tensors import symmetric, upper_triangle
@@ -135,7 +135,7 @@ def _positive(covariance: np.ndarray) -> np.ndarray:
 def _facts(
     found: Triangulated, errors: PointErrors, status: np.ndarray, right: Stereo, inside: np.ndarray
 ) -> dict[str, Any]:
-    """What a reader should know of a step.
+    """Further attributes of a step.
 
     inside : (row, col) — the points of the region at the first step
     """
@@ -146,7 +146,7 @@ def _facts(
 
 
 def _reasons(status: np.ndarray) -> dict[str, float]:
-    """Share of the region's points by status, most first; empty where there is no point."""
+    """Share of the region's points by status, most first; empty without points."""
     import numpy as np
 
     from dicflow.core.status import Status

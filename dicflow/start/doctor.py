@@ -21,7 +21,7 @@ _FREE_GB = 2.0
 
 
 class Check(NamedTuple):
-    """What was looked at, whether it is well, and what was found with the remedy."""
+    """Subject of a check, whether it passed, and the finding with the remedy."""
 
     subject: str
     ok: bool
@@ -29,7 +29,7 @@ class Check(NamedTuple):
 
 
 def checks(store: Path) -> Iterator[Check]:
-    """Look at Python, the packages, the machine, the store's folder and the loopback address."""
+    """Check Python, the packages, the machine, the store's folder and the loopback address."""
     yield Check("python", True, f"{platform.python_version()} on {platform.system()} {platform.machine()}")
     yield Check("packages", True, ", ".join(f"{name} {version(name)}" for name in _PACKAGES))
     yield _detectors()

@@ -20,7 +20,7 @@ from dicflow.pipeline.wiring import wire
 __all__ = ["OPEN", "Found", "Series", "look", "pipeline_text"]
 
 OPEN = "FILL IN the side"
-"""Stands in the file where the user has to say something."""
+"""Marks what the user has to fill in."""
 
 
 _SIDE_WORDS = {"left": "left", "l": "left", "right": "right", "r": "right"}
@@ -50,7 +50,7 @@ class Series(NamedTuple):
 
 
 class Found(NamedTuple):
-    """What lies in a folder.
+    """Content of a folder.
 
     board_size : inner corners (columns, rows) of the board
     disparity_range : least and largest disparity of the first pair in the rectified photographs [px]
@@ -69,8 +69,8 @@ def look(folder: Path, say: Callable[[str], None]) -> Found:
     """Find the photographs, the boards, their size and the range of disparity.
 
     folder : searched to a depth of three folders
-    say : told each finding
-    Raises InputError where there are no photographs of a specimen.
+    say : called with each finding
+    Raises InputError without photographs of a specimen.
     """
     if not folder.is_dir():
         raise InputError(f"{folder}: no such folder; name the folder that holds the photographs")
@@ -95,9 +95,9 @@ def look(folder: Path, say: Callable[[str], None]) -> Found:
 
 
 def _series(folder: Path) -> list[Series]:
-    """Photographs grouped by folder; the two cameras are told apart by their folders' or their files' names.
+    """Photographs grouped by folder; names of folders or files distinguish the two cameras.
 
-    A word or number tells a camera only where there is one for the other camera too.
+    A word or number in a name counts only if the other camera has one too.
     """
     groups: dict[Path, dict[str, list[Path]]] = defaultdict(lambda: defaultdict(list))
     for path in _photographs(folder):
@@ -135,7 +135,7 @@ def _photographs(folder: Path) -> list[Path]:
 
 
 def _side(name: str) -> str | None:
-    """The camera that a name tells: by a word, else by a number at its end."""
+    """The camera in a name: by a word, else by a number at its end; None if unknown."""
     word = _SIDE_WORD.search(name)
     if word:
         return _SIDE_WORDS[(word[1] or word[2]).lower()]
@@ -178,7 +178,7 @@ def _board_size(series: Series) -> tuple[int, int] | None:
 
 
 def _disparity_range(photos: Series, boards: Series, size: tuple[int, int]) -> tuple[int, int] | None:
-    """The range that the first pair shows, with a rig from a few of the boards; None where that does not calibrate."""
+    """The range that the first pair shows, with a rig from a few of the boards; None if these do not calibrate."""
     images, corners, calibrate, rectify, disparity = (
         _maker(name) for name in ("images", "corners", "calibrate", "rectify", "disparity")
     )
@@ -208,9 +208,9 @@ def _first(folder: Path, pattern: str) -> str | None:
 def pipeline_text(found: Found, square: str | None, path: Path) -> str:
     """The pipeline file, commented: two cameras with boards where both were found, else one camera.
 
-    square : side of a square of the board; left open, for the user to fill in, where it is None
+    square : side of a square of the board; None leaves it for the user to fill in
     path : of the file, for messages
-    Raises ConfigurationError where the square is no length, or a name cannot be written.
+    Raises ConfigurationError if the square is not a length, or a name cannot be written.
     """
     wire(parse(_text(found, square or "1 mm"), str(path)))
     return _text(found, square)
@@ -230,7 +230,7 @@ def _text(found: Found, square: str | None) -> str:
 
 
 def _quoted(key: str, value: str) -> str:
-    """A name as YAML reads it back whatever signs it holds; JSON's strings are YAML's."""
+    """A key and its value, quoted so that YAML reads any characters back; JSON's strings are YAML's."""
     return f"{key}: {json.dumps(value, ensure_ascii=False)}"
 
 

@@ -65,7 +65,7 @@ class Experiment(NamedTuple):
     poses : places of the board, in the left camera's frame
     overhang : bare strip beyond each end of the speckled region [mm]
     noise : standard deviation of the grey levels
-    seed : of the noise; everything else is already drawn
+    seed : of the noise; everything else is already determined
     """
 
     stand: Stand
@@ -91,7 +91,7 @@ def latex_experiment(
     Raises ValueError for a number outside 1 … 5.
     """
     if number not in _STRIPS:
-        raise ValueError(f"the latex experiments are numbered 1 to 5, there is no {number}")
+        raise ValueError(f"the latex experiments are numbered 1 to 5, got {number}")
     strip, caliper = _STRIPS[number], _caliper(number)
     size = (round(_PHOTOGRAPH[0] * scale), round(_PHOTOGRAPH[1] * scale))
     pixel = strip.field / size[1]

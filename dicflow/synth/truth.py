@@ -1,4 +1,4 @@
-"""What is exactly true of an experiment, as arrays and tables."""
+"""The exact truth of an experiment, as arrays and tables."""
 
 from __future__ import annotations
 

@@ -29,7 +29,7 @@ def stereo(photographs, tmp_path_factory):
     return folder, dicflow("init", folder, "--square", "1.45 cm")
 
 
-def test_what_is_found_is_told(stereo):
+def test_findings_are_listed(stereo):
     folder, answer = stereo
     assert answer.code == 0, answer.err
     said = answer.out.splitlines()
@@ -59,7 +59,7 @@ def test_an_existing_file_is_kept(stereo):
     folder, _ = stereo
     before = (folder / "pipeline.yaml").read_bytes()
     dicflow("init", folder).refuses(2, "pipeline.yaml exists; add --force to overwrite it")
-    dicflow("init", folder, "--square", "3 px", "--force").refuses(2, "pipeline.yaml:11:5: rig.square: '3 px' is no")
+    dicflow("init", folder, "--square", "3 px", "--force").refuses(2, "pipeline.yaml:11:5: rig.square: '3 px'")
     assert (folder / "pipeline.yaml").read_bytes() == before
 
 
@@ -93,7 +93,7 @@ def test_one_camera_is_measured_in_pixels(photographs, tmp_path):
         ("test/L/{}.png", "test/R/{}.png", ("test/L/*.png", "test/R/*.png")),
     ],
 )
-def test_cameras_told_apart_by_names(photographs, tmp_path, left, right, patterns):
+def test_cameras_distinguished_by_names(photographs, tmp_path, left, right, patterns):
     for step in range(2):
         for side, name in (("left", left), ("right", right)):
             place = tmp_path / name.format(step)
@@ -126,7 +126,7 @@ def test_folders_that_hold_nothing_to_measure(photographs, tmp_path):
     dicflow("init", tmp_path).refuses(2, "step_01.png: ")
 
 
-def test_boards_are_told_from_speckles_in_the_samples(stereo):
+def test_boards_are_distinguished_from_speckles_in_the_samples(stereo):
     """Speckles look like a small board here and there; most photographs must show one of the same size."""
     from small import ROOT
 

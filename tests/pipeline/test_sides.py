@@ -84,7 +84,7 @@ def test_a_table_that_is_moved_and_says_its_sigma(pipeline, measured):
     assert moved.agreement.sigma == pytest.approx(0.0, abs=1e-9)
     assert moved.agreement.share_beyond_sigma == 0.0
     assert found.changes is None
-    assert any("Only B says its σ" in note for note in found.notes)
+    assert any("Only B " in note and "σ" in note for note in found.notes)
     assert any("unit" in note for note in found.notes)
 
 
@@ -96,9 +96,8 @@ def test_an_exported_table_differs_by_its_digits_alone(form, pipeline, measured,
     (table,) = export(result, tmp_path, stage="total", step=step, to=form)
     sides = open_sides(str(pipeline), str(table))
     found = compare(*sides, (step,))
-    guessed = f"A table has no steps; it is held against the last one, {step}."
-    assert guessed in compare(*sides).notes
-    assert guessed not in found.notes
+    (guessed,) = set(compare(*sides).notes) - set(found.notes)
+    assert step in guessed
     assert {"U", "V", "W", "exx", "eyy"} <= {one.quantity for one in found.differences}
     assert max(abs(one.agreement.mean) for one in found.differences) < 1e-6
     assert max(one.agreement.largest for one in found.differences) < 1e-4
@@ -129,7 +128,7 @@ def refused(error, *words):
     assert all(word in str(error.value) for word in words), str(error.value)
 
 
-def test_what_cannot_be_compared_is_said(pipeline, measured, run_id, tmp_path):
+def test_sides_that_cannot_be_compared(pipeline, measured, run_id, tmp_path):
     ours = str(pipeline)
     with pytest.raises(StoreError) as error:
         open_sides(ours, "20200101-000000-abcdef")

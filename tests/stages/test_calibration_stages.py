@@ -71,7 +71,7 @@ def test_one_camera_has_one_set_of_corners(photograph):
 
 
 def test_photographs_of_two_sizes_are_refused(photograph):
-    with pytest.raises(StageError, match=r"400 × 300 px and the right one 300 × 200"):
+    with pytest.raises(StageError, match=r"400 × 300 .* 300 × 200"):
         Corners(stage="corners", size=SIZE).run(images=images(left=photograph, right=BLANK[:200, :300]))
 
 
@@ -118,7 +118,7 @@ def test_the_rig_says_how_certain_it_is(pairs):
     assert all(summary[f"spread_{name}"] > 0.0 for name in ("left_fx_px", "baseline_mm", "angle_deg"))
 
 
-def test_pairs_without_a_board_are_told_apart(pairs):
+def test_a_pair_without_a_board_is_not_used(pairs):
     product = stage(tangential=True).run(corners=(pairs[0], corners(None, pairs[1]["right"]), *pairs[2:]))
     assert product.attrs["pairs"][1] == {"name": "pair 2", "used": False}
     assert "11 of 12 pairs" in product.attrs["verdict"]
@@ -145,18 +145,18 @@ def test_a_board_seen_in_no_pair():
 
 def test_a_wrong_board_size_names_the_size_that_is_seen():
     none = tuple(corners(None, None, size=(8, 5), seen=[9, 6]) for _ in range(9))
-    with pytest.raises(StageError, match=r"18 photographs show one of 9 × 6: set size to \[9, 6\]"):
+    with pytest.raises(StageError, match=r"18 photographs .* size to \[9, 6\]"):
         stage().run(corners=none)
 
 
 def test_too_few_pairs(pairs):
-    with pytest.raises(StageError, match="in 7 of 9 pairs, and 8 are needed"):
+    with pytest.raises(StageError, match=r"7 of 9 pairs.* 8 "):
         stage().run(corners=(*pairs[:7], corners(None, pairs[7]["right"]), corners(pairs[8]["left"], None)))
 
 
 def test_pairs_of_two_sizes(pairs):
     odd = corners(pairs[3]["left"], pairs[3]["right"], image_size=(800, 600))
-    with pytest.raises(StageError, match=r"pair 1 has 640 × 480 px and pair 4 has 800 × 600"):
+    with pytest.raises(StageError, match=r"pair 1 .* 640 × 480 .* pair 4 .* 800 × 600"):
         stage().run(corners=(*pairs[:3], odd, *pairs[4:]))
 
 

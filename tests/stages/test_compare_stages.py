@@ -119,7 +119,7 @@ def test_wrong_number_of_rows_names_both(tmp_path):
     path = table(tmp_path, LENGTHS[:3])
     node = Compare(caliper=str(path))
     node.agree({path: node.check(path)}, {}, {"track": ("0", "1", "2")})
-    with pytest.raises(InputError, match=r"caliper\.csv: has 3 rows, but there are 4 steps; write one row per step"):
+    with pytest.raises(InputError, match=r"caliper\.csv: .*3 rows.* 4 steps"):
         node.agree({path: node.check(path)}, {}, {"track": ("0", "1", "2", "3")})
 
 
@@ -127,7 +127,7 @@ def test_the_table_is_checked_before_anything_runs(tmp_path):
     path = table(tmp_path)
     assert Compare(caliper=str(path)).check(path) == {"rows": 4}
     path.write_text("phase,load_g,length_mm\nloading,0,long\n")
-    with pytest.raises(InputError, match=r"caliper\.csv:2: length_mm is 'long'"):
+    with pytest.raises(InputError, match=r"caliper\.csv:2: length_mm .*'long'"):
         Compare(caliper=str(path)).check(path)
 
 
@@ -173,13 +173,13 @@ def test_a_shorter_extensometer_is_compared_in_strain_alone(tmp_path):
 
 def test_an_extensometer_that_is_not_there(tmp_path):
     path = table(tmp_path)
-    with pytest.raises(StageError, match="unknown extensometer 'wide'; the probes have: short, long"):
+    with pytest.raises(StageError, match=r"'wide'.* short, long"):
         Compare(caliper=str(path), extensometer="wide").run(probes=probes(LENGTHS), caliper_path=path)
     with pytest.raises(StageError, match="add a stage 'probes'"):
         Compare(caliper=str(path), extensometer="wide").run(caliper_path=path)
-    with pytest.raises(ConfigurationError, match="needs a track, a total"):
+    with pytest.raises(ConfigurationError, match="a track, a total"):
         Compare(caliper=str(path)).agree({path: {"rows": 4}}, {}, {})
-    with pytest.raises(InputError, match="has 4 rows, but there are 3 steps"):
+    with pytest.raises(InputError, match=r"4 rows.* 3 steps"):
         Compare(caliper=str(path), extensometer="long").agree({path: {"rows": 4}}, {}, {"total": ("b", "c")})
 
 
@@ -195,10 +195,10 @@ def test_without_a_track_the_mean_strain_of_the_field_is_compared(tmp_path):
     assert found.attrs["length"] == "field"
     assert found["dic_strain"] == pytest.approx([0.0, *strains])
     other = [Product("total", total[0].variables, {**PRECISE, "measure": "hencky"})] * len(total)
-    with pytest.raises(StageError, match="engineering strain, not hencky; set measure: engineering"):
+    with pytest.raises(StageError, match="hencky; set measure: engineering"):
         Compare(caliper=str(path)).run(total=other, caliper_path=path)
     thesis = [Product("total", total[0].variables, {"definition": "thesis"})] * len(total)
-    with pytest.raises(StageError, match="the total has the thesis's; set definition: material"):
+    with pytest.raises(StageError, match=r"thesis.* definition: material"):
         Compare(caliper=str(path)).run(total=thesis, caliper_path=path)
-    with pytest.raises(StageError, match="has 4 rows for 3 steps; write one row per step"):
+    with pytest.raises(StageError, match=r"4 rows .*3 steps"):
         Compare(caliper=str(path)).run(total=total[1:], caliper_path=path)

@@ -65,7 +65,7 @@ def stretched(stretch):
 
 
 def series(transforms, changed=None, noise=1.0):
-    """Photographs of one pattern; ``changed`` tells how much of it another one has replaced in each."""
+    """Photographs of one pattern; ``changed``: share of it that another pattern replaces in each."""
     patterns = [scatter_speckles((340, 460), (3.0, 7.0), 1.0, 0.45, seed=seed) for seed in (5, 6)]
     rest, extent = translation((0.5 * SIZE[0], -20.0)), Extent(-170.0, 170.0, 0.0, 460.0)
     images = []
@@ -78,7 +78,7 @@ def series(transforms, changed=None, noise=1.0):
 
 
 def known_matches(transforms, false=20):
-    """What features would tell of each step, a few of them false."""
+    """Matched features of each step, a few of them false."""
     rng = np.random.default_rng(0)
     material = rng.uniform(60.0, 300.0, (150, 2))
     pairs = [None]
@@ -117,8 +117,8 @@ def test_noise_of_a_static_pair_and_the_spread_it_makes():
     assert found.attrs["noise_source"] == "static pair"
     assert found.attrs["noise_grey"] == pytest.approx(np.hypot(3.0, 12**-0.5), rel=0.02)
     variance = found["covariance"] + congruent(found["gradient"], found["template"])
-    told = error(first, found, pair.transform) / np.sqrt(variance[..., [0, 2]])
-    assert np.nanstd(told) == pytest.approx(1.0, abs=0.12)
+    normalised = error(first, found, pair.transform) / np.sqrt(variance[..., [0, 2]])
+    assert np.nanstd(normalised) == pytest.approx(1.0, abs=0.12)
 
 
 def test_given_noise_is_taken():
@@ -135,7 +135,7 @@ def noise_of(steps):
 
 
 def test_noise_stays_when_all_points_are_lost_and_found_again():
-    """Two photographs have told it; a step without a point, and a still scene later, change nothing."""
+    """Two photographs give it; a step without points, and a still scene later, change nothing."""
     gone, still = translation((-500.0, 0.0)), np.eye(3)
     moved = follow(series([still, translation((5.3, 2.6)), gone, still], noise=3.0), step_size=14)
     assert moved[2].attrs["summary"]["points"] == 0
@@ -158,9 +158,9 @@ def test_misfit_counts_only_where_there_is_any():
     clean, spoiled = series(transforms), series(transforms, changed=(0.0, 0.2))
     plain = follow(spoiled, step_size=14, misfit=False)[1]
     honest = follow(spoiled, step_size=14)
-    told = error(honest[0], honest[1], transforms[1]) / np.sqrt(honest[1]["covariance"][..., [0, 2]])
+    normalised = error(honest[0], honest[1], transforms[1]) / np.sqrt(honest[1]["covariance"][..., [0, 2]])
     assert np.nanmedian(honest[1]["covariance"][..., 0]) > 10.0 * np.nanmedian(plain["covariance"][..., 0])
-    assert 0.5 < np.nanstd(told) < 3.0
+    assert 0.5 < np.nanstd(normalised) < 3.0
     assert np.nanmedian(follow(clean, step_size=14)[1]["covariance"][..., 0]) < 1e-4
 
 
@@ -260,7 +260,7 @@ def test_specimen_that_leaves_the_frame_and_returns():
 
 
 def test_specimen_that_is_gone_for_two_steps_is_outside():
-    """Its last places and motion tell, though no photograph shows any of it then."""
+    """By its last places and motion, though no photograph shows it."""
     shifts = (0.0, -70.0, -145.0, -225.0, -310.0, -145.0, 0.0)
     transforms = [translation((shift, 0.0)) for shift in shifts]
     steps = follow(series(transforms), step_size=14)
@@ -285,9 +285,9 @@ def test_a_later_photograph_that_is_overexposed_says_so():
     images = series([np.eye(3), translation((2.0, 1.0)), translation((-500.0, 0.0))])
     bright = np.where(images[1] > 150, 255, images[1]).astype(np.uint8)
     steps = follow([images[0], bright, images[2]], step_size=14)
-    told = [step.attrs["summary"]["overexposed_share"] for step in steps]
-    assert told[0] == 0.0
-    assert told[1] == pytest.approx((bright[142:281, 83:222] == 255).mean(), abs=0.01)
+    shares = [step.attrs["summary"]["overexposed_share"] for step in steps]
+    assert shares[0] == 0.0
+    assert shares[1] == pytest.approx((bright[142:281, 83:222] == 255).mean(), abs=0.01)
 
 
 def test_threads_change_nothing():
@@ -303,7 +303,7 @@ def refused(image, ring=SQUARE, **parameters):
     return str(caught.value)
 
 
-def test_what_cannot_be_measured_is_told():
+def test_a_first_photograph_without_a_usable_pattern():
     grey = planar_pair(SIZE, (0.0, 0.0)).reference
     dull = (120.0 + 0.02 * grey).astype(np.uint8)
     assert "mean intensity gradient is 0." in refused(dull)

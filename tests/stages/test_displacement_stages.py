@@ -114,7 +114,7 @@ def test_smoothing_leaves_holes_open():
 def test_a_window_too_small_is_refused():
     steps = tracks([np.eye(3), HALF])
     increment = Displacement().run(track=steps[1], track_before=steps[0])
-    with pytest.raises(StageError, match="3 × 3 points never holds enough for degree 3"):
+    with pytest.raises(StageError, match=r"3 × 3 points .*degree 3"):
         Smooth(window=(5, 5), degree=3).run(increment=increment)
 
 

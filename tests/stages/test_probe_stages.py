@@ -120,12 +120,12 @@ def test_the_calibration_share_is_what_rigs_of_its_modes_read(rigid):
     before, after = points(FLAT), points(moved(np.diag([0.95, 1.3, 1.0]), (0.1, -0.2, 0.1), (5, 6, 7)))
     probes = Probes(**{**PLACES, "areas": {**PLACES["areas"], "whole": (300.0, 200.0, 475.0, 431.0)}})
 
-    def read(rig, told=None):
+    def read(rig, given=None):
         states = []
         for part in (after, before):
             xyz = points(triangulate(rig, part["xy"], part["xy_right"]).xyz)
             states.append(Product("points", {**xyz.variables, "xy": part.variables["xy"]}, xyz.attrs))
-        return probes.run(total=(Deformation(rigid=rigid).run(points=states[0], points_first=states[1]),), rig=told)
+        return probes.run(total=(Deformation(rigid=rigid).run(points=states[0], points_first=states[1]),), rig=given)
 
     covariance = root @ root.T
     found = read(RIG, Product("rig", attrs={"rig": rig_to_json(RIG), "covariance": covariance.tolist()}))
@@ -156,7 +156,7 @@ def test_a_lost_probe_has_no_value_there(perfect):
 
 
 def test_a_probe_beside_the_specimen_is_refused(perfect):
-    with pytest.raises(StageError, match="probe 'Q' lies where no step has a measured point"):
+    with pytest.raises(StageError, match=r"'Q' .*no step"):
         Probes(points={"Q": (5.0, 5.0)}).run(total=perfect)
 
 
@@ -194,7 +194,7 @@ def test_given_axes_and_the_camera():
     assert np.allclose(frame.attrs["rotation"], np.diag([1, -1, -1]))
     camera = Frame(method="camera").run(points=first_points(FLAT))
     assert np.array_equal(camera.attrs["rotation"], np.eye(3))
-    with pytest.raises(ValidationError, match="method: axes needs x, y, origin beside it, found x"):
+    with pytest.raises(ValidationError, match=r"axes needs x, y, origin .*found x"):
         Frame(method="axes", x=(1, 0, 0))
 
 
@@ -210,7 +210,7 @@ def test_grid_is_what_the_places_refer_to(perfect):
 
 
 def test_noise_floor_of_a_rigid_motion():
-    """Measured σ is the predicted one, within what 884 points of overlapping subsets and two steps can tell."""
+    """Measured σ is the predicted one, within the scatter of 884 points of overlapping subsets and two steps."""
     rng, motions = np.random.default_rng(6), [((0, 0, 0), (0, 0, 0)), ((0.05, -0.1, 0.1), (1, 2, 3))]
     common = template_errors(rng)
     first = first_points(FLAT, rng, common)
@@ -244,5 +244,5 @@ def test_perfect_noise_floor(perfect):
 
 
 def test_noise_floor_of_steps_that_do_not_exist(perfect):
-    with pytest.raises(StageError, match="no step three after the first; the steps are one, two"):
+    with pytest.raises(StageError, match=r"step three .* one, two"):
         NoiseFloor(still=("three",)).run(total=perfect)

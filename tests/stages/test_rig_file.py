@@ -118,9 +118,9 @@ def test_a_file_that_says_it_needs_no_photographs(folder):
 
 def test_photographs_of_another_size(folder):
     node, path = RigFile(file="cal.yaml"), folder / "cal.yaml"
-    with pytest.raises(InputError, match=r"160 × 120 px, but these are 0\.5 times as large: 80 × 60 px"):
+    with pytest.raises(InputError, match=r"160 × 120 .* 0\.5 .* 80 × 60"):
         node.run(file_path=path, images=photographs(80, 60))
-    with pytest.raises(InputError, match=r"160 × 120 px, but these have 160 × 100 px"):
+    with pytest.raises(InputError, match=r"160 × 120 .* 160 × 100"):
         node.run(file_path=path, images=photographs(160, 100))
 
 
@@ -154,17 +154,17 @@ def test_a_pipeline_with_a_rig_from_a_file(folder):
     assert rig_to_json(read_rig(folder / "rig.json")) == rig_to_json(made_rig())
     assert run(folder, "rig.json").code == 0
     exported = ("export", folder / "pipeline.yaml", "pair", "--format", "opencv", "--output", folder)
-    dicflow(*exported).refuses(2, "pair: a product of kind rectified is no rig, which opencv is for")
+    dicflow(*exported).refuses(2, "pair: ", "rectified", "opencv")
 
 
 def test_a_bad_calibration_stops_before_anything_runs(folder):
     (folder / "cal.caldat").write_text(MATCHID.replace("Tx [mm];-80", "Tx [mm];x"))
-    run(folder, "cal.caldat").refuses(2, "cal.caldat:17: 'Tx [mm];x'; expected a name and a number")
-    run(folder, "left0.png").refuses(2, "left0.png: is no calibration of two cameras that dicflow knows")
+    run(folder, "cal.caldat").refuses(2, "cal.caldat:17: 'Tx [mm];x'")
+    run(folder, "left0.png").refuses(2, "left0.png: ", "calibration")
     run(folder, "none.xml").refuses(2, "none.xml", "no such file")
     assert not (folder / ".dicflow" / "objects").exists()
 
 
 def test_photographs_of_another_size_in_a_pipeline(folder):
     write_opencv(folder / "cal.yaml", read_calibration(folder / "cal.caldat", (320, 240)).rig)
-    run(folder, "cal.yaml").refuses(1, "rig: ", "cal.yaml", "320 × 240 px, but these are 0.5 times as large")
+    run(folder, "cal.yaml").refuses(1, "rig: ", "cal.yaml", "320 × 240 px", " 0.5 ")

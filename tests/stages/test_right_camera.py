@@ -94,8 +94,8 @@ def test_sigma_covers_the_errors_of_followed_points(subset, states):
     np.testing.assert_allclose((size < 2.0).mean(axis=1), 0.954, atol=0.02)
 
 
-def test_the_template_has_the_noise_that_a_later_step_tells(pairs, left):
-    """The first photograph alone told twice as much of it."""
+def test_the_template_has_the_noise_measured_at_a_later_step(pairs, left):
+    """The first photograph alone gives twice as much."""
     steps = [left[0], tracked(pairs[:2], states=STATES, noise=0.25)[1]]
     matched, followed = (measured(pairs[:2], steps, match=match)[1][0] for match in ("every_step", "first_step"))
     ratio = followed["template"][..., [0, 2]] / matched["template"][..., [0, 2]]
@@ -160,11 +160,11 @@ def test_overexposed_points_of_the_right_photograph_are_counted(first, left, gai
 
 
 def test_an_overexposed_first_right_photograph_is_refused(first, left):
-    with pytest.raises(StageError, match="overexposed in the first right photograph"):
+    with pytest.raises(StageError, match=r"overexposed .*first right photograph"):
         measured([(first[0], bright(first[1], 2.5))], left[:1])
 
 
 def test_a_first_right_photograph_without_contrast_is_refused(first, left):
     dull = np.rint(100.0 + 0.05 * first[1]).astype(np.uint8)
-    with pytest.raises(StageError, match="too little texture in the first right photograph"):
+    with pytest.raises(StageError, match=r"texture .*first right photograph"):
         measured([(first[0], dull)], left[:1])

@@ -239,15 +239,15 @@ def test_left_and_right_exchanged(pairs):
 
 def test_photographs_of_different_things(pairs, left):
     other = np.random.default_rng(0).integers(60, 180, pairs[0][1].shape).astype(np.uint8)
-    with pytest.raises(StageError, match="no point of the region is found in the right photograph"):
+    with pytest.raises(StageError, match=r"no point .* right photograph"):
         measured([(pairs[0][0], other)], left[:1])
 
 
 def test_a_rig_for_another_image_size(pairs, left, results):
     small = RIG._replace(left=RIG.left._replace(size=(300, 250)))
-    with pytest.raises(StageError, match="300 × 250 px, but this one has 600 × 500 px"):
+    with pytest.raises(StageError, match=r"300 × 250 .* 600 × 500 "):
         measured(pairs[:1], left[:1], rig=rig_product(small))
-    with pytest.raises(StageError, match="300 × 250 px, but this one has 600 × 500 px"):
+    with pytest.raises(StageError, match=r"300 × 250 .* 600 × 500 "):
         Triangulate().run(correlation=left[0], correlation_first=left[0], stereo=results[0][0], rig=rig_product(small))
 
 

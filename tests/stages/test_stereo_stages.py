@@ -70,11 +70,9 @@ def test_rectified_pair_has_the_rig_s_view(pair):
 
 def test_photographs_of_another_size_than_the_boards():
     small = np.zeros((240, 320), np.uint8)
-    with pytest.raises(
-        StageError, match="the left camera was calibrated on photographs of 640 × 480 px, but this one has 320"
-    ):
+    with pytest.raises(StageError, match=r"left camera .* 640 × 480 px.* 320 × 240"):
         RECTIFY.run(images=images(small, small), rig=rig_product())
-    with pytest.raises(StageError, match="640 × 480 px, but this one has 320 × 240"):
+    with pytest.raises(StageError, match=r"left camera .* 640 × 480 px.* 320 × 240"):
         UNDISTORT.run(images=images(small), rig=rig_product())
 
 
@@ -111,13 +109,11 @@ def test_points_outside_the_region_and_in_its_holes_have_no_value(matched, regio
     np.testing.assert_array_equal(np.isfinite(cloud["xyz"]).all(axis=-1), status == Status.VALID)
 
 
-def test_points_behind_the_cameras_tell_that_the_photographs_are_swapped(matched, region):
+def test_points_behind_the_cameras_mean_swapped_photographs(matched, region):
     """The offset of the two principal points is far from −1000 px, so all depths change their sign."""
     turned = Variable(("row", "col"), matched["disparity"] - 1000.0)
     seen = Product("disparity", matched.variables | {"disparity": turned}, matched.attrs)
-    with pytest.raises(
-        StageError, match=r"only 0% of the points lie in front of the cameras.*; exchange left and right"
-    ):
+    with pytest.raises(StageError, match=r"0% of the points .* exchange left and right"):
         Reconstruct(stage="reconstruct").run(disparity=seen, rig=rig_product(), track=region)
 
 
@@ -160,7 +156,7 @@ def test_a_step_without_texture(region):
     plain += np.random.default_rng(0).integers(0, 2, plain.shape, dtype=np.uint8)
     pair = RECTIFY.run(images=images(plain, plain), rig=rig_product())
     for limits in ("auto", [0, 31]):
-        with pytest.raises(StageError, match=r"too little texture .* intensity gradient is 0\.\d grey levels per px"):
+        with pytest.raises(StageError, match=r"texture .* gradient is 0\.\d "):
             disparity(range=limits).run(pair=pair, rig=rig_product(), track=region)
 
 
@@ -174,12 +170,12 @@ def test_a_range_that_holds_nothing(pair, region):
 def test_photographs_of_two_scenes_have_no_range(pair, region):
     other = photographs_of_plane(RIG, NORMAL, 300.0, shortest_mm=1.7)
     mixed = RECTIFY.run(images=images(other[0], np.flipud(other[1]).copy()), rig=rig_product())
-    with pytest.raises(StageError, match="no range of disparities was found"):
+    with pytest.raises(StageError, match="no range of disparities"):
         disparity().run(pair=mixed, rig=rig_product(), track=region)
 
 
 def test_a_region_beyond_the_photograph(pair):
-    with pytest.raises(StageError, match="outside the rectified photograph"):
+    with pytest.raises(StageError, match="region lies outside"):
         disparity().run(pair=pair, track=track(rectangle(5000, 5000, 5100, 5100)))
 
 

@@ -107,7 +107,7 @@ def test_parts_that_only_one_camera_sees_count_too(marked):
 
 
 def test_a_square_of_another_size_shows_in_no_figure_but_lengths(marked):
-    """The known distance is checked against the side that was given; focal lengths know nothing of it."""
+    """The known distance is checked against the side that was given; focal lengths do not depend on it."""
     exact, twice = (calibrated(marked, side) for side in (14.0, 28.0))
     ratio = {name: twice.attrs["summary"][name] / exact.attrs["summary"][name]
              for name in ("baseline_mm", "sigma_baseline_mm", "square_mm", "left_fx_px")}  # fmt: skip
@@ -119,8 +119,8 @@ def test_a_square_of_another_size_shows_in_no_figure_but_lengths(marked):
 @pytest.mark.parametrize(
     ("values", "message"),
     [
-        ({"target": "charuco"}, "needs the dictionary of its markers and marker"),
-        ({"target": "charuco", "dictionary": "4x4_50"}, "needs the dictionary of its markers and marker"),
+        ({"target": "charuco"}, "dictionary .* marker"),
+        ({"target": "charuco", "dictionary": "4x4_50"}, "dictionary .* marker"),
         ({"target": "circles", "marker": 0.7}, "marker belongs to ChArUco boards"),
         ({"dictionary": "4x4_50"}, "dictionary belongs to ChArUco boards"),
         ({"target": "charuco", "dictionary": "4x4_55", "marker": 0.7}, "Input should be '4x4_50'"),
@@ -139,7 +139,7 @@ def test_a_target_needs_what_belongs_to_it(values, message):
 @pytest.mark.parametrize(
     ("target", "extra", "message"),
     [
-        ("charuco", {"dictionary": "5x5_50", "marker": 0.5}, "ChArUco: a board of 7 × 5 .* check its dictionary"),
+        ("charuco", {"dictionary": "5x5_50", "marker": 0.5}, "ChArUco.* 7 × 5 .* dictionary"),
         ("circles", {}, "a grid of 7 × 5 circles is seen in none of 3 pairs; check its size"),
         ("asymmetric_circles", {}, "an asymmetric grid of 7 × 5 circles is seen in none of 3 pairs"),
     ],

@@ -191,16 +191,16 @@ def test_points_of_a_filled_subset_are_marked_from_then_on():
     np.testing.assert_allclose(third["points"], first["points"] + 4, atol=1e-3)
 
 
-def test_a_step_that_cannot_be_followed_says_what_to_do():
+def test_a_step_with_too_few_matches():
     first = Track().run(region=GAUGE)
     few = pairs([[60.0, 50.0], [70.0, 60.0]], [[60.0, 50.0], [70.0, 60.0]])
-    with pytest.raises(StageError, match=r"^2 matches in the region.*smaller load steps"):
+    with pytest.raises(StageError, match=r"^2 matches .* 3 × 3 "):
         Track().run(region=GAUGE, matches=few, track_before=first)
     with pytest.raises(StageError, match="no matches"):
         Track().run(region=GAUGE, track_before=first)
 
 
-def test_a_step_without_texture_says_so():
+def test_a_step_without_texture():
     with pytest.raises(StageError, match="mean intensity gradient"):
         FindFeatures().run(images=images(np.full((100, 120), 90, dtype=np.uint8)))
 
@@ -242,19 +242,19 @@ def test_nothing_given_is_auto():
         {"polygons": [[(0, 0), (1, 1)]]},
     ],
 )
-def test_a_region_is_chosen_in_one_valid_way(given):
+def test_a_region_has_exactly_one_valid_source(given):
     with pytest.raises(ValidationError):
         Region(**given)
 
 
-def test_a_region_outside_the_image_tells_both_extents():
-    with pytest.raises(StageError, match=r"x 50 … 400 and y 40 … 220 px, but the image has x 0 … 239 and y 0 … 339"):
+def test_a_region_outside_the_image_names_both_extents():
+    with pytest.raises(StageError, match=r"x 50 … 400 .* y 40 … 220 .* x 0 … 239 .* y 0 … 339"):
         rectangle(50, 40, 400, 220).run(images=REFERENCE)
 
 
-def test_a_region_without_texture_tells_the_gradient_and_what_is_needed():
+def test_a_region_without_texture_names_its_gradient_and_the_limit():
     blank = rectangle(40, 260, 200, 330)
-    with pytest.raises(StageError, match=r"gradient is \d\.\d\d grey levels per px and a pattern needs 1.5"):
+    with pytest.raises(StageError, match=r"gradient is \d\.\d\d .* 1\.5"):
         blank.run(images=REFERENCE)
     with pytest.raises(StageError, match="no speckled specimen"):
         Region().run(images=images(np.full((100, 120), 90, dtype=np.uint8)))
@@ -270,7 +270,7 @@ def test_region_from_a_mask_and_from_geojson(tmp_path):
         region = Region(file=name).run(images=REFERENCE, file_path=tmp_path / name)
         assert region.attrs["area_px"] == 140 * 180
     Image.fromarray(mask[:-9]).save(tmp_path / "mask.png")
-    with pytest.raises(StageError, match="240 × 331 px but the image has 240 × 340"):
+    with pytest.raises(StageError, match=r"240 × 331 .* 240 × 340"):
         Region(file="mask.png").run(images=REFERENCE, file_path=tmp_path / "mask.png")
 
 
