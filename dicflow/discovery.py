@@ -43,9 +43,9 @@ class Member(NamedTuple):
 class Registry:
     """Members of one sort by name.
 
-    what : the sort in messages, such as "stage"
-    package : package of ours whose modules are members, but those whose name starts with ``_``; "" for none
-    group : group of entry points whose value is ``package.module`` or ``package.module:attribute``
+    what : noun for a member in messages, such as "stage"
+    package : package of dicflow whose modules are members, except those whose names start with ``_``; "" for none
+    group : group of entry points whose values are ``package.module`` or ``package.module:attribute``
     needs : names that a member must define; a module of ``package`` without the first one is not a member
     """
 

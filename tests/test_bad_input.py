@@ -205,7 +205,7 @@ def test_a_region_that_cannot_be_used(run, data, region, code, words):
         ('{"type": "FeatureCollection", "features": []}', "holds no polygon; draw the region's outline"),
     ],
 )
-def test_a_region_file_that_holds_no_region(run, data, text, words):
+def test_a_region_file_without_a_region(run, data, text, words):
     (data / "region.geojson").write_text(text)
     answer = run()
     answer.refuses(answer.code, words)

@@ -212,7 +212,7 @@ def test_an_interrupted_run_ends_with_130_and_the_next_goes_on(pipeline, tmp_pat
 # plan, why, graph, ls, show
 
 
-def test_plan_and_why_tell_old_and_new_values(given):
+def test_plan_and_why_show_old_and_new_values(given):
     changed = (*given, "--set", "strain.window=[60, 60]")
     answer = dicflow("plan", *changed)
     assert answer.code == 0
@@ -402,7 +402,7 @@ def test_what_is_wrong_with_a_store_command(measured, tmp_path):
 # what helps
 
 
-def test_schema_knows_every_stage_and_what_pipelines_say():
+def test_schema_has_every_stage_and_accepts_the_pipelines():
     from dicflow.io.configuration import read
     from dicflow.pipeline.registry import stage_names
 

@@ -53,7 +53,7 @@ def test_the_export_format_writes_the_places_of_a_step(site, copied, tmp_path):
     np.testing.assert_allclose(written, places[measured], atol=1e-6)
 
 
-def test_the_stage_says_its_parameters(site):
+def test_the_stage_lists_its_parameters(site):
     assert "  along: eyy\n      exx | eyy\n      strain along the load\n" in site.dicflow("stages", "poisson")
 
 

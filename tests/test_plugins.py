@@ -160,7 +160,7 @@ def test_what_a_format_of_another_package_writes_beside_a_whole_test(site):
     assert site.python("-c", code).stdout == "('rig',)\n"
 
 
-def test_a_section_of_another_package_stands_in_its_place_and_changes_with_its_code(site, pipeline):
+def test_a_section_of_another_package_is_in_its_place_and_changes_with_its_code(site, pipeline):
     run(site, pipeline)
     page = pipeline.parent / "results" / "toy" / "report.html"
     titles = re.findall("<h2>(.*)</h2>", page.read_text())
@@ -231,7 +231,7 @@ def test_two_stages_of_one_name_name_both_places(site, pipeline):
         ("toys.stage:Missing", "AttributeError"),
     ],
 )
-def test_an_entry_point_that_is_no_stage_of_its_name(site, pipeline, value, said):
+def test_an_entry_point_that_is_not_a_stage_of_its_name(site, pipeline, value, said):
     site.install("wrong", {}, {"dicflow.stages": {"wrong": value}})
     done = site.python("-m", "dicflow", "stages", "wrong")
     assert done.returncode == 2

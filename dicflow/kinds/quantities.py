@@ -1,7 +1,7 @@
 """The table of quantities of a deformation, which stages, maps, exports and reports read.
 
-A further quantity, or measure of strain, is one entry: here, or as an entry point ``dicflow.quantities`` of another
-package, and the function that it names. ``deformation`` computes it where its parameters name it.
+A further quantity, or measure of strain, is one entry and the function that it names: here, or as an entry point
+``dicflow.quantities`` of another package. ``deformation`` computes it if its parameters name it.
 """
 
 from __future__ import annotations
@@ -197,7 +197,7 @@ def gradient_functions(names: tuple[str, ...]) -> dict[str, GradientFunction]:
 
 
 def _entry(name: str, own: Mapping[str, _Entry], sort: type[_Entry], what: str) -> _Entry:
-    """An entry of ours, or of a package that is installed."""
+    """An entry of dicflow, or of another installed package."""
     if name in own:
         return own[name]
     if name not in _PLUGINS.names():

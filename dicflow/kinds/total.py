@@ -239,7 +239,7 @@ def _variable(name: str, values: np.ndarray, facts: TotalFacts) -> Variable:
 
 
 def gradient_measures(total: Total) -> GradientMeasures:
-    """The measures of deformation gradients by which the strains of a total are defined."""
+    """The measures of deformation gradients that define the strains of a total."""
     from dicflow.core.strain.measures import GradientMeasures
 
     return GradientMeasures(strain_function(total.measure), total.directions)

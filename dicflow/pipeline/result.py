@@ -116,10 +116,10 @@ class Result:
     def dataset(
         self, stage: str, step: str | int | None = None, variant: int = 0, *, chunks: Any = None
     ) -> xarray.Dataset:
-        """One product as an xarray dataset; with ``chunks`` that of all steps, whose arrays dask reads when used.
+        """One product as an xarray dataset; with ``chunks`` all steps, whose arrays dask reads when they are used.
 
-        chunks : as in xarray: "auto" for an array of a step in each, or lengths by dimension. Without a step only
-        Raises ConfigurationError for chunks of one step, and where an array has not one shape at all steps.
+        chunks : as in xarray: "auto" for one chunk per array and step, or lengths by dimension; only without a step
+        Raises ConfigurationError for chunks of one step, and if the shape of an array differs between steps.
         """
         if chunks is None:
             return self.product(stage, step, variant).to_dataset()

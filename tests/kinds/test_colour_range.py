@@ -20,7 +20,7 @@ def test_all_values_count_when_none_is_left_out():
     assert colour_range(np.array([[3.0, np.nan], [-1.0, 2.0]]), 0.0) == (-1.0, 3.0)
 
 
-def test_what_is_unknown_has_no_range():
+def test_unknown_values_have_no_range():
     assert colour_range(np.full((2, 2), np.nan)) is None
     assert joined_range([None, None]) == (-1.0, 1.0)
 

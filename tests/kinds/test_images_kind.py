@@ -26,7 +26,7 @@ def test_photographs_come_back_bit_for_bit(kind):
     assert layouts(product) == dict.fromkeys(("left", "right"), ("row col", "grey level"))
 
 
-def test_long_names_tell_photographs_from_rectified_ones():
+def test_long_names_distinguish_photographs_from_rectified_ones():
     assert long_names(Images.write(LEFT, RIGHT)) == {"left": "left photograph", "right": "right photograph"}
     assert long_names(Images.write(LEFT, RIGHT, "rectified"))["right"] == "rectified right photograph"
     assert long_names(Images.write(LEFT, kind="plane")) == {"left": "undistorted photograph"}

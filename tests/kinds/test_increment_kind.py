@@ -61,7 +61,7 @@ def test_smoothed_displacements_replace_the_measured_ones_alone():
 
 
 @pytest.mark.parametrize("unit", ["mm", "px"])
-def test_strains_stand_beside_the_components_of_the_displacement(unit):
+def test_strains_are_stored_with_the_components_of_the_displacement(unit):
     product = strained(unit=unit)
     assert layouts(product) == {
         "xy": ("row col image_component", "px"),

@@ -36,7 +36,7 @@ def test_a_window_that_fits_no_measured_point_is_refused_with_its_size_and_degre
         fitted_status(KNOWN, ~KNOWN, np.zeros((2, 2), np.uint8), (9, 5), 2)
 
 
-def test_nothing_is_refused_where_nothing_is_measured():
+def test_a_step_without_measured_points_is_not_refused():
     none = np.zeros((2, 2), bool)
     status = np.full((2, 2), Status.OUTSIDE, np.uint8)
     np.testing.assert_array_equal(fitted_status(none, none, status, (9, 5), 2), status)

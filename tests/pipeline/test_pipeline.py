@@ -226,7 +226,7 @@ def test_names_that_do_not_exist(result):
             call()
 
 
-def test_what_was_not_computed_is_said_to_be_missing(pipeline, tmp_path):
+def test_a_product_that_was_not_computed_is_missing(pipeline, tmp_path):
     empty = Pipeline.load(pipeline, store=tmp_path / "new").result()
     assert not empty.has("rig")
     assert empty.outcome is None

@@ -31,7 +31,7 @@ def test_what_was_not_kept_is_made_again(strained):
     np.testing.assert_array_equal(load(store, ref)["gradient"], result.product("strain", "step_02")["gradient"])
 
 
-def test_what_was_kept_and_what_needs_photographs_has_no_recipe(strained):
+def test_kept_products_and_those_made_from_files_have_no_recipe(strained):
     store, run, _ = strained
     refs = run_refs(store, run)
     assert store.manifest(refs["rig"].digest).kept
@@ -40,7 +40,7 @@ def test_what_was_kept_and_what_needs_photographs_has_no_recipe(strained):
     assert refs["photos/step_00"].recipe is None
 
 
-def test_other_code_makes_nothing_again(strained, monkeypatch):
+def test_changed_code_cannot_make_a_product_again(strained, monkeypatch):
     store, run, _ = strained
     monkeypatch.setattr(recipes.Sources, "fingerprint", lambda *_: Fingerprint("other"))
     assert run_refs(Store.open(store.path), run)["strain/step_02"].recipe is None

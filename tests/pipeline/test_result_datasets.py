@@ -55,7 +55,7 @@ def test_chunks_along_a_dimension(result):
     assert max(whole.U.chunksizes["row"]) == 5
 
 
-def test_arrays_of_several_shapes_are_no_dataset(result):
+def test_arrays_of_several_shapes_are_not_one_dataset(result):
     with pytest.raises(ConfigurationError, match="another shape at"):
         result.dataset("features", chunks="auto")
 

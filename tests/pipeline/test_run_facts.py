@@ -44,7 +44,7 @@ def facts(store):
     return run_facts(store, find_run(store))
 
 
-def test_a_killed_run_tells_what_it_did(store, journal):
+def test_facts_of_a_killed_run(store, journal):
     found = facts(store)
     assert (found.id, found.ended, found.interrupted, found.planned) == (journal.id, False, False, 4)
     assert found.counts == {"hit": 2, "computed": 0, "failed": 1, "skipped": 1}

@@ -102,19 +102,19 @@ def test_cameras_distinguished_by_names(photographs, tmp_path, left, right, patt
     assert dicflow("init", tmp_path).out.startswith(f"specimen: 2 pairs, {patterns[0]} and {patterns[1]}\n")
 
 
-def test_a_letter_is_no_camera_without_its_other(photographs, tmp_path):
+def test_a_letter_is_not_a_camera_without_the_other_one(photographs, tmp_path):
     """As in names like ``Sample3-000 N2 C0 R0``."""
     for step, name in enumerate(("Reference", "A000 C0 R0", "A001 C0 R0")):
         shutil.copy(photographs / "photos" / "left" / f"step_0{step}.png", tmp_path / f"{name}.png")
     assert dicflow("init", tmp_path).out.startswith("specimen: 3 photographs of one camera, *.png\n")
 
 
-def test_boards_alone_are_no_specimen(photographs, tmp_path):
+def test_boards_alone_are_not_a_specimen(photographs, tmp_path):
     shutil.copytree(photographs / "boards" / "left", tmp_path / "left")
     dicflow("init", tmp_path).refuses(2, "no photographs of a specimen found, only those of a board (8 photographs")
 
 
-def test_folders_that_hold_nothing_to_measure(photographs, tmp_path):
+def test_folders_without_photographs(photographs, tmp_path):
     dicflow("init", tmp_path / "none").refuses(2, "none: no such folder; name the folder that holds the photographs")
     dicflow("init", tmp_path).refuses(2, f"{tmp_path}: no photographs of a specimen found, expected .png")
     for side in ("left", "right"):

@@ -74,7 +74,7 @@ def test_swapping_changes_signs_only(sweep):
     assert there.agreement.mean == -back.agreement.mean
 
 
-def test_a_table_that_is_moved_and_says_its_sigma(pipeline, measured):
+def test_a_shifted_table_with_sigma(pipeline, measured):
     side = open_sides(str(pipeline), str(pipeline))[0]
     step = side.steps[-1]
     found = compare(side, table_of(side, step, shift=0.25, sigma=0.3))

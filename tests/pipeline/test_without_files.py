@@ -59,7 +59,7 @@ def test_exports_are_the_same_files(alone, pipeline, measured, tmp_path):
     assert (tmp_path / "drawn" / "total_step_02_eyy.png").read_bytes().startswith(b"\x89PNG")
 
 
-def test_the_report_has_its_fields_and_says_why_photographs_are_missing(alone, tmp_path):
+def test_the_report_has_its_fields_and_why_photographs_are_missing(alone, tmp_path):
     answer = dicflow("report", alone, "--output", tmp_path / "results")
     assert answer.code == 0, answer.err
     assert answer.err.count("This is what run ") == 1
@@ -86,7 +86,7 @@ def test_pictures_that_lie_beside_the_page_are_used_again(copied, tmp_path):
     assert "neither in the store nor at hand" not in page
 
 
-def test_a_comparison_says_where_its_side_comes_from(alone, pipeline, measured):
+def test_a_comparison_names_the_origin_of_its_side(alone, pipeline, measured):
     found = compare(*open_sides(str(alone), str(pipeline)))
     assert not found.differs
     assert [note for note in found.notes if note.startswith("This is what run ")]

@@ -124,7 +124,7 @@ def test_photographs_of_another_size(folder):
         node.run(file_path=path, images=photographs(160, 100))
 
 
-def test_what_should_be_known_is_in_the_verdict(folder):
+def test_warnings_are_in_the_verdict(folder):
     write_opencv(folder / "cal.yaml", made_rig()._replace(translation=np.array([-0.08, 0, 0.008])))
     product = RigFile(file="cal.yaml").run(file_path=folder / "cal.yaml")
     assert len(product.attrs["warnings"]) == 1
