@@ -20,7 +20,7 @@ Contents = Mapping[str, Mapping[str, Any]]
 """What each task came to: ``kind``, ``attrs`` and ``variables``, as in the manifest."""
 
 _DESCRIPTION = ("dims", "units", "long_name")
-"""What a manifest says of an array that is not in the array's digest."""
+"""Description of an array in a manifest, which the array's digest does not cover."""
 
 _SHOWN = 3
 

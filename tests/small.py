@@ -21,7 +21,7 @@ TASKS = 2 * BOARDS + 8 * STEPS + 5 * (STEPS - 1) + 4
 
 
 class Answer(NamedTuple):
-    """What a command said, and its exit code."""
+    """Output of a command, and its exit code."""
 
     code: int
     out: str

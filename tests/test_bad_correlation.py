@@ -34,7 +34,7 @@ def data(pipeline, tmp_path):
 
 @pytest.fixture
 def run(data, measured, tmp_path):
-    """Runs the pipeline in that folder, on a copy of a store that knows the boards."""
+    """Runs the pipeline in that folder, on a copy of a store that holds the boards."""
     store = shutil.copytree(measured, tmp_path / "store")
 
     def command(*settings):

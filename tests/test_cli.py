@@ -1,4 +1,4 @@
-"""Every command: what it says, what it writes, and its exit codes."""
+"""Every command: its output, its files, and its exit codes."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The page on extending dicflow: its code is run as it stands there."""
+"""The page on extending dicflow: its code is run unchanged."""
 
 import re
 import tomllib

@@ -27,7 +27,7 @@ class Comparison(Kind):
     ) -> Product:
         """A product of columns.
 
-        table : column → (step,); a name ends in its unit where it has one; NaN where a step has no value
+        table : column → (step,); a name ends in the unit, if any; NaN for a step without value
         phases : of each step, loading or unloading
         length : which of the measured lengths is compared
         """

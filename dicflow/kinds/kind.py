@@ -65,7 +65,7 @@ class Kind:
 
 
 def summary_of(product: Product) -> Mapping[str, Any]:
-    """The scalars of a product of any kind; a name ends in its unit where it has one."""
+    """The scalars of a product of any kind; a name ends in the unit, if any."""
     found: Mapping[str, Any] = product.attrs.get("summary", {})
     return found
 

@@ -19,7 +19,7 @@ Positions = Literal["xyz", "xyz_reference"]
 class MapQuantity(NamedTuple):
     """What all maps of one quantity share.
 
-    title : what it is, in words
+    title : name in words
     unit : of its values
     range : least and largest value that has a colour of its own
     """

@@ -27,7 +27,7 @@ _LAYOUTS = {
     "sensitivity": Layout((*GRID, "component", "error"), "mm/px", "motion per error of the template"),
     "reprojection": Layout(GRID, "px", "reprojection error"),
     "template": Layout((*GRID, "error_pair"), "px²", "covariance of the template's error"),
-    "znssd": Layout(GRID, "1", "misfit of the grey levels (ZNSSD), the worse of both"),
+    "znssd": Layout(GRID, "1", "ZNSSD, the larger one of both photographs"),
     "status": Layout(GRID, "1", "valid, or why the place is unknown"),
 }
 

@@ -51,13 +51,13 @@ class Quantity:
 
     name : of its array
     symbol : as in a formula
-    title : what it is, as a colour bar names it; ``{measure}`` stands for the measure of strain
+    title : name at a colour bar; ``{measure}`` stands for the measure of strain
     definition : one sentence
     unit : of its values: LENGTH, "deg", "px²" …; "1" for a pure number
-    positive : what a positive value means; "" for what is never negative
+    positive : what a positive value means; "" for values that are never negative
     sources : which of U, V and W its errors come from, and to what share; None if unknown
     calibrated : whether the calibration's share in its σ is computed
-    uses : where it is shown or read beside maps and exports
+    uses : where it is shown or read, apart from maps and exports
     function : ``module:function`` that computes it from deformation gradients (..., 2, 2); "" for those that
         :mod:`dicflow.core.strain.measures` computes itself
     """
@@ -79,7 +79,7 @@ class Quantity:
         return self.unit == LENGTH
 
     def unit_in(self, length: str) -> str:
-        """Unit of its values where lengths are in the unit given."""
+        """Unit of its values if lengths have the given unit."""
         return length if self.unit == LENGTH else self.unit
 
 

@@ -34,9 +34,9 @@ class Pipeline:
     """A validated pipeline file.
 
     path : the file
-    document : what it says
+    document : its content
     folder : where relative paths of photographs and tables start
-    store_folder : where products are kept; both absolute, since workers may stand elsewhere
+    store_folder : where products are kept; both absolute, since workers may have another working directory
     """
 
     path: Path

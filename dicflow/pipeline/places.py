@@ -24,7 +24,7 @@ ImageKind = Literal["images", "rectified", "plane"]
 
 
 def to_left_photograph(kind: ImageKind, rig: Rig | None) -> Mapping | None:
-    """The mapping of pixels (..., 2) of an image to those of the left photograph [px]; None where they are the same.
+    """The mapping of pixels (..., 2) of an image to those of the left photograph [px]; None if they are the same.
 
     kind : the photograph itself, its image with aligned rows, or without distortion
     rig : None if the cameras are unknown; then the image is the photograph

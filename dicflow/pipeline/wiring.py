@@ -179,7 +179,7 @@ def _inputs(
 ) -> dict[str, str]:
     """Port → stage for every input that is named or can be only one.
 
-    ``cloud_before`` and ``cloud_first`` are by default what ``cloud`` is.
+    ``cloud_before`` and ``cloud_first`` are by default joined to the stage of ``cloud``.
     """
     takes, found = nodes[name].takes, dict[str, str]()
     for port_name, port in takes.items():
@@ -235,7 +235,7 @@ def _suggestion(fitting: list[str], kinds: str) -> str:
 
 
 def _refuse_cycles(document: Document, wired: Mapping[str, Wired], problems: list[str]) -> None:
-    """List stages that wait for each other; only its own product of another step may feed a stage."""
+    """Report stages that wait for each other; a stage may take its own product of another step."""
     done: set[str] = set()
 
     def visit(name: str, trail: tuple[str, ...]) -> None:

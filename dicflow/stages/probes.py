@@ -74,7 +74,7 @@ class Probes(Node):
         "px", "of all places: pixels of the left photograph, or the results' X and Y, both at the first step"
     )
     quantities: Annotated[tuple[Quantity, ...], Field(min_length=1)] = parameter(
-        ("U", "V", "W", "exx", "eyy", "gxy"), "what is read at points, lines and areas"
+        ("U", "V", "W", "exx", "eyy", "gxy"), "quantities to read at points, lines and areas"
     )
 
     @model_validator(mode="after")
@@ -113,7 +113,7 @@ class Probes(Node):
         return ProbeTable.write(variables, steps, self._kinds(), rows, {**facts, "summary": _summary(readings)})
 
     def _kinds(self) -> dict[str, list[str]]:
-        """Names of the probes by what they are."""
+        """Names of the probes by sort."""
         return {
             "point": list(self.points),
             "line": list(self.lines),

@@ -63,7 +63,7 @@ class Stereo(SubsetSearch):
     With ``match: first_step`` the cameras are matched at the first step only. From the places found there the right
     photographs are correlated with the first right one, as ``correlate`` does it with the left ones; an error of the
     first match then stays with a point. A point is valid if the grey levels fit and both places belong to one point in
-    space. Not given, ``gaussian``, ``min_share``, ``max_iterations``, ``tolerance``, ``smoothing``, ``misfit`` and
+    space. If not given, ``gaussian``, ``min_share``, ``max_iterations``, ``tolerance``, ``smoothing``, ``misfit`` and
     ``reference`` are those of ``correlation``.
     """
 
@@ -90,10 +90,10 @@ class Stereo(SubsetSearch):
 
     stage: Literal["stereo"] = "stereo"
     match: Literal["every_step", "first_step"] = parameter(
-        "every_step", "when points are matched from left to right; after the first step alone they are followed in time"
+        "every_step", "when points are matched from left to right; with first_step they are followed in time afterwards"
     )
     start: Literal["match", "time"] = parameter(
-        "match", "where starting values of a match come from: epipolar lines of this step, or the previous step"
+        "match", "source of the start values of a match: epipolar lines of this step, or the previous step"
     )
     shape_function: ShapeFunction = parameter("quadratic", "how a subset may deform")
     max_epipolar: Annotated[Pixels, Field(gt=0)] = parameter(1.0, "distance from the epipolar line, at most", unit="px")

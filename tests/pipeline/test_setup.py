@@ -23,7 +23,7 @@ def photographs(pipeline):
 
 @pytest.fixture(scope="module")
 def stereo(photographs, tmp_path_factory):
-    """A folder of both cameras that init has looked at, and what it said."""
+    """A folder of both cameras, and the answer of init."""
     folder = tmp_path_factory.mktemp("init") / "stereo"
     shutil.copytree(photographs, folder, ignore=shutil.ignore_patterns("*.yaml", "truth", ".dicflow", "results"))
     return folder, dicflow("init", folder, "--square", "1.45 cm")

@@ -20,7 +20,7 @@ from dicflow.views.exports import export
 
 @pytest.fixture(scope="module")
 def run_id(pipeline, measured):
-    """The run of the pipeline as its file stands."""
+    """The run of the unchanged pipeline file."""
     stages = Pipeline.load(pipeline).resolved()["stages"]
     return next(run.id for run in runs(Store.open(measured)) if run.resolved["stages"] == stages)
 

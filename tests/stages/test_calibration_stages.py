@@ -96,7 +96,7 @@ def test_rig_from_corners(pairs):
 
 
 def test_the_rig_says_how_certain_it_is(pairs):
-    """σ of the figures is that of the product's covariance; the squares are measured with rigs that know them not."""
+    """σ of the figures is that of the product's covariance; the squares are measured with rigs from other pairs."""
     generator = np.random.default_rng(2)
     noisy = [
         corners(*(pair[side] + generator.normal(0.0, 0.05, (54, 2)) for side in ("left", "right"))) for pair in pairs
