@@ -34,7 +34,7 @@ class Product:
 
     kind : what it is, the word by which inputs and outputs are matched ("rig", "disparity", …)
     variables : the arrays by name; one that comes from a store reads an array when it is first asked for
-    attrs : JSON values only. ``attrs["summary"]``, where present, maps names to the scalars of this product
+    attrs : JSON values only. The entry ``summary``, where present, maps names to the scalars of this product
         that a sweep's table compares; a name ends in its unit where it has one (``residual_px``)
     """
 
