@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import graphlib
+import math
 import typing
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
@@ -70,7 +71,9 @@ class Graph:
     """All stages and tasks of a pipeline.
 
     stages : name → stage, every stage after those it takes from
-    tasks : name → task, every task after those it takes from
+    tasks : name → task, every task after those it takes from, and step by step: the tasks of all stages at one step
+        before those at the next. A task that others of an early step need, such as one of a calibration, comes before
+        that step.
     steps : stage → names of its steps in order; empty for a stage that runs once
     files : stage → step → argument → file, for stages that start a series of steps
     """
@@ -125,7 +128,7 @@ def expand(stages: Mapping[str, StageSpec], steps: Mapping[str, Sequence[str]] |
         else:
             series[name] = _series_of(name, stages, series)
     joints = _Joints(ordered, series)
-    tasks = {task.name: task for name in ordered for task in joints.tasks(name)}
+    tasks = _step_major([task for name in ordered for task in joints.tasks(name)], joints.places)
     _check_names(tasks.values())
     files = {name: one.files for name, one in series.items() if one is not None and one.start == name}
     return Graph(ordered, tasks, joints.steps, files)
@@ -173,8 +176,29 @@ def _in_order(stages: Mapping[str, StageSpec]) -> list[str]:
         _fail(ring[0], stages[ring[0]], f"the stages {' → '.join(ring)} wait for each other; change one input")
 
 
+def _step_major(tasks: Sequence[Task], places: Mapping[str, Mapping[str, int]]) -> dict[str, Task]:
+    """Name → task, step by step, every task after those it takes from.
+
+    tasks : every task after those it takes from
+    places : stage → step → place of the step in its series
+
+    A task is due at the first step that needs it, itself or through others: due(t) = min(place(t), due(consumers)).
+    It can begin once the last step is through that it needs: ready(t) = max(place(t), ready(producers)). Neither falls
+    from a producer to its consumer, so the order by (due, ready) keeps producers first.
+    """
+    place = {task.name: places[task.stage][task.step] if task.step is not None else None for task in tasks}
+    due = {name: math.inf if where is None else where for name, where in place.items()}
+    ready = {name: where or 0 for name, where in place.items()}
+    for task in reversed(tasks):
+        for producer in task.producers():
+            due[producer] = min(due[producer], due[task.name])
+    for task in tasks:
+        ready[task.name] = max([ready[task.name], *(ready[producer] for producer in task.producers())])
+    return {task.name: task for task in sorted(tasks, key=lambda task: (due[task.name], ready[task.name]))}
+
+
 def _check_names(tasks: Iterable[Task]) -> None:
-    """Refuse files whose names are no text: journals, pages and tables could not name them."""
+    """Refuse files whose names are not valid text: journals, pages and tables could not print them."""
     for path in {path: None for task in tasks for path in task.files.values()}:
         try:
             str(path).encode("utf-8")
@@ -194,7 +218,7 @@ def _check_inputs(name: str, stages: Mapping[str, StageSpec]) -> None:
             if not port.optional:
                 _fail(name, spec, f"needs an input '{port_name}' ({' or '.join(port.kinds)}); name the stage for it")
         elif source not in stages:
-            _fail(name, spec, f"input '{port_name}' names no stage: '{source}'; stages: {', '.join(stages)}")
+            _fail(name, spec, f"input '{port_name}' names an unknown stage '{source}'; stages: {', '.join(stages)}")
         elif stages[source].node.gives not in port.kinds:
             kind = stages[source].node.gives
             _fail(name, spec, f"input '{port_name}' needs {' or '.join(port.kinds)}, but '{source}' gives {kind}")
@@ -238,6 +262,7 @@ class _Joints:
         self.all_steps = {name: tuple(one.files) if one is not None else () for name, one in series.items()}
         self.offset = {name: int(spec.node.scope is Scope.PAIR) for name, spec in stages.items()}
         self.steps = {name: steps[self.offset[name] :] for name, steps in self.all_steps.items()}
+        self.places = {name: {step: k for k, step in enumerate(steps)} for name, steps in self.all_steps.items()}
 
     def tasks(self, name: str) -> list[Task]:
         """The tasks of one stage, in the order of its steps."""
@@ -265,15 +290,15 @@ class _Joints:
         if port.at is At.ALL:
             return tuple((step, f"{source}/{step}") for step in self.steps[source])
         if port.at is At.FIRST:
-            wanted = self.offset[source]
+            source_place = self.offset[source]
         elif place is None:
             _fail(name, spec, f"runs once, so input '{port_name}' cannot follow the steps of '{source}'")
         else:
-            wanted = place - (port.at is At.PREVIOUS)
+            source_place = place - (port.at is At.PREVIOUS)
         steps = self.all_steps[source]
-        if not self.offset[source] <= wanted < len(steps) or (port.own and wanted == place):
+        if not self.offset[source] <= source_place < len(steps) or (port.own and source_place == place):
             return None
-        return f"{source}/{steps[wanted]}"
+        return f"{source}/{steps[source_place]}"
 
 
 def _own_files(spec: StageSpec) -> dict[str, Path]:

@@ -19,6 +19,47 @@ def test_tasks_have_readable_names_in_an_order_that_works(folder):
         seen.add(task.name)
 
 
+def positions(graph):
+    return {name: place for place, name in enumerate(graph.tasks)}
+
+
+def steps_of(graph, *stages):
+    return [task.step for task in graph.tasks.values() if task.stage in stages]
+
+
+def test_stages_go_through_the_steps_together(folder):
+    stages = chain(folder).stages
+    graph = expand({name: stages[name] for name in ("read", "difference", "total")} | {
+        "scale": StageSpec(Scale(), {"number": "read"}),
+    })  # fmt: skip
+    assert list(graph.tasks)[:6] == [
+        "read/step_01", "scale/step_01", "read/step_02", "scale/step_02", "difference/step_02", "total/step_02",
+    ]  # fmt: skip
+    assert steps_of(graph, *graph.stages) == sorted(steps_of(graph, *graph.stages))
+
+
+def test_what_runs_once_comes_where_it_is_needed(folder, tmp_path):
+    """The rig and its six files before the first step that takes it; the report, which nothing takes, at the end."""
+    other = StageSpec(Read(), {}, numbers(tmp_path / "others"))
+    graph = broken(folder, other=other, rig=spec(Rig(), numbers="other"))
+    place = positions(graph)
+    assert max(place[f"other/step_0{n}"] for n in range(1, 7)) < place["rig"] < place["scale/step_01"]
+    assert place["scale/step_01"] < place["read/step_02"]
+    assert place["report"] == len(place) - 1
+    for task in graph.tasks.values():
+        assert all(place[name] < place[task.name] for name in task.producers())
+
+
+def test_a_stage_that_takes_all_steps_of_a_chain_has_them_first(folder):
+    """Each step waits for the mean of all numbers, so those go through their steps before the first of it."""
+    graph = chain(folder)
+    place = positions(graph)
+    assert [f"read/step_0{n}" for n in range(1, 7)] == list(graph.tasks)[:6]
+    assert place["rig"] == 6
+    steps = steps_of(graph, "scale", "difference", "total")
+    assert steps == sorted(steps)
+
+
 def test_a_pair_is_named_by_the_step_where_it_ends(folder):
     graph = chain(folder)
     assert graph.steps["difference"] == graph.steps["scale"][1:]
@@ -110,7 +151,7 @@ def broken(folder, **changed):
 
 
 def test_an_unknown_producer_is_named_with_its_place(folder):
-    with pytest.raises(ConfigurationError, match=r"^a\.yaml:3:1: scale: input 'number' names no stage: 'raed'; "):
+    with pytest.raises(ConfigurationError, match=r"^a\.yaml:3:1: scale: input 'number' names an unknown stage 'raed'"):
         broken(folder, scale=spec(Scale(), number="raed"))
 
 
