@@ -19,7 +19,7 @@ from typing import NamedTuple
 
 import psutil
 
-from tests import bench_correlation, bench_planning, bench_stereo
+from tests import bench_correlation, bench_flow, bench_planning, bench_stereo
 from tests.bars import Figure
 from tests.figures import ROOT, WORK, forth_and_back, fresh, replica, report
 
@@ -142,6 +142,7 @@ def main() -> int:
         *bench_correlation.growth(),
         *bench_stereo.step_cost(),
         *bench_planning.figures(),
+        *bench_flow.figures(),
         Figure("cold run with pictures, 2 workers", cold.seconds, 150, unit="s"),
         Figure("peak memory over all processes", cold.peak_bytes / 2**30, 2, unit="GiB"),
         Figure("store", size_of(store) / 1e9, 1.5, unit="GB"),

@@ -20,6 +20,7 @@ from dicflow.cli.options import (
     load,
     results_folder,
 )
+from dicflow.engine.schedulers import scheduler_names
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -36,9 +37,7 @@ def run(
     store: StoreFolder = None,
     output: Output = None,
     workers: Annotated[int, typer.Option(min=1, help="workers at once; default: one per core")] = os.cpu_count() or 1,
-    scheduler: Annotated[
-        str, typer.Option(help="processes, threads, sync, or tcp://… or tls://… of a dask scheduler")
-    ] = "processes",
+    scheduler: Annotated[str, typer.Option(help=scheduler_names())] = "processes",
     dashboard: Annotated[
         bool, typer.Option("--dashboard", help="serve dask's dashboard on this machine and print its link")
     ] = False,

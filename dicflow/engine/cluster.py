@@ -2,23 +2,25 @@
 
 from __future__ import annotations
 
+import itertools
 import logging
 import uuid
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
-from typing import Any
-from urllib.parse import urlsplit
+from typing import Any, NamedTuple
 
 import dask
 import distributed
 
+from dicflow.engine.job_queue import JobQueue
 from dicflow.engine.records import sources, versions
+from dicflow.engine.schedulers import Backend, BackendOptions
 from dicflow.engine.store import Store
-from dicflow.engine.work import Job, Outcome
+from dicflow.engine.work import Defect, Job, Outcome, perform
 from dicflow.engine.workers import ignore_interrupts, prepare, reads_probe
 from dicflow.errors import ConfigurationError, StoreError
 
-__all__ = ["ClusterBackend", "is_loopback", "local_cluster", "remote_cluster"]
+__all__ = ["ClusterBackend", "local_cluster", "remote_cluster"]
 
 _LOOPBACK = "127.0.0.1"
 _MUST_AGREE = ("python", "dicflow", "dask", "distributed", "numpy", "scipy", "numba", "opencv-python-headless")
@@ -27,103 +29,173 @@ _ARRAYS = 256 * 1024 * 1024
 _ALLOCATOR = {"MALLOC_TRIM_THRESHOLD_": _ARRAYS, "MALLOC_MMAP_THRESHOLD_": _ARRAYS}
 """Workers keep freed memory up to so many bytes: fetching it page by page for every array costs more than using it."""
 _CERTIFICATES = "DASK_DISTRIBUTED__COMM__TLS__CA_FILE, …__CLIENT__CERT and …__CLIENT__KEY to files in PEM"
-_DIED = "its worker died again and again, even with nothing beside it; most likely it needs more memory than there is"
+_OTHER_SOURCE = "runs different dicflow source; install this version there and restart it"
+_KILLED = "its worker was killed every time, even running alone; probably out of memory"
+_SATURATION = 1.0
+"""Tasks that wait at a worker beside the running ones: none, so that the next step of a chain waits for no other."""
+_WINDOW = 2000
+"""Tasks at the scheduler at once."""
+_AT_A_TIME = 50
+"""Tasks handed over before those that have ended are looked at again."""
 
 
 class ClusterBackend:
-    """Runs graphs on a cluster. link : address of the dashboard, "" where there is none"""
+    """Runs jobs on a cluster. link : address of the dashboard, "" without one; retries : of a task with a defect"""
 
-    def __init__(self, client: distributed.Client, link: str) -> None:
-        self._client = client
+    def __init__(self, client: distributed.Client, link: str, retries: int) -> None:
         self.link = link
+        self._client = client
+        self._retries = retries
 
-    def compute(self, graph: Mapping[Any, Any], finished: Callable[[Outcome], None]) -> None:
-        """Run a graph; ``finished`` is told of every task as it ends.
+    def compute(
+        self, jobs: Iterator[Job], outcomes: Mapping[str, Outcome], finished: Callable[[Outcome], None]
+    ) -> None:
+        """Run jobs, a window of them at once.
 
-        What was lost with a worker, and what comes after it, is tried once more with the cluster to itself: the worker
-        may have died of what ran beside it, and alone a task has all the memory there is.
+        A task that was lost with its worker is run once more with the cluster to itself: the worker may have died of
+        what ran beside it, and alone a task has all the memory. What comes after it then goes on as usual.
         """
-        outcomes = self._run(graph, finished)
-        for key in [key for key in graph if key not in outcomes]:
-            call, job, *needs = graph[key]
-            inputs = [need if isinstance(need, Outcome) else outcomes[need] for need in needs]
-            outcomes[key] = self._alone(key, call, job, inputs, finished)
+        lost = self._window(outcomes, finished).compute(jobs)
+        while lost:
+            for job in [job for job in lost if all(name in outcomes for name in job.awaited())]:
+                if self._window(outcomes, finished).compute(iter([job])):
+                    finished(job.outcome("failed", error=f"{job.task.name}: {_KILLED}"))
+            left = (job for job in lost if job.task.name not in outcomes)
+            lost = self._window(outcomes, finished).compute(itertools.chain(left, jobs))
 
-    def _alone(
+    def _window(self, outcomes: Mapping[str, Outcome], finished: Callable[[Outcome], None]) -> _Window:
+        return _Window(self._client, self._retries, outcomes, finished)
+
+
+class _Inside(NamedTuple):
+    """A task at the scheduler."""
+
+    rank: int
+    job: Job
+    future: distributed.Future
+
+
+class _Window:
+    """A bounded number of tasks at the scheduler; when one ends, the next one is handed over.
+
+    A task is handed over once its producers have ended, and takes their outcomes. The step of a chain is handed over
+    with the future of the step before it, so that a worker goes on with the chain without asking the client. An early
+    job has priority over a late one.
+    """
+
+    def __init__(
         self,
-        key: Any,
-        call: Callable[..., Outcome],
-        job: Job,
-        inputs: list[Outcome],
+        client: distributed.Client,
+        retries: int,
+        outcomes: Mapping[str, Outcome],
         finished: Callable[[Outcome], None],
-    ) -> Outcome:
-        """Run one task with nothing beside it."""
-        if all(outcome.ref is not None for outcome in inputs):
-            found = self._run({(*key, "alone"): (call, job, *inputs)}, finished)
-            if found:
-                return next(iter(found.values()))
-            outcome = job.outcome("failed", error=f"{job.task.name}: {_DIED}")
-        else:
-            outcome = call(job, *inputs)
-        finished(outcome)
-        return outcome
+    ) -> None:
+        self._client = client
+        self._retries = retries
+        self._outcomes = outcomes
+        self._finished = finished
+        self._suffix = uuid.uuid4().hex[:6]  # dask must not take a second attempt for the first one
+        self._ended = distributed.as_completed(loop=client.loop)
+        self._inside: dict[str, _Inside] = {}
+        self._names: dict[tuple[str, ...], str] = {}
+        self._lost: list[tuple[int, Job]] = []
 
-    def _run(self, graph: Mapping[Any, Any], finished: Callable[[Outcome], None]) -> dict[Any, Outcome]:
-        """Run a graph; what is lost with its worker gets no outcome."""
-        outcomes = {}
-        futures = self._client.get(dict(graph), list(graph), sync=False)
+    def compute(self, jobs: Iterator[Job]) -> list[Job]:
+        """Run jobs until none can begin; returns in order those that were lost with a worker, or wait for one."""
+        queue = JobQueue(jobs, self._outcomes, self._inside)
         try:
-            for future in distributed.as_completed(futures, loop=self._client.loop):
-                error = future.exception()
-                if not isinstance(error, distributed.KilledWorker):
-                    _, job, *_ = graph[future.key]
-                    outcomes[future.key] = future.result() if error is None else _broken(job, error)
-                    finished(outcomes[future.key])
+            waits = self._fill(queue)
+            while not (waits and self._ended.is_empty()):
+                self._take(self._ended.next_batch(block=waits), queue)
+                waits = self._fill(queue)
         finally:
-            self._client.cancel(futures)
-        return outcomes
+            self._client.cancel([inside.future for inside in self._inside.values()])
+        return [job for _, job in sorted([*self._lost, *queue.waiting()], key=lambda entry: entry[0])]
+
+    def _fill(self, queue: JobQueue) -> bool:
+        """Hand over the next jobs, a few at a time; returns whether the window is full or no other job can begin."""
+        for _ in range(_AT_A_TIME):
+            entry = queue.pop() if len(self._inside) < _WINDOW else None
+            if entry is None:
+                return True
+            rank, job = entry
+            missing = next((one for one in job.known_inputs(self._outcomes) if one.ref is None), None)
+            if missing is not None:
+                self._finished(perform(job, missing))
+            else:
+                self._hand_over(rank, job)
+            queue.release(job.task.name)
+        return False
+
+    def _hand_over(self, rank: int, job: Job) -> None:
+        inputs = [self._outcomes.get(name) or self._inside[name].future for name in job.awaited()]
+        key = (*job.key, self._suffix)
+        future = self._client.submit(perform, job, *inputs, key=key, priority=-rank, retries=self._retries, pure=False)
+        self._names[key] = job.task.name
+        self._inside[job.task.name] = _Inside(rank, job, future)
+        self._ended.add(future)
+
+    def _take(self, batch: list[distributed.Future], queue: JobQueue) -> None:
+        """Take in what has ended, products first: an error is judged by the outcomes before it."""
+        done = [future for future in batch if future.status == "finished"]
+        for outcome in self._client.gather(done) if done else ():
+            self._finished(outcome)
+        names = {self._names.pop(future.key) for future in batch}
+        ended = sorted((self._inside.pop(name) for name in names), key=lambda inside: inside.rank)
+        for inside in ended:
+            if inside.job.task.name not in self._outcomes:
+                self._erred(*inside)
+            queue.release(inside.job.task.name)
+
+    def _erred(self, rank: int, job: Job, future: distributed.Future) -> None:
+        """Dask gives the error of a task also to those that need it; those lack an outcome or product to take."""
+        inputs = job.known_inputs(self._outcomes)
+        missing = next((one for one in inputs if one.ref is None), None)
+        error = future.exception()
+        if missing is not None:
+            self._finished(perform(job, missing))
+        elif len(inputs) < len(job.awaited()) or isinstance(error, distributed.KilledWorker):
+            self._lost.append((rank, job))
+        else:
+            self._finished(_failed(job, error))
 
 
 @contextmanager
-def local_cluster(
-    workers: int, *, processes: bool, dashboard: bool, setup: Callable[[], None] | None
-) -> Iterator[ClusterBackend]:
+def local_cluster(options: BackendOptions, *, processes: bool) -> Iterator[Backend]:
     """Workers on this machine, reachable from this machine only.
 
-    workers : processes with one thread each, or threads of this process
+    processes : workers are processes with one thread each, else threads of this process
     """
     address = f"{_LOOPBACK}:0"  # a server for the cluster's own needs listens there even without a dashboard
-    options: dict[str, Any] = {"n_workers": workers, "threads_per_worker": 1}
+    layout: dict[str, Any] = {"n_workers": options.workers, "threads_per_worker": 1}
     if not processes:
-        options = {"n_workers": 1, "threads_per_worker": workers, "worker_dashboard_address": address}
-        options["protocol"] = "tcp://"  # within a process dask would else talk to itself, but cannot be held to a host
-    spawned = {f"distributed.nanny.pre-spawn-environ.{name}": value for name, value in _ALLOCATOR.items()}
+        layout = {"n_workers": 1, "threads_per_worker": options.workers, "worker_dashboard_address": address}
+        layout["protocol"] = "tcp://"  # within a process dask would else talk to itself, but cannot be held to a host
+    settings = {f"distributed.nanny.pre-spawn-environ.{name}": value for name, value in _ALLOCATOR.items()}
     with (
-        dask.config.set(spawned),
+        dask.config.set({**settings, "distributed.scheduler.worker-saturation": _SATURATION}),
         distributed.LocalCluster(
             processes=processes,
             host=_LOOPBACK,
             dashboard_address=address,
             silence_logs=logging.CRITICAL,
-            scheduler_kwargs={"allowed_failures": 1, "dashboard": dashboard},
-            **options,
+            scheduler_kwargs={"allowed_failures": max(1, options.retries), "dashboard": options.dashboard},
+            **layout,
         ) as cluster,
         distributed.Client(cluster, set_as_default=False) as client,
     ):
-        client.register_plugin(_Prepare(setup))
-        yield ClusterBackend(client, cluster.dashboard_link if dashboard else "")
+        client.register_plugin(_Prepare(options.setup))
+        yield ClusterBackend(client, cluster.dashboard_link if options.dashboard else "", options.retries)
 
 
 @contextmanager
-def remote_cluster(
-    address: str, store: Store, run_id: str, *, setup: Callable[[], None] | None
-) -> Iterator[ClusterBackend]:
-    """Workers of a scheduler that is already there.
+def remote_cluster(options: BackendOptions) -> Iterator[Backend]:
+    """Workers of a running scheduler, at ``tcp://host:port``, or ``tls://host:port`` with dask's own certificates.
 
-    address : ``tcp://host:port``, or ``tls://host:port`` with dask's own configuration of certificates
-    Raises ConfigurationError where there are no such certificates, it does not answer, has no workers or other
-    versions or other code of dicflow, and StoreError where a worker does not see the store.
+    Raises ConfigurationError where certificates are missing, it does not answer, has no workers or other versions or
+    another source of dicflow, and StoreError where a worker does not see the store.
     """
+    address = options.scheduler
     _check_certificates(address)
     try:
         client = distributed.Client(address, timeout=_PATIENCE_S, set_as_default=False)
@@ -133,14 +205,9 @@ def remote_cluster(
         raise ConfigurationError(message) from error
     with client:
         _check_workers(client, address)
-        _check_store(client, address, store, run_id)
-        client.register_plugin(_Prepare(setup))
-        yield ClusterBackend(client, client.dashboard_link)
-
-
-def is_loopback(address: str) -> bool:
-    """Whether a scheduler's address can be reached from this machine only."""
-    return urlsplit(address).hostname in ("localhost", _LOOPBACK, "::1")
+        _check_store(client, address, options.store, options.run_id)
+        client.register_plugin(_Prepare(options.setup))
+        yield ClusterBackend(client, client.dashboard_link, options.retries)
 
 
 class _Prepare(distributed.WorkerPlugin):  # type: ignore[misc]
@@ -158,8 +225,10 @@ class _Prepare(distributed.WorkerPlugin):  # type: ignore[misc]
         prepare(self._setup)
 
 
-def _broken(job: Job, error: BaseException) -> Outcome:
-    """The outcome of a task that dask itself could not bring home."""
+def _failed(job: Job, error: BaseException) -> Outcome:
+    """The outcome of a task with a defect, or with an error of dask's own."""
+    if isinstance(error, Defect):
+        return job.outcome("failed", error=str(error))
     return job.outcome("failed", error=f"{job.task.name}: {type(error).__name__}: {error}; run again")
 
 
@@ -171,7 +240,7 @@ def _check_certificates(address: str) -> None:
     except OSError as error:
         raise ConfigurationError(f"{address}: a certificate cannot be used ({error}); set {_CERTIFICATES}") from error
     if context is None:
-        raise ConfigurationError(f"{address}: dask has been told of no certificates; set {_CERTIFICATES}")
+        raise ConfigurationError(f"{address}: dask's settings name no certificates; set {_CERTIFICATES}")
 
 
 def _check_workers(client: distributed.Client, address: str) -> None:
@@ -189,7 +258,9 @@ def _check_workers(client: distributed.Client, address: str) -> None:
     code = sources()
     for worker, found_code in client.run(sources).items():
         if found_code != code:
-            raise ConfigurationError(f"{worker}: has other code of dicflow; install the same there and start it again")
+            raise ConfigurationError(
+                f"{worker}: runs different dicflow source; install this version there and restart it"
+            )
 
 
 def _minor(found: Mapping[str, str]) -> list[str]:

@@ -1,4 +1,4 @@
-"""Running a graph: plan, hand what is missing to a scheduler, keep the journal, and tell how it went."""
+"""Running a graph: plan, hand what is missing to a scheduler, keep the journal, and report how it went."""
 
 from __future__ import annotations
 
@@ -19,30 +19,28 @@ from dicflow.engine.journal import Event, Journal
 from dicflow.engine.plan import CodePolicy, Plan, make_plan
 from dicflow.engine.product import Product
 from dicflow.engine.references import load
-from dicflow.engine.schedulers import Backend, build_graph, check_scheduler, open_backend
+from dicflow.engine.schedulers import Backend, BackendOptions, check_scheduler, open_backend, scheduler_warning
 from dicflow.engine.store import Store
-from dicflow.engine.work import Job, Outcome, stop_path
+from dicflow.engine.work import Job, Outcome, perform, stop_path
 from dicflow.errors import StageError, StoreError
 
 __all__ = ["STATUSES", "Options", "RunResult", "dask_graph", "run"]
 
 STATUSES = ("hit", "computed", "failed", "skipped")
 
-_WINDOW = 2000
-"""Tasks handed to the scheduler at once."""
-_WIDE_OPEN = "tcp:// to another machine is neither encrypted nor authenticated, and runs what it is sent; use tls://"
-
 
 @dataclass(frozen=True)
 class Options:
     """How a graph is run; nothing here changes a result.
 
-    scheduler : "sync", "threads", "processes", or the address of a running one, "tcp://…" or "tls://…"
+    scheduler : one of :data:`dicflow.engine.schedulers.SCHEDULERS`, or the address of a running one
     dashboard : show dask's dashboard on this machine's loopback
     code_policy : what to do with results that other code has made
     keep_going : after a failure go on with all that does not need what failed
-    retries : how often a failure that is no DicflowError is tried again
-    on_event : told of everything that happens, in the thread that called ``run``
+    retries : how often a task is tried again after an error that is not a DicflowError; on a cluster of dask's its
+        scheduler does so, perhaps on another worker. Workers of this machine may also die so often of one task, but
+        at least once; then it gets one more attempt, alone.
+    on_event : called with every event, in the thread that called ``run``
     worker_setup : called once in every worker, a function of a module
     linger : called when all is done, before workers and dashboard end
     """
@@ -118,7 +116,7 @@ def run(
     An object that turns out damaged while it is read is made again, once.
 
     Raises ConfigurationError, InputError and StoreError for what is wrong before anything runs. What fails in a
-    stage is told in the outcomes.
+    stage is in the outcomes.
     """
     options, start = options or Options(), time.perf_counter()
     check_scheduler(options.scheduler, options.workers)
@@ -133,11 +131,12 @@ def run(
 
 def dask_graph(plan: Plan, store: Store, run_id: str = "plan") -> dict[tuple[str, ...], tuple[Any, ...]]:
     """The plain dask graph of what a plan lacks: (stage, step, run) → a call and the names of its inputs."""
-    return build_graph(_jobs(plan, store, run_id, Options()), {})
+    jobs = {job.task.name: job for job in _jobs(plan, store, run_id, "recompute")}
+    return {job.key: (perform, job, *(jobs[name].key for name in job.awaited())) for job in jobs.values()}
 
 
 class _Run:
-    """A run under way: its outcomes, and whom to tell of them."""
+    """A run under way: its outcomes, journal and listener."""
 
     def __init__(self, plan: Plan, store: Store, journal: Journal | None, options: Options) -> None:
         self.plan = plan
@@ -152,8 +151,8 @@ class _Run:
             for name, entry in hits.items()
         }
 
-    def tell(self, event: Event) -> None:
-        """Journal an event and pass it on."""
+    def report(self, event: Event) -> None:
+        """Journal an event and call the listener with it."""
         if self.journal is not None:
             self.journal.write(event)
         if self.options.on_event is not None:
@@ -164,10 +163,10 @@ class _Run:
         self.outcomes[outcome.name] = outcome
         if outcome.warning and outcome.warning not in self.plan.warnings:
             self.plan.warnings.append(outcome.warning)
-            self.tell(Event("warning", text=outcome.warning))
+            self.report(Event("warning", text=outcome.warning))
         if outcome.status == "failed" and not self.options.keep_going:
             self.stop()
-        self.tell(
+        self.report(
             Event(
                 "finished",
                 task=outcome.name,
@@ -189,21 +188,19 @@ class _Run:
                 stop_path(self.store.path, self.journal.id).touch()
 
     def interrupt(self) -> None:
-        """The same, asked for by Ctrl-C."""
+        """The same after Ctrl-C."""
         self.interrupted = True
         self.stop()
 
-    def compute(self, backend: Backend, jobs: dict[str, Job]) -> None:
-        """Hand over all jobs, in windows; what is not reached any more is skipped."""
-        names = list(jobs)
-        for first in range(0, len(names), _WINDOW):
-            if self.stopped:
-                break
-            window = {name: jobs[name] for name in names[first : first + _WINDOW]}
-            backend.compute(build_graph(window, self.outcomes), self.finished)
-        for name in names:
-            if name not in self.outcomes:
-                self.finished(jobs[name].outcome("skipped", error="the run was stopped"))
+    def compute(self, backend: Backend, jobs: Iterator[Job]) -> None:
+        """Run all jobs; after a stop those that were not handed over are skipped."""
+        backend.compute(self._until_stop(jobs), self.outcomes, self.finished)
+        for job in jobs:
+            self.finished(job.outcome("skipped", error="the run was stopped"))
+
+    def _until_stop(self, jobs: Iterator[Job]) -> Iterator[Job]:
+        while not self.stopped and (job := next(jobs, None)) is not None:
+            yield job
 
     def index(self) -> dict[str, dict[str, str]]:
         """Key and digest of every task that has its product."""
@@ -228,16 +225,15 @@ def _run_once(
     )
     journal = _journal(plan, store, pipeline, resolved)
     state = _Run(plan, store, journal, options)
-    state.tell(Event("planned", counts=plan.counts, stages=plan.by_stage()))
+    state.report(Event("planned", counts=plan.counts, stages=plan.by_stage()))
     for text in plan.warnings:
-        state.tell(Event("warning", text=text))
+        state.report(Event("warning", text=text))
     if journal is not None:
-        jobs = _jobs(plan, store, journal.id, options)
         journal.write_index(state.index())
         try:
-            if jobs:
+            if plan.counts["hit"] < len(plan.entries):
                 _keep_code(plan, store)
-                _compute(state, journal.id, jobs)
+                _compute(state, journal.id)
         finally:
             _close(state, journal)
     computed = {name: outcome for name, outcome in before.items() if outcome.status == "computed"}
@@ -269,15 +265,15 @@ def _keep_code(plan: Plan, store: Store) -> None:
         store.put_code(plan.code[stage].root, plan.code[stage].parts)
 
 
-def _jobs(plan: Plan, store: Store, run_id: str, options: Options) -> dict[str, Job]:
-    """A job for every task that is no hit."""
-    jobs, gathered = {}, plan.graph.gathered()
+def _jobs(plan: Plan, store: Store, run_id: str, code_policy: CodePolicy) -> Iterator[Job]:
+    """A job for every task that is not a hit, in the order of the plan."""
+    gathered = plan.graph.gathered()
     codes = {stage: Fingerprint(code.root) for stage, code in plan.code.items()}
     for name, entry in plan.entries.items():
         if entry.state != "hit":
             task = entry.task
             refs = {producer: plan.entries[producer].ref for producer in task.producers()}
-            jobs[name] = Job(
+            yield Job(
                 run_id,
                 store.path,
                 task,
@@ -286,39 +282,34 @@ def _jobs(plan: Plan, store: Store, run_id: str, options: Options) -> dict[str, 
                 plan.files[name],
                 codes[task.stage],
                 name in gathered,
-                options.code_policy,
-                options.retries,
+                code_policy,
             )
-    return jobs
 
 
-def _compute(state: _Run, run_id: str, jobs: dict[str, Job]) -> None:
+def _compute(state: _Run, run_id: str) -> None:
     options = state.options
-    if options.scheduler.startswith("tcp://"):
-        from dicflow.engine.cluster import is_loopback
-
-        if not is_loopback(options.scheduler):
-            state.tell(Event("warning", text=f"{options.scheduler}: {_WIDE_OPEN}"))
-    with (
-        _interruptible(state.interrupt),
-        open_backend(
-            options.scheduler,
-            workers=options.workers,
-            dashboard=options.dashboard,
-            store=state.store,
-            run_id=run_id,
-            setup=options.worker_setup,
-        ) as backend,
-    ):
+    warning = scheduler_warning(options.scheduler)
+    if warning:
+        state.report(Event("warning", text=warning))
+    opened = BackendOptions(
+        options.scheduler,
+        state.store,
+        run_id,
+        options.workers,
+        options.dashboard,
+        options.retries,
+        options.worker_setup,
+    )
+    with _interruptible(state.interrupt), open_backend(opened) as backend:
         if backend.link:
-            state.tell(Event("dashboard", text=backend.link))
-        state.compute(backend, jobs)
+            state.report(Event("dashboard", text=backend.link))
+        state.compute(backend, _jobs(state.plan, state.store, run_id, options.code_policy))
         if options.linger is not None:
             options.linger()
 
 
 def _close(state: _Run, journal: Journal) -> None:
-    """Keep the index and counts; a disk that is full by now has been told of by the tasks."""
+    """Keep the index and counts; a full disk is ignored here; the tasks report it."""
     counts = Counter[str](outcome.status for outcome in state.outcomes.values())
     result = {"counts": {status: counts[status] for status in STATUSES}, "interrupted": state.interrupted}
     with suppress(OSError):
@@ -333,13 +324,13 @@ def _interruptible(first: Callable[[], None]) -> Iterator[None]:
     if threading.current_thread() is not threading.main_thread():
         yield
         return
-    asked = False
+    interrupted = False
 
     def handle(_signal: int, _frame: FrameType | None) -> None:
-        nonlocal asked
-        if asked:
+        nonlocal interrupted
+        if interrupted:
             raise KeyboardInterrupt
-        asked = True
+        interrupted = True
         first()
 
     previous = signal.signal(signal.SIGINT, handle)

@@ -1,111 +1,158 @@
-"""One graph, several ways to run it: in turn, in threads, in processes, on a cluster elsewhere."""
+"""The schedulers that a run can use, by name or by address scheme; :data:`SCHEDULERS` is the only list of them.
+
+Nothing of dask is imported before a scheduler is opened.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping
-from contextlib import AbstractContextManager, contextmanager
-from typing import Any, Protocol
+from contextlib import AbstractContextManager
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Protocol
+from urllib.parse import urlsplit
 
-from dicflow.engine.store import Store
-from dicflow.engine.work import Job, Outcome, perform
-from dicflow.engine.workers import prepare
+from dicflow.discovery import nearest
 from dicflow.errors import ConfigurationError
 
-__all__ = ["Backend", "build_graph", "check_scheduler", "open_backend"]
+if TYPE_CHECKING:
+    from dicflow.engine.store import Store
+    from dicflow.engine.work import Job, Outcome
 
-GraphKey = tuple[str, ...]
-"""(stage, step, run), or (stage, run) of a stage that runs once: dask's dashboard groups by the first."""
+__all__ = [
+    "SCHEDULERS",
+    "Backend",
+    "BackendOptions",
+    "Scheduler",
+    "check_scheduler",
+    "is_loopback",
+    "open_backend",
+    "scheduler_names",
+    "scheduler_warning",
+]
+
+_UNENCRYPTED = "tcp:// to another machine is neither encrypted nor authenticated, and runs what it is sent; use tls://"
 
 
 class Backend(Protocol):
-    """Something that runs graphs. link : address of the dashboard, "" where there is none"""
+    """Something that runs jobs. link : address of the dashboard, "" without one"""
 
     link: str
 
-    def compute(self, graph: Mapping[GraphKey, Any], finished: Callable[[Outcome], None]) -> None:
-        """Run a graph; ``finished`` is told of every task as it ends."""
+    def compute(
+        self, jobs: Iterator[Job], outcomes: Mapping[str, Outcome], finished: Callable[[Outcome], None]
+    ) -> None:
+        """Run jobs, a bounded number at once, and take the next one when one ends.
+
+        jobs : every job after those it takes from; it ends early when the run is stopped
+        outcomes : of all tasks that have ended; ``finished`` adds to it
+        finished : called once per job, in the thread that called this
+        """
 
 
-def build_graph(jobs: Mapping[str, Job], done: Mapping[str, Outcome]) -> dict[GraphKey, tuple[Any, ...]]:
-    """The plain mapping that dask runs: readable name → a call and the names of its inputs.
+@dataclass(frozen=True)
+class BackendOptions:
+    """What a scheduler is opened with.
 
-    jobs : task → job, every task after those it takes from
-    done : outcomes of tasks that are not in this graph but stand before it
+    scheduler : its name or address
+    workers : tasks at once; an address has its own number of workers
+    retries : how often a task that raised an error other than a DicflowError is tried again
+    setup : called once in every worker
     """
-    keys = {name: _key(job) for name, job in jobs.items()}
 
-    def needs(job: Job) -> Iterator[GraphKey | Outcome]:
-        for name in job.task.producers():
-            if name in keys:
-                yield keys[name]
-            elif name not in job.known:
-                yield done[name]
+    scheduler: str
+    store: Store
+    run_id: str
+    workers: int = 1
+    dashboard: bool = False
+    retries: int = 0
+    setup: Callable[[], None] | None = None
 
-    return {keys[name]: (perform, job, *needs(job)) for name, job in jobs.items()}
+
+@dataclass(frozen=True)
+class Scheduler:
+    """One way to run jobs.
+
+    open : gives the backend; its processes end with the context
+    warning : text about a name or address that can be used at a risk, "" for none
+    """
+
+    open: Callable[[BackendOptions], AbstractContextManager[Backend]]
+    warning: Callable[[str], str] = lambda _: ""
+
+
+def is_loopback(address: str) -> bool:
+    """Whether a scheduler's address can be reached from this machine only."""
+    return urlsplit(address).hostname in ("localhost", "127.0.0.1", "::1")
+
+
+def _processes(options: BackendOptions) -> AbstractContextManager[Backend]:
+    from dicflow.engine.cluster import local_cluster
+
+    return local_cluster(options, processes=True)
+
+
+def _threads(options: BackendOptions) -> AbstractContextManager[Backend]:
+    if options.dashboard:
+        from dicflow.engine.cluster import local_cluster
+
+        return local_cluster(options, processes=False)
+    from dicflow.engine.in_process import in_process
+
+    return in_process(options)
+
+
+def _sync(options: BackendOptions) -> AbstractContextManager[Backend]:
+    from dataclasses import replace
+
+    return _threads(replace(options, workers=1))
+
+
+def _address(options: BackendOptions) -> AbstractContextManager[Backend]:
+    from dicflow.engine.cluster import remote_cluster
+
+    return remote_cluster(options)
+
+
+def _exposed(address: str) -> str:
+    return "" if is_loopback(address) else f"{address}: {_UNENCRYPTED}"
+
+
+SCHEDULERS: Mapping[str, Scheduler] = {
+    "processes": Scheduler(_processes),
+    "threads": Scheduler(_threads),
+    "sync": Scheduler(_sync),
+    "tcp://": Scheduler(_address, _exposed),
+    "tls://": Scheduler(_address),
+}
+"""Name, or scheme of an address that ends in ``://`` → scheduler."""
+
+
+def scheduler_names() -> str:
+    """The names and forms of address in one line, for help and messages."""
+    *names, last = (f"{name}host:port" if name.endswith("://") else name for name in SCHEDULERS)
+    return f"{', '.join(names)} or {last}"
 
 
 def check_scheduler(scheduler: str, workers: int) -> None:
-    """Raises ConfigurationError for a scheduler that there is not."""
-    if scheduler not in ("sync", "threads", "processes") and not scheduler.startswith(("tcp://", "tls://")):
-        raise ConfigurationError(
-            f"no scheduler '{scheduler}'; use sync, threads, processes, or an address tcp://host:port or tls://host:port"
-        )
+    """Raises ConfigurationError for an unknown scheduler, and for less than one worker."""
+    if _entry(scheduler) not in SCHEDULERS:
+        hint = nearest(scheduler, SCHEDULERS)
+        raise ConfigurationError(f"unknown scheduler '{scheduler}'{hint}; use {scheduler_names()}")
     if workers < 1:
-        raise ConfigurationError(f"{workers} workers cannot work; use 1 or more")
+        raise ConfigurationError(f"workers must be at least 1, got {workers}")
 
 
-def open_backend(
-    scheduler: str,
-    *,
-    workers: int,
-    dashboard: bool,
-    store: Store,
-    run_id: str,
-    setup: Callable[[], None] | None,
-) -> AbstractContextManager[Backend]:
-    """The backend that a scheduler's name stands for; its processes end with the context."""
-    if scheduler in ("sync", "threads") and not dashboard:
-        return _in_process(workers if scheduler == "threads" else 1, setup)
-    from dicflow.engine import cluster
-
-    if scheduler in ("sync", "threads", "processes"):
-        count = 1 if scheduler == "sync" else workers
-        return cluster.local_cluster(count, processes=scheduler == "processes", dashboard=dashboard, setup=setup)
-    return cluster.remote_cluster(scheduler, store, run_id, setup=setup)
+def scheduler_warning(scheduler: str) -> str:
+    """Text about a risk of a scheduler, "" for none."""
+    return SCHEDULERS[_entry(scheduler)].warning(scheduler)
 
 
-class _InProcess:
-    """Runs graphs in this process, in turn or in threads."""
-
-    link = ""
-
-    def __init__(self, threads: int) -> None:
-        self._threads = threads
-
-    def compute(self, graph: Mapping[GraphKey, Any], finished: Callable[[Outcome], None]) -> None:
-        """Run a graph; ``finished`` is told of every task as it ends."""
-        from dask.callbacks import Callback
-
-        def told(key: GraphKey, outcome: Outcome, *_: Any) -> None:
-            finished(outcome)
-
-        with Callback(posttask=told):
-            if self._threads == 1:
-                from dask.local import get_sync
-
-                get_sync(dict(graph), list(graph))
-            else:
-                from dask.threaded import get
-
-                get(dict(graph), list(graph), num_workers=self._threads)
+def open_backend(options: BackendOptions) -> AbstractContextManager[Backend]:
+    """The backend of a scheduler; its processes end with the context."""
+    return SCHEDULERS[_entry(options.scheduler)].open(options)
 
 
-@contextmanager
-def _in_process(threads: int, setup: Callable[[], None] | None) -> Iterator[Backend]:
-    prepare(setup)
-    yield _InProcess(threads)
-
-
-def _key(job: Job) -> GraphKey:
-    task = job.task
-    return (task.stage, job.run_id) if task.step is None else (task.stage, task.step, job.run_id)
+def _entry(scheduler: str) -> str:
+    """Name of its entry among the schedulers."""
+    scheme, separator, _ = scheduler.partition("://")
+    return scheme + separator

@@ -1,4 +1,9 @@
-"""What a worker does with one task: look again, run the stage, keep the product, and report in a few bytes."""
+"""What a worker does with one task: look again, run the stage, keep the product, and report in a few bytes.
+
+Who tries again? A :class:`Defect` leaves this module as an exception, and the backend that handed the task over counts
+its attempts: dask's scheduler by ``retries``, since it outlives a worker and may choose another one, and
+:mod:`dicflow.engine.in_process` for jobs in this process. A DicflowError would come again, so that it is an outcome.
+"""
 
 from __future__ import annotations
 
@@ -29,7 +34,7 @@ from dicflow.engine.store import Store
 from dicflow.engine.workers import hold_to_one_thread
 from dicflow.errors import DamagedError, DicflowError, InputError, StageError
 
-__all__ = ["Job", "Outcome", "is_kept", "perform", "stop_path"]
+__all__ = ["Defect", "Job", "Outcome", "is_kept", "perform", "stop_path"]
 
 _DEEPEST = 3
 """Products that are not kept may rest on one another this deep."""
@@ -47,7 +52,7 @@ class Outcome:
     stage_s : in the stage itself [s]; remake_s : making again inputs that were not kept; engine_s : hashing, reading
         and storing
     peak_bytes : most memory that its process held while it ran
-    damaged : failed because an input's object turned out damaged; running again mends it
+    damaged : failed because an input's object turned out damaged; another run repairs it
     warning : of a hit that other code has made
     """
 
@@ -75,7 +80,6 @@ class Job:
     files : argument of ``run`` → contents
     code : fingerprint of the stage; the store knows its parts
     gathered : whether a stage takes this product together with those of all other steps
-    retries : how often a failure that is no DicflowError is tried again
     """
 
     run_id: str
@@ -87,22 +91,40 @@ class Job:
     code: Fingerprint
     gathered: bool = False
     code_policy: CodePolicy = "recompute"
-    retries: int = 0
+
+    @property
+    def key(self) -> tuple[str, ...]:
+        """Name in dask's graph: (stage, step, run), or (stage, run) of a stage that runs once."""
+        task = self.task
+        return (task.stage, self.run_id) if task.step is None else (task.stage, task.step, self.run_id)
+
+    def awaited(self) -> list[str]:
+        """Names of the producers that were no hits in the plan."""
+        return [name for name in self.task.producers() if name not in self.known]
+
+    def known_inputs(self, outcomes: Mapping[str, Outcome]) -> list[Outcome]:
+        """The outcomes among those given that :func:`perform` takes."""
+        return [outcomes[name] for name in self.awaited() if name in outcomes]
 
     def outcome(self, status: Literal["hit", "computed", "failed", "skipped"], **more: Any) -> Outcome:
         """An outcome of this task."""
         return Outcome(self.task.name, self.task.stage, self.task.step, status, **more)
 
 
+class Defect(Exception):
+    """An error in a stage that is not a DicflowError; its text is the message for the outcome."""
+
+
 def stop_path(store: Path, run_id: str) -> Path:
-    """The file whose presence tells all workers of a run to start nothing more."""
+    """The file that, once it exists, keeps all workers of a run from starting another task."""
     return store / "runs" / run_id / "stop"
 
 
 def perform(job: Job, *inputs: Outcome) -> Outcome:
-    """Do one task. Never raises: what goes wrong is told in the outcome.
+    """Do one task.
 
     inputs : outcomes of the producers that were no hits in the plan
+    Raises Defect where the stage raised an error that is not a DicflowError; a DicflowError is part of the outcome.
     """
     start = time.perf_counter()
     lacking = next((outcome for outcome in inputs if outcome.ref is None), None)
@@ -110,15 +132,12 @@ def perform(job: Job, *inputs: Outcome) -> Outcome:
         return job.outcome("skipped", error=f"{lacking.name} {lacking.status}")
     if stop_path(job.store, job.run_id).exists():
         return job.outcome("skipped", error="the run was stopped")
-    for attempt in range(job.retries + 1):
-        try:
-            return _performed(job, inputs, start)
-        except DicflowError as error:
-            return job.outcome("failed", error=_told(job, error), damaged=isinstance(error, DamagedError))
-        except Exception as error:
-            if attempt == job.retries:
-                return job.outcome("failed", error=_defect(job, error))
-    raise AssertionError("the last attempt returns")
+    try:
+        return _performed(job, inputs, start)
+    except DicflowError as error:
+        return job.outcome("failed", error=_with_task(job, error), damaged=isinstance(error, DamagedError))
+    except Exception as error:
+        raise Defect(_defect(job, error)) from error
 
 
 def is_kept(node: Node, arrays: int, nbytes: int, seconds: float, depth: int, gathered: bool = False) -> bool:
@@ -187,10 +206,10 @@ def _run(job: Job, store: Store, recipe: Recipe) -> tuple[Product, tuple[float, 
     stage_s = time.perf_counter() - start - remake_s - (clock.read_s - read)
     if not isinstance(product, Product) or product.kind != node.gives:
         found = f"a product '{product.kind}'" if isinstance(product, Product) else type(product).__name__
-        raise StageError(f"the stage '{node.stage}' gave {found} where it declares '{node.gives}'; mend the stage")
+        raise StageError(f"the stage '{node.stage}' gave {found} where it declares '{node.gives}'; fix the stage")
     for name, file in job.files.items():
         if stamp(job.task.files[name])[:2] != file.stamp[:2]:
-            raise InputError(f"{job.task.files[name]}: changed while it was used; run again when it is at rest")
+            raise InputError(f"{job.task.files[name]}: changed during the run; run again once nothing is writing it")
     return normalised(product), (stage_s, remake_s)
 
 
@@ -209,14 +228,14 @@ def _provenance(job: Job, done: Outcome, manifest: Manifest) -> dict[str, Any]:
     }
 
 
-def _told(job: Job, error: DicflowError) -> str:
-    """The message of an error, with the task that met it."""
+def _with_task(job: Job, error: DicflowError) -> str:
+    """The message of an error, with the name of its task."""
     text = str(error)
     return text if text.startswith(f"{job.task.name}:") else f"{job.task.name}: {text}"
 
 
 def _defect(job: Job, error: Exception) -> str:
-    """Message for an error that was not foreseen; the traceback goes into a file."""
+    """Message for an error that is not a DicflowError; the traceback goes into a file."""
     path = stop_path(job.store, job.run_id).with_name("errors") / f"{job.task.name.replace('/', '.')}.txt"
     with suppress(OSError):
         path.parent.mkdir(exist_ok=True)
@@ -239,7 +258,7 @@ def _reset_peak() -> None:
 
 
 def _peak() -> int:
-    """Most memory that this process has held [bytes], 0 where the system does not tell."""
+    """Most memory that this process has held [bytes], 0 where the system does not report it."""
     with suppress(OSError):
         for line in Path("/proc/self/status").read_text().splitlines():
             if line.startswith("VmHWM:"):

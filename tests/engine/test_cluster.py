@@ -16,6 +16,7 @@ from test_execute import index, trouble
 from toys import StageSpec, chain, expand, run_sync
 
 from dicflow.engine import cluster
+from dicflow.engine.schedulers import is_loopback
 from dicflow.engine.store import Store
 from dicflow.errors import ConfigurationError, StoreError
 
@@ -80,9 +81,25 @@ def test_a_worker_killed_in_the_middle_costs_nothing(folder, store, tmp_path):
 
 def test_a_task_that_always_kills_its_worker_is_named_and_no_other_suffers(folder, store):
     result = run_sync(trouble(folder, "kill"), store, scheduler="processes", keep_going=True)
-    assert result.errors == [f"trouble/step_06: {cluster._DIED}"]
+    assert result.errors == [f"trouble/step_06: {cluster._KILLED}"]
     assert result.outcomes["scale/step_06"].error == "trouble/step_06 failed"
     assert result.counts == {"hit": 0, "computed": 16, "failed": 1, "skipped": 1}
+
+
+def test_a_chain_goes_on_after_a_step_that_killed_two_workers(folder, store):
+    """Dask gives the step up after the second death; alone it succeeds, and the steps that need it follow."""
+    stages = {**chain(folder).stages, **trouble(folder, "kill twice", above=2.0).stages}
+    stages["difference"] = StageSpec(toys.Difference(), {"before": "trouble", "now": "trouble"})
+    graph = expand({name: stages[name] for name in ("read", "trouble", "difference", "total", "report")})
+    (folder / "step_04.txt").unlink()
+    graph = expand(graph.stages).upstream(["report"])
+    result = run_sync(graph, store, scheduler="processes")
+    assert result.ok, result.errors
+    assert result.product("report").attrs["last"] == 5.0
+
+
+def test_a_flaky_stage_is_tried_again_in_a_worker(folder, store):
+    assert run_sync(trouble(folder, "flaky"), store, scheduler="processes", retries=1).ok
 
 
 def test_a_scheduler_that_is_already_there(folder, store, tmp_path):
@@ -144,7 +161,7 @@ def test_certificates_that_are_missing_or_others(folder, store, tmp_path, guarde
     monkeypatch.setattr(cluster, "_PATIENCE_S", 0.3)
     nowhere = (str(tmp_path / "nowhere.pem"),) * 2
     for given, words in (
-        ((None, None), "dask has been told of no certificates; set DASK_DISTRIBUTED__COMM__TLS__CA_FILE"),
+        ((None, None), "dask's settings name no certificates; set DASK_DISTRIBUTED__COMM__TLS__CA_FILE"),
         (nowhere, r"a certificate cannot be used \(.*No such file or directory\); set DASK_"),
         (certified(tmp_path / "other"), "no scheduler answers there to these certificates; start 'dask scheduler'"),
     ):
@@ -185,7 +202,7 @@ def test_workers_with_other_versions_are_refused():
 
 
 def test_workers_with_other_code_are_refused():
-    with pytest.raises(ConfigurationError, match=r"tcp://far:1: has other code of dicflow; install the same"):
+    with pytest.raises(ConfigurationError, match=r"tcp://far:1: runs different dicflow source"):
         cluster._check_workers(Fake(versions=cluster.versions(), sources="sha256:" + "0" * 64), "tcp://far:0")
 
 
@@ -201,7 +218,7 @@ def test_workers_that_do_not_see_the_store_are_refused(store):
     [("tcp://127.0.0.1:1", True), ("tcp://localhost:1", True), ("tcp://[::1]:1", True), ("tcp://10.0.0.1:1", False)],
 )
 def test_loopback(address, here):
-    assert cluster.is_loopback(address) == here
+    assert is_loopback(address) == here
 
 
 def test_an_open_scheduler_elsewhere_is_warned_of(folder, store, monkeypatch):
@@ -217,6 +234,7 @@ import sys
 from pathlib import Path
 sys.path[:0] = sys.argv[3:]
 from toys import chain, run_sync
+from dicflow.engine.schedulers import is_loopback
 from dicflow.engine.store import Store
 def told(event):
     print(event.kind, event.stage, flush=True)

@@ -207,8 +207,9 @@ def test_a_retry_gives_the_same_keys(folder, store, tmp_path):
 
 
 def test_a_product_of_another_kind_is_refused(folder, store):
-    message = "trouble/step_06: the stage 'trouble' gave a product 'other' where it declares 'number'; mend the stage"
-    assert run_sync(trouble(folder, "kind"), store).errors == [message]
+    (message,) = run_sync(trouble(folder, "kind"), store).errors
+    assert message.startswith("trouble/step_06: ")
+    assert {"'other'", "'number'"} <= set(message.replace(";", "").split())
 
 
 def test_a_file_that_changes_while_it_is_read_is_no_result(folder, store, monkeypatch):
@@ -220,7 +221,7 @@ def test_a_file_that_changes_while_it_is_read_is_no_result(folder, store, monkey
 
     monkeypatch.setattr(toys.Read, "run", run_and_touch)
     result = run_sync(chain(folder), store)
-    assert ".txt: changed while it was used; run again" in result.errors[0]
+    assert ".txt: changed during the run" in result.errors[0]
     assert not (store.path / "actions").exists()
 
 
@@ -257,11 +258,6 @@ def test_two_runs_at_once_on_one_store(folder, store):
     assert [result.ok for result in results] == [True, True]
     assert index(results[0]) == index(results[1])
     assert run_sync(chain(folder), store).counts["hit"] == 24
-
-
-def test_windows_hand_outcomes_on(folder, store, monkeypatch):
-    monkeypatch.setattr("dicflow.engine.execute._WINDOW", 5)
-    assert run_sync(chain(folder), store).counts["computed"] == 24
 
 
 def test_the_journal_tells_what_happened(folder, store):
@@ -303,7 +299,10 @@ def test_the_graph_is_a_plain_mapping_that_can_be_drawn(folder, store):
     assert (call.__name__, needs) == ("perform", [("read", "step_01", "plan"), ("rig", "plan")])
 
 
-@pytest.mark.parametrize(("scheduler", "workers"), [("cluster", 2), ("http://x", 2), ("threads", 0)])
-def test_unknown_schedulers_are_refused(folder, store, scheduler, workers):
-    with pytest.raises(ConfigurationError, match="use "):
+@pytest.mark.parametrize(
+    ("scheduler", "workers", "fact"),
+    [("thread", 2, "'threads'"), ("http://x", 2, "'http://x'"), ("threads", 0, "at least 1")],
+)
+def test_unknown_schedulers_are_refused(folder, store, scheduler, workers, fact):
+    with pytest.raises(ConfigurationError, match=fact):
         run_sync(chain(folder), store, scheduler=scheduler, workers=workers)

@@ -215,7 +215,7 @@ def test_a_file_that_changes_while_it_is_planned_for_is_not_used(folder, store, 
         return found
 
     monkeypatch.setattr(store.files, "digest", slow)
-    assert "step_04.txt: changed while it was used" in run_sync(chain(folder), store, keep_going=True).errors[0]
+    assert "step_04.txt: changed during the run" in run_sync(chain(folder), store, keep_going=True).errors[0]
     monkeypatch.undo()
     assert run_sync(chain(folder), store).product("read/step_04")["values"][0] == 44.0
 

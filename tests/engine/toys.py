@@ -172,7 +172,9 @@ class Trouble(Node):
     gives: ClassVar = "number"
     takes: ClassVar = {"number": Port("number")}
     stage: Literal["trouble"] = "trouble"
-    how: Literal["stage", "defect", "kill", "kill once", "flaky", "kind", "interrupt"] = parameter("stage", "which")
+    how: Literal["stage", "defect", "kill", "kill once", "kill twice", "flaky", "kind", "interrupt"] = parameter(
+        "stage", "which"
+    )
     above: float = parameter(2.0, "limit")
     marks: str = parameter("", "folder for marks", affects="speed")
 
@@ -181,12 +183,15 @@ class Trouble(Node):
         if number["values"][0] <= self.above:
             return field("number", number["values"])
         mark = Path(self.marks) / f"{number['values'][0]:.0f}"
-        first, _ = not mark.exists(), mark.touch()
+        with mark.open("ab") as file:
+            file.write(b".")
+        attempt = mark.stat().st_size
+        first = attempt == 1
         if self.how == "stage":
             raise StageError("the number is too large; use a smaller one")
         if self.how == "defect" or (self.how == "flaky" and first):
             raise ZeroDivisionError("a defect")
-        if self.how == "kill" or (self.how == "kill once" and first):
+        if self.how == "kill" or attempt <= {"kill once": 1, "kill twice": 2}.get(self.how, 0):
             os.kill(os.getpid(), signal.SIGKILL)
         if self.how == "interrupt":
             os.kill(os.getpid(), signal.SIGINT)

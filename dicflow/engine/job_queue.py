@@ -1,0 +1,66 @@
+"""Jobs in the order in which they can begin."""
+
+from __future__ import annotations
+
+import heapq
+from collections.abc import Container, Iterator, Mapping
+
+from dicflow.engine.work import Job, Outcome
+
+__all__ = ["JobQueue"]
+
+_AHEAD = 2000
+"""So many jobs may wait for a producer while jobs after them begin; a chained stage may be so far behind the others."""
+
+
+class JobQueue:
+    """Takes jobs one by one and gives those that can begin, the first ones first.
+
+    jobs : every job after those it takes from
+    outcomes : of all tasks that have ended
+    begun : tasks under way whose successors in a chain can be given, although they have no outcome
+    """
+
+    def __init__(self, jobs: Iterator[Job], outcomes: Mapping[str, Outcome], begun: Container[str] = ()) -> None:
+        self._jobs = enumerate(jobs)
+        self._outcomes = outcomes
+        self._begun = begun
+        self._ready: list[tuple[int, Job]] = []
+        self._waiting: dict[str, list[tuple[int, Job]]] = {}
+        self._waiting_count = 0
+
+    def pop(self) -> tuple[int, Job] | None:
+        """Rank and job of the first that can begin; None where none can before another task ends."""
+        while not self._ready and self._waiting_count < _AHEAD:
+            entry = next(self._jobs, None)
+            if entry is None:
+                return None
+            self._place(entry)
+        return heapq.heappop(self._ready) if self._ready else None
+
+    def release(self, name: str) -> None:
+        """Look again at the jobs that wait for a task that has ended or begun."""
+        entries = self._waiting.pop(name, [])
+        self._waiting_count -= len(entries)
+        for entry in entries:
+            self._place(entry)
+
+    def waiting(self) -> list[tuple[int, Job]]:
+        """Rank and job of all that wait for a producer."""
+        return [entry for entries in self._waiting.values() for entry in entries]
+
+    def _place(self, entry: tuple[int, Job]) -> None:
+        missing = self._missing(entry[1])
+        if missing is None:
+            heapq.heappush(self._ready, entry)
+        else:
+            self._waiting.setdefault(missing, []).append(entry)
+            self._waiting_count += 1
+
+    def _missing(self, job: Job) -> str | None:
+        """The first producer that keeps a job from beginning."""
+        chained = [job.task.inputs[port] for port, declared in job.task.node.takes.items() if declared.own]
+        for name in job.awaited():
+            if name not in self._outcomes and not (name in chained and name in self._begun):
+                return name
+        return None

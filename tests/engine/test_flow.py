@@ -1,0 +1,217 @@
+"""The flow of tasks through a run: order, bounded number at once, no barrier, retries, stop, by every backend."""
+
+import threading
+from pathlib import Path
+
+import distributed
+import pytest
+import toys
+from test_execute import clipped, index, trouble
+from toys import StageSpec, chain, expand, numbers, run_sync
+
+from dicflow.engine import cluster, job_queue
+from dicflow.engine.fingerprint import Fingerprint
+from dicflow.engine.job_queue import JobQueue
+from dicflow.engine.schedulers import SCHEDULERS, scheduler_names, scheduler_warning
+from dicflow.engine.store import Store
+from dicflow.engine.work import Job
+from dicflow.errors import StageError
+
+BACKENDS = {
+    "sync": {"scheduler": "sync"},
+    "threads": {"scheduler": "threads", "workers": 2},
+    "cluster": {"scheduler": "threads", "workers": 2, "dashboard": True},
+}
+"""The cluster's workers are threads of this process, so that a test can hold and count its tasks."""
+
+every_backend = pytest.mark.parametrize("options", BACKENDS.values(), ids=BACKENDS)
+parallel_backends = pytest.mark.parametrize(
+    "options", [BACKENDS["threads"], BACKENDS["cluster"]], ids=["threads", "cluster"]
+)
+
+
+@pytest.fixture
+def narrow(monkeypatch):
+    """Few tasks at the scheduler and few that wait, so that a small run fills both."""
+    monkeypatch.setattr(cluster, "_WINDOW", 4)
+    monkeypatch.setattr(cluster, "_AT_A_TIME", 3)
+    monkeypatch.setattr(job_queue, "_AHEAD", 4)
+
+
+@pytest.fixture
+def handed(monkeypatch):
+    """Keyword arguments of all tasks that a client is given, with the name of the task, in order."""
+    seen = []
+    original = distributed.Client.submit
+
+    def submit(self, function, job, *inputs, **options):
+        seen.append({"name": job.task.name, "inputs": inputs, **options})
+        return original(self, function, job, *inputs, **options)
+
+    monkeypatch.setattr(distributed.Client, "submit", submit)
+    return seen
+
+
+@every_backend
+@pytest.mark.usefixtures("narrow")
+def test_a_narrow_flow_gives_the_same_products(folder, store, tmp_path, options):
+    result = run_sync(chain(folder), store, **options)
+    assert result.counts["computed"] == 24
+    assert index(result) == index(run_sync(chain(folder), Store.open(tmp_path / "other")))
+
+
+@parallel_backends
+@pytest.mark.usefixtures("narrow")
+def test_a_slow_task_holds_up_nothing_but_what_needs_it(folder, store, monkeypatch, options):
+    """The first of 18 tasks ends only after 12 others have ended, three times as many as are at the scheduler."""
+    original, others, waited = toys.Read.run, threading.Event(), []
+
+    def run(self, source):
+        if source.stem == "step_01":
+            waited.append(others.wait(30))
+        return original(self, source)
+
+    done = []
+
+    def count(event):
+        if event.kind == "finished":
+            done.append(event.task)
+            if len(done) == 12:
+                others.set()
+
+    monkeypatch.setattr(toys.Read, "run", run)
+    result = run_sync(clipped(folder, 100.0), store, on_event=count, **options)
+    assert result.ok
+    assert waited == [True]
+    assert not {"read/step_01", "clip/step_01", "scale/step_01"} & set(done[:12])
+
+
+@pytest.mark.usefixtures("narrow")
+def test_no_more_tasks_at_the_scheduler_than_the_window_holds(folder, store, monkeypatch):
+    inside, original = [], cluster._Window._hand_over
+
+    def hand_over(self, rank, job):
+        original(self, rank, job)
+        inside.append(len(self._inside))
+
+    monkeypatch.setattr(cluster._Window, "_hand_over", hand_over)
+    assert run_sync(chain(folder), store, **BACKENDS["cluster"]).ok
+    assert len(inside) == 24
+    assert max(inside) == 4
+
+
+def test_dask_is_given_priorities_and_retries(folder, store, handed):
+    graph = chain(folder)
+    assert run_sync(graph, store, retries=3, **BACKENDS["cluster"]).ok
+    assert len(handed) == 24
+    assert {task["name"]: -task["priority"] for task in handed} == {name: k for k, name in enumerate(graph.tasks)}
+    assert {task["retries"] for task in handed} == {3}
+
+
+def test_only_a_chain_is_handed_over_before_its_producer_has_ended(folder, store, handed):
+    run_sync(chain(folder), store, **BACKENDS["cluster"])
+    futures = {
+        (task["name"], one.key[:2])
+        for task in handed
+        for one in task["inputs"]
+        if isinstance(one, distributed.Future)
+    }  # fmt: skip
+    chained = {(f"total/step_0{n}", ("total", f"step_0{n - 1}")) for n in range(3, 7)}
+    assert futures <= chained
+
+
+@every_backend
+@pytest.mark.parametrize(
+    ("error", "attempts"), [(ZeroDivisionError("a defect"), 3), (StageError("too large; use a smaller one"), 1)]
+)
+def test_two_retries_are_three_attempts_but_one_for_an_error_of_ours(
+    folder, store, monkeypatch, options, error, attempts
+):
+    tried = []
+
+    def run(self, number):
+        if number["values"][0] < 6:
+            return toys.field("number", number["values"])
+        tried.append(1)
+        raise error
+
+    monkeypatch.setattr(toys.Trouble, "run", run)
+    result = run_sync(trouble(folder, "defect"), store, retries=2, keep_going=True, **options)
+    assert len(tried) == attempts
+    (message,) = result.errors
+    assert message.startswith("trouble/step_06: ")
+    assert str(error) in message
+    assert result.outcomes["scale/step_06"].status == "skipped"
+    assert "trouble/step_06" in result.outcomes["scale/step_06"].error
+
+
+@every_backend
+@pytest.mark.usefixtures("narrow")
+def test_a_failure_in_the_middle_leaves_no_task_without_an_outcome(folder, store, options):
+    """Twelve steps, of which the third fails: tasks under way end, the others are skipped."""
+    graph = trouble(numbers(folder, 12), "stage", above=2.0)
+    result = run_sync(graph, store, **options)
+    assert list(result.outcomes) == list(graph.tasks)
+    assert result.counts["failed"] >= 1
+    assert result.outcomes["scale/step_12"].status == "skipped"
+    assert sum(result.counts.values()) == 36
+
+
+def test_a_stopped_run_hands_over_no_further_tasks(folder, store, handed, monkeypatch):
+    monkeypatch.setattr(cluster, "_WINDOW", 2)
+    run_sync(trouble(numbers(folder, 12), "stage", above=2.0), store, **BACKENDS["cluster"])
+    assert len(handed) < 30
+
+
+@every_backend
+def test_keep_going_skips_the_rest_of_a_chain_after_its_broken_step(folder, store, options):
+    stages = {**chain(folder).stages, **trouble(folder, "defect", above=4.0).stages}
+    stages["difference"] = StageSpec(toys.Difference(), {"before": "read", "now": "trouble"})
+    graph = expand({name: stages[name] for name in ("read", "trouble", "difference", "total")})
+    result = run_sync(graph, store, keep_going=True, **options)
+    statuses = {step: result.outcomes[f"total/step_0{step}"].status for step in range(2, 7)}
+    assert statuses == {2: "computed", 3: "computed", 4: "computed", 5: "skipped", 6: "skipped"}
+    assert result.counts["failed"] == 2
+
+
+def jobs_of(graph):
+    return [Job("run", Path(), task, {}, {}, {}, Fingerprint("")) for task in graph.tasks.values()]
+
+
+def popped(queue):
+    return [job.task.name for _, job in iter(queue.pop, None)]
+
+
+def test_a_queue_gives_what_can_begin_in_order(folder):
+    outcomes = {}
+    queue = JobQueue(iter(jobs_of(clipped(folder, 1.0))), outcomes)
+    assert popped(queue) == [f"read/step_0{n}" for n in range(1, 7)]
+    assert len(queue.waiting()) == 12
+    for name in ("read/step_05", "read/step_02"):
+        outcomes[name] = None
+        queue.release(name)
+    assert popped(queue) == ["clip/step_02", "clip/step_05"]
+
+
+def test_a_queue_looks_ahead_so_far(folder, monkeypatch):
+    monkeypatch.setattr(job_queue, "_AHEAD", 3)
+    queue = JobQueue(iter(jobs_of(clipped(folder, 1.0))), {})
+    assert popped(queue) == ["read/step_01", "read/step_02"]
+
+
+def test_a_queue_gives_the_next_step_of_a_chain_that_has_begun(folder):
+    jobs = [job for job in jobs_of(chain(folder)) if job.task.stage == "total"]
+    outcomes = {name: None for job in jobs for name in job.awaited() if not name.startswith("total")}
+    begun = []
+    queue = JobQueue(iter(jobs), outcomes, begun)
+    assert popped(queue) == ["total/step_02"]
+    begun.append("total/step_02")
+    queue.release("total/step_02")
+    assert popped(queue) == ["total/step_03"]
+
+
+def test_every_scheduler_is_named_in_the_help():
+    assert all(name in scheduler_names() for name in SCHEDULERS)
+    assert [name for name in SCHEDULERS if scheduler_warning(f"{name}10.0.0.1:1" if ":" in name else name)] == [
+        "tcp://"
+    ]
