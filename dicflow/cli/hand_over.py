@@ -107,6 +107,7 @@ def export(
     dicflow export pipeline.yaml total --quantity eyy --format mp4
     dicflow export pipeline.yaml total --step step_03 --quantity W --format surface
     """
+    from dicflow.views.exports import Selection
     from dicflow.views.exports import export as write
 
     loaded = load(pipeline, data, store, settings)
@@ -114,14 +115,11 @@ def export(
     paths = write(
         result,
         output,
-        stage=stage,
-        step=step,
-        quantities=quantities,
+        Selection(stage, step, tuple(quantities), variant_index(result, variant)),
         to=to,
-        variant=variant_index(result, variant),
         force=force,
         name=loaded.name,
-        tell=lambda text: typer.echo(text, err=True),
+        note=lambda text: typer.echo(text, err=True),
     )
     for path in paths:
         typer.echo(path)

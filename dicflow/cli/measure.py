@@ -77,7 +77,7 @@ def run(
         )
     files = publish(result, folder, workers)
     report = write_report(loaded, result, folder, workers)
-    _tell_run(progress, result, folder, files)
+    _print_run(progress, result, folder, files)
     progress.print(f"report: {report}", soft_wrap=True)
     if as_json:
         out.print(json.dumps(_run_line(result)), soft_wrap=True)
@@ -143,7 +143,7 @@ def _run_line(result: Result) -> dict[str, Any]:
     return {"run": outcome.run_id, "counts": counts, "seconds": round(outcome.seconds, 3), "stages": outcome.by_stage()}
 
 
-def _tell_run(console: Console, result: Result, folder: Path, files: list[Path]) -> None:
+def _print_run(console: Console, result: Result, folder: Path, files: list[Path]) -> None:
     """Verdicts, counts and where the files are."""
     outcome = result.outcome
     assert outcome is not None

@@ -78,7 +78,7 @@ def load(pipeline: Path, data: Path | None, store: Path | None, settings: list[s
 
 
 def stored(pipeline: Pipeline) -> Result:
-    """What the store holds of a pipeline; a word on standard error tells where that comes from, if it must be said."""
+    """What the store holds of a pipeline; notes on standard error name its source where that matters."""
     result = pipeline.result()
     for note in result.notes:
         typer.secho(f"warning: {note}", fg="yellow", err=True)

@@ -7,6 +7,7 @@ A further quantity, or measure of strain, is one entry and the function that it 
 from __future__ import annotations
 
 import importlib
+import sys
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Literal, TypeVar
@@ -160,14 +161,20 @@ BASIC = ("U", "V", "W", "exx", "eyy", "gxy")
 """What every total has."""
 
 _CORE = "dicflow.core.strain.measures"
+_PRINCIPAL = "along the principal directions"
+_FIBRES = "stretch λ − 1 of the fibres along x and y, γ the decrease of their angle"
 MEASURES = {
     measure.name: measure
     for measure in (
-        StrainMeasure("engineering", "engineering strain", "|F e| − 1 of a fibre, and the loss of the right angle", ""),
-        StrainMeasure("green_lagrange", "Green–Lagrange strain", "(λ² − 1) / 2", f"{_CORE}:green_lagrange_strain"),
-        StrainMeasure("hencky", "Hencky strain", "ln λ", f"{_CORE}:hencky_strain"),
-        StrainMeasure("euler_almansi", "Euler–Almansi strain", "(1 − λ⁻²) / 2", f"{_CORE}:almansi_strain"),
-        StrainMeasure("biot", "Biot strain", "λ − 1", f"{_CORE}:biot_strain"),
+        StrainMeasure("engineering", "engineering strain", _FIBRES, ""),
+        StrainMeasure(
+            "green_lagrange", "Green–Lagrange strain", f"(λ² − 1) / 2 {_PRINCIPAL}", f"{_CORE}:green_lagrange_strain"
+        ),
+        StrainMeasure("hencky", "Hencky strain", f"ln λ {_PRINCIPAL}", f"{_CORE}:hencky_strain"),
+        StrainMeasure(
+            "euler_almansi", "Euler–Almansi strain", f"(1 − λ⁻²) / 2 {_PRINCIPAL}", f"{_CORE}:almansi_strain"
+        ),
+        StrainMeasure("biot", "Biot strain", f"λ − 1 {_PRINCIPAL}", f"{_CORE}:biot_strain"),
     )
 }
 """All measures of strain of dicflow by their names in pipeline files."""
@@ -197,16 +204,35 @@ def gradient_functions(names: tuple[str, ...]) -> dict[str, GradientFunction]:
 
 
 def _entry(name: str, own: Mapping[str, _Entry], sort: type[_Entry], what: str) -> _Entry:
-    """An entry of dicflow, or of another installed package."""
+    """An entry of ours, or of a package that is installed."""
+    if name in own and name in _PLUGINS.names():
+        raise ConfigurationError(f"{what} '{name}' is dicflow's, and of {_PLUGINS.find(name).place}; rename that one")
     if name in own:
         return own[name]
     if name not in _PLUGINS.names():
-        known = (*own, *_PLUGINS.names())
+        known = (*own, *(other for other in _PLUGINS.names() if _is_sort(other, sort)))
         raise ConfigurationError(f"unknown {what} '{name}'{nearest(name, known)}; known: {', '.join(known) or 'none'}")
-    found = _PLUGINS.load(name)
-    if not isinstance(found, sort) or found.name != name:
-        raise ConfigurationError(f"{_PLUGINS.find(name).place}: expected a {sort.__name__} with the name '{name}'")
+    found, place = _PLUGINS.load(name), _PLUGINS.find(name).place
+    if not isinstance(found, sort):
+        raise ConfigurationError(f"'{name}' of {place} is a {type(found).__name__}, but a {what} is a {sort.__name__}")
+    if found.name != name:
+        raise ConfigurationError(f"{place} has the name '{found.name}'; give it and its entry point one name")
+    _check_function(found.function, place)
     return found
+
+
+def _is_sort(name: str, sort: type[Any]) -> bool:
+    try:
+        return isinstance(_PLUGINS.load(name), sort)
+    except ConfigurationError:
+        return False
+
+
+def _check_function(function: str, place: str) -> None:
+    """Raise ConfigurationError for a function that does not exist, where its module is loaded anyway."""
+    module, _, name = function.partition(":")
+    if not name or (module in sys.modules and not hasattr(sys.modules[module], name)):
+        raise ConfigurationError(f"{place}: function '{function}' does not exist; write package.module:function")
 
 
 def _loaded(place: str) -> Any:

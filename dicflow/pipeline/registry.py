@@ -33,6 +33,7 @@ def node_class(name: str) -> type[Node]:
             f"stage '{name}' of {member.place} is not a Node; name its class: package.module:Class"
         )
     _check_name(member, kind)
+    _check_declaration(member, kind)
     return kind
 
 
@@ -59,4 +60,13 @@ def _check_name(member: Member, kind: type[Node]) -> None:
         raise ConfigurationError(
             f"stage '{member.name}' of {member.place} calls itself {own!r}; "
             f'declare stage: Literal["{member.name}"] = "{member.name}"'
+        )
+
+
+def _check_declaration(member: Member, kind: type[Node]) -> None:
+    """Raise ConfigurationError if the class lacks what every stage declares."""
+    missing = [name for name in ("title", "scope", "gives") if not hasattr(kind, name)]
+    if missing:
+        raise ConfigurationError(
+            f"stage '{member.name}' of {member.place} lacks {', '.join(missing)}; declare each as a ClassVar"
         )

@@ -36,8 +36,8 @@ def write_report(pipeline: Pipeline, result: Result, folder: Path, workers: int 
     """
     found = _run(pipeline, result)
     facts = run_facts(pipeline.store, found) if found is not None else None
-    page, told, sources = folder / "report.html", folder / ".report" / "sources", _sources(pipeline, result, facts)
-    if _was_idle(result) and page.is_file() and told.is_file() and told.read_text() == sources:
+    page, record, sources = folder / "report.html", folder / ".report" / "sources", _sources(pipeline, result, facts)
+    if _was_idle(result) and page.is_file() and record.is_file() and record.read_text() == sources:
         return page
     make_folder(folder)
     pieces = Pieces(folder / ".report", _code())
@@ -47,8 +47,8 @@ def write_report(pipeline: Pipeline, result: Result, folder: Path, workers: int 
     text = _page(context, [*first, *sections])
     pieces.drop_unused()
     write_whole(page, text.encode())
-    make_folder(told.parent)
-    write_whole(told, sources.encode())
+    make_folder(record.parent)
+    write_whole(record, sources.encode())
     return page
 
 
@@ -69,8 +69,8 @@ def _sources(pipeline: Pipeline, result: Result, run: RunFacts | None) -> str:
     is_whole = run is None or (run.ended and not run.interrupted and not run.counts["failed"])
     state = "" if run is None or is_whole else run.id
     settings = (pipeline.path.name, pipeline.title, pipeline.resolved())
-    told = json.dumps([_code(), *settings, result.digests, result.notes, state])
-    return hashlib.sha256(told.encode()).hexdigest()
+    content = json.dumps([_code(), *settings, result.digests, result.notes, state])
+    return hashlib.sha256(content.encode()).hexdigest()
 
 
 def _run(pipeline: Pipeline, result: Result) -> RunInfo | None:
@@ -93,7 +93,7 @@ def _built(entry: Entry, context: Context) -> Section | None:
         if not isinstance(error, DicflowError) and not entry.is_plugin:
             raise
         reason = str(error) if isinstance(error, DicflowError) else f"{type(error).__name__}: {error}"
-        message = context.said(reason)
+        message = context.without_local_paths(reason)
         return Section(entry.key, entry.title, Markup('<p class="warning">{}</p>').format(message), (message,))
 
 
@@ -112,5 +112,5 @@ def _page(context: Context, sections: list[Section]) -> str:
 def _subtitle(context: Context) -> str:
     """The file and the run that the page is of."""
     run = context.run
-    told = "not run as it stands" if run is None else f"run {run.id} of {date(run.started)}"
-    return f"{context.pipeline.path.name} · {told}"
+    when = "not run as it stands" if run is None else f"run {run.id} of {date(run.started)}"
+    return f"{context.pipeline.path.name} · {when}"

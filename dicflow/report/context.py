@@ -39,7 +39,7 @@ class Context(NamedTuple):
         except NotKeptError:
             return None
 
-    def said(self, message: str) -> str:
+    def without_local_paths(self, message: str) -> str:
         """A message without the folders of this machine: files are named from the pipeline's folder on."""
         pipeline = self.pipeline
         near = (pipeline.store_folder, pipeline.folder, pipeline.path.parent, self.folder, Path.cwd(), Path.home())

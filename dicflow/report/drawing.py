@@ -1,4 +1,4 @@
-"""Line drawings to scale, with axes that tell their unit, as a template fills them into a page."""
+"""Line drawings to scale, with units on the axes, for the templates of a page."""
 
 from __future__ import annotations
 

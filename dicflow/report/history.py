@@ -14,7 +14,7 @@ from dicflow.kinds.quantities import QUANTITIES
 from dicflow.pipeline import Result
 from dicflow.report.context import Context
 
-__all__ = ["Column", "History", "history", "step_names"]
+__all__ = ["Column", "History", "step_history", "step_names"]
 
 _UNITS = {"_mm": "mm", "_px": "px", "_g": "g", "_pct": "%"}
 _TITLES = {
@@ -62,7 +62,7 @@ class History(NamedTuple):
     remark: str = ""
 
 
-def history(context: Context) -> History | None:
+def step_history(context: Context) -> History | None:
     """The steps as the comparison tells of them, else the extensometers, else the means of the field.
 
     None for a pipeline without totals. A step that is not there has no numbers.
@@ -135,7 +135,7 @@ def _means(result: Result, total: str, steps: tuple[str, ...]) -> dict[str, tupl
 
 
 def _valid_share(context: Context, total: str, step: str) -> float | None:
-    """Share of the region's points that have a value; counted once where the total does not tell."""
+    """Share of the region's points that have a value; counted once where the total has none."""
     if not context.result.has(total, step):
         return None
     product = context.result.product(total, step)

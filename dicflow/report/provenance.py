@@ -68,7 +68,9 @@ def provenance(context: Context) -> Section:
         versions=_versions(run),
         tasks=run.tasks if run is not None else (),
         duration=duration,
-        settings=context.said(yaml.safe_dump(context.pipeline.resolved(), sort_keys=False, allow_unicode=True)),
+        settings=context.without_local_paths(
+            yaml.safe_dump(context.pipeline.resolved(), sort_keys=False, allow_unicode=True)
+        ),
     )
     return Section("provenance", TITLE, body, warnings)
 

@@ -157,7 +157,7 @@ def _speckle(context: Context) -> dict[str, float] | None:
 
 
 def _measured(image: Product, region: Product) -> bytes:
-    """Size, gradient, contrast and saturation of the pattern, as JSON; None for what cannot be told."""
+    """Size, gradient, contrast and saturation of the pattern, as JSON; None for an unknown value."""
     from dicflow.core.photographs.region import interior
     from dicflow.core.photographs.texture import mean_intensity_gradient, saturated_share, speckle_size
 

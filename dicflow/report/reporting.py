@@ -16,7 +16,7 @@ from dicflow.kinds.correlation import Correlation
 from dicflow.kinds.images import Images
 from dicflow.kinds.kind import summary_of
 from dicflow.kinds.noise_floor import NoiseFloorTable
-from dicflow.kinds.quantities import BASIC, unit_of
+from dicflow.kinds.quantities import BASIC, strain_measure, unit_of
 from dicflow.kinds.region import Region
 from dicflow.kinds.rig import CalibratedRig
 from dicflow.kinds.total import Total, named_with_unit
@@ -28,13 +28,6 @@ if TYPE_CHECKING:
 
 __all__ = ["Row", "reporting_rows"]
 
-_MEASURES = {
-    "engineering": "engineering: stretch λ − 1 of the fibres along x and y, γ the decrease of their angle",
-    "green_lagrange": "Green–Lagrange: (λ² − 1) / 2 along the principal directions",
-    "hencky": "Hencky: ln λ along the principal directions",
-    "euler_almansi": "Euler–Almansi: (1 − λ⁻²) / 2 along the principal directions",
-    "biot": "Biot: λ − 1 along the principal directions",
-}
 _DIRECTIONS = {
     "material": "x and y of the material, as they lay at the first step",
     "global": "x and y of the coordinate system",
@@ -262,7 +255,9 @@ def _strain(facts: _Facts) -> _Rows:
     precise, thesis, smooth = facts.of("deformation"), facts.of("strain"), facts.of("smooth")
     measures: Mapping[str, str] = {} if facts.total is None else facts.total.titles
     named = "; ".join(measures[name] for name in ("exx", "eyy", "gxy") if name in measures)
-    yield "strain measure", _MEASURES[precise["measure"]] if precise else named or "not yet computed", ""
+    measure = strain_measure(precise["measure"]) if precise else None
+    described = f"{measure.title}: {measure.definition}" if measure else named
+    yield "strain measure", described or "not yet computed", ""
     if precise:
         yield "strain directions", _DIRECTIONS[precise["directions"]], ""
     frame = facts.of("frame")
@@ -367,8 +362,10 @@ def _surface(surface: Mapping[str, Any]) -> str:
     if surface["method"] == "lowess":
         return f"local regression over {surface['lowess_window']:g} px, {surface['robust']}"
     degree = surface["degree"]
-    told = degree if degree == "auto" else ", ".join(f"{axis} {sides[0]}×{sides[1]}" for axis, sides in degree.items())
-    return f"polynomials of degree {told}; outliers: {surface['robust']}"
+    degrees = (
+        degree if degree == "auto" else ", ".join(f"{axis} {sides[0]}×{sides[1]}" for axis, sides in degree.items())
+    )
+    return f"polynomials of degree {degrees}; outliers: {surface['robust']}"
 
 
 def _window(chosen: Mapping[str, Any]) -> str:

@@ -9,7 +9,7 @@ from markupsafe import Markup
 
 from dicflow.pipeline.provenance import RunFacts
 from dicflow.report.context import Context, Section
-from dicflow.report.history import Column, History, history
+from dicflow.report.history import Column, History, step_history
 from dicflow.report.rendering import render
 from dicflow.report.words import date, duration, number, percent
 
@@ -22,8 +22,8 @@ _PEAKS = ("dic_displacement_mm", "dic_strain", "mean_V_mm", "mean_V_px", "mean_e
 
 def summary(context: Context, sections: Sequence[Section]) -> Section:
     """The first section, which shows the warnings of all others."""
-    told = history(context)
-    own = [] if told is None else _lost_points(told)
+    history = step_history(context)
+    own = [] if history is None else _lost_points(history)
     warnings = [(section.title, section.key, text) for section in sections for text in section.warnings]
     run, failures = context.run, _failures(context)
     body = render(
@@ -34,11 +34,11 @@ def summary(context: Context, sections: Sequence[Section]) -> Section:
         more_failures=max(0, len(failures) - _FAILURES_SHOWN),
         skipped=_skipped(run),
         warnings=[("", "", text) for text in (*_journalled(context), *own)] + warnings,
-        facts=_facts(context, told),
-        history=told if told is not None and (told.values or any(told.valid_share)) else None,
-        columns=None if told is None else _columns(told),
-        rows=None if told is None else _rows(told),
-        chart=None if told is None else _chart(context, told),
+        facts=_facts(context, history),
+        history=history if history is not None and (history.values or any(history.valid_share)) else None,
+        columns=None if history is None else _columns(history),
+        rows=None if history is None else _rows(history),
+        chart=None if history is None else _chart(context, history),
         stages=_stages(context),
     )
     return Section("summary", "Summary", body, (*_journalled(context), *own))
@@ -48,22 +48,26 @@ def _state(run: RunFacts | None) -> list[str]:
     """What is wrong with the run as a whole, in sentences; nothing where it went through."""
     if run is None:
         return ["No run of this pipeline as it stands is known: shown is what the store holds of it."]
-    counts, untold = run.counts, max(0, run.planned - len(run.tasks))
-    said = []
+    counts, missing = run.counts, max(0, run.planned - len(run.tasks))
+    sentences = []
     if counts["failed"]:
-        said.append(f"{counts['failed']} of {run.planned} tasks failed, and {counts['skipped']} were skipped for it.")
+        sentences.append(
+            f"{counts['failed']} of {run.planned} tasks failed, and {counts['skipped']} were skipped for it."
+        )
     if run.interrupted:
-        said.append(f"The run was interrupted before {untold} of its {run.planned} tasks were done.")
+        sentences.append(f"The run was interrupted before {missing} of its {run.planned} tasks were done.")
     elif not run.ended:
-        said.append(f"The run was cut off, or goes on still: of {untold} of its {run.planned} tasks nothing is known.")
-    return said
+        sentences.append(
+            f"The run was cut off, or goes on still: of {missing} of its {run.planned} tasks nothing is known."
+        )
+    return sentences
 
 
 def _failures(context: Context) -> list[tuple[str, str]]:
     """Each failed task and why."""
     tasks = context.run.tasks if context.run is not None else ()
     failed = [task for task in tasks if task.status == "failed"]
-    return [(task.task, context.said(task.error).removeprefix(f"{task.task}: ")) for task in failed]
+    return [(task.task, context.without_local_paths(task.error).removeprefix(f"{task.task}: ")) for task in failed]
 
 
 def _skipped(run: RunFacts | None) -> list[tuple[str, int]]:
@@ -73,16 +77,16 @@ def _skipped(run: RunFacts | None) -> list[tuple[str, int]]:
 
 
 def _journalled(context: Context) -> list[str]:
-    """What the products come from, where that is to be said, and the warnings of the run."""
+    """What the products come from, where that matters, and the warnings of the run."""
     warnings = context.run.warnings if context.run is not None else ()
-    return [context.said(text) for text in (*context.result.notes, *warnings)]
+    return [context.without_local_paths(text) for text in (*context.result.notes, *warnings)]
 
 
-def _lost_points(told: History) -> list[str]:
+def _lost_points(history: History) -> list[str]:
     """A warning where steps lack many points."""
     few = [
         (step, share)
-        for step, share in zip(told.steps, told.valid_share, strict=True)
+        for step, share in zip(history.steps, history.valid_share, strict=True)
         if share is not None and share < _FEW
     ]
     if not few:
@@ -92,18 +96,20 @@ def _lost_points(told: History) -> list[str]:
     return [f"{steps} a value at less than {percent(_FEW)} of the points, {worst} at {percent(share)} only."]
 
 
-def _facts(context: Context, told: History | None) -> list[tuple[str, str, str]]:
+def _facts(context: Context, history: History | None) -> list[tuple[str, str, str]]:
     """Title, value and remark of what a reader asks first."""
     result, run = context.result, context.run
     facts = []
-    if told is not None:
-        facts.append(("Steps", str(len(told.steps)), f"{told.steps[0]} … {told.steps[-1]}"))
-        shares = [share for share in told.valid_share if share is not None]
+    if history is not None:
+        facts.append(("Steps", str(len(history.steps)), f"{history.steps[0]} … {history.steps[-1]}"))
+        shares = [share for share in history.valid_share if share is not None]
         if shares:
             facts.append(("Points with a value", percent(min(shares)), "least of all steps"))
     if len(result.values) > 1:
         facts.append(("Variants", str(len(result.values)), "below is the first; see Sweep"))
-    facts += [_peak(told, column) for column in told.columns if column.key in _PEAKS] if told is not None else []
+    facts += (
+        [_peak(history, column) for column in history.columns if column.key in _PEAKS] if history is not None else []
+    )
     if run is not None:
         counts = run.counts
         spent = sum(task.seconds for task in run.tasks if task.status != "hit")
@@ -112,11 +118,11 @@ def _facts(context: Context, told: History | None) -> list[tuple[str, str, str]]
     return facts
 
 
-def _peak(told: History, column: Column) -> tuple[str, str, str]:
+def _peak(history: History, column: Column) -> tuple[str, str, str]:
     """The largest value of a column, and at which step it stands."""
     known = [
         (abs(value), value, step)
-        for value, step in zip(told.values[column.key], told.steps, strict=False)
+        for value, step in zip(history.values[column.key], history.steps, strict=False)
         if value is not None
     ]
     if not known:
@@ -126,36 +132,36 @@ def _peak(told: History, column: Column) -> tuple[str, str, str]:
     return (f"Largest {column.title}", f"{number(value)}{unit}", f"at {step}")
 
 
-def _columns(told: History) -> list[tuple[str, str]]:
-    phases = [("phase", "")] if told.phases else []
-    titles = [f"{column.title} [{'–' if column.unit == '1' else column.unit}]" for column in told.columns]
+def _columns(history: History) -> list[tuple[str, str]]:
+    phases = [("phase", "")] if history.phases else []
+    titles = [f"{column.title} [{'–' if column.unit == '1' else column.unit}]" for column in history.columns]
     return [("step", ""), *phases, *((title, "number") for title in (*titles, "points with a value"))]
 
 
-def _rows(told: History) -> list[list[str]]:
+def _rows(history: History) -> list[list[str]]:
     return [
         [
             step,
-            *told.phases[index : index + 1],
-            *(number(told.values[column.key][index]) for column in told.columns),
-            "reference" if index == 0 else percent(told.valid_share[index]),
+            *history.phases[index : index + 1],
+            *(number(history.values[column.key][index]) for column in history.columns),
+            "reference" if index == 0 else percent(history.valid_share[index]),
         ]
-        for index, step in enumerate(told.steps)
-        if all(index < len(values) for values in told.values.values())
+        for index, step in enumerate(history.steps)
+        if all(index < len(values) for values in history.values.values())
     ]
 
 
-def _chart(context: Context, told: History) -> Markup | None:
+def _chart(context: Context, history: History) -> Markup | None:
     """The plots of the table over load, or over the steps."""
-    values = {key: told.values[key] for key in ("load_g", *told.drawn) if key in told.values}
+    values = {key: history.values[key] for key in ("load_g", *history.drawn) if key in history.values}
     if not values:
         return None
-    sources = ["history", repr((told.steps, told.phases, values))]
+    sources = ["history", repr((history.steps, history.phases, values))]
 
     def drawn() -> bytes:
         from dicflow.views.load_curve import load_curves
 
-        return "\n".join(load_curves(told.steps, told.phases, values)).encode()
+        return "\n".join(load_curves(history.steps, history.phases, values)).encode()
 
     return Markup(context.pieces.get(sources, drawn).decode())
 

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from dicflow.core.status import Status
 from dicflow.discovery import nearest
 from dicflow.errors import ConfigurationError
+from dicflow.kinds.quantities import is_signed
 
 __all__ = ["REASON_COLOURS", "Look", "look", "palette"]
 
@@ -60,13 +61,13 @@ class Look(NamedTuple):
 def look(quantity: str, title: str, unit: str, low: float, high: float, choice: str = "auto") -> Look:
     """The look of a quantity whose values run from ``low`` to ``high``.
 
-    choice : a matplotlib colour map; "auto" takes a diverging one about zero where the values lie on both sides of it,
-        the smaller side at least a tenth of the larger, else a sequential one
+    choice : a matplotlib colour map; "auto" takes a diverging one about zero for a quantity whose signs mean opposite
+        things and whose values lie on both sides, the smaller at least a tenth of the larger, else a sequential one
     """
     if choice != "auto":
         return Look(quantity, title, unit, (low, high), choice)
     largest, smallest = max(abs(low), abs(high)), min(abs(low), abs(high))
-    if low < 0 < high and smallest >= _SIGNED * largest:
+    if is_signed(quantity) and low < 0 < high and smallest >= _SIGNED * largest:
         return Look(quantity, title, unit, (-largest, largest), DIVERGING)
     return Look(quantity, title, unit, (low, high), SEQUENTIAL)
 

@@ -89,7 +89,9 @@ class Progress:
         if event.status == "failed":
             self._console.print(event.text, style="red", soft_wrap=True)
         elif not self._live and sum(counts.values()) == self._totals[event.stage] and event.status != "skipped":
-            self._console.print(f"{event.stage}: {_told(counts)}, {self._seconds[event.stage]:.1f} s", soft_wrap=True)
+            self._console.print(
+                f"{event.stage}: {_counted(counts)}, {self._seconds[event.stage]:.1f} s", soft_wrap=True
+            )
 
     def _table(self) -> Table:
         table = Table(box=None, pad_edge=False)
@@ -176,14 +178,14 @@ def simple_table(titles: Sequence[str], rows: Sequence[Sequence[Any]]) -> Table:
     return table
 
 
-def _told(counts: Mapping[str, int]) -> str:
+def _counted(counts: Mapping[str, int]) -> str:
     return ", ".join(f"{number} {name}" for name, number in counts.items() if number) or "nothing to do"
 
 
 def _reasons(counted: Counter[str]) -> str:
     """The two commonest reasons."""
-    told = [f"{reason} ({count} ×)" if count > 1 else reason for reason, count in counted.most_common(2)]
-    return "; ".join(told) + ("; …" if len(counted) > 2 else "")
+    reasons = [f"{reason} ({count} ×)" if count > 1 else reason for reason, count in counted.most_common(2)]
+    return "; ".join(reasons) + ("; …" if len(counted) > 2 else "")
 
 
 def consoles() -> tuple[Console, Console]:

@@ -29,38 +29,48 @@ def format_names() -> tuple[str, ...]:
     return (*FORMATS.names(), *PICTURES)
 
 
-def export(
-    result: Result,
-    output: Path,
-    *,
-    stage: str | None = None,
-    step: str | None = None,
-    quantities: Sequence[str] = (),
-    to: str = "csv",
-    variant: int = 0,
-    force: bool = False,
-    name: str = "test",
-    tell: Callable[[str], None] = lambda text: None,
-) -> list[Path]:
-    """Write products into a folder, all of them or none, and return the paths.
+class Selection(NamedTuple):
+    """What is exported.
 
     stage, step : names. Without a stage the whole test: every total, and for formats of numbers the tables, the region
         and the rig beside them; without a step every step that is in the store
     quantities : names of arrays; without any all of them, and of a whole test's pictures those of its maps
+    variant : number of the sweep's variant
+    """
+
+    stage: str | None = None
+    step: str | None = None
+    quantities: tuple[str, ...] = ()
+    variant: int = 0
+
+
+def export(
+    result: Result,
+    output: Path,
+    selection: Selection = Selection(),  # noqa: B008  never changed
+    *,
+    to: str = "csv",
+    force: bool = False,
+    name: str = "test",
+    note: Callable[[str], None] = lambda text: None,
+) -> list[Path]:
+    """Write products into a folder, all of them or none, and return the paths.
+
     to : one of :func:`format_names`
     force : overwrite files that exist
     name : of a file that holds a whole test
-    tell : is given a sentence on what is left out
+    note : receives a sentence on what is left out
     Raises ConfigurationError for a name or a format that does not exist, and for a file that does.
     """
+    stage, step, quantities, variant = selection
     _check_format(to)
     chosen = tuple(dict.fromkeys(quantities))
     with staged(output, force) as folder:
-        for job in _jobs(result, stage, to, variant, tell):
-            steps = {name: _steps(result, name, step, variant, tell) for name in job.stages}
+        for job in _jobs(result, stage, to, variant, note):
+            steps = {name: _steps(result, name, step, variant, note) for name in job.stages}
             wanted = chosen if job.main else ()
             for which, there in steps.items():
-                _tell_beforehand(result, which, there, job.form, variant, tell)
+                _note_beforehand(result, which, there, job.form, variant, note)
             if job.form in PICTURES:
                 PICTURES[job.form].write(Drawn(result, steps, wanted, variant), job.form, folder, stage is None)
             else:
@@ -90,7 +100,7 @@ class _Job(NamedTuple):
     main: bool = True
 
 
-def _jobs(result: Result, stage: str | None, to: str, variant: int, tell: Callable[[str], None]) -> Iterator[_Job]:
+def _jobs(result: Result, stage: str | None, to: str, variant: int, note: Callable[[str], None]) -> Iterator[_Job]:
     """What is to be written. Raises ConfigurationError where a stage does not fit the format."""
     kinds = PICTURES[to].kinds if to in PICTURES else FORMATS.load(to).KINDS
     if stage is not None:
@@ -109,26 +119,26 @@ def _jobs(result: Result, stage: str | None, to: str, variant: int, tell: Callab
         )
     yield _Job(stages, to)
     if to not in PICTURES and "total" in kinds:
-        yield from _jobs_beside(result, variant, tell)
+        yield from _jobs_beside(result, variant, note)
 
 
-def _jobs_beside(result: Result, variant: int, tell: Callable[[str], None]) -> Iterator[_Job]:
+def _jobs_beside(result: Result, variant: int, note: Callable[[str], None]) -> Iterator[_Job]:
     """What the export of a whole test adds to its totals."""
     for form, kinds in beside().items():
         try:
             FORMATS.load(form)
         except ConfigurationError as error:
-            tell(f"left out: {error}")
+            note(f"left out: {error}")
             continue
         yield _Job(
-            [name for name in _stages(result, kinds) if _is_there(result, name, variant, tell)], form, main=False
+            [name for name in _stages(result, kinds) if _is_there(result, name, variant, note)], form, main=False
         )
 
 
-def _is_there(result: Result, stage: str, variant: int, tell: Callable[[str], None]) -> bool:
+def _is_there(result: Result, stage: str, variant: int, note: Callable[[str], None]) -> bool:
     there = result.has(stage, None, variant)
     if not there:
-        tell(f"{stage} is not in the store and was left out")
+        note(f"{stage} is not in the store and was left out")
     return there
 
 
@@ -137,7 +147,7 @@ def _stages(result: Result, kinds: Sequence[str]) -> list[str]:
 
 
 def _steps(
-    result: Result, stage: str, step: str | None, variant: int, tell: Callable[[str], None]
+    result: Result, stage: str, step: str | None, variant: int, note: Callable[[str], None]
 ) -> tuple[str | None, ...]:
     """The steps of a stage that are asked for and there; all of them, where none is."""
     known = result.steps(stage)
@@ -146,19 +156,19 @@ def _steps(
     there = tuple(name for name in known if result.has(stage, name, variant))
     if there and len(there) < len(known):
         lost = [name for name in known if name not in there]
-        tell(f"{stage}: {len(lost)} of {len(known)} steps are not in the store and were left out: {', '.join(lost)}")
+        note(f"{stage}: {len(lost)} of {len(known)} steps are not in the store and were left out: {', '.join(lost)}")
     return there or known
 
 
-def _tell_beforehand(
-    result: Result, stage: str, steps: Sequence[str | None], form: str, variant: int, tell: Callable[[str], None]
+def _note_beforehand(
+    result: Result, stage: str, steps: Sequence[str | None], form: str, variant: int, note: Callable[[str], None]
 ) -> None:
     """Say of files to come what nobody expects: a film that stands still, tables that no spreadsheet opens."""
     if form in PICTURES and PICTURES[form].moves and len(steps) == 1:
-        tell(f"{stage}: a film of one step stands still; the format png gives its picture")
+        note(f"{stage}: a film of one step stands still; the format png gives its picture")
     if form == "csv" and (rows := _rows(result, stage, steps[0], variant)) > _MOST_ROWS:
         tables = "a table" if len(steps) == 1 else f"{len(steps)} tables"
-        tell(
+        note(
             f"{stage}: {tables} of {rows:,} rows, more than a spreadsheet opens; "
             "the formats npz and hdf5 take far less room"
         )

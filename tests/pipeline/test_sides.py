@@ -15,7 +15,7 @@ from dicflow.errors import ConfigurationError, InputError, StoreError
 from dicflow.io.points_table import PointTable
 from dicflow.kinds.rig import rig_from_json
 from dicflow.pipeline import Pipeline
-from dicflow.views.exports import export
+from dicflow.views.exports import Selection, export
 
 
 @pytest.fixture(scope="module")
@@ -93,7 +93,7 @@ def test_an_exported_table_differs_by_its_digits_alone(form, pipeline, measured,
     """Places of nine digits; steep triangles at the edge make the most of the last one."""
     result = Pipeline.load(pipeline).result()
     step = result.steps("total")[-1]
-    (table,) = export(result, tmp_path, stage="total", step=step, to=form)
+    (table,) = export(result, tmp_path, Selection("total", step), to=form)
     sides = open_sides(str(pipeline), str(table))
     found = compare(*sides, (step,))
     (guessed,) = set(compare(*sides).notes) - set(found.notes)

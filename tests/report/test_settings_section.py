@@ -73,7 +73,7 @@ def test_the_correlation_is_told_with_its_reference_and_gauge(pipeline, tmp_path
     assert rows["subset shape function"].value == "affine in time, quadratic from left to right"
     assert rows["matching criterion"].value.endswith("(ZNSSD)")
     assert rows["reference image"].value.startswith("the first photograph; another")
-    assert rows["strain measure"].value == "Hencky: ln λ along the principal directions"
+    assert rows["strain measure"].value == "Hencky strain: ln λ along the principal directions"
     assert rows["virtual strain gauge (VSG)"].value == "not yet computed"
 
 

@@ -9,7 +9,7 @@ from dicflow.pipeline import Pipeline
 from dicflow.pipeline.provenance import run_facts
 from dicflow.report import summary as module
 from dicflow.report.context import Context, Section
-from dicflow.report.history import history
+from dicflow.report.history import step_history
 from dicflow.report.pieces import Pieces
 from dicflow.report.summary import summary
 from tests.pages import Page
@@ -31,7 +31,7 @@ def page_of(context, sections=()):
 
 
 def test_the_table_has_the_caliper_beside_what_was_measured(loaded, context):
-    rows, told = loaded.result().product("comparison").attrs["rows"], history(context)
+    rows, told = loaded.result().product("comparison").attrs["rows"], step_history(context)
     assert told.phases == tuple(row["phase"] for row in rows)
     for key in ("load_g", "caliper_length_mm", "dic_length_mm", "dic_strain", "strain_error_pct"):
         assert told.values[key] == tuple(row[key] for row in rows)
@@ -42,7 +42,7 @@ def test_the_table_has_the_caliper_beside_what_was_measured(loaded, context):
 
 
 def test_the_share_of_points_counts_those_of_the_region(loaded, context):
-    shares = history(context).valid_share
+    shares = step_history(context).valid_share
     assert shares[0] is None
     for step, share in zip(loaded.result().steps("total"), shares[1:], strict=True):
         status = loaded.result().product("total", step)["status"]
@@ -56,7 +56,7 @@ def test_lengths_that_are_not_alike_are_not_compared(loaded, context, monkeypatc
     for row in rows:
         del row["displacement_error_mm"]
     monkeypatch.setattr("dicflow.report.history._comparison", lambda result: rows)
-    told = history(context)
+    told = step_history(context)
     assert "only their strains compare" in told.remark
     assert {key for key in told.drawn if key.endswith("_mm")} == set()
     assert {"caliper_strain", "dic_strain"} <= set(told.drawn)
@@ -71,8 +71,8 @@ def test_warnings_stand_before_everything_else(context):
 
 
 def test_few_points_are_a_warning(context, monkeypatch):
-    told = history(context)._replace(valid_share=(None, 0.95, 0.42))
-    monkeypatch.setattr(module, "history", lambda _: told)
+    told = step_history(context)._replace(valid_share=(None, 0.95, 0.42))
+    monkeypatch.setattr(module, "step_history", lambda _: told)
     found = summary(context, [])
     assert found.warnings == (f"1 step has a value at less than 90.0 % of the points, {told.steps[2]} at 42.0 % only.",)
 
@@ -112,4 +112,4 @@ def test_the_largest_strain_is_named_with_its_step(loaded, context):
     page = page_of(context)
     place = page.texts.index("Largest strain, DIC")
     assert float(page.texts[place + 1]) == pytest.approx(rows[largest]["dic_strain"], rel=1e-3)
-    assert page.texts[place + 2] == f"at {history(context).steps[largest]}"
+    assert page.texts[place + 2] == f"at {step_history(context).steps[largest]}"

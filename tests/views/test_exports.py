@@ -24,9 +24,15 @@ from dicflow.pipeline import Pipeline
 from dicflow.stages.region import Region
 from dicflow.views import exports
 from dicflow.views.exported_pictures import Drawn, write_surfaces
-from dicflow.views.exports import export, format_names
+from dicflow.views.exports import Selection, format_names
+from dicflow.views.exports import export as write
 from tests.io.exported_totals import total
 from tests.small import STEPS, dicflow
+
+
+def export(result, output, to="csv", force=False, name="test", note=lambda text: None, **chosen):
+    return write(result, output, Selection(**chosen), to=to, force=force, name=name, note=note)
+
 
 PAIRS = [f"step_{number:02d}" for number in range(1, STEPS)]
 BESIDE = {"comparison.csv", "region.geojson", "rig.json"}
@@ -84,7 +90,7 @@ def test_a_picture_for_print(form, result, tmp_path):
 
 def test_a_movie_of_one_step_is_remarked(result, tmp_path):
     said = []
-    export(result, tmp_path, stage="total", step=PAIRS[0], quantities=["exx"], to="gif", tell=said.append)
+    export(result, tmp_path, stage="total", step=PAIRS[0], quantities=["exx"], to="gif", note=said.append)
     assert said == ["total: a film of one step stands still; the format png gives its picture"]
 
 
@@ -92,10 +98,10 @@ def test_tables_that_no_spreadsheet_opens_are_told_of(result, tmp_path, monkeypa
     height, width = result.shape("photos", "left", 0)
     said = []
     monkeypatch.setattr(exports, "_MOST_ROWS", height * width)
-    export(result, tmp_path, stage="photos", step="step_00", tell=said.append)
+    export(result, tmp_path, stage="photos", step="step_00", note=said.append)
     assert said == []
     monkeypatch.setattr(exports, "_MOST_ROWS", height * width - 1)
-    export(result, tmp_path, stage="photos", step="step_00", tell=said.append, force=True)
+    export(result, tmp_path, stage="photos", step="step_00", note=said.append, force=True)
     (path,) = tmp_path.iterdir()
     rows = sum(not line.startswith("#") for line in path.read_text().splitlines()) - 1
     assert rows == height * width
@@ -254,7 +260,7 @@ def test_what_is_not_in_the_store_is_left_out_and_said(result, tmp_path, monkeyp
         ),
     )
     said = []
-    written = names(export(result, tmp_path, tell=said.append))
+    written = names(export(result, tmp_path, note=said.append))
     assert written == {f"total_{PAIRS[1]}.csv", "region.geojson", "rig.json"}
     assert said == [
         f"total: 1 of {len(PAIRS)} steps are not in the store and were left out: {PAIRS[0]}",
