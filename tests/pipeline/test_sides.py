@@ -135,7 +135,7 @@ def test_sides_that_cannot_be_compared(pipeline, measured, run_id, tmp_path):
     refused(error, "no run '20200101-000000-abcdef'")
     with pytest.raises(ConfigurationError) as error:
         open_sides(ours, "nowhere.csv")
-    refused(error, "nowhere.csv", "no file")
+    refused(error, "nowhere.csv", "file")
     with pytest.raises(ConfigurationError) as error:
         open_sides(ours, f"{ours}#2")
     refused(error, "there are 1 variants")
