@@ -49,9 +49,8 @@ def read_mask(path: Path) -> npt.NDArray[np.bool_]:
 
     Raises InputError that names the file where it is no image, or black.
     """
-    from dicflow.io.images import probe, read_grey
+    from dicflow.io.images import read_grey
 
-    probe(path)
     grey = read_grey(path)
     if not grey.any():
         raise InputError(f"{path}: the mask is black everywhere; paint the region of interest white")

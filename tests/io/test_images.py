@@ -1,5 +1,9 @@
 """Photographs: reading, naming, pairing."""
 
+import zlib
+from io import BytesIO
+
+import cv2
 import numpy as np
 import pytest
 from PIL import Image
@@ -42,14 +46,144 @@ def test_orientation_is_reported_and_not_applied(tmp_path):
     assert read_grey(path).shape == (3, 4)
 
 
-@pytest.mark.parametrize("suffix", [".jpg", ".png", ".tif"])
-def test_truncated_file_is_named(tmp_path, suffix):
-    path = tmp_path / f"cut{suffix}"
-    noise = np.random.default_rng(1).integers(0, 255, (64, 64), dtype=np.uint8)
-    Image.fromarray(noise).save(path)
-    path.write_bytes(path.read_bytes()[:-1000])
-    with pytest.raises(InputError, match=r"cut\..*truncated or damaged"):
+NOISE = np.random.default_rng(1).integers(0, 255, (64, 48), dtype=np.uint8)
+COLOUR = np.random.default_rng(2).integers(0, 255, (64, 48, 3), dtype=np.uint8)
+FORMATS = {
+    "PNG": {},
+    "PNG of 16 bits": {},
+    "TIFF": {},
+    "TIFF of 16 bits": {},
+    "TIFF in LZW": {"compression": "tiff_lzw"},
+    "TIFF in deflate": {"compression": "tiff_adobe_deflate"},
+    "TIFF in PackBits": {"compression": "packbits"},
+    "JPEG": {},
+    "JPEG, progressive": {"progressive": True},
+    "BMP": {},
+}
+
+
+def _file(name, levels=NOISE):
+    """A photograph's file in one of the formats."""
+    deep = name.endswith("16 bits")
+    buffer = BytesIO()
+    Image.fromarray(levels.astype(np.uint16) * 200 if deep else levels).save(
+        buffer, name.split()[0].strip(","), **FORMATS[name]
+    )
+    return buffer.getvalue()
+
+
+def _saved(folder, content):
+    """The content in a file whose name does not say the format."""
+    path = folder / "photograph.png"
+    path.write_bytes(content)
+    return path
+
+
+@pytest.mark.parametrize("name", FORMATS)
+def test_check_and_stage_see_the_same_photograph(tmp_path, name):
+    path = _saved(tmp_path, _file(name))
+    grey = read_grey(path)
+    assert probe(path) == {"width": 48, "height": 64, "bits": 8 * grey.itemsize, "orientation": 1}
+    scale = 200 if name.endswith("16 bits") else 1
+    tolerance = 40 if "JPEG" in name else 0
+    np.testing.assert_allclose(grey, NOISE.astype(int) * scale, rtol=0, atol=tolerance)
+
+
+@pytest.mark.parametrize("name", [name for name in FORMATS if "16 bits" not in name])
+def test_colour_is_weighted_as_opencv_does(tmp_path, name):
+    path = _saved(tmp_path, _file(name, COLOUR))
+    flags = cv2.IMREAD_ANYDEPTH | cv2.IMREAD_GRAYSCALE | cv2.IMREAD_IGNORE_ORIENTATION
+    np.testing.assert_array_equal(read_grey(path), cv2.imread(str(path), flags))
+
+
+@pytest.mark.parametrize("order", ["<", ">"])
+def test_both_byte_orders_of_a_tiff_give_the_same_levels(tmp_path, order):
+    levels = np.random.default_rng(3).integers(0, 65535, (20, 30), dtype=np.uint16)
+    path = tmp_path / "a.tif"
+    Image.fromarray(levels.astype(f"{order}u2")).save(path)
+    np.testing.assert_array_equal(read_grey(path), levels)
+
+
+def test_colour_of_sixteen_bits_counts_as_sixteen(tmp_path):
+    path = tmp_path / "a.png"
+    cv2.imwrite(str(path), COLOUR.astype(np.uint16) * 200)
+    assert probe(path)["bits"] == 16
+    assert read_grey(path).dtype == np.uint16
+
+
+def test_a_tiff_in_which_white_is_zero_gives_the_same_levels(tmp_path):
+    path = tmp_path / "a.tif"
+    Image.fromarray(NOISE).save(path, tiffinfo={262: 0})  # Pillow inverts the samples with the tag
+    np.testing.assert_array_equal(read_grey(path), NOISE)
+
+
+@pytest.mark.filterwarnings("ignore:Corrupt EXIF data")
+@pytest.mark.parametrize("reader", [probe, read_grey])
+@pytest.mark.parametrize("share", [0.3, 0.9])
+@pytest.mark.parametrize("name", FORMATS)
+def test_a_truncated_file_is_named(tmp_path, name, share, reader):
+    content = _file(name)
+    path = _saved(tmp_path, content[: int(share * len(content))])
+    with pytest.raises(InputError, match=r"photograph\.png: .*truncated or damaged"):
+        reader(path)
+
+
+def test_a_jpeg_with_a_preview_is_named_if_its_own_scan_is_cut(tmp_path):
+    exif = b"Exif\0\0" + _file("JPEG", NOISE[::4, ::4])
+    marked = b"\xff\xd8\xff\xe1" + (len(exif) + 2).to_bytes(2, "big") + exif + _file("JPEG")[2:]
+    assert probe(_saved(tmp_path, marked))["width"] == 48
+    with pytest.raises(InputError, match=r"photograph\.png"):
+        probe(_saved(tmp_path, marked[:-300]))
+
+
+@pytest.mark.parametrize("name", ["TIFF in LZW", "TIFF in deflate"])
+def test_damage_in_a_compressed_tiff_is_named(tmp_path, name):
+    content = bytearray(_file(name))
+    content[1000:1100] = bytes(100)
+    with pytest.raises(InputError, match=r"photograph\.png: .*damaged"):
+        read_grey(_saved(tmp_path, content))
+
+
+@pytest.mark.parametrize("form", ["WEBP", "GIF", "PPM", "JPEG2000", "ICO", "TGA"])
+def test_another_format_reaches_no_library(tmp_path, form, monkeypatch):
+    buffer = BytesIO()
+    Image.fromarray(COLOUR).save(buffer, form)
+    path = _saved(tmp_path, buffer.getvalue())
+    monkeypatch.setattr(Image, "open", None)
+    monkeypatch.setattr(cv2, "imdecode", None)
+    with pytest.raises(InputError, match=r"photograph\.png: .*PNG, TIFF, JPEG or BMP"):
         probe(path)
+
+
+@pytest.mark.parametrize("dtype", [np.int32, np.float32])
+def test_other_numbers_than_grey_levels_are_refused_by_the_check(tmp_path, dtype):
+    path = tmp_path / "a.tif"
+    Image.fromarray(NOISE.astype(dtype)).save(path)
+    with pytest.raises(InputError, match=r"a\.tif: .*8 or 16 bits"):
+        probe(path)
+
+
+@pytest.mark.parametrize("form", ["PNG", "JPEG", "TIFF"])
+def test_the_orientation_is_found_in_every_format_that_has_it(tmp_path, form):
+    exif = Image.Exif()
+    exif[0x0112] = 3
+    buffer = BytesIO()
+    Image.fromarray(NOISE).save(buffer, form, exif=exif)
+    assert probe(_saved(tmp_path, buffer.getvalue()))["orientation"] == 3
+
+
+def test_the_orientation_is_found_behind_the_pixels_of_a_png(tmp_path):
+    exif = Image.Exif()
+    exif[0x0112] = 6
+    block = b"eXIf" + exif.tobytes()[6:]
+    chunk = (len(block) - 4).to_bytes(4, "big") + block + zlib.crc32(block).to_bytes(4, "big")
+    content = _file("PNG")
+    assert probe(_saved(tmp_path, content[:-12] + chunk + content[-12:]))["orientation"] == 6
+
+
+def test_a_missing_file_is_named(tmp_path):
+    with pytest.raises(InputError, match=r"a\.png: no such file"):
+        probe(tmp_path / "a.png")
 
 
 def test_names_sort_naturally():

@@ -3,11 +3,10 @@
 import os
 import shutil
 
-import cv2
 import pytest
-from PIL import Image
 from small import BOARDS, STEPS
 
+from dicflow.io import images
 from dicflow.pipeline import Pipeline
 
 PHOTOGRAPHS = 2 * (BOARDS + STEPS)
@@ -16,9 +15,8 @@ PHOTOGRAPHS = 2 * (BOARDS + STEPS)
 @pytest.fixture
 def decoded(monkeypatch):
     """Names of the photographs that were decoded."""
-    names, opened, decode = [], Image.open, cv2.imdecode
-    monkeypatch.setattr(Image, "open", lambda path, *more: names.append(path.name) or opened(path, *more))
-    monkeypatch.setattr(cv2, "imdecode", lambda *given: names.append("by OpenCV") or decode(*given))
+    names, read = [], images.read_photograph
+    monkeypatch.setattr(images, "read_photograph", lambda path: names.append(path.name) or read(path))
     return names
 
 
