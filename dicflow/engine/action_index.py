@@ -27,6 +27,7 @@ from typing import NamedTuple
 
 from dicflow.engine.objects import Manifest
 from dicflow.engine.records import Record
+from dicflow.engine.whole_file import write_file
 
 __all__ = ["Action", "ActionIndex", "action_of"]
 
@@ -106,14 +107,9 @@ class ActionIndex:
 
         A line that another process appends meanwhile may be lost; a plan will append it again.
         """
-        if not self.path.exists():
-            return
-        draft = self.path.with_name(f"{self.path.name}.{os.getpid()}.tmp")
-        try:
-            draft.write_bytes(b"".join(_line(key, action) for key, action in self.read().items() if key in keys))
-            os.replace(draft, self.path)
-        finally:
-            draft.unlink(missing_ok=True)
+        if self.path.exists():
+            lines = (_line(key, action) for key, action in self.read().items() if key in keys)
+            write_file(self.path, b"".join(lines))
 
 
 def _drop(

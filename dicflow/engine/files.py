@@ -15,6 +15,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from dicflow.engine.hashing import digest_file
+from dicflow.engine.whole_file import write_file
 from dicflow.errors import InputError
 
 __all__ = ["FileIndex", "Stamp", "stamp"]
@@ -80,13 +81,8 @@ class FileIndex:
         if not self._new:
             return
         merged = {**_read(self.path), **self._new}
-        draft = self.path.with_name(f"{self.path.name}.{os.getpid()}.tmp")
-        try:
-            draft.write_text(json.dumps(merged, separators=(",", ":")), encoding="utf-8")
-            os.replace(draft, self.path)
-        except OSError:
-            with suppress(OSError):
-                draft.unlink(missing_ok=True)
+        with suppress(OSError):
+            write_file(self.path, json.dumps(merged, separators=(",", ":")).encode("utf-8"))
         self._new = {}
 
     def _remember(self, name: str, now: Stamp, purpose: str, value: Any) -> None:

@@ -37,6 +37,7 @@ from dicflow.engine.hashing import is_digest
 from dicflow.engine.objects import Manifest, write_group
 from dicflow.engine.product import Product
 from dicflow.engine.records import Record
+from dicflow.engine.whole_file import write_file
 from dicflow.errors import StoreError
 
 __all__ = ["FORMAT", "State", "Store", "read_json", "read_mapping"]
@@ -179,21 +180,16 @@ class Store:
             (self.path / "quarantine").mkdir(exist_ok=True)
             for path in (folder, folder.with_suffix(".json")):
                 with suppress(FileNotFoundError):  # another process may be doing the same
-                    os.replace(path, self.path / "quarantine" / f"{path.name}.{uuid.uuid4().hex[:8]}")
+                    os.rename(path, self.path / "quarantine" / f"{path.name}.{uuid.uuid4().hex[:8]}")
 
     # files
 
     def write_json(self, path: Path, value: Any) -> None:
         """Write one JSON file, whole or not at all. Raises StoreError."""
+        content = json.dumps(value, ensure_ascii=False, separators=(",", ":")).encode("utf-8")
         with self.writing():
-            draft = self._draft()
-            try:
-                draft.write_text(json.dumps(value, ensure_ascii=False, separators=(",", ":")), encoding="utf-8")
-                path.parent.mkdir(parents=True, exist_ok=True)
-                os.replace(draft, path)
-            except OSError:
-                draft.unlink(missing_ok=True)
-                raise
+            path.parent.mkdir(parents=True, exist_ok=True)
+            write_file(path, content, self._draft())
 
     def _put_group(self, product: Product, digest: str) -> dict[str, int]:
         folder = self.object_path(digest)

@@ -8,6 +8,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
 
+from dicflow.engine.whole_file import write_file
 from dicflow.errors import ConfigurationError, InputError
 
 __all__ = ["make_folder", "staged", "write_whole"]
@@ -18,15 +19,9 @@ def write_whole(path: Path, content: bytes) -> None:
 
     Raises InputError that names the file where it cannot be written; what stood there then still does.
     """
-    part = path.with_name(f"{path.name}.{os.getpid()}.part")
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
-        try:
-            part.write_bytes(content)
-            os.replace(part, path)
-        except OSError:
-            part.unlink(missing_ok=True)
-            raise
+        write_file(path, content)
     except OSError as error:
         raise _unwritable(path, error) from error
 

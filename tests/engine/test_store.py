@@ -184,13 +184,13 @@ def test_what_could_not_be_read_but_is_whole_stays(store, monkeypatch):
 
 def test_two_processes_may_quarantine_the_same(store, monkeypatch):
     digest = put(store, cloud()).digest
-    replace = os.replace
+    rename = os.rename
 
     def late(source, target):
-        replace(source, target)
-        replace(source, target)
+        rename(source, target)
+        rename(source, target)
 
-    monkeypatch.setattr("dicflow.engine.store.os.replace", late)
+    monkeypatch.setattr("dicflow.engine.store.os.rename", late)
     store.quarantine(digest)
     assert store.inspect(digest)[0] == "missing"
 
