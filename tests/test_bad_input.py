@@ -202,7 +202,7 @@ def test_a_region_that_cannot_be_used(run, data, region, code, words):
         ("[]", "region.geojson: expected polygons in GeoJSON, found list"),
         ('{"type": "Point", "coordinates": [1, 2]}', "found Point"),
         ('{"type": "Polygon", "coordinates": [[[1, 2], [3, 4], [1, 2]]]}', "at least three finite points"),
-        ('{"type": "FeatureCollection", "features": []}', "holds no polygon; draw the region's outline"),
+        ('{"type": "FeatureCollection", "features": []}', "no polygon; draw the region's outline"),
     ],
 )
 def test_a_region_file_without_a_region(run, data, text, words):
@@ -221,7 +221,7 @@ def test_a_region_file_without_a_region(run, data, text, words):
         (lambda rows: [row.replace("length_mm", "length") for row in rows], 2, "no column 'length_mm' among phase"),
         (lambda rows: [row.replace("loading,0.00", "loading,nan") for row in rows], 2, "load_g is 'nan'; expected"),
         (lambda rows: [*rows[:-1], "resting,1,2"], 2, "the phase is 'resting'; write loading or unloading"),
-        (lambda rows: [*rows[:-1], "loading,1"], 2, "has 2 values under 3 columns"),
+        (lambda rows: [*rows[:-1], "loading,1"], 2, "has 2 values for 3 columns"),
     ],
 )
 def test_a_caliper_table_that_does_not_fit(run, data, spoil, code, words):

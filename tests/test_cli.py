@@ -387,15 +387,13 @@ def test_damage_that_an_export_meets(own, tmp_path):
     for chunk in (store / "objects").rglob("c.*"):
         spoil(chunk)
     given = (*own, "--step", "step_01", "--output", tmp_path / "o")
-    dicflow("export", own[0], "total", *given[1:]).refuses(
-        1, "is damaged and was put into quarantine; run again to make it"
-    )
+    dicflow("export", own[0], "total", *given[1:]).refuses(1, "quarantine", "run again")
 
 
 def test_what_is_wrong_with_a_store_command(measured, tmp_path):
     for command in ("gc", "verify", "pin"):
         dicflow(command, tmp_path / "none").refuses(2, "none: is not a store; run a pipeline first")
-    dicflow("pin", measured, "yesterday").refuses(2, "no run 'yesterday'; 'dicflow pin STORE' lists")
+    dicflow("pin", measured, "yesterday").refuses(2, "'yesterday'", "'dicflow pin STORE'")
     dicflow("pin", measured, "yesterday", "--remove").refuses(2, "yesterday is not pinned")
 
 

@@ -1,7 +1,7 @@
-"""Facts about files, remembered for as long as the files are unchanged.
+"""Facts about files, kept while the files are unchanged.
 
-A run with nothing to do must not read gigabytes of photographs to learn that. So a file's digest, what a stage's
-``check`` found in it, and the syntax of a source file are kept beside the file's size, time and inode.
+A run with nothing to do must not read gigabytes of photographs. So a file's digest, the facts that a stage's
+``check`` returns, and the syntax of a source file are kept with the file's size, time and inode.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ from dicflow.errors import InputError
 __all__ = ["FileIndex", "Stamp", "stamp"]
 
 _FRESH_NS = 2_000_000_000
-"""A file changed more recently than the coarsest file system's clock ticks may change again unseen."""
+"""A file changed more recently than the coarsest file system's clock ticks may change again within the same tick."""
 
 
 class Stamp(NamedTuple):
@@ -44,7 +44,7 @@ def stamp(path: Path) -> Stamp:
 class FileIndex:
     """Facts about files by path and stamp, kept in one JSON file.
 
-    path : where it is kept; a missing or damaged file is an empty index
+    path : of the JSON file; a missing or damaged file is an empty index
     """
 
     def __init__(self, path: Path) -> None:
@@ -53,10 +53,10 @@ class FileIndex:
         self._new: dict[str, Any] = {}
 
     def fact(self, file: Path, purpose: str, find: Callable[[Path], Any]) -> Any:
-        """What ``find(file)`` gives, a JSON value; found again only after the file has changed.
+        """The JSON value ``find(file)``, which is called again only after the file has changed.
 
-        purpose : which fact it is
-        Raises InputError where the file cannot be read, and whatever ``find`` raises.
+        purpose : name of the fact
+        Raises InputError if the file cannot be read, and the errors of ``find``.
         """
         name, now = os.path.abspath(file), stamp(file)
         entry = self._entries.get(name)
@@ -70,11 +70,11 @@ class FileIndex:
         return value
 
     def digest(self, file: Path) -> str:
-        """Digest of the file's bytes. Raises InputError where it cannot be read."""
+        """Digest of the file's bytes. Raises InputError if it cannot be read."""
         return str(self.fact(file, "digest", digest_file))
 
     def save(self) -> None:
-        """Keep what is new, together with what other processes kept meanwhile.
+        """Write the facts found since, together with those that other processes have written.
 
         A store that is read-only or full is ignored here: the index only saves time.
         """

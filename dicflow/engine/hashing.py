@@ -1,6 +1,7 @@
 """Digests: names for values by their contents, ``"sha256:…"``.
 
-Only values enter a digest, never how or where they are kept, so the same contents have the same name on every machine.
+Only values enter a digest, never the way or the place in which they are kept, so equal contents have equal digests on
+every machine.
 """
 
 from __future__ import annotations
@@ -25,14 +26,14 @@ _CANONICAL = json.JSONEncoder(sort_keys=True, separators=(",", ":"), ensure_asci
 
 
 def is_digest(text: object) -> bool:
-    """Whether a text has the form of a digest; nothing else may become part of a path in a store."""
+    """Whether a text has the form of a digest; only a digest may become part of a path in a store."""
     return isinstance(text, str) and _DIGEST.fullmatch(text) is not None
 
 
 def canonical_json(value: Any) -> bytes:
-    """JSON with one spelling per value: sorted keys, no spaces, shortest numbers, UTF-8.
+    """JSON in one form per value: sorted keys, no spaces, shortest numbers, UTF-8.
 
-    Raises TypeError for what is not a JSON value and ValueError for NaN and infinities.
+    Raises TypeError for a value that JSON cannot express and ValueError for NaN and infinities.
     """
     return _CANONICAL.encode(value).encode("utf-8")
 
@@ -56,7 +57,7 @@ def digest_array(array: np.ndarray) -> str:
     import numpy as np
 
     if array.dtype.kind not in _KINDS:
-        raise TypeError(f"an array of {array.dtype} has no digest; use numbers or booleans")
+        raise TypeError(f"an array of {array.dtype} has no digest; arrays must be numbers or booleans")
     little = np.ascontiguousarray(array, dtype=array.dtype.newbyteorder("<"))
     state = hashlib.sha256(canonical_json([array.dtype.newbyteorder("<").str, list(array.shape)]))
     state.update(little.reshape(-1).view(np.uint8).data)
@@ -72,7 +73,7 @@ def digest_file(path: Path) -> str:
 def plain(value: Any) -> Any:
     """A value in JSON's own types: tuples become lists, numpy's scalars numbers, NaN and infinities None.
 
-    Raises TypeError for what has no JSON form, arrays among it.
+    Raises TypeError for a value that JSON cannot express, such as an array.
     """
     if isinstance(value, Mapping):
         return {_text(key): plain(item) for key, item in value.items()}

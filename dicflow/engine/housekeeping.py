@@ -1,4 +1,4 @@
-"""Keeping a store in order: what may be deleted, what is damaged, what must stay."""
+"""Upkeep of a store: garbage, damage and pins."""
 
 from __future__ import annotations
 
@@ -9,8 +9,8 @@ from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from dicflow.engine.faults import fault
 from dicflow.engine.hashing import digest_json, is_digest
+from dicflow.engine.integrity import check_product
 from dicflow.engine.journal import find_run, runs
 from dicflow.engine.records import Record
 from dicflow.engine.store import Store, read_json, read_mapping
@@ -19,17 +19,17 @@ from dicflow.errors import StoreError
 __all__ = ["Damage", "Garbage", "collect", "pin", "pins", "size", "unpin", "verify"]
 
 _GRACE_S = 3600.0
-"""What is younger may belong to a run that is under way elsewhere."""
+"""Younger files may belong to a run in progress in another process."""
 
 
 @dataclass(frozen=True)
 class Garbage:
-    """What no run that is kept and no pin needs.
+    """Content of a store that no kept run and no pin needs.
 
     objects, records, runs : digests, keys, ids
     leftovers : files of killed processes, and what is in quarantine
-    nbytes : what it takes on the disk, without the records' lines in the store's index
-    deleted : whether it is gone, or was only looked for
+    nbytes : size on the disk, without the records' lines in the store's index
+    deleted : whether it was deleted, or only listed
     """
 
     objects: list[str] = field(default_factory=list)
@@ -42,7 +42,7 @@ class Garbage:
 
 @dataclass(frozen=True)
 class Damage:
-    """Something in the store that is not what it should be. what : digest of a product, or key of a record"""
+    """A damaged part of a store. what : digest of a product, or key of a record"""
 
     what: str
     reason: str
@@ -51,9 +51,9 @@ class Damage:
 def collect(store: Store, *, keep_runs: int = 5, delete: bool = False, grace_s: float = _GRACE_S) -> Garbage:
     """Find what can be deleted, and delete it if asked to.
 
-    keep_runs : so many of the newest runs of each pipeline stay, with all their products; pinned ones do besides
-    grace_s : what is younger stays, and a run that has written its journal since, with all its products [s]
-    Raises StoreError where something cannot be deleted, or where what must stay is unknown because a file is damaged.
+    keep_runs : so many of the newest runs of each pipeline stay, with all their products; and so do pinned runs
+    grace_s : younger files stay, and so does a run with a younger journal, with all its products [s]
+    Raises StoreError if something cannot be deleted, or if a damaged file leaves unknown what must stay.
     """
     before = time.time() - grace_s
     keys, digests, old_runs = _marked(store, keep_runs, before)
@@ -82,16 +82,16 @@ def collect(store: Store, *, keep_runs: int = 5, delete: bool = False, grace_s: 
 
 
 def verify(store: Store, *, repair: bool = False) -> list[Damage]:
-    """Read all products and records and compare them with their digests; arrays without a manifest do no harm.
+    """Read all products and records and compare them with their digests; arrays without a manifest are ignored.
 
     repair : move damaged products into quarantine and delete damaged records, so that they are made again
-    Raises StoreError where that cannot be done.
+    Raises StoreError if that fails.
     """
     found = []
     for name, path in _named(store, "objects"):
         if path.suffix != ".json" and name:
             continue
-        reason = fault(store, name) if name else f"{path}: is not part of a store"
+        reason = check_product(store, name) if name else f"{path}: is not part of a store"
         if reason:
             found.append(Damage(name, reason))
             if repair and name:
@@ -107,7 +107,7 @@ def verify(store: Store, *, repair: bool = False) -> list[Damage]:
 
 
 def pins(store: Store) -> dict[str, str]:
-    """What is pinned, runs and products, with the note given. Raises StoreError where that is damaged."""
+    """Pinned runs and products, each with its note. Raises StoreError if the file of pins is damaged."""
     return {name: str(note) for name, note in read_mapping(store.path / "pins.json").items()}
 
 
@@ -115,21 +115,21 @@ def pin(store: Store, what: str, note: str = "") -> None:
     """Keep a run with all its products, or one product, until it is unpinned.
 
     what : id of a run or "latest", or digest of a product
-    Raises StoreError where it does not exist, or for a product that is made again from others when it is used.
+    Raises StoreError if it does not exist, and for a product that is made again from others when it is used.
     """
     if is_digest(what):
         found = store.manifest(what)
         if found is None:
-            raise StoreError(f"{store.path}: product {what} is missing; nothing to pin")
+            raise StoreError(f"{store.path}: product {what} is missing, so it cannot be pinned")
         if not found.kept:
-            raise StoreError(f"{store.path}: the arrays of {what} are not stored but made again; pin its run")
+            raise StoreError(f"{store.path}: the arrays of {what} are not stored but remade when used; pin its run")
     else:
         what = find_run(store, what).id
     store.write_json(store.path / "pins.json", {**pins(store), what: note})
 
 
 def unpin(store: Store, what: str) -> None:
-    """Take a pin away. Raises StoreError where it is not pinned."""
+    """Remove a pin. Raises StoreError if it does not exist."""
     left = pins(store)
     if left.pop(what, None) is None:
         raise StoreError(f"{store.path}: {what} is not pinned; pins: {', '.join(left) or 'none'}")
@@ -137,7 +137,7 @@ def unpin(store: Store, what: str) -> None:
 
 
 def size(store: Store) -> int:
-    """What the store takes on the disk [bytes]."""
+    """Size of the store on the disk [bytes]."""
     return _size(store.path)
 
 
@@ -149,7 +149,7 @@ def _marked(store: Store, keep_runs: int, before: float) -> tuple[set[str], set[
     digests = {name for name in pinned if is_digest(name)}
     for run in runs(store):
         seen[run.pipeline] = seen.get(run.pipeline, 0) + 1
-        if seen[run.pipeline] > keep_runs and run.id not in pinned and _at_rest(run.folder, before):
+        if seen[run.pipeline] > keep_runs and run.id not in pinned and _all_older(run.folder, before):
             old.append(run.id)
             continue
         keys |= {entry["key"] for entry in run.index.values()}
@@ -158,7 +158,7 @@ def _marked(store: Store, keep_runs: int, before: float) -> tuple[set[str], set[
 
 
 def _named(store: Store, part: str) -> Iterator[tuple[str, Path]]:
-    """Name and path of everything in ``objects`` or ``actions``; the name is "" for what has none."""
+    """Name and path of everything in ``objects`` or ``actions``; the name of a foreign file is ""."""
     for folder in _listed(store.path / part):
         for path in _listed(folder):
             name = f"sha256:{path.name.partition('.')[0]}"
@@ -166,7 +166,7 @@ def _named(store: Store, part: str) -> Iterator[tuple[str, Path]]:
 
 
 def _unnamed_codes(store: Store, records: Iterable[Path], before: float) -> list[Path]:
-    """Files of code that none of these records names."""
+    """Files of code to which these records do not refer."""
     found = [path for path in _listed(store.path / "code") if _older(path, before)]
     if found:
         loaded = [Record.from_json(read_json(path)) for path in records]
@@ -186,8 +186,8 @@ def _older(path: Path, before: float) -> bool:
         return False
 
 
-def _at_rest(folder: Path, before: float) -> bool:
-    """Whether no file of a folder has changed since; the folder's own time tells of new files only."""
+def _all_older(folder: Path, before: float) -> bool:
+    """Whether all files of a folder are older; the folder's own time changes with added files only."""
     return all(_older(path, before) for path in (folder, *folder.iterdir()))
 
 

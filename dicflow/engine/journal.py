@@ -1,4 +1,4 @@
-"""Runs: what happened, written as it happens, and which product every task came to."""
+"""Runs: a journal of events as they happen, and the product of every task."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ __all__ = ["Entry", "Event", "Journal", "RunInfo", "find_run", "is_run_id", "lat
 _RUN = re.compile(r"\d{8}-\d{6}-[0-9a-f]{6}")
 
 Entry = dict[str, str]
-"""What an index holds for a task: ``key`` and ``digest``."""
+"""Entry of an index for a task: ``key`` and ``digest``."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -86,9 +86,9 @@ class RunInfo:
 
     @cached_property
     def index(self) -> dict[str, Entry]:
-        """Task → key and digest, of everything that was found or made. Raises StoreError where it is damaged.
+        """Task → key and digest, of every task that has a product. Raises StoreError if it is damaged.
 
-        The file holds what the plan found, and the journal what has finished since.
+        The file holds the hits of the plan, and the journal the tasks that have finished since.
         """
         entries = read_mapping(self.folder / "index.json")
         for event in self.events():
@@ -108,9 +108,9 @@ class RunInfo:
 
 
 class Journal:
-    """The folder of a run that is under way.
+    """The folder of a run in progress.
 
-    Raises StoreError where it cannot be made.
+    Raises StoreError if it cannot be made.
     """
 
     def __init__(self, store: Store, pipeline: str, resolved: Any) -> None:
@@ -127,9 +127,9 @@ class Journal:
 
     def write(self, event: Event) -> None:
         """Append an event. A full disk is ignored here; the tasks report it."""
-        said = {name: value for name, value in asdict(event).items() if value not in ("", None, {}, 0.0)}
-        # a text that is not Unicode, from a file's name in a message, is kept in JSON's own escapes
-        line = json.dumps(said, ensure_ascii=False).encode("utf-8", "backslashreplace") + b"\n"
+        given = {name: value for name, value in asdict(event).items() if value not in ("", None, {}, 0.0)}
+        # a file name in a message may not be valid Unicode: its bytes are written as escapes
+        line = json.dumps(given, ensure_ascii=False).encode("utf-8", "backslashreplace") + b"\n"
         whole = b"\n" + line if self._cut else line
         self._cut = True
         with suppress(OSError):
@@ -140,7 +140,7 @@ class Journal:
         self._store.write_json(self.folder / "index.json", entries)
 
     def close(self, entries: Mapping[str, Entry], result: Mapping[str, Any]) -> None:
-        """Write the counts, and what each task came to as the pipeline's latest. Raises StoreError."""
+        """Write the counts, and the product of each task as the pipeline's latest. Raises StoreError."""
         with suppress(OSError):
             self._file.close()
         merged = {**latest(self._store, self.pipeline), **entries}
@@ -162,15 +162,15 @@ def runs(store: Store) -> list[RunInfo]:
 
 
 def find_run(store: Store, name: str = "latest", pipeline: str | None = None) -> RunInfo:
-    """A run by its id, or the latest one. Raises StoreError where it does not exist."""
+    """A run by its id, or the latest one. Raises StoreError if it does not exist."""
     for run in runs(store):
         if name in ("latest", run.id) and pipeline in (None, run.pipeline):
             return run
-    raise StoreError(f"{store.path}: no run '{name}'; 'dicflow pin STORE' lists all runs")
+    raise StoreError(f"{store.path}: unknown run '{name}'; 'dicflow pin STORE' lists all runs")
 
 
 def latest(store: Store, pipeline: str) -> dict[str, Entry]:
-    """Key and digest that each task of a pipeline came to when it was last run."""
+    """Key and digest of each task in the last run of a pipeline."""
     found = read_json(_latest_path(store, pipeline))
     return found if isinstance(found, dict) else {}
 

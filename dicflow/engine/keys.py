@@ -1,4 +1,4 @@
-"""Keys: the name of an action, by everything that its result depends on and nothing else."""
+"""Keys: names of actions, made from everything that the result depends on and from nothing else."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ __all__ = ["Change", "differences", "input_digests", "key_maker", "key_of", "key
 
 @dataclass(frozen=True)
 class Change:
-    """One thing that differs from the last time. name : which parameter, input, file or definition it is."""
+    """One difference from the last run. name : of the parameter, input, file or definition"""
 
     what: Literal["parameter", "input", "file", "code", "version", "record", "object", "stage"]
     name: str = ""
@@ -25,7 +25,7 @@ class Change:
 
     @property
     def text(self) -> str:
-        """The change in words."""
+        """The change as a text."""
         if self.what in ("parameter", "version"):
             return f"{self.name}: {_shown(self.old)} → {_shown(self.new)}"
         if self.what in ("input", "file"):
@@ -72,15 +72,15 @@ def input_digests(inputs: Mapping[str, RefInput]) -> dict[str, Any]:
 
 
 def key_of(parts: Mapping[str, Any]) -> str:
-    """The key: digest of its parts. Raises TypeError or ValueError for a parameter without one spelling."""
+    """The key: digest of its parts. Raises TypeError or ValueError for a parameter that JSON cannot express."""
     return digest_json(parts)
 
 
 def key_maker(node: Node, values: Mapping[str, Any]) -> Callable[[Mapping[str, Any], Mapping[str, str]], str]:
     """A function of the inputs and files of a task that gives its key, as :func:`key_of` its :func:`key_parts`.
 
-    What all tasks of a node have in common is spelled once. values : :func:`parameters` of the node
-    Raises TypeError or ValueError for a parameter without one spelling.
+    The part common to all tasks of a node is encoded once. values : :func:`parameters` of the node
+    Raises TypeError or ValueError for a parameter that JSON cannot express.
     """
     version = canonical_json(node.impl_version)
     common = canonical_json({"parameters": values, "stage": node.stage})[1:]
@@ -93,7 +93,7 @@ def key_maker(node: Node, values: Mapping[str, Any]) -> Callable[[Mapping[str, A
 
 
 def differences(old: Mapping[str, Any], new: Mapping[str, Any]) -> list[Change]:
-    """What differs between the parts of two keys, in the order in which one would ask."""
+    """Differences between the parts of two keys: stage, version, parameters, files, inputs."""
     changes = []
     if old["stage"] != new["stage"]:
         changes.append(Change("stage", f"stage: {old['stage']} → {new['stage']}"))

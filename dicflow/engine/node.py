@@ -67,7 +67,7 @@ class Port:
     kinds : kinds of product that fit
     at : which step is taken
     optional : the stage also works without it and then gets None
-    own : the producer is this very stage, at another step
+    own : the producer is this stage itself, at another step
     """
 
     kinds: tuple[str, ...]
@@ -118,7 +118,7 @@ Keep = Literal["always", "auto", "never"]
 
 def keeping(default: Keep) -> Any:
     """The field ``keep`` of a stage; "always" for products that people look at again and again."""
-    text = "whether the product is kept in the store; auto keeps what is dearer to remake than to read"
+    text = "whether the product is kept in the store; auto keeps products that take longer to remake than to read"
     return parameter(default, text, affects="speed")
 
 
@@ -140,7 +140,7 @@ class Node(BaseModel):
     gives: ClassVar[str]
     """Kind of the product."""
     follows: ClassVar[Mapping[str, tuple[str, ...]]] = {}
-    """Port → parameters that, where they are not given, are those of the stage joined to it."""
+    """Port → parameters that default to those of the stage joined to it."""
     impl_version: ClassVar[int] = 1
     """Raised by hand whenever the same inputs may give other results."""
 
@@ -151,14 +151,14 @@ class Node(BaseModel):
         """Files of each step, for a stage that starts a series of steps: step name → argument of run → path.
 
         folder : where relative paths start
-        Raises InputError where the files do not make a series. None for every other stage.
+        Returns None for every other stage. Raises InputError if the files are not a series.
         """
         return None
 
     def check(self, path: Path) -> dict[str, Any]:
-        """Look at one file before anything runs; what is returned is remembered while the file is unchanged.
+        """Facts about one file, found before anything runs and kept while the file is unchanged.
 
-        Raises InputError that names the file where it cannot be used.
+        Raises InputError that names the file if it cannot be used.
         """
         return {}
 
@@ -168,11 +168,11 @@ class Node(BaseModel):
         steps: Mapping[str, Mapping[str, Path]],
         inputs: Mapping[str, tuple[str, ...]],
     ) -> None:
-        """Look at all files together before anything runs.
+        """Check that all files fit together, before anything runs.
 
-        facts : what :meth:`check` said of each file
-        steps : what :meth:`steps` gave; empty for a stage that starts no series
-        inputs : port → names of the steps of the stage joined to it; none of a stage that runs once
+        facts : file → what :meth:`check` returned
+        steps : what :meth:`steps` returned; empty for a stage that starts no series
+        inputs : port → names of the steps of the stage joined to it; empty for a stage that runs once
         Raises InputError that names the first file that does not fit the others.
         """
 
@@ -186,5 +186,5 @@ class Node(BaseModel):
         return ()
 
     def run(self, **inputs: Any) -> Product:
-        """Make the product. Raises StageError where the inputs do not allow it."""
+        """Make the product. Raises StageError if the inputs do not allow it."""
         raise NotImplementedError

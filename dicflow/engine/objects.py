@@ -1,4 +1,4 @@
-"""Products as zarr groups: writing one, and reading its arrays when they are first used."""
+"""Products as zarr groups: writing a product, and reading an array at its first use."""
 
 from __future__ import annotations
 
@@ -21,12 +21,12 @@ __all__ = ["LazyVariables", "Manifest", "describe", "normalised", "stored_array"
 
 @dataclass(frozen=True)
 class Manifest:
-    """What a product is, and how it is kept.
+    """Content of a product, and its files.
 
     digest : of the content
     content : kind, attrs, and of every variable dims, dtype, shape, units, long_name and digest
     nbytes : size of all arrays in memory [bytes]
-    kept : whether the arrays are in the store; if not, they are remade when they are used
+    kept : whether the arrays are in the store; if not, they are made again when they are used
     files : size [bytes] of every file of the group by relative path
     """
 
@@ -38,7 +38,7 @@ class Manifest:
 
     @property
     def is_sound(self) -> bool:
-        """Whether the content is the one that the digest names."""
+        """Whether the digest is that of the content."""
         try:
             return digest_json(self.content) == self.digest
         except (TypeError, ValueError):
@@ -56,7 +56,7 @@ class Manifest:
 
     @classmethod
     def from_json(cls, value: Any) -> Manifest | None:
-        """The manifest, or None where the JSON is none, or names files outside the object."""
+        """The manifest; None if the JSON is not a manifest, or names files outside the object."""
         try:
             files = {str(name): int(size) for name, size in value["files"].items()}
             names = [*files, *value["content"]["variables"]]
@@ -71,7 +71,7 @@ class LazyVariables(Mapping[str, Variable]):
     """Variables whose arrays are read at their first use.
 
     specs : content of a manifest's ``variables``
-    read : gives the array of one variable
+    read : name → array
     """
 
     def __init__(self, specs: Mapping[str, Any], read: Callable[[str], np.ndarray]) -> None:
@@ -97,13 +97,15 @@ class LazyVariables(Mapping[str, Variable]):
 
 
 def normalised(product: Product) -> Product:
-    """The product with attributes in JSON's own types, as it will come back from the store.
+    """The product with attributes in JSON's own types, as it is read from the store.
 
-    Raises StageError that names an attribute or array that cannot be kept.
+    Raises StageError that names an attribute or array that cannot be stored.
     """
     for name, variable in product.variables.items():
         if variable.values.ndim != len(variable.dims):
-            raise StageError(f"{product.kind}.{name}: {variable.values.ndim} axes, but dims {variable.dims}")
+            raise StageError(
+                f"{product.kind}.{name}: {variable.values.ndim} axes, but dims {variable.dims}; name each axis"
+            )
         if not _is_inside(name) or "/" in name:
             raise StageError(f"{product.kind}: '{name}' cannot name an array; use letters, digits and _")
     try:

@@ -1,4 +1,4 @@
-"""Products: what a stage gives and what the next one takes."""
+"""Products: the outputs of stages, which are inputs of later ones."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ class Variable(NamedTuple):
     dims : names of the axes, one per axis of ``values``
     values : the array
     units : unit of the values, ``"1"`` for pure numbers and codes
-    long_name : what it is, as an axis label would say it
+    long_name : label of an axis that shows it
     """
 
     dims: tuple[str, ...]
@@ -32,9 +32,9 @@ class Variable(NamedTuple):
 class Product:
     """A named set of arrays plus plain attributes.
 
-    kind : what it is, the word by which inputs and outputs are matched ("rig", "disparity", …)
-    variables : the arrays by name; one that comes from a store reads an array when it is first asked for
-    attrs : JSON values only. The entry ``summary``, where present, maps names to the scalars of this product
+    kind : name by which inputs and outputs are matched ("rig", "disparity", …)
+    variables : the arrays by name; a product from a store reads an array at its first use
+    attrs : JSON values only. The entry ``summary``, if present, maps names to the scalars of this product
         that a sweep's table compares; a name ends in its unit where it has one (``residual_px``)
     """
 
@@ -57,7 +57,8 @@ class Product:
     def to_dataset(self) -> xarray.Dataset:
         """The same as an xarray dataset, with ``units`` and ``long_name`` on every array.
 
-        A dimension along which arrays differ in length, as of a board that one camera sees alone, is named with it.
+        If arrays differ in length along a dimension, as for a board that only one camera sees, its name gets the
+        length.
         """
         import xarray
 

@@ -1,7 +1,7 @@
-"""References: the small things that travel between tasks in the place of arrays.
+"""References: what tasks pass to each other in place of arrays.
 
-A reference names a product by its digest. Where the product itself was not kept, the reference also carries the recipe
-for it, and whoever uses the product makes it again; a small cache per process holds the ones last made.
+A reference names a product by its digest. If the product was not kept, the reference also carries its
+recipe, and the task that uses the product makes it again; each process caches the products made last.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, overload
 
-from dicflow.engine.faults import fault
+from dicflow.engine.integrity import check_product
 from dicflow.engine.node import Node
 from dicflow.engine.objects import LazyVariables, Manifest, describe, normalised, stored_array
 from dicflow.engine.product import Product
@@ -45,8 +45,8 @@ __all__ = [
 class Ref:
     """A product by name.
 
-    recipe : how to make it again, where it is not kept
-    lost : it is not kept and its recipe is unknown; only its attributes are there
+    recipe : how to make it again, if it is not kept
+    lost : it is not kept and its recipe is unknown; only its attributes can be read
     """
 
     digest: str
@@ -60,7 +60,7 @@ class Ref:
 
 
 RefInput = Ref | None | tuple[tuple[str, Ref], ...]
-"""What a port is given: a product, nothing, or for ``At.ALL`` pairs (step, product)."""
+"""Input of a port: a product, None, or for ``At.ALL`` pairs (step, product)."""
 
 
 @dataclass(frozen=True)
@@ -79,9 +79,9 @@ class Recipe:
 
 
 class Series(Sequence[Product]):
-    """The products of all steps in order, as a tuple of them would be; each is opened when it is asked for.
+    """The products of all steps in order, as a tuple of them would be; each is opened when it is used.
 
-    It keeps nothing, so that going through it needs the memory of one step only.
+    It keeps no product, so a loop over it needs the memory of one step.
 
     steps : names of the steps
     """
@@ -121,7 +121,7 @@ class ProductCache:
         self._lock = threading.Lock()
 
     def get(self, digest: str) -> Product | None:
-        """The product, if it is still there."""
+        """The product; None if it is not in the cache."""
         with self._lock:
             if digest not in self._products:
                 return None
@@ -140,7 +140,7 @@ class ProductCache:
                 self._size -= freed
 
     def clear(self) -> None:
-        """Forget all."""
+        """Remove all products."""
         with self._lock:
             self._products.clear()
             self._size = 0
@@ -163,7 +163,7 @@ class Clock(threading.local):
 
     @contextmanager
     def remaking(self) -> Iterator[None]:
-        """Count the time inside, but for what is counted already, as making again."""
+        """Count the time inside as making again, except what is counted there already."""
         start, before = time.perf_counter(), self.read_s + self.remake_s
         try:
             yield
@@ -179,7 +179,7 @@ clock = Clock()
 def load(store: Store, ref: Ref) -> Product:
     """A product by its reference; an array is read, or made again, at its first use, and belongs to the caller.
 
-    Raises DamagedError where it is no longer there or its attributes are damaged; so does the use of an array that is.
+    Raises DamagedError if it is missing or its attributes are damaged; so does the first use of a damaged array.
     """
     manifest = store.manifest(ref.digest)
     if manifest is None:
@@ -226,8 +226,8 @@ def _remade(store: Store, ref: Ref) -> Product:
         manifest = describe(product)
     if manifest.digest != ref.digest:
         raise StageError(
-            f"{recipe.task}: made again, its product differs from the first; "
-            "run with the code policy 'recompute', or set 'keep: always' if the stage involves chance"
+            f"{recipe.task}: its product, made again, differs from the first one; "
+            "run with the code policy 'recompute', or set 'keep: always' if the stage uses random numbers"
         )
     cache.put(ref.digest, product, manifest.nbytes)
     return product
@@ -244,7 +244,7 @@ def _stored(store: Store, manifest: Manifest, name: str) -> np.ndarray:
     except Exception as error:
         if isinstance(error, OSError) and not isinstance(error, FileNotFoundError):
             raise StoreError(f"{folder / name}: cannot be read ({error}); check the disk") from error
-        if not fault(store, digest):
+        if not check_product(store, digest):
             raise StoreError(f"{folder / name}: could not be read ({error}), but is not damaged; run again") from error
         raise _damaged(store, digest, folder / name) from error
 
@@ -253,4 +253,4 @@ def _damaged(store: Store, digest: str, what: Path) -> DamagedError:
     """The error for a damaged product, which is moved into quarantine so that it is made again."""
     with suppress(StoreError):
         store.quarantine(digest)
-    return DamagedError(f"{what}: is damaged and was put into quarantine; run again to make it")
+    return DamagedError(f"{what}: is damaged and was moved into quarantine; run again to make it")

@@ -3,17 +3,16 @@
 ::
 
     store/  dicflow.json  files.index  actions.index  pins.json
-      objects/ab/<digest>/       the arrays of a product as a zarr group; absent where it is remade when it is used
+      objects/ab/<digest>/       the arrays of a product as a zarr group; absent if it is made again when it is used
       objects/ab/<digest>.json   its manifest: what it is, and the sizes of the group's files
       actions/ab/<key>.json      a record
       code/<root>.json           the definitions that a fingerprint covers, with their digests
       runs/<id>/                 pipeline, journal and index of a run
       tmp/  quarantine/
 
-Nothing is ever changed in its place: it is written in ``tmp`` and renamed, first the arrays, then the manifest that
-names them, then the record that names the product.
-So a killed process leaves nothing that could be taken for a result, and writers need no lock. Only ``actions.index`` is
-appended to; it repeats what the records say.
+No file is changed in place: each is written in ``tmp`` and renamed, first the arrays, then the manifest that names
+them, then the record that names the product. So a killed process leaves nothing that could be mistaken for a result,
+and writers need no lock. Only ``actions.index`` is appended to; it repeats the records.
 """
 
 from __future__ import annotations
@@ -61,12 +60,12 @@ class Store:
 
     @classmethod
     def open(cls, path: Path | str, create: bool = True) -> Store:
-        """The store in a folder, which is made where it does not exist.
+        """The store in a folder, which is made if it does not exist.
 
         Raises StoreError for another format, a folder that holds something else, or one that cannot be made.
         """
         store = cls(Path(path).absolute())
-        foreign = _foreign(store.path)  # before the mark is looked for, which another process may be about to write
+        foreign = _foreign(store.path)  # before the search for the mark, which another process may be about to write
         mark = store.path / "dicflow.json"
         if mark.is_file():
             store._check_format(mark)
@@ -82,17 +81,17 @@ class Store:
 
     @cached_property
     def files(self) -> FileIndex:
-        """What is known of input files and source files."""
+        """Facts about input files and source files."""
         return FileIndex(self.path / "files.index")
 
     @cached_property
     def index(self) -> ActionIndex:
-        """What every key came to, in one file."""
+        """The product of every key, in one file."""
         return ActionIndex(self.path / "actions.index")
 
     @contextmanager
     def writing(self) -> Iterator[None]:
-        """Turns failures of the file system into StoreErrors that say what to do."""
+        """Turns errors of the file system into StoreErrors with a remedy."""
         try:
             yield
         except OSError as error:
@@ -108,22 +107,22 @@ class Store:
     # records
 
     def record(self, key: str) -> Record | None:
-        """The record of a key; None where it is missing or cannot be read."""
+        """The record of a key; None if it is missing or cannot be read."""
         record = Record.from_json(read_json(self.record_path(key)))
         return record if record is not None and record.key == key else None
 
     def put_record(self, record: Record) -> None:
-        """Keep a record, in the place of an older one. Raises StoreError."""
+        """Store a record, in place of an older one. Raises StoreError."""
         self.write_json(self.record_path(record.key), record.to_json())
 
     def record_path(self, key: str) -> Path:
-        """Where the record of a key is."""
+        """Path of the record of a key."""
         return self.path / "actions" / _hex(key)[:2] / f"{_hex(key)}.json"
 
     # code
 
     def code_parts(self, root: str) -> dict[str, str]:
-        """Definition → digest of its code, by the root of a fingerprint; empty where that is not known."""
+        """Definition → digest of its code, by the root of a fingerprint; empty if it is unknown."""
         if is_digest(root) and root not in self._code_parts:
             found = read_json(self.code_path(root))
             if isinstance(found, dict) and found:
@@ -131,36 +130,36 @@ class Store:
         return self._code_parts.get(root, {})
 
     def put_code(self, root: str, parts: Mapping[str, str]) -> None:
-        """Keep the definitions of a fingerprint, unless they are there. Raises StoreError."""
+        """Store the definitions of a fingerprint, unless they are stored. Raises StoreError."""
         if read_json(self.code_path(root)) is None:
             self.write_json(self.code_path(root), dict(parts))
 
     def code_path(self, root: str) -> Path:
-        """Where the definitions of a fingerprint are."""
+        """Path of the definitions of a fingerprint."""
         return self.path / "code" / f"{_hex(root)}.json"
 
     # objects
 
     def object_path(self, digest: str) -> Path:
-        """Where the group of a product is; its manifest has the suffix ``.json``."""
+        """Path of the group of a product; its manifest has the suffix ``.json``."""
         return self.path / "objects" / _hex(digest)[:2] / _hex(digest)
 
     def manifest(self, digest: str) -> Manifest | None:
-        """The manifest of a product; None where it is missing or cannot be read."""
+        """The manifest of a product; None if it is missing or cannot be read."""
         found = Manifest.from_json(read_json(self.object_path(digest).with_suffix(".json")))
         return found if found is not None and found.digest == digest else None
 
     def inspect(self, digest: str) -> tuple[State, Manifest | None]:
-        """Whether a product is there with all its files in their sizes, and its manifest if so."""
+        """Whether all files of a product have their sizes; and its manifest, None if it is missing or damaged."""
         found = self.manifest(digest)
         if found is None:
             return ("damaged" if self.object_path(digest).with_suffix(".json").exists() else "missing"), None
         return ("complete", found) if _holds(self.object_path(digest), found.files) else ("damaged", None)
 
     def put(self, product: Product, manifest: Manifest, keep: bool) -> Manifest:
-        """Keep a product, or where ``keep`` is false its manifest alone. What is there already is left as it is.
+        """Store a product, or its manifest alone if ``keep`` is false. A stored product is left untouched.
 
-        Raises StoreError; the store is then as it was.
+        Raises StoreError; the store is then unchanged.
         """
         state, present = self.inspect(manifest.digest)
         if state == "damaged":
@@ -174,7 +173,7 @@ class Store:
         return whole
 
     def quarantine(self, digest: str) -> None:
-        """Move what is left of a damaged product aside. Raises StoreError."""
+        """Move the files of a damaged product into quarantine. Raises StoreError."""
         folder = self.object_path(digest)
         with self.writing():
             (self.path / "quarantine").mkdir(exist_ok=True)
@@ -207,7 +206,7 @@ class Store:
 
     @staticmethod
     def _rename_group(draft: Path, folder: Path, files: Mapping[str, int]) -> None:
-        """Put the group in its place, unless the same stands there: another writer was first, or was killed."""
+        """Rename the group, unless an equal one has its name: from another writer, or a killed one."""
         try:
             os.rename(draft, folder)
         except OSError:
@@ -215,7 +214,7 @@ class Store:
                 raise
 
     def _draft(self) -> Path:
-        """A new name in ``tmp``."""
+        """Unused path in ``tmp``."""
         folder = self.path / "tmp"
         folder.mkdir(exist_ok=True)
         return folder / f"{os.getpid()}-{uuid.uuid4().hex}"
@@ -233,7 +232,7 @@ class Store:
 
 
 def read_json(path: Path) -> Any:
-    """The value in a JSON file; None where it cannot be read."""
+    """The value in a JSON file; None if it cannot be read."""
     try:
         return json.loads(path.read_bytes())
     except (OSError, ValueError):
@@ -241,20 +240,20 @@ def read_json(path: Path) -> Any:
 
 
 def read_mapping(path: Path) -> dict[str, Any]:
-    """The mapping in a JSON file; empty where the file is missing.
+    """The mapping in a JSON file; empty if the file is missing.
 
-    Raises StoreError where the file does not hold a mapping, since its contents are then unknown.
+    Raises StoreError if the file does not hold a mapping, since its contents are then unknown.
     """
     found = read_json(path)
     if isinstance(found, dict):
         return found
     if not path.exists():
         return {}
-    raise StoreError(f"{path}: cannot be read as a mapping in JSON; restore it from a copy, or delete it")
+    raise StoreError(f"{path}: is not a mapping in JSON; restore it from a copy, or delete it")
 
 
 def _foreign(folder: Path) -> bool:
-    """Whether a folder holds anything but what a store without its mark does: drafts of the mark in ``tmp``."""
+    """Whether a folder holds other files than a store that is being made, which has drafts of its mark in ``tmp``."""
     if not folder.is_dir():
         return False
     drafts = folder / "tmp"
@@ -263,7 +262,7 @@ def _foreign(folder: Path) -> bool:
 
 
 def _holds(folder: Path, files: Mapping[str, int]) -> bool:
-    """Whether all files are in a folder, in their sizes."""
+    """Whether a folder holds all files, each of its size."""
     try:
         return all(os.stat(folder / name).st_size == size for name, size in files.items())
     except OSError:
@@ -271,7 +270,7 @@ def _holds(folder: Path, files: Mapping[str, int]) -> bool:
 
 
 def _hex(digest: str) -> str:
-    """The part of a digest that names a file; nothing but a digest ever becomes a path."""
+    """The part of a digest that names a file. Raises StoreError for other texts, so that they never become paths."""
     if not is_digest(digest):
         raise StoreError(f"{digest!r} is not a digest; the store's files are damaged, run 'dicflow verify'")
     return digest.partition(":")[2]

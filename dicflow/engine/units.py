@@ -18,7 +18,7 @@ _TEXT = re.compile(r"\s*([-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)\s*(\S+)\s*")
 
 
 def quantity(unit: str) -> Callable[[Any], Any]:
-    """A validator that turns text with a unit into a number in ``unit`` and leaves all else alone.
+    """A validator that turns text with a unit into a number in ``unit`` and returns other values unchanged.
 
     unit : "mm", "px" or "deg"
     The function it returns raises ValueError for a unit of another dimension.
@@ -33,7 +33,9 @@ def quantity(unit: str) -> Callable[[Any], Any]:
             return value
         match = _TEXT.fullmatch(value)
         if match is None or match[2] not in factors:
-            raise ValueError(f"'{value}' is no quantity in {unit}; write a number, or one with {', '.join(factors)}")
+            raise ValueError(
+                f"'{value}' is not a quantity in {unit}; write a number alone, or with {', '.join(factors)}"
+            )
         return round(float(match[1]) * factors[match[2]], 12)
 
     return convert

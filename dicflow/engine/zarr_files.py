@@ -16,7 +16,7 @@ into this module, and 11 to 14 % would go into the library. The library is to ta
 reading a small array costs 1.6 ms or less, which is 6 %.
 
 An array is one chunk, or above 4 MB one chunk per plane of its two longest axes. It is packed with lz4 bit plane by bit
-plane, since the upper ones of a photograph or a field hardly change from place to place. Every chunk ends with its
+plane, since in a photograph or a field the upper bits of neighbours are mostly equal. Every chunk ends with its
 check sum (CRC-32C). A chunk of integers that are all 0 has no file, as zarr has it.
 """
 
@@ -67,7 +67,7 @@ def read_array(folder: Path, files: Collection[str], name: str, dtype: str, shap
     """One array of a group.
 
     files : relative paths of the files that the group was written with
-    Raises OSError, and ValueError for a chunk that is damaged or does not hold what dtype and shape ask for.
+    Raises OSError, and ValueError for a chunk that is damaged or does not fit dtype and shape.
     """
     import numpy as np
 
@@ -81,7 +81,7 @@ def read_array(folder: Path, files: Collection[str], name: str, dtype: str, shap
 def _description(
     values: np.ndarray, chunk: tuple[int, ...], dims: tuple[str, ...], attributes: dict[str, str]
 ) -> dict[str, Any]:
-    """What zarr.json says of an array."""
+    """Contents of zarr.json for an array."""
     return {
         "zarr_format": 3,
         "node_type": "array",
@@ -110,7 +110,7 @@ def _chunk(shape: tuple[int, ...], nbytes: int) -> tuple[int, ...]:
 
 
 def _chunks(name: str, shape: tuple[int, ...], chunk: tuple[int, ...]) -> Iterator[tuple[str, tuple[slice, ...]]]:
-    """File and place of each chunk; along every axis there is one that spans it, or as many as it is long."""
+    """File and place of each chunk; along every axis there is one chunk, or one per index."""
     counts = [length // size for length, size in zip(shape, chunk, strict=True)]
     for index in itertools.product(*map(range, counts)):
         place = tuple(slice(i * size, (i + 1) * size) for i, size in zip(index, chunk, strict=True))
@@ -129,8 +129,8 @@ def _unpacked(content: bytes, like: np.ndarray) -> np.ndarray:
 
     packed, check_sum = content[:-_CHECK_SUM], content[-_CHECK_SUM:]
     if _check_sum(packed) != check_sum:
-        raise ValueError("the check sum does not fit")
-    nbytes = int.from_bytes(packed[4:8], "little")  # blosc's header; seen first, so that no chunk fills the memory
+        raise ValueError("the check sum differs")
+    nbytes = int.from_bytes(packed[4:8], "little")  # from blosc's header, before a damaged chunk can fill the memory
     if nbytes != like.nbytes:
         raise ValueError(f"a chunk holds {nbytes} bytes instead of {like.nbytes}")
     return np.frombuffer(_codec().decode(packed), like.dtype).reshape(like.shape)

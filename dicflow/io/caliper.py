@@ -1,7 +1,7 @@
 """Caliper tables: the length of the specimen at every step, as measured by hand.
 
 A CSV file with the columns ``phase`` (loading or unloading), ``load_g`` and ``length_mm`` (or ``caliper_length_mm``),
-one row per step in the order of the photographs. Other columns are left alone, and so are lines that start with ``#``.
+one row per step in the order of the photographs. Other columns and lines that start with ``#`` are ignored.
 """
 
 from __future__ import annotations
@@ -38,7 +38,7 @@ class Caliper(NamedTuple):
 def read_caliper(path: Path) -> Caliper:
     """Read a caliper table.
 
-    Raises InputError, with file and line, where it is not one.
+    Raises InputError, with file and line, if it is not a caliper table.
     """
     numbered = list(enumerate(_text(path).splitlines(), start=1))
     lines = [(number, line) for number, line in numbered if line.strip() and not line.lstrip().startswith("#")]
@@ -49,7 +49,7 @@ def read_caliper(path: Path) -> Caliper:
     phase, load, length = _columns(f"{path}:{where}", [name.strip() for name in header])
     for number, row in records[1:]:
         if len(row) != len(header):
-            raise InputError(f"{path}:{number}: has {len(row)} values under {len(header)} columns; write one for each")
+            raise InputError(f"{path}:{number}: has {len(row)} values for {len(header)} columns; write one for each")
     return Caliper(
         tuple(_phase(f"{path}:{number}", row[phase]) for number, row in records[1:]),
         np.array([_number(f"{path}:{number}", "load_g", row[load], 0.0) for number, row in records[1:]]),
@@ -66,13 +66,13 @@ def _text(path: Path) -> str:
 
 def _columns(where: str, header: Sequence[str]) -> tuple[int, int, int]:
     """Places of phase, load and length."""
-    wanted = ("phase", "load_g", next((name for name in _LENGTHS if name in header), _LENGTHS[0]))
-    for name in wanted:
+    needed = ("phase", "load_g", next((name for name in _LENGTHS if name in header), _LENGTHS[0]))
+    for name in needed:
         if name not in header:
             raise InputError(
-                f"{where}: no column '{name}' among {', '.join(header)}; the table needs {', '.join(wanted)}"
+                f"{where}: no column '{name}' among {', '.join(header)}; the table needs {', '.join(needed)}"
             )
-    phase, load, length = (header.index(name) for name in wanted)
+    phase, load, length = (header.index(name) for name in needed)
     return phase, load, length
 
 
@@ -89,6 +89,6 @@ def _number(where: str, column: str, text: str, least: float) -> float:
     except ValueError:
         value = math.nan
     if not (math.isfinite(value) and value >= least):
-        kind = "a positive number" if least > 0.0 else "a number, not negative"
+        kind = "a positive number" if least > 0.0 else "0 or a positive number"
         raise InputError(f"{where}: {column} is '{text.strip()}'; expected {kind}")
     return value

@@ -1,4 +1,4 @@
-"""YAML 1.2 with positions: what a pipeline file says, and where it says it."""
+"""YAML 1.2 with the position of every value."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ Place = tuple[str | int, ...]
 _MAX_NODES = 100_000
 _MAX_DEPTH = 50
 _MAX_DIGITS = 100
-_TOO_DEEP = f"more than {_MAX_DEPTH} lists or mappings inside each other; take some out"
+_TOO_DEEP = f"more than {_MAX_DEPTH} lists or mappings inside each other; remove some"
 _QUOTED = ("'", '"', "|", ">")
 _SCALARS: tuple[tuple[re.Pattern[str], Any], ...] = (
     (re.compile(r"~|null|Null|NULL|"), lambda text: None),
@@ -40,7 +40,7 @@ class Document(NamedTuple):
     source : its name, as messages show it
     data : mapping of plain Python values
     positions : (line, column), counted from 1, of every key and list element by its place
-    given : what other values were given by, as messages show it, by their places: the command line, or a sweep
+    given : place → origin of a value that does not come from the file, as messages show it: the command line, a sweep
     """
 
     source: str
@@ -49,7 +49,7 @@ class Document(NamedTuple):
     given: Mapping[Place, str] = {}
 
     def where(self, place: Place) -> str:
-        """``file:line:column`` of a place, or of the nearest one around it that the file holds."""
+        """``file:line:column`` of a place, or of the innermost place around it that the file has."""
         while place and not self.holds(place):
             place = place[:-1]
         if place in self.given:
@@ -58,12 +58,12 @@ class Document(NamedTuple):
         return f"{self.source}:{line}:{column}"
 
     def holds(self, place: Place) -> bool:
-        """Whether a place has a position, or was given otherwise."""
+        """Whether a value comes from the file, the command line or a sweep."""
         return place in self.positions or place in self.given
 
 
 def read(path: Path) -> Document:
-    """Parse a pipeline file. Raises ConfigurationError with the place where it is missing or not such a file."""
+    """Parse a pipeline file. Raises ConfigurationError with the place if it is missing or not YAML."""
     try:
         text = path.read_text(encoding="utf-8")
     except (OSError, UnicodeDecodeError) as error:
@@ -99,7 +99,7 @@ def parse_value(text: str) -> Any:
 
 
 class _Reader:
-    """Turns composed nodes into values and notes where each stood."""
+    """Turns composed nodes into values and records their positions."""
 
     def __init__(self, source: str) -> None:
         self.source = source
@@ -126,7 +126,7 @@ class _Reader:
                 self._fail(key_node, "a key must be a word")
             key = key_node.value
             if key in seen:
-                self._fail(key_node, f"key '{key}' stands twice, first in line {seen[key]}; keep one")
+                self._fail(key_node, f"key '{key}' is given twice, first in line {seen[key]}; keep one")
             seen[key] = key_node.start_mark.line + 1
             self.positions[(*place, key)] = self._position(key_node)
             yield key, item
@@ -160,7 +160,7 @@ class _Reader:
 
 
 def _refuse_deep(text: str, source: str) -> None:
-    """Refuse text that is nested too deeply before it is composed, which takes stack for every level."""
+    """Refuse text that is nested too deeply, before it is composed: each level takes stack."""
     depth = 0
     for event in yaml.parse(text, Loader=yaml.CSafeLoader):
         depth += isinstance(event, yaml.CollectionStartEvent) - isinstance(event, yaml.CollectionEndEvent)

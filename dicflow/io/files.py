@@ -15,9 +15,9 @@ __all__ = ["make_folder", "staged", "write_whole"]
 
 
 def write_whole(path: Path, content: bytes) -> None:
-    """Write a file, or replace it, as a whole; its folder is made where there is none.
+    """Write a file, or replace it, as a whole; its folder is made if it is missing.
 
-    Raises InputError that names the file where it cannot be written; what stood there then still does.
+    Raises InputError that names the file if it cannot be written; an existing file is then left untouched.
     """
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
@@ -27,7 +27,7 @@ def write_whole(path: Path, content: bytes) -> None:
 
 
 def make_folder(folder: Path) -> None:
-    """Make a folder in which files can be written. Raises InputError that names it where that fails."""
+    """Make a folder in which files can be written. Raises InputError that names it if that fails."""
     try:
         folder.mkdir(parents=True, exist_ok=True)
         probe = folder / f".{os.getpid()}.part"
@@ -39,11 +39,11 @@ def make_folder(folder: Path) -> None:
 
 @contextmanager
 def staged(output: Path, force: bool = False) -> Iterator[Path]:
-    """A folder whose files move into ``output`` together, once the block has ended well.
+    """A folder whose files move into ``output`` together, once the block has ended without an error.
 
-    Where the block fails or is interrupted, or one of the names is taken and ``force`` is not set, nothing is left
-    behind and what stood in ``output`` still does.
-    Raises ConfigurationError that names the file that is there, InputError where ``output`` cannot be written.
+    If the block fails or is interrupted, or a file of that name exists and ``force`` is not set, ``output`` is left
+    untouched.
+    Raises ConfigurationError that names the existing file, InputError if ``output`` cannot be written.
     """
     made = [folder for folder in (output, *output.parents) if not folder.exists()]
     make_folder(output)
@@ -67,7 +67,7 @@ def _move(files: list[Path], output: Path, force: bool) -> None:
         taken = output / file.name
         if taken.is_dir():
             raise InputError(
-                f"{taken}: cannot be written (a folder stands there); name another place, or free this one"
+                f"{taken}: cannot be written (a folder has this name); name another file, or move the folder"
             )
         if taken.exists() and not force:
             raise ConfigurationError(f"{taken} exists; add --force to overwrite it, or name another folder")

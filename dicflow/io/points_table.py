@@ -1,8 +1,8 @@
 """Tables of measured points, as dicflow and other programs write them.
 
-A CSV file with one row per point and a line of names. Read are the place in the left photograph at the first step,
-displacement and strain, under the names that OpenCorr, MatchID, VIC-3D, the Stereo DIC Challenge and dicflow give
-them; other columns are left alone. A name may carry its unit in brackets, ``U [mm]``; dicflow writes units above,
+A CSV file with one row per point and a line of names. The place in the left photograph at the first step,
+displacement and strain are read, by the names that OpenCorr, MatchID, VIC-3D, the Stereo DIC Challenge and dicflow
+use; other columns are ignored. A name may carry its unit in brackets, ``U [mm]``; dicflow writes units above,
 ``# U: mm``.
 """
 
@@ -52,8 +52,8 @@ class PointTable(NamedTuple):
 
     xy : (n, 2) px, place in the left photograph at the first step
     values : quantity (U, V, W, exx, eyy, gxy, e1, e2) → (n,)
-    sigmas : quantity → (n,), its standard deviation; empty where the table has none
-    units : quantity → unit, where the table says it
+    sigmas : quantity → (n,), its standard deviation; empty if the table has none
+    units : quantity → unit, for those whose unit the table gives
     """
 
     xy: NDArray[np.float64]
@@ -65,8 +65,8 @@ class PointTable(NamedTuple):
 def read_points(path: Path) -> PointTable:
     """Read a table of points.
 
-    Shear as a tensor component, exy, is given back as the angle gxy = 2 exy. Raises InputError, with file and line,
-    for a table without places or without anything measured, and for values that are no numbers.
+    Shear as a tensor component, exy, is returned as the angle gxy = 2 exy. Raises InputError, with file and line,
+    for a table without places or without measured quantities, and for values that are not numbers.
     """
     numbered = list(enumerate(_text(path).splitlines(), start=1))
     notes = {match[1]: match[2] for _, line in numbered if (match := _NOTE.match(line))}
@@ -84,7 +84,7 @@ def read_points(path: Path) -> PointTable:
 def _chosen(where: str, columns: Mapping[str, NDArray[np.float64]], units: Mapping[str, str]) -> PointTable:
     pairs = _PLACES[:-1] if "reference_X" in columns else _PLACES  # x and y beside it are those of the step
     place = next((names for names in pairs if all(name in columns for name in names)), None)
-    values, told = _measured(columns, units)
+    values, known = _measured(columns, units)
     if place is None or not values:
         lack = (
             "places in the first photograph (x_image, y_image; or MatchID's Coordinates.Image X and Y)"
@@ -92,25 +92,25 @@ def _chosen(where: str, columns: Mapping[str, NDArray[np.float64]], units: Mappi
             else "displacement (U, V, W) or strain (exx, eyy)"
         )
         raise InputError(
-            f"{where}: no columns with {lack} among {', '.join(columns)}; the format of the challenge has them"
+            f"{where}: no columns with {lack} among {', '.join(columns)}; export it in the format of the challenge"
         )
     sigmas = {name: columns[f"sigma_{name}"] for name in values if f"sigma_{name}" in columns}
     failed = columns["sigma"] < 0 if "sigma" in columns else np.zeros(len(columns[place[0]]), dtype=bool)
     blanked = {name: np.where(failed, np.nan, column) for name, column in values.items()}
-    return PointTable(np.stack([columns[name] for name in place], axis=-1), blanked, sigmas, told)
+    return PointTable(np.stack([columns[name] for name in place], axis=-1), blanked, sigmas, known)
 
 
 def _measured(
     columns: Mapping[str, NDArray[np.float64]], units: Mapping[str, str]
 ) -> tuple[dict[str, NDArray[np.float64]], dict[str, str]]:
-    """Displacement and strain by quantity, and the units that are told."""
+    """Displacement and strain by quantity, and their units if the table gives them."""
     values: dict[str, NDArray[np.float64]] = {}
-    told: dict[str, str] = {}
+    known: dict[str, str] = {}
     displacement = next((names for names in _DISPLACEMENTS if names[0] in columns), ())
     for quantity, name in zip("UVW", displacement, strict=False):
         if name in columns:
             values[quantity] = columns[name]
-            told |= {quantity: units[name]} if name in units else {}
+            known |= {quantity: units[name]} if name in units else {}
     if not values and all(end in columns for pair in _ENDS for end in pair):
         values = {
             quantity: columns[after] - columns[before] for quantity, (after, before) in zip("UVW", _ENDS, strict=True)
@@ -120,11 +120,11 @@ def _measured(
             values[quantity] = columns[name]
     if "gxy" not in values and (name := next((name for name in _TENSOR_SHEARS if name in columns), "")):
         values["gxy"] = 2.0 * columns[name]
-    return values, told
+    return values, known
 
 
 def _unit(name: str) -> str:
-    """A unit as dicflow names it."""
+    """dicflow's name of a unit."""
     return "px" if name.lower() in ("pixel", "pixels") else name
 
 
@@ -145,7 +145,7 @@ def _numbers(path: Path, lines: Sequence[tuple[int, str]], delimiter: str, width
     for number, line in lines:
         cells = _cells(line, delimiter)
         if len(cells) != width:
-            raise InputError(f"{path}:{number}: has {len(cells)} values under {width} columns; write one for each")
+            raise InputError(f"{path}:{number}: has {len(cells)} values for {width} columns; write one for each")
         try:
             rows.append([float(cell) if cell.strip() else np.nan for cell in cells])
         except ValueError as error:

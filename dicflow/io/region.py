@@ -17,7 +17,7 @@ __all__ = ["is_geojson", "read_geojson", "read_mask", "write_geojson"]
 
 
 def is_geojson(path: Path) -> bool:
-    """Whether the name says that the file holds polygons rather than an image."""
+    """Whether a file holds polygons, by the suffix of its name."""
     return path.suffix.lower() in (".json", ".geojson")
 
 
@@ -25,7 +25,7 @@ def read_geojson(path: Path) -> list[Polygon]:
     """Polygons of a GeoJSON file (RFC 7946), coordinates in px: x right, y down.
 
     Any nesting of FeatureCollection, Feature, GeometryCollection, MultiPolygon and Polygon; nothing else.
-    Raises InputError that names the file where it cannot be read or holds no polygon.
+    Raises InputError that names the file if it cannot be read or has no polygon.
     """
     try:
         polygons = [_polygon(path, rings) for rings in _polygons(path, json.loads(path.read_text(encoding="utf-8")))]
@@ -34,7 +34,7 @@ def read_geojson(path: Path) -> list[Polygon]:
     except ValueError as error:
         raise InputError(f"{path}: expected GeoJSON, but it is not valid JSON ({error}); export it again") from error
     if not polygons:
-        raise InputError(f"{path}: holds no polygon; draw the region's outline and export it again")
+        raise InputError(f"{path}: has no polygon; draw the region's outline and export it again")
     return polygons
 
 
@@ -47,7 +47,7 @@ def write_geojson(path: Path, polygons: Sequence[Polygon]) -> None:
 def read_mask(path: Path) -> npt.NDArray[np.bool_]:
     """The bright pixels of a mask image, (row, col) bool: those above half of its greatest grey level.
 
-    Raises InputError that names the file where it is no image, or black.
+    Raises InputError that names the file if it is not an image, or is black.
     """
     from dicflow.io.images import read_grey
 

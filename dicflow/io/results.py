@@ -23,7 +23,7 @@ def csv_text(product: Product, name: str) -> str:
     Arrays on the grid of the first two axes become one column each, a further axis one column per component.
     Products without arrays give their table of rows, or their summary.
 
-    Raises InputError where the product has neither.
+    Raises InputError if the product has neither.
     """
     if (rows := rows_of(product)) is not None:
         return _header(product, name) + table_text(rows)
@@ -78,7 +78,7 @@ def _header(product: Product, name: str) -> str:
 
 
 def _titles(product: Product) -> str:
-    """What each array is: of strains the measure."""
+    """A title for each array; for strains it names the measure."""
     measures = titles_of(product)
     titles = {name: measures.get(name, variable.long_name) for name, variable in product.variables.items()}
     return "".join(f"# {name} is {title}\n" for name, title in titles.items() if title)
@@ -87,7 +87,7 @@ def _titles(product: Product) -> str:
 def _summary(product: Product, name: str) -> Mapping[str, object]:
     summary = summary_of(product)
     if not summary:
-        raise InputError(f"{name}: a product of kind {product.kind} holds nothing that fits a table; export it as npz")
+        raise InputError(f"{name}: a product of kind {product.kind} has no values for a table; export it as npz")
     return summary
 
 

@@ -19,32 +19,32 @@ __all__ = ["read_covariance", "read_rig", "rig_text", "write_rig"]
 _T = TypeVar("_T")
 
 _ROUNDING = 1e-6
-"""How far, in units of the standard deviations, a covariance may be from a symmetric one without negative variances."""
+"""Greatest departure of a correlation matrix from a symmetric one without negative eigenvalues."""
 
 
 def write_rig(path: Path, rig: Rig, covariance: Any = None) -> None:
-    """Write the rig to a JSON file, with the covariance of its numbers where it is known."""
+    """Write the rig to a JSON file, with the covariance of its numbers if it is known."""
     path.write_text(rig_text(rig, covariance), encoding="utf-8")
 
 
 def rig_text(rig: Rig, covariance: Any = None) -> str:
     """The rig as the text of a JSON file.
 
-    covariance : (24, 24) — of :data:`~dicflow.core.cameras.rig_parameters.PARAMETERS`; None where it is not known
+    covariance : (24, 24) — of :data:`~dicflow.core.cameras.rig_parameters.PARAMETERS`; None if unknown
     """
     known = {} if covariance is None else {"covariance": np.asarray(covariance, dtype=float).tolist()}
     return json.dumps({**rig_to_json(rig), **known}, indent=2) + "\n"
 
 
 def read_rig(path: Path) -> Rig:
-    """Read what :func:`write_rig` wrote. Raises InputError where the file does not hold a rig."""
+    """Read what :func:`write_rig` wrote. Raises InputError if the file does not hold a rig."""
     return _read(path, rig_from_json)
 
 
 def read_covariance(path: Path) -> np.ndarray | None:
-    """The covariance (24, 24) that :func:`write_rig` wrote beside a rig, None where there is none.
+    """The covariance (24, 24) that :func:`write_rig` wrote beside a rig, None if the file has none.
 
-    Raises InputError where it is of another size, not symmetric, or not positive semidefinite.
+    Raises InputError if it has another size, not symmetric, or not positive semidefinite.
     """
     return _read(path, _covariance_from_dict)
 
@@ -57,7 +57,7 @@ def _read(path: Path, convert: Callable[[Mapping[str, Any]], _T]) -> _T:
     except KeyError as error:
         raise InputError(f"{path}: expected a rig, but the entry {error} is missing; write it with dicflow.") from error
     except (ValueError, TypeError) as error:
-        raise InputError(f"{path}: expected a rig as dicflow writes it, but found that {error}.") from error
+        raise InputError(f"{path}: expected a rig as dicflow writes it, but {error}.") from error
 
 
 def _covariance_from_dict(values: Mapping[str, Any]) -> np.ndarray | None:
@@ -70,7 +70,7 @@ def _covariance_from_dict(values: Mapping[str, Any]) -> np.ndarray | None:
 
 
 def _covariance(values: Any) -> np.ndarray:
-    """A covariance of the rig's numbers. Raises ValueError for what can be none."""
+    """A covariance of the rig's numbers. Raises ValueError if it is not one."""
     found = _numbers(values, (len(PARAMETERS), len(PARAMETERS)), "covariance")
     variances = np.diagonal(found)
     if (variances < 0.0).any():

@@ -154,7 +154,7 @@ def test_a_flipped_bit_is_found_by_the_check_sum(store):
     content[len(content) // 2] ^= 1
     chunk.write_bytes(content)
     assert store.inspect(digest)[0] == "complete"
-    with pytest.raises(DamagedError, match="put into quarantine; run again"):
+    with pytest.raises(DamagedError, match="quarantine; run again"):
         load(store, Ref(digest))["xyz"]
     assert store.inspect(digest)[0] == "missing"
 
@@ -164,7 +164,7 @@ def test_a_changed_manifest_is_found_by_its_digest(store, change):
     digest = put(store, cloud()).digest
     manifest = store.object_path(digest).with_suffix(".json")
     manifest.write_text(manifest.read_text().replace(*change))
-    with pytest.raises(DamagedError, match=r"json: is damaged and was put into quarantine; run again"):
+    with pytest.raises(DamagedError, match=r"json: .*quarantine; run again"):
         load(store, Ref(digest))
     assert store.inspect(digest)[0] == "missing"
 

@@ -34,7 +34,7 @@ def test_positions_count_from_one():
 @pytest.mark.parametrize(
     ("text", "message"),
     [
-        ("a: 1\nb: 2\na: 3\n", r"p.yaml:3:1: key 'a' stands twice, first in line 1"),
+        ("a: 1\nb: 2\na: 3\n", r"p.yaml:3:1: key 'a' is given twice, first in line 1"),
         ("- 1\n", "p.yaml:1:1: expected a mapping .* found a list"),
         ("", "found an empty file"),
         ("a: [1\n", "p.yaml:2:1: not valid YAML"),

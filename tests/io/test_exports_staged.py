@@ -55,7 +55,7 @@ def test_nothing_is_overwritten_without_force(tmp_path):
 
 def test_a_folder_in_the_place_of_a_file(tmp_path):
     (tmp_path / "one").mkdir()
-    with pytest.raises(InputError, match="a folder stands there"):
+    with pytest.raises(InputError, match=r"one: .*a folder has this name"):
         export(tmp_path, "one", force=True)
 
 

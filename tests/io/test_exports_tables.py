@@ -107,7 +107,7 @@ def test_principal_strains_are_the_products_own_or_the_tensors(tmp_path):
 
 def test_columns_of_other_programs_are_theirs(tmp_path):
     for form in ("matchid", "challenge"):
-        with pytest.raises(ConfigurationError, match=f"{form} has columns of its own; leave --quantity out"):
+        with pytest.raises(ConfigurationError, match=f"{form} .*--quantity"):
             written(form, [item()._replace(quantities=("exx",))], tmp_path)
 
 
@@ -135,7 +135,7 @@ def test_places_of_a_plane_lie_at_height_zero():
 def test_two_products_never_share_a_file(tmp_path):
     one = Item("s", "a:b", Product("total"))
     place(tmp_path, f"{one.stem}.csv").write_text("")
-    with pytest.raises(InputError, match="two products would have this file"):
+    with pytest.raises(InputError, match="two products"):
         place(tmp_path, f"{one._replace(step='a?b').stem}.csv")
 
 

@@ -83,7 +83,7 @@ def test_damaged_files_are_refused_and_never_end_the_process(tmp_path):
     ("data", "words"),
     [
         (b"", "header"),
-        (b"\0" * 126 + b"IM" + b"\x0e", "ends inside a tag"),
+        (b"\0" * 126 + b"IM" + b"\x0e", "within a tag"),
         (b"\0" * 126 + b"IM" + np.array([14, 99], "<u4").tobytes(), "longer than the file"),
         (b"\0" * 126 + b"IM" + np.array([15, 4], "<u4").tobytes() + b"abcd", "cannot be unpacked"),
     ],

@@ -65,7 +65,7 @@ def test_points_that_failed_and_empty_cells_have_no_value(table):
         ("a,b\n1,2\n", [":1:", "x_image", "a, b"]),
         ("x,y,colour\n1,2,3\n", [":1:", "displacement", "colour"]),
         ("x,y,U,reference_X\n1,2,3,4\n", [":1:", "x_image", "challenge"]),
-        ("x,y,U\n1,2\n", [":2:", "2 values under 3"]),
+        ("x,y,U\n1,2\n", [":2:", "2 values for 3"]),
         ("x,y,U\n1,2,many\n", [":2:", "many"]),
     ],
 )

@@ -52,7 +52,7 @@ def test_what_is_written_is_read(tmp_path):
         ("{", "not valid JSON"),
         ({"type": "Point", "coordinates": [1, 2]}, "found Point"),
         ([1, 2], "found list"),
-        ({"type": "FeatureCollection", "features": []}, "holds no polygon"),
+        ({"type": "FeatureCollection", "features": []}, "no polygon"),
         ({"type": "Polygon", "coordinates": []}, "no coordinates"),
         ({"type": "Polygon", "coordinates": [[[0, 0], [1, 1], [0, 0]]]}, "at least three"),
         ({"type": "Polygon", "coordinates": [[[0, 0], [1, "a"], [2, 2]]]}, "at least three"),

@@ -132,7 +132,7 @@ def test_sides_that_cannot_be_compared(pipeline, measured, run_id, tmp_path):
     ours = str(pipeline)
     with pytest.raises(StoreError) as error:
         open_sides(ours, "20200101-000000-abcdef")
-    refused(error, "no run '20200101-000000-abcdef'")
+    refused(error, "unknown run '20200101-000000-abcdef'")
     with pytest.raises(ConfigurationError) as error:
         open_sides(ours, "nowhere.csv")
     refused(error, "nowhere.csv", "file")

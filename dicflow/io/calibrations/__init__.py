@@ -1,6 +1,6 @@
 """Calibrations that other programs have made, one module per format.
 
-A format is recognised by what the file holds, not by its name. What a file says of a rig is a
+A format is recognised by what the file holds, not by its name. The rig as a file gives it is a
 :class:`~dicflow.io.calibrations.draft.Draft`; checked and with the size of the photographs it becomes a
 :class:`~dicflow.io.calibrations.draft.Calibration`. A module of this package, or an entry point of the group
 ``dicflow.calibrations``, is a format if it has

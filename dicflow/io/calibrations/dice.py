@@ -42,18 +42,18 @@ _TERMS = ("K1", "K2", "K3", "K4", "K5", "K6", "P1", "P2", "S1", "S2", "S3", "S4"
 _USES = {_NONE: (), _OPENCV: ("K1", "K2", "K3", "P1", "P2"), _VIC3D: ("K1", "K2", "K3"), (_RADIAL,): ("K1", "K2", "K3")}
 _ANGLES, _PLACE = ("ALPHA", "BETA", "GAMMA"), ("TX", "TY", "TZ")
 _AGREEMENT = 1e-4
-"""Difference of two forms of one rotation, which the digits of a file explain."""
+"""Greatest difference of two forms of one rotation that comes from rounding in the file."""
 
 
 class _Camera(NamedTuple):
-    """The sublist of one camera: its entries as text, and the rows of its rotation where it gives them."""
+    """The sublist of one camera: its entries as text, and the rows of its rotation, empty if it has none."""
 
     where: str
     entries: dict[str, str]
     rows: list[str]
 
     def value(self, name: str) -> float:
-        """A number; zero may be left out of the file."""
+        """A number; 0 if the file does not give it."""
         return number(self.where, name, self.entries[name]) if name in self.entries else 0.0
 
 
@@ -99,16 +99,16 @@ def _between(
     second: tuple[NDArray[np.float64], NDArray[np.float64]],
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """From camera 0's frame to camera 1's."""
-    said = entries.get("extrinsics_relative_camera_to_camera", "").lower()
-    at_home = not first[1].any() and bool((first[0] == np.eye(3)).all())
-    if at_home:
+    relative_to_camera_0 = entries.get("extrinsics_relative_camera_to_camera", "").lower()
+    first_is_world = not first[1].any() and bool((first[0] == np.eye(3)).all())
+    if first_is_world:
         return second
-    if said == "false":
+    if relative_to_camera_0 == "false":
         return relative(first, second)
-    if said == "true":
-        raise InputError(f"{path}: the pose of CAMERA 1 is relative to CAMERA 0, which has a pose itself; take it out")
+    if relative_to_camera_0 == "true":
+        raise InputError(f"{path}: the pose of CAMERA 1 is relative to CAMERA 0, which has one too; remove one")
     raise InputError(
-        f"{path}: does not say what the poses refer to; write extrinsics_relative_camera_to_camera, true or false"
+        f"{path}: does not give the frame of the poses; write extrinsics_relative_camera_to_camera, true or false"
     )
 
 
@@ -122,9 +122,7 @@ def _pose(one: _Camera) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         raise InputError(f"{one.where}: rotation_3x3_matrix has {rows}; expected three rows of three numbers")
     rotation = np.array(rows)
     if any(name in one.entries for name in _ANGLES) and np.abs(rotation - by_angles).max() > _AGREEMENT:
-        raise InputError(
-            f"{one.where}: the angles and rotation_3x3_matrix are different rotations; take out one of them"
-        )
+        raise InputError(f"{one.where}: the angles and rotation_3x3_matrix are different rotations; remove one of them")
     return rotation, place
 
 
@@ -145,23 +143,21 @@ def _camera(one: _Camera) -> DraftCamera:
     model, values = _model(one), {name: one.value(name) for name in (*_TERMS, "FS")}
     uses = next((used for names, used in _USES.items() if model in names), ())
     if not any(model in names for names in _USES) and any(values[name] for name in _TERMS):
-        raise InputError(
-            f"{one.where}: LENS_DISTORTION_MODEL {model} is none that dicflow's cameras have; calibrate with OPENCV_DIS"
-        )
+        raise InputError(f"{one.where}: LENS_DISTORTION_MODEL {model} is unknown to dicflow; calibrate with OPENCV_DIS")
     unused = {name: values[name] for name in (*_TERMS, *(() if model in _VIC3D else ("FS",))) if name not in uses}
     if model in _OPENCV:
         refuse_terms(one.where, {name: value for name, value in unused.items() if name != "FS"})
     if any(unused.values()):
         found = ", ".join(f"{name} = {value:g}" for name, value in unused.items() if value)
         raise InputError(
-            f"{one.where}: has {found}, which the model {model} has not; set it to 0, or name another model"
+            f"{one.where}: has {found}, which the model {model} does not use; set it to 0, or name another model"
         )
     names = {name: one.value(name) for name in needed_here}
     return camera({name.lower(): value for name, value in {**values, **names}.items()}, _size(one))
 
 
 def _size(one: _Camera) -> tuple[int, int] | None:
-    """Size of the photographs, None where it is not known."""
+    """Size of the photographs; None if unknown."""
     if "IMAGE_HEIGHT_WIDTH" not in one.entries:
         return None
     sides = _vector(one.where, "IMAGE_HEIGHT_WIDTH", one.entries["IMAGE_HEIGHT_WIDTH"])

@@ -1,4 +1,4 @@
-"""What a file says of a rig, the checks that any of them must pass, and the calibrated rig made of it."""
+"""The rig as a file gives it, its checks, and the calibrated rig made from it."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ __all__ = [
 Array = NDArray[np.float64]
 
 _NO_ROTATION = 1e-3
-"""Distance of R Rᵀ from the identity above which R is no rounded rotation but something else."""
+"""Distance of R Rᵀ from the identity up to which R is a rounded rotation."""
 _SHORT_MM = 2.0
 _OFF_CENTRE = 0.25
 
@@ -54,11 +54,11 @@ class Source(NamedTuple):
 
 
 class DraftCamera(NamedTuple):
-    """What a file says of one camera.
+    """One camera as a file gives it.
 
     matrix : (3, 3) — pixel centres at integers from 0 [px]
     distortion : (5,) — k1, k2, p1, p2, k3 [-]
-    size : (width, height) of its photographs, None where the file does not say it [px]
+    size : (width, height) of its photographs, None if the file does not give it [px]
     """
 
     matrix: Array
@@ -67,11 +67,11 @@ class DraftCamera(NamedTuple):
 
 
 class Draft(NamedTuple):
-    """What a file says of a rig.
+    """A rig as a file gives it.
 
-    program : whose format it is, as messages say it
+    program : name of the program that wrote the file, for messages
     rotation, translation : (3, 3) and (3,) [mm] — X1 = rotation @ X0 + translation
-    warnings : what the user should know
+    warnings : messages for the user
     covariance : (24, 24) of :data:`~dicflow.core.cameras.rig_parameters.PARAMETERS`; None if unknown
     """
 
@@ -94,7 +94,7 @@ class Calibration(NamedTuple):
 
 
 def number(where: str, name: str, text: Any) -> float:
-    """A finite number. Raises InputError that says where there is none."""
+    """A finite number. Raises InputError that names the place for anything else."""
     try:
         value = float(text)
     except (TypeError, ValueError):
@@ -141,27 +141,27 @@ def euler_deg(x: float, y: float, z: float) -> Array:
 
 
 def relative(first: tuple[Array, Array], second: tuple[Array, Array]) -> tuple[Array, Array]:
-    """From the first camera's frame to the second's, where each is given as rotation and translation from a world."""
+    """From the first camera's frame to the second's, each given as rotation and translation from the world."""
     rotation = second[0] @ first[0].T
     return rotation, second[1] - rotation @ first[1]
 
 
 def unpublished_law(left: DraftCamera, right: DraftCamera) -> tuple[str, ...]:
-    """The warning for a radial distortion whose law its program does not publish; none where there is no distortion."""
-    bent = max(_corner_shift_px(left), _corner_shift_px(right))
+    """The warning for a radial distortion whose law its program does not publish; empty without distortion."""
+    shift_px = max(_corner_shift_px(left), _corner_shift_px(right))
     if not (left.distortion.any() or right.distortion.any()):
         return ()
     return (
         "the law of VIC-3D's radial distortion is not published; k1, k2, k3 are read as 1 + k1 r² + k2 r⁴ + k3 r⁶, "
-        f"which moves the photograph's corner by {bent:.2g} px",
+        f"which moves the photograph's corner by {shift_px:.2g} px",
     )
 
 
 def complete(path: Path, draft: Draft, image_size: tuple[int, int] | None) -> Calibration:
     """The calibrated rig of a draft.
 
-    image_size : (width, height) of the photographs to be measured; None where they are not known
-    Raises InputError where the numbers are no rig, or one for photographs of another size.
+    image_size : (width, height) of the photographs to be measured; None if unknown
+    Raises InputError if the numbers are not a rig, or not one for photographs of this size.
     """
     left = _complete_camera(f"{path}: the left camera", draft.left, image_size)
     right = _complete_camera(f"{path}: the right camera", draft.right, image_size)
@@ -173,7 +173,7 @@ def complete(path: Path, draft: Draft, image_size: tuple[int, int] | None) -> Ca
 def _complete_camera(where: str, one: DraftCamera, image_size: tuple[int, int] | None) -> Camera:
     matrix = one.matrix
     if not (np.isfinite(matrix).all() and np.isfinite(one.distortion).all()):
-        raise InputError(f"{where} has parameters that are no finite numbers; export the calibration again")
+        raise InputError(f"{where} has parameters that are not finite numbers; export the calibration again")
     if not (matrix[[1, 2, 2], [0, 0, 1]] == 0.0).all() or matrix[2, 2] != 1.0:
         raise InputError(
             f"{where} has the matrix {matrix.tolist()}; expected [[fx, skew, cx], [0, fy, cy], [0, 0, 1]], transpose it"
@@ -193,38 +193,36 @@ def _complete_camera(where: str, one: DraftCamera, image_size: tuple[int, int] |
 
 
 def _agreed_size(where: str, one: DraftCamera, image_size: tuple[int, int] | None) -> tuple[int, int]:
-    """Size of the photographs, from the file or from the photographs, which must agree."""
-    said = one.size or image_size
-    if said is None:
-        raise InputError(
-            f"{where}: the file does not say the size of the photographs; name the stage of the photographs as 'images'"
-        )
-    if min(said) < 1:
-        raise InputError(f"{where}: the size of the photographs is {said[0]} × {said[1]} px; write the right one")
-    if image_size is not None and said != tuple(image_size):
-        factor, other = image_size[0] / said[0], image_size[1] / said[1]
+    """Size of the photographs by the file or by the photographs; the two must agree."""
+    size = one.size or image_size
+    if size is None:
+        raise InputError(f"{where}: the file does not give the size of the photographs; name their stage as 'images'")
+    if min(size) < 1:
+        raise InputError(f"{where}: the size of the photographs is {size[0]} × {size[1]} px; write the size in pixels")
+    if image_size is not None and size != tuple(image_size):
+        factor, other = image_size[0] / size[0], image_size[1] / size[1]
         same = abs(factor / other - 1.0) < 0.01
         found = f"these are {factor:.4g} times as large: " if same else "these have "
         raise InputError(
-            f"{where} was calibrated on photographs of {said[0]} × {said[1]} px, but {found}{image_size[0]} × "
+            f"{where} was calibrated on photographs of {size[0]} × {size[1]} px, but {found}{image_size[0]} × "
             f"{image_size[1]} px; use photographs as the camera gave them when it was calibrated"
         )
-    return said
+    return size
 
 
 def _centre_warnings(side: str, one: Camera) -> tuple[str, ...]:
-    """What the principal point tells of the size of the photographs."""
+    """A warning if the principal point does not fit the size of the photographs."""
     centre, size = one.matrix[:2, 2], np.array(one.size)
     if (np.abs(centre - (size - 1.0) / 2.0) <= _OFF_CENTRE * size).all():
         return ()
     return (
         f"the {side} camera's principal point is far from the middle of photographs of {size[0]} × {size[1]} px, "
-        f"{_guessed(one.matrix)}; unless they were cut out, it was calibrated on others",
+        f"{_guessed(one.matrix)}; unless they were cropped, it was calibrated on photographs of another size",
     )
 
 
 def _guessed(matrix: Array) -> str:
-    """What the principal point tells of the size, were it in the middle."""
+    """The principal point, and the size of photographs that have it in the middle."""
     x, y = matrix[:2, 2]
     return f"at ({x:.1f}, {y:.1f}) as for photographs of about {2 * x + 1:.0f} × {2 * y + 1:.0f} px"
 
@@ -240,7 +238,7 @@ def _rotation(path: Path, rotation: ArrayLike) -> Array:
     """The rotation nearest to the given one, which is rounded to the digits of its file (Schönemann 1966)."""
     given = np.asarray(rotation, dtype=float)
     if not np.isfinite(given).all() or np.abs(given @ given.T - np.eye(3)).max() > _NO_ROTATION:
-        raise InputError(f"{path}: R = {given.tolist()} is no rotation; export the calibration again")
+        raise InputError(f"{path}: R = {given.tolist()} is not a rotation; export the calibration again")
     if np.linalg.det(given) < 0.0:
         raise InputError(f"{path}: R mirrors; expected a rotation of determinant 1, export the calibration again")
     if np.abs(given @ given.T - np.eye(3)).max() < 1e-14:

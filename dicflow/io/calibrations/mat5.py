@@ -28,7 +28,7 @@ _DEEPEST = 8
 
 @dataclass(frozen=True)
 class Opaque:
-    """A variable that is no plain array, text or structure: an object, a cell, a sparse matrix, many structures."""
+    """A variable of another kind than array, text or structure: an object, cell, sparse matrix or structures."""
 
     kind: int
 
@@ -41,7 +41,7 @@ class _Element(NamedTuple):
 def read_mat(data: bytes) -> dict[str, Any]:
     """Variables by name: arrays of the file's shape, text, structures as dictionaries, and :class:`Opaque`.
 
-    Raises ValueError that says what is wrong with a damaged file.
+    Raises ValueError for a damaged file, with the reason.
     """
     marks = {b"IM": "<", b"MI": ">"}
     order = marks.get(data[_HEADER - 2 : _HEADER])
@@ -56,11 +56,11 @@ def read_mat(data: bytes) -> dict[str, Any]:
 
 
 def _elements(data: bytes, order: str) -> Iterator[_Element]:
-    """The elements that fill some bytes; those up to 4 bytes long stand inside their tag."""
+    """The elements in these bytes; data up to 4 bytes long are part of the tag."""
     place = 0
     while place < len(data):
         if len(data) - place < 8:
-            raise ValueError("it ends inside a tag")
+            raise ValueError("the file ends within a tag")
         kind, length = (int(word) for word in np.frombuffer(data, f"{order}u4", 2, place))
         start, step = place + 8, length if kind == _COMPRESSED else -(-length // 8) * 8
         if kind >> 16:
@@ -114,7 +114,7 @@ def _numbers(element: _Element, order: str) -> np.ndarray:
         raise ValueError(f"numbers have the unknown type {element.kind}")
     dtype = np.dtype(order + _NUMBERS[element.kind])
     if len(element.data) % dtype.itemsize:
-        raise ValueError("numbers end inside one")
+        raise ValueError("the data end within a number")
     return np.frombuffer(element.data, dtype)
 
 
@@ -144,6 +144,6 @@ def _structure(parts: list[_Element], order: str, depth: int) -> dict[str, Any]:
     if width <= 0 or len(names) != width * len(values):
         raise ValueError("the names of a structure's fields do not match its values")
     if any(value.kind != _MATRIX for value in values):
-        raise ValueError("a field of a structure is no variable")
+        raise ValueError("a field of a structure is not a variable")
     fields = (names[start : start + width].split(b"\0")[0].decode("latin-1") for start in range(0, len(names), width))
     return {field: _variable(value.data, order, depth + 1)[1] for field, value in zip(fields, values, strict=True)}

@@ -1,7 +1,7 @@
 """Calibrations of MATLAB's Computer Vision Toolbox, saved as a structure of plain arrays (.mat).
 
 ``IntrinsicMatrix`` and ``RotationOfCamera2`` are transposed, ``K`` and ``PoseCamera2`` are not. MATLAB counts pixels
-from 1, so 1 is taken off the principal points.
+from 1, so 1 is subtracted from the principal points.
 """
 
 from __future__ import annotations
@@ -38,25 +38,25 @@ Array = NDArray[np.float64]
 
 
 def recognises(source: Source) -> bool:
-    """Whether the file begins as those that MATLAB saves."""
+    """Whether the file begins as MATLAB's files do."""
     return source.data.startswith(b"MATLAB ")
 
 
 def parse(source: Source) -> Draft:
-    """The rig that the file holds. Raises InputError that tells what to do in MATLAB where it is an object."""
+    """The rig that the file holds. Raises InputError with a remedy in MATLAB if it is an object."""
     values = _structure(source)
     needed(source.path, PROGRAM, values, _CAMERAS)
     left, right = (_camera(source, name, values[name]) for name in _CAMERAS)
     rotation, translation = _pose(source, values)
-    said = values[_CAMERAS[0]].get("WorldUnits")
-    warnings = () if said else ("no WorldUnits in it; its translation is taken to be in mm",)
-    return Draft(PROGRAM, left, right, rotation, translation * _unit(source, said), warnings)
+    unit = values[_CAMERAS[0]].get("WorldUnits")
+    warnings = () if unit else ("no WorldUnits in the file; its translation is read in mm",)
+    return Draft(PROGRAM, left, right, rotation, translation * _unit(source, unit), warnings)
 
 
 def _structure(source: Source) -> Mapping[str, Any]:
     """The structure with the cameras, which may be a variable or the file itself."""
     if source.data.startswith(b"MATLAB 7.3"):
-        raise InputError(f"{source.path}: is saved as version 7.3; expected plain arrays of version 7: {_EXPORT}")
+        raise InputError(f"{source.path}: has version 7.3; expected plain arrays of version 7: {_EXPORT}")
     try:
         values = read_mat(source.data)
     except ValueError as error:
@@ -102,12 +102,12 @@ def _pose(source: Source, values: Mapping[str, Any]) -> tuple[Array, Array]:
     return whole[:3, :3], whole[:3, 3]
 
 
-def _unit(source: Source, said: Any) -> float:
-    """mm in the unit of the translation, which is mm where the file does not say it."""
-    said = str(said or "mm")
-    if said.lower() not in _UNITS:
-        raise InputError(f"{source.path}: WorldUnits is '{said}'; expected millimeters, calibrate in them")
-    return _UNITS[said.lower()]
+def _unit(source: Source, unit: Any) -> float:
+    """Factor from the unit of the translation to mm, which is also the unit of files that give none."""
+    unit = str(unit or "mm")
+    if unit.lower() not in _UNITS:
+        raise InputError(f"{source.path}: WorldUnits is '{unit}'; expected millimeters; calibrate in millimeters")
+    return _UNITS[unit.lower()]
 
 
 def _array(where: str, values: Mapping[str, Any], name: str, *shapes: tuple[int, ...]) -> Array:
@@ -117,8 +117,8 @@ def _array(where: str, values: Mapping[str, Any], name: str, *shapes: tuple[int,
     try:
         found = np.squeeze(np.asarray(values[name], dtype=float))
     except (TypeError, ValueError) as error:
-        raise InputError(f"{where}: {name} is no plain array; {_EXPORT}") from error
+        raise InputError(f"{where}: {name} is not a plain array; {_EXPORT}") from error
     if found.shape not in shapes:
-        wanted = " or ".join(" × ".join(map(str, shape)) for shape in shapes)
-        raise InputError(f"{where}: {name} is {' × '.join(map(str, found.shape))}, expected {wanted}; {_EXPORT}")
+        expected = " or ".join(" × ".join(map(str, shape)) for shape in shapes)
+        raise InputError(f"{where}: {name} is {' × '.join(map(str, found.shape))}, expected {expected}; {_EXPORT}")
     return found

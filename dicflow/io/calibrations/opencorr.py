@@ -1,7 +1,8 @@
 """OpenCorr's calibrations: a table ``name,left,right`` of Fx, Fy, Fs, Cx, Cy, K1 … K6, P1, P2, Tx … Tz, Rx … Rz.
 
 Each camera's pose carries the world into its frame. OpenCorr turns by a rotation vector in radians (Rodrigues); tables
-made for other readers of this format hold angles in degrees, R = Rz(Rz) · Ry(Ry) · Rx(Rx), and are told by their size.
+made for other readers of this format hold angles in degrees, R = Rz(Rz) · Ry(Ry) · Rx(Rx), and are recognised by their
+size.
 """
 
 from __future__ import annotations

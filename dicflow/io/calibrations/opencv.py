@@ -25,7 +25,7 @@ __all__ = ["GENERAL", "PROGRAM", "opencv_text", "parse", "recognises", "write_op
 
 PROGRAM = "OpenCV (YAML, XML)"
 GENERAL = True
-"""The entries have so many names that it recognises files of others."""
+"""Its entries have so many names that it also recognises files of other formats."""
 
 _PAIRS = (("1", "2"), ("0", "1"), ("left", "right"), ("l", "r"))
 _MATRIX = ("cameramatrix", "intrinsicmatrix", "intrinsics", "k", "m", "mtx")
@@ -57,8 +57,8 @@ def parse(source: Source) -> Draft:
     if not (matrices and lenses and turn and shift):
         found = ", ".join(entries) or "nothing"
         raise InputError(
-            f"{source.path}: expected {_EXPECTED} of a stereo calibration, found {found:.200}; write them all into one "
-            "file, also where intrinsics and extrinsics were kept in two"
+            f"{source.path}: expected {_EXPECTED} of a stereo calibration, found {found:.200}; write intrinsics "
+            "and extrinsics into one file"
         )
     left, right = (
         DraftCamera(
@@ -131,7 +131,9 @@ def _read(source: Source) -> Mapping[str, Any]:
         where = f"{source.path}:{mark.line + 1}" if mark is not None else str(source.path)
         raise InputError(f"{where}: is damaged YAML; write the calibration again with cv2.FileStorage") from error
     if not isinstance(entries, dict):
-        raise InputError(f"{source.path}: expected {_EXPECTED} by name, found {type(entries).__name__}; write them so")
+        raise InputError(
+            f"{source.path}: expected {_EXPECTED} by name, found {type(entries).__name__}; write the entries by name"
+        )
     return entries
 
 
@@ -150,7 +152,7 @@ def _plain(name: str) -> str:
 
 
 def _pair_of(names: Any, stems: tuple[str, ...]) -> tuple[str, str] | tuple[()]:
-    """The names that both cameras' entries have, of all that are usual."""
+    """Names of an entry of both cameras; empty if it is missing."""
     for first, second in _PAIRS:
         for stem in stems:
             for pair in ((stem + first, stem + second), (first + stem, second + stem)):
@@ -176,9 +178,9 @@ def _array(path: Path, entries: Mapping[str, Any], name: str, *shapes: tuple[int
     numbers = np.array([number(where, "a value", one) for one in (value if isinstance(value, list) else [value])])
     given = given or (numbers.size,)
     if numbers.size != np.prod(given) or (shapes and given not in shapes):
-        wanted = " or ".join(" × ".join(map(str, shape)) for shape in shapes) or "as many numbers as rows and cols say"
+        expected = " or ".join(" × ".join(map(str, shape)) for shape in shapes) or "rows × cols numbers"
         raise InputError(
-            f"{where} has {numbers.size} numbers as {' × '.join(map(str, given))}; expected {wanted}, write it again"
+            f"{where} has {numbers.size} numbers as {' × '.join(map(str, given))}; expected {expected}, write it again"
         )
     return numbers.reshape(given)
 
@@ -187,14 +189,14 @@ def _coefficients(path: Path, entries: Mapping[str, Any], name: str) -> Array:
     values = _array(path, entries, name).ravel()
     if values.size not in (4, 5, 8, 12, 14):
         raise InputError(
-            f"{path}: {name} has {values.size} numbers; expected k1, k2, p1, p2, k3, zeros where there is no distortion"
+            f"{path}: {name} has {values.size} numbers; expected k1, k2, p1, p2, k3, or zeros without distortion"
         )
     refuse_terms(f"{path}: {name}", dict(zip(_EXTRA, values[5:].tolist(), strict=False)))
     return np.concatenate([values, np.zeros(1)])[:5]
 
 
 def _size(path: Path, entries: Mapping[str, Any], side: str) -> tuple[int, int] | None:
-    """Size of one camera's photographs, None where the file does not say it."""
+    """Size of one camera's photographs, None if the file does not give it."""
     name = _named(entries, tuple(stem + side for stem in _SIZE) + _SIZE)
     if name:
         width, height = _array(path, entries, name, (2,), (1, 2), (2, 1)).ravel().tolist()
@@ -208,8 +210,8 @@ def _size(path: Path, entries: Mapping[str, Any], side: str) -> tuple[int, int] 
 
 def _refuse_other_lenses(path: Path, entries: Mapping[str, Any]) -> None:
     for name, value in entries.items():
-        said = f"{name} {value}".lower() if isinstance(value, str) else ""
-        if "model" in name and any(lens in said for lens in _OTHER_LENSES):
+        text = f"{name} {value}".lower() if isinstance(value, str) else ""
+        if "model" in name and any(lens in text for lens in _OTHER_LENSES):
             raise InputError(
                 f"{path}: {name} is {value}; dicflow's cameras have the terms k1, k2, p1, p2, k3, calibrate with them"
             )

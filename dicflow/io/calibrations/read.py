@@ -25,10 +25,10 @@ _MAX_BYTES = 50_000_000
 
 
 def read_calibration(path: Path, image_size: tuple[int, int] | None = None) -> Calibration:
-    """The rig that a file holds, and what its user should know.
+    """The rig that a file holds, with warnings.
 
-    image_size : (width, height) of the photographs to be measured [px]. It completes formats that do not say it, and
-        is checked against those that do
+    image_size : (width, height) of the photographs to be measured [px]. It is used for
+        files that do not give it, and must agree with those that do
     Raises InputError that names the file, the place in it and the remedy.
     """
     path = Path(path)
@@ -36,7 +36,7 @@ def read_calibration(path: Path, image_size: tuple[int, int] | None = None) -> C
 
 
 def parse_calibration(path: Path) -> Draft:
-    """What a file says of a rig, not yet checked. Raises InputError for a file of no format, or of two."""
+    """The rig as a file gives it, not yet checked. Raises InputError for an unknown format, or for two that fit."""
     path = Path(path)
     source = Source(path, _bytes(path))
     formats, unusable = _formats()
@@ -47,7 +47,7 @@ def parse_calibration(path: Path) -> Draft:
         raise InputError(f"{path}: looks like a calibration of {' and of '.join(names)}; uninstall one of the plug-ins")
     if not specific:
         raise InputError(
-            f"{path}: is no calibration of two cameras that dicflow knows; expected a file of {', '.join(names)}; "
+            f"{path}: not a calibration of two cameras in a known format; expected a file of {', '.join(names)}; "
             "export the calibration as OpenCV YAML with cameraMatrix1, distCoeffs1, cameraMatrix2, distCoeffs2, R and T"
             + "".join(f"; {problem}" for problem in unusable)
         )
@@ -67,7 +67,7 @@ def _formats() -> tuple[list[_Format], list[str]]:
 
 
 def _is_general(known: _Format) -> bool:
-    """Whether more specific formats are preferred where they recognise a file too."""
+    """Whether a more specific format is preferred if both recognise a file."""
     return bool(getattr(known, "GENERAL", False))
 
 

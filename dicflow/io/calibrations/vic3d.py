@@ -63,7 +63,7 @@ def parse(source: Source) -> Draft:
 
 
 def _project(source: Source) -> bytes:
-    """The project's XML out of the archive, read in memory and no further than a calibration can reach."""
+    """The project's XML in the archive, unpacked in memory up to the size of the largest calibration."""
     try:
         with zipfile.ZipFile(io.BytesIO(source.data)) as archive, archive.open(_MEMBER) as member:
             data = member.read(_MAX_BYTES + 1)

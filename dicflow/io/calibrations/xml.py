@@ -1,4 +1,4 @@
-"""XML that strangers wrote: parsed without entities, which could read other files or grow without bounds."""
+"""XML from unknown sources: parsed without entities, which could read other files or expand without limit."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ __all__ = ["parse_xml"]
 
 
 def parse_xml(path: Path, data: bytes) -> ElementTree.Element:
-    """The root of a document. Raises InputError with the place where it is no XML or declares an entity."""
+    """The root of a document. Raises InputError with the place for damaged XML and for entities."""
     parser = expat.ParserCreate()
 
     def refuse(*_: object) -> NoReturn:

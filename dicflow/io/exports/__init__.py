@@ -35,7 +35,7 @@ def beside() -> dict[str, tuple[str, ...]]:
 
 
 def _read(name: str, constant: str, default: Any) -> Any:
-    """A constant of a format; the default for a plug-in that cannot be used, whose use says why."""
+    """A constant of a format; the default for a plug-in that cannot be used, which is reported at its use."""
     try:
         return FORMATS.constant(name, constant, default)
     except ConfigurationError:

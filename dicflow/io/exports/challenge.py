@@ -24,7 +24,7 @@ _COLUMNS = ("x_image", "y_image", "X", "Y", "Z", "U", "V", "W", *_STRAINS)
 def write(items: Iterable[Item], folder: Path, name: str) -> None:
     """One table per step, one row per measured point, its places at the first step.
 
-    Raises ConfigurationError where nobody knows the points' places in the photograph of the first step.
+    Raises ConfigurationError if the points' places in the photograph of the first step are unknown.
     """
     for item in items:
         item.refuse_choice("challenge")

@@ -16,7 +16,7 @@ DESCRIPTION = "a region"
 KINDS = ("region",)
 BESIDE = ("region",)
 _SPACING_PX = 20.0
-"""Longest edge: a straight one would leave the curve that lens distortion makes of it."""
+"""Longest edge: lens distortion curves an edge, which a longer straight one would not follow."""
 
 
 def write(items: Iterable[Item], folder: Path, name: str) -> None:

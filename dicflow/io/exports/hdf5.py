@@ -34,7 +34,7 @@ def write(items: Iterable[Item], folder: Path, name: str) -> None:
 
 
 def _group(name: str) -> str:
-    """A name as that of one group; a slash would part it, and a dot alone means the group itself."""
+    """Name of one group: a slash would split it, and a dot alone means the group itself."""
     return name.replace("/", "_") if name.strip(".") else name.replace(".", "_")
 
 

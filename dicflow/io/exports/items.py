@@ -1,4 +1,4 @@
-"""What is exported: a product, with its names and what only the whole test knows of it."""
+"""What is exported: a product with its names, and its place in the test."""
 
 from __future__ import annotations
 
@@ -16,17 +16,17 @@ if TYPE_CHECKING:
 __all__ = ["Item", "place"]
 
 _REFUSED = re.compile(r'[\x00-\x1f<>:"/\\|?*]')
-"""Characters that a file system does not take in a name."""
+"""Characters that some file system does not allow in a name."""
 
 
 class Item(NamedTuple):
     """A product to be written.
 
-    stage, step : its names; no step for a stage that runs once
-    product : whole
-    quantities : names of the arrays to write; all without any
-    places : gives the place of every point in the left photograph of the first step, (row, col, 2) [px]; None where
-        there is none
+    stage, step : its names; step is None for a stage that runs once
+    product : with all its arrays
+    quantities : names of the arrays to write; empty for all
+    places : gives the place of every point in the left photograph of the first step, (row, col, 2) [px]; None if
+        unknown
     outline : carries pixels of the image in which a region is kept, (n, 2), into those of the left photograph
     number : of the step in the test; the first photograph has 0
     """
@@ -41,26 +41,26 @@ class Item(NamedTuple):
 
     @property
     def stem(self) -> str:
-        """Name of its file without the suffix; characters that no file system takes are underscores."""
+        """Name of its file without the suffix; characters that some file system does not allow are underscores."""
         return _REFUSED.sub("_", self.stage if self.step is None else f"{self.stage}_{self.step}")
 
     @property
     def chosen(self) -> Product:
-        """The product with the arrays that are asked for."""
+        """The product with the selected arrays."""
         if not self.quantities:
             return self.product
         arrays = {name: self.product.variables[name] for name in self.quantities}
         return Product(self.product.kind, arrays, self.product.attrs)
 
     def refuse_choice(self, format_name: str) -> None:
-        """Raise ConfigurationError where arrays are chosen, for a format whose columns are fixed."""
+        """Raise ConfigurationError if arrays are selected, for a format whose columns are fixed."""
         if self.quantities:
-            raise ConfigurationError(f"{format_name} has columns of its own; leave --quantity out, or export as csv")
+            raise ConfigurationError(f"{format_name} has fixed columns; leave --quantity out, or export as csv")
 
 
 def place(folder: Path, name: str) -> Path:
-    """Path of a file that is not there yet. Raises InputError where two products would share a file."""
+    """Path of a file to be written. Raises InputError if two products have the same file name."""
     path = folder / name
     if path.exists():
-        raise InputError(f"{name}: two products would have this file; export them one by one into two folders")
+        raise InputError(f"{name}: two products have this file name; export each into a folder of its own")
     return path

@@ -17,7 +17,7 @@ BESIDE = ("rig",)
 
 
 def write(items: Iterable[Item], folder: Path, name: str) -> None:
-    """One file per rig, with its covariance where it is known; the numbers come back bit for bit."""
+    """One file per rig, with its covariance if it is known; the numbers come back bit for bit."""
     for item in items:
         rig = CalibratedRig.read(item.product)
         text = rig_text(rig.cameras, rig.covariance)

@@ -35,7 +35,7 @@ _STRAINS = {
 def write(items: Iterable[Item], folder: Path, name: str) -> None:
     """One table per step: places at the first step, displacement, strain; one row per measured point.
 
-    Places in the photograph, by which tables are compared, are there where points are the same at every step.
+    Tables are compared by the places in the photograph, which exist if the points are the same material at every step.
     """
     for item in items:
         item.refuse_choice("matchid")

@@ -32,7 +32,7 @@ class Points(NamedTuple):
 def points(product: Product) -> Points:
     """The measured points of a total, row by row.
 
-    The principal strains are the product's own where it has them, else those of the tensor (εxx, εyy, εxy).
+    The principal strains are the product's own if it has them, else those of the tensor (εxx, εyy, εxy).
     """
     total = Total.read(product)
     known = total.known()
