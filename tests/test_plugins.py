@@ -69,16 +69,42 @@ TITLE = "Brightness of the photographs"
 def brightness(context):
     return Section("brightness", TITLE, Markup("<p>{} steps</p>").format(len(context.result.steps("brightness"))))
 """
+SCHEDULER = """
+from contextlib import contextmanager
+from pathlib import Path
+
+from dicflow.engine.work import perform
+
+class Backend:
+    link = ""
+
+    def compute(self, jobs, outcomes, finished):
+        for job in jobs:
+            finished(perform(job, *job.known_inputs(outcomes)))
+
+@contextmanager
+def queue(options):
+    print("opened", options.scheduler, options.workers)
+    yield Backend()
+"""
 POINTS = {
     "dicflow.stages": {"brightness": "toys.stage:Brightness"},
     "dicflow.calibrations": {"toy": "toys.calibration"},
     "dicflow.exports": {"toy": "toys.export"},
     "dicflow.report_sections": {"brightness": "toys.section"},
+    "dicflow.schedulers": {"queue": "toys.scheduler:queue"},
 }
-MODULES = {"__init__": "", "stage": STAGE, "grey": GREY, "calibration": CALIBRATION, "export": EXPORT}
+MODULES = {
+    "__init__": "",
+    "stage": STAGE,
+    "grey": GREY,
+    "calibration": CALIBRATION,
+    "export": EXPORT,
+    "scheduler": SCHEDULER,
+}
 FILES = {f"toys/{name}.py": text for name, text in {**MODULES, "section": SECTION}.items()}
 BROKEN = "import a_package_that_is_missing\n"
-GROUPS = ("dicflow.stages", "dicflow.calibrations", "dicflow.exports", "dicflow.report_sections")
+GROUPS = (*POINTS,)
 PIPELINE = """\
 stages:
   photos: {stage: images, left: "left/*.png", right: "right/*.png"}
@@ -139,6 +165,21 @@ def test_an_edit_in_the_package_of_a_stage_recomputes_the_stage(site, pipeline):
     (site.folder / "toys/grey.py").write_text(GREY.replace("mean()", "max()"))
     assert re.search(r"^brightness +0 +2", site.dicflow("plan", pipeline), re.MULTILINE)
     assert re.search(r"^photos +2 +0", site.dicflow("plan", pipeline), re.MULTILINE)
+
+
+@pytest.mark.parametrize("scheduler", ["queue", "queue://far:1"])
+def test_a_scheduler_of_another_package_runs_the_tasks(site, pipeline, scheduler):
+    assert f"opened {scheduler} 1\n" in run(site, pipeline, scheduler)
+    assert shown(site, pipeline, "brightness/1")["mean"] == 11.0
+
+
+def test_an_unknown_scheduler_names_those_of_other_packages(broken, pipeline):
+    done = broken.python("-m", "dicflow", "run", pipeline, "--scheduler", "quue")
+    assert done.returncode == 2
+    assert "unknown scheduler 'quue', did you mean 'queue'?" in " ".join(done.stderr.split())
+    done = broken.python("-m", "dicflow", "run", pipeline, "--scheduler", "ruin")
+    assert done.returncode == 2
+    assert "ruins 1.0 (entry point ruin = ruins) cannot be used" in " ".join(done.stderr.split())
 
 
 def test_a_calibration_of_another_package_is_read(site, pipeline):

@@ -1,6 +1,8 @@
-"""The schedulers that a run can use, by name or by address scheme; :data:`SCHEDULERS` is the only list of them.
+"""The schedulers that a run can use, by name or by address scheme.
 
-Nothing of dask is imported before a scheduler is opened.
+A scheduler is one entry of :data:`SCHEDULERS`, or an entry point ``dicflow.schedulers`` of another package that names a
+function like ``Scheduler.open``. The name of the entry point serves alone and as the scheme of an address. Nothing of
+dask and no plug-in is imported before a scheduler is opened.
 """
 
 from __future__ import annotations
@@ -11,7 +13,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Protocol
 from urllib.parse import urlsplit
 
-from dicflow.discovery import nearest
+from dicflow.discovery import Registry, nearest
 from dicflow.errors import ConfigurationError
 
 if TYPE_CHECKING:
@@ -126,33 +128,48 @@ SCHEDULERS: Mapping[str, Scheduler] = {
 }
 """Name, or scheme of an address that ends in ``://`` → scheduler."""
 
+_PLUGINS = Registry("scheduler", "", "dicflow.schedulers")
+
 
 def scheduler_names() -> str:
-    """The names and forms of address in one line, for help and messages."""
+    """The names and forms of address of our own schedulers in one line, for help and messages."""
     *names, last = (f"{name}host:port" if name.endswith("://") else name for name in SCHEDULERS)
     return f"{', '.join(names)} or {last}"
 
 
 def check_scheduler(scheduler: str, workers: int) -> None:
     """Raises ConfigurationError for an unknown scheduler, and for less than one worker."""
-    if _entry(scheduler) not in SCHEDULERS:
-        hint = nearest(scheduler, SCHEDULERS)
-        raise ConfigurationError(f"unknown scheduler '{scheduler}'{hint}; use {scheduler_names()}")
+    if _entry(scheduler) not in SCHEDULERS and _plugin(scheduler) not in _PLUGINS.names():
+        hint = nearest(scheduler, [*SCHEDULERS, *_PLUGINS.names()])
+        known = ", ".join([scheduler_names(), *_PLUGINS.names()])
+        raise ConfigurationError(f"unknown scheduler '{scheduler}'{hint}; use {known}")
     if workers < 1:
         raise ConfigurationError(f"workers must be at least 1, got {workers}")
 
 
 def scheduler_warning(scheduler: str) -> str:
     """Text about a risk of a scheduler, "" for none."""
-    return SCHEDULERS[_entry(scheduler)].warning(scheduler)
+    entry = SCHEDULERS.get(_entry(scheduler))
+    return entry.warning(scheduler) if entry is not None else ""
 
 
 def open_backend(options: BackendOptions) -> AbstractContextManager[Backend]:
-    """The backend of a scheduler; its processes end with the context."""
-    return SCHEDULERS[_entry(options.scheduler)].open(options)
+    """The backend of a scheduler; its processes end with the context.
+
+    Raises ConfigurationError for a plug-in that cannot be imported, and for a name that two packages use.
+    """
+    entry = SCHEDULERS.get(_entry(options.scheduler))
+    if entry is None:
+        entry = Scheduler(_PLUGINS.load(_plugin(options.scheduler)))
+    return entry.open(options)
 
 
 def _entry(scheduler: str) -> str:
-    """Name of its entry among the schedulers."""
+    """Name of its entry in our own table."""
     scheme, separator, _ = scheduler.partition("://")
     return scheme + separator
+
+
+def _plugin(scheduler: str) -> str:
+    """Name of its entry point: the name itself, or the scheme of an address."""
+    return scheduler.partition("://")[0]
