@@ -73,14 +73,17 @@ SCHEDULER = """
 from contextlib import contextmanager
 from pathlib import Path
 
-from dicflow.engine.work import perform
+from dicflow.engine.work import Defect, perform
 
 class Backend:
     link = ""
 
     def compute(self, jobs, outcomes, finished):
         for job in jobs:
-            finished(perform(job, *job.known_inputs(outcomes)))
+            try:
+                finished(perform(job, *job.known_inputs(outcomes)))
+            except Defect as defect:
+                finished(job.outcome("failed", error=str(defect)))
 
 @contextmanager
 def queue(options):

@@ -48,6 +48,9 @@ class Backend(Protocol):
         jobs : every job after those it takes from; it ends early when the run is stopped
         outcomes : of all tasks that have ended; ``finished`` adds to it
         finished : called once per job, in the thread that called this
+
+        A job is run by :func:`dicflow.engine.work.perform`. Where that raises a Defect it is tried again, as often as
+        ``BackendOptions.retries`` says, and the last Defect's text is the error of a failed outcome.
         """
 
 
