@@ -262,7 +262,8 @@ def _journal(plan: Plan, store: Store, pipeline: str, resolved: Any) -> Journal 
 def _keep_code(plan: Plan, store: Store) -> None:
     """Keep which code the records will name."""
     for stage in dict.fromkeys(entry.task.stage for entry in plan.entries.values() if entry.state != "hit"):
-        store.put_code(plan.code[stage].root, plan.code[stage].parts)
+        with suppress(StoreError):  # it only explains; a full disk is reported by the tasks
+            store.put_code(plan.code[stage].root, plan.code[stage].parts)
 
 
 def _jobs(plan: Plan, store: Store, run_id: str, code_policy: CodePolicy) -> Iterator[Job]:
