@@ -55,3 +55,9 @@ def test_default_unit_and_limits(name, parameter, lines):
 
 def test_an_unknown_stage():
     dicflow("stages", "correlat").refuses(2, "no stage 'correlat', did you mean 'correlate'?")
+
+
+def test_a_parameter_that_follows_another_stage_says_so():
+    shown = dicflow("stages", "stereo").out
+    assert "  gaussian: as in correlation\n" in shown
+    assert "  max_znssd: 0.3\n" in shown

@@ -53,16 +53,19 @@ def stage_lines(name: str, kind: type[Node]) -> Iterator[str]:
     yield from ("", f"gives {kind.gives}", "", "parameters")
     schema = kind.model_json_schema()
     own = [name for name in schema["properties"] if name not in ("stage", "keep")]
+    followed = {parameter: port for port, names in kind.follows.items() for parameter in names}
     for parameter in (*own, "keep"):
-        yield from _parameter_lines(parameter, schema["properties"][parameter], schema)
+        yield from _parameter_lines(parameter, schema, followed.get(parameter, ""))
 
 
-def _parameter_lines(name: str, own: Mapping[str, Any], schema: Mapping[str, Any]) -> Iterator[str]:
+def _parameter_lines(name: str, schema: Mapping[str, Any], followed: str) -> Iterator[str]:
+    """followed : port whose stage has the default; "" for a default of its own"""
+    own = schema["properties"][name]
     value = own.get("default")
     default = "required" if name in schema.get("required", ()) else _value(value)
     joint = ", in " if value is None or isinstance(value, str) else " "
     unit = f"{joint}{own['unit']}" if own.get("unit") else ""
-    yield from _wrapped(f"{name}: {default}{unit}", "  ")
+    yield from _wrapped(f"{name}: " + (f"as in {followed}" if followed else f"{default}{unit}"), "  ")
     yield from _wrapped(_allowed(own, schema.get("$defs", {})), "      ")
     yield from _wrapped(own.get("description", ""), "      ")
 
