@@ -139,7 +139,7 @@ def why_lines(plan: Plan, name: str) -> Iterator[str]:
     for task in tasks:
         entry = plan.entries[task]
         yield f"{task}: {entry.state if entry.state == 'hit' else entry.reason}"
-        for change in plan.why(task):
+        for change in plan.why(task) if entry.state == "pending" else ():
             yield f"    {change.text}"
 
 
