@@ -65,7 +65,7 @@ def pin(
     note: Annotated[str, typer.Option(help="why it is kept")] = "",
     remove: Annotated[bool, typer.Option("--remove", help="take the pin away")] = False,
 ) -> None:
-    """Keep the products of a run whatever gc is asked to free.
+    """Keep the products of a run; gc does not free them.
 
     \b
     dicflow pin .dicflow

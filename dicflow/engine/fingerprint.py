@@ -136,7 +136,7 @@ class Sources:
     def _digest(self, members: list[Place]) -> None:
         """Digests of definitions that use one another in a circle, or of a single one.
 
-        They are told apart by what they use, as deep as it takes, so that no names and no order enter.
+        They are distinguished by what they use, as deep as it takes, so that no names and no order enter.
         """
         shades = {place: self._definition(place).digest for place in members}
         count = 0

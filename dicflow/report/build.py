@@ -28,7 +28,7 @@ __all__ = ["write_report"]
 def write_report(pipeline: Pipeline, result: Result, folder: Path, workers: int = 1) -> Path:
     """Write ``report.html`` and return its path.
 
-    folder : of the maps and tables, made where there is none
+    folder : of the maps and tables, made if missing
     workers : threads that draw at once
     Nothing is computed: what the store lacks is left out and said to be missing, and a section that fails says why.
     A page of the same products stays as it is when nothing was to do: it tells of the run that made them.

@@ -47,7 +47,7 @@ class History(NamedTuple):
 
     source : what the numbers are, in words
     steps, phases : names of the steps, and loading or unloading; empty where nothing tells
-    values : column's key → number per step, None where there is none
+    values : column's key → number per step, None if unknown
     drawn : keys of what belongs into one plot
     valid_share : of each step but the first; None where it was not measured
     """

@@ -298,7 +298,7 @@ def _uncertainty(facts: _Facts) -> _Rows:
 
 
 def _text(value: Any, pattern: str) -> str | None:
-    """A value in words, None where there is none."""
+    """A value in words, None if unknown."""
     unknown = value is None or (isinstance(value, float) and not math.isfinite(value))
     return None if unknown else pattern.format(value)
 

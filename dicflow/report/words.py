@@ -9,7 +9,7 @@ __all__ = ["date", "duration", "number", "percent"]
 
 
 def number(value: float | None, digits: int = 4) -> str:
-    """A number with so many significant digits, whole numbers in full; a dash where there is none."""
+    """A number with so many significant digits, whole numbers in full; a dash if unknown."""
     if value is None or not math.isfinite(value):
         return "–"
     if value == 0 or abs(value) >= 10**digits:

@@ -1,4 +1,4 @@
-"""Colours that stand for values: one table and one range per quantity, whatever draws it."""
+"""Colours that stand for values: one table and one range per quantity, for all that draw it."""
 
 from __future__ import annotations
 

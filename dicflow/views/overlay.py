@@ -112,7 +112,7 @@ def cell_index(xy: Array, view: View) -> NDArray[np.int32]:
     """Which cell of a grid each pixel of the picture shows.
 
     xy : (row, col, 2) places of the grid's points in the image [px]; a cell with an unknown corner is not shown
-    Returns (height, width) int32, the number of the cell in the order of rows, −1 where there is none.
+    Returns (height, width) int32, the number of the cell in the order of rows, −1 outside all cells.
     """
     import cv2
 

@@ -48,7 +48,7 @@ class _Job(NamedTuple):
 def publish(result: Result, folder: Path, workers: int = 1) -> list[Path]:
     """Write the maps, the tables of comparisons, probes and noise floors, and the sweep's table of a result.
 
-    folder : made where there is none; files whose sources have not changed since are not made again. Pictures of
+    folder : made if missing; files whose sources have not changed since are not made again. Pictures of
         steps, phases and quantities that the result no longer has are deleted, unless they were changed since.
     workers : processes that draw at once
     Returns the paths of all files, new or not.

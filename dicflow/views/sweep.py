@@ -57,7 +57,7 @@ def step_figure(
 ) -> Figure:
     """One panel per scalar with one curve per variant over the steps.
 
-    curves : scalar → for each variant one number per step, NaN where there is none
+    curves : scalar → for each variant one number per step, NaN if unknown
     """
     figure, panels = _panels(len(curves))
     labels = [label.replace("\n", ", ") for label in variant_labels(values)]

@@ -124,7 +124,7 @@ def _derivatives(reference: Spline) -> tuple[Image, Image]:
 
 
 def _dot(a: Image, b: Image) -> float:
-    """Σ a b, in one order of summation whatever the number of threads."""
+    """Σ a b, in one order of summation for any number of threads."""
     return float(np.sum(a * b, dtype=np.float64))
 
 
