@@ -68,13 +68,13 @@ def export(
     with staged(output, force) as folder:
         for job in _jobs(result, stage, to, variant, note):
             steps = {name: _steps(result, name, step, variant, note) for name in job.stages}
-            wanted = chosen if job.main else ()
+            selected = chosen if job.main else ()
             for which, there in steps.items():
                 _note_beforehand(result, which, there, job.form, variant, note)
             if job.form in PICTURES:
-                PICTURES[job.form].write(Drawn(result, steps, wanted, variant), job.form, folder, stage is None)
+                PICTURES[job.form].write(Drawn(result, steps, selected, variant), job.form, folder, stage is None)
             else:
-                items = (item for name in job.stages for item in _items(result, name, steps[name], wanted, variant))
+                items = (item for name in job.stages for item in _items(result, name, steps[name], selected, variant))
                 FORMATS.load(job.form).write(items, folder, name if stage is None else stage)
         files = sorted(path.name for path in folder.iterdir())
     return [output / file for file in files]

@@ -38,9 +38,11 @@ def load_curves(steps: Sequence[str], phases: Sequence[str], values: Values) -> 
 def _plots(values: Values) -> list[tuple[str, list[str]]]:
     """Title and values of each plot that has any."""
     unit = "px" if any(key.endswith("_px") for key in values) else "mm"
-    wanted = [key for key in values if "sigma" not in key and "error" not in key]
-    lengths = [key for key in wanted if "displacement" in key] or [key for key in wanted if key.endswith(f"_{unit}")]
-    strains = [key for key in wanted if not key.endswith(("_mm", "_px", "_g", "_pct"))]
+    selected = [key for key in values if "sigma" not in key and "error" not in key]
+    lengths = [key for key in selected if "displacement" in key] or [
+        key for key in selected if key.endswith(f"_{unit}")
+    ]
+    strains = [key for key in selected if not key.endswith(("_mm", "_px", "_g", "_pct"))]
     kind = "displacement" if all("length" not in key for key in lengths) else "length"
     return [(title, keys) for title, keys in ((f"{kind} [{unit}]", lengths), ("strain [–]", strains)) if keys]
 
