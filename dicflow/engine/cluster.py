@@ -7,6 +7,7 @@ import logging
 import uuid
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
+from operator import itemgetter
 from typing import Any, NamedTuple
 
 import dask
@@ -110,7 +111,7 @@ class _Window:
                 waits = self._fill(queue)
         finally:
             self._client.cancel([inside.future for inside in self._inside.values()])
-        return [job for _, job in sorted([*self._lost, *queue.waiting()], key=lambda entry: entry[0])]
+        return [job for _, job in sorted([*self._lost, *queue.waiting()], key=itemgetter(0))]
 
     def _fill(self, queue: JobQueue) -> bool:
         """Hand over the next jobs, a few at a time; returns whether the window is full or no other job can begin."""
@@ -136,16 +137,24 @@ class _Window:
         self._ended.add(future)
 
     def _take(self, batch: list[distributed.Future], queue: JobQueue) -> None:
-        """Take in what has ended, products first: an error is judged by the outcomes before it."""
+        """Take in what has ended, products first: an error is judged by the outcomes before it.
+
+        An outcome may be lost with its worker before it is here; dask then makes it again.
+        """
         done = [future for future in batch if future.status == "finished"]
-        for outcome in self._client.gather(done) if done else ():
+        for outcome in self._client.gather(done, errors="skip") if done else ():
             self._finished(outcome)
-        names = {self._names.pop(future.key) for future in batch}
-        ended = sorted((self._inside.pop(name) for name in names), key=lambda inside: inside.rank)
-        for inside in ended:
-            if inside.job.task.name not in self._outcomes:
-                self._erred(*inside)
-            queue.release(inside.job.task.name)
+        for inside in sorted((self._inside[self._names[future.key]] for future in batch), key=itemgetter(0)):
+            if inside.job.task.name in self._outcomes or inside.future.status in ("error", "cancelled"):
+                self._leave(inside)
+                queue.release(inside.job.task.name)
+            else:
+                self._ended.add(inside.future)
+
+    def _leave(self, inside: _Inside) -> None:
+        del self._inside[inside.job.task.name], self._names[inside.future.key]
+        if inside.job.task.name not in self._outcomes:
+            self._erred(*inside)
 
     def _erred(self, rank: int, job: Job, future: distributed.Future) -> None:
         """Dask gives the error of a task also to those that need it; those lack an outcome or product to take."""
