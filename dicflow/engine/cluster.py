@@ -33,7 +33,10 @@ _CERTIFICATES = "DASK_DISTRIBUTED__COMM__TLS__CA_FILE, …__CLIENT__CERT and …
 _OTHER_SOURCE = "runs different dicflow source; install this version there and restart it"
 _KILLED = "its worker was killed every time, even running alone; probably out of memory"
 _SATURATION = 1.0
-"""Tasks that wait at a worker beside the running ones: none, so that the next step of a chain waits for no other."""
+"""Tasks at a worker per thread: the running one only, so that the next step of a chain waits for no other.
+
+A scheduler elsewhere has its own setting (``distributed.scheduler.worker-saturation``, 1.1 unless set).
+"""
 _WINDOW = 2000
 """Tasks at the scheduler at once."""
 _AT_A_TIME = 50

@@ -50,13 +50,13 @@ def test_the_dashboard_answers_on_loopback_only(folder, store, tmp_path, schedul
         seen["listeners"] = listeners()
         seen["page"] = page(seen["link"], "/status")
 
-    def told(event):
+    def on_event(event):
         if event.kind == "dashboard":
             seen["link"] = event.text
 
     stages = chain(folder).stages
     graph = expand({**stages, "threads": StageSpec(toys.Threads(), {"number": "read"})})
-    options = {"scheduler": scheduler, "workers": 2, "dashboard": True, "on_event": told, "linger": look}
+    options = {"scheduler": scheduler, "workers": 2, "dashboard": True, "on_event": on_event, "linger": look}
     result = run_sync(graph, store, **options)
     assert result.ok, result.errors
     assert seen["link"].startswith("http://127.0.0.1:")
@@ -128,7 +128,7 @@ def certificate(tmp_path):
     return certified(tmp_path / "certificate")
 
 
-def told_of(certificate):
+def trusting(certificate):
     """The certificate in dask's configuration, where a user's environment variables end up."""
     names = ("ca-file", "client.cert", "client.key")
     files = (certificate[0], *certificate)
@@ -148,7 +148,7 @@ def guarded(certificate):
 
 def test_a_scheduler_behind_certificates(folder, store, tmp_path, guarded, certificate):
     seen = []
-    with told_of(certificate):
+    with trusting(certificate):
         result = run_sync(chain(folder), store, scheduler=guarded, on_event=seen.append)
     assert guarded.startswith("tls://127.0.0.1:")
     assert result.counts["computed"] == 24
@@ -164,7 +164,7 @@ def test_certificates_that_are_missing_or_others(folder, store, tmp_path, guarde
         (nowhere, r"a certificate cannot be used \(.*No such file or directory\); set DASK_"),
         (certified(tmp_path / "other"), "no scheduler answers there to these certificates; start 'dask scheduler'"),
     ):
-        with told_of(given), pytest.raises(ConfigurationError, match=f"{guarded}: {words}"):
+        with trusting(given), pytest.raises(ConfigurationError, match=f"{guarded}: {words}"):
             run_sync(chain(folder), store, scheduler=guarded)
 
 
@@ -175,7 +175,7 @@ def test_a_scheduler_that_is_not_there(folder, store, monkeypatch):
 
 
 class Fake:
-    """A client of workers that answer as they are told to."""
+    """A client of workers that give fixed answers."""
 
     def __init__(self, **answers):
         self.answers = answers
@@ -235,11 +235,11 @@ sys.path[:0] = sys.argv[3:]
 from toys import chain, run_sync
 from dicflow.engine.schedulers import is_loopback
 from dicflow.engine.store import Store
-def told(event):
+def on_event(event):
     print(event.kind, event.stage, flush=True)
 if __name__ == "__main__":
     graph = chain(Path(sys.argv[1]), sleep_s=0.5)
-    result = run_sync(graph, Store.open(Path(sys.argv[2])), scheduler="processes", on_event=told)
+    result = run_sync(graph, Store.open(Path(sys.argv[2])), scheduler="processes", on_event=on_event)
     print(result.interrupted, result.counts["failed"], result.counts["skipped"] > 0, flush=True)
 """
 

@@ -141,7 +141,7 @@ def test_deleted_and_cut_objects_are_made_again(folder, store):
     assert index(result) == index(first)
 
 
-def test_damage_that_only_reading_shows_is_mended_in_the_same_run(folder, store):
+def test_damage_that_only_reading_shows_is_repaired_in_the_same_run(folder, store):
     first = run_sync(chain(folder, keep="always"), store)
     chunk = store.object_path(index(first)["scale/step_02"]) / "values" / "c.0"
     content = bytearray(chunk.read_bytes())
@@ -169,7 +169,7 @@ def trouble(folder, how, above=5.0, **parameters):
     )
 
 
-def test_a_failure_stops_the_run_and_is_told_by_stage_and_step(folder, store):
+def test_a_failure_stops_the_run_and_names_stage_and_step(folder, store):
     result = run_sync(trouble(folder, "stage"), store)
     assert not result.ok
     assert result.errors == ["trouble/step_06: the number is too large; use a smaller one"]
@@ -184,14 +184,14 @@ def test_keep_going_fails_descendants_only(folder, store):
     assert result.outcomes["scale/step_05"].error == "trouble/step_05 failed"
 
 
-def test_what_is_mended_goes_on_where_it_stopped(folder, store):
+def test_a_corrected_run_goes_on_where_it_stopped(folder, store):
     run_sync(trouble(folder, "stage", above=2.0), store, keep_going=True)
     result = run_sync(trouble(folder, "stage", above=10.0), store)
     assert result.ok
     assert computed(result) == {"trouble": 6, "scale": 4}
 
 
-def test_a_defect_is_told_in_one_line_with_its_traceback_in_a_file(folder, store):
+def test_a_defect_is_one_line_with_its_traceback_in_a_file(folder, store):
     result = run_sync(trouble(folder, "defect"), store)
     path = result.folder / "errors" / "trouble.step_06.txt"
     assert result.errors == [f"trouble/step_06: ZeroDivisionError: a defect; details in {path}"]
@@ -260,7 +260,7 @@ def test_two_runs_at_once_on_one_store(folder, store):
     assert run_sync(chain(folder), store).counts["hit"] == 24
 
 
-def test_the_journal_tells_what_happened(folder, store):
+def test_the_journal_holds_what_happened(folder, store):
     seen = []
     result = run(chain(folder), store, pipeline="a", resolved={"x": 1}, options=Options("sync", on_event=seen.append))
     assert [event.kind for event in seen] == ["planned", *["finished"] * 24, "ended"]
@@ -284,7 +284,7 @@ def test_a_journal_cut_short_by_a_kill_is_still_read(folder, store):
     assert {name: entry["digest"] for name, entry in found.index.items()} == index(result)
 
 
-def test_records_tell_where_results_come_from(folder, store):
+def test_records_hold_where_results_come_from(folder, store):
     result = run_sync(chain(folder), store)
     made = store.record(result.outcomes["scale/step_01"].key).made
     assert (made["task"], made["run"]) == ("scale/step_01", result.run_id)

@@ -27,7 +27,7 @@ def field(kind: str, values: Any, **attrs: Any) -> Product:
 
 
 class Read(Node):
-    """One step per file; each holds one number, whatever else stands behind it."""
+    """One step per file; each holds one number and perhaps a comment."""
 
     title: ClassVar = "read numbers"
     scope: ClassVar = Scope.STEP
