@@ -31,7 +31,7 @@ _BLOCK = bytes(1 << 20)
 class _Busy(Node):
     """A stage that keeps one core busy."""
 
-    work_s: float = parameter(0.04, "time in the stage [s]", affects="speed")
+    work_s: float = parameter(0.05, "time in the stage [s]", affects="speed")
 
     def product(self, kind: str, *sources: Any) -> Product:
         """Work beside the interpreter, as compiled code does, and give a product without arrays."""
