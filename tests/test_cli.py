@@ -329,7 +329,7 @@ def test_export_of_tables(given, tmp_path):
         assert dicflow("export", *given, stage, "--output", tmp_path).code == 0
     rows = [line for line in (tmp_path / "comparison.csv").read_text().splitlines() if not line.startswith("#")]
     assert len(rows) == 1 + STEPS
-    dicflow("export", *given, "maps", "--output", tmp_path).refuses(2, "holds nothing that fits a table")
+    dicflow("export", *given, "maps", "--output", tmp_path).refuses(2, "maps", "export it as npz")
 
 
 def test_export_overwrites_nothing_and_leaves_no_halves(given, tmp_path):
