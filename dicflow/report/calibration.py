@@ -257,11 +257,11 @@ def _photographs(result: Result) -> str | None:
 def _pair(rig_product: Product, images: Product) -> bytes:
     """Both photographs with common rows, shrunk, and where lines are drawn across them."""
     from dicflow.core.cameras.rectification import rectification, rectify
-    from dicflow.views.overlay import photo_jpeg, view
+    from dicflow.views.overlay import crop_around, photo_jpeg
 
     rig = CalibratedRig.read(rig_product).cameras
     aligned = rectification(rig)
-    part = view([], aligned.size, _PAIR_PX)
+    part = crop_around([], aligned.size, _PAIR_PX)
     left = rectify(images["left"], rig.left, aligned.rotation_left, aligned.matrix_left, aligned.size)
     right = rectify(images["right"], rig.right, aligned.rotation_right, aligned.matrix_right, aligned.size)
     width, height = part.size

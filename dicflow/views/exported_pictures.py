@@ -152,7 +152,7 @@ def _usual(drawn: Drawn, stage: str) -> tuple[str, ...]:
 def _frames(drawn: Drawn, stage: str, quantity: str, totals: Sequence[Product]) -> Iterator[bytes]:
     """A PNG per step, of one size and with one colour range."""
     from dicflow.stages.maps import Maps as MapsStage
-    from dicflow.views.maps import field_pngs, style
+    from dicflow.views.maps import field_pngs, map_look, map_window
 
     maps = maps_of(drawn.result, stage, drawn.variant)
     if maps is None or quantity not in maps.quantities:
@@ -163,7 +163,7 @@ def _frames(drawn: Drawn, stage: str, quantity: str, totals: Sequence[Product]) 
                 f"{stage}: no movie of {quantity}: a movie shows a displacement or strain"
             ) from error
     titles = [str(step) for step in drawn.steps[stage]]
-    return field_pngs(totals, style(maps, quantity), titles)
+    return field_pngs(totals, map_look(maps, quantity), map_window(maps), titles)
 
 
 def _pixels(frame: bytes) -> NDArray[np.uint8]:

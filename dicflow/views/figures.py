@@ -20,8 +20,6 @@ if TYPE_CHECKING:
 
 __all__ = ["look_of", "maps_of", "plot", "specimen_map"]
 
-_MARGIN = 0.04
-
 
 def plot(
     result: Result,
@@ -103,13 +101,11 @@ def look_of(total: Total, quantity: str, maps: Maps | None, colours: str = "auto
 
 
 def specimen_map(total: Total, look: Look, maps: Maps | None, title: str) -> Figure:
-    """One quantity of a total over the plane of X and Y, in the window of its maps where there are any."""
-    from dicflow.views.maps import Style, field_map
+    """One quantity of a total over the plane of X and Y, in the window of its maps, else in one around its points."""
+    from dicflow.views.maps import MapWindow, field_map, map_window, with_margin
     from dicflow.views.overlay import point_box
 
-    positions = "xyz" if maps is None else maps.positions
-    whole = maps.extent if maps is not None else point_box(total[positions][..., :2]) or (0.0, 0.0, 1.0, 1.0)
-    margin = _MARGIN * max(whole[2] - whole[0], whole[3] - whole[1])
-    extent = (whole[0] - margin, whole[1] - margin, whole[2] + margin, whole[3] + margin)
-    style = Style(look.quantity, look.title, look.unit, look.range, extent, total.unit, positions, look.table)
-    return field_map(total.product, style, title)
+    if maps is not None:
+        return field_map(total.product, look, map_window(maps), title)
+    extent = point_box(total["xyz"][..., :2]) or (0.0, 0.0, 1.0, 1.0)
+    return field_map(total.product, look, MapWindow(with_margin(extent), total.unit, "xyz"), title)

@@ -21,81 +21,69 @@ from numpy.typing import NDArray
 
 from dicflow.engine.product import Product, Variable
 from dicflow.kinds.maps import Maps
-from dicflow.views import colours as looks
 from dicflow.views.colours import Look
-from dicflow.views.overlay import point_box, view
+from dicflow.views.colours import look as look_of_range
+from dicflow.views.overlay import crop_around, point_box
 
 __all__ = [
-    "Style",
+    "MapWindow",
     "code_picture",
     "contact_sheet",
     "field_map",
     "field_pngs",
     "gif",
+    "map_look",
+    "map_window",
     "photo_map",
     "picture",
     "png",
-    "style",
+    "with_margin",
 ]
 
 Array = NDArray[Any]
 _HEIGHT_IN, _WIDTH_IN = 5.0, 9.0
 _MARGIN_IN, _BAR_IN, _LETTER_IN = 0.1, 0.15, 0.07
 _GREY = "0.93"
+_MARGIN = 0.04
 
 
-class Style(NamedTuple):
-    """What all maps of one quantity share.
+class MapWindow(NamedTuple):
+    """The part of the specimen that a map shows.
 
-    quantity : name of the array drawn
-    title : the measure's name
-    unit : of its values; "1" for a strain
-    range : colours run between these two values
-    extent : (x_min, y_min, x_max, y_max) of the window [length_unit]
-    length_unit : mm, or px for a measurement in one camera
-    positions : array that holds where each point is drawn
-    colour_map : name of a matplotlib colour map
+    extent : x_min, y_min, x_max, y_max [unit]
+    unit : of lengths: mm, or px for a measurement in one camera
+    positions : array of the total that says where each point is drawn
     """
 
-    quantity: str
-    title: str
-    unit: str
-    range: tuple[float, float]
     extent: tuple[float, float, float, float]
-    length_unit: str
+    unit: str
     positions: str
-    colour_map: str
-
-    @property
-    def label(self) -> str:
-        """The measure with its unit, as on a colour bar."""
-        return f"{self.title} [{'–' if self.unit == '1' else self.unit}]"
 
 
-def style(maps: Maps, quantity: str) -> Style:
-    """The style of one quantity of a test's maps."""
+def map_look(maps: Maps, quantity: str) -> Look:
+    """The look of one quantity of a test's maps."""
     chosen = maps.quantities[quantity]
-    shown = looks.look(quantity, chosen.title, chosen.unit, *chosen.range, maps.colour_map)
-    x0, y0, x1, y1 = maps.extent
-    margin = 0.04 * max(x1 - x0, y1 - y0)
-    return Style(
-        quantity,
-        shown.title,
-        shown.unit,
-        shown.range,
-        (x0 - margin, y0 - margin, x1 + margin, y1 + margin),
-        maps.unit,
-        maps.positions,
-        shown.table,
-    )
+    return look_of_range(quantity, chosen.title, chosen.unit, *chosen.range, maps.colour_map)
 
 
-def field_map(total: Product, look: Style, title: str) -> Figure:
+def map_window(maps: Maps) -> MapWindow:
+    """The window that all maps of a test share."""
+    return MapWindow(with_margin(maps.extent), maps.unit, maps.positions)
+
+
+def with_margin(extent: tuple[float, float, float, float]) -> tuple[float, float, float, float]:
+    """x_min, y_min, x_max, y_max moved outwards by a share of the longer side."""
+    x0, y0, x1, y1 = extent
+    margin = _MARGIN * max(x1 - x0, y1 - y0)
+    return x0 - margin, y0 - margin, x1 + margin, y1 + margin
+
+
+def field_map(total: Product, look: Look, window: MapWindow, title: str) -> Figure:
     """One step: the field where the specimen is, with axes in its unit and a colour bar."""
-    x0, y0, x1, y1 = look.extent
+    x0, y0, x1, y1 = window.extent
     figure, axes = _figure((x1 - x0) / (y1 - y0))
-    mesh = _draw(axes, total, look)
-    axes.set(xlabel=f"X [{look.length_unit}]", ylabel=f"Y [{look.length_unit}]")
+    mesh = _draw(axes, total, look, window)
+    axes.set(xlabel=f"X [{window.unit}]", ylabel=f"Y [{window.unit}]")
     axes.set_title(title, fontsize=9)
     _colour_bar(figure, mesh, look.label)
     return figure
@@ -109,8 +97,8 @@ def photo_map(values: Array, places: Array, photo: Array, look: Look, title: str
     photo : (row, col) grey levels
     """
     box = point_box(places)
-    part = view([box] if box else [], photo.shape[::-1], max(photo.shape))
-    (x0, y0), (width, height) = part.origin, part.size
+    crop = crop_around([box] if box else [], photo.shape[::-1], max(photo.shape))
+    (x0, y0), (width, height) = crop.origin, crop.size
     extent = (x0 - 0.5, y0 - 0.5, x0 + width - 0.5, y0 + height - 0.5)
     figure, axes = _figure(width / height)
     shown = photo[y0 : y0 + height, x0 : x0 + width]
@@ -118,15 +106,14 @@ def photo_map(values: Array, places: Array, photo: Array, look: Look, title: str
     edges = (extent[0], extent[2], extent[3], extent[1])
     axes.imshow(shown[::stride, ::stride], cmap="gray", extent=edges, interpolation="antialiased")
     arrays = {look.quantity: Variable(("row", "col"), values), "place": Variable(("row", "col", "component"), places)}
-    style = Style(look.quantity, look.title, look.unit, look.range, extent, "px", "place", look.table)
-    mesh = _draw(axes, Product("total", arrays), style)
+    mesh = _draw(axes, Product("total", arrays), look, MapWindow(extent, "px", "place"))
     axes.set(xlabel="x [px]", ylabel="y [px]")
     axes.set_title(title, fontsize=9)
     _colour_bar(figure, mesh, look.label)
     return figure
 
 
-def field_pngs(totals: Iterable[Product], look: Style, titles: Sequence[str]) -> Iterator[bytes]:
+def field_pngs(totals: Iterable[Product], look: Look, window: MapWindow, titles: Sequence[str]) -> Iterator[bytes]:
     """:func:`field_map` of many steps as PNG of one size.
 
     The axes are laid out once, for the longest title, and one step is held at a time.
@@ -134,18 +121,18 @@ def field_pngs(totals: Iterable[Product], look: Style, titles: Sequence[str]) ->
     figure: Figure | None = None
     for total, title in zip(totals, titles, strict=True):
         if figure is None:
-            figure = field_map(total, look, max(titles, key=len))
+            figure = field_map(total, look, window, max(titles, key=len))
             frame = figure.get_tightbbox().padded(_MARGIN_IN)
         axes = figure.axes[0]
         axes.collections[0].remove()
-        _draw(axes, total, look)
+        _draw(axes, total, look, window)
         axes.set_title(title, fontsize=9)
         yield png(figure, frame)
 
 
-def contact_sheet(totals: Sequence[Product], names: Sequence[str], look: Style, title: str) -> Figure:
-    """All steps of a phase side by side with one colour bar; each is read, drawn and let go."""
-    x0, y0, x1, y1 = look.extent
+def contact_sheet(totals: Sequence[Product], names: Sequence[str], look: Look, window: MapWindow, title: str) -> Figure:
+    """All steps of a phase side by side with one colour bar."""
+    x0, y0, x1, y1 = window.extent
     aspect = (x1 - x0) / (y1 - y0)
     height = min(2.4, 3.84 / aspect)
     pitch = max(height * aspect, _LETTER_IN * max(map(len, names))) + 0.15
@@ -157,11 +144,11 @@ def contact_sheet(totals: Sequence[Product], names: Sequence[str], look: Style, 
         row, column = divmod(place, columns)
         corner = (column * pitch / width_in, 1 - (row * (height + 0.3) + height) / height_in)
         axes = figure.add_axes((*corner, height * aspect / width_in, height / height_in))
-        _draw(axes, total, look)
+        _draw(axes, total, look, window)
         axes.set_title(name, fontsize=8)
-        _name_outer(axes, look, left=column == 0, bottom=place + columns >= len(totals))
+        _name_outer(axes, window.unit, left=column == 0, bottom=place + columns >= len(totals))
     figure.text(0.5, 1 + 0.35 / height_in, title, fontsize=10, ha="center")
-    shared = ScalarMappable(Normalize(*look.range), matplotlib.colormaps[look.colour_map])
+    shared = ScalarMappable(Normalize(*look.range), matplotlib.colormaps[look.table])
     _colour_bar(figure, shared, look.label).ax.tick_params(labelsize=8)
     return figure
 
@@ -189,16 +176,16 @@ def gif(frames: Sequence[bytes], seconds: float = 0.5) -> bytes:
     return buffer.getvalue()
 
 
-def _draw(axes: Axes, total: Product, look: Style) -> QuadMesh:
+def _draw(axes: Axes, total: Product, look: Look, window: MapWindow) -> QuadMesh:
     """The cells whose four corners are measured, each in the mean colour of its corners."""
-    positions, values = total[look.positions][..., :2], total[look.quantity]
+    positions, values = total[window.positions][..., :2], total[look.quantity]
     cells = (values[:-1, :-1] + values[1:, :-1] + values[:-1, 1:] + values[1:, 1:]) / 4
     known = np.isfinite(positions).all(axis=-1)
     placed = known[:-1, :-1] & known[1:, :-1] & known[:-1, 1:] & known[1:, 1:]
-    x, y = np.where(known, positions[..., 0], look.extent[0]), np.where(known, positions[..., 1], look.extent[1])
+    x, y = np.where(known, positions[..., 0], window.extent[0]), np.where(known, positions[..., 1], window.extent[1])
     masked = np.ma.masked_where(~placed | ~np.isfinite(cells), cells)
-    mesh = axes.pcolormesh(x, y, masked, cmap=look.colour_map, vmin=look.range[0], vmax=look.range[1], rasterized=True)
-    x0, y0, x1, y1 = look.extent
+    mesh = axes.pcolormesh(x, y, masked, cmap=look.table, vmin=look.range[0], vmax=look.range[1], rasterized=True)
+    x0, y0, x1, y1 = window.extent
     axes.set(xlim=(x0, x1), ylim=(y1, y0), aspect="equal", facecolor=_GREY)
     return mesh
 
@@ -245,11 +232,11 @@ def _colour_bar(figure: Figure, shown: ScalarMappable, label: str) -> Colorbar:
     return bar
 
 
-def _name_outer(axes: Axes, look: Style, left: bool, bottom: bool) -> None:
-    """Label the axes at the left edge of a sheet, and those that have none below."""
+def _name_outer(axes: Axes, unit: str, left: bool, bottom: bool) -> None:
+    """Label the axes at the left edge of a sheet, and those at the end of a column."""
     axes.tick_params(labelsize=7, labelleft=left, labelbottom=bottom)
-    axes.set_xlabel(f"X [{look.length_unit}]" if bottom else "", fontsize=8)
-    axes.set_ylabel(f"Y [{look.length_unit}]" if left else "", fontsize=8)
+    axes.set_xlabel(f"X [{unit}]" if bottom else "", fontsize=8)
+    axes.set_ylabel(f"Y [{unit}]" if left else "", fontsize=8)
 
 
 def _name_grid(axes: Axes, title: str) -> None:

@@ -1,7 +1,7 @@
-"""Fields over photographs as small separate pictures, laid one upon the other by whoever shows them.
+"""Fields over photographs as small separate pictures, which a page lays one upon the other.
 
-Pictures have their own pixels: of a :class:`View`, a shrunk crop of the image in which the points are tracked. What
-draws is loaded by what needs it, since a page whose pictures are all there asks for views alone.
+Pictures have their own pixels: those of a :class:`Crop` of the photograph. Libraries that draw are loaded by the
+functions that need them, since a page whose pictures are all kept needs crops alone.
 """
 
 from __future__ import annotations
@@ -10,7 +10,7 @@ import base64
 import html
 import math
 import textwrap
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable
 from io import BytesIO
 from typing import Any, NamedTuple
 
@@ -21,23 +21,21 @@ from dicflow.views.colours import REASON_COLOURS, Look, palette
 
 __all__ = [
     "Box",
-    "View",
+    "Crop",
     "carried_angle",
     "cell_index",
     "colour_bar_svg",
+    "crop_around",
     "direction_path",
     "field_png",
-    "grid_box",
-    "grid_png",
     "photo_jpeg",
     "point_box",
     "reason_png",
-    "view",
 ]
 
 Array = NDArray[Any]
 _COLOURS = 254
-_CLEAR = 255
+_TRANSPARENT = 255
 _SUBPIXEL_BITS = 4
 _MARGIN = 0.05
 _BAR_PX, _LETTERS = 340, 54
@@ -52,8 +50,8 @@ class Box(NamedTuple):
     y1: float
 
 
-class View(NamedTuple):
-    """A part of an image, shrunk.
+class Crop(NamedTuple):
+    """A part of a photograph at a scale.
 
     size : (width, height) of the picture [picture px]
     scale : picture px per image px, at most 1
@@ -68,17 +66,25 @@ class View(NamedTuple):
         """Where points (..., 2) of the image [px] are in the picture [picture px], centres of pixels at integers."""
         return np.asarray((xy - np.array(self.origin) + 0.5) * self.scale - 0.5)
 
+    @property
+    def halved(self) -> Crop:
+        """The same part at half the scale."""
+        width, height = self.size
+        return Crop((max(1, round(width / 2)), max(1, round(height / 2))), self.scale / 2, self.origin)
+
 
 def point_box(xy: Array) -> Box | None:
-    """The part of an image in which points (..., 2) lie [px]; None where none of them is known."""
+    """The part of an image in which points (..., 2) lie [px]; None if all are unknown."""
     known = xy[np.isfinite(xy).all(axis=-1)]
     return Box(*known.min(axis=0).tolist(), *known.max(axis=0).tolist()) if len(known) else None
 
 
-def view(boxes: Iterable[tuple[float, float, float, float]], image_size: tuple[int, int], longest_px: int) -> View:
+def crop_around(
+    boxes: Iterable[tuple[float, float, float, float]], image_size: tuple[int, int], longest_px: int
+) -> Crop:
     """The part of the image in which all boxes lie, with a margin.
 
-    boxes : (x0, y0, x1, y1) [px], of all steps so that all their pictures agree; without any, the whole image is shown
+    boxes : (x0, y0, x1, y1) [px], of all steps so that all their pictures agree; without boxes the whole image
     image_size : (width, height) [px]
     longest_px : neither side of the picture is longer
     """
@@ -89,36 +95,36 @@ def view(boxes: Iterable[tuple[float, float, float, float]], image_size: tuple[i
     x0, y0 = (int(edge) for edge in np.clip(np.floor(low - margin), 0, [width - 2, height - 2]))
     x1, y1 = (int(edge) for edge in np.clip(np.ceil(high + margin) + 1, [x0 + 2, y0 + 2], [width, height]))
     scale = min(1.0, longest_px / max(x1 - x0, y1 - y0))
-    return View((max(1, round((x1 - x0) * scale)), max(1, round((y1 - y0) * scale))), scale, (x0, y0))
+    return Crop((max(1, round((x1 - x0) * scale)), max(1, round((y1 - y0) * scale))), scale, (x0, y0))
 
 
-def photo_jpeg(image: Array, view: View, quality: int = 70) -> bytes:
-    """The view's part of a photograph (row, col), uint8 or uint16, as a JPEG."""
+def photo_jpeg(image: Array, crop: Crop, quality: int = 70) -> bytes:
+    """The crop of a photograph (row, col), uint8 or uint16, as a JPEG."""
     import cv2
 
     from dicflow.core.photographs.texture import saturation_level
 
-    (x0, y0), (width, height) = view.origin, view.size
-    part = image[y0 : y0 + round(height / view.scale), x0 : x0 + round(width / view.scale)]
+    (x0, y0), (width, height) = crop.origin, crop.size
+    part = image[y0 : y0 + round(height / crop.scale), x0 : x0 + round(width / crop.scale)]
     if image.dtype != np.uint8:
         part = np.clip(part * (255.0 / saturation_level(image)), 0, 255).astype(np.uint8)
-    shrunk = cv2.resize(part, view.size, interpolation=cv2.INTER_AREA)
+    shrunk = cv2.resize(part, crop.size, interpolation=cv2.INTER_AREA)
     done, coded = cv2.imencode(".jpg", shrunk, [cv2.IMWRITE_JPEG_QUALITY, quality])
     assert done
     return coded.tobytes()
 
 
-def cell_index(xy: Array, view: View) -> NDArray[np.int32]:
+def cell_index(xy: Array, crop: Crop) -> NDArray[np.int32]:
     """Which cell of a grid each pixel of the picture shows.
 
     xy : (row, col, 2) places of the grid's points in the image [px]; a cell with an unknown corner is not shown
-    Returns (height, width) int32, the number of the cell in the order of rows, −1 outside all cells.
+    Returns (height, width) int32, the number of the cell in the order of rows, −1 outside the grid.
     """
     import cv2
 
-    width, height = view.size
+    width, height = crop.size
     index = np.full((height, width), -1, np.int32)
-    placed = view.place(xy)
+    placed = crop.place(xy)
     corners = np.stack([placed[:-1, :-1], placed[:-1, 1:], placed[1:, 1:], placed[1:, :-1]], axis=2).reshape(-1, 4, 2)
     numbers = np.flatnonzero(np.isfinite(corners).all(axis=(1, 2)))
     fixed = np.rint(corners[numbers] * 2**_SUBPIXEL_BITS).astype(np.int32)
@@ -128,62 +134,37 @@ def cell_index(xy: Array, view: View) -> NDArray[np.int32]:
 
 
 def field_png(values: Array, index: NDArray[np.int32], look: Look) -> bytes:
-    """A field in the colours of its look, clear where it is not known.
+    """A field in the colours of its look, transparent where it is unknown.
 
     values : (row, col) at the points of the grid; a cell has the mean of its corners
     index : of :func:`cell_index` for the same grid
     """
     cells = (values[:-1, :-1] + values[1:, :-1] + values[:-1, 1:] + values[1:, 1:]) / 4.0
-    levels = np.append(_levels(cells, look).ravel(), np.uint8(_CLEAR))
+    levels = np.append(_levels(cells, look).ravel(), np.uint8(_TRANSPARENT))
     return _palette_png(levels[index], palette(look.table, _COLOURS))
 
 
-def grid_png(values: Array, look: Look) -> bytes:
-    """A field with one pixel per point of its grid, clear where it is not known."""
-    return _palette_png(_levels(values, look), palette(look.table, _COLOURS))
-
-
 def reason_png(status: NDArray[np.uint8]) -> bytes:
-    """Status codes (row, col) with one pixel per point, in the colours of their reasons; clear where measured."""
-    colours = np.zeros((_CLEAR, 3), np.uint8)
+    """Status codes (row, col) with one pixel per point, in the colours of their reasons; transparent where measured."""
+    colours = np.zeros((_TRANSPARENT, 3), np.uint8)
     for code, colour in REASON_COLOURS.items():
         colours[code] = list(bytes.fromhex(colour[1:]))
     known = np.isin(status, list(REASON_COLOURS))
-    return _palette_png(np.where(known, status, _CLEAR).astype(np.uint8), colours)
+    return _palette_png(np.where(known, status, _TRANSPARENT).astype(np.uint8), colours)
 
 
-def grid_box(grid: Array, view: View) -> Mapping[str, float]:
-    """Where to lay the pixels of :func:`grid_png` over the picture: left, top, width, height [% of the picture].
-
-    grid : (row, col, 2) places of the points in the image [px]: columns along x, rows along y, evenly spaced
-    Raises ValueError for fewer than two known rows or columns.
-    """
-    placed, numbers = view.place(grid), np.indices(grid.shape[:2])
-    known = np.isfinite(placed).all(axis=-1)
-    box = {}
-    for axis, start, extent in ((0, "left", "width"), (1, "top", "height")):
-        places = numbers[1 - axis][known]
-        if len(np.unique(places)) < 2:
-            raise ValueError("the spacing of a grid needs two known rows and two known columns")
-        pitch, first = np.polyfit(places, placed[..., axis][known], 1)
-        share = 100.0 / view.size[axis]
-        box[start] = float((first - 0.5 * pitch + 0.5) * share)
-        box[extent] = float(grid.shape[1 - axis] * pitch * share)
-    return box
-
-
-def direction_path(grid: Array, angle_deg: Array, view: View, count: int = 300) -> str:
+def direction_path(grid: Array, angle_deg: Array, crop: Crop, count: int = 300) -> str:
     """Short lines along a direction at evenly chosen points of a grid, as the path of an SVG in picture px.
 
     grid : (row, col, 2) places of the points in the image [px]
     angle_deg : (row, col) from x to y [deg]; NaN has no line
-    count : about how many lines there are where all is known
+    count : about how many lines are drawn if every angle is known
     """
     stride = max(1, math.ceil(math.sqrt(angle_deg.size / count)))
     chosen = (slice(stride // 2, None, stride),) * 2
-    places, angles = view.place(grid[chosen]), np.radians(angle_deg[chosen])
+    places, angles = crop.place(grid[chosen]), np.radians(angle_deg[chosen])
     known = np.isfinite(places).all(axis=-1) & np.isfinite(angles)
-    steps = np.concatenate([np.diff(view.place(grid), axis=axis).reshape(-1, 2) for axis in (0, 1)])
+    steps = np.concatenate([np.diff(crop.place(grid), axis=axis).reshape(-1, 2) for axis in (0, 1)])
     steps = steps[np.isfinite(steps).all(axis=1)]
     if not known.any() or not len(steps):
         return ""
@@ -243,15 +224,15 @@ def colour_bar_svg(look: Look) -> str:
 
 
 def _levels(values: Array, look: Look) -> NDArray[np.uint8]:
-    """Number of the colour of each value; those beyond the range have its end's."""
+    """Number of the colour of each value; values beyond the range have the colour of its end."""
     low, high = look.range
     with np.errstate(invalid="ignore"):
         levels = np.clip((values - low) / (high - low) * _COLOURS, 0, _COLOURS - 1)
-    return np.where(np.isfinite(values), np.nan_to_num(levels), _CLEAR).astype(np.uint8)
+    return np.where(np.isfinite(values), np.nan_to_num(levels), _TRANSPARENT).astype(np.uint8)
 
 
 def _palette_png(levels: NDArray[np.uint8], colours: NDArray[np.uint8]) -> bytes:
-    """Numbers of colours as a PNG with a palette, whose last entry is clear."""
+    """Numbers of colours as a PNG with a palette, whose last entry is transparent."""
     from PIL import Image
 
     image = Image.fromarray(np.ascontiguousarray(levels))
@@ -259,5 +240,5 @@ def _palette_png(levels: NDArray[np.uint8], colours: NDArray[np.uint8]) -> bytes
     padded[: len(colours)] = colours
     image.putpalette(padded.tobytes())
     buffer = BytesIO()
-    image.save(buffer, "PNG", transparency=_CLEAR, optimize=False)
+    image.save(buffer, "PNG", transparency=_TRANSPARENT, optimize=False)
     return buffer.getvalue()

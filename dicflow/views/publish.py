@@ -144,10 +144,10 @@ def _draw(
 
     store = Store.open(store_folder)
     maps = Maps.read(load(store, maps_ref))
-    look = views.style(maps, quantity)
+    look, window = views.map_look(maps, quantity), views.map_window(maps)
     phases = maps.phases
     titles = [f"{step} · {phase}" for step, phase in zip(steps, phases, strict=True)]
-    frames = list(views.field_pngs((load(store, ref) for ref in refs), look, titles))
+    frames = list(views.field_pngs((load(store, ref) for ref in refs), look, window, titles))
     pictures = {f"{base}/{step}.png": frame for step, frame in zip(steps, frames, strict=True)}
     for phase in dict.fromkeys(phases):
         chosen = [index for index, other in enumerate(phases) if other == phase]
@@ -155,6 +155,7 @@ def _draw(
             [load(store, refs[index]) for index in chosen],
             [steps[index] for index in chosen],
             look,
+            window,
             f"{look.title}, {phase}",
         )
         pictures[f"{base}_{phase}.png"] = views.png(sheet)

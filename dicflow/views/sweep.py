@@ -74,7 +74,7 @@ def step_figure(
 
 def small_multiples(totals: Sequence[Product], labels: Sequence[str], quantity: str) -> Figure:
     """The same field of every variant at one step, in one colour range over the specimen."""
-    from dicflow.views.maps import Style, contact_sheet
+    from dicflow.views.maps import MapWindow, contact_sheet
 
     places = np.concatenate([total["xyz"][..., :2][np.isfinite(total["xyz"]).all(axis=-1)] for total in totals])
     corners = (*places.min(axis=0), *places.max(axis=0)) if len(places) else (0.0, 0.0, 1.0, 1.0)
@@ -82,8 +82,7 @@ def small_multiples(totals: Sequence[Product], labels: Sequence[str], quantity: 
     title, unit = first.title(quantity), first.unit_of(quantity)
     every = np.concatenate([total[quantity].ravel() for total in totals])
     chosen = look(quantity, title, unit, *joined_range([colour_range(every)]))
-    style = Style(quantity, title, unit, chosen.range, corners, first.unit, "xyz", chosen.table)
-    return contact_sheet(totals, labels, style, title)
+    return contact_sheet(totals, labels, chosen, MapWindow(corners, first.unit, "xyz"), title)
 
 
 def _panels(count: int) -> tuple[Figure, list[Axes]]:

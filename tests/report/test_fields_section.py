@@ -10,13 +10,12 @@ from PIL import Image
 from dicflow.core.status import Status
 from dicflow.engine.product import Product, Variable
 from dicflow.pipeline import Pipeline
-from dicflow.report import field_maps as maps
 from dicflow.report import fields as module
 from dicflow.report.fields import fields
 from dicflow.views.colours import Look
 from dicflow.views.figures import plot
 from dicflow.views.maps import png
-from dicflow.views.overlay import View, view
+from dicflow.views.step_maps import Overview, StepMaps, worst_corner
 from tests.pages import context_of
 
 
@@ -49,7 +48,7 @@ def test_each_step_has_each_quantity_over_both_photographs(loaded, data):
     assert data["reference"]
 
 
-def test_titles_tell_the_measure_its_window_and_the_unit(data):
+def test_a_label_has_measure_window_and_unit(data):
     labels = {quantity["name"]: quantity["label"] for quantity in data["quantities"]}
     assert labels["U"] == "displacement U [mm]"
     assert labels["eyy"] == "engineering strain εyy = |F e₂| − 1, window 80 × 20 px [–]"
@@ -91,8 +90,8 @@ def test_a_quantity_without_maps_beside_the_page_has_a_full_map_in_it(loaded, pi
 
 def test_the_second_build_draws_nothing(loaded, tmp_path, monkeypatch):
     first = fields(context_of(loaded, tmp_path))
-    monkeypatch.setattr(module, "drawn_step", None)
-    monkeypatch.setattr(module, "overview", None)
+    for slow in ("_draw", "_read_all"):
+        monkeypatch.setattr(StepMaps, slow, lambda *given, **named: pytest.fail("drawn again"))
     assert fields(context_of(loaded, tmp_path)) == first
 
 
@@ -111,9 +110,9 @@ def test_places_in_rectified_images_are_carried_back_into_the_photograph(loaded)
     np.testing.assert_allclose(back, result.product("track", 0)["points"], atol=1e-6)
 
 
-def test_the_gravest_corner_tells_why_a_cell_is_missing():
+def test_a_cell_has_the_gravest_status_of_its_corners():
     status = np.array([[0, 0, 13], [0, 1, 0]], np.uint8)
-    assert maps.worst_corner(status).tolist() == [1, 13, 0]
+    assert worst_corner(status).tolist() == [1, 13, 0]
 
 
 class Noise:
@@ -131,11 +130,15 @@ class Noise:
         kind = "images" if stage == "photos" else "total"
         return Product(kind, {name: Variable(("row", "col"), values) for name, values in self.arrays.items()})
 
+    def digest(self, stage, step=None):
+        return f"{stage} {step}"
+
 
 class Fixed:
     """Places of points that do not move."""
 
     photographs = images = "photos"
+    grid = None
 
     def __init__(self):
         self.xy = Noise().arrays["xy"]
@@ -149,14 +152,13 @@ class Fixed:
 
 @pytest.mark.parametrize("count", [22, 40])
 def test_steps_of_noise_stay_within_the_page(count):
-    noise, scene = Noise(), maps.Scene("total", Fixed(), has_grid=True)
-    looks = tuple(Look(name, name, "1", (-2.0, 2.0), "viridis") for name in module.SHOWN)
-    frames = (maps.Frame(view(noise.boxes, (1920, 1440), side), looks) for side in module._SIZES_PX)
+    noise = Noise()
+    maps = StepMaps(noise, "total", Fixed(), has_grid=True, keep=lambda sources, make: make())
+    looks = [Look(name, name, "1", (-2.0, 2.0), "viridis") for name in module.SHOWN]
     steps = [f"step_{number}" for number in range(count)]
-    chosen = View(*json.loads(module._fitting(noise, scene, steps, frames)))
-    frame = maps.Frame(chosen, looks)
-    assert count * len(maps.drawn_step(noise, scene, "step_1", frame)) < 7.0e6
-    assert max(chosen.size) >= 80
+    crop = maps.crop(Overview(noise.boxes, (1920, 1440), {}), steps, looks)
+    assert count * len(json.dumps(maps.at_step("step_1", crop, looks))) < 7.0e6
+    assert max(crop.size) >= 80
 
 
 def test_of_many_steps_as_many_as_fit_are_shown():
@@ -180,6 +182,6 @@ def test_text_of_the_user_cannot_end_the_data():
     assert json.loads(module._as_json({"name": "</script><b>&"})) == {"name": "</script><b>&"}
 
 
-def test_nothing_measured_is_said(pipeline, tmp_path):
+def test_a_store_without_totals(pipeline, tmp_path):
     empty = Pipeline.load(pipeline, store=tmp_path / "store")
     assert "No step has displacements" in fields(context_of(empty, tmp_path)).body

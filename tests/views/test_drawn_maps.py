@@ -32,6 +32,12 @@ def shared(changes=None):
     return Maps.read(Product("maps", attrs=MAPS | (changes or {})))
 
 
+def style(quantity, changes=None):
+    """Look and window of a map."""
+    maps = shared(changes)
+    return views.map_look(maps, quantity), views.map_window(maps)
+
+
 def total(stretch, hole=False):
     """A strip of 20 mm by 40 mm, stretched along y; a hole in its middle if asked."""
     y, x = np.mgrid[0.0 : 40.0 : ROWS * 1j, -10.0 : 10.0 : COLS * 1j]
@@ -56,7 +62,7 @@ def opened(content):
 
 
 def drawn(product, quantity="eyy"):
-    return views.png(views.field_map(product, views.style(shared(), quantity), "step_01 · loading"))
+    return views.png(views.field_map(product, *style(quantity), "step_01 · loading"))
 
 
 def colour_of(image, colour):
@@ -76,8 +82,9 @@ def is_whole(image):
 def test_a_map_is_a_png_of_its_size():
     image = opened(drawn(total(1.2)))
     assert image.format == "PNG"
-    look = views.style(shared(), "eyy")
-    width_mm, height_mm = look.extent[2] - look.extent[0], look.extent[3] - look.extent[1]
+    _, window = style("eyy")
+    x0, y0, x1, y1 = window.extent
+    width_mm, height_mm = x1 - x0, y1 - y0
     map_px = 5.0 * 110 * np.array([width_mm / height_mm, 1.0])
     assert (map_px < image.size).all()
     assert (image.size < map_px + 1.8 * 110).all()
@@ -87,7 +94,7 @@ def test_a_map_is_a_png_of_its_size():
 
 @pytest.mark.parametrize("extent", [(0, 0, 100, 20), (0, 0, 10, 300), (0, 0, 300, 10)])
 def test_maps_of_any_shape_are_whole_and_nothing_overlaps(extent):
-    figure = views.field_map(total(1.2), views.style(shared({"extent": extent}), "eyy"), "step_01 · loading")
+    figure = views.field_map(total(1.2), *style("eyy", {"extent": extent}), "step_01 · loading")
     figure.draw_without_rendering()
     axes, bar = figure.axes
     for part in (axes.bbox, axes.xaxis.label.get_window_extent(), axes.title.get_window_extent()):
@@ -122,22 +129,22 @@ def test_where_nothing_is_known_nothing_is_drawn():
 
 
 def test_maps_of_many_steps_have_one_layout():
-    look = views.style(shared(), "V")
+    look, window = style("V")
     steps = [total(s) for s in (1.1, 1.2, 1.3)]
-    frames = list(views.field_pngs(iter(steps), look, ["a", "b", "c"]))
+    frames = list(views.field_pngs(iter(steps), look, window, ["a", "b", "c"]))
     assert {opened(frame).size for frame in frames} == {opened(frames[0]).size}
     assert len(set(frames)) == 3
-    assert frames == list(views.field_pngs(iter(steps), look, ["a", "b", "c"]))
+    assert frames == list(views.field_pngs(iter(steps), look, window, ["a", "b", "c"]))
 
 
 def test_titles_of_all_steps_fit():
-    frames = views.field_pngs([total(1.1)] * 3, views.style(shared(), "V"), ["a", "a long name " * 5, "a name " * 4])
+    frames = views.field_pngs([total(1.1)] * 3, *style("V"), ["a", "a long name " * 5, "a name " * 4])
     assert all(is_whole(opened(frame)) for frame in frames)
 
 
 def test_an_animation_has_a_frame_per_step_and_repeats():
-    look = views.style(shared(), "eyy")
-    frames = list(views.field_pngs((total(s) for s in (1.1, 1.2, 1.3)), look, "abc"))
+    look, window = style("eyy")
+    frames = list(views.field_pngs((total(s) for s in (1.1, 1.2, 1.3)), look, window, "abc"))
     content = views.gif(frames, seconds=0.25)
     image = Image.open(BytesIO(content))
     assert (image.format, image.n_frames, image.size) == ("GIF", 3, opened(frames[0]).size)
@@ -148,7 +155,7 @@ def test_an_animation_has_a_frame_per_step_and_repeats():
 
 def test_an_animation_has_the_colours_of_the_maps():
     """Also those that only its other frames have in plenty."""
-    frames = list(views.field_pngs([total(1.4), total(1.0)], views.style(shared(), "eyy"), "ab"))
+    frames = list(views.field_pngs([total(1.4), total(1.0)], *style("eyy"), "ab"))
     animation = Image.open(BytesIO(views.gif(frames)))
     for place, frame in enumerate(frames):
         animation.seek(place)
@@ -158,8 +165,8 @@ def test_an_animation_has_the_colours_of_the_maps():
 
 @pytest.mark.parametrize(("count", "columns"), [(1, 1), (3, 3), (20, 15)])
 def test_a_sheet_holds_all_steps_in_rows(count, columns):
-    look = views.style(shared(), "eyy")
-    figure = views.contact_sheet([total(1.2)] * count, [f"{k}" for k in range(count)], look, "strain, loading")
+    look, window = style("eyy")
+    figure = views.contact_sheet([total(1.2)] * count, [f"{k}" for k in range(count)], look, window, "strain, loading")
     tiles = [axes.get_position() for axes in figure.axes[:-1]]
     assert len(tiles) == count
     assert len({round(tile.x0, 6) for tile in tiles}) == columns
@@ -177,9 +184,9 @@ def test_a_long_measure_stays_beside_its_bar_and_below_the_title():
         **MAPS["quantities"]["eyy"],
         "title": "engineering strain (material directions) εyy, VSG 61 px = 10.5 mm",
     }
-    look = views.style(shared({"quantities": {"eyy": measure}}), "eyy")
-    sheet = views.contact_sheet([total(1.2)] * 3, "abc", look, f"{look.title}, loading")
-    alone = views.field_map(total(1.2), look, "a")
+    look, window = style("eyy", {"quantities": {"eyy": measure}})
+    sheet = views.contact_sheet([total(1.2)] * 3, "abc", look, window, f"{look.title}, loading")
+    alone = views.field_map(total(1.2), look, window, "a")
     for figure in (alone, sheet):
         figure.draw_without_rendering()
         bar = figure.axes[-1]
@@ -190,21 +197,21 @@ def test_a_long_measure_stays_beside_its_bar_and_below_the_title():
 
 def test_long_names_on_a_sheet_keep_apart():
     names = [f"specimen 12, photograph {k:04d}" for k in range(4)]
-    figure = views.contact_sheet([total(1.2)] * 4, names, views.style(shared(), "eyy"), "strain, loading")
+    figure = views.contact_sheet([total(1.2)] * 4, names, *style("eyy"), "strain, loading")
     titles = [axes.title.get_window_extent() for axes in figure.axes[:4]]
     assert all(one.x1 < other.x0 for one, other in pairwise(titles))
 
 
 def test_labels_name_measure_and_unit():
-    assert views.style(shared(), "V").label == "displacement along y [mm]"
-    assert views.style(shared(), "eyy").label == "strain along y [–]"
+    assert style("V")[0].label == "displacement along y [mm]"
+    assert style("eyy")[0].label == "strain along y [–]"
 
 
 def test_values_of_both_signs_have_zero_in_the_middle_of_the_colours():
     signed = {"range": [-0.1, 0.4], "unit": "1", "title": "strain along y"}
-    chosen = views.style(shared({"quantities": {"eyy": signed}, "colour_map": "auto"}), "eyy")
-    assert (chosen.range, chosen.colour_map) == ((-0.4, 0.4), "RdBu_r")
-    assert views.style(shared({"colour_map": "auto"}), "V").colour_map == "viridis"
+    chosen, _ = style("eyy", {"quantities": {"eyy": signed}, "colour_map": "auto"})
+    assert (chosen.range, chosen.table) == ((-0.4, 0.4), "RdBu_r")
+    assert style("V", {"colour_map": "auto"})[0].table == "viridis"
 
 
 @pytest.mark.parametrize(("shape", "units"), [((30, 40), "grey level"), ((40, 30), "mm"), ((4, 400), "1")])

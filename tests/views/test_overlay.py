@@ -28,7 +28,7 @@ def rgba(content):
 
 
 def shown(points, longest_px=400):
-    return overlay.view([overlay.point_box(points)], (1440, 1920), longest_px)
+    return overlay.crop_around([overlay.point_box(points)], (1440, 1920), longest_px)
 
 
 def nearest_levels(colours):
@@ -37,30 +37,30 @@ def nearest_levels(colours):
 
 
 @pytest.mark.parametrize("longest_px", [50, 200, 5000])
-def test_a_view_holds_all_points_and_is_never_enlarged(longest_px):
+def test_a_crop_holds_all_points_and_is_never_enlarged(longest_px):
     points = grid()
-    view = shown(points, longest_px)
-    assert max(view.size) <= longest_px
-    assert view.scale <= 1.0
-    placed = view.place(points)
+    crop = shown(points, longest_px)
+    assert max(crop.size) <= longest_px
+    assert crop.scale <= 1.0
+    placed = crop.place(points)
     assert (placed >= -0.5).all()
-    assert (placed <= np.array(view.size) - 0.5).all()
+    assert (placed <= np.array(crop.size) - 0.5).all()
 
 
-def test_a_view_ends_at_the_image():
-    view = overlay.view([(-20, -5, 3000, 3000)], (1440, 1920), 4000)
-    assert view == overlay.View((1440, 1920), 1.0, (0, 0))
-    assert overlay.view([], (1440, 1920), 960).size == (720, 960)
+def test_a_crop_ends_at_the_image():
+    crop = overlay.crop_around([(-20, -5, 3000, 3000)], (1440, 1920), 4000)
+    assert crop == overlay.Crop((1440, 1920), 1.0, (0, 0))
+    assert overlay.crop_around([], (1440, 1920), 960).size == (720, 960)
 
 
 def test_a_linear_field_has_the_colours_of_its_values():
     points = grid()
-    view = shown(points)
+    crop = shown(points)
     values = (points[..., 0] - 100.0) / 210.0
-    picture = rgba(overlay.field_png(values, overlay.cell_index(points, view), LOOK))
-    assert picture.shape[:2] == view.size[::-1]
+    picture = rgba(overlay.field_png(values, overlay.cell_index(points, crop), LOOK))
+    assert picture.shape[:2] == crop.size[::-1]
     centres = points[:-1, :-1] + 3.5
-    x, y = np.rint(view.place(centres.reshape(-1, 2))).astype(int).T
+    x, y = np.rint(crop.place(centres.reshape(-1, 2))).astype(int).T
     expected = np.floor((centres[..., 0].ravel() - 100.0) / 210.0 * 254)
     assert (picture[y, x, 3] == 255).all()
     assert np.abs(nearest_levels(picture[y, x]) - expected).max() <= 1
@@ -68,11 +68,11 @@ def test_a_linear_field_has_the_colours_of_its_values():
 
 def test_what_is_not_known_is_clear():
     points = grid()
-    view, values = shown(points), np.full((21, 31), 0.5)
+    crop, values = shown(points), np.full((21, 31), 0.5)
     points[5, 5], values[15, 20] = np.nan, np.nan
-    picture = rgba(overlay.field_png(values, overlay.cell_index(points, view), LOOK))
+    picture = rgba(overlay.field_png(values, overlay.cell_index(points, crop), LOOK))
     for row, col in ((5, 5), (15, 20)):
-        x, y = np.rint(view.place(grid()[row, col])).astype(int)
+        x, y = np.rint(crop.place(grid()[row, col])).astype(int)
         assert (picture[y - 3 : y + 4, x - 3 : x + 4, 3] == 0).all()
     assert (picture[:5, :, 3] == 0).all()
 
@@ -86,21 +86,12 @@ def test_cells_fill_their_grid_without_gaps():
     assert set(np.unique(index)) == {-1, *range(600)}
 
 
-def test_a_pixel_of_a_grid_is_a_point():
-    values = np.linspace(0.0, 1.0, 12).reshape(3, 4)
-    values[1, 2] = np.nan
-    picture = rgba(overlay.grid_png(values, LOOK))
-    assert picture.shape == (3, 4, 4)
-    assert picture[1, 2, 3] == 0
-    known = np.isfinite(values)
-    expected = np.minimum(np.floor(values[known] * 254), 253).astype(int)
-    np.testing.assert_array_equal(picture[known][:, :3], palette("viridis")[expected])
-
-
 def test_values_beyond_the_range_have_the_colour_of_its_end():
-    picture = rgba(overlay.grid_png(np.array([[-9.0, 9.0, np.inf]]), LOOK))
+    """Two cells, one below and one above the range, and one whose mean is unknown."""
+    values = np.array([[-9.0, -9.0, 99.0, np.inf]] * 2)
+    picture = rgba(overlay.field_png(values, np.array([[0, 1, 2, -1]], np.int32), LOOK))
     np.testing.assert_array_equal(picture[0, :2, :3], palette("viridis")[[0, -1]])
-    assert picture[0, 2, 3] == 0
+    assert picture[0, 2:, 3].tolist() == [0, 0]
 
 
 def test_reasons_have_their_colours_and_what_is_measured_has_none():
@@ -112,27 +103,14 @@ def test_reasons_have_their_colours_and_what_is_measured_has_none():
     assert len(set(REASON_COLOURS.values())) == len(Status) - 1
 
 
-def test_the_box_of_a_grid_lays_each_pixel_on_its_point():
-    points = grid()
-    view = shown(points)
-    points[0, :, :], points[:, 30, :] = np.nan, np.nan
-    box = overlay.grid_box(points, view)
-    width, height = view.size
-    x, y = view.place(grid()[4, 9]) + 0.5
-    assert box["left"] + 9.5 / 31 * box["width"] == pytest.approx(100 * x / width)
-    assert box["top"] + 4.5 / 21 * box["height"] == pytest.approx(100 * y / height)
-    with pytest.raises(ValueError, match="two known rows"):
-        overlay.grid_box(points[:1], view)
-
-
 @pytest.mark.parametrize(("dtype", "white"), [(np.uint8, 255), (np.uint16, 4095), (np.uint16, 65535)])
-def test_a_photograph_of_any_depth_is_where_its_view_is(dtype, white):
+def test_a_photograph_of_any_depth_is_where_its_crop_is(dtype, white):
     image = np.zeros((400, 600), dtype)
     image[200:, 300:] = white
-    view = overlay.view([(200, 100, 400, 300)], (600, 400), 120)
-    picture = cv2.imdecode(np.frombuffer(overlay.photo_jpeg(image, view), np.uint8), cv2.IMREAD_GRAYSCALE)
-    assert picture.shape[::-1] == view.size
-    x, y = np.rint(view.place(np.array([300.0, 200.0]))).astype(int)
+    crop = overlay.crop_around([(200, 100, 400, 300)], (600, 400), 120)
+    picture = cv2.imdecode(np.frombuffer(overlay.photo_jpeg(image, crop), np.uint8), cv2.IMREAD_GRAYSCALE)
+    assert picture.shape[::-1] == crop.size
+    x, y = np.rint(crop.place(np.array([300.0, 200.0]))).astype(int)
     assert picture[y + 4, x + 4] > 240
     assert max(picture[y - 4, x + 4], picture[y + 4, x - 4]) < 15
 
