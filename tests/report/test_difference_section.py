@@ -109,4 +109,4 @@ def test_command(pipeline, measured, tmp_path):
     assert line["differs"] is False
     assert {found["step"] for found in line["differences"]} == {"step_01", "step_02"}
     dicflow("compare", pipeline, pipeline, "--quantity", "ezz").refuses(2, "'ezz'", "eyy")
-    dicflow("compare", pipeline, "20200101-000000-abcdef").refuses(2, "no run")
+    dicflow("compare", pipeline, "20200101-000000-abcdef").refuses(2, "20200101-000000-abcdef", "lists all runs")
