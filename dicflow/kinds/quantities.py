@@ -20,9 +20,12 @@ if TYPE_CHECKING:
 
 __all__ = [
     "BASIC",
+    "DISPLACEMENTS",
     "LENGTH",
     "MEASURES",
     "QUANTITIES",
+    "REPORTED",
+    "STRAINS",
     "Quantity",
     "StrainMeasure",
     "further_quantity",
@@ -159,6 +162,19 @@ QUANTITIES = {
 
 BASIC = ("U", "V", "W", "exx", "eyy", "gxy")
 """What every total has."""
+
+DISPLACEMENTS = tuple(name for name in BASIC if QUANTITIES[name].is_displacement)
+"""The displacements that every total has."""
+
+STRAINS = tuple(name for name in BASIC if not QUANTITIES[name].is_displacement)
+"""The strains that every total has."""
+
+REPORTED = (
+    *(name for name, quantity in QUANTITIES.items() if "report" in quantity.uses),
+    *(f"sigma_{name}" for name in ("exx", "eyy")),
+    "znssd",
+)
+"""Arrays of a total whose maps the report shows, in this order, behind those of the maps stage."""
 
 _CORE = "dicflow.core.strain.measures"
 _PRINCIPAL = "along the principal directions"

@@ -17,7 +17,7 @@ from markupsafe import Markup
 
 from dicflow.kinds.kind import summary_of
 from dicflow.kinds.maps import Maps
-from dicflow.kinds.quantities import QUANTITIES, of_field
+from dicflow.kinds.quantities import DISPLACEMENTS, REPORTED, of_field
 from dicflow.kinds.total import Total
 from dicflow.pipeline import Result
 from dicflow.pipeline.places import Places
@@ -31,14 +31,6 @@ __all__ = ["PLACE", "TITLE", "fields"]
 
 PLACE = 20
 TITLE = "Fields"
-
-SHOWN = (
-    *(name for name, quantity in QUANTITIES.items() if "report" in quantity.uses),
-    "sigma_exx",
-    "sigma_eyy",
-    "znssd",
-)
-"""Fields shown where a total has them, behind those of the maps."""
 
 _MOST_STEPS = 40
 _FEW = 0.5
@@ -114,7 +106,7 @@ def _names(result: Result, total: Total) -> list[str]:
     """The quantities of the maps, then the others that are there."""
     chosen = [name for maps in _maps(result) for name in maps.quantities]
     flat = () if total.in_space else ("W",)
-    others = [name for name in SHOWN if name in total and name not in flat]
+    others = [name for name in REPORTED if name in total and name not in flat]
     return list(dict.fromkeys([*chosen, *others]))
 
 
@@ -180,12 +172,11 @@ def _full_map(context: Context, total: str, look: Look, step: str) -> str:
 
 def _peak(result: Result, total: str, steps: Sequence[str]) -> str:
     """The step of the largest mean displacement."""
+    means = tuple(f"mean_{name}" for name in DISPLACEMENTS)
 
     def size(step: str) -> float:
         summary = summary_of(result.product(total, step))
-        return math.hypot(
-            *(value for name, value in summary.items() if name.startswith(("mean_U", "mean_V", "mean_W")))
-        )
+        return math.hypot(*(value for name, value in summary.items() if name.startswith(means)))
 
     return max(steps, key=size)
 

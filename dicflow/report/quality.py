@@ -13,6 +13,7 @@ from dicflow.kinds.correlation import Correlation
 from dicflow.kinds.images import Images
 from dicflow.kinds.kind import summary_of
 from dicflow.kinds.noise_floor import NoiseFloorTable
+from dicflow.kinds.quantities import DISPLACEMENTS, QUANTITIES, STRAINS
 from dicflow.kinds.region import Region
 from dicflow.pipeline import Result
 from dicflow.report.context import Context, Section
@@ -59,10 +60,9 @@ _DISPARITY = _Panel("Share of pixels with a disparity", "share [–]")
 _SURFACE = _Panel("Distance of the surface from its points, root mean square", "RMSE [mm]")
 
 _FIGURES = (
-    *(_Figure(_MILLIMETRES, name, "total", f"sigma_{name}_mm") for name in "UVW"),
+    *(_Figure(_MILLIMETRES, name, "total", f"sigma_{name}_mm") for name in DISPLACEMENTS),
     *(_Figure(_PIXELS, name, "total", f"sigma_{name}_px") for name in "UV"),
-    *(_Figure(_STRAIN, f"ε{axes}", "total", f"sigma_e{axes}") for axes in ("xx", "yy")),
-    _Figure(_STRAIN, "γxy", "total", "sigma_gxy"),
+    *(_Figure(_STRAIN, QUANTITIES[name].symbol, "total", f"sigma_{name}") for name in STRAINS),
     _Figure(_MISFIT, "left", "correlation", "znssd"),
     _Figure(_DISTANCES, "epipolar", "stereo", "epipolar_px"),
     _Figure(_DISTANCES, "reprojection", "points", "reprojection_px"),

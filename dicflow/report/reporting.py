@@ -16,7 +16,7 @@ from dicflow.kinds.correlation import Correlation
 from dicflow.kinds.images import Images
 from dicflow.kinds.kind import summary_of
 from dicflow.kinds.noise_floor import NoiseFloorTable
-from dicflow.kinds.quantities import BASIC, strain_measure, unit_of
+from dicflow.kinds.quantities import BASIC, STRAINS, strain_measure, unit_of
 from dicflow.kinds.region import Region
 from dicflow.kinds.rig import CalibratedRig
 from dicflow.kinds.total import Total, named_with_unit
@@ -254,7 +254,7 @@ def _tracking(facts: _Facts) -> _Rows:
 def _strain(facts: _Facts) -> _Rows:
     precise, thesis, smooth = facts.of("deformation"), facts.of("strain"), facts.of("smooth")
     measures: Mapping[str, str] = {} if facts.total is None else facts.total.titles
-    named = "; ".join(measures[name] for name in ("exx", "eyy", "gxy") if name in measures)
+    named = "; ".join(measures[name] for name in STRAINS if name in measures)
     measure = strain_measure(precise["measure"]) if precise else None
     described = f"{measure.title}: {measure.definition}" if measure else named
     yield "strain measure", described or "not yet computed", ""

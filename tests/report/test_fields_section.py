@@ -9,6 +9,7 @@ from PIL import Image
 
 from dicflow.core.status import Status
 from dicflow.engine.product import Product, Variable
+from dicflow.kinds.quantities import REPORTED
 from dicflow.pipeline import Pipeline
 from dicflow.report import fields as module
 from dicflow.report.fields import fields
@@ -121,7 +122,7 @@ class Noise:
     def __init__(self):
         rng = np.random.default_rng(1)
         grid = np.stack(np.meshgrid(np.arange(300, 1600, 7.0), np.arange(100, 1300, 7.0)), axis=-1)
-        fields = {name: rng.normal(size=grid.shape[:2]) for name in (*module.SHOWN, "angle")}
+        fields = {name: rng.normal(size=grid.shape[:2]) for name in (*REPORTED, "angle")}
         fields |= {"xy": grid, "status": rng.integers(0, 15, grid.shape[:2], dtype=np.uint8)}
         self.boxes = [(300.0, 100.0, 1600.0, 1300.0)]
         self.arrays = fields | {"left": rng.integers(0, 256, (1440, 1920), dtype=np.uint8)}
@@ -154,7 +155,7 @@ class Fixed:
 def test_steps_of_noise_stay_within_the_page(count):
     noise = Noise()
     maps = StepMaps(noise, "total", Fixed(), has_grid=True, keep=lambda sources, make: make())
-    looks = [Look(name, name, "1", (-2.0, 2.0), "viridis") for name in module.SHOWN]
+    looks = [Look(name, name, "1", (-2.0, 2.0), "viridis") for name in REPORTED]
     steps = [f"step_{number}" for number in range(count)]
     crop = maps.crop(Overview(noise.boxes, (1920, 1440), {}), steps, looks)
     assert count * len(json.dumps(maps.at_step("step_1", crop, looks))) < 7.0e6
