@@ -1,4 +1,4 @@
-"""Commands that hand a measurement over: its report, its files, what differs from another."""
+"""Commands that pass a measurement on: its report, its files, its differences from another."""
 
 from __future__ import annotations
 
@@ -63,7 +63,7 @@ def report(
 
 
 class ExportCommand(TyperCommand):
-    """The command ``export``, whose help lists the formats; only then are they looked up."""
+    """The command ``export``, whose help lists the formats, which are found when the help is printed."""
 
     def format_help(self, ctx: Any, formatter: Any) -> None:
         for option in self.params:
@@ -73,7 +73,7 @@ class ExportCommand(TyperCommand):
 
 
 def _format_words() -> str:
-    """Each description with the formats that it is of."""
+    """Each description with its formats."""
     from dicflow.io.exports import descriptions
     from dicflow.views.exported_pictures import PICTURES
 
@@ -138,7 +138,7 @@ def compare(
     as_json: Annotated[bool, typer.Option("--json", help="one line of JSON in place of text")] = False,
     force: Force = False,
 ) -> None:
-    """Say what differs between two measurements.
+    """Compare two measurements.
 
     \b
     dicflow compare pipeline.yaml other.yaml

@@ -1,4 +1,4 @@
-"""Commands that measure: run, and what a run would do."""
+"""Commands that compute: run, plan, why."""
 
 from __future__ import annotations
 
@@ -91,7 +91,7 @@ def plan(
     store: StoreFolder = None,
     code_policy: Policy = CodePolicy.recompute,
 ) -> None:
-    """Say what a run would compute, and why; nothing is computed.
+    """List what a run would compute, and why; nothing is computed.
 
     \b
     dicflow plan pipeline.yaml
@@ -114,7 +114,7 @@ def why(
     data: Data = None,
     store: StoreFolder = None,
 ) -> None:
-    """Say what has changed for a stage since it was computed.
+    """List what has changed for a stage since it was computed.
 
     Parameters old → new, inputs, files, code.
 
@@ -136,7 +136,7 @@ def _exit_code(result: Result) -> int:
 
 
 def _run_line(result: Result) -> dict[str, Any]:
-    """The line that ``--json`` ends with."""
+    """The last line of ``--json``."""
     outcome = result.outcome
     assert outcome is not None
     counts = {name: outcome.counts.get(name, 0) for name in ("hit", "computed", "failed", "skipped")}
@@ -155,7 +155,7 @@ def _print_run(console: Console, result: Result, folder: Path, files: list[Path]
     counts = ", ".join(f"{number} {name}" for name, number in outcome.counts.items() if number)
     console.print(f"{counts} in {outcome.seconds:.1f} s, run {outcome.run_id}", soft_wrap=True)
     if outcome.interrupted:
-        console.print("interrupted; what is done is kept, and the same command goes on from here", style="yellow")
+        console.print("interrupted; finished tasks are kept, and the same command continues", style="yellow")
     if files:
         console.print(f"{len(files)} maps and tables in {folder}", soft_wrap=True)
 

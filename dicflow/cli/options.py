@@ -1,4 +1,4 @@
-"""What several commands share: their arguments and options, and how files are opened and written."""
+"""Arguments and options of several commands, and how files are opened and written."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ __all__ = [
 
 
 class CodePolicy(StrEnum):
-    """What to do with products whose stage's code has changed since."""
+    """Treatment of products whose stage has been edited since."""
 
     recompute = "recompute"
     warn = "warn"
@@ -78,7 +78,7 @@ def load(pipeline: Path, data: Path | None, store: Path | None, settings: list[s
 
 
 def stored(pipeline: Pipeline) -> Result:
-    """What the store holds of a pipeline; notes on standard error name its source where that matters."""
+    """The result that the store holds of a pipeline; notes on standard error name its source if it matters."""
     result = pipeline.result()
     for note in result.notes:
         typer.secho(f"warning: {note}", fg="yellow", err=True)
@@ -86,7 +86,7 @@ def stored(pipeline: Pipeline) -> Result:
 
 
 def results_folder(pipeline: Pipeline, output: Path | None) -> Path:
-    """Where maps, tables and the report go."""
+    """The folder of maps, tables and the report."""
     return output or pipeline.path.parent / "results" / pipeline.name
 
 
@@ -106,7 +106,7 @@ def refuse_full(folder: Path, force: bool) -> None:
 
 
 def write_new(path: Path, content: bytes, force: bool) -> None:
-    """A new file, whole or not at all."""
+    """Write a file as a whole."""
     from dicflow.io.files import write_whole
 
     refuse_existing(path, force)
@@ -119,7 +119,7 @@ def refuse_existing(path: Path, force: bool) -> None:
 
 
 def variant_index(result: Result, variant: int) -> int:
-    """The place of a variant that is counted from 1."""
+    """The index of a variant that the user counts from 1."""
     if variant > len(result.values):
         raise ConfigurationError(f"--variant {variant}: there are {len(result.values)}, counted from 1")
     return variant - 1

@@ -1,4 +1,4 @@
-"""Commands that show what a pipeline is and what it has made."""
+"""Commands that show a pipeline and its products."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ def graph(
     output: Annotated[Path | None, typer.Option(help="SVG file to write; default: text on the terminal")] = None,
     force: Force = False,
 ) -> None:
-    """Show the stages and what each takes from which.
+    """Show the stages and the inputs of each.
 
     \b
     dicflow graph pipeline.yaml
@@ -46,7 +46,7 @@ def graph(
 
 
 def list_products(pipeline: PipelineFile, settings: Settings, data: Data = None, store: StoreFolder = None) -> None:
-    """List the products of a pipeline, and how many are there.
+    """List the products of a pipeline, and how many the store holds.
 
     \b
     dicflow ls pipeline.yaml

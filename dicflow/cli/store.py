@@ -1,4 +1,4 @@
-"""Commands that keep a store in order."""
+"""Commands that maintain a store."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ def gc(
     keep_runs: Annotated[int, typer.Option(min=0, help="newest runs of each pipeline that keep their products")] = 5,
     delete: Annotated[bool, typer.Option("--delete", help="delete it; without this only say what would go")] = False,
 ) -> None:
-    """Free what no recent run and no pin needs any more.
+    """Delete products that no recent run and no pin needs.
 
     \b
     dicflow gc .dicflow

@@ -30,8 +30,8 @@ def write_report(pipeline: Pipeline, result: Result, folder: Path, workers: int 
 
     folder : of the maps and tables, made if missing
     workers : threads that draw at once
-    Nothing is computed: what the store lacks is left out and said to be missing, and a section that fails says why.
-    A page of the same products stays as it is when nothing was to do: it tells of the run that made them.
+    Nothing is computed: what the store lacks is listed as missing, and a section that fails shows its error.
+    A page of the same products is kept if the run computed nothing: it describes the run that made them.
     Raises InputError where the file cannot be written.
     """
     found = _run(pipeline, result)
@@ -53,19 +53,19 @@ def write_report(pipeline: Pipeline, result: Result, folder: Path, workers: int 
 
 
 def _was_idle(result: Result) -> bool:
-    """Whether nothing was to do, or nothing was run."""
+    """Whether the run computed nothing, or there was no run."""
     return result.outcome is None or not any(
         count for status, count in result.outcome.counts.items() if status != "hit"
     )
 
 
 def _code() -> str:
-    """Stands for the code that makes the page."""
+    """Digest of the code that makes the page."""
     return json.dumps([source_digest("views", "report"), *SECTIONS.plugin_code()])
 
 
 def _sources(pipeline: Pipeline, result: Result, run: RunFacts | None) -> str:
-    """Digest of all that the page shows, but of a run that came to its end only that it did."""
+    """Digest of all that the page shows; of a run that ended, only that it ended."""
     is_whole = run is None or (run.ended and not run.interrupted and not run.counts["failed"])
     state = "" if run is None or is_whole else run.id
     settings = (pipeline.path.name, pipeline.title, pipeline.resolved())
@@ -74,7 +74,7 @@ def _sources(pipeline: Pipeline, result: Result, run: RunFacts | None) -> str:
 
 
 def _run(pipeline: Pipeline, result: Result) -> RunInfo | None:
-    """The run that has just been, else the newest with the same stages and settings."""
+    """The run that has just ended, else the newest with the same stages and settings."""
     if result.outcome is not None and result.outcome.run_id:
         return find_run(pipeline.store, result.outcome.run_id)
     return pipeline.last_run()
@@ -86,7 +86,7 @@ def _made(parts: list[Entry], context: Context) -> list[Section]:
 
 
 def _built(entry: Entry, context: Context) -> Section | None:
-    """A section, or in its place the message of what went wrong; a defect of a plug-in spoils no more than its own."""
+    """A section, or in its place the error message; a defect of a plug-in affects its own section only."""
     try:
         return entry.build(context)
     except Exception as error:
@@ -110,7 +110,7 @@ def _page(context: Context, sections: list[Section]) -> str:
 
 
 def _subtitle(context: Context) -> str:
-    """The file and the run that the page is of."""
+    """The pipeline file and the run that the page describes."""
     run = context.run
     when = "not run as it stands" if run is None else f"run {run.id} of {date(run.started)}"
     return f"{context.pipeline.path.name} · {when}"

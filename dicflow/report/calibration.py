@@ -76,7 +76,7 @@ def _warnings(rig: CalibratedRig) -> tuple[str, ...]:
 
 
 def _facts(rig: CalibratedRig, square_mm: float | None) -> list[tuple[str, str, str]]:
-    """Name, value and remark of what a reader asks first."""
+    """Name, value and remark of the key figures."""
     found = rig.summary
     facts = [
         ("Baseline", f"{number(found['baseline_mm'], 5)} mm", _more_or_less(found, "baseline_mm", "mm")),
@@ -118,7 +118,7 @@ def _figures(found: Mapping[str, float]) -> list[list[str]]:
 
 
 def _pairs(pairs: Sequence[Mapping[str, Any]]) -> list[dict[str, Any]]:
-    """One row per pair: its errors, the lengths of their bars, and what became of it."""
+    """One row per pair: its errors, the lengths of their bars, and whether it was used."""
     longest = max((pair[f"{side}_px"] for pair in pairs for side in _SIDES if "left_px" in pair), default=0.0) or 1.0
     return [
         {
@@ -158,7 +158,7 @@ def _drawn(calibrated: CalibratedRig, corners: Mapping[str, BoardMarks], square_
 
 
 def _coverage(side: str, camera: Camera, corners: Mapping[str, BoardMarks], used: Mapping[str, bool]) -> Drawing:
-    """Where the corners of all pairs lie in the frame of one camera."""
+    """Places of the corners of all pairs in the frame of one camera."""
     from dicflow.report.drawing import Shape, drawing
 
     stride = 1 + sum(len(product[side]) for product in corners.values()) // _MOST_CORNERS
@@ -222,7 +222,7 @@ def _kind(shape: str, used: Mapping[str, bool], name: str) -> str:
 
 
 def _pyramid(camera: Camera, depth: float, turn: np.ndarray, shift: np.ndarray) -> list[np.ndarray]:
-    """What a camera sees down to a depth [mm], as the five faces of a pyramid in the left camera's frame."""
+    """The field of view of a camera down to a depth [mm], as the five faces of a pyramid in the left camera's frame."""
     import numpy as np
 
     width, height = camera.size
@@ -233,7 +233,7 @@ def _pyramid(camera: Camera, depth: float, turn: np.ndarray, shift: np.ndarray) 
 
 
 def _rectified(context: Context, stage: str) -> dict[str, Any] | None:
-    """Both photographs of the first step with common rows; None where there are none."""
+    """Both photographs of the first step with common rows; None without photographs."""
     result = context.result
     photographs = _photographs(result)
     if photographs is None or not result.has(photographs, 0):

@@ -1,4 +1,4 @@
-"""What the sections of a report are made from, and what each of them is."""
+"""Input and output of the sections of a report."""
 
 from __future__ import annotations
 
@@ -17,10 +17,10 @@ __all__ = ["Builder", "Context", "Section"]
 
 
 class Context(NamedTuple):
-    """Everything that a section may ask.
+    """Input of a section.
 
-    run : facts of the run that the products are of; None where this pipeline was never run as it stands
-    pieces : keeps what is slow to make from one build to the next
+    run : facts of the run that made the products; None if this pipeline was never run with these settings
+    pieces : slow parts, kept from one build to the next
     folder : where the report is written; maps and tables lie beside it
     workers : threads that may draw at once
     """
@@ -33,7 +33,7 @@ class Context(NamedTuple):
     workers: int = 1
 
     def piece(self, sources: Sequence[str], make: Callable[[], bytes]) -> bytes | None:
-        """A piece; None where it is not at hand and would be made of what the store does not keep."""
+        """A piece; None if it is not kept and the store lacks the products to make it."""
         try:
             return self.pieces.get(sources, make)
         except NotKeptError:
@@ -66,4 +66,4 @@ class Section(NamedTuple):
 
 
 Builder = Callable[[Context], Section | None]
-"""Makes a section; None where this pipeline has nothing of the kind."""
+"""Makes a section; None if it does not apply to the pipeline."""

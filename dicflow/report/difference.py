@@ -1,4 +1,4 @@
-"""Section: what differs between two measurements; also a page of its own."""
+"""Section: differences between two measurements; also a page of its own."""
 
 from __future__ import annotations
 
@@ -49,7 +49,7 @@ def difference(comparison: Comparison) -> Section:
 
 
 def difference_page(comparison: Comparison) -> bytes:
-    """The section as a whole HTML file, that needs no network and no other file."""
+    """The section as a complete HTML file, which needs no network and no other file."""
     page = render(
         "page.html",
         title="Two measurements compared",

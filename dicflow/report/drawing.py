@@ -31,7 +31,7 @@ class Shape(NamedTuple):
 
 
 class Drawing(NamedTuple):
-    """What the template draws, all in SVG units.
+    """Input of the template, in SVG units.
 
     size : (width, height) of the whole
     frame : (x, y, width, height) of the field
@@ -91,7 +91,7 @@ def ticks(low: float, high: float, least: float) -> list[tuple[float, str]]:
 
 
 def _path(points: NDArray[np.float64], closed: bool) -> str:
-    """An outline, or a dot at each point: lines without length, whose round ends are seen."""
+    """An outline, or a dot at each point: lines without length, drawn by their round ends."""
     if not closed:
         return "".join(f"M{x:.1f} {y:.1f}h0" for x, y in points)
     return "M" + "L".join(f"{x:.1f} {y:.1f}" for x, y in points) + "Z"

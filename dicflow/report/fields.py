@@ -71,13 +71,13 @@ def fields(context: Context) -> Section | None:
 
 
 def _spread(steps: Sequence[str]) -> list[str]:
-    """As many steps as a page holds, evenly from the first to the last."""
+    """At most as many steps as a page holds, evenly from the first to the last."""
     most = min(len(steps), _MOST_STEPS)
     return [steps[round(number * (len(steps) - 1) / max(1, most - 1))] for number in range(most)]
 
 
 def _shown_total(result: Result) -> str | None:
-    """The total that the maps are of, else the last one."""
+    """The total that the maps stage draws, else the last one."""
     for stage in result.stages_of("maps"):
         return result.source(stage, "total")
     totals = result.stages_of("total")
@@ -103,7 +103,7 @@ def _maps(result: Result) -> list[Maps]:
 
 
 def _names(result: Result, total: Total) -> list[str]:
-    """The quantities of the maps, then the others that are there."""
+    """The quantities of the maps, then the others that the total has."""
     chosen = [name for maps in _maps(result) for name in maps.quantities]
     flat = () if total.in_space else ("W",)
     others = [name for name in REPORTED if name in total and name not in flat]
@@ -111,7 +111,7 @@ def _names(result: Result, total: Total) -> list[str]:
 
 
 def _title(context: Context, total: Total, name: str) -> str:
-    """The measure in words, and of a strain the part of the specimen that each value is the mean of."""
+    """The measure in words, and of a strain the part of the specimen over which it is averaged."""
     quantity = of_field(name)
     if total.gauge is not None or quantity is None or quantity.is_displacement:
         return total.caption(name)
@@ -134,7 +134,7 @@ def _reason_colours() -> dict[str, str]:
 
 
 def _quantity(context: Context, total: str, look: Look, steps: Sequence[str], peak: str) -> dict[str, Any]:
-    """What the page says of a quantity, and where its full maps lie beside the page; else the one of the peak."""
+    """A quantity's label, colour bar and full maps: files beside the page, else the one of the peak as text."""
 
     def make() -> bytes:
         from dicflow.views.overlay import colour_bar_svg
@@ -182,7 +182,7 @@ def _peak(result: Result, total: str, steps: Sequence[str]) -> str:
 
 
 def _words(maps: StepMaps) -> dict[str, Any]:
-    """What lies under the maps, and over which step the others lie."""
+    """Values of the template that describe the photographs under the maps."""
     result, photographs = maps.result, maps.places.photographs
     plane = result.kind(photographs) == "plane"
     return {
@@ -194,7 +194,7 @@ def _words(maps: StepMaps) -> dict[str, Any]:
 
 
 def _few_points(drawn: Mapping[str, Mapping[str, Any]]) -> tuple[str, ...]:
-    """A warning where a step has lost most of its points."""
+    """A warning if a step has lost most of its points."""
     shares = {step: _share(maps["counts"]) for step, maps in drawn.items()}
     few = {step: share for step, share in shares.items() if share < _FEW}
     if not few:
@@ -208,6 +208,6 @@ def _share(counts: Mapping[str, int]) -> float:
 
 
 def _as_json(content: Any) -> Markup:
-    """Data for the page's script; nothing in it ends the element that holds it."""
+    """Data for the page's script, escaped so that no text can close the element around it."""
     text = json.dumps(content, ensure_ascii=False, separators=(",", ":"))
     return Markup(text.replace("<", "\\u003c"))

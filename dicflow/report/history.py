@@ -1,4 +1,4 @@
-"""What came out at each step: lengths, displacements and strains beside the caliper's, as rows of a table."""
+"""Results per step: lengths, displacements and strains beside the caliper's, as rows of a table."""
 
 from __future__ import annotations
 
@@ -46,7 +46,7 @@ class History(NamedTuple):
     """One row per step.
 
     source : what the numbers are, in words
-    steps, phases : names of the steps, and loading or unloading; empty where nothing tells
+    steps, phases : names of the steps, and loading or unloading; phases are empty if unknown
     values : column's key → number per step, None if unknown
     drawn : keys of what belongs into one plot
     valid_share : of each step but the first; None where it was not measured
@@ -63,7 +63,7 @@ class History(NamedTuple):
 
 
 def step_history(context: Context) -> History | None:
-    """The steps as the comparison tells of them, else the extensometers, else the means of the field.
+    """The history of the comparison, else of the extensometers, else of the means of the field.
 
     None for a pipeline without totals. A step that is not there has no numbers.
     """
@@ -103,7 +103,7 @@ def _comparison(result: Result) -> Sequence[Mapping[str, Any]]:
 
 
 def _other_length(first: Mapping[str, Any]) -> str:
-    """Why displacements are not compared; nothing where they are, or where there are only strains."""
+    """Why displacements are not compared; empty if they are, or if only strains are known."""
     if "displacement_error_mm" in first or "dic_length_mm" not in first:
         return ""
     return (
@@ -135,7 +135,7 @@ def _means(result: Result, total: str, steps: tuple[str, ...]) -> dict[str, tupl
 
 
 def _valid_share(context: Context, total: str, step: str) -> float | None:
-    """Share of the region's points that have a value; counted once where the total has none."""
+    """Share of the region's points that have a value; counted here if the total does not state it."""
     if not context.result.has(total, step):
         return None
     product = context.result.product(total, step)
@@ -160,7 +160,7 @@ def _bare(key: str) -> str:
 
 
 def _column(key: str) -> Column:
-    """Title and unit of a column, from the name of its values."""
+    """Title and unit of a column by its key."""
     ending, bare = _ending(key), _bare(key)
     if bare.startswith("mean_"):
         return Column(key, f"mean {_symbol(bare[5:])}", _UNITS.get(ending, "1"))

@@ -1,4 +1,4 @@
-"""Pieces of a report that are slow to make, kept beside it from one build to the next."""
+"""Slow parts of a report, kept beside it from one build to the next."""
 
 from __future__ import annotations
 
@@ -19,8 +19,8 @@ _PIECE = re.compile(r"[0-9a-f]{64}")
 class Pieces:
     """A folder of pieces, each under the digest of what it was made of. Threads may share it.
 
-    folder : made with the first piece; deleting it costs time and nothing else
-    code : stands for the code that makes the pieces, :func:`dicflow.views.source_digest.source_digest`
+    folder : made with the first piece; it can be deleted, since pieces are made again
+    code : digest of the code that makes the pieces, :func:`dicflow.views.source_digest.source_digest`
     """
 
     def __init__(self, folder: Path, code: str) -> None:
@@ -42,7 +42,7 @@ class Pieces:
         return content
 
     def drop_unused(self) -> None:
-        """Delete the pieces that nobody has asked for since this object was made."""
+        """Delete the pieces that were not read since this object was made."""
         if self._folder.is_dir():
             for path in self._folder.iterdir():
                 if _PIECE.fullmatch(path.name) and path.name not in self._asked:

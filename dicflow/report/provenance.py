@@ -1,4 +1,4 @@
-"""Section: what was computed and what was at hand, when, in what time and by which code."""
+"""Section: what was computed and what came from the store, when, how long it took and by which code."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ _ADDRESS = ' xmlns="http://www.w3.org/2000/svg"'
 
 
 class StageFacts(NamedTuple):
-    """What became of the tasks of one stage.
+    """Outcome of the tasks of one stage.
 
     counts : status → number of tasks
     spent, saved : time in tasks that ran, and that those at hand once took [s]
@@ -37,7 +37,7 @@ class StageFacts(NamedTuple):
 
     @property
     def status(self) -> str:
-        """The worst that became of a task; computed rather than hit where there are both."""
+        """The worst outcome of a task; computed rather than hit if both occur."""
         return next((name for name in ("failed", "skipped", "computed", "hit") if self.counts.get(name)), "missing")
 
 
@@ -86,7 +86,7 @@ def _time(seconds: float) -> str:
 
 
 def _picture(context: Context, facts: Mapping[str, StageFacts]) -> Markup:
-    """The graph with what became of each stage, as an element of the page."""
+    """The graph with the status of each stage, as an element of the page."""
     run = context.run
     marks = {
         name: Mark(one.status, _note(one)) if run is not None else _held(context, name) for name, one in facts.items()
@@ -95,7 +95,7 @@ def _picture(context: Context, facts: Mapping[str, StageFacts]) -> Markup:
 
 
 def _held(context: Context, instance: str) -> Mark:
-    """How many products of a stage of the graph the store holds, where no run tells more."""
+    """How many products of a stage the store holds, for a pipeline without a run."""
     result = context.result
     variant, stage = next(
         (number, stage)
@@ -123,7 +123,7 @@ def _versions(run: RunFacts | None) -> list[tuple[str, str, str]]:
 
 
 def _unlike(run: RunFacts | None) -> list[str]:
-    """Packages of which another version made a product than is installed here."""
+    """Packages whose installed version is not the one that made a product."""
     here = versions()
     found = run.versions.items() if run is not None else ()
     return [name for name, made in found if name in here and set(made) != {here[name]}]

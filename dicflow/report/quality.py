@@ -1,4 +1,4 @@
-"""Section: uncertainty, convergence, and what the speckle is good for."""
+"""Section: uncertainty, convergence, quality of the speckle pattern."""
 
 from __future__ import annotations
 
@@ -78,7 +78,7 @@ _Panels = dict[_Panel, dict[str, list[float | None]]]
 
 
 def quality(context: Context) -> Section | None:
-    """The section, None where nothing was followed."""
+    """The section, None if no points were followed."""
     result = context.result
     followed = [stage for kind in ("correlation", "track") for stage in result.stages_of(kind)]
     if not followed:
@@ -122,7 +122,7 @@ def _figure(result: Result, stage: str, step: str, key: str) -> float | None:
 
 
 def _heading(panel: _Panel, series: str) -> str:
-    """Of a column; a series that is called as its axis is not named twice."""
+    """Title of a column; a series with the name of its axis is not named twice."""
     named = panel.axis.startswith(f"{series} [")
     return f"{panel.title}: {panel.axis}" if named else f"{panel.title}: {series}, {panel.axis}"
 
@@ -144,7 +144,7 @@ def _chart(
 
 
 def _speckle(context: Context) -> dict[str, float] | None:
-    """What the first photograph's pattern is like inside the region; None without one."""
+    """Quality of the first photograph's pattern inside the region; None without a region."""
     result = context.result
     for region in result.stages_of("region"):
         images = result.source(region, "images")
@@ -183,7 +183,7 @@ def _facts(speckle: Mapping[str, float]) -> list[tuple[str, str, str]]:
 
 
 def _advice(speckle: Mapping[str, float | None], subset_px: float | None) -> list[tuple[bool, str]]:
-    """Whether each property is good, and a sentence that says what to do where it is not."""
+    """Whether each property is good, and a remedy if it is not."""
     low, high = _GOOD_SPECKLE_PX
     size, gradient, contrast = speckle["size_px"], speckle["gradient"], speckle["contrast"]
     if size is None or gradient is None or contrast is None:
@@ -217,7 +217,7 @@ def _size_sentence(size: float) -> str:
 
 
 def _overexposed(result: Result) -> Iterator[str]:
-    """A warning for each camera that lost the pattern in the light at a later step."""
+    """A warning for each camera that was overexposed at a later step."""
     for side, kind in (("left", "correlation"), ("right", "stereo")):
         for stage in result.stages_of(kind):
             steps = result.steps(stage)
@@ -241,7 +241,7 @@ def _subset(result: Result) -> float | None:
 
 
 def _noise_of_photographs(result: Result, stage: str) -> str:
-    """What the standard deviations of the last step that is there rest on."""
+    """Basis of the standard deviations at the last step that the store holds."""
     there = [step for step in result.steps(stage) if result.has(stage, step)]
     if not there or result.product(stage, there[-1]).kind != "correlation":
         return ""

@@ -1,4 +1,4 @@
-"""Templates filled in. All that is put into one is escaped, unless it is Markup already."""
+"""Templates. Every value is escaped, unless it is Markup already."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ __all__ = ["assets", "render"]
 
 
 def render(template: str, **values: Any) -> Markup:
-    """A template of the folder ``templates`` with these values, as HTML. A value that is missing is a defect."""
+    """A template of the folder ``templates`` with these values, as HTML. A missing value raises UndefinedError."""
     return Markup(_environment().get_template(template).render(values))
 
 

@@ -1,7 +1,7 @@
 """What a report of a measurement must state, filled in from the settings and from what was measured.
 
 The rows follow what the iDICs Good Practices Guide for Digital Image Correlation asks a report for. What no photograph
-and no setting tells is left for the user.
+and no setting states is left for the user.
 """
 
 from __future__ import annotations
@@ -79,7 +79,7 @@ def reporting_rows(result: Result, resolved: Mapping[str, Any]) -> list[Row]:
 
 
 class _Facts:
-    """Settings and products by type of stage and kind of product; what is not there is empty."""
+    """Settings and products by type of stage and kind of product; missing ones are empty."""
 
     def __init__(self, result: Result, resolved: Mapping[str, Any]) -> None:
         self.result = result
@@ -100,7 +100,7 @@ class _Facts:
         return found
 
     def product(self, kind: str, *, last: bool = False) -> Product | None:
-        """The first, or last, product of a kind that is there, of the last stage that gives it."""
+        """The first or last product of a kind in the store, of the last stage that gives it."""
         for stage in reversed(self.result.stages_of(kind)):
             steps = self.result.steps(stage) or (None,)
             there = [step for step in steps if self.result.has(stage, step)]

@@ -28,7 +28,7 @@ class Entry(NamedTuple):
 
 
 def entries() -> list[Entry]:
-    """All sections but the summary in the order of the page; a plug-in that cannot be used shows why, at the end."""
+    """All sections but the summary, in order; a plug-in that cannot be used shows its error at the end."""
     placed = [_placed(name) for name in SECTIONS.names()]
     return [entry for _, entry in sorted(placed, key=lambda pair: (pair[0], pair[1].key))]
 

@@ -16,7 +16,7 @@ TITLE = "Settings"
 
 
 def settings(context: Context) -> Section:
-    """The section; rows that nothing tells are marked as the user's to fill in."""
+    """The section; rows without a known value are left to the user."""
     rows = _rows(context)
     groups = [(name, list(members)) for name, members in groupby(rows, key=lambda row: row.group)]
     body = render(
@@ -29,7 +29,7 @@ def settings(context: Context) -> Section:
 
 
 def _rows(context: Context) -> list[Row]:
-    """The table, made anew where a setting or a product has changed."""
+    """The table, made again if a setting or a product has changed."""
     result, resolved = context.result, context.pipeline.resolved()
     digests = [
         result.digest(stage, step)

@@ -1,4 +1,4 @@
-"""Section: what came out, and what to be careful about."""
+"""Section: results and warnings."""
 
 from __future__ import annotations
 
@@ -45,7 +45,7 @@ def summary(context: Context, sections: Sequence[Section]) -> Section:
 
 
 def _state(run: RunFacts | None) -> list[str]:
-    """What is wrong with the run as a whole, in sentences; nothing where it went through."""
+    """Problems of the run as a whole, in sentences; empty if it succeeded."""
     if run is None:
         return ["No run of this pipeline as it stands is known: shown is what the store holds of it."]
     counts, missing = run.counts, max(0, run.planned - len(run.tasks))
@@ -71,19 +71,19 @@ def _failures(context: Context) -> list[tuple[str, str]]:
 
 
 def _skipped(run: RunFacts | None) -> list[tuple[str, int]]:
-    """Stages of which tasks were skipped, and how many."""
+    """Stages with skipped tasks, and how many."""
     tasks = run.tasks if run is not None else ()
     return list(Counter(task.stage for task in tasks if task.status == "skipped").items())
 
 
 def _journalled(context: Context) -> list[str]:
-    """What the products come from, where that matters, and the warnings of the run."""
+    """Source of the products, if it matters, and the warnings of the run."""
     warnings = context.run.warnings if context.run is not None else ()
     return [context.without_local_paths(text) for text in (*context.result.notes, *warnings)]
 
 
 def _lost_points(history: History) -> list[str]:
-    """A warning where steps lack many points."""
+    """A warning if steps lack many points."""
     few = [
         (step, share)
         for step, share in zip(history.steps, history.valid_share, strict=True)
@@ -97,7 +97,7 @@ def _lost_points(history: History) -> list[str]:
 
 
 def _facts(context: Context, history: History | None) -> list[tuple[str, str, str]]:
-    """Title, value and remark of what a reader asks first."""
+    """Title, value and remark of the key figures."""
     result, run = context.result, context.run
     facts = []
     if history is not None:
@@ -167,7 +167,7 @@ def _chart(context: Context, history: History) -> Markup | None:
 
 
 def _stages(context: Context) -> list[tuple[str, str]]:
-    """How many products of each stage are there."""
+    """How many products of each stage the store holds."""
     result = context.result
     return [
         (stage, f"{sum(result.has(stage, step) for step in steps)} of {len(steps)}")

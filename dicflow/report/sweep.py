@@ -23,7 +23,7 @@ TITLE = "Variants of the sweep"
 
 _FIELDS = tuple(name for name, quantity in QUANTITIES.items() if "sweep" in quantity.uses)
 _ALIKE, _ALIKE_DRAWN = 1e-9, 1e-4
-"""Relative spread up to which scalars count as equal; what differs less than the second is not drawn."""
+"""Relative spread up to which scalars count as equal; smaller differences than the second are not drawn."""
 
 
 def sweep(context: Context) -> Section | None:

@@ -1,4 +1,4 @@
-"""Numbers and times as a reader wants them."""
+"""Numbers and times as text."""
 
 from __future__ import annotations
 

@@ -33,7 +33,7 @@ REASON_COLOURS = {
     Status.HIDDEN: "#252525",
     Status.CUT_SUBSET: "#a6cee3",
 }
-"""Colour of each reason for which a point has no value of its own; what is measured has none."""
+"""Colour of each status of a point without a measured value."""
 
 
 class Look(NamedTuple):

@@ -58,7 +58,7 @@ class Progress:
             self._live.__exit__(*error)
 
     def on_event(self, event: Event) -> None:
-        """Take in one event of the run."""
+        """Handle one event of the run."""
         self._checking = ""
         if event.kind == "checking":
             self._checking = f"checking {event.text}: {event.counts['done']:,} of {event.counts['all']:,}"
@@ -144,7 +144,7 @@ def why_lines(plan: Plan, name: str) -> Iterator[str]:
 
 
 def products_table(result: Result) -> Table:
-    """Every stage with the kind it gives, how many of its products are there, and its steps."""
+    """Every stage with the kind it gives, how many of its products the store holds, and its steps."""
     rows = []
     for stage in result.stages:
         steps = result.steps(stage)
@@ -183,17 +183,17 @@ def _counted(counts: Mapping[str, int]) -> str:
 
 
 def _reasons(counted: Counter[str]) -> str:
-    """The two commonest reasons."""
+    """The two most common reasons."""
     reasons = [f"{reason} ({count} ×)" if count > 1 else reason for reason, count in counted.most_common(2)]
     return "; ".join(reasons) + ("; …" if len(counted) > 2 else "")
 
 
 def consoles() -> tuple[Console, Console]:
-    """Standard output for results, standard error for progress; text is shown as it is."""
+    """Standard output for results, standard error for progress."""
     return _console(sys.stdout), _console(sys.stderr)
 
 
 def _console(file: IO[str]) -> Console:
-    """Square brackets are no markup here; what goes into a file or to another program is not folded."""
+    """A console that prints square brackets literally; lines to a file or another program are not wrapped."""
     width = None if file.isatty() else _FILE_WIDTH
     return Console(file=file, width=width, markup=False, highlight=False)

@@ -18,7 +18,7 @@ __all__ = ["difference_maps"]
 
 _COLUMNS, _WIDTH_IN, _ALONE_IN = 3, 3.6, 7.0
 _PERCENTILE = 99.0
-"""Of the sizes; what is larger takes the colour of the end."""
+"""Percentile of the sizes at which the colours end; larger values have the colour of the end."""
 
 
 def difference_maps(differences: Sequence[Difference]) -> Figure:

@@ -36,7 +36,7 @@ class Drawn(NamedTuple):
     """What is to be drawn.
 
     steps : of each stage
-    quantities : names of arrays; none for those that there are
+    quantities : names of arrays; without any all that can be drawn
     """
 
     result: Result
@@ -46,7 +46,7 @@ class Drawn(NamedTuple):
 
 
 def check_quantities(stage: str, product: Product, quantities: Sequence[str]) -> None:
-    """Raise ConfigurationError that lists what there is for an array that a product does not have."""
+    """Raise ConfigurationError, which lists the arrays of the product, for an array that it does not have."""
     for name in quantities:
         if name not in product:
             known = ", ".join(product.variables) or "no array"
@@ -72,20 +72,22 @@ def write_surfaces(drawn: Drawn, form: str, folder: Path, whole: bool) -> None:
     """The surface in space, coloured by a field: one picture in PNG per total and array on its grid.
 
     form, whole : as for :func:`write_pictures`
-    Raises ConfigurationError where pyvista is not installed, and for a measurement in one camera.
+    Raises ConfigurationError if pyvista is not installed, and for a measurement with one camera.
     """
     from dicflow.views.solid import surface
 
     for item, quantity in _fields(drawn, whole):
         total = Total.read(item.product)
         if not total.in_space:
-            raise ConfigurationError(f"{item.stem}: one camera shows no surface in space; export it as png")
+            raise ConfigurationError(
+                f"{item.stem}: a measurement with one camera has no surface in space; export it as png"
+            )
         look = look_of(total, quantity, maps_of(drawn.result, item.stage, drawn.variant))
         surface(item.product, look, place(folder, f"{item.stem}_{quantity}_surface.png"))
 
 
 def _fields(drawn: Drawn, whole: bool) -> Iterator[tuple[Item, str]]:
-    """Every product with each of its arrays that is to be drawn."""
+    """Every product with each of its selected arrays."""
     for stage, steps in drawn.steps.items():
         usual = _usual(drawn, stage) if whole else ()
         for step in steps:
@@ -96,13 +98,13 @@ def _fields(drawn: Drawn, whole: bool) -> Iterator[tuple[Item, str]]:
 
 
 def _drawable(item: Item, named: Sequence[str], usual: Sequence[str]) -> Sequence[str]:
-    """The arrays that are named; else those of the usual ones, or of all, that can be drawn."""
+    """The named arrays; without names the usual ones, or all, as far as they can be drawn."""
     variables = item.product.variables
     fields = [name for name in named or usual or variables if name in variables and _is_field(variables[name])]
-    lost = [name for name in named if name not in fields]
-    if lost or not fields:
+    unsuited = [name for name in named if name not in fields]
+    if unsuited or not fields:
         raise ConfigurationError(
-            f"{item.stem}: {', '.join(lost) or f'a product of kind {item.product.kind}'} has no array to draw, a "
+            f"{item.stem}: {', '.join(unsuited) or f'a product of kind {item.product.kind}'} has no array to draw, a "
             "number for each place of a grid; export it as csv or npz"
         )
     return fields

@@ -21,7 +21,7 @@ from dicflow.views.exported_pictures import PICTURES, Drawn, check_quantities
 __all__ = ["export", "format_names"]
 
 _MOST_ROWS = 1_048_576
-"""Of a table that spreadsheets open."""
+"""Rows of a table that spreadsheets open."""
 
 
 def format_names() -> tuple[str, ...]:
@@ -70,7 +70,7 @@ def export(
             steps = {name: _steps(result, name, step, variant, note) for name in job.stages}
             selected = chosen if job.main else ()
             for which, there in steps.items():
-                _note_beforehand(result, which, there, job.form, variant, note)
+                _note_surprises(result, which, there, job.form, variant, note)
             if job.form in PICTURES:
                 PICTURES[job.form].write(Drawn(result, steps, selected, variant), job.form, folder, stage is None)
             else:
@@ -101,7 +101,7 @@ class _Job(NamedTuple):
 
 
 def _jobs(result: Result, stage: str | None, to: str, variant: int, note: Callable[[str], None]) -> Iterator[_Job]:
-    """What is to be written. Raises ConfigurationError where a stage does not fit the format."""
+    """The files to write. Raises ConfigurationError if a stage does not fit the format."""
     kinds = PICTURES[to].kinds if to in PICTURES else FORMATS.load(to).KINDS
     if stage is not None:
         if kinds and result.kind(stage) not in kinds:
@@ -149,7 +149,7 @@ def _stages(result: Result, kinds: Sequence[str]) -> list[str]:
 def _steps(
     result: Result, stage: str, step: str | None, variant: int, note: Callable[[str], None]
 ) -> tuple[str | None, ...]:
-    """The steps of a stage that are asked for and there; all of them, where none is."""
+    """The selected steps of a stage that the store holds; if it holds none of them, all."""
     known = result.steps(stage)
     if not known or step is not None:
         return (step,) if known else (None,)
@@ -160,12 +160,12 @@ def _steps(
     return there or known
 
 
-def _note_beforehand(
+def _note_surprises(
     result: Result, stage: str, steps: Sequence[str | None], form: str, variant: int, note: Callable[[str], None]
 ) -> None:
-    """Say of files to come what nobody expects: a film that stands still, tables that no spreadsheet opens."""
+    """Note surprising files: a movie of one step, tables too long for a spreadsheet."""
     if form in PICTURES and PICTURES[form].moves and len(steps) == 1:
-        note(f"{stage}: a film of one step stands still; the format png gives its picture")
+        note(f"{stage}: the movie has only one step; the format png gives its picture")
     if form == "csv" and (rows := _rows(result, stage, steps[0], variant)) > _MOST_ROWS:
         tables = "a table" if len(steps) == 1 else f"{len(steps)} tables"
         note(

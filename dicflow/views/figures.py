@@ -33,8 +33,8 @@ def plot(
 ) -> Figure:
     """One quantity of one step: that of a total over the photograph or the specimen, any other on its grid.
 
-    step : name or number; the last by default. Not looked at for a stage that runs once
-    over : the left photograph of the step, or the plane of X and Y; this plane also where the photograph is not at hand
+    step : name or number; the last by default. Ignored for a stage that runs once
+    over : the left photograph of the step, or the plane of X and Y; this plane also if the store has no photograph
     colours : a matplotlib colour map; "auto" is the choice of the maps stage, or a diverging one for values of both
         signs and viridis else. The range is that of the maps where they draw the quantity
     Raises ConfigurationError for a quantity that the product does not have and lists those it has.
@@ -78,7 +78,7 @@ def _reasons(product: Product, title: str) -> Figure:
 
 
 def maps_of(result: Result, stage: str, variant: int = 0) -> Maps | None:
-    """What the maps of a total share; None where they are not in the store."""
+    """What the maps of a total share; None if they are not in the store."""
     for name in result.stages_of("maps"):
         if result.has(name, None, variant) and result.source(name, "total", variant) == stage:
             return Maps.read(result.product(name, None, variant))
@@ -86,7 +86,7 @@ def maps_of(result: Result, stage: str, variant: int = 0) -> Maps | None:
 
 
 def look_of(total: Total, quantity: str, maps: Maps | None, colours: str = "auto") -> Look:
-    """As the maps show the quantity; else by the values of this step but for a few."""
+    """The look that the maps give the quantity; else one for the values of this step without outliers."""
     from dicflow.views.colours import look, palette
 
     if maps is not None and colours == "auto":

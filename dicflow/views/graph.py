@@ -14,7 +14,7 @@ _WIDTH, _HEIGHT, _GAP_X, _GAP_Y, _MARGIN = 200, 46, 30, 26, 20
 
 
 class Mark(NamedTuple):
-    """What became of a stage.
+    """Status of a stage in a run.
 
     status : the class of its box, for a style sheet: hit, computed, failed, skipped or missing
     note : shown in the box beside the number of its tasks
@@ -45,7 +45,7 @@ def graph_text(graph: Graph) -> str:
 def graph_svg(graph: Graph, marks: Mapping[str, Mark] | None = None) -> str:
     """Rows of boxes from top to bottom, an arrow for every input; no scripts, no links.
 
-    marks : what became of each stage; none for a graph that is only planned
+    marks : status of each stage; empty for a graph that is only planned
     Colours are attributes, so that a style sheet around the drawing may change them by the classes of the boxes.
     """
     boxes = _layout(graph)

@@ -20,7 +20,7 @@ _MARKERS = {"caliper": ("s", 7.0, 3)}
 
 
 def load_curves(steps: Sequence[str], phases: Sequence[str], values: Values) -> list[str]:
-    """A plot of the displacements or lengths, one of the strains; over load where there is one, else over the steps.
+    """A plot of the displacements or lengths, one of the strains; over load if it is known, else over the steps.
 
     phases : loading or unloading per step; unloading is drawn hollow
     values : as :func:`dicflow.report.history.history` gives them; None is a gap

@@ -202,7 +202,7 @@ def picture(variable: Variable, title: str) -> Figure:
 
 
 def code_picture(variable: Variable, title: str, names: Mapping[int, str]) -> Figure:
-    """One array of codes on the grid of its rows and columns: a colour for each code that occurs, with its name."""
+    """One array of codes on the grid of its rows and columns: each code that occurs has a colour and its name."""
     codes, places = np.unique(variable.values, return_inverse=True)
     figure, axes = _figure(variable.values.shape[1] / variable.values.shape[0])
     colours = matplotlib.colormaps["viridis"].resampled(len(codes))

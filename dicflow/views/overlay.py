@@ -191,7 +191,7 @@ def carried_angle(before: Array, after: Array, angle_deg: Array) -> Array:
 
 
 def colour_bar_svg(look: Look) -> str:
-    """The colours of a look with its values below and its label above, as an SVG in the colour of the text around."""
+    """The colours of a look, its values below and its label above, as an SVG in the colour of the surrounding text."""
     from matplotlib.ticker import MaxNLocator, ScalarFormatter
 
     low, high = look.range

@@ -26,7 +26,7 @@ Array = NDArray[Any]
 
 _COLOURS = ("#3b82b5", "#d95f02", "#4d9a3a", "#a05cb0", "#b08d20", "#7a7a7a")
 _INK = "#010203"
-"""Stands for the colour of the text around the picture, until the SVG says ``currentColor``."""
+"""Placeholder for the colour of the surrounding text; the SVG replaces it by ``currentColor``."""
 _STYLE: dict[Any, Any] = {
     "svg.hashsalt": "dicflow",
     "svg.fonttype": "none",
@@ -53,7 +53,7 @@ def saved(figure: Figure, form: str) -> bytes:
 
 
 def svg(figure: Figure) -> str:
-    """A figure as an element of an HTML page: clear ground, the page's text colour, and no names of others' parts."""
+    """A figure as an element of an HTML page: transparent, in the page's text colour, with ids of its own."""
     written = StringIO()
     with _style():
         figure.savefig(written, format="svg", metadata=_FORMLESS, transparent=True)

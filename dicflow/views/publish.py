@@ -1,7 +1,7 @@
 """Pictures and tables of a result as files in a folder.
 
 What is up to date is left alone, and what an earlier result had but this one has not is taken away. A list in the
-folder says which files dicflow wrote, so that nobody else's is touched.
+folder says which files dicflow wrote, so that files of others are left untouched.
 """
 
 from __future__ import annotations
@@ -75,7 +75,7 @@ def _is_current(folder: Path, file: str, job: _Job, made: Mapping[str, _Made]) -
 
 
 def _picture_folders(result: Result) -> tuple[str, ...]:
-    """Folders of pictures, with a slash behind, that are this result's alone."""
+    """Folders of pictures, with a slash at their ends, that belong to this result alone."""
     variants = range(len(result.values))
     return tuple(
         f"{_prefix(result, variant)}{stage}/"
@@ -113,7 +113,7 @@ def _jobs(result: Result) -> Iterator[_Job]:
 
 
 def _prefix(result: Result, variant: int) -> str:
-    """Folder of a variant, with a slash behind; none where there is only one."""
+    """Folder of a variant with a slash at its end; empty if there is only one variant."""
     return "" if len(result.values) == 1 else f"variant_{variant + 1}/"
 
 
@@ -193,7 +193,7 @@ def _call(make: Callable[[], dict[str, bytes]]) -> dict[str, bytes]:
 
 
 def _code() -> str:
-    """Stands for the code that draws and writes."""
+    """Digest of the code that draws and writes."""
     return source_digest("io", "views")
 
 
@@ -202,7 +202,7 @@ def _digest(content: bytes) -> str:
 
 
 def _read(manifest: Path) -> dict[str, _Made]:
-    """What is known of each file; nothing where the list is damaged or lost."""
+    """The record of each file; empty if the list is damaged or missing."""
     try:
         found = json.loads(manifest.read_bytes())
         return {file: _Made(tuple(sources), digest) for file, (sources, digest) in found.items()}

@@ -58,20 +58,20 @@ def surface_mesh(total: Product, quantity: str) -> tuple[NDArray[np.float64], ND
 
 
 def _font() -> str:
-    """A font with the Greek letters of the measures, which VTK's own has not."""
+    """A font with the Greek letters of the measures, which VTK's own font lacks."""
     import matplotlib
 
     return str(Path(matplotlib.get_data_path()) / "fonts" / "ttf" / "DejaVuSans.ttf")
 
 
 def _extent(places: NDArray[np.float64], unit: str) -> str:
-    """From where to where the surface reaches."""
+    """Least and largest coordinates of the surface."""
     ends = zip("XYZ", places.min(axis=0), places.max(axis=0), strict=True)
     return ", ".join(f"{axis} {low:.4g} to {high:.4g} {unit}" for axis, low, high in ends)
 
 
 def _camera(places: NDArray[np.float64]) -> list[tuple[float, float, float]]:
-    """Where to stand, where to look, and what is up: Y points down and Z away from the left camera."""
+    """Position, focus and up direction of the camera: Y points down and Z away from the left camera."""
     middle = (places.min(axis=0) + places.max(axis=0)) / 2.0
     away = 2.2 * float(np.linalg.norm(np.ptp(places, axis=0)))
     direction = np.array([-0.45, -0.35, -1.0])

@@ -1,4 +1,4 @@
-"""What stands for the code that draws, so that files it made before it changed are made again."""
+"""Digest of the code that draws, so that an edit of it makes files again."""
 
 from __future__ import annotations
 

@@ -86,7 +86,7 @@ def small_multiples(totals: Sequence[Product], labels: Sequence[str], quantity: 
 
 
 def _panels(count: int) -> tuple[Figure, list[Axes]]:
-    """Room for so many panels; what is left over stays empty."""
+    """A figure with at least so many panels; the remaining ones are empty."""
     rows = max(1, math.ceil(count / _COLUMNS))
     figure = Figure(figsize=(4.2 * _COLUMNS, 2.6 * rows + 0.6), dpi=100, layout="constrained")
     panels = list(figure.subplots(rows, _COLUMNS, squeeze=False).flat)
@@ -112,7 +112,7 @@ def _unit(name: str) -> str:
 
 
 def _panel(axes: Axes, name: str, heights: Sequence[float], labels: Sequence[str]) -> None:
-    """One scalar; the scale starts at zero where that leaves the dots apart."""
+    """One scalar; the scale starts at zero if the dots can still be told apart."""
     axes.plot(range(len(heights)), heights, "o", color="#31688e", clip_on=False)
     axes.set_xticks(range(len(labels)), labels, fontsize=7)
     axes.set_xlim(-0.5, len(labels) - 0.5)

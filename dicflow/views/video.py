@@ -1,4 +1,4 @@
-"""Pictures one after another as a film that any browser plays."""
+"""Pictures one after another as a movie that any browser plays."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ _CODECS = {".mp4": "vp09", ".webm": "VP90"}
 
 
 def movie(frames: Iterable[NDArray[np.uint8]], path: Path, seconds: float = 0.5) -> None:
-    """Write a film; the suffix of the path tells the format.
+    """Write a movie in the format of the path's suffix.
 
     frames : (row, col, 3) RGB each, all of one size; of a .gif all are held at once, else one at a time
     path : .gif repeats; .mp4 and .webm hold VP9, with a row or column of white more where the size is odd
@@ -78,7 +78,7 @@ def _write_vp9(frames: Iterator[NDArray[np.uint8]], path: Path, seconds: float) 
 
 @contextmanager
 def _quiet() -> Iterator[None]:
-    """What FFmpeg's own code says on the standard error stream is about the name of the codec and nobody's concern."""
+    """Hide FFmpeg's messages about the codec's name on standard error."""
     sys.stderr.flush()
     kept, nowhere = os.dup(2), os.open(os.devnull, os.O_WRONLY)
     try:

@@ -69,7 +69,7 @@ def test_the_report_has_its_fields_and_why_photographs_are_missing(alone, tmp_pa
     assert f"photos: 0 of {STEPS}" in page.texts
     assert f"total: {STEPS - 1} of {STEPS - 1}" in page.texts
     assert "This is what run " in page.text
-    assert "which is neither in the store nor at hand and is left out" in page.text
+    assert "neither in the store nor in its folder" in page.text
     assert str(alone.parent) not in page.text
     data = (tmp_path / "results" / "report.html").read_text().partition('id="fields-data">')[2]
     content = json.loads(data.partition("</script>")[0])
@@ -83,7 +83,7 @@ def test_pictures_that_lie_beside_the_page_are_used_again(copied, tmp_path):
     assert dicflow("report", copied, "--output", tmp_path / "results").code == 0
     page = (tmp_path / "results" / "report.html").read_text()
     assert "This is what run " in page
-    assert "neither in the store nor at hand" not in page
+    assert "neither in the store nor in its folder" not in page
 
 
 def test_a_comparison_names_the_origin_of_its_side(alone, pipeline, measured):

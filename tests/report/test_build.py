@@ -1,4 +1,4 @@
-"""The page as a whole: complete, escaped, made once, and there whatever became of the run."""
+"""The page as a whole: complete, escaped, made once, and written for every outcome of a run."""
 
 import json
 import re
@@ -67,8 +67,8 @@ def test_a_page_of_the_same_products_stays_and_any_other_is_made_again(loaded, t
     page.write_text("kept")
     build.write_report(loaded, loaded.result(), tmp_path)
     assert page.read_text() == "kept"
-    told = tmp_path / ".report" / "sources"
-    told.write_text("other products")
+    sources = tmp_path / ".report" / "sources"
+    sources.write_text("other products")
     assert build.write_report(loaded, loaded.result(), tmp_path).read_text() == first
     page.unlink()
     assert build.write_report(loaded, loaded.result(), tmp_path).read_text() == first
@@ -165,9 +165,9 @@ def test_a_run_that_failed_half_way_names_what_failed(copied, tmp_path, flags):
 
 
 @pytest.mark.parametrize(
-    ("result", "said"), [({"interrupted": True}, "The run was interrupted"), (None, "The run was cut off")]
+    ("result", "sentence"), [({"interrupted": True}, "The run was interrupted"), (None, "The run was cut off")]
 )
-def test_a_run_that_did_not_end(copied, tmp_path, result, said):
+def test_a_run_that_did_not_end(copied, tmp_path, result, sentence):
     loaded = Pipeline.load(copied)
     folder = find_run(loaded.store).folder
     events = [line for line in (folder / "journal.jsonl").read_text().splitlines() if '"stage": "total"' not in line]
@@ -175,7 +175,7 @@ def test_a_run_that_did_not_end(copied, tmp_path, result, said):
     (folder / "index.json").write_text("{}")
     (folder / "result.json").write_text(json.dumps(result))
     page = page_of(copied, tmp_path / "new")
-    assert said in page.text
+    assert sentence in page.text
     assert f"{STEPS - 1} of its {TASKS} tasks" in page.text
 
 

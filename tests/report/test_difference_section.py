@@ -94,10 +94,10 @@ def test_nothing_known_is_an_empty_map():
 
 def test_command(pipeline, measured, tmp_path):
     page = tmp_path / "difference.html"
-    told = dicflow("compare", pipeline, f"{pipeline}#1", "--step", "step_01", "--quantity", "U", "--output", page)
-    assert told.code == 0, told.err
-    assert "no difference" in told.out
-    assert "step_01" in told.out
+    answer = dicflow("compare", pipeline, f"{pipeline}#1", "--step", "step_01", "--quantity", "U", "--output", page)
+    assert answer.code == 0, answer.err
+    assert "no difference" in answer.out
+    assert "step_01" in answer.out
     Balanced(page.read_text())
     assert str(pipeline.parent) not in page.read_text()
     before = page.read_bytes()

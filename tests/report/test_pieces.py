@@ -31,7 +31,7 @@ def test_other_code_or_sources_are_another_piece(tmp_path, calls, code, sources)
     assert Pieces(tmp_path, code).get(sources, maker(calls, b"2")) == b"2"
 
 
-def test_what_nobody_asks_for_any_more_goes_and_files_of_others_stay(tmp_path, calls):
+def test_pieces_that_were_not_read_are_deleted_and_other_files_stay(tmp_path, calls):
     (tmp_path / "note.txt").write_text("mine")
     before = Pieces(tmp_path, "code")
     for name in ("a", "b"):

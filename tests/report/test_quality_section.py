@@ -114,8 +114,8 @@ def test_the_noise_is_that_of_the_last_step_at_hand():
             return step != "c"
 
         def product(self, stage, step):
-            told = {"a": (1.38, "first photograph"), "b": (0.79, "static pair")}[step]
-            facts = {"noise_grey": told[0], "noise_source": told[1], "noise_settled": True}
+            source = {"a": (1.38, "first photograph"), "b": (0.79, "static pair")}[step]
+            facts = {"noise_grey": source[0], "noise_source": source[1], "noise_settled": True}
             return Product("correlation", {}, facts)
 
     text = module._noise_of_photographs(Followed(), "correlation")

@@ -38,7 +38,7 @@ def rows(loaded):
     return rows_of(loaded)
 
 
-def test_what_no_photograph_tells_is_left_blank(rows):
+def test_rows_without_a_known_value_are_blank(rows):
     assert {name for name, row in rows.items() if row.value is None} == BLANKS
     assert all(row.hint for row in rows.values() if row.value is None)
 
@@ -64,7 +64,7 @@ def test_what_is_measured_agrees_with_the_truth(loaded, rows):
     assert rows["field of view"].value.startswith(f"{width / scale:.0f}"[:2])
 
 
-def test_the_correlation_is_told_with_its_reference_and_gauge(pipeline, tmp_path):
+def test_the_correlation_is_listed_with_its_reference_and_gauge(pipeline, tmp_path):
     path = tmp_path / "precise.yaml"
     path.write_text((ROOT / "pipelines" / "quickstart.yaml").read_text())
     loaded = Pipeline.load(path, data=pipeline.parent, settings=["correlation.subset_size=33", "total.measure=hencky"])

@@ -31,12 +31,12 @@ def page_of(context, sections=()):
 
 
 def test_the_table_has_the_caliper_beside_what_was_measured(loaded, context):
-    rows, told = loaded.result().product("comparison").attrs["rows"], step_history(context)
-    assert told.phases == tuple(row["phase"] for row in rows)
+    rows, history = loaded.result().product("comparison").attrs["rows"], step_history(context)
+    assert history.phases == tuple(row["phase"] for row in rows)
     for key in ("load_g", "caliper_length_mm", "dic_length_mm", "dic_strain", "strain_error_pct"):
-        assert told.values[key] == tuple(row[key] for row in rows)
-    assert len(told.steps) == STEPS
-    units = {column.key: (column.title, column.unit) for column in told.columns}
+        assert history.values[key] == tuple(row[key] for row in rows)
+    assert len(history.steps) == STEPS
+    units = {column.key: (column.title, column.unit) for column in history.columns}
     assert units["dic_strain"] == ("strain, DIC", "1")
     assert units["load_g"] == ("load", "g")
 
@@ -56,10 +56,10 @@ def test_lengths_that_are_not_alike_are_not_compared(loaded, context, monkeypatc
     for row in rows:
         del row["displacement_error_mm"]
     monkeypatch.setattr("dicflow.report.history._comparison", lambda result: rows)
-    told = step_history(context)
-    assert "only their strains compare" in told.remark
-    assert {key for key in told.drawn if key.endswith("_mm")} == set()
-    assert {"caliper_strain", "dic_strain"} <= set(told.drawn)
+    history = step_history(context)
+    assert "only their strains compare" in history.remark
+    assert {key for key in history.drawn if key.endswith("_mm")} == set()
+    assert {"caliper_strain", "dic_strain"} <= set(history.drawn)
 
 
 def test_warnings_stand_before_everything_else(context):
@@ -71,10 +71,12 @@ def test_warnings_stand_before_everything_else(context):
 
 
 def test_few_points_are_a_warning(context, monkeypatch):
-    told = step_history(context)._replace(valid_share=(None, 0.95, 0.42))
-    monkeypatch.setattr(module, "step_history", lambda _: told)
+    history = step_history(context)._replace(valid_share=(None, 0.95, 0.42))
+    monkeypatch.setattr(module, "step_history", lambda _: history)
     found = summary(context, [])
-    assert found.warnings == (f"1 step has a value at less than 90.0 % of the points, {told.steps[2]} at 42.0 % only.",)
+    assert found.warnings == (
+        f"1 step has a value at less than 90.0 % of the points, {history.steps[2]} at 42.0 % only.",
+    )
 
 
 def test_failed_tasks_and_what_was_skipped_for_them(context):
@@ -89,7 +91,7 @@ def test_failed_tasks_and_what_was_skipped_for_them(context):
     page = page_of(context._replace(run=context.run._replace(tasks=tasks)))
     assert page.texts[0] == f"1 of {TASKS} tasks failed, and {STEPS - 1} were skipped for it."
     assert page.texts[1:4] == ["What failed", "rig", ": x: <no>"]
-    assert f"something that they need is missing: total ({STEPS - 1})." in page.text
+    assert f"missing: total ({STEPS - 1})." in page.text
 
 
 def test_many_failures_are_not_all_listed(context):

@@ -55,7 +55,7 @@ def test_second_time_nothing_is_drawn(swept, tmp_path, monkeypatch):
     assert sweep(context(swept, tmp_path)) == first
 
 
-def test_variants_that_are_not_there_are_said(swept, tmp_path):
+def test_missing_variants_are_named(swept, tmp_path):
     empty = Pipeline.load(swept.path, store=tmp_path / "store")
     section = sweep(context(empty, tmp_path))
     assert len(section.warnings) == 3

@@ -21,7 +21,7 @@ def finished(stage, number, status, text="", seconds=0.5):
     return Event("finished", task=name, stage=stage, step=f"step_{number}", status=status, seconds=seconds, text=text)
 
 
-def told(events, terminal=False, before=()):
+def printed(events, terminal=False, before=()):
     """What a run with these events leaves on the screen. before : events before the plan"""
     buffer = io.StringIO()
     console = Console(file=buffer, force_terminal=terminal, width=120, markup=False, highlight=False)
@@ -40,22 +40,22 @@ def plain(text):
 
 
 def test_a_line_per_stage_that_is_done():
-    assert told([finished("pair", 0, "computed")]) == ""
-    assert told([finished("pair", 0, "computed"), finished("pair", 1, "computed")]) == "pair: 2 computed, 1.0 s\n"
+    assert printed([finished("pair", 0, "computed")]) == ""
+    assert printed([finished("pair", 0, "computed"), finished("pair", 1, "computed")]) == "pair: 2 computed, 1.0 s\n"
 
 
-def test_a_failure_is_told_with_its_brackets_and_what_is_skipped_is_not():
-    lines = told([finished("pair", 0, "failed", "pair/step_0: give [x, y]"), finished("pair", 1, "skipped")])
+def test_a_failure_is_printed_with_its_brackets_and_what_is_skipped_is_not():
+    lines = printed([finished("pair", 0, "failed", "pair/step_0: give [x, y]"), finished("pair", 1, "skipped")])
     assert lines == "pair/step_0: give [x, y]\n"
 
 
 def test_warnings_and_the_dashboards_link():
     events = [Event("warning", text="surface: [rad] changed"), Event("dashboard", text="http://127.0.0.1:1/status")]
-    assert told(events) == "surface: [rad] changed\nhttp://127.0.0.1:1/status\n"
+    assert printed(events) == "surface: [rad] changed\nhttp://127.0.0.1:1/status\n"
 
 
 def test_a_terminal_shows_counts_and_the_time_left():
-    shown = told([finished("pair", 0, "computed")], terminal=True)
+    shown = printed([finished("pair", 0, "computed")], terminal=True)
     last = shown[shown.rindex("stage") :]
     assert re.search(r"photos\s+2\s+·\s+·\s+·\s+·\s+0\.0", last)
     assert re.search(r"pair\s+·\s+1\s+·\s+·\s+1\s+0\.5", last)
@@ -67,9 +67,9 @@ def checking(done):
 
 
 def test_what_is_checked_is_a_line_that_gives_way_to_the_table():
-    shown = told([], terminal=True, before=[checking(6_000)])
+    shown = printed([], terminal=True, before=[checking(6_000)])
     assert "checking" not in shown[shown.rindex("stage") :]
-    assert told([], before=[checking(6_000)]) == ""
+    assert printed([], before=[checking(6_000)]) == ""
 
 
 def test_a_plan_without_a_run_leaves_nothing_on_the_screen():

@@ -69,8 +69,8 @@ def colour_of(image, colour):
     """Share of the pixels near a colour of the map, given by its place from 0 to 1."""
     import matplotlib
 
-    wanted = 255 * np.array(matplotlib.colormaps["viridis"](colour)[:3])
-    return (np.abs(np.asarray(image.convert("RGB"), float) - wanted).max(axis=-1) < 6).mean()
+    expected = 255 * np.array(matplotlib.colormaps["viridis"](colour)[:3])
+    return (np.abs(np.asarray(image.convert("RGB"), float) - expected).max(axis=-1) < 6).mean()
 
 
 def is_whole(image):
@@ -107,7 +107,7 @@ def test_equal_input_gives_equal_bytes():
     assert drawn(total(1.2)) != drawn(total(1.3))
 
 
-def test_colours_tell_the_value_within_one_range():
+def test_colours_show_the_value_within_one_range():
     """A strain in the middle of the range shows the middle of the map, the largest its end."""
     assert colour_of(opened(drawn(total(1.2))), 0.5) > 0.02
     assert colour_of(opened(drawn(total(1.4))), 1.0) > 0.02

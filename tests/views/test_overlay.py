@@ -1,4 +1,4 @@
-"""Small pictures that are laid over one another: every colour tells its value, every place its point."""
+"""Small pictures that are laid over one another: every colour shows its value, every place its point."""
 
 from __future__ import annotations
 

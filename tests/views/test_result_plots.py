@@ -1,4 +1,4 @@
-"""Figures of a result: over the photograph, over the specimen, and what is said for names that do not exist."""
+"""Figures of a result: over the photograph, over the specimen, and messages for names that do not exist."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The surface in space: its mesh, and what is said without pyvista."""
+"""The surface in space: its mesh, and the message without pyvista."""
 
 from __future__ import annotations
 
@@ -38,12 +38,12 @@ def test_what_is_not_measured_is_a_hole():
     assert not (places[faces][..., :2] == [1, 1]).all(axis=-1).any()
 
 
-def test_nothing_measured_is_said():
+def test_a_field_without_values():
     with pytest.raises(StageError, match="no point has a value of eyy"):
         surface_mesh(total([slice(None)]), "eyy")
 
 
-def test_without_pyvista_the_command_that_installs_it_is_said(monkeypatch, tmp_path):
+def test_without_pyvista_the_message_has_the_command_that_installs_it(monkeypatch, tmp_path):
     monkeypatch.setitem(sys.modules, "pyvista", None)
     with pytest.raises(ConfigurationError, match=r"needs pyvista: pip install 'dicflow\[solid\]'"):
         surface(total(), LOOK, tmp_path / "surface.png")

@@ -33,7 +33,7 @@ def test_a_panel_for_each_scalar_that_differs():
 
 
 @pytest.mark.parametrize("sign", [1, -1])
-def test_dots_that_hardly_differ_are_told_apart(sign):
+def test_dots_that_hardly_differ_stay_distinguishable(sign):
     rows = [{"a.b": sign * 100.0, "a.c": 1.0, "a.d": sign * 1.0}, {"a.b": sign * 101.0, "a.c": 1.00001, "a.d": 0.0}]
     found = panels(sweep_figure(VALUES, rows))
     assert set(found) == {"a.b", "a.d"}

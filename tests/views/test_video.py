@@ -91,7 +91,7 @@ def test_frames_are_taken_one_at_a_time(tmp_path):
     assert taken == [0, 1, 2, 3]
 
 
-def test_what_is_no_film_is_said(tmp_path):
+def test_a_format_that_is_no_movie_is_refused(tmp_path):
     with pytest.raises(ConfigurationError, match=r"a film is \.gif, \.mp4 or \.webm, not '\.avi'"):
         movie(frames(), tmp_path / "strain.avi")
     for suffix in (".gif", ".mp4"):
