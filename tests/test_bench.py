@@ -6,6 +6,8 @@ from PIL import Image
 
 from tests import bench
 
+pytestmark = pytest.mark.slow
+
 
 def test_a_failed_run_ends_the_measurement_with_its_errors(tmp_path, monkeypatch):
     monkeypatch.setattr(bench, "WORK", tmp_path)

@@ -17,6 +17,8 @@ from dicflow.synth import latex_experiment, sample_experiment, write_experiment
 from dicflow.synth.folder import photographs, take
 from dicflow.synth.truth import field_truth, length_rows
 
+pytestmark = pytest.mark.slow
+
 SAMPLES = Path(__file__).resolve().parents[1] / "data_samples"
 
 

@@ -11,6 +11,8 @@ from dicflow.engine.fingerprint import Sources
 from dicflow.engine.source_code import code_of
 from dicflow.pipeline.registry import node_class, stage_names
 
+pytestmark = pytest.mark.slow
+
 PACKAGE = Path(dicflow.__file__).parent
 
 PRECISE = {"correlate", "stereo", "triangulate", "deformation", "probes", "frame"}

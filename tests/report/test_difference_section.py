@@ -13,6 +13,8 @@ from dicflow.report.difference import COLUMNS, difference, difference_page, diff
 from dicflow.views.difference import difference_maps
 from dicflow.views.maps import png
 
+pytestmark = pytest.mark.slow
+
 
 def one(step="step_01", quantity="eyy", unit="1", offset=0.0):
     places = np.stack(np.meshgrid(np.arange(0.0, 40, 5), np.arange(0.0, 30, 5)), axis=-1)

@@ -19,6 +19,8 @@ from dicflow.views.maps import png
 from dicflow.views.step_maps import Overview, StepMaps, worst_corner
 from tests.pages import context_of
 
+pytestmark = pytest.mark.slow
+
 
 @pytest.fixture(scope="module")
 def loaded(pipeline, measured):

@@ -19,6 +19,8 @@ from dicflow.stages.reconstruct import Reconstruct
 from dicflow.stages.rectify import Rectify
 from dicflow.stages.undistort import Undistort
 
+pytestmark = pytest.mark.slow
+
 RIG = verged_rig()
 NORMAL = np.array([0.1, -0.15, 1.0]) / np.linalg.norm([0.1, -0.15, 1.0])
 DISTANCE_MM = 395.0

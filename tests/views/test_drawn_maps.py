@@ -13,6 +13,8 @@ from dicflow.engine.product import Product, Variable
 from dicflow.kinds.maps import Maps
 from dicflow.views import maps as views
 
+pytestmark = pytest.mark.slow
+
 ROWS, COLS = 41, 11
 MAPS = {
     "quantities": {

@@ -13,6 +13,8 @@ from dicflow.errors import ConfigurationError
 from dicflow.views.video import movie
 from tests.browser import chromium, opened
 
+pytestmark = pytest.mark.slow
+
 WIDTH, HEIGHT = 181, 120
 
 

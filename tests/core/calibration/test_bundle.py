@@ -26,6 +26,8 @@ from dicflow.core.cameras.rig_parameters import (
 from dicflow.core.cameras.triangulate import triangulate
 from dicflow.core.strain.calibration_error import rig_error
 
+pytestmark = pytest.mark.slow
+
 RIG = verged_rig()
 BOARD = board_points(SIZE, SQUARE_MM)
 MODEL = LensModel(radial=2, tangential=True)

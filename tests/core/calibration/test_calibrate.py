@@ -11,6 +11,8 @@ from dicflow.core.calibration.coverage import covered_area, empty_parts, verdict
 from dicflow.core.calibration.targets import checkerboard_target, find_board
 from dicflow.core.cameras.camera import rotation_angle_deg, rotation_matrix
 
+pytestmark = pytest.mark.slow
+
 RIG = verged_rig()
 BOARD = checkerboard_target(SIZE, SQUARE_MM)
 IMAGE = (640, 480)

@@ -18,6 +18,8 @@ from dicflow.core.synthetic.deformation import Deformation
 from dicflow.core.synthetic.render import GreyLevels, add_noise_and_round, photograph
 from dicflow.core.synthetic.trace import image_of
 
+pytestmark = pytest.mark.slow
+
 CAMERA = Camera(camera_matrix(2000.0, [399.0, 301.0]), np.array([-0.1, 0.2, 4e-4, -3e-4, 0.0]), (800, 600))
 LOOK = GreyLevels(paper=205.0, ink=34.0)
 SYMMETRIC = CircleGrid(9, 6, 14.5, 5.5, edge=0.3)

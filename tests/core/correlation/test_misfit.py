@@ -7,6 +7,8 @@ from dicflow.core.correlation.subsets import Subset, correlate, template
 from dicflow.core.correlation.warp import identity
 from dicflow.core.photographs.interpolate import spline
 
+pytestmark = pytest.mark.slow
+
 SHAPE, NOISE = (330, 330), 3.0
 AXIS = np.arange(30.0, 301.0, 10.0)
 GRID = np.stack(np.meshgrid(AXIS, AXIS), axis=-1)

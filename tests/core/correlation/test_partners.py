@@ -4,6 +4,8 @@ from stereo_scene import REGION, REST, RIG, State, clean, material, photographs,
 
 from dicflow.core.correlation.partners import MIN_PARTNERS, Partners, find_partners, right_of_left, starting_warps
 
+pytestmark = pytest.mark.slow
+
 
 def seeds(count=14):
     x0, y0, x1, y1 = REGION

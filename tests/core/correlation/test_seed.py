@@ -6,6 +6,8 @@ from dicflow.core.correlation.warp import identity, warp_from_gradient
 from dicflow.core.matching.transform import apply_transform, jacobian
 from dicflow.core.synthetic.planar import planar_pair, translation
 
+pytestmark = pytest.mark.slow
+
 MIDDLE = np.array([170.0, 170.0])
 
 

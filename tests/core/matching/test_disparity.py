@@ -7,6 +7,8 @@ from dicflow.core.matching.subpixel import refine_disparity
 from dicflow.core.status import Status
 from dicflow.core.surfaces.depth import is_background
 
+pytestmark = pytest.mark.slow
+
 SHAPE = (160, 400)
 INNER = np.s_[20:-20, 70:-50]
 

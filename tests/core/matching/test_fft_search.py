@@ -4,6 +4,8 @@ from scenes import grey, texture
 
 from dicflow.core.matching.fft_search import correlation_peak, fft_matches
 
+pytestmark = pytest.mark.slow
+
 
 def scene(shape, dx=0.0, dy=0.0, noise=0.0, seed=0):
     """A texture shifted by (dx, dy) [px]."""

@@ -13,6 +13,8 @@ from dicflow.core.photographs.noise import (
 )
 from dicflow.core.synthetic.planar import planar_pair
 
+pytestmark = pytest.mark.slow
+
 INSIDE = np.zeros((240, 240), dtype=bool)
 INSIDE[20:-20, 20:-20] = True
 

@@ -8,6 +8,8 @@ from dicflow.core.synthetic.render import GreyLevels, add_noise_and_round, rende
 from dicflow.core.synthetic.stand import board_poses, in_right_frame, verged_stand
 from dicflow.core.synthetic.trace import image_of
 
+pytestmark = pytest.mark.slow
+
 SIZE = (540, 720)
 LOOK = GreyLevels(paper=205.0, ink=34.0)
 
