@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import TYPE_CHECKING, Any, ClassVar
+from typing import TYPE_CHECKING, ClassVar
 
 from dicflow.engine.product import Product
-from dicflow.kinds.kind import Kind, Layout
+from dicflow.kinds.kind import Layout, Table
 
 if TYPE_CHECKING:
     import numpy as np
@@ -16,7 +16,7 @@ __all__ = ["Comparison"]
 _UNITS = {"_mm": "mm", "_px": "px", "_pct": "%", "_g": "g"}
 
 
-class Comparison(Kind):
+class Comparison(Table):
     """One row per step: what the caliper measured, what DIC measured, and the differences."""
 
     KINDS: ClassVar = ("comparison",)
@@ -42,11 +42,6 @@ class Comparison(Kind):
             for index, phase in enumerate(phases)
         ]
         return Product("comparison", variables, {"rows": rows, "length": length, "summary": dict(summary)})
-
-    @property
-    def rows(self) -> Sequence[Mapping[str, Any]]:
-        """The table, one row per step, the first included."""
-        return tuple(self.product.attrs["rows"])
 
     @property
     def phases(self) -> Sequence[str]:

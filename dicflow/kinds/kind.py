@@ -12,7 +12,7 @@ from dicflow.errors import StageError
 if TYPE_CHECKING:
     import numpy as np
 
-__all__ = ["GRID", "STATUS", "Kind", "Layout", "laid_out", "rows_of", "summary_of", "titles_of"]
+__all__ = ["GRID", "STATUS", "Kind", "Layout", "Table", "laid_out", "rows_of", "summary_of", "titles_of"]
 
 GRID = ("row", "col")
 """Axes of a field: material points or pixels."""
@@ -62,6 +62,15 @@ class Kind:
     def summary(self) -> Mapping[str, Any]:
         """Scalars of the product by name, as a sweep compares them."""
         return summary_of(self.product)
+
+
+class Table(Kind):
+    """A product that is also a table, as exports and pages show it."""
+
+    @property
+    def rows(self) -> Sequence[Mapping[str, Any]]:
+        """The rows, each column → value."""
+        return tuple(self.product.attrs["rows"])
 
 
 def summary_of(product: Product) -> Mapping[str, Any]:

@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any, ClassVar
 
 from dicflow.engine.product import Product
-from dicflow.kinds.kind import Kind, Layout
+from dicflow.kinds.kind import Layout, Table
 
 if TYPE_CHECKING:
     import numpy as np
@@ -14,7 +14,7 @@ if TYPE_CHECKING:
 __all__ = ["NoiseFloorTable"]
 
 
-class NoiseFloorTable(Kind):
+class NoiseFloorTable(Table):
     """Figures of each quantity by step."""
 
     KINDS: ClassVar = ("noise",)
@@ -42,8 +42,3 @@ class NoiseFloorTable(Kind):
     def unit(self) -> str:
         """Unit of displacements: mm, or px with one camera."""
         return str(self.product.attrs["unit"])
-
-    @property
-    def rows(self) -> Sequence[Mapping[str, Any]]:
-        """The table, one row per step and quantity."""
-        return tuple(self.product.attrs["rows"])

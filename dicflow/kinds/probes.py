@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any, ClassVar
 
 from dicflow.engine.product import Product, Variable
 from dicflow.errors import StageError
-from dicflow.kinds.kind import Kind
+from dicflow.kinds.kind import Table
 
 if TYPE_CHECKING:
     import numpy as np
@@ -15,7 +15,7 @@ if TYPE_CHECKING:
 __all__ = ["ProbeTable", "gauge_facts"]
 
 
-class ProbeTable(Kind):
+class ProbeTable(Table):
     """Readings of points, lines, areas and extensometers by step, the first step included."""
 
     KINDS: ClassVar = ("probes",)
@@ -45,11 +45,6 @@ class ProbeTable(Kind):
     def unit(self) -> str:
         """Unit of lengths: mm, or px with one camera."""
         return str(self.product.attrs["unit"])
-
-    @property
-    def rows(self) -> Sequence[Mapping[str, Any]]:
-        """The table, one row per probe and step."""
-        return tuple(self.product.attrs["rows"])
 
     @property
     def extensometers(self) -> Sequence[str]:
