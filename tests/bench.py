@@ -118,6 +118,7 @@ def size_of(folder: Path) -> int:
 
 def main() -> int:
     data = replica(1)
+    computed(of_length(data, 3), fresh("bench_first"), 2)  # compiles the kernels, which is not measured
     two, one = computed(data, fresh("bench_two"), 2), computed(data, fresh("bench_one"), 1)
     store, output = fresh("bench"), fresh("bench_out")
     command = [
