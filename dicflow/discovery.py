@@ -91,7 +91,7 @@ class Registry:
         if missing:
             raise ConfigurationError(
                 f"{self.what} '{name}' of {member.place} has no {' and no '.join(missing)}; "
-                f"a {self.what} needs {', '.join(self.needs)}"
+                f"each {self.what} needs {', '.join(self.needs)}"
             )
         return loaded
 

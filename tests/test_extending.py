@@ -29,7 +29,7 @@ def test_the_code_is_short(name):
 
 
 def test_every_block_of_code_is_a_file():
-    assert len(FILES) == PAGE.count("```") // 2 - 1 == 4
+    assert len(FILES) == PAGE.count("```") // 2 - 3 == 5
 
 
 def test_the_stage_divides_mean_strains(site, copied):
@@ -42,6 +42,8 @@ def test_the_stage_divides_mean_strains(site, copied):
     expected = -np.nanmean(totals[-1]["exx"]) / np.nanmean(totals[-1]["eyy"])
     assert float(re.search(r'"poisson": (\S+)', shown)[1]) == pytest.approx(expected)
     assert 0.2 < expected < 0.6
+    page = (copied.parent / "results" / copied.stem / "report.html").read_text()
+    assert f"<p>ratio: {expected:.3f}</p>" in page
 
 
 def test_the_export_format_writes_the_places_of_a_step(site, copied, tmp_path):
@@ -83,3 +85,11 @@ def test_the_measure_is_computed_along_x_and_y_with_its_uncertainty(site):
 def test_an_unknown_measure_is_refused_with_the_known_ones(site):
     done = site.python("-c", "from dicflow.stages.deformation import Deformation as D; D(measure='swinger')")
     assert "unknown measure of strain 'swinger', did you mean 'swainger'" in done.stderr
+
+
+def test_the_check_of_the_measure_gives_what_the_page_says(site):
+    code = re.search(r"^```\n(from dicflow.core.strain.*?)^```$", PAGE, re.MULTILINE | re.DOTALL)[1]
+    ends = "\nprint(*found.e1.ravel(), *found.e2.ravel())"
+    done = site.python("-c", "import numpy as np\nfrom lab_dic.swainger import strain\n" + code + ends)
+    stretch = 0.25 + np.sqrt(0.25**2 + 1.0)
+    np.testing.assert_allclose(np.array(done.stdout.split(), dtype=float), [1 - 1 / stretch, 1 - stretch])

@@ -220,6 +220,7 @@ def test_a_section_of_another_package_that_fails_spoils_no_other(site, pipeline)
     run(site, pipeline)
     text = (pipeline.parent / "results" / "toy" / "report.html").read_text()
     assert "TypeError: " in text
+    assert "Brightness of the photographs: TypeError: " in site.python("-m", "dicflow", "report", pipeline).stderr
     assert '<section id="settings">' in text
 
 
@@ -269,7 +270,7 @@ def test_two_stages_of_one_name_name_both_places(site, pipeline):
 @pytest.mark.parametrize(
     ("value", "said"),
     [
-        ("toys.stage:Node", "calls itself"),
+        ("toys.stage:Node", "has no name of its own"),
         ("toys.stage:Literal", "is not a Node"),
         ("toys.stage", "is not a Node"),
         ("toys.stage:Missing", "AttributeError"),
@@ -287,6 +288,33 @@ def test_a_format_without_what_it_needs(site):
     site.install("half", {"half.py": 'PROGRAM = "Half"\n'}, {"dicflow.calibrations": {"half": "half"}})
     code = "from dicflow.io.calibrations import FORMATS; FORMATS.load('half')"
     assert "has no recognises and no parse" in site.python("-c", code).stderr
+
+
+@pytest.mark.parametrize(
+    ("change", "said"),
+    [
+        (("def run(self, images)", "def run(self, pictures)"), "takes images, but run has no such argument"),
+        (("title: ClassVar", "heading: ClassVar"), "lacks title"),
+    ],
+)
+def test_a_stage_that_cannot_work_is_refused_when_planned(site, pipeline, change, said):
+    (site.folder / "toys/stage.py").write_text(STAGE.replace(*change))
+    plan = site.python("-m", "dicflow", "plan", pipeline)
+    assert plan.returncode == 2
+    assert said in plan.stderr
+
+
+def test_a_format_whose_kinds_are_no_tuple(site, pipeline, tmp_path):
+    (site.folder / "toys/export.py").write_text(EXPORT.replace("KINDS = None", 'KINDS = ("total")'))
+    done = site.python("-m", "dicflow", "export", pipeline, "--format", "toy", "--output", tmp_path / "out")
+    assert done.returncode == 2
+    assert "KINDS is 'total'; write a tuple" in done.stderr
+
+
+def test_a_section_without_its_function_says_its_name(site, pipeline):
+    (site.folder / "toys/section.py").write_text(SECTION.replace("def brightness(", "def light("))
+    run(site, pipeline)
+    assert "needs a function 'brightness'" in site.python("-m", "dicflow", "report", pipeline).stderr
 
 
 def test_a_file_more_in_a_package_of_ours_is_found(tmp_path):

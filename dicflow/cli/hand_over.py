@@ -59,7 +59,8 @@ def report(
     from dicflow.report.build import write_report
 
     loaded = load(pipeline, data, store, settings)
-    typer.echo(write_report(loaded, stored(loaded), results_folder(loaded, output), workers))
+    folder = results_folder(loaded, output)
+    typer.echo(write_report(loaded, stored(loaded), folder, workers, lambda text: typer.echo(text, err=True)))
 
 
 class ExportCommand(TyperCommand):

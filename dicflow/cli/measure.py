@@ -76,8 +76,11 @@ def run(
             linger=_until_enter if dashboard and wait else None,
         )
     files = publish(result, folder, workers)
-    report = write_report(loaded, result, folder, workers)
+    problems: list[str] = []
+    report = write_report(loaded, result, folder, workers, problems.append)
     _print_run(progress, result, folder, files)
+    for problem in problems:
+        progress.print(f"warning: {problem}", style="yellow", soft_wrap=True)
     progress.print(f"report: {report}", soft_wrap=True)
     if as_json:
         out.print(json.dumps(_run_line(result)), soft_wrap=True)

@@ -18,6 +18,11 @@ from dicflow.errors import ConfigurationError, InputError
 
 __all__ = ["Graph", "StageSpec", "Task", "TaskInput", "expand", "file_fields"]
 
+_LATER = (
+    "runs at the first step too, where '{source}' has nothing to give to its input '{port}'; let the stage declare "
+    "scope = Scope.PAIR, or the input optional=True"
+)
+
 TaskInput = str | None | tuple[tuple[str, str], ...]
 """What a port of a task is joined to: a task's name, nothing, or for ``At.ALL`` pairs (step, task's name)."""
 
@@ -224,6 +229,10 @@ def _check_inputs(name: str, stages: Mapping[str, StageSpec]) -> None:
             _fail(name, spec, f"input '{port_name}' needs {' or '.join(port.kinds)}, but '{source}' gives {kind}")
         elif port.own and port.at not in (At.PREVIOUS, At.FIRST):
             _fail(name, spec, f"input '{port_name}' takes its own output at the step before or the first only")
+    try:
+        spec.node.check_joined({port: stages[source].node for port, source in spec.inputs.items()})
+    except ConfigurationError as error:
+        _fail(name, spec, str(error))
 
 
 def _repeats(node: Node) -> bool:
@@ -297,6 +306,8 @@ class _Joints:
             source_place = place - (port.at is At.PREVIOUS)
         steps = self.all_steps[source]
         if not self.offset[source] <= source_place < len(steps) or (port.own and source_place == place):
+            if port.at is At.SAME and not port.optional:
+                _fail(name, spec, _LATER.format(port=port_name, source=source))
             return None
         return f"{source}/{steps[source_place]}"
 

@@ -176,6 +176,13 @@ class Node(BaseModel):
         Raises InputError that names the first file that does not fit the others.
         """
 
+    def check_joined(self, nodes: Mapping[str, Node]) -> None:
+        """Check that the settings of the stages joined to the inputs suit this one, before anything runs.
+
+        nodes : port → the stage that gives it
+        Raises ConfigurationError that says which setting to change.
+        """
+
     def uses(self) -> tuple[str, ...]:
         """Code that :meth:`run` finds while it runs, beside what it imports: it counts as the stage's own.
 

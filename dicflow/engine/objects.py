@@ -102,6 +102,9 @@ def normalised(product: Product) -> Product:
     Raises StageError that names an attribute or array that cannot be stored.
     """
     for name, variable in product.variables.items():
+        if not isinstance(variable, Variable):
+            found = type(variable).__name__
+            raise StageError(f"{product.kind}.{name}: is {found}; give Variable(dims, values, units, long_name)")
         if variable.values.ndim != len(variable.dims):
             raise StageError(
                 f"{product.kind}.{name}: {variable.values.ndim} axes, but dims {variable.dims}; name each axis"

@@ -230,7 +230,9 @@ def _entry(name: str, own: Mapping[str, _Entry], sort: type[_Entry], what: str) 
         raise ConfigurationError(f"unknown {what} '{name}'{nearest(name, known)}; known: {', '.join(known) or 'none'}")
     found, place = _PLUGINS.load(name), _PLUGINS.find(name).place
     if not isinstance(found, sort):
-        raise ConfigurationError(f"'{name}' of {place} is a {type(found).__name__}, but a {what} is a {sort.__name__}")
+        raise ConfigurationError(
+            f"'{name}' of {place} is of type {type(found).__name__}; a {what} is a {sort.__name__}"
+        )
     if found.name != name:
         raise ConfigurationError(f"{place} has the name '{found.name}'; give it and its entry point one name")
     _check_function(found.function, place)

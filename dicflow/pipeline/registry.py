@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
+import inspect
 from functools import cache
 from types import ModuleType
-from typing import Any
 
 from dicflow.discovery import Member, Registry
 from dicflow.engine.node import Node
@@ -55,10 +55,11 @@ def _first_public(module: ModuleType) -> str:
 
 def _check_name(member: Member, kind: type[Node]) -> None:
     """Raise ConfigurationError if the class has another stage name than its registration."""
-    own: Any = kind.model_fields["stage"].default
-    if own != member.name:
+    field = kind.model_fields["stage"]
+    if field.default != member.name:
+        calls = "has no name of its own" if field.is_required() else f"calls itself {field.default!r}"
         raise ConfigurationError(
-            f"stage '{member.name}' of {member.place} calls itself {own!r}; "
+            f"stage '{member.name}' of {member.place} {calls}; "
             f'declare stage: Literal["{member.name}"] = "{member.name}"'
         )
 
@@ -69,4 +70,12 @@ def _check_declaration(member: Member, kind: type[Node]) -> None:
     if missing:
         raise ConfigurationError(
             f"stage '{member.name}' of {member.place} lacks {', '.join(missing)}; declare each as a ClassVar"
+        )
+    arguments = inspect.signature(kind.run).parameters
+    takes_any = any(one.kind is inspect.Parameter.VAR_KEYWORD for one in arguments.values())
+    unknown = [] if takes_any else [port for port in kind.takes if port not in arguments]
+    if unknown:
+        raise ConfigurationError(
+            f"stage '{member.name}' of {member.place} takes {', '.join(unknown)}, but run has no such argument; "
+            "name the arguments of run as the inputs"
         )

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import json
+from collections.abc import Callable
 from pathlib import Path
 
 from markupsafe import Markup
@@ -25,11 +26,14 @@ from dicflow.views.source_digest import source_digest
 __all__ = ["write_report"]
 
 
-def write_report(pipeline: Pipeline, result: Result, folder: Path, workers: int = 1) -> Path:
+def write_report(
+    pipeline: Pipeline, result: Result, folder: Path, workers: int = 1, note: Callable[[str], None] | None = None
+) -> Path:
     """Write ``report.html`` and return its path.
 
     folder : of the maps and tables, made if missing
     workers : threads that draw at once
+    note : called with the message of each section that fails; a page with one is made again by the next call
     Nothing is computed: what the store lacks is listed as missing, and a section that fails shows its error.
     A page of the same products is kept if the run computed nothing: it describes the run that made them.
     Raises InputError where the file cannot be written.
@@ -42,13 +46,17 @@ def write_report(pipeline: Pipeline, result: Result, folder: Path, workers: int 
     make_folder(folder)
     pieces = Pieces(folder / ".report", _code())
     context = Context(pipeline, result, facts, pieces, folder, workers)
-    sections = _made(entries(), context)
-    first = _made([Entry("summary", "Summary", lambda context: summary(context, sections))], context)
+    problems: list[str] = []
+    sections = _made(entries(), context, problems)
+    first = _made([Entry("summary", "Summary", lambda context: summary(context, sections))], context, problems)
     text = _page(context, [*first, *sections])
     pieces.drop_unused()
     write_whole(page, text.encode())
     make_folder(record.parent)
-    write_whole(record, sources.encode())
+    write_whole(record, b"" if problems else sources.encode())
+    if note is not None:
+        for problem in problems:
+            note(problem)
     return page
 
 
@@ -80,13 +88,16 @@ def _run(pipeline: Pipeline, result: Result) -> RunInfo | None:
     return pipeline.last_run()
 
 
-def _made(parts: list[Entry], context: Context) -> list[Section]:
+def _made(parts: list[Entry], context: Context, problems: list[str]) -> list[Section]:
     """The sections that this pipeline has."""
-    return [section for entry in parts if (section := _built(entry, context)) is not None]
+    return [section for entry in parts if (section := _built(entry, context, problems)) is not None]
 
 
-def _built(entry: Entry, context: Context) -> Section | None:
-    """A section, or in its place the error message; a defect of a plug-in affects its own section only."""
+def _built(entry: Entry, context: Context, problems: list[str]) -> Section | None:
+    """A section, or in its place the error message; a defect of a plug-in affects its own section only.
+
+    problems : takes the message
+    """
     try:
         return entry.build(context)
     except Exception as error:
@@ -94,6 +105,7 @@ def _built(entry: Entry, context: Context) -> Section | None:
             raise
         reason = str(error) if isinstance(error, DicflowError) else f"{type(error).__name__}: {error}"
         message = context.without_local_paths(reason)
+        problems.append(f"report, section {entry.title}: {message}")
         return Section(entry.key, entry.title, Markup('<p class="warning">{}</p>').format(message), (message,))
 
 

@@ -36,8 +36,10 @@ def entries() -> list[Entry]:
 def _placed(name: str) -> tuple[float, Entry]:
     try:
         module, is_plugin = SECTIONS.load(name), SECTIONS.find(name).is_plugin
+        if not hasattr(module, name):
+            raise ConfigurationError(f"the report section of {SECTIONS.find(name).place} needs a function '{name}'")
         return module.PLACE, Entry(name, module.TITLE, getattr(module, name), is_plugin)
-    except (ConfigurationError, AttributeError) as error:
+    except ConfigurationError as error:
         return float("inf"), Entry(name, name.capitalize(), partial(_refuse, error), is_plugin=True)
 
 

@@ -24,6 +24,7 @@ if TYPE_CHECKING:
 __all__ = ["Compare"]
 
 _SAME_LENGTH = 0.05
+_OTHER_MEASURE = "a caliper measures engineering strain, not {}; set measure: engineering, or leave this stage out"
 
 
 class Compare(Node):
@@ -76,6 +77,11 @@ class Compare(Node):
                     f"{path}: has {fact['rows']} rows, but there are {count} steps; "
                     "write one row per step, the first for the unloaded specimen"
                 )
+
+    def check_joined(self, nodes: Mapping[str, Node]) -> None:
+        measure = getattr(nodes.get("total"), "measure", "engineering")
+        if measure != "engineering":
+            raise ConfigurationError(_OTHER_MEASURE.format(measure))
 
     def run(
         self,
@@ -209,7 +215,7 @@ def _field_strain(total: Sequence[Product], measure: str) -> np.ndarray:
 
     measures = {Total.read(product).measure for product in total}
     if measures - {"engineering"}:
-        raise StageError(f"a caliper measures engineering strain, not {', '.join(measures)}; set measure: engineering")
+        raise StageError(_OTHER_MEASURE.format(", ".join(measures)))
     fields = (product[measure] for product in total)
     means = [float(field[np.isfinite(field)].mean()) if np.isfinite(field).any() else math.nan for field in fields]
     return np.array([0.0, *means])

@@ -10,7 +10,7 @@ from typing import NamedTuple
 
 from dicflow.discovery import nearest
 from dicflow.errors import ConfigurationError
-from dicflow.io.exports import FORMATS, beside
+from dicflow.io.exports import FORMATS, beside, kinds_of
 from dicflow.io.exports.items import Item
 from dicflow.io.files import staged
 from dicflow.kinds.total import Total
@@ -102,7 +102,7 @@ class _Job(NamedTuple):
 
 def _jobs(result: Result, stage: str | None, to: str, variant: int, note: Callable[[str], None]) -> Iterator[_Job]:
     """The files to write. Raises ConfigurationError if a stage does not fit the format."""
-    kinds = PICTURES[to].kinds if to in PICTURES else FORMATS.load(to).KINDS
+    kinds = PICTURES[to].kinds if to in PICTURES else kinds_of(to)
     if stage is not None:
         if kinds and result.kind(stage) not in kinds:
             raise ConfigurationError(

@@ -96,7 +96,7 @@ class Steps(Node):
     gives: ClassVar = "steps"
     takes: ClassVar = {
         "number": Port("number", at=At.PREVIOUS),
-        "pair": Port("difference"),
+        "pair": Port("difference", optional=True),
         "pair_before": Port("difference", at=At.PREVIOUS),
         "first_pair": Port("difference", at=At.FIRST),
         "rig": Port("rig", at=At.ALL),
@@ -116,6 +116,15 @@ def test_what_a_step_takes_from_pairs_and_from_what_runs_once(folder):
         **always, "number": "scale/step_02", "pair": "difference/step_03", "pair_before": "difference/step_02",
         "own": "steps/step_01",
     }  # fmt: skip
+
+
+def test_a_step_that_needs_a_pair_is_refused_since_the_first_has_none(folder):
+    class Needs(Steps):
+        takes: ClassVar = {"pair": Port("difference")}
+        stage: Literal["needs"] = "needs"
+
+    with pytest.raises(ConfigurationError, match=r"at the first step.*'difference'.*'pair'; .*Scope\.PAIR"):
+        expand({**chain(folder).stages, "needs": StageSpec(Needs(), {"pair": "difference"})})
 
 
 def test_one_step_makes_no_pair(tmp_path):

@@ -213,6 +213,7 @@ def test_no_path_leads_out_of_the_store(store, name):
     [
         (Product("a", {"b": Variable(("row",), np.array([object()]))}), "object has no digest"),
         (Product("a", {"b": Variable(("row",), np.zeros((2, 2)))}), "2 axes, but dims"),
+        (Product("a", {"b": np.zeros(2)}), r"a.b: is ndarray; give Variable\("),
         (Product("a", attrs={"b": np.zeros(2)}), "an attribute cannot be kept"),
     ],
 )

@@ -3,7 +3,7 @@
 A module of this package, or an entry point of the group ``dicflow.exports``, is a format if it has
 
 - ``DESCRIPTION``: what it is, in a few words;
-- ``KINDS``: the kinds of products that it can hold, None for any;
+- ``KINDS``: a tuple of the kinds of products that it can hold, None for any;
 - ``write(items, folder, name)``: writes products, :class:`~dicflow.io.exports.items.Item`, into a folder of their own,
   one after the other;
 - ``BESIDE``, if need be: kinds that an export of a whole test writes in this format beside the totals, which
@@ -19,14 +19,26 @@ from typing import Any
 from dicflow.discovery import Registry
 from dicflow.errors import ConfigurationError
 
-__all__ = ["FORMATS", "beside", "descriptions"]
+__all__ = ["FORMATS", "beside", "descriptions", "kinds_of"]
 
 FORMATS = Registry("export format", __name__, "dicflow.exports", ("DESCRIPTION", "KINDS", "write"))
+_UNREADABLE = "a plug-in that cannot be used, or whose DESCRIPTION is not one text"
 
 
 def descriptions() -> dict[str, str]:
     """What each format is, by its name."""
-    return {name: _read(name, "DESCRIPTION", "a plug-in that cannot be used") for name in FORMATS.names()}
+    return {name: _read(name, "DESCRIPTION", _UNREADABLE) for name in FORMATS.names()}
+
+
+def kinds_of(name: str) -> tuple[str, ...] | None:
+    """The kinds of products that a format can hold, None for any. Raises ConfigurationError for an unusable format."""
+    kinds = FORMATS.load(name).KINDS
+    if kinds is not None and not isinstance(kinds, tuple):
+        raise ConfigurationError(
+            f"export format '{name}' of {FORMATS.find(name).place}: KINDS is {kinds!r}; write a tuple, such as "
+            '("total",), or None for products of any kind'
+        )
+    return kinds
 
 
 def beside() -> dict[str, tuple[str, ...]]:
