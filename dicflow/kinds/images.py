@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
+from types import MappingProxyType
 from typing import TYPE_CHECKING, ClassVar, Literal
 
 from dicflow.engine.product import Product
@@ -21,27 +22,42 @@ _TITLES = {
     "rectified": "rectified {side} photograph",
     "plane": "undistorted photograph",
 }
+_COUNTS = Layout(GRID, "1", "whether a pixel is measured")
+
+
+_ALL_COUNT: Mapping[str, np.ndarray] = MappingProxyType({})
 
 
 class Images(Kind):
-    """Grey levels (row, col) of the left photograph and, with two cameras, of the right one."""
+    """Grey levels (row, col) of the left photograph and, with two cameras, of the right one.
+
+    A photograph with pixels that must not be measured, such as transparent ones, has a mask beside it; most have none.
+    """
 
     KINDS: ClassVar = ("images", "rectified", "plane")
 
     @classmethod
     def write(
-        cls, left: np.ndarray, right: np.ndarray | None = None, kind: Literal["images", "rectified", "plane"] = "images"
+        cls,
+        left: np.ndarray,
+        right: np.ndarray | None = None,
+        kind: Literal["images", "rectified", "plane"] = "images",
+        counts: Mapping[str, np.ndarray] = _ALL_COUNT,
     ) -> Product:
         """A product of photographs.
 
         left, right : (row, col) — grey levels; ``right`` is None with one camera
         kind : as taken, with aligned rows, or the left one without distortion
+        counts : left or right → (row, col) bool, False for pixels that are not measured. A mask that is True
+            everywhere is left out
         """
         sides = {"left": left} if right is None else {"left": left, "right": right}
-        title = _TITLES[kind]
+        grey = Layout(GRID, "grey level", _TITLES[kind])
+        masks = {f"{side}_counts": _COUNTS(mask) for side, mask in counts.items() if not mask.all()}
         return Product(
             kind,
-            {side: Layout(GRID, "grey level", title.format(side=side))(image) for side, image in sides.items()},
+            {side: grey._replace(long_name=grey.long_name.format(side=side))(image) for side, image in sides.items()}
+            | masks,
         )
 
     @property
@@ -55,6 +71,11 @@ class Images(Kind):
         if not self.has_right:
             raise StageError("expected photographs of two cameras, found only left ones; add 'right' to the images")
         return self["right"]
+
+    def counts(self, side: str) -> np.ndarray | None:
+        """Pixels (row, col) of the left or right photograph that are measured; None if all are."""
+        name = f"{side}_counts"
+        return self[name] if name in self else None
 
     @property
     def has_right(self) -> bool:
