@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 from types import MappingProxyType
-from typing import TYPE_CHECKING, ClassVar, Literal
+from typing import TYPE_CHECKING, Any, ClassVar, Literal
 
 from dicflow.engine.product import Product
 from dicflow.errors import StageError
@@ -25,7 +25,7 @@ _TITLES = {
 _COUNTS = Layout(GRID, "1", "whether a pixel is measured")
 
 
-_ALL_COUNT: Mapping[str, np.ndarray] = MappingProxyType({})
+_NONE: Mapping[str, Any] = MappingProxyType({})
 
 
 class Images(Kind):
@@ -42,7 +42,8 @@ class Images(Kind):
         left: np.ndarray,
         right: np.ndarray | None = None,
         kind: Literal["images", "rectified", "plane"] = "images",
-        counts: Mapping[str, np.ndarray] = _ALL_COUNT,
+        counts: Mapping[str, np.ndarray] = _NONE,
+        notes: Mapping[str, str] = _NONE,
     ) -> Product:
         """A product of photographs.
 
@@ -50,6 +51,7 @@ class Images(Kind):
         kind : as taken, with aligned rows, or the left one without distortion
         counts : left or right → (row, col) bool, False for pixels that are not measured. A mask that is True
             everywhere is left out
+        notes : left or right → a sentence about the photograph that people need to know
         """
         sides = {"left": left} if right is None else {"left": left, "right": right}
         grey = Layout(GRID, "grey level", _TITLES[kind])
@@ -58,6 +60,7 @@ class Images(Kind):
             kind,
             {side: grey._replace(long_name=grey.long_name.format(side=side))(image) for side, image in sides.items()}
             | masks,
+            {"notes": dict(notes)} if notes else {},
         )
 
     @property
@@ -74,8 +77,13 @@ class Images(Kind):
 
     def counts(self, side: str) -> np.ndarray | None:
         """Pixels (row, col) of the left or right photograph that are measured; None if all are."""
-        name = f"{side}_counts"
-        return self[name] if name in self else None
+        return self[f"{side}_counts"] if f"{side}_counts" in self.product else None
+
+    @property
+    def notes(self) -> Mapping[str, str]:
+        """Left or right → a sentence about the photograph that people need to know, if there is one."""
+        found: Mapping[str, str] = self.product.attrs.get("notes", {})
+        return found
 
     @property
     def has_right(self) -> bool:
