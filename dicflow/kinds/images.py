@@ -55,7 +55,7 @@ class Images(Kind):
         """
         sides = {"left": left} if right is None else {"left": left, "right": right}
         grey = Layout(GRID, "grey level", _TITLES[kind])
-        masks = {f"{side}_counts": _COUNTS(mask) for side, mask in counts.items() if not mask.all()}
+        masks = {f"{side}_counts": _COUNTS(counts[side]) for side in sides if side in counts and not counts[side].all()}
         return Product(
             kind,
             {side: grey._replace(long_name=grey.long_name.format(side=side))(image) for side, image in sides.items()}
@@ -78,6 +78,11 @@ class Images(Kind):
     def counts(self, side: str) -> np.ndarray | None:
         """Pixels (row, col) of the left or right photograph that are measured; None if all are."""
         return self[f"{side}_counts"] if f"{side}_counts" in self.product else None
+
+    @property
+    def masks(self) -> dict[str, np.ndarray]:
+        """The masks of the photographs in which not all pixels are measured, by left or right."""
+        return {side: mask for side in ("left", "right") if (mask := self.counts(side)) is not None}
 
     @property
     def notes(self) -> Mapping[str, str]:

@@ -123,9 +123,10 @@ def _tiff(path: Path, number: int) -> _Samples:
     with path.open("rb") as file:
         tiff = Tiff(file)
         page = pages[number - 1]
-        if tiff.bits(page) > _MOST_BITS or not tiff.is_unsigned(page):
+        bits = tiff.bits(page)
+        if bits > _MOST_BITS or not tiff.is_unsigned(page):
             raise InputError(
-                f"holds numbers of {tiff.bits(page)} bits or with signs or fractions, not grey levels; "
+                f"holds numbers of {bits} bits or with signs or fractions, not grey levels; "
                 "save it as PNG or TIFF with 8 or 16 bits"
             )
         orientation, has_opacity, data = tiff.orientation_of(page), tiff.has_opacity(page), tiff.alone(page)
@@ -134,7 +135,7 @@ def _tiff(path: Path, number: int) -> _Samples:
         with _library():
             image.load()  # OpenCV passes over damage in a compressed TIFF
         if has_opacity:
-            levels = np.asarray(image) if tiff.bits(page) <= 8 else _by_opencv(data, whole=True)
+            levels = np.asarray(image) if bits <= 8 else _by_opencv(data, whole=True)
             return _Samples(_luma(levels), orientation, levels[..., -1])
         if tiles[0][3][0] == "L":  # grey levels of 8 bits, which OpenCV expands to colour and back
             return _Samples(np.array(image), orientation)
