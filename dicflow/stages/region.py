@@ -129,7 +129,6 @@ class Region(Node):
             polygons = chosen.polygons
             if self.frame == "photograph" and not photographs.as_taken:
                 polygons = carry(polygons, _to_tracked(photographs, cameras), spacing_px=OUTLINE_PX)
-        polygons = _counted(polygons, photographs.counts("left"))
         _check_texture(photographs.left, polygons)
         return RegionProduct.write(polygons)
 
@@ -167,18 +166,6 @@ class Region(Node):
             return Selected(outlines, size, name)
         assert file_path is not None
         return Selected(_from_file(file_path, size, name), size, name)
-
-
-def _counted(polygons: Sequence[Polygon], counts: np.ndarray | None) -> Sequence[Polygon]:
-    """The region without the pixels that do not count. Raises StageError if nothing is left."""
-    from dicflow.core.photographs.region import counted_parts
-
-    if counts is None:
-        return polygons
-    parts = counted_parts(polygons, counts)
-    if not parts:
-        raise StageError("the first photograph is transparent in the whole region; move the region")
-    return parts
 
 
 def _from_file(path: Path, size: tuple[int, int], name: str) -> Sequence[Polygon]:

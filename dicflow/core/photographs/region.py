@@ -21,7 +21,6 @@ __all__ = [
     "bounding_box",
     "carry",
     "contains",
-    "counted_parts",
     "densify",
     "grid_points",
     "interior",
@@ -177,18 +176,6 @@ def mask_polygons(mask: Mask, *, tolerance_px: float = 0.5, least_area_px: float
             holes = (rings[i] for i, of in enumerate(parents) if of == outer and keep[i])
             polygons.append(Polygon(rings[outer], tuple(holes)))
     return sorted(polygons, key=lambda polygon: -area([polygon]))
-
-
-def counted_parts(polygons: Sequence[Polygon], counts: Mask) -> list[Polygon]:
-    """The region without the pixels that do not count; a polygon in which all count stays as it is.
-
-    counts : (rows, cols) bool — False for pixels that are not measured
-    """
-    parts: list[Polygon] = []
-    for polygon in polygons:
-        inside = rasterise([polygon], counts.shape)
-        parts += mask_polygons(inside & counts) if (inside & ~counts).any() else [polygon]
-    return parts
 
 
 def speckled_region(texture: Texture) -> list[Polygon]:
