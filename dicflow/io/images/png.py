@@ -37,10 +37,17 @@ def chunks(file: BinaryIO) -> Iterator[tuple[bytes, int, int]]:
 
 
 def without_metadata(data: bytes) -> bytes:
-    """A PNG file with only what its samples depend on: libraries print complaints about colour profiles and text."""
-    file = BytesIO(data)
-    kept = (data[place - 8 : place + length + 4] for kind, place, length in chunks(file) if kind in _NEEDED)
-    return b"".join([data[:_SIGNATURE], *kept])
+    """A PNG file with only what its samples depend on: libraries print complaints about colour profiles and text.
+
+    Raises ValueError if it is truncated; OpenCV would reserve memory for whatever a chunk says.
+    """
+    kept = [data[:_SIGNATURE]]
+    for kind, place, length in chunks(BytesIO(data)):
+        if place + length + 4 > len(data):
+            raise ValueError("it ends inside a chunk")
+        if kind in _NEEDED:
+            kept.append(data[place - 8 : place + length + 4])
+    return b"".join(kept)
 
 
 def animation(file: BinaryIO) -> Animation:

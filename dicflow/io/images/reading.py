@@ -21,6 +21,7 @@ from dicflow.errors import InputError
 from dicflow.io.images.formats import Format, format_of
 from dicflow.io.images.orientation import exif_orientation, jpeg_segments
 from dicflow.io.images.png import animation, without_metadata
+from dicflow.io.images.quiet import quiet
 from dicflow.io.images.tiff import Page, Tiff
 
 if TYPE_CHECKING:
@@ -132,7 +133,7 @@ def _tiff(path: Path, number: int) -> _Samples:
         orientation, has_opacity, data = tiff.orientation_of(page), tiff.has_opacity(page), tiff.alone(page)
     with _opened(BytesIO(data), "TIFF") as image:
         tiles: Any = image.tile
-        with _library():
+        with _library(), quiet():
             image.load()  # OpenCV passes over damage in a compressed TIFF
         if has_opacity:
             levels = np.asarray(image) if bits <= 8 else _by_opencv(data, whole=True)
@@ -155,7 +156,7 @@ def _png(path: Path, number: int) -> _Samples:
     with _opened(BytesIO(data), "PNG") as image:
         if frames.count > 1:
             return _frame(image, frames.first + number - 1, orientation)
-        grey = _by_opencv(without_metadata(data))
+        grey = _grey_by_pillow(image) if image.mode in ("L", "I;16") else _by_opencv(without_metadata(data))
         return _Samples(grey, orientation, _png_opacity(image, grey, data) if image.has_transparency_data else None)
 
 
@@ -176,7 +177,7 @@ def _png_opacity(image: ImageFile, grey: np.ndarray, data: bytes) -> np.ndarray:
             return np.asarray(image.convert("RGBA"))[..., 3]
     if image.mode == "I;16":
         return grey != image.info["transparency"]
-    return _by_opencv(data, whole=True)[..., 3]
+    return _by_opencv(without_metadata(data), whole=True)[..., 3]
 
 
 def _jpeg(path: Path, number: int) -> _Samples:
@@ -186,8 +187,10 @@ def _jpeg(path: Path, number: int) -> _Samples:
         place = start + length
     if data.rfind(_JPEG_END) < place:  # a preview inside the header has markers of its own
         raise ValueError("no end-of-image marker")  # OpenCV 4.10 fills the rest with grey
-    with _opened(BytesIO(data), "JPEG"):
-        return _Samples(_by_opencv(data), exif_orientation(BytesIO(data), "JPEG"))
+    with _opened(BytesIO(data), "JPEG") as image:
+        image.draft("L", image.size)  # the luma that the file holds
+        grey = _grey_by_pillow(image) if image.mode == "L" else _by_opencv(data)
+        return _Samples(grey, exif_orientation(BytesIO(data), "JPEG"))
 
 
 def _bmp(path: Path, number: int) -> _Samples:
@@ -209,6 +212,13 @@ def _luma(levels: np.ndarray) -> np.ndarray:
     return grey
 
 
+def _grey_by_pillow(image: ImageFile) -> np.ndarray:
+    """Samples of an image of grey levels; Pillow gives the same ones as OpenCV, and prints nothing about damage."""
+    with _library():
+        levels = np.array(image)
+    return levels if levels.dtype == np.uint8 else levels.astype(np.uint16)
+
+
 def _by_opencv(data: bytes, whole: bool = False) -> np.ndarray:
     """Grey levels of a file; if ``whole``, its samples (row, col, 4): red, green, blue, opacity.
 
@@ -216,7 +226,7 @@ def _by_opencv(data: bytes, whole: bool = False) -> np.ndarray:
     """
     cv2 = _opencv()
     grey = cv2.IMREAD_ANYDEPTH | cv2.IMREAD_GRAYSCALE | cv2.IMREAD_IGNORE_ORIENTATION
-    with _library():
+    with _library(), quiet():
         levels: np.ndarray | None = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_UNCHANGED if whole else grey)
     if levels is None or (whole and levels.shape[2:] != (4,)):
         raise ValueError("OpenCV cannot decode it")
@@ -279,9 +289,11 @@ def _opencv() -> Any:
 @cache
 def _pillow() -> Any:
     """Pillow without its warnings, for the same reason."""
+    import logging
     import warnings
 
     from PIL import Image
 
+    logging.getLogger("PIL").setLevel(logging.CRITICAL)
     warnings.filterwarnings("ignore", module=r"PIL\.")
     return Image
