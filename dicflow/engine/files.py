@@ -13,7 +13,7 @@ from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, NamedTuple, TypeVar
+from typing import Any, NamedTuple
 
 from dicflow.engine.hashing import digest_file
 from dicflow.engine.whole_file import write_file
@@ -59,9 +59,6 @@ def stamp(path: Path | FilePart) -> Stamp:
     return Stamp(status.st_size, status.st_mtime_ns, status.st_ino)
 
 
-F = TypeVar("F", Path, FilePart)
-
-
 class FileIndex:
     """Facts about files by path and stamp, kept in one JSON file.
 
@@ -73,7 +70,7 @@ class FileIndex:
         self._entries = _read(path)
         self._new: dict[str, Any] = {}
 
-    def fact(self, file: F, purpose: str, find: Callable[[F], Any]) -> Any:
+    def fact(self, file: Path | FilePart, purpose: str, find: Callable[[Any], Any]) -> Any:
         """The JSON value ``find(file)``, which is called again only after the file has changed.
 
         purpose : name of the fact

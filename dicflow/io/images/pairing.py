@@ -11,7 +11,7 @@ import os
 import re
 from collections.abc import Callable, Hashable, Iterator, Mapping, Sequence
 from datetime import UTC, datetime
-from itertools import pairwise
+from itertools import chain, pairwise
 from typing import Literal, NamedTuple
 
 from dicflow.errors import InputError
@@ -23,9 +23,14 @@ Way = Literal["name", "time", "order"]
 Unpaired = Literal["refuse", "skip"]
 """What becomes of photographs without a partner."""
 
-_NEAR = 0.25
-"""Partners differ by this share of the shortest interval between two photographs of one camera at most, so that no
-photograph has two candidates."""
+_FARTHEST = 0.25
+"""Greatest lag between partners, as a share of the shortest interval between two photographs of one camera: no
+photograph has two candidates then."""
+_NEAR, _STEADY = 0.05, 0.02
+"""Greatest lag, and greatest variation of it, where nobody has said that the times are to decide. Where many
+photographs are missing, the nearest times are not those of partners, and the lag is great or varies."""
+_NEAR_S, _STEADY_S, _RESOLUTION_S = 10.0, 3.0, 1.0
+"""The same of dates, at most [s]; their seconds vary by one at least."""
 _LEAST_TICKS = 100
 """A number is a time if it grows by at least this from each photograph to the next: a frame number does not."""
 _SHARE_OF_PARTNERS = 0.5
@@ -37,6 +42,8 @@ _DATE_TIME = re.compile(
 )
 """Date and time of day, as in 20260301_101502 and 2026-03-01T10.15.02.250."""
 
+_Column = tuple[int, ...]
+"""The numbers at one place of all names."""
 _Match = Mapping[str, str]
 """Left name → right name."""
 
@@ -84,17 +91,19 @@ def pair_names(
     named = {} if by in ("time", "order") else _by_name(left, right)
     if by == "order" or (by is None and not named and (listed or not _have_numbers([*left, *right]))):
         return _in_order(left, right)
-    timed = {} if by == "name" else _by_time(left, right, any_number=by == "time")
+    timed = {} if by == "name" else _by_time(left, right, asked=by == "time")
     if by is None and (jump := _first_jump(left, right, named)):
         raise InputError(
             f"the numbers and the times in the names of the photographs disagree from {jump[0]} and {jump[1]} on; "
             "a photograph is missing before them: find it, or set pair_by: name, time or order"
         )
-    match, way = (timed, "time") if len(timed) > len(named) else (named, "name")
+    match = max(named, timed, key=len)
     alone = _alone(left, right, match)
     if alone and (unpaired == "refuse" or len(match) < _SHARE_OF_PARTNERS * max(len(left), len(right))):
         raise InputError(_without_partners(left, right, match, alone))
-    return Pairing(tuple((name, match[name]) for name in left if name in match), way, alone)
+    return Pairing(
+        tuple((name, match[name]) for name in left if name in match), "name" if match is named else "time", alone
+    )
 
 
 def _in_order(left: Sequence[str], right: Sequence[str]) -> Pairing:
@@ -172,7 +181,7 @@ def _have_numbers(names: Sequence[str]) -> bool:
     return any(re.search(r"[0-9]", stem) for stem in _stems(names))
 
 
-def _varying_numbers(names: Sequence[str]) -> list[tuple[int, ...]]:
+def _varying_numbers(names: Sequence[str]) -> list[_Column]:
     """Columns of the numbers that differ among the names; none if the names do not have one form."""
     rows = [_numbers(name) for name in names]
     if len({len(row) for row in rows}) != 1:
@@ -183,24 +192,45 @@ def _varying_numbers(names: Sequence[str]) -> list[tuple[int, ...]]:
 # times
 
 
-def _by_time(left: Sequence[str], right: Sequence[str], any_number: bool) -> _Match:
-    """Partners by the nearest times. any_number : whether without times any other numbers count as such"""
-    times = list(_times(left, right)) or (list(_times(left, right, any_number=True)) if any_number else [])
-    return max((_nearest(left, right, *sides) for sides in times), key=len, default={})
+class _Times(NamedTuple):
+    """Times of the left and of the right names, the greatest lag between partners, and how much it may vary."""
+
+    left: Sequence[float]
+    right: Sequence[float]
+    near: float
+    unsteady: float
 
 
-def _times(
-    left: Sequence[str], right: Sequence[str], any_number: bool = False
-) -> Iterator[tuple[Sequence[float], Sequence[float]]]:
-    """Times of the left and of the right names: dates with time of day, and numbers that grow as times do."""
-    dated, others = [_date_time(name) for name in left], [_date_time(name) for name in right]
-    if None not in dated and None not in others:
-        yield [time for time in dated if time is not None], [time for time in others if time is not None]
-    columns, partners = _varying_numbers(left), _varying_numbers(right)
-    if len(columns) == len(partners):
-        for ticks in zip(columns, partners, strict=True):
-            if any_number or all(_interval(side) >= _LEAST_TICKS for side in ticks):
-                yield ticks
+def _by_time(left: Sequence[str], right: Sequence[str], asked: bool) -> _Match:
+    """Partners by the nearest times. asked : whether the times are to decide, whatever else is in the names"""
+    columns, others = _varying_numbers(left), _varying_numbers(right)
+    dated = list(_dates(left, right))
+    if asked:
+        times = dated + list(_ticks(columns, others, _LEAST_TICKS)) or list(_ticks(columns, others, 0))
+        near = [_FARTHEST * min(_interval(one.left), _interval(one.right)) for one in times]
+        times = [one._replace(near=lag, unsteady=2 * lag) for one, lag in zip(times, near, strict=True)]
+    elif len(columns) + len(dated) > 1:  # one of them is a frame number
+        return {}
+    else:
+        times = dated + list(_ticks(columns, others, _LEAST_TICKS))
+    return max((_nearest(left, right, one) for one in times), key=len, default={})
+
+
+def _dates(left: Sequence[str], right: Sequence[str]) -> Iterator[_Times]:
+    """Dates with time of day in the names [s], if all have one."""
+    times, others = ([time for name in side if (time := _date_time(name)) is not None] for side in (left, right))
+    if len(times) == len(left) and len(others) == len(right):
+        interval = min(_interval(times), _interval(others))
+        steady = max(_RESOLUTION_S, min(_STEADY * interval, _STEADY_S))
+        yield _Times(times, others, min(_FARTHEST * interval, _NEAR_S), steady)
+
+
+def _ticks(columns: Sequence[_Column], others: Sequence[_Column], least: int) -> Iterator[_Times]:
+    """Numbers in the names that may be times, since they grow by ``least`` or more from each photograph to the next."""
+    for ticks in zip(columns, others, strict=True) if len(columns) == len(others) else ():
+        interval = min(map(_interval, ticks))
+        if interval >= least:
+            yield _Times(*ticks, _NEAR * interval, _STEADY * interval)
 
 
 def _date_time(name: str) -> float | None:
@@ -220,17 +250,16 @@ def _interval(times: Sequence[float]) -> float:
     return min((b - a for a, b in pairwise(sorted(times))), default=float("inf"))
 
 
-def _nearest(left: Sequence[str], right: Sequence[str], times: Sequence[float], others: Sequence[float]) -> _Match:
-    """Partners whose times differ by less than a quarter of the shortest interval on either side."""
-    tolerance = _NEAR * min(_interval(times), _interval(others))
-    if not 0 < tolerance < float("inf"):
-        return {}
-    match: dict[str, str] = {}
-    for name, time in zip(left, times, strict=True):
-        distance, partner = min((abs(other - time), place) for place, other in enumerate(others))
-        if distance <= tolerance:
+def _nearest(left: Sequence[str], right: Sequence[str], times: _Times) -> _Match:
+    """Partners whose times are near; none where the lag between them varies too much."""
+    match, lags = {}, []
+    for name, time in zip(left, times.left, strict=True):
+        _, partner = min((abs(other - time), place) for place, other in enumerate(times.right))
+        lag = times.right[partner] - time
+        if abs(lag) <= times.near:
             match[name] = right[partner]
-    return match
+            lags.append(lag)
+    return match if lags and max(lags) - min(lags) <= times.unsteady else {}
 
 
 def _first_jump(left: Sequence[str], right: Sequence[str], match: _Match) -> tuple[str, str] | None:
@@ -239,8 +268,9 @@ def _first_jump(left: Sequence[str], right: Sequence[str], match: _Match) -> tup
     Only where both take photographs at a common rate: all intervals are multiples of one.
     """
     names = [name for name in left if name in match]
-    for times, others in _times(left, right):
-        here, there = dict(zip(left, times, strict=True)), dict(zip(right, others, strict=True))
+    ticks = _ticks(_varying_numbers(left), _varying_numbers(right), _LEAST_TICKS)
+    for times in chain(_dates(left, right), ticks):
+        here, there = dict(zip(left, times.left, strict=True)), dict(zip(right, times.right, strict=True))
         counts = _intervals([here[name] for name in names]), _intervals([there[match[name]] for name in names])
         for name, counted, other in zip(names[1:], *counts, strict=False):
             if counted != other:
@@ -253,7 +283,7 @@ def _intervals(times: Sequence[float]) -> list[int]:
     differences = [b - a for a, b in pairwise(times)]
     unit = min(map(abs, differences), default=0.0)
     counts = [round(difference / unit) if unit else 0 for difference in differences]
-    regular = all(abs(d - n * unit) < _NEAR * unit for d, n in zip(differences, counts, strict=True))
+    regular = all(abs(d - n * unit) < _FARTHEST * unit for d, n in zip(differences, counts, strict=True))
     return counts if unit and regular else []
 
 

@@ -17,10 +17,10 @@ _NEEDED = (b"IHDR", b"PLTE", b"tRNS", b"IDAT", b"IEND")
 class Animation(NamedTuple):
     """The frames of a PNG file; one without animation has a single one.
 
-    first : its number as libraries count, which take a default image that is not part of the animation for frame 0
+    first : number of the first frame as libraries count; a default image that is not part of the animation is their 0
     """
 
-    count: int
+    frames: int
     first: int
 
 

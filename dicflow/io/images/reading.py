@@ -78,7 +78,7 @@ def page_count(path: Path) -> int:
         if form == "TIFF":
             return len(_pages(path, stamp(path)))
         with path.open("rb") as file:
-            return animation(file).count if form == "PNG" else 1
+            return animation(file).frames if form == "PNG" else 1
     except (InputError, OSError, ValueError):
         return 1
 
@@ -152,10 +152,10 @@ def _pages(path: Path, unchanged: Stamp) -> list[Page]:
 
 def _png(path: Path, number: int) -> _Samples:
     data = path.read_bytes()
-    orientation, frames = exif_orientation(BytesIO(data), "PNG"), animation(BytesIO(data))
+    orientation, series = exif_orientation(BytesIO(data), "PNG"), animation(BytesIO(data))
     with _opened(BytesIO(data), "PNG") as image:
-        if frames.count > 1:
-            return _frame(image, frames.first + number - 1, orientation)
+        if series.frames > 1:
+            return _frame(image, series.first + number - 1, orientation)
         grey = _grey_by_pillow(image) if image.mode in ("L", "I;16") else _by_opencv(without_metadata(data))
         return _Samples(grey, orientation, _png_opacity(image, grey, data) if image.has_transparency_data else None)
 
@@ -176,7 +176,7 @@ def _png_opacity(image: ImageFile, grey: np.ndarray, data: bytes) -> np.ndarray:
         with _library():
             return np.asarray(image.convert("RGBA"))[..., 3]
     if image.mode == "I;16":
-        return grey != image.info["transparency"]
+        return np.asarray(grey != image.info["transparency"])
     return _by_opencv(without_metadata(data), whole=True)[..., 3]
 
 

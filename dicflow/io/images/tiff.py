@@ -43,7 +43,7 @@ class _Tag(NamedTuple):
     """One entry of a directory. place : where its values begin in the file [bytes]"""
 
     type: int
-    count: int
+    length: int
     place: int
 
 
@@ -170,7 +170,7 @@ class Tiff:
     def _raw(self, page: Page, tag: int) -> bytes:
         """The bytes of a tag's values; empty if it is missing."""
         entry = page.get(tag)
-        return b"" if entry is None else self._read(entry.place, entry.count * _SIZES[entry.type])
+        return b"" if entry is None else self._read(entry.place, entry.length * _SIZES[entry.type])
 
     def _numbers(self, page: Page, tag: int) -> tuple[int, ...]:
         """The values of a tag of whole numbers; empty if it is missing."""
@@ -179,7 +179,7 @@ class Tiff:
             return ()
         if entry.type not in _CODES:
             raise ValueError(f"tag {tag} does not hold whole numbers")
-        return struct.unpack(f"{self._order}{entry.count}{_CODES[entry.type]}", self._raw(page, tag))
+        return struct.unpack(f"{self._order}{entry.length}{_CODES[entry.type]}", self._raw(page, tag))
 
     def _number(self, page: Page, tag: int, default: int) -> int:
         return next(iter(self._numbers(page, tag)), default)
