@@ -14,14 +14,16 @@ from dicflow.core.arrays import Array, Grey
 __all__ = ["colour_filters", "filter_contrast"]
 
 MIN_CONTRAST = 0.05
-"""Least relative difference of red and of blue from green that counts as a mosaic. Real photographs reach 0.004."""
-_TILE_PX, _MOST_TILES, _LEAST_TILES = 32, 1024, 16
+"""Least relative difference of red and of blue from green that counts as a mosaic; sharp photographs reach 0.008."""
+_TILE_PX, _MOST_TILES, _LEAST_TILES = 48, 1024, 12
 _DARK = 0.02
 """Tiles below this share of the brightest one's mean say nothing."""
 _SHARE_ALIKE = 0.9
 """The share of the tiles in which red and blue must lie on one side of green."""
-_GREENS_ALIKE = 0.5
-"""Greatest difference of the greens, as a share of the contrast."""
+_ALIKE = 0.5
+"""Greatest difference of the greens, and of pixels behind filters of one colour, as a share of the contrast."""
+_OTHER_PERIODS = (4, 6, 8)
+"""Periods [px] of printed dots and boards, whose harmonics may look like a period of 2 px."""
 _FILTERS = ("RGGB or BGGR", "GRBG or GBRG")
 
 
@@ -37,29 +39,39 @@ def filter_contrast(grey: Grey, arrangement: int) -> float:
 
     arrangement : 0 where the first pixel of the first row is red or blue, 1 where it is green
     """
-    logs = _tile_logs(grey)
+    logs = _tile_logs(grey, 2)
     if len(logs) < _LEAST_TILES:
         return 0.0
-    if arrangement:
-        logs = logs[:, :, ::-1]
-    green = logs[:, [0, 1], [1, 0]]
-    others = logs[:, [0, 1], [0, 1]] - green.mean(axis=1, keepdims=True)
+    square = logs[:, :, ::-1] if arrangement else logs
+    green = square[:, [0, 1], [1, 0]]
+    others = square[:, [0, 1], [0, 1]] - green.mean(axis=1, keepdims=True)
     typical = np.median(others, axis=0)
     contrast = float(np.abs(typical).min())
     one_sided = np.mean(others * np.sign(typical) > 0, axis=0).min() >= _SHARE_ALIKE
-    greens_alike = np.median(np.abs(green[:, 0] - green[:, 1])) < _GREENS_ALIKE * contrast
-    return contrast if one_sided and greens_alike and np.ptp(typical) > _GREENS_ALIKE * MIN_CONTRAST else 0.0
+    greens_alike = np.median(np.abs(green[:, 0] - green[:, 1])) < _ALIKE * contrast
+    if not (contrast > 0 and one_sided and greens_alike and np.ptp(typical) > _ALIKE * MIN_CONTRAST):
+        return 0.0
+    longer = max(_longer_period(grey, period) for period in _OTHER_PERIODS)
+    return contrast if longer < _ALIKE * contrast else 0.0
 
 
-def _tile_logs(grey: Grey) -> Array:
-    """Logarithms of the means of the four sub-lattices, (tile, row, col), over tiles spread over a photograph."""
+def _longer_period(grey: Grey, period: int) -> float:
+    """How much pixels that are ``period`` px apart differ from others 2 px apart, where all tiles agree."""
+    logs = _tile_logs(grey, period)
+    by_two = logs.reshape(len(logs), period // 2, 2, period // 2, 2)
+    differences = by_two - by_two.mean(axis=(1, 3), keepdims=True)
+    return float(np.abs(np.median(differences, axis=0)).max(initial=0.0))
+
+
+def _tile_logs(grey: Grey, period: int) -> Array:
+    """Logarithms of means over pixels that are ``period`` px apart, (tile, row, col), of tiles over a photograph."""
     rows, cols = (side // _TILE_PX for side in grey.shape)
     if not rows * cols:
-        return np.zeros((0, 2, 2))
+        return np.zeros((0, period, period))
     every = max(1, int(np.sqrt(rows * cols / _MOST_TILES)))
-    cut = grey[: rows * _TILE_PX, : cols * _TILE_PX].reshape(rows, _TILE_PX, cols, _TILE_PX)[::every, :, ::every]
-    halves = cut.reshape(*cut.shape[:1], _TILE_PX // 2, 2, cut.shape[2], _TILE_PX // 2, 2)
-    means = halves.mean(axis=(1, 4)).transpose(0, 2, 1, 3).reshape(-1, 2, 2)
-    lit = means.min(axis=(1, 2)) > _DARK * means.max(initial=1.0)
-    logs: Array = np.log(means[lit])
+    tiles = grey[: rows * _TILE_PX, : cols * _TILE_PX].reshape(rows, _TILE_PX, cols, _TILE_PX)[::every, :, ::every]
+    parts = tiles.reshape(tiles.shape[0], _TILE_PX // period, period, tiles.shape[2], _TILE_PX // period, period)
+    means = parts.mean(axis=(1, 4)).transpose(0, 2, 1, 3).reshape(-1, period, period)
+    lit = means.mean(axis=(1, 2)) > _DARK * means.max(initial=1.0)
+    logs: Array = np.log(np.maximum(means[lit], 1e-3))
     return logs
