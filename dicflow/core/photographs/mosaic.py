@@ -7,6 +7,8 @@ In a photograph without filters all four are alike, since each shows the same pi
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 
 from dicflow.core.arrays import Array, Grey
@@ -15,7 +17,7 @@ __all__ = ["colour_filters", "filter_contrast"]
 
 MIN_CONTRAST = 0.05
 """Least relative difference of red and of blue from green that counts as a mosaic; sharp photographs reach 0.008."""
-_TILE_PX, _MOST_TILES, _LEAST_TILES = 48, 1024, 12
+_TILE_PX, _MOST_TILES, _LEAST_TILES = 48, 100, 12
 _DARK = 0.02
 """Tiles below this share of the brightest one's mean say nothing."""
 _SHARE_ALIKE = 0.9
@@ -29,9 +31,7 @@ _FILTERS = ("RGGB or BGGR", "GRBG or GBRG")
 
 def colour_filters(grey: Grey) -> str | None:
     """The arrangement of the colour filters that a photograph (row, col) shows; None for one without."""
-    found = {name: filter_contrast(grey, k) for k, name in enumerate(_FILTERS)}
-    best = max(found, key=lambda name: found[name])
-    return best if found[best] > MIN_CONTRAST else None
+    return next((name for k, name in enumerate(_FILTERS) if filter_contrast(grey, k) > MIN_CONTRAST), None)
 
 
 def filter_contrast(grey: Grey, arrangement: int) -> float:
@@ -68,7 +68,7 @@ def _tile_logs(grey: Grey, period: int) -> Array:
     rows, cols = (side // _TILE_PX for side in grey.shape)
     if not rows * cols:
         return np.zeros((0, period, period))
-    every = max(1, int(np.sqrt(rows * cols / _MOST_TILES)))
+    every = math.ceil(math.sqrt(rows * cols / _MOST_TILES))
     tiles = grey[: rows * _TILE_PX, : cols * _TILE_PX].reshape(rows, _TILE_PX, cols, _TILE_PX)[::every, :, ::every]
     parts = tiles.reshape(tiles.shape[0], _TILE_PX // period, period, tiles.shape[2], _TILE_PX // period, period)
     means = parts.mean(axis=(1, 4)).transpose(0, 2, 1, 3).reshape(-1, period, period)
