@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-from typing import Literal
+from typing import BinaryIO, Literal
 
 from dicflow.errors import InputError
 
@@ -67,13 +66,12 @@ _OTHERS: tuple[tuple[int, bytes, str, str], ...] = (
     (0, b"version https://git-lfs", "a pointer of Git LFS", "fetch the file itself with 'git lfs pull'"),
 )
 """Place [bytes], first bytes, name and remedy of formats that are not read."""
-_LONGEST = max(place + len(first) for place, first, *_ in _OTHERS)
+_LOOKED_AT = 512
 
 
-def format_of(path: Path) -> Format:
-    """Format of a photograph. Raises InputError that says what else the file is, without its name, and OSError."""
-    with path.open("rb") as file:
-        start = file.read(max(_LONGEST, 512))
+def format_of(file: BinaryIO) -> Format:
+    """Format of an open photograph. Raises InputError that says what else it is, without its name, and OSError."""
+    start = file.read(_LOOKED_AT)
     for first, form in _FIRST_BYTES.items():
         if start.startswith(first):
             return form

@@ -58,7 +58,9 @@ def read_photograph(file: Path | FilePart) -> Photograph:
     """
     path, number = (file.path, file.number) if isinstance(file, FilePart) else (file, 1)
     with _naming(file):
-        samples = _READERS[format_of(path)](path, number)
+        with path.open("rb") as start:
+            form = format_of(start)
+        samples = _READERS[form](path, number)
         if samples.opacity is None or samples.opacity.all():
             return Photograph(samples.grey, samples.orientation)
         counts = samples.opacity > 0
@@ -74,10 +76,10 @@ def page_count(path: Path) -> int:
     1 also for a file that cannot be used, which :func:`read_photograph` refuses.
     """
     try:
-        form = format_of(path)
-        if form == "TIFF":
-            return len(_pages(path, stamp(path)))
         with path.open("rb") as file:
+            form = format_of(file)
+            if form == "TIFF":
+                return len(Tiff(file).photographs())
             return animation(file).frames if form == "PNG" else 1
     except (InputError, OSError, ValueError):
         return 1
