@@ -16,7 +16,7 @@ from typing import Literal, NamedTuple
 
 from dicflow.errors import InputError
 
-__all__ = ["Pairing", "Unpaired", "Way", "natural_key", "pair_names"]
+__all__ = ["Pairing", "Unpaired", "Way", "counter_offset", "natural_key", "pair_names"]
 
 Way = Literal["name", "time", "order"]
 """What makes partners: equal names or numbers in them, the nearest times in the names, or the order."""
@@ -104,6 +104,18 @@ def pair_names(
     return Pairing(
         tuple((name, match[name]) for name in left if name in match), "name" if match is named else "time", alone
     )
+
+
+def counter_offset(left: Sequence[str], right: Sequence[str]) -> int | None:
+    """By how much the right camera counts ahead, if the names pair by order so; None where the numbers say otherwise."""
+    columns, others = _varying_numbers(left), _varying_numbers(right)
+    if len(left) != len(right) or len(columns) != len(others):
+        return None
+    for column, other in zip(columns, others, strict=True):
+        offsets = {b - a for a, b in zip(column, other, strict=True)}
+        if len(offsets) == 1:
+            return offsets.pop()
+    return None
 
 
 def _in_order(left: Sequence[str], right: Sequence[str]) -> Pairing:
@@ -305,6 +317,6 @@ def _without_partners(left: Sequence[str], right: Sequence[str], match: _Match, 
     ways = ["add the missing ones or move these away"]
     if len(match) >= _SHARE_OF_PARTNERS * max(len(left), len(right)):
         ways.append("set unpaired: skip to leave these steps out")
-    if len(left) == len(right):
-        ways.append("set pair_by: order if both cameras took the same photographs and only count differently")
+    if (offset := counter_offset(left, right)) is not None:
+        ways.append(f"set pair_by: order if both cameras took the same photographs, with counters {offset} apart")
     return f"{len(left)} left and {len(right)} right photographs; without a partner: {named}; {', or '.join(ways)}"
