@@ -11,6 +11,7 @@ import os
 import time
 from collections.abc import Callable
 from contextlib import suppress
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -18,10 +19,27 @@ from dicflow.engine.hashing import digest_file
 from dicflow.engine.whole_file import write_file
 from dicflow.errors import InputError
 
-__all__ = ["FileIndex", "Stamp", "stamp"]
+__all__ = ["FileIndex", "FilePart", "Stamp", "stamp"]
 
 _FRESH_NS = 2_000_000_000
 """A file changed more recently than the coarsest file system's clock ticks may change again within the same tick."""
+
+
+@dataclass(frozen=True, order=True, slots=True)
+class FilePart:
+    """One of several parts of a file, such as a page; where a path is asked for, it stands for the whole file.
+
+    number : from 1
+    """
+
+    path: Path
+    number: int
+
+    def __fspath__(self) -> str:
+        return os.fspath(self.path)
+
+    def __str__(self) -> str:
+        return f"{self.path}#{self.number}"
 
 
 class Stamp(NamedTuple):
@@ -32,7 +50,7 @@ class Stamp(NamedTuple):
     inode: int
 
 
-def stamp(path: Path) -> Stamp:
+def stamp(path: Path | FilePart) -> Stamp:
     """The stamp of a file. Raises InputError that names a file that cannot be found."""
     try:
         status = os.stat(path)
@@ -52,10 +70,11 @@ class FileIndex:
         self._entries = _read(path)
         self._new: dict[str, Any] = {}
 
-    def fact(self, file: Path, purpose: str, find: Callable[[Path], Any]) -> Any:
+    def fact(self, file: Path | FilePart, purpose: str, find: Callable[[Any], Any]) -> Any:
         """The JSON value ``find(file)``, which is called again only after the file has changed.
 
         purpose : name of the fact
+        file : parts of one file need purposes of their own
         Raises InputError if the file cannot be read, and the errors of ``find``.
         """
         name, now = os.path.abspath(file), stamp(file)
@@ -107,6 +126,6 @@ def _sound(entry: Any) -> bool:
     return isinstance(entry, dict) and isinstance(entry.get("stamp"), list) and isinstance(entry.get("facts"), dict)
 
 
-def _unreadable(path: Path, error: OSError) -> InputError:
+def _unreadable(path: Path | FilePart, error: OSError) -> InputError:
     reason = error.strerror or type(error).__name__
     return InputError(f"{path}: cannot be read ({reason.lower()}); check the path, or leave the file out")

@@ -13,6 +13,7 @@ from typing import Any
 
 from pydantic.fields import FieldInfo
 
+from dicflow.engine.files import FilePart
 from dicflow.engine.node import At, Node, Scope
 from dicflow.errors import ConfigurationError, InputError
 
@@ -50,7 +51,7 @@ class Task:
     name : ``stage/step``, or ``stage`` alone where it runs once
     step : name of the step; of a pair, the one that it ends in
     inputs : port → task
-    files : argument of ``run`` → file
+    files : argument of ``run`` → file, or part of one
     """
 
     name: str
@@ -58,7 +59,7 @@ class Task:
     step: str | None
     node: Node
     inputs: Mapping[str, TaskInput]
-    files: Mapping[str, Path]
+    files: Mapping[str, Path | FilePart]
 
     def producers(self) -> list[str]:
         """Names of all tasks that this one takes something from, each once."""
@@ -86,7 +87,7 @@ class Graph:
     stages: Mapping[str, StageSpec]
     tasks: Mapping[str, Task]
     steps: Mapping[str, tuple[str, ...]]
-    files: Mapping[str, Mapping[str, Mapping[str, Path]]]
+    files: Mapping[str, Mapping[str, Mapping[str, Path | FilePart]]]
 
     def tasks_of(self, stage: str) -> list[Task]:
         """The tasks of one stage, in the order of its steps."""
@@ -151,7 +152,7 @@ class _Series:
     """A series of steps. start : the stage whose files it follows; files : step → argument → file."""
 
     start: str
-    files: Mapping[str, Mapping[str, Path]]
+    files: Mapping[str, Mapping[str, Path | FilePart]]
 
 
 def _holds_file(hint: Any) -> bool:

@@ -10,6 +10,7 @@ from typing import Annotated, Any, ClassVar, Literal
 
 from pydantic import AfterValidator, BaseModel, BeforeValidator, ConfigDict, Field
 
+from dicflow.engine.files import FilePart
 from dicflow.engine.product import Product
 from dicflow.engine.units import quantity
 
@@ -147,7 +148,14 @@ class Node(BaseModel):
     stage: str
     keep: Keep = keeping("auto")
 
-    def steps(self, folder: Path) -> Mapping[str, Mapping[str, Path]] | None:
+    def searches(self, folder: Path) -> tuple[Path, ...]:
+        """The folders in which :meth:`steps` looks for files; they are checked before it does.
+
+        folder : where relative paths start
+        """
+        return ()
+
+    def steps(self, folder: Path) -> Mapping[str, Mapping[str, Path | FilePart]] | None:
         """Files of each step, for a stage that starts a series of steps: step name → argument of run → path.
 
         folder : where relative paths start
@@ -155,17 +163,18 @@ class Node(BaseModel):
         """
         return None
 
-    def check(self, path: Path) -> dict[str, Any]:
+    def check(self, path: Path | FilePart) -> dict[str, Any]:
         """Facts about one file, found before anything runs and kept while the file is unchanged.
 
+        Of a part of a file the fact ``digest`` is that of its contents, which enters the key.
         Raises InputError that names the file if it cannot be used.
         """
         return {}
 
     def agree(
         self,
-        facts: Mapping[Path, Mapping[str, Any]],
-        steps: Mapping[str, Mapping[str, Path]],
+        facts: Mapping[Path | FilePart, Mapping[str, Any]],
+        steps: Mapping[str, Mapping[str, Path | FilePart]],
         inputs: Mapping[str, tuple[str, ...]],
     ) -> None:
         """Check that all files fit together, before anything runs.

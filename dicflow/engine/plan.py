@@ -18,7 +18,7 @@ from pathlib import Path
 from typing import Any, Literal, TypeVar
 
 from dicflow.engine.action_index import Action, action_of
-from dicflow.engine.files import Stamp, stamp
+from dicflow.engine.files import FilePart, Stamp, stamp
 from dicflow.engine.fingerprint import Fingerprint, Sources, changed_names
 from dicflow.engine.graph import Graph, Task, TaskInput
 from dicflow.engine.hashing import plain
@@ -222,7 +222,7 @@ class _Planner:
         return latest(self.store, self.pipeline)
 
     def add(self, task: Task) -> None:
-        files = {name: self._stamped(path) for name, path in task.files.items()} if task.files else _NO_FILES
+        files = {name: self._stamped(task.node, file) for name, file in task.files.items()} if task.files else _NO_FILES
         self.files[task.name] = files
         waits_for = tuple(name for name in task.producers() if self.entries[name].state != "hit")
         if waits_for:
@@ -233,9 +233,11 @@ class _Planner:
         key = self.keys[task.stage](input_digests(inputs), digests)
         self.entries[task.name] = self._indexed(task, key, inputs) or self._found(task, key, inputs, digests)
 
-    def _stamped(self, path: Path) -> FileStamp:
-        before = stamp(path)  # first: of a file that changes meanwhile the stamp then no longer fits
-        return FileStamp(self.store.files.digest(path), before)
+    def _stamped(self, node: Node, file: Path | FilePart) -> FileStamp:
+        before = stamp(file)  # first: of a file that changes meanwhile the stamp then no longer fits
+        if isinstance(file, FilePart):
+            return FileStamp(_facts(self.store, node, file)["digest"], before)
+        return FileStamp(self.store.files.digest(file), before)
 
     def _indexed(self, task: Task, key: str, inputs: dict[str, RefInput]) -> PlanEntry | None:
         """A hit by the index; None where only the record can tell."""
@@ -298,23 +300,26 @@ def _check_files(graph: Graph, store: Store, on_event: Callable[[Event], None] |
 
     Most of the time goes into unpacking photographs, which threads do side by side.
     """
-    paths: dict[str, dict[Path, None]] = {}
+    paths: dict[str, dict[Path | FilePart, None]] = {}
     for task in graph.tasks.values():
         if task.files:
             paths.setdefault(task.stage, {}).update(dict.fromkeys(task.files.values()))
     with ThreadPoolExecutor() as threads:
         for name, found in paths.items():
             node = graph.stages[name].node
-            purpose = f"check:{node.stage}:{node.impl_version}"
-            fact = partial(store.files.fact, purpose=purpose, find=partial(_facts, node))
-            looked = _reported("files", threads.map(fact, found), len(found), _MANY_FILES, on_event)
+            looked = threads.map(partial(_facts, store, node), found)
+            looked = _reported("files", looked, len(found), _MANY_FILES, on_event)
             facts = dict(zip(found, looked, strict=True))
             inputs = {port: graph.steps[source] for port, source in graph.stages[name].inputs.items()}
             node.agree(facts, graph.files.get(name, {}), inputs)
 
 
-def _facts(node: Node, path: Path) -> Any:
-    return plain(node.check(path))
+def _facts(store: Store, node: Node, file: Path | FilePart) -> Any:
+    """What a stage finds in a file, as JSON, from the store if it was found before."""
+    purpose = f"check:{node.stage}:{node.impl_version}"
+    if isinstance(file, FilePart):
+        purpose += f"#{file.number}"
+    return store.files.fact(file, purpose, lambda file: plain(node.check(file)))
 
 
 def _reported(

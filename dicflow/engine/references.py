@@ -16,6 +16,7 @@ from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, overload
 
+from dicflow.engine.files import FilePart
 from dicflow.engine.integrity import check_product
 from dicflow.engine.node import Node
 from dicflow.engine.objects import LazyVariables, Manifest, describe, normalised, stored_array
@@ -70,7 +71,7 @@ class Recipe:
     task: str
     node: Node
     inputs: Mapping[str, RefInput]
-    files: Mapping[str, Path]
+    files: Mapping[str, Path | FilePart]
 
     @cached_property
     def depth(self) -> int:
@@ -197,7 +198,7 @@ def load(store: Store, ref: Ref) -> Product:
     return Product(content["kind"], LazyVariables(content["variables"], read), content["attrs"])
 
 
-def arguments(store: Store, inputs: Mapping[str, RefInput], files: Mapping[str, Path]) -> dict[str, Any]:
+def arguments(store: Store, inputs: Mapping[str, RefInput], files: Mapping[str, Path | FilePart]) -> dict[str, Any]:
     """The keyword arguments of ``run``: products by port and paths by name. Raises DamagedError."""
     return {**{port: _opened(store, source) for port, source in inputs.items()}, **files}
 

@@ -49,9 +49,11 @@ def read_mask(path: Path) -> npt.NDArray[np.bool_]:
 
     Raises InputError that names the file if it is not an image, or is black.
     """
-    from dicflow.io.images import read_grey
+    from dicflow.io.images import read_photograph
 
-    grey = read_grey(path)
+    grey, _, counts = read_photograph(path)
+    if counts is not None:
+        grey = np.where(counts, grey, 0)
     if not grey.any():
         raise InputError(f"{path}: the mask is black everywhere; paint the region of interest white")
     return grey > int(grey.max()) // 2

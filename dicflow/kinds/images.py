@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from typing import TYPE_CHECKING, ClassVar, Literal
+from collections.abc import Iterator, Mapping
+from types import MappingProxyType
+from typing import TYPE_CHECKING, Any, ClassVar, Literal
 
 from dicflow.engine.product import Product
 from dicflow.errors import StageError
@@ -21,27 +22,45 @@ _TITLES = {
     "rectified": "rectified {side} photograph",
     "plane": "undistorted photograph",
 }
+_COUNTS = Layout(GRID, "1", "whether a pixel is measured")
+
+
+_NONE: Mapping[str, Any] = MappingProxyType({})
 
 
 class Images(Kind):
-    """Grey levels (row, col) of the left photograph and, with two cameras, of the right one."""
+    """Grey levels (row, col) of the left photograph and, with two cameras, of the right one.
+
+    A photograph with pixels that must not be measured, such as transparent ones, has a mask beside it; most have none.
+    """
 
     KINDS: ClassVar = ("images", "rectified", "plane")
 
     @classmethod
     def write(
-        cls, left: np.ndarray, right: np.ndarray | None = None, kind: Literal["images", "rectified", "plane"] = "images"
+        cls,
+        left: np.ndarray,
+        right: np.ndarray | None = None,
+        kind: Literal["images", "rectified", "plane"] = "images",
+        counts: Mapping[str, np.ndarray] = _NONE,
+        notes: Mapping[str, str] = _NONE,
     ) -> Product:
         """A product of photographs.
 
         left, right : (row, col) — grey levels; ``right`` is None with one camera
         kind : as taken, with aligned rows, or the left one without distortion
+        counts : left or right → (row, col) bool, False for pixels that are not measured. A mask that is True
+            everywhere is left out
+        notes : left or right → a sentence about the photograph that people need to know
         """
         sides = {"left": left} if right is None else {"left": left, "right": right}
-        title = _TITLES[kind]
+        grey = Layout(GRID, "grey level", _TITLES[kind])
+        masks = {f"{side}_counts": _COUNTS(counts[side]) for side in sides if side in counts and not counts[side].all()}
         return Product(
             kind,
-            {side: Layout(GRID, "grey level", title.format(side=side))(image) for side, image in sides.items()},
+            {side: grey._replace(long_name=grey.long_name.format(side=side))(image) for side, image in sides.items()}
+            | masks,
+            {"notes": dict(notes)} if notes else {},
         )
 
     @property
@@ -55,6 +74,21 @@ class Images(Kind):
         if not self.has_right:
             raise StageError("expected photographs of two cameras, found only left ones; add 'right' to the images")
         return self["right"]
+
+    def counts(self, side: str) -> np.ndarray | None:
+        """Pixels (row, col) of the left or right photograph that are measured; None if all are."""
+        return self[f"{side}_counts"] if f"{side}_counts" in self.product else None
+
+    @property
+    def masks(self) -> dict[str, np.ndarray]:
+        """The masks of the photographs in which not all pixels are measured, by left or right."""
+        return {side: mask for side in ("left", "right") if (mask := self.counts(side)) is not None}
+
+    @property
+    def notes(self) -> Mapping[str, str]:
+        """Left or right → a sentence about the photograph that people need to know, if there is one."""
+        found: Mapping[str, str] = self.product.attrs.get("notes", {})
+        return found
 
     @property
     def has_right(self) -> bool:

@@ -8,6 +8,7 @@ from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from dicflow.engine.files import FilePart
 from dicflow.engine.graph import Graph, StageSpec, expand
 from dicflow.engine.journal import Event, RunInfo, runs
 from dicflow.engine.plan import CodePolicy, Plan, make_plan
@@ -120,16 +121,26 @@ class Pipeline:
 
         Raises InputError for photographs that are missing or that lie outside the folders this file may read.
         """
+        for name, spec in self._instances[1].items():
+            self._check_inside(name, spec.node.searches(spec.folder))
         graph = expand(self._instances[1])
-        roots = [root.resolve() for root in (self.path.parent, self.folder, Path.cwd())]
         for task in graph.tasks.values():
-            for file in task.files.values():
-                if not any(file.resolve().is_relative_to(root) for root in roots):
-                    raise InputError(
-                        f"{task.stage}: {file} lies outside the folder of {self.path.name}; a pipeline reads only "
-                        "below its own folder, the working directory, and the folder given with --data"
-                    )
+            self._check_inside(task.stage, task.files.values())
         return graph
+
+    def _check_inside(self, stage: str, files: Iterable[Path | FilePart]) -> None:
+        """Raise InputError for a file or folder that lies outside those this pipeline may read."""
+        for file in files:
+            place = Path(file).resolve()
+            if not any(place.is_relative_to(root) for root in self._roots):
+                raise InputError(
+                    f"{stage}: {file} lies outside the folder of {self.path.name}; a pipeline reads only "
+                    "below its own folder, the working directory, and the folder given with --data"
+                )
+
+    @cached_property
+    def _roots(self) -> list[Path]:
+        return [root.resolve() for root in (self.path.parent, self.folder, Path.cwd())]
 
     @cached_property
     def store(self) -> Store:

@@ -158,6 +158,9 @@ def _cameras(facts: _Facts) -> _Rows:
     yield "cameras", None, "maker and model, sensor and its pixel size"
     yield "image size", _text(size, "{0[0]} × {0[1]} px"), "width × height"
     yield "grey levels", _bits(facts.photograph), "as the photographs are stored"
+    taken = facts.product("images")
+    for side, note in (Images.read(taken).notes if taken else {}).items():
+        yield f"orientation, {side}", note, "by the tag of the first photograph"
     yield "lenses", None, "maker and model, focal length in mm, filters"
     yield "focal length", _focal(facts), "by calibration, left and right"
     yield "aperture", None, "f-number"

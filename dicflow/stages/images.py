@@ -4,27 +4,38 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any, ClassVar, Literal
+from typing import TYPE_CHECKING, Any, ClassVar, Literal
 
+from dicflow.engine.files import FilePart
 from dicflow.engine.node import Node, Scope, parameter
 from dicflow.engine.product import Product
 from dicflow.errors import InputError
 from dicflow.kinds.images import Images as Photographs
 
+if TYPE_CHECKING:
+    from dicflow.io.images import Photograph
+
 __all__ = ["Images"]
+
+_Fact = Mapping[str, Any]
+_Facts = Mapping[Path | FilePart, _Fact]
+_NAMED = 3
 
 
 class Images(Node):
     """Read the photographs as grey levels.
 
     One step per left photograph, named by its stem; no two may share one. Those of a pattern follow in natural order of
-    the names, those of a list as they are listed. With ``right`` the photographs are paired by the numbers in their
-    names, or by order if the numbers differ.
+    the names, those of a list as they are listed. Each page of a TIFF is a step of its own, and each frame of an
+    animated PNG. With ``right`` the photographs are paired by the numbers in their names, or by the times in them.
+
+    Photographs are measured as the sensor lies, whatever an orientation tag says. Transparent pixels are not measured.
     """
 
     title: ClassVar = "read photographs"
     scope: ClassVar = Scope.STEP
     gives: ClassVar = "images"
+    impl_version: ClassVar = 2
 
     stage: Literal["images"] = "images"
     left: str | list[str] = parameter(
@@ -33,89 +44,124 @@ class Images(Node):
     right: str | list[str] | None = parameter(
         None, "photographs of the right camera; absent for a measurement with one camera", affects="speed"
     )
+    pair_by: Literal["name", "time", "order"] | None = parameter(
+        None,
+        "what makes pairs: numbers and words in the names, the nearest times in them, or the order; absent: the names, "
+        "and times where numbers never agree",
+        affects="speed",
+    )
+    unpaired: Literal["refuse", "skip"] = parameter(
+        "refuse", "photographs without a partner: an error, or left out with their step", affects="speed"
+    )
+    orientation: Literal["sensor", "upright"] | None = parameter(
+        None,
+        "orientation tags: ignored (sensor), or followed (upright); absent: ignored, and photographs with different "
+        "tags are refused",
+    )
 
-    def steps(self, folder: Path) -> Mapping[str, Mapping[str, Path]]:
-        from dicflow.io.images import pair_names
+    def searches(self, folder: Path) -> tuple[Path, ...]:
+        from dicflow.io.images import search_start
 
-        left = _photographs(folder, self.left, "left")
-        if self.right is None:
-            return {path.stem: {"left": path} for path in left.values()}
-        right = _photographs(folder, self.right, "right")
-        pairs = pair_names(list(left), list(right)).pairs
-        return {Path(a).stem: {"left": left[a], "right": right[b]} for a, b in pairs}
+        patterns = [
+            one for side in (self.left, self.right or []) for one in ([side] if isinstance(side, str) else side)
+        ]
+        return tuple(search_start(folder, pattern)[0] for pattern in patterns)
 
-    def check(self, path: Path) -> dict[str, Any]:
+    def steps(self, folder: Path) -> Mapping[str, Mapping[str, Path | FilePart]]:
+        from dicflow.io.images import find_photographs, steps_of
+
+        left = find_photographs(folder, self.left, "left")
+        right = None if self.right is None else find_photographs(folder, self.right, "right")
+        listed = isinstance(self.left, list) and isinstance(self.right, list)
+        return steps_of(left, right, self.pair_by, self.unpaired, listed)
+
+    def check(self, path: Path | FilePart) -> dict[str, Any]:
         from dicflow.io.images import probe
 
-        return dict(probe(path))
+        return probe(path)
 
     def agree(
         self,
-        facts: Mapping[Path, Mapping[str, Any]],
-        steps: Mapping[str, Mapping[str, Path]],
+        facts: _Facts,
+        steps: Mapping[str, Mapping[str, Path | FilePart]],
         inputs: Mapping[str, tuple[str, ...]],
     ) -> None:
-        first = next(iter(facts))
-        for path, fact in facts.items():
-            for side in ("width", "height", "bits"):
-                if fact[side] != facts[first][side]:
-                    raise InputError(
-                        f"{path}: {_size(fact)}, but {first.name} has {_size(facts[first])}; "
-                        "all photographs of both cameras must have one size and depth"
-                    )
-        for files in steps.values():
-            turned = {path: facts[path]["orientation"] for path in files.values()}
-            if len(set(turned.values())) > 1:
-                path = next(path for path, value in turned.items() if value != 1)
-                raise InputError(
-                    f"{path}: marked as rotated (EXIF orientation {turned[path]}) while its partner is not; "
-                    "remove the mark from the file, and mount both cameras alike"
-                )
+        if self.orientation is None:
+            _check_tags(facts)
+        cameras = [
+            {files[side]: self._as_measured(facts[files[side]]) for files in steps.values() if side in files}
+            for side in ("left", "right")
+        ]
+        for camera in cameras:
+            _check_camera(camera)
+        _check_depth(*(next(iter(camera.items())) for camera in cameras if camera))
 
-    def run(self, left: Path, right: Path | None = None) -> Product:
-        from dicflow.io.images import read_grey
+    def run(self, left: Path | FilePart, right: Path | FilePart | None = None) -> Product:
+        from dicflow.io.images import read_photograph, turned_upright
 
-        return Photographs.write(read_grey(left), None if right is None else read_grey(right))
+        photographs = {side: read_photograph(file) for side, file in (("left", left), ("right", right)) if file}
+        turn = turned_upright if self.orientation == "upright" else lambda image, _: image
+        grey = {side: turn(one.grey, one.orientation) for side, one in photographs.items()}
+        counts = {s: turn(one.counts, one.orientation) for s, one in photographs.items() if one.counts is not None}
+        notes = {side: note for side, one in photographs.items() if (note := self._note(one))}
+        return Photographs.write(grey["left"], grey.get("right"), counts=counts, notes=notes)
+
+    def _note(self, photograph: Photograph) -> str:
+        """Which way up the pixels count; empty without an orientation tag."""
+        from dicflow.io.images import orientation_sentence
+
+        height, width = photograph.grey.shape
+        return orientation_sentence(photograph.orientation, width, height, self.orientation == "upright")
+
+    def _as_measured(self, fact: _Fact) -> _Fact:
+        """Facts of a photograph with the width and height that it has when it is measured."""
+        from dicflow.io.images import upright_size
+
+        if self.orientation != "upright":
+            return fact
+        width, height = upright_size(fact["orientation"], fact["width"], fact["height"])
+        return {**fact, "width": width, "height": height}
 
 
-def _photographs(folder: Path, patterns: str | list[str], side: str) -> dict[str, Path]:
-    """Files that match the patterns, by file name. Raises InputError if no file matches or two have one stem."""
-    by_stem: dict[str, Path] = {}
-    for pattern in [patterns] if isinstance(patterns, str) else patterns:
-        for path in _matching_files(folder, pattern, side):
-            if (other := by_stem.setdefault(path.stem, path)) != path:
-                raise InputError(
-                    f"{side}: {other} and {path} would both be step '{path.stem}'; "
-                    "rename one of them, or leave it out of the pattern"
-                )
-    if not by_stem:
+def _check_tags(facts: _Facts) -> None:
+    """Raise InputError if the orientation tags of photographs differ."""
+    tags: dict[int, list[str]] = {}
+    for file, fact in facts.items():
+        tags.setdefault(fact["orientation"], []).append(str(file))
+    if len(tags) > 1:
+        common, *_, rare = sorted(tags, key=lambda tag: (-len(tags[tag]), tag))
+        named = ", ".join(tags[rare][:_NAMED]) + (f" and {len(tags[rare]) - _NAMED} more" * (len(tags[rare]) > _NAMED))
         raise InputError(
-            f"{side}: no photograph matches {patterns!r} in {folder}; check the pattern, or start from 'dicflow init'"
+            f"{named}: marked as rotated otherwise (orientation {rare}) than {tags[common][0]} (orientation {common}); "
+            "set orientation: sensor if the cameras did not turn, so that the marks are ignored, or "
+            "orientation: upright to turn every photograph as it is marked"
         )
-    return {path.name: path for path in by_stem.values()}
 
 
-def _matching_files(folder: Path, pattern: str, side: str) -> list[Path]:
-    """The file of this name, or the photographs that match a pattern, in natural order."""
-    from dicflow.io.images import SUFFIXES, natural_key
-
-    if not any(sign in pattern for sign in "*?["):
-        if (folder / pattern).is_dir():
-            raise InputError(f"{side}: {pattern!r} is a folder; write a pattern such as {pattern.rstrip('/')}/*.png")
-        return [folder / pattern]
-    photographs = (path for path in _glob(folder, pattern) if path.suffix.lower() in SUFFIXES)
-    return sorted(photographs, key=lambda path: (natural_key(path.name), path))
-
-
-def _glob(folder: Path, pattern: str) -> list[Path]:
-    """Files below a folder that match a pattern; an absolute pattern starts at its own root."""
-    path = Path(pattern)
-    return (
-        list(Path(path.anchor).glob(str(path.relative_to(path.anchor))))
-        if path.is_absolute()
-        else list(folder.glob(pattern))
-    )
+def _check_camera(facts: _Facts) -> None:
+    """Raise InputError if the photographs of one camera differ in size or depth, or are a raw mosaic."""
+    first = next(iter(facts), None)
+    for file, fact in facts.items():
+        assert first is not None
+        if any(fact[name] != facts[first][name] for name in ("width", "height", "bits")):
+            raise InputError(
+                f"{file}: {_size(fact)}, but {Path(first).name} has {_size(facts[first])}; "
+                "all photographs of one camera must have one size and depth"
+            )
+    if first is not None and facts[first]["mosaic"]:
+        raise InputError(
+            f"{first}: a raw mosaic of colour filters ({facts[first]['mosaic']}): neighbouring pixels saw different "
+            "colours; convert the photographs to colour or grey first (demosaic them)"
+        )
 
 
-def _size(fact: Mapping[str, Any]) -> str:
+def _check_depth(left: tuple[Path | FilePart, _Fact], right: tuple[Path | FilePart, _Fact] | None = None) -> None:
+    """Raise InputError if the photographs of two cameras differ in depth. left, right : the first ones, with facts"""
+    if right is not None and left[1]["bits"] != right[1]["bits"]:
+        raise InputError(
+            f"{right[0]}: {_size(right[1])}, but {left[0]} has {_size(left[1])}; both cameras must have one depth"
+        )
+
+
+def _size(fact: _Fact) -> str:
     return f"{fact['width']} × {fact['height']} px at {fact['bits']} bit"

@@ -24,7 +24,7 @@ class Rectify(Node):
     stage: Literal["rectify"] = "rectify"
 
     def run(self, images: Product, rig: Product) -> Product:
-        from dicflow.core.cameras.rectification import rectification, rectify
+        from dicflow.core.cameras.rectification import rectification, rectify, rectify_counts
 
         photographs, cameras = Images.read(images), CalibratedRig.read(rig).cameras
         photographs.check_sizes(cameras)
@@ -32,6 +32,10 @@ class Rectify(Node):
             view = rectification(cameras)
         except ValueError as error:
             raise StageError(f"the rig cannot be rectified: {error}; calibrate again") from error
-        left = rectify(photographs.left, cameras.left, view.rotation_left, view.matrix_left, view.size)
-        right = rectify(photographs.right, cameras.right, view.rotation_right, view.matrix_right, view.size)
-        return Images.write(left, right, "rectified")
+        ways = {
+            "left": (cameras.left, view.rotation_left, view.matrix_left, view.size),
+            "right": (cameras.right, view.rotation_right, view.matrix_right, view.size),
+        }
+        left, right = rectify(photographs.left, *ways["left"]), rectify(photographs.right, *ways["right"])
+        counts = {side: rectify_counts(mask, *ways[side]) for side, mask in photographs.masks.items()}
+        return Images.write(left, right, "rectified", counts)

@@ -25,11 +25,14 @@ class Undistort(Node):
     def run(self, images: Product, rig: Product | None = None) -> Product:
         import numpy as np
 
-        from dicflow.core.cameras.rectification import rectify
+        from dicflow.core.cameras.rectification import rectify, rectify_counts
 
         photographs = Images.read(images)
         if rig is None:
-            return Images.write(photographs.left, kind="plane")
+            return Images.write(photographs.left, kind="plane", counts=photographs.masks)
         camera = CalibratedRig.read(rig).cameras.left
         check_size("left", camera.size, photographs.size)
-        return Images.write(rectify(photographs.left, camera, np.eye(3), camera.matrix, camera.size), kind="plane")
+        way = camera, np.eye(3), camera.matrix, camera.size
+        mask = photographs.counts("left")
+        counts = {} if mask is None else {"left": rectify_counts(mask, *way)}
+        return Images.write(rectify(photographs.left, *way), kind="plane", counts=counts)

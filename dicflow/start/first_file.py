@@ -9,6 +9,7 @@ from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import NamedTuple
 
+from dicflow.engine.files import FilePart
 from dicflow.engine.node import Node
 from dicflow.errors import InputError, StageError
 from dicflow.io.configuration import parse
@@ -42,7 +43,7 @@ class Series(NamedTuple):
 
     left: str
     right: str | None
-    steps: Mapping[str, Mapping[str, Path]]
+    steps: Mapping[str, Mapping[str, Path | FilePart]]
 
     def __str__(self) -> str:
         cameras = "pairs" if self.right else "photographs of one camera"

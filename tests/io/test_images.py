@@ -42,7 +42,7 @@ def test_orientation_is_reported_and_not_applied(tmp_path):
     exif[0x0112] = 6
     path = tmp_path / "a.jpg"
     Image.fromarray(RAMP).save(path, exif=exif)
-    assert probe(path) == {"width": 4, "height": 3, "bits": 8, "orientation": 6}
+    assert probe(path) == {"width": 4, "height": 3, "bits": 8, "orientation": 6, "mosaic": None}
     assert read_grey(path).shape == (3, 4)
 
 
@@ -83,7 +83,8 @@ def _saved(folder, content):
 def test_check_and_stage_see_the_same_photograph(tmp_path, name):
     path = _saved(tmp_path, _file(name))
     grey = read_grey(path)
-    assert probe(path) == {"width": 48, "height": 64, "bits": 8 * grey.itemsize, "orientation": 1}
+    facts = {"width": 48, "height": 64, "bits": 8 * grey.itemsize, "orientation": 1, "mosaic": None}
+    assert probe(path) == facts
     scale = 200 if name.endswith("16 bits") else 1
     tolerance = 40 if "JPEG" in name else 0
     np.testing.assert_allclose(grey, NOISE.astype(int) * scale, rtol=0, atol=tolerance)
@@ -195,7 +196,7 @@ def test_names_sort_naturally():
     [
         (["a_2_0.tif", "a_10_0.tif"], ["a_10_1.tif", "a_2_1.tif"], "name"),
         (["ImageLeft7.jpg", "ImageLeft8.jpg"], ["ImageRight7.jpg", "ImageRight8.jpg"], "name"),
-        (["IMG_101.jpg", "IMG_102.jpg"], ["IMG_877.jpg", "IMG_878.jpg"], "order"),
+        (["before.jpg", "loaded.jpg"], ["a.jpg", "b.jpg"], "order"),
         (["only.png"], ["other.png"], "name"),
     ],
 )
@@ -236,7 +237,7 @@ def test_series_agrees(tmp_path):
 
 
 def test_rotation_on_one_side_is_refused(tmp_path):
-    with pytest.raises(InputError, match=r"right.0\.jpg: marked as rotated \(EXIF orientation 6\)"):
+    with pytest.raises(InputError, match=r"right.0\.jpg.*marked as rotated .*orientation 6"):
         _agree(_series(tmp_path, right=6), tmp_path)
 
 

@@ -51,3 +51,19 @@ def test_photographs_of_another_size_than_the_rig_are_refused_by_side_and_sizes(
 
 def test_sizes_from_json_compare_as_pairs():
     check_size("left", (64, 48), [64, 48])
+
+
+def test_a_mask_names_the_pixels_that_count_and_is_left_out_where_all_do():
+    opaque = np.ones(LEFT.shape, bool)
+    opaque[:, :10] = False
+    product = stored(Images.write(LEFT, RIGHT, counts={"left": opaque, "right": np.ones(RIGHT.shape, bool)}))
+    images = Images.read(product)
+    np.testing.assert_array_equal(images.counts("left"), opaque)
+    assert images.counts("right") is None
+    assert [side for side, _ in images.sides] == ["left", "right"]
+    assert layouts(product)["left_counts"] == ("row col", "1")
+
+
+def test_photographs_in_which_all_pixels_count_are_stored_without_masks():
+    assert set(Images.write(LEFT, RIGHT).variables) == {"left", "right"}
+    assert set(Images.write(LEFT, counts={"left": np.ones(LEFT.shape, bool)}).variables) == {"left"}

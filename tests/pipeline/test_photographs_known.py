@@ -6,7 +6,7 @@ import shutil
 import pytest
 from small import BOARDS, STEPS
 
-from dicflow.io import images
+from dicflow.io.images import reading
 from dicflow.pipeline import Pipeline
 
 PHOTOGRAPHS = 2 * (BOARDS + STEPS)
@@ -15,8 +15,8 @@ PHOTOGRAPHS = 2 * (BOARDS + STEPS)
 @pytest.fixture
 def decoded(monkeypatch):
     """Names of the photographs that were decoded."""
-    names, read = [], images.read_photograph
-    monkeypatch.setattr(images, "read_photograph", lambda path: names.append(path.name) or read(path))
+    names, read = [], reading.read_photograph
+    monkeypatch.setattr(reading, "read_photograph", lambda path: names.append(path.name) or read(path))
     return names
 
 

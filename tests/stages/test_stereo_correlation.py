@@ -251,6 +251,15 @@ def test_a_rig_for_another_image_size(pairs, left, results):
         Triangulate().run(correlation=left[0], correlation_first=left[0], stereo=results[0][0], rig=rig_product(small))
 
 
+def test_a_right_camera_of_another_size_changes_nothing(pairs, left, results):
+    """Rows and columns without the specimen are cut off below and on the right, so no place changes."""
+    cut = [(one, np.ascontiguousarray(other[:470, :580])) for one, other in pairs]
+    rig = rig_product(RIG._replace(right=RIG.right._replace(size=(580, 470))))
+    for (stereo, points), (whole_stereo, whole) in zip(measured(cut, left, rig=rig), results, strict=True):
+        np.testing.assert_allclose(stereo["xy"], whole_stereo["xy"], rtol=0, atol=1e-4)
+        np.testing.assert_allclose(points["xyz"], whole["xyz"], rtol=0, atol=1e-4)
+
+
 def test_one_camera_is_not_enough(pairs, left):
     with pytest.raises(StageError, match="add 'right' to the images"):
         measured([(pairs[0][0], None)], left[:1])

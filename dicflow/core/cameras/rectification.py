@@ -13,7 +13,7 @@ import cv2
 import numpy as np
 from numpy.typing import ArrayLike
 
-from dicflow.core.arrays import Array, Grey
+from dicflow.core.arrays import Array, Grey, Image, Mask
 from dicflow.core.cameras.camera import Camera, Rig, distort, homogeneous, undistort
 
 __all__ = [
@@ -23,12 +23,14 @@ __all__ = [
     "rectification",
     "rectified_to_raw",
     "rectify",
+    "rectify_counts",
     "triangulate_disparity",
 ]
 
 
 _MAX_ANGLE_DEG = 75.0
 _OUTLINE_POINTS_PER_SIDE = 65
+_LANCZOS_PX = 8
 
 
 class Rectification(NamedTuple):
@@ -98,11 +100,30 @@ def rectify(image: Grey, camera: Camera, rotation: Array, matrix: Array, size: t
     size : (width, height) [px]
     Returns (height, width) of the same type.
     """
+    x, y = _places(camera, rotation, matrix, size)
+    return np.asarray(cv2.remap(image, x, y, cv2.INTER_LANCZOS4, borderMode=cv2.BORDER_CONSTANT, borderValue=0))
+
+
+def rectify_counts(counts: Mask, camera: Camera, rotation: Array, matrix: Array, size: tuple[int, int]) -> Mask:
+    """Which pixels of a rectified image depend on none that does not count; True outside the photograph.
+
+    counts : (rows, cols) bool — False for pixels of the photograph that are not measured
+    rotation, matrix, size : as for :func:`rectify`
+    Returns (height, width) bool.
+    """
+    kernel = np.ones((_LANCZOS_PX + 1, _LANCZOS_PX + 1), dtype=np.uint8)
+    clean = cv2.erode(counts.astype(np.uint8), kernel, borderType=cv2.BORDER_CONSTANT, borderValue=(1,))
+    x, y = _places(camera, rotation, matrix, size)
+    return np.asarray(cv2.remap(clean, x, y, cv2.INTER_NEAREST, borderMode=cv2.BORDER_CONSTANT, borderValue=1) > 0)
+
+
+def _places(camera: Camera, rotation: Array, matrix: Array, size: tuple[int, int]) -> tuple[Image, Image]:
+    """x and y of each pixel of a rectified image in the photograph [px]."""
     x, y = cv2.initUndistortRectifyMap(camera.matrix, camera.distortion, rotation, matrix, size, cv2.CV_32FC1)
     focal, skew = camera.matrix[1, 1], camera.matrix[0, 1]
     if skew:  # initUndistortRectifyMap ignores it
         x += (skew / focal) * (y - camera.matrix[1, 2])
-    return np.asarray(cv2.remap(image, x, y, cv2.INTER_LANCZOS4, borderMode=cv2.BORDER_CONSTANT, borderValue=0))
+    return x, y
 
 
 def photograph_outline(camera: Camera, rotation: Array, matrix: Array) -> Array:

@@ -1,0 +1,103 @@
+"""The steps of a test: the photographs that patterns name, page by page, with those of the other camera."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from itertools import chain
+from pathlib import Path
+
+from dicflow.engine.files import FilePart
+from dicflow.errors import InputError
+from dicflow.io.images.formats import SUFFIXES
+from dicflow.io.images.pairing import Unpaired, Way, natural_key, pair_names
+from dicflow.io.images.reading import page_count
+from dicflow.io.images.search import find_files, search_start
+
+__all__ = ["find_photographs", "steps_of"]
+
+_DIGITS = 3
+"""Least digits of the number of a page in the name of its step."""
+
+
+def find_photographs(folder: Path, patterns: str | Sequence[str], side: str) -> dict[str, Path]:
+    """The files that patterns name, by file name: those of a pattern in natural order, those of a list as listed.
+
+    side : left or right, for messages
+    Raises InputError if no file matches, or if two files have one stem.
+    """
+    by_stem: dict[str, Path] = {}
+    for pattern in [patterns] if isinstance(patterns, str) else patterns:
+        for path in _matching(folder, pattern, side):
+            if (other := by_stem.setdefault(path.stem, path)) != path:
+                raise InputError(f"{side}: {_one_name(other, path, path.stem)}")
+    if not by_stem:
+        raise InputError(
+            f"{side}: no photograph matches {patterns!r} in {folder}; check the pattern, or start from 'dicflow init'"
+        )
+    return {path.name: path for path in by_stem.values()}
+
+
+def steps_of(
+    left: Mapping[str, Path],
+    right: Mapping[str, Path] | None,
+    by: Way | None = None,
+    unpaired: Unpaired = "refuse",
+    listed: bool = False,
+) -> dict[str, dict[str, Path | FilePart]]:
+    """Step → left or right → photograph. A step has the left file's stem; one of many pages adds the page's number.
+
+    left, right : file name → file, as :func:`find_photographs` gives them
+    by, unpaired, listed : as for :func:`~dicflow.io.images.pairing.pair_names`
+    Raises InputError as it does, and where two files that belong together have not as many pages.
+    """
+    if right is None:
+        rows: Iterable[tuple[Path, ...]] = ((path,) for path in left.values())
+    else:
+        pairs = pair_names(list(left), list(right), by, unpaired, listed).pairs
+        rows = ((left[a], right[b]) for a, b in pairs)
+    steps: dict[str, dict[str, Path | FilePart]] = {}
+    for name, files in chain.from_iterable(map(_pages, rows)):
+        if name in steps:
+            raise InputError(_one_name(steps[name]["left"], files[0], name))
+        steps[name] = dict(zip(("left", "right"), files, strict=False))
+    return steps
+
+
+def _pages(files: tuple[Path, ...]) -> Iterator[tuple[str, tuple[Path | FilePart, ...]]]:
+    """Name and photographs of each step of one file, or of two that belong together."""
+    counts = [page_count(path) for path in files]
+    if len(set(counts)) > 1:
+        raise InputError(
+            f"{files[0]}: {counts[0]} pages, but {files[1]} has {counts[1]}; both cameras must have the same steps: "
+            "save both stacks again with equal pages"
+        )
+    digits = max(_DIGITS, len(str(counts[0])))
+    for number in range(1, counts[0] + 1):
+        alone = counts[0] == 1
+        name = files[0].stem if alone else f"{files[0].stem}_{number:0{digits}d}"
+        yield name, tuple(path if alone else FilePart(path, number) for path in files)
+
+
+def _matching(folder: Path, pattern: str, side: str) -> list[Path]:
+    """The file of this name, or the photographs that match a pattern, in natural order."""
+    start, parts = search_start(folder, pattern)
+    if not parts:
+        if start.is_dir():
+            raise InputError(f"{side}: {pattern!r} is a folder; write a pattern such as {pattern.rstrip('/')}/*.png")
+        return [start]
+    found = find_files(folder, pattern)
+    photographs = [path for path in found if path.suffix.lower() in SUFFIXES]
+    if found and not photographs:
+        raise InputError(
+            f"{side}: {pattern!r} matches {found[0].name}{_more(len(found) - 1)}, but no PNG, TIFF, JPEG or BMP; "
+            "save the photographs in one of these formats"
+        )
+    return sorted(photographs, key=lambda path: (natural_key(path.name), path))
+
+
+def _more(count: int) -> str:
+    return f" and {count} more" if count else ""
+
+
+def _one_name(one: Path | FilePart, other: Path | FilePart, step: str) -> str:
+    return f"{one} and {other} would both be step '{step}'; rename one of them, or leave it out of the pattern"
