@@ -132,9 +132,9 @@ def _check_tags(facts: _Facts) -> None:
         common, *_, rare = sorted(tags, key=lambda tag: (-len(tags[tag]), tag))
         named = ", ".join(tags[rare][:_NAMED]) + (f" and {len(tags[rare]) - _NAMED} more" * (len(tags[rare]) > _NAMED))
         raise InputError(
-            f"{named}: marked as rotated otherwise (orientation {rare}) than {tags[common][0]} (orientation {common}); "
-            "set orientation: sensor if the cameras did not turn, so that the marks are ignored, or "
-            "orientation: upright to turn every photograph as it is marked"
+            f"{named}: tagged as rotated (orientation {rare}) otherwise than {tags[common][0]} (orientation {common}); "
+            "set orientation: sensor to ignore the tags, if the cameras did not turn, or orientation: upright to turn "
+            "every photograph as its tag says"
         )
 
 

@@ -1,5 +1,6 @@
 """Photographs: reading, naming, pairing."""
 
+import os
 import zlib
 from io import BytesIO
 
@@ -9,7 +10,7 @@ import pytest
 from PIL import Image
 
 from dicflow.errors import InputError
-from dicflow.io.images import natural_key, pair_names, probe, read_grey
+from dicflow.io.images import natural_key, page_count, pair_names, probe, read_grey
 from dicflow.stages.images import Images
 
 RAMP = np.arange(12, dtype=np.uint8).reshape(3, 4) * 20
@@ -156,6 +157,45 @@ def test_another_format_reaches_no_library(tmp_path, form, monkeypatch):
         probe(path)
 
 
+BOX = bytes([0, 0, 0, 24])
+FOREIGN = {
+    "HEIC": BOX + b"ftypheic",
+    "AVIF": BOX + b"ftypavif",
+    "WebP": b"RIFF\0\0\0\0WEBP",
+    "raw file": BOX + b"ftypcrx ",
+    "video": BOX + b"ftypisom",
+    "PostScript": b"%!PS-Adobe-3.0 EPSF-3.0\n",
+    "SVG": b"<svg xmlns='http://www.w3.org/2000/svg'/>",
+    "Photoshop": b"8BPS\0\1",
+    "DDS": b"DDS |\0\0\0",
+    "PDF": b"%PDF-1.7",
+    "ZIP": b"PK\3\4",
+    "Git LFS": b"version https://git-lfs.github.com/spec/v1\n",
+    "text": b"load,extension\n1,2\n",
+}
+
+
+@pytest.mark.parametrize("name", FOREIGN)
+def test_a_file_of_another_kind_is_called_by_its_name(tmp_path, name):
+    path = _saved(tmp_path, FOREIGN[name] + (b"" if name == "text" else bytes(40)))
+    with pytest.raises(InputError, match=rf"photograph\.png: .*{name}.*; "):
+        probe(path)
+    assert page_count(path) == 1
+
+
+def test_an_empty_file_is_named(tmp_path):
+    with pytest.raises(InputError, match=r"photograph\.png: the photograph is empty"):
+        probe(_saved(tmp_path, b""))
+
+
+def test_a_chunk_that_promises_gigabytes_takes_no_memory(tmp_path):
+    content = bytearray(_file("PNG", COLOUR))
+    place = content.index(b"IDAT") - 4
+    content[place : place + 4] = (1 << 30).to_bytes(4, "big")
+    with pytest.raises(InputError, match=r"photograph\.png: .*damaged"):
+        probe(_saved(tmp_path, content))
+
+
 @pytest.mark.parametrize("dtype", [np.int32, np.float32])
 def test_other_numbers_than_grey_levels_are_refused_by_the_check(tmp_path, dtype):
     path = tmp_path / "a.tif"
@@ -185,6 +225,15 @@ def test_the_orientation_is_found_behind_the_pixels_of_a_png(tmp_path):
 def test_a_missing_file_is_named(tmp_path):
     with pytest.raises(InputError, match=r"a\.png: no such file"):
         probe(tmp_path / "a.png")
+
+
+def test_what_is_not_a_regular_file_is_named(tmp_path):
+    os.mkfifo(tmp_path / "a.png")
+    (tmp_path / "b.png").mkdir()
+    for name in ("a.png", "b.png"):
+        with pytest.raises(InputError, match=rf"{name}: not a regular file"):
+            probe(tmp_path / name)
+    assert page_count(tmp_path / "a.png") == 1
 
 
 def test_names_sort_naturally():
@@ -237,7 +286,7 @@ def test_series_agrees(tmp_path):
 
 
 def test_rotation_on_one_side_is_refused(tmp_path):
-    with pytest.raises(InputError, match=r"right.0\.jpg.*marked as rotated .*orientation 6"):
+    with pytest.raises(InputError, match=r"right.0\.jpg.*tagged as rotated .*orientation 6"):
         _agree(_series(tmp_path, right=6), tmp_path)
 
 

@@ -185,7 +185,7 @@ def test_mixed_tags_need_a_word(tmp_path):
     (tmp_path / "l").mkdir()
     for k, tag in enumerate([1, 1, 3]):
         tagged(tmp_path / "l" / f"{k}.tif", tag)
-    with pytest.raises(InputError, match=r"2\.tif: marked as rotated .*orientation: sensor.* orientation: upright"):
+    with pytest.raises(InputError, match=r"2\.tif: tagged as rotated .*orientation: sensor.* orientation: upright"):
         agree(tmp_path)
     agree(tmp_path, orientation="sensor")
     agree(tmp_path, orientation="upright")

@@ -107,7 +107,7 @@ def pair_names(
 
 
 def counter_offset(left: Sequence[str], right: Sequence[str]) -> int | None:
-    """By how much the right camera counts ahead, if the names pair by order so; None where the numbers say otherwise."""
+    """By how much the right camera counts ahead, where the names pair by order so; None where they do not."""
     columns, others = _varying_numbers(left), _varying_numbers(right)
     if len(left) != len(right) or len(columns) != len(others):
         return None

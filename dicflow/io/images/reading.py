@@ -58,7 +58,7 @@ def read_photograph(file: Path | FilePart) -> Photograph:
     """
     path, number = (file.path, file.number) if isinstance(file, FilePart) else (file, 1)
     with _naming(file):
-        with path.open("rb") as start:
+        with _open(path) as start:
             form = format_of(start)
         samples = _READERS[form](path, number)
         if samples.opacity is None or samples.opacity.all():
@@ -76,7 +76,7 @@ def page_count(path: Path) -> int:
     1 also for a file that cannot be used, which :func:`read_photograph` refuses.
     """
     try:
-        with path.open("rb") as file:
+        with _open(path) as file:
             form = format_of(file)
             if form == "TIFF":
                 return len(Tiff(file).photographs())
@@ -111,6 +111,13 @@ def probe(file: Path | FilePart) -> dict[str, Any]:
 def read_grey(file: Path | FilePart) -> np.ndarray:
     """Grey levels of a photograph, (row, col) uint8 or uint16. Raises InputError as :func:`read_photograph` does."""
     return read_photograph(file).grey
+
+
+def _open(path: Path) -> BinaryIO:
+    """An open file. Raises InputError for what is not a regular one: reading a pipe would wait for ever."""
+    if path.exists() and not path.is_file():
+        raise InputError("not a regular file; name a photograph")
+    return path.open("rb")
 
 
 class _Samples(NamedTuple):
