@@ -26,8 +26,8 @@ RECOMPUTES = {
     "rectify region rig_file stereo triangulate undistort",
     "core.correlation": "correlate match stereo track triangulate",
     "core.matching": "corners correlate disparity displacement features match stereo track triangulate",
-    "core.photographs": "compare corners correlate disparity displacement features probes reconstruct region stereo "
-    "track triangulate",
+    "core.photographs": "compare corners correlate disparity displacement features images probes reconstruct region "
+    "stereo track triangulate",
     "core.probes": "frame probes",
     "core.strain": "accumulate deformation probes strain",
     "core.surfaces": "accumulate compare deformation displacement fill probes reconstruct smooth strain surface",
