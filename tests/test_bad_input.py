@@ -186,7 +186,7 @@ def test_boards_of_another_camera(run, data):
         ("polygons: [[[1, 2], [3, 4]]]", 2, "region.polygons.0: list should have at least 3 items"),
         ("polygons: [[[.nan, 2], [3, 4], [9, 9]]]", 2, "must be a finite number, found nan"),
         ("file: nothing.geojson", 2, "nothing.geojson: cannot be read (no such file or directory)"),
-        ("file: caliper.csv", 2, "caliper.csv: not a photograph in PNG, TIFF, JPEG or BMP"),
+        ("file: caliper.csv", 2, "caliper.csv: text, not a photograph in PNG, TIFF, JPEG or BMP"),
         ("file: region.geojson, rectangle: [1, 2, 3, 4]", 2, "give exactly one of rectangle, polygons, file and auto"),
     ],
 )

@@ -133,12 +133,9 @@ def _tiff(path: Path, number: int) -> _Samples:
     with path.open("rb") as file:
         tiff = Tiff(file)
         page = pages[number - 1]
-        bits = tiff.bits(page)
-        if bits > _MOST_BITS or not tiff.is_unsigned(page):
-            raise InputError(
-                f"holds numbers of {bits} bits or with signs or fractions, not grey levels; "
-                "save it as PNG or TIFF with 8 or 16 bits"
-            )
+        bits, other = tiff.bits(page), tiff.other_numbers(page)
+        if bits > _MOST_BITS or other:
+            raise InputError(f"holds {other or f'numbers of {bits} bits'}; save it as PNG or TIFF with 8 or 16 bits")
         orientation, has_opacity, data = tiff.orientation_of(page), tiff.has_opacity(page), tiff.alone(page)
     with _opened(BytesIO(data), "TIFF") as image:
         tiles: Any = image.tile

@@ -32,6 +32,7 @@ _MOST_TAGS = 0xFFFF
 _LONG = (16, 18)
 _RGB, _COLOUR_FILTER, _LINEAR_RAW = 2, 32803, 34892
 _UNSIGNED, _ALPHA = 1, (1, 2)
+_NUMBERS = {2: "numbers with signs", 3: "numbers with fractions", 6: "complex numbers"}
 _NEEDED = {_BITS, _COMPRESSION, _PHOTOMETRIC, _SAMPLES, _EXTRA_SAMPLES, _SAMPLE_FORMAT, 256, 257, 266, 278, 284, 292}
 _NEEDED |= {293, 317, 320, 322, 323, 332, 334, 347, 529, 530, 531, 532}
 """Tags that the decoding of the samples depends on, beside the places of the data."""
@@ -100,9 +101,10 @@ class Tiff:
         """Most bits of one sample."""
         return max(self._numbers(page, _BITS), default=1)
 
-    def is_unsigned(self, page: Page) -> bool:
-        """Whether the samples are unsigned whole numbers."""
-        return all(form == _UNSIGNED for form in self._numbers(page, _SAMPLE_FORMAT))
+    def other_numbers(self, page: Page) -> str:
+        """What the samples are if they are not unsigned whole numbers; "" if they are."""
+        forms = self._numbers(page, _SAMPLE_FORMAT)
+        return next((_NUMBERS.get(form, "unknown numbers") for form in forms if form != _UNSIGNED), "")
 
     def has_opacity(self, page: Page) -> bool:
         """Whether the last sample of a pixel is its opacity: it says so, or is the fourth after red, green and blue."""
