@@ -116,6 +116,17 @@ class _Facts:
                 return Images.read(self.result.product(images, 0))
         return None
 
+    @property
+    def notes(self) -> Mapping[str, str]:
+        """Left or right → what people need to know about the first photographs of the specimen."""
+        taken = self.result.stages_of("images")
+        for region in self.result.stages_of("region"):
+            images = self.result.source(region, "images")
+            stage = images if images in taken else self.result.source(images, "images")
+            if self.result.has(stage, 0):
+                return Images.read(self.result.product(stage, 0)).notes
+        return {}
+
     def _stand_off_mm(self) -> float | None:
         """Median distance of the measured points in front of the left camera at the first step."""
         import numpy as np
@@ -158,8 +169,7 @@ def _cameras(facts: _Facts) -> _Rows:
     yield "cameras", None, "maker and model, sensor and its pixel size"
     yield "image size", _text(size, "{0[0]} × {0[1]} px"), "width × height"
     yield "grey levels", _bits(facts.photograph), "as the photographs are stored"
-    taken = facts.product("images")
-    for side, note in (Images.read(taken).notes if taken else {}).items():
+    for side, note in facts.notes.items():
         yield f"orientation, {side}", note, "by the tag of the first photograph"
     yield "lenses", None, "maker and model, focal length in mm, filters"
     yield "focal length", _focal(facts), "by calibration, left and right"

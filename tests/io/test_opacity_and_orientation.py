@@ -225,3 +225,20 @@ def test_libraries_print_nothing_about_a_damaged_file(tmp_path, capfd):
         with suppress(InputError):
             probe(tmp_path / name)
     assert capfd.readouterr() == ("", "")
+
+
+def bitmap(grey, opacity):
+    """A BMP file of 32 bits per pixel that declares the fourth byte as opacity."""
+    pixels = np.dstack([grey, grey, grey, opacity])[::-1].astype(np.uint8).tobytes()
+    header = struct.pack("<IiiHHIIiiII", 108, grey.shape[1], grey.shape[0], 1, 32, 3, len(pixels), 0, 0, 0, 0)
+    header += struct.pack("<IIII", 0xFF0000, 0xFF00, 0xFF, 0xFF000000) + b"BGRs" + bytes(48)
+    start = 14 + len(header)
+    return b"BM" + struct.pack("<IHHI", start + len(pixels), 0, 0, start) + header + pixels
+
+
+def test_opacity_of_a_bitmap_counts_unless_it_is_0_everywhere(tmp_path):
+    path = tmp_path / "a.bmp"
+    path.write_bytes(bitmap(GREY, opaque()))
+    np.testing.assert_array_equal(read_photograph(path).counts, SEEN)
+    path.write_bytes(bitmap(GREY, 0 * GREY))
+    assert read_photograph(path).counts is None

@@ -4,6 +4,7 @@ import pytest
 import yaml
 from small import ROOT, STEPS
 
+from dicflow.kinds.images import Images
 from dicflow.pipeline import Pipeline
 from dicflow.report.context import Context
 from dicflow.report.pieces import Pieces
@@ -97,3 +98,9 @@ def test_a_row_is_text(loaded, tmp_path, monkeypatch):
     monkeypatch.setattr("dicflow.report.settings.reporting_rows", lambda *_: [Row("<g>", "<b>", "1 < 2 & 3", "")])
     section = settings(Context(loaded, loaded.result(), None, Pieces(tmp_path, "code"), tmp_path))
     assert {"<g>", "<b>", "1 < 2 & 3"} <= set(Page(str(section.body)).texts)
+
+
+def test_the_table_says_which_way_up_tagged_photographs_are(loaded, rows, monkeypatch):
+    assert not [name for name in rows if name.startswith("orientation")]
+    monkeypatch.setattr(Images, "notes", {"left": "turned by 90°"})
+    assert rows_of(loaded)["orientation, left"].value == "turned by 90°"

@@ -203,6 +203,8 @@ def _bmp(path: Path, number: int) -> _Samples:
     data = path.read_bytes()
     with _opened(BytesIO(data), "BMP") as image, _library():
         opacity = np.asarray(image)[..., 3] if image.mode == "RGBA" else None
+        if opacity is not None and not opacity.any():
+            opacity = None  # many programs leave the fourth byte at 0 without a meaning
         return _Samples(_by_opencv(data), 1, opacity)
 
 
