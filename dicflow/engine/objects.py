@@ -151,7 +151,7 @@ def write_group(folder: Path, product: Product) -> dict[str, int]:
     for name in ("", *product.variables):
         (folder / name).mkdir()
     arrays = (array_files(name, variable) for name, variable in product.variables.items())
-    for name, content in chain([group_file(product.kind, product.attrs)], *arrays):
+    for name, content in chain([group_file({"kind": product.kind, **product.attrs})], *arrays):
         (folder / name).write_bytes(content)
         sizes[name] = len(content)
     return sizes
@@ -160,7 +160,7 @@ def write_group(folder: Path, product: Product) -> dict[str, int]:
 def descriptions(manifest: Manifest) -> dict[str, Any]:
     """What each ``zarr.json`` of a product's group must say, by relative path."""
     content = manifest.content
-    found = {"zarr.json": group_description(content["kind"], content["attrs"])}
+    found = {"zarr.json": group_description({"kind": content["kind"], **content["attrs"]})}
     for name, spec in content["variables"].items():
         label = spec["long_name"] or name
         found[f"{name}/zarr.json"] = array_description(spec["dtype"], spec["shape"], spec["dims"], spec["units"], label)

@@ -46,9 +46,9 @@ _CHECK_SUM = 4
 _PACKING = {"cname": "lz4", "clevel": 1, "shuffle": "bitshuffle", "blocksize": 0}
 
 
-def group_file(kind: str, attrs: Mapping[str, Any]) -> tuple[str, bytes]:
+def group_file(attributes: Mapping[str, Any]) -> tuple[str, bytes]:
     """The file that makes its folder a group of arrays: relative path and contents."""
-    return "zarr.json", _json(group_description(kind, attrs))
+    return "zarr.json", _json(group_description(attributes))
 
 
 def array_files(name: str, variable: Variable) -> Iterator[tuple[str, bytes]]:
@@ -92,9 +92,9 @@ def is_described(content: bytes, description: Mapping[str, Any]) -> bool:
         return False
 
 
-def group_description(kind: str, attrs: Mapping[str, Any]) -> dict[str, Any]:
+def group_description(attributes: Mapping[str, Any]) -> dict[str, Any]:
     """Contents of ``zarr.json`` of a group."""
-    return {"attributes": {"kind": kind, **attrs}, "zarr_format": 3, "node_type": "group"}
+    return {"attributes": attributes, "zarr_format": 3, "node_type": "group"}
 
 
 def array_description(dtype: str, shape: Sequence[int], dims: Sequence[str], units: str, label: str) -> dict[str, Any]:

@@ -9,11 +9,12 @@ from toys import chain, run_sync
 from dicflow.engine import plan as plans
 from dicflow.engine.action_index import Action, ActionIndex
 from dicflow.engine.fingerprint import Fingerprint
-from dicflow.engine.housekeeping import collect, verify
+from dicflow.engine.housekeeping import collect
 from dicflow.engine.journal import find_run
 from dicflow.engine.plan import make_plan
 from dicflow.engine.references import cache
 from dicflow.engine.store import Store
+from dicflow.engine.verification import verify
 from dicflow.errors import DamagedError
 
 

@@ -10,7 +10,7 @@ import toys
 from test_execute import index
 from toys import chain, run_sync
 
-from dicflow.engine.housekeeping import verify
+from dicflow.engine.verification import verify
 from dicflow.engine.store import Store
 
 pytestmark = pytest.mark.slow

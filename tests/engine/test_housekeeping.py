@@ -6,8 +6,9 @@ import pytest
 from test_execute import index
 from toys import chain, run_sync
 
-from dicflow.engine.housekeeping import collect, pin, pins, size, unpin, verify
+from dicflow.engine.housekeeping import collect, pin, pins, size, unpin
 from dicflow.engine.journal import find_run, runs
+from dicflow.engine.verification import verify
 from dicflow.errors import StoreError
 
 
