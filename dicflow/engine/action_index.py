@@ -95,10 +95,10 @@ class ActionIndex:
     def damaged_lines(self) -> int:
         """Number of lines that cannot be read or hold more than one action. Raises OSError.
 
-        The end of the file without the end of a line does not count: another process may be writing it.
+        The beginning of a line at the end of the file does not count: another process may be writing it.
         """
         with open_file(self.path) as file:
-            return sum(line.endswith(b"\n") and (len(line) != _LINE + 1 or _parsed(line) is None) for line in file)
+            return sum(map(_is_damaged, file))
 
     def present(self, store: Path) -> dict[str, Action]:
         """The actions whose record and product are in the store, by the names in its folders.
@@ -156,6 +156,12 @@ def _hex(digest: str) -> str:
 def _line(key: str, action: Action) -> bytes:
     body = f"{_hex(key)} {_hex(action.digest)} {action.form} {_hex(action.code)}".encode("ascii")
     return b"%b %08x\n" % (body, zlib.crc32(body))
+
+
+def _is_damaged(line: bytes) -> bool:
+    if len(line) == _LINE + 1:
+        return _parsed(line) is None
+    return line.endswith(b"\n") or len(line) > _LINE
 
 
 def _parsed(line: bytes) -> tuple[str, Action] | None:

@@ -11,6 +11,7 @@ from collections.abc import Iterator, Mapping
 from contextlib import suppress
 from dataclasses import asdict, dataclass, field
 from functools import cached_property
+from io import BytesIO
 from pathlib import Path
 from typing import Any, Literal
 
@@ -181,14 +182,10 @@ class RunInfo:
             yield from (event for _, event in self.lines() if event is not None)
 
     def lines(self) -> Iterator[tuple[bytes, Event | None]]:
-        """Each whole line of the journal with its event, None for a damaged one. Raises OSError.
-
-        What stands behind the last line may still be written.
-        """
-        content = read_file(self.folder / "journal.jsonl")
-        for line in content.split(b"\n")[:-1]:
-            if line:
-                yield line, _event(line)
+        """Each line of the journal with its event, None for one that is damaged or cut short. Raises OSError."""
+        for line in BytesIO(read_file(self.folder / "journal.jsonl")):
+            if line != b"\n":
+                yield line, _event(line.rstrip(b"\n"))
 
 
 def _event(line: bytes) -> Event | None:

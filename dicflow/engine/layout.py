@@ -33,7 +33,7 @@ _PARTS: tuple[tuple[Part, tuple[Sort, ...], re.Pattern[str]], ...] = (
     ("latest", ("file",), re.compile(r"runs/latest/[0-9a-f]{16}\.json")),
     ("draft", ("file", "folder"), re.compile(f"tmp/{DRAFT}")),
     ("draft", ("file",), re.compile(rf"(files|actions)\.index\.{DRAFT}\.part")),
-    ("set aside", ("file", "folder"), re.compile(r"quarantine/[^/]+\.[0-9a-f]{8}")),
+    ("set aside", ("file", "folder", "other"), re.compile(r"quarantine/[^/]+\.[0-9a-f]{8}")),
     ("mark", ("file",), re.compile(r"dicflow\.json")),
     ("files", ("file",), re.compile(r"files\.index")),
     ("actions", ("file",), re.compile(r"actions\.index")),

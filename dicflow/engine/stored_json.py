@@ -77,7 +77,7 @@ def read_stored(path: Path, form: Form) -> Any:
     try:
         content = read_file(path)
     except NotRegularError as error:
-        raise ValueError("not a regular file") from error
+        raise ValueError("is not a regular file") from error
     return unseal(content, form)
 
 
@@ -150,6 +150,8 @@ def _parsed(content: bytes) -> Any:
         value = json.loads(content)
     except RecursionError as error:
         raise ValueError("is nested too deeply") from error
+    except ValueError as error:
+        raise ValueError("is not JSON" if content.strip(b"\0") else "is empty") from error
     if content.count(b"[") + content.count(b"{") > _DEEPEST and _is_deep(value):
         raise ValueError("is nested too deeply")
     return value

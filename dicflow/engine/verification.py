@@ -19,6 +19,7 @@ from dicflow.engine.layout import Found, Part, Survey, survey
 from dicflow.engine.records import Record
 from dicflow.engine.store import CODE, Store
 from dicflow.engine.stored_json import Form, read_stored
+from dicflow.engine.whole_file import NotRegularError
 
 __all__ = ["Damage", "verify"]
 
@@ -94,7 +95,9 @@ def _checks(store: Store, seen: Survey) -> Iterator[_Check]:
     if store.mark_state() == "damaged":
         yield _Check(store.mark.name, store.mark, lambda: f"{store.mark}: is damaged", store.write_mark)
     for path in seen.disguised:
-        yield _Check(_below(store, path), path, partial(_not_a_file, path), partial(store.set_aside, path))
+        aside = None if path.name == "pins.json" else partial(store.set_aside, path)
+        if path != store.mark:
+            yield _Check(_below(store, path), path, partial(_disguised, path), aside)
     for found in seen.parts:
         yield from _checks_of(store, found)
 
@@ -124,8 +127,9 @@ def _checks_of_run(store: Store, run: RunInfo) -> Iterator[_Check]:
             yield _Check(_below(store, path), path, partial(_form, path, form), partial(store.set_aside, path))
     path = run.folder / "journal.jsonl"
     if os.path.lexists(path):
-        mend = None if _is_young(path) else partial(_mend_journal, store, run)
-        yield _Check(_below(store, path), path, partial(_journal, run), mend)
+        in_progress = run.result is None and time.time() - path.lstat().st_mtime < GRACE_S
+        mend = None if in_progress else partial(_mend_journal, store, run)
+        yield _Check(_below(store, path), path, partial(_journal, run, in_progress), mend)
 
 
 def _form(path: Path, form: Form) -> str:
@@ -144,12 +148,14 @@ def _actions(store: Store) -> str:
     return f"{store.index.path}: {count} damaged lines" if count else ""
 
 
-def _journal(run: RunInfo) -> str:
-    count = sum(event is None for _, event in run.lines())
+def _journal(run: RunInfo, in_progress: bool) -> str:
+    """Damaged lines; the end of the last one may not have been written yet while the run is in progress."""
+    damaged = [line for line, event in run.lines() if event is None]
+    count = sum(line.endswith(b"\n") or not in_progress for line in damaged)
     return f"{run.folder / 'journal.jsonl'}: {count} damaged lines" if count else ""
 
 
-def _not_a_file(path: Path) -> str:
+def _disguised(path: Path) -> str:
     return f"{path}: something else stands in the place of a {'folder' if path.is_file() else 'file'}"
 
 
@@ -159,14 +165,14 @@ def _mend_actions(store: Store) -> None:
 
 
 def _mend_journal(store: Store, run: RunInfo) -> None:
+    path = run.folder / "journal.jsonl"
     with store.writing():
-        sound = [line + b"\n" for line, event in run.lines() if event is not None]
-        store.replace(run.folder / "journal.jsonl", b"".join(sound))
-
-
-def _is_young(path: Path) -> bool:
-    """Whether a run may still write a journal."""
-    return time.time() - path.lstat().st_mtime < GRACE_S
+        try:
+            sound = [line for line, event in run.lines() if event is not None]
+        except NotRegularError:
+            store.set_aside(path)
+        else:
+            store.replace(path, b"".join(sound))
 
 
 def _below(store: Store, path: Path) -> str:

@@ -10,8 +10,8 @@ import toys
 from test_execute import index
 from toys import chain, run_sync
 
-from dicflow.engine.verification import verify
 from dicflow.engine.store import Store
+from dicflow.engine.verification import verify
 
 pytestmark = pytest.mark.slow
 

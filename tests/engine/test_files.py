@@ -85,7 +85,8 @@ def test_saving_keeps_what_others_saved(tmp_path, file):
 
 
 @pytest.mark.parametrize(
-    "entry", [3, {"stamp": 1, "facts": {}}, {"stamp": [1], "facts": None}, {"stamp": [1]}, {"stamp": [True], "facts": {}}]
+    "entry",
+    [3, {"stamp": 1, "facts": {}}, {"stamp": [1], "facts": None}, {"stamp": [1]}, {"stamp": [True], "facts": {}}],
 )
 def test_an_index_with_an_entry_of_another_form_is_an_empty_one(tmp_path, file, entry):
     (tmp_path / "index").write_bytes(seal({str(file): entry}))

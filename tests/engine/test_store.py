@@ -267,7 +267,7 @@ def test_another_format_is_refused(store, other):
 def test_a_damaged_mark_is_made_again_where_all_else_is_of_a_store(store, text):
     """Whoever only maintains a store does not guess its format."""
     store.mark.write_text(text)
-    with pytest.raises(StoreError, match="is damaged; 'dicflow verify .* --repair' makes it again"):
+    with pytest.raises(StoreError, match=r"is damaged; .dicflow verify .* --repair. makes it again"):
         Store.open(store.path, create=False)
     (store.path / "thesis.doc").touch()
     with pytest.raises(StoreError, match=r"holds other files than a store; name the folder of a store, or write"):
