@@ -117,7 +117,7 @@ class Store:
         """Write the mark. Raises StoreError."""
         with self.writing():
             (self.path / "tmp").mkdir(parents=True, exist_ok=True)
-        self.write_json(self.mark, {"format": FORMAT}, durable=True)
+        self.write_json(self.mark, {"format": FORMAT})
 
     def _refuse_missing(self, foreign: bool, create: bool) -> None:
         if not create:
