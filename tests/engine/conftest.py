@@ -26,12 +26,6 @@ def store(tmp_path):
 
 
 @pytest.fixture(autouse=True)
-def _files_of_tests_are_trusted(monkeypatch):
-    """Files that a test has just written count as written long ago; the system's own time of them cannot be set."""
-    monkeypatch.setattr("dicflow.engine.files._FRESH_NS", -1)
-
-
-@pytest.fixture(autouse=True)
 def _no_products_in_memory():
     """Every test reads from its store, not from what another test has made."""
     cache.clear()
