@@ -57,7 +57,7 @@ def verify(
         bool, typer.Option("--repair", help="set aside what is damaged, so that it is made again")
     ] = False,
 ) -> None:
-    """Read every file of a store and compare it with its digest or check sum.
+    """Read every file of a store and name what is damaged.
 
     \b
     dicflow verify .dicflow

@@ -96,12 +96,12 @@ class Store:
     def mark_state(self) -> State:
         """The state of the mark. Raises OSError if it cannot be read, StoreError for another format.
 
-        A damaged mark is refused too if the folder holds other files than a store. If it does not, the mark can be
-        made again: even where another release wrote the store, files of another form count as missing.
+        A damaged mark is refused too, unless the folder holds what a store holds and nothing else. Then it can be made
+        again: even where another release wrote the store, files of another form count as missing.
         """
         try:
             found = read_stored(self.mark, lambda value: "format" in value)["format"]
-        except FileNotFoundError:
+        except (FileNotFoundError, NotADirectoryError):
             return "missing"
         except ValueError as error:
             self._refuse_foreign(error)
@@ -127,9 +127,9 @@ class Store:
 
     def _refuse_foreign(self, error: ValueError) -> None:
         names = {name for name in os.listdir(self.path) if not name.endswith(".part")}
-        if not names <= _NAMES:
+        if "tmp" not in names or not names <= _NAMES:
             raise StoreError(
-                f"{self.mark}: {error}, and the folder holds other files than a store; name the folder of a store, "
+                f"{self.mark}: {error}, and the rest of the folder is not that of a store either; name another folder, "
                 f'or write {{"format": {FORMAT}}} into this file'
             ) from error
 
