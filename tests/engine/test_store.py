@@ -270,7 +270,9 @@ def test_a_damaged_mark_is_made_again_where_all_else_is_of_a_store(store, text):
     with pytest.raises(StoreError, match=r"is damaged; .dicflow verify .* --repair. makes it again"):
         Store.open(store.path, create=False)
     (store.path / "thesis.doc").touch()
-    with pytest.raises(StoreError, match=r"dicflow.json: .*is not that of a store either; name another folder, or write"):
+    with pytest.raises(
+        StoreError, match=r"dicflow.json: .*is not that of a store either; name another folder, or write"
+    ):
         Store.open(store.path)
     (store.path / "thesis.doc").unlink()
     Store.open(store.path)
