@@ -17,12 +17,8 @@ from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, overload
 
-<<<<<<< HEAD
 from dicflow.engine.files import FilePart
-from dicflow.engine.integrity import check_product
-=======
 from dicflow.engine.integrity import GONE, check_product
->>>>>>> 54ba3b9 (Store: typed, check-summed JSON files, regular files only, gc that follows no link; verification in a module of its own (work in progress))
 from dicflow.engine.node import Node
 from dicflow.engine.objects import LazyVariables, Manifest, describe, normalised, stored_array
 from dicflow.engine.product import Product
