@@ -47,6 +47,12 @@ def copied(pipeline: Path, measured: Path, tmp_path: Path) -> Path:
     return tmp_path / "copy" / pipeline.name
 
 
+@pytest.fixture(autouse=True)
+def _files_of_tests_are_trusted(monkeypatch):
+    """Files that a test has just written count as written long ago; the system's own time of them cannot be set."""
+    monkeypatch.setattr("dicflow.engine.files._FRESH_NS", -1)
+
+
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     """A test of the small experiment is slow, because the first one renders its photographs and measures them."""
     for item in items:

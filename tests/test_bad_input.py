@@ -365,7 +365,7 @@ def test_a_store_of_a_newer_format(run, tmp_path):
         dicflow(command, store).refuses(2, "has format 99")
     assert [path.name for path in store.iterdir()] == ["dicflow.json"]
     mark.write_text("scribble")
-    run(store=store).refuses(2, "dicflow.json: has no format number: not a dicflow store, or a damaged one")
+    run(store=store).refuses(2, "dicflow.json: is not JSON", "name another folder, or write")
 
 
 def test_a_folder_that_is_not_a_store(run, data, tmp_path):

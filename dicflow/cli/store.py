@@ -2,14 +2,28 @@
 
 from __future__ import annotations
 
+from collections import Counter
+from collections.abc import Mapping
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from dicflow.cli.options import open_store
 
+if TYPE_CHECKING:
+    from dicflow.engine.layout import Part
+
 __all__ = ["gc", "pin", "verify"]
+
+_COUNTED: Mapping[str, tuple[Part, ...]] = {
+    "products": ("manifest", "group"),
+    "records": ("record",),
+    "runs": ("run",),
+    "definitions": ("code",),
+    "left by killed processes": ("draft",),
+    "set aside": ("set aside",),
+}
 
 
 def gc(
@@ -25,36 +39,44 @@ def gc(
     """
     from dicflow.engine.housekeeping import collect
 
-    garbage = collect(open_store(store), keep_runs=keep_runs, delete=delete)
+    opened = open_store(store)
+    garbage = collect(opened, keep_runs=keep_runs, delete=delete)
+    for path in garbage.foreign:
+        typer.echo(f"left alone, since the store did not make it: {_shown(path.relative_to(opened.path))}", err=True)
+    if not delete:
+        for found in garbage.found:
+            typer.echo(f"{found.part}  {found.path.relative_to(opened.path)}")
+    listed = ", ".join(f"{len(garbage.names(*parts))} {word}" for word, parts in _COUNTED.items())
     verb = "freed" if delete else "would free"
-    typer.echo(
-        f"{verb} {garbage.nbytes / 1e6:.1f} MB: {len(garbage.objects)} products, {len(garbage.records)} records, "
-        f"{len(garbage.runs)} runs" + ("" if delete else "; add --delete to do it")
-    )
+    typer.echo(f"{verb} {garbage.nbytes / 1e6:.1f} MB: {listed}" + ("" if delete else "; add --delete to do it"))
 
 
 def verify(
     store: Annotated[Path, typer.Argument(metavar="STORE", help="folder of the store, such as .dicflow")],
     repair: Annotated[
-        bool, typer.Option("--repair", help="set damaged products aside, so that they are made again")
+        bool, typer.Option("--repair", help="set aside what is damaged, so that it is made again")
     ] = False,
 ) -> None:
-    """Compare every product of a store with its digest.
+    """Read every file of a store and name what is damaged.
 
     \b
     dicflow verify .dicflow
     """
-    from dicflow.engine import housekeeping
+    from dicflow.engine.store import Store
+    from dicflow.engine.verification import verify as verified
 
-    damages = housekeeping.verify(open_store(store), repair=repair)
+    damages = verified(Store.open(store, create=False, accept_damaged=True), repair=repair)
     for damage in damages:
-        typer.echo(f"{damage.what}: {damage.reason}")
-    typer.echo(
-        "nothing is damaged"
-        if not damages
-        else f"{len(damages)} damaged{', set aside' if repair else '; add --repair'}"
-    )
-    raise typer.Exit(1 if damages else 0)
+        typer.echo(_shown(f"{damage.what}: {damage.reason}"))
+    count = Counter(damage.state for damage in damages)
+    repaired = sum(damage.repaired for damage in damages)
+    parts = [
+        f"{count['damaged']} damaged" + (f", {repaired} of them set aside" if repair else "; add --repair"),
+        f"{count['unreadable']} cannot be read; get read access",
+    ]
+    shown = [part for part in parts if not part.startswith("0 ")]
+    typer.echo("; ".join(shown) or "nothing is damaged")
+    raise typer.Exit(1 if shown else 0)
 
 
 def pin(
@@ -83,3 +105,8 @@ def pin(
         housekeeping.unpin(opened, run_id)
     else:
         housekeeping.pin(opened, run_id, note)
+
+
+def _shown(text: object) -> str:
+    """A text that may hold names of foreign files: control characters are escaped."""
+    return str(text) if str(text).isprintable() else ascii(str(text))

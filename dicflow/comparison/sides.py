@@ -22,6 +22,7 @@ from dicflow.kinds.track import Track
 from dicflow.pipeline.pipeline import Pipeline
 from dicflow.pipeline.places import to_left_photograph
 from dicflow.pipeline.recipes import run_refs
+from dicflow.pipeline.resolved import kept_settings
 
 if TYPE_CHECKING:
     import numpy as np
@@ -220,8 +221,9 @@ def _pipeline_side(text: str, variant: int, pipeline: Pipeline) -> MeasuredSide:
 
 def _run_side(text: str, name: str, variant: int, store: Store) -> MeasuredSide:
     run: RunInfo = find_run(store, name)
-    settings = _settings(text, run.resolved, variant)
-    instances = _instances(run.resolved)[variant]
+    resolved = kept_settings(run)
+    settings = _settings(text, resolved, variant)
+    instances = _instances(resolved)[variant]
     tasks = [(*task.partition("/")[::2], ref) for task, ref in run_refs(store, run).items()]
     refs = {
         (stage, step or None): ref
@@ -229,7 +231,7 @@ def _run_side(text: str, name: str, variant: int, store: Store) -> MeasuredSide:
         for owner, step, ref in tasks
         if owner == instance
     }
-    return _measured(_label(f"{run.pipeline} {name}", run.resolved, variant), settings, store, refs)
+    return _measured(_label(f"{run.pipeline} {name}", resolved, variant), settings, store, refs)
 
 
 def _measured(label: str, settings: Mapping[str, Any], store: Store, refs: Mapping[Names, Ref]) -> MeasuredSide:

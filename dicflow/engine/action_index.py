@@ -27,10 +27,12 @@ from typing import NamedTuple
 
 from dicflow.engine.objects import Manifest
 from dicflow.engine.records import Record
-from dicflow.engine.whole_file import write_file
+from dicflow.engine.whole_file import open_file, write_file
 
 __all__ = ["Action", "ActionIndex", "action_of"]
 
+_NO_WAIT = getattr(os, "O_NONBLOCK", 0)
+"""For a pipe in the place of the file, which would be waited for until somebody reads it."""
 _PREFIX = "sha256:"
 _LINE = 3 * 64 + 1 + 4 + 8
 """Length of a line without its end [bytes]: three digests, the form, four spaces, the check sum."""
@@ -66,8 +68,9 @@ def action_of(record: Record, manifest: Manifest) -> Action:
 class ActionIndex:
     """The index in a file. A missing file is an empty index."""
 
-    def __init__(self, path: Path) -> None:
+    def __init__(self, path: Path, write: Callable[[Path, bytes], None] = write_file) -> None:
         self.path = path
+        self._write = write
 
     def append(self, actions: Iterable[tuple[str, Action]]) -> None:
         """Add pairs (key, action). A store that is full or cannot be written is ignored: the records are enough."""
@@ -75,7 +78,7 @@ class ActionIndex:
         if not lines:
             return
         with suppress(OSError):
-            descriptor = os.open(self.path, os.O_WRONLY | os.O_APPEND | os.O_CREAT, 0o666)
+            descriptor = os.open(self.path, os.O_WRONLY | os.O_APPEND | os.O_CREAT | _NO_WAIT, 0o666)
             try:
                 os.write(descriptor, lines)
             finally:
@@ -84,10 +87,18 @@ class ActionIndex:
     def read(self) -> dict[str, Action]:
         """Key → action, by the last line of each key. Damaged lines are left out."""
         try:
-            with self.path.open("rb") as file:
+            with open_file(self.path) as file:
                 return dict(filter(None, map(_parsed, file)))
         except OSError:
             return {}
+
+    def damaged_lines(self) -> int:
+        """Number of lines that cannot be read or hold more than one action. Raises OSError.
+
+        The beginning of a line at the end of the file does not count: another process may be writing it.
+        """
+        with open_file(self.path) as file:
+            return sum(map(_is_damaged, file))
 
     def present(self, store: Path) -> dict[str, Action]:
         """The actions whose record and product are in the store, by the names in its folders.
@@ -103,13 +114,13 @@ class ActionIndex:
         return actions
 
     def keep_only(self, keys: Collection[str]) -> None:
-        """Leave out all other keys. Raises OSError.
+        """Leave out all other keys, and damaged lines. Raises OSError.
 
         A line that another process appends meanwhile may be lost; a plan will append it again.
         """
         if self.path.exists():
             lines = (_line(key, action) for key, action in self.read().items() if key in keys)
-            write_file(self.path, b"".join(lines))
+            self._write(self.path, b"".join(lines))
 
 
 def _drop(
@@ -145,6 +156,12 @@ def _hex(digest: str) -> str:
 def _line(key: str, action: Action) -> bytes:
     body = f"{_hex(key)} {_hex(action.digest)} {action.form} {_hex(action.code)}".encode("ascii")
     return b"%b %08x\n" % (body, zlib.crc32(body))
+
+
+def _is_damaged(line: bytes) -> bool:
+    if len(line) == _LINE + 1:
+        return _parsed(line) is None
+    return line.endswith(b"\n") or len(line) > _LINE
 
 
 def _parsed(line: bytes) -> tuple[str, Action] | None:

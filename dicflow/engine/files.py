@@ -1,25 +1,29 @@
 """Facts about files, kept while the files are unchanged.
 
 A run with nothing to do must not read gigabytes of photographs. So a file's digest, the facts that a stage's
-``check`` returns, and the syntax of a source file are kept with the file's size, time and inode.
+``check`` returns, and the syntax of a source file are kept with the file's size, times and inode.
 """
 
 from __future__ import annotations
 
-import json
 import os
 import time
 from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
+from stat import S_ISREG
 from typing import Any, NamedTuple
 
 from dicflow.engine.hashing import digest_file
+from dicflow.engine.stored_json import anything, fields, is_number, list_of, mapping_of, seal, stored
 from dicflow.engine.whole_file import write_file
 from dicflow.errors import InputError
 
-__all__ = ["FileIndex", "FilePart", "Stamp", "stamp"]
+__all__ = ["FACTS", "FileIndex", "FilePart", "Stamp", "stamp"]
+
+FACTS = mapping_of(fields({"stamp": list_of(is_number), "facts": mapping_of(anything)}))
+"""Form of the index's file: by path of a file its stamp and its facts, by purpose."""
 
 _FRESH_NS = 2_000_000_000
 """A file changed more recently than the coarsest file system's clock ticks may change again within the same tick."""
@@ -43,30 +47,39 @@ class FilePart:
 
 
 class Stamp(NamedTuple):
-    """Size [bytes], time of the last change [ns] and inode: equal stamps, unchanged file."""
+    """Size [bytes], two times [ns] and inode of a file: equal stamps, unchanged file.
+
+    mtime_ns : of the last change of the contents, which anybody may set to another time
+    ctime_ns : of the last change of contents, name, owner or times, which the system alone sets
+    """
 
     size: int
     mtime_ns: int
+    ctime_ns: int
     inode: int
 
 
 def stamp(path: Path | FilePart) -> Stamp:
-    """The stamp of a file. Raises InputError that names a file that cannot be found."""
+    """The stamp of a file. Raises InputError that names a file that cannot be found, or is not a regular file."""
     try:
         status = os.stat(path)
     except OSError as error:
         raise _unreadable(path, error) from error
-    return Stamp(status.st_size, status.st_mtime_ns, status.st_ino)
+    if not S_ISREG(status.st_mode):
+        raise InputError(f"{path}: cannot be read (not a regular file); name a file")
+    return Stamp(status.st_size, status.st_mtime_ns, status.st_ctime_ns, status.st_ino)
 
 
 class FileIndex:
     """Facts about files by path and stamp, kept in one JSON file.
 
     path : of the JSON file; a missing or damaged file is an empty index
+    write : writes it
     """
 
-    def __init__(self, path: Path) -> None:
+    def __init__(self, path: Path, write: Callable[[Path, bytes], None] = write_file) -> None:
         self.path = path
+        self._write = write
         self._entries = _read(path)
         self._new: dict[str, Any] = {}
 
@@ -101,11 +114,11 @@ class FileIndex:
             return
         merged = {**_read(self.path), **self._new}
         with suppress(OSError):
-            write_file(self.path, json.dumps(merged, separators=(",", ":")).encode("utf-8"))
+            self._write(self.path, seal(merged))
         self._new = {}
 
     def _remember(self, name: str, now: Stamp, purpose: str, value: Any) -> None:
-        if time.time_ns() - now.mtime_ns < _FRESH_NS:
+        if time.time_ns() - max(now.mtime_ns, now.ctime_ns) < _FRESH_NS:
             return
         entry = self._entries.get(name)
         if entry is None or entry["stamp"] != list(now):
@@ -115,15 +128,7 @@ class FileIndex:
 
 
 def _read(path: Path) -> dict[str, Any]:
-    try:
-        entries = json.loads(path.read_bytes())
-    except (OSError, ValueError):
-        return {}
-    return {name: entry for name, entry in entries.items() if _sound(entry)} if isinstance(entries, dict) else {}
-
-
-def _sound(entry: Any) -> bool:
-    return isinstance(entry, dict) and isinstance(entry.get("stamp"), list) and isinstance(entry.get("facts"), dict)
+    return stored(path, FACTS) or {}
 
 
 def _unreadable(path: Path | FilePart, error: OSError) -> InputError:

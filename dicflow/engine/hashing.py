@@ -14,6 +14,8 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from dicflow.engine.whole_file import open_file
+
 if TYPE_CHECKING:
     import numpy as np
 
@@ -65,8 +67,8 @@ def digest_array(array: np.ndarray) -> str:
 
 
 def digest_file(path: Path) -> str:
-    """Digest of a file's bytes. Raises OSError."""
-    with path.open("rb") as file:
+    """Digest of a file's bytes. Raises OSError, also for what is not a regular file."""
+    with open_file(path) as file:
         return _name(hashlib.file_digest(file, "sha256"))
 
 

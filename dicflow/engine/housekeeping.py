@@ -1,114 +1,97 @@
-"""Upkeep of a store: garbage, damage and pins."""
+"""Upkeep of a store: garbage and pins."""
 
 from __future__ import annotations
 
 import os
 import shutil
 import time
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable
+from contextlib import suppress
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from dicflow.engine.hashing import digest_json, is_digest
-from dicflow.engine.integrity import check_product
-from dicflow.engine.journal import find_run, runs
-from dicflow.engine.records import Record
-from dicflow.engine.store import Store, read_json, read_mapping
+from dicflow.engine.drafts import is_abandoned
+from dicflow.engine.hashing import is_digest
+from dicflow.engine.journal import RunInfo, find_run, runs
+from dicflow.engine.layout import Found, Part, Survey, foreign_in, survey
+from dicflow.engine.store import Store
+from dicflow.engine.stored_json import is_text, mapping_of, read_stored
 from dicflow.errors import StoreError
 
-__all__ = ["Damage", "Garbage", "collect", "pin", "pins", "size", "unpin", "verify"]
+__all__ = ["GRACE_S", "PINS", "Garbage", "collect", "pin", "pins", "size", "unpin"]
 
-_GRACE_S = 3600.0
+PINS = mapping_of(is_text)
+"""Form of ``pins.json``: a note by run or product."""
+
+GRACE_S = 3600.0
 """Younger files may belong to a run in progress in another process."""
+_ORDER: tuple[Part, ...] = ("record", "manifest", "group", "run", "code", "draft", "set aside")
+"""Order of deletion: whatever is left of it when it is killed, nothing names a product that has gone."""
 
 
 @dataclass(frozen=True)
 class Garbage:
     """Content of a store that no kept run and no pin needs.
 
-    objects, records, runs : digests, keys, ids
-    leftovers : files of killed processes, and what is in quarantine
+    found : what can be deleted, in the order of deletion
+    foreign : what has a place in the store but is not of the store, and is left alone: links, files of other names
     nbytes : size on the disk, without the records' lines in the store's index
     deleted : whether it was deleted, or only listed
     """
 
-    objects: list[str] = field(default_factory=list)
-    records: list[str] = field(default_factory=list)
-    runs: list[str] = field(default_factory=list)
-    leftovers: list[str] = field(default_factory=list)
+    found: list[Found] = field(default_factory=list)
+    foreign: list[Path] = field(default_factory=list)
     nbytes: int = 0
     deleted: bool = False
 
-
-@dataclass(frozen=True)
-class Damage:
-    """A damaged part of a store. what : digest of a product, or key of a record"""
-
-    what: str
-    reason: str
+    def names(self, *parts: Part) -> list[str]:
+        """Names of all that is one of these parts."""
+        return sorted({one.name for one in self.found if one.part in parts})
 
 
-def collect(store: Store, *, keep_runs: int = 5, delete: bool = False, grace_s: float = _GRACE_S) -> Garbage:
+def collect(store: Store, *, keep_runs: int = 5, delete: bool = False, grace_s: float = GRACE_S) -> Garbage:
     """Find what can be deleted, and delete it if asked to.
+
+    No symbolic link is followed, and only what has a name of the store's own is deleted.
 
     keep_runs : so many of the newest runs of each pipeline stay, with all their products; and so do pinned runs
     grace_s : younger files stay, and so does a run with a younger journal, with all its products [s]
     Raises StoreError if something cannot be deleted, or if a damaged file leaves unknown what must stay.
     """
     before = time.time() - grace_s
-    keys, digests, old_runs = _marked(store, keep_runs, before)
-    objects = [(name, path) for name, path in _named(store, "objects") if name not in digests and _older(path, before)]
-    records = [(name, path) for name, path in _named(store, "actions") if name not in keys and _older(path, before)]
-    folders = [(name, store.path / "runs" / name) for name in old_runs]
-    loose = [path for path in _listed(store.path / "tmp") if _older(path, before)]
-    loose += _listed(store.path / "quarantine")
-    deleted = {path for _, path in records}
-    codes = _unnamed_codes(store, [path for _, path in _named(store, "actions") if path not in deleted], before)
-    paths = [path for _, path in (*records, *objects, *folders)] + codes + loose
-    nbytes = sum(_size(path) for path in paths)
+    keys, digests, old = _marked(store, keep_runs, before)
+    seen = survey(store.path)
+    stays = {"record": keys, "manifest": digests, "group": digests}
+    found = [one for one in seen.parts if one.part in stays and one.name not in stays[one.part] and _older(one, before)]
+    found += [one for one in seen.named("run") if one.name in old]
+    found += [one for one in seen.named("draft") if is_abandoned(one.path, one.name, grace_s)]
+    found += seen.named("set aside")
+    found += _unnamed_codes(store, seen, {one.name for one in found if one.part == "record"}, before)
+    impure = {one.path: path for one in found if (path := foreign_in(one)) is not None}
+    found = sorted((one for one in found if one.path not in impure), key=lambda one: _ORDER.index(one.part))
+    nbytes = sum(_size(one.path) for one in found)
     if delete:
-        with store.writing():
-            for path in paths:
-                shutil.rmtree(path) if path.is_dir() else path.unlink(missing_ok=True)
-            store.index.keep_only({name for name, _ in _named(store, "actions")})
-    return Garbage(
-        sorted({name for name, _ in objects}),
-        [name for name, _ in records],
-        [name for name, _ in folders],
-        [str(path.relative_to(store.path)) for path in loose],
-        nbytes,
-        delete,
-    )
-
-
-def verify(store: Store, *, repair: bool = False) -> list[Damage]:
-    """Read all products and records and compare them with their digests; arrays without a manifest are ignored.
-
-    repair : move damaged products into quarantine and delete damaged records, so that they are made again
-    Raises StoreError if that fails.
-    """
-    found = []
-    for name, path in _named(store, "objects"):
-        if path.suffix != ".json" and name:
-            continue
-        reason = check_product(store, name) if name else f"{path}: is not part of a store"
-        if reason:
-            found.append(Damage(name, reason))
-            if repair and name:
-                store.quarantine(name)
-    for name, path in _named(store, "actions"):
-        record = Record.from_json(read_json(path))
-        if record is None or record.key != name or digest_json(record.parts) != name:
-            found.append(Damage(name, f"{path}: the record does not fit its key"))
-            if repair:
-                with store.writing():
-                    path.unlink(missing_ok=True)
-    return found
+        _delete(store, found)
+    unreadable = [path for path, _ in seen.unreadable]
+    foreign = sorted([*seen.links, *seen.disguised, *seen.foreign, *unreadable, *impure.values()])
+    return Garbage(found, foreign, nbytes, delete)
 
 
 def pins(store: Store) -> dict[str, str]:
     """Pinned runs and products, each with its note. Raises StoreError if the file of pins is damaged."""
-    return {name: str(note) for name, note in read_mapping(store.path / "pins.json").items()}
+    path = store.path / "pins.json"
+    try:
+        found: dict[str, str] = read_stored(path, PINS)
+    except FileNotFoundError:
+        return {}
+    except ValueError as error:
+        raise StoreError(
+            f"{path}: {error}, so what is pinned is unknown; restore it from a copy, or delete it"
+        ) from error
+    except OSError as error:
+        with store.reading():
+            raise error
+    return found
 
 
 def pin(store: Store, what: str, note: str = "") -> None:
@@ -125,7 +108,7 @@ def pin(store: Store, what: str, note: str = "") -> None:
             raise StoreError(f"{store.path}: the arrays of {what} are not stored but remade when used; pin its run")
     else:
         what = find_run(store, what).id
-    store.write_json(store.path / "pins.json", {**pins(store), what: note})
+    store.write_json(store.path / "pins.json", {**pins(store), what: note}, durable=True)
 
 
 def unpin(store: Store, what: str) -> None:
@@ -133,7 +116,7 @@ def unpin(store: Store, what: str) -> None:
     left = pins(store)
     if left.pop(what, None) is None:
         raise StoreError(f"{store.path}: {what} is not pinned; pins: {', '.join(left) or 'none'}")
-    store.write_json(store.path / "pins.json", left)
+    store.write_json(store.path / "pins.json", left, durable=True)
 
 
 def size(store: Store) -> int:
@@ -141,59 +124,74 @@ def size(store: Store) -> int:
     return _size(store.path)
 
 
-def _marked(store: Store, keep_runs: int, before: float) -> tuple[set[str], set[str], list[str]]:
+def _marked(store: Store, keep_runs: int, before: float) -> tuple[set[str], set[str], set[str]]:
     """Keys and digests that stay, and the runs that do not. before : runs that have written since stay [s]"""
     pinned = pins(store)
+    _require_indexes(store, pinned)
     seen: dict[str, int] = {}
-    keys, old = set(), []
+    keys, old = set(), set()
     digests = {name for name in pinned if is_digest(name)}
     for run in runs(store):
         seen[run.pipeline] = seen.get(run.pipeline, 0) + 1
-        if seen[run.pipeline] > keep_runs and run.id not in pinned and _all_older(run.folder, before):
-            old.append(run.id)
+        if seen[run.pipeline] > keep_runs and run.id not in pinned and _all_older(run, before):
+            old.add(run.id)
             continue
         keys |= {entry["key"] for entry in run.index.values()}
         digests |= {entry["digest"] for entry in run.index.values()}
     return keys, digests, old
 
 
-def _named(store: Store, part: str) -> Iterator[tuple[str, Path]]:
-    """Name and path of everything in ``objects`` or ``actions``; the name of a foreign file is ""."""
-    for folder in _listed(store.path / part):
-        for path in _listed(folder):
-            name = f"sha256:{path.name.partition('.')[0]}"
-            yield (name if is_digest(name) else ""), path
+def _require_indexes(store: Store, pinned: Iterable[str]) -> None:
+    """Refuse where it is unknown what a pinned run needs. Raises StoreError."""
+    for name in pinned:
+        if not is_digest(name) and not (store.path / "runs" / name / "index.json").is_file():
+            raise StoreError(
+                f"{store.path}: the pinned run {name} has lost its index, so what it needs is unknown; "
+                f"restore runs/{name} from a copy, or 'dicflow pin {store.path} {name} --remove'"
+            )
 
 
-def _unnamed_codes(store: Store, records: Iterable[Path], before: float) -> list[Path]:
-    """Files of code to which these records do not refer."""
-    found = [path for path in _listed(store.path / "code") if _older(path, before)]
-    if found:
-        loaded = [Record.from_json(read_json(path)) for path in records]
-        named = {store.code_path(record.code) for record in loaded if record is not None and record.code}
-        found = [path for path in found if path not in named]
-    return found
+def _unnamed_codes(store: Store, seen: Survey, gone: set[str], before: float) -> list[Found]:
+    """Files of code to which no record refers. gone : keys of records that are deleted"""
+    codes = [one for one in seen.named("code") if _older(one, before)]
+    if not codes:
+        return []
+    kept = (store.record(one.name) for one in seen.named("record") if one.name not in gone)
+    named = {record.code for record in kept if record is not None}
+    return [one for one in codes if one.name not in named]
 
 
-def _listed(folder: Path) -> list[Path]:
-    return sorted(folder.iterdir()) if folder.is_dir() else []
+def _delete(store: Store, found: Iterable[Found]) -> None:
+    with store.writing():
+        for one in found:
+            with suppress(FileNotFoundError):  # another process may be doing the same
+                shutil.rmtree(one.path) if one.path.is_dir() else one.path.unlink()
+        store.index.keep_only({one.name for one in survey(store.path).named("record")})
 
 
-def _older(path: Path, before: float) -> bool:
+def _older(found: Found, before: float) -> bool:
+    return _changed(found.path) <= before
+
+
+def _all_older(run: RunInfo, before: float) -> bool:
+    """Whether all files of a run are older; the folder's own time changes with added files only."""
     try:
-        return path.stat().st_mtime <= before
+        return all(_changed(path) <= before for path in (run.folder, *run.folder.iterdir()))
     except OSError:
         return False
 
 
-def _all_older(folder: Path, before: float) -> bool:
-    """Whether all files of a folder are older; the folder's own time changes with added files only."""
-    return all(_older(path, before) for path in (folder, *folder.iterdir()))
+def _changed(path: Path) -> float:
+    """When a file or folder was changed [s since 1970]; never, if it has gone."""
+    try:
+        return path.lstat().st_mtime
+    except OSError:
+        return float("inf")
 
 
 def _size(path: Path) -> int:
     """Size of a file, or of all files below a folder; 0 where it is missing."""
-    if path.is_dir():
+    if path.is_dir() and not path.is_symlink():
         return sum(_size(Path(folder) / name) for folder, _, names in os.walk(path) for name in names)
     try:
         return path.lstat().st_size

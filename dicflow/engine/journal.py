@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-import json
+import calendar
+import os
 import re
 import time
 import uuid
@@ -10,19 +11,72 @@ from collections.abc import Iterator, Mapping
 from contextlib import suppress
 from dataclasses import asdict, dataclass, field
 from functools import cached_property
+from io import BytesIO
 from pathlib import Path
 from typing import Any, Literal
 
-from dicflow.engine.hashing import digest_json
-from dicflow.engine.store import Store, read_json, read_mapping
+from dicflow.engine.hashing import digest_json, is_digest
+from dicflow.engine.store import Store
+from dicflow.engine.stored_json import (
+    anything,
+    fields,
+    is_count,
+    is_flag,
+    is_number,
+    is_text,
+    mapping_of,
+    one_of,
+    read_stored,
+    seal,
+    stored,
+    unseal,
+)
+from dicflow.engine.whole_file import read_file
 from dicflow.errors import StoreError
 
-__all__ = ["Entry", "Event", "Journal", "RunInfo", "find_run", "is_run_id", "latest", "runs"]
+__all__ = [
+    "ABOUT",
+    "INDEX",
+    "RESULT",
+    "Entry",
+    "Event",
+    "Journal",
+    "RunInfo",
+    "find_run",
+    "is_run_id",
+    "latest",
+    "runs",
+]
 
 _RUN = re.compile(r"\d{8}-\d{6}-[0-9a-f]{6}")
 
+_TIME = "%Y%m%d-%H%M%S"
+_LATEST_S = 2.5e11
+"""A time in the year 9892 [s since 1970]; later ones are damage."""
+
 Entry = dict[str, str]
 """Entry of an index for a task: ``key`` and ``digest``."""
+
+
+def _is_time(value: Any) -> bool:
+    return is_number(value) and 0 <= value <= _LATEST_S
+
+
+INDEX = mapping_of(fields({"key": is_digest, "digest": is_digest}))
+"""Form of ``index.json`` and of the files in ``runs/latest``: an entry for each task."""
+ABOUT = fields({"id": is_text, "pipeline": is_text, "started": _is_time, "resolved": anything})
+"""Form of ``pipeline.json``."""
+RESULT = fields({"counts": mapping_of(is_count), "interrupted": is_flag})
+"""Form of ``result.json``."""
+
+_KINDS = ("checking", "planned", "dashboard", "finished", "warning", "ended")
+_STATUSES = ("hit", "computed", "failed", "skipped")
+_EVENT = fields({"kind": one_of(*_KINDS), "time": _is_time}, {
+    **dict.fromkeys(("task", "stage", "step", "text"), is_text),
+    "status": one_of(*_STATUSES), "seconds": is_number, "key": is_digest, "digest": is_digest,
+    "counts": mapping_of(is_count), "stages": mapping_of(mapping_of(is_count)),
+})  # fmt: skip
+"""Form of a line of the journal."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -60,51 +114,85 @@ class RunInfo:
 
     @cached_property
     def _about(self) -> dict[str, Any]:
-        found = read_json(self.folder / "pipeline.json")
-        return found if isinstance(found, dict) else {}
+        return stored(self.folder / "pipeline.json", ABOUT) or {}
 
     @property
     def pipeline(self) -> str:
-        """Name of the pipeline."""
+        """Name of the pipeline; empty if it is unknown."""
         return str(self._about.get("pipeline", ""))
 
     @property
     def resolved(self) -> Any:
-        """The pipeline as it was run, as the caller of ``run`` described it."""
+        """The pipeline as it was run, as the caller of ``run`` described it; None if it is unknown."""
         return self._about.get("resolved")
 
     @property
     def started(self) -> float:
         """Start time [s since 1970]."""
-        return float(self._about.get("started", 0.0))
+        return float(self._about.get("started", self._named_time))
+
+    @property
+    def _named_time(self) -> float:
+        """The time in the run's id, in whole seconds."""
+        with suppress(ValueError):
+            return float(calendar.timegm(time.strptime(self.id[:15], _TIME)))
+        return 0.0
 
     @cached_property
     def result(self) -> dict[str, Any] | None:
         """Counts, and whether it was interrupted; None while it runs, or after it was killed."""
-        found = read_json(self.folder / "result.json")
-        return found if isinstance(found, dict) else None
+        found: dict[str, Any] | None = stored(self.folder / "result.json", RESULT)
+        return found
 
     @cached_property
     def index(self) -> dict[str, Entry]:
         """Task → key and digest, of every task that has a product. Raises StoreError if it is damaged.
 
-        The file holds the hits of the plan, and the journal the tasks that have finished since.
+        The file holds the hits of the plan, and the journal the tasks that have finished since. When the run ends, it
+        is written again with all of them.
         """
-        entries = read_mapping(self.folder / "index.json")
+        entries = self._indexed()
         for event in self.events():
-            if event.get("kind") == "finished" and event.get("digest"):
-                entries[event["task"]] = {"key": event["key"], "digest": event["digest"]}
+            if event.kind == "finished" and event.key and event.digest:
+                entries[event.task] = {"key": event.key, "digest": event.digest}
         return entries
 
-    def events(self) -> Iterator[dict[str, Any]]:
-        """The journal, without lines cut short."""
+    @property
+    def is_whole(self) -> bool:
+        """Whether it is known what the run came to."""
+        with suppress(StoreError):
+            return self.index is not None
+        return False
+
+    def _indexed(self) -> dict[str, Entry]:
+        path = self.folder / "index.json"
         try:
-            content = (self.folder / "journal.jsonl").read_bytes()
-        except OSError:
-            return
-        for line in content.split(b"\n"):
-            with suppress(ValueError):
-                yield json.loads(line)
+            found: dict[str, Entry] = read_stored(path, INDEX)
+        except FileNotFoundError:
+            return {}
+        except OSError as error:
+            raise StoreError(f"{path}: cannot be read ({error.strerror}); get read access to the store") from error
+        except ValueError as error:
+            raise StoreError(f"{path}: {error}; 'dicflow verify --repair' sets it aside, or delete the run") from error
+        return found
+
+    def events(self) -> Iterator[Event]:
+        """The journal, without lines cut short or damaged; empty if it cannot be read."""
+        with suppress(OSError):
+            yield from (event for _, event in self.lines() if event is not None)
+
+    def lines(self) -> Iterator[tuple[bytes, Event | None]]:
+        """Each line of the journal with its event, None for one that is damaged or cut short. Raises OSError."""
+        for line in BytesIO(read_file(self.folder / "journal.jsonl")):
+            if line != b"\n":
+                yield line, _event(line.rstrip(b"\n"))
+
+
+def _event(line: bytes) -> Event | None:
+    try:
+        return Event(**unseal(line, _EVENT))
+    except ValueError:
+        return None
 
 
 class Journal:
@@ -115,7 +203,7 @@ class Journal:
 
     def __init__(self, store: Store, pipeline: str, resolved: Any) -> None:
         now = time.time()
-        self.id = f"{time.strftime('%Y%m%d-%H%M%S', time.gmtime(now))}-{uuid.uuid4().hex[:6]}"
+        self.id = f"{time.strftime(_TIME, time.gmtime(now))}-{uuid.uuid4().hex[:6]}"
         self.pipeline = pipeline
         self.folder = store.path / "runs" / self.id
         self._store = store
@@ -124,25 +212,27 @@ class Journal:
         with store.writing():
             self._file = (self.folder / "journal.jsonl").open("ab", buffering=0)
         self._cut = False
+        self._listed = 0
 
     def write(self, event: Event) -> None:
         """Append an event. A full disk is ignored here; the tasks report it."""
-        given = {name: value for name, value in asdict(event).items() if value not in ("", None, {}, 0.0)}
-        # a file name in a message may not be valid Unicode: its bytes are written as escapes
-        line = json.dumps(given, ensure_ascii=False).encode("utf-8", "backslashreplace") + b"\n"
+        line = seal({name: value for name, value in asdict(event).items() if value not in ("", None, {}, 0.0)}) + b"\n"
         whole = b"\n" + line if self._cut else line
         self._cut = True
         with suppress(OSError):
             self._cut = self._file.write(whole) < len(whole)
 
     def write_index(self, entries: Mapping[str, Entry]) -> None:
-        """Write the product of each hit of the plan, once; the journal adds the others. Raises StoreError."""
+        """Write the product of each hit of the plan; the journal adds the others. Raises StoreError."""
         self._store.write_json(self.folder / "index.json", entries)
+        self._listed = len(entries)
 
     def close(self, entries: Mapping[str, Entry], result: Mapping[str, Any]) -> None:
-        """Write the counts, and the product of each task as the pipeline's latest. Raises StoreError."""
+        """Write the counts, and the product of each task, also as the pipeline's latest. Raises StoreError."""
         with suppress(OSError):
             self._file.close()
+        if len(entries) > self._listed:
+            self.write_index(entries)
         merged = {**latest(self._store, self.pipeline), **entries}
         self._store.write_json(_latest_path(self._store, self.pipeline), merged)
         self._store.write_json(self.folder / "result.json", result)
@@ -156,7 +246,8 @@ def is_run_id(text: str) -> bool:
 def runs(store: Store) -> list[RunInfo]:
     """All runs in a store, newest first."""
     folder = store.path / "runs"
-    names = [path.name for path in folder.iterdir()] if folder.is_dir() else []
+    with store.reading():
+        names = os.listdir(folder) if folder.is_dir() else []
     found = [RunInfo(name, folder / name) for name in names if is_run_id(name)]
     return sorted(found, key=lambda run: (run.started, run.id), reverse=True)
 
@@ -171,8 +262,7 @@ def find_run(store: Store, name: str = "latest", pipeline: str | None = None) ->
 
 def latest(store: Store, pipeline: str) -> dict[str, Entry]:
     """Key and digest of each task in the last run of a pipeline."""
-    found = read_json(_latest_path(store, pipeline))
-    return found if isinstance(found, dict) else {}
+    return stored(_latest_path(store, pipeline), INDEX) or {}
 
 
 def _latest_path(store: Store, pipeline: str) -> Path:

@@ -10,13 +10,31 @@ from typing import TYPE_CHECKING, Any
 
 from dicflow.engine.hashing import digest_array, digest_json, is_digest, plain
 from dicflow.engine.product import Product, Variable
-from dicflow.engine.zarr_files import array_files, group_file, read_array
+from dicflow.engine.stored_json import anything, fields, is_count, is_flag, is_text, list_of, mapping_of, read_stored
+from dicflow.engine.zarr_files import array_description, array_files, group_description, group_file, read_array
 from dicflow.errors import StageError
 
 if TYPE_CHECKING:
     import numpy as np
 
-__all__ = ["LazyVariables", "Manifest", "describe", "normalised", "stored_array", "write_group"]
+__all__ = ["LazyVariables", "Manifest", "describe", "descriptions", "normalised", "stored_array", "write_group"]
+
+
+def _is_inside(name: str) -> bool:
+    """Whether a relative path stays in its folder."""
+    path = PurePosixPath(name)
+    return bool(name) and "\\" not in name and not path.is_absolute() and ".." not in path.parts
+
+
+_VARIABLE = fields({
+    "dims": list_of(is_text), "dtype": is_text, "shape": list_of(is_count),
+    "units": is_text, "long_name": is_text, "digest": is_digest,
+})  # fmt: skip
+_CONTENT = {"kind": is_text, "attrs": mapping_of(anything), "variables": mapping_of(_VARIABLE, _is_inside)}
+_MANIFEST = fields({
+    "digest": is_digest, "kept": is_flag, "nbytes": is_count, "files": mapping_of(is_count, _is_inside),
+    "content": fields(_CONTENT),
+})  # fmt: skip
 
 
 @dataclass(frozen=True)
@@ -55,16 +73,12 @@ class Manifest:
         }
 
     @classmethod
-    def from_json(cls, value: Any) -> Manifest | None:
-        """The manifest; None if the JSON is not a manifest, or names files outside the object."""
-        try:
-            files = {str(name): int(size) for name, size in value["files"].items()}
-            names = [*files, *value["content"]["variables"]]
-            sound = is_digest(value["digest"]) and all(_is_inside(name) for name in names)
-            loaded = cls(value["digest"], value["content"], int(value["nbytes"]), bool(value["kept"]), files)
-        except (TypeError, KeyError, ValueError, AttributeError):
-            return None
-        return loaded if sound else None
+    def read(cls, path: Path) -> Manifest:
+        """The manifest in a file. Raises OSError where it cannot be read.
+
+        Raises ValueError where it is damaged, or names files outside the product's folder.
+        """
+        return cls(**read_stored(path, _MANIFEST))
 
 
 class LazyVariables(Mapping[str, Variable]):
@@ -143,6 +157,16 @@ def write_group(folder: Path, product: Product) -> dict[str, int]:
     return sizes
 
 
+def descriptions(manifest: Manifest) -> dict[str, Any]:
+    """What each ``zarr.json`` of a product's group must say, by relative path."""
+    content = manifest.content
+    found = {"zarr.json": group_description({"kind": content["kind"], **content["attrs"]})}
+    for name, spec in content["variables"].items():
+        label = spec["long_name"] or name
+        found[f"{name}/zarr.json"] = array_description(spec["dtype"], spec["shape"], spec["dims"], spec["units"], label)
+    return found
+
+
 def stored_array(folder: Path, manifest: Manifest, name: str) -> np.ndarray:
     """One array of a group. Raises OSError, and ValueError for a damaged one."""
     spec = manifest.content["variables"][name]
@@ -158,9 +182,3 @@ def _spec(variable: Variable) -> dict[str, Any]:
         "long_name": variable.long_name,
         "digest": digest_array(variable.values),
     }
-
-
-def _is_inside(name: str) -> bool:
-    """Whether a relative path stays in its folder."""
-    path = PurePosixPath(name)
-    return bool(name) and "\\" not in name and not path.is_absolute() and ".." not in path.parts

@@ -12,8 +12,33 @@ from pathlib import Path
 from typing import Any
 
 from dicflow.engine.hashing import digest_json, is_digest
+from dicflow.engine.stored_json import anything, fields, is_number, is_text, list_of, mapping_of, read_stored
 
 __all__ = ["Record", "sources", "versions"]
+
+
+def _is_input(value: Any) -> bool:
+    """Whether a value is a product's digest, or pairs (step, digest)."""
+    return is_digest(value) or _is_series(value)
+
+
+_is_series = list_of(lambda pair: isinstance(pair, list) and len(pair) == 2 and is_text(pair[0]) and is_digest(pair[1]))
+
+_PARTS = {
+    "stage": is_text,
+    "impl_version": anything,
+    "parameters": mapping_of(anything),
+    "inputs": mapping_of(_is_input),
+    "files": mapping_of(is_digest),
+}
+_MADE = {
+    **dict.fromkeys(("task", "run", "time", "host"), is_text),
+    **dict.fromkeys(("stage_s", "remake_s", "engine_s", "peak_bytes", "nbytes"), is_number),
+    "versions": mapping_of(is_text),
+}
+_RECORD = fields({
+    "key": is_digest, "parts": fields(_PARTS), "digest": is_digest, "code": anything, "made": fields({}, _MADE),
+})  # fmt: skip
 
 
 @dataclass(frozen=True)
@@ -44,14 +69,11 @@ class Record:
         }
 
     @classmethod
-    def from_json(cls, value: Any) -> Record | None:
-        """The record, or None where the JSON is not a record."""
-        try:
-            code = value["code"] if is_digest(value["code"]) else ""
-            loaded = cls(value["key"], value["parts"], value["digest"], code, value["made"])
-        except (TypeError, KeyError):
-            return None
-        return loaded if is_digest(loaded.key) and is_digest(loaded.digest) else None
+    def read(cls, path: Path) -> Record:
+        """The record in a file. Raises OSError where it cannot be read, ValueError where it is damaged."""
+        value = read_stored(path, _RECORD)
+        code = value["code"] if is_digest(value["code"]) else ""
+        return cls(value["key"], value["parts"], value["digest"], code, value["made"])
 
 
 @cache

@@ -6,6 +6,7 @@ recipe, and the task that uses the product makes it again; each process caches t
 
 from __future__ import annotations
 
+import os
 import threading
 import time
 from collections import OrderedDict
@@ -17,7 +18,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, overload
 
 from dicflow.engine.files import FilePart
-from dicflow.engine.integrity import check_product
+from dicflow.engine.integrity import GONE, check_product
 from dicflow.engine.node import Node
 from dicflow.engine.objects import LazyVariables, Manifest, describe, normalised, stored_array
 from dicflow.engine.product import Product
@@ -182,11 +183,11 @@ def load(store: Store, ref: Ref) -> Product:
 
     Raises DamagedError if it is missing or its attributes are damaged; so does the first use of a damaged array.
     """
-    manifest = store.manifest(ref.digest)
-    if manifest is None:
+    path, manifest = store.manifest_path(ref.digest), store.manifest(ref.digest)
+    if manifest is None and not os.path.lexists(path):
         raise DamagedError(f"{store.path}: the product {ref.digest[:19]}… is missing; run again to make it")
-    if not manifest.is_sound:
-        raise _damaged(store, ref.digest, store.object_path(ref.digest).with_suffix(".json"))
+    if manifest is None or not manifest.is_sound:
+        raise _damaged(store, ref.digest, path)
 
     def read(name: str) -> np.ndarray:
         made = cache.get(ref.digest)
@@ -243,9 +244,11 @@ def _stored(store: Store, manifest: Manifest, name: str) -> np.ndarray:
     except (MemoryError, ImportError):
         raise
     except Exception as error:
-        if isinstance(error, OSError) and not isinstance(error, FileNotFoundError):
-            raise StoreError(f"{folder / name}: cannot be read ({error}); check the disk") from error
-        if not check_product(store, digest):
+        with store.reading():
+            if isinstance(error, OSError) and not isinstance(error, GONE):
+                raise
+            damage = check_product(store, digest)
+        if not damage:
             raise StoreError(f"{folder / name}: could not be read ({error}), but is not damaged; run again") from error
         raise _damaged(store, digest, folder / name) from error
 

@@ -12,41 +12,51 @@
 
 No file is changed in place: each is written in ``tmp`` and renamed, first the arrays, then the manifest that names
 them, then the record that names the product. So a killed process leaves nothing that could be mistaken for a result,
-and writers need no lock. Only ``actions.index`` is appended to; it repeats the records.
+and writers need no lock. Only ``actions.index`` and the journals of runs are appended to.
+
+Each JSON file has one reader, which knows its form and checks its sum (:mod:`dicflow.engine.stored_json`). A file that
+is damaged or cannot be read counts as missing, and what it held is made again. Where that is impossible, for pins and
+for what old runs used, whoever needs it raises StoreError.
 """
 
 from __future__ import annotations
 
+import dataclasses
 import errno
-import json
 import os
 import re
 import shutil
 import uuid
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager, suppress
-from dataclasses import replace
 from functools import cached_property
 from pathlib import Path
 from typing import Any, Literal
 
 from dicflow.engine.action_index import ActionIndex
+from dicflow.engine.drafts import DRAFT, draft_name
 from dicflow.engine.files import FileIndex
 from dicflow.engine.hashing import is_digest
 from dicflow.engine.objects import Manifest, write_group
 from dicflow.engine.product import Product
 from dicflow.engine.records import Record
-from dicflow.engine.whole_file import write_file
+from dicflow.engine.stored_json import is_text, mapping_of, read_stored, seal, stored
+from dicflow.engine.whole_file import file_size, write_file
 from dicflow.errors import StoreError
 
-__all__ = ["FORMAT", "State", "Store", "read_json", "read_mapping"]
+__all__ = ["CODE", "FORMAT", "State", "Store"]
 
 FORMAT = 2
 """Version of the layout that this release reads and writes."""
 
+CODE = mapping_of(is_text)
+"""Form of a file of definitions: digest of the code of each, by its name."""
+
 State = Literal["complete", "missing", "damaged"]
 
-_DRAFT = re.compile(r"\d+-[0-9a-f]{32}")
+_NAMES = {"dicflow.json", "files.index", "actions.index", "pins.json"} | {
+    "objects", "actions", "code", "runs", "tmp", "quarantine",
+}  # fmt: skip
 _FULL = {errno.ENOSPC, errno.EDQUOT}
 _DENIED = {errno.EROFS, errno.EACCES, errno.EPERM}
 
@@ -59,35 +69,79 @@ class Store:
         self._code_parts: dict[str, dict[str, str]] = {}
 
     @classmethod
-    def open(cls, path: Path | str, create: bool = True) -> Store:
-        """The store in a folder, which is made if it does not exist.
+    def open(cls, path: Path | str, create: bool = True, accept_damaged: bool = False) -> Store:
+        """The store in a folder.
 
-        Raises StoreError for another format, a folder that holds something else, or one that cannot be made.
+        create : make it if it does not exist, and its mark again if that is damaged
+        accept_damaged : open a store with a damaged mark as it is, to be verified
+        Raises StoreError for another format, a folder that holds something else, and one that cannot be read or made.
         """
         store = cls(Path(path).absolute())
-        foreign = _foreign(store.path)  # before the search for the mark, which another process may be about to write
-        mark = store.path / "dicflow.json"
-        if mark.is_file():
-            store._check_format(mark)
-            return store
-        if not create:
-            raise StoreError(f"{store.path}: is not a store; run a pipeline first, or name the store's folder")
-        if foreign:
-            raise StoreError(f"{store.path}: holds other files and is not a store; name an empty or new folder")
-        with store.writing():
-            (store.path / "tmp").mkdir(parents=True, exist_ok=True)
-        store.write_json(mark, {"format": FORMAT})
+        with store.reading():
+            foreign = _foreign(store.path)  # before the mark, which another process may be about to write
+            state = store.mark_state()
+        if state == "missing":
+            store._refuse_missing(foreign, create)
+        if state == "damaged" and not (create or accept_damaged):
+            raise StoreError(f"{store.mark}: is damaged; 'dicflow verify {store.path} --repair' makes it again")
+        if state != "complete" and create:
+            store.write_mark()
         return store
+
+    @property
+    def mark(self) -> Path:
+        """The file that makes a folder a store, and says in which format."""
+        return self.path / "dicflow.json"
+
+    def mark_state(self) -> State:
+        """The state of the mark. Raises OSError if it cannot be read, StoreError for another format.
+
+        A damaged mark is refused too, unless the folder holds what a store holds and nothing else. Then it can be made
+        again: even where another release wrote the store, files of another form count as missing.
+        """
+        try:
+            found = read_stored(self.mark, lambda value: "format" in value)["format"]
+        except (FileNotFoundError, NotADirectoryError):
+            return "missing"
+        except ValueError as error:
+            self._refuse_foreign(error)
+            return "damaged"
+        if found == FORMAT:
+            return "complete"
+        raise StoreError(
+            f"{self.path}: has format {found}, this release reads {FORMAT}; "
+            "use the dicflow that wrote it, or name another store"
+        )
+
+    def write_mark(self) -> None:
+        """Write the mark. Raises StoreError."""
+        with self.writing():
+            (self.path / "tmp").mkdir(parents=True, exist_ok=True)
+        self.write_json(self.mark, {"format": FORMAT})
+
+    def _refuse_missing(self, foreign: bool, create: bool) -> None:
+        if not create:
+            raise StoreError(f"{self.path}: is not a store; run a pipeline first, or name the store's folder")
+        if foreign:
+            raise StoreError(f"{self.path}: holds other files and is not a store; name an empty or new folder")
+
+    def _refuse_foreign(self, error: ValueError) -> None:
+        names = {name for name in os.listdir(self.path) if not name.endswith(".part")}
+        if "tmp" not in names or not names <= _NAMES:
+            raise StoreError(
+                f"{self.mark}: {error}, and the rest of the folder is not that of a store either; name another folder, "
+                f'or write {{"format": {FORMAT}}} into this file'
+            ) from error
 
     @cached_property
     def files(self) -> FileIndex:
         """Facts about input files and source files."""
-        return FileIndex(self.path / "files.index")
+        return FileIndex(self.path / "files.index", self.replace)
 
     @cached_property
     def index(self) -> ActionIndex:
         """The product of every key, in one file."""
-        return ActionIndex(self.path / "actions.index")
+        return ActionIndex(self.path / "actions.index", self.replace)
 
     @contextmanager
     def writing(self) -> Iterator[None]:
@@ -95,21 +149,32 @@ class Store:
         try:
             yield
         except OSError as error:
-            reason = error.strerror or str(error)
             if error.errno in _FULL:
                 message = "the disk is full; free some space ('dicflow gc' shows what can be deleted)"
             elif error.errno in _DENIED:
-                message = f"cannot be written ({reason.lower()}); get write access, or name another store"
+                message = f"cannot be written ({_reason(error)}); get write access, or name another store"
             else:
-                message = f"cannot be written ({reason.lower()}); check the disk, or name another store"
+                message = f"cannot be written ({_reason(error)}); check the disk, or name another store"
             raise StoreError(f"{self.path}: {message}; nothing that was stored is lost") from error
+
+    @contextmanager
+    def reading(self) -> Iterator[None]:
+        """The same for reading."""
+        try:
+            yield
+        except OSError as error:
+            remedy = "get read access" if error.errno in _DENIED else "check the disk"
+            where = error.filename or self.path
+            raise StoreError(f"{where}: cannot be read ({_reason(error)}); {remedy}, or name another store") from error
 
     # records
 
     def record(self, key: str) -> Record | None:
         """The record of a key; None if it is missing or cannot be read."""
-        record = Record.from_json(read_json(self.record_path(key)))
-        return record if record is not None and record.key == key else None
+        with suppress(OSError, ValueError):
+            record = Record.read(self.record_path(key))
+            return record if record.key == key else None
+        return None
 
     def put_record(self, record: Record) -> None:
         """Store a record, in place of an older one. Raises StoreError."""
@@ -124,14 +189,14 @@ class Store:
     def code_parts(self, root: str) -> dict[str, str]:
         """Definition → digest of its code, by the root of a fingerprint; empty if it is unknown."""
         if is_digest(root) and root not in self._code_parts:
-            found = read_json(self.code_path(root))
-            if isinstance(found, dict) and found:
-                self._code_parts[root] = {name: str(digest) for name, digest in found.items()}
+            found = stored(self.code_path(root), CODE)
+            if found:
+                self._code_parts[root] = found
         return self._code_parts.get(root, {})
 
     def put_code(self, root: str, parts: Mapping[str, str]) -> None:
         """Store the definitions of a fingerprint, unless they are stored. Raises StoreError."""
-        if read_json(self.code_path(root)) is None:
+        if stored(self.code_path(root), CODE) is None:
             self.write_json(self.code_path(root), dict(parts))
 
     def code_path(self, root: str) -> Path:
@@ -141,19 +206,25 @@ class Store:
     # objects
 
     def object_path(self, digest: str) -> Path:
-        """Path of the group of a product; its manifest has the suffix ``.json``."""
+        """Path of the group of a product."""
         return self.path / "objects" / _hex(digest)[:2] / _hex(digest)
+
+    def manifest_path(self, digest: str) -> Path:
+        """Path of the manifest of a product."""
+        return self.object_path(digest).with_suffix(".json")
 
     def manifest(self, digest: str) -> Manifest | None:
         """The manifest of a product; None if it is missing or cannot be read."""
-        found = Manifest.from_json(read_json(self.object_path(digest).with_suffix(".json")))
-        return found if found is not None and found.digest == digest else None
+        with suppress(OSError, ValueError):
+            found = Manifest.read(self.manifest_path(digest))
+            return found if found.digest == digest else None
+        return None
 
     def inspect(self, digest: str) -> tuple[State, Manifest | None]:
         """Whether all files of a product have their sizes; and its manifest, None if it is missing or damaged."""
         found = self.manifest(digest)
         if found is None:
-            return ("damaged" if self.object_path(digest).with_suffix(".json").exists() else "missing"), None
+            return ("damaged" if os.path.lexists(self.manifest_path(digest)) else "missing"), None
         return ("complete", found) if _holds(self.object_path(digest), found.files) else ("damaged", None)
 
     def put(self, product: Product, manifest: Manifest, keep: bool) -> Manifest:
@@ -168,27 +239,38 @@ class Store:
             return present
         kept = keep or not manifest.content["variables"]
         files = self._put_group(product, manifest.digest) if kept and manifest.content["variables"] else {}
-        whole = replace(manifest, kept=kept, files=files)
-        self.write_json(self.object_path(manifest.digest).with_suffix(".json"), whole.to_json())
+        whole = dataclasses.replace(manifest, kept=kept, files=files)
+        self.write_json(self.manifest_path(manifest.digest), whole.to_json())
         return whole
 
     def quarantine(self, digest: str) -> None:
         """Move the files of a damaged product into quarantine. Raises StoreError."""
-        folder = self.object_path(digest)
-        with self.writing():
-            (self.path / "quarantine").mkdir(exist_ok=True)
-            for path in (folder, folder.with_suffix(".json")):
-                with suppress(FileNotFoundError):  # another process may be doing the same
-                    os.rename(path, self.path / "quarantine" / f"{path.name}.{uuid.uuid4().hex[:8]}")
+        self.set_aside(self.manifest_path(digest))  # first: without a manifest the arrays stand for nothing
+        self.set_aside(self.object_path(digest))
 
     # files
 
-    def write_json(self, path: Path, value: Any) -> None:
-        """Write one JSON file, whole or not at all. Raises StoreError."""
-        content = json.dumps(value, ensure_ascii=False, separators=(",", ":")).encode("utf-8")
+    def set_aside(self, path: Path) -> None:
+        """Move a damaged file or folder into quarantine. Raises StoreError."""
+        name = "-".join(path.relative_to(self.path).parts)
+        with self.writing(), suppress(FileNotFoundError):  # another process may be doing the same
+            (self.path / "quarantine").mkdir(exist_ok=True)
+            os.rename(path, self.path / "quarantine" / f"{name}.{uuid.uuid4().hex[:8]}")
+
+    def write_json(self, path: Path, value: Mapping[str, Any], durable: bool = False) -> None:
+        """Write one JSON file, whole or not at all; a folder that has its name is set aside. Raises StoreError.
+
+        durable : wait until it is on the disk, for what cannot be made again
+        """
         with self.writing():
             path.parent.mkdir(parents=True, exist_ok=True)
-            write_file(path, content, self._draft())
+            if path.is_dir():
+                self.set_aside(path)
+            self.replace(path, seal(value), durable)
+
+    def replace(self, path: Path, content: bytes, durable: bool = False) -> None:
+        """Write a file, or replace it. Raises OSError."""
+        write_file(path, content, self._draft(), durable)
 
     def _put_group(self, product: Product, digest: str) -> dict[str, int]:
         folder = self.object_path(digest)
@@ -197,7 +279,7 @@ class Store:
             try:
                 files = write_group(draft, product)
                 folder.parent.mkdir(parents=True, exist_ok=True)
-                if folder.exists() and not _holds(folder, files):
+                if os.path.lexists(folder) and not _holds(folder, files):
                     self.quarantine(digest)
                 self._rename_group(draft, folder, files)
             finally:
@@ -217,39 +299,7 @@ class Store:
         """Unused path in ``tmp``."""
         folder = self.path / "tmp"
         folder.mkdir(exist_ok=True)
-        return folder / f"{os.getpid()}-{uuid.uuid4().hex}"
-
-    def _check_format(self, mark: Path) -> None:
-        content = read_json(mark)
-        found = content.get("format") if isinstance(content, dict) else None
-        if not isinstance(found, int):
-            raise StoreError(f"{mark}: has no format number: not a dicflow store, or a damaged one")
-        if found != FORMAT:
-            raise StoreError(
-                f"{self.path}: has format {found}, this release reads {FORMAT}; "
-                "use the dicflow that wrote it, or name another store"
-            )
-
-
-def read_json(path: Path) -> Any:
-    """The value in a JSON file; None if it cannot be read."""
-    try:
-        return json.loads(path.read_bytes())
-    except (OSError, ValueError):
-        return None
-
-
-def read_mapping(path: Path) -> dict[str, Any]:
-    """The mapping in a JSON file; empty if the file is missing.
-
-    Raises StoreError if the file does not hold a mapping, since its contents are then unknown.
-    """
-    found = read_json(path)
-    if isinstance(found, dict):
-        return found
-    if not path.exists():
-        return {}
-    raise StoreError(f"{path}: is not a mapping in JSON; restore it from a copy, or delete it")
+        return folder / draft_name()
 
 
 def _foreign(folder: Path) -> bool:
@@ -258,15 +308,19 @@ def _foreign(folder: Path) -> bool:
         return False
     drafts = folder / "tmp"
     names = [path.name for path in drafts.iterdir()] if drafts.is_dir() else []
-    return any(path != drafts for path in folder.iterdir()) or not all(map(_DRAFT.fullmatch, names))
+    return any(path != drafts for path in folder.iterdir()) or not all(re.fullmatch(DRAFT, name) for name in names)
 
 
 def _holds(folder: Path, files: Mapping[str, int]) -> bool:
     """Whether a folder holds all files, each of its size."""
     try:
-        return all(os.stat(folder / name).st_size == size for name, size in files.items())
+        return all(file_size(folder / name) == size for name, size in files.items())
     except OSError:
         return False
+
+
+def _reason(error: OSError) -> str:
+    return (error.strerror or str(error)).lower()
 
 
 def _hex(digest: str) -> str:

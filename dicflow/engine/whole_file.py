@@ -1,26 +1,92 @@
-"""Writing a file as a whole."""
+"""Reading and writing files as a whole. Only a regular file is read: a pipe or a device could hang, or never end."""
 
 from __future__ import annotations
 
+import errno
 import os
-import uuid
+import stat
 from contextlib import suppress
+from io import BufferedReader
 from pathlib import Path
 
-__all__ = ["write_file"]
+from dicflow.engine.drafts import draft_name
+
+__all__ = ["NotRegularError", "file_size", "open_file", "read_file", "write_file"]
+
+_NO_WAIT = getattr(os, "O_NONBLOCK", 0)
 
 
-def write_file(path: Path, content: bytes, draft: Path | None = None) -> None:
+class NotRegularError(OSError):
+    """Something else than a regular file has the name of a file: a folder, a pipe, a device."""
+
+
+def open_file(path: Path) -> BufferedReader:
+    """Open a regular file for reading; never waits. Raises OSError, NotRegularError for anything but a file."""
+    return open(path, "rb", opener=_opened)
+
+
+def read_file(path: Path) -> bytes:
+    """Contents of a regular file. Raises as :func:`open_file` does."""
+    with open_file(path) as file:
+        return file.read()
+
+
+def write_file(path: Path, content: bytes, draft: Path | None = None, durable: bool = False) -> None:
     """Write a file, or replace it. No process ever reads half of it, and a killed one leaves only the draft.
 
     draft : where the content is written before it is renamed, on the same file system; beside the file by default
+    durable : wait until the file is on the disk, so that it survives a power failure
     Raises OSError. An existing file is then left untouched, and the draft is deleted.
     """
-    draft = draft or path.with_name(f"{path.name}.{os.getpid()}-{uuid.uuid4().hex[:8]}.part")
+    draft = draft or path.with_name(f"{path.name}.{draft_name()}.part")
     try:
         draft.write_bytes(content)
+        if durable:
+            _sync(draft, os.O_RDWR)
         os.replace(draft, path)
+        if durable:
+            _sync_folder(path.parent)
     except BaseException:
         with suppress(OSError):
             draft.unlink(missing_ok=True)
         raise
+
+
+def file_size(path: Path) -> int | None:
+    """Size of a regular file [bytes]; None if it is missing, or something else has its name. Raises OSError."""
+    try:
+        status = os.stat(path)
+    except (FileNotFoundError, NotADirectoryError):
+        return None
+    return status.st_size if stat.S_ISREG(status.st_mode) else None
+
+
+def _sync_folder(folder: Path) -> None:
+    """Wait until the names in a folder are on the disk, where the system can."""
+    if os.name == "posix":
+        _sync(folder, os.O_RDONLY)
+
+
+def _sync(path: Path, flags: int) -> None:
+    descriptor = os.open(path, flags)
+    try:
+        os.fsync(descriptor)
+    finally:
+        os.close(descriptor)
+
+
+def _opened(path: str, flags: int) -> int:
+    try:
+        descriptor = os.open(path, flags | _NO_WAIT)
+    except OSError as error:
+        if error.errno == errno.ENXIO:  # a socket
+            raise _not_regular(path) from error
+        raise
+    if stat.S_ISREG(os.fstat(descriptor).st_mode):
+        return descriptor
+    os.close(descriptor)
+    raise _not_regular(path)
+
+
+def _not_regular(path: str) -> NotRegularError:
+    return NotRegularError(errno.EINVAL, "not a regular file", path)

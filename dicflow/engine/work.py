@@ -19,9 +19,10 @@ from pathlib import Path
 from typing import Any, Literal
 
 from dicflow.engine.action_index import action_of
-from dicflow.engine.files import stamp
+from dicflow.engine.files import FilePart, stamp
 from dicflow.engine.fingerprint import Fingerprint
 from dicflow.engine.graph import Task, TaskInput
+from dicflow.engine.hashing import digest_file
 from dicflow.engine.keys import input_digests, key_of, key_parts
 from dicflow.engine.node import At, Node
 from dicflow.engine.objects import Manifest, describe, normalised
@@ -208,9 +209,20 @@ def _run(job: Job, store: Store, recipe: Recipe) -> tuple[Product, tuple[float, 
         found = f"a product '{product.kind}'" if isinstance(product, Product) else type(product).__name__
         raise StageError(f"the stage '{node.stage}' gave {found} where it declares '{node.gives}'; fix the stage")
     for name, file in job.files.items():
-        if stamp(job.task.files[name])[:2] != file.stamp[:2]:
+        if _has_changed(node, job.task.files[name], file):
             raise InputError(f"{job.task.files[name]}: changed during the run; run again once nothing is writing it")
     return normalised(product), (stage_s, remake_s)
+
+
+def _has_changed(node: Node, file: Path | FilePart, known: FileStamp) -> bool:
+    """Whether a file's contents are not what they were. A new stamp alone is no change: a backup may set its times."""
+    if stamp(file) == known.stamp:
+        return False
+    try:
+        digest = node.check(file)["digest"] if isinstance(file, FilePart) else digest_file(file)
+    except (OSError, InputError):
+        return True
+    return bool(digest != known.digest)
 
 
 def _provenance(job: Job, done: Outcome, manifest: Manifest) -> dict[str, Any]:

@@ -25,17 +25,19 @@ from __future__ import annotations
 import itertools
 import json
 import math
-from collections.abc import Collection, Iterator, Mapping
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from functools import cache
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from dicflow.engine.hashing import canonical_json
 from dicflow.engine.product import Variable
+from dicflow.engine.whole_file import read_file
 
 if TYPE_CHECKING:
     import numpy as np
 
-__all__ = ["array_files", "group_file", "read_array"]
+__all__ = ["array_description", "array_files", "group_description", "group_file", "is_described", "read_array"]
 
 _ONE_CHUNK = 4_000_000
 """Arrays up to this size [bytes] are one chunk."""
@@ -46,7 +48,7 @@ _PACKING = {"cname": "lz4", "clevel": 1, "shuffle": "bitshuffle", "blocksize": 0
 
 def group_file(attributes: Mapping[str, Any]) -> tuple[str, bytes]:
     """The file that makes its folder a group of arrays: relative path and contents."""
-    return "zarr.json", _json({"attributes": attributes, "zarr_format": 3, "node_type": "group"})
+    return "zarr.json", _json(group_description(attributes))
 
 
 def array_files(name: str, variable: Variable) -> Iterator[tuple[str, bytes]]:
@@ -54,10 +56,10 @@ def array_files(name: str, variable: Variable) -> Iterator[tuple[str, bytes]]:
     import numpy as np
 
     values = np.asarray(variable.values, dtype=variable.values.dtype.newbyteorder("<"))
-    chunk = _chunk(values.shape, values.nbytes)
-    attributes = {"units": variable.units, "long_name": variable.long_name or name}
-    yield f"{name}/zarr.json", _json(_description(values, chunk, variable.dims, attributes))
-    for key, place in _chunks(name, values.shape, chunk):
+    label = variable.long_name or name
+    described = array_description(values.dtype.str, values.shape, variable.dims, variable.units, label)
+    yield f"{name}/zarr.json", _json(described)
+    for key, place in _chunks(name, values.shape, _chunk(values.shape, values.nbytes)):
         part = np.ascontiguousarray(values[place])
         if part.dtype.kind == "f" or part.any():
             yield key, _packed(part)
@@ -74,29 +76,48 @@ def read_array(folder: Path, files: Collection[str], name: str, dtype: str, shap
     values = np.zeros(shape, dtype)
     for key, place in _chunks(name, shape, _chunk(shape, values.nbytes)):
         if key in files:
-            values[place] = _unpacked((folder / key).read_bytes(), values[place])
+            values[place] = _unpacked(read_file(folder / key), values[place])
     return values
 
 
-def _description(
-    values: np.ndarray, chunk: tuple[int, ...], dims: tuple[str, ...], attributes: dict[str, str]
-) -> dict[str, Any]:
-    """Contents of zarr.json for an array."""
+def is_described(content: bytes, description: Mapping[str, Any]) -> bool:
+    """Whether the contents of a ``zarr.json`` are a description, in the bytes that are written for it.
+
+    The order of entries does not matter: attributes may come in another one from another process.
+    """
+    try:
+        found = json.loads(content)
+        return _json(found) == content and canonical_json(found) == canonical_json(description)
+    except (ValueError, RecursionError):
+        return False
+
+
+def group_description(attributes: Mapping[str, Any]) -> dict[str, Any]:
+    """Contents of ``zarr.json`` of a group."""
+    return {"attributes": attributes, "zarr_format": 3, "node_type": "group"}
+
+
+def array_description(dtype: str, shape: Sequence[int], dims: Sequence[str], units: str, label: str) -> dict[str, Any]:
+    """Contents of ``zarr.json`` of an array. label : of an axis that shows it"""
+    import numpy as np
+
+    kind = np.dtype(dtype)
+    chunk = _chunk(tuple(shape), math.prod(shape) * kind.itemsize)
     return {
         "zarr_format": 3,
         "node_type": "array",
-        "shape": list(values.shape),
-        "data_type": values.dtype.name,
+        "shape": list(shape),
+        "data_type": kind.name,
         "chunk_grid": {"name": "regular", "configuration": {"chunk_shape": list(chunk)}},
         "chunk_key_encoding": {"name": "default", "configuration": {"separator": "."}},
-        "fill_value": values.dtype.type(0).item(),
+        "fill_value": kind.type(0).item(),
         "codecs": [
             {"name": "bytes", "configuration": {"endian": "little"}},
-            {"name": "blosc", "configuration": {"typesize": values.itemsize, **_PACKING}},
+            {"name": "blosc", "configuration": {"typesize": kind.itemsize, **_PACKING}},
             {"name": "crc32c"},
         ],
         "dimension_names": list(dims),
-        "attributes": attributes,
+        "attributes": {"units": units, "long_name": label},
     }
 
 

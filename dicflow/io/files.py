@@ -1,17 +1,25 @@
-"""Writing files for the user: whole or not at all."""
+"""Writing files for the user: whole or not at all.
+
+What a killed process has left behind is removed when something is written to the same folder.
+"""
 
 from __future__ import annotations
 
 import os
+import re
 import shutil
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
+from functools import cache
 from pathlib import Path
 
+from dicflow.engine.drafts import DRAFT, draft_name, is_abandoned
 from dicflow.engine.whole_file import write_file
 from dicflow.errors import ConfigurationError, InputError
 
 __all__ = ["make_folder", "staged", "write_whole"]
+
+_DRAFT = re.compile(rf"\.export-({DRAFT})|.*\.({DRAFT})\.part", re.DOTALL)
 
 
 def write_whole(path: Path, content: bytes) -> None:
@@ -21,6 +29,7 @@ def write_whole(path: Path, content: bytes) -> None:
     """
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
+        _clear_once(path.parent)
         write_file(path, content)
     except OSError as error:
         raise _unwritable(path, error) from error
@@ -30,9 +39,10 @@ def make_folder(folder: Path) -> None:
     """Make a folder in which files can be written. Raises InputError that names it if that fails."""
     try:
         folder.mkdir(parents=True, exist_ok=True)
-        probe = folder / f".{os.getpid()}.part"
+        probe = folder / f".{draft_name()}.part"
         probe.touch()
         probe.unlink()
+        _clear(folder)
     except OSError as error:
         raise _unwritable(folder, error) from error
 
@@ -47,7 +57,7 @@ def staged(output: Path, force: bool = False) -> Iterator[Path]:
     """
     made = [folder for folder in (output, *output.parents) if not folder.exists()]
     make_folder(output)
-    folder = output / f".export-{os.getpid()}"
+    folder = output / f".export-{draft_name()}"
     try:
         folder.mkdir()
         yield folder
@@ -73,6 +83,18 @@ def _move(files: list[Path], output: Path, force: bool) -> None:
             raise ConfigurationError(f"{taken} exists; add --force to overwrite it, or name another folder")
     for file in files:
         os.replace(file, output / file.name)
+
+
+def _clear(folder: Path) -> None:
+    """Remove drafts that nobody will finish. Raises OSError."""
+    for path in folder.iterdir():
+        match = _DRAFT.fullmatch(path.name)
+        if match is not None and is_abandoned(path, match[1] or match[2], grace_s=0.0):
+            with suppress(OSError):
+                shutil.rmtree(path) if path.is_dir() else path.unlink()
+
+
+_clear_once = cache(_clear)
 
 
 def _unwritable(path: Path, error: OSError) -> InputError:

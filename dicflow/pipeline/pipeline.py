@@ -16,6 +16,7 @@ from dicflow.engine.store import Store
 from dicflow.errors import ConfigurationError, InputError
 from dicflow.io.configuration import Document, read
 from dicflow.pipeline.recipes import run_refs
+from dicflow.pipeline.resolved import kept_settings, resolved_of
 from dicflow.pipeline.result import Result
 from dicflow.pipeline.sweep import Variant, variants, with_settings
 from dicflow.pipeline.wiring import Wired, wire
@@ -181,9 +182,12 @@ class Pipeline:
 
     def last_run(self) -> RunInfo | None:
         """The newest run with the same stages and settings; None before the first."""
-        ours = self.resolved()
-        alike = (run for run in runs(self.store) if run.pipeline == self.name and run.resolved)
-        return next((run for run in alike if all(run.resolved[name] == ours[name] for name in _SETTINGS)), None)
+        return next((run for run in runs(self.store) if run.pipeline == self.name and self._is_alike(run)), None)
+
+    def _is_alike(self, run: RunInfo) -> bool:
+        """Whether a run had the same stages and settings, and its files are whole."""
+        ours, found = self.resolved(), resolved_of(run)
+        return found is not None and all(found[name] == ours[name] for name in _SETTINGS) and run.is_whole
 
     def _result(self, refs: Mapping[str, Ref], outcome: RunResult | None) -> Result:
         values = [dict(variant.values) for variant in self.variants]
@@ -192,11 +196,12 @@ class Pipeline:
     def _last_result(self, error: InputError) -> Result:
         """The products of the last run, without any of the files that it read."""
         run = self.last_run()
-        if run is None or "steps" not in run.resolved:
+        resolved = {} if run is None else kept_settings(run)
+        if run is None or not {"steps", "data"} <= resolved.keys():
             raise error
-        graph = expand(self._instances[1], run.resolved["steps"])
+        graph = expand(self._instances[1], resolved["steps"])
         values = [dict(variant.values) for variant in self.variants]
-        source = f"run {run.id} of the files in '{run.resolved['data']}'"
+        source = f"run {run.id} of the files in '{resolved['data']}'"
         note = f"This is what {source} left in the store, without photographs; a file cannot be used: {error}."
         return Result(graph, self.store, run_refs(self.store, run), self.instances, values, None, [note])
 

@@ -6,7 +6,7 @@ from collections import Counter, defaultdict
 from collections.abc import Iterable, Mapping
 from typing import Any, NamedTuple
 
-from dicflow.engine.journal import RunInfo
+from dicflow.engine.journal import Event, RunInfo
 from dicflow.engine.store import Store
 
 __all__ = ["RunFacts", "TaskFacts", "run_facts"]
@@ -67,9 +67,9 @@ class RunFacts(NamedTuple):
 def run_facts(store: Store, run: RunInfo) -> RunFacts:
     """The facts of a run, also of one that failed, was interrupted or killed. No array is read."""
     events, index = list(run.events()), run.index
-    finished = {event["task"]: event for event in events if event.get("kind") == "finished"}
+    finished = {event.task: event for event in events if event.kind == "finished"}
     made = {task: _made(store, entry["key"]) for task, entry in index.items()}
-    planned: Mapping[str, int] = next((event["counts"] for event in events if event.get("kind") == "planned"), {})
+    planned: Mapping[str, int] = next((event.counts for event in events if event.kind == "planned"), {})
     tasks = [_hit(task, index[task], made[task]) for task in index if task not in finished]
     tasks += [_finished(event, made.get(task, {})) for task, event in finished.items()]
     return RunFacts(
@@ -79,7 +79,7 @@ def run_facts(store: Store, run: RunInfo) -> RunFacts:
         bool((run.result or {}).get("interrupted")),
         run.result is not None,
         tuple(tasks),
-        tuple(event["text"] for event in events if event.get("kind") == "warning"),
+        tuple(event.text for event in events if event.kind == "warning"),
         _versions(made.values()),
     )
 
@@ -96,10 +96,10 @@ def _hit(task: str, entry: Mapping[str, str], made: Mapping[str, Any]) -> TaskFa
     return TaskFacts(task, stage, step or None, "hit", made.get("stage_s", 0.0), entry["key"], entry["digest"], "")
 
 
-def _finished(event: Mapping[str, Any], made: Mapping[str, Any]) -> TaskFacts:
-    seconds = made.get("stage_s", 0.0) if event["status"] == "hit" else event.get("seconds", 0.0)
-    texts = (event.get("key", ""), event.get("digest", ""), event.get("text", ""))
-    return TaskFacts(event["task"], event["stage"], event.get("step"), event["status"], seconds, *texts)
+def _finished(event: Event, made: Mapping[str, Any]) -> TaskFacts:
+    seconds = made.get("stage_s", 0.0) if event.status == "hit" else event.seconds
+    texts = (event.key, event.digest, event.text)
+    return TaskFacts(event.task, event.stage, event.step, event.status, seconds, *texts)
 
 
 def _versions(made: Iterable[Mapping[str, Any]]) -> dict[str, tuple[str, ...]]:

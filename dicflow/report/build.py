@@ -11,6 +11,7 @@ from markupsafe import Markup
 
 from dicflow._version import __version__
 from dicflow.engine.journal import RunInfo, find_run
+from dicflow.engine.whole_file import read_file
 from dicflow.errors import DicflowError
 from dicflow.io.files import make_folder, write_whole
 from dicflow.pipeline import Pipeline, Result
@@ -41,7 +42,7 @@ def write_report(
     found = _run(pipeline, result)
     facts = run_facts(pipeline.store, found) if found is not None else None
     page, record, sources = folder / "report.html", folder / ".report" / "sources", _sources(pipeline, result, facts)
-    if _was_idle(result) and page.is_file() and record.is_file() and record.read_text() == sources:
+    if _was_idle(result) and page.is_file() and _is(record, sources):
         return page
     make_folder(folder)
     pieces = Pieces(folder / ".report", _code())
@@ -58,6 +59,14 @@ def write_report(
         for problem in problems:
             note(problem)
     return page
+
+
+def _is(path: Path, text: str) -> bool:
+    """Whether a file holds a text."""
+    try:
+        return read_file(path) == text.encode()
+    except OSError:
+        return False
 
 
 def _was_idle(result: Result) -> bool:

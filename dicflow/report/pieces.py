@@ -1,14 +1,16 @@
-"""Slow parts of a report, kept beside it from one build to the next."""
+"""Slow parts of a report, kept beside it from one build to the next, each behind its check sum."""
 
 from __future__ import annotations
 
 import hashlib
 import json
 import re
+import zlib
 from collections.abc import Callable, Sequence
 from contextlib import suppress
 from pathlib import Path
 
+from dicflow.engine.whole_file import read_file
 from dicflow.io.files import write_whole
 
 __all__ = ["Pieces"]
@@ -35,16 +37,28 @@ class Pieces:
         """
         key = hashlib.sha256(json.dumps([self._code, *sources]).encode()).hexdigest()
         self._asked.add(key)
-        with suppress(OSError):
-            return (self._folder / key).read_bytes()
+        with suppress(OSError, ValueError):
+            return _unsealed(read_file(self._folder / key))
         content = make()
-        write_whole(self._folder / key, content)
+        write_whole(self._folder / key, _check_sum(content) + content)
         return content
 
     def drop_unused(self) -> None:
         """Delete the pieces that were not read since this object was made."""
-        if self._folder.is_dir():
+        if self._folder.is_dir() and not self._folder.is_symlink():
             for path in self._folder.iterdir():
                 if _PIECE.fullmatch(path.name) and path.name not in self._asked:
                     with suppress(OSError):
                         path.unlink()
+
+
+def _check_sum(content: bytes) -> bytes:
+    return b"%08x" % zlib.crc32(content)
+
+
+def _unsealed(stored: bytes) -> bytes:
+    """What stands behind the check sum. Raises ValueError if it is damaged."""
+    content = stored[8:]
+    if stored[:8] != _check_sum(content):
+        raise ValueError("the check sum differs")
+    return content

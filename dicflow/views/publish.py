@@ -7,7 +7,6 @@ folder says which files dicflow wrote, so that files of others are left untouche
 from __future__ import annotations
 
 import hashlib
-import json
 import multiprocessing
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import ProcessPoolExecutor
@@ -18,6 +17,7 @@ from typing import Any, NamedTuple
 
 from dicflow.engine.references import Ref, load
 from dicflow.engine.store import Store
+from dicflow.engine.stored_json import is_text, list_of, mapping_of, seal, stored
 from dicflow.io.files import make_folder, write_whole
 from dicflow.io.results import csv_text, table_text
 from dicflow.kinds.maps import Maps
@@ -66,7 +66,7 @@ def publish(result: Result, folder: Path, workers: int = 1) -> list[Path]:
     for file in old:
         _delete(folder, file, made.pop(file))
     if stale or old:
-        write_whole(folder / _MANIFEST, json.dumps(made, indent=1).encode())
+        write_whole(folder / _MANIFEST, seal(made))
     return [folder / file for file in files]
 
 
@@ -203,8 +203,9 @@ def _digest(content: bytes) -> str:
 
 def _read(manifest: Path) -> dict[str, _Made]:
     """The record of each file; empty if the list is damaged or missing."""
-    try:
-        found = json.loads(manifest.read_bytes())
-        return {file: _Made(tuple(sources), digest) for file, (sources, digest) in found.items()}
-    except (OSError, ValueError, TypeError, AttributeError):
-        return {}
+    found = stored(manifest, mapping_of(_is_made)) or {}
+    return {file: _Made(tuple(sources), digest) for file, (sources, digest) in found.items()}
+
+
+def _is_made(value: Any) -> bool:
+    return isinstance(value, list) and len(value) == 2 and list_of(is_text)(value[0]) and is_text(value[1])

@@ -9,11 +9,12 @@ from toys import chain, run_sync
 from dicflow.engine import plan as plans
 from dicflow.engine.action_index import Action, ActionIndex
 from dicflow.engine.fingerprint import Fingerprint
-from dicflow.engine.housekeeping import collect, verify
+from dicflow.engine.housekeeping import collect
 from dicflow.engine.journal import find_run
 from dicflow.engine.plan import make_plan
 from dicflow.engine.references import cache
 from dicflow.engine.store import Store
+from dicflow.engine.verification import verify
 from dicflow.errors import DamagedError
 
 
@@ -236,3 +237,23 @@ def test_freeing_the_store_takes_lines_out_of_the_index(folder, store):
     collect(store, keep_runs=1, grace_s=0, delete=True)
     assert set(store.index.read()) == {entry["key"] for entry in find_run(store).index.values()}
     assert run_sync(chain(folder, keep="always", factor=3.0), store).counts["hit"] == 24
+
+
+@pytest.mark.parametrize("damage", [b"", b"[" * 100_000, b"{}"])
+def test_a_damaged_manifest_does_not_ask_to_run_again_for_ever(folder, store, damage):
+    """The index only looks whether it is there; whoever reads it sets it aside."""
+    made = run_sync(chain(folder, keep="always"), store)
+    store.manifest_path(index(made)["report"]).write_bytes(damage)
+    assert make_plan(chain(folder, keep="always"), store).counts["hit"] == 24
+    with pytest.raises(DamagedError, match="was moved into quarantine; run again"):
+        made.product("report")
+    again = run_sync(chain(folder, keep="always"), store)
+    assert (again.counts["computed"], index(again)) == (1, index(made))
+    assert again.product("report").attrs == {"last": 10.0, "steps": [f"step_0{k}" for k in range(2, 7)]}
+
+
+def test_a_pipe_in_the_place_of_the_index_is_not_waited_for(three):
+    three.path.unlink()
+    os.mkfifo(three.path)
+    three.append([(key(7), action(7))])
+    assert three.read() == {}

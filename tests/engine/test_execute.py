@@ -212,17 +212,29 @@ def test_a_product_of_another_kind_is_refused(folder, store):
     assert {"'other'", "'number'"} <= set(message.replace(";", "").split())
 
 
-def test_a_file_that_changes_while_it_is_read_is_no_result(folder, store, monkeypatch):
+def meanwhile(monkeypatch, change):
+    """Something happens to each file while it is read."""
     original = toys.Read.run
+    monkeypatch.setattr(toys.Read, "run", lambda self, source: change(source) or original(self, source))
 
-    def run_and_touch(self, source):
-        os.utime(source)
-        return original(self, source)
 
-    monkeypatch.setattr(toys.Read, "run", run_and_touch)
+def test_a_file_that_changes_while_it_is_read_is_no_result(folder, store, monkeypatch):
+    """Though it keeps its size and the time of its last change."""
+
+    def overwrite(source):
+        before = source.stat()
+        source.write_text("9")
+        os.utime(source, ns=(before.st_atime_ns, before.st_mtime_ns))
+
+    meanwhile(monkeypatch, overwrite)
     result = run_sync(chain(folder), store)
     assert ".txt: changed during the run" in result.errors[0]
     assert not (store.path / "actions").exists()
+
+
+def test_a_file_that_is_only_touched_while_it_is_read_is_the_same(folder, store, monkeypatch):
+    meanwhile(monkeypatch, os.utime)
+    assert run_sync(chain(folder), store).ok
 
 
 @pytest.mark.parametrize("scheduler", ["sync", "threads"])

@@ -1,10 +1,10 @@
-import json
 import os
 
 import pytest
 from toys import write
 
-from dicflow.engine.files import FileIndex
+from dicflow.engine.files import FACTS, FileIndex
+from dicflow.engine.stored_json import read_stored, seal
 from dicflow.errors import InputError
 
 
@@ -53,9 +53,20 @@ def test_a_file_put_in_the_place_of_another_is_seen(tmp_path, file):
     assert index.digest(file) != first
 
 
-def test_a_file_written_just_now_is_not_trusted(tmp_path, file):
-    """It may change again within one tick of the clock."""
-    write(file, "one", age_s=0)
+def test_a_file_overwritten_in_place_that_keeps_size_and_time_is_seen(tmp_path, file):
+    index = FileIndex(tmp_path / "index")
+    before, first = file.stat(), index.digest(file)
+    file.write_text("two")
+    os.utime(file, ns=(before.st_atime_ns, before.st_mtime_ns))
+    assert (file.stat().st_ino, file.stat().st_mtime_ns) == (before.st_ino, before.st_mtime_ns)
+    assert index.digest(file) != first
+
+
+@pytest.mark.parametrize("age_s", [0, 60])
+def test_a_file_written_just_now_is_not_trusted(tmp_path, file, monkeypatch, age_s):
+    """It may change again within one tick of the clock, whatever time it has been given."""
+    monkeypatch.setattr("dicflow.engine.files._FRESH_NS", 2_000_000_000)
+    write(file, "one", age_s=age_s)
     find = Counted()
     index = FileIndex(tmp_path / "index")
     index.fact(file, "text", find)
@@ -70,13 +81,33 @@ def test_saving_keeps_what_others_saved(tmp_path, file):
     other.digest(tmp_path / "b.txt")
     one.save()
     other.save()
-    assert len(json.loads((tmp_path / "index").read_text())) == 2
+    assert len(read_stored(tmp_path / "index", FACTS)) == 2
 
 
-@pytest.mark.parametrize("text", ["", "{", "[1]", '{"x": 3}', '{"x": {"stamp": 1, "facts": []}}'])
-def test_a_damaged_index_is_an_empty_one(tmp_path, file, text):
-    (tmp_path / "index").write_text(text)
+@pytest.mark.parametrize(
+    "entry",
+    [3, {"stamp": 1, "facts": {}}, {"stamp": [1], "facts": None}, {"stamp": [1]}, {"stamp": [True], "facts": {}}],
+)
+def test_an_index_with_an_entry_of_another_form_is_an_empty_one(tmp_path, file, entry):
+    (tmp_path / "index").write_bytes(seal({str(file): entry}))
     assert FileIndex(tmp_path / "index").digest(file).startswith("sha256:")
+
+
+def test_a_changed_fact_is_not_trusted(tmp_path, file):
+    index = FileIndex(tmp_path / "index")
+    index.fact(file, "width", lambda _: 720)
+    index.save()
+    content = (tmp_path / "index").read_bytes()
+    (tmp_path / "index").write_bytes(content.replace(b"720", b"722"))
+    assert FileIndex(tmp_path / "index").fact(file, "width", lambda _: 720) == 720
+
+
+@pytest.mark.parametrize("make", [os.mkfifo, os.mkdir])
+def test_what_is_no_regular_file_is_refused_and_never_waited_for(tmp_path, make):
+    make(tmp_path / "x")
+    with pytest.raises(InputError, match=r"x: cannot be read \(not a regular file\)"):
+        FileIndex(tmp_path / "index").digest(tmp_path / "x")
+    assert FileIndex(tmp_path / "x").path.exists()
 
 
 def test_a_missing_file_is_named(tmp_path):

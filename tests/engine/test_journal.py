@@ -13,7 +13,7 @@ def journal(store):
 
 
 def texts(store):
-    return [event["text"] for event in find_run(store).events()]
+    return [event.text for event in find_run(store).events()]
 
 
 def test_events_come_back_in_order(store, journal):

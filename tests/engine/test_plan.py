@@ -1,4 +1,3 @@
-import json
 import os
 import subprocess
 import sys
@@ -112,13 +111,13 @@ def test_edited_code_never_passes_in_silence_unless_told_so(folder, store, edite
 def test_code_that_is_not_known_any_more_is_other_code(folder, store, edited, lost):
     index = run_sync(chain(folder), store).store and find_run(store).index
     path = store.record_path(index["read/step_01"]["key"])
-    record = json.loads(path.read_text())
+    code = store.record(index["read/step_01"]["key"]).code
     if lost != "its form":
         edited()
         (store.path / "files.index").unlink()
-        store.code_path(record["code"]).unlink()
+        store.code_path(code).unlink()
     if lost != "code":
-        path.write_text(json.dumps({**record, "code": {"toys": record["code"]}}))
+        toys.edit_json(path, code={"toys": code})
     assert reasons(chain(folder), type(store).open(store.path), "read/step_01") == ["the code changed"]
 
 

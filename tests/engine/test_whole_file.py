@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 
 import dicflow
-from dicflow.engine.whole_file import write_file
+from dicflow.engine.whole_file import read_file, write_file
 
 PACKAGE = Path(dicflow.__file__).parent
 
@@ -39,6 +39,17 @@ def test_the_draft_is_where_the_caller_puts_it(tmp_path, monkeypatch):
     monkeypatch.setattr(os, "replace", lambda *names: moved.append(names))
     write_file(tmp_path / "a.json", b"one", tmp_path / "draft")
     assert moved == [(tmp_path / "draft", tmp_path / "a.json")]
+
+
+def test_what_must_outlast_a_power_failure_is_on_the_disk_before_it_has_its_name(tmp_path, monkeypatch):
+    done = []
+    fsync, replace = os.fsync, os.replace
+    monkeypatch.setattr(os, "fsync", lambda descriptor: done.append("fsync") or fsync(descriptor))
+    monkeypatch.setattr(os, "replace", lambda *names: done.append("replace") or replace(*names))
+    write_file(tmp_path / "a.json", b"one")
+    write_file(tmp_path / "a.json", b"two", durable=True)
+    assert done == ["replace", "fsync", "replace", "fsync"]
+    assert read_file(tmp_path / "a.json") == b"two"
 
 
 def test_no_other_module_replaces_single_files():

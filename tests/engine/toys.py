@@ -14,6 +14,7 @@ from dicflow.engine.graph import Graph, StageSpec, expand
 from dicflow.engine.node import At, InputFile, Millimetres, Node, Port, Scope, parameter
 from dicflow.engine.product import Product, Variable
 from dicflow.engine.store import Store
+from dicflow.engine.stored_json import anything, read_stored, seal
 from dicflow.errors import InputError, StageError
 
 
@@ -199,15 +200,20 @@ class Trouble(Node):
 
 
 def numbers(folder: Path, count: int = 6) -> Path:
-    """A folder of files 1 … count, old enough for the index of files to trust them."""
+    """A folder of files 1 … count, changed some time ago."""
     folder.mkdir(parents=True, exist_ok=True)
     for number in range(1, count + 1):
         write(folder / f"step_{number:02d}.txt", str(number))
     return folder
 
 
+def edit_json(path: Path, **changes: Any) -> None:
+    """Change entries of a file of the store, as the store itself would write it."""
+    path.write_bytes(seal({**read_stored(path, anything), **changes}))
+
+
 def write(path: Path, text: str, age_s: float = 60.0) -> None:
-    """Write a file as if it had been written some time ago."""
+    """Write a file as if its contents had been changed some time ago."""
     path.write_text(text)
     then = time.time() - age_s
     os.utime(path, (then, then))

@@ -3,11 +3,16 @@
 from __future__ import annotations
 
 import os
+import signal
+import subprocess
+import sys
 
 import pytest
 
+from dicflow.engine.drafts import draft_name
 from dicflow.errors import ConfigurationError, InputError
-from dicflow.io.files import staged
+from dicflow.io import files
+from dicflow.io.files import staged, write_whole
 
 
 def export(output, *names, error=None, force=False):
@@ -64,3 +69,39 @@ def test_an_output_that_cannot_be(tmp_path):
     with pytest.raises(InputError, match="a file stands where a folder should be"):
         export(tmp_path / "file", "one")
     assert os.listdir(tmp_path) == ["file"]
+
+
+KILLED = """
+import os, signal, sys
+from pathlib import Path
+from dicflow.io.files import staged
+with staged(Path(sys.argv[1])) as folder:
+    (folder / "one").write_text("half")
+    os.kill(os.getpid(), signal.SIGKILL)
+"""
+
+
+def test_what_a_killed_export_has_left_is_taken_away_by_the_next(tmp_path):
+    """The folder of one that is still at work stays."""
+    done = subprocess.run([sys.executable, "-c", KILLED, tmp_path])
+    assert done.returncode == -signal.SIGKILL
+    (left,) = tmp_path.iterdir()
+    assert (left / "one").read_text() == "half"
+    with staged(tmp_path) as other:
+        assert list(tmp_path.iterdir()) == [other]
+        export(tmp_path, "one")
+        assert other.is_dir()
+    assert contents(tmp_path) == {"one": b"one"}
+
+
+def test_what_a_killed_writer_has_left_is_taken_away_by_the_next(tmp_path, monkeypatch):
+    names = [f"page.html.{draft_name().replace(str(os.getpid()), process)}.part" for process in ("999999999", "1")]
+    for name in [*names, "page.html.part", "notes.12345678.part"]:
+        (tmp_path / name).write_text("half")
+    (tmp_path / f"linked.{names[0]}").symlink_to(tmp_path / names[0])
+    write_whole(tmp_path / "page.html", b"whole")
+    assert {path.name for path in tmp_path.iterdir()} == {
+        "page.html", names[1], "page.html.part", "notes.12345678.part", f"linked.{names[0]}",
+    }  # fmt: skip
+    monkeypatch.setattr(files, "_clear", None)
+    write_whole(tmp_path / "page.html", b"looked at once for many files")

@@ -10,6 +10,7 @@ from dicflow.engine.records import Record
 from dicflow.engine.store import Store
 from dicflow.pipeline.provenance import TaskFacts, run_facts
 
+PARTS = {"stage": "surface", "impl_version": 1, "parameters": {}, "inputs": {}, "files": {}}
 PLANNED = Event("planned", counts={"hit": 2, "run": 1, "pending": 1})
 
 
@@ -23,7 +24,7 @@ def store(tmp_path):
     store = Store.open(tmp_path / "store")
     for name, seconds, version in (("surface/a", 1.5, "1"), ("surface/b", 2.0, "2")):
         made = {"stage_s": seconds, "versions": {"dicflow": version, "python": "3.11"}}
-        store.put_record(Record(entry(name)["key"], {}, entry(name)["digest"], {}, made))
+        store.put_record(Record(entry(name)["key"], PARTS, entry(name)["digest"], "", made))
     return store
 
 

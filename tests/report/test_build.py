@@ -156,21 +156,22 @@ def test_a_run_that_failed_half_way_names_what_failed(copied, tmp_path, flags):
     page = Page.read(copied.parent / "results" / copied.stem / "report.html")
     page.assert_complete()
     loaded = Pipeline.load(copied)
-    failed = [event for event in find_run(loaded.store).events() if event.get("status") == "failed"]
+    failed = [event for event in find_run(loaded.store).events() if event.status == "failed"]
     assert failed
     assert "What failed" in page.texts
-    assert all(event["task"] in page.texts for event in failed)
+    assert all(event.task in page.texts for event in failed)
     assert "tasks failed" in page.text
     assert str(copied.parent) not in page.text
 
 
 @pytest.mark.parametrize(
-    ("result", "sentence"), [({"interrupted": True}, "The run was interrupted"), (None, "The run was cut off")]
+    ("result", "sentence"),
+    [({"counts": {}, "interrupted": True}, "The run was interrupted"), (None, "The run was cut off")],
 )
 def test_a_run_that_did_not_end(copied, tmp_path, result, sentence):
     loaded = Pipeline.load(copied)
     folder = find_run(loaded.store).folder
-    events = [line for line in (folder / "journal.jsonl").read_text().splitlines() if '"stage": "total"' not in line]
+    events = [line for line in (folder / "journal.jsonl").read_text().splitlines() if '"stage":"total"' not in line]
     (folder / "journal.jsonl").write_text("\n".join(events))
     (folder / "index.json").write_text("{}")
     (folder / "result.json").write_text(json.dumps(result))

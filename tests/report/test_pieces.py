@@ -25,6 +25,15 @@ def test_a_piece_is_made_once(tmp_path, calls):
     assert calls == [b"first", b"second"]
 
 
+@pytest.mark.parametrize("damage", [b"", b"12345678first", b"\0" * 13])
+def test_a_damaged_piece_is_made_again(tmp_path, calls, damage):
+    Pieces(tmp_path, "code").get(["a"], maker(calls, b"first"))
+    (path,) = tmp_path.iterdir()
+    path.write_bytes(damage)
+    assert Pieces(tmp_path, "code").get(["a"], maker(calls, b"second")) == b"second"
+    assert Pieces(tmp_path, "code").get(["a"], maker(calls, b"third")) == b"second"
+
+
 @pytest.mark.parametrize(("code", "sources"), [("other", ["a", "b"]), ("code", ["ab"]), ("code", ["b", "a"])])
 def test_other_code_or_sources_are_another_piece(tmp_path, calls, code, sources):
     Pieces(tmp_path, "code").get(["a", "b"], maker(calls, b"1"))

@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-import json
-
 import pytest
 from PIL import Image
 
+from dicflow.engine.stored_json import anything, read_stored, seal, unseal
 from dicflow.errors import InputError
 from dicflow.pipeline import Pipeline
 from dicflow.views.publish import publish
@@ -61,9 +60,9 @@ def test_only_what_is_missing_or_changed_is_made_again(result, tmp_path):
     publish(result, tmp_path)
     assert {path for path, stamp in stamps(files).items() if stamp != before[path]} == {table}
     manifest = tmp_path / ".published.json"
-    made = json.loads(manifest.read_text())
+    made = read_stored(manifest, anything)
     made["maps/eyy.gif"][0] = ["another release"]
-    manifest.write_text(json.dumps(made))
+    manifest.write_bytes(seal(made))
     before = stamps(files)
     publish(result, tmp_path)
     again = {path for path, stamp in stamps(files).items() if stamp != before[path]}
@@ -74,7 +73,7 @@ def test_only_what_is_missing_or_changed_is_made_again(result, tmp_path):
 def test_a_damaged_list_of_what_was_made_makes_all_again(result, tmp_path):
     files = publish(result, tmp_path)
     contents = [path.read_bytes() for path in files]
-    for damage in (b"\xff", b"[1]", b'{"maps/eyy.gif": 1}'):
+    for damage in (b"\xff", b"[1]", b'{"maps/eyy.gif": 1}', b"[" * 100_000):
         (tmp_path / ".published.json").write_bytes(damage)
         assert [path.read_bytes() for path in publish(result, tmp_path)] == contents
 
@@ -98,7 +97,7 @@ def test_pictures_of_steps_that_are_gone_go(result, shorter, tmp_path):
     publish(shorter, tmp_path / "used")
     publish(shorter, tmp_path / "new")
     used, new = contents(tmp_path / "used"), contents(tmp_path / "new")
-    assert json.loads(used.pop(".published.json")) == json.loads(new.pop(".published.json"))
+    assert unseal(used.pop(".published.json"), anything) == unseal(new.pop(".published.json"), anything)
     assert used == new
 
 
@@ -106,9 +105,9 @@ def test_files_of_others_stay(result, shorter, tmp_path):
     """Also one that has taken the place of a picture, and one that the list names by a detour."""
     publish(result, tmp_path / "o")
     manifest = tmp_path / "o" / ".published.json"
-    made = json.loads(manifest.read_text())
+    made = read_stored(manifest, anything)
     made["maps/../../mine.png"] = made["maps/eyy/step_02.png"]
-    manifest.write_text(json.dumps(made))
+    manifest.write_bytes(seal(made))
     pictures = tmp_path / "o" / "maps" / "eyy"
     mine = [tmp_path / "mine.png", pictures / "note.txt", pictures / "step_03.png"]
     for path in mine:
