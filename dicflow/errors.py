@@ -13,7 +13,8 @@
 Exit code 2 means that nothing was done, because the input is unusable. An error within a task fails that task alone,
 and the run ends with 1.
 
-Every message is a sentence that says what was expected, what was found, where, and what to do.
+Every message is a sentence that says what was expected, what was found, where, and what to do. An error of a file that
+the user brings is made of these parts, ``InputError(where, problem, remedy)``; others are made of the whole message.
 Any other exception that reaches a user is a defect of dicflow.
 """
 
@@ -31,9 +32,15 @@ __all__ = [
 
 
 class DicflowError(Exception):
-    """Root of all errors with a message for users."""
+    """Root of all errors with a message for users: one text, or its three parts, ``where: problem; remedy``."""
 
     exit_code = 1
+
+    def __str__(self) -> str:
+        if len(self.args) != 3:
+            return super().__str__()
+        where, problem, remedy = self.args
+        return f"{where}: {problem}; {remedy}"
 
 
 class ConfigurationError(DicflowError):

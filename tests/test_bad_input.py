@@ -198,10 +198,10 @@ def test_a_region_that_cannot_be_used(run, data, region, code, words):
 @pytest.mark.parametrize(
     ("text", "words"),
     [
-        ("", "region.geojson: expected GeoJSON, but it is not valid JSON"),
+        ("", "region.geojson:1:1: expected a region in GeoJSON, but it is not valid JSON"),
         ("[]", "region.geojson: expected polygons in GeoJSON, found list"),
         ('{"type": "Point", "coordinates": [1, 2]}', "found Point"),
-        ('{"type": "Polygon", "coordinates": [[[1, 2], [3, 4], [1, 2]]]}', "at least three finite points"),
+        ('{"type": "Polygon", "coordinates": [[[1, 2], [3, 4], [1, 2]]]}', "at least three points"),
         ('{"type": "FeatureCollection", "features": []}', "no polygon; draw the region's outline"),
     ],
 )
@@ -217,9 +217,13 @@ def test_a_region_file_without_a_region(run, data, text, words):
     [
         (lambda rows: rows[:-1], 2, f"has {STEPS - 1} rows, but there are {STEPS} steps"),
         (lambda rows: rows + rows[-1:], 2, f"has {STEPS + 1} rows, but there are {STEPS} steps"),
-        (lambda rows: [], 2, "caliper.csv: has no rows; expected a header line 'phase,load_g,length_mm'"),
+        (
+            lambda rows: [],
+            2,
+            "caliper.csv: has no rows, expected a caliper table; write a line of names, phase, load_g, length_mm",
+        ),
         (lambda rows: [row.replace("length_mm", "length") for row in rows], 2, "no column 'length_mm' among phase"),
-        (lambda rows: [row.replace("loading,0.00", "loading,nan") for row in rows], 2, "load_g is 'nan'; expected"),
+        (lambda rows: [row.replace("loading,0.00", "loading,nan") for row in rows], 2, "load_g is 'nan', expected"),
         (lambda rows: [*rows[:-1], "resting,1,2"], 2, "the phase is 'resting'; write loading or unloading"),
         (lambda rows: [*rows[:-1], "loading,1"], 2, "has 2 values for 3 columns"),
     ],
@@ -253,7 +257,7 @@ def test_a_caliper_table_that_does_not_fit(run, data, spoil, code, words):
         ("stages:", "stage:", "unknown key 'stage', did you mean 'stages'?"),
         ("dicflow: 1", "dicflow: 2", "format 1, the file says 2"),
         ("{stage: maps", "!!python/object/apply:os.system {stage: maps", "the tag"),
-        ("title:", "sweep: {grid: {strain.window: 3}}\ntitle:", "sweep: 'grid' maps each parameter to a list"),
+        ("title:", "sweep: {grid: {strain.window: 3}}\ntitle:", "sweep: 'grid' does not map each parameter to a list"),
         ("title:", "sweep: {grid: {strain.degree: [1, x]}}\ntitle:", "quickstart.yaml:4:16: strain.degree: "),
         ("quantities: [eyy]", "quantities: [ezz]", "maps.quantities.0: must be 'U', 'V', 'W', 'exx'"),
         ("quantities: [eyy]", "colour_map: rainbows", "maps.colour_map: must be 'viridis'"),
@@ -307,7 +311,7 @@ def test_yaml_that_is_not_a_pipeline(run, data, text, words):
 
 def test_bytes_that_are_not_text(run, data):
     (data / "quickstart.yaml").write_bytes(b"\xff\xfe\x00")
-    run().refuses(2, "quickstart.yaml: not UTF-8 text; name a pipeline file")
+    run().refuses(2, "quickstart.yaml: is damaged UTF-16 text; save it as plain text in UTF-8")
 
 
 def test_all_problems_are_listed_at_once(run, data):

@@ -1,13 +1,12 @@
 """Caliper tables: the length of the specimen at every step, as measured by hand.
 
 A CSV file with the columns ``phase`` (loading or unloading), ``load_g`` and ``length_mm`` (or ``caliper_length_mm``),
-one row per step in the order of the photographs. Other columns and lines that start with ``#`` are ignored.
+one row per step in the order of the photographs. Other columns and lines that start with ``#`` are ignored; the cells
+may also be separated by semicolons or tabs, with decimal commas (:mod:`dicflow.io.table`).
 """
 
 from __future__ import annotations
 
-import csv
-import math
 from collections.abc import Sequence
 from pathlib import Path
 from typing import NamedTuple
@@ -16,10 +15,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dicflow.errors import InputError
+from dicflow.io.table import Numbers, read_table
+from dicflow.io.text import printable
 
 __all__ = ["Caliper", "read_caliper"]
 
 _LENGTHS = ("length_mm", "caliper_length_mm")
+_MAX_BYTES = 5_000_000
+_MOST_G = 1e9
+_LEAST_MM, _MOST_MM = 1e-6, 1e6
 
 
 class Caliper(NamedTuple):
@@ -40,55 +44,38 @@ def read_caliper(path: Path) -> Caliper:
 
     Raises InputError, with file and line, if it is not a caliper table.
     """
-    numbered = list(enumerate(_text(path).splitlines(), start=1))
-    lines = [(number, line) for number, line in numbered if line.strip() and not line.lstrip().startswith("#")]
-    if len(lines) < 2:
-        raise InputError(f"{path}: has no rows; expected a header line 'phase,load_g,length_mm' and one row per step")
-    records = [(number, next(csv.reader([line], skipinitialspace=True))) for number, line in lines]
-    where, header = records[0]
-    phase, load, length = _columns(f"{path}:{where}", [name.strip() for name in header])
-    for number, row in records[1:]:
-        if len(row) != len(header):
-            raise InputError(f"{path}:{number}: has {len(row)} values for {len(header)} columns; write one for each")
-    return Caliper(
-        tuple(_phase(f"{path}:{number}", row[phase]) for number, row in records[1:]),
-        np.array([_number(f"{path}:{number}", "load_g", row[load], 0.0) for number, row in records[1:]]),
-        np.array([_number(f"{path}:{number}", header[length], row[length], 1e-6) for number, row in records[1:]]),
-    )
+    numbers = Numbers()
+    table = read_table(Path(path), "a caliper table", "phase, load_g, length_mm", _MAX_BYTES)
+    phase, load, length = _columns(table.where, table.names)
+    rows = [
+        (
+            _phase(where, cells[phase]),
+            numbers.read(where, "load_g", cells[load], 0.0, _MOST_G),
+            numbers.read(where, table.names[length], cells[length], _LEAST_MM, _MOST_MM),
+        )
+        for where, cells in table.rows
+    ]
+    numbers.settle()
+    if not rows:
+        raise InputError(table.where, "has no rows below the names", "write one row per step")
+    phases, loads, lengths = zip(*rows, strict=True)
+    return Caliper(phases, np.array(loads), np.array(lengths))
 
 
-def _text(path: Path) -> str:
-    try:
-        return Path(path).read_text(encoding="utf-8-sig")
-    except (OSError, UnicodeDecodeError) as error:
-        raise InputError(f"{path}: cannot be read as a caliper table ({error}); give a CSV file in UTF-8") from error
-
-
-def _columns(where: str, header: Sequence[str]) -> tuple[int, int, int]:
+def _columns(where: str, names: Sequence[str]) -> tuple[int, int, int]:
     """Places of phase, load and length."""
-    needed = ("phase", "load_g", next((name for name in _LENGTHS if name in header), _LENGTHS[0]))
+    needed = ("phase", "load_g", next((name for name in _LENGTHS if name in names), _LENGTHS[0]))
     for name in needed:
-        if name not in header:
-            raise InputError(
-                f"{where}: no column '{name}' among {', '.join(header)}; the table needs {', '.join(needed)}"
-            )
-    phase, load, length = (header.index(name) for name in needed)
+        if names.count(name) != 1:
+            amount = "two columns" if name in names else "no column"
+            problem = f"{amount} '{name}' among {printable(', '.join(names), 300)}"
+            raise InputError(where, problem, f"name the columns {', '.join(needed)}, each once")
+    phase, load, length = (names.index(name) for name in needed)
     return phase, load, length
 
 
-def _phase(where: str, text: str) -> str:
-    word = text.strip().lower()
+def _phase(where: str, cell: str) -> str:
+    word = cell.strip().lower()
     if word not in ("loading", "unloading"):
-        raise InputError(f"{where}: the phase is '{text}'; write loading or unloading")
+        raise InputError(where, f"the phase is '{printable(cell)}'", "write loading or unloading")
     return word
-
-
-def _number(where: str, column: str, text: str, least: float) -> float:
-    try:
-        value = float(text)
-    except ValueError:
-        value = math.nan
-    if not (math.isfinite(value) and value >= least):
-        kind = "a positive number" if least > 0.0 else "0 or a positive number"
-        raise InputError(f"{where}: {column} is '{text.strip()}'; expected {kind}")
-    return value

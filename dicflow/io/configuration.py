@@ -5,21 +5,22 @@ from __future__ import annotations
 import re
 from collections.abc import Iterator, Mapping
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, NoReturn
 
 import yaml
 
-from dicflow.errors import ConfigurationError
+from dicflow.errors import ConfigurationError, InputError
+from dicflow.io.text import printable, read_text
+from dicflow.io.yaml_text import MAX_DEPTH, MAX_NODES, TOO_DEEP, compose, position
 
 __all__ = ["Document", "Place", "parse", "parse_value", "read"]
 
 Place = tuple[str | int, ...]
 """Keys and indices that lead from the top of a document to a value."""
 
-_MAX_NODES = 100_000
-_MAX_DEPTH = 50
+_MAX_BYTES = 2_000_000
 _MAX_DIGITS = 100
-_TOO_DEEP = f"more than {_MAX_DEPTH} lists or mappings inside each other; remove some"
+_LARGEST = 2**63
 _QUOTED = ("'", '"', "|", ">")
 _SCALARS: tuple[tuple[re.Pattern[str], Any], ...] = (
     (re.compile(r"~|null|Null|NULL|"), lambda text: None),
@@ -59,16 +60,17 @@ class Document(NamedTuple):
 
     def holds(self, place: Place) -> bool:
         """Whether a value comes from the file, the command line or a sweep."""
-        return place in self.positions or place in self.given
+        if place in self.given:
+            return True
+        return place in self.positions and not any(place[:length] in self.given for length in range(1, len(place)))
 
 
 def read(path: Path) -> Document:
     """Parse a pipeline file. Raises ConfigurationError with the place if it is missing or not YAML."""
     try:
-        text = path.read_text(encoding="utf-8")
-    except (OSError, UnicodeDecodeError) as error:
-        reason = error.strerror if isinstance(error, OSError) else "not UTF-8 text"
-        raise ConfigurationError(f"{path}: {reason}; name a pipeline file, or make one with 'dicflow init'") from error
+        text = read_text(path, "a pipeline file", _MAX_BYTES)
+    except InputError as error:
+        raise ConfigurationError(*error.args) from error
     return parse(text, str(path))
 
 
@@ -78,17 +80,10 @@ def parse(text: str, source: str) -> Document:
     Plain scalars follow YAML 1.2's core schema (``1e-3`` is a number, ``on`` is text); duplicate keys and tags
     are refused, so no text can construct an object.
     """
-    try:
-        _refuse_deep(text, source)
-        root = yaml.compose(text, Loader=yaml.CSafeLoader)
-    except yaml.MarkedYAMLError as error:
-        mark = error.problem_mark or error.context_mark
-        place = f":{mark.line + 1}:{mark.column + 1}" if mark else ""
-        raise ConfigurationError(f"{source}{place}: not valid YAML: {error.problem}") from error
-    except yaml.YAMLError as error:
-        raise ConfigurationError(f"{source}: not valid YAML: {error}") from error
+    root = compose(text, source, ConfigurationError)
     if not isinstance(root, yaml.MappingNode):
-        raise ConfigurationError(f"{source}:1:1: expected a mapping with 'stages:' at the top, found {_kind(root)}")
+        problem = f"expected a mapping with 'stages:' at the top, found {_kind(root)}"
+        raise ConfigurationError(f"{source}:1:1", problem, "write a pipeline file, or make one with 'dicflow init'")
     reader = _Reader(source)
     return Document(source, reader.value(root, ()), reader.positions)
 
@@ -123,10 +118,11 @@ class _Reader:
         seen: dict[str, int] = {}
         for key_node, item in node.value:
             if not isinstance(key_node, yaml.ScalarNode):
-                self._fail(key_node, "a key must be a word")
+                self._fail(key_node, "a key must be a word", "write 'name: value'")
             key = key_node.value
             if key in seen:
-                self._fail(key_node, f"key '{key}' is given twice, first in line {seen[key]}; keep one")
+                problem = f"key '{printable(key)}' is given twice, first in line {seen[key]}"
+                self._fail(key_node, problem, "keep one")
             seen[key] = key_node.start_mark.line + 1
             self.positions[(*place, key)] = self._position(key_node)
             yield key, item
@@ -137,36 +133,26 @@ class _Reader:
         for pattern, convert in _SCALARS:
             if pattern.fullmatch(node.value):
                 if len(node.value) > _MAX_DIGITS:
-                    self._fail(node, f"a number of {len(node.value)} digits; write {_MAX_DIGITS} at most")
-                return convert(node.value)
+                    self._fail(node, f"a number of {len(node.value)} digits", f"write {_MAX_DIGITS} at most")
+                value = convert(node.value)
+                if isinstance(value, int) and abs(value) > _LARGEST:
+                    self._fail(node, f"a whole number beyond {_LARGEST:.0e}", "write a smaller one")
+                return value
         return node.value
 
     def _guard(self, node: yaml.Node, place: Place) -> None:
         if id(node) in self._open:
-            self._fail(node, "an alias refers to a value that contains it")
-        if len(place) > _MAX_DEPTH:
-            self._fail(node, _TOO_DEEP)
-        if len(self.positions) > _MAX_NODES:
-            self._fail(node, f"more than {_MAX_NODES} values; aliases may have multiplied them")
-        if not node.tag.startswith("tag:yaml.org,2002:") or node.tag.startswith("tag:yaml.org,2002:python"):
-            self._fail(node, f"the tag {node.tag} is not allowed; write plain values")
+            self._fail(node, "an alias refers to a value that contains it", "write the value out")
+        if len(place) > MAX_DEPTH:
+            self._fail(node, TOO_DEEP, "remove some")
+        if len(self.positions) > MAX_NODES:
+            self._fail(node, f"more than {MAX_NODES:,} values, aliases may have multiplied them", "write fewer")
 
     def _position(self, node: yaml.Node) -> tuple[int, int]:
         return node.start_mark.line + 1, node.start_mark.column + 1
 
-    def _fail(self, node: yaml.Node, message: str) -> None:
-        line, column = self._position(node)
-        raise ConfigurationError(f"{self.source}:{line}:{column}: {message}")
-
-
-def _refuse_deep(text: str, source: str) -> None:
-    """Refuse text that is nested too deeply, before it is composed: each level takes stack."""
-    depth = 0
-    for event in yaml.parse(text, Loader=yaml.CSafeLoader):
-        depth += isinstance(event, yaml.CollectionStartEvent) - isinstance(event, yaml.CollectionEndEvent)
-        if depth > _MAX_DEPTH:
-            place = f":{mark.line + 1}:{mark.column + 1}" if (mark := event.start_mark) else ""
-            raise ConfigurationError(f"{source}{place}: {_TOO_DEEP}")
+    def _fail(self, node: yaml.Node, problem: str, remedy: str) -> NoReturn:
+        raise ConfigurationError(position(self.source, node), problem, remedy)
 
 
 def _kind(node: yaml.Node | None) -> str:

@@ -12,8 +12,22 @@ import numpy.typing as npt
 
 from dicflow.core.photographs.region import Polygon
 from dicflow.errors import InputError
+from dicflow.io.json_text import read_json
+from dicflow.io.text import printable
 
 __all__ = ["is_geojson", "read_geojson", "read_mask", "write_geojson"]
+
+_MAX_BYTES = 10_000_000
+_MAX_CORNERS = 100_000
+_FARTHEST_PX = 1e6
+_INSIDE = {
+    "FeatureCollection": "features",
+    "Feature": "geometry",
+    "GeometryCollection": "geometries",
+    "MultiPolygon": "coordinates",
+    "Polygon": "coordinates",
+}
+_REDRAW = "draw the region as a polygon and export it again"
 
 
 def is_geojson(path: Path) -> bool:
@@ -27,15 +41,15 @@ def read_geojson(path: Path) -> list[Polygon]:
     Any nesting of FeatureCollection, Feature, GeometryCollection, MultiPolygon and Polygon; nothing else.
     Raises InputError that names the file if it cannot be read or has no polygon.
     """
-    try:
-        polygons = [_polygon(path, rings) for rings in _polygons(path, json.loads(path.read_text(encoding="utf-8")))]
-    except OSError as error:
-        raise InputError(f"{path}: expected a region in GeoJSON, but it cannot be read ({error.strerror})") from error
-    except ValueError as error:
-        raise InputError(f"{path}: expected GeoJSON, but it is not valid JSON ({error}); export it again") from error
-    if not polygons:
-        raise InputError(f"{path}: has no polygon; draw the region's outline and export it again")
-    return polygons
+    found = list(_polygons(path, read_json(path, "a region in GeoJSON", _MAX_BYTES)))
+    corners = sum(len(ring) for rings in found if isinstance(rings, list) for ring in rings if isinstance(ring, list))
+    if corners > _MAX_CORNERS:
+        raise InputError(
+            str(path), f"has {corners:,} corners, at most {_MAX_CORNERS:,} are read", "simplify the outline"
+        )
+    if not found:
+        raise InputError(str(path), "has no polygon", "draw the region's outline and export it again")
+    return [_polygon(path, rings) for rings in found]
 
 
 def write_geojson(path: Path, polygons: Sequence[Polygon]) -> None:
@@ -55,40 +69,55 @@ def read_mask(path: Path) -> npt.NDArray[np.bool_]:
     if counts is not None:
         grey = np.where(counts, grey, 0)
     if not grey.any():
-        raise InputError(f"{path}: the mask is black everywhere; paint the region of interest white")
+        raise InputError(str(path), "the mask is black everywhere", "paint the region of interest white")
     return grey > int(grey.max()) // 2
 
 
-def _polygons(path: Path, value: Any) -> Iterator[Any]:
-    """Coordinates of every polygon inside a GeoJSON object."""
-    kind = value.get("type") if isinstance(value, dict) else None
-    inside = {"FeatureCollection": "features", "GeometryCollection": "geometries", "MultiPolygon": "coordinates"}
-    if kind == "Polygon":
-        yield value.get("coordinates")
-    elif kind == "Feature":
-        yield from _polygons(path, value.get("geometry"))
-    elif kind in inside and isinstance(value.get(inside[kind]), list):
-        for part in value[inside[kind]]:
-            yield from [part] if kind == "MultiPolygon" else _polygons(path, part)
-    else:
-        raise InputError(f"{path}: expected polygons in GeoJSON, found {kind or type(value).__name__}")
+def _polygons(path: Path, whole: Any) -> Iterator[Any]:
+    """Coordinates of every polygon inside a GeoJSON object, in the order of the file."""
+    waiting = [whole]
+    while waiting:
+        value = waiting.pop()
+        kind = str(value.get("type")) if isinstance(value, dict) else type(value).__name__
+        inside = value.get(_INSIDE[kind]) if kind in _INSIDE else None
+        if kind == "Polygon":
+            yield inside
+        elif kind == "Feature":
+            waiting.append(inside)
+        elif not isinstance(inside, list):
+            raise InputError(str(path), f"expected polygons in GeoJSON, found {printable(kind)}", _REDRAW)
+        elif kind == "MultiPolygon":
+            yield from inside
+        else:
+            waiting += reversed(inside)
 
 
 def _polygon(path: Path, rings: Any) -> Polygon:
     """A polygon from its rings, each closed or not."""
     if not isinstance(rings, list) or not rings:
-        raise InputError(f"{path}: a polygon has no coordinates; expected a list of rings")
+        raise InputError(str(path), "a polygon has no coordinates, expected a list of rings", _REDRAW)
     exterior, *holes = (_ring(path, ring) for ring in rings)
     return Polygon(exterior, tuple(holes))
 
 
 def _ring(path: Path, ring: Any) -> npt.NDArray[np.float64]:
     try:
-        points = np.array([[float(x), float(y)] for x, y, *_ in ring]).reshape(-1, 2)
+        points = np.array([_corner(*point) for point in ring]).reshape(-1, 2)
     except (TypeError, ValueError):
-        points = np.full((0, 2), np.nan)
+        points = np.zeros((0, 2))
     if len(points) > 1 and (points[0] == points[-1]).all():
         points = points[:-1]
-    if len(points) < 3 or not np.isfinite(points).all():
-        raise InputError(f"{path}: a ring of a polygon must be at least three finite points [x, y], found {ring!r:.60}")
+    if len(points) < 3:
+        problem = f"a ring of a polygon must be at least three points [x, y], found {printable(ring)}"
+        raise InputError(str(path), problem, _REDRAW)
+    if np.abs(points).max() > _FARTHEST_PX:
+        problem = f"a corner lies at {np.abs(points).max():g} px, expected {_FARTHEST_PX:,.0f} px at most"
+        raise InputError(str(path), problem, "give the region in pixels of the left photograph")
     return points
+
+
+def _corner(x: Any, y: Any, *_: Any) -> tuple[float, float]:
+    """A corner [px]. Raises TypeError if its coordinates are not numbers."""
+    if not (isinstance(x, int | float) and isinstance(y, int | float)):
+        raise TypeError
+    return float(x), float(y)

@@ -12,12 +12,14 @@ import numpy as np
 from dicflow.core.cameras.camera import Rig
 from dicflow.core.cameras.rig_parameters import PARAMETERS
 from dicflow.errors import InputError
+from dicflow.io.json_text import read_json
 from dicflow.kinds.rig import rig_from_json, rig_to_json
 
 __all__ = ["read_covariance", "read_rig", "rig_text", "write_rig"]
 
 _T = TypeVar("_T")
 
+_MAX_BYTES = 1_000_000
 _ROUNDING = 1e-6
 """Greatest departure of a correlation matrix from a symmetric one without negative eigenvalues."""
 
@@ -38,7 +40,7 @@ def rig_text(rig: Rig, covariance: Any = None) -> str:
 
 def read_rig(path: Path) -> Rig:
     """Read what :func:`write_rig` wrote. Raises InputError if the file does not hold a rig."""
-    return _read(path, rig_from_json)
+    return _read(path, rig_from_json, "export the rig again")
 
 
 def read_covariance(path: Path) -> np.ndarray | None:
@@ -46,27 +48,23 @@ def read_covariance(path: Path) -> np.ndarray | None:
 
     Raises InputError if it has another size, not symmetric, or not positive semidefinite.
     """
-    return _read(path, _covariance_from_dict)
+    return _read(path, _covariance_or_none, "export the rig again, or leave its covariance out")
 
 
-def _read(path: Path, convert: Callable[[Mapping[str, Any]], _T]) -> _T:
+def _read(path: Path, convert: Callable[[Mapping[str, Any]], _T], remedy: str) -> _T:
+    values = read_json(path, "a rig", _MAX_BYTES)
     try:
-        return convert(json.loads(path.read_text(encoding="utf-8")))
-    except OSError as error:
-        raise InputError(f"{path}: expected a rig, but the file cannot be read ({error.strerror}).") from error
+        if not isinstance(values, dict):
+            raise ValueError(f"found {type(values).__name__}")
+        return convert(values)
     except KeyError as error:
-        raise InputError(f"{path}: expected a rig, but the entry {error} is missing; write it with dicflow.") from error
-    except (ValueError, TypeError) as error:
-        raise InputError(f"{path}: expected a rig as dicflow writes it, but {error}.") from error
+        raise InputError(str(path), f"expected a rig, but the entry {error} is missing", remedy) from error
+    except (ValueError, TypeError, OverflowError) as error:
+        raise InputError(str(path), f"expected a rig as dicflow writes it, but {error}", remedy) from error
 
 
-def _covariance_from_dict(values: Mapping[str, Any]) -> np.ndarray | None:
-    if "covariance" not in values:
-        return None
-    try:
-        return _covariance(values["covariance"])
-    except (ValueError, TypeError) as error:
-        raise ValueError(f"{error}; export the rig again, or leave its covariance out") from error
+def _covariance_or_none(values: Mapping[str, Any]) -> np.ndarray | None:
+    return _covariance(values["covariance"]) if "covariance" in values else None
 
 
 def _covariance(values: Any) -> np.ndarray:
@@ -76,7 +74,10 @@ def _covariance(values: Any) -> np.ndarray:
     if (variances < 0.0).any():
         raise ValueError("covariance has negative variances")
     units = np.sqrt(np.where(variances > 0.0, variances, 1.0))
-    correlation = found / np.outer(units, units)
+    with np.errstate(all="ignore"):
+        correlation = found / np.outer(units, units)
+    if not np.isfinite(correlation).all():
+        raise ValueError("covariance has numbers without bounds")
     if np.abs(correlation - correlation.T).max() > _ROUNDING:
         raise ValueError("covariance is not symmetric")
     if np.linalg.eigvalsh(correlation)[0] < -_ROUNDING:

@@ -2,18 +2,22 @@
 
 from __future__ import annotations
 
-import copy
 import itertools
+import math
 from collections.abc import Mapping, Sequence
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, NoReturn
 
 from dicflow.discovery import nearest
 from dicflow.errors import ConfigurationError
 from dicflow.io.configuration import Document, Place, parse_value
+from dicflow.io.text import printable
 
 __all__ = ["Variant", "variants", "with_settings", "with_values"]
 
 _KEYS = ("grid", "zip", "list", "exclude")
+_MAX_VARIANTS = 1_000
+_MAX_PARAMETERS = 100
+_MAX_DEPTH = 10
 
 
 class Variant(NamedTuple):
@@ -43,7 +47,7 @@ def variants(document: Document) -> list[Variant]:
     _refuse_unknown(document, sweep.get("exclude", []), rows)
     kept = [row for row in rows if not any(_holds(row, entry) for entry in sweep.get("exclude", []))]
     if not kept:
-        raise ConfigurationError(f"{document.where(('sweep',))}: the sweep has no variant left; take out an exclude")
+        raise ConfigurationError(document.where(("sweep",)), "the sweep has no variant left", "take out an exclude")
     return [Variant(dict(row), with_values(document, row)) for row in kept]
 
 
@@ -53,21 +57,21 @@ def with_values(document: Document, values: Mapping[str, Any], given_by: str = "
     given_by : origin of the values in messages; default the place of each in the sweep
     Raises ConfigurationError if the stage does not exist.
     """
-    data, positions, given = copy.deepcopy(document.data), dict(document.positions), dict(document.given)
+    given = dict(document.given)
+    stages = document.data.get("stages")
+    stages = dict(stages) if isinstance(stages, dict) else {}
     for dotted, value in values.items():
         where = given_by or _sweep_place(document, dotted)
         stage, *path = dotted.split(".")
-        stages = data["stages"] if isinstance(data.get("stages"), dict) else {}
-        if not isinstance(stages.get(stage), dict) or not path:
+        if not isinstance(stages.get(stage), dict) or not 0 < len(path) <= _MAX_DEPTH:
             raise ConfigurationError(
-                f"{where}: '{dotted}': no stage '{stage}'{nearest(stage, stages)}; write stage.parameter, "
-                f"the stages are {', '.join(stages)}"
+                where,
+                f"'{printable(dotted)}': no stage '{printable(stage)}'{nearest(stage, stages)}",
+                f"write stage.parameter, the stages are {printable(', '.join(stages), 300)}",
             )
-        _put(stages[stage], path, value)
-        place = ("stages", stage, *path)
-        positions = {other: position for other, position in positions.items() if other[: len(place)] != place}
-        given[place] = where
-    return document._replace(data=data, positions=positions, given=given)
+        stages[stage] = _with(stages[stage], path, value)
+        given[("stages", stage, *path)] = where
+    return document._replace(data={**document.data, "stages": stages}, given=given)
 
 
 def with_settings(document: Document, settings: Sequence[str]) -> Document:
@@ -80,14 +84,16 @@ def with_settings(document: Document, settings: Sequence[str]) -> Document:
     for setting in settings:
         dotted, sign, text = setting.partition("=")
         if not sign or "." not in dotted:
-            raise ConfigurationError(f"--set {setting}: write stage.parameter=value, or =v1,v2,v3 to sweep over values")
+            raise ConfigurationError(
+                f"--set {printable(setting)}", "not a setting", "write stage.parameter=value, or =v1,v2,v3 to sweep"
+            )
         values = _values(setting, text)
         sweep = _without(_checked(document), dotted, values)
         if len(values) == 1:
-            document = with_values(document, {dotted: values[0]}, f"--set {setting}")
+            document = with_values(document, {dotted: values[0]}, f"--set {printable(setting)}")
         else:
             sweep["grid"] = {**sweep.get("grid", {}), dotted: values}
-            given = {**document.given, ("sweep", "grid", dotted): f"--set {setting}"}
+            given = {**document.given, ("sweep", "grid", dotted): f"--set {printable(setting)}"}
             document = document._replace(given=given)
         rest = {key: part for key, part in document.data.items() if key != "sweep"}
         varies = any(sweep.get(key) for key in ("grid", "zip", "list"))
@@ -133,22 +139,22 @@ def _sweep_place(document: Document, dotted: str) -> str:
 
 def _values(setting: str, text: str) -> list[Any]:
     """The values of a setting. Raises ConfigurationError if it has none, or is cut short."""
+    where = f"--set {printable(setting)}"
     try:
         values = parse_value(f"[{text}]")
     except ConfigurationError as error:
-        reason = str(error).partition(": ")[2]
-        raise ConfigurationError(f"--set {setting}: {reason}; close every bracket and quote") from error
+        raise ConfigurationError(where, str(error.args[1]), f"{error.args[2]}, and close every bracket") from error
     if not isinstance(values, list) or not values:
-        raise ConfigurationError(f"--set {setting}: has no value; write stage.parameter=value, null for none")
+        raise ConfigurationError(where, "has no value", "write stage.parameter=value, null for none")
     return values
 
 
-def _put(entry: dict[str, Any], path: Sequence[str], value: Any) -> None:
-    for key in path[:-1]:
-        inner = entry.get(key)
-        entry[key] = inner if isinstance(inner, dict) else {}
-        entry = entry[key]
-    entry[path[-1]] = value
+def _with(entry: Any, path: Sequence[str], value: Any) -> Any:
+    """A mapping with another value at a path, which is made where it is missing; the mapping itself stays."""
+    if not path:
+        return value
+    own = entry if isinstance(entry, dict) else {}
+    return {**own, path[0]: _with(own.get(path[0]), path[1:], value)}
 
 
 def _products(sweep: Mapping[str, Any]) -> list[dict[str, Any]]:
@@ -176,28 +182,46 @@ def _refuse_unknown(
         for key in entry:
             if key not in varied:
                 raise ConfigurationError(
-                    f"{document.where(('sweep', 'exclude', index, key))}: sweep: exclude names '{key}', which the "
-                    f"sweep does not vary{nearest(key, varied)}; it varies {', '.join(varied)}"
+                    document.where(("sweep", "exclude", index, key)),
+                    f"sweep: exclude names '{printable(key)}', which the sweep does not vary{nearest(key, varied)}",
+                    f"use one of {printable(', '.join(varied), 300)}",
                 )
 
 
 def _check(document: Document, sweep: Any) -> None:
-    def fail(place: tuple[str | int, ...], message: str) -> None:
-        raise ConfigurationError(f"{document.where(('sweep', *place))}: sweep: {message}")
-
+    """Refuse what is not a sweep, and one of too many variants, which are counted before they are made."""
     if not isinstance(sweep, dict) or not sweep:
-        fail((), f"expected a mapping with {', '.join(_KEYS)}")
+        _fail(document, (), "not a mapping", f"write one with {', '.join(_KEYS)}")
     for key, part in sweep.items():
         if key not in _KEYS:
-            fail((key,), f"unknown key '{key}'{nearest(key, _KEYS)}; keys: {', '.join(_KEYS)}")
+            problem = f"unknown key '{printable(key)}'{nearest(key, _KEYS)}"
+            _fail(document, (key,), problem, f"use {', '.join(_KEYS)}")
         if key in ("list", "exclude"):
             if not isinstance(part, list) or not all(isinstance(row, dict) and row for row in part):
-                fail((key,), f"'{key}' is a list of mappings, parameter: value")
+                _fail(document, (key,), f"'{key}' is not a list of mappings", "write '- stage.parameter: value'")
         elif not isinstance(part, dict) or not all(isinstance(values, list) and values for values in part.values()):
-            fail((key,), f"'{key}' maps each parameter to a list of values")
-    lengths = {len(values) for values in sweep.get("zip", {}).values()}
+            problem = f"'{key}' does not map each parameter to a list of values"
+            _fail(document, (key,), problem, "write 'stage.parameter: [1, 2]'")
+    grid, columns = sweep.get("grid", {}), sweep.get("zip", {})
+    if twice := sorted(set(grid) & set(columns)):
+        _fail(document, ("zip",), f"'{printable(twice[0])}' is under grid and zip", "keep one")
+    lengths = {len(values) for values in columns.values()}
     if len(lengths) > 1:
-        fail(("zip",), f"the lists under 'zip' must have one length, found {sorted(lengths)}")
-    twice = set(sweep.get("grid", {})) & set(sweep.get("zip", {}))
-    if twice:
-        fail(("zip",), f"'{twice.pop()}' is under grid and zip; keep one")
+        _fail(document, ("zip",), f"the lists under 'zip' have the lengths {sorted(lengths)}", "make them equal")
+    _check_counts(document, sweep, math.prod([*map(len, grid.values()), *lengths]) if grid or columns else 0)
+
+
+def _check_counts(document: Document, sweep: Mapping[str, Any], combined: int) -> None:
+    """combined : number of variants that grid and zip make"""
+    parameters = len(sweep.get("grid", {})) + len(sweep.get("zip", {}))
+    if parameters > _MAX_PARAMETERS:
+        _fail(document, (), f"varies {parameters} parameters, at most {_MAX_PARAMETERS} are possible", "vary fewer")
+    rows = {"list": len(sweep.get("list", ())), "exclude": len(sweep.get("exclude", ()))}
+    count = max(combined + rows["list"], rows["exclude"])
+    if count > _MAX_VARIANTS:
+        problem = f"{count:.10g} variants, at most {_MAX_VARIANTS:,} are possible"
+        _fail(document, (), problem, "shorten the lists, or vary parameters together with 'zip'")
+
+
+def _fail(document: Document, place: Place, problem: str, remedy: str) -> NoReturn:
+    raise ConfigurationError(document.where(("sweep", *place)), f"sweep: {problem}", remedy)

@@ -22,6 +22,8 @@ FORMAT = 1
 
 _TOP = ("dicflow", "title", "stages", "sweep")
 _NAME = re.compile(r"[A-Za-z][A-Za-z0-9_]*")
+_MAX_STAGES = 200
+_MAX_NAME = 100
 
 
 class Wired(NamedTuple):

@@ -130,7 +130,7 @@ def test_matchid_in_other_units(tmp_path):
         ("Cam0_Kappa 3 ;0.317", "Cam0_Kappa 4 ;0.317", (":6", "kappa4 = 0.317", "k1, k2, k3")),
         ("Cam1_", "Camera_", ("1 camera(s)", "pair")),
         ("Cam0_Fx [pixels];2898.5512345", "Cam0_Fx [pixels];-5", ("left camera", "-5", "positive")),
-        ("Cam0_Fx [pixels];2898.5512345", "Cam0_Fx [pixels];1e999", (":1", "finite number")),
+        ("Cam0_Fx [pixels];2898.5512345", "Cam0_Fx [pixels];1e999", (":1", "1e999", "1,000,000,000")),
     ],
 )
 def test_what_is_wrong_with_a_matchid_file(tmp_path, old, new, words):
@@ -227,8 +227,8 @@ def test_plain_lists_and_other_numberings(tmp_path, first, second):
         ("T: !!opencv-matrix", "E: !!opencv-matrix", ("R and T", "one file")),
         ("[ 1440, 1080 ]", "[ 1440, 0 ]", ("left camera", "size of the photographs is 1440 × 0 px")),
         ("---", "---\ncamera_model: fisheye", ("cameramodel is fisheye",)),
-        ("---", "---\na: &a [1]\nb: *a", (":4", "damaged YAML")),
-        ("R: !!opencv-matrix", "R: !!python/object:os.system", ("damaged YAML",)),
+        ("---", "---\na: &a [1]\nb: *a", (":4:4", "alias")),
+        ("R: !!opencv-matrix", "R: !!python/object:os.system", ("os.system is not allowed",)),
         ("[ 0.9658", "[ 1.9658", ("R = [[1.96", "not a rotation")),
         ("T: !!opencv-matrix", "T: [0, 0, 0]\nold: !!opencv-matrix", ("expected the right camera at a distance",)),
     ],
@@ -311,7 +311,7 @@ def test_archives_that_are_no_project(tmp_path):
     refused(path, "archive is damaged")
     path.write_bytes(zipped({"project.xml": b" " * 50_000_001}))
     assert path.stat().st_size < 100_000
-    refused(path, "unpacks to more than 50,000,000 bytes")
+    refused(path, "unpacks to more than 5,000,000 bytes")
     encrypted = bytearray(whole)
     encrypted[6] |= 1
     encrypted[whole.rindex(b"PK\x01\x02") + 8] |= 1
@@ -382,7 +382,7 @@ def test_what_is_wrong_with_a_matlab_file(tmp_path):
     savemat(path, {"CameraParameters1": {"K": np.array([["a", 2.0]], dtype=object)}, "CameraParameters2": {}})
     refused(path, "CameraParameters1: K is not a plain array")
     savemat(path, {"CameraParameters1": 1.0, "CameraParameters2": 2.0})
-    refused(path, "CameraParameters1 is an object", "in MATLAB run")
+    refused(path, "CameraParameters1: is an object", "in MATLAB run")
     matlab(path, truth, RotationOfCamera2=np.eye(2))
     refused(path, "RotationOfCamera2 is 2 × 2, expected 3 × 3")
     matlab(path, truth, TranslationOfCamera2=np.array(["a", "b"]))
@@ -436,7 +436,7 @@ def test_files_that_cannot_be_read(tmp_path):
     refused(tmp_path / "none.yaml", "cannot be read (no such file")
     with (tmp_path / "huge").open("wb") as file:
         file.truncate(50_000_001)
-    refused(tmp_path / "huge", "larger than any calibration")
+    refused(tmp_path / "huge", "50,000,001 bytes")
 
 
 @pytest.mark.parametrize("name", FILES)

@@ -34,10 +34,10 @@ def test_comments_blank_lines_a_mark_and_other_columns(tmp_path):
         ("phase,load_g,length_mm\nloading,0,1\nloading,1\n", r"lengths\.csv:3: has 2 values for 3 columns"),
         (
             "phase,load_g,length_mm\nloading,0,59;9\n",
-            r"lengths\.csv:2: length_mm is '59;9'; expected a positive number",
+            r"lengths\.csv:2: length_mm is '59;9', expected a number",
         ),
         ("phase,load_g,length_mm\nloading,0,0\n", r"lengths\.csv:2: length_mm is '0'"),
-        ("phase,load_g,length_mm\nloading,-1,5\n", r"lengths\.csv:2: load_g is '-1'; expected 0 or"),
+        ("phase,load_g,length_mm\nloading,-1,5\n", r"lengths\.csv:2: load_g is '-1', expected a number from 0"),
         ("phase,load_g,length_mm\nloading,nan,5\n", r"lengths\.csv:2: load_g is 'nan'"),
         (
             "phase,load_g,length_mm\nresting,0,5\n",
@@ -54,6 +54,6 @@ def test_a_missing_or_binary_file_is_named(tmp_path):
     with pytest.raises(InputError, match="cannot be read"):
         read_caliper(tmp_path / "absent.csv")
     path = tmp_path / "picture.csv"
-    path.write_bytes(b"\xff\xd8\xff\xe0")
-    with pytest.raises(InputError, match=r"picture\.csv: cannot be read"):
+    path.write_bytes(b"\xff\xd8\xff\xe0\x00\x10JFIF\x00")
+    with pytest.raises(InputError, match=r"picture\.csv:1:5: holds the control character U\+0000"):
         read_caliper(path)

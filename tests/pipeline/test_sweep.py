@@ -78,15 +78,15 @@ def test_values_on_the_command_line_override_those_of_the_sweep(part):
     [
         ("sweep: {gird: {}}", r"p.yaml:4:9: sweep: unknown key 'gird', did you mean 'grid'\?"),
         ("sweep: {grid: {a.p: 3}}", "p.yaml:4:9: sweep: 'grid' "),
-        ("sweep: {zip: {a.p: [1], b.r: [1, 2]}}", "one length"),
+        ("sweep: {zip: {a.p: [1], b.r: [1, 2]}}", r"lengths \[1, 2\]"),
         ("sweep: {grid: {a.p: [1]}, zip: {a.p: [2]}}", "under grid and zip"),
         ("sweep: {grid: {c.p: [1]}}", "no stage 'c'"),
         ("sweep: {grid: {a.p: [1]}, exclude: [{a.p: 1}]}", "no variant left"),
         (
             "sweep: {grid: {a.p: [1]}, exclude: [{a.q: 1}]}",
-            r"p.yaml:4:38: sweep: exclude names 'a.q', .* did you mean 'a.p'\?; it varies a.p",
+            r"p.yaml:4:38: sweep: exclude names 'a.q', .* did you mean 'a.p'\?; use one of a.p",
         ),
-        ("sweep: 3", "expected a mapping"),
+        ("sweep: 3", "not a mapping"),
     ],
 )
 def test_a_wrong_sweep(sweep, message):

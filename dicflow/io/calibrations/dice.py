@@ -27,6 +27,7 @@ from dicflow.io.calibrations.draft import (
     unpublished_law,
 )
 from dicflow.io.calibrations.xml import parse_xml
+from dicflow.io.text import printable
 
 __all__ = ["PROGRAM", "parse", "recognises"]
 
@@ -68,11 +69,12 @@ def parse(source: Source) -> Draft:
     entries = _entries(root)
     system = entries.get("system_type_3D", "")
     if system.upper() not in _SYSTEMS:
-        raise InputError(f"{path}: system_type_3D is '{system}'; expected one of {', '.join(_SYSTEMS)}")
+        problem = f"system_type_3D is '{printable(system)}', expected one of {', '.join(_SYSTEMS)}"
+        raise InputError(str(path), problem, "export the calibration as one of them")
     lists = {element.get("name", ""): element for element in root.findall("ParameterList")}
     needed(path, PROGRAM, lists, ("CAMERA 0", "CAMERA 1"))
     if "CAMERA 2" in lists:
-        raise InputError(f"{path}: holds more than two cameras; export the calibration of one pair")
+        raise InputError(str(path), "holds more than two cameras", "export the calibration of one pair")
     left, right = (_sublist(f"{path}: {name}", lists[name]) for name in ("CAMERA 0", "CAMERA 1"))
     rotation, translation = _between(path, entries, _pose(left), _pose(right))
     drafts = _camera(left), _camera(right)
@@ -106,10 +108,9 @@ def _between(
     if relative_to_camera_0 == "false":
         return relative(first, second)
     if relative_to_camera_0 == "true":
-        raise InputError(f"{path}: the pose of CAMERA 1 is relative to CAMERA 0, which has one too; remove one")
-    raise InputError(
-        f"{path}: does not give the frame of the poses; write extrinsics_relative_camera_to_camera, true or false"
-    )
+        raise InputError(str(path), "the pose of CAMERA 1 is relative to CAMERA 0, which has one too", "remove one")
+    remedy = "write extrinsics_relative_camera_to_camera, true or false"
+    raise InputError(str(path), "does not give the frame of the poses", remedy)
 
 
 def _pose(one: _Camera) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
@@ -119,10 +120,11 @@ def _pose(one: _Camera) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         return by_angles, place
     rows = [_vector(one.where, "rotation_3x3_matrix", row) for row in one.rows]
     if [len(row) for row in rows] != [3, 3, 3]:
-        raise InputError(f"{one.where}: rotation_3x3_matrix has {rows}; expected three rows of three numbers")
+        problem = f"rotation_3x3_matrix has {printable(rows)}, expected three rows of three numbers"
+        raise InputError(one.where, problem, "export the calibration again")
     rotation = np.array(rows)
     if any(name in one.entries for name in _ANGLES) and np.abs(rotation - by_angles).max() > _AGREEMENT:
-        raise InputError(f"{one.where}: the angles and rotation_3x3_matrix are different rotations; remove one of them")
+        raise InputError(one.where, "the angles and rotation_3x3_matrix are different rotations", "remove one of them")
     return rotation, place
 
 
@@ -139,19 +141,19 @@ def _camera(one: _Camera) -> DraftCamera:
     needed_here = ("FX", "FY", "CX", "CY")
     missing = [name for name in needed_here if name not in one.entries]
     if missing:
-        raise InputError(f"{one.where}: {', '.join(missing)} missing; export the whole calibration again")
+        raise InputError(one.where, f"{', '.join(missing)} missing", "export the whole calibration again")
     model, values = _model(one), {name: one.value(name) for name in (*_TERMS, "FS")}
     uses = next((used for names, used in _USES.items() if model in names), ())
     if not any(model in names for names in _USES) and any(values[name] for name in _TERMS):
-        raise InputError(f"{one.where}: LENS_DISTORTION_MODEL {model} is unknown to dicflow; calibrate with OPENCV_DIS")
+        problem = f"LENS_DISTORTION_MODEL {printable(model)} is unknown to dicflow"
+        raise InputError(one.where, problem, "calibrate with OPENCV_DIS")
     unused = {name: values[name] for name in (*_TERMS, *(() if model in _VIC3D else ("FS",))) if name not in uses}
     if model in _OPENCV:
         refuse_terms(one.where, {name: value for name, value in unused.items() if name != "FS"})
     if any(unused.values()):
         found = ", ".join(f"{name} = {value:g}" for name, value in unused.items() if value)
-        raise InputError(
-            f"{one.where}: has {found}, which the model {model} does not use; set it to 0, or name another model"
-        )
+        problem = f"has {found}, which the model {printable(model)} does not use"
+        raise InputError(one.where, problem, "set it to 0, or name another model")
     names = {name: one.value(name) for name in needed_here}
     return camera({name.lower(): value for name, value in {**values, **names}.items()}, _size(one))
 
@@ -162,6 +164,7 @@ def _size(one: _Camera) -> tuple[int, int] | None:
         return None
     sides = _vector(one.where, "IMAGE_HEIGHT_WIDTH", one.entries["IMAGE_HEIGHT_WIDTH"])
     if len(sides) != 2:
-        raise InputError(f"{one.where}: IMAGE_HEIGHT_WIDTH has {len(sides)} numbers; expected height and width")
+        problem = f"IMAGE_HEIGHT_WIDTH has {len(sides)} numbers"
+        raise InputError(one.where, problem, "write height and width")
     height, width = (int(side) for side in sides)
     return (width, height) if min(width, height) > 0 else None

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -12,45 +14,58 @@ from numpy.typing import ArrayLike, NDArray
 
 from dicflow.core.cameras.camera import Camera, Rig
 from dicflow.errors import InputError
+from dicflow.io.table import Numbers
+from dicflow.io.text import decoded, printable
 
 __all__ = [
+    "MAX_TEXT_BYTES",
     "Calibration",
     "Draft",
     "DraftCamera",
     "Source",
     "camera",
     "complete",
+    "decimal",
     "euler_deg",
     "needed",
     "number",
     "refuse_terms",
     "relative",
+    "rows",
     "unpublished_law",
 ]
 
 Array = NDArray[np.float64]
 
+MAX_TEXT_BYTES = 5_000_000
+_LARGEST = 1e9
+_SHORTEST_PX, _LONGEST_PX = 1.0, 1e7
+_LARGEST_SIDE_PX = 100_000
+_FARTHEST_MM = 1e6
+_EXPORT = "export the calibration again"
+_AS_TAKEN = "use photographs as the camera gave them when it was calibrated"
 _NO_ROTATION = 1e-3
 """Distance of R Rᵀ from the identity up to which R is a rounded rotation."""
 _SHORT_MM = 2.0
 _OFF_CENTRE = 0.25
 
 
-class Source(NamedTuple):
+@dataclass(frozen=True)
+class Source:
     """A calibration file as it lies on the disk."""
 
     path: Path
     data: bytes
 
-    @property
+    @cached_property
     def text(self) -> str:
-        """The file as text; it is UTF-8, UTF-16 with a byte-order mark, or Windows' western code page."""
-        if self.data.startswith((b"\xff\xfe", b"\xfe\xff")):
-            return self.data.decode("utf-16", errors="replace")
+        """The file as text, lines ending in LF; empty if it is not text, or more than a calibration ever is."""
+        if len(self.data) > MAX_TEXT_BYTES:
+            return ""
         try:
-            return self.data.decode("utf-8-sig")
-        except UnicodeDecodeError:
-            return self.data.decode("cp1252", errors="replace")
+            return decoded(self.path, self.data, western=True)
+        except InputError:
+            return ""
 
 
 class DraftCamera(NamedTuple):
@@ -93,14 +108,28 @@ class Calibration(NamedTuple):
     covariance: Array | None = None
 
 
+def decimal(numbers: Numbers, where: str, name: str, text: str) -> float:
+    """A finite number, perhaps with a decimal comma as all of its file. Raises InputError for anything else."""
+    return numbers.read(where, name, text, -_LARGEST, _LARGEST)
+
+
+def rows(source: Source) -> Iterator[tuple[str, str, list[str]]]:
+    """``file:line``, name and values of each line of a table; its cells are separated by tabs, semicolons or commas."""
+    for line, text in enumerate(source.text.split("\n"), start=1):
+        separator = next((sign for sign in "\t;," if sign in text), ",")
+        name, *values = [part.strip(" \"'") for part in text.rstrip(" \t;,").split(separator)]
+        yield f"{source.path}:{line}", name, values
+
+
 def number(where: str, name: str, text: Any) -> float:
     """A finite number. Raises InputError that names the place for anything else."""
     try:
         value = float(text)
-    except (TypeError, ValueError):
+    except (TypeError, ValueError, OverflowError):
         value = math.nan
-    if not math.isfinite(value):
-        raise InputError(f"{where}: {name} is '{text!s:.40}'; expected a finite number, export the calibration again")
+    if not abs(value) <= _LARGEST:
+        problem = f"{name} is '{printable(text, 40)}', expected a finite number up to {_LARGEST:g}"
+        raise InputError(where, problem, _EXPORT)
     return value
 
 
@@ -108,20 +137,17 @@ def needed(path: Path, program: str, values: Mapping[str, Any], names: Sequence[
     """Raise InputError that names what is missing."""
     missing = [name for name in names if name not in values]
     if missing:
-        raise InputError(
-            f"{path}: expected a stereo calibration as {program} writes it, but {', '.join(missing)} "
-            f"{'is' if len(missing) == 1 else 'are'} missing; export the whole calibration again"
-        )
+        verb = "is" if len(missing) == 1 else "are"
+        problem = f"expected a stereo calibration as {program} writes it, but {', '.join(missing)} {verb} missing"
+        raise InputError(str(path), problem, "export the whole calibration again")
 
 
 def refuse_terms(where: str, terms: Mapping[str, float]) -> None:
     """Raise InputError where a term of distortion that dicflow's cameras do not have is not zero."""
     used = [f"{name} = {value:g}" for name, value in terms.items() if value != 0.0]
     if used:
-        raise InputError(
-            f"{where}: the distortion has the terms {', '.join(used)}, and dicflow knows k1, k2, k3, p1, p2 only; "
-            "calibrate again without them"
-        )
+        problem = f"the distortion has the terms {', '.join(used)}, and dicflow knows k1, k2, k3, p1, p2 only"
+        raise InputError(where, problem, "calibrate again without them")
 
 
 def camera(values: Mapping[str, float], size: tuple[int, int] | None = None) -> DraftCamera:
@@ -163,8 +189,8 @@ def complete(path: Path, draft: Draft, image_size: tuple[int, int] | None) -> Ca
     image_size : (width, height) of the photographs to be measured; None if unknown
     Raises InputError if the numbers are not a rig, or not one for photographs of this size.
     """
-    left = _complete_camera(f"{path}: the left camera", draft.left, image_size)
-    right = _complete_camera(f"{path}: the right camera", draft.right, image_size)
+    left = _complete_camera(f"{path}: left camera", draft.left, image_size)
+    right = _complete_camera(f"{path}: right camera", draft.right, image_size)
     rig = Rig(left, right, _rotation(path, draft.rotation), _translation(path, draft.translation))
     warnings = (*draft.warnings, *_centre_warnings("left", left), *_centre_warnings("right", right))
     return Calibration(rig, draft.program, (*warnings, *_baseline_warnings(rig)), draft.covariance)
@@ -173,22 +199,26 @@ def complete(path: Path, draft: Draft, image_size: tuple[int, int] | None) -> Ca
 def _complete_camera(where: str, one: DraftCamera, image_size: tuple[int, int] | None) -> Camera:
     matrix = one.matrix
     if not (np.isfinite(matrix).all() and np.isfinite(one.distortion).all()):
-        raise InputError(f"{where} has parameters that are not finite numbers; export the calibration again")
+        raise InputError(where, "has parameters that are not finite numbers", _EXPORT)
     if not (matrix[[1, 2, 2], [0, 0, 1]] == 0.0).all() or matrix[2, 2] != 1.0:
-        raise InputError(
-            f"{where} has the matrix {matrix.tolist()}; expected [[fx, skew, cx], [0, fy, cy], [0, 0, 1]], transpose it"
+        problem = f"has the matrix {matrix.tolist()}, expected [[fx, skew, cx], [0, fy, cy], [0, 0, 1]]"
+        raise InputError(where, problem, "transpose it")
+    if not all(_SHORTEST_PX <= length <= _LONGEST_PX for length in (matrix[0, 0], matrix[1, 1])):
+        problem = (
+            f"has the focal lengths {matrix[0, 0]:g} and {matrix[1, 1]:g} px, expected positive ones from "
+            f"{_SHORTEST_PX:g} to {_LONGEST_PX:,.0f}"
         )
-    if not (matrix[0, 0] > 0.0 and matrix[1, 1] > 0.0):
-        raise InputError(
-            f"{where} has the focal lengths {matrix[0, 0]:g} and {matrix[1, 1]:g} px; expected positive ones, "
-            "export the calibration again"
-        )
+        raise InputError(where, problem, _EXPORT)
+    if max(np.abs(matrix[0, 1:]).max(), abs(matrix[1, 2])) > _LONGEST_PX or np.abs(one.distortion).max() > _LARGEST:
+        problem = f"has a skew, principal point or distortion beyond {_LONGEST_PX:,.0f} px and {_LARGEST:g}"
+        raise InputError(where, problem, _EXPORT)
     size = _agreed_size(where, one, image_size)
+    if _corner_shift_px(one) > max(size) or np.abs(one.distortion[2:4]).max() > 1.0:
+        problem = f"has the distortion {one.distortion.tolist()}, which moves the photograph's corner out of all bounds"
+        raise InputError(where, problem, _EXPORT)
     if one.size is None and not (0.0 <= matrix[0, 2] < size[0] and 0.0 <= matrix[1, 2] < size[1]):
-        raise InputError(
-            f"{where} has its principal point outside photographs of {size[0]} × {size[1]} px, {_guessed(matrix)}; "
-            "use photographs as the camera gave them when it was calibrated"
-        )
+        problem = f"has its principal point outside photographs of {size[0]} × {size[1]} px, {_guessed(matrix)}"
+        raise InputError(where, problem, _AS_TAKEN)
     return Camera(matrix, one.distortion, size)
 
 
@@ -196,17 +226,19 @@ def _agreed_size(where: str, one: DraftCamera, image_size: tuple[int, int] | Non
     """Size of the photographs by the file or by the photographs; the two must agree."""
     size = one.size or image_size
     if size is None:
-        raise InputError(f"{where}: the file does not give the size of the photographs; name their stage as 'images'")
-    if min(size) < 1:
-        raise InputError(f"{where}: the size of the photographs is {size[0]} × {size[1]} px; write the size in pixels")
+        raise InputError(where, "the file does not give the size of the photographs", "name their stage as 'images'")
+    if not 1 <= min(size) <= max(size) <= _LARGEST_SIDE_PX:
+        problem = f"the size of the photographs is {size[0]} × {size[1]} px, expected 1 to {_LARGEST_SIDE_PX:,}"
+        raise InputError(where, problem, "write the size in pixels")
     if image_size is not None and size != tuple(image_size):
         factor, other = image_size[0] / size[0], image_size[1] / size[1]
         same = abs(factor / other - 1.0) < 0.01
         found = f"these are {factor:.4g} times as large: " if same else "these have "
-        raise InputError(
-            f"{where} was calibrated on photographs of {size[0]} × {size[1]} px, but {found}{image_size[0]} × "
-            f"{image_size[1]} px; use photographs as the camera gave them when it was calibrated"
+        problem = (
+            f"was calibrated on photographs of {size[0]} × {size[1]} px, but {found}{image_size[0]} × "
+            f"{image_size[1]} px"
         )
+        raise InputError(where, problem, _AS_TAKEN)
     return size
 
 
@@ -238,9 +270,9 @@ def _rotation(path: Path, rotation: ArrayLike) -> Array:
     """The rotation nearest to the given one, which is rounded to the digits of its file (Schönemann 1966)."""
     given = np.asarray(rotation, dtype=float)
     if not np.isfinite(given).all() or np.abs(given @ given.T - np.eye(3)).max() > _NO_ROTATION:
-        raise InputError(f"{path}: R = {given.tolist()} is not a rotation; export the calibration again")
+        raise InputError(str(path), f"R = {given.tolist()} is not a rotation", _EXPORT)
     if np.linalg.det(given) < 0.0:
-        raise InputError(f"{path}: R mirrors; expected a rotation of determinant 1, export the calibration again")
+        raise InputError(str(path), "R mirrors, expected a rotation of determinant 1", _EXPORT)
     if np.abs(given @ given.T - np.eye(3)).max() < 1e-14:
         return given
     left, _, right = np.linalg.svd(given)
@@ -249,11 +281,12 @@ def _rotation(path: Path, rotation: ArrayLike) -> Array:
 
 def _translation(path: Path, translation: ArrayLike) -> Array:
     given = np.asarray(translation, dtype=float)
-    if not np.isfinite(given).all() or not given.any():
-        raise InputError(
-            f"{path}: T = {given.tolist()}; expected the right camera at a distance from the left one [mm], "
-            "export the calibration of both cameras together"
+    if not np.abs(given).max() <= _FARTHEST_MM or not given.any():
+        problem = (
+            f"T = {given.tolist()}, expected the right camera at a distance from the left one, "
+            f"up to {_FARTHEST_MM:,.0f} mm"
         )
+        raise InputError(str(path), problem, "export the calibration of both cameras together")
     return given
 
 

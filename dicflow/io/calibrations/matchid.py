@@ -13,14 +13,20 @@ from typing import NamedTuple
 import numpy as np
 
 from dicflow.errors import InputError
-from dicflow.io.calibrations.draft import Draft, Source, camera, euler_deg, needed, number, refuse_terms
+from dicflow.io.calibrations.draft import Draft, Source, camera, decimal, euler_deg, needed, refuse_terms
+from dicflow.io.table import Numbers
+from dicflow.io.text import printable
 
 __all__ = ["PROGRAM", "parse", "recognises"]
 
 PROGRAM = "MatchID"
 
-_NUMBER = r"[-+]?(?:\d+[.,]?\d*|[.,]\d+)(?:[eE][-+]?\d+)?"
-_LINE = re.compile(rf"\s*([A-Za-z][\w ]*?)\s*(?:\[\s*([^\]]*?)\s*\])?[\s;:=,]+({_NUMBER})[\s;,]*")
+_NUMBER = re.compile(r"[-+]?(?:\d++[.,]?\d*+|[.,]\d++)(?:[eE][-+]?\d++)?", re.ASCII)
+_WORD = re.compile(r"[^\s;:=,]++")
+_LONGEST = 1_000
+_NAME = re.compile(r"([A-Za-z][\w ]*+)\s*+(?:\[([^\]]*+)\])?")
+_SIGNS = " \t;:=,"
+_FIRST = re.compile(r"^[^\w\n]*+cam\d_fx\b(?!_px)", re.IGNORECASE | re.MULTILINE)
 _ENTRY = re.compile(r"\s*(cam\d|[Tt][xyz]\b|theta|phi|psi)", re.IGNORECASE)
 _CAMERA = re.compile(r"cam(\d)(\w+)")
 _KNOWN = {"fx", "fy", "fs", "cx", "cy", "k1", "k2", "k3", "p1", "p2"}
@@ -37,7 +43,7 @@ class _Entry(NamedTuple):
 
 def recognises(source: Source) -> bool:
     """Whether a line gives the focal length of a numbered camera."""
-    return re.search(r"^\W*cam\d_fx\b(?!_px)", source.text, re.IGNORECASE | re.MULTILINE) is not None
+    return _FIRST.search(source.text) is not None
 
 
 def parse(source: Source) -> Draft:
@@ -46,7 +52,8 @@ def parse(source: Source) -> Draft:
     needed(path, PROGRAM, entries, _POSE)
     cameras = _cameras(path, entries)
     if len(cameras) != 2:
-        raise InputError(f"{path}: holds {len(cameras)} camera(s); export the calibration of a pair from {PROGRAM}")
+        problem = f"holds {len(cameras)} camera(s)"
+        raise InputError(str(path), problem, f"export the calibration of a pair from {PROGRAM}")
     left, right = (cameras[index] for index in sorted(cameras))
     for index, values in sorted(cameras.items()):
         needed(path, PROGRAM, {f"Cam{index}_{name}": 0 for name in values}, [f"Cam{index}_{n}" for n in _SEEN])
@@ -60,19 +67,32 @@ _SEEN = ("fx", "fy", "cx", "cy")
 def _entries(source: Source) -> dict[str, _Entry]:
     """Every number of the file by its name without spaces, underscores and capitals."""
     entries: dict[str, _Entry] = {}
-    for line, text in enumerate(re.sub("['\"]", "", source.text).splitlines(), start=1):
-        where = f"{source.path}:{line}"
-        found = _LINE.fullmatch(text)
+    numbers = Numbers()
+    for line, text in enumerate(re.sub("['\"]", "", source.text).split("\n"), start=1):
+        where, found = f"{source.path}:{line}", _split(text)
         if found is None:
             if _ENTRY.match(text):
-                raise InputError(f"{where}: '{text.strip():.60}'; expected a name and a number, as in 'Tx [mm];-180.6'")
+                problem = f"'{printable(text.strip())}', expected a name and a number"
+                raise InputError(where, problem, "write it as 'Tx [mm];-180.6'")
             continue
-        name, unit, value = found.groups()
+        name, unit, value = found
         key = re.sub(r"[\s_]", "", name).lower()
         if key in entries:
-            raise InputError(f"{where}: {name} was given in line {entries[key].line}; leave out one of them")
-        entries[key] = _Entry(number(where, name, value.replace(",", ".")) * _scale(where, key, unit or ""), line)
+            problem = f"{printable(name)} was given in line {entries[key].line}"
+            raise InputError(where, problem, "leave out one of them")
+        entries[key] = _Entry(decimal(numbers, where, printable(name), value) * _scale(where, key, unit), line)
+    numbers.settle()
     return entries
+
+
+def _split(text: str) -> tuple[str, str, str] | None:
+    """Name, unit and number of a line; None for another line. A comma may separate, or be the number's."""
+    words = [] if len(text) > _LONGEST else [word.span() for word in _WORD.finditer(text)]
+    for start, _ in words[-2:]:
+        value, name = text[start : words[-1][1]], _NAME.fullmatch(text[:start].strip(_SIGNS))
+        if name is not None and _NUMBER.fullmatch(value):
+            return name[1].strip(), (name[2] or "").strip(), value
+    return None
 
 
 def _scale(where: str, key: str, unit: str) -> float:
@@ -80,7 +100,8 @@ def _scale(where: str, key: str, unit: str) -> float:
     if key not in _POSE:
         return 1.0
     if unit.lower() not in _UNITS:
-        raise InputError(f"{where}: the unit is '{unit}'; expected mm for lengths and deg for angles")
+        problem = f"the unit is '{printable(unit)}', expected mm for lengths and deg for angles"
+        raise InputError(where, problem, "export it in these units")
     return _UNITS[unit.lower()]
 
 

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from dicflow.errors import InputError
 from dicflow.io.calibrations.draft import Draft, DraftCamera, Source, needed
 from dicflow.io.calibrations.mat5 import read_mat
+from dicflow.io.text import printable
 
 __all__ = ["PROGRAM", "parse", "recognises"]
 
@@ -32,6 +33,8 @@ in MATLAB run
 _UNITS = {"millimeters": 1.0, "mm": 1.0, "centimeters": 10.0, "cm": 10.0, "meters": 1000.0, "m": 1000.0}
 _UNITS |= {"inches": 25.4, "in": 25.4}
 _FROM_ONE = np.array([[0.0, 0.0, 1.0], [0.0, 0.0, 1.0], [0.0, 0.0, 0.0]])
+_LARGEST = 1e9
+_MAX_NUMBERS = 100
 _CAMERAS = ("CameraParameters1", "CameraParameters2")
 
 Array = NDArray[np.float64]
@@ -56,21 +59,22 @@ def parse(source: Source) -> Draft:
 def _structure(source: Source) -> Mapping[str, Any]:
     """The structure with the cameras, which may be a variable or the file itself."""
     if source.data.startswith(b"MATLAB 7.3"):
-        raise InputError(f"{source.path}: has version 7.3; expected plain arrays of version 7: {_EXPORT}")
+        raise InputError(str(source.path), "has version 7.3, expected plain arrays of version 7", _EXPORT)
     try:
         values = read_mat(source.data)
-    except ValueError as error:
-        raise InputError(f"{source.path}: is damaged ({error}); save the calibration again: {_EXPORT}") from error
+    except (ValueError, OverflowError) as error:
+        raise InputError(str(source.path), f"is damaged ({printable(error)})", _EXPORT) from error
     for value in (values, *values.values()):
         if isinstance(value, dict) and _CAMERAS[0] in value:
             return value
-    raise InputError(f"{source.path}: holds no structure with {', '.join(_CAMERAS)} in plain arrays; {_EXPORT}")
+    problem = f"holds no structure with {', '.join(_CAMERAS)} in plain arrays"
+    raise InputError(str(source.path), problem, _EXPORT)
 
 
 def _camera(source: Source, name: str, values: Any) -> DraftCamera:
     where = f"{source.path}: {name}"
     if not isinstance(values, Mapping):
-        raise InputError(f"{where} is an object, not a structure of plain arrays; {_EXPORT}")
+        raise InputError(where, "is an object, not a structure of plain arrays", _EXPORT)
     name = "K" if "K" in values else "IntrinsicMatrix"
     given = _array(where, values, name, (3, 3))
     matrix = (given if name == "K" else given.T) - _FROM_ONE
@@ -106,19 +110,24 @@ def _unit(source: Source, unit: Any) -> float:
     """Factor from the unit of the translation to mm, which is also the unit of files that give none."""
     unit = str(unit or "mm")
     if unit.lower() not in _UNITS:
-        raise InputError(f"{source.path}: WorldUnits is '{unit}'; expected millimeters; calibrate in millimeters")
+        problem = f"WorldUnits is '{printable(unit)}', expected millimeters"
+        raise InputError(str(source.path), problem, "calibrate in millimeters")
     return _UNITS[unit.lower()]
 
 
 def _array(where: str, values: Mapping[str, Any], name: str, *shapes: tuple[int, ...]) -> Array:
     """The numbers of a field in one of the shapes."""
     if name not in values:
-        raise InputError(f"{where} has no {name}; {_EXPORT}")
+        raise InputError(where, f"has no {name}", _EXPORT)
+    if np.size(values[name]) > _MAX_NUMBERS:
+        raise InputError(where, f"{name} has {np.size(values[name]):,} numbers", _EXPORT)
     try:
         found = np.squeeze(np.asarray(values[name], dtype=float))
     except (TypeError, ValueError) as error:
-        raise InputError(f"{where}: {name} is not a plain array; {_EXPORT}") from error
+        raise InputError(where, f"{name} is not a plain array", _EXPORT) from error
     if found.shape not in shapes:
         expected = " or ".join(" × ".join(map(str, shape)) for shape in shapes)
-        raise InputError(f"{where}: {name} is {' × '.join(map(str, found.shape))}, expected {expected}; {_EXPORT}")
+        raise InputError(where, f"{name} is {' × '.join(map(str, found.shape))}, expected {expected}", _EXPORT)
+    if not (np.abs(found) <= _LARGEST).all():
+        raise InputError(where, f"{name} has numbers that are not finite, or beyond {_LARGEST:g}", _EXPORT)
     return found

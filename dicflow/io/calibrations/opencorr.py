@@ -20,12 +20,14 @@ from dicflow.io.calibrations.draft import (
     DraftCamera,
     Source,
     camera,
+    decimal,
     euler_deg,
     needed,
-    number,
     refuse_terms,
     relative,
+    rows,
 )
+from dicflow.io.table import Numbers
 
 __all__ = ["PROGRAM", "parse", "recognises"]
 
@@ -35,11 +37,12 @@ _INTRINSICS = ("fx", "fy", "cx", "cy")
 _POSE = ("tx", "ty", "tz", "rx", "ry", "rz")
 _KNOWN = (*_INTRINSICS, "fs", *(f"k{index}" for index in range(1, 7)), "p1", "p2", *_POSE)
 _QUARTER = math.pi / 2.0
+_LINE = re.compile(r"^[^\w\n]*+fx\"?[ ]*+[,;\t][^,;\t\n]++[,;\t]", re.IGNORECASE | re.MULTILINE)
 
 
 def recognises(source: Source) -> bool:
     """Whether a line gives the focal lengths of two cameras."""
-    return re.search(r"^\W*fx\"?\s*[,;\t][^,;\t\n]+[,;\t]", source.text, re.IGNORECASE | re.MULTILINE) is not None
+    return _LINE.search(source.text) is not None
 
 
 def parse(source: Source) -> Draft:
@@ -59,16 +62,18 @@ def _columns(source: Source) -> tuple[dict[str, float], dict[str, float]]:
     """Parameters of the left and the right camera."""
     left: dict[str, float] = {}
     right: dict[str, float] = {}
-    for line, text in enumerate(source.text.splitlines(), start=1):
-        name, *values = [part.strip(" \"'") for part in re.split(r"[,;\t]", text)]
-        key, where = name.lower(), f"{source.path}:{line}"
+    numbers = Numbers()
+    for where, name, values in rows(source):
+        key = name.lower()
         if key not in _KNOWN:
             continue
         if key in left:
-            raise InputError(f"{where}: {name} is given twice; leave out one of them")
-        if len(values) < 2:
-            raise InputError(f"{where}: {name} has {len(values)} value(s); expected one for each camera")
-        left[key], right[key] = (number(where, name, value) for value in values[:2])
+            raise InputError(where, f"{name} is given twice", "leave out one of them")
+        if len(values) != 2:
+            problem = f"{name} has {len(values)} value(s)"
+            raise InputError(where, problem, "write one for each camera, with decimal points")
+        left[key], right[key] = (decimal(numbers, where, name, value) for value in values)
+    numbers.settle()
     needed(source.path, PROGRAM, left, (*_INTRINSICS, *_POSE))
     return left, right
 

@@ -6,6 +6,7 @@ and M2, or counted from 0, or called left and right, with distCoeffs or D. X2 = 
 
 from __future__ import annotations
 
+import math
 import re
 from collections.abc import Iterator, Mapping
 from pathlib import Path
@@ -20,6 +21,8 @@ from dicflow.errors import InputError
 from dicflow.io.calibrations.draft import Draft, DraftCamera, Source, number, refuse_terms
 from dicflow.io.calibrations.xml import parse_xml
 from dicflow.io.files import write_whole
+from dicflow.io.text import printable
+from dicflow.io.yaml_text import compose
 
 __all__ = ["GENERAL", "PROGRAM", "opencv_text", "parse", "recognises", "write_opencv"]
 
@@ -34,6 +37,9 @@ _ROTATION, _TRANSLATION = ("r", "rotation", "rotationmatrix", "rot"), ("t", "tra
 _SIZE, _SIDES = ("imagesize", "size"), (("imagewidth", "imageheight"), ("width", "height"))
 _EXTRA = ("k4", "k5", "k6", "s1", "s2", "s3", "s4", "tau_x", "tau_y")
 _OTHER_LENSES = ("fisheye", "equidistant", "omni")
+_HEADER = re.compile(r"\A\s*+%YAML[^\n]*+")
+_NAME = re.compile(r"^[ \t{,]*+[\"']?([A-Za-z][\w ]*+)[\"']?[ \t]*+:", re.MULTILINE)
+_MAX_NUMBERS = 100
 _EXPECTED = "cameraMatrix1, distCoeffs1, cameraMatrix2, distCoeffs2, R and T"
 
 Array = NDArray[np.float64]
@@ -44,22 +50,25 @@ def recognises(source: Source) -> bool:
     text = source.text.lstrip()
     if text.startswith("<"):
         return "<opencv_storage" in text
-    names = {_plain(name) for name in re.findall(r"^[\s{,]*[\"']?([A-Za-z][\w ]*)[\"']?\s*:", text, re.MULTILINE)}
+    names = {_plain(name) for name in _NAME.findall(text)}
     return text.startswith("%YAML") or any(_pair_of(names, _MATRIX))
 
 
 def parse(source: Source) -> Draft:
     """The rig that the file holds. Raises InputError that names the file and the entry."""
-    entries = {_plain(str(name)): value for name, value in _read(source).items()}
+    given = _read(source)
+    entries = {_plain(str(name)): value for name, value in given.items()}
+    if len(entries) < len(given):
+        raise InputError(
+            str(source.path), "has two entries whose names differ in signs and capitals alone", "leave one"
+        )
     _refuse_other_lenses(source.path, entries)
     matrices, lenses = _pair_of(entries, _MATRIX), _pair_of(entries, _DISTORTION)
     turn, shift = _named(entries, _ROTATION), _named(entries, _TRANSLATION)
     if not (matrices and lenses and turn and shift):
         found = ", ".join(entries) or "nothing"
-        raise InputError(
-            f"{source.path}: expected {_EXPECTED} of a stereo calibration, found {found:.200}; write intrinsics "
-            "and extrinsics into one file"
-        )
+        problem = f"expected {_EXPECTED} of a stereo calibration, found {printable(found, 200)}"
+        raise InputError(str(source.path), problem, "write intrinsics and extrinsics into one file")
     left, right = (
         DraftCamera(
             _array(source.path, entries, matrix, (3, 3)),
@@ -102,39 +111,25 @@ def write_opencv(path: Path, rig: Rig) -> None:
     write_whole(Path(path), opencv_text(rig).encode())
 
 
-class _Loader(yaml.SafeLoader):
-    """YAML without aliases, which could unfold a small file without bounds."""
-
-    def compose_node(self, parent: Any, index: Any) -> Any:
-        if self.check_event(yaml.AliasEvent):
-            raise yaml.MarkedYAMLError(problem="an alias", problem_mark=self.get_mark())
-        return super().compose_node(parent, index)
-
-
-def _matrix(loader: _Loader, node: yaml.MappingNode) -> dict[Any, Any]:
-    return loader.construct_mapping(node, deep=True)
-
-
-_Loader.add_constructor("tag:yaml.org,2002:opencv-matrix", _matrix)
-
-
 def _read(source: Source) -> Mapping[str, Any]:
     """The entries at the top of the file; a matrix is a mapping of rows, cols and data, or nested lists."""
     text = source.text
     if text.lstrip().startswith("<"):
         return dict(_from_xml(parse_xml(source.path, source.data)))
-    text = re.sub(r"\A\s*%YAML[^\n]*", "", text).replace("\t", " ")
-    try:
-        entries = yaml.load(text, Loader=_Loader)
-    except (yaml.YAMLError, ValueError, RecursionError) as error:
-        mark = getattr(error, "problem_mark", None)
-        where = f"{source.path}:{mark.line + 1}" if mark is not None else str(source.path)
-        raise InputError(f"{where}: is damaged YAML; write the calibration again with cv2.FileStorage") from error
-    if not isinstance(entries, dict):
-        raise InputError(
-            f"{source.path}: expected {_EXPECTED} by name, found {type(entries).__name__}; write the entries by name"
-        )
-    return entries
+    text = _HEADER.sub("", text).replace("\t", " ")
+    root = compose(text, str(source.path), InputError, ("tag:yaml.org,2002:opencv-matrix",), aliases=False)
+    if not isinstance(root, yaml.MappingNode):
+        raise InputError(str(source.path), f"expected {_EXPECTED} by name", "write the entries by name")
+    return dict(_value(root))
+
+
+def _value(node: yaml.Node) -> Any:
+    """Numbers as text, lists, and mappings."""
+    if isinstance(node, yaml.SequenceNode):
+        return [_value(item) for item in node.value]
+    if isinstance(node, yaml.MappingNode):
+        return {str(key.value): _value(item) for key, item in node.value}
+    return node.value
 
 
 def _from_xml(root: Any) -> Iterator[tuple[str, Any]]:
@@ -175,22 +170,22 @@ def _array(path: Path, entries: Mapping[str, Any], name: str, *shapes: tuple[int
     elif isinstance(value, list) and value and all(isinstance(row, list) for row in value):
         given = (len(value), len(value[0]))
         value = [one for row in value for one in row]
+    if isinstance(value, list) and len(value) > _MAX_NUMBERS:
+        raise InputError(where, f"has {len(value):,} numbers", f"write {_EXPECTED} by these names")
     numbers = np.array([number(where, "a value", one) for one in (value if isinstance(value, list) else [value])])
     given = given or (numbers.size,)
-    if numbers.size != np.prod(given) or (shapes and given not in shapes):
+    if numbers.size != math.prod(given) or (shapes and given not in shapes):
         expected = " or ".join(" × ".join(map(str, shape)) for shape in shapes) or "rows × cols numbers"
-        raise InputError(
-            f"{where} has {numbers.size} numbers as {' × '.join(map(str, given))}; expected {expected}, write it again"
-        )
+        problem = f"has {numbers.size} numbers as {' × '.join(map(str, given))}, expected {expected}"
+        raise InputError(where, problem, "write it again")
     return numbers.reshape(given)
 
 
 def _coefficients(path: Path, entries: Mapping[str, Any], name: str) -> Array:
     values = _array(path, entries, name).ravel()
     if values.size not in (4, 5, 8, 12, 14):
-        raise InputError(
-            f"{path}: {name} has {values.size} numbers; expected k1, k2, p1, p2, k3, or zeros without distortion"
-        )
+        problem = f"{name} has {values.size} numbers, expected k1, k2, p1, p2, k3"
+        raise InputError(str(path), problem, "write them, or zeros without distortion")
     refuse_terms(f"{path}: {name}", dict(zip(_EXTRA, values[5:].tolist(), strict=False)))
     return np.concatenate([values, np.zeros(1)])[:5]
 
@@ -212,6 +207,5 @@ def _refuse_other_lenses(path: Path, entries: Mapping[str, Any]) -> None:
     for name, value in entries.items():
         text = f"{name} {value}".lower() if isinstance(value, str) else ""
         if "model" in name and any(lens in text for lens in _OTHER_LENSES):
-            raise InputError(
-                f"{path}: {name} is {value}; dicflow's cameras have the terms k1, k2, p1, p2, k3, calibrate with them"
-            )
+            problem = f"{name} is {printable(value)}, and dicflow's cameras have the terms k1, k2, p1, p2, k3"
+            raise InputError(str(path), problem, "calibrate with them")

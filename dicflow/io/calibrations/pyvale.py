@@ -10,12 +10,16 @@ import re
 import numpy as np
 
 from dicflow.errors import InputError
-from dicflow.io.calibrations.draft import Draft, DraftCamera, Source, camera, euler_deg, needed, number
+from dicflow.io.calibrations.draft import Draft, DraftCamera, Source, camera, decimal, euler_deg, needed, rows
+from dicflow.io.table import Numbers
+from dicflow.io.text import printable
 
 __all__ = ["PROGRAM", "parse", "recognises"]
 
 PROGRAM = "pyvale"
 
+_LINE = re.compile(r"^[^\w\n]*+cam0_fx_px\W", re.MULTILINE)
+_NAME = re.compile(r"cam[01]_\w+|t[xyz]_mm|(?:theta|phi|psi)_deg")
 _PIXELS = ("fx", "fy", "fs", "cx", "cy")
 _TERMS = ("k1", "k2", "p1", "p2", "k3")
 _POSE = ("tx_mm", "ty_mm", "tz_mm", "theta_deg", "phi_deg", "psi_deg")
@@ -23,20 +27,22 @@ _POSE = ("tx_mm", "ty_mm", "tz_mm", "theta_deg", "phi_deg", "psi_deg")
 
 def recognises(source: Source) -> bool:
     """Whether a line gives the first camera's focal length by pyvale's name for it."""
-    return re.search(r"^\W*cam0_fx_px\W", source.text, re.MULTILINE) is not None
+    return _LINE.search(source.text) is not None
 
 
 def parse(source: Source) -> Draft:
     """The rig that the file holds. Raises InputError with file and line."""
     values: dict[str, float] = {}
-    for line, text in enumerate(source.text.splitlines(), start=1):
-        name, *rest = [part.strip(" \"'") for part in re.split(r"[,;\t]", text)]
-        if not re.fullmatch(r"cam[01]_\w+|t[xyz]_mm|\w+_deg", name):
+    numbers = Numbers()
+    for where, name, cells in rows(source):
+        if not _NAME.fullmatch(name):
             continue
-        where = f"{source.path}:{line}"
+        if len(cells) != 1:
+            raise InputError(where, f"{printable(name)} has {len(cells)} values", "write one, with a decimal point")
         if name in values:
-            raise InputError(f"{where}: {name} is given twice; leave out one of them")
-        values[name] = number(where, name, rest[0] if rest else "")
+            raise InputError(where, f"{printable(name)} is given twice", "leave out one of them")
+        values[name] = decimal(numbers, where, name, cells[0])
+    numbers.settle()
     needed(source.path, PROGRAM, values, _POSE)
     tx, ty, tz, theta, phi, psi = (values[name] for name in _POSE)
     left, right = (_camera(source, values, index) for index in (0, 1))

@@ -7,7 +7,8 @@ from typing import Protocol
 
 from dicflow.errors import ConfigurationError, InputError
 from dicflow.io.calibrations import FORMATS
-from dicflow.io.calibrations.draft import Calibration, Draft, Source, complete
+from dicflow.io.calibrations.draft import MAX_TEXT_BYTES, Calibration, Draft, Source, complete
+from dicflow.io.text import read_bytes
 
 __all__ = ["parse_calibration", "read_calibration"]
 
@@ -38,18 +39,23 @@ def read_calibration(path: Path, image_size: tuple[int, int] | None = None) -> C
 def parse_calibration(path: Path) -> Draft:
     """The rig as a file gives it, not yet checked. Raises InputError for an unknown format, or for two that fit."""
     path = Path(path)
-    source = Source(path, _bytes(path))
+    source = Source(path, read_bytes(path, "a calibration", _MAX_BYTES))
     formats, unusable = _formats()
     fitting = [known for known in formats if known.recognises(source)]
     specific = [known for known in fitting if not _is_general(known)] or fitting
     names = [known.PROGRAM for known in specific or formats]
     if len(specific) > 1:
-        raise InputError(f"{path}: looks like a calibration of {' and of '.join(names)}; uninstall one of the plug-ins")
+        problem = f"looks like a calibration of {' and of '.join(names)}"
+        raise InputError(str(path), problem, "uninstall one of the plug-ins")
+    if not specific and len(source.data) > MAX_TEXT_BYTES:
+        problem = f"is larger ({len(source.data):,} bytes) than a calibration in text ever is"
+        raise InputError(str(path), problem, "name the calibration file")
     if not specific:
         raise InputError(
-            f"{path}: not a calibration of two cameras in a known format; expected a file of {', '.join(names)}; "
+            str(path),
+            f"not a calibration of two cameras in a known format, expected a file of {', '.join(names)}",
             "export the calibration as OpenCV YAML with cameraMatrix1, distCoeffs1, cameraMatrix2, distCoeffs2, R and T"
-            + "".join(f"; {problem}" for problem in unusable)
+            + "".join(f"; {problem}" for problem in unusable),
         )
     return specific[0].parse(source)
 
@@ -69,13 +75,3 @@ def _formats() -> tuple[list[_Format], list[str]]:
 def _is_general(known: _Format) -> bool:
     """Whether a more specific format is preferred if both recognise a file."""
     return bool(getattr(known, "GENERAL", False))
-
-
-def _bytes(path: Path) -> bytes:
-    try:
-        if path.stat().st_size > _MAX_BYTES:
-            raise InputError(f"{path}: larger than any calibration ({_MAX_BYTES:,} bytes); name the calibration file")
-        return path.read_bytes()
-    except OSError as error:
-        reason = (error.strerror or type(error).__name__).lower()
-        raise InputError(f"{path}: the calibration cannot be read ({reason}); check the path") from error

@@ -7,6 +7,7 @@ R = Rz(γ) · Ry(β) · Rx(α); newer files split the first line into ``intrinsi
 from __future__ import annotations
 
 import io
+import struct
 import zipfile
 import zlib
 from pathlib import Path
@@ -28,6 +29,7 @@ from dicflow.io.calibrations.draft import (
     unpublished_law,
 )
 from dicflow.io.calibrations.xml import parse_xml
+from dicflow.io.text import printable
 
 __all__ = ["PROGRAM", "parse", "recognises"]
 
@@ -35,7 +37,11 @@ PROGRAM = "VIC-3D"
 
 _ZIP = b"PK\x03\x04"
 _MEMBER = "project.xml"
-_MAX_BYTES = 50_000_000
+_ENTRY = b"PK\x01\x02"
+"""Begins the entry of each file in the directory of an archive."""
+_MAX_ENTRIES = 50_000
+_MAX_BYTES = 5_000_000
+_SAVE = "save the project again"
 
 
 def recognises(source: Source) -> bool:
@@ -56,7 +62,8 @@ def parse(source: Source) -> Draft:
     cameras = {element.get("id"): element for element in (root if calibration is None else calibration).iter("camera")}
     if set(cameras) != {"0", "1"}:
         found = ", ".join(str(name) for name in cameras) or "none"
-        raise InputError(f"{path}: expected the cameras 0 and 1, found {found}; export the calibration of one pair")
+        problem = f"expected the cameras 0 and 1, found {printable(found)}"
+        raise InputError(str(path), problem, "export the calibration of one pair")
     left, right = (_camera(path, cameras[name]) for name in ("0", "1"))
     rotation, translation = relative(*(_pose(path, cameras[name]) for name in ("0", "1")))
     return Draft(PROGRAM, left, right, rotation, translation, unpublished_law(left, right))
@@ -64,18 +71,28 @@ def parse(source: Source) -> Draft:
 
 def _project(source: Source) -> bytes:
     """The project's XML in the archive, unpacked in memory up to the size of the largest calibration."""
+    if source.data.count(_ENTRY) > _MAX_ENTRIES:
+        raise InputError(str(source.path), f"the archive has more than {_MAX_ENTRIES:,} files", "save fewer in it")
     try:
-        with zipfile.ZipFile(io.BytesIO(source.data)) as archive, archive.open(_MEMBER) as member:
-            data = member.read(_MAX_BYTES + 1)
+        with zipfile.ZipFile(io.BytesIO(source.data)) as archive:
+            data = _member(archive)
     except KeyError as error:
-        raise InputError(
-            f"{source.path}: the archive holds no {_MEMBER}; expected a project as VIC-3D saves it (.z3d)"
-        ) from error
-    except (zipfile.BadZipFile, zlib.error, EOFError, RuntimeError, OSError, ValueError) as error:
-        raise InputError(f"{source.path}: the archive is damaged ({error}); save the project again") from error
+        remedy = "give a project as VIC-3D saves it (.z3d)"
+        raise InputError(str(source.path), f"the archive holds no {_MEMBER}", remedy) from error
+    except (zipfile.BadZipFile, zlib.error, EOFError, RuntimeError, OSError, ValueError, struct.error) as error:
+        raise InputError(str(source.path), f"the archive is damaged ({printable(error, 200)})", _SAVE) from error
     if len(data) > _MAX_BYTES:
-        raise InputError(f"{source.path}: {_MEMBER} unpacks to more than {_MAX_BYTES:,} bytes; save the project again")
+        raise InputError(str(source.path), f"{_MEMBER} unpacks to more than {_MAX_BYTES:,} bytes", _SAVE)
     return data
+
+
+def _member(archive: zipfile.ZipFile) -> bytes:
+    """The project's XML, up to one byte more than its limit. Raises RuntimeError for another packing than VIC-3D's."""
+    info = archive.getinfo(_MEMBER)
+    if info.compress_type not in (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED):
+        raise RuntimeError("it is packed in another way than VIC-3D does")
+    with archive.open(info) as member:
+        return member.read(_MAX_BYTES + 1)
 
 
 def _camera(path: Path, element: ElementTree.Element) -> DraftCamera:
@@ -100,5 +117,6 @@ def _numbers(where: str, name: str, text: str | None, least: int) -> list[float]
     """The numbers of an element; there may be more than are needed."""
     words = (text or "").replace(",", " ").split()
     if len(words) < least:
-        raise InputError(f"{where}: {name} has {len(words)} numbers, expected {least}; export the calibration again")
+        problem = f"{name} has {len(words)} numbers, expected {least}"
+        raise InputError(where, problem, "export the calibration again")
     return [number(where, name, word) for word in words]

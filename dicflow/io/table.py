@@ -1,0 +1,149 @@
+"""Tables in text files, as programs and spreadsheets write them: a line of names, and rows.
+
+Cells are separated by commas, semicolons or tabs, whichever the line of names has most of. Lines that begin with ``#``
+are notes. Where the separator is another one, numbers may have a decimal comma: it is recognised if some number of the
+table cannot have a separator of thousands there (``59,95``, ``0,004``), and refused if all could (``1,234``).
+
+Text that a spreadsheet would run as a formula is written with an apostrophe before it, which is no part of the text.
+"""
+
+from __future__ import annotations
+
+import csv
+import re
+from collections.abc import Iterable, Iterator
+from pathlib import Path
+from typing import NamedTuple
+
+from dicflow.errors import InputError
+from dicflow.io.text import numbered_lines, printable
+
+__all__ = ["Numbers", "Table", "cell_text", "plain_text", "read_table"]
+
+_SEPARATORS = ",;\t"
+_SEPARATOR_LINE = re.compile(r"sep=([,;\t])")
+"""The first line by which a table names its separator to Excel."""
+_LINES_ABOVE = 10_000
+_WITH_COMMA = re.compile(r"[-+]?(?:\d++,\d*+|,\d++)(?:[eE][-+]?\d++)?", re.ASCII)
+_NUMBER = re.compile(r"[-+]?(?:\d++\.?\d*+|\.\d++)(?:[eE][-+]?\d++)?", re.ASCII)
+_THOUSANDS = re.compile(r"[-+]?[1-9]\d{0,2},\d{3}", re.ASCII)
+_FORMULA = re.compile(r"'*[\s\0]*[=+\-@＝＋－＠]|'*[\t\r]")
+"""What spreadsheets take for a formula, or may after they have cut off what is before it."""
+_POINT = "write all numbers with a decimal point, and none with a separator of thousands"
+
+
+class Table(NamedTuple):
+    """A table, open at its first row.
+
+    where : ``file:line`` of the line of names
+    names : of the columns
+    notes : lines above them that begin with ``#``
+    rows : ``file:line`` and cells of each row, as many as there are names
+    """
+
+    where: str
+    names: list[str]
+    notes: list[str]
+    rows: Iterator[tuple[str, list[str]]]
+
+
+def read_table(path: Path, what: str, columns: str, most_bytes: int) -> Table:
+    """Open a table. Rows are read one by one.
+
+    what, columns : noun such as "a caliper table" and its usual columns, for messages
+    Raises InputError, with file and line, if it cannot be read or has no line of names; and at a row with another
+    number of cells.
+    """
+    lines, notes, separator = numbered_lines(path, what, most_bytes), [], ""
+    for number, line in lines:
+        if number > _LINES_ABOVE:
+            break
+        if _is_note(line):
+            notes.append(line.strip(' \t;,"'))
+        elif found := _SEPARATOR_LINE.fullmatch(line):
+            separator = found[1]
+        elif line.strip():
+            separator = separator or max(_SEPARATORS, key=line.count)
+            names = [plain_text(name.strip()) for name in _cells(line, separator)]
+            return Table(f"{path}:{number}", names, notes, _rows(path, lines, separator, len(names)))
+    raise InputError(
+        str(path), f"has no rows, expected {what}", f"write a line of names, {columns}, and one row per line"
+    )
+
+
+class Numbers:
+    """Reads the numbers of one table, and finds out whether they have decimal commas."""
+
+    def __init__(self) -> None:
+        self._point = self._comma = ""
+        self._unclear = ("", "")
+        self._is_decimal = False
+
+    def read(self, where: str, name: str, cell: str, least: float, most: float) -> float:
+        """The number in a cell. Raises InputError for another text, and beyond ``least`` and ``most``."""
+        value = self._value(where, cell.strip().replace("\u2212", "-"))
+        if value is None or not least <= value <= most:
+            problem = f"{name} is '{printable(cell.strip())}', expected a number from {least:,.10g} to {most:,.10g}"
+            raise InputError(where, problem, "correct it, with a decimal point and no separator of thousands")
+        return value
+
+    def settle(self) -> None:
+        """Raise InputError if commas in the numbers that were read have no clear meaning."""
+        if self._comma and self._point:
+            raise InputError(self._comma, f"has a comma in a number, but {self._point} a decimal point", _POINT)
+        where, cell = self._unclear
+        if where and not self._is_decimal:
+            raise InputError(where, f"'{cell}' may be {cell.replace(',', '.')} or {cell.replace(',', '')}", _POINT)
+
+    def _value(self, where: str, text: str) -> float | None:
+        if "," in text:
+            return self._with_comma(where, text)
+        try:
+            value = None if "_" in text else float(text)
+        except ValueError:
+            return None
+        if not self._point and "." in text:
+            self._point = where
+        return value
+
+    def _with_comma(self, where: str, text: str) -> float | None:
+        if not _WITH_COMMA.fullmatch(text):
+            return None
+        self._comma = self._comma or where
+        if not _THOUSANDS.fullmatch(text):
+            self._is_decimal = True
+        elif not self._unclear[0]:
+            self._unclear = (where, text)
+        return float(text.replace(",", "."))
+
+
+def cell_text(value: object) -> object:
+    """A value for a cell: text that a spreadsheet would run as a formula gets an apostrophe before it."""
+    if not isinstance(value, str) or not _FORMULA.match(value) or _NUMBER.fullmatch(value):
+        return value
+    return f"'{value}"
+
+
+def plain_text(cell: str) -> str:
+    """The text in a cell, without the apostrophe that :func:`cell_text` puts before it."""
+    return cell[1:] if cell.startswith("'") and _FORMULA.match(cell[1:]) else cell
+
+
+def _is_note(line: str) -> bool:
+    """Whether a line is a note, which spreadsheets may have put into quotes."""
+    return line.lstrip(' \t"').startswith("#")
+
+
+def _rows(path: Path, lines: Iterable[tuple[int, str]], separator: str, width: int) -> Iterator[tuple[str, list[str]]]:
+    for number, line in lines:
+        if _is_note(line) or not line.strip(' \t;,"'):
+            continue
+        cells, where = _cells(line, separator), f"{path}:{number}"
+        if len(cells) != width:
+            problem = f"has {len(cells)} values for {width} columns"
+            raise InputError(where, problem, "write one for each, and decimal points if commas separate them")
+        yield where, cells
+
+
+def _cells(line: str, separator: str) -> list[str]:
+    return next(csv.reader([line], delimiter=separator, skipinitialspace=True))
