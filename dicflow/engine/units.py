@@ -14,7 +14,7 @@ _FACTORS = {
     "px": {"px": 1.0},
     "deg": {"deg": 1.0, "°": 1.0, "rad": 180.0 / math.pi},
 }
-_TEXT = re.compile(r"\s*([-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)\s*(\S+)\s*")
+_TEXT = re.compile(r"\s*+([-+]?(?:\d++\.?\d*+|\.\d++)(?:[eE][-+]?\d++)?)\s*+(\S++)\s*+")
 
 
 def quantity(unit: str) -> Callable[[Any], Any]:

@@ -12,6 +12,7 @@ import numpy as np
 from dicflow._version import __version__
 from dicflow.engine.product import Product, Variable
 from dicflow.errors import InputError
+from dicflow.io.table import cell_text, note_line
 from dicflow.kinds.kind import rows_of, summary_of, titles_of
 
 __all__ = ["columns_text", "csv_text", "npz_bytes", "table_text"]
@@ -38,7 +39,7 @@ def csv_text(product: Product, name: str) -> str:
     }
     shape = next(iter(columns.values()))[0].shape
     indices = {dim: index.ravel() for dim, index in zip(grid, np.indices(shape), strict=True)}
-    units = "".join(f"# {label}: {unit}\n" for label, (_, unit) in columns.items())
+    units = "".join(note_line(f"{label}: {unit}") for label, (_, unit) in columns.items())
     table = np.column_stack([*indices.values(), *(values.ravel() for values, _ in columns.values())])
     return _header(product, name) + _titles(product) + units + columns_text([*indices, *columns], table)
 
@@ -46,18 +47,18 @@ def csv_text(product: Product, name: str) -> str:
 def columns_text(names: Sequence[str], table: np.ndarray) -> str:
     """A table (row, column) as CSV below the names of its columns; nine digits, so that single precision comes back."""
     buffer = io.StringIO()
-    buffer.write(",".join(names) + "\n")
+    csv.writer(buffer, lineterminator="\n").writerow(map(cell_text, names))
     np.savetxt(buffer, table, fmt="%.9g", delimiter=",")
     return buffer.getvalue()
 
 
 def table_text(rows: Sequence[Mapping[str, object]]) -> str:
-    """Rows of equal keys as CSV."""
+    """Rows of equal keys as CSV; text that a spreadsheet would run as a formula has an apostrophe before it."""
     buffer = io.StringIO()
     keys = list(dict.fromkeys(key for row in rows for key in row))
-    writer = csv.DictWriter(buffer, keys, lineterminator="\n")
-    writer.writeheader()
-    writer.writerows(rows)
+    writer = csv.writer(buffer, lineterminator="\n")
+    writer.writerow(map(cell_text, keys))
+    writer.writerows([cell_text(row.get(key, "")) for key in keys] for row in rows)
     return buffer.getvalue()
 
 
@@ -74,14 +75,14 @@ def npz_bytes(product: Product) -> bytes:
 def _header(product: Product, name: str) -> str:
     notes = {key: value for key, value in product.attrs.items() if isinstance(value, str | int | float)}
     lines = [f"dicflow {__version__}", f"product: {name}", f"kind: {product.kind}"]
-    return "".join(f"# {line}\n" for line in [*lines, *(f"{key}: {value}" for key, value in notes.items())])
+    return "".join(map(note_line, [*lines, *(f"{key}: {value}" for key, value in notes.items())]))
 
 
 def _titles(product: Product) -> str:
     """A title for each array; for strains it names the measure."""
     measures = titles_of(product)
     titles = {name: measures.get(name, variable.long_name) for name, variable in product.variables.items()}
-    return "".join(f"# {name} is {title}\n" for name, title in titles.items() if title)
+    return "".join(note_line(f"{name} is {title}") for name, title in titles.items() if title)
 
 
 def _summary(product: Product, name: str) -> Mapping[str, object]:

@@ -18,7 +18,7 @@ from typing import NamedTuple
 from dicflow.errors import InputError
 from dicflow.io.text import numbered_lines, printable
 
-__all__ = ["Numbers", "Table", "cell_text", "plain_text", "read_table"]
+__all__ = ["Numbers", "Table", "cell_text", "note_line", "plain_text", "read_table"]
 
 _SEPARATORS = ",;\t"
 _SEPARATOR_LINE = re.compile(r"sep=([,;\t])")
@@ -119,9 +119,15 @@ class Numbers:
 
 def cell_text(value: object) -> object:
     """A value for a cell: text that a spreadsheet would run as a formula gets an apostrophe before it."""
-    if not isinstance(value, str) or not _FORMULA.match(value) or _NUMBER.fullmatch(value):
+    if not isinstance(value, str) or not _FORMULA.match(value) or _NUMBER.fullmatch(value.strip()):
         return value
     return f"'{value}"
+
+
+def note_line(text: str) -> str:
+    """A note as one line, of which no part is a formula, whichever separator a spreadsheet splits it at."""
+    line = "# " + re.sub(r"[\x00-\x1f\x7f-\x9f\u2028\u2029]", " ", text)
+    return "".join(str(cell_text(part)) for part in re.split(r"([,;])", line)) + "\n"
 
 
 def plain_text(cell: str) -> str:

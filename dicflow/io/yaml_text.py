@@ -24,7 +24,8 @@ TOO_DEEP = f"more than {MAX_DEPTH} lists or mappings inside each other"
 _ODD_SPACES = re.compile("[\u00a0\u2007\u202f\u3000]+")
 """Spaces of typesetting."""
 _QUOTES = tuple("“”„‟«»‘’‚‛‹›")
-_ESCAPE = re.compile(r'\\(?![\\"/xuU\n])(.)')
+_ESCAPE = re.compile(r'\\(?:[\\"/xuU\n]|(.))')
+"""A back-slash and what it stands before; the group takes part for what few people mean in a name."""
 _REMEDIES = (
     ("unknown escape|hexdecimal", "write / between folders, or put the text in single quotes"),
     ("expected ',' or", "close the bracket, and separate values by commas"),
@@ -107,12 +108,19 @@ def _refuse_habits(root: yaml.Node, text: str, source: str, raised: type[Dicflow
     for node in _scalars(root):
         if not node.style and node.value.startswith(_QUOTES):
             raise raised(position(source, node), f"typographic quotes, {printable(node.value)}", "write straight ones")
-        escape = _ESCAPE.search(text, node.start_mark.index, node.end_mark.index) if node.style == '"' else None
-        if escape:
-            problem = f"\\{escape[1]} in double quotes is a special character"
+        if letter := _escaped(text, node):
+            problem = f"\\{letter} in double quotes is a special character"
             raise raised(position(source, node), problem, _REMEDIES[0][1])
         if find_control(node.value) is not None or "\r" in node.value:
             raise raised(position(source, node), f"control characters, {printable(node.value)}", "leave them out")
+
+
+def _escaped(text: str, node: yaml.ScalarNode) -> str:
+    """The first letter after a back-slash by which double quotes make a special character; "" without one."""
+    if node.style != '"':
+        return ""
+    found = _ESCAPE.finditer(text, node.start_mark.index, node.end_mark.index)
+    return next((escape[1] for escape in found if escape[1]), "")
 
 
 def _scalars(root: yaml.Node) -> Iterator[yaml.ScalarNode]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
@@ -13,8 +14,9 @@ from dicflow.engine.graph import Graph, StageSpec, expand
 from dicflow.engine.journal import Event, RunInfo, runs
 from dicflow.engine.plan import CodePolicy, Plan, make_plan
 from dicflow.engine.store import Store
-from dicflow.errors import ConfigurationError, InputError
+from dicflow.errors import ConfigurationError, InputError, StoreError
 from dicflow.io.configuration import Document, read
+from dicflow.io.text import printable
 from dicflow.pipeline.recipes import run_refs
 from dicflow.pipeline.resolved import kept_settings, resolved_of
 from dicflow.pipeline.result import Result
@@ -199,6 +201,7 @@ class Pipeline:
         resolved = {} if run is None else kept_settings(run)
         if run is None or not {"steps", "data"} <= resolved.keys():
             raise error
+        _check_steps(self.store.path, resolved["steps"])
         graph = expand(self._instances[1], resolved["steps"])
         values = [dict(variant.values) for variant in self.variants]
         source = f"run {run.id} of the files in '{resolved['data']}'"
@@ -237,6 +240,14 @@ def _in_order(wired: Mapping[str, Wired]) -> Iterable[str]:
     for name in wired:
         visit(name)
     return done
+
+
+def _check_steps(store: Path, steps: Mapping[str, Sequence[str]]) -> None:
+    """Refuse names of steps that a store gives and no photograph can have: files are named after them."""
+    for name in itertools.chain.from_iterable(steps.values()):
+        if name in ("", "..") or Path(name).name != name:
+            problem = f"a run of it names a step '{printable(name)}'"
+            raise StoreError(str(store), problem, "do not use this store, or measure again with the photographs")
 
 
 def _single_threaded() -> None:

@@ -17,6 +17,8 @@ __all__ = ["Variant", "variants", "with_settings", "with_values"]
 _KEYS = ("grid", "zip", "list", "exclude")
 _MAX_VARIANTS = 1_000
 _MAX_PARAMETERS = 100
+_MAX_VALUES = 1_000_000
+"""Values of the file, times variants."""
 _MAX_DEPTH = 10
 
 
@@ -221,6 +223,9 @@ def _check_counts(document: Document, sweep: Mapping[str, Any], combined: int) -
     if count > _MAX_VARIANTS:
         problem = f"{count:.10g} variants, at most {_MAX_VARIANTS:,} are possible"
         _fail(document, (), problem, "shorten the lists, or vary parameters together with 'zip'")
+    if count * len(document.positions) > _MAX_VALUES:
+        problem = f"{count:,} variants of a file of {len(document.positions):,} values"
+        _fail(document, (), problem, "shorten its lists, or keep long ones in files of their own")
 
 
 def _fail(document: Document, place: Place, problem: str, remedy: str) -> NoReturn:

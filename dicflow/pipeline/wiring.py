@@ -13,6 +13,7 @@ from dicflow.discovery import nearest
 from dicflow.engine.node import Node, Port
 from dicflow.errors import ConfigurationError
 from dicflow.io.configuration import Document, Place
+from dicflow.io.text import printable
 from dicflow.pipeline.registry import node_class
 
 __all__ = ["FORMAT", "Wired", "wire"]
@@ -22,8 +23,8 @@ FORMAT = 1
 
 _TOP = ("dicflow", "title", "stages", "sweep")
 _NAME = re.compile(r"[A-Za-z][A-Za-z0-9_]*")
-_MAX_STAGES = 200
-_MAX_NAME = 100
+_MAX_STAGES = 100
+_MAX_SHOWN = 200
 
 
 class Wired(NamedTuple):
@@ -89,6 +90,10 @@ def _stages(document: Document, problems: list[str]) -> dict[str, dict[str, Any]
             f"{document.where(('stages',))}: 'stages:' must map names to stages; 'dicflow init' writes such a file"
         )
         return {}
+    if len(stages) > _MAX_STAGES:
+        where = document.where(("stages",))
+        problems.append(f"{where}: {len(stages):,} stages, at most {_MAX_STAGES} are possible; write fewer")
+        return {}
     return {name: entry for name, entry in stages.items() if _is_entry(document, name, entry, problems)}
 
 
@@ -97,7 +102,7 @@ def _is_entry(document: Document, name: str, entry: Any, problems: list[str]) ->
     if not _NAME.fullmatch(name):
         problems.append(f"{where}: '{name}' is not a name for a stage; use letters, digits and _")
     elif not isinstance(entry, dict) or not isinstance(entry.get("stage"), str):
-        problems.append(f"{where}: {name}: expected a mapping with 'stage: …' that says which stage it is")
+        problems.append(f"{where}: {name}: expected a mapping; say which stage it is, with 'stage: …'")
     else:
         return True
     return False
@@ -149,7 +154,7 @@ def _complaint(document: Document, place: Place, kind: type[Node], path: Place, 
     message = " or ".join(dict.fromkeys(_pydantic_message(detail) for detail in details)).replace(
         " or must be ", " or "
     )
-    found = repr(details[0]["input"])
+    found = printable(repr(details[0]["input"]), _MAX_SHOWN)
     return f"{where}: {dotted}: {message}" + ("" if found in message else f", found {found}") + f"; give {meaning}"
 
 

@@ -9,14 +9,17 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 from dicflow.engine.product import Product
 from dicflow.errors import ConfigurationError, InputError
+from dicflow.io.text import printable
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
 __all__ = ["Item", "place"]
 
-_REFUSED = re.compile(r'[\x00-\x1f<>:"/\\|?*]')
-"""Characters that some file system does not allow in a name."""
+_REFUSED = re.compile(r'[\x00-\x1f\x7f-\x9f<>:"/\\|?*]|^[ .-]|[ .]$')
+"""Characters that some file system does not allow in a name, or that hide it or make it an option."""
+_DEVICE = re.compile(r"(con|prn|aux|nul|com[0-9¹²³]|lpt[0-9¹²³]|conin\$|conout\$) *(\.|$)", re.IGNORECASE)
+"""Names that Windows keeps for devices, with any suffix."""
 
 
 class Item(NamedTuple):
@@ -41,12 +44,17 @@ class Item(NamedTuple):
 
     @property
     def stem(self) -> str:
-        """Name of its file without the suffix; characters that some file system does not allow are underscores."""
-        return _REFUSED.sub("_", self.stage if self.step is None else f"{self.stage}_{self.step}")
+        """Name of its file without the suffix, one that every file system allows, with underscores where need be."""
+        name = _REFUSED.sub("_", self.stage if self.step is None else f"{self.stage}_{self.step}")
+        return f"{name}_" if _DEVICE.match(name) else name
 
     @property
     def chosen(self) -> Product:
-        """The product with the selected arrays."""
+        """The product with the selected arrays. Raises InputError for an array whose name is not a word."""
+        for name in self.product.variables:
+            if not name.isidentifier():
+                problem = f"has an array '{printable(name)}', expected a word of letters, digits and _"
+                raise InputError(self.stem, problem, "do not use this store, or mend the plug-in that gave the name")
         if not self.quantities:
             return self.product
         arrays = {name: self.product.variables[name] for name in self.quantities}
@@ -59,8 +67,10 @@ class Item(NamedTuple):
 
 
 def place(folder: Path, name: str) -> Path:
-    """Path of a file to be written. Raises InputError if two products have the same file name."""
+    """Path of a file to be written. Raises InputError if it is not one in the folder, or two products have its name."""
+    if _REFUSED.search(name):
+        raise InputError(printable(name), "is not the name of a file", "do not use this store, or rename the quantity")
     path = folder / name
     if path.exists():
-        raise InputError(f"{name}: two products have this file name; export each into a folder of its own")
+        raise InputError(name, "two products have this file name", "export each into a folder of its own")
     return path
