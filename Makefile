@@ -4,7 +4,7 @@ PYTHON ?= $(firstword $(foreach version,3.11 3.12 3.13,$(shell command -v python
 BIN    := $(VENV)/bin
 READY  := $(VENV)/.ready
 .DEFAULT_GOAL := help
-.PHONY: help setup quickstart test test-fast faults check measure accuracy bench peer samples lock clean
+.PHONY: help setup quickstart test test-fast faults fuzz check measure accuracy bench peer samples lock clean
 
 help:           ## show these lines
 	@grep -hE '^[a-z-]+: .*##' $(MAKEFILE_LIST) | sed -E 's/^([a-z-]+):.*## */\1\t/' | expand -t 14
@@ -28,6 +28,9 @@ test-fast: $(READY) ## run the tests that need neither a whole pipeline nor many
 
 faults: $(READY) ## kill, damage, fill up and race a store, hundreds of times; takes ten minutes
 	$(BIN)/python -m tests.faults
+
+fuzz: $(READY)  ## every reader of files on a thousand changed files each; a few minutes
+	$(BIN)/python -m tests.fuzz
 
 check: $(READY) ## ruff and mypy
 	$(BIN)/ruff check .

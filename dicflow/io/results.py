@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import csv
 import io
 import json
 from collections.abc import Iterator, Mapping, Sequence
@@ -12,7 +11,7 @@ import numpy as np
 from dicflow._version import __version__
 from dicflow.engine.product import Product, Variable
 from dicflow.errors import InputError
-from dicflow.io.table import cell_text, note_line
+from dicflow.io.table import note_line, row_text
 from dicflow.kinds.kind import rows_of, summary_of, titles_of
 
 __all__ = ["columns_text", "csv_text", "npz_bytes", "table_text"]
@@ -47,19 +46,15 @@ def csv_text(product: Product, name: str) -> str:
 def columns_text(names: Sequence[str], table: np.ndarray) -> str:
     """A table (row, column) as CSV below the names of its columns; nine digits, so that single precision comes back."""
     buffer = io.StringIO()
-    csv.writer(buffer, lineterminator="\n").writerow(map(cell_text, names))
+    buffer.write(row_text(names))
     np.savetxt(buffer, table, fmt="%.9g", delimiter=",")
     return buffer.getvalue()
 
 
 def table_text(rows: Sequence[Mapping[str, object]]) -> str:
     """Rows of equal keys as CSV; text that a spreadsheet would run as a formula has an apostrophe before it."""
-    buffer = io.StringIO()
     keys = list(dict.fromkeys(key for row in rows for key in row))
-    writer = csv.writer(buffer, lineterminator="\n")
-    writer.writerow(map(cell_text, keys))
-    writer.writerows([cell_text(row.get(key, "")) for key in keys] for row in rows)
-    return buffer.getvalue()
+    return "".join([row_text(keys), *(row_text([row.get(key) for key in keys]) for row in rows)])
 
 
 def npz_bytes(product: Product) -> bytes:

@@ -20,6 +20,7 @@ __all__ = ["read_covariance", "read_rig", "rig_text", "write_rig"]
 _T = TypeVar("_T")
 
 _MAX_BYTES = 1_000_000
+_LARGEST = 1e9
 _ROUNDING = 1e-6
 """Greatest departure of a correlation matrix from a symmetric one without negative eigenvalues."""
 
@@ -40,7 +41,7 @@ def rig_text(rig: Rig, covariance: Any = None) -> str:
 
 def read_rig(path: Path) -> Rig:
     """Read what :func:`write_rig` wrote. Raises InputError if the file does not hold a rig."""
-    return _read(path, rig_from_json, "export the rig again")
+    return _read(path, _bounded_rig, "export the rig again")
 
 
 def read_covariance(path: Path) -> np.ndarray | None:
@@ -61,6 +62,14 @@ def _read(path: Path, convert: Callable[[Mapping[str, Any]], _T], remedy: str) -
         raise InputError(str(path), f"expected a rig, but the entry {error} is missing", remedy) from error
     except (ValueError, TypeError, OverflowError) as error:
         raise InputError(str(path), f"expected a rig as dicflow writes it, but {error}", remedy) from error
+
+
+def _bounded_rig(values: Mapping[str, Any]) -> Rig:
+    rig = rig_from_json(values)
+    parts = [*rig.left, *rig.right, rig.rotation, rig.translation]
+    if np.abs(np.concatenate([np.ravel(np.asarray(part)) for part in parts])).max() > _LARGEST:
+        raise ValueError(f"it has numbers beyond {_LARGEST:g}")
+    return rig
 
 
 def _covariance_or_none(values: Mapping[str, Any]) -> np.ndarray | None:

@@ -18,7 +18,7 @@ from typing import NamedTuple
 from dicflow.errors import InputError
 from dicflow.io.text import numbered_lines, printable
 
-__all__ = ["Numbers", "Table", "cell_text", "note_line", "plain_text", "read_table"]
+__all__ = ["Numbers", "Table", "cell_text", "note_line", "plain_text", "read_table", "row_text"]
 
 _SEPARATORS = ",;\t"
 _SEPARATOR_LINE = re.compile(r"sep=([,;\t])")
@@ -29,6 +29,7 @@ _NUMBER = re.compile(r"[-+]?(?:\d++\.?\d*+|\.\d++)(?:[eE][-+]?\d++)?", re.ASCII)
 _THOUSANDS = re.compile(r"[-+]?[1-9]\d{0,2},\d{3}", re.ASCII)
 _FORMULA = re.compile(r"'*[\s\0]*[=+\-@＝＋－＠]|'*[\t\r]")
 """What spreadsheets take for a formula, or may after they have cut off what is before it."""
+_QUOTED = re.compile(r'[",\r\n]')
 _POINT = "write all numbers with a decimal point, and none with a separator of thousands"
 
 
@@ -117,17 +118,23 @@ class Numbers:
         return float(text.replace(",", "."))
 
 
-def cell_text(value: object) -> object:
-    """A value for a cell: text that a spreadsheet would run as a formula gets an apostrophe before it."""
-    if not isinstance(value, str) or not _FORMULA.match(value) or _NUMBER.fullmatch(value.strip()):
-        return value
-    return f"'{value}"
+def row_text(values: Iterable[object]) -> str:
+    """A row of a table, with commas between the cells; None is an empty cell."""
+    texts = ["" if value is None else cell_text(str(value)) for value in values]
+    quoted = [text.replace('"', '""') for text in texts]
+    cells = (f'"{inner}"' if _QUOTED.search(text) else text for text, inner in zip(texts, quoted, strict=True))
+    return ",".join(cells) + "\n"
+
+
+def cell_text(text: str) -> str:
+    """Text for a cell: what a spreadsheet would run as a formula gets an apostrophe before it; numbers are left."""
+    return f"'{text}" if _FORMULA.match(text) and not _NUMBER.fullmatch(text.strip()) else text
 
 
 def note_line(text: str) -> str:
     """A note as one line, of which no part is a formula, whichever separator a spreadsheet splits it at."""
     line = "# " + re.sub(r"[\x00-\x1f\x7f-\x9f\u2028\u2029]", " ", text)
-    return "".join(str(cell_text(part)) for part in re.split(r"([,;])", line)) + "\n"
+    return "".join(cell_text(part) for part in re.split(r"([,;])", line)) + "\n"
 
 
 def plain_text(cell: str) -> str:

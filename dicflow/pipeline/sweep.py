@@ -85,7 +85,7 @@ def with_settings(document: Document, settings: Sequence[str]) -> Document:
     """
     for setting in settings:
         dotted, sign, text = setting.partition("=")
-        if not sign or "." not in dotted:
+        if not sign or "." not in dotted or not dotted.isprintable():
             raise ConfigurationError(
                 f"--set {printable(setting)}", "not a setting", "write stage.parameter=value, or =v1,v2,v3 to sweep"
             )

@@ -1,0 +1,211 @@
+"""The readers of files that users bring, each with valid files to start from."""
+
+from __future__ import annotations
+
+import csv
+import io
+import json
+import random
+import re
+import tempfile
+import warnings
+import zipfile
+import zlib
+from collections.abc import Callable
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from PIL import Image
+
+from dicflow.engine.product import Product
+from dicflow.io.calibrations.draft import Calibration
+from dicflow.io.calibrations.read import read_calibration
+from dicflow.io.caliper import read_caliper
+from dicflow.io.configuration import parse
+from dicflow.io.images import read_grey
+from dicflow.io.points_table import read_points
+from dicflow.io.region import read_geojson, read_mask
+from dicflow.io.results import csv_text
+from dicflow.io.rig import read_covariance, read_rig
+from dicflow.io.table import plain_text
+from dicflow.pipeline.pipeline import Pipeline
+from dicflow.pipeline.sweep import variants, with_settings
+from dicflow.pipeline.wiring import wire
+from tests.fuzz.harness import Target
+from tests.io.calibration_files import FILES, SIZE, made_rig, vic3d_xml
+
+__all__ = ["targets"]
+
+_ROOT = Path(__file__).parents[2]
+_SWEEP = b"sweep:\n  grid: {strain.window: [3, 5], smooth.degree: [1, 2]}\n  exclude: [{strain.window: 5}]\n"
+_CALIPER = b"# by hand\nphase,load_g,length_mm\nloading,0,59.95\nloading,68.53,64.4\nunloading,0,60.02\n"
+_POINTS = (
+    b"x_image,y_image,X,Y,Z,U,V,W,exx,eyy,exy,e1,e2\n10,20,1,2,3,0.1,0.2,0.3,0.01,0.02,0.004,0.02,0.01\n11,20,,,,,,,,,,,\n",
+    b"# U: mm\nrow,col,U,V,W,exx,eyy,gxy,sigma_U,reference_x,reference_y\n0,0,0.1,0.2,0.3,0.01,0.02,0.008,0.5,10,20\n",
+    b"X;Y;Z;U;V;W;sigma;x;y;exx;eyy;exy\n1;2;3;0,125;0,25;0,5;0,01;10;20;0,01;0,02;0,004\n1;2;3;1,5;2,5;3;-1;10;20;0;0;0\n",
+    b"x,y,ref_x,ref_y,ref_z,tar_x,tar_y,tar_z,exx\n10,20,1,2,3,1.1,2.2,3.3,0.01\n",
+    b"Coordinates.Image X [Pixel]\tCoordinates.Image Y [Pixel]\tdisp.Horizontal Displacement U [mm]\n10\t20\t0.1\n",
+)
+_SQUARE = [[0, 0], [90.5, 0], [90, 80], [0, 80], [0, 0]]
+_GEOJSON = (
+    {"type": "Polygon", "coordinates": [_SQUARE, [[20, 20], [40, 20], [40, 40]]]},
+    {
+        "type": "FeatureCollection",
+        "features": [{"type": "Feature", "geometry": {"type": "Polygon", "coordinates": [_SQUARE]}}],
+    },
+    {"type": "GeometryCollection", "geometries": [{"type": "MultiPolygon", "coordinates": [[_SQUARE]]}]},
+)
+_SETTINGS = (
+    b"strain.window=3",
+    b"strain.window=3,5,7",
+    b"pattern.size=[9, 6]",
+    b"photos.left='a b/*.png'",
+    b"smooth.degree=null",
+)
+_NUMBER = re.compile(r"[-+]?(\d+\.?\d*|\.\d+)([eE][-+]?\d+)?", re.ASCII)
+_NAMES = (
+    b"point 1\n=cmd|' /C calc'!A0\n+1\n-1.5\n@SUM(A1)\n\xce\xb5, a\n'=x\n\ta\n\r=1\n a\n;=2\n,=3",
+    b"a\nb\n<script>\n../x",
+)
+
+
+def targets() -> tuple[Target, ...]:
+    """All of them."""
+    readers = (
+        Target("pipeline", "p.yaml", _pipelines(), _pipeline),
+        Target("settings", "setting", _SETTINGS, _setting, mark="--set"),
+        Target("caliper", "lengths.csv", (_CALIPER, _CALIPER.replace(b",", b";").replace(b".", b",")), _caliper),
+        Target("points", "points.csv", _POINTS, _points),
+        Target("geojson", "region.geojson", [json.dumps(one).encode() for one in _GEOJSON], _region),
+        Target("rig", "rig.json", [_written("dicflow.json"), _rig_with_covariance()], _rig),
+        Target("mask", "mask.png", _pictures(), _without_warnings(read_mask)),
+        Target("photograph", "photo.tif", _pictures(), _without_warnings(read_grey)),
+        Target("results", "names", _NAMES, _results),
+    )
+    return readers + tuple(_calibration(name) for name in FILES)
+
+
+def _calibration(name: str) -> Target:
+    pack = {"vic3d.z3d": _zipped, "matlab.mat": _packed, "matlab_newer.mat": _packed}.get(name)
+    seed = vic3d_xml(made_rig(tangential=False), newer=True).encode() if name == "vic3d.z3d" else _written(name)
+    target = Target(f"calibration {name}", name, (seed,), _calibrated)
+    return target if pack is None else target._replace(pack=pack)
+
+
+def _calibrated(path: Path) -> Any:
+    found: Calibration = read_calibration(path, SIZE)
+    return [found.rig.left[:2], found.rig.right[:2], found.rig.rotation, found.rig.translation]
+
+
+def _written(name: str) -> bytes:
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / name
+        FILES[name](path, made_rig(tangential="vic3d" not in name))
+        return path.read_bytes()
+
+
+def _rig_with_covariance() -> bytes:
+    return json.dumps({**json.loads(_written("dicflow.json")), "covariance": (np.eye(24) * 1e-6).tolist()}).encode()
+
+
+def _zipped(xml: bytes, chance: random.Random) -> bytes:
+    """A project with this XML, packed in one of zip's ways; sometimes the archive is changed too."""
+    ways = (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED, zipfile.ZIP_DEFLATED, zipfile.ZIP_BZIP2, zipfile.ZIP_LZMA)
+    buffer = io.BytesIO()
+    with zipfile.ZipFile(buffer, "w", chance.choice(ways)) as archive:
+        archive.writestr("project.xml", xml)
+    data = bytearray(buffer.getvalue())
+    if chance.random() < 0.3:
+        data[chance.randrange(len(data))] ^= 1 << chance.randrange(8)
+    return bytes(data)
+
+
+def _packed(data: bytes, chance: random.Random) -> bytes:
+    """A file of version 7: what follows the header as compressed elements, in some of the files."""
+    if chance.random() < 0.5 or len(data) < 136:
+        return data
+    inner = zlib.compress(data[128:] + bytes(chance.choice((0, 0, 60_000_000))), 1)
+    return data[:128] + (15).to_bytes(4, "little") + len(inner).to_bytes(4, "little") + inner
+
+
+@cache
+def _pipelines() -> tuple[bytes, ...]:
+    texts = [path.read_bytes() for path in sorted((_ROOT / "pipelines").glob("*.yaml"))]
+    return (*texts, *(text + _SWEEP for text in texts[:1]))
+
+
+def _pipeline(path: Path) -> None:
+    Pipeline.load(path, data=path.parent)
+
+
+def _setting(path: Path) -> None:
+    """The content as a command line would give it; messages name the setting, here the file in its place."""
+    text = path.read_bytes().decode("utf-8", errors="surrogateescape").replace("\0", "")
+    document = with_settings(parse(_pipelines()[0].decode(), str(path)), [text])
+    for variant in variants(document):
+        wire(variant.document)
+
+
+def _caliper(path: Path) -> Any:
+    return read_caliper(path)[1:]
+
+
+def _points(path: Path) -> Any:
+    found = read_points(path)
+    return [found.xy, *found.values.values(), *found.sigmas.values()]
+
+
+def _region(path: Path) -> Any:
+    return [list(polygon.rings) for polygon in read_geojson(path)]
+
+
+def _rig(path: Path) -> Any:
+    read_covariance(path)
+    rig = read_rig(path)
+    return [rig.left.size]
+
+
+def _without_warnings(read: Callable[[Path], Any]) -> Callable[[Path], Any]:
+    """Pillow warns of damaged tags, of which no measurement depends."""
+
+    def quiet(path: Path) -> None:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")
+            read(path)
+
+    return quiet
+
+
+@cache
+def _pictures() -> tuple[bytes, ...]:
+    grey = np.arange(600, dtype=np.uint8).reshape(20, 30) % 251
+    images = [
+        Image.fromarray(grey),
+        Image.fromarray(np.stack([grey] * 3, -1)),
+        Image.fromarray(grey.astype(np.uint16) * 200),
+    ]
+    forms = [(image, form) for image in images for form in ("PNG", "TIFF")] + [(images[0], "BMP"), (images[1], "JPEG")]
+    return tuple(map(lambda pair: _saved(*pair), forms))
+
+
+def _saved(image: Image.Image, form: str) -> bytes:
+    buffer = io.BytesIO()
+    image.save(buffer, form)
+    return buffer.getvalue()
+
+
+def _results(path: Path) -> None:
+    """Tables with the file's lines as names: no cell is a formula, and the names come back."""
+    names = path.read_bytes().decode("utf-8", errors="replace").split("\n")
+    rows = [{"probe": name, name: -1.5} for name in names]
+    text = csv_text(Product("noise", {}, {"verdict": names[0], "rows": rows, "summary": {}}), names[-1])
+    lines = text.split("\n")
+    start = next(number for number, line in enumerate(lines) if not line.startswith("#"))
+    in_notes = [cell for line in lines[:start] for cell in line.replace(";", ",").split(",")]
+    first = [row[0] for row in csv.reader(io.StringIO("\n".join(lines[start:]), newline=""), strict=True) if row][1:]
+    assert not [
+        cell for cell in (*in_notes, *first) if cell.startswith(tuple("=+-@\t\r")) and not _NUMBER.fullmatch(cell)
+    ]
+    assert [plain_text(cell) for cell in first] == names
