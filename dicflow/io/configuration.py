@@ -120,6 +120,9 @@ class _Reader:
             if not isinstance(key_node, yaml.ScalarNode):
                 self._fail(key_node, "a key must be a word", "write 'name: value'")
             key = key_node.value
+            if not key.isprintable():
+                problem = f"key '{printable(key)}' holds a tab or another special character"
+                self._fail(key_node, problem, "write it with plain characters")
             if key in seen:
                 problem = f"key '{printable(key)}' is given twice, first in line {seen[key]}"
                 self._fail(key_node, problem, "keep one")

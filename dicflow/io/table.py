@@ -128,7 +128,7 @@ def row_text(values: Iterable[object]) -> str:
 
 def cell_text(text: str) -> str:
     """Text for a cell: what a spreadsheet would run as a formula gets an apostrophe before it; numbers are left."""
-    return f"'{text}" if _FORMULA.match(text) and not _NUMBER.fullmatch(text.strip()) else text
+    return f"'{text}" if _FORMULA.match(text) and not _NUMBER.fullmatch(text.strip(" ")) else text
 
 
 def note_line(text: str) -> str:

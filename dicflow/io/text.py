@@ -133,11 +133,10 @@ def _open(path: Path, what: str, most_bytes: int) -> BinaryIO:
     except (OSError, ValueError) as error:
         reason = getattr(error, "strerror", None) or str(error)
         raise InputError(printable(path, 300), f"{what} cannot be read ({reason.lower()})", "check the path") from error
-    file = os.fdopen(number, "rb")
     status = os.fstat(number)
     if stat.S_ISREG(status.st_mode) and status.st_size <= most_bytes:
-        return file
-    file.close()
+        return os.fdopen(number, "rb")
+    os.close(number)
     if not stat.S_ISREG(status.st_mode):
         raise InputError(str(path), f"expected {what}, but it is not a regular file", "name the file itself")
     problem = f"is larger ({status.st_size:,} bytes) than {what} may be ({most_bytes:,} bytes)"

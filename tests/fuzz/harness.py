@@ -126,9 +126,8 @@ def _names(text: str, places: tuple[str, ...]) -> bool:
 def _numbers(value: Any) -> Iterator[float]:
     """All known numbers in a result."""
     if isinstance(value, np.ndarray):
-        yield from (
-            float(one) for one in (np.nanmin(value), np.nanmax(value)) if value.size and not np.isnan(value).all()
-        )
+        known = value[~np.isnan(value)]
+        yield from map(float, (known.min(), known.max()) if known.size else ())
     elif isinstance(value, dict):
         yield from _numbers(list(value.values()))
     elif isinstance(value, list | tuple):

@@ -1,5 +1,7 @@
+import re
 import subprocess
 import sys
+import zipfile
 
 import cv2
 import numpy as np
@@ -552,3 +554,85 @@ def test_the_modules_of_all_formats_are_listed_without_numerics():
     assert tuple(done.stdout.split()) == calibration_modules()
     names = ["dice", "dicflow_json", "matchid", "matlab", "opencorr", "opencv", "pyvale", "vic3d"]
     assert set(calibration_modules()) == {f"dicflow.io.calibrations.{name}" for name in names}
+
+
+@pytest.mark.parametrize("name", ["pyvale.csv", "opencorr.csv", "matchid.caldat"])
+@pytest.mark.parametrize("separator", [";", "\t"])
+def test_decimal_commas_are_read(tmp_path, name, separator):
+    truth, path = made_rig(), tmp_path / name
+    FILES[name](path, truth)
+    text = path.read_text(encoding="utf-8").replace(",", separator).replace(";", separator).replace(".", ",")
+    path.write_bytes(text.replace("\n", "\r\n").encode("utf-16"))
+    close(read_calibration(path, SIZE).rig, truth)
+
+
+@pytest.mark.parametrize("name", ["pyvale.csv", "opencorr.csv"])
+def test_decimal_commas_between_commas_are_refused(tmp_path, name):
+    path = tmp_path / name
+    FILES[name](path, made_rig())
+    path.write_text(path.read_text().replace(".", ","))
+    refused(path, "values" if name == "pyvale.csv" else "value(s)", "decimal point")
+
+
+def test_numbers_that_may_have_a_separator_of_thousands_are_refused(tmp_path):
+    path = tmp_path / "m.caldat"
+    matchid(path, made_rig())
+    path.write_text(re.sub(r";[-\d.e]+", ";1,234", path.read_text()))
+    refused(path, ":1", "'1,234' may be 1.234 or 1234")
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "words"),
+    [
+        ("2898.5512345", "1e308", ("1e308", "finite number")),
+        ("2898.5512345", "0.5", ("left camera", "focal lengths", "10,000,000")),
+        ("0.317 ]", "1e8 ]", ("left camera", "corner out of all bounds")),
+        ("-180.6123456", "-1e7", ("T = ", "1,000,000 mm")),
+        ("[ 1440, 1080 ]", "[ 144000, 1080 ]", ("144000", "100,000")),
+        ("T: !!opencv", "r: !!opencv-matrix {}\nT: !!opencv", ("two entries",)),
+    ],
+)
+def test_numbers_that_no_camera_has_are_refused(tmp_path, old, new, words):
+    path, text = tmp_path / "rig.yaml", opencv_text(made_rig())
+    assert old in text
+    path.write_text(text.replace(old, new))
+    refused(path, *words, size=None)
+
+
+@pytest.mark.parametrize(
+    ("data", "words"),
+    [
+        (b"\n" * 1_000_000 + b"cam0", ("not a calibration",)),
+        (b"fx" + b" " * 1_000_000, ("not a calibration",)),
+        (b"Cam0_Fx;1\na" + b" " * 100_000 + b"x;", ("tx, ty, tz",)),
+        (b"cam0_fx" + b" a" * 1_000_000, (":1", "expected a name and a number")),
+        (b"a: " + b" " * 1_000_000 + b":", ("not a calibration",)),
+        (b"%YAML:1.0\nK1: [" + b"1.5, " * 500_000 + b"]", ("more than 50,000 values",)),
+        (b"%YAML:1.0\na: " + b"x" * 6_000_000, ("larger (6,000,",)),
+        (b"<project><camera/><orientation/>" + b"<b/>" * 200_000 + b"</project>", ("100,000 elements",)),
+        (b"<project><camera/><orientation/>" + b"<b>" * 5_000, ("inside each other",)),
+        (
+            b'<!DOCTYPE a [<!ATTLIST b c CDATA "' + b"x" * 100_000 + b'">]><a><camera/><orientation/></a>',
+            ("declarations",),
+        ),
+    ],
+    ids=range(10),
+)
+def test_small_files_that_would_take_long_are_refused(tmp_path, data, words):
+    """Each took from seconds to hours, or gigabytes; the tests of ``tests/fuzz`` hold readers to their limits."""
+    (tmp_path / "c").write_bytes(data)
+    refused(tmp_path / "c", *words)
+
+
+@pytest.mark.parametrize("way", [zipfile.ZIP_LZMA, zipfile.ZIP_BZIP2])
+def test_archives_that_vic3d_does_not_write(tmp_path, way):
+    with zipfile.ZipFile(tmp_path / "v.z3d", "w", way) as archive:
+        archive.writestr("project.xml", vic3d_xml(made_rig(tangential=False)))
+    refused(tmp_path / "v.z3d", "packed in another way")
+
+
+def test_archives_of_very_many_files(tmp_path):
+    with zipfile.ZipFile(tmp_path / "v.z3d", "w") as archive:
+        archive.writestr("project.xml", b"<a/>")
+    (tmp_path / "v.z3d").write_bytes((tmp_path / "v.z3d").read_bytes() + b"PK\x01\x02" * 50_001)
+    refused(tmp_path / "v.z3d", "more than 50,000 files")

@@ -57,3 +57,34 @@ def test_a_missing_or_binary_file_is_named(tmp_path):
     path.write_bytes(b"\xff\xd8\xff\xe0\x00\x10JFIF\x00")
     with pytest.raises(InputError, match=r"picture\.csv:1:5: holds the control character U\+0000"):
         read_caliper(path)
+
+
+TABLE = "phase,load_g,length_mm\nloading,0,59.95\nLoading,68.53,64.4\nunloading,0,60\n"
+
+
+@pytest.mark.parametrize("encoding", ["utf-8-sig", "utf-16", "cp1252"])
+@pytest.mark.parametrize("separator", [";", "\t"])
+def test_tables_of_a_spreadsheet_with_decimal_commas(tmp_path, separator, encoding):
+    path = tmp_path / "lengths.csv"
+    text = TABLE.replace(",", separator).replace(".", ",").replace("\n", "\r\n")
+    path.write_bytes(f"# Prüfung{separator}{separator}\r\n{text}{separator}{separator}\r\n".encode(encoding))
+    table = read_caliper(path)
+    assert table.load_g.tolist() == [0.0, 68.53, 0.0]
+    assert table.length_mm.tolist() == [59.95, 64.4, 60.0]
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        (TABLE.replace(",", ";").replace("59.95", "1,234"), r"lengths\.csv:2: has a comma in a number"),
+        ("phase;load_g;length_mm\nloading;5;1,234\n", r"lengths\.csv:2: '1,234' may be 1\.234 or 1234"),
+        (TABLE.replace("59.95", "59,95"), r"lengths\.csv:2: has 4 values for 3 columns; .*decimal points"),
+        (TABLE.replace("68.53", "1e308"), r"lengths\.csv:3: load_g is '1e308', .*1,000,000,000"),
+        (TABLE.replace("64.4", "inf"), r"lengths\.csv:3: length_mm is 'inf', .*1,000,000"),
+        (TABLE.replace("loading,0", "\x1b[2J,0", 1), r"lengths\.csv:2:1: .*U\+001B"),
+        (TABLE.replace("phase,", "phase,phase,", 1), r"lengths\.csv:1: two columns 'phase'"),
+    ],
+)
+def test_numbers_without_a_clear_or_a_possible_meaning_are_refused(tmp_path, text, message):
+    with pytest.raises(InputError, match=message):
+        read_caliper(written(tmp_path, text))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+import io
 
 import numpy as np
 import pytest
@@ -14,6 +15,8 @@ from dicflow.io.exports import FORMATS, beside
 from dicflow.io.exports.items import Item, place
 from dicflow.io.exports.points import in_space, principal_strains, quads
 from dicflow.io.points_table import read_points
+from dicflow.io.results import csv_text
+from dicflow.io.table import plain_text
 from tests.io.exported_totals import COLS, FORMS, ROWS, hole, item, known, same, total
 
 CHALLENGE = ["x_image", "y_image", "X", "Y", "Z", "U", "V", "W", "exx", "eyy", "exy", "e1", "e2"]
@@ -148,3 +151,51 @@ def test_every_format_has_its_module():
 
 def test_what_is_written_beside_a_whole_test():
     assert beside() == {"csv": ("comparison", "probes", "noise"), "geojson": ("region",), "json": ("rig",)}
+
+
+FORMULAS = ("=cmd|' /C calc'!A0", "+1+1", "-a", "@SUM(A1)", "\t=1", "a\r=1", "x, y", "-1.5", "'=1")
+
+
+def test_names_of_probes_are_no_formulas_and_come_back():
+    rows = [{"probe": name, "step": "step_01", "U": -1.5} for name in FORMULAS]
+    product = Product("probes", {}, {"rows": rows, "verdict": "a\n=1,=2;@x", "note": "good, -0.3"})
+    text = csv_text(product, "=1")
+    lines = [line for line in text.split("\n") if line.startswith("#")]
+    assert "# product: =1" in lines
+    assert "# verdict: a =1,'=2;'@x" in lines
+    table = list(csv.reader(io.StringIO(text[text.index("probe,step") :], newline=""), strict=True))
+    assert [plain_text(row[0]) for row in table[1:]] == list(FORMULAS)
+    assert [row[0] for row in table[1:] if row[0][:1] in tuple("=+-@\t\r")] == ["-1.5"]
+    assert {row[2] for row in table[1:]} == {"-1.5"}
+
+
+@pytest.mark.parametrize(
+    ("stage", "step", "stem"),
+    [
+        ("total", "../../x", "total_.._.._x"),
+        ("total", "a\\b:c\n", "total_a_b_c_"),
+        ("con", None, "con_"),
+        ("Aux.1", None, "Aux.1_"),
+        ("com1", None, "com1_"),
+        ("console", None, "console"),
+        ("..", None, "__"),
+        ("-rf", None, "_rf"),
+    ],
+)
+def test_names_of_files_stay_in_their_folder_on_every_system(stage, step, stem):
+    assert Item(stage, step, Product("total")).stem == stem
+
+
+@pytest.mark.parametrize("name", ["../x.csv", "a/b.csv", "a\\b.csv", "..", "a\0.csv", "\x1b.csv", ".hidden"])
+def test_no_file_is_placed_elsewhere(tmp_path, name):
+    with pytest.raises(InputError, match="is not the name of a file"):
+        place(tmp_path, name)
+
+
+@pytest.mark.parametrize("form", ["csv", "hdf5", "mat", "npz", "vtu"])
+@pytest.mark.parametrize("name", ["../x", "a/b", "=1", "a b", "<script>", ""])
+def test_arrays_with_other_names_than_words_are_not_written(tmp_path, form, name):
+    one = item()
+    hostile = Product("total", {**one.product.variables, name: one.product.variables["U"]}, one.product.attrs)
+    with pytest.raises(InputError, match="expected a word"):
+        written(form, [one._replace(product=hostile)], tmp_path)

@@ -98,3 +98,16 @@ def test_a_variable_that_unpacks_without_end():
     data = b"\0" * 126 + b"IM" + np.array([15, len(packed)], "<u4").tobytes() + packed
     with pytest.raises(ValueError, match="more than 50,000,000 bytes"):
         read_mat(data)
+
+
+def test_the_total_of_all_variables_is_limited(tmp_path):
+    packed = written(tmp_path / "m.mat", {f"v{k}": np.zeros(1_000_000) for k in range(8)}, do_compression=True)
+    assert len(packed) < 100_000
+    with pytest.raises(ValueError, match="unpack to more than 50,000,000 bytes"):
+        read_mat(packed)
+
+
+def test_the_number_of_elements_is_limited(tmp_path):
+    data = written(tmp_path / "m.mat")[:128] + b"\x0e\0\0\0\0\0\0\0" * 100_001
+    with pytest.raises(ValueError, match="more than 100,000 elements"):
+        read_mat(data)

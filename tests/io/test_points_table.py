@@ -83,3 +83,42 @@ def test_a_real_table(shared_data):
     assert len(found.xy) == len(rows)
     assert found.values["V"][7] == pytest.approx(float(rows[7]["tar_y"]) - float(rows[7]["ref_y"]))
     assert found.values["gxy"][7] == pytest.approx(2 * float(rows[7]["exy"]))
+
+
+@pytest.mark.parametrize("dialect", DIALECTS)
+@pytest.mark.parametrize("separator", [";", "\t"])
+def test_decimal_commas_say_the_same(tmp_path, dialect, separator):
+    path = tmp_path / "points.csv"
+    text = DIALECTS[dialect].replace("\t", ",").replace(";", ",").replace(",", separator)
+    head, _, row = text.rstrip().rpartition("\n")
+    path.write_bytes(f"{head}\n{row.replace('.', ',')}\n".encode("utf-16"))
+    found, plain = read_points(path), DIALECTS[dialect]
+    path.write_text(plain, encoding="utf-8")
+    expected = read_points(path)
+    np.testing.assert_array_equal(found.xy, expected.xy)
+    for name, values in expected.values.items():
+        np.testing.assert_array_equal(found.values[name], values)
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        ("x;y;U\n1;2;1,234\n3;4;5,678\n", [":2:", "1.234 or 1234", "decimal point"]),
+        ("x;y;U\n1;2;0,5\n3;4;0.5\n", [":2:", ":3", "decimal point"]),
+        ("x;y;U\n1;2;1.234,5\n", [":2:", "1.234,5"]),
+        ("x,y,U\n1,2,0,5\n", [":2:", "4 values for 3", "decimal points"]),
+        ("x,y,U\n1,2,inf\n", [":2:", "U is 'inf'", "1,000,000,000"]),
+        ("x,y,U\n1e308,2,3\n", [":2:", "x is '1e308'"]),
+        ("x,y,U,U\n1,2,3,4\n", [":1:", "more than one column U"]),
+        ("x,y,U\n1,2," + "1" * 100_000 + "\n", [":2:", "longer than"]),
+    ],
+)
+def test_numbers_without_a_clear_meaning_are_refused(table, text, words):
+    with pytest.raises(InputError) as raised:
+        table(text)
+    assert all(word in str(raised.value) for word in words), raised.value
+
+
+def test_columns_that_are_not_read_may_hold_anything(table):
+    found = table("note,x,y,U,sigma_V\n=cmd|'x'!A0,1,2,3,often\n,4,5,nan,\n")
+    np.testing.assert_array_equal(found.values["U"], [3.0, np.nan])

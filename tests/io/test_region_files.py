@@ -87,3 +87,32 @@ def test_a_black_mask_is_refused(tmp_path):
 @pytest.mark.parametrize(("name", "expected"), [("a.json", True), ("a.GeoJSON", True), ("a.png", False)])
 def test_the_name_tells_the_kind(tmp_path, name, expected):
     assert is_geojson(tmp_path / name) is expected
+
+
+@pytest.mark.parametrize("encoding", ["utf-8-sig", "utf-16", "utf-16-le"])
+def test_files_of_windows_are_read(tmp_path, encoding):
+    (tmp_path / "r.geojson").write_bytes(json.dumps(POLYGON, indent=1).replace("\n", "\r\n").encode(encoding))
+    assert area(read_geojson(tmp_path / "r.geojson")) == 76
+
+
+@pytest.mark.parametrize(
+    ("value", "message"),
+    [
+        ({"type": "Polygon", "coordinates": [[[0, 0], [1e308, 0], [2, 2]]]}, "a corner lies at 1e.308 px"),
+        ({"type": "Polygon", "coordinates": [[[0, 0], ["5", 0], [2, 2]]]}, "at least three points"),
+        ({"type": "MultiPolygon", "coordinates": [[SQUARE]] * 30_000}, "150,000 corners, at most 100,000"),
+        ({"type": ["Polygon"], "coordinates": []}, "found"),
+        ({"type": "Feature", "geometry": None}, "found NoneType"),
+    ],
+)
+def test_regions_have_limits(tmp_path, value, message):
+    with pytest.raises(InputError, match=message):
+        read_geojson(written(tmp_path / "r.geojson", value))
+
+
+def test_collections_inside_each_other_are_read_in_order(tmp_path):
+    inner = {"type": "MultiPolygon", "coordinates": [[SQUARE], [HOLE]]}
+    for _ in range(200):
+        inner = {"type": "GeometryCollection", "geometries": [inner]}
+    first, second = read_geojson(written(tmp_path / "r.geojson", inner))
+    assert (area([first]), area([second])) == (80, 4)

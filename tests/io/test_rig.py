@@ -76,3 +76,18 @@ def test_what_is_no_covariance_is_named(tmp_path, spoil, word):
     (tmp_path / "rig.json").write_text(json.dumps(values), encoding="utf-8")
     with pytest.raises(InputError, match=rf"rig\.json: .*{word}.*; export the rig again, or leave its covariance out"):
         read_covariance(tmp_path / "rig.json")
+
+
+@pytest.mark.parametrize(
+    ("change", "word"),
+    [
+        ({"rotation": [[1e308] * 3] * 3}, "beyond"),
+        ({"translation_mm": [1e12, 0, 0]}, "beyond"),
+        ({"left": [1, 2]}, "as dicflow writes it"),
+        ({"rotation": {"a": 1}}, "as dicflow writes it"),
+    ],
+)
+def test_numbers_that_no_rig_has_are_refused(tmp_path, change, word):
+    (tmp_path / "rig.json").write_text(json.dumps({**rig_to_json(make_rig()), **change}), encoding="utf-8")
+    with pytest.raises(InputError, match=word):
+        read_rig(tmp_path / "rig.json")

@@ -1,5 +1,7 @@
 """Variants of a pipeline."""
 
+import copy
+
 import pytest
 
 from dicflow.errors import ConfigurationError
@@ -87,6 +89,14 @@ def test_values_on_the_command_line_override_those_of_the_sweep(part):
             r"p.yaml:4:38: sweep: exclude names 'a.q', .* did you mean 'a.p'\?; use one of a.p",
         ),
         ("sweep: 3", "not a mapping"),
+        (
+            "sweep: {grid: {" + ", ".join(f"a.p{k}: [0, 1, 2, 3, 4, 5, 6, 7, 8, 9]" for k in range(60)) + "}}",
+            r"p.yaml:4:1: sweep: 1e\+60 variants, at most 1,000 are possible; shorten",
+        ),
+        ("sweep: {grid: {a.p: [1, 2]}, list: [" + "{a.p: 1}, " * 999 + "]}", "sweep: 1001 variants"),
+        ("sweep: {grid: {a.p: [1]}, exclude: [" + "{a.p: 2}, " * 1001 + "]}", "sweep: 1001 variants"),
+        ("sweep: {grid: {" + ", ".join(f"a.p{k}: [0]" for k in range(101)) + "}}", "varies 101 parameters"),
+        ("sweep: {grid: {a.p" + ".x" * 20 + ": [1]}}", "write stage.parameter"),
     ],
 )
 def test_a_wrong_sweep(sweep, message):
@@ -94,7 +104,29 @@ def test_a_wrong_sweep(sweep, message):
         _values(sweep)
 
 
-@pytest.mark.parametrize("setting", ["a.p", "p=3", "=3"])
+@pytest.mark.parametrize("setting", ["a.p", "p=3", "=3", "a.\x1b[2Jp=3"])
 def test_settings_of_another_form(setting):
     with pytest.raises(ConfigurationError, match=r"write stage\.parameter=value"):
         with_settings(parse(BASE, "p.yaml"), [setting])
+
+
+def test_a_long_file_has_fewer_variants():
+    text = BASE + f"# the\ntitle: [{'1, ' * 2000}]\nsweep: {{grid: {{a.p: [{', '.join(map(str, range(600)))}]}}}}"
+    with pytest.raises(ConfigurationError, match="600 variants of a file of 2,"):
+        variants(parse(text, "p.yaml"))
+
+
+def test_values_of_a_sweep_hide_the_places_below_them():
+    document = parse(BASE + "sweep: {grid: {a.p: [{x: 1}, 2]}}", "p.yaml")
+    first, _ = (variant.document for variant in variants(document))
+    assert first.where(("stages", "a", "p")) == document.where(("sweep", "grid", "a.p"))
+    assert first.where(("stages", "a", "p", "x")) == document.where(("sweep", "grid", "a.p"))
+    assert first.where(("stages", "a", "stage")) == document.where(("stages", "a", "stage"))
+
+
+def test_variants_leave_the_file_as_it_is():
+    document = parse(BASE + "sweep: {grid: {a.p: [1, 2], b.new.deep: [3]}}", "p.yaml")
+    kept = copy.deepcopy(document.data)
+    found = variants(document)
+    assert document.data == kept
+    assert [variant.document.data["stages"]["b"]["new"] for variant in found] == [{"deep": 3}] * 2

@@ -84,3 +84,15 @@ def test_all_problems_are_listed_at_once():
 def test_no_stages():
     with pytest.raises(ConfigurationError, match="'stages:'"):
         _wire("dicflow: 1\n")
+
+
+def test_very_many_stages_are_refused():
+    chain = "".join(f"  s{k}: {{stage: smooth, increment: s{k - 1}}}\n" for k in range(1, 3000))
+    with pytest.raises(ConfigurationError, match=r"p\.yaml:1:1: 3,000 stages, at most 100 are possible; write fewer"):
+        _wire("stages:\n  s0: {stage: displacement}\n" + chain)
+
+
+def test_long_values_are_cut_in_messages():
+    with pytest.raises(ConfigurationError) as raised:
+        _wire(GOOD.replace("14.5 mm", f"[{'1, ' * 5000}]"))
+    assert len(str(raised.value)) < 1000

@@ -293,6 +293,7 @@ def _translation(path: Path, translation: ArrayLike) -> Array:
 def _corner_shift_px(one: DraftCamera) -> float:
     """How far distortion moves the photograph's corner (0, 0)."""
     matrix = one.matrix
-    r2 = float(np.sum((matrix[:2, 2] / matrix[[0, 1], [0, 1]]) ** 2))
-    k1, k2, _, _, k3 = one.distortion
-    return float(abs(r2 * (k1 + r2 * (k2 + r2 * k3))) * np.hypot(*matrix[:2, 2]))
+    with np.errstate(all="ignore"):  # a draft may hold any numbers
+        r2 = np.sum((matrix[:2, 2] / matrix[[0, 1], [0, 1]]) ** 2)
+        k1, k2, _, _, k3 = one.distortion
+        return float(abs(r2 * (k1 + r2 * (k2 + r2 * k3))) * np.hypot(*matrix[:2, 2]))

@@ -32,11 +32,11 @@ def parse_xml(path: Path, data: bytes) -> ElementTree.Element:
     def refuse(*_: object) -> NoReturn:
         fail("has declarations, such as an XML entity, which no calibration needs")
 
-    def start(*_: object) -> None:
+    def start(_: str, attributes: dict[str, str]) -> None:
         nonlocal count, depth
-        count, depth = count + 1, depth + 1
+        count, depth = count + 1 + len(attributes), depth + 1
         if count > _MAX_ELEMENTS or depth > _MAX_DEPTH:
-            fail(f"has more than {_MAX_ELEMENTS:,} elements, or {_MAX_DEPTH} inside each other")
+            fail(f"has more than {_MAX_ELEMENTS:,} elements and attributes, or {_MAX_DEPTH} inside each other")
 
     def end(*_: object) -> None:
         nonlocal depth
