@@ -18,6 +18,7 @@ __all__ = ["Item", "place"]
 
 _REFUSED = re.compile(r'[\x00-\x1f\x7f-\x9f<>:"/\\|?*]|^[ .-]|[ .]$')
 """Characters that some file system does not allow in a name, or that hide it or make it an option."""
+_WORD = re.compile(r"\w[\w.-]*")
 _DEVICE = re.compile(r"(con|prn|aux|nul|com[0-9¹²³]|lpt[0-9¹²³]|conin\$|conout\$) *(\.|$)", re.IGNORECASE)
 """Names that Windows keeps for devices, with any suffix."""
 
@@ -52,8 +53,8 @@ class Item(NamedTuple):
     def chosen(self) -> Product:
         """The product with the selected arrays. Raises InputError for an array whose name is not a word."""
         for name in self.product.variables:
-            if not name.isidentifier():
-                problem = f"has an array '{printable(name)}', expected a word of letters, digits and _"
+            if not _WORD.fullmatch(name):
+                problem = f"has an array '{printable(name)}', expected a word of letters and digits"
                 raise InputError(self.stem, problem, "do not use this store, or mend the plug-in that gave the name")
         if not self.quantities:
             return self.product
