@@ -27,7 +27,7 @@ _START_SECONDS = 60.0
 def main() -> int:
     """Print what is handled wrongly; returns the exit code."""
     parser = argparse.ArgumentParser(prog="python -m tests.fuzz")
-    parser.add_argument("--inputs", type=int, default=1_000, help="for each target")
+    parser.add_argument("--inputs", type=int, default=500, help="for each target")
     parser.add_argument("names", nargs="*", metavar="TARGET", help="words of the targets' names; default: all")
     options = parser.parse_args()
     chosen = [one.name for one in targets() if not options.names or any(word in one.name for word in options.names)]

@@ -293,6 +293,7 @@ def test_a_project_of_vic3d_names_cameras_elsewhere_too(tmp_path):
         ("<orientation>", "<orientation>x", ("camera 0", "orientation is 'x")),
         ("701.32 ", "", ("camera 0", "has 7 numbers, expected 8")),
         ("</camera>", "", ("damaged XML", "line")),
+        ("701.32 ", "701,32 ", ("camera 0", "has 9 numbers, expected 8", "decimal points")),
         ("<!DOCTYPE vpml>", '<!DOCTYPE vpml [<!ENTITY a "b">]>', (":2", "XML entity")),
         ("<!DOCTYPE vpml>", '<!DOCTYPE vpml [<!ENTITY a SYSTEM "file:///etc/passwd">]>', (":2", "XML entity")),
     ],

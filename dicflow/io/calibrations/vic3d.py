@@ -41,6 +41,7 @@ _ENTRY = b"PK\x01\x02"
 """Begins the entry of each file in the directory of an archive."""
 _MAX_ENTRIES = 50_000
 _MAX_BYTES = 5_000_000
+_MOST_NUMBERS = 100
 _SAVE = "save the project again"
 
 
@@ -116,7 +117,8 @@ def _pose(path: Path, element: ElementTree.Element) -> tuple[NDArray[np.float64]
 def _numbers(where: str, name: str, text: str | None, least: int) -> list[float]:
     """The numbers of an element; there may be more than are needed."""
     words = (text or "").replace(",", " ").split()
-    if len(words) < least:
-        problem = f"{name} has {len(words)} numbers, expected {least}"
-        raise InputError(where, problem, "export the calibration again")
+    most = least if "," in (text or "") else _MOST_NUMBERS
+    if not least <= len(words) <= most:
+        problem = f"{name} has {len(words):,} numbers, expected {least}"
+        raise InputError(where, problem, "export the calibration again, with decimal points")
     return [number(where, name, word) for word in words]
