@@ -38,6 +38,7 @@ _ZEROS: dict[tuple[bool, ...], str] = {
 """Which of the first four bytes are zero in a file that begins with two ASCII characters."""
 _CHUNK_BYTES = 1 << 20
 _LONGEST_LINE = 100_000
+_MOST_LINES = 3_000_000
 _CONTROL = re.compile("[\x00-\x08\x0b\x0c\x0e-\x1f\x7f-\x9f\ufeff\ufffe\uffff]")
 """Characters that no text holds, and that may steer a terminal."""
 _SAVE = "save it as plain text in UTF-8 (in Windows' Notepad: Save as, encoding UTF-8)"
@@ -86,6 +87,8 @@ def numbered_lines(path: Path, what: str, most_bytes: int) -> Iterator[tuple[int
         try:
             while line := text.readline(_LONGEST_LINE + 1):
                 number += 1
+                if number > _MOST_LINES:
+                    raise InputError(str(path), f"has more than {_MOST_LINES:,} lines", "give a shorter table")
                 yield number, _checked(f"{path}:{number}", line.rstrip("\n"))
         except UnicodeDecodeError as error:
             raise _damaged(f"{path}:{number + 1}", encoding) from error

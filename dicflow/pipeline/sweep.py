@@ -18,7 +18,7 @@ _KEYS = ("grid", "zip", "list", "exclude")
 _MAX_VARIANTS = 1_000
 _MAX_PARAMETERS = 100
 _MAX_VALUES = 1_000_000
-"""Values of the file, times variants."""
+"""Values of all stages, times variants."""
 _MAX_DEPTH = 10
 
 
@@ -223,9 +223,10 @@ def _check_counts(document: Document, sweep: Mapping[str, Any], combined: int) -
     if count > _MAX_VARIANTS:
         problem = f"{count:.10g} variants, at most {_MAX_VARIANTS:,} are possible"
         _fail(document, (), problem, "shorten the lists, or vary parameters together with 'zip'")
-    if count * len(document.positions) > _MAX_VALUES:
-        problem = f"{count:,} variants of a file of {len(document.positions):,} values"
-        _fail(document, (), problem, "shorten its lists, or keep long ones in files of their own")
+    values = sum(place[:1] != ("sweep",) for place in document.positions)
+    if count * values > _MAX_VALUES:
+        problem = f"{count:,} variants of stages with {values:,} values"
+        _fail(document, (), problem, "shorten their lists, or keep long ones in files of their own")
 
 
 def _fail(document: Document, place: Place, problem: str, remedy: str) -> NoReturn:

@@ -25,6 +25,8 @@ _TOP = ("dicflow", "title", "stages", "sweep")
 _NAME = re.compile(r"[A-Za-z][A-Za-z0-9_]*")
 _MAX_STAGES = 100
 _MAX_SHOWN = 200
+_MAX_PROBLEMS = 50
+"""Of one stage; more are not looked at."""
 
 
 class Wired(NamedTuple):
@@ -118,7 +120,7 @@ def _node(document: Document, name: str, entry: Mapping[str, Any], problems: lis
     try:
         return kind.model_validate({key: value for key, value in entry.items() if key not in kind.takes})
     except ValidationError as error:
-        problems += _complaints(document, place, kind, [dict(detail) for detail in error.errors()])
+        problems += _complaints(document, place, kind, [dict(detail) for detail in error.errors()[:_MAX_PROBLEMS]])
         return None
 
 

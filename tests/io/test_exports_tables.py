@@ -186,6 +186,10 @@ def test_names_of_files_stay_in_their_folder_on_every_system(stage, step, stem):
     assert Item(stage, step, Product("total")).stem == stem
 
 
+def test_a_file_of_a_whole_test_has_a_name_that_every_system_allows(tmp_path):
+    assert written("hdf5", [item()], tmp_path, name="../a: 1") == ["_._a_ 1.h5"]
+
+
 @pytest.mark.parametrize("name", ["../x.csv", "a/b.csv", "a\\b.csv", "..", "a\0.csv", "\x1b.csv", ".hidden"])
 def test_no_file_is_placed_elsewhere(tmp_path, name):
     with pytest.raises(InputError, match="is not the name of a file"):

@@ -14,9 +14,9 @@ from small import BOARDS, ROOT, STEPS, TASKS
 
 import dicflow
 from dicflow.engine.execute import dask_graph
-from dicflow.errors import ConfigurationError, DicflowError
+from dicflow.errors import ConfigurationError, DicflowError, StoreError
 from dicflow.pipeline import Pipeline
-from dicflow.pipeline.pipeline import _single_threaded
+from dicflow.pipeline.pipeline import _check_steps, _single_threaded
 
 
 @pytest.fixture
@@ -280,3 +280,10 @@ def test_pipelines_of_the_repository_are_valid(path):
 def test_steps_are_counted(result):
     assert sum(len(result.steps(stage)) or 1 for stage in result.stages) == TASKS
     assert len(result.steps("photos")) == STEPS
+
+
+@pytest.mark.parametrize("name", ["../x", "a/b", "/etc/passwd", "..", ""])
+def test_steps_that_a_store_names_are_names_of_files(name):
+    with pytest.raises(StoreError, match="names a step .*; do not use this store"):
+        _check_steps(Path("store"), {"photos": ["step_01", name]})
+    _check_steps(Path("store"), {"photos": ["step_01", "a b.c", "..a"]})

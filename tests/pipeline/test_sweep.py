@@ -112,7 +112,7 @@ def test_settings_of_another_form(setting):
 
 def test_a_long_file_has_fewer_variants():
     text = BASE + f"# the\ntitle: [{'1, ' * 2000}]\nsweep: {{grid: {{a.p: [{', '.join(map(str, range(600)))}]}}}}"
-    with pytest.raises(ConfigurationError, match="600 variants of a file of 2,"):
+    with pytest.raises(ConfigurationError, match="600 variants of stages with 2,"):
         variants(parse(text, "p.yaml"))
 
 

@@ -96,3 +96,9 @@ def test_long_values_are_cut_in_messages():
     with pytest.raises(ConfigurationError) as raised:
         _wire(GOOD.replace("14.5 mm", f"[{'1, ' * 5000}]"))
     assert len(str(raised.value)) < 1000
+
+
+def test_of_many_problems_of_a_stage_the_first_are_said():
+    with pytest.raises(ConfigurationError) as raised:
+        _wire(GOOD.replace("square: 14.5 mm", ", ".join(f"p{k}: 1" for k in range(20_000))))
+    assert len(str(raised.value).split("\n")) == 50

@@ -11,7 +11,7 @@ import h5py
 
 from dicflow._version import __version__
 from dicflow.engine.product import Product
-from dicflow.io.exports.items import Item, place
+from dicflow.io.exports.items import Item, file_stem, place
 
 __all__ = ["DESCRIPTION", "KINDS", "write"]
 
@@ -25,7 +25,7 @@ def write(items: Iterable[Item], folder: Path, name: str) -> None:
     An array carries ``units``, ``long_name`` and ``dims``; a group ``kind``, and the further attributes of its product
     as JSON text in the dataset ``attributes``.
     """
-    with h5py.File(place(folder, f"{name}.h5"), "w", track_order=True) as file:
+    with h5py.File(place(folder, f"{file_stem(name)}.h5"), "w", track_order=True) as file:
         file.attrs["program"] = f"dicflow {__version__}"
         for item in items:
             name = _group(item.stage)

@@ -14,7 +14,7 @@ from dicflow.io.text import printable
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-__all__ = ["Item", "place"]
+__all__ = ["Item", "file_stem", "place"]
 
 _REFUSED = re.compile(r'[\x00-\x1f\x7f-\x9f<>:"/\\|?*]|^[ .-]|[ .]$')
 """Characters that some file system does not allow in a name, or that hide it or make it an option."""
@@ -45,9 +45,8 @@ class Item(NamedTuple):
 
     @property
     def stem(self) -> str:
-        """Name of its file without the suffix, one that every file system allows, with underscores where need be."""
-        name = _REFUSED.sub("_", self.stage if self.step is None else f"{self.stage}_{self.step}")
-        return f"{name}_" if _DEVICE.match(name) else name
+        """Name of its file without the suffix."""
+        return file_stem(self.stage if self.step is None else f"{self.stage}_{self.step}")
 
     @property
     def chosen(self) -> Product:
@@ -65,6 +64,12 @@ class Item(NamedTuple):
         """Raise ConfigurationError if arrays are selected, for a format whose columns are fixed."""
         if self.quantities:
             raise ConfigurationError(f"{format_name} has fixed columns; leave --quantity out, or export as csv")
+
+
+def file_stem(name: str) -> str:
+    """A name of a file without suffix that every file system allows, with underscores where need be."""
+    stem = _REFUSED.sub("_", name)
+    return f"{stem}_" if _DEVICE.match(stem) else stem
 
 
 def place(folder: Path, name: str) -> Path:
