@@ -1,4 +1,5 @@
 import json
+import os
 
 import numpy as np
 import pytest
@@ -116,3 +117,9 @@ def test_collections_inside_each_other_are_read_in_order(tmp_path):
         inner = {"type": "GeometryCollection", "geometries": [inner]}
     first, second = read_geojson(written(tmp_path / "r.geojson", inner))
     assert (area([first]), area([second])) == (80, 4)
+
+
+def test_a_pipe_in_the_place_of_a_mask_does_not_wait(tmp_path):
+    os.mkfifo(tmp_path / "m.png")
+    with pytest.raises(InputError, match=r"m\.png: not a regular file; name the file itself"):
+        read_mask(tmp_path / "m.png")

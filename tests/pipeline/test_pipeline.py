@@ -284,6 +284,6 @@ def test_steps_are_counted(result):
 
 @pytest.mark.parametrize("name", ["../x", "a/b", "/etc/passwd", "..", ""])
 def test_steps_that_a_store_names_are_names_of_files(name):
-    with pytest.raises(StoreError, match="names a step .*; do not use this store"):
+    with pytest.raises(StoreError, match=r"names a step .*; do not use this store"):
         _check_steps(Path("store"), {"photos": ["step_01", name]})
     _check_steps(Path("store"), {"photos": ["step_01", "a b.c", "..a"]})
