@@ -23,7 +23,6 @@ __all__ = [
     "decoded",
     "find_control",
     "numbered_lines",
-    "open_regular",
     "place_in",
     "printable",
     "read_bytes",
@@ -138,32 +137,20 @@ def _damaged(where: str, encoding: str) -> InputError:
     return InputError(where, f"is damaged {encoding.removesuffix('-sig').upper()} text", _SAVE)
 
 
-def open_regular(path: Path) -> BinaryIO:
-    """Open a regular file for reading, and nothing else: a pipe would wait for ever.
-
-    Raises OSError, ValueError for a name that no file can have, and InputError, without the name, for other files.
-    """
-    number = os.open(path, os.O_RDONLY | getattr(os, "O_NONBLOCK", 0) | getattr(os, "O_BINARY", 0))
-    if stat.S_ISREG(os.fstat(number).st_mode):
-        return os.fdopen(number, "rb")
-    os.close(number)
-    raise InputError("not a regular file; name the file itself")
-
-
 def _open(path: Path, what: str, most_bytes: int) -> BinaryIO:
     """A regular file of limited size, open for reading."""
     try:
-        file = open_regular(path)
+        number = os.open(path, os.O_RDONLY | getattr(os, "O_NONBLOCK", 0) | getattr(os, "O_BINARY", 0))
     except (OSError, ValueError) as error:
         reason = getattr(error, "strerror", None) or str(error)
         raise InputError(printable(path, 300), f"{what} cannot be read ({reason.lower()})", "check the path") from error
-    except InputError as error:
-        raise InputError(str(path), f"expected {what}, but it is not a regular file", "name the file itself") from error
-    size = os.fstat(file.fileno()).st_size
-    if size <= most_bytes:
-        return file
-    file.close()
-    problem = f"is larger ({size:,} bytes) than {what} may be ({most_bytes:,} bytes)"
+    status = os.fstat(number)
+    if stat.S_ISREG(status.st_mode) and status.st_size <= most_bytes:
+        return os.fdopen(number, "rb")
+    os.close(number)
+    if not stat.S_ISREG(status.st_mode):
+        raise InputError(str(path), f"expected {what}, but it is not a regular file", "name the file itself")
+    problem = f"is larger ({status.st_size:,} bytes) than {what} may be ({most_bytes:,} bytes)"
     raise InputError(str(path), problem, "check which file is named")
 
 

@@ -121,5 +121,5 @@ def test_collections_inside_each_other_are_read_in_order(tmp_path):
 
 def test_a_pipe_in_the_place_of_a_mask_does_not_wait(tmp_path):
     os.mkfifo(tmp_path / "m.png")
-    with pytest.raises(InputError, match=r"m\.png: not a regular file; name the file itself"):
+    with pytest.raises(InputError, match=r"m\.png: not a regular file; name a photograph"):
         read_mask(tmp_path / "m.png")
