@@ -572,7 +572,10 @@ def test_decimal_commas_between_commas_are_refused(tmp_path, name):
     path = tmp_path / name
     FILES[name](path, made_rig())
     path.write_text(path.read_text().replace(".", ","))
-    refused(path, "values" if name == "pyvale.csv" else "value(s)", "decimal point")
+    refused(path, "value(s)", "decimal points")
+    FILES[name](path, made_rig())
+    path.write_text(path.read_text().replace("\n", ",a note\n"))
+    close(read_calibration(path, SIZE).rig, made_rig())
 
 
 def test_numbers_that_may_have_a_separator_of_thousands_are_refused(tmp_path):

@@ -24,6 +24,7 @@ __all__ = [
     "DraftCamera",
     "Source",
     "camera",
+    "check_count",
     "complete",
     "decimal",
     "euler_deg",
@@ -119,6 +120,14 @@ def rows(source: Source) -> Iterator[tuple[str, str, list[str]]]:
         separator = next((sign for sign in "\t;," if sign in text), ",")
         name, *values = [part.strip(" \"'") for part in text.rstrip(" \t;,").split(separator)]
         yield f"{source.path}:{line}", name, values
+
+
+def check_count(where: str, name: str, values: Sequence[str], count: int) -> None:
+    """Raise InputError for a line of fewer values, or of further numbers, which may be what follows decimal commas."""
+    if len(values) < count or any(value[:1].isdecimal() for value in values[count:]):
+        amount = "one value" if count == 1 else "one value for each camera"
+        problem = f"{printable(name)} has {len(values)} value(s)"
+        raise InputError(where, problem, f"write {amount}, with decimal points if commas separate them")
 
 
 def number(where: str, name: str, text: Any) -> float:

@@ -20,6 +20,7 @@ from dicflow.io.calibrations.draft import (
     DraftCamera,
     Source,
     camera,
+    check_count,
     decimal,
     euler_deg,
     needed,
@@ -69,10 +70,8 @@ def _columns(source: Source) -> tuple[dict[str, float], dict[str, float]]:
             continue
         if key in left:
             raise InputError(where, f"{name} is given twice", "leave out one of them")
-        if len(values) != 2:
-            problem = f"{name} has {len(values)} value(s)"
-            raise InputError(where, problem, "write one for each camera, with decimal points")
-        left[key], right[key] = (decimal(numbers, where, name, value) for value in values)
+        check_count(where, name, values, 2)
+        left[key], right[key] = (decimal(numbers, where, name, value) for value in values[:2])
     numbers.settle()
     needed(source.path, PROGRAM, left, (*_INTRINSICS, *_POSE))
     return left, right

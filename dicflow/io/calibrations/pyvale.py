@@ -10,7 +10,17 @@ import re
 import numpy as np
 
 from dicflow.errors import InputError
-from dicflow.io.calibrations.draft import Draft, DraftCamera, Source, camera, decimal, euler_deg, needed, rows
+from dicflow.io.calibrations.draft import (
+    Draft,
+    DraftCamera,
+    Source,
+    camera,
+    check_count,
+    decimal,
+    euler_deg,
+    needed,
+    rows,
+)
 from dicflow.io.table import Numbers
 from dicflow.io.text import printable
 
@@ -37,8 +47,7 @@ def parse(source: Source) -> Draft:
     for where, name, cells in rows(source):
         if not _NAME.fullmatch(name):
             continue
-        if len(cells) != 1:
-            raise InputError(where, f"{printable(name)} has {len(cells)} values", "write one, with a decimal point")
+        check_count(where, name, cells, 1)
         if name in values:
             raise InputError(where, f"{printable(name)} is given twice", "leave out one of them")
         values[name] = decimal(numbers, where, name, cells[0])
