@@ -137,7 +137,7 @@ class Stereo(SubsetSearch):
         if self.match == "every_step":
             return product
         found = found._replace(inherited_covariance=inherited_covariance(found, search))
-        outline = view.points.outline(view.points_first.polygons, found, view.points_first["xy"])
+        outline = view.points.outline(view.points_first.polygons, found, view.points_first.parts)
         return StereoPoints.read(product).with_reference(found, outline)
 
     def _next_step(self, cameras: Rig, view: _View, previous: _Previous) -> Product:
@@ -156,14 +156,15 @@ class Stereo(SubsetSearch):
         from dicflow.core.status import Status
 
         ratio = previous.stereo.noise_ratio
-        search = self.search(view.points.grid.subset_size, ratio * view.points.noise_level)
-        first = cropped(first_stereo.as_reference(view.images_first.right), search.subset.size)
-        last, reference_step = previous.stereo.as_reference(previous.images.right), previous.stereo.reference_step
+        search = self._search(view, ratio * view.points.noise_level)
+        first = cropped(first_stereo.as_reference(view.images_first.photograph("right")), search.subset.size)
+        last = previous.stereo.as_reference(previous.images.photograph("right"))
+        reference_step = previous.stereo.reference_step
         found, reference = follow_step(
             first,
             reference_step,
             last,
-            view.images.right,
+            view.images.photograph("right"),
             search,
             self.reference.updating(),
             _predicted_pairs(view, previous),
@@ -172,8 +173,12 @@ class Stereo(SubsetSearch):
         noise_growth = np.divide(view.points.noise_level, view.points_first.noise_level)
         found = found._replace(status=status, template_covariance=noise_growth**2 * first_stereo["template"])
         product = self._product(cameras, view, found, ratio)
-        outline = previous.stereo.outline(view.points_first.polygons, found, view.points_first["xy"])
+        outline = previous.stereo.outline(view.points_first.polygons, found, view.points_first.parts)
         return StereoPoints.read(product).with_reference(found, outline, reference)
+
+    def _search(self, view: _View, noise: float) -> Search:
+        """noise : of the templates' photographs after the low pass [grey levels]"""
+        return self.search(view.points.grid.subset_size, noise)._replace(parts=view.points_first.parts)
 
     def _matched(self, view: _View, starts: np.ndarray, noise_ratio: float) -> tuple[FoundPoints, Search]:
         """The points of the left photograph, found in the right one from starting warps (row, col, 2, 3)."""
@@ -183,13 +188,13 @@ class Stereo(SubsetSearch):
         from dicflow.core.correlation.search import first_photograph, target_spline
         from dicflow.core.photographs.region import interior
 
-        image, right = view.images_first.left, view.images.right
-        contrasts = contrast(image, view.points_first["xy"]), contrast(right, starts[..., 0])
-        search = self.search(view.points.grid.subset_size, view.points.noise_level)
+        image, right = view.images_first.photograph("left"), view.images.photograph("right")
+        contrasts = contrast(image.grey, view.points_first["xy"]), contrast(right.grey, starts[..., 0])
+        search = self._search(view, view.points.noise_level)
         search = search._replace(target_noise_ratio=noise_ratio * contrasts[0] / contrasts[1])
-        usable = interior(view.points_first.polygons, image.shape)
+        region = interior(view.points_first.polygons, image.grey.shape)
         grid = np.where(np.isfinite(view.points["xy"]), view.points_first["xy"], np.nan)
-        first, reference_step = first_photograph(image, usable, grid, search), view.points.reference_step
+        first, reference_step = first_photograph(image, region, grid, search), view.points.reference_step
         target = target_spline(right, search)
         return follow_across(first, reference_step, view.points["way"], target, starts, search), search
 

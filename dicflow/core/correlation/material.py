@@ -22,9 +22,12 @@ from dicflow.core.correlation.points import (
     carried_points,
     cropped,
     merged,
+    part_masks,
 )
 from dicflow.core.correlation.search import Search, find_points, target_spline
 from dicflow.core.correlation.seed import Pairs, seed_warps
+from dicflow.core.parts import Parts
+from dicflow.core.photographs.exposure import Photograph
 from dicflow.core.photographs.interpolate import Spline
 from dicflow.core.status import Status
 
@@ -50,7 +53,7 @@ def follow_step(
     first: ReferencePhotograph,
     reference_step: ReferencePhotograph | None,
     previous: ReferencePhotograph,
-    image: Grey,
+    image: Photograph,
     search: Search,
     updating: Updating,
     matches: Pairs | None = None,
@@ -66,8 +69,8 @@ def follow_step(
     """
     target = target_spline(image, search)
     references = [photograph for photograph in (previous, reference_step, first) if photograph is not None]
-    starts = _starting_warps(references, image, matches)
-    found = _classify_lost(find_points(first, target, starts, search), first, image.shape, expected)
+    starts = _starting_warps(references, image.grey, matches, search.parts)
+    found = _classify_lost(find_points(first, target, starts, search), first, image.grey.shape, expected, search.parts)
     if updating.enabled:
         reference_step = None if reference_step is None else reference_step._replace(age=reference_step.age + 1)
         if updating.every_steps and (reference_step is None or reference_step.age >= updating.every_steps):
@@ -79,10 +82,12 @@ def follow_step(
             )
         elif not updating.every_steps:
             reference_step = None
-    return _classify_lost(found, first, image.shape, expected), reference_step
+    return _classify_lost(found, first, image.grey.shape, expected, search.parts), reference_step
 
 
-def _starting_warps(references: Sequence[ReferencePhotograph], image: Grey, matches: Pairs | None) -> Array:
+def _starting_warps(
+    references: Sequence[ReferencePhotograph], image: Grey, matches: Pairs | None, parts: Parts | None
+) -> Array:
     """Affine warps (rows, cols, 2, 3) from the first photograph, by the first reference photograph that gives any.
 
     matches : features matched from the first of ``references``
@@ -92,7 +97,7 @@ def _starting_warps(references: Sequence[ReferencePhotograph], image: Grey, matc
         if np.isfinite(reference.points).all(axis=-1).sum() < MIN_POINTS_FOR_MOTION:
             continue
         in_crop = None if matches is None or number else Pairs(matches.source - reference.origin, matches.target)
-        motion = seed_warps(reference.image, image, reference.points - reference.origin, in_crop)
+        motion = seed_warps(reference.image.grey, image, reference.points - reference.origin, in_crop, parts)
         starts = chained(reference.warp[..., :3], motion, reference.points)
         if np.isfinite(starts[..., 0, 0]).any():
             break
@@ -152,14 +157,17 @@ def _find_lost(
 
 
 def _classify_lost(
-    found: FoundPoints, first: ReferencePhotograph, shape: tuple[int, ...], expected: Array | None
+    found: FoundPoints, first: ReferencePhotograph, shape: tuple[int, ...], expected: Array | None, parts: Parts | None
 ) -> FoundPoints:
     """The points, with the status OUTSIDE for lost ones that have left the frame.
 
     Their places follow from the points around them, or else are those ``expected``.
     """
     lost = ~found.valid & np.isfinite(first.points).all(axis=-1) & (found.status != Status.CUT_SUBSET)
-    place = carried_points(found, first.points, first.points[lost])
+    place = np.full((int(lost.sum()), 2), np.nan)
+    for part in part_masks(first.points, parts):
+        here = part[lost]
+        place[here] = carried_points(found, np.where(part[..., None], first.points, np.nan), first.points[lost & part])
     if expected is not None:
         place = np.where(np.isfinite(place), place, expected[lost])
     with np.errstate(invalid="ignore"):

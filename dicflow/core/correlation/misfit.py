@@ -18,8 +18,9 @@ from typing import NamedTuple
 import cv2
 import numpy as np
 
-from dicflow.core.arrays import Array, Index
-from dicflow.core.correlation.subsets import Subset, Template
+from dicflow.core.arrays import Array, Index, Mask
+from dicflow.core.correlation.subsets import Subset
+from dicflow.core.correlation.template import Template, subset_masks
 from dicflow.core.correlation.warp import TERMS, apply_warp
 from dicflow.core.photographs.interpolate import Spline, interpolate
 from dicflow.core.tensors import upper_triangle
@@ -116,8 +117,10 @@ def _inside(reference: Template, target: Spline, centres: Index, warp: Array, su
     axis = np.arange(subset.size) - subset.size // 2
     offsets = np.stack(np.meshgrid(axis, axis), axis=-1).reshape(-1, 2)
     x, y = np.moveaxis(centres[:, None] + offsets, -1, 0)
-    f, by_x, by_y, weight = (part[y, x].astype(np.float64) for part in reference[:4])
-    g = np.nan_to_num(interpolate(target, apply_warp(warp[:, None], offsets)).astype(np.float64))
+    f, by_x, by_y = (part[y, x].astype(np.float64) for part in reference[:3])
+    at = apply_warp(warp[:, None], offsets)
+    g = np.nan_to_num(interpolate(target, at).astype(np.float64))
+    weight = subset_masks(reference, centres, subset.size).reshape(f.shape) & _is_measured(target, at)
     if subset.gaussian > 0.0:
         weight = weight * np.exp(-0.5 * (offsets**2).sum(axis=1) / subset.gaussian**2)
     f, g = (part - _weighted_mean(part, weight)[:, None] for part in (f, g))
@@ -129,6 +132,16 @@ def _inside(reference: Template, target: Spline, centres: Index, warp: Array, su
         part = _weighted_mean(jacobian * brightness, weight) / _weighted_mean(brightness * brightness, weight)
         jacobian = jacobian - part[..., None] * brightness
     return _sandwich(jacobian, weight, residual, _windows(subset.size))
+
+
+def _is_measured(target: Spline, places: Array) -> Mask:
+    """Whether the four pixels around places (..., 2) of a target are measured."""
+    if target.measured is None:
+        return np.ones(places.shape[:-1], dtype=np.bool_)
+    rows, cols = target.measured.shape
+    x, y = np.moveaxis(np.nan_to_num(np.floor(places)).astype(np.int64), -1, 0)
+    inside = [target.measured[(y + i).clip(0, rows - 1), (x + j).clip(0, cols - 1)] for i in (0, 1) for j in (0, 1)]
+    return np.asarray(np.all(inside, axis=0))
 
 
 def _weighted_mean(values: Array, weight: Array) -> Array:

@@ -19,8 +19,11 @@ from dicflow.core.correlation.points import (
     ReferencePhotograph,
     cropped,
 )
-from dicflow.core.correlation.subsets import Subset, Template, template
+from dicflow.core.correlation.subsets import Subset
+from dicflow.core.correlation.template import Template, template
 from dicflow.core.correlation.warp import gradient, identity, warp_from_gradient
+from dicflow.core.parts import Parts
+from dicflow.core.photographs.exposure import Photograph
 from dicflow.core.photographs.footprint import blurred, missing_blurs
 from dicflow.core.photographs.interpolate import Spline, spline
 from dicflow.core.photographs.noise import interpolated_noise_ratio
@@ -41,6 +44,7 @@ class Search(NamedTuple):
     target_noise_ratio : noise of the target over that of the template, each relative to its contrast
     threads : how many share the points
     counts_misfit : whether residuals beyond the noise add to the covariance
+    parts : of the grid; None for a single one
     """
 
     subset: Subset
@@ -51,16 +55,18 @@ class Search(NamedTuple):
     target_noise_ratio: float = 1.0
     threads: int = 1
     counts_misfit: bool = False
+    parts: Parts | None = None
 
 
-def first_photograph(image: Grey, usable: Mask, grid: Array, search: Search) -> ReferencePhotograph:
+def first_photograph(image: Photograph, region: Mask, grid: Array, search: Search) -> ReferencePhotograph:
     """The first photograph as a reference photograph.
 
+    region : (h, w) bool
     grid : (rows, cols, 2) — whole pixels; NaN outside the region
     """
     warp = identity(grid, search.subset.shape_function)  # type: ignore[arg-type]
     exact = np.zeros((*grid.shape[:2], 3))
-    return cropped(ReferencePhotograph(image, (0, 0), usable, grid, warp, exact, gradient(warp)), search.subset.size)
+    return cropped(ReferencePhotograph(image, (0, 0), region, grid, warp, exact, gradient(warp)), search.subset.size)
 
 
 def points_in_first_photograph(first: ReferencePhotograph, search: Search) -> FoundPoints:
@@ -70,7 +76,7 @@ def points_in_first_photograph(first: ReferencePhotograph, search: Search) -> Fo
     value.
     """
     itself = target_spline(first.image, search)
-    pair = template(itself, first.usable), itself
+    pair = template(itself, first.region), itself
     found = _correlate_subsets(first, pair, first.warp[..., :3], search, first.origin)
     route = np.zeros(found.status.shape, dtype=np.uint8)
     warp = np.where((found.status == Status.VALID)[..., None, None], first.warp, np.nan)
@@ -79,9 +85,9 @@ def points_in_first_photograph(first: ReferencePhotograph, search: Search) -> Fo
     return FoundPoints(warp, *fit, covariance, route, covariance, 0.0 * covariance, warp[..., 1:3])
 
 
-def target_spline(image: Grey, search: Search) -> Spline:
+def target_spline(image: Photograph, search: Search) -> Spline:
     """The spline of a photograph, for a search in it."""
-    return spline(_smoothed(image, search), search.degree)
+    return spline(_smoothed(image.grey, search), search.degree, image.measured)
 
 
 def find_points(
@@ -124,13 +130,13 @@ def _match_blur(
     reference: ReferencePhotograph, target: Spline, starts: Array, search: Search
 ) -> tuple[Template, Spline]:
     """The template and the target, one of them blurred so that both show the material equally sharp on average."""
-    image, slopes = _smoothed(reference.image, search), _motion_gradients(reference, starts)
+    image, slopes = _smoothed(reference.image.grey, search), _motion_gradients(reference, starts)
     slopes = slopes[np.isfinite(slopes).all(axis=(-2, -1))]
     if len(slopes):
         blurs = missing_blurs(np.median(slopes, axis=0), search.smoothing_px)
         image = blurred(image, blurs.template)
-        target = target if blurs.target is None else spline(blurred(target.image, blurs.target), search.degree)
-    return template(spline(image, search.degree), reference.usable), target
+        target = target if blurs.target is None else spline(blurred(target.image, blurs.target), search.degree, target.measured)
+    return template(spline(image, search.degree, reference.image.measured), reference.region), target
 
 
 def _motion_gradients(reference: ReferencePhotograph, starts: Array) -> Array:
@@ -163,4 +169,5 @@ def _correlate_subsets(
         search.subset,
         max_znssd=search.max_znssd,
         threads=search.threads,
+        parts=search.parts,
     )

@@ -14,16 +14,16 @@ from typing import NamedTuple
 
 import cv2
 import numpy as np
-from scipy.ndimage import label
 from scipy.spatial import cKDTree
 
-from dicflow.core.arrays import Array, Counts, Grey, Mask
+from dicflow.core.arrays import Array, Grey, Mask
 from dicflow.core.correlation.warp import apply_warp, identity, warp_from_gradient
 from dicflow.core.matching.features import detect
 from dicflow.core.matching.fft_search import fft_matches
 from dicflow.core.matching.pairs import agreeing_matches, guided_matches, local_motion, match_features
+from dicflow.core.parts import Parts, islands
 
-__all__ = ["Pairs", "feature_pairs", "islands", "seed_warps", "window_correlation"]
+__all__ = ["Pairs", "feature_pairs", "seed_warps", "window_correlation"]
 
 
 MIN_PAIRS = 6
@@ -51,21 +51,24 @@ class Pairs(NamedTuple):
     target: Array
 
 
-def seed_warps(reference: Grey, target: Grey, points: Array, matches: Pairs | None = None) -> Array:
+def seed_warps(
+    reference: Grey, target: Grey, points: Array, matches: Pairs | None = None, parts: Parts | None = None
+) -> Array:
     """Affine warps of the subsets around points of a grid, to start correlation from.
 
     reference, target : (rows, cols)
     points : (i, j, 2) — places in the reference photograph of a grid that was regular once [px]; NaN where unknown
     matches : feature pairs of an earlier stage, with false ones among them
+    parts : of the grid; None for a single one
     Returns (i, j, 2, 3); NaN where unknown.
     """
     warps = np.full((*points.shape, 3), np.nan)
-    parts = islands(points)
+    numbered = islands(np.isfinite(points).all(axis=-1), parts)
     features = _Lazy(partial(feature_pairs, reference, target, points))
     images = np.asarray(reference, dtype=np.float32), np.asarray(target, dtype=np.float32)
     blurred = cv2.GaussianBlur(images[0], (0, 0), BLUR_PX), cv2.GaussianBlur(images[1], (0, 0), BLUR_PX)
-    for part in range(1, parts.max(initial=0) + 1):
-        in_part = parts == part
+    for island in range(1, numbered.max(initial=0) + 1):
+        in_part = numbered == island
         best = MIN_CORRELATION
         for guess in _candidate_warps(*images, points, in_part, matches, features):
             score = window_correlation(*blurred, points[in_part], guess)
@@ -106,12 +109,6 @@ def _candidate_warps(
     yield _warps_from_pairs(Pairs(*fft_matches(reference, target, footprint)), centres)
     yield _warps_from_pairs(_pairs_of_part(features(), points, in_part), centres)
     yield _warps_from_pairs(Pairs(*fft_matches(reference, target, footprint, separate_windows=True)), centres)
-
-
-def islands(points: Array) -> Counts:
-    """Connected parts of a grid (i, j, 2), numbered from 1; 0 where it has no point."""
-    numbered: Counts = label(np.isfinite(points).all(axis=-1), structure=np.ones((3, 3)))[0]
-    return numbered
 
 
 def window_correlation(reference: Grey, target: Grey, centres: Array, warps: Array) -> float:
