@@ -81,12 +81,10 @@ def sees(place: Array, others: Array, cuts: Array) -> Mask:
 @njit(cache=True, nogil=True)
 def are_apart(parts: Parts, i: int, j: int, a: int, b: int) -> bool:
     """Whether the points at (i, j) and (a, b) of the grid belong to different parts, or to different sides of a cut."""
-    if parts.number[i, j] != parts.number[a, b]:
-        return True
+    apart = parts.number[i, j] != parts.number[a, b]
     for k in range(len(parts.cuts)):
-        if _cross(parts.places[i, j], parts.places[a, b], parts.cuts[k]):
-            return True
-    return False
+        apart |= _cross(parts.places[i, j], parts.places[a, b], parts.cuts[k])
+    return bool(apart)
 
 
 @njit(cache=True, nogil=True)

@@ -63,8 +63,6 @@ def polygons_from_json(values: Sequence[dict[str, Any]]) -> list[Polygon]:
     """The inverse of :func:`polygons_to_json`."""
     import numpy as np
 
-    import numpy as np
-
     from dicflow.core.photographs.region import Polygon
 
     return [

@@ -118,9 +118,10 @@ class Correlate(SubsetSearch):
         from dicflow.core.photographs.noise import Noise, noise_of_first_photograph
 
         _check_photograph(image.grey, first.region, self.subset_size)
-        noise = Noise(self.noise, "given", True)
         if self.noise == "auto":
             noise = noise_of_first_photograph(image.grey, first.measured)
+        else:
+            noise = Noise(self.noise, "given", True)
         search = self._search(noise.grey, first)
         start = first_photograph(image, first.region, first.parts.places, search)
         found = points_in_first_photograph(start, search)
@@ -148,7 +149,7 @@ class Correlate(SubsetSearch):
         from dicflow.core.correlation.search import first_photograph
 
         noise, course, status = previous.points.noise, previous.points.course, previous.points["status"]
-        lost = np.isnan(course.place).any(axis=-1)
+        lost = np.asarray(np.isnan(course.place).any(axis=-1))
         grid = np.where(lost[..., None], np.nan, first.parts.places)
         reference_step, last = previous.points.reference_step, previous.points.as_reference(previous.image)
 

@@ -188,7 +188,7 @@ def _untracked_field(grid: Array, subset: Subset) -> Field:
 
 
 def _nearest(starts: Array, grid: Array, parts: Parts, points: Index, stride: int) -> Array:
-    """Warps (n, 2, 3) by the start nearest to each point (n, 2); NaN where it is farther than half a stride, or apart."""
+    """Warps (n, 2, 3) by the start nearest to each point (n, 2); NaN where it is over half a stride away, or apart."""
     warps = np.full((len(points), 2, 3), np.nan)
     with_start = np.argwhere(np.isfinite(starts[..., 0, 0]))
     if not len(points) or not len(with_start):
@@ -198,7 +198,9 @@ def _nearest(starts: Array, grid: Array, parts: Parts, points: Index, stride: in
     here, there = tuple(points[known].T), tuple(with_start[index[known]].T)
     warps[known] = recentred(starts[there], grid[here] - grid[there])
     if not parts.is_single:
-        apart = [are_apart(parts, *one, *other) for one, other in zip(points[known], with_start[index[known]], strict=True)]
+        apart = [
+            are_apart(parts, *one, *other) for one, other in zip(points[known], with_start[index[known]], strict=True)
+        ]
         warps[np.flatnonzero(known)[apart]] = np.nan
     return warps
 

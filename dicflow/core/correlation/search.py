@@ -135,7 +135,11 @@ def _match_blur(
     if len(slopes):
         blurs = missing_blurs(np.median(slopes, axis=0), search.smoothing_px)
         image = blurred(image, blurs.template)
-        target = target if blurs.target is None else spline(blurred(target.image, blurs.target), search.degree, target.measured)
+        target = (
+            target
+            if blurs.target is None
+            else spline(blurred(target.image, blurs.target), search.degree, target.measured)
+        )
     return template(spline(image, search.degree, reference.image.measured), reference.region), target
 
 

@@ -63,7 +63,7 @@ def seed_warps(
     Returns (i, j, 2, 3); NaN where unknown.
     """
     warps = np.full((*points.shape, 3), np.nan)
-    numbered = islands(np.isfinite(points).all(axis=-1), parts)
+    numbered = islands(np.asarray(np.isfinite(points).all(axis=-1)), parts)
     features = _Lazy(partial(feature_pairs, reference, target, points))
     images = np.asarray(reference, dtype=np.float32), np.asarray(target, dtype=np.float32)
     blurred = cv2.GaussianBlur(images[0], (0, 0), BLUR_PX), cv2.GaussianBlur(images[1], (0, 0), BLUR_PX)

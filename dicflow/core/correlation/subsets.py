@@ -245,7 +245,9 @@ def _search(
     is_cut, n, status, iterations, znssd, ratio = False, size * size, _VALID, 0, np.nan, np.nan
     for _ in range(_MAX_SELECTIONS):
         x, y, p = c[0, 0], c[1, 0], work.whole
-        is_cut = not ((measured.size == 0 or shows_measured(measured, c, half)) and is_whole(reference.unusable, row, col, half))
+        is_cut = not (
+            (measured.size == 0 or shows_measured(measured, c, half)) and is_whole(reference.unusable, row, col, half)
+        )
         if is_cut:
             p = work.cut
             n, status = _select(reference, measured, centre, weight, control, work, c)

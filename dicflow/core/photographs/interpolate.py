@@ -68,7 +68,12 @@ def spline(image: Grey, degree: int = 5, measured: Mask | None = None) -> Spline
         for pole in _POLES[degree]:
             _filter_columns(coefficients, pole)
         coefficients = np.asarray(cv2.transpose(coefficients), dtype=np.float32)
-    return Spline(grey, np.pad(coefficients, PAD, mode="reflect"), degree, None if measured is None else np.ascontiguousarray(measured))
+    return Spline(
+        grey,
+        np.pad(coefficients, PAD, mode="reflect"),
+        degree,
+        None if measured is None else np.ascontiguousarray(measured),
+    )
 
 
 def slopes(image: Spline) -> tuple[Image, Image]:

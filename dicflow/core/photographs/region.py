@@ -7,6 +7,7 @@ Whether a point is inside follows the even-odd rule, so the direction of a ring 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from itertools import pairwise
 from typing import NamedTuple
 
 import cv2
@@ -131,7 +132,7 @@ def cut_apart(polygon: Polygon, cuts: Sequence[Array], width_px: float = 3.0) ->
     """
     rings = list(polygon.rings)
     for line in cuts:
-        for start, end in zip(line[:-1], line[1:], strict=True):
+        for start, end in pairwise(line):
             shared = (_clipped(ring, _strip(start, end, 0.5 * width_px)) for ring in rings)
             rings += [ring for ring in shared if len(ring) >= 3]
     return Polygon(rings[0], tuple(rings[1:]))
@@ -213,7 +214,7 @@ def densify(ring: Array, spacing_px: float) -> Array:
 
 def densify_line(line: Array, spacing_px: float) -> Array:
     """A line (n, 2) with points added on its pieces, so that none is longer than ``spacing_px``; ends stay."""
-    pieces = [densify(np.stack([start, end]), spacing_px) for start, end in zip(line[:-1], line[1:], strict=True)]
+    pieces = [densify(np.stack([start, end]), spacing_px) for start, end in pairwise(line)]
     return np.concatenate([*(piece[: (len(piece) + 1) // 2] for piece in pieces), line[-1:]])
 
 

@@ -41,9 +41,7 @@ def gradient_of_parts(
         centres = mixed[first : first + _CHUNK]
         tiles = _Tiles(parts, centres, window)
         shares = [ErrorShare(tiles.cut_out(share.covariance), share.rho) for share in errors]
-        own = surface_gradient(
-            tiles.cut_out(reference), tiles.cut_out(deformed), shares, window, degree, min_share
-        )
+        own = surface_gradient(tiles.cut_out(reference), tiles.cut_out(deformed), shares, window, degree, min_share)
         for field, values in zip(whole, own, strict=True):
             field[tuple(centres.T)] = tiles.centres_of(values)
     return whole
@@ -68,7 +66,8 @@ def _distance(places: Array, cut: Array) -> Array:
     """Distance of places (..., 2) from a straight piece (4,) of a cut [px]; infinite where unknown."""
     start, along = cut[:2], cut[2:] - cut[:2]
     share = np.clip((places - start) @ along / max(float(along @ along), 1e-12), 0.0, 1.0)
-    return np.nan_to_num(np.linalg.norm(places - start - share[..., None] * along, axis=-1), nan=np.inf)
+    away = np.linalg.norm(places - start - share[..., None] * along, axis=-1)
+    return np.asarray(np.where(np.isnan(away), np.inf, away))
 
 
 class _Tiles:
@@ -93,7 +92,7 @@ class _Tiles:
         """The tiles of a field (row, col, …) as one field."""
         own = self._own.reshape(self._own.shape + (1,) * (values.ndim - 2))
         tiles = np.where(own, values[self._rows, self._cols], np.nan)
-        return tiles.reshape(-1, *tiles.shape[2:])
+        return np.asarray(tiles.reshape(-1, *tiles.shape[2:]), dtype=np.float64)
 
     def centres_of(self, values: Array) -> Array:
         """The values (n, …) of a field of tiles at the centres."""

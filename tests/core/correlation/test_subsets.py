@@ -7,7 +7,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from dicflow.core.correlation.subsets import Subset, correlate, template
+from dicflow.core.correlation.subsets import Subset, correlate
+from dicflow.core.correlation.template import template
 from dicflow.core.correlation.warp import TERMS, apply_warp, gradient, identity, recentred
 from dicflow.core.photographs.interpolate import slopes, spline
 from dicflow.core.status import Status
@@ -367,7 +368,8 @@ def test_scatter_of_an_affine_subset_is_the_theoretical_one():
 PLAIN = """
 import sys
 import numpy as np
-from dicflow.core.correlation.subsets import Subset, correlate, template
+from dicflow.core.correlation.subsets import Subset, correlate
+from dicflow.core.correlation.template import template
 from dicflow.core.photographs.interpolate import spline
 given = np.load(sys.argv[1])
 for name, degree in (("affine", 5), ("affine", 3), ("quadratic", 5)):
