@@ -9,8 +9,7 @@ without a value are tried again from the points found around them.
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Iterable
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import cv2
 import numpy as np
@@ -45,7 +44,7 @@ class Field(NamedTuple):
 
     warp : (rows, cols, 2, 3 or 6) float64 — NaN where a subset was not found
     znssd : (rows, cols) float64; iterations : (rows, cols) int16; status : (rows, cols) uint8
-    covariance : (rows, cols, 3) float64 — see :class:`dicflow.core.correlation.subsets.Correlated`
+    covariance : (rows, cols, 3) float64, texture : (rows, cols, 2) float64 — see :class:`dicflow.core.correlation.subsets.Correlated`
     """
 
     warp: Array
@@ -53,6 +52,7 @@ class Field(NamedTuple):
     iterations: Iterations
     status: Codes
     covariance: Array
+    texture: Array
 
 
 def correlate_field(
@@ -148,9 +148,9 @@ class _FieldSearch:
         )
         self.ratios.append(found.contraction[np.isfinite(found.contraction)])
         self.tries[rows, cols] += 1
-        pairs: Iterable[tuple[Any, Any]] = zip(self.field, self._without_bad_fits(found), strict=False)
-        for kept, new in pairs:
-            kept[rows, cols] = new
+        found = self._without_bad_fits(found)
+        for name, kept in self.field._asdict().items():
+            kept[rows, cols] = getattr(found, name)
 
     def update_contraction(self) -> None:
         """Estimate the contraction once, from the points so far, as soon as there are enough."""
@@ -184,6 +184,7 @@ def _untracked_field(grid: Array, subset: Subset) -> Field:
         np.zeros(shape, dtype=np.int16),
         status,
         np.full((*shape, 3), np.nan),
+        np.full((*shape, 2), np.nan),
     )
 
 

@@ -14,6 +14,7 @@ import numpy as np
 
 from dicflow.core.arrays import Array, Grey, Mask
 from dicflow.core.correlation.chain import chained
+from dicflow.core.correlation.edges import usual_residual
 from dicflow.core.correlation.points import (
     MIN_POINTS_FOR_MOTION,
     VIA_REFERENCE_STEP,
@@ -62,13 +63,14 @@ def follow_step(
     """Find the points in the next photograph.
 
     reference_step : None while the first photograph does
-    previous : the previous step
+    previous : the previous step; if no points were found there, the reference step or the first one takes its place
     matches : features matched from the previous step to this one
     expected : (rows, cols, 2) — where points should be by their last known places and motions [px]
     Returns the points, and the reference step for the next photograph.
     """
     target = target_spline(image, search)
     references = [photograph for photograph in (previous, reference_step, first) if photograph is not None]
+    previous = next((photograph for photograph in references if _shows_motion(photograph)), previous)
     starts = _starting_warps(references, image.grey, matches, search.parts)
     found = _classify_lost(find_points(first, target, starts, search), first, image.grey.shape, expected, search.parts)
     if updating.enabled:
@@ -94,7 +96,7 @@ def _starting_warps(
     """
     starts = np.full((*references[0].points.shape, 3), np.nan)
     for number, reference in enumerate(references):
-        if np.isfinite(reference.points).all(axis=-1).sum() < MIN_POINTS_FOR_MOTION:
+        if not _shows_motion(reference):
             continue
         in_crop = None if matches is None or number else Pairs(matches.source - reference.origin, matches.target)
         motion = seed_warps(reference.image.grey, image, reference.points - reference.origin, in_crop, parts)
@@ -102,6 +104,11 @@ def _starting_warps(
         if np.isfinite(starts[..., 0, 0]).any():
             break
     return starts
+
+
+def _shows_motion(photograph: ReferencePhotograph) -> bool:
+    """Whether enough points were found in a photograph to follow the motion from there."""
+    return bool(np.isfinite(photograph.points).all(axis=-1).sum() >= MIN_POINTS_FOR_MOTION)
 
 
 def _lost_points(found: FoundPoints, previous: ReferencePhotograph) -> Mask:
@@ -147,12 +154,16 @@ def _find_lost(
     found: FoundPoints,
     search: Search,
 ) -> FoundPoints:
-    """Find points without a value with a reference step, then from there once more with the first photograph."""
-    size, missing = search.subset.size, ~found.valid[..., None]
+    """Find points without a value with a reference step, then from there once more with the first photograph.
+
+    Those with two motions in their subset stay lost: the errors of small steps would add up.
+    """
+    size, missing = search.subset.size, ~(found.valid | (found.status == Status.MISFIT))[..., None]
+    usual = usual_residual(found.residual)
     part = cropped(reference_step._replace(points=np.where(missing, reference_step.points, np.nan)), size)
-    through = find_points(part, target, starts, search, VIA_REFERENCE_STEP)
+    through = find_points(part, target, starts, search, VIA_REFERENCE_STEP, usual)
     again = cropped(first._replace(points=np.where(through.valid[..., None], first.points, np.nan)), size)
-    direct = find_points(again, target, through.warp[..., :3], search)
+    direct = find_points(again, target, through.warp[..., :3], search, usual=usual)
     return merged(merged(found, through), direct)
 
 

@@ -73,6 +73,7 @@ class FoundPoints(NamedTuple):
     template_covariance : (..., 3) — of the places, by the noise of the template [px² of the first photograph]
     inherited_covariance : (..., 3) — share of reference steps in ``covariance`` [px²]
     slope : (..., 2, 2) — gradient of the motion from the reference photograph
+    residual : (...) — variance of the difference of template and target [grey levels²]
     """
 
     warp: Array
@@ -84,6 +85,7 @@ class FoundPoints(NamedTuple):
     template_covariance: Array
     inherited_covariance: Array
     slope: Array
+    residual: Array
 
     @property
     def valid(self) -> Mask:

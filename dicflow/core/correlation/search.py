@@ -10,6 +10,7 @@ import numpy as np
 
 from dicflow.core.arrays import Array, Grey, Image, Mask
 from dicflow.core.correlation.chain import chained, uncancelled_noise
+from dicflow.core.correlation.edges import find_edges, residual_variance, usual_residual
 from dicflow.core.correlation.follow import Field, correlate_field
 from dicflow.core.correlation.misfit import misfit_covariance
 from dicflow.core.correlation.points import (
@@ -82,7 +83,8 @@ def points_in_first_photograph(first: ReferencePhotograph, search: Search) -> Fo
     warp = np.where((found.status == Status.VALID)[..., None, None], first.warp, np.nan)
     covariance = 0.5 * search.noise**2 * found.covariance
     fit = found.znssd, found.iterations, found.status
-    return FoundPoints(warp, *fit, covariance, route, covariance, 0.0 * covariance, warp[..., 1:3])
+    residual = residual_variance(found)
+    return FoundPoints(warp, *fit, covariance, route, covariance, 0.0 * covariance, warp[..., 1:3], residual)
 
 
 def target_spline(image: Photograph, search: Search) -> Spline:
@@ -91,15 +93,25 @@ def target_spline(image: Photograph, search: Search) -> Spline:
 
 
 def find_points(
-    reference: ReferencePhotograph, target: Spline, starts: Array, search: Search, route: int = DIRECT
+    reference: ReferencePhotograph,
+    target: Spline,
+    starts: Array,
+    search: Search,
+    route: int = DIRECT,
+    usual: float = np.inf,
 ) -> FoundPoints:
     """Find the points of a reference photograph in the target.
 
     starts : (rows, cols, 2, 3) — from the first photograph to the target
     route : VIA_REFERENCE_STEP counts the noise of the reference photograph too
+    usual : variance of the residual in a larger field of the same target; infinite if unknown [grey levels²]
+
+    Points whose subset holds two motions or an edge of light are lost with the status MISFIT.
     """
     pair, centres = _match_blur(reference, target, starts, search), np.rint(reference.points)
-    field = _correlate_subsets(reference, pair, starts, search)
+    field, edge_variance = _without_edges(
+        _correlate_subsets(reference, pair, starts, search), pair, centres - reference.origin, search, usual
+    )
     noise = 0.5 * search.noise**2 * field.covariance
     slope = gradient(field.warp, reference.points - centres)
     inherited = congruent(slope, reference.inherited_covariance)
@@ -110,13 +122,28 @@ def find_points(
     covariance = inherited + target_noise[..., None] * noise
     if search.counts_misfit:
         unit, variance = 0.5 * congruent(inverse(slope), field.covariance), search.noise**2 * (1.0 + target_noise)
-        misfit = misfit_covariance(*pair, centres - reference.origin, field.warp, search.subset, unit, variance)
-        covariance = covariance + congruent(slope, misfit)
+        common = np.where((edge_variance > 0.0)[..., None, None], np.nan, field.warp)
+        misfit = misfit_covariance(*pair, centres - reference.origin, common, search.subset, unit, variance)
+        covariance = covariance + congruent(slope, misfit + edge_variance[..., None] * np.array([1.0, 0.0, 1.0]))
     warp = chained(reference.warp, field.warp, centres)
     routes = np.where(field.status == Status.VALID, route, 0).astype(np.uint8)
     by_template = congruent(inverse(warp[..., 1:3]), noise)
     fit = field.znssd, field.iterations, field.status
-    return FoundPoints(warp, *fit, covariance, routes, by_template, inherited, slope)
+    return FoundPoints(warp, *fit, covariance, routes, by_template, inherited, slope, residual_variance(field))
+
+
+def _without_edges(
+    field: Field, pair: tuple[Template, Spline], centres: Array, search: Search, usual: float
+) -> tuple[Field, Array]:
+    """The field without subsets at edges, and the further variance (rows, cols) of those near them [px²]."""
+    noise_variance = search.noise**2 * (1.0 + search.target_noise_ratio**2)
+    usual = min(usual, usual_residual(residual_variance(field)))
+    usual = max(usual, noise_variance) if np.isfinite(usual) else noise_variance
+    lost, variance = find_edges(*pair, centres, field, search.subset, usual)
+    field.status[lost] = Status.MISFIT
+    for values in (field.warp, field.covariance):
+        values[lost] = np.nan
+    return field, variance
 
 
 def _smoothed(image: Grey, search: Search) -> Image:

@@ -82,6 +82,8 @@ class Correlated(NamedTuple):
     covariance : (n, 3) float64 — xx, xy and yy of the centre's place in the target for noise of one grey level in both
         photographs [px² per grey level²]; half of it comes from each
     contraction : (n,) float64 — the last increment over the one before; NaN after a single iteration
+    texture : (n, 2) float64 — variance of the template's grey levels [grey levels²], and mean square of their slope
+        as far as brightness and contrast do not explain it [grey levels² per px²]; NaN where not found
     """
 
     warp: Array
@@ -90,6 +92,7 @@ class Correlated(NamedTuple):
     status: Codes
     covariance: Array
     contraction: Array
+    texture: Array
 
 
 def correlate(
@@ -154,6 +157,7 @@ def _untracked(start: Array) -> Correlated:
         np.full(n, Status.UNTRACKED, dtype=np.uint8),
         np.full((n, 3), np.nan),
         np.full(n, np.nan),
+        np.full((n, 2), np.nan),
     )
 
 
@@ -221,7 +225,16 @@ def _correlate(
         if found.status[k] == _VALID:
             _copy_coefficients(found.warp[k], c)
             p = work.cut if is_cut else work.whole
+            _measure_texture(work.normal, found.texture[k])
             covariance(p, n, work.ones_like_f, work.normal, control.is_weighted, c, found.covariance[k])
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _measure_texture(normal: NormalEquations, out: Array) -> None:
+    """Set the variance of a template's grey levels, and the mean square of their slope."""
+    terms, total = len(normal.increment) // 2, normal.statistics[1]
+    out[0] = normal.statistics[2] / total
+    out[1] = (normal.hessian[0, 0] + normal.hessian[terms, terms]) / total
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
