@@ -5,8 +5,8 @@ that of the other subsets by far. As a motion it amounts to m = √(2 (R − R�
 residual, the usual variance R₀, and the mean square S of the pattern's slope. With two motions δ apart, and a share p
 of the subset beyond the edge, the place is wrong by p δ, at most 2 m.
 
-Light that changes across a subset moves its place too. How far follows from one more step of Gauss-Newton that fits slow
-changes of brightness and contrast beside the warp.
+Light that changes across a subset moves its place too. How far follows from one more step of Gauss-Newton that fits
+slow changes of brightness and contrast beside the warp.
 """
 
 from __future__ import annotations
@@ -25,12 +25,14 @@ from dicflow.core.photographs.interpolate import Spline
 __all__ = ["Edges", "find_edges", "residual_variance", "usual_residual"]
 
 
-_SUSPECT_RATIO, _SUSPECT_MISFIT_PX = 2.0, 0.1
-"""Variance of the residual over the usual one, and misfit, above which a subset is looked at, and less certain."""
+_SUSPECT_RATIO, _SUSPECT_MISFIT_PX = 2.0, 0.05
+"""Variance of the residual over the usual one, and misfit, above which it is tested for changes of the light."""
+_UNCERTAIN_RATIO, _UNCERTAIN_MISFIT_PX = 4.0, 0.1
+"""The same above which the misfit adds to the variance of the place."""
 _LOST_RATIO, _LOST_MISFIT_PX = 16.0, 0.5
-"""The same above which it holds two motions. Undermatched waves of half a pixel reach 0.46 px on patterns of the DIC
-Challenge, real specimens 10 times the usual variance."""
-_MAX_SHIFT_PX, _MIN_LIGHT_SHARE = 0.05, 0.3
+"""The same above which a subset holds two motions. Undermatched waves of half a pixel reach 0.46 px on patterns of the
+DIC Challenge, real specimens 10 times the usual variance."""
+_MAX_LIGHT_SHIFT_PX, _MIN_LIGHT_SHARE = 0.06, 0.2
 """Shift of a place by slow changes of the light, and their share of the residual, above which a point is lost."""
 _SIGMA_PER_MISFIT = 0.7
 """Standard deviation along each axis over the misfit: errors reach twice the misfit."""
@@ -74,11 +76,11 @@ def find_edges(
     with np.errstate(invalid="ignore", divide="ignore"):
         misfit = np.sqrt(2.0 * np.maximum(residual - usual, 0.0) / field.texture[..., 1])
         suspect = (residual > _SUSPECT_RATIO * usual) & (misfit > _SUSPECT_MISFIT_PX)
+        uncertain = (residual > _UNCERTAIN_RATIO * usual) & (misfit > _UNCERTAIN_MISFIT_PX)
         lost = (residual > _LOST_RATIO * usual) & (misfit > _LOST_MISFIT_PX)
-    looked_at = np.argwhere(suspect & ~lost)
-    at = tuple(looked_at.T)
+    at = tuple(np.argwhere(suspect & ~lost).T)
     lost[at] = _moved_by_light(reference, target, centres[at].astype(np.int64), field.warp[at], subset)
-    return Edges(lost, np.where(suspect & ~lost, (_SIGMA_PER_MISFIT * misfit) ** 2, 0.0))
+    return Edges(lost, np.where(uncertain & ~lost, (_SIGMA_PER_MISFIT * misfit) ** 2, 0.0))
 
 
 def _moved_by_light(reference: Template, target: Spline, centres: Index, warp: Array, subset: Subset) -> Mask:
@@ -87,7 +89,7 @@ def _moved_by_light(reference: Template, target: Spline, centres: Index, warp: A
     for first in range(0, len(centres), _CHUNK):
         part = slice(first, first + _CHUNK)
         shift, share = _light(reference, target, centres[part], warp[part], subset)
-        moved[part] = (shift > _MAX_SHIFT_PX) & (share > _MIN_LIGHT_SHARE)
+        moved[part] = (shift > _MAX_LIGHT_SHIFT_PX) & (share > _MIN_LIGHT_SHARE)
     return moved
 
 

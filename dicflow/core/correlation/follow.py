@@ -44,7 +44,8 @@ class Field(NamedTuple):
 
     warp : (rows, cols, 2, 3 or 6) float64 — NaN where a subset was not found
     znssd : (rows, cols) float64; iterations : (rows, cols) int16; status : (rows, cols) uint8
-    covariance : (rows, cols, 3) float64, texture : (rows, cols, 2) float64 — see :class:`dicflow.core.correlation.subsets.Correlated`
+    covariance : (rows, cols, 3) float64; texture : (rows, cols, 2) float64 — see
+        :class:`dicflow.core.correlation.subsets.Correlated`
     """
 
     warp: Array
