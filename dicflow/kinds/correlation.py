@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple
 
@@ -39,6 +40,9 @@ _LAYOUTS = {
     "part": Layout(GRID, "1", "number of the part of the region; a single part if missing"),
     "way": Layout(GRID, "1", "route: 0 no value or the first photograph, 1 direct, 2 via a reference step"),
 }
+_PERIOD = ("period_px", "repeating_share")
+_MIN_REPEATING_SHARE = 0.5
+"""Share of the region that repeats itself from which displacements count as ambiguous."""
 _IMAGE = ("reference_row", "reference_col")
 _REFERENCE_LAYOUTS = {
     "reference_image": Layout(_IMAGE, "grey level", "part of the photograph of the reference step"),
@@ -235,6 +239,19 @@ class Correlation(FollowedPoints):
         from dicflow.core.photographs.noise import Noise
 
         return Noise(*(self.product.attrs[f"noise_{name}"] for name in ("grey", "source", "settled")))
+
+    @property
+    def period_facts(self) -> dict[str, Any]:
+        """Attributes that say how the first photograph's pattern repeats itself; empty if it does not."""
+        return {name: self.product.attrs[name] for name in _PERIOD if name in self.product.attrs}
+
+    @property
+    def reach_px(self) -> float:
+        """Longest displacement of a step that the pattern can tell from others; infinite if it does not repeat [px]."""
+        facts = self.period_facts
+        return (
+            0.5 * float(facts["period_px"]) if facts.get("repeating_share", 0.0) >= _MIN_REPEATING_SHARE else math.inf
+        )
 
     @property
     def noise_level(self) -> float:

@@ -27,11 +27,14 @@ if TYPE_CHECKING:
     from dicflow.core.photographs.exposure import Photograph
     from dicflow.core.photographs.noise import Noise
     from dicflow.core.photographs.region import Polygon
+    from dicflow.core.photographs.repetition import Repetition
 
 __all__ = ["Correlate"]
 
 _OUTLINE_STEPS = 4
 """Material steps between the points of the carried outline."""
+_MAX_STRIPES_SHARE = 0.5
+"""Share of the region that may show stripes."""
 
 
 class _First(NamedTuple):
@@ -122,6 +125,7 @@ class Correlate(SubsetSearch):
             noise = noise_of_first_photograph(image.grey, first.measured)
         else:
             noise = Noise(self.noise, "given", True)
+        repeats = _repetition(image.grey, first.measured)
         search = self._search(noise.grey, first)
         start = first_photograph(image, first.region, first.parts.places, search)
         found = points_in_first_photograph(start, search)
@@ -136,7 +140,7 @@ class Correlate(SubsetSearch):
             (noise, search.noise),
             first.outline,
             self._grid(),
-            facts=self._facts(exact, noise, image, first.outline),
+            facts={**self._facts(exact, noise, image, first.outline), **_repetition_facts(repeats)},
         )
         return Correlation.read(product).with_parts(first.parts)
 
@@ -154,7 +158,7 @@ class Correlate(SubsetSearch):
         reference_step, last = previous.points.reference_step, previous.points.as_reference(previous.image)
 
         def follow(level: float) -> tuple[FoundPoints, ReferencePhotograph | None]:
-            search = self._search(level, first)
+            search = self._search(level, first)._replace(reach_px=previous.points.reach_px)
             start = first_photograph(first.image, first.region, grid, search)
             return follow_step(
                 start, reference_step, last, image, search, self.reference.updating(), pairs, course.expected
@@ -168,6 +172,7 @@ class Correlate(SubsetSearch):
             found, reference = (found, reference) if measured.grey == noise.grey else follow(measured.grey)
             noise = measured
         found = found._replace(status=np.where(lost, status, found.status))
+        found = found if found.valid.any() else found._replace(status=_status_without_texture(found.status, image.grey))
         polygons = previous.points.outline(first.outline, found, first.parts)
         product = Correlation.write(
             found,
@@ -177,7 +182,7 @@ class Correlate(SubsetSearch):
             polygons,
             self._grid(),
             reference,
-            self._facts(found, noise, image, polygons),
+            {**self._facts(found, noise, image, polygons), **previous.points.period_facts, **_lost(found, image.grey)},
         )
         return Correlation.read(product).with_parts(first.parts)
 
@@ -280,3 +285,50 @@ def _check_photograph(image: np.ndarray, usable: np.ndarray, subset_size: int) -
         check_subset(image, usable, subset_size)
     except ValueError as error:
         raise StageError(str(error)) from error
+
+
+def _repetition(image: np.ndarray, region: np.ndarray) -> Repetition:
+    """How the pattern repeats itself. Raises StageError for stripes."""
+    from dicflow.core.photographs.repetition import repetition
+
+    found = repetition(image, region)
+    if found.stripes_share > _MAX_STRIPES_SHARE:
+        raise StageError(
+            f"{found.stripes_share:.0%} of the region shows stripes in the first left photograph, and a displacement "
+            "along them cannot be measured; apply random speckles"
+        )
+    return found
+
+
+def _repetition_facts(found: Repetition) -> dict[str, Any]:
+    """Attributes of a pattern that repeats itself; empty for any other."""
+    if not found.share > 0.0:
+        return {}
+    text = (
+        f"the pattern repeats every {found.period_px:.1f} px in {found.share:.0%} of the region: a displacement of more "
+        f"than {0.5 * found.period_px:.1f} px from one step to the next cannot be told from a shorter one; apply random "
+        "speckles, or photograph smaller steps"
+    )
+    return {"period_px": found.period_px, "repeating_share": found.share, "warnings": [text]}
+
+
+def _status_without_texture(status: np.ndarray, image: np.ndarray) -> np.ndarray:
+    """Status of points that were all lost: for want of texture if the photograph has none anywhere."""
+    import numpy as np
+
+    from dicflow.core.photographs.texture import textured_box
+    from dicflow.core.status import Status
+
+    lost = np.isin(status, (Status.UNTRACKED, Status.NOT_CONVERGED, Status.LOW_CORRELATION, Status.OVEREXPOSED))
+    return np.where(lost, np.uint8(Status.LOW_TEXTURE), status) if textured_box(image) is None else status
+
+
+def _lost(found: FoundPoints, image: np.ndarray) -> dict[str, Any]:
+    """A warning if no point is found in a photograph; empty otherwise."""
+    from dicflow.core.photographs.texture import textured_box
+
+    if found.valid.any():
+        return {}
+    if textured_box(image) is None:
+        return {"warnings": ["no texture in this left photograph: all points are lost here; check light and exposure"]}
+    return {"warnings": ["no point is found in this left photograph; check that it shows the specimen"]}

@@ -71,7 +71,7 @@ def follow_step(
     target = target_spline(image, search)
     references = [photograph for photograph in (previous, reference_step, first) if photograph is not None]
     previous = next((photograph for photograph in references if _shows_motion(photograph)), previous)
-    starts = _starting_warps(references, image.grey, matches, search.parts)
+    starts = _starting_warps(references, image.grey, matches, search)
     found = _classify_lost(find_points(first, target, starts, search), first, image.grey.shape, expected, search.parts)
     if updating.enabled:
         reference_step = None if reference_step is None else reference_step._replace(age=reference_step.age + 1)
@@ -88,7 +88,7 @@ def follow_step(
 
 
 def _starting_warps(
-    references: Sequence[ReferencePhotograph], image: Grey, matches: Pairs | None, parts: Parts | None
+    references: Sequence[ReferencePhotograph], image: Grey, matches: Pairs | None, search: Search
 ) -> Array:
     """Affine warps (rows, cols, 2, 3) from the first photograph, by the first reference photograph that gives any.
 
@@ -99,7 +99,9 @@ def _starting_warps(
         if not _shows_motion(reference):
             continue
         in_crop = None if matches is None or number else Pairs(matches.source - reference.origin, matches.target)
-        motion = seed_warps(reference.image.grey, image, reference.points - reference.origin, in_crop, parts)
+        motion = seed_warps(
+            reference.image.grey, image, reference.points - reference.origin, in_crop, search.parts, search.reach_px
+        )
         starts = chained(reference.warp[..., :3], motion, reference.points)
         if np.isfinite(starts[..., 0, 0]).any():
             break

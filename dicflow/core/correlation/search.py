@@ -46,6 +46,7 @@ class Search(NamedTuple):
     threads : how many share the points
     counts_misfit : whether residuals beyond the noise add to the covariance
     parts : of the grid; None for a single one
+    reach_px : longest motion from a step to the next; half the period of a pattern that repeats itself
     """
 
     subset: Subset
@@ -57,6 +58,7 @@ class Search(NamedTuple):
     threads: int = 1
     counts_misfit: bool = False
     parts: Parts | None = None
+    reach_px: float = np.inf
 
 
 def first_photograph(image: Photograph, region: Mask, grid: Array, search: Search) -> ReferencePhotograph:

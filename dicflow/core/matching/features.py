@@ -84,6 +84,11 @@ def detect(
     return Features(table[:, :2], table[:, 2], table[:, 3], table[:, 4], descriptors[order])
 
 
+def no_features(detector: str = "KAZE") -> Features:
+    """Empty arrays of features with the descriptors of a detector."""
+    return _no_features(DETECTORS[detector].make(cv2, True, 1))
+
+
 def _keypoints_and_descriptors(
     cv2_detector: Any, image: Bytes, remove_angles: bool
 ) -> tuple[list[Any], Descriptors | None]:

@@ -235,7 +235,7 @@ def test_a_plain_target_is_no_match():
 
 def test_no_points_at_all():
     found = correlate(REFERENCE, spline(photograph()), np.empty((0, 2)), np.empty((0, 2, 3)), EXACT)
-    assert [len(part) for part in found] == [0] * 6
+    assert [len(part) for part in found] == [0] * 7
 
 
 @pytest.mark.parametrize(
