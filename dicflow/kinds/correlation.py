@@ -247,11 +247,10 @@ class Correlation(FollowedPoints):
 
     @property
     def reach_px(self) -> float:
-        """Longest displacement of a step that the pattern can tell from others; infinite if it does not repeat [px]."""
+        """Longest displacement of a step that is told from others: half the period of a pattern that repeats [px]."""
         facts = self.period_facts
-        return (
-            0.5 * float(facts["period_px"]) if facts.get("repeating_share", 0.0) >= _MIN_REPEATING_SHARE else math.inf
-        )
+        repeats = facts.get("repeating_share", 0.0) >= _MIN_REPEATING_SHARE
+        return 0.5 * float(facts["period_px"]) if repeats else math.inf
 
     @property
     def noise_level(self) -> float:

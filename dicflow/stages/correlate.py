@@ -305,8 +305,8 @@ def _repetition_facts(found: Repetition) -> dict[str, Any]:
     if not found.share > 0.0:
         return {}
     text = (
-        f"the pattern repeats every {found.period_px:.1f} px in {found.share:.0%} of the region: a displacement of more "
-        f"than {0.5 * found.period_px:.1f} px from one step to the next cannot be told from a shorter one; apply random "
+        f"the pattern repeats every {found.period_px:.1f} px in {found.share:.0%} of the region: a displacement beyond "
+        f"{0.5 * found.period_px:.1f} px from one step to the next cannot be told from a shorter one; apply random "
         "speckles, or photograph smaller steps"
     )
     return {"period_px": found.period_px, "repeating_share": found.share, "warnings": [text]}

@@ -24,7 +24,7 @@ _BLOCK_PX, _MAX_BLOCKS_PER_SIDE = 256, 4
 _MIN_OVERLAP = 0.25
 """Share of a block's pixels that a shift must leave in the block."""
 _MAIN_PEAK, _MIN_PEAK, _EQUAL_PEAKS = 0.3, 0.4, 0.85
-"""Correlation that bounds the main peak; least correlation of another one; share of the highest that counts as equal."""
+"""Correlation that bounds the main peak; least one of another peak; share of the highest that counts as equal."""
 _MIN_SIGNIFICANCE = 5.5
 """Least height of a peak, in standard deviations of a random pattern's correlation."""
 _STRIPE_REACH, _MIN_STRIPE = 0.5, 0.6
@@ -71,7 +71,7 @@ def _blocks(image: Grey, region: Mask) -> Iterator[tuple[Array, Array]]:
 def _firsts(start: int, length: int) -> list[int]:
     """First pixels of the blocks along a side of the region."""
     count = min(_MAX_BLOCKS_PER_SIDE, -(-length // _BLOCK_PX))
-    return np.linspace(start, start + max(0, length - _BLOCK_PX), count).astype(int).tolist()
+    return [int(first) for first in np.linspace(start, start + max(0, length - _BLOCK_PX), count)]
 
 
 def _examine(grey: Array, inside: Array) -> tuple[float, float]:
