@@ -78,7 +78,7 @@ def sees(place: Array, others: Array, cuts: Array) -> Mask:
     return np.asarray(~_crossed(np.broadcast_to(place, flat.shape).copy(), flat, cuts).reshape(others.shape[:-1]))
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, forceinline=True)
 def are_apart(parts: Parts, i: int, j: int, a: int, b: int) -> bool:
     """Whether the points at (i, j) and (a, b) of the grid belong to different parts, or to different sides of a cut."""
     apart = parts.number[i, j] != parts.number[a, b]

@@ -19,7 +19,14 @@ import numpy as np
 from numba import njit
 
 from dicflow.core.arrays import Array, Bytes, Codes, Image, Index, Iterations, Mask
-from dicflow.core.correlation.gauss_newton import Control, NormalEquations, covariance, iterate, prepare
+from dicflow.core.correlation.gauss_newton import (
+    Control,
+    NormalEquations,
+    covariance,
+    iterate,
+    mean_square_slope,
+    prepare,
+)
 from dicflow.core.correlation.subset_sums import LANES, Pixels, Places
 from dicflow.core.correlation.template import (
     Template,
@@ -127,6 +134,7 @@ def correlate(
     control = Control(
         target.degree,
         subset.min_share,
+        4 * TERMS[subset.shape_function],
         subset.iterations,
         float(subset.tolerance_px),
         subset.gaussian > 0.0,
@@ -213,71 +221,43 @@ def _correlate(
     """The loop of :func:`correlate` over points, which share one working space.
 
     target : coefficients of its spline, and its measured pixels (rows, cols); an empty mask if all are
+
+    The warp decides which pixels are measured in the target too. They are selected again until the place settles.
     """
-    work, c = _working_space(weight, start.shape[2]), np.zeros((2, 6))
+    coefficients, measured = target
+    size, half, c = len(weight), len(weight) // 2, np.zeros((2, 6))
+    whole, cut, places, normal, ones_like_f, marks = _working_space(weight, start.shape[2])
     for k in range(len(centres)):
         if not np.isfinite(start[k]).all():
             continue
         _copy_coefficients(c, start[k])
-        is_cut, n, found.status[k], found.iterations[k], found.znssd[k], found.contraction[k] = _search(
-            reference, target, (centres[k, 1], centres[k, 0]), weight, control, work, c
-        )
+        row, col = centres[k, 1], centres[k, 0]
+        for _ in range(_MAX_SELECTIONS):
+            x, y, p, n = c[0, 0], c[1, 0], whole, size * size
+            is_clear = measured.size == 0 or shows_measured(measured, c, half)
+            if is_clear and is_whole(reference.unusable, row, col, half):
+                copy_square(reference.grey, row, col, size, p.f)
+                copy_square(reference.by_x, row, col, size, p.fx)
+                copy_square(reference.by_y, row, col, size, p.fy)
+            else:
+                p = cut
+                n, found.status[k] = _select(reference, measured, (row, col), weight, control, cut, marks, c)
+                if n == 0:
+                    break
+            if not prepare(p, n, ones_like_f, normal):
+                found.status[k] = _LOW_TEXTURE
+                break
+            found.status[k], found.iterations[k], found.znssd[k], found.contraction[k] = iterate(
+                coefficients, p, n, half, normal, control, places, c
+            )
+            is_settled = abs(c[0, 0] - x) + abs(c[1, 0] - y) < _MAX_SHIFT_PX
+            if measured.size == 0 or found.status[k] != _VALID or is_settled:
+                break
         if found.status[k] == _VALID:
             _copy_coefficients(found.warp[k], c)
-            p = work.cut if is_cut else work.whole
-            _measure_texture(work.normal, found.texture[k])
-            covariance(p, n, work.ones_like_f, work.normal, control.is_weighted, c, found.covariance[k])
-
-
-@njit(cache=True, nogil=True, error_model="numpy")
-def _measure_texture(normal: NormalEquations, out: Array) -> None:
-    """Set the variance of a template's grey levels, and the mean square of their slope."""
-    terms, total = len(normal.increment) // 2, normal.statistics[1]
-    out[0] = normal.statistics[2] / total
-    out[1] = (normal.hessian[0, 0] + normal.hessian[terms, terms]) / total
-
-
-@njit(cache=True, nogil=True, error_model="numpy")
-def _search(
-    reference: Template,
-    target: tuple[Image, Mask],
-    centre: tuple[int, int],
-    weight: Image,
-    control: Control,
-    work: _Work,
-    c: Array,
-) -> tuple[bool, int, int, int, float, float]:
-    """Find one subset from the warp ``c``, which it improves.
-
-    centre : row and column of the template
-    Returns whether the subset is cut, its number of pixels, status, iterations, ZNSSD and ratio of the last increments.
-    The warp decides which pixels are measured in the target too. They are selected again until the place settles.
-    """
-    coefficients, measured = target
-    size, half, (row, col) = len(weight), len(weight) // 2, centre
-    is_cut, n, status, iterations, znssd, ratio = False, size * size, _VALID, 0, np.nan, np.nan
-    for _ in range(_MAX_SELECTIONS):
-        x, y, p = c[0, 0], c[1, 0], work.whole
-        is_cut = not (
-            (measured.size == 0 or shows_measured(measured, c, half)) and is_whole(reference.unusable, row, col, half)
-        )
-        if is_cut:
-            p = work.cut
-            n, status = _select(reference, measured, centre, weight, control, work, c)
-            if status != _VALID:
-                break
-        else:
-            n = size * size
-            copy_square(reference.grey, row, col, size, p.f)
-            copy_square(reference.by_x, row, col, size, p.fx)
-            copy_square(reference.by_y, row, col, size, p.fy)
-        if not prepare(p, n, work.ones_like_f, work.normal):
-            status = _LOW_TEXTURE
-            break
-        status, iterations, znssd, ratio = iterate(coefficients, p, n, half, work.normal, control, work.places, c)
-        if measured.size == 0 or status != _VALID or abs(c[0, 0] - x) + abs(c[1, 0] - y) < _MAX_SHIFT_PX:
-            break
-    return is_cut, n, status, iterations, znssd, ratio
+            found.texture[k, 0] = normal.statistics[2] / normal.statistics[1]
+            found.texture[k, 1] = mean_square_slope(normal)
+            covariance(p, n, ones_like_f, normal, control.is_weighted, c, found.covariance[k])
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
@@ -287,17 +267,18 @@ def _select(
     centre: tuple[int, int],
     weight: Image,
     control: Control,
-    work: _Work,
+    cut: Pixels,
+    marks: Bytes,
     c: Array,
 ) -> tuple[int, int]:
-    """Collect the pixels of a cut subset; returns their number, and VALID or the reason why they are too few."""
-    room, half, terms = weight.size, len(weight) // 2, len(work.normal.increment) // 2
-    n, in_part = gather_part(reference, centre[0], centre[1], weight, work.cut, work.marks)
-    if in_part < control.min_share * room or in_part < 4 * terms:
+    """Collect the pixels of a cut subset around (row, column); returns their number, and why they are too few, if 0."""
+    room, half, least = weight.size, len(weight) // 2, control.min_pixels
+    n, in_part = gather_part(reference, centre[0], centre[1], weight, cut, marks)
+    if in_part < control.min_share * room or in_part < least:
         return 0, _CUT_SUBSET
     if measured.size > 0:
-        n = keep_measured(work.cut, n, c, half, measured)
-    if n < min(control.min_share, _MIN_MEASURED_SHARE) * room or n < 4 * terms:
+        n = keep_measured(cut, n, c, half, measured)
+    if n < min(control.min_share, _MIN_MEASURED_SHARE) * room or n < least:
         return 0, _OVEREXPOSED
     return n, _VALID
 
