@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Annotated, ClassVar, Literal, NamedTuple
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal, NamedTuple
 
 from pydantic import Field
 
@@ -209,13 +209,17 @@ class Stereo(SubsetSearch):
         apart = epipolar_distance(cameras, left["xy"], places)
         status = _status(left["status"], found.status)
         status[(status == Status.VALID) & ~(apart <= self.max_epipolar)] = Status.EPIPOLAR
-        kept = status == Status.VALID
+        kept, left_found = status == Status.VALID, bool((left["status"] <= Status.FILLED).any())
+        if not kept.any() and left_found:
+            status = _without_texture(status, view.images.right)
         share = overexposed_share(view.images.right, places)
         summary = {
             **_summary(left["status"], status, apart[kept], found.iterations[kept]),
             "overexposed_share": share if np.isfinite(share) else None,
         }
-        facts = {"interpolation": self.interpolation, "match": self.match, "summary": summary}
+        facts: dict[str, Any] = {"interpolation": self.interpolation, "match": self.match, "summary": summary}
+        if not kept.any() and left_found:
+            facts["warnings"] = [_nothing_found(view.images.right)]
         grid = SubsetGrid(left.grid.step_size, left.grid.subset_size, self.shape_function)
         return StereoPoints.write(found, apart, status, grid, noise_ratio, facts)
 
@@ -284,6 +288,8 @@ def _starts_from_epipolar_lines(cameras: Rig, view: _View) -> np.ndarray:
     from dicflow.core.correlation.partners import find_partners, right_of_left, starting_warps
 
     places = view.points["xy"]
+    if not np.isfinite(places).all(axis=-1).any():
+        return np.full((*places.shape, 3), np.nan)
     stride = int(np.ceil(np.sqrt(np.isfinite(places[..., 0]).sum() / _SEEDS)))
     seeds = places[:: max(1, stride), :: max(1, stride)].reshape(-1, 2)
     window = _SEED_WINDOW * view.points.grid.subset_size
@@ -313,6 +319,26 @@ def _check_order(cameras: Rig, view: _View, found: FoundPoints) -> None:
             "no point of the region is found in the right photograph; check that both photographs show the specimen, "
             "well exposed, and are of one moment"
         )
+
+
+def _without_texture(status: np.ndarray, image: np.ndarray) -> np.ndarray:
+    """Status of points that were all lost: for want of texture if the right photograph has none anywhere."""
+    import numpy as np
+
+    from dicflow.core.photographs.texture import textured_box
+    from dicflow.core.status import Status
+
+    hidden = status == Status.HIDDEN
+    return np.where(hidden, np.uint8(Status.LOW_TEXTURE), status) if textured_box(image) is None else status
+
+
+def _nothing_found(image: np.ndarray) -> str:
+    """The warning for a right photograph (row, col) in which no point is found."""
+    from dicflow.core.photographs.texture import textured_box
+
+    if textured_box(image) is None:
+        return "no texture in this right photograph: all points are lost here; check light and exposure"
+    return "no point is found in this right photograph; check that it shows the specimen at the moment of the left one"
 
 
 def _status(left: np.ndarray, right: np.ndarray) -> np.ndarray:

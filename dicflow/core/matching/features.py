@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from dicflow.core.arrays import Bytes, Grey, Image, Index
 from dicflow.core.matching.detectors import DETECTORS
 
-__all__ = ["Box", "Descriptors", "Features", "detect"]
+__all__ = ["Box", "Descriptors", "Features", "detect", "no_features"]
 
 Box = tuple[int, int, int, int]
 Descriptors = NDArray[Any]
