@@ -32,8 +32,9 @@ _UNCERTAIN_RATIO, _UNCERTAIN_MISFIT_PX = 4.0, 0.1
 _LOST_RATIO, _LOST_MISFIT_PX = 16.0, 0.5
 """The same above which a subset holds two motions. Undermatched waves of half a pixel reach 0.46 px on patterns of the
 DIC Challenge, real specimens 10 times the usual variance."""
-_MAX_LIGHT_SHIFT_PX, _MIN_LIGHT_SHARE = 0.06, 0.2
-"""Shift of a place by slow changes of the light, and their share of the residual, above which a point is lost."""
+_LIGHT_LIMITS = ((0.06, 0.3), (0.15, 0.2))
+"""Shifts of a place by slow changes of the light [px], and their shares of the residual, above which a point is lost:
+above both of either pair. Smaller shifts with the first share add to the variance of the place."""
 _SIGMA_PER_MISFIT = 0.7
 """Standard deviation along each axis over the misfit: errors reach twice the misfit."""
 _MIN_POINTS = 20
@@ -78,19 +79,23 @@ def find_edges(
         suspect = (residual > _SUSPECT_RATIO * usual) & (misfit > _SUSPECT_MISFIT_PX)
         uncertain = (residual > _UNCERTAIN_RATIO * usual) & (misfit > _UNCERTAIN_MISFIT_PX)
         lost = (residual > _LOST_RATIO * usual) & (misfit > _LOST_MISFIT_PX)
+    variance = np.where(uncertain, (_SIGMA_PER_MISFIT * misfit) ** 2, 0.0)
     at = tuple(np.argwhere(suspect & ~lost).T)
-    lost[at] = _moved_by_light(reference, target, centres[at].astype(np.int64), field.warp[at], subset)
-    return Edges(lost, np.where(uncertain & ~lost, (_SIGMA_PER_MISFIT * misfit) ** 2, 0.0))
+    shift, share = _shifts_by_light(reference, target, centres[at].astype(np.int64), field.warp[at], subset)
+    for max_shift, max_share in _LIGHT_LIMITS:
+        lost[at] |= (shift > max_shift) & (share > max_share)
+    variance[at] += np.where(share > _LIGHT_LIMITS[0][1], shift**2, 0.0)
+    return Edges(lost, np.where(lost, 0.0, variance))
 
 
-def _moved_by_light(reference: Template, target: Spline, centres: Index, warp: Array, subset: Subset) -> Mask:
-    """Which of the subsets (n,) slow changes of the light explain in part, and move."""
-    moved = np.zeros(len(centres), dtype=np.bool_)
-    for first in range(0, len(centres), _CHUNK):
-        part = slice(first, first + _CHUNK)
-        shift, share = _light(reference, target, centres[part], warp[part], subset)
-        moved[part] = (shift > _MAX_LIGHT_SHIFT_PX) & (share > _MIN_LIGHT_SHARE)
-    return moved
+def _shifts_by_light(
+    reference: Template, target: Spline, centres: Index, warp: Array, subset: Subset
+) -> tuple[Array, Array]:
+    """Results (n,) of :func:`_light`, some subsets at a time."""
+    parts = [slice(first, first + _CHUNK) for first in range(0, len(centres), _CHUNK)]
+    results = [_light(reference, target, centres[part], warp[part], subset) for part in parts]
+    shift, share = (np.concatenate([np.zeros(0), *(result[k] for result in results)]) for k in (0, 1))
+    return shift, share
 
 
 def _light(reference: Template, target: Spline, centres: Index, warp: Array, subset: Subset) -> tuple[Array, Array]:
