@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
+import cv2
 import numpy as np
 
 from dicflow.core.arrays import Grey, Mask
@@ -18,6 +19,8 @@ from dicflow.core.photographs.texture import saturation_level
 __all__ = ["Photograph", "measured_pixels", "photograph"]
 
 
+_HIDDEN_MARGIN_PX = 2
+"""Width of the seam beside hidden pixels that is not measured [px]."""
 _MIN_PILE, _MIN_PILE_RATIO = 8, 3.0
 """Pixels of the level at which a camera clips, at least, and their number over that of any level close to it."""
 _MIN_PILE_SHARE, _MIN_RATIO_BELOW_FULL_SCALE = 1e-4, 20.0
@@ -48,13 +51,22 @@ def photograph(grey: Grey, shown: Mask | None = None) -> Photograph:
 
 
 def measured_pixels(grey: Grey, shown: Mask | None = None) -> Mask | None:
-    """Pixels (rows, cols) bool that show the scene and are not clipped; None for all."""
+    """Pixels (rows, cols) bool that show the scene and are not clipped; None for all.
+
+    The spline between pixels carries what hidden ones contain to their neighbours, so these are not measured either.
+    """
     low, high = _clip_levels(grey)
-    measured = None if shown is None else np.array(shown, dtype=np.bool_)
+    measured = None if shown is None else _without_margin(shown)
     for is_clipped in (grey <= low if low is not None else None, grey >= high if high is not None else None):
         if is_clipped is not None:
             measured = ~is_clipped if measured is None else measured & ~is_clipped
     return None if measured is None or measured.all() else measured
+
+
+def _without_margin(shown: Mask) -> Mask:
+    """Pixels farther than a margin from those that are not shown."""
+    square = np.ones((2 * _HIDDEN_MARGIN_PX + 1,) * 2, dtype=np.uint8)
+    return np.asarray(cv2.erode(shown.astype(np.uint8), square, borderValue=1) > 0)
 
 
 def _clip_levels(grey: Grey) -> tuple[int | None, int | None]:

@@ -52,5 +52,6 @@ def test_pixels_that_show_nothing_are_not_measured():
     grey = recorded(np.where(SPOT, 300.0, scene()), 255, np.uint8)
     shown = np.ones(SHAPE, dtype=bool)
     shown[:10] = False
-    np.testing.assert_array_equal(measured_pixels(grey, shown), ~SPOT & shown)
+    beside = np.arange(SHAPE[0])[:, None] >= 12  # and two rows beside them
+    np.testing.assert_array_equal(measured_pixels(grey, shown), ~SPOT & beside)
     assert measured_pixels(recorded(scene(), 255, np.uint8), np.ones(SHAPE, dtype=bool)) is None
