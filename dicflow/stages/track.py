@@ -120,7 +120,7 @@ class Track(Node):
         if tracked is None:
             if len(matches.pairs.source) == 0:
                 raise StageError(
-                    "no feature of the previous step is found again, since this photograph or the previous one shows no "
+                    "no feature of the previous step is found again: this photograph or the previous one shows no "
                     "speckles; check light, exposure and focus, or leave that step out"
                 )
             raise StageError(self._too_few_inliers(len(_inside(polygons, matches)[0])))
