@@ -8,7 +8,8 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from dicflow.core.correlation.subsets import Correlated, Subset, Template, correlate, template
+from dicflow.core.correlation.subsets import Correlated, Subset, correlate
+from dicflow.core.correlation.template import Template, template
 from dicflow.core.correlation.warp import identity
 from dicflow.core.photographs.interpolate import Spline, spline
 from dicflow.core.status import Status

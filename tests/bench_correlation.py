@@ -19,7 +19,8 @@ import cv2
 import numpy as np
 
 from dicflow.core.correlation.follow import Field, correlate_field
-from dicflow.core.correlation.subsets import Subset, template
+from dicflow.core.correlation.subsets import Subset
+from dicflow.core.correlation.template import template
 from dicflow.core.correlation.warp import identity
 from dicflow.core.photographs.interpolate import spline
 from dicflow.core.synthetic.planar import planar_pair

@@ -6,8 +6,10 @@ import numpy as np
 
 from dicflow.core.correlation.points import VIA_REFERENCE_STEP, ReferencePhotograph
 from dicflow.core.correlation.search import Search, find_points
-from dicflow.core.correlation.subsets import Subset, correlate, template
+from dicflow.core.correlation.subsets import Subset, correlate
+from dicflow.core.correlation.template import template
 from dicflow.core.correlation.warp import identity
+from dicflow.core.photographs.exposure import Photograph
 from dicflow.core.photographs.interpolate import spline
 from dicflow.core.photographs.region import Polygon, rasterise, rectangle
 from dicflow.core.status import Status
@@ -104,7 +106,7 @@ def through_reference(between: Product, photograph: np.ndarray, image: np.ndarra
     search = Search(Subset(facts["subset_size"], facts["shape_function"]), noise=facts["noise_grey"])
     everywhere = np.ones(photograph.shape, dtype=bool)
     known = (between[name] for name in ("xy", "warp", "passed", "slope"))
-    reference_step = ReferencePhotograph(photograph, (0, 0), everywhere, *known)
+    reference_step = ReferencePhotograph(Photograph(photograph), (0, 0), everywhere, *known)
     begin = np.concatenate([starts[..., None], between["gradient"]], axis=-1)
     found = find_points(reference_step, spline(image, 5), begin, search, VIA_REFERENCE_STEP)
     carried, reference = reference_variables(reference_step, facts["subset_size"])

@@ -12,7 +12,8 @@ from typing import NamedTuple
 import cv2
 import numpy as np
 
-from dicflow.core.correlation.subsets import Correlated, Subset, correlate, template
+from dicflow.core.correlation.subsets import Correlated, Subset, correlate
+from dicflow.core.correlation.template import template
 from dicflow.core.correlation.warp import identity
 from dicflow.core.photographs.interpolate import Spline, slopes, spline
 from dicflow.core.surfaces.filters import local_polynomial

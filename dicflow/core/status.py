@@ -40,6 +40,10 @@ class Status(IntEnum):
     """Not visible in the other camera."""
     CUT_SUBSET = 14
     """Too small a part of its subset lies in the region."""
+    OVEREXPOSED = 15
+    """Too large a part of its subset is clipped to white or black, or hidden, in one of the photographs."""
+    MISFIT = 16
+    """The grey levels of its subset fit no single motion: a crack, or the edge of a shadow or reflection."""
 
     @property
     def label(self) -> str:

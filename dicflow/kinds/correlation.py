@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple
 
@@ -14,10 +15,12 @@ if TYPE_CHECKING:
 
     from dicflow.core.correlation.course import Course
     from dicflow.core.correlation.points import FoundPoints, ReferencePhotograph
+    from dicflow.core.parts import Parts
+    from dicflow.core.photographs.exposure import Photograph
     from dicflow.core.photographs.noise import Noise
     from dicflow.core.photographs.region import Polygon
 
-__all__ = ["Correlation", "FollowedPoints", "SubsetGrid", "reference_variables"]
+__all__ = ["Correlation", "FollowedPoints", "SubsetGrid", "part_variables", "parts_of", "reference_variables"]
 
 _VECTOR, _SYMMETRIC, _GRADIENT = (*GRID, "component"), (*GRID, "pair"), (*GRID, "out", "in")
 _WARP = (*GRID, "component", "term")
@@ -34,12 +37,17 @@ _LAYOUTS = {
     "slope": Layout(_GRADIENT, "1", "gradient of the motion from the reference photograph"),
     "course": Layout(_VECTOR, "px", "place, or the place expected by the last motion"),
     "motion": Layout(_VECTOR, "px", "last known motion of a step"),
+    "part": Layout(GRID, "1", "number of the part of the region; a single part if missing"),
     "way": Layout(GRID, "1", "route: 0 no value or the first photograph, 1 direct, 2 via a reference step"),
 }
+_PERIOD = ("period_px", "repeating_share")
+_MIN_REPEATING_SHARE = 0.5
+"""Share of the region that repeats itself from which displacements count as ambiguous."""
 _IMAGE = ("reference_row", "reference_col")
 _REFERENCE_LAYOUTS = {
     "reference_image": Layout(_IMAGE, "grey level", "part of the photograph of the reference step"),
     "reference_usable": Layout(_IMAGE, "1", "pixels in the region"),
+    "reference_measured": Layout(_IMAGE, "1", "pixels that are measured; all if missing"),
     "reference_xy": Layout(_VECTOR, "px", "place in the reference step"),
     "reference_warp": Layout(_WARP, "1", "warp from the first photograph to the reference step"),
     "reference_passed": Layout(_SYMMETRIC, "px²", "covariance of that place by earlier reference steps"),
@@ -76,42 +84,53 @@ class FollowedPoints(Kind):
         """Outline of the region at this step [px]."""
         return polygons_from_json(self.product.attrs["polygons"])
 
-    def as_reference(self, image: np.ndarray) -> ReferencePhotograph:
+    def as_reference(self, image: Photograph) -> ReferencePhotograph:
         """This step as a reference photograph.
 
-        image : (row, col) — its photograph by the same camera
+        image : its photograph by the same camera
         """
         from dicflow.core.correlation.points import ReferencePhotograph
         from dicflow.core.photographs.region import interior
 
-        usable = interior(self.polygons, image.shape)
-        return ReferencePhotograph(image, (0, 0), usable, self["xy"], self["warp"], self["passed"], self["slope"])
+        region = interior(self.polygons, image.grey.shape)
+        return ReferencePhotograph(image, (0, 0), region, self["xy"], self["warp"], self["passed"], self["slope"])
 
     @property
     def reference_step(self) -> ReferencePhotograph | None:
         """The reference step; None while the first photograph is enough."""
         from dicflow.core.correlation.points import ReferencePhotograph
+        from dicflow.core.photographs.exposure import Photograph
 
         if "reference" not in self.product.attrs:
             return None
         facts = self.product.attrs["reference"]
         x, y = facts["origin"]
-        image, usable = self["reference_image"], self["reference_usable"] > 0
+        measured = self["reference_measured"] > 0 if "reference_measured" in self else None
+        image, region = Photograph(self["reference_image"], measured), self["reference_usable"] > 0
         points, warp, passed, slope = (self[f"reference_{name}"] for name in ("xy", "warp", "passed", "slope"))
-        return ReferencePhotograph(image, (x, y), usable, points, warp, passed, slope, facts["age"])
+        return ReferencePhotograph(image, (x, y), region, points, warp, passed, slope, facts["age"])
 
-    def outline(self, start: Sequence[Polygon], found: FoundPoints, places: np.ndarray) -> Sequence[Polygon]:
-        """The region's outline at the next step; this step's outline if too few points are found there.
+    def outline(self, start: Sequence[Polygon], found: FoundPoints, parts: Parts) -> Sequence[Polygon]:
+        """The region's outline at the next step; a polygon in which too few points are found there stays where it is.
 
         start : the outline at the first step [px]
-        found : points at the next step; places : (row, col, 2) — their places at the first step [px]
+        found : points at the next step; parts : of the grid, with the places at the first step
         """
-        from dicflow.core.correlation.points import MIN_POINTS_FOR_MOTION, carried_points
-        from dicflow.core.photographs.region import carry
+        from dicflow.core.correlation.points import carried_outline
 
-        if found.valid.sum() < MIN_POINTS_FOR_MOTION:
-            return self.polygons
-        return carry(start, lambda ring: carried_points(found, places, ring))
+        return carried_outline(start, self.polygons, found, parts)
+
+    @property
+    def parts(self) -> Parts:
+        """The parts of the grid; of points at the first step."""
+        return parts_of(self.product)
+
+    def with_parts(self, parts: Parts) -> Product:
+        """The product with the parts of its grid; unchanged for a single one."""
+        if parts.is_single:
+            return self.product
+        variables = {**self.product.variables, "part": _LAYOUTS["part"](parts.number)}
+        return Product(self.product.kind, variables, {**self.product.attrs, "cuts": parts.cuts.tolist()})
 
 
 def reference_variables(
@@ -124,14 +143,37 @@ def reference_variables(
         return {}, {}
     kept = cropped(reference, subset_size)
     values = {
-        "reference_image": kept.image,
-        "reference_usable": kept.usable.astype("uint8"),
+        "reference_image": kept.image.grey,
+        "reference_usable": kept.region.astype("uint8"),
         "reference_xy": kept.points,
         "reference_warp": kept.warp,
         "reference_passed": kept.inherited_covariance,
         "reference_slope": kept.slope,
     }
+    if kept.image.measured is not None:
+        values["reference_measured"] = kept.image.measured.astype("uint8")
     return laid_out(_REFERENCE_LAYOUTS, values), {"reference": {"origin": list(kept.origin), "age": kept.age}}
+
+
+def parts_of(product: Product) -> Parts:
+    """The parts of the grid of a product of points at the first step, with their places there."""
+    import numpy as np
+
+    from dicflow.core.parts import grid_parts, single_part
+
+    places = product.variables["xy"].values
+    if "part" not in product.variables:
+        return single_part(places)
+    cuts = np.array(product.attrs["cuts"], dtype=float).reshape(-1, 4)
+    parts = grid_parts(places, product.variables["part"].values, np.zeros((0, 4)))
+    return parts._replace(cuts=cuts)
+
+
+def part_variables(product: Product) -> tuple[dict[str, Variable], dict[str, Any]]:
+    """Arrays and attributes that hold the parts of a product's grid; empty for a single part."""
+    if "part" not in product.variables:
+        return {}, {}
+    return {"part": product.variables["part"]}, {"cuts": product.attrs["cuts"]}
 
 
 class Correlation(FollowedPoints):
@@ -197,6 +239,18 @@ class Correlation(FollowedPoints):
         from dicflow.core.photographs.noise import Noise
 
         return Noise(*(self.product.attrs[f"noise_{name}"] for name in ("grey", "source", "settled")))
+
+    @property
+    def period_facts(self) -> dict[str, Any]:
+        """Attributes that say how the first photograph's pattern repeats itself; empty if it does not."""
+        return {name: self.product.attrs[name] for name in _PERIOD if name in self.product.attrs}
+
+    @property
+    def reach_px(self) -> float:
+        """Longest displacement of a step that is told from others: half the period of a pattern that repeats [px]."""
+        facts = self.period_facts
+        repeats = facts.get("repeating_share", 0.0) >= _MIN_REPEATING_SHARE
+        return 0.5 * float(facts["period_px"]) if repeats else math.inf
 
     @property
     def noise_level(self) -> float:

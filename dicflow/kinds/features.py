@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import TYPE_CHECKING, ClassVar
 
 from dicflow.engine.product import Product
@@ -28,13 +29,19 @@ class FeatureSet(Kind):
 
     @classmethod
     def write(
-        cls, features: Features, detector: str, area: tuple[int, int, int, int], image_size: tuple[int, int]
+        cls,
+        features: Features,
+        detector: str,
+        area: tuple[int, int, int, int],
+        image_size: tuple[int, int],
+        warnings: Sequence[str] = (),
     ) -> Product:
         """A product of features.
 
         detector : name of the detector, whose descriptors these are
         area : x0, y0, x1, y1 of the searched area [px]
         image_size : width and height [px]
+        warnings : sentences for the user
         """
         title = _LAYOUTS["descriptors"].long_name.format(detector=detector)
         layouts = _LAYOUTS | {"descriptors": _LAYOUTS["descriptors"]._replace(long_name=title)}
@@ -44,7 +51,8 @@ class FeatureSet(Kind):
             "image_size": list(image_size),
             "summary": {"features": len(features.xy)},
         }
-        return Product("features", laid_out(layouts, features._asdict()), attrs)
+        said = {"warnings": list(warnings)} if warnings else {}
+        return Product("features", laid_out(layouts, features._asdict()), {**attrs, **said})
 
     @property
     def features(self) -> Features:

@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple, Self
 
 from dicflow.engine.product import Product, Variable
-from dicflow.kinds.correlation import Correlation, SubsetGrid
+from dicflow.kinds.correlation import Correlation, SubsetGrid, part_variables, parts_of
 from dicflow.kinds.kind import GRID, Kind, Layout
 from dicflow.kinds.stereo import Stereo
 
@@ -14,6 +14,7 @@ if TYPE_CHECKING:
     import numpy as np
 
     from dicflow.core.cameras.triangulate import Triangulated
+    from dicflow.core.parts import Parts
     from dicflow.core.uncertainty.covariance import MeasuredPoints
 
 __all__ = ["PointErrors", "Points"]
@@ -97,6 +98,7 @@ class Points(Kind):
             "way_right": stereo.product.variables["way"],
             "status": _LAYOUTS["status"](status),
         }
+        parts, part_attrs = part_variables(correlation.product)
         attrs = {
             "step_size": correlation.grid.step_size,
             "subset_size": correlation.grid.subset_size,
@@ -105,7 +107,7 @@ class Points(Kind):
             "shape_function": stereo.grid.shape_function,
             "shape_function_left": correlation.grid.shape_function,
         }
-        return Product("points", variables, {**attrs, **facts})
+        return Product("points", {**variables, **parts}, {**attrs, **part_attrs, **facts})
 
     @property
     def unit(self) -> str:
@@ -132,6 +134,11 @@ class Points(Kind):
     def noise_grey(self) -> float:
         """Noise from which the errors were computed [grey levels]."""
         return float(self.product.attrs.get("noise_grey", 1.0))
+
+    @property
+    def parts(self) -> Parts:
+        """The parts of the grid; of points at the first step."""
+        return parts_of(self.product)
 
     @property
     def template(self) -> np.ndarray:

@@ -9,6 +9,8 @@ from dicflow.engine.product import Product
 from dicflow.kinds.kind import Kind
 
 if TYPE_CHECKING:
+    import numpy as np
+
     from dicflow.core.photographs.region import Polygon
 
 __all__ = ["Region", "polygons_from_json", "polygons_to_json"]
@@ -20,13 +22,23 @@ class Region(Kind):
     KINDS: ClassVar = ("region",)
 
     @classmethod
-    def write(cls, polygons: Sequence[Polygon]) -> Product:
-        """A product of outlines with holes [px]."""
+    def write(cls, polygons: Sequence[Polygon], cuts: Sequence[np.ndarray] = ()) -> Product:
+        """A product of outlines with holes [px].
+
+        cuts : lines (n, 2) across which nothing is compared [px]; the outlines have gaps there
+        """
         from dicflow.core.photographs.region import area
 
         area_px = area(polygons)
         attrs = {"polygons": polygons_to_json(polygons), "area_px": area_px, "summary": {"area_px": area_px}}
-        return Product("region", {}, attrs)
+        return Product("region", {}, attrs | ({"cuts": [line.tolist() for line in cuts]} if cuts else {}))
+
+    @property
+    def cuts(self) -> list[np.ndarray]:
+        """Lines (n, 2) across which nothing is compared [px]."""
+        import numpy as np
+
+        return [np.asarray(line, dtype=float) for line in self.product.attrs.get("cuts", ())]
 
     @property
     def polygons(self) -> list[Polygon]:

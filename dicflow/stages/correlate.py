@@ -23,27 +23,43 @@ if TYPE_CHECKING:
     from dicflow.core.correlation.points import FoundPoints, ReferencePhotograph
     from dicflow.core.correlation.search import Search
     from dicflow.core.correlation.seed import Pairs
+    from dicflow.core.parts import Parts
+    from dicflow.core.photographs.exposure import Photograph
     from dicflow.core.photographs.noise import Noise
     from dicflow.core.photographs.region import Polygon
+    from dicflow.core.photographs.repetition import Repetition
 
 __all__ = ["Correlate"]
 
 _OUTLINE_STEPS = 4
 """Material steps between the points of the carried outline."""
+_MAX_STRIPES_SHARE = 0.5
+"""Share of the region that may show stripes."""
 
 
 class _First(NamedTuple):
-    """The first left photograph (row, col), its pixels inside the region (row, col), and the region's outline [px]."""
+    """The first left photograph and what is measured in it.
 
-    image: np.ndarray
-    usable: np.ndarray
+    region : (row, col) — its pixels inside the region
+    outline : of the region [px]
+    parts : of the grid, with the places of its points
+    """
+
+    image: Photograph
+    region: np.ndarray
     outline: Sequence[Polygon]
+    parts: Parts
+
+    @property
+    def measured(self) -> np.ndarray:
+        """Pixels (row, col) inside the region that are measured."""
+        return self.region if self.image.measured is None else self.region & self.image.measured
 
 
 class _Previous(NamedTuple):
-    """The previous step: its left photograph (row, col) and the points in it."""
+    """The previous step: its left photograph and the points in it."""
 
-    image: np.ndarray
+    image: Photograph
     points: Correlation
 
 
@@ -85,63 +101,65 @@ class Correlate(SubsetSearch):
         matches: Product | None = None,
         correlation_before: Product | None = None,
     ) -> Product:
-        from dicflow.core.photographs.region import carry, interior
+        from dicflow.core.photographs.region import carry, grid_points, interior, parts_of_region
 
-        polygons = Region.read(region).polygons
-        outline = carry(polygons, lambda ring: ring, spacing_px=_OUTLINE_STEPS * self.step_size)
-        start = Images.read(images_first).left
-        first = _First(start, interior(polygons, start.shape), outline)
-        image = Images.read(images).left
+        chosen = Region.read(region)
+        outline = carry(chosen.polygons, lambda ring: ring, spacing_px=_OUTLINE_STEPS * self.step_size)
+        start = Images.read(images_first).photograph("left")
+        parts = parts_of_region(outline, chosen.cuts, grid_points(outline, self.step_size))
+        first = _First(start, interior(chosen.polygons, start.grey.shape), outline, parts)
+        image = Images.read(images).photograph("left")
         if correlation_before is None or images_before is None:
             return self._first_step(image, first)
-        previous = _Previous(Images.read(images_before).left, Correlation.read(correlation_before))
+        previous = _Previous(Images.read(images_before).photograph("left"), Correlation.read(correlation_before))
         return self._next_step(image, first, previous, None if matches is None else Matches.read(matches).pairs)
 
-    def _first_step(self, image: np.ndarray, first: _First) -> Product:
+    def _first_step(self, image: Photograph, first: _First) -> Product:
         """The points in the first photograph."""
         from dicflow.core.correlation.course import Course
         from dicflow.core.correlation.search import first_photograph, points_in_first_photograph
         from dicflow.core.photographs.noise import Noise, noise_of_first_photograph
-        from dicflow.core.photographs.region import grid_points
 
-        _check_photograph(image, first.usable, self.subset_size)
-        noise = (
-            noise_of_first_photograph(image, first.usable) if self.noise == "auto" else Noise(self.noise, "given", True)
-        )
+        _check_photograph(image.grey, first.region, self.subset_size)
+        if self.noise == "auto":
+            noise = noise_of_first_photograph(image.grey, first.measured)
+        else:
+            noise = Noise(self.noise, "given", True)
+        repeats = _repetition(image.grey, first.measured)
         search = self._search(noise.grey, first)
-        points = grid_points(first.outline, self.step_size)
-        found = points_in_first_photograph(first_photograph(image, first.usable, points, search), search)
+        start = first_photograph(image, first.region, first.parts.places, search)
+        found = points_in_first_photograph(start, search)
         if not found.valid.any():
-            raise StageError(self._subsets_too_large(first.usable))
+            raise StageError(self._no_subset(first.region, found.status))
         exact = found._replace(covariance=0.0 * found.covariance)
         place = exact.warp[..., 0]
-        return Correlation.write(
+        product = Correlation.write(
             exact,
             Course(place, 0.0 * place),
             found.covariance,
             (noise, search.noise),
             first.outline,
             self._grid(),
-            facts=self._facts(exact, noise, image, first.outline),
+            facts={**self._facts(exact, noise, image, first.outline), **_repetition_facts(repeats)},
         )
+        return Correlation.read(product).with_parts(first.parts)
 
-    def _next_step(self, image: np.ndarray, first: _First, previous: _Previous, pairs: Pairs | None) -> Product:
+    def _next_step(self, image: Photograph, first: _First, previous: _Previous, pairs: Pairs | None) -> Product:
         """The points in every other photograph."""
         import numpy as np
 
         from dicflow.core.correlation.course import next_course
         from dicflow.core.correlation.material import follow_step
         from dicflow.core.correlation.search import first_photograph
-        from dicflow.core.photographs.region import grid_points
 
         noise, course, status = previous.points.noise, previous.points.course, previous.points["status"]
-        lost = _never_followed(status)
-        grid = np.where(lost[..., None], np.nan, grid_points(first.outline, self.step_size))
+        lost = np.asarray(np.isnan(course.place).any(axis=-1))
+        grid = np.where(lost[..., None], np.nan, first.parts.places)
         reference_step, last = previous.points.reference_step, previous.points.as_reference(previous.image)
 
         def follow(level: float) -> tuple[FoundPoints, ReferencePhotograph | None]:
-            search = self._search(level, first)
-            start = first_photograph(first.image, first.usable, grid, search)
+            search = self._search(level, first)._replace(reach_px=previous.points.reach_px)
+            start = first_photograph(first.image, first.region, grid, search)
             return follow_step(
                 start, reference_step, last, image, search, self.reference.updating(), pairs, course.expected
             )
@@ -149,13 +167,14 @@ class Correlate(SubsetSearch):
         found, reference = follow(noise.grey)
         template = previous.points["template"]
         if not noise.is_final:
-            measured = self._measured_noise(noise, found, grid, first, image)
+            measured = self._measured_noise(noise, found, grid, first, image.grey)
             template = (measured.grey / noise.grey) ** 2 * template
             found, reference = (found, reference) if measured.grey == noise.grey else follow(measured.grey)
             noise = measured
         found = found._replace(status=np.where(lost, status, found.status))
-        polygons = previous.points.outline(first.outline, found, grid)
-        return Correlation.write(
+        found = found if found.valid.any() else found._replace(status=_status_without_texture(found.status, image.grey))
+        polygons = previous.points.outline(first.outline, found, first.parts)
+        product = Correlation.write(
             found,
             next_course(course, last.points, found.warp[..., 0]),
             template,
@@ -163,8 +182,9 @@ class Correlate(SubsetSearch):
             polygons,
             self._grid(),
             reference,
-            self._facts(found, noise, image, polygons),
+            {**self._facts(found, noise, image, polygons), **previous.points.period_facts, **_lost(found, image.grey)},
         )
+        return Correlation.read(product).with_parts(first.parts)
 
     def _grid(self) -> SubsetGrid:
         return SubsetGrid(self.step_size, self.subset_size, self.shape_function)
@@ -173,7 +193,8 @@ class Correlate(SubsetSearch):
         """noise : of the photographs [grey levels]"""
         from dicflow.core.photographs.noise import smoothed_noise
 
-        return self.search(self.subset_size, smoothed_noise(noise, first.image, first.usable, self.smoothing))
+        level = smoothed_noise(noise, first.image.grey, first.measured, self.smoothing)
+        return self.search(self.subset_size, level)._replace(parts=first.parts)
 
     def _measured_noise(
         self, noise: Noise, found: FoundPoints, grid: np.ndarray, first: _First, image: np.ndarray
@@ -185,19 +206,27 @@ class Correlate(SubsetSearch):
         points = grid[valid], found.warp[valid][..., 0], found.znssd[valid]
         return noise_from_pair(
             noise,
-            first.image,
+            first.image.grey,
             image,
-            first.usable,
+            first.measured,
             points,
             size=self.subset_size,
             degree=self.spline_degree,
             smoothing_px=self.smoothing,
         )
 
-    def _subsets_too_large(self, usable: np.ndarray) -> str:
+    def _no_subset(self, region: np.ndarray, status: np.ndarray) -> str:
+        """The message if no subset of the first photograph can be followed."""
         import cv2
 
-        _, _, width, height = cv2.boundingRect(usable.astype("uint8"))
+        from dicflow.core.status import Status
+
+        if (status == Status.OVEREXPOSED).sum() > (status == Status.CUT_SUBSET).sum():
+            return (
+                f"no subset of {self.subset_size} px has enough pixels that are neither white nor black nor hidden in "
+                "the first left photograph; change the exposure, or take a larger subset_size"
+            )
+        _, _, width, height = cv2.boundingRect(region.astype("uint8"))
         return (
             f"no subset of {self.subset_size} px has {self.min_share:.0%} of its pixels inside the region "
             f"({width} × {height} px); take a subset_size of {max(5, min(width, height) // 2) | 1} px, or a larger "
@@ -205,14 +234,14 @@ class Correlate(SubsetSearch):
         )
 
     def _facts(
-        self, found: FoundPoints, noise: Noise, image: np.ndarray, polygons: Sequence[Polygon]
+        self, found: FoundPoints, noise: Noise, image: Photograph, polygons: Sequence[Polygon]
     ) -> dict[str, Any]:
         """Further attributes of a step."""
         from dicflow.core.photographs.region import interior
         from dicflow.core.photographs.texture import saturated_share
 
-        height, width = image.shape
-        overexposed = saturated_share(image, interior(polygons, image.shape))
+        height, width = image.grey.shape
+        overexposed = saturated_share(image.grey, interior(polygons, image.grey.shape))
         return {
             "interpolation": self.interpolation,
             "image_size": [width, height],
@@ -247,15 +276,6 @@ def _summary(found: FoundPoints, noise: Noise, overexposed: float) -> dict[str, 
     }
 
 
-def _never_followed(status: np.ndarray) -> np.ndarray:
-    """Points (row, col) whose subset of the first photograph cannot be followed."""
-    import numpy as np
-
-    from dicflow.core.status import Status
-
-    return np.isin(status, (Status.CUT_SUBSET, Status.LOW_TEXTURE))
-
-
 def _check_photograph(image: np.ndarray, usable: np.ndarray, subset_size: int) -> None:
     """Raise StageError unless the first photograph shows a pattern that distinguishes subsets."""
     from dicflow.core.photographs.pattern import check_pattern, check_subset
@@ -265,3 +285,50 @@ def _check_photograph(image: np.ndarray, usable: np.ndarray, subset_size: int) -
         check_subset(image, usable, subset_size)
     except ValueError as error:
         raise StageError(str(error)) from error
+
+
+def _repetition(image: np.ndarray, region: np.ndarray) -> Repetition:
+    """How the pattern repeats itself. Raises StageError for stripes."""
+    from dicflow.core.photographs.repetition import repetition
+
+    found = repetition(image, region)
+    if found.stripes_share > _MAX_STRIPES_SHARE:
+        raise StageError(
+            f"{found.stripes_share:.0%} of the region shows stripes in the first left photograph, and a displacement "
+            "along them cannot be measured; apply random speckles"
+        )
+    return found
+
+
+def _repetition_facts(found: Repetition) -> dict[str, Any]:
+    """Attributes of a pattern that repeats itself; empty for any other."""
+    if not found.share > 0.0:
+        return {}
+    text = (
+        f"the pattern repeats every {found.period_px:.1f} px in {found.share:.0%} of the region: a displacement beyond "
+        f"{0.5 * found.period_px:.1f} px from one step to the next cannot be told from a shorter one; apply random "
+        "speckles, or photograph smaller steps"
+    )
+    return {"period_px": found.period_px, "repeating_share": found.share, "warnings": [text]}
+
+
+def _status_without_texture(status: np.ndarray, image: np.ndarray) -> np.ndarray:
+    """Status of points that were all lost: for want of texture if the photograph has none anywhere."""
+    import numpy as np
+
+    from dicflow.core.photographs.texture import textured_box
+    from dicflow.core.status import Status
+
+    lost = np.isin(status, (Status.UNTRACKED, Status.NOT_CONVERGED, Status.LOW_CORRELATION, Status.OVEREXPOSED))
+    return np.where(lost, np.uint8(Status.LOW_TEXTURE), status) if textured_box(image) is None else status
+
+
+def _lost(found: FoundPoints, image: np.ndarray) -> dict[str, Any]:
+    """A warning if no point is found in a photograph; empty otherwise."""
+    from dicflow.core.photographs.texture import textured_box
+
+    if found.valid.any():
+        return {}
+    if textured_box(image) is None:
+        return {"warnings": ["no texture in this left photograph: all points are lost here; check light and exposure"]}
+    return {"warnings": ["no point is found in this left photograph; check that it shows the specimen"]}

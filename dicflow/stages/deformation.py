@@ -105,7 +105,7 @@ class Deformation(Node):
     ) -> Product:
         """``points_first`` are those of the first step."""
         from dicflow.core.cameras.frames import LEFT_CAMERA, compose_frames
-        from dicflow.core.strain.deformation_gradient import surface_gradient
+        from dicflow.core.strain.parts_gradient import gradient_of_parts
         from dicflow.core.tensors import upper_triangle
         from dicflow.core.uncertainty.covariance import joint_covariance, points_in_frame
 
@@ -120,7 +120,9 @@ class Deformation(Node):
         covariance = joint_covariance(after, before, first.template)
         errors = _errors_by_shape(covariance, step, first, (axes, along))
         window = self._window(first)
-        surface = surface_gradient(before.xyz, after.xyz, [*errors.values()], window, self.degree, self.min_share)
+        surface = gradient_of_parts(
+            first.parts, before.xyz, after.xyz, [*errors.values()], window, self.degree, self.min_share
+        )
         frames = (compose_frames(along, axes), axes)
         fields = {**_displacements(before, after, covariance), **self._strains(surface)}
         if rig is not None:

@@ -51,32 +51,29 @@ class FindFeatures(Node):
     max_features: int = parameter(6000, "the strongest features, evenly spread, up to this number", ge=50)
 
     def run(self, images: Product) -> Product:
-        from dicflow.core.matching.features import detect
+        from dicflow.core.matching.features import detect, no_features
 
         photographs = Images.read(images)
         image = photographs.left
         box = self._box(image)
+        if box is None:
+            warnings = (_no_speckles(image),)
+            nowhere = (0, 0, 0, 0)
+            return FeatureSet.write(no_features(self.detector), self.detector, nowhere, photographs.size, warnings)
         detected = detect(
             image, self.detector, box=box, upright=self.upright, octaves=self.octaves, max_features=self.max_features
         )
         return FeatureSet.write(detected, self.detector, box, photographs.size)
 
-    def _box(self, image: np.ndarray) -> tuple[int, int, int, int]:
-        """The area (x0, y0, x1, y1) to search."""
-        from dicflow.core.photographs.texture import MIN_TEXTURE, mean_intensity_gradient, textured_box
+    def _box(self, image: np.ndarray) -> tuple[int, int, int, int] | None:
+        """The area (x0, y0, x1, y1) to search; None if a photograph shows no speckles."""
+        from dicflow.core.photographs.texture import textured_box
 
         height, width = image.shape
         if self.area == "full":
             return 0, 0, width, height
         if self.area == "auto":
-            box = textured_box(image)
-            if box is None:
-                raise StageError(
-                    f"found no speckles in the photograph: its mean intensity gradient is "
-                    f"{mean_intensity_gradient(image):.2f} grey levels per px, and a pattern needs {MIN_TEXTURE} or "
-                    "more; check light, exposure and focus"
-                )
-            return box
+            return textured_box(image)
         x0, y0, x1, y1 = self.area
         if not (x0 < x1 <= width and y0 < y1 <= height):
             raise StageError(
@@ -84,3 +81,13 @@ class FindFeatures(Node):
                 "give x0 < x1 and y0 < y1 inside it, or area: auto"
             )
         return x0, y0, x1, y1
+
+
+def _no_speckles(image: np.ndarray) -> str:
+    """The warning for a photograph (row, col) without speckles."""
+    from dicflow.core.photographs.texture import MIN_TEXTURE, mean_intensity_gradient
+
+    return (
+        f"found no speckles in the photograph: its mean intensity gradient is {mean_intensity_gradient(image):.2f} "
+        f"grey levels per px, and a pattern needs {MIN_TEXTURE} or more; check light, exposure and focus"
+    )

@@ -31,6 +31,9 @@ SOURCES = ("rectangle", "polygons", "file")
 Ring = Annotated[list[tuple[float, float]], Field(min_length=3)]
 
 
+Line = Annotated[list[tuple[float, float]], Field(min_length=2)]
+
+
 class Outline(BaseModel):
     """One part of a region: its outline and the outlines of its holes, corners [x, y] in px."""
 
@@ -83,6 +86,9 @@ class Region(Node):
         None, "outlines: each a list of corners [x, y], or {exterior: corners, holes: [corners, …]}", unit="px"
     )
     file: InputFile | None = parameter(None, "GeoJSON polygons in px, or an image that is white inside the region")
+    cut: list[Line] = parameter(
+        [], "lines across which nothing is compared, such as cracks: each a list of places [x, y]", unit="px"
+    )
     auto: bool = parameter(False, "find the speckled specimen; the default if nothing else is given")
     frame: Literal["photograph", "tracked"] = parameter(
         "photograph", "what the coordinates and the mask refer to: the left photograph, or the rectified image"
@@ -116,7 +122,7 @@ class Region(Node):
         return {}
 
     def run(self, images: Product, rig: Product | None = None, file_path: Path | None = None) -> Product:
-        from dicflow.core.photographs.region import carry
+        from dicflow.core.photographs.region import carry, cut_apart
 
         photographs = Images.read(images)
         cameras = None if rig is None else CalibratedRig.read(rig).cameras
@@ -130,7 +136,20 @@ class Region(Node):
             if self.frame == "photograph" and not photographs.as_taken:
                 polygons = carry(polygons, _to_tracked(photographs, cameras), spacing_px=OUTLINE_PX)
         _check_texture(photographs.left, polygons)
-        return RegionProduct.write(polygons)
+        cuts = self._cuts(photographs, cameras)
+        return RegionProduct.write([cut_apart(polygon, cuts) for polygon in polygons], cuts)
+
+    def _cuts(self, images: Images, cameras: Rig | None) -> Sequence[np.ndarray]:
+        """The lines across which nothing is compared [px of the image that is followed]."""
+        import numpy as np
+
+        from dicflow.core.photographs.region import densify_line
+
+        lines = [np.array(line) for line in self.cut]
+        if not lines or self.frame == "tracked" or images.as_taken:
+            return lines
+        mapping = _to_tracked(images, cameras)
+        return [mapping(densify_line(line, OUTLINE_PX)) for line in lines]
 
     def _speckled(self, image: np.ndarray) -> Sequence[Polygon]:
         """Outlines of the speckled specimen [px]. Raises StageError if the photograph shows no speckles."""

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Annotated, ClassVar, Literal, NamedTuple
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal, NamedTuple
 
 from pydantic import Field
 
@@ -137,7 +137,7 @@ class Stereo(SubsetSearch):
         if self.match == "every_step":
             return product
         found = found._replace(inherited_covariance=inherited_covariance(found, search))
-        outline = view.points.outline(view.points_first.polygons, found, view.points_first["xy"])
+        outline = view.points.outline(view.points_first.polygons, found, view.points_first.parts)
         return StereoPoints.read(product).with_reference(found, outline)
 
     def _next_step(self, cameras: Rig, view: _View, previous: _Previous) -> Product:
@@ -156,14 +156,15 @@ class Stereo(SubsetSearch):
         from dicflow.core.status import Status
 
         ratio = previous.stereo.noise_ratio
-        search = self.search(view.points.grid.subset_size, ratio * view.points.noise_level)
-        first = cropped(first_stereo.as_reference(view.images_first.right), search.subset.size)
-        last, reference_step = previous.stereo.as_reference(previous.images.right), previous.stereo.reference_step
+        search = self._search(view, ratio * view.points.noise_level)
+        first = cropped(first_stereo.as_reference(view.images_first.photograph("right")), search.subset.size)
+        last = previous.stereo.as_reference(previous.images.photograph("right"))
+        reference_step = previous.stereo.reference_step
         found, reference = follow_step(
             first,
             reference_step,
             last,
-            view.images.right,
+            view.images.photograph("right"),
             search,
             self.reference.updating(),
             _predicted_pairs(view, previous),
@@ -172,8 +173,12 @@ class Stereo(SubsetSearch):
         noise_growth = np.divide(view.points.noise_level, view.points_first.noise_level)
         found = found._replace(status=status, template_covariance=noise_growth**2 * first_stereo["template"])
         product = self._product(cameras, view, found, ratio)
-        outline = previous.stereo.outline(view.points_first.polygons, found, view.points_first["xy"])
+        outline = previous.stereo.outline(view.points_first.polygons, found, view.points_first.parts)
         return StereoPoints.read(product).with_reference(found, outline, reference)
+
+    def _search(self, view: _View, noise: float) -> Search:
+        """noise : of the templates' photographs after the low pass [grey levels]"""
+        return self.search(view.points.grid.subset_size, noise)._replace(parts=view.points_first.parts)
 
     def _matched(self, view: _View, starts: np.ndarray, noise_ratio: float) -> tuple[FoundPoints, Search]:
         """The points of the left photograph, found in the right one from starting warps (row, col, 2, 3)."""
@@ -183,13 +188,13 @@ class Stereo(SubsetSearch):
         from dicflow.core.correlation.search import first_photograph, target_spline
         from dicflow.core.photographs.region import interior
 
-        image, right = view.images_first.left, view.images.right
-        contrasts = contrast(image, view.points_first["xy"]), contrast(right, starts[..., 0])
-        search = self.search(view.points.grid.subset_size, view.points.noise_level)
+        image, right = view.images_first.photograph("left"), view.images.photograph("right")
+        contrasts = contrast(image.grey, view.points_first["xy"]), contrast(right.grey, starts[..., 0])
+        search = self._search(view, view.points.noise_level)
         search = search._replace(target_noise_ratio=noise_ratio * contrasts[0] / contrasts[1])
-        usable = interior(view.points_first.polygons, image.shape)
+        region = interior(view.points_first.polygons, image.grey.shape)
         grid = np.where(np.isfinite(view.points["xy"]), view.points_first["xy"], np.nan)
-        first, reference_step = first_photograph(image, usable, grid, search), view.points.reference_step
+        first, reference_step = first_photograph(image, region, grid, search), view.points.reference_step
         target = target_spline(right, search)
         return follow_across(first, reference_step, view.points["way"], target, starts, search), search
 
@@ -204,13 +209,17 @@ class Stereo(SubsetSearch):
         apart = epipolar_distance(cameras, left["xy"], places)
         status = _status(left["status"], found.status)
         status[(status == Status.VALID) & ~(apart <= self.max_epipolar)] = Status.EPIPOLAR
-        kept = status == Status.VALID
+        kept, left_found = status == Status.VALID, bool((left["status"] <= Status.FILLED).any())
+        if not kept.any() and left_found:
+            status = _without_texture(status, view.images.right)
         share = overexposed_share(view.images.right, places)
         summary = {
             **_summary(left["status"], status, apart[kept], found.iterations[kept]),
             "overexposed_share": share if np.isfinite(share) else None,
         }
-        facts = {"interpolation": self.interpolation, "match": self.match, "summary": summary}
+        facts: dict[str, Any] = {"interpolation": self.interpolation, "match": self.match, "summary": summary}
+        if not kept.any() and left_found:
+            facts["warnings"] = [_nothing_found(view.images.right)]
         grid = SubsetGrid(left.grid.step_size, left.grid.subset_size, self.shape_function)
         return StereoPoints.write(found, apart, status, grid, noise_ratio, facts)
 
@@ -279,6 +288,8 @@ def _starts_from_epipolar_lines(cameras: Rig, view: _View) -> np.ndarray:
     from dicflow.core.correlation.partners import find_partners, right_of_left, starting_warps
 
     places = view.points["xy"]
+    if not np.isfinite(places).all(axis=-1).any():
+        return np.full((*places.shape, 3), np.nan)
     stride = int(np.ceil(np.sqrt(np.isfinite(places[..., 0]).sum() / _SEEDS)))
     seeds = places[:: max(1, stride), :: max(1, stride)].reshape(-1, 2)
     window = _SEED_WINDOW * view.points.grid.subset_size
@@ -308,6 +319,26 @@ def _check_order(cameras: Rig, view: _View, found: FoundPoints) -> None:
             "no point of the region is found in the right photograph; check that both photographs show the specimen, "
             "well exposed, and are of one moment"
         )
+
+
+def _without_texture(status: np.ndarray, image: np.ndarray) -> np.ndarray:
+    """Status of points that were all lost: for want of texture if the right photograph has none anywhere."""
+    import numpy as np
+
+    from dicflow.core.photographs.texture import textured_box
+    from dicflow.core.status import Status
+
+    hidden = status == Status.HIDDEN
+    return np.where(hidden, np.uint8(Status.LOW_TEXTURE), status) if textured_box(image) is None else status
+
+
+def _nothing_found(image: np.ndarray) -> str:
+    """The warning for a right photograph (row, col) in which no point is found."""
+    from dicflow.core.photographs.texture import textured_box
+
+    if textured_box(image) is None:
+        return "no texture in this right photograph: all points are lost here; check light and exposure"
+    return "no point is found in this right photograph; check that it shows the specimen at the moment of the left one"
 
 
 def _status(left: np.ndarray, right: np.ndarray) -> np.ndarray:

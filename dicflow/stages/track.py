@@ -118,6 +118,11 @@ class Track(Node):
         estimation = Estimation(self.transform, self.threshold, self.confidence, self.min_inliers, self.seed)
         tracked = track_subsets(grid, polygons, *matches.pairs, matches.features, estimation)
         if tracked is None:
+            if len(matches.pairs.source) == 0:
+                raise StageError(
+                    "no feature of the previous step is found again: this photograph or the previous one shows no "
+                    "speckles; check light, exposure and focus, or leave that step out"
+                )
             raise StageError(self._too_few_inliers(len(_inside(polygons, matches)[0])))
         return tracked
 

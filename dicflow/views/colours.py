@@ -32,6 +32,8 @@ REASON_COLOURS = {
     Status.EPIPOLAR: "#33a02c",
     Status.HIDDEN: "#252525",
     Status.CUT_SUBSET: "#a6cee3",
+    Status.OVEREXPOSED: "#bcf60c",
+    Status.MISFIT: "#808000",
 }
 """Colour of each status of a point without a measured value."""
 

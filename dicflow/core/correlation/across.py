@@ -14,6 +14,7 @@ import numpy as np
 
 from dicflow.core.arrays import Array, Codes, Grey, Mask
 from dicflow.core.correlation.chain import uncancelled_noise
+from dicflow.core.correlation.edges import usual_residual
 from dicflow.core.correlation.partners import starting_warps
 from dicflow.core.correlation.points import VIA_REFERENCE_STEP, FoundPoints, ReferencePhotograph, cropped, merged
 from dicflow.core.correlation.search import Search, find_points
@@ -72,7 +73,8 @@ def follow_across(
         return find_points(_selected(first, np.ones_like(route, dtype=bool), search), target, starts, search)
     through = (route == VIA_REFERENCE_STEP) & np.isfinite(reference_step.points).all(axis=-1)
     found = find_points(_selected(first, ~through, search), target, starts, search)
-    chained = find_points(_selected(reference_step, through, search), target, starts, search)
+    usual = usual_residual(found.residual)
+    chained = find_points(_selected(reference_step, through, search), target, starts, search, usual=usual)
     routes = np.where(chained.valid, np.uint8(VIA_REFERENCE_STEP), chained.route)
     return merged(found, chained._replace(route=routes))
 

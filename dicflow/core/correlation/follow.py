@@ -9,8 +9,7 @@ without a value are tried again from the points found around them.
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Iterable
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import cv2
 import numpy as np
@@ -18,8 +17,10 @@ from numba import njit
 from scipy.spatial import cKDTree
 
 from dicflow.core.arrays import Array, Codes, Index, Iterations, Mask
-from dicflow.core.correlation.subsets import Correlated, Subset, Template, correlate
+from dicflow.core.correlation.subsets import Correlated, Subset, correlate
+from dicflow.core.correlation.template import Template
 from dicflow.core.correlation.warp import TERMS, recentred
+from dicflow.core.parts import Parts, are_apart, single_part
 from dicflow.core.photographs.interpolate import Spline
 from dicflow.core.status import Status
 
@@ -43,7 +44,8 @@ class Field(NamedTuple):
 
     warp : (rows, cols, 2, 3 or 6) float64 — NaN where a subset was not found
     znssd : (rows, cols) float64; iterations : (rows, cols) int16; status : (rows, cols) uint8
-    covariance : (rows, cols, 3) float64 — see :class:`dicflow.core.correlation.subsets.Correlated`
+    covariance : (rows, cols, 3) float64; texture : (rows, cols, 2) float64 — see
+        :class:`dicflow.core.correlation.subsets.Correlated`
     """
 
     warp: Array
@@ -51,6 +53,7 @@ class Field(NamedTuple):
     iterations: Iterations
     status: Codes
     covariance: Array
+    texture: Array
 
 
 def correlate_field(
@@ -62,6 +65,7 @@ def correlate_field(
     *,
     max_znssd: float = 0.6,
     threads: int = 1,
+    parts: Parts | None = None,
 ) -> Field:
     """Find a grid of subsets in the target.
 
@@ -69,10 +73,20 @@ def correlate_field(
     starts : (rows, cols, 2, 3) — affine warps to start from, right to a few pixels; NaN where unknown
     max_znssd : a subset that fits worse is not found and gets the status LOW_CORRELATION
 
+    parts : of the grid; a point starts from neighbours of its own part only. None for a single part
+
     Points with neither a start nor a neighbour that was found stay UNTRACKED.
     """
     search = _FieldSearch(
-        reference, target, grid, subset, max_znssd, threads, _untracked_field(grid, subset), np.zeros(grid.shape[:2])
+        reference,
+        target,
+        grid,
+        single_part(grid) if parts is None else parts,
+        subset,
+        max_znssd,
+        threads,
+        _untracked_field(grid, subset),
+        np.zeros(grid.shape[:2]),
     )
     for stride in _STRIDES:
         search.fill(stride, starts)
@@ -92,6 +106,7 @@ class _FieldSearch:
     reference: Template
     target: Spline
     grid: Array
+    parts: Parts
     subset: Subset
     max_znssd: float
     threads: int
@@ -120,7 +135,7 @@ class _FieldSearch:
         unknown = np.isnan(warps[:, 0, 0])
         warps[unknown] = starts[tuple(points[unknown].T)]
         unknown = np.isnan(warps[:, 0, 0])
-        warps[unknown] = _nearest(starts, self.grid, points[unknown], stride)
+        warps[unknown] = _nearest(starts, self.grid, self.parts, points[unknown], stride)
         return warps
 
     def correlate_points(self, points: Index, starts: Array) -> None:
@@ -134,9 +149,9 @@ class _FieldSearch:
         )
         self.ratios.append(found.contraction[np.isfinite(found.contraction)])
         self.tries[rows, cols] += 1
-        pairs: Iterable[tuple[Any, Any]] = zip(self.field, self._without_bad_fits(found), strict=False)
-        for kept, new in pairs:
-            kept[rows, cols] = new
+        found = self._without_bad_fits(found)
+        for name, kept in self.field._asdict().items():
+            kept[rows, cols] = getattr(found, name)
 
     def update_contraction(self) -> None:
         """Estimate the contraction once, from the points so far, as soon as there are enough."""
@@ -155,7 +170,9 @@ class _FieldSearch:
     def predicted_warps(self, points: Index, stride: int) -> Array:
         """Warps (n, 2, 3) of points (n, 2) from their eight neighbours ``stride`` away; NaN where none is valid."""
         warps = np.full((len(points), 2, 3), np.nan)
-        _predict_warps(points, self.field.status, self.field.warp, self.grid, self.field.znssd, stride, warps)
+        _predict_warps(
+            points, self.field.status, self.field.warp, self.grid, self.field.znssd, stride, self.parts, warps
+        )
         return warps
 
 
@@ -168,11 +185,12 @@ def _untracked_field(grid: Array, subset: Subset) -> Field:
         np.zeros(shape, dtype=np.int16),
         status,
         np.full((*shape, 3), np.nan),
+        np.full((*shape, 2), np.nan),
     )
 
 
-def _nearest(starts: Array, grid: Array, points: Index, stride: int) -> Array:
-    """Warps (n, 2, 3) by the start nearest to each point (n, 2); NaN where all are farther than half a stride."""
+def _nearest(starts: Array, grid: Array, parts: Parts, points: Index, stride: int) -> Array:
+    """Warps (n, 2, 3) by the start nearest to each point (n, 2); NaN where it is over half a stride away, or apart."""
     warps = np.full((len(points), 2, 3), np.nan)
     with_start = np.argwhere(np.isfinite(starts[..., 0, 0]))
     if not len(points) or not len(with_start):
@@ -181,6 +199,11 @@ def _nearest(starts: Array, grid: Array, points: Index, stride: int) -> Array:
     known = np.isfinite(distance)
     here, there = tuple(points[known].T), tuple(with_start[index[known]].T)
     warps[known] = recentred(starts[there], grid[here] - grid[there])
+    if not parts.is_single:
+        apart = [
+            are_apart(parts, *one, *other) for one, other in zip(points[known], with_start[index[known]], strict=True)
+        ]
+        warps[np.flatnonzero(known)[apart]] = np.nan
     return warps
 
 
@@ -191,7 +214,7 @@ def _dilated(mask: Mask) -> Mask:
 
 @njit(cache=True, nogil=True)
 def _predict_warps(
-    points: Index, status: Codes, warp: Array, grid: Array, znssd: Array, stride: int, out: Array
+    points: Index, status: Codes, warp: Array, grid: Array, znssd: Array, stride: int, parts: Parts, out: Array
 ) -> None:
     """Mean of what the warps of the valid ones of eight neighbours predict, weighted by how well these fit."""
     rows, cols = status.shape
@@ -201,7 +224,7 @@ def _predict_warps(
         total, sums[:] = 0.0, 0.0
         for a in range(i - stride, i + stride + 1, stride):
             for b in range(j - stride, j + stride + 1, stride):
-                if 0 <= a < rows and 0 <= b < cols and status[a, b] == _VALID:
+                if 0 <= a < rows and 0 <= b < cols and status[a, b] == _VALID and not are_apart(parts, i, j, a, b):
                     weight = 1.0 / (znssd[a, b] + _ZNSSD_OFFSET)
                     total += weight
                     x, y = grid[i, j, 0] - grid[a, b, 0], grid[i, j, 1] - grid[a, b, 1]

@@ -22,7 +22,7 @@ from dicflow.core.correlation.subset_sums import (
 )
 from dicflow.core.status import Status
 
-__all__ = ["Control", "NormalEquations", "covariance", "iterate", "prepare"]
+__all__ = ["Control", "NormalEquations", "covariance", "iterate", "mean_square_slope", "prepare"]
 
 _MIN_PIVOT_SHARE = 1e-6
 """Of the Hessian; with a smaller pivot the subset has too little texture."""
@@ -32,10 +32,14 @@ _VALID, _OUTSIDE, _NOT_CONVERGED = int(Status.VALID), int(Status.OUTSIDE), int(S
 
 
 class Control(NamedTuple):
-    """Settings of the iteration; see :class:`dicflow.core.correlation.subsets.Subset` and ``correlate`` there."""
+    """Settings of the iteration; see :class:`dicflow.core.correlation.subsets.Subset` and ``correlate`` there.
+
+    min_pixels : least number of pixels that determine a warp
+    """
 
     degree: int
     min_share: float
+    min_pixels: int
     iterations: int
     tolerance_px: float
     is_weighted: bool
@@ -136,6 +140,16 @@ def covariance(
     out[0] = 2.0 * (a * a * xx + 2.0 * a * b * xy + b * b * yy)
     out[1] = 2.0 * (a * e * xx + (a * f + b * e) * xy + b * f * yy)
     out[2] = 2.0 * (e * e * xx + 2.0 * e * f * xy + f * f * yy)
+
+
+@njit(nogil=True, error_model="numpy", forceinline=True)
+def mean_square_slope(normal: NormalEquations) -> float:
+    """Mean square of the slope of the grey levels, without what brightness and contrast explain [grey levels² per px²].
+
+    To be read before :func:`covariance`, which may replace the Hessian.
+    """
+    terms = len(normal.increment) // 2
+    return float((normal.hessian[0, 0] + normal.hessian[terms, terms]) / normal.statistics[1])
 
 
 @njit(cache=True, nogil=True, error_model="numpy")

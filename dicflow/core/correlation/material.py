@@ -14,6 +14,7 @@ import numpy as np
 
 from dicflow.core.arrays import Array, Grey, Mask
 from dicflow.core.correlation.chain import chained
+from dicflow.core.correlation.edges import usual_residual
 from dicflow.core.correlation.points import (
     MIN_POINTS_FOR_MOTION,
     VIA_REFERENCE_STEP,
@@ -22,9 +23,12 @@ from dicflow.core.correlation.points import (
     carried_points,
     cropped,
     merged,
+    part_masks,
 )
 from dicflow.core.correlation.search import Search, find_points, target_spline
 from dicflow.core.correlation.seed import Pairs, seed_warps
+from dicflow.core.parts import Parts
+from dicflow.core.photographs.exposure import Photograph
 from dicflow.core.photographs.interpolate import Spline
 from dicflow.core.status import Status
 
@@ -50,7 +54,7 @@ def follow_step(
     first: ReferencePhotograph,
     reference_step: ReferencePhotograph | None,
     previous: ReferencePhotograph,
-    image: Grey,
+    image: Photograph,
     search: Search,
     updating: Updating,
     matches: Pairs | None = None,
@@ -59,15 +63,16 @@ def follow_step(
     """Find the points in the next photograph.
 
     reference_step : None while the first photograph does
-    previous : the previous step
+    previous : the previous step; if no points were found there, the reference step or the first one takes its place
     matches : features matched from the previous step to this one
     expected : (rows, cols, 2) — where points should be by their last known places and motions [px]
     Returns the points, and the reference step for the next photograph.
     """
     target = target_spline(image, search)
     references = [photograph for photograph in (previous, reference_step, first) if photograph is not None]
-    starts = _starting_warps(references, image, matches)
-    found = _classify_lost(find_points(first, target, starts, search), first, image.shape, expected)
+    previous = next((photograph for photograph in references if _shows_motion(photograph)), previous)
+    starts = _starting_warps(references, image.grey, matches, search)
+    found = _classify_lost(find_points(first, target, starts, search), first, image.grey.shape, expected, search.parts)
     if updating.enabled:
         reference_step = None if reference_step is None else reference_step._replace(age=reference_step.age + 1)
         if updating.every_steps and (reference_step is None or reference_step.age >= updating.every_steps):
@@ -79,24 +84,33 @@ def follow_step(
             )
         elif not updating.every_steps:
             reference_step = None
-    return _classify_lost(found, first, image.shape, expected), reference_step
+    return _classify_lost(found, first, image.grey.shape, expected, search.parts), reference_step
 
 
-def _starting_warps(references: Sequence[ReferencePhotograph], image: Grey, matches: Pairs | None) -> Array:
+def _starting_warps(
+    references: Sequence[ReferencePhotograph], image: Grey, matches: Pairs | None, search: Search
+) -> Array:
     """Affine warps (rows, cols, 2, 3) from the first photograph, by the first reference photograph that gives any.
 
     matches : features matched from the first of ``references``
     """
     starts = np.full((*references[0].points.shape, 3), np.nan)
     for number, reference in enumerate(references):
-        if np.isfinite(reference.points).all(axis=-1).sum() < MIN_POINTS_FOR_MOTION:
+        if not _shows_motion(reference):
             continue
         in_crop = None if matches is None or number else Pairs(matches.source - reference.origin, matches.target)
-        motion = seed_warps(reference.image, image, reference.points - reference.origin, in_crop)
+        motion = seed_warps(
+            reference.image.grey, image, reference.points - reference.origin, in_crop, search.parts, search.reach_px
+        )
         starts = chained(reference.warp[..., :3], motion, reference.points)
         if np.isfinite(starts[..., 0, 0]).any():
             break
     return starts
+
+
+def _shows_motion(photograph: ReferencePhotograph) -> bool:
+    """Whether enough points were found in a photograph to follow the motion from there."""
+    return bool(np.isfinite(photograph.points).all(axis=-1).sum() >= MIN_POINTS_FOR_MOTION)
 
 
 def _lost_points(found: FoundPoints, previous: ReferencePhotograph) -> Mask:
@@ -142,24 +156,31 @@ def _find_lost(
     found: FoundPoints,
     search: Search,
 ) -> FoundPoints:
-    """Find points without a value with a reference step, then from there once more with the first photograph."""
-    size, missing = search.subset.size, ~found.valid[..., None]
+    """Find points without a value with a reference step, then from there once more with the first photograph.
+
+    Those with two motions in their subset stay lost: the errors of small steps would add up.
+    """
+    size, missing = search.subset.size, ~(found.valid | (found.status == Status.MISFIT))[..., None]
+    usual = usual_residual(found.residual)
     part = cropped(reference_step._replace(points=np.where(missing, reference_step.points, np.nan)), size)
-    through = find_points(part, target, starts, search, VIA_REFERENCE_STEP)
+    through = find_points(part, target, starts, search, VIA_REFERENCE_STEP, usual)
     again = cropped(first._replace(points=np.where(through.valid[..., None], first.points, np.nan)), size)
-    direct = find_points(again, target, through.warp[..., :3], search)
+    direct = find_points(again, target, through.warp[..., :3], search, usual=usual)
     return merged(merged(found, through), direct)
 
 
 def _classify_lost(
-    found: FoundPoints, first: ReferencePhotograph, shape: tuple[int, ...], expected: Array | None
+    found: FoundPoints, first: ReferencePhotograph, shape: tuple[int, ...], expected: Array | None, parts: Parts | None
 ) -> FoundPoints:
     """The points, with the status OUTSIDE for lost ones that have left the frame.
 
     Their places follow from the points around them, or else are those ``expected``.
     """
     lost = ~found.valid & np.isfinite(first.points).all(axis=-1) & (found.status != Status.CUT_SUBSET)
-    place = carried_points(found, first.points, first.points[lost])
+    place = np.full((int(lost.sum()), 2), np.nan)
+    for part in part_masks(first.points, parts):
+        here = part[lost]
+        place[here] = carried_points(found, np.where(part[..., None], first.points, np.nan), first.points[lost & part])
     if expected is not None:
         place = np.where(np.isfinite(place), place, expected[lost])
     with np.errstate(invalid="ignore"):

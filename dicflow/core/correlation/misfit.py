@@ -18,13 +18,14 @@ from typing import NamedTuple
 import cv2
 import numpy as np
 
-from dicflow.core.arrays import Array, Index
-from dicflow.core.correlation.subsets import Subset, Template
+from dicflow.core.arrays import Array, Index, Mask
+from dicflow.core.correlation.subsets import Subset
+from dicflow.core.correlation.template import Template, subset_masks
 from dicflow.core.correlation.warp import TERMS, apply_warp
 from dicflow.core.photographs.interpolate import Spline, interpolate
 from dicflow.core.tensors import upper_triangle
 
-__all__ = ["PlaceCovariances", "misfit_covariance", "place_covariances"]
+__all__ = ["PlaceCovariances", "Residuals", "misfit_covariance", "place_covariances", "residuals"]
 
 
 _WINDOWS, _WINDOW_SIGMA = 5, 0.5
@@ -111,24 +112,60 @@ def place_covariances(
     return found
 
 
-def _inside(reference: Template, target: Spline, centres: Index, warp: Array, subset: Subset) -> PlaceCovariances:
-    """The same for subsets that lie in the template and were found."""
+class Residuals(NamedTuple):
+    """The residuals of n subsets and what they are made of, over all pixels of their squares.
+
+    offsets : (pixel, 2) — from the centre [px]
+    f, residual : (n, pixel) — grey levels of the template minus their mean, and minus those of the target
+    weight : (n, pixel) — 0 for pixels that do not count
+    jacobian : (term, n, pixel) — derivatives of the grey levels by the coefficients of the warp in half sides
+    """
+
+    offsets: Index
+    f: Array
+    residual: Array
+    weight: Array
+    jacobian: Array
+
+
+def residuals(reference: Template, target: Spline, centres: Index, warp: Array, subset: Subset) -> Residuals:
+    """Residuals of subsets that were found.
+
+    centres : (n, 2) — whole pixels of the template; warp : (n, 2, 3 or 6)
+    """
     axis = np.arange(subset.size) - subset.size // 2
     offsets = np.stack(np.meshgrid(axis, axis), axis=-1).reshape(-1, 2)
+    rows, cols = reference.grey.shape
     x, y = np.moveaxis(centres[:, None] + offsets, -1, 0)
-    f, by_x, by_y, weight = (part[y, x].astype(np.float64) for part in reference[:4])
-    g = np.nan_to_num(interpolate(target, apply_warp(warp[:, None], offsets)).astype(np.float64))
+    f, by_x, by_y = (part[y.clip(0, rows - 1), x.clip(0, cols - 1)].astype(np.float64) for part in reference[:3])
+    at = apply_warp(warp[:, None], offsets)
+    g = np.nan_to_num(interpolate(target, at).astype(np.float64))
+    weight = (subset_masks(reference, centres, subset.size).reshape(f.shape) & _is_measured(target, at)).astype(float)
     if subset.gaussian > 0.0:
         weight = weight * np.exp(-0.5 * (offsets**2).sum(axis=1) / subset.gaussian**2)
     f, g = (part - _weighted_mean(part, weight)[:, None] for part in (f, g))
-    residual = (
-        f - g * np.sqrt(_weighted_mean(f * f, weight) / np.maximum(_weighted_mean(g * g, weight), 1e-12))[:, None]
-    )
+    contrast = np.sqrt(_weighted_mean(f * f, weight) / np.maximum(_weighted_mean(g * g, weight), 1e-12))
     jacobian = _jacobian(by_x, by_y, offsets / (subset.size // 2), TERMS[subset.shape_function])
+    return Residuals(offsets, f, f - g * contrast[:, None], weight, jacobian)
+
+
+def _inside(reference: Template, target: Spline, centres: Index, warp: Array, subset: Subset) -> PlaceCovariances:
+    """The same for subsets that lie in the template and were found."""
+    _, f, residual, weight, jacobian = residuals(reference, target, centres, warp, subset)
     for brightness in (np.ones_like(f), f):
         part = _weighted_mean(jacobian * brightness, weight) / _weighted_mean(brightness * brightness, weight)
         jacobian = jacobian - part[..., None] * brightness
     return _sandwich(jacobian, weight, residual, _windows(subset.size))
+
+
+def _is_measured(target: Spline, places: Array) -> Mask:
+    """Whether the four pixels around places (..., 2) of a target are measured."""
+    if target.measured is None:
+        return np.ones(places.shape[:-1], dtype=np.bool_)
+    rows, cols = target.measured.shape
+    x, y = np.moveaxis(np.nan_to_num(np.floor(places)).astype(np.int64), -1, 0)
+    inside = [target.measured[(y + i).clip(0, rows - 1), (x + j).clip(0, cols - 1)] for i in (0, 1) for j in (0, 1)]
+    return np.asarray(np.all(inside, axis=0))
 
 
 def _weighted_mean(values: Array, weight: Array) -> Array:

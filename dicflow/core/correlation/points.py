@@ -2,13 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator, Sequence
+from functools import partial
 from typing import Any, NamedTuple
 
 import numpy as np
 
-from dicflow.core.arrays import Array, Codes, Grey, Iterations, Mask
+from dicflow.core.arrays import Array, Codes, Iterations, Mask
 from dicflow.core.matching.pairs import local_motion
+from dicflow.core.parts import Parts, sees
+from dicflow.core.photographs.exposure import Photograph
+from dicflow.core.photographs.region import Polygon, carry, enclosing
 from dicflow.core.status import Status
 
 __all__ = [
@@ -17,9 +21,11 @@ __all__ = [
     "VIA_REFERENCE_STEP",
     "FoundPoints",
     "ReferencePhotograph",
+    "carried_outline",
     "carried_points",
     "cropped",
     "merged",
+    "part_masks",
 ]
 
 DIRECT, VIA_REFERENCE_STEP = 1, 2
@@ -36,9 +42,9 @@ MIN_POINTS_FOR_MOTION = 3
 class ReferencePhotograph(NamedTuple):
     """A photograph with known places of the material points, whose subsets can be searched for.
 
-    image : (h, w) grey; part of the photograph
+    image : (h, w); part of the photograph
     origin : (x, y) of its first pixel [px]
-    usable : (h, w) bool — pixels in the region
+    region : (h, w) bool — pixels in the region
     points : (rows, cols, 2) — places of the points in the photograph [px]; NaN where unknown
     warp : (rows, cols, 2, m) — from the first photograph
     inherited_covariance : (rows, cols, 3) — of the places, by earlier photographs except the first [px²]
@@ -46,9 +52,9 @@ class ReferencePhotograph(NamedTuple):
     age : steps for which it has been the reference photograph
     """
 
-    image: Grey
+    image: Photograph
     origin: tuple[int, int]
-    usable: Mask
+    region: Mask
     points: Array
     warp: Array
     inherited_covariance: Array
@@ -67,6 +73,7 @@ class FoundPoints(NamedTuple):
     template_covariance : (..., 3) — of the places, by the noise of the template [px² of the first photograph]
     inherited_covariance : (..., 3) — share of reference steps in ``covariance`` [px²]
     slope : (..., 2, 2) — gradient of the motion from the reference photograph
+    residual : (...) — variance of the difference of template and target [grey levels²]
     """
 
     warp: Array
@@ -78,6 +85,7 @@ class FoundPoints(NamedTuple):
     template_covariance: Array
     inherited_covariance: Array
     slope: Array
+    residual: Array
 
     @property
     def valid(self) -> Mask:
@@ -95,7 +103,8 @@ def cropped(reference: ReferencePhotograph, subset_size: int) -> ReferencePhotog
     x1, y1 = (np.ceil(known.max(axis=0)).astype(int) + reach + 1).tolist()
     part = slice(y0, y1), slice(x0, x1)
     origin = reference.origin[0] + x0, reference.origin[1] + y0
-    return reference._replace(image=reference.image[part], usable=reference.usable[part], origin=origin)
+    image = Photograph._make(None if values is None else values[part] for values in reference.image)
+    return reference._replace(image=image, region=reference.region[part], origin=origin)
 
 
 def merged(found: FoundPoints, better: FoundPoints) -> FoundPoints:
@@ -107,13 +116,53 @@ def merged(found: FoundPoints, better: FoundPoints) -> FoundPoints:
 def carried_points(found: FoundPoints, grid: Array, points: Array) -> Array:
     """Where points (n, 2) of the first photograph are, by the motion of the material points around them [px].
 
-    grid : (rows, cols, 2) — the material points in the first photograph
+    grid : (rows, cols, 2) — the material points in the first photograph; NaN for those that do not count
     Returns NaN with too few valid material points.
     """
-    valid = found.valid
-    if valid.sum() < MIN_POINTS_FOR_MOTION:
+    valid = found.valid & np.isfinite(grid).all(axis=-1)
+    if valid.sum() < MIN_POINTS_FOR_MOTION or len(points) == 0:
         return np.full(points.shape, np.nan)
     return local_motion(grid[valid], found.warp[valid][..., 0], points).position
+
+
+def carried_outline(
+    start: Sequence[Polygon], last: Sequence[Polygon], found: FoundPoints, parts: Parts
+) -> Sequence[Polygon]:
+    """Polygons of the first photograph, each carried by the points in it; as in ``last`` where these are too few.
+
+    A corner moves with points on its own side of a cut.
+    """
+    separate = len(start) > 1
+    polygon = enclosing(start, parts.places) if separate else np.isfinite(parts.places).all(axis=-1).astype(np.int32)
+    outline = []
+    for number, (before, kept) in enumerate(zip(start, last, strict=True), start=1):
+        places = np.where((polygon == number)[..., None], parts.places, np.nan)
+        if (found.valid & (polygon == number)).sum() < MIN_POINTS_FOR_MOTION:
+            outline.append(kept)
+        else:
+            outline += carry([before], partial(_carried_ring, found, places, parts.cuts))
+    return outline
+
+
+def _carried_ring(found: FoundPoints, places: Array, cuts: Array, ring: Array) -> Array:
+    """Corners (n, 2) of a polygon, carried by points on their own side of the cuts where these are enough."""
+    carried = carried_points(found, places, ring)
+    if len(cuts) == 0:
+        return carried
+    for k, corner in enumerate(ring):
+        seen = np.where(sees(corner, places, cuts)[..., None], places, np.nan)
+        own = carried_points(found, seen, ring[k : k + 1])[0]
+        carried[k] = own if np.isfinite(own).all() else carried[k]
+    return carried
+
+
+def part_masks(points: Array, parts: Parts | None) -> Iterator[Mask]:
+    """Which points of a grid (rows, cols, 2) belong to each of its parts; all of them if it has a single one."""
+    known = np.asarray(np.isfinite(points).all(axis=-1))
+    if parts is None or parts.is_single:
+        yield known
+    else:
+        yield from (known & (parts.number == part) for part in range(1, int(parts.number.max()) + 1))
 
 
 def _broadcast_mask(mask: Mask, values: Array) -> Mask:

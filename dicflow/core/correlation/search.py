@@ -10,6 +10,7 @@ import numpy as np
 
 from dicflow.core.arrays import Array, Grey, Image, Mask
 from dicflow.core.correlation.chain import chained, uncancelled_noise
+from dicflow.core.correlation.edges import find_edges, residual_variance, usual_residual
 from dicflow.core.correlation.follow import Field, correlate_field
 from dicflow.core.correlation.misfit import misfit_covariance
 from dicflow.core.correlation.points import (
@@ -19,8 +20,11 @@ from dicflow.core.correlation.points import (
     ReferencePhotograph,
     cropped,
 )
-from dicflow.core.correlation.subsets import Subset, Template, template
+from dicflow.core.correlation.subsets import Subset
+from dicflow.core.correlation.template import Template, template
 from dicflow.core.correlation.warp import gradient, identity, warp_from_gradient
+from dicflow.core.parts import Parts
+from dicflow.core.photographs.exposure import Photograph
 from dicflow.core.photographs.footprint import blurred, missing_blurs
 from dicflow.core.photographs.interpolate import Spline, spline
 from dicflow.core.photographs.noise import interpolated_noise_ratio
@@ -41,6 +45,8 @@ class Search(NamedTuple):
     target_noise_ratio : noise of the target over that of the template, each relative to its contrast
     threads : how many share the points
     counts_misfit : whether residuals beyond the noise add to the covariance
+    parts : of the grid; None for a single one
+    reach_px : longest motion from a step to the next; half the period of a pattern that repeats itself
     """
 
     subset: Subset
@@ -51,16 +57,19 @@ class Search(NamedTuple):
     target_noise_ratio: float = 1.0
     threads: int = 1
     counts_misfit: bool = False
+    parts: Parts | None = None
+    reach_px: float = np.inf
 
 
-def first_photograph(image: Grey, usable: Mask, grid: Array, search: Search) -> ReferencePhotograph:
+def first_photograph(image: Photograph, region: Mask, grid: Array, search: Search) -> ReferencePhotograph:
     """The first photograph as a reference photograph.
 
+    region : (h, w) bool
     grid : (rows, cols, 2) — whole pixels; NaN outside the region
     """
     warp = identity(grid, search.subset.shape_function)  # type: ignore[arg-type]
     exact = np.zeros((*grid.shape[:2], 3))
-    return cropped(ReferencePhotograph(image, (0, 0), usable, grid, warp, exact, gradient(warp)), search.subset.size)
+    return cropped(ReferencePhotograph(image, (0, 0), region, grid, warp, exact, gradient(warp)), search.subset.size)
 
 
 def points_in_first_photograph(first: ReferencePhotograph, search: Search) -> FoundPoints:
@@ -70,30 +79,41 @@ def points_in_first_photograph(first: ReferencePhotograph, search: Search) -> Fo
     value.
     """
     itself = target_spline(first.image, search)
-    pair = template(itself, first.usable), itself
+    pair = template(itself, first.region), itself
     found = _correlate_subsets(first, pair, first.warp[..., :3], search, first.origin)
     route = np.zeros(found.status.shape, dtype=np.uint8)
     warp = np.where((found.status == Status.VALID)[..., None, None], first.warp, np.nan)
     covariance = 0.5 * search.noise**2 * found.covariance
     fit = found.znssd, found.iterations, found.status
-    return FoundPoints(warp, *fit, covariance, route, covariance, 0.0 * covariance, warp[..., 1:3])
+    residual = residual_variance(found)
+    return FoundPoints(warp, *fit, covariance, route, covariance, 0.0 * covariance, warp[..., 1:3], residual)
 
 
-def target_spline(image: Grey, search: Search) -> Spline:
+def target_spline(image: Photograph, search: Search) -> Spline:
     """The spline of a photograph, for a search in it."""
-    return spline(_smoothed(image, search), search.degree)
+    return spline(_smoothed(image.grey, search), search.degree, image.measured)
 
 
 def find_points(
-    reference: ReferencePhotograph, target: Spline, starts: Array, search: Search, route: int = DIRECT
+    reference: ReferencePhotograph,
+    target: Spline,
+    starts: Array,
+    search: Search,
+    route: int = DIRECT,
+    usual: float = np.inf,
 ) -> FoundPoints:
     """Find the points of a reference photograph in the target.
 
     starts : (rows, cols, 2, 3) — from the first photograph to the target
     route : VIA_REFERENCE_STEP counts the noise of the reference photograph too
+    usual : variance of the residual in a larger field of the same target; infinite if unknown [grey levels²]
+
+    Points whose subset holds two motions or an edge of light are lost with the status MISFIT.
     """
     pair, centres = _match_blur(reference, target, starts, search), np.rint(reference.points)
-    field = _correlate_subsets(reference, pair, starts, search)
+    field, edge_variance = _without_edges(
+        _correlate_subsets(reference, pair, starts, search), pair, centres - reference.origin, search, usual
+    )
     noise = 0.5 * search.noise**2 * field.covariance
     slope = gradient(field.warp, reference.points - centres)
     inherited = congruent(slope, reference.inherited_covariance)
@@ -104,13 +124,28 @@ def find_points(
     covariance = inherited + target_noise[..., None] * noise
     if search.counts_misfit:
         unit, variance = 0.5 * congruent(inverse(slope), field.covariance), search.noise**2 * (1.0 + target_noise)
-        misfit = misfit_covariance(*pair, centres - reference.origin, field.warp, search.subset, unit, variance)
-        covariance = covariance + congruent(slope, misfit)
+        common = np.where((edge_variance > 0.0)[..., None, None], np.nan, field.warp)
+        misfit = misfit_covariance(*pair, centres - reference.origin, common, search.subset, unit, variance)
+        covariance = covariance + congruent(slope, misfit + edge_variance[..., None] * np.array([1.0, 0.0, 1.0]))
     warp = chained(reference.warp, field.warp, centres)
     routes = np.where(field.status == Status.VALID, route, 0).astype(np.uint8)
     by_template = congruent(inverse(warp[..., 1:3]), noise)
     fit = field.znssd, field.iterations, field.status
-    return FoundPoints(warp, *fit, covariance, routes, by_template, inherited, slope)
+    return FoundPoints(warp, *fit, covariance, routes, by_template, inherited, slope, residual_variance(field))
+
+
+def _without_edges(
+    field: Field, pair: tuple[Template, Spline], centres: Array, search: Search, usual: float
+) -> tuple[Field, Array]:
+    """The field without subsets at edges, and the further variance (rows, cols) of those near them [px²]."""
+    noise_variance = search.noise**2 * (1.0 + search.target_noise_ratio**2)
+    usual = min(usual, usual_residual(residual_variance(field)))
+    usual = max(usual, noise_variance) if np.isfinite(usual) else noise_variance
+    lost, variance = find_edges(*pair, centres, field, search.subset, usual)
+    field.status[lost] = Status.MISFIT
+    for values in (field.warp, field.covariance):
+        values[lost] = np.nan
+    return field, variance
 
 
 def _smoothed(image: Grey, search: Search) -> Image:
@@ -124,13 +159,17 @@ def _match_blur(
     reference: ReferencePhotograph, target: Spline, starts: Array, search: Search
 ) -> tuple[Template, Spline]:
     """The template and the target, one of them blurred so that both show the material equally sharp on average."""
-    image, slopes = _smoothed(reference.image, search), _motion_gradients(reference, starts)
+    image, slopes = _smoothed(reference.image.grey, search), _motion_gradients(reference, starts)
     slopes = slopes[np.isfinite(slopes).all(axis=(-2, -1))]
     if len(slopes):
         blurs = missing_blurs(np.median(slopes, axis=0), search.smoothing_px)
         image = blurred(image, blurs.template)
-        target = target if blurs.target is None else spline(blurred(target.image, blurs.target), search.degree)
-    return template(spline(image, search.degree), reference.usable), target
+        target = (
+            target
+            if blurs.target is None
+            else spline(blurred(target.image, blurs.target), search.degree, target.measured)
+        )
+    return template(spline(image, search.degree, reference.image.measured), reference.region), target
 
 
 def _motion_gradients(reference: ReferencePhotograph, starts: Array) -> Array:
@@ -163,4 +202,5 @@ def _correlate_subsets(
         search.subset,
         max_znssd=search.max_znssd,
         threads=search.threads,
+        parts=search.parts,
     )

@@ -14,16 +14,16 @@ from typing import NamedTuple
 
 import cv2
 import numpy as np
-from scipy.ndimage import label
 from scipy.spatial import cKDTree
 
-from dicflow.core.arrays import Array, Counts, Grey, Mask
+from dicflow.core.arrays import Array, Grey, Mask
 from dicflow.core.correlation.warp import apply_warp, identity, warp_from_gradient
 from dicflow.core.matching.features import detect
 from dicflow.core.matching.fft_search import fft_matches
 from dicflow.core.matching.pairs import agreeing_matches, guided_matches, local_motion, match_features
+from dicflow.core.parts import Parts, islands
 
-__all__ = ["Pairs", "feature_pairs", "islands", "seed_warps", "window_correlation"]
+__all__ = ["Pairs", "feature_pairs", "seed_warps", "window_correlation"]
 
 
 MIN_PAIRS = 6
@@ -51,23 +51,39 @@ class Pairs(NamedTuple):
     target: Array
 
 
-def seed_warps(reference: Grey, target: Grey, points: Array, matches: Pairs | None = None) -> Array:
+def seed_warps(
+    reference: Grey,
+    target: Grey,
+    points: Array,
+    matches: Pairs | None = None,
+    parts: Parts | None = None,
+    reach_px: float = np.inf,
+) -> Array:
     """Affine warps of the subsets around points of a grid, to start correlation from.
 
     reference, target : (rows, cols)
     points : (i, j, 2) — places in the reference photograph of a grid that was regular once [px]; NaN where unknown
     matches : feature pairs of an earlier stage, with false ones among them
+    parts : of the grid; None for a single one
+    reach_px : longest motion of a pattern that repeats itself; among equal ones the shortest is taken, whatever the
+        matches
     Returns (i, j, 2, 3); NaN where unknown.
     """
     warps = np.full((*points.shape, 3), np.nan)
-    parts = islands(points)
+    numbered = islands(np.asarray(np.isfinite(points).all(axis=-1)), parts)
     features = _Lazy(partial(feature_pairs, reference, target, points))
     images = np.asarray(reference, dtype=np.float32), np.asarray(target, dtype=np.float32)
     blurred = cv2.GaussianBlur(images[0], (0, 0), BLUR_PX), cv2.GaussianBlur(images[1], (0, 0), BLUR_PX)
-    for part in range(1, parts.max(initial=0) + 1):
-        in_part = parts == part
+    for island in range(1, numbered.max(initial=0) + 1):
+        in_part = numbered == island
         best = MIN_CORRELATION
-        for guess in _candidate_warps(*images, points, in_part, matches, features):
+        repeats = np.isfinite(reach_px)
+        guesses = (
+            [_nearby_warps(*blurred, points[in_part], reach_px)]
+            if repeats
+            else _candidate_warps(*images, points, in_part, matches, features)
+        )
+        for guess in guesses:
             score = window_correlation(*blurred, points[in_part], guess)
             if score > best:
                 best, warps[in_part] = score, guess
@@ -108,10 +124,28 @@ def _candidate_warps(
     yield _warps_from_pairs(Pairs(*fft_matches(reference, target, footprint, separate_windows=True)), centres)
 
 
-def islands(points: Array) -> Counts:
-    """Connected parts of a grid (i, j, 2), numbered from 1; 0 where it has no point."""
-    numbered: Counts = label(np.isfinite(points).all(axis=-1), structure=np.ones((3, 3)))[0]
-    return numbered
+def _nearby_warps(reference: Grey, target: Grey, centres: Array, reach_px: float) -> Array:
+    """Warps (n, 2, 3) of subsets at centres (n, 2) by the best motions of at most ``reach_px`` of windows there."""
+    reach = int(np.ceil(reach_px))
+    lags = np.arange(-reach, reach + 1)
+    near = np.hypot(*np.meshgrid(lags, lags)) <= reach_px
+    source, moved = [], []
+    for x, y in np.rint(centres[:: 1 + len(centres) // SAMPLED_POINTS]).astype(int):
+        size, wide = HALF_WINDOW_PX, HALF_WINDOW_PX + reach
+        if min(x, y) < wide or x + wide >= min(reference.shape[1], target.shape[1]):
+            continue
+        if y + wide >= min(reference.shape[0], target.shape[0]):
+            continue
+        window = reference[y - size : y + size + 1, x - size : x + size + 1]
+        fit = cv2.matchTemplate(target[y - wide : y + wide + 1, x - wide : x + wide + 1], window, cv2.TM_CCOEFF_NORMED)
+        fit[~near | ~(np.abs(fit) <= 1.0)] = -1.0
+        row, col = np.unravel_index(fit.argmax(), fit.shape)
+        if fit[row, col] >= ACCEPTED_CORRELATION:
+            source.append((x, y))
+            moved.append((x + lags[col], y + lags[row]))
+    pairs = Pairs(np.array(source, dtype=float).reshape(-1, 2), np.array(moved, dtype=float).reshape(-1, 2))
+    keep = agreeing_matches(*pairs)
+    return _warps_from_pairs(Pairs(pairs.source[keep], pairs.target[keep]), centres)
 
 
 def window_correlation(reference: Grey, target: Grey, centres: Array, warps: Array) -> float:

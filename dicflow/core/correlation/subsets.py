@@ -15,25 +15,44 @@ from __future__ import annotations
 from concurrent.futures import ThreadPoolExecutor
 from typing import NamedTuple
 
-import cv2
 import numpy as np
 from numba import njit
 
-from dicflow.core.arrays import Array, Codes, Counts, Image, Index, Iterations, Mask
-from dicflow.core.correlation.gauss_newton import Control, NormalEquations, covariance, iterate, prepare
+from dicflow.core.arrays import Array, Bytes, Codes, Image, Index, Iterations, Mask
+from dicflow.core.correlation.gauss_newton import (
+    Control,
+    NormalEquations,
+    covariance,
+    iterate,
+    mean_square_slope,
+    prepare,
+)
 from dicflow.core.correlation.subset_sums import LANES, Pixels, Places
+from dicflow.core.correlation.template import (
+    Template,
+    copy_square,
+    gather_part,
+    is_whole,
+    keep_measured,
+    lay_out,
+    shows_measured,
+)
 from dicflow.core.correlation.warp import TERMS
-from dicflow.core.photographs.interpolate import Spline, slopes
+from dicflow.core.photographs.interpolate import Spline
 from dicflow.core.status import Status
 
-__all__ = ["Correlated", "Subset", "Template", "correlate", "template"]
+__all__ = ["Correlated", "Subset", "correlate"]
 
 
 _CHUNK = 512
 """Subsets that a thread takes at once."""
-_DERIVATIVE_SIGMA_PX, _DERIVATIVE_REACH_PX = 0.7, 3
-"""Standard deviation, and half the support, of the Gaussian in the derivatives of the template."""
-_VALID, _LOW_TEXTURE, _CUT_SUBSET = int(Status.VALID), int(Status.LOW_TEXTURE), int(Status.CUT_SUBSET)
+_MIN_MEASURED_SHARE = 0.25
+"""Share of the square's pixels that must be measured in both photographs."""
+_MAX_SELECTIONS, _MAX_SHIFT_PX = 4, 0.1
+"""How often the pixels that are measured in the target are selected, and the shift of the place up to which they stay
+as they are [px]."""
+_VALID, _LOW_TEXTURE = int(Status.VALID), int(Status.LOW_TEXTURE)
+_CUT_SUBSET, _OVEREXPOSED = int(Status.CUT_SUBSET), int(Status.OVEREXPOSED)
 
 
 class Subset(NamedTuple):
@@ -59,21 +78,6 @@ class Subset(NamedTuple):
 DEFAULT_SUBSET = Subset()
 
 
-class Template(NamedTuple):
-    """A reference photograph prepared for correlation with any target.
-
-    grey, by_x, by_y : (rows, cols) float32 — grey levels and their derivatives
-    usable : (rows, cols) bool — pixels that subsets may contain
-    unusable : (rows + 1, cols + 1) int32 — number of other pixels above and left of a place
-    """
-
-    grey: Image
-    by_x: Image
-    by_y: Image
-    usable: Mask
-    unusable: Counts
-
-
 class Correlated(NamedTuple):
     """Results of correlation at n points.
 
@@ -85,6 +89,8 @@ class Correlated(NamedTuple):
     covariance : (n, 3) float64 — xx, xy and yy of the centre's place in the target for noise of one grey level in both
         photographs [px² per grey level²]; half of it comes from each
     contraction : (n,) float64 — the last increment over the one before; NaN after a single iteration
+    texture : (n, 2) float64 — variance of the template's grey levels [grey levels²], and mean square of their slope
+        as far as brightness and contrast do not explain it [grey levels² per px²]; NaN where not found
     """
 
     warp: Array
@@ -93,39 +99,7 @@ class Correlated(NamedTuple):
     status: Codes
     covariance: Array
     contraction: Array
-
-
-def template(reference: Spline, usable: Mask | None = None) -> Template:
-    """The template of a reference photograph.
-
-    usable : (rows, cols) bool — the region of interest; None for all pixels
-    """
-    allowed = np.ones(reference.image.shape, dtype=np.bool_) if usable is None else np.ascontiguousarray(usable)
-    unusable = cv2.integral((~allowed).view(np.uint8))
-    return Template(reference.image, *_derivatives(reference), allowed, unusable)
-
-
-def _derivatives(reference: Spline) -> tuple[Image, Image]:
-    """Derivatives (rows, cols) along x and y by a narrow Gaussian, scaled to fit the spline's own best.
-
-    Interpolation errors are in the finest detail of the image. Derivatives without it do not respond to them: the bias
-    of the place falls to a third, while the derivatives of the spline itself would be at most 3 % more precise. With
-    the scale, H remains the Hessian and its inverse the covariance.
-    """
-    reach = np.arange(-_DERIVATIVE_REACH_PX, _DERIVATIVE_REACH_PX + 1)
-    gaussian = np.exp(-0.5 * (reach / _DERIVATIVE_SIGMA_PX) ** 2)
-    value, slope = gaussian / gaussian.sum(), reach * gaussian / (reach**2 * gaussian).sum()
-    by_x = cv2.sepFilter2D(reference.image, -1, slope, value, borderType=cv2.BORDER_REFLECT_101)
-    by_y = cv2.sepFilter2D(reference.image, -1, value, slope, borderType=cv2.BORDER_REFLECT_101)
-    true_x, true_y = slopes(reference)
-    square, product = _dot(by_x, by_x) + _dot(by_y, by_y), _dot(by_x, true_x) + _dot(by_y, true_y)
-    scale = np.float32(product / square if square > 0.0 else 1.0)
-    return by_x * scale, by_y * scale
-
-
-def _dot(a: Image, b: Image) -> float:
-    """Σ a b, in one order of summation for any number of threads."""
-    return float(np.sum(a * b, dtype=np.float64))
+    texture: Array
 
 
 def correlate(
@@ -154,11 +128,13 @@ def correlate(
         raise ValueError(
             f"starts have the shape {start.shape}; {len(centres)} {subset.shape_function} warps need {needed}"
         )
-    found = _untracked(start)
+    found, all_pixels = _untracked(start), np.zeros((0, 0), dtype=np.bool_)
+    photograph = target.coefficients, all_pixels if target.measured is None else target.measured
     whole_pixels, weight = centres.astype(np.int64), _weight(subset)
     control = Control(
         target.degree,
         subset.min_share,
+        4 * TERMS[subset.shape_function],
         subset.iterations,
         float(subset.tolerance_px),
         subset.gaussian > 0.0,
@@ -168,7 +144,7 @@ def correlate(
     def correlate_chunk(first: int) -> None:
         chunk = slice(first, first + _CHUNK)
         results = Correlated._make(field[chunk] for field in found)
-        _correlate(reference, target.coefficients, whole_pixels[chunk], start[chunk], weight, control, results)
+        _correlate(reference, photograph, whole_pixels[chunk], start[chunk], weight, control, results)
 
     firsts = range(0, len(centres), _CHUNK)
     if threads == 1:
@@ -189,6 +165,7 @@ def _untracked(start: Array) -> Correlated:
         np.full(n, Status.UNTRACKED, dtype=np.uint8),
         np.full((n, 3), np.nan),
         np.full(n, np.nan),
+        np.full((n, 2), np.nan),
     )
 
 
@@ -201,94 +178,109 @@ def _weight(subset: Subset) -> Image:
     return np.outer(gaussian, gaussian).astype(np.float32)
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
-def _lay_out(weight: Image, p: Pixels) -> None:
-    """Set offsets and weights of the pixels of a whole subset."""
-    size = len(weight)
-    for i in range(size):
-        for j in range(size):
-            k = i * size + j
-            p.xi[k], p.eta[k], p.w[k] = _offset(j, size), _offset(i, size), weight[i, j]
+class _Work(NamedTuple):
+    """Working space for one subset after the other: pixels of whole and of cut subsets, and what is made of them.
 
+    ones_like_f : (pixel,) float32; marks : (size, size) uint8
+    """
 
-@njit(nogil=True, error_model="numpy", forceinline=True)
-def _offset(index: int, size: int) -> np.float32:
-    """Distance from the centre in half sides."""
-    return np.float32(index - size // 2) / np.float32(size // 2)
-
-
-@njit(cache=True, nogil=True, error_model="numpy")
-def _gather_usable(reference: Template, row: int, col: int, weight: Image, p: Pixels) -> int:
-    """Collect the usable pixels of a subset; returns their number."""
-    size, half, n = len(weight), len(weight) // 2, 0
-    rows, cols = reference.usable.shape
-    for i in range(max(0, half - row), min(size, rows + half - row)):
-        for j in range(max(0, half - col), min(size, cols + half - col)):
-            y, x = row + i - half, col + j - half
-            if reference.usable[y, x]:
-                p.f[n], p.fx[n], p.fy[n] = reference.grey[y, x], reference.by_x[y, x], reference.by_y[y, x]
-                p.xi[n], p.eta[n], p.w[n] = _offset(j, size), _offset(i, size), weight[i, j]
-                n += 1
-    return n
+    whole: Pixels
+    cut: Pixels
+    places: Places
+    normal: NormalEquations
+    ones_like_f: Image
+    marks: Bytes
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _copy_square(image: Image, row: int, col: int, size: int, out: Image) -> None:
-    """Copy the square around a pixel into a flat array; a single array each way lets the compiler copy whole rows."""
-    top, left = np.uint64(row - size // 2), np.uint64(col - size // 2)
-    for i in range(np.uint64(size)):
-        first = i * np.uint64(size)
-        for j in range(np.uint64(size)):
-            out[first + j] = image[top + i, left + j]
+def _working_space(weight: Image, terms: int) -> _Work:
+    size, room = len(weight), len(weight) ** 2
+    grey, geometry = np.empty((3, room), dtype=np.float32), np.empty((6, room), dtype=np.float32)
+    ones_like_f, sampled = np.ones(room, dtype=np.float32), np.zeros((3, room + LANES), dtype=np.float32)
+    whole = Pixels(grey[0], grey[1], grey[2], geometry[0], geometry[1], geometry[2])
+    cut = Pixels(grey[0], grey[1], grey[2], geometry[3], geometry[4], geometry[5])
+    lay_out(weight, whole)
+    places = Places(np.empty(room, dtype=np.uint32), sampled[0], sampled[1], sampled[2])
+    square, vector = np.empty((2, 2 * terms, 2 * terms)), np.empty((3, 2 * terms))
+    normal = NormalEquations(
+        square[0], square[1], vector[0], vector[1], np.empty(3), np.empty(15), np.empty(3 + 2 * terms), vector[2]
+    )
+    return _Work(whole, cut, places, normal, ones_like_f, np.empty((size, size), dtype=np.uint8))
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def _correlate(
     reference: Template,
-    coefficients: Image,
+    target: tuple[Image, Mask],
     centres: Index,
     start: Array,
     weight: Image,
     control: Control,
     found: Correlated,
 ) -> None:
-    """The loop of :func:`correlate` over points, which share one working space."""
-    size, terms = len(weight), start.shape[2]
-    half, room = size // 2, size * size
-    grey, geometry = np.empty((3, room), dtype=np.float32), np.empty((6, room), dtype=np.float32)
-    ones_like_f, sampled = np.ones(room, dtype=np.float32), np.zeros((3, room + LANES), dtype=np.float32)
-    whole = Pixels(grey[0], grey[1], grey[2], geometry[0], geometry[1], geometry[2])
-    cut = Pixels(grey[0], grey[1], grey[2], geometry[3], geometry[4], geometry[5])
-    _lay_out(weight, whole)
-    places = Places(np.empty(room, dtype=np.uint32), sampled[0], sampled[1], sampled[2])
-    square, vector = np.empty((2, 2 * terms, 2 * terms)), np.empty((3, 2 * terms))
-    normal = NormalEquations(
-        square[0], square[1], vector[0], vector[1], np.empty(3), np.empty(15), np.empty(3 + 2 * terms), vector[2]
-    )
-    c = np.zeros((2, 6))
+    """The loop of :func:`correlate` over points, which share one working space.
+
+    target : coefficients of its spline, and its measured pixels (rows, cols); an empty mask if all are
+
+    The warp decides which pixels are measured in the target too. They are selected again until the place settles.
+    """
+    coefficients, measured = target
+    size, half, c = len(weight), len(weight) // 2, np.zeros((2, 6))
+    whole, cut, places, normal, ones_like_f, marks = _working_space(weight, start.shape[2])
     for k in range(len(centres)):
         if not np.isfinite(start[k]).all():
             continue
-        p, n = whole, room
-        if _is_whole(reference.unusable, centres[k, 1], centres[k, 0], half):
-            _copy_square(reference.grey, centres[k, 1], centres[k, 0], size, p.f)
-            _copy_square(reference.by_x, centres[k, 1], centres[k, 0], size, p.fx)
-            _copy_square(reference.by_y, centres[k, 1], centres[k, 0], size, p.fy)
-        else:
-            p, n = cut, _gather_usable(reference, centres[k, 1], centres[k, 0], weight, cut)
-        if n < control.min_share * room or n < 4 * terms:
-            found.status[k] = _CUT_SUBSET
-            continue
-        if not prepare(p, n, ones_like_f, normal):
-            found.status[k] = _LOW_TEXTURE
-            continue
         _copy_coefficients(c, start[k])
-        found.status[k], found.iterations[k], found.znssd[k], found.contraction[k] = iterate(
-            coefficients, p, n, half, normal, control, places, c
-        )
+        row, col = centres[k, 1], centres[k, 0]
+        for _ in range(_MAX_SELECTIONS):
+            x, y, p, n = c[0, 0], c[1, 0], whole, size * size
+            is_clear = measured.size == 0 or shows_measured(measured, c, half)
+            if is_clear and is_whole(reference.unusable, row, col, half):
+                copy_square(reference.grey, row, col, size, p.f)
+                copy_square(reference.by_x, row, col, size, p.fx)
+                copy_square(reference.by_y, row, col, size, p.fy)
+            else:
+                p = cut
+                n, found.status[k] = _select(reference, measured, (row, col), weight, control, cut, marks, c)
+                if n == 0:
+                    break
+            if not prepare(p, n, ones_like_f, normal):
+                found.status[k] = _LOW_TEXTURE
+                break
+            found.status[k], found.iterations[k], found.znssd[k], found.contraction[k] = iterate(
+                coefficients, p, n, half, normal, control, places, c
+            )
+            is_settled = abs(c[0, 0] - x) + abs(c[1, 0] - y) < _MAX_SHIFT_PX
+            if measured.size == 0 or found.status[k] != _VALID or is_settled:
+                break
         if found.status[k] == _VALID:
             _copy_coefficients(found.warp[k], c)
+            found.texture[k, 0] = normal.statistics[2] / normal.statistics[1]
+            found.texture[k, 1] = mean_square_slope(normal)
             covariance(p, n, ones_like_f, normal, control.is_weighted, c, found.covariance[k])
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _select(
+    reference: Template,
+    measured: Mask,
+    centre: tuple[int, int],
+    weight: Image,
+    control: Control,
+    cut: Pixels,
+    marks: Bytes,
+    c: Array,
+) -> tuple[int, int]:
+    """Collect the pixels of a cut subset around (row, column); returns their number, and why they are too few, if 0."""
+    room, half, least = weight.size, len(weight) // 2, control.min_pixels
+    n, in_part = gather_part(reference, centre[0], centre[1], weight, cut, marks)
+    if in_part < control.min_share * room or in_part < least:
+        return 0, _CUT_SUBSET
+    if measured.size > 0:
+        n = keep_measured(cut, n, c, half, measured)
+    if n < min(control.min_share, _MIN_MEASURED_SHARE) * room or n < least:
+        return 0, _OVEREXPOSED
+    return n, _VALID
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
@@ -297,13 +289,3 @@ def _copy_coefficients(warp: Array, values: Array) -> None:
     for i in range(2):
         for j in range(warp.shape[1]):
             warp[i, j] = values[i, j] if j < values.shape[1] else 0.0
-
-
-@njit(cache=True, nogil=True, error_model="numpy")
-def _is_whole(unusable: Counts, row: int, col: int, half: int) -> bool:
-    """Whether a square lies in the image and all its pixels are usable."""
-    top, left, bottom, right = row - half, col - half, row + half + 1, col + half + 1
-    if top < 0 or left < 0 or bottom >= len(unusable) or right >= unusable.shape[1]:
-        return False
-    count = unusable[bottom, right] - unusable[top, right] - unusable[bottom, left] + unusable[top, left]
-    return bool(count == 0)

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from dicflow.core.arrays import Bytes, Grey, Image, Index
 from dicflow.core.matching.detectors import DETECTORS
 
-__all__ = ["Box", "Descriptors", "Features", "detect"]
+__all__ = ["Box", "Descriptors", "Features", "detect", "no_features"]
 
 Box = tuple[int, int, int, int]
 Descriptors = NDArray[Any]
@@ -82,6 +82,11 @@ def detect(
     order = keep[np.lexsort(table[keep].T[[4, 3, 2, 0, 1]])]
     table = table[order]
     return Features(table[:, :2], table[:, 2], table[:, 3], table[:, 4], descriptors[order])
+
+
+def no_features(detector: str = "KAZE") -> Features:
+    """Empty arrays of features with the descriptors of a detector."""
+    return _no_features(DETECTORS[detector].make(cv2, True, 1))
 
 
 def _keypoints_and_descriptors(

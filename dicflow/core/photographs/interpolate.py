@@ -14,7 +14,7 @@ import numpy as np
 import numpy.typing as npt
 from numba import njit
 
-from dicflow.core.arrays import Array, Grey, Image
+from dicflow.core.arrays import Array, Grey, Image, Mask
 
 __all__ = ["FAST_MATH", "PAD", "Spline", "interpolate", "slopes", "spline"]
 
@@ -46,18 +46,21 @@ class Spline(NamedTuple):
     image : (rows, cols) float32 — grey levels
     coefficients : (rows + 2 PAD, cols + 2 PAD) float32
     degree : 3 or 5
+    measured : (rows, cols) bool — pixels that are measured; None for all
     """
 
     image: Image
     coefficients: Image
     degree: int
+    measured: Mask | None = None
 
 
-def spline(image: Grey, degree: int = 5) -> Spline:
+def spline(image: Grey, degree: int = 5, measured: Mask | None = None) -> Spline:
     """The B-spline through an image.
 
     image : (rows, cols) grey; at least PAD + 1 pixels each way
     degree : 3 (bicubic) or 5 (biquintic)
+    measured : (rows, cols) bool — pixels that are measured; None for all
     """
     grey = np.ascontiguousarray(image, dtype=np.float32)
     coefficients = grey.copy()
@@ -65,7 +68,12 @@ def spline(image: Grey, degree: int = 5) -> Spline:
         for pole in _POLES[degree]:
             _filter_columns(coefficients, pole)
         coefficients = np.asarray(cv2.transpose(coefficients), dtype=np.float32)
-    return Spline(grey, np.pad(coefficients, PAD, mode="reflect"), degree)
+    return Spline(
+        grey,
+        np.pad(coefficients, PAD, mode="reflect"),
+        degree,
+        None if measured is None else np.ascontiguousarray(measured),
+    )
 
 
 def slopes(image: Spline) -> tuple[Image, Image]:

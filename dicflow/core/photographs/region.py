@@ -7,12 +7,14 @@ Whether a point is inside follows the even-odd rule, so the direction of a ring 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from itertools import pairwise
 from typing import NamedTuple
 
 import cv2
 import numpy as np
 
-from dicflow.core.arrays import Array, Bytes, Grey, Mask
+from dicflow.core.arrays import Array, Bytes, Counts, Grey, Mask
+from dicflow.core.parts import Parts, cut_segments, grid_parts
 from dicflow.core.photographs.texture import Texture, speckled_points
 
 __all__ = [
@@ -21,10 +23,14 @@ __all__ = [
     "bounding_box",
     "carry",
     "contains",
+    "cut_apart",
     "densify",
+    "densify_line",
+    "enclosing",
     "grid_points",
     "interior",
     "mask_polygons",
+    "parts_of_region",
     "rasterise",
     "rectangle",
     "speckled_region",
@@ -48,15 +54,19 @@ class Polygon(NamedTuple):
 
 
 def interior(polygons: Sequence[Polygon], shape: tuple[int, int], margin_px: int = 1) -> Mask:
-    """Pixels (rows, cols) of a region without a margin along its edge.
+    """Pixels (rows, cols) of a region without a margin along the edge of each polygon.
 
     At the specimen's edge, the outermost pixels show a part of the background that changes between photographs.
+    Polygons that touch stay apart.
 
     shape : (rows, cols) of the image
     """
     side = 2 * margin_px + 1
-    mask = rasterise(polygons, shape).astype(np.uint8)
-    return np.asarray(cv2.erode(mask, np.ones((side, side), dtype=np.uint8)) > 0)
+    inside = np.zeros(shape, dtype=np.bool_)
+    for polygon in polygons:
+        mask = rasterise([polygon], shape).astype(np.uint8)
+        inside ^= cv2.erode(mask, np.ones((side, side), dtype=np.uint8)) > 0
+    return inside
 
 
 def rectangle(x0: float, y0: float, x1: float, y1: float) -> Polygon:
@@ -96,6 +106,64 @@ def contains(polygons: Sequence[Polygon], points: Array) -> Mask:
                     crosses = (ay > y) != (by > y)
                     inside ^= crosses & (x < ax + (y - ay) * ((bx - ax) / (by - ay)))
     return inside
+
+
+def enclosing(polygons: Sequence[Polygon], points: Array) -> Counts:
+    """Number of the polygon, from 1, in which points (..., 2) lie, (...) int32; 0 outside all and for NaN."""
+    number = np.zeros(points.shape[:-1], dtype=np.int32)
+    for k, polygon in enumerate(polygons, start=1):
+        number[contains([polygon], points)] = k
+    return number
+
+
+def parts_of_region(polygons: Sequence[Polygon], cuts: Sequence[Array], points: Array) -> Parts:
+    """The parts of a grid of points (rows, cols, 2): polygons, and what cuts, each a line (n, 2), make of them [px]."""
+    separate = len(polygons) > 1
+    polygon = enclosing(polygons, points) if separate else np.ones(points.shape[:2], dtype=np.int32)
+    return grid_parts(points, polygon, cut_segments(cuts))
+
+
+def cut_apart(polygon: Polygon, cuts: Sequence[Array], width_px: float = 3.0) -> Polygon:
+    """A polygon without strips along lines.
+
+    cuts : lines, each (n, 2) [px]; width_px : of the strips
+
+    Strips become holes by the even-odd rule: what a strip has in common with a ring is one more ring.
+    """
+    rings = list(polygon.rings)
+    for line in cuts:
+        for start, end in pairwise(line):
+            shared = (_clipped(ring, _strip(start, end, 0.5 * width_px)) for ring in rings)
+            rings += [ring for ring in shared if len(ring) >= 3]
+    return Polygon(rings[0], tuple(rings[1:]))
+
+
+def _strip(start: Array, end: Array, half_width_px: float) -> Array:
+    """Corners (4, 2) of the strip along a straight line, half its width longer at each end."""
+    along = (end - start) * (half_width_px / max(float(np.linalg.norm(end - start)), 1e-9))
+    across = np.array([-along[1], along[0]])
+    return np.array([start - along - across, end + along - across, end + along + across, start - along + across])
+
+
+def _clipped(ring: Array, convex: Array) -> Array:
+    """The part of a ring inside a convex ring (Sutherland and Hodgman, Communications of the ACM 17, 1974).
+
+    Separate parts are joined by edges that are run along twice, which the even-odd rule does not count.
+    """
+    for corner, following in zip(convex, np.roll(convex, -1, axis=0), strict=True):
+        if len(ring) == 0:
+            break
+        x, y = following - corner
+        side = x * (ring[:, 1] - corner[1]) - y * (ring[:, 0] - corner[0])
+        before, side_before = np.roll(ring, 1, axis=0), np.roll(side, 1)
+        points = []
+        for a, b, s, t in zip(before, ring, side_before, side, strict=True):
+            if (s >= 0.0) != (t >= 0.0):
+                points.append(a + (b - a) * (s / (s - t)))
+            if t >= 0.0:
+                points.append(b)
+        ring = np.array(points).reshape(-1, 2)
+    return ring
 
 
 def grid_points(polygons: Sequence[Polygon], step_size: int) -> Array:
@@ -142,6 +210,12 @@ def densify(ring: Array, spacing_px: float) -> Array:
     within = np.arange(len(start)) - np.repeat(np.cumsum(pieces) - pieces, pieces)
     dense: Array = ring[start] + edges[start] * (within / pieces[start])[:, None]
     return dense
+
+
+def densify_line(line: Array, spacing_px: float) -> Array:
+    """A line (n, 2) with points added on its pieces, so that none is longer than ``spacing_px``; ends stay."""
+    pieces = [densify(np.stack([start, end]), spacing_px) for start, end in pairwise(line)]
+    return np.concatenate([*(piece[: (len(piece) + 1) // 2] for piece in pieces), line[-1:]])
 
 
 def carry(

@@ -18,6 +18,7 @@ from dicflow.core.correlation.points import ReferencePhotograph
 from dicflow.core.correlation.search import Search, find_points, first_photograph, target_spline
 from dicflow.core.correlation.subsets import Subset
 from dicflow.core.correlation.warp import warp_from_gradient
+from dicflow.core.photographs.exposure import Photograph
 from dicflow.core.tensors import congruent
 
 SUBSET = Subset(31, "quadratic")
@@ -38,14 +39,16 @@ def starts(state=REST, points=POINTS):
 
 
 def first():
-    return first_photograph(LEFT[0], np.ones(LEFT[0].shape, dtype=bool), POINTS, SEARCH)
+    return first_photograph(Photograph(LEFT[0]), np.ones(LEFT[0].shape, dtype=bool), POINTS, SEARCH)
 
 
 def between():
     step = correlation(LEFT[0], BETWEEN[0], POINTS, left_truth(MATERIAL, TURNED))
     everywhere = np.ones(LEFT[0].shape, dtype=bool)
     warp = step["warp"][..., :3]
-    return ReferencePhotograph(BETWEEN[0], (0, 0), everywhere, step["xy"], warp, step["passed"], step["slope"])
+    return ReferencePhotograph(
+        Photograph(BETWEEN[0]), (0, 0), everywhere, step["xy"], warp, step["passed"], step["slope"]
+    )
 
 
 def routes(value):
@@ -54,7 +57,7 @@ def routes(value):
 
 @pytest.mark.slow
 def test_points_of_either_reference_are_found_at_the_same_place():
-    target, truth = target_spline(BETWEEN[1], SEARCH), right_truth(MATERIAL, TURNED)
+    target, truth = target_spline(Photograph(BETWEEN[1]), SEARCH), right_truth(MATERIAL, TURNED)
     direct = follow_across(first(), between(), routes(1), target, starts(TURNED), SEARCH)
     chained = follow_across(first(), between(), routes(2), target, starts(TURNED), SEARCH)
     mixed = routes(1)
@@ -72,13 +75,15 @@ def test_points_of_either_reference_are_found_at_the_same_place():
 def test_points_without_a_place_in_the_reference_step_are_found_with_the_first_photograph():
     photograph = between()
     part = photograph._replace(points=np.where((np.arange(POINTS.shape[1]) < 3)[:, None], np.nan, photograph.points))
-    found = follow_across(first(), part, routes(2), target_spline(BETWEEN[1], SEARCH), starts(TURNED), SEARCH)
+    found = follow_across(
+        first(), part, routes(2), target_spline(Photograph(BETWEEN[1]), SEARCH), starts(TURNED), SEARCH
+    )
     assert found.valid.all()
     np.testing.assert_array_equal(found.route[0], [1, 1, 1, *[2] * (POINTS.shape[1] - 3)])
 
 
 def test_covariance_is_that_of_the_right_photograph_alone_by_either_route():
-    target = target_spline(BETWEEN[1], SEARCH)
+    target = target_spline(Photograph(BETWEEN[1]), SEARCH)
     direct, chained = (
         follow_across(first(), between(), routes(route), target, starts(TURNED), SEARCH).covariance for route in (1, 2)
     )
@@ -89,7 +94,7 @@ def test_points_without_a_start_or_a_place_have_no_value():
     begin, photograph = starts(), first()
     begin[:3] = np.nan
     hidden = photograph._replace(points=np.where((np.arange(POINTS.shape[1]) < 2)[:, None], np.nan, photograph.points))
-    found = follow_across(hidden, None, routes(0), target_spline(LEFT[1], SEARCH), begin, SEARCH)
+    found = follow_across(hidden, None, routes(0), target_spline(Photograph(LEFT[1]), SEARCH), begin, SEARCH)
     assert not found.valid[:, :2].any()
     assert found.valid[:, 2:].all()  # grown from the neighbours
 
@@ -129,7 +134,7 @@ def test_noise_ratio_of_the_cameras():
 
 
 def test_noise_of_the_right_photograph_changes_only_its_covariance():
-    target = target_spline(BETWEEN[1], SEARCH)
+    target = target_spline(Photograph(BETWEEN[1]), SEARCH)
     one, two = (
         follow_across(first(), None, routes(1), target, starts(TURNED), SEARCH._replace(target_noise_ratio=s))
         for s in (1.0, 2.0)
@@ -167,9 +172,9 @@ def test_grid_mask_has_the_pixels_between_places():
 def test_little_of_the_matched_noise_is_inherited():
     """Where a subset looks the same in the right photograph nothing of it remains; where it shrinks, some of it."""
     shift = warp_from_gradient(POINTS + 0.3, np.broadcast_to(np.eye(2), (*POINTS.shape, 2)))
-    matched = follow_across(first(), None, routes(1), target_spline(LEFT[0], SEARCH), shift, SEARCH)
+    matched = follow_across(first(), None, routes(1), target_spline(Photograph(LEFT[0]), SEARCH), shift, SEARCH)
     assert (np.abs(inherited_covariance(matched, SEARCH)) < 1e-3 * matched.covariance[..., :1]).all()
-    across = follow_across(first(), None, routes(1), target_spline(LEFT[1], SEARCH), starts(), SEARCH)
+    across = follow_across(first(), None, routes(1), target_spline(Photograph(LEFT[1]), SEARCH), starts(), SEARCH)
     remains = (inherited_covariance(across, SEARCH) / across.covariance)[..., [0, 2]]
     assert (remains > 0.0).all()
     assert np.median(remains) < 0.3
@@ -185,12 +190,20 @@ def test_sigma_covers_the_errors_of_places_followed_from_a_match(route):
     sizes = []
     for run in range(5):
         views = [photographs(state, noise, 10 * run + k) for k, state in enumerate((REST, TURNED, STRETCHED))]
-        photograph, target = first_photograph(views[0][0], everywhere, fine, search), target_spline(views[2][1], search)
+        photograph, target = (
+            first_photograph(Photograph(views[0][0]), everywhere, fine, search),
+            target_spline(Photograph(views[2][1]), search),
+        )
         match = follow_across(
-            photograph, None, np.ones(fine.shape[:2], np.uint8), target_spline(views[0][1], search), begin[0], search
+            photograph,
+            None,
+            np.ones(fine.shape[:2], np.uint8),
+            target_spline(Photograph(views[0][1]), search),
+            begin[0],
+            search,
         )
         reference = ReferencePhotograph(
-            views[0][1],
+            Photograph(views[0][1]),
             (0, 0),
             everywhere,
             match.warp[..., 0],
@@ -199,9 +212,15 @@ def test_sigma_covers_the_errors_of_places_followed_from_a_match(route):
             match.slope,
         )
         if route == "chained":
-            step = find_points(reference, target_spline(views[1][1], search), begin[1], search)
+            step = find_points(reference, target_spline(Photograph(views[1][1]), search), begin[1], search)
             reference = ReferencePhotograph(
-                views[1][1], (0, 0), everywhere, step.warp[..., 0], step.warp, step.inherited_covariance, step.slope
+                Photograph(views[1][1]),
+                (0, 0),
+                everywhere,
+                step.warp[..., 0],
+                step.warp,
+                step.inherited_covariance,
+                step.slope,
             )
         found = find_points(reference, target, begin[2], search, route=1 + (route == "chained"))
         covariance = found.covariance + congruent(found.warp[..., 1:3], match.template_covariance)

@@ -2,7 +2,8 @@ import numpy as np
 import pytest
 
 from dicflow.core.correlation.follow import correlate_field
-from dicflow.core.correlation.subsets import Subset, template
+from dicflow.core.correlation.subsets import Subset
+from dicflow.core.correlation.template import template
 from dicflow.core.correlation.warp import apply_warp, gradient
 from dicflow.core.photographs.interpolate import spline
 from dicflow.core.status import Status

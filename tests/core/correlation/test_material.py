@@ -13,6 +13,7 @@ from dicflow.core.correlation.search import (
 )
 from dicflow.core.correlation.subsets import Subset
 from dicflow.core.correlation.warp import warp_from_gradient
+from dicflow.core.photographs.exposure import Photograph
 from dicflow.core.photographs.noise import residual_noise
 from dicflow.core.status import Status
 from dicflow.core.tensors import congruent
@@ -27,7 +28,7 @@ EVERYWHERE = np.ones(SHAPE, dtype=bool)
 def image(stretch=1.0, shift=(0.0, 0.0), noise=0.0, seed=0):
     """The texture stretched along x and shifted [px]."""
     y, x = np.mgrid[: SHAPE[0], : SHAPE[1]].astype(float)
-    return grey(texture((x - shift[0]) / stretch, y - shift[1]), noise, seed)
+    return Photograph(grey(texture((x - shift[0]) / stretch, y - shift[1]), noise, seed))
 
 
 def as_reference(found, photograph):
@@ -38,21 +39,22 @@ def as_reference(found, photograph):
 
 def test_a_cropped_photograph_keeps_what_its_subsets_need():
     first = first_photograph(image(), EVERYWHERE, GRID, SEARCH)
-    whole = first._replace(image=image(), origin=(0, 0), usable=EVERYWHERE)
+    whole = first._replace(image=image(), origin=(0, 0), region=EVERYWHERE)
     part = cropped(whole, 21)
-    assert part.image.shape < whole.image.shape
+    assert part.image.grey.shape < whole.image.grey.shape
     x, y = part.origin
-    np.testing.assert_array_equal(part.image, whole.image[y : y + part.image.shape[0], x : x + part.image.shape[1]])
+    rows, cols = part.image.grey.shape
+    np.testing.assert_array_equal(part.image.grey, whole.image.grey[y : y + rows, x : x + cols])
     one, two = (points_in_first_photograph(reference, SEARCH) for reference in (first, part))
     np.testing.assert_allclose(one.covariance, two.covariance, rtol=1e-6)
     lost = cropped(whole._replace(points=np.full(GRID.shape, np.nan)), 21)
-    assert lost.image.shape == whole.image.shape
+    assert lost.image.grey.shape == whole.image.grey.shape
 
 
 def test_crops_change_no_place():
     """What is cut off a photograph does not move a point by more than rounding does."""
     first = first_photograph(image(), EVERYWHERE, GRID, SEARCH)
-    whole = first._replace(image=image(), origin=(0, 0), usable=EVERYWHERE)
+    whole = first._replace(image=image(), origin=(0, 0), region=EVERYWHERE)
     target = image(1.05, (4.0, 2.0))
     previous = as_reference(points_in_first_photograph(first, SEARCH), image())
     one, two = (follow_step(a, None, previous, target, SEARCH, Updating())[0] for a in (first, whole))
@@ -79,7 +81,7 @@ def test_residual_noise_is_that_of_the_photographs(degree, seed):
     first = first_photograph(photographs[0], EVERYWHERE, GRID, search)
     before = as_reference(points_in_first_photograph(first, search), photographs[0])
     found, _ = follow_step(first, None, before, photographs[1], search, Updating())
-    left = residual_noise(photographs[0], GRID[found.valid], found.znssd[found.valid], 21, degree)
+    left = residual_noise(photographs[0].grey, GRID[found.valid], found.znssd[found.valid], 21, degree)
     assert left == pytest.approx(np.hypot(3.0, 12**-0.5), rel=0.04)
 
 
@@ -95,7 +97,7 @@ def test_sigma_covers_the_errors_by_either_route(stretches, route):
     starts = [warp_from_gradient((NEAR - middle) @ m + middle, np.broadcast_to(m, (*NEAR.shape, 2))) for m in motions]
     sizes = []
     for run in range(12):
-        images = [grey(part, noise, 3 * run + k) for k, part in enumerate(clean)]
+        images = [Photograph(grey(part, noise, 3 * run + k)) for k, part in enumerate(clean)]
         first = first_photograph(images[0], EVERYWHERE, NEAR, search)
         template, target = points_in_first_photograph(first, search).covariance, target_spline(images[2], search)
         if route == "chained":

@@ -3,7 +3,8 @@ import pytest
 from scenes import texture
 
 from dicflow.core.correlation.misfit import misfit_covariance, place_covariances
-from dicflow.core.correlation.subsets import Subset, correlate, template
+from dicflow.core.correlation.subsets import Subset, correlate
+from dicflow.core.correlation.template import template
 from dicflow.core.correlation.warp import identity
 from dicflow.core.photographs.interpolate import spline
 

@@ -7,7 +7,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from dicflow.core.correlation.subsets import Subset, correlate, template
+from dicflow.core.correlation.subsets import Subset, correlate
+from dicflow.core.correlation.template import template
 from dicflow.core.correlation.warp import TERMS, apply_warp, gradient, identity, recentred
 from dicflow.core.photographs.interpolate import slopes, spline
 from dicflow.core.status import Status
@@ -234,7 +235,7 @@ def test_a_plain_target_is_no_match():
 
 def test_no_points_at_all():
     found = correlate(REFERENCE, spline(photograph()), np.empty((0, 2)), np.empty((0, 2, 3)), EXACT)
-    assert [len(part) for part in found] == [0] * 6
+    assert [len(part) for part in found] == [0] * 7
 
 
 @pytest.mark.parametrize(
@@ -367,7 +368,8 @@ def test_scatter_of_an_affine_subset_is_the_theoretical_one():
 PLAIN = """
 import sys
 import numpy as np
-from dicflow.core.correlation.subsets import Subset, correlate, template
+from dicflow.core.correlation.subsets import Subset, correlate
+from dicflow.core.correlation.template import template
 from dicflow.core.photographs.interpolate import spline
 given = np.load(sys.argv[1])
 for name, degree in (("affine", 5), ("affine", 3), ("quadratic", 5)):

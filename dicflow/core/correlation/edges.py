@@ -1,0 +1,122 @@
+"""Subsets whose grey levels fit no single motion: at a crack, or at the edge of a shadow or reflection.
+
+A subset of two motions, or one across an edge of light, converges as well, but to a place between. Its residual exceeds
+that of the other subsets by far. As a motion it amounts to m = √(2 (R − R₀) / S) pixels, for the variance R of the
+residual, the usual variance R₀, and the mean square S of the pattern's slope. With two motions δ apart, and a share p
+of the subset beyond the edge, the place is wrong by p δ, at most 2 m.
+
+Light that changes across a subset moves its place too. How far follows from one more step of Gauss-Newton that fits
+slow changes of brightness and contrast beside the warp.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from dicflow.core.arrays import Array, Index, Mask
+from dicflow.core.correlation.follow import Field
+from dicflow.core.correlation.misfit import residuals
+from dicflow.core.correlation.subsets import Subset
+from dicflow.core.correlation.template import Template
+from dicflow.core.photographs.interpolate import Spline
+
+__all__ = ["Edges", "find_edges", "residual_variance", "usual_residual"]
+
+
+_SUSPECT_RATIO, _SUSPECT_MISFIT_PX = 2.0, 0.05
+"""Variance of the residual over the usual one, and misfit, above which it is tested for changes of the light."""
+_UNCERTAIN_RATIO, _UNCERTAIN_MISFIT_PX = 4.0, 0.1
+"""The same above which the misfit adds to the variance of the place."""
+_LOST_RATIO, _LOST_MISFIT_PX = 16.0, 0.5
+"""The same above which a subset holds two motions. Undermatched waves of half a pixel reach 0.46 px on patterns of the
+DIC Challenge, real specimens 10 times the usual variance."""
+_LIGHT_LIMITS = ((0.06, 0.3), (0.15, 0.2))
+"""Shifts of a place by slow changes of the light [px], and their shares of the residual, above which a point is lost:
+above both of either pair. Smaller shifts with the first share add to the variance of the place."""
+_SIGMA_PER_MISFIT = 0.7
+"""Standard deviation along each axis over the misfit: errors reach twice the misfit."""
+_MIN_POINTS = 20
+"""Points whose median residual is the usual one."""
+_CHUNK = 64
+"""Subsets that are computed at once."""
+
+
+class Edges(NamedTuple):
+    """What the residuals of a grid of subsets (rows, cols) tell.
+
+    lost : bool — whether the subset holds two motions, or an edge of light
+    variance : further variance of the place along each axis [px²]; 0 where the residual is usual
+    """
+
+    lost: Mask
+    variance: Array
+
+
+def residual_variance(field: Field) -> Array:
+    """Variance of the difference of template and target (rows, cols) [grey levels²]; NaN where not found."""
+    return np.asarray(np.where(np.isfinite(field.warp[..., 0, 0]), field.znssd * field.texture[..., 0], np.nan))
+
+
+def usual_residual(residual: Array) -> float:
+    """The usual variance of the residual in a field, its median [grey levels²]; infinite with too few points."""
+    known = residual[np.isfinite(residual)]
+    return float(np.median(known)) if len(known) >= _MIN_POINTS else np.inf
+
+
+def find_edges(
+    reference: Template, target: Spline, centres: Array, field: Field, subset: Subset, usual: float
+) -> Edges:
+    """Subsets of a grid at edges.
+
+    centres : (rows, cols, 2) — whole pixels of the template; field : results of correlation there
+    usual : variance of the residual elsewhere (:func:`usual_residual`) [grey levels²]
+    """
+    residual = residual_variance(field)
+    with np.errstate(invalid="ignore", divide="ignore"):
+        misfit = np.sqrt(2.0 * np.maximum(residual - usual, 0.0) / field.texture[..., 1])
+        suspect = (residual > _SUSPECT_RATIO * usual) & (misfit > _SUSPECT_MISFIT_PX)
+        uncertain = (residual > _UNCERTAIN_RATIO * usual) & (misfit > _UNCERTAIN_MISFIT_PX)
+        lost = (residual > _LOST_RATIO * usual) & (misfit > _LOST_MISFIT_PX)
+    variance = np.where(uncertain, (_SIGMA_PER_MISFIT * misfit) ** 2, 0.0)
+    at = tuple(np.argwhere(suspect & ~lost).T)
+    shift, share = _shifts_by_light(reference, target, centres[at].astype(np.int64), field.warp[at], subset)
+    for max_shift, max_share in _LIGHT_LIMITS:
+        lost[at] |= (shift > max_shift) & (share > max_share)
+    variance[at] += np.where(share > _LIGHT_LIMITS[0][1], shift**2, 0.0)
+    return Edges(lost, np.where(lost, 0.0, variance))
+
+
+def _shifts_by_light(
+    reference: Template, target: Spline, centres: Index, warp: Array, subset: Subset
+) -> tuple[Array, Array]:
+    """Results (n,) of :func:`_light`, some subsets at a time."""
+    parts = [slice(first, first + _CHUNK) for first in range(0, len(centres), _CHUNK)]
+    results = [_light(reference, target, centres[part], warp[part], subset) for part in parts]
+    shift, share = (np.concatenate([np.zeros(0), *(result[k] for result in results)]) for k in (0, 1))
+    return shift, share
+
+
+def _light(reference: Template, target: Spline, centres: Index, warp: Array, subset: Subset) -> tuple[Array, Array]:
+    """Shift of the places (n,) by slow changes of the light [px], and their share of the residuals (n,)."""
+    fit = residuals(reference, target, centres, warp, subset)
+    xi, eta = fit.offsets.T / (subset.size // 2)
+    slow = np.stack([xi, eta, xi * xi, xi * eta, eta * eta])[:, None]
+    light = np.concatenate([np.stack([np.ones_like(fit.f), fit.f]), slow + 0.0 * fit.f, slow * fit.f])
+    both = np.concatenate([fit.jacobian, light])
+    step = _least_squares(both, fit.weight, fit.residual)
+    alone = _least_squares(light, fit.weight, fit.residual)
+    explained = np.einsum("tnp,nt->np", light, alone)
+    share = (fit.weight * explained**2).sum(axis=1) / np.maximum((fit.weight * fit.residual**2).sum(axis=1), 1e-12)
+    return np.asarray(np.hypot(step[:, 0], step[:, len(fit.jacobian) // 2])), np.asarray(share)
+
+
+def _least_squares(functions: Array, weight: Array, values: Array) -> Array:
+    """Coefficients (n, term) of functions (term, n, pixel) that fit values (n, pixel) with weights best."""
+    by_point = np.moveaxis(functions, 0, 1)
+    scale = np.sqrt(np.maximum((weight[:, None] * by_point**2).sum(axis=-1), 1e-12))
+    scaled = by_point / scale[..., None]
+    weighted = scaled * weight[:, None]
+    inverse = np.linalg.pinv(weighted @ np.swapaxes(scaled, -1, -2), rcond=1e-9, hermitian=True)
+    return np.asarray((inverse @ (weighted @ values[..., None]))[..., 0] / scale)
