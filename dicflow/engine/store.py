@@ -17,6 +17,11 @@ and writers need no lock. Only ``actions.index`` and the journals of runs are ap
 Each JSON file has one reader, which knows its form and checks its sum (:mod:`dicflow.engine.stored_json`). A file that
 is damaged or cannot be read counts as missing, and what it held is made again. Where that is impossible, for pins and
 for what old runs used, whoever needs it raises StoreError.
+
+After a power failure, files written in the last half minute may be empty or missing; such products are made again. Only
+pins are on the disk before they count. To wait for the disk at every manifest and record would cost more than the rest
+of the engine: per small product 13 ms on a busy virtual disk (ext4), where hashing and storing take 3 ms; with the files
+of the arrays 36 ms.
 """
 
 from __future__ import annotations
