@@ -20,8 +20,8 @@ for what old runs used, whoever needs it raises StoreError.
 
 After a power failure, files written in the last half minute may be empty or missing; such products are made again. Only
 pins are on the disk before they count. To wait for the disk at every manifest and record would cost more than the rest
-of the engine: per small product 13 ms on a busy virtual disk (ext4), where hashing and storing take 3 ms; with the files
-of the arrays 36 ms.
+of the engine: 13 ms per small product on a busy virtual disk (ext4), where hashing and storing it take 3 ms, and 36 ms
+with the files of its array.
 """
 
 from __future__ import annotations

@@ -14,6 +14,10 @@ def test_a_flipped_bit_in_each_sort_of_file(tmp_path):
     assert [good(tally) for tally in tallies] == [(True, [])] * len(damage.FILES)
 
 
+def test_many_files_lost_at_once(tmp_path):
+    assert good(damage.power_failures(tmp_path, 6)) == (True, [])
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("killed", [kills.run_kills, kills.gc_kills, kills.verify_kills])
 def test_kills(tmp_path, killed):

@@ -2,7 +2,7 @@
 
 Whatever happens, no wrong product is ever used, no traceback is shown, the next run ends well, and ``verify`` finds
 every damage. The seeds are fixed, though not the moments of kills. A part of the whole is run by naming it:
-``python -m tests.faults flips kills experiment limits``.
+``python -m tests.faults damage kills experiment limits``.
 """
 
 from __future__ import annotations
@@ -31,8 +31,13 @@ def _limits(folder: Path) -> Iterator[Tally]:
     yield limits.read_only(_new(folder))
 
 
+def _damages(folder: Path) -> Iterator[Tally]:
+    yield from damage.flips(_new(folder), 40)
+    yield damage.power_failures(_new(folder), 100)
+
+
 PARTS: Mapping[str, Callable[[Path], Iterator[Tally]]] = {
-    "flips": lambda folder: damage.flips(_new(folder), 40),
+    "damage": _damages,
     "kills": _kills,
     "experiment": lambda folder: kills.experiment_kills(_new(folder), 20),
     "limits": _limits,

@@ -16,7 +16,7 @@ from dicflow.errors import StoreError
 from tests.faults import chain
 from tests.faults.tally import Tally
 
-__all__ = ["FILES", "flips"]
+__all__ = ["FILES", "flips", "power_failures"]
 
 FILES = {
     "mark": "dicflow.json",
@@ -56,6 +56,37 @@ def flips(folder: Path, each: int) -> Iterator[Tally]:
             _use(tally, store, numbers, expected, note)
             shutil.rmtree(store)
         yield tally
+
+
+def power_failures(folder: Path, count: int) -> Tally:
+    """Many files of a run lost at once, as where the power fails before they are on the disk.
+
+    A journaling file system may lose contents of new files, but no name before a later one: so the mark stays.
+    """
+    tally, numbers = Tally("power failure"), chain.numbers(folder / "numbers")
+    pristine, store = folder / "pristine", folder / "store"
+    expected = chain.made_clean(numbers, pristine)
+    chance = random.Random(21)
+    for _ in range(count):
+        tally.tried += 1
+        shutil.copytree(pristine, store)
+        for path in sorted(path for path in store.rglob("*") if path.is_file()):
+            _lose(path, chance)
+        with chain.by_index() if tally.tried % 2 else nullcontext():
+            tally.attempt(lambda: _looked_through(store), "ends badly")
+            tally.attempt(lambda: chain.finished_well(numbers, store, expected), "wrong product")
+        tally.attempt(lambda: _mended(store), "ends badly")
+        shutil.rmtree(store)
+    return tally
+
+
+def _lose(path: Path, chance: random.Random) -> None:
+    """Leave a file as it is, or empty, cut short, full of zeros, or missing."""
+    content = path.read_bytes()
+    cut = chance.randrange(len(content))
+    left = [content] * 4 + [b"", content[:cut], content[:cut] + bytes(len(content) - cut), None]
+    chosen = chance.choice(left[:-1] if path.name == "dicflow.json" else left)
+    path.unlink() if chosen is None else path.write_bytes(chosen)
 
 
 def _flip(path: Path, chance: random.Random) -> str:

@@ -84,6 +84,7 @@ def main(what: str, numbers: Path, store: Path, factor: float) -> None:
     from dicflow.engine.housekeeping import collect
     from dicflow.engine.store import Store
     from dicflow.engine.verification import verify
+    from dicflow.errors import DicflowError
     from tests.faults import chain
 
     acts = {
@@ -95,10 +96,13 @@ def main(what: str, numbers: Path, store: Path, factor: float) -> None:
         "look": lambda: _sound(verify(Store.open(store))),
     }
     print("ready", flush=True)
-    acts[what.removeprefix("once ")]()
-    while not what.startswith("once "):
-        factor += 1 / 8
-        acts[what]()
+    try:
+        acts[what.removeprefix("once ")]()
+        while not what.startswith("once "):
+            factor += 1 / 8
+            acts[what]()
+    except DicflowError as error:
+        sys.exit(str(error))
 
 
 def _sound(damages: Sequence[object]) -> None:
