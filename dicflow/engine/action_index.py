@@ -37,6 +37,9 @@ _PREFIX = "sha256:"
 _LINE = 3 * 64 + 1 + 4 + 8
 """Length of a line without its end [bytes]: three digests, the form, four spaces, the check sum."""
 
+_LETTERS = b"0123456789abcdef r"
+"""What the beginning of a line consists of."""
+
 _ARRAYS, _BARE, _REMADE = "a", "b", "r"
 """Forms of a product: with a group of arrays, without arrays, and one that is made again when it is used."""
 
@@ -161,7 +164,7 @@ def _line(key: str, action: Action) -> bytes:
 def _is_damaged(line: bytes) -> bool:
     if len(line) == _LINE + 1:
         return _parsed(line) is None
-    return line.endswith(b"\n") or len(line) > _LINE
+    return len(line) > _LINE or bool(line.translate(None, _LETTERS))
 
 
 def _parsed(line: bytes) -> tuple[str, Action] | None:

@@ -252,6 +252,15 @@ def test_a_damaged_manifest_does_not_ask_to_run_again_for_ever(folder, store, da
     assert again.product("report").attrs == {"last": 10.0, "steps": [f"step_0{k}" for k in range(2, 7)]}
 
 
+@pytest.mark.parametrize(
+    ("tail", "damaged"), [(b"", 0), (b"3f", 0), (b"null", 1), (b"\0\0", 1), (b"a" * 206, 1), (b"\n", 1)]
+)
+def test_only_the_beginning_of_a_line_may_stand_at_the_end(three, tail, damaged):
+    """Another process may be writing it."""
+    three.path.write_bytes(three.path.read_bytes() + tail)
+    assert three.damaged_lines() == damaged
+
+
 def test_a_pipe_in_the_place_of_the_index_is_not_waited_for(three):
     three.path.unlink()
     os.mkfifo(three.path)
