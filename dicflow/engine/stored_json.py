@@ -77,7 +77,7 @@ def read_stored(path: Path, form: Form) -> Any:
     try:
         content = read_file(path)
     except NotRegularError as error:
-        raise ValueError("is not a regular file") from error
+        raise ValueError(f"is {error.strerror}") from error
     return unseal(content, form)
 
 

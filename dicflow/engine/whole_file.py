@@ -11,23 +11,33 @@ from pathlib import Path
 
 from dicflow.engine.drafts import draft_name
 
-__all__ = ["NotRegularError", "file_size", "open_file", "read_file", "write_file"]
+__all__ = ["LARGEST", "NotRegularError", "file_size", "open_file", "read_file", "write_file"]
 
+LARGEST = 1 << 31
+"""Files of the store above this size [bytes] are damage; to read one could take all memory."""
 _NO_WAIT = getattr(os, "O_NONBLOCK", 0)
 
 
 class NotRegularError(OSError):
-    """Something else than a regular file has the name of a file: a folder, a pipe, a device."""
+    """Something else than a regular file, or an endless one, has the name of a file: a folder, a pipe, a device."""
 
 
-def open_file(path: Path) -> BufferedReader:
-    """Open a regular file for reading; never waits. Raises OSError, NotRegularError for anything but a file."""
-    return open(path, "rb", opener=_opened)
+def open_file(path: Path, largest: int | None = None) -> BufferedReader:
+    """Open a regular file for reading; never waits.
+
+    largest : most bytes that it may have
+    Raises OSError, NotRegularError for anything but a file and for a larger one.
+    """
+
+    def opened(name: str, flags: int) -> int:
+        return _opened(name, flags, largest)
+
+    return open(path, "rb", opener=opened)
 
 
 def read_file(path: Path) -> bytes:
-    """Contents of a regular file. Raises as :func:`open_file` does."""
-    with open_file(path) as file:
+    """Contents of a regular file of the store, none of which is ever huge. Raises as :func:`open_file` does."""
+    with open_file(path, LARGEST) as file:
         return file.read()
 
 
@@ -75,18 +85,18 @@ def _sync(path: Path, flags: int) -> None:
         os.close(descriptor)
 
 
-def _opened(path: str, flags: int) -> int:
+def _opened(path: str, flags: int, largest: int | None) -> int:
     try:
         descriptor = os.open(path, flags | _NO_WAIT)
     except OSError as error:
         if error.errno == errno.ENXIO:  # a socket
-            raise _not_regular(path) from error
+            raise NotRegularError(errno.EINVAL, "not a regular file", path) from error
         raise
-    if stat.S_ISREG(os.fstat(descriptor).st_mode):
-        return descriptor
-    os.close(descriptor)
-    raise _not_regular(path)
-
-
-def _not_regular(path: str) -> NotRegularError:
-    return NotRegularError(errno.EINVAL, "not a regular file", path)
+    status = os.fstat(descriptor)
+    if not stat.S_ISREG(status.st_mode):
+        os.close(descriptor)
+        raise NotRegularError(errno.EINVAL, "not a regular file", path)
+    if largest is not None and status.st_size > largest:
+        os.close(descriptor)
+        raise NotRegularError(errno.EFBIG, f"larger than {largest} bytes", path)
+    return descriptor
