@@ -302,7 +302,7 @@ def test_no_stage_takes_a_number_that_is_negative_or_nan(name):
         ("- stages", "found a list"),
         ("42", "found a single value"),
         ("stages: 3", "'stages:' must map names to stages"),
-        ("stages: {a: 3}", "a: expected a mapping with 'stage: …'"),
+        ("stages: {a: 3}", "a: expected a mapping; say which stage it is, with 'stage: …'"),
         ("stages: {a: &x {stage: images, left: *x}}", "an alias refers to a value that contains it"),
     ],
 )

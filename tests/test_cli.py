@@ -123,8 +123,11 @@ def test_keep_going_computes_what_does_not_need_the_failure(own, tmp_path):
         (("frobnicate",), "No such command"),
         (("run", SAMPLE, "--frobnicate"), "No such option"),
         (("run", SAMPLE, "--workers", "0"), "greater than or equal to 1"),
-        (("run", "nothing.yaml"), "nothing.yaml: No such file or directory"),
-        (("run", ROOT), "Is a directory"),
+        (
+            ("run", "nothing.yaml"),
+            "(no such file or directory); name a pipeline file, or make one",
+        ),
+        (("run", ROOT), "expected a pipeline file, but it is not a regular file"),
         (("run", SAMPLE, "--data", "nowhere"), "nowhere: no such folder"),
         (("run", SAMPLE, "--set", "strain"), "write stage.parameter=value"),
         (("run", SAMPLE, "--set", "strain.window=[1"), "close every bracket"),

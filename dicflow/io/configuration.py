@@ -70,7 +70,10 @@ def read(path: Path) -> Document:
     try:
         text = read_text(path, "a pipeline file", _MAX_BYTES)
     except InputError as error:
-        raise ConfigurationError(*error.args) from error
+        where, problem, remedy = error.args
+        if isinstance(error.__cause__, OSError):
+            remedy = "name a pipeline file, or make one with 'dicflow init'"
+        raise ConfigurationError(where, problem, remedy) from error
     return parse(text, str(path))
 
 

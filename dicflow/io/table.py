@@ -148,10 +148,11 @@ def _is_note(line: str) -> bool:
 
 
 def _rows(path: Path, lines: Iterable[tuple[int, str]], separator: str, width: int) -> Iterator[tuple[str, list[str]]]:
+    name = str(path)
     for number, line in lines:
         if _is_note(line) or not line.strip(' \t;,"'):
             continue
-        cells, where = _cells(line, separator), f"{path}:{number}"
+        cells, where = _cells(line, separator), f"{name}:{number}"
         if len(cells) != width:
             problem = f"has {len(cells)} values for {width} columns"
             raise InputError(where, problem, "write one for each, and decimal points if commas separate them")
@@ -159,4 +160,6 @@ def _rows(path: Path, lines: Iterable[tuple[int, str]], separator: str, width: i
 
 
 def _cells(line: str, separator: str) -> list[str]:
+    if '"' not in line:
+        return line.split(separator)
     return next(csv.reader([line], delimiter=separator, skipinitialspace=True))

@@ -97,7 +97,10 @@ def numbered_lines(path: Path, what: str, most_bytes: int) -> Iterator[tuple[int
                 number += 1
                 if number > _MOST_LINES:
                     raise InputError(str(path), f"has more than {_MOST_LINES:,} lines", "give a shorter table")
-                yield number, _checked(f"{path}:{number}", line.rstrip("\n"))
+                line = line.rstrip("\n")
+                if len(line) > _LONGEST_LINE or _CONTROL.search(line):
+                    raise _bad_line(f"{path}:{number}", line)
+                yield number, line
         except UnicodeDecodeError as error:
             raise _damaged(f"{path}:{number + 1}", encoding) from error
 
@@ -120,13 +123,12 @@ def printable(text: object, most: int = 60) -> str:
     return "".join(char if char.isprintable() else f"\\u{ord(char):04x}" for char in cut)
 
 
-def _checked(where: str, line: str) -> str:
-    """A line. Raises InputError if it is not one of a table."""
-    if len(line) > _LONGEST_LINE:
-        raise InputError(where, f"is longer than {_LONGEST_LINE:,} characters", "write one row per line")
-    if (index := find_control(line)) is not None:
-        raise _not_text(f"{where}:{index + 1}", line[index])
-    return line
+def _bad_line(where: str, line: str) -> InputError:
+    """What is wrong with a line that is too long or holds a control character."""
+    index = find_control(line)
+    if index is None or len(line) > _LONGEST_LINE:
+        return InputError(where, f"is longer than {_LONGEST_LINE:,} characters", "write one row per line")
+    return _not_text(f"{where}:{index + 1}", line[index])
 
 
 def _not_text(where: str, char: str) -> InputError:
