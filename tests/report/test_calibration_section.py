@@ -5,6 +5,7 @@ import re
 import numpy as np
 import pytest
 
+from dicflow.core.calibration.board import Board
 from dicflow.core.cameras.camera import project
 from dicflow.engine.product import Product
 from dicflow.kinds.boards import BoardMarks
@@ -51,7 +52,7 @@ def test_boards_stand_where_the_left_photographs_show_them(loaded):
         if not pair["used"]:
             continue
         corners = result.product("corners", pair["name"])
-        columns, rows = corners.attrs["size"]
+        columns, rows = corners.attrs["board"]["size"]
         outline = module._outline(BoardMarks.read(corners), camera, 14.5)
         board = corners["left"].reshape(rows, columns, 2)
         shown = np.stack([board[0, 0], board[0, -1], board[-1, -1], board[-1, 0]])
@@ -71,13 +72,13 @@ def test_pairs_that_take_no_part_are_marked():
     pairs = [
         {"name": "a", "used": True, "left_px": 0.1, "right_px": 0.2, "epipolar_px": None},
         {"name": "b", "used": False, "left_px": 0.4, "right_px": 0.3, "epipolar_px": 0.1},
-        {"name": "c", "used": False},
+        {"name": "c", "used": False, "reason": "left: no board found"},
     ]
     first, second, third = module._pairs(pairs)
     assert first["bars"] == [("left", pytest.approx(25.0)), ("right", pytest.approx(50.0))]
     assert (first["errors"], first["fate"]) == (["0.10", "0.20", "–"], "")
     assert second["fate"] == "dropped"
-    assert (third["bars"], third["fate"]) == ([], "board not found in both")
+    assert (third["bars"], third["fate"]) == ([], "left: no board found")
 
 
 def test_the_pyramid_of_a_camera_starts_at_its_centre(loaded):
@@ -110,7 +111,7 @@ def test_a_poor_calibration_is_warned_of():
 
 def test_circles_are_drawn_as_their_grid():
     def marks(target, size):
-        return BoardMarks.read(BoardMarks.write({}, {}, target, size, (640, 480)))
+        return BoardMarks.read(BoardMarks.write({}, {}, Board(target, size), {}))
 
     assert len(module._board(marks("asymmetric_circles", (4, 11)), 10.0)) == 44
     assert module._board(marks("checkerboard", (9, 6)), 2.0).max() == pytest.approx(16.0)

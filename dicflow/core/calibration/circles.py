@@ -17,7 +17,7 @@ from dicflow.core.calibration.targets import Size, Target, board_orders
 from dicflow.core.matching.transform import apply_transform, estimate_transform, jacobian
 from dicflow.core.photographs.grey import to_8bit
 
-__all__ = ["Ellipses", "circle_points", "circle_target", "eccentricity", "find_circles", "fit_ellipses"]
+__all__ = ["Ellipses", "circle_points", "circle_target", "detect_blobs", "eccentricity", "find_circles", "fit_ellipses"]
 
 
 _CELL_SHARE = 0.48
@@ -116,6 +116,11 @@ def eccentricity(ellipses: Ellipses, points: Array) -> Array:
     return np.asarray(images[:, :2, 2] / images[:, 2:, 2] - apply_transform(homography, points))
 
 
+def detect_blobs(grey: Bytes) -> Array:
+    """Centres (n, 2) of dark round blobs [px]."""
+    return np.array([blob.pt for blob in _blob_detector(grey.size).detect(grey)], dtype=float).reshape(-1, 2)
+
+
 def _locate_centres(grey: Bytes, size: Size, asymmetric: bool) -> Array | None:
     """Centres accurate to about a pixel, row by row; first in a reduced photograph, which suffices for most grids."""
     scale = 1.0
@@ -134,13 +139,14 @@ def _locate_centres(grey: Bytes, size: Size, asymmetric: bool) -> Array | None:
 def _detect_grid(grey: Bytes, size: Size, asymmetric: bool) -> Array | None:
     """Centres of a grid of dark blobs in front order; None if it is not detected or is part of a larger grid."""
     kind = cv2.CALIB_CB_ASYMMETRIC_GRID if asymmetric else cv2.CALIB_CB_SYMMETRIC_GRID
-    detector = _blob_detector(grey.size)
-    blobs = np.array([blob.pt for blob in detector.detect(grey)], dtype=float).reshape(-1, 2)
+    blobs = detect_blobs(grey)
     if len(blobs) < size[0] * size[1]:
         return None
     for method in (0, cv2.CALIB_CB_CLUSTERING):
         cv2.setRNGSeed(0)
-        found, centres = cv2.findCirclesGrid(grey, size, flags=kind | method, blobDetector=detector)
+        found, centres = cv2.findCirclesGrid(
+            grey, size, flags=kind | method, blobDetector=_blob_detector(grey.size)
+        )
         if found:
             front = _in_front_order(centres.reshape(-1, 2).astype(float), size, asymmetric)
             return front if front is not None and not _is_part_of_larger_grid(front, blobs, size, asymmetric) else None
