@@ -24,8 +24,7 @@ __all__ = ["MIN_MOTION_PX", "Motion", "estimate_motion", "still_background"]
 
 
 MIN_MOTION_PX = 2.0
-"""Motion of the fastest part below which nothing can be said about the background."""
-_MOVING_PERCENTILE = 95.0
+"""Motion that some part must reach, before anything can be said about the background."""
 _MAX_PIXELS = 2_000_000
 _STILL_PX, _MOVING_PX = 0.3, 0.9
 """A point that moves less is still; one that moves more certainly moves."""
@@ -45,8 +44,8 @@ _NORMAL_REACH = 15
 """Points of a border from which its direction is estimated, in grid steps."""
 _MAX_DETOUR_PX = 60.0
 """A border with a jump may be farther than one without by this much: beside a grip it begins where the motion does."""
-_MAX_LOST_SHARE = 0.05
-"""Share of the pattern without a known motion, above which features are searched."""
+_BAND, _MAX_LOST_SHARE = 5, 0.02
+"""Width of a part of the pattern without a known motion [grid steps], and its share above which features are searched."""
 _MIN_PART_SHARE = 0.01
 """Least share of the pattern in a part that stands still, and in one that moves."""
 
@@ -89,7 +88,8 @@ def estimate_motion(first: Grey, later: Grey, textured: Mask, stride_px: int) ->
     places = np.stack(np.meshgrid((cols + 0.5) * scale - 0.5, (rows + 0.5) * scale - 0.5), axis=-1)
     motion = _dense_motion(before, after, places, None)
     lost = textured & ~motion.known
-    if np.count_nonzero(lost) > _MAX_LOST_SHARE * np.count_nonzero(textured):
+    inner = cv2.erode(lost.astype(np.uint8), np.ones((_BAND, _BAND), np.uint8))  # a band along the edges is always lost
+    if np.count_nonzero(inner) > _MAX_LOST_SHARE * np.count_nonzero(textured):
         again = _dense_motion(before, after, places, _motion_of_features(before, after, places, lost))
         better = again.known & ~motion.known
         motion = Motion(np.where(better[..., None], again.shift, motion.shift), motion.known | again.known)
@@ -132,11 +132,11 @@ def still_background(motion: Motion, textured: Mask, stride_px: int) -> Mask | N
     """
     speed = np.linalg.norm(motion.shift, axis=-1)
     seen = textured & motion.known
-    if not seen.any() or np.percentile(speed[seen], _MOVING_PERCENTILE) < MIN_MOTION_PX:
+    least = max(_MIN_PART_SHARE * np.count_nonzero(textured), 1)
+    if np.count_nonzero(_without_specks(seen & (speed > MIN_MOTION_PX))) < least:
         return None
     still, moving = (_without_specks(seen & part) for part in (speed < _STILL_PX, speed > _MOVING_PX))
-    least = _MIN_PART_SHARE * np.count_nonzero(textured)
-    if min(np.count_nonzero(still), np.count_nonzero(moving)) < least:
+    if np.count_nonzero(still) < least:
         return np.zeros_like(textured)
     clear = seen & (speed >= _STILL_PX) & (_distance(still) * stride_px > _BLURRED_PX)
     behind = still & _is_behind(_borders(motion.shift, still, clear, stride_px), still.shape, stride_px)
