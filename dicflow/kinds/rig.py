@@ -31,6 +31,7 @@ class CalibratedRig(Kind):
         covariance: np.ndarray | None = None,
         pairs: Sequence[Mapping[str, Any]] = (),
         coverage: Mapping[str, float] | None = None,
+        offset: Mapping[str, Sequence[float]] | None = None,
         program: str = "",
         warnings: Sequence[str] = (),
     ) -> Product:
@@ -40,6 +41,8 @@ class CalibratedRig(Kind):
         covariance : (24, 24) — of :data:`~dicflow.core.cameras.rig_parameters.PARAMETERS`; None if unknown
         pairs : for each pair of board photographs its name, whether it was used, and its errors [px]
         coverage : share of each camera's frame that the boards cover
+        offset : left and right → first pixel (x, y) of the camera's photographs in those of the boards [px]; None if
+            they are the same
         program : the one that wrote the calibration; "" for a calibration by dicflow
         """
         from dicflow.core.cameras.rig_parameters import PARAMETERS
@@ -49,6 +52,8 @@ class CalibratedRig(Kind):
             known |= {"parameters": list(PARAMETERS), "covariance": covariance.tolist()}
         if coverage is not None:
             known["coverage"] = dict(coverage)
+        if offset is not None:
+            known["offset"] = {side: list(place) for side, place in offset.items()}
         if program:
             known |= {"program": program, "warnings": list(warnings)}
         facts = {"rig": rig_to_json(rig), "pairs": [dict(pair) for pair in pairs], "verdict": verdict}
@@ -92,6 +97,11 @@ class CalibratedRig(Kind):
         """Share of each camera's frame that the boards cover; empty if unknown."""
         found: Mapping[str, float] = self.product.attrs.get("coverage", {})
         return found
+
+    def offset(self, side: str) -> tuple[float, float]:
+        """First pixel (x, y) of the left or right camera's photographs in those of the boards [px]."""
+        x, y = self.product.attrs.get("offset", {}).get(side, (0.0, 0.0))
+        return x, y
 
     @property
     def program(self) -> str:

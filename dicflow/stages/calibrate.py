@@ -9,7 +9,9 @@ from dicflow.engine.node import At, Millimetres, Node, Pixels, Port, Scope, para
 from dicflow.engine.product import Product
 from dicflow.errors import StageError
 from dicflow.kinds.boards import BoardMarks
+from dicflow.kinds.images import Images
 from dicflow.kinds.rig import CalibratedRig
+from dicflow.stages._window import OFFSET, Offset, windowed_rig
 
 if TYPE_CHECKING:
     import numpy as np
@@ -33,13 +35,18 @@ _ADVICE = {
 class Calibrate(Node):
     """Calibrate both cameras and their relative pose.
 
+    With ``offset``, the photographs of the specimen (``images``) say how large the windows of the sensors are.
+
     Pairs above ``max_error_px`` are dropped one at a time, the worst first, and the rig is solved again. Left and
     right orders of the corners of a board that looks the same turned by 180° are reconciled.
     """
 
     title: ClassVar = "calibrate the rig"
     scope: ClassVar = Scope.RIG
-    takes: ClassVar = {"corners": Port("corners", at=At.ALL)}
+    takes: ClassVar = {
+        "corners": Port("corners", at=At.ALL),
+        "images": Port("images", at=At.FIRST, optional=True),
+    }
     gives: ClassVar = "rig"
     impl_version: ClassVar = 2
 
@@ -53,9 +60,13 @@ class Calibrate(Node):
     loss: Literal["squares", "huber", "cauchy"] = parameter(
         "squares", "how residuals count; huber and cauchy let single bad corners count less"
     )
+    offset: Offset | None = parameter(None, OFFSET, unit="px")
     min_pairs: int = parameter(8, "no pair is dropped when only this many remain, and none is solved with fewer", ge=3)
 
-    def run(self, corners: Sequence[Product]) -> Product:
+    def joins(self, port: str) -> bool:
+        return port != "images" or self.offset is not None
+
+    def run(self, corners: Sequence[Product], images: Product | None = None) -> Product:
         import numpy as np
 
         from dicflow.core.calibration.bundle import LensModel
@@ -63,6 +74,8 @@ class Calibrate(Node):
 
         boards = [BoardMarks.read(product) for product in corners]
         _check_sizes(boards)
+        if self.offset is not None and images is None:
+            raise StageError("offset needs the photographs of the specimen; name their stage as 'images'")
         target = _target(boards[0].board, self.square)
         seen = [k for k, board in enumerate(boards) if _is_seen_by_both(board, target)]
         if len(seen) < self.min_pairs:
@@ -73,10 +86,14 @@ class Calibrate(Node):
             left, right, target, (sizes["left"], sizes["right"]), model, self.max_error_px, self.min_pairs, self.loss
         )
         pairs = _pairs(calibration, seen, _names(corners), [board.reason for board in boards])
-        return self._product(calibration, pairs, (left, right))
+        return self._product(calibration, pairs, (left, right), None if images is None else Images.read(images))
 
     def _product(
-        self, calibration: Calibration, pairs: list[dict[str, Any]], corners: tuple[np.ndarray, np.ndarray]
+        self,
+        calibration: Calibration,
+        pairs: list[dict[str, Any]],
+        corners: tuple[np.ndarray, np.ndarray],
+        images: Images | None,
     ) -> Product:
         """The rig, its covariance, the errors of each pair, and the verdict."""
         from dicflow.core.calibration.coverage import covered_area, verdict
@@ -85,12 +102,13 @@ class Calibrate(Node):
         areas = [covered_area(xy[calibration.used], one.size) for xy, one in zip(corners, cameras, strict=True)]
         coverage = {side: float(area.mean()) for side, area in zip(("left", "right"), areas, strict=True)}
         return CalibratedRig.write(
-            calibration.rig,
+            windowed_rig(calibration.rig, self.offset, images),
             verdict(calibration, areas, self.max_error_px, len(pairs)),
             _residuals(calibration, coverage) | _figures(calibration) | _known_distance(calibration, self.square),
             covariance=calibration.widened_covariance,
             pairs=pairs,
             coverage=coverage,
+            offset=None if self.offset is None else self.offset.model_dump(),
         )
 
 

@@ -8,9 +8,10 @@ from typing import TYPE_CHECKING, Any, ClassVar, Literal
 
 from dicflow.engine.node import At, InputFile, Node, Port, Scope, parameter
 from dicflow.engine.product import Product
-from dicflow.errors import InputError
+from dicflow.errors import InputError, StageError
 from dicflow.kinds.images import Images
 from dicflow.kinds.rig import CalibratedRig
+from dicflow.stages._window import OFFSET, Offset, windowed_rig
 
 if TYPE_CHECKING:
     from dicflow.io.calibrations.draft import Calibration
@@ -34,6 +35,8 @@ class RigFile(Node):
     file: InputFile = parameter(
         ..., "calibration: OpenCV YAML or XML, .caldat, VIC-3D .xml or .z3d, DICe .xml, OpenCorr or pyvale .csv, .mat"
     )
+
+    offset: Offset | None = parameter(None, OFFSET, unit="px")
 
     def uses(self) -> tuple[str, ...]:
         from dicflow.io.calibrations import calibration_modules
@@ -61,16 +64,25 @@ class RigFile(Node):
     def run(self, file_path: Path, images: Product | None = None) -> Product:
         from dicflow.io.calibrations.read import read_calibration
 
-        calibration = read_calibration(file_path, None if images is None else Images.read(images).size)
+        photographs = None if images is None else Images.read(images)
+        if self.offset is not None and photographs is None:
+            raise StageError("offset needs the photographs of the specimen; name their stage as 'images'")
+        calibration = read_calibration(file_path, *self._sizes(file_path, photographs))
         summary = _summary(calibration)
         return CalibratedRig.write(
-            calibration.rig,
+            windowed_rig(calibration.rig, self.offset, photographs),
             _verdict(file_path, calibration, summary),
             summary,
             covariance=calibration.covariance,
             program=calibration.program,
             warnings=calibration.warnings,
         )
+
+    def _sizes(self, path: Path, images: Images | None) -> tuple[tuple[int, int], ...]:
+        """Sizes of the left and right photographs; none without photographs, or where they are windows of larger ones."""
+        if images is None or (self.offset is not None and self.check(path)["sized"]):
+            return ()
+        return tuple((image.shape[1], image.shape[0]) for _, image in images.sides)
 
 
 def _summary(calibration: Calibration) -> dict[str, float]:

@@ -53,7 +53,7 @@ def test_boards_stand_where_the_left_photographs_show_them(loaded):
             continue
         corners = result.product("corners", pair["name"])
         columns, rows = corners.attrs["board"]["size"]
-        outline = module._outline(BoardMarks.read(corners), camera, 14.5)
+        outline = module._outline(module._board(BoardMarks.read(corners), 14.5), corners["left"], camera)
         board = corners["left"].reshape(rows, columns, 2)
         shown = np.stack([board[0, 0], board[0, -1], board[-1, -1], board[-1, 0]])
         apart = np.linalg.norm(project(camera, outline) - shown, axis=-1)

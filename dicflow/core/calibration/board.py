@@ -21,6 +21,9 @@ MARKER_COUNTS: dict[str, int] = {
 }
 """Dictionaries that a ChArUco board can be printed with, and the number of markers in each."""
 
+_MARKER_ACCURACY = 0.05
+"""Difference of the marker's side from the one that is given, up to which both are the same [-]."""
+
 _TITLES: dict[str, str] = {
     "checkerboard": "a checkerboard of {} × {} inner corners",
     "charuco": "a ChArUco board of {} × {} inner corners",
@@ -53,6 +56,8 @@ class Board(NamedTuple):
         """The parameters of this board that differ from those given, as a pipeline file has them."""
         values = {"target": self.target, "size": list(self.size), "dictionary": self.dictionary, "marker": self.marker}
         differ = [name for name, old in given._asdict().items() if getattr(self, name) not in (old, None)]
+        if self.marker and given.marker and abs(self.marker - given.marker) < _MARKER_ACCURACY:
+            differ = [name for name in differ if name != "marker"]
         return ", ".join(f"{name}: {values[name]}" for name in differ)
 
 

@@ -7,7 +7,7 @@ first, so that each is judged in a fraction of a second.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from typing import NamedTuple
 
 import cv2
@@ -18,7 +18,8 @@ from dicflow.core.calibration.board import MARKER_COUNTS, Board
 from dicflow.core.calibration.charuco import marker_dictionary
 from dicflow.core.calibration.circles import detect_blobs
 from dicflow.core.calibration.lattice import lattice_places
-from dicflow.core.matching.transform import apply_transform, estimate_transform
+from dicflow.core.calibration.targets import SMALLEST_BOARD, board_size
+from dicflow.core.matching.transform import apply_transform, estimate_transform, transfer_error
 from dicflow.core.photographs.grey import to_8bit
 
 __all__ = ["identify_board", "marker_board"]
@@ -28,13 +29,12 @@ _MAX_PIXELS = 1_500_000
 _FAMILIES = ("4x4_1000", "5x5_1000", "6x6_1000", "7x7_1000", "aruco_original", "apriltag_16h5", "apriltag_25h9",
              "apriltag_36h10", "apriltag_36h11")  # fmt: skip
 """Dictionaries that hold all others: 4x4_50 is the beginning of 4x4_1000."""
-_MIN_MARKERS = 6
+_MIN_MARKERS, _CERTAIN_MARKERS = 6, 12
 _MIN_FITTING_SHARE = 0.7
 _SQUARES = range(3, 41)
 _MAX_MISPLACED = 0.15
 """Largest distance of a marker's centre and corners from their places on the board [squares]."""
-_MAX_TRIALS = 100
-_SMALLEST_BOARD = (3, 3)
+_MAX_TRIALS, _MAX_CANDIDATES = 100, 4
 _MARGIN_SQUARES = 1.4
 """Distance from the outermost corners at which a whole board has ended [squares]."""
 _MAX_MARGIN_CONTRAST = 0.35
@@ -66,7 +66,9 @@ def identify_board(image: Grey, thorough: bool = True) -> Board | None:
     """
     grey = _reduced(to_8bit(image))
     whole = marker_board(grey) or _circle_grid(grey) or _whole_checkerboard(grey)
-    return _checkerboard(grey) if whole is None and thorough else whole
+    if whole is None and thorough and (size := board_size(grey)) is not None:
+        return Board("checkerboard", size)
+    return whole
 
 
 def marker_board(grey: Bytes) -> Board | None:
@@ -83,27 +85,18 @@ def marker_board(grey: Bytes) -> Board | None:
         if fit is not None:
             size, needed = (fit.columns - 1, fit.rows - 1), fit.columns * fit.rows // 2
             best = fit.fitting, Board("charuco", size, _smallest_dictionary(family, needed), round(fit.share, 2))
+            if fit.fitting >= _CERTAIN_MARKERS:
+                break
     return best[1] if best else None
 
 
 def _whole_checkerboard(grey: Bytes) -> Board | None:
     """The checkerboard that an image shows as a whole, with its margin; None where it may continue."""
-    found, corners, marks = cv2.findChessboardCornersSBWithMeta(grey, _SMALLEST_BOARD, cv2.CALIB_CB_LARGER)
+    found, corners, marks = cv2.findChessboardCornersSBWithMeta(grey, SMALLEST_BOARD, cv2.CALIB_CB_LARGER)
     if not found:
         return None
     grid = corners.reshape(*marks.shape, 2).astype(float)
-    return _sized(marks.shape) if _ends(grey, grid) else None
-
-
-def _checkerboard(grey: Bytes) -> Board | None:
-    """The checkerboard, or the visible part of one, by a thorough search."""
-    flags = cv2.CALIB_CB_LARGER | cv2.CALIB_CB_EXHAUSTIVE | cv2.CALIB_CB_NORMALIZE_IMAGE
-    found, _, marks = cv2.findChessboardCornersSBWithMeta(grey, _SMALLEST_BOARD, flags)
-    return _sized(marks.shape) if found else None
-
-
-def _sized(shape: tuple[int, ...]) -> Board:
-    return Board("checkerboard", (max(shape), min(shape)))
+    return Board("checkerboard", (max(marks.shape), min(marks.shape))) if _ends(grey, grid) else None
 
 
 def _reduced(grey: Bytes) -> Bytes:
@@ -121,9 +114,18 @@ def _smallest_dictionary(family: str, markers: int) -> str:
 
 def _fit_markers(corners: Array, numbers: Index) -> _Fit | None:
     """The board on which most of the markers, corners (n, 4, 2) [px], lie in their places."""
-    fits = [_fit_board(corners, places) for places in _possible_places(numbers)]
+    fits = [_fit_board(corners, places) for places in _likeliest(corners.mean(axis=1), _possible_places(numbers))]
     best = max((fit for fit in fits if fit is not None), key=lambda fit: fit.fitting, default=None)
     return best if best and best.fitting >= max(_MIN_MARKERS, _MIN_FITTING_SHARE * len(numbers)) else None
+
+
+def _likeliest(centres: Array, candidates: Iterable[tuple[int, Index]]) -> list[tuple[int, Index]]:
+    """The few candidates that a perspective view of all markers, centres (n, 2) [px], fits best."""
+    candidates = list(candidates)
+    squares = np.stack([places for _, places in candidates]).astype(float)
+    source = np.broadcast_to(centres, squares.shape)
+    error = np.median(transfer_error(estimate_transform("projective", source, squares), source, squares), axis=-1)
+    return [candidates[k] for k in np.argsort(error)[:_MAX_CANDIDATES]]
 
 
 def _possible_places(numbers: Index) -> Iterator[tuple[int, Index]]:

@@ -16,10 +16,12 @@ from dicflow.core.matching.transform import estimate_transform
 from dicflow.core.photographs.grey import to_8bit
 
 __all__ = [
+    "SMALLEST_BOARD",
     "Size",
     "Target",
     "board_orders",
     "board_points",
+    "board_size",
     "checkerboard_target",
     "determines_pose",
     "find_board",
@@ -28,6 +30,7 @@ __all__ = [
 Size = tuple[int, int]
 
 _MIN_PIXELS_TO_HALVE = 1_000_000
+SMALLEST_BOARD = (3, 3)
 _MIN_MARKS = 6
 _RADIUS_SQUARES = 0.6
 _MIN_RADIUS_PX = 3
@@ -99,6 +102,16 @@ def find_board(image: Grey, size: Size, thorough: bool = True) -> Array | None:
     grid = located.reshape(size[1], size[0], 2)
     spacing = min(float(np.linalg.norm(np.diff(grid, axis=axis), axis=-1).min()) for axis in (0, 1))
     return centres_of_symmetry(image, located, max(_MIN_RADIUS_PX, round(_RADIUS_SQUARES * spacing)))
+
+
+def board_size(image: Grey) -> Size | None:
+    """Size (the longer side first) of the checkerboard in a photograph; None if it is not detected.
+
+    Of a board that the photograph cuts off, the size of the visible part.
+    """
+    flags = cv2.CALIB_CB_LARGER | cv2.CALIB_CB_EXHAUSTIVE | cv2.CALIB_CB_NORMALIZE_IMAGE
+    found, _, marks = cv2.findChessboardCornersSBWithMeta(to_8bit(image), SMALLEST_BOARD, flags)
+    return (max(marks.shape), min(marks.shape)) if found else None
 
 
 def _locate_corners(grey: Bytes, size: Size, thorough: bool) -> Array | None:

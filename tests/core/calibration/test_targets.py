@@ -4,7 +4,7 @@ from boards import SIZE, board_photograph
 from hypothesis import given
 from hypothesis import strategies as st
 
-from dicflow.core.calibration.targets import board_orders, board_points, determines_pose, find_board
+from dicflow.core.calibration.targets import board_orders, board_points, board_size, determines_pose, find_board
 
 HOMOGRAPHY = np.array([[30.0, -4.0, 90.0], [5.0, 28.0, 70.0], [6e-3, 1e-2, 1.0]])
 
@@ -83,3 +83,9 @@ def test_without_a_board_the_result_is_none(photograph):
 )
 def test_six_corners_that_are_not_in_line_determine_the_pose(seen, enough):
     assert determines_pose(board_points(SIZE, 7.0), np.isin(np.arange(54), seen)) == enough
+
+
+def test_size_of_an_unknown_board(photograph):
+    assert board_size(photograph) == SIZE
+    assert board_size(photograph.T.copy()) == SIZE
+    assert board_size(np.full((200, 300), 128, np.uint8)) is None
