@@ -153,13 +153,9 @@ def _drawn(calibrated: CalibratedRig, corners: Mapping[str, BoardMarks], square_
     used = {pair["name"]: pair["used"] for pair in calibrated.pairs}
     measured = {pair["name"] for pair in calibrated.pairs if "left_px" in pair}
     seen = {name: board for name, board in corners.items() if name in measured}
-    marks = {
-        side: {name: board[side] - calibrated.offset(side) for name, board in seen.items()} for side in _SIDES
-    }
+    marks = {side: {name: board[side] - calibrated.offset(side) for name, board in seen.items()} for side in _SIDES}
     coverage = [_coverage(side, getattr(rig, side), marks[side], used) for side in _SIDES] if seen else []
-    outlines = {
-        name: _outline(_board(board, square_mm), marks["left"][name], rig.left) for name, board in seen.items()
-    }
+    outlines = {name: _outline(_board(board, square_mm), marks["left"][name], rig.left) for name, board in seen.items()}
     return [*coverage, *_views(rig, outlines, used)]
 
 

@@ -34,9 +34,7 @@ def check_sizes(cameras: Rig, images: Images, places: np.ndarray) -> None:
         raise StageError(f"{str(error).partition(';')[0]}; {text}" if text else str(error)) from error
 
 
-def check_found(
-    cameras: Rig, images: Images, places: np.ndarray, found: FoundPoints, max_epipolar_px: float
-) -> None:
+def check_found(cameras: Rig, images: Images, places: np.ndarray, found: FoundPoints, max_epipolar_px: float) -> None:
     """Raise StageError where points of the left photograph are not found because the rig does not fit.
 
     places : (row, col, 2) — in the left photograph [px]; found : in the right one

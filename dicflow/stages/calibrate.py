@@ -122,9 +122,7 @@ def _check_sizes(boards: Sequence[BoardMarks]) -> None:
             if size != first[side]:
                 raise StageError(
                     "all board photographs of a camera must have one size, but the {} one of pair 1 has {} × {} px and "
-                    "that of pair {} has {} × {}; remove those of another size".format(
-                        side, *first[side], k + 1, *size
-                    )
+                    "that of pair {} has {} × {}; remove those of another size".format(side, *first[side], k + 1, *size)
                 )
 
 

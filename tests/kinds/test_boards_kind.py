@@ -15,7 +15,7 @@ SIZES = {"left": (640, 480), "right": (600, 440)}
 
 def write(left=LEFT, right=LEFT + 3.0, shown=(BOARD, BOARD), reasons=("", "")):
     sides = "left", "right"
-    marks, others, why = {"left": left, "right": right}, dict(zip(sides, shown)), dict(zip(sides, reasons))
+    marks, others, why = (dict(zip(sides, each, strict=True)) for each in ((left, right), shown, reasons))
     return stored(BoardMarks.write(marks, others, BOARD, SIZES, why))
 
 

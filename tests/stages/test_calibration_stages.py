@@ -35,9 +35,7 @@ def corners(left, right, size=SIZE, sizes=((640, 480), (640, 480)), shown=None):
     marks = {side: np.empty((0, 2)) if xy is None else xy for side, xy in sides.items()}
     seen = {side: shown if xy is None else Board("checkerboard", size) for side, xy in sides.items()}
     reasons = {side: "no board found" if xy is None else "" for side, xy in sides.items()}
-    return BoardMarks.write(
-        marks, seen, Board("checkerboard", size), dict(zip(sides, sizes, strict=True)), reasons
-    )
+    return BoardMarks.write(marks, seen, Board("checkerboard", size), dict(zip(sides, sizes, strict=True)), reasons)
 
 
 @pytest.fixture(scope="module")
@@ -83,7 +81,7 @@ def test_cameras_may_have_photographs_of_two_sizes(photograph):
     product = Corners(stage="corners", size=SIZE).run(images=images(left=photograph, right=wider))
     assert BoardMarks.read(product).image_sizes == {"left": (400, 300), "right": (480, 300)}
     left, right = (np.sort(product[side], axis=0) for side in ("left", "right"))
-    np.testing.assert_allclose(right, left + [60.0, 0.0], atol=0.01)
+    np.testing.assert_allclose(right, left + np.array([60.0, 0.0]), atol=0.01)
 
 
 @pytest.mark.parametrize("size", [[9], [9, 6, 2], [2, 6], [9, -6], [9.5, 6]])

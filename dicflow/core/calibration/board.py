@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Sequence
-from statistics import median
 from typing import Literal, NamedTuple
 
 __all__ = ["MARKER_COUNTS", "Board", "BoardTarget", "common_board"]
@@ -72,5 +71,5 @@ def common_board(boards: Sequence[Board]) -> tuple[Board, int]:
         return Counter(alike).most_common(1)[0]
     columns = Counter(board.size[0] for board in alike).most_common(1)[0][0]
     largest = max((board for board in alike if board.size[0] == columns), key=lambda board: board.size)
-    marker = median(board.marker or 0.0 for board in alike)
-    return largest._replace(marker=round(marker, 2)), len(alike)
+    shares = sorted(board.marker or 0.0 for board in alike)
+    return largest._replace(marker=shares[len(shares) // 2]), len(alike)

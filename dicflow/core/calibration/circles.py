@@ -144,9 +144,7 @@ def _detect_grid(grey: Bytes, size: Size, asymmetric: bool) -> Array | None:
         return None
     for method in (0, cv2.CALIB_CB_CLUSTERING):
         cv2.setRNGSeed(0)
-        found, centres = cv2.findCirclesGrid(
-            grey, size, flags=kind | method, blobDetector=_blob_detector(grey.size)
-        )
+        found, centres = cv2.findCirclesGrid(grey, size, flags=kind | method, blobDetector=_blob_detector(grey.size))
         if found:
             front = _in_front_order(centres.reshape(-1, 2).astype(float), size, asymmetric)
             return front if front is not None and not _is_part_of_larger_grid(front, blobs, size, asymmetric) else None

@@ -82,7 +82,8 @@ def _has_inked_squares(image: Grey, corners: Array, size: Size) -> bool:
     across = (np.arange(columns - 1)[:, None] + inner).ravel()
     down = (np.arange(rows - 1)[:, None] + inner).ravel()
     grid = corners.reshape(rows, columns, 2).astype(np.float32)
-    places = cv2.remap(grid, *(part.astype(np.float32) for part in np.meshgrid(across, down)), cv2.INTER_LINEAR)
+    samples = np.stack(np.meshgrid(across, down), axis=-1).astype(np.float32)
+    places = cv2.remap(grid, samples, None, cv2.INTER_LINEAR)
     levels = cv2.remap(to_8bit(image), places, None, cv2.INTER_LINEAR).astype(float)
     cells = levels.reshape(rows - 1, _SAMPLES, columns - 1, _SAMPLES).std(axis=(1, 3))
     parity = np.add.outer(np.arange(rows - 1), np.arange(columns - 1)) % 2

@@ -171,9 +171,10 @@ def _ends(grey: Bytes, grid: Array) -> bool:
 def _around(columns: int, rows: int) -> Array:
     """Places (n, 2) in the margin of a board with so many corners [squares]: opposite the middles of its squares."""
     along_x, along_y = np.arange(-1, columns) + 0.5, np.arange(-1, rows) + 0.5
-    sides = [(along_x, y) for y in (-_MARGIN_SQUARES, rows - 1 + _MARGIN_SQUARES)]
-    across = [(x, along_y) for x in (-_MARGIN_SQUARES, columns - 1 + _MARGIN_SQUARES)]
-    return np.concatenate([np.stack(np.broadcast_arrays(x, y), axis=-1) for x, y in (*sides, *across)])
+    low, high = -_MARGIN_SQUARES, np.array([columns, rows]) - 1 + _MARGIN_SQUARES
+    sides = [np.stack([along_x, np.full(columns + 1, y)], axis=-1) for y in (low, high[1])]
+    across = [np.stack([np.full(rows + 1, x), along_y], axis=-1) for x in (low, high[0])]
+    return np.concatenate([*sides, *across])
 
 
 def _levels(grey: Bytes, places: Array) -> Array:
@@ -223,4 +224,3 @@ def _asymmetric_grid(places: Index) -> Board | None:
         if min(rows, columns) >= 3 and (np.bincount(down) == columns).all():
             return Board("asymmetric_circles", (columns, rows))
     return None
-

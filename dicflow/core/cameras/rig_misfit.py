@@ -30,7 +30,8 @@ _MIN_GAIN = 3.0
 """Least ratio of the distances without and with an explanation."""
 _MIN_SHARE_IN_FRONT = 0.5
 _MAX_ASPECT_CHANGE = 0.01
-_STEPS, _DIFFERENCE_PX, _OUTLIER_PX = 30, 0.01, 1.5
+_STEPS, _DIFFERENCE_PX, _CONVERGED_PX = 50, 0.01, 1e-3
+_OUTLIER_SIGMAS, _MIN_OUTLIER_PX = 3.0, 0.1
 _PRIOR_PX, _PRIOR_NOISE_PX = 300.0, 1.0
 """Shifts that the points do not determine stay near the middle, with this standard deviation."""
 _MAX_SIGMA_PX = 10.0
@@ -182,12 +183,11 @@ def _shifted(rig: Rig, matched: Matched) -> Iterator[_Explanation]:
         yield _shift(rig, matched, sides, model, *_fitted_shift(rig, matched, model, start))
 
 
-def _fitted_shift(
-    rig: Rig, matched: Matched, model: Callable[[Array], Array], start: Array
-) -> tuple[Array, Array]:
+def _fitted_shift(rig: Rig, matched: Matched, model: Callable[[Array], Array], start: Array) -> tuple[Array, Array]:
     """Parameters (p,) of a model of the shifts that bring the points to their lines, and their σ [px].
 
-    model : parameters → shifts (2, 2) of the left and the right window. Gauss–Newton with Huber's weights.
+    model : parameters → shifts (2, 2) of the left and the right window. Gauss–Newton with the weights of Geman
+    and McClure (1987), whose scale follows the residuals.
     """
 
     def residual(parameters: Array) -> Array:
@@ -199,14 +199,19 @@ def _fitted_shift(
         error = residual(parameters)
         steps = _DIFFERENCE_PX * np.eye(len(parameters))
         slope = np.stack([(residual(parameters + step) - error) / _DIFFERENCE_PX for step in steps], axis=-1)
-        weight = np.minimum(1.0, _OUTLIER_PX / np.maximum(np.abs(error), 1e-9))
+        scale = max(_OUTLIER_SIGMAS * _sigma(error), _MIN_OUTLIER_PX)
+        weight = 1.0 / (1.0 + (error / scale) ** 2) ** 2
         normal = slope.T @ (weight[:, None] * slope) + prior * np.eye(len(parameters))
         step = np.linalg.solve(normal, slope.T @ (weight * error) + prior * (parameters - start))
         parameters = parameters - step
-        if np.abs(step).max() < _DIFFERENCE_PX:
+        if np.abs(step).max() < _CONVERGED_PX:
             break
-    noise = 1.4826 * float(np.median(np.abs(residual(parameters))))
-    return parameters, noise * np.sqrt(np.diag(np.linalg.inv(normal)))
+    return parameters, _sigma(residual(parameters)) * np.sqrt(np.diag(np.linalg.inv(normal)))
+
+
+def _sigma(error: Array) -> float:
+    """Standard deviation of normal errors (n,) from their median length."""
+    return 1.4826 * float(np.median(np.abs(error)))
 
 
 def _shift(

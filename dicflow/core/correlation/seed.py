@@ -41,7 +41,7 @@ BLUR_PX = 1.5
 ACCEPTED_CORRELATION, MIN_CORRELATION = 0.6, 0.3
 """Median correlation of those windows at which no further source is tried, and the least for any."""
 MAX_EPIPOLAR_PX, MIN_EPIPOLAR_SHARE, MIN_EPIPOLAR_PAIRS = 3.0, 0.6, 30
-"""Distance of a pair from the epipolar lines that most pairs share, least share of such pairs, and their least number."""
+"""Distance of a pair from the epipolar lines that most share, least share of such pairs, and their least number."""
 FEATURE_BORDER_PX = 64
 """Border around the points in which features are detected too [px]."""
 
@@ -254,7 +254,7 @@ def feature_pairs(reference: Grey, target: Grey, points: Array) -> Pairs:
 
 
 def epipolar_pairs(left: Grey, right: Grey, points: Array) -> Pairs:
-    """Matches of features around points (i, j, 2) that one epipolar geometry fits, whatever it is; none if they are few.
+    """Matches of features around points (i, j, 2) that fit one epipolar geometry, whatever it is; none if they are few.
 
     Photographs of different things, or with a repeating pattern, have false matches, which no geometry fits.
     """

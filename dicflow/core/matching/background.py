@@ -1,10 +1,11 @@
 """What stands still behind a specimen that moves: a patterned wall, a machine, a ruler.
 
-The motion from the first photograph to a later one is estimated everywhere. A part of the pattern that stands still while
-another part moves is background if the motion **jumps** at its border: the motion of the moving part, extrapolated from
-its neighbourhood to the border, is not zero there. The still end of a specimen, at its grip, differs: the motion beside
-it comes down to zero. Each still point belongs to the nearer of the two sorts of border. A still part without any border
-to a moving one, across bare surface, is background.
+The motion from the first photograph to a later one is estimated everywhere. A part of the pattern that stands still
+while another part moves is background if the motion **jumps** at its border: the motion of the moving part,
+extrapolated from its neighbourhood to the border, is not zero there. The still end of a specimen, at its grip, differs:
+the motion beside it comes down to zero. A still point is background if it lies outside the border with a jump that is
+nearest to it, continued straight where the motion ends, and not much nearer to a border without a jump. A still part
+without any border to a moving one, across bare surface, is background.
 """
 
 from __future__ import annotations
@@ -37,7 +38,7 @@ _MIN_CORRELATION = 0.7
 """Correlation of windows around corresponding points, from which their motion is known."""
 _DETECTOR = "SIFT"
 _BLURRED_PX, _REACH_PX = 10.0, 48.0
-"""Distances from the border between which the motion beside it is read: nearer it is mixed with that of the still part."""
+"""Distances from the border between which the motion beside it is read: nearer, it is mixed with the still one."""
 _MIN_SHARE_OF_JUMPS = 0.25
 _MIN_NEIGHBOURS = 12
 _NORMAL_REACH = 15
@@ -45,7 +46,7 @@ _NORMAL_REACH = 15
 _MAX_DETOUR_PX = 60.0
 """A border with a jump may be farther than one without by this much: beside a grip it begins where the motion does."""
 _BAND, _MAX_LOST_SHARE = 5, 0.02
-"""Width of a part of the pattern without a known motion [grid steps], and its share above which features are searched."""
+"""Width of a part of the pattern without a known motion [grid steps], and its share from which features are sought."""
 _MIN_PART_SHARE = 0.01
 """Least share of the pattern in a part that stands still, and in one that moves."""
 
@@ -98,7 +99,7 @@ def estimate_motion(first: Grey, later: Grey, textured: Mask, stride_px: int) ->
 
 def _dense_motion(before: Bytes, after: Bytes, places: Image, start: Image | None) -> Motion:
     """Motion at places (rows, cols, 2), from a start (height, width, 2) at every pixel [px]."""
-    search = cv2.DISOpticalFlow_create(cv2.DISOPTICAL_FLOW_PRESET_MEDIUM)
+    search = cv2.DISOpticalFlow.create(cv2.DISOPTICAL_FLOW_PRESET_MEDIUM)
     search.setUseSpatialPropagation(False)  # its result depends on the number of threads
     flow = search.calc(before, after, start)
     y, x = np.mgrid[: before.shape[0], : before.shape[1]].astype(np.float32)
@@ -154,7 +155,7 @@ def _borders(shift: Image, still: Mask, clear: Mask, stride_px: int) -> _Borders
         part = slice(top, i + reach + 1), slice(left, j + reach + 1)
         near = np.argwhere(clear[part]) + (top - i, left - j)
         if len(near) >= _MIN_NEIGHBOURS:
-            jumps[k], inward[k] = _is_jump(near, shift[part][clear[part]]), near.mean(axis=0)
+            jumps[k], inward[k] = _is_jump(near, shift[part][clear[part]].astype(np.float64)), near.mean(axis=0)
     known = np.isfinite(jumps)
     return _without_outliers(_Borders(edge[known], jumps[known] > 0.5, inward[known]), reach)
 
@@ -191,7 +192,9 @@ def _is_behind(borders: _Borders, shape: tuple[int, ...], stride_px: int) -> Mas
     if not len(jumps):
         return np.full(shape, not len(smooth))
     distance, nearest = cKDTree(jumps).query(points)
-    outside = np.sum((points - jumps[nearest]) * _normals(jumps, borders.inward[borders.jumps])[nearest], axis=-1) <= 1.0
+    outside = (
+        np.sum((points - jumps[nearest]) * _normals(jumps, borders.inward[borders.jumps])[nearest], axis=-1) <= 1.0
+    )
     to_smooth = cKDTree(smooth).query(points)[0] if len(smooth) else np.inf
     return np.asarray(outside & (distance <= to_smooth + _MAX_DETOUR_PX / stride_px))
 
@@ -207,7 +210,7 @@ def _normals(places: Array, inward: Array) -> Array:
 def _extrapolated(offsets: Array, shifts: Array) -> Array:
     """Motion (2,) at the origin of an affine field fitted to shifts (n, 2) at offsets (n, 2)."""
     design = np.column_stack([np.ones(len(offsets)), offsets])
-    return np.asarray(np.linalg.lstsq(design, shifts.astype(float), rcond=None)[0][0])
+    return np.asarray(np.linalg.lstsq(design, shifts, rcond=None)[0][0])
 
 
 def _distance(mask: Mask) -> Image:
@@ -218,7 +221,7 @@ def _distance(mask: Mask) -> Image:
 
 
 def _without_specks(mask: Mask) -> Mask:
-    return cv2.morphologyEx(mask.astype(np.uint8), cv2.MORPH_OPEN, np.ones((3, 3), np.uint8)) > 0
+    return np.asarray(cv2.morphologyEx(mask.astype(np.uint8), cv2.MORPH_OPEN, np.ones((3, 3), np.uint8)) > 0)
 
 
 def _reduced(grey: Bytes, scale: float) -> Bytes:
@@ -229,8 +232,6 @@ def _reduced(grey: Bytes, scale: float) -> Bytes:
 def _local_correlation(one: Bytes, other: Bytes) -> Image:
     """Zero-mean normalised cross-correlation of the windows around each pixel of two images."""
     a, b = one.astype(np.float32), other.astype(np.float32)
-    mean_a, mean_b, ab, aa, bb = (
-        cv2.blur(values, (_WINDOW_PX, _WINDOW_PX)) for values in (a, b, a * b, a * a, b * b)
-    )
+    mean_a, mean_b, ab, aa, bb = (cv2.blur(values, (_WINDOW_PX, _WINDOW_PX)) for values in (a, b, a * b, a * a, b * b))
     size = np.sqrt(np.maximum(aa - mean_a**2, 1e-3) * np.maximum(bb - mean_b**2, 1e-3))
     return np.asarray((ab - mean_a * mean_b) / size)
