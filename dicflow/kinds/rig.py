@@ -31,7 +31,6 @@ class CalibratedRig(Kind):
         covariance: np.ndarray | None = None,
         pairs: Sequence[Mapping[str, Any]] = (),
         coverage: Mapping[str, float] | None = None,
-        offset: Mapping[str, Sequence[float]] | None = None,
         program: str = "",
         warnings: Sequence[str] = (),
     ) -> Product:
@@ -41,8 +40,6 @@ class CalibratedRig(Kind):
         covariance : (24, 24) — of :data:`~dicflow.core.cameras.rig_parameters.PARAMETERS`; None if unknown
         pairs : for each pair of board photographs its name, whether it was used, and its errors [px]
         coverage : share of each camera's frame that the boards cover
-        offset : left and right → first pixel (x, y) of the camera's photographs in those of the boards [px]; None if
-            they are the same
         program : the one that wrote the calibration; "" for a calibration by dicflow
         """
         from dicflow.core.cameras.rig_parameters import PARAMETERS
@@ -52,8 +49,6 @@ class CalibratedRig(Kind):
             known |= {"parameters": list(PARAMETERS), "covariance": covariance.tolist()}
         if coverage is not None:
             known["coverage"] = dict(coverage)
-        if offset is not None:
-            known["offset"] = {side: list(place) for side, place in offset.items()}
         if program:
             known |= {"program": program, "warnings": list(warnings)}
         facts = {"rig": rig_to_json(rig), "pairs": [dict(pair) for pair in pairs], "verdict": verdict}
@@ -97,6 +92,15 @@ class CalibratedRig(Kind):
         """Share of each camera's frame that the boards cover; empty if unknown."""
         found: Mapping[str, float] = self.product.attrs.get("coverage", {})
         return found
+
+    def with_windows(self, rig: Rig, offset: Mapping[str, Sequence[float]]) -> Product:
+        """The product for windows of the cameras' sensors.
+
+        rig : for photographs of these windows
+        offset : left and right → first pixel (x, y) of these photographs in those of the boards [px]
+        """
+        places = {side: list(place) for side, place in offset.items()}
+        return Product("rig", {}, {**self.product.attrs, "rig": rig_to_json(rig), "offset": places})
 
     def offset(self, side: str) -> tuple[float, float]:
         """First pixel (x, y) of the left or right camera's photographs in those of the boards [px]."""

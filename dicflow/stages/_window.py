@@ -2,20 +2,18 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 from pydantic import BaseModel, ConfigDict
 
+from dicflow.engine.product import Product
+from dicflow.errors import StageError
 from dicflow.kinds.images import Images
+from dicflow.kinds.rig import CalibratedRig
 
-if TYPE_CHECKING:
-    from dicflow.core.cameras.camera import Rig
-
-__all__ = ["OFFSET", "Offset", "windowed_rig"]
+__all__ = ["OFFSET", "Offset", "with_windows"]
 
 OFFSET = (
-    "first pixel [x, y] of the photographs in those of the calibration, {left: [x, y], right: [x, y]}, where the window "
-    "of a camera's sensor was set smaller after the calibration"
+    "first pixel [x, y] of the photographs in those of the calibration, {left: [x, y], right: [x, y]}, where the "
+    "window of a camera's sensor was set smaller after the calibration"
 )
 
 Place = tuple[float, float]
@@ -30,14 +28,21 @@ class Offset(BaseModel):
     right: Place = (0.0, 0.0)
 
 
-def windowed_rig(rig: Rig, offset: Offset | None, images: Images | None) -> Rig:
-    """The rig for windows of the sensors as large as the photographs; the same rig without an offset."""
+def with_windows(rig: Product, offset: Offset | None, images: Product | None) -> Product:
+    """The rig for windows of the sensors that are as large as the photographs; the same rig without an offset.
+
+    Raises StageError without photographs.
+    """
     from dicflow.core.cameras.camera import windowed
 
-    if offset is None or images is None:
+    if offset is None:
         return rig
-    sizes = {side: (image.shape[1], image.shape[0]) for side, image in images.sides}
-    return rig._replace(
-        left=windowed(rig.left, offset.left, sizes["left"]),
-        right=windowed(rig.right, offset.right, sizes.get("right", sizes["left"])),
+    if images is None:
+        raise StageError("offset needs the photographs of the specimen; name their stage as 'images'")
+    found = CalibratedRig.read(rig)
+    cameras, photographs = found.cameras, Images.read(images)
+    left, right = (image.shape[::-1] for image in (photographs.left, photographs.right))
+    cameras = cameras._replace(
+        left=windowed(cameras.left, offset.left, left), right=windowed(cameras.right, offset.right, right)
     )
+    return found.with_windows(cameras, offset.model_dump())

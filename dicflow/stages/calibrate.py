@@ -9,9 +9,8 @@ from dicflow.engine.node import At, Millimetres, Node, Pixels, Port, Scope, para
 from dicflow.engine.product import Product
 from dicflow.errors import StageError
 from dicflow.kinds.boards import BoardMarks
-from dicflow.kinds.images import Images
 from dicflow.kinds.rig import CalibratedRig
-from dicflow.stages._window import OFFSET, Offset, windowed_rig
+from dicflow.stages._window import OFFSET, Offset, with_windows
 
 if TYPE_CHECKING:
     import numpy as np
@@ -74,8 +73,6 @@ class Calibrate(Node):
 
         boards = [BoardMarks.read(product) for product in corners]
         _check_sizes(boards)
-        if self.offset is not None and images is None:
-            raise StageError("offset needs the photographs of the specimen; name their stage as 'images'")
         target = _target(boards[0].board, self.square)
         seen = [k for k, board in enumerate(boards) if _is_seen_by_both(board, target)]
         if len(seen) < self.min_pairs:
@@ -86,14 +83,10 @@ class Calibrate(Node):
             left, right, target, (sizes["left"], sizes["right"]), model, self.max_error_px, self.min_pairs, self.loss
         )
         pairs = _pairs(calibration, seen, _names(corners), [board.reason for board in boards])
-        return self._product(calibration, pairs, (left, right), None if images is None else Images.read(images))
+        return with_windows(self._product(calibration, pairs, (left, right)), self.offset, images)
 
     def _product(
-        self,
-        calibration: Calibration,
-        pairs: list[dict[str, Any]],
-        corners: tuple[np.ndarray, np.ndarray],
-        images: Images | None,
+        self, calibration: Calibration, pairs: list[dict[str, Any]], corners: tuple[np.ndarray, np.ndarray]
     ) -> Product:
         """The rig, its covariance, the errors of each pair, and the verdict."""
         from dicflow.core.calibration.coverage import covered_area, verdict
@@ -102,13 +95,12 @@ class Calibrate(Node):
         areas = [covered_area(xy[calibration.used], one.size) for xy, one in zip(corners, cameras, strict=True)]
         coverage = {side: float(area.mean()) for side, area in zip(("left", "right"), areas, strict=True)}
         return CalibratedRig.write(
-            windowed_rig(calibration.rig, self.offset, images),
+            calibration.rig,
             verdict(calibration, areas, self.max_error_px, len(pairs)),
             _residuals(calibration, coverage) | _figures(calibration) | _known_distance(calibration, self.square),
             covariance=calibration.widened_covariance,
             pairs=pairs,
             coverage=coverage,
-            offset=None if self.offset is None else self.offset.model_dump(),
         )
 
 

@@ -67,16 +67,16 @@ class Selected(NamedTuple):
 class Region(Node):
     """Choose the region of interest on the first photograph: a rectangle, polygons with holes, a file, or auto.
 
-    If none of the three is given, the region is the largest speckled part of the image, without its openings and without
-    what stands still behind a specimen that moves, such as a speckled wall. That shows in a later photograph: of those
-    that follow the first one by 1, 2, 4, 8 and 16 steps, the first in which something has moved by 2 px or more. So
-    steps that are added to a test under way do not change its region, once something has moved. Where nothing moves,
-    everything stays. A still part that the motion of the specimen comes down to smoothly, such as its end at a grip, is
-    part of it. A part that stands still because the specimen is torn apart, or hangs slack, cannot be distinguished from
-    a wall; give the region then.
+    If none of the three is given, the region is the largest speckled part of the image, without its openings and
+    without what stands still behind a specimen that moves, such as a speckled wall. That shows in a later photograph:
+    of those that follow the first one by 1, 2, 4, 8 and 16 steps, the first in which something has moved by 2 px or
+    more. So the region of a test under way stays as it is, once something has moved. Where nothing moves, everything
+    stays. A still part that the motion of the specimen comes down to smoothly, such as its end at a grip, is part of
+    it. A part that stands still because the specimen is torn apart cannot be distinguished from a wall; give the region
+    then.
 
-    Pixels that do not count, such as transparent ones, are not in any region. The tracked transforms carry the region
-    to the later steps.
+    Pixels that do not count, such as transparent ones, are in no region. The tracked transforms carry the region to the
+    later steps.
     """
 
     title: ClassVar = "region of interest"
@@ -212,14 +212,13 @@ class Region(Node):
 
 def _background(photographs: Images, early: Iterable[Images], texture: Texture) -> np.ndarray:
     """Points (rows, cols) of the texture's grid that do not count, or stand still while something else moves."""
-    from dicflow.core.matching.background import estimate_motion, still_background
+    from dicflow.core.matching.background import still_background
     from dicflow.core.photographs.texture import speckled_points
 
-    stride, hidden = texture.stride_px, _hidden(photographs, texture)
+    hidden = _hidden(photographs, texture)
     seen = speckled_points(texture) & ~hidden
     for later in early:
-        motion = estimate_motion(photographs.left, later.left, seen, stride)
-        still = still_background(motion, seen, stride)
+        still = still_background(photographs.left, later.left, seen)
         if still is not None:
             return hidden | still
     return hidden

@@ -8,10 +8,10 @@ from typing import TYPE_CHECKING, Any, ClassVar, Literal
 
 from dicflow.engine.node import At, InputFile, Node, Port, Scope, parameter
 from dicflow.engine.product import Product
-from dicflow.errors import InputError, StageError
+from dicflow.errors import InputError
 from dicflow.kinds.images import Images
 from dicflow.kinds.rig import CalibratedRig
-from dicflow.stages._window import OFFSET, Offset, windowed_rig
+from dicflow.stages._window import OFFSET, Offset, with_windows
 
 if TYPE_CHECKING:
     from dicflow.io.calibrations.draft import Calibration
@@ -65,21 +65,20 @@ class RigFile(Node):
         from dicflow.io.calibrations.read import read_calibration
 
         photographs = None if images is None else Images.read(images)
-        if self.offset is not None and photographs is None:
-            raise StageError("offset needs the photographs of the specimen; name their stage as 'images'")
         calibration = read_calibration(file_path, *self._sizes(file_path, photographs))
         summary = _summary(calibration)
-        return CalibratedRig.write(
-            windowed_rig(calibration.rig, self.offset, photographs),
+        product = CalibratedRig.write(
+            calibration.rig,
             _verdict(file_path, calibration, summary),
             summary,
             covariance=calibration.covariance,
             program=calibration.program,
             warnings=calibration.warnings,
         )
+        return with_windows(product, self.offset, images)
 
     def _sizes(self, path: Path, images: Images | None) -> tuple[tuple[int, int], ...]:
-        """Sizes of the left and right photographs; none without photographs, or where they are windows of larger ones."""
+        """Sizes of the left and right photographs; none if there are none, or windows of larger ones."""
         if images is None or (self.offset is not None and self.check(path)["sized"]):
             return ()
         return tuple((image.shape[1], image.shape[0]) for _, image in images.sides)

@@ -24,6 +24,8 @@ _CELL_SHARE = 0.48
 _SMOOTHING_PX = 0.7
 _MIN_REDUCED_PX = 500
 _MIN_BLOB_AREA_PX2, _MAX_BLOB_AREA_SHARE = 20.0, 0.02
+_MAX_MISPLACED = 0.15
+"""Largest median distance of the circles from their places under a perspective view [spacings]: rows do not shift."""
 _MAX_GRID_OFFSET, _MAX_CONTINUED_SHARE = 0.2, 0.3
 
 
@@ -75,7 +77,11 @@ def find_circles(image: Grey, size: Size, asymmetric: bool = False) -> Array | N
     if located is None:
         return None
     points = circle_points(size, 1.0, asymmetric)[:, :2]
-    slopes = jacobian(_homography(points, located), points)
+    homography = _homography(points, located)
+    slopes = jacobian(homography, points)
+    misplaced = np.linalg.norm(apply_transform(homography, points) - located, axis=-1)
+    if np.median(misplaced / np.linalg.norm(slopes, axis=1).min(axis=-1)) > _MAX_MISPLACED:
+        return None
     nearest = np.sqrt(2.0) if asymmetric else 1.0
     ellipses = fit_ellipses(image, located, slopes * nearest)
     return ellipses.centres - eccentricity(ellipses, points)

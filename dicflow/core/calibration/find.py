@@ -54,8 +54,9 @@ def _find_charuco(image: Grey, board: Board) -> Found:
     if determines_pose(board_points(board.size, 1.0), seen):
         return Found(corners, board)
     other = identify_board(image)
-    if seen.any() and (other is None or other.dictionary == board.dictionary):
-        return Found(None, other, f"too few corners, {np.count_nonzero(seen)} of {len(seen)}")
+    alike = other is None or other.target != "charuco" or other._replace(marker=board.marker) == board
+    if seen.any() and alike:
+        return Found(None, board, f"too few corners, {np.count_nonzero(seen)} of {len(seen)}")
     return _another(other)
 
 

@@ -18,7 +18,7 @@ from dicflow.core.calibration.board import MARKER_COUNTS, Board
 from dicflow.core.calibration.charuco import marker_dictionary
 from dicflow.core.calibration.circles import detect_blobs
 from dicflow.core.calibration.lattice import lattice_places
-from dicflow.core.calibration.targets import SMALLEST_BOARD, board_size
+from dicflow.core.calibration.targets import SMALLEST_BOARD
 from dicflow.core.matching.transform import apply_transform, estimate_transform, transfer_error
 from dicflow.core.photographs.grey import to_8bit
 
@@ -39,6 +39,8 @@ _MARGIN_SQUARES = 1.4
 """Distance from the outermost corners at which a whole board has ended [squares]."""
 _MAX_MARGIN_CONTRAST = 0.35
 """Largest range of the grey levels in that margin, over the contrast of the squares."""
+_MIN_STEP = 0.4
+"""Least difference of two neighbouring squares, over the usual one."""
 _MIN_GAP_LEVEL = 0.7
 """Least level between circles, from ink 0 to paper 1: where squares touch, it is about a half."""
 
@@ -65,10 +67,8 @@ def identify_board(image: Grey, thorough: bool = True) -> Board | None:
     thorough : search for a checkerboard that is cut off or hardly shows, too, which takes ten times longer
     """
     grey = _reduced(to_8bit(image))
-    whole = marker_board(grey) or _circle_grid(grey) or _whole_checkerboard(grey)
-    if whole is None and thorough and (size := board_size(grey)) is not None:
-        return Board("checkerboard", size)
-    return whole
+    whole = marker_board(grey) or _circle_grid(grey) or _checkerboard(grey, thorough=False)
+    return _checkerboard(grey, thorough=True) if whole is None and thorough else whole
 
 
 def marker_board(grey: Bytes) -> Board | None:
@@ -90,13 +90,52 @@ def marker_board(grey: Bytes) -> Board | None:
     return best[1] if best else None
 
 
-def _whole_checkerboard(grey: Bytes) -> Board | None:
-    """The checkerboard that an image shows as a whole, with its margin; None where it may continue."""
-    found, corners, marks = cv2.findChessboardCornersSBWithMeta(grey, SMALLEST_BOARD, cv2.CALIB_CB_LARGER)
+def _checkerboard(grey: Bytes, thorough: bool) -> Board | None:
+    """The checkerboard that an image shows as a whole, with its margin; by a thorough search also the part of one."""
+    flags = cv2.CALIB_CB_LARGER | (cv2.CALIB_CB_EXHAUSTIVE | cv2.CALIB_CB_NORMALIZE_IMAGE if thorough else 0)
+    found, corners, marks = cv2.findChessboardCornersSBWithMeta(grey, SMALLEST_BOARD, flags)
     if not found:
         return None
-    grid = corners.reshape(*marks.shape, 2).astype(float)
-    return Board("checkerboard", (max(marks.shape), min(marks.shape))) if _ends(grey, grid) else None
+    squares = _Squares.seen(grey, corners.reshape(*marks.shape, 2).astype(float))
+    is_board = squares.alternate and (thorough or squares.end)
+    return Board("checkerboard", (max(marks.shape), min(marks.shape))) if is_board else None
+
+
+class _Squares(NamedTuple):
+    """Grey levels in the middles of squares.
+
+    inner : (rows, cols) — of those between the corners
+    margin : (n,) — on the paper around the board, if it ends there; NaN outside the photograph
+    """
+
+    inner: Array
+    margin: Array
+
+    @classmethod
+    def seen(cls, grey: Bytes, grid: Array) -> _Squares:
+        """The squares of a grid (i, j, 2) of corners [px]."""
+        rows, columns = grid.shape[:2]
+        places = np.stack(np.meshgrid(np.arange(columns), np.arange(rows)), axis=-1).reshape(-1, 2).astype(float)
+        to_image = estimate_transform("projective", places, grid.reshape(-1, 2))
+        cells = np.stack(np.meshgrid(np.arange(columns - 1) + 0.5, np.arange(rows - 1) + 0.5), axis=-1)
+        inner = _levels(grey, apply_transform(to_image, cells.reshape(-1, 2)))
+        return cls(
+            inner.reshape(rows - 1, columns - 1), _levels(grey, apply_transform(to_image, _around(columns, rows)))
+        )
+
+    @property
+    def alternate(self) -> bool:
+        """Whether black and white squares alternate: all neighbours differ about equally."""
+        sign = np.where(np.add.outer(*map(np.arange, self.inner.shape)) % 2 == 0, 1.0, -1.0)
+        across, down = np.diff(self.inner, axis=1) * sign[:, 1:], np.diff(self.inner, axis=0) * sign[1:]
+        step = np.concatenate([across.ravel(), down.ravel()])
+        usual = float(np.median(step))
+        return bool((step * np.sign(usual) > _MIN_STEP * abs(usual)).all())
+
+    @property
+    def end(self) -> bool:
+        """Whether the board ends on all sides, on paper of one brightness."""
+        return bool(np.isfinite(self.margin).all() and np.ptp(self.margin) < _MAX_MARGIN_CONTRAST * np.ptp(self.inner))
 
 
 def _reduced(grey: Bytes) -> Bytes:
@@ -155,17 +194,6 @@ def _fit_board(corners: Array, places: tuple[int, Index]) -> _Fit | None:
     side_px = float(np.median(np.linalg.norm(np.diff(corners[fitting], axis=1), axis=-1)))
     share *= 1.0 + 1.0 / side_px  # the detector's outlines run through the centres of the outermost dark pixels
     return _Fit(columns, int(squares[fitting, 1].max()) + 1, share, int(fitting.sum()))
-
-
-def _ends(grey: Bytes, grid: Array) -> bool:
-    """Whether the board around a grid (i, j, 2) of corners ends on all sides, on paper of one brightness."""
-    rows, columns = grid.shape[:2]
-    places = np.stack(np.meshgrid(np.arange(columns), np.arange(rows)), axis=-1).reshape(-1, 2).astype(float)
-    to_image = estimate_transform("projective", places, grid.reshape(-1, 2))
-    cells = np.stack(np.meshgrid(np.arange(columns - 1) + 0.5, np.arange(rows - 1) + 0.5), axis=-1)
-    inner = _levels(grey, apply_transform(to_image, cells.reshape(-1, 2)))
-    margin = _levels(grey, apply_transform(to_image, _around(columns, rows)))
-    return bool(np.isfinite(margin).all() and np.ptp(margin) < _MAX_MARGIN_CONTRAST * np.ptp(inner))
 
 
 def _around(columns: int, rows: int) -> Array:

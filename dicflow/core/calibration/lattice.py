@@ -15,25 +15,30 @@ __all__ = ["lattice_places"]
 _STEPS = ((1, 0), (-1, 0), (0, 1), (0, -1))
 _MAX_MISPLACED = 0.25
 """Largest distance of a point from where its neighbour predicts it, over the distance to that neighbour."""
-_NEAREST = 8
+_NEAREST, _STARTS = 8, 12
 
 
 def lattice_places(points: Array) -> Array:
-    """Whole-number places of points on the lattice that grows from the most central one.
+    """Whole-number places of points on a lattice; of several, on the largest that grows from one of the central points.
 
     From each point, neighbours are predicted by the two steps of the lattice there, which each neighbour found adapts.
 
     points : (n, 2) [px]
     Returns (n, 2); NaN for a point that is not on it. Neither the origin nor the directions are determined.
     """
-    places = np.full((len(points), 2), np.nan)
     if len(points) < 4:
-        return places
+        return np.full((len(points), 2), np.nan)
+    central = np.linalg.norm(points - np.median(points, axis=0), axis=1).argsort()[:_STARTS]
     tree = cKDTree(points)
-    start = int(np.linalg.norm(points - np.median(points, axis=0), axis=1).argmin())
+    return max((_grown(points, tree, int(start)) for start in central), key=lambda found: np.isfinite(found).sum())
+
+
+def _grown(points: Array, tree: cKDTree, start: int) -> Array:
+    """Places (n, 2) of points on the lattice that grows from one of them."""
+    places = np.full((len(points), 2), np.nan)
     basis = _first_basis(points, tree, start)
-    places[start] = 0.0
     waiting = deque([(start, basis)] if basis is not None else [])
+    places[start] = 0.0
     while waiting:
         here, steps = waiting.popleft()
         for step in _STEPS:

@@ -3,9 +3,9 @@
 The motion from the first photograph to a later one is estimated everywhere. A part of the pattern that stands still
 while another part moves is background if the motion **jumps** at its border: the motion of the moving part,
 extrapolated from its neighbourhood to the border, is not zero there. The still end of a specimen, at its grip, differs:
-the motion beside it comes down to zero. A still point is background if it lies outside the border with a jump that is
-nearest to it, continued straight where the motion ends, and not much nearer to a border without a jump. A still part
-without any border to a moving one, across bare surface, is background.
+the motion beside it comes down to zero. A still point is background if it is nearer to a border with a jump, which
+is continued straight where the motion ends. A still part without any border to a moving one, across bare surface, is
+background.
 """
 
 from __future__ import annotations
@@ -20,13 +20,18 @@ from dicflow.core.arrays import Array, Bytes, Grey, Image, Mask
 from dicflow.core.matching.features import detect
 from dicflow.core.matching.pairs import agreeing_matches, local_motion, match_features
 from dicflow.core.photographs.grey import to_8bit
+from dicflow.core.photographs.texture import speckle_size
 
-__all__ = ["MIN_MOTION_PX", "Motion", "estimate_motion", "still_background"]
+__all__ = ["MIN_MOTION_PX", "Motion", "estimate_motion", "still_background", "still_part"]
 
 
 MIN_MOTION_PX = 2.0
 """Motion that some part must reach, before anything can be said about the background."""
 _MAX_PIXELS = 2_000_000
+_COARSE_PX, _FINE_PX = 8.0, 5.0
+"""Diameter of speckles from which photographs are reduced, and what they are reduced to."""
+_GRID_PX = 4
+"""Distance of the points at which the motion is known; lengths without a unit are in these steps."""
 _STILL_PX, _MOVING_PX = 0.3, 0.9
 """A point that moves less is still; one that moves more certainly moves."""
 _MAX_SMOOTH_PX = 0.8
@@ -37,22 +42,24 @@ _WINDOW_PX = 15
 _MIN_CORRELATION = 0.7
 """Correlation of windows around corresponding points, from which their motion is known."""
 _DETECTOR = "SIFT"
-_BLURRED_PX, _REACH_PX = 10.0, 48.0
+_BLURRED, _REACH = 2.5, 12
 """Distances from the border between which the motion beside it is read: nearer, it is mixed with the still one."""
 _MIN_SHARE_OF_JUMPS = 0.25
 _MIN_NEIGHBOURS = 12
 _NORMAL_REACH = 15
-"""Points of a border from which its direction is estimated, in grid steps."""
-_MAX_DETOUR_PX = 60.0
+"""Distance of the points of a border from which its direction is estimated."""
+_MAX_DETOUR = 15.0
 """A border with a jump may be farther than one without by this much: beside a grip it begins where the motion does."""
-_BAND, _MAX_LOST_SHARE = 5, 0.02
-"""Width of a part of the pattern without a known motion [grid steps], and its share from which features are sought."""
+_SQUARE = np.ones((5, 5), np.uint8)
+"""The background of reduced photographs is wider by 2, the uncertainty of its border."""
+_MAX_LOST_SHARE = 0.02
+"""Share of the pattern, wider than 5, without a known motion, from which features are sought."""
 _MIN_PART_SHARE = 0.01
 """Least share of the pattern in a part that stands still, and in one that moves."""
 
 
 class Motion(NamedTuple):
-    """Motion from one photograph to another, on every ``stride``-th pixel.
+    """Motion from one photograph to another, at every fourth pixel.
 
     shift : (rows, cols, 2) [px]
     known : (rows, cols) bool — whether both photographs show the same there
@@ -75,26 +82,41 @@ class _Borders(NamedTuple):
     inward: Array
 
 
-def estimate_motion(first: Grey, later: Grey, textured: Mask, stride_px: int) -> Motion:
-    """Motion at the pixels (j, i) · stride of the first photograph, by dense inverse search (Kroeger et al., ECCV 2016).
+def still_background(first: Grey, later: Grey, textured: Mask) -> Mask | None:
+    """Points of the pattern that are background, (rows, cols) bool; None where the motion is too small to tell.
+
+    first, later : (height, width), of one size; large ones, and those of a coarse pattern, are reduced first, so that it
+        takes about a second
+    textured : (rows, cols) — points that show a pattern, on a grid over the whole photograph
+    """
+    scale = _working_scale(first, textured)
+    before, after = (_reduced(to_8bit(image), scale) for image in (first, later))
+    size = len(range(0, before.shape[1], _GRID_PX)), len(range(0, before.shape[0], _GRID_PX))
+    seen = cv2.resize(textured.astype(np.uint8), size, interpolation=cv2.INTER_NEAREST) > 0
+    found = still_part(estimate_motion(before, after, seen), seen)
+    if found is None:
+        return None
+    wide = cv2.dilate(found.astype(np.uint8), _SQUARE) if scale < 1.0 else found.astype(np.uint8)
+    return textured & (cv2.resize(wide, textured.shape[::-1], interpolation=cv2.INTER_NEAREST) > 0)
+
+
+def estimate_motion(first: Bytes, later: Bytes, textured: Mask) -> Motion:
+    """Motion at every fourth pixel of the first photograph, by dense inverse search (Kroeger et al. 2016).
 
     Parts that move too far for that search are found again from matches of features.
 
-    first, later : (rows, cols), of one size; large ones are reduced to two million pixels
     textured : points that show a pattern
     """
-    scale = min(1.0, float(np.sqrt(_MAX_PIXELS / first.size)))
-    before, after = (_reduced(to_8bit(image), scale) for image in (first, later))
-    rows, cols = (np.arange(0, side, stride_px, dtype=np.float32) for side in first.shape)
-    places = np.stack(np.meshgrid((cols + 0.5) * scale - 0.5, (rows + 0.5) * scale - 0.5), axis=-1)
-    motion = _dense_motion(before, after, places, None)
+    rows, cols = (np.arange(0, side, _GRID_PX, dtype=np.float32) for side in first.shape)
+    places = np.stack(np.meshgrid(cols, rows), axis=-1)
+    motion = _dense_motion(first, later, places, None)
     lost = textured & ~motion.known
-    inner = cv2.erode(lost.astype(np.uint8), np.ones((_BAND, _BAND), np.uint8))  # a band along the edges is always lost
+    inner = cv2.erode(lost.astype(np.uint8), _SQUARE)  # a band along the edges is always lost
     if np.count_nonzero(inner) > _MAX_LOST_SHARE * np.count_nonzero(textured):
-        again = _dense_motion(before, after, places, _motion_of_features(before, after, places, lost))
+        again = _dense_motion(first, later, places, _motion_of_features(first, later, places, lost))
         better = again.known & ~motion.known
         motion = Motion(np.where(better[..., None], again.shift, motion.shift), motion.known | again.known)
-    return Motion(motion.shift / np.float32(scale), motion.known)
+    return motion
 
 
 def _dense_motion(before: Bytes, after: Bytes, places: Image, start: Image | None) -> Motion:
@@ -126,8 +148,8 @@ def _motion_of_features(before: Bytes, after: Bytes, places: Image, lost: Mask) 
     return np.asarray(cv2.resize(motion.reshape(places.shape).astype(np.float32), size, interpolation=cv2.INTER_LINEAR))
 
 
-def still_background(motion: Motion, textured: Mask, stride_px: int) -> Mask | None:
-    """Points of the pattern that are background, (rows, cols) bool; None where the motion is too small to tell.
+def still_part(motion: Motion, textured: Mask) -> Mask | None:
+    """Points of the pattern that stand still behind a moving part, (rows, cols) bool; None where hardly anything moves.
 
     textured : (rows, cols) — points that show a pattern
     """
@@ -139,25 +161,25 @@ def still_background(motion: Motion, textured: Mask, stride_px: int) -> Mask | N
     still, moving = (_without_specks(seen & part) for part in (speed < _STILL_PX, speed > _MOVING_PX))
     if np.count_nonzero(still) < least:
         return np.zeros_like(textured)
-    clear = seen & (speed >= _STILL_PX) & (_distance(still) * stride_px > _BLURRED_PX)
-    behind = still & _is_behind(_borders(motion.shift, still, clear, stride_px), still.shape, stride_px)
+    clear = seen & (speed >= _STILL_PX) & (_distance(still) > _BLURRED)
+    behind = still & _is_behind(_borders(motion.shift, still, clear), still.shape)
     kept = (moving | still) & ~behind
-    return textured & (_distance(behind) < _distance(kept))
+    covered = np.where(seen, 0.0, np.median(speed[moving]) / _GRID_PX)  # the wall that the specimen moves over is lost
+    return textured & (_distance(behind) < _distance(kept) + covered)
 
 
-def _borders(shift: Image, still: Mask, clear: Mask, stride_px: int) -> _Borders:
+def _borders(shift: Image, still: Mask, clear: Mask) -> _Borders:
     """The borders of the still part, from the motion of clear points beside it."""
     edge = np.argwhere(still & (cv2.erode(still.astype(np.uint8), np.ones((3, 3), np.uint8)) == 0))
     jumps, inward = np.full(len(edge), np.nan), np.zeros((len(edge), 2))
-    reach = round(_REACH_PX / stride_px)
     for k, (i, j) in enumerate(edge):
-        top, left = max(i - reach, 0), max(j - reach, 0)
-        part = slice(top, i + reach + 1), slice(left, j + reach + 1)
-        near = np.argwhere(clear[part]) + (top - i, left - j)
+        top, left = max(i - _REACH, 0), max(j - _REACH, 0)
+        part = slice(top, i + _REACH + 1), slice(left, j + _REACH + 1)
+        near = np.argwhere(clear[part]) + np.array([top - i, left - j])
         if len(near) >= _MIN_NEIGHBOURS:
             jumps[k], inward[k] = _is_jump(near, shift[part][clear[part]].astype(np.float64)), near.mean(axis=0)
     known = np.isfinite(jumps)
-    return _without_outliers(_Borders(edge[known], jumps[known] > 0.5, inward[known]), reach)
+    return _without_outliers(_Borders(edge[known], jumps[known] > 0.5, inward[known]))
 
 
 def _is_jump(offsets: Array, shifts: Array) -> float:
@@ -172,20 +194,20 @@ def _is_jump(offsets: Array, shifts: Array) -> float:
     return 1.0 if share > _MIN_JUMP_SHARE else np.nan
 
 
-def _without_outliers(borders: _Borders, reach: int) -> _Borders:
-    """The borders, each point of the sort that most points around it are of; a few jumps in a long border are errors."""
+def _without_outliers(borders: _Borders) -> _Borders:
+    """The borders, each point of the sort of most points around it; a few jumps along a long border are errors."""
     if not len(borders.places):
         return borders
-    near = cKDTree(borders.places).query_ball_point(borders.places, reach)
+    near = cKDTree(borders.places).query_ball_point(borders.places, _REACH)
     jumps = np.array([borders.jumps[others].mean() > 0.5 for others in near])
     return borders._replace(jumps=jumps & (jumps.mean() >= _MIN_SHARE_OF_JUMPS))
 
 
-def _is_behind(borders: _Borders, shape: tuple[int, ...], stride_px: int) -> Mask:
-    """Points (rows, cols) on the outer side of the nearest border with a jump, unless one without is much nearer.
+def _is_behind(borders: _Borders, shape: tuple[int, ...]) -> Mask:
+    """Points (rows, cols) that are nearer to a border with a jump than to one without.
 
-    The outer side is told by the straight continuation of the border, so that the still end of a specimen is not taken
-    for the wall beside it.
+    The latter may also be nearer, by a little, for points on the outer side of the straight continuation of a border
+    with a jump: the wall beside the still end of a specimen.
     """
     points = np.stack(np.meshgrid(np.arange(shape[0]), np.arange(shape[1]), indexing="ij"), axis=-1)
     jumps, smooth = borders.places[borders.jumps], borders.places[~borders.jumps]
@@ -196,7 +218,7 @@ def _is_behind(borders: _Borders, shape: tuple[int, ...], stride_px: int) -> Mas
         np.sum((points - jumps[nearest]) * _normals(jumps, borders.inward[borders.jumps])[nearest], axis=-1) <= 1.0
     )
     to_smooth = cKDTree(smooth).query(points)[0] if len(smooth) else np.inf
-    return np.asarray(outside & (distance <= to_smooth + _MAX_DETOUR_PX / stride_px))
+    return np.asarray((distance <= to_smooth) | (outside & (distance <= to_smooth + _MAX_DETOUR)))
 
 
 def _normals(places: Array, inward: Array) -> Array:
@@ -222,6 +244,15 @@ def _distance(mask: Mask) -> Image:
 
 def _without_specks(mask: Mask) -> Mask:
     return np.asarray(cv2.morphologyEx(mask.astype(np.uint8), cv2.MORPH_OPEN, np.ones((3, 3), np.uint8)) > 0)
+
+
+def _working_scale(image: Grey, textured: Mask) -> float:
+    """Scale at which a photograph has two million pixels at most, and its speckles are not large [-]."""
+    scale = min(1.0, float(np.sqrt(_MAX_PIXELS / image.size)))
+    grey = _reduced(to_8bit(image), scale)
+    mask = cv2.resize(textured.astype(np.uint8), grey.shape[::-1], interpolation=cv2.INTER_NEAREST) > 0
+    speckle_px = speckle_size(grey, mask) if mask.any() else np.nan
+    return scale * _FINE_PX / speckle_px if speckle_px > _COARSE_PX else scale
 
 
 def _reduced(grey: Bytes, scale: float) -> Bytes:
