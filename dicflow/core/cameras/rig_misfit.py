@@ -67,9 +67,9 @@ class Misfit(NamedTuple):
     @property
     def text(self) -> str:
         """The result as a sentence."""
-        fits = f", with which they lie {self.explained_px:.2g} px from them" if np.isfinite(self.explained_px) else ""
+        fits = f", with which they lie {_length(self.explained_px)} from them" if np.isfinite(self.explained_px) else ""
         return (
-            f"the rig does not fit the photographs: {self.points} matched features lie {self.distance_px:.2g} px from "
+            f"the rig does not fit the photographs: {self.points} matched features lie {_length(self.distance_px)} from "
             f"their epipolar lines (median); {self.cause}{fits}; {self.remedy}"
         )
 
@@ -238,6 +238,10 @@ def _shift(
         matched.left + shift[0],
         matched.right + shift[1],
     )
+
+
+def _length(px: float) -> str:
+    return f"{px:.0f} px" if px >= 10.0 else f"{px:.2g} px"
 
 
 def _pixels(shift: Array, sigma: Array) -> str:
