@@ -69,8 +69,8 @@ class Misfit(NamedTuple):
         """The result as a sentence."""
         fits = f", with which they lie {_length(self.explained_px)} from them" if np.isfinite(self.explained_px) else ""
         return (
-            f"the rig does not fit the photographs: {self.points} matched features lie {_length(self.distance_px)} from "
-            f"their epipolar lines (median); {self.cause}{fits}; {self.remedy}"
+            f"the rig does not fit the photographs: {self.points} matched features lie {_length(self.distance_px)} "
+            f"from their epipolar lines (median); {self.cause}{fits}; {self.remedy}"
         )
 
 

@@ -85,8 +85,7 @@ class _Borders(NamedTuple):
 def still_background(first: Grey, later: Grey, textured: Mask) -> Mask | None:
     """Points of the pattern that are background, (rows, cols) bool; None where the motion is too small to tell.
 
-    first, later : (height, width), of one size; large ones, and those of a coarse pattern, are reduced first, so that it
-        takes about a second
+    first, later : (height, width), of one size; large ones, and those of a coarse pattern, are reduced first
     textured : (rows, cols) — points that show a pattern, on a grid over the whole photograph
     """
     scale = _working_scale(first, textured)
@@ -97,7 +96,7 @@ def still_background(first: Grey, later: Grey, textured: Mask) -> Mask | None:
     if found is None:
         return None
     wide = cv2.dilate(found.astype(np.uint8), _SQUARE) if scale < 1.0 else found.astype(np.uint8)
-    return textured & (cv2.resize(wide, textured.shape[::-1], interpolation=cv2.INTER_NEAREST) > 0)
+    return textured & np.asarray(cv2.resize(wide, textured.shape[::-1], interpolation=cv2.INTER_NEAREST) > 0)
 
 
 def estimate_motion(first: Bytes, later: Bytes, textured: Mask) -> Motion:
