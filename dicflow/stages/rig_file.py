@@ -78,10 +78,18 @@ class RigFile(Node):
         return with_windows(product, self.offset, images)
 
     def _sizes(self, path: Path, images: Images | None) -> tuple[tuple[int, int], ...]:
-        """Sizes of the left and right photographs; none if there are none, or windows of larger ones."""
+        """Sizes of the photographs that were calibrated with; those of windows reach to their far corners.
+
+        None without photographs, or where these are windows and the file gives the sizes.
+        """
         if images is None or (self.offset is not None and self.check(path)["sized"]):
             return ()
-        return tuple((image.shape[1], image.shape[0]) for _, image in images.sides)
+        offset = self.offset or Offset()
+        places = {"left": offset.left, "right": offset.right}
+        return tuple(
+            (image.shape[1] + round(places[side][0]), image.shape[0] + round(places[side][1]))
+            for side, image in images.sides
+        )
 
 
 def _summary(calibration: Calibration) -> dict[str, float]:

@@ -133,6 +133,39 @@ def test_a_pair_without_a_board_is_not_used(pairs):
     assert "11 of 12 pairs" in product.attrs["verdict"]
 
 
+@pytest.mark.parametrize("shown", [[0, 1, 2], [4, 13, 22, 31, 40, 49], [0, 1, 2, 3, 4, 5, 6, 7, 8, 22]])
+def test_a_pair_with_few_corners_is_not_used(pairs, shown):
+    """Three, a column, or a row and one more: they do not say where the board is."""
+    few = np.where(np.isin(np.arange(54), shown)[:, None], pairs[4]["left"], np.nan)
+    product = stage(tangential=True).run(corners=(*pairs[:4], corners(few, pairs[4]["right"]), *pairs[5:]))
+    assert product.attrs["pairs"][4] == {"name": "pair 5", "used": False, "reason": "too few corners"}
+    np.testing.assert_allclose(rig_from_json(product.attrs["rig"]).translation, RIG.translation, atol=1e-4)
+
+
+def test_two_cameras_of_different_size(pairs):
+    """A right camera whose sensor was read out in a window: its principal point moves, everything else stays."""
+    sizes = ((640, 480), (600, 440))
+    smaller = [corners(pair["left"], pair["right"] - [30.0, 20.0], sizes=sizes) for pair in pairs]
+    rig = rig_from_json(stage(tangential=True).run(corners=smaller).attrs["rig"])
+    assert (rig.left.size, rig.right.size) == sizes
+    np.testing.assert_allclose(rig.right.matrix[:2, 2], RIG.right.matrix[:2, 2] - [30.0, 20.0], atol=1e-3)
+    np.testing.assert_allclose(rig.translation, RIG.translation, atol=1e-4)
+
+
+def test_an_offset_moves_the_principal_points(pairs):
+    """The photographs of the specimen say how large the windows are."""
+    specimen = images(np.zeros((360, 480), np.uint8), np.zeros((400, 500), np.uint8))
+    whole = stage(tangential=True).run(corners=pairs)
+    product = stage(tangential=True, offset={"left": [80, 60], "right": [30, 20]}).run(corners=pairs, images=specimen)
+    rig, before = (rig_from_json(one.attrs["rig"]) for one in (product, whole))
+    assert (rig.left.size, rig.right.size) == ((480, 360), (500, 400))
+    np.testing.assert_allclose(rig.left.matrix[:2, 2], before.left.matrix[:2, 2] - [80.0, 60.0], rtol=1e-9)
+    np.testing.assert_allclose(rig.right.matrix[:2, 2], before.right.matrix[:2, 2] - [30.0, 20.0], rtol=1e-9)
+    np.testing.assert_allclose(rig.rotation, before.rotation, atol=1e-12)
+    with pytest.raises(StageError, match="offset needs the photographs"):
+        stage(offset={}).run(corners=pairs)
+
+
 def test_the_square_is_a_length_with_a_unit(pairs):
     product = Calibrate(stage="calibrate", square="1 cm", tangential=True).run(corners=tuple(pairs))
     np.testing.assert_allclose(rig_from_json(product.attrs["rig"]).translation, RIG.translation, atol=1e-4)

@@ -96,7 +96,7 @@ def still_background(first: Grey, later: Grey, textured: Mask) -> Mask | None:
     if found is None:
         return None
     wide = cv2.dilate(found.astype(np.uint8), _SQUARE) if scale < 1.0 else found.astype(np.uint8)
-    return textured & np.asarray(cv2.resize(wide, textured.shape[::-1], interpolation=cv2.INTER_NEAREST) > 0)
+    return np.asarray(textured & (cv2.resize(wide, textured.shape[::-1], interpolation=cv2.INTER_NEAREST) > 0))
 
 
 def estimate_motion(first: Bytes, later: Bytes, textured: Mask) -> Motion:
