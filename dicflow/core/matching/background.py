@@ -153,7 +153,7 @@ def still_part(motion: Motion, textured: Mask) -> Mask | None:
     textured : (rows, cols) — points that show a pattern
     """
     speed = np.linalg.norm(motion.shift, axis=-1)
-    seen = textured & motion.known
+    seen = _away_from_bare(textured) & motion.known
     least = max(_MIN_PART_SHARE * np.count_nonzero(textured), 1)
     if np.count_nonzero(_without_specks(seen & (speed > MIN_MOTION_PX))) < least:
         return None
@@ -239,6 +239,12 @@ def _distance(mask: Mask) -> Image:
     if not mask.any():
         return np.full(mask.shape, np.inf, dtype=np.float32)
     return np.asarray(cv2.distanceTransform((~mask).astype(np.uint8), cv2.DIST_L2, cv2.DIST_MASK_PRECISE))
+
+
+def _away_from_bare(textured: Mask) -> Mask:
+    """Points of the pattern at some distance from bare surface, beside which the motion is not known, gaps apart."""
+    closed = cv2.morphologyEx(textured.astype(np.uint8), cv2.MORPH_CLOSE, _SQUARE, iterations=2)
+    return textured & (cv2.erode(closed, _SQUARE, iterations=2) > 0)
 
 
 def _without_specks(mask: Mask) -> Mask:
