@@ -295,7 +295,7 @@ def _starts_from_epipolar_lines(cameras: Rig, view: _View) -> np.ndarray:
     try:
         partners = find_partners(cameras, view.images.left, view.images.right, seeds, window)
     except ValueError as error:
-        reason = misfit(cameras, view.images, places, 0.0) or "use the calibration of these cameras as they stand"
+        reason = misfit(cameras, view.images, places, 0.0) or "use the calibration of these cameras"
         raise StageError(f"the rig cannot be rectified: {error}; {reason}") from error
     return starting_warps(view.points["warp"], *right_of_left(partners, places))
 

@@ -67,7 +67,9 @@ def test_hidden_corners_leave_boards_in_their_places(loaded):
     calibrated = CalibratedRig.read(result.product("rig"))
     name = next(pair["name"] for pair in calibrated.pairs if pair["used"])
     whole = BoardMarks.read(result.product("corners", name))
-    parts = {side: np.where(np.arange(54)[:, None] % 5 == k, whole[side], np.nan) for k, side in enumerate(("left", "right"))}
+    parts = {
+        side: np.where(np.arange(54)[:, None] % 5 == k, whole[side], np.nan) for k, side in enumerate(("left", "right"))
+    }
     hidden = BoardMarks.read(BoardMarks.write(parts, {}, whole.board, whole.image_sizes))
     drawn, expected = (module._drawn(calibrated, {name: board}, 14.5) for board in (hidden, whole))
     assert "nan" not in json.dumps(drawn).lower()
@@ -86,7 +88,9 @@ def test_boards_of_windowed_cameras_stand_where_they_stood(loaded):
     small = rig._replace(left=windowed(rig.left, (30, 20), (300, 400)), right=windowed(rig.right, (10, 5), (300, 400)))
     windows = CalibratedRig.read(calibrated.with_windows(small, {"left": (30, 20), "right": (10, 5)}))
     _, _, above, _ = (one.shapes for one in module._drawn(windows, corners, 14.5))
-    whole = module._outline(module._board(next(iter(corners.values())), 14.5), next(iter(corners.values()))["left"], rig.left)
+    whole = module._outline(
+        module._board(next(iter(corners.values())), 14.5), next(iter(corners.values()))["left"], rig.left
+    )
     marks = next(iter(corners.values()))["left"] - windows.offset("left")
     board = module._board(next(iter(corners.values())), 14.5)
     np.testing.assert_allclose(module._outline(board, marks, small.left), whole, atol=1e-6)

@@ -58,6 +58,13 @@ def test_another_resolution(scale):
     assert found.explained_px < 0.3
 
 
+def test_another_resolution_and_the_cameras_exchanged():
+    half = RIG._replace(left=resized(RIG.left, (320, 240)), right=resized(RIG.right, (320, 240)))
+    found = explained(RIG, *seen(half)[::-1], ((320, 240), (320, 240)))
+    assert found.cause == "left and right photographs look swapped, and the photographs look scaled by 0.5"
+    assert found.remedy.startswith("exchange left and right, and ")
+
+
 def test_one_camera_in_another_resolution():
     half = resized(RIG.right, (320, 240))
     found = explained(RIG, *seen(RIG._replace(right=half)), ((640, 480), (320, 240)))
