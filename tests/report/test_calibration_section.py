@@ -62,7 +62,7 @@ def test_boards_stand_where_the_left_photographs_show_them(loaded):
 
 
 def test_hidden_corners_leave_boards_in_their_places(loaded):
-    """Of the corners that the left camera sees, ten say where the board is; of those that are hidden, nothing is drawn."""
+    """The corners that the left camera sees say where the board is; of those that are hidden, nothing is drawn."""
     result = loaded.result()
     calibrated = CalibratedRig.read(result.product("rig"))
     name = next(pair["name"] for pair in calibrated.pairs if pair["used"])

@@ -41,7 +41,7 @@ _MAX_SMOOTH_SHARE, _MIN_JUMP_SHARE = 0.25, 0.5
 _WINDOW_PX = 15
 _MIN_CORRELATION = 0.7
 """Correlation of windows around corresponding points, from which their motion is known."""
-_DETECTOR = "SIFT"
+_DETECTOR, _MAX_FEATURES = "ORB", 4000
 _BLURRED, _REACH = 2.5, 12
 """Distances from the border between which the motion beside it is read: nearer, it is mixed with the still one."""
 _MIN_SHARE_OF_JUMPS = 0.25
@@ -132,7 +132,7 @@ def _dense_motion(before: Bytes, after: Bytes, places: Image, start: Image | Non
 
 def _motion_of_features(before: Bytes, after: Bytes, places: Image, lost: Mask) -> Image | None:
     """Motion (height, width, 2) at every pixel, interpolated from features in the lost part; None with too few."""
-    one, other = (detect(image, _DETECTOR, upright=False) for image in (before, after))
+    one, other = (detect(image, _DETECTOR, upright=False, max_features=_MAX_FEATURES) for image in (before, after))
     found = match_features(one, other)
     source, target = one.xy[found[:, 0]].astype(float), other.xy[found[:, 1]].astype(float)
     row, col = (np.searchsorted(places[:, 0, 1], source[:, 1]) - 1, np.searchsorted(places[0, :, 0], source[:, 0]) - 1)
@@ -244,7 +244,7 @@ def _distance(mask: Mask) -> Image:
 def _away_from_bare(textured: Mask) -> Mask:
     """Points of the pattern at some distance from bare surface, beside which the motion is not known, gaps apart."""
     closed = cv2.morphologyEx(textured.astype(np.uint8), cv2.MORPH_CLOSE, _SQUARE, iterations=2)
-    return textured & (cv2.erode(closed, _SQUARE, iterations=2) > 0)
+    return np.asarray(textured & (cv2.erode(closed, _SQUARE, iterations=2) > 0))
 
 
 def _without_specks(mask: Mask) -> Mask:
