@@ -135,7 +135,7 @@ def _motion_of_features(before: Bytes, after: Bytes, places: Image, lost: Mask) 
     one, other = (detect(image, _DETECTOR, upright=False, max_features=_MAX_FEATURES) for image in (before, after))
     found = match_features(one, other)
     source, target = one.xy[found[:, 0]].astype(float), other.xy[found[:, 1]].astype(float)
-    row, col = (np.searchsorted(places[:, 0, 1], source[:, 1]) - 1, np.searchsorted(places[0, :, 0], source[:, 0]) - 1)
+    col, row = (source / _GRID_PX).astype(int).T
     inside = lost[row, col]
     source, target = source[inside], target[inside]
     keep = agreeing_matches(source, target)
@@ -161,7 +161,8 @@ def still_part(motion: Motion, textured: Mask) -> Mask | None:
     if np.count_nonzero(still) < least:
         return np.zeros_like(textured)
     clear = seen & (speed >= _STILL_PX) & (_distance(still) > _BLURRED)
-    behind = still & _is_behind(_borders(motion.shift, still, clear), still.shape)
+    borders = _borders(motion.shift, still, clear)
+    behind = still & (_is_behind(borders, still.shape) | _apart(still, borders, least))
     kept = (moving | still) & ~behind
     covered = np.where(seen, 0.0, np.median(speed[moving]) / _GRID_PX)  # the wall that the specimen moves over is lost
     return textured & (_distance(behind) < _distance(kept) + covered)
@@ -211,13 +212,21 @@ def _is_behind(borders: _Borders, shape: tuple[int, ...]) -> Mask:
     points = np.stack(np.meshgrid(np.arange(shape[0]), np.arange(shape[1]), indexing="ij"), axis=-1)
     jumps, smooth = borders.places[borders.jumps], borders.places[~borders.jumps]
     if not len(jumps):
-        return np.full(shape, not len(smooth))
+        return np.zeros(shape, dtype=bool)
     distance, nearest = cKDTree(jumps).query(points)
-    outside = (
-        np.sum((points - jumps[nearest]) * _normals(jumps, borders.inward[borders.jumps])[nearest], axis=-1) <= 1.0
-    )
+    normals = _normals(jumps, borders.inward[borders.jumps])[nearest]
+    outside = np.sum((points - jumps[nearest]) * normals, axis=-1) <= 1.0
     to_smooth = cKDTree(smooth).query(points)[0] if len(smooth) else np.inf
     return np.asarray((distance <= to_smooth) | (outside & (distance <= to_smooth + _MAX_DETOUR)))
+
+
+def _apart(still: Mask, borders: _Borders, least: float) -> Mask:
+    """Points (rows, cols) of still parts that have no border to a moving one, and at least so many points."""
+    count, parts = cv2.connectedComponents(cv2.morphologyEx(still.astype(np.uint8), cv2.MORPH_CLOSE, _SQUARE))
+    sizes = np.bincount(parts.ravel(), minlength=count)
+    apart = sizes >= least
+    apart[[0, *np.unique(parts[tuple(borders.places.T)])]] = False
+    return np.asarray(apart[parts])
 
 
 def _normals(places: Array, inward: Array) -> Array:

@@ -129,6 +129,17 @@ def test_a_still_part_across_bare_surface_is_background():
     assert_is(region_of(first, later), specimen)
 
 
+def test_a_held_specimen_beside_a_larger_part_that_stands_still():
+    """A machine across bare surface; the specimen's end at the grip stays, and the machine does not."""
+    held, machine = box(270, -999, 380, 999), box(-999, -999, 220, 999)
+    both = lambda x, y: held(x, y) | machine(x, y)  # noqa: E731
+    first, _ = photograph(shape=both, wall=False, seed=1)
+    stretched = lambda x, y: (x, np.where((x > 245) & (y > 90), 90 + (y - 90) / 1.05, y))  # noqa: E731
+    later, _ = photograph(stretched, both, wall=False, seed=2)
+    _, specimen = photograph(shape=held, wall=False)
+    assert_is(region_of(first, later), specimen, core_missed=0.05)
+
+
 def test_deeper_and_larger_photographs_have_the_same_background():
     first, specimen = photograph(shape=BLOCK, seed=1)
     later, _ = photograph(shift(3.3, -1.7), BLOCK, seed=2)
