@@ -27,8 +27,6 @@ RECOMPUTES = {
     "core.correlation": "correlate match stereo track triangulate",
     "core.matching": "calibrate corners correlate disparity displacement features match region stereo track "
     "triangulate",
-    "core.matching": "calibrate corners correlate disparity displacement features match region stereo track "
-    "triangulate",
     "core.photographs": "compare corners correlate disparity displacement features images probes reconstruct region "
     "stereo track triangulate",
     "core.probes": "frame probes",

@@ -258,7 +258,8 @@ def epipolar_pairs(left: Grey, right: Grey, points: Array) -> Pairs:
 
     Photographs of different things, or with a repeating pattern, have false matches, which no geometry fits.
     """
-    pairs, none = feature_pairs(left, right, points), Pairs(np.zeros((0, 2)), np.zeros((0, 2)))
+    none = Pairs(np.zeros((0, 2)), np.zeros((0, 2)))
+    pairs = feature_pairs(left, right, points) if np.isfinite(points).all(axis=-1).any() else none
     if len(pairs.source) < MIN_EPIPOLAR_PAIRS:
         return none
     cv2.setRNGSeed(0)
