@@ -153,7 +153,7 @@ def test_a_board_seen_in_no_pair(run, data):
     for path in (data / "boards").rglob("*.png"):
         repaint(path, lambda grey: np.full_like(grey, 90))
     run().refuses(
-        1, "rig: a board of 9 × 6 inner corners is seen in none of 8 pairs; show the whole board to both cameras"
+        1, "rig: a checkerboard of 9 × 6 inner corners is seen in none of 8 pairs; show the whole board to both cameras"
     )
 
 
@@ -167,7 +167,7 @@ def test_wrong_board_size(run, data):
     for path in sorted((data / "boards").rglob("board_0[2-7].png")):
         path.unlink()
     change(data, "size: [9, 6]", "size: [9, 5]")
-    run().refuses(1, "rig: a board of 9 × 5 inner corners is seen in none of 2 pairs", "set size to [9, 6]")
+    run().refuses(1, "rig: a checkerboard of 9 × 5 inner corners is seen in none of 2 pairs", "set size: [9, 6]")
 
 
 def test_boards_of_another_camera(run, data):

@@ -25,7 +25,8 @@ RECOMPUTES = {
     "core.cameras": "accumulate calibrate compare deformation disparity frame maps noise_floor probes reconstruct "
     "rectify region rig_file stereo triangulate undistort",
     "core.correlation": "correlate match stereo track triangulate",
-    "core.matching": "corners correlate disparity displacement features match stereo track triangulate",
+    "core.matching": "calibrate corners correlate disparity displacement features match region stereo track "
+    "triangulate",
     "core.photographs": "compare corners correlate disparity displacement features images probes reconstruct region "
     "stereo track triangulate",
     "core.probes": "frame probes",

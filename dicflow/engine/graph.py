@@ -25,7 +25,10 @@ _LATER = (
 )
 
 TaskInput = str | None | tuple[tuple[str, str], ...]
-"""What a port of a task is joined to: a task's name, nothing, or for ``At.ALL`` pairs (step, task's name)."""
+"""What a port of a task is joined to: a task's name, nothing, or for several steps pairs (step, task's name)."""
+
+_EARLY = (1, 2, 4, 8, 16)
+"""Steps after the first that ``At.EARLY`` takes."""
 
 
 @dataclass(frozen=True)
@@ -296,9 +299,13 @@ class _Joints:
         if source is None:
             return None
         if self.series[source] is None:
-            return ((source, source),) if port.at is At.ALL else source
+            return ((source, source),) if port.at is At.ALL else None if port.at is At.EARLY else source
         if port.at is At.ALL:
             return tuple((step, f"{source}/{step}") for step in self.steps[source])
+        if port.at is At.EARLY:
+            early = (self.offset[source] + after for after in _EARLY)
+            steps = self.all_steps[source]
+            return tuple((steps[k], f"{source}/{steps[k]}") for k in early if k < len(steps)) or None
         if port.at is At.FIRST:
             source_place = self.offset[source]
         elif place is None:

@@ -59,6 +59,9 @@ class At(StrEnum):
     """The first step, the reference."""
     ALL = "all"
     """A tuple of all steps in order, each read when it is first used."""
+    EARLY = "early"
+    """The same of a few steps after the first: those that follow it by 1, 2, 4, 8 and 16. Steps added later leave them
+    as they are."""
 
 
 @dataclass(frozen=True)
@@ -128,7 +131,8 @@ class Node(BaseModel):
 
     A subclass declares ``stage: Literal["its name"]`` and the class variables below. ``run`` is a pure function of the
     parameters and its keyword arguments: one per port of ``takes`` (a :class:`Product`, a tuple of them for
-    ``At.ALL``, or None), one per file that :meth:`steps` names, and one ``<field>_path`` per :data:`InputFile` given.
+    ``At.ALL`` and ``At.EARLY``, or None), one per file that :meth:`steps` names, and one ``<field>_path`` per
+    :data:`InputFile` given.
     It imports its chapters of ``core`` inside, so that planning a run loads no numerics.
     """
 
@@ -191,6 +195,10 @@ class Node(BaseModel):
         nodes : port → the stage that gives it
         Raises ConfigurationError that says which setting to change.
         """
+
+    def joins(self, port: str) -> bool:
+        """Whether an optional port is joined to a stage, with these parameters."""
+        return True
 
     def uses(self) -> tuple[str, ...]:
         """Code that :meth:`run` finds while it runs, beside what it imports: it counts as the stage's own.

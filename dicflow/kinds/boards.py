@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import TYPE_CHECKING, ClassVar
+from typing import TYPE_CHECKING, Any, ClassVar
 
+from dicflow.core.calibration.board import Board
 from dicflow.engine.product import Product
 from dicflow.kinds.kind import Kind, Layout, laid_out
 
@@ -27,25 +28,25 @@ class BoardMarks(Kind):
     def write(
         cls,
         marks: Mapping[str, np.ndarray],
-        seen: Mapping[str, Size | None],
-        target: str,
-        size: Size,
-        image_size: Size,
+        shown: Mapping[str, Board | None],
+        board: Board,
+        image_sizes: Mapping[str, Size],
+        reasons: Mapping[str, str] | None = None,
     ) -> Product:
         """A product of marks.
 
-        marks : left and right → (n, 2) — empty where the board is not seen, NaN for a hidden corner [px]
-        seen : left and right → columns and rows of the board that the photograph shows; None without a board
-        target : what the board shows: checkerboard, charuco, circles, asymmetric_circles
-        size : columns and rows of the expected marks
-        image_size : width and height of the photographs [px]
+        marks : left and right → (n, 2) — empty where the board is not found, NaN for a hidden corner [px]
+        shown : left and right → the board that the photograph shows; None if it shows no board that is recognised
+        board : the expected one
+        image_sizes : left and right → width and height of the photograph [px]
+        reasons : left and right → why the board is not found; "" or absent where it is
         """
         attrs = {
-            "target": target,
-            "size": list(size),
-            "image_size": list(image_size),
+            "board": _to_json(board),
+            "image_sizes": {side: list(size) for side, size in image_sizes.items()},
             "found": {side: len(xy) > 0 for side, xy in marks.items()},
-            "seen": {side: None if other is None else list(other) for side, other in seen.items()},
+            "shown": {side: None if other is None else _to_json(other) for side, other in shown.items()},
+            "reasons": {side: text for side, text in (reasons or {}).items() if text},
         }
         return Product("corners", laid_out(_LAYOUTS, marks), attrs)
 
@@ -59,27 +60,31 @@ class BoardMarks(Kind):
         return all(self.product.attrs["found"].values())
 
     @property
-    def others(self) -> Mapping[str, Size]:
-        """left and right → columns and rows of a board of another size in the photograph."""
-        return {
-            side: (other[0], other[1])
-            for side, other in self.product.attrs["seen"].items()
-            if other is not None and not self.is_found(side)
-        }
+    def others(self) -> Mapping[str, Board]:
+        """left and right → another board that the photograph shows in place of the expected one."""
+        shown = {side: _from_json(other) for side, other in self.product.attrs["shown"].items() if other is not None}
+        return {side: other for side, other in shown.items() if not self.is_found(side) and other != self.board}
 
     @property
-    def target(self) -> str:
-        """What the board shows: checkerboard, charuco, circles, asymmetric_circles."""
-        return str(self.product.attrs["target"])
+    def reason(self) -> str:
+        """Why a photograph has no marks; "" if all have."""
+        return "; ".join(f"{side}: {text}" for side, text in self.product.attrs["reasons"].items())
 
     @property
-    def size(self) -> Size:
-        """Columns and rows of the marks."""
-        columns, rows = self.product.attrs["size"]
-        return columns, rows
+    def board(self) -> Board:
+        """The expected board."""
+        return _from_json(self.product.attrs["board"])
 
     @property
-    def image_size(self) -> Size:
-        """Width and height of the photographs [px]."""
-        width, height = self.product.attrs["image_size"]
-        return width, height
+    def image_sizes(self) -> Mapping[str, Size]:
+        """left and right → width and height of the photograph [px]."""
+        return {side: (size[0], size[1]) for side, size in self.product.attrs["image_sizes"].items()}
+
+
+def _to_json(board: Board) -> dict[str, Any]:
+    return {**board._asdict(), "size": list(board.size)}
+
+
+def _from_json(values: Mapping[str, Any]) -> Board:
+    columns, rows = values["size"]
+    return Board(values["target"], (columns, rows), values["dictionary"], values["marker"])

@@ -130,5 +130,6 @@ def check_size(side: str, camera_size: tuple[int, int], size: tuple[int, int]) -
     if tuple(size) != tuple(camera_size):
         raise StageError(
             f"the {side} camera was calibrated on photographs of {camera_size[0]} × {camera_size[1]} px, but this one "
-            f"has {size[0]} × {size[1]} px; photograph the board with the settings used for the specimen"
+            f"has {size[0]} × {size[1]} px; photograph the board with the settings used for the specimen, or set "
+            "offset in the stage of the rig if the window of the sensor was set smaller since"
         )

@@ -93,6 +93,20 @@ class CalibratedRig(Kind):
         found: Mapping[str, float] = self.product.attrs.get("coverage", {})
         return found
 
+    def with_windows(self, rig: Rig, offset: Mapping[str, Sequence[float]]) -> Product:
+        """The product for windows of the cameras' sensors.
+
+        rig : for photographs of these windows
+        offset : left and right → first pixel (x, y) of these photographs in those of the boards [px]
+        """
+        places = {side: list(place) for side, place in offset.items()}
+        return Product("rig", {}, {**self.product.attrs, "rig": rig_to_json(rig), "offset": places})
+
+    def offset(self, side: str) -> tuple[float, float]:
+        """First pixel (x, y) of the left or right camera's photographs in those of the boards [px]."""
+        x, y = self.product.attrs.get("offset", {}).get(side, (0.0, 0.0))
+        return x, y
+
     @property
     def program(self) -> str:
         """Program that wrote the calibration; "" for dicflow."""

@@ -30,7 +30,13 @@ _SCOPES = {
     Scope.PAIR: "once per step but the first",
     Scope.TEST: "once for the test",
 }
-_STEPS = {At.SAME: "", At.PREVIOUS: "of the previous step", At.FIRST: "of the first step", At.ALL: "of all steps"}
+_STEPS = {
+    At.SAME: "",
+    At.PREVIOUS: "of the previous step",
+    At.FIRST: "of the first step",
+    At.ALL: "of all steps",
+    At.EARLY: "of a few early steps",
+}
 
 
 def list_lines(kinds: Mapping[str, type[Node]]) -> Iterator[str]:

@@ -188,11 +188,16 @@ def _inputs(
 ) -> dict[str, str]:
     """Port → stage for every input that is named or can be only one.
 
-    ``cloud_before`` and ``cloud_first`` are by default joined to the stage of ``cloud``.
+    ``cloud_before``, ``cloud_first`` and ``cloud_early`` are by default joined to the stage of ``cloud``.
     """
     takes, found = nodes[name].takes, dict[str, str]()
     for port_name, port in takes.items():
-        same = port_name.removesuffix("_before").removesuffix("_first")
+        same = port_name.removesuffix("_before").removesuffix("_first").removesuffix("_early")
+        if not nodes[name].joins(port_name):
+            if entry.get(port_name) is not None:
+                where = document.where(("stages", name, port_name))
+                problems.append(f"{where}: {name}.{port_name}: not used with these parameters; remove it")
+            continue
         if port.own:
             producer: str | None = name
         elif same != port_name and same in takes and port_name not in entry:

@@ -126,7 +126,7 @@ def _pairs(pairs: Sequence[Mapping[str, Any]]) -> list[dict[str, Any]]:
             "used": pair["used"],
             "bars": [(side, 100 * pair[f"{side}_px"] / longest) for side in _SIDES if "left_px" in pair],
             "errors": [number(pair.get(key), 2) for key in ("left_px", "right_px", "epipolar_px")],
-            "fate": "" if pair["used"] else "dropped" if "left_px" in pair else "board not found in both",
+            "fate": "" if pair["used"] else "dropped" if "left_px" in pair else pair["reason"],
         }
         for pair in pairs
     ]
@@ -151,31 +151,37 @@ def _drawings(context: Context, stage: str) -> list[Any]:
 def _drawn(calibrated: CalibratedRig, corners: Mapping[str, BoardMarks], square_mm: float) -> list[Drawing]:
     rig = calibrated.cameras
     used = {pair["name"]: pair["used"] for pair in calibrated.pairs}
-    seen = {name: board for name, board in corners.items() if board.is_found_by_both}
-    coverage = [_coverage(side, getattr(rig, side), seen, used) for side in _SIDES] if seen else []
-    outlines = {name: _outline(product, rig.left, square_mm) for name, product in seen.items()}
+    measured = {pair["name"] for pair in calibrated.pairs if "left_px" in pair}
+    seen = {name: board for name, board in corners.items() if name in measured}
+    marks = {side: {name: board[side] - calibrated.offset(side) for name, board in seen.items()} for side in _SIDES}
+    coverage = [_coverage(side, getattr(rig, side), marks[side], used) for side in _SIDES] if seen else []
+    outlines = {name: _outline(_board(board, square_mm), marks["left"][name], rig.left) for name, board in seen.items()}
     return [*coverage, *_views(rig, outlines, used)]
 
 
-def _coverage(side: str, camera: Camera, corners: Mapping[str, BoardMarks], used: Mapping[str, bool]) -> Drawing:
+def _coverage(side: str, camera: Camera, marks: Mapping[str, np.ndarray], used: Mapping[str, bool]) -> Drawing:
     """Places of the corners of all pairs in the frame of one camera."""
+    import numpy as np
+
     from dicflow.report.drawing import Shape, drawing
 
-    stride = 1 + sum(len(product[side]) for product in corners.values()) // _MOST_CORNERS
-    shapes = [
-        Shape(_kind("dots", used, name), name, product[side][::stride], False) for name, product in corners.items()
-    ]
+    seen = {name: xy[np.isfinite(xy[:, 0])] for name, xy in marks.items()}
+    stride = 1 + sum(map(len, seen.values())) // _MOST_CORNERS
+    shapes = [Shape(_kind("dots", used, name), name, xy[::stride], False) for name, xy in seen.items()]
     width, height = camera.size
     return drawing(f"Corners, {side} camera", ("x [px]", "y [px]"), (0, 0, width, height), shapes)
 
 
-def _outline(corners: BoardMarks, camera: Camera, square_mm: float) -> np.ndarray:
-    """The corners of a board's outline (4, 3) in the left camera's frame [mm], from its photograph alone."""
+def _outline(board: np.ndarray, marks: np.ndarray, camera: Camera) -> np.ndarray:
+    """The corners of a board's outline (4, 3) in the left camera's frame [mm], from its left photograph alone.
+
+    board : (m, 3) — its marks [mm]; marks : (m, 2) [px], NaN where not seen
+    """
     import cv2
     import numpy as np
 
-    board = _board(corners, square_mm)
-    _found, turn, place = cv2.solvePnP(board, corners["left"], camera.matrix, camera.distortion)
+    seen = np.isfinite(marks[:, 0])
+    _found, turn, place = cv2.solvePnP(board[seen], marks[seen], camera.matrix, camera.distortion)
     (x0, y0, _), (x1, y1, _) = board.min(axis=0), board.max(axis=0)
     outline = np.array([[x0, y0, 0], [x1, y0, 0], [x1, y1, 0], [x0, y1, 0]])
     return np.asarray(outline @ cv2.Rodrigues(turn)[0].T + place.T)
@@ -186,7 +192,7 @@ def _board(corners: BoardMarks, square_mm: float) -> np.ndarray:
     from dicflow.core.calibration.circles import circle_target
     from dicflow.core.calibration.targets import board_points
 
-    target, (columns, rows) = corners.target, corners.size
+    target, (columns, rows), *_markers = corners.board
     if target in ("circles", "asymmetric_circles"):
         return circle_target((columns, rows), square_mm, asymmetric=target == "asymmetric_circles").points
     return board_points((columns, rows), square_mm)

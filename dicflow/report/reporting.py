@@ -206,7 +206,7 @@ def _target(facts: _Facts, square_mm: float) -> str:
     product = facts.product("corners")
     if product is None:
         return f"not yet seen; spacing {square_mm:g} mm"
-    board = BoardMarks.read(product)
+    board = BoardMarks.read(product).board
     return f"{board.target}, {board.size[0]} × {board.size[1]}, {square_mm:g} mm"
 
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections import Counter
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any, ClassVar, Literal
 
@@ -11,18 +10,31 @@ from dicflow.engine.product import Product
 from dicflow.errors import StageError
 from dicflow.kinds.boards import BoardMarks
 from dicflow.kinds.rig import CalibratedRig
+from dicflow.stages._window import OFFSET, Offset, with_windows
 
 if TYPE_CHECKING:
     import numpy as np
 
+    from dicflow.core.calibration.board import Board
     from dicflow.core.calibration.calibrate import Calibration
     from dicflow.core.calibration.targets import Target
 
 __all__ = ["Calibrate"]
 
+_GRID_ADVICE = "check its size, and show the whole grid with white around it to both cameras, evenly lit and sharp"
+_ADVICE = {
+    "checkerboard": "show the whole board to both cameras, evenly lit and sharp",
+    "charuco": "check its dictionary and marker, and show a good part of it, evenly lit and sharp",
+    "circles": _GRID_ADVICE,
+    "asymmetric_circles": _GRID_ADVICE,
+}
+"""What to do if no pair shows the board."""
+
 
 class Calibrate(Node):
     """Calibrate both cameras and their relative pose.
+
+    With ``offset``, the photographs of the specimen (``images``) say how large the windows of the sensors are.
 
     Pairs above ``max_error_px`` are dropped one at a time, the worst first, and the rig is solved again. Left and
     right orders of the corners of a board that looks the same turned by 180° are reconciled.
@@ -30,7 +42,10 @@ class Calibrate(Node):
 
     title: ClassVar = "calibrate the rig"
     scope: ClassVar = Scope.RIG
-    takes: ClassVar = {"corners": Port("corners", at=At.ALL)}
+    takes: ClassVar = {
+        "corners": Port("corners", at=At.ALL),
+        "images": Port("images", at=At.FIRST, optional=True),
+    }
     gives: ClassVar = "rig"
     impl_version: ClassVar = 2
 
@@ -44,9 +59,13 @@ class Calibrate(Node):
     loss: Literal["squares", "huber", "cauchy"] = parameter(
         "squares", "how residuals count; huber and cauchy let single bad corners count less"
     )
+    offset: Offset | None = parameter(None, OFFSET, unit="px")
     min_pairs: int = parameter(8, "no pair is dropped when only this many remain, and none is solved with fewer", ge=3)
 
-    def run(self, corners: Sequence[Product]) -> Product:
+    def joins(self, port: str) -> bool:
+        return port != "images" or self.offset is not None
+
+    def run(self, corners: Sequence[Product], images: Product | None = None) -> Product:
         import numpy as np
 
         from dicflow.core.calibration.bundle import LensModel
@@ -54,32 +73,33 @@ class Calibrate(Node):
 
         boards = [BoardMarks.read(product) for product in corners]
         _check_sizes(boards)
-        seen = [k for k, board in enumerate(boards) if board.is_found_by_both]
+        target = _target(boards[0].board, self.square)
+        seen = [k for k, board in enumerate(boards) if _is_seen_by_both(board, target)]
         if len(seen) < self.min_pairs:
             raise StageError(_too_few(boards, seen, self.min_pairs))
         left, right = (np.stack([boards[k][side] for k in seen]) for side in ("left", "right"))
-        model = LensModel(self.radial, self.tangential)
-        target = _target(boards[0].target, boards[0].size, self.square)
-        image_size = boards[0].image_size
+        model, sizes = LensModel(self.radial, self.tangential), boards[0].image_sizes
         calibration = calibrate_rig(
-            left, right, target, image_size, model, self.max_error_px, self.min_pairs, self.loss
+            left, right, target, (sizes["left"], sizes["right"]), model, self.max_error_px, self.min_pairs, self.loss
         )
-        return self._product(calibration, seen, _names(corners), (left, right))
+        pairs = _pairs(calibration, seen, _names(corners), [board.reason for board in boards])
+        return with_windows(self._product(calibration, pairs, (left, right)), self.offset, images)
 
     def _product(
-        self, calibration: Calibration, seen: list[int], names: Sequence[str], corners: tuple[np.ndarray, np.ndarray]
+        self, calibration: Calibration, pairs: list[dict[str, Any]], corners: tuple[np.ndarray, np.ndarray]
     ) -> Product:
         """The rig, its covariance, the errors of each pair, and the verdict."""
         from dicflow.core.calibration.coverage import covered_area, verdict
 
-        areas = [covered_area(side[calibration.used], calibration.rig.left.size) for side in corners]
+        cameras = calibration.rig.left, calibration.rig.right
+        areas = [covered_area(xy[calibration.used], one.size) for xy, one in zip(corners, cameras, strict=True)]
         coverage = {side: float(area.mean()) for side, area in zip(("left", "right"), areas, strict=True)}
         return CalibratedRig.write(
             calibration.rig,
-            verdict(calibration, areas, self.max_error_px, len(names)),
+            verdict(calibration, areas, self.max_error_px, len(pairs)),
             _residuals(calibration, coverage) | _figures(calibration) | _known_distance(calibration, self.square),
             covariance=calibration.widened_covariance,
-            pairs=_pairs(calibration, seen, names),
+            pairs=pairs,
             coverage=coverage,
         )
 
@@ -88,47 +108,53 @@ def _check_sizes(boards: Sequence[BoardMarks]) -> None:
     """Raise StageError if the photographs differ in size, or are of one camera."""
     if any("right" not in board for board in boards):
         raise StageError("a rig needs board photographs of two cameras, found only left ones; add 'right' to them")
-    first = boards[0].image_size
+    first = boards[0].image_sizes
     for k, board in enumerate(boards):
-        if board.image_size != first:
-            raise StageError(
-                "all board photographs must have one size, but pair 1 has {} × {} px and pair {} has {} × {}; "
-                "remove those of another size".format(*first, k + 1, *board.image_size)
-            )
+        for side, size in board.image_sizes.items():
+            if size != first[side]:
+                raise StageError(
+                    "all board photographs of a camera must have one size, but the {} one of pair 1 has {} × {} px and "
+                    "that of pair {} has {} × {}; remove those of another size".format(side, *first[side], k + 1, *size)
+                )
 
 
-def _target(kind: str, size: tuple[int, int], square_mm: float) -> Target:
+def _target(board: Board, square_mm: float) -> Target:
     from dicflow.core.calibration.charuco import charuco_target
     from dicflow.core.calibration.circles import circle_target
     from dicflow.core.calibration.targets import checkerboard_target
 
-    if kind in ("circles", "asymmetric_circles"):
-        return circle_target(size, square_mm, asymmetric=kind == "asymmetric_circles")
-    return charuco_target(size, square_mm) if kind == "charuco" else checkerboard_target(size, square_mm)
+    if board.target in ("circles", "asymmetric_circles"):
+        return circle_target(board.size, square_mm, asymmetric=board.target == "asymmetric_circles")
+    return (charuco_target if board.target == "charuco" else checkerboard_target)(board.size, square_mm)
+
+
+def _is_seen_by_both(board: BoardMarks, target: Target) -> bool:
+    """Whether both photographs show enough marks of the board to determine its pose."""
+    import numpy as np
+
+    from dicflow.core.calibration.targets import determines_pose
+
+    sides = ("left", "right")
+    return board.is_found_by_both and all(determines_pose(target.points, np.isfinite(board[s][:, 0])) for s in sides)
 
 
 def _too_few(boards: Sequence[BoardMarks], seen: list[int], needed: int) -> str:
-    """The message for too few pairs with the board; it names the size of another board in them."""
-    expected, hint = _expected(boards[0].target, boards[0].size)
-    others = Counter(other for board in boards for other in board.others.values())
+    """The message for too few pairs with the board; it names another board that they show."""
+    from dicflow.core.calibration.board import common_board
+
+    expected = boards[0].board
+    others = [other for board in boards for other in board.others.values()]
+    hint = _ADVICE[expected.target]
     if others:
-        (columns, rows), count = others.most_common(1)[0]
-        hint = f"{count} photographs show one of {columns} × {rows}: set size to [{columns}, {rows}]"
+        other, count = common_board(others)
+        photographs = "1 photograph shows" if count == 1 else f"{count} photographs show"
+        hint = f"{photographs} {other.text}: set {other.settings(expected)}"
     if not seen:
-        return f"{expected} is seen in none of {len(boards)} pairs; {hint}"
-    return f"{expected} is seen by both cameras in {len(seen)} of {len(boards)} pairs, and {needed} are needed; {hint}"
-
-
-def _expected(target: str, size: Sequence[int]) -> tuple[str, str]:
-    """The target in words, and what to do if no pair shows it."""
-    board = "a board of {} × {} inner corners".format(*size)
-    if target == "charuco":
-        return f"ChArUco: {board}", "check its dictionary and marker, and show a good part of it, evenly lit and sharp"
-    if target == "checkerboard":
-        return board, "show the whole board to both cameras, evenly lit and sharp"
-    kind = "an asymmetric grid" if target == "asymmetric_circles" else "a grid"
-    hint = "check its size, and show the whole grid with white around it to both cameras, evenly lit and sharp"
-    return f"{kind} of {size[0]} × {size[1]} circles", hint
+        return f"{expected.text} is seen in none of {len(boards)} pairs; {hint}"
+    return (
+        f"{expected.text} is seen by both cameras in {len(seen)} of {len(boards)} pairs, and {needed} are needed; "
+        f"{hint}"
+    )
 
 
 def _names(corners: Sequence[Product]) -> Sequence[str]:
@@ -136,12 +162,16 @@ def _names(corners: Sequence[Product]) -> Sequence[str]:
     return getattr(corners, "steps", None) or [f"pair {k + 1}" for k in range(len(corners))]
 
 
-def _pairs(calibration: Calibration, seen: list[int], names: Sequence[str]) -> list[dict[str, Any]]:
-    """One entry per board pair, in order; without errors if a camera does not see the board.
+def _pairs(
+    calibration: Calibration, seen: list[int], names: Sequence[str], reasons: Sequence[str]
+) -> list[dict[str, Any]]:
+    """One entry per board pair, in order; a reason in place of errors if a camera does not see the board.
 
     The epipolar distance is None if the cameras see different parts of a board.
     """
     pairs: list[dict[str, Any]] = [{"name": name, "used": False} for name in names]
+    for k in set(range(len(names))) - set(seen):
+        pairs[k]["reason"] = reasons[k] or "too few corners"
     for k, used, turned, (left, right), epipolar in zip(
         seen, calibration.used, calibration.turned, calibration.error_px, calibration.epipolar_px, strict=True
     ):

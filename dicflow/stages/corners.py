@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal, Self
+from typing import TYPE_CHECKING, Annotated, ClassVar, Literal, Self
 
 from pydantic import Field, model_validator
 
+from dicflow.core.calibration.board import MARKER_COUNTS, Board
 from dicflow.engine.node import Node, Port, Scope, parameter
 from dicflow.engine.product import Product
-from dicflow.errors import StageError
 from dicflow.kinds.boards import BoardMarks
 from dicflow.kinds.images import Images
 
@@ -23,28 +23,21 @@ Dictionary = Literal[
     "6x6_50", "6x6_100", "6x6_250", "6x6_1000", "7x7_50", "7x7_100", "7x7_250", "7x7_1000",
     "aruco_original", "apriltag_16h5", "apriltag_25h9", "apriltag_36h10", "apriltag_36h11",
 ]  # fmt: skip
-OTHER_MARKERS = {
-    "aruco_original": 1024,
-    "apriltag_16h5": 30,
-    "apriltag_25h9": 35,
-    "apriltag_36h10": 2320,
-    "apriltag_36h11": 587,
-}
-"""Number of markers in each dictionary whose name does not state it."""
 
 
 class Corners(Node):
     """Find the target in the photographs of both cameras, to a few hundredths of a pixel.
 
-    A photograph without a target of this size has no corners, which is not an error; ``seen`` is then the size of
-    another checkerboard in it, if any. Of a ChArUco board any part may be seen; the other corners are NaN.
+    A photograph without this target has no corners, which is not an error; ``shown`` is then the board that it does
+    show, if any. Of a ChArUco board any part may be seen, and its first square may be black or white; the corners that
+    are not seen are NaN.
     """
 
     title: ClassVar = "find board corners"
     scope: ClassVar = Scope.STEP
     takes: ClassVar = {"images": Port("images")}
     gives: ClassVar = "corners"
-    impl_version: ClassVar = 2
+    impl_version: ClassVar = 3
 
     stage: Literal["corners"] = "corners"
     size: tuple[Count, Count] = parameter(
@@ -69,61 +62,37 @@ class Corners(Node):
         if self.target == "charuco" and len(given) < 2:
             raise ValueError("target charuco needs the dictionary of its markers and marker, a marker's side over a "
                              "square's")  # fmt: skip
-        if self.dictionary is not None and _markers_needed(self.size) > _markers_in(self.dictionary):
+        if self.dictionary is not None and _markers_needed(self.size) > MARKER_COUNTS[self.dictionary]:
             raise ValueError(
                 "a board of {} × {} inner corners has {} markers, more than the {} of dictionary {}; name the "
                 "dictionary of the printed board".format(
-                    *self.size, _markers_needed(self.size), _markers_in(self.dictionary), self.dictionary
+                    *self.size, _markers_needed(self.size), MARKER_COUNTS[self.dictionary], self.dictionary
                 )
             )
         return self
 
     def run(self, images: Product) -> Product:
-        photographs = Images.read(images)
-        sizes = {side: image.shape[::-1] for side, image in photographs.sides}
-        if len(set(sizes.values())) > 1:
-            raise StageError(
-                "the photographs of a board must have one size, but the left one has {} × {} px and the right one "
-                "{} × {}; use the cameras as they were set for the specimen".format(*sizes["left"], *sizes["right"])
-            )
-        boards = {side: self._find(image) for side, image in photographs.sides}
+        from dicflow.core.calibration.find import find_marks
+
+        photographs = dict(Images.read(images).sides)
+        board = Board(self.target, self.size, self.dictionary, self.marker)
+        found = {side: find_marks(image, board) for side, image in photographs.items()}
         return BoardMarks.write(
-            {side: marks for side, (marks, _) in boards.items()},
-            {side: seen for side, (_, seen) in boards.items()},
-            self.target,
-            self.size,
-            photographs.size,
+            {side: _or_none(one.marks) for side, one in found.items()},
+            {side: one.shown for side, one in found.items()},
+            board,
+            {side: (image.shape[1], image.shape[0]) for side, image in photographs.items()},
+            {side: one.reason for side, one in found.items()},
         )
 
-    def _find(self, image: np.ndarray) -> tuple[np.ndarray, tuple[int, int] | None]:
-        """Corners (n or 0, 2) and the size of the board in the photograph."""
-        import numpy as np
 
-        from dicflow.core.calibration.targets import board_size
+def _or_none(marks: np.ndarray | None) -> np.ndarray:
+    """The marks, or none of them (0, 2)."""
+    import numpy as np
 
-        corners = self._marks(image)
-        if corners is not None:
-            return corners, self.size
-        return np.empty((0, 2)), board_size(image) if self.target == "checkerboard" else None
-
-    def _marks(self, image: Any) -> np.ndarray | None:
-        from dicflow.core.calibration.charuco import Markers, find_charuco
-        from dicflow.core.calibration.circles import find_circles
-        from dicflow.core.calibration.targets import find_board
-
-        if self.target == "checkerboard":
-            return find_board(image, self.size)
-        if self.target == "charuco":
-            assert self.dictionary is not None
-            assert self.marker is not None
-            return find_charuco(image, self.size, Markers(self.dictionary, self.marker))
-        return find_circles(image, self.size, asymmetric=self.target == "asymmetric_circles")
+    return np.empty((0, 2)) if marks is None else marks
 
 
 def _markers_needed(size: tuple[int, int]) -> int:
     """Markers on a board, one in each white square."""
     return (size[0] + 1) * (size[1] + 1) // 2
-
-
-def _markers_in(dictionary: str) -> int:
-    return OTHER_MARKERS[dictionary] if dictionary in OTHER_MARKERS else int(dictionary.split("_")[1])

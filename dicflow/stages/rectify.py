@@ -31,7 +31,7 @@ class Rectify(Node):
         try:
             view = rectification(cameras)
         except ValueError as error:
-            raise StageError(f"the rig cannot be rectified: {error}; calibrate again") from error
+            raise StageError(f"the rig cannot be rectified: {error}; use the calibration of these cameras") from error
         ways = {
             "left": (cameras.left, view.rotation_left, view.matrix_left, view.size),
             "right": (cameras.right, view.rotation_right, view.matrix_right, view.size),

@@ -15,12 +15,13 @@ from dicflow.kinds.region import Region as RegionProduct
 from dicflow.kinds.rig import CalibratedRig
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Sequence
+    from collections.abc import Callable, Iterable, Sequence
 
     import numpy as np
 
     from dicflow.core.cameras.camera import Rig
     from dicflow.core.photographs.region import Polygon
+    from dicflow.core.photographs.texture import Texture
 
 __all__ = ["Region"]
 
@@ -66,17 +67,27 @@ class Selected(NamedTuple):
 class Region(Node):
     """Choose the region of interest on the first photograph: a rectangle, polygons with holes, a file, or auto.
 
-    If none of the three is given, the region is the largest speckled part of the image, without its openings. The
-    tracked transforms carry the region to the later steps.
+    If none of the three is given, the region is the largest speckled part of the image, without its openings and
+    without what stands still behind a specimen that moves, such as a speckled wall. That shows in a later photograph:
+    of those that follow the first one by 1, 2, 4, 8 and 16 steps, the first in which something has moved by 2 px or
+    more. So the region of a test under way stays as it is, once something has moved. Where nothing moves, everything
+    stays. A still part that the motion of the specimen comes down to smoothly, such as its end at a grip, is part of
+    it. A part that stands still because the specimen is torn apart cannot be distinguished from a wall; give the region
+    then.
+
+    Pixels that do not count, such as transparent ones, are in no region. The tracked transforms carry the region to the
+    later steps.
     """
 
     title: ClassVar = "region of interest"
     scope: ClassVar = Scope.TEST
     takes: ClassVar = {
         "images": Port("rectified", "plane", "images", at=At.FIRST),
+        "images_early": Port("rectified", "plane", "images", at=At.EARLY, optional=True),
         "rig": Port("rig", optional=True),
     }
     gives: ClassVar = "region"
+    impl_version: ClassVar = 2
 
     stage: Literal["region"] = "region"
     rectangle: Annotated[tuple[float, float, float, float], AfterValidator(_ordered)] | None = parameter(
@@ -121,20 +132,30 @@ class Region(Node):
             read_mask(path)
         return {}
 
-    def run(self, images: Product, rig: Product | None = None, file_path: Path | None = None) -> Product:
+    def joins(self, port: str) -> bool:
+        return port != "images_early" or self.auto
+
+    def run(
+        self,
+        images: Product,
+        images_early: Sequence[Product] | None = None,
+        rig: Product | None = None,
+        file_path: Path | None = None,
+    ) -> Product:
         from dicflow.core.photographs.region import carry, cut_apart
 
         photographs = Images.read(images)
         cameras = None if rig is None else CalibratedRig.read(rig).cameras
         polygons: Sequence[Polygon]
         if self.auto:
-            polygons = self._speckled(photographs.left)
+            polygons = self._specimen(photographs, map(Images.read, images_early or ()))
         else:
             chosen = self._chosen(photographs, cameras, file_path)
             _check_inside(chosen)
             polygons = chosen.polygons
             if self.frame == "photograph" and not photographs.as_taken:
                 polygons = carry(polygons, _to_tracked(photographs, cameras), spacing_px=OUTLINE_PX)
+        polygons = _counting(polygons, photographs)
         _check_texture(photographs.left, polygons)
         cuts = self._cuts(photographs, cameras)
         return RegionProduct.write([cut_apart(polygon, cuts) for polygon in polygons], cuts)
@@ -151,17 +172,19 @@ class Region(Node):
         mapping = _to_tracked(images, cameras)
         return [mapping(densify_line(line, OUTLINE_PX)) for line in lines]
 
-    def _speckled(self, image: np.ndarray) -> Sequence[Polygon]:
+    def _specimen(self, photographs: Images, early: Iterable[Images]) -> Sequence[Polygon]:
         """Outlines of the speckled specimen [px]. Raises StageError if the photograph shows no speckles."""
         from dicflow.core.photographs.region import speckled_region
         from dicflow.core.photographs.texture import texture
 
+        image = photographs.left
         if self.window > min(image.shape) / 2:
             raise StageError(
                 f"a window of {self.window} px is too large for a photograph of "
                 f"{image.shape[1]} × {image.shape[0]} px; use {min(image.shape) // 2} px at most"
             )
-        polygons = speckled_region(texture(image, self.window))
+        found = texture(image, self.window)
+        polygons = speckled_region(found, _background(photographs, early, found))
         if not polygons:
             raise StageError(
                 f"found no speckled specimen in the first photograph; {_texture_sentence(image)}, "
@@ -185,6 +208,39 @@ class Region(Node):
             return Selected(outlines, size, name)
         assert file_path is not None
         return Selected(_from_file(file_path, size, name), size, name)
+
+
+def _background(photographs: Images, early: Iterable[Images], texture: Texture) -> np.ndarray:
+    """Points (rows, cols) of the texture's grid that do not count, or stand still while something else moves."""
+    from dicflow.core.matching.background import still_background
+    from dicflow.core.photographs.texture import speckled_points
+
+    hidden = _hidden(photographs, texture)
+    seen = speckled_points(texture) & ~hidden
+    for later in early:
+        still = still_background(photographs.left, later.left, seen)
+        if still is not None:
+            return hidden | still
+    return hidden
+
+
+def _hidden(photographs: Images, texture: Texture) -> np.ndarray:
+    """Points (rows, cols) of the texture's grid that do not count."""
+    import numpy as np
+
+    counts, stride = photographs.counts("left"), texture.stride_px
+    return np.zeros(texture.strength.shape, dtype=bool) if counts is None else ~counts[::stride, ::stride]
+
+
+def _counting(polygons: Sequence[Polygon], photographs: Images) -> Sequence[Polygon]:
+    """The part of a region whose pixels count."""
+    from dicflow.core.photographs.region import mask_polygons, rasterise
+
+    counts = photographs.counts("left")
+    if counts is None:
+        return polygons
+    inside = rasterise(polygons, counts.shape)
+    return polygons if counts[inside].all() else mask_polygons(inside & counts)
 
 
 def _from_file(path: Path, size: tuple[int, int], name: str) -> Sequence[Polygon]:

@@ -11,6 +11,7 @@ from dicflow.engine.product import Product
 from dicflow.errors import InputError
 from dicflow.kinds.images import Images
 from dicflow.kinds.rig import CalibratedRig
+from dicflow.stages._window import OFFSET, Offset, with_windows
 
 if TYPE_CHECKING:
     from dicflow.io.calibrations.draft import Calibration
@@ -34,6 +35,8 @@ class RigFile(Node):
     file: InputFile = parameter(
         ..., "calibration: OpenCV YAML or XML, .caldat, VIC-3D .xml or .z3d, DICe .xml, OpenCorr or pyvale .csv, .mat"
     )
+
+    offset: Offset | None = parameter(None, OFFSET, unit="px")
 
     def uses(self) -> tuple[str, ...]:
         from dicflow.io.calibrations import calibration_modules
@@ -61,15 +64,31 @@ class RigFile(Node):
     def run(self, file_path: Path, images: Product | None = None) -> Product:
         from dicflow.io.calibrations.read import read_calibration
 
-        calibration = read_calibration(file_path, None if images is None else Images.read(images).size)
+        photographs = None if images is None else Images.read(images)
+        calibration = read_calibration(file_path, *self._sizes(file_path, photographs))
         summary = _summary(calibration)
-        return CalibratedRig.write(
+        product = CalibratedRig.write(
             calibration.rig,
             _verdict(file_path, calibration, summary),
             summary,
             covariance=calibration.covariance,
             program=calibration.program,
             warnings=calibration.warnings,
+        )
+        return with_windows(product, self.offset, images)
+
+    def _sizes(self, path: Path, images: Images | None) -> tuple[tuple[int, int], ...]:
+        """Sizes of the photographs that were calibrated with; those of windows reach to their far corners.
+
+        None without photographs, or where these are windows and the file gives the sizes.
+        """
+        if images is None or (self.offset is not None and self.check(path)["sized"]):
+            return ()
+        offset = self.offset or Offset()
+        places = {"left": offset.left, "right": offset.right}
+        return tuple(
+            (image.shape[1] + round(places[side][0]), image.shape[0] + round(places[side][1]))
+            for side, image in images.sides
         )
 
 

@@ -13,6 +13,7 @@ from dicflow.kinds.correlation import Correlation, SubsetGrid
 from dicflow.kinds.images import Images
 from dicflow.kinds.rig import CalibratedRig
 from dicflow.kinds.stereo import Stereo as StereoPoints
+from dicflow.stages._rig_check import check_found, check_sizes, misfit
 from dicflow.stages._subsets import ShapeFunction, SubsetSearch
 
 if TYPE_CHECKING:
@@ -31,8 +32,6 @@ _FOLLOWED_PAIRS = 1000
 """Points whose motion predicts that of the others."""
 _SEED_WINDOW = 1.5
 """Side of the windows compared along epipolar lines, in subsets."""
-_FOUND_SHARE = 0.5
-"""Share of found points from which they decide the order of left and right; below it, features do."""
 
 
 class _View(NamedTuple):
@@ -115,7 +114,7 @@ class Stereo(SubsetSearch):
             Correlation.read(correlation),
             Correlation.read(correlation_first),
         )
-        view.images.check_sizes(cameras)
+        check_sizes(cameras, view.images, view.points["xy"])
         earlier = _previous(**before)
         if earlier is None:
             return self._first_step(cameras, view)
@@ -132,7 +131,7 @@ class Stereo(SubsetSearch):
         _check_pattern(view.images.right, starts[..., 0])
         ratio = _noise_ratio(view, starts)
         found, search = self._matched(view, starts, ratio)
-        _check_order(cameras, view, found)
+        check_found(cameras, view.images, view.points["xy"], found, self.max_epipolar)
         product = self._product(cameras, view, found, ratio)
         if self.match == "every_step":
             return product
@@ -296,29 +295,9 @@ def _starts_from_epipolar_lines(cameras: Rig, view: _View) -> np.ndarray:
     try:
         partners = find_partners(cameras, view.images.left, view.images.right, seeds, window)
     except ValueError as error:
-        raise StageError(f"the rig cannot be rectified: {error}; calibrate again") from error
+        reason = misfit(cameras, view.images, places, 0.0) or "use the calibration of these cameras"
+        raise StageError(f"the rig cannot be rectified: {error}; {reason}") from error
     return starting_warps(view.points["warp"], *right_of_left(partners, places))
-
-
-def _check_order(cameras: Rig, view: _View, found: FoundPoints) -> None:
-    """Raise StageError if left and right are exchanged, or no point is found in both photographs."""
-    import numpy as np
-
-    from dicflow.core.cameras.geometry_check import check_order
-    from dicflow.core.correlation.seed import feature_pairs
-
-    places = view.points["xy"]
-    pairs = (places, found.warp[..., 0])
-    if found.valid.sum() < _FOUND_SHARE * np.isfinite(places).all(axis=-1).sum():
-        pairs = feature_pairs(view.images.left, view.images.right, places)
-    order = check_order(cameras, *pairs)
-    if order.swapped:
-        raise StageError(order.text)
-    if not np.isfinite(found.znssd).any():
-        raise StageError(
-            "no point of the region is found in the right photograph; check that both photographs show the specimen, "
-            "well exposed, and are of one moment"
-        )
 
 
 def _without_texture(status: np.ndarray, image: np.ndarray) -> np.ndarray:

@@ -82,6 +82,33 @@ def test_all_names_the_steps(folder):
     assert [step for step, _ in tasks["report"].inputs["totals"]] == [f"step_0{n}" for n in range(2, 7)]
 
 
+class Early(Node):
+    """Once for the test: a few early steps."""
+
+    title: ClassVar = "early"
+    scope: ClassVar = Scope.TEST
+    gives: ClassVar = "early"
+    takes: ClassVar = {"numbers": Port("number", at=At.EARLY, optional=True)}
+    stage: Literal["early"] = "early"
+
+
+def early_steps(folder, count, source="read"):
+    """The steps that a stage takes of a series of so many."""
+    for step in range(count):
+        (folder / f"{step:02d}.txt").write_text("1")
+    stages = {"read": StageSpec(Read(), {}, folder), "early": StageSpec(Early(), {"numbers": source})}
+    found = expand(stages).tasks["early"].inputs["numbers"]
+    return None if found is None else [step for step, _ in found]
+
+
+def test_early_steps_follow_the_first_one(tmp_path):
+    """They do not change with steps that are added later, and of one step there are none."""
+    assert early_steps(tmp_path, 1) is None
+    assert early_steps(tmp_path, 3) == ["01", "02"]
+    assert early_steps(tmp_path, 10) == ["01", "02", "04", "08"]
+    assert early_steps(tmp_path, 60) == early_steps(tmp_path, 17) == ["01", "02", "04", "08", "16"]
+
+
 def test_what_is_gathered_by_a_stage(folder):
     gathered = chain(folder).gathered()
     assert {"read/step_01", "total/step_06"} <= gathered

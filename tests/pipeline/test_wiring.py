@@ -33,6 +33,17 @@ def test_inputs_of_other_steps_are_what_the_input_of_this_step_is():
     assert inputs["images_first"] == inputs["images_before"] == inputs["images"] == "photos"
 
 
+def test_a_port_is_joined_only_where_the_parameters_use_it():
+    """A region that is given needs no later photographs, and a rig needs those of the specimen for an offset only."""
+    text = GOOD + "  region:  {stage: region, images: photos}\n"
+    assert _wire(text)["region"].inputs == {"images": "photos", "images_early": "photos", "rig": "rig"}
+    given = text.replace("region, images", "region, rectangle: [0, 0, 9, 9], images")
+    assert _wire(given)["region"].inputs == {"images": "photos", "rig": "rig"}
+    offset = GOOD.replace("14.5 mm}", "14.5 mm, offset: {left: [8, 0]}, images: photos}")
+    assert _wire(offset)["rig"].inputs == {"corners": "corners", "images": "photos"}
+    assert _wire(offset)["rig"].node.offset.model_dump() == {"left": (8.0, 0.0), "right": (0.0, 0.0)}
+
+
 def test_units_are_resolved():
     other = _wire(GOOD.replace("14.5 mm", "1.45 cm"))
     assert other["rig"].node == _wire(GOOD)["rig"].node
@@ -50,6 +61,8 @@ def test_units_are_resolved():
         ("stage: rectify", "stage: rectfy", r"p.yaml:7:13: pair: no stage 'rectfy', did you mean 'rectify'\?"),
         ("images: photos", "images: photo", r"p.yaml:7:29: pair.images: no stage 'photo', did you mean 'photos'\?"),
         ("images: photos", "images: rig", r"p.yaml:7:29: pair.images: 'rig' gives rig, not images; name one of"),
+        ("14.5 mm}", "14.5 mm, images: photos}", r"p.yaml:6:48: rig.images: not used with these parameters; remove it"),
+        ("14.5 mm}", "14.5 mm, offset: {left: [1, 2]}}", r"p.yaml:6:3: rig.images: needs images; name one of photos"),
         (", images: photos", "", r"p.yaml:7:3: pair.images: needs images; name one of photos, boards"),
         ("size: [9, 6]", "size: [9]", r"p.yaml:5:45: corners.size: has too few values"),
         ("size: [9, 6]", "size: [9, 1]", r"p.yaml:5:55: corners.size.1: .*greater than or equal to 3, found 1"),

@@ -5,7 +5,8 @@ import re
 import numpy as np
 import pytest
 
-from dicflow.core.cameras.camera import project
+from dicflow.core.calibration.board import Board
+from dicflow.core.cameras.camera import project, windowed
 from dicflow.engine.product import Product
 from dicflow.kinds.boards import BoardMarks
 from dicflow.kinds.rig import CalibratedRig, rig_from_json
@@ -51,13 +52,49 @@ def test_boards_stand_where_the_left_photographs_show_them(loaded):
         if not pair["used"]:
             continue
         corners = result.product("corners", pair["name"])
-        columns, rows = corners.attrs["size"]
-        outline = module._outline(BoardMarks.read(corners), camera, 14.5)
+        columns, rows = corners.attrs["board"]["size"]
+        outline = module._outline(module._board(BoardMarks.read(corners), 14.5), corners["left"], camera)
         board = corners["left"].reshape(rows, columns, 2)
         shown = np.stack([board[0, 0], board[0, -1], board[-1, -1], board[-1, 0]])
         apart = np.linalg.norm(project(camera, outline) - shown, axis=-1)
         assert apart.mean() < 4 * pair["left_px"] + 0.05
         assert np.linalg.norm(outline[1] - outline[0]) == pytest.approx(14.5 * (columns - 1))
+
+
+def test_hidden_corners_leave_boards_in_their_places(loaded):
+    """The corners that the left camera sees say where the board is; of those that are hidden, nothing is drawn."""
+    result = loaded.result()
+    calibrated = CalibratedRig.read(result.product("rig"))
+    name = next(pair["name"] for pair in calibrated.pairs if pair["used"])
+    whole = BoardMarks.read(result.product("corners", name))
+    parts = {
+        side: np.where(np.arange(54)[:, None] % 5 == k, whole[side], np.nan) for k, side in enumerate(("left", "right"))
+    }
+    hidden = BoardMarks.read(BoardMarks.write(parts, {}, whole.board, whole.image_sizes))
+    drawn, expected = (module._drawn(calibrated, {name: board}, 14.5) for board in (hidden, whole))
+    assert "nan" not in json.dumps(drawn).lower()
+    assert len(re.findall("M", drawn[0].shapes[0][2])) == 11
+    place, true = (np.array(re.findall(r"-?[\d.]+", one[2].shapes[0][2]), dtype=float) for one in (drawn, expected))
+    np.testing.assert_allclose(place, true, atol=2.0)
+
+
+def test_boards_of_windowed_cameras_stand_where_they_stood(loaded):
+    """The corners count from the whole photograph, the camera from its window."""
+    result = loaded.result()
+    product = result.product("rig")
+    calibrated = CalibratedRig.read(product)
+    corners = {p["name"]: BoardMarks.read(result.product("corners", p["name"])) for p in calibrated.pairs if p["used"]}
+    rig = calibrated.cameras
+    small = rig._replace(left=windowed(rig.left, (30, 20), (300, 400)), right=windowed(rig.right, (10, 5), (300, 400)))
+    windows = CalibratedRig.read(calibrated.with_windows(small, {"left": (30, 20), "right": (10, 5)}))
+    _, _, above, _ = (one.shapes for one in module._drawn(windows, corners, 14.5))
+    whole = module._outline(
+        module._board(next(iter(corners.values())), 14.5), next(iter(corners.values()))["left"], rig.left
+    )
+    marks = next(iter(corners.values()))["left"] - windows.offset("left")
+    board = module._board(next(iter(corners.values())), 14.5)
+    np.testing.assert_allclose(module._outline(board, marks, small.left), whole, atol=1e-6)
+    assert len(above) == len(corners) + 10
 
 
 def test_nothing_is_drawn_twice(loaded, tmp_path, monkeypatch):
@@ -71,13 +108,13 @@ def test_pairs_that_take_no_part_are_marked():
     pairs = [
         {"name": "a", "used": True, "left_px": 0.1, "right_px": 0.2, "epipolar_px": None},
         {"name": "b", "used": False, "left_px": 0.4, "right_px": 0.3, "epipolar_px": 0.1},
-        {"name": "c", "used": False},
+        {"name": "c", "used": False, "reason": "left: no board found"},
     ]
     first, second, third = module._pairs(pairs)
     assert first["bars"] == [("left", pytest.approx(25.0)), ("right", pytest.approx(50.0))]
     assert (first["errors"], first["fate"]) == (["0.10", "0.20", "–"], "")
     assert second["fate"] == "dropped"
-    assert (third["bars"], third["fate"]) == ([], "board not found in both")
+    assert (third["bars"], third["fate"]) == ([], "left: no board found")
 
 
 def test_the_pyramid_of_a_camera_starts_at_its_centre(loaded):
@@ -110,7 +147,7 @@ def test_a_poor_calibration_is_warned_of():
 
 def test_circles_are_drawn_as_their_grid():
     def marks(target, size):
-        return BoardMarks.read(BoardMarks.write({}, {}, target, size, (640, 480)))
+        return BoardMarks.read(BoardMarks.write({}, {}, Board(target, size), {}))
 
     assert len(module._board(marks("asymmetric_circles", (4, 11)), 10.0)) == 44
     assert module._board(marks("checkerboard", (9, 6)), 2.0).max() == pytest.approx(16.0)

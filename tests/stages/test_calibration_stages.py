@@ -5,6 +5,7 @@ import pytest
 from boards import SIZE, SQUARE_MM, board_corners, board_photograph, verged_rig
 from pydantic import ValidationError
 
+from dicflow.core.calibration.board import Board
 from dicflow.core.cameras.camera import rotation_angle_deg
 from dicflow.engine.product import Product
 from dicflow.errors import StageError
@@ -28,12 +29,13 @@ def images(left, right=None):
     return Images.write(left, right)
 
 
-def corners(left, right, size=SIZE, image_size=(640, 480), seen=None):
+def corners(left, right, size=SIZE, sizes=((640, 480), (640, 480)), shown=None):
     """The product of the stage for given corners; None stands for a photograph without the board."""
     sides = {"left": left, "right": right}
     marks = {side: np.empty((0, 2)) if xy is None else xy for side, xy in sides.items()}
-    shown = {side: seen if xy is None else size for side, xy in sides.items()}
-    return BoardMarks.write(marks, shown, "checkerboard", size, image_size)
+    seen = {side: shown if xy is None else Board("checkerboard", size) for side, xy in sides.items()}
+    reasons = {side: "no board found" if xy is None else "" for side, xy in sides.items()}
+    return BoardMarks.write(marks, seen, Board("checkerboard", size), dict(zip(sides, sizes, strict=True)), reasons)
 
 
 @pytest.fixture(scope="module")
@@ -49,12 +51,13 @@ def test_corners_of_both_photographs(photograph):
     product = Corners(stage="corners", size=SIZE).run(images=images(left=photograph, right=photograph[:, ::-1].copy()))
     assert product.kind == "corners"
     assert product["left"].shape == product["right"].shape == (54, 2)
+    board = {"target": "checkerboard", "size": [9, 6], "dictionary": None, "marker": None}
     assert product.attrs == {
-        "target": "checkerboard",
-        "size": [9, 6],
-        "image_size": [400, 300],
+        "board": board,
+        "image_sizes": {"left": [400, 300], "right": [400, 300]},
         "found": {"left": True, "right": True},
-        "seen": {"left": [9, 6], "right": [9, 6]},
+        "shown": {"left": board, "right": board},
+        "reasons": {},
     }
 
 
@@ -62,7 +65,10 @@ def test_a_board_that_is_not_seen_is_no_error(photograph):
     product = Corners(stage="corners", size=(8, 5)).run(images=images(left=photograph, right=BLANK))
     assert product["left"].shape == product["right"].shape == (0, 2)
     assert product.attrs["found"] == {"left": False, "right": False}
-    assert product.attrs["seen"] == {"left": [9, 6], "right": None}
+    assert product.attrs["shown"]["left"]["size"] == [9, 6]
+    assert product.attrs["shown"]["right"] is None
+    shows = "shows a checkerboard of 9 × 6 inner corners"
+    assert product.attrs["reasons"] == {"left": shows, "right": "no board found"}
 
 
 def test_one_camera_has_one_set_of_corners(photograph):
@@ -70,9 +76,12 @@ def test_one_camera_has_one_set_of_corners(photograph):
     assert set(product.variables) == {"left"}
 
 
-def test_photographs_of_two_sizes_are_refused(photograph):
-    with pytest.raises(StageError, match=r"400 × 300 .* 300 × 200"):
-        Corners(stage="corners", size=SIZE).run(images=images(left=photograph, right=BLANK[:200, :300]))
+def test_cameras_may_have_photographs_of_two_sizes(photograph):
+    wider = np.pad(photograph, ((0, 0), (60, 20)), constant_values=210)
+    product = Corners(stage="corners", size=SIZE).run(images=images(left=photograph, right=wider))
+    assert BoardMarks.read(product).image_sizes == {"left": (400, 300), "right": (480, 300)}
+    left, right = (np.sort(product[side], axis=0) for side in ("left", "right"))
+    np.testing.assert_allclose(right, left + np.array([60.0, 0.0]), atol=0.01)
 
 
 @pytest.mark.parametrize("size", [[9], [9, 6, 2], [2, 6], [9, -6], [9.5, 6]])
@@ -120,8 +129,41 @@ def test_the_rig_says_how_certain_it_is(pairs):
 
 def test_a_pair_without_a_board_is_not_used(pairs):
     product = stage(tangential=True).run(corners=(pairs[0], corners(None, pairs[1]["right"]), *pairs[2:]))
-    assert product.attrs["pairs"][1] == {"name": "pair 2", "used": False}
+    assert product.attrs["pairs"][1] == {"name": "pair 2", "used": False, "reason": "left: no board found"}
     assert "11 of 12 pairs" in product.attrs["verdict"]
+
+
+@pytest.mark.parametrize("shown", [[0, 1, 2], [4, 13, 22, 31, 40, 49], [0, 1, 2, 3, 4, 5, 6, 7, 8, 22]])
+def test_a_pair_with_few_corners_is_not_used(pairs, shown):
+    """Three, a column, or a row and one more: they do not say where the board is."""
+    few = np.where(np.isin(np.arange(54), shown)[:, None], pairs[4]["left"], np.nan)
+    product = stage(tangential=True).run(corners=(*pairs[:4], corners(few, pairs[4]["right"]), *pairs[5:]))
+    assert product.attrs["pairs"][4] == {"name": "pair 5", "used": False, "reason": "too few corners"}
+    np.testing.assert_allclose(rig_from_json(product.attrs["rig"]).translation, RIG.translation, atol=1e-4)
+
+
+def test_two_cameras_of_different_size(pairs):
+    """A right camera whose sensor was read out in a window: its principal point moves, everything else stays."""
+    sizes = ((640, 480), (600, 440))
+    smaller = [corners(pair["left"], pair["right"] - [30.0, 20.0], sizes=sizes) for pair in pairs]
+    rig = rig_from_json(stage(tangential=True).run(corners=smaller).attrs["rig"])
+    assert (rig.left.size, rig.right.size) == sizes
+    np.testing.assert_allclose(rig.right.matrix[:2, 2], RIG.right.matrix[:2, 2] - [30.0, 20.0], atol=1e-3)
+    np.testing.assert_allclose(rig.translation, RIG.translation, atol=1e-4)
+
+
+def test_an_offset_moves_the_principal_points(pairs):
+    """The photographs of the specimen say how large the windows are."""
+    specimen = images(np.zeros((360, 480), np.uint8), np.zeros((400, 500), np.uint8))
+    whole = stage(tangential=True).run(corners=pairs)
+    product = stage(tangential=True, offset={"left": [80, 60], "right": [30, 20]}).run(corners=pairs, images=specimen)
+    rig, before = (rig_from_json(one.attrs["rig"]) for one in (product, whole))
+    assert (rig.left.size, rig.right.size) == ((480, 360), (500, 400))
+    np.testing.assert_allclose(rig.left.matrix[:2, 2], before.left.matrix[:2, 2] - [80.0, 60.0], rtol=1e-9)
+    np.testing.assert_allclose(rig.right.matrix[:2, 2], before.right.matrix[:2, 2] - [30.0, 20.0], rtol=1e-9)
+    np.testing.assert_allclose(rig.rotation, before.rotation, atol=1e-12)
+    with pytest.raises(StageError, match="offset needs the photographs"):
+        stage(offset={}).run(corners=pairs)
 
 
 def test_the_square_is_a_length_with_a_unit(pairs):
@@ -138,14 +180,14 @@ def test_the_square_is_positive(square):
 def test_a_board_seen_in_no_pair():
     none = tuple(corners(None, None) for _ in range(9))
     with pytest.raises(
-        StageError, match=r"a board of 9 × 6 inner corners is seen in none of 9 pairs; show the whole board"
+        StageError, match=r"a checkerboard of 9 × 6 inner corners is seen in none of 9 pairs; show the whole board"
     ):
         stage().run(corners=none)
 
 
 def test_a_wrong_board_size_names_the_size_that_is_seen():
-    none = tuple(corners(None, None, size=(8, 5), seen=[9, 6]) for _ in range(9))
-    with pytest.raises(StageError, match=r"18 photographs .* size to \[9, 6\]"):
+    none = tuple(corners(None, None, size=(8, 5), shown=Board("checkerboard", (9, 6))) for _ in range(9))
+    with pytest.raises(StageError, match=r"18 photographs show .* 9 × 6 .*: set size: \[9, 6\]$"):
         stage().run(corners=none)
 
 
@@ -155,8 +197,8 @@ def test_too_few_pairs(pairs):
 
 
 def test_pairs_of_two_sizes(pairs):
-    odd = corners(pairs[3]["left"], pairs[3]["right"], image_size=(800, 600))
-    with pytest.raises(StageError, match=r"pair 1 .* 640 × 480 .* pair 4 .* 800 × 600"):
+    odd = corners(pairs[3]["left"], pairs[3]["right"], sizes=((640, 480), (800, 600)))
+    with pytest.raises(StageError, match=r"right one of pair 1 .* 640 × 480 .* pair 4 .* 800 × 600"):
         stage().run(corners=(*pairs[:3], odd, *pairs[4:]))
 
 

@@ -124,6 +124,26 @@ def test_photographs_of_another_size(folder):
         node.run(file_path=path, images=photographs(160, 100))
 
 
+def test_an_offset_of_windows_that_are_smaller(folder):
+    """Of a file with sizes and of one without: the window is as large as the photographs."""
+    for name in ("cal.yaml", "cal.caldat"):
+        node = RigFile(file=str(folder / name), offset={"left": [30, 20], "right": [10, 0]})
+        rig = rig_from_json(node.run(folder / name, photographs(80, 60)).attrs["rig"])
+        assert rig.left.size == rig.right.size == (80, 60)
+        np.testing.assert_allclose(rig.left.matrix[:2, 2], [51.25, 38.5])
+        np.testing.assert_allclose(rig.right.matrix[:2, 2], [72.75, 58.5])
+
+
+def test_two_cameras_of_different_size(folder):
+    rig = made_rig()
+    write_opencv(folder / "cal.yaml", rig._replace(right=rig.right._replace(size=(140, 110))))
+    pair = Images.write(np.zeros(SIZE[::-1], np.uint8), np.zeros((110, 140), np.uint8))
+    found = rig_from_json(RigFile(file="cal.yaml").run(folder / "cal.yaml", pair).attrs["rig"])
+    assert (found.left.size, found.right.size) == (SIZE, (140, 110))
+    with pytest.raises(InputError, match=r"right camera was calibrated on .* 140 × 110 px"):
+        RigFile(file="cal.yaml").run(folder / "cal.yaml", photographs())
+
+
 def test_warnings_are_in_the_verdict(folder):
     write_opencv(folder / "cal.yaml", made_rig()._replace(translation=np.array([-0.08, 0, 0.008])))
     product = RigFile(file="cal.yaml").run(file_path=folder / "cal.yaml")

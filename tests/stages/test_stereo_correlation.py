@@ -27,7 +27,8 @@ from dicflow.core.tensors import symmetric
 from dicflow.core.uncertainty.covariance import MeasuredPoints, displacement_covariance, joint_covariance
 from dicflow.engine.product import Product, Variable
 from dicflow.errors import StageError
-from dicflow.kinds.rig import rig_to_json
+from dicflow.kinds.rig import CalibratedRig, rig_to_json
+from dicflow.stages._window import Offset, with_windows
 from dicflow.stages.stereo import Stereo
 from dicflow.stages.triangulate import Triangulate
 
@@ -202,12 +203,15 @@ def test_a_right_photograph_that_ends_within_the_region(pairs, left):
 
 
 def test_points_off_their_epipolar_lines_do_not_count(pairs, left):
-    moved = np.roll(pairs[0][1], 2, axis=0)
-    stereo, points = measured([(pairs[0][0], moved)], left[:1])[0]
-    assert (stereo["status"] == Status.EPIPOLAR).all()
-    np.testing.assert_allclose(stereo["epipolar"], 2.0, atol=0.1)
-    assert points.attrs["text"] == f"0.0 % of {POINTS[..., 0].size:,} points; 100.0 % epipolar"
-    assert np.isnan(points["xyz"]).all()
+    moved, part = np.roll(pairs[0][1], 2, axis=0), pairs[0][1].copy()
+    part[:, :280] = moved[:, :280]
+    stereo, points = measured([(pairs[0][0], part)], left[:1])[0]
+    off = right_truth(MATERIAL, REST)[..., 0] < 260.0
+    assert 0.2 < off.mean() < 0.5
+    assert (stereo["status"][off] == Status.EPIPOLAR).all()
+    np.testing.assert_allclose(stereo["epipolar"][off], 2.0, atol=0.1)
+    assert np.isnan(points["xyz"][off]).all()
+    assert "epipolar" in points.attrs["text"]
     tolerant = measured([(pairs[0][0], moved)], left[:1], max_epipolar=3.0)[0][1]
     assert tolerant.attrs["summary"]["valid_share"] == 1.0
     assert tolerant.attrs["summary"]["epipolar_px"] == pytest.approx(2.0, abs=0.1)
@@ -235,6 +239,44 @@ def test_left_and_right_exchanged(pairs):
     points = grid((180, 100, 440, 400), 12).astype(float)
     with pytest.raises(StageError, match="exchange left and right"):
         measured(exchanged, [correlation(exchanged[0][0], None, points)])
+
+
+def test_a_rig_that_does_not_fit_is_explained(pairs, left):
+    """The right photograph stands 2 px lower than at the calibration."""
+    moved = np.roll(pairs[0][1], 2, axis=0)
+    with pytest.raises(
+        StageError, match=r"lie 2 px from .* shifted by \(.*, -2.0\) px .* offset: \{right: \[.*, -2\]\}"
+    ):
+        measured([(pairs[0][0], moved)], left[:1])
+
+
+WINDOWS = {"left": (40, 30, 500, 440), "right": (60, 20, 520, 460)}
+
+
+def window(image, side):
+    x, y, width, height = WINDOWS[side]
+    return np.ascontiguousarray(image[y : y + height, x : x + width])
+
+
+def test_photographs_of_a_smaller_window_name_its_offset(pairs):
+    first = [window(image, side) for image, side in zip(pairs[0], WINDOWS, strict=True)]
+    points = POINTS - WINDOWS["left"][:2]
+    step = correlation(first[0], None, points, left_truth(MATERIAL, REST) - WINDOWS["left"][:2])
+    with pytest.raises(StageError, match=r"600 × 500 px, but this one has 500 × 440 px; .* window .* offset: \{left: "):
+        measured([first], [step])
+
+
+def test_a_window_of_the_sensors_gives_the_same_points(pairs, left, results):
+    """Cropped photographs, and the rig with the offset of the windows."""
+    first = [window(image, side) for image, side in zip(pairs[0], WINDOWS, strict=True)]
+    offset = Offset(left=WINDOWS["left"][:2], right=WINDOWS["right"][:2])
+    rig = with_windows(CalibratedRig.write(RIG, "", {}), offset, images(*first))
+    points = POINTS - WINDOWS["left"][:2]
+    step = correlation(first[0], None, points, points)
+    stereo, found = measured([first], [step], rig)[0]
+    inner = (results[0][0]["status"] == 0) & (stereo["status"] == 0)
+    assert inner.mean() > 0.9
+    np.testing.assert_allclose(found["xyz"][inner], results[0][1]["xyz"][inner], atol=1e-3)
 
 
 def test_photographs_of_different_things(pairs, left):

@@ -127,7 +127,7 @@ def calibrate_rig(
     left: Array,
     right: Array,
     target: Target,
-    image_size: Size,
+    image_sizes: tuple[Size, Size],
     model: LensModel,
     max_error_px: float = 0.5,
     min_pairs: int = 8,
@@ -137,13 +137,13 @@ def calibrate_rig(
 
     left, right : (n, m, 2) — marks per pair [px], NaN where not seen; the right ones may be in another order
         (:func:`reconcile_orders`)
-    image_size : (width, height) of all photographs [px]
+    image_sizes : (width, height) of the left and of the right photographs [px]
     max_error_px : limit of a pair's mean reprojection error
     min_pairs : pairs are dropped only while more than this many remain
     loss : kind of loss; its scale is estimated from the residuals
     """
-    views_left = calibrate_camera(target.points, left, image_size, model)
-    views_right = calibrate_camera(target.points, right, image_size, model)
+    views_left = calibrate_camera(target.points, left, image_sizes[0], model)
+    views_right = calibrate_camera(target.points, right, image_sizes[1], model)
     order, rotation, translation = reconcile_orders(views_left, views_right, target)
     marks = _Marks(target.points, left, np.take_along_axis(right, target.orders[order][..., None], axis=1))
     start = Bundle(
@@ -158,6 +158,7 @@ def calibrate_camera(points: Array, marks: Array, image_size: Size, model: LensM
 
     points : (m, 3) — marks of the target [mm]
     marks : (n, m, 2) — observed marks [px], NaN where not seen; each photograph in any of the target's orders
+    image_size : (width, height) of the photographs [px]
     """
     flags = 0 if model.tangential else cv2.CALIB_ZERO_TANGENT_DIST
     flags |= cv2.CALIB_FIX_K3 if model.radial == 2 else 0

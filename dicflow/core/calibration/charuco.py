@@ -12,34 +12,22 @@ import numpy as np
 
 from dicflow.core.arrays import Array, Bytes, Grey, Mask
 from dicflow.core.calibration.symmetry import centres_of_symmetry
-from dicflow.core.calibration.targets import Size, Target, board_points
+from dicflow.core.calibration.targets import Size, Target, board_points, determines_pose
 from dicflow.core.matching.transform import estimate_transform, jacobian
 from dicflow.core.photographs.grey import to_8bit
 
-__all__ = ["DICTIONARIES", "Markers", "charuco_target", "find_charuco", "marker_dictionary"]
+__all__ = ["Markers", "charuco_target", "find_charuco", "marker_dictionary"]
 
 
-_MIN_CORNERS = 6
 _RADIUS_SQUARES = 0.6
 _MIN_RADIUS_PX = 3
 _BLUR_PX = 1.0
-
-_CLASSIC_DICTIONARIES = tuple(f"{bits}x{bits}_{count}" for bits in (4, 5, 6, 7) for count in (50, 100, 250, 1000))
-DICTIONARIES = (
-    *_CLASSIC_DICTIONARIES,
-    "aruco_original",
-    "apriltag_16h5",
-    "apriltag_25h9",
-    "apriltag_36h10",
-    "apriltag_36h11",
-)
-"""Names of the marker dictionaries that a board can be printed with."""
 
 
 class Markers(NamedTuple):
     """The markers of a board.
 
-    dictionary : one of :data:`DICTIONARIES`
+    dictionary : one of :data:`~dicflow.core.calibration.board.MARKER_COUNTS`
     share : side of a marker as a share of that of a square [-]
     """
 
@@ -54,27 +42,29 @@ def charuco_target(size: Size, square_mm: float) -> Target:
 
 
 def marker_dictionary(name: str) -> Any:
-    """OpenCV's marker dictionary of a name in :data:`DICTIONARIES`."""
-    kind = name.replace("x", "X") if name in _CLASSIC_DICTIONARIES else name.upper().replace("H", "h")
+    """OpenCV's marker dictionary of a name in :data:`~dicflow.core.calibration.board.MARKER_COUNTS`."""
+    kind = name.replace("x", "X") if name[0].isdigit() else name.upper().replace("H", "h")
     return cv2.aruco.getPredefinedDictionary(getattr(cv2.aruco, f"DICT_{kind}"))
 
 
-def find_charuco(image: Grey, size: Size, markers: Markers) -> Array | None:
+def find_charuco(image: Grey, size: Size, markers: Markers) -> Array:
     """Corners of the part of a board that a photograph shows, accurate to about 0.005 px.
 
     The corners are located by the markers; each is then moved to the centre of symmetry of the image around it
     (:func:`~dicflow.core.calibration.symmetry.centres_of_symmetry`) with the markers masked out. The first square may
     be black, or white as on boards by OpenCV before version 4.6.
 
-    Returns (columns·rows, 2) [px], row by row, NaN where a corner is not seen; None where fewer than six are.
+    Returns (columns·rows, 2) [px], row by row, NaN where a corner is not seen. Where the corners do not determine the
+    board's pose (:func:`~dicflow.core.calibration.targets.determines_pose`), they are accurate to about a pixel.
     """
     grey = to_8bit(image)
     corners = max((_locate_corners(grey, size, markers, legacy) for legacy in (False, True)), key=_seen_count)
     seen = np.isfinite(corners[:, 0])
-    points = board_points(size, 1.0)[:, :2]
-    if np.count_nonzero(seen) < _MIN_CORNERS or np.linalg.matrix_rank(points[seen] - points[seen][0]) < 2:
-        return None
-    slopes = jacobian(estimate_transform("projective", points[seen], corners[seen]), points[seen])
+    points = board_points(size, 1.0)
+    if not determines_pose(points, seen):
+        return corners
+    plane = points[seen, :2]
+    slopes = jacobian(estimate_transform("projective", plane, corners[seen]), plane)
     spacing = np.linalg.norm(slopes, axis=1).min()
     radius = max(_MIN_RADIUS_PX, round(_RADIUS_SQUARES * float(spacing)))
     windows = _marker_free_pixels(slopes, radius, (1.0 - markers.share) / 2.0)

@@ -17,13 +17,15 @@ from dicflow.core.calibration.targets import Size, Target, board_orders
 from dicflow.core.matching.transform import apply_transform, estimate_transform, jacobian
 from dicflow.core.photographs.grey import to_8bit
 
-__all__ = ["Ellipses", "circle_points", "circle_target", "eccentricity", "find_circles", "fit_ellipses"]
+__all__ = ["Ellipses", "circle_points", "circle_target", "detect_blobs", "eccentricity", "find_circles", "fit_ellipses"]
 
 
 _CELL_SHARE = 0.48
 _SMOOTHING_PX = 0.7
 _MIN_REDUCED_PX = 500
 _MIN_BLOB_AREA_PX2, _MAX_BLOB_AREA_SHARE = 20.0, 0.02
+_MAX_MISPLACED = 0.15
+"""Largest median distance of the circles from their places under a perspective view [spacings]: rows do not shift."""
 _MAX_GRID_OFFSET, _MAX_CONTINUED_SHARE = 0.2, 0.3
 
 
@@ -75,7 +77,11 @@ def find_circles(image: Grey, size: Size, asymmetric: bool = False) -> Array | N
     if located is None:
         return None
     points = circle_points(size, 1.0, asymmetric)[:, :2]
-    slopes = jacobian(_homography(points, located), points)
+    homography = _homography(points, located)
+    slopes = jacobian(homography, points)
+    misplaced = np.linalg.norm(apply_transform(homography, points) - located, axis=-1)
+    if np.median(misplaced / np.linalg.norm(slopes, axis=1).min(axis=-1)) > _MAX_MISPLACED:
+        return None
     nearest = np.sqrt(2.0) if asymmetric else 1.0
     ellipses = fit_ellipses(image, located, slopes * nearest)
     return ellipses.centres - eccentricity(ellipses, points)
@@ -116,6 +122,11 @@ def eccentricity(ellipses: Ellipses, points: Array) -> Array:
     return np.asarray(images[:, :2, 2] / images[:, 2:, 2] - apply_transform(homography, points))
 
 
+def detect_blobs(grey: Bytes) -> Array:
+    """Centres (n, 2) of dark round blobs [px]."""
+    return np.array([blob.pt for blob in _blob_detector(grey.size).detect(grey)], dtype=float).reshape(-1, 2)
+
+
 def _locate_centres(grey: Bytes, size: Size, asymmetric: bool) -> Array | None:
     """Centres accurate to about a pixel, row by row; first in a reduced photograph, which suffices for most grids."""
     scale = 1.0
@@ -134,13 +145,12 @@ def _locate_centres(grey: Bytes, size: Size, asymmetric: bool) -> Array | None:
 def _detect_grid(grey: Bytes, size: Size, asymmetric: bool) -> Array | None:
     """Centres of a grid of dark blobs in front order; None if it is not detected or is part of a larger grid."""
     kind = cv2.CALIB_CB_ASYMMETRIC_GRID if asymmetric else cv2.CALIB_CB_SYMMETRIC_GRID
-    detector = _blob_detector(grey.size)
-    blobs = np.array([blob.pt for blob in detector.detect(grey)], dtype=float).reshape(-1, 2)
+    blobs = detect_blobs(grey)
     if len(blobs) < size[0] * size[1]:
         return None
     for method in (0, cv2.CALIB_CB_CLUSTERING):
         cv2.setRNGSeed(0)
-        found, centres = cv2.findCirclesGrid(grey, size, flags=kind | method, blobDetector=detector)
+        found, centres = cv2.findCirclesGrid(grey, size, flags=kind | method, blobDetector=_blob_detector(grey.size))
         if found:
             front = _in_front_order(centres.reshape(-1, 2).astype(float), size, asymmetric)
             return front if front is not None and not _is_part_of_larger_grid(front, blobs, size, asymmetric) else None

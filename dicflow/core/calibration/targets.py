@@ -10,24 +10,28 @@ from typing import NamedTuple
 import cv2
 import numpy as np
 
-from dicflow.core.arrays import Array, Bytes, Grey, Index
+from dicflow.core.arrays import Array, Bytes, Grey, Index, Mask
 from dicflow.core.calibration.symmetry import centres_of_symmetry
+from dicflow.core.matching.transform import estimate_transform
 from dicflow.core.photographs.grey import to_8bit
 
 __all__ = [
+    "SMALLEST_BOARD",
     "Size",
     "Target",
     "board_orders",
     "board_points",
     "board_size",
     "checkerboard_target",
+    "determines_pose",
     "find_board",
 ]
 
 Size = tuple[int, int]
 
 _MIN_PIXELS_TO_HALVE = 1_000_000
-_SMALLEST_BOARD = (3, 3)
+SMALLEST_BOARD = (3, 3)
+_MIN_MARKS = 6
 _RADIUS_SQUARES = 0.6
 _MIN_RADIUS_PX = 3
 
@@ -73,16 +77,26 @@ def board_orders(size: Size) -> Index:
     return np.stack([np.rot90(grid, turn).reshape(-1) for turn in turns])
 
 
-def find_board(image: Grey, size: Size) -> Array | None:
+def determines_pose(points: Array, seen: Mask) -> bool:
+    """Whether the marks that a photograph shows determine the pose of the target: six or more, not all but one in line.
+
+    points : (m, 3) — marks in the target's frame; seen : (m,)
+    """
+    shown = points[seen, :2]
+    return len(shown) >= _MIN_MARKS and bool(np.isfinite(estimate_transform("projective", shown, shown)).all())
+
+
+def find_board(image: Grey, size: Size, thorough: bool = True) -> Array | None:
     """Corners of a checkerboard, accurate to about 0.005 px.
 
     The board is located by sectors of its local Radon transform (Duda and Frese 2018), on the half-sized image where
     that suffices; each corner is then moved to the centre of symmetry near it
     (:func:`~dicflow.core.calibration.symmetry.centres_of_symmetry`).
 
+    thorough : search again with many thresholds where a board does not show at once, which takes ten times longer
     Returns (columns·rows, 2) [px], row by row; None where the photograph does not show a board of this size.
     """
-    located = _locate_corners(to_8bit(image), size)
+    located = _locate_corners(to_8bit(image), size, thorough)
     if located is None:
         return None
     grid = located.reshape(size[1], size[0], 2)
@@ -96,11 +110,11 @@ def board_size(image: Grey) -> Size | None:
     Of a board that the photograph cuts off, the size of the visible part.
     """
     flags = cv2.CALIB_CB_LARGER | cv2.CALIB_CB_EXHAUSTIVE | cv2.CALIB_CB_NORMALIZE_IMAGE
-    found, _, marks = cv2.findChessboardCornersSBWithMeta(to_8bit(image), _SMALLEST_BOARD, flags)
+    found, _, marks = cv2.findChessboardCornersSBWithMeta(to_8bit(image), SMALLEST_BOARD, flags)
     return (max(marks.shape), min(marks.shape)) if found else None
 
 
-def _locate_corners(grey: Bytes, size: Size) -> Array | None:
+def _locate_corners(grey: Bytes, size: Size, thorough: bool) -> Array | None:
     """Corners accurate to about a pixel, from the half-sized image where that suffices."""
     if grey.size > _MIN_PIXELS_TO_HALVE:
         half = cv2.resize(grey, None, fx=0.5, fy=0.5, interpolation=cv2.INTER_AREA)
@@ -108,11 +122,9 @@ def _locate_corners(grey: Bytes, size: Size) -> Array | None:
         if corners is not None:
             return 2.0 * corners + 0.5
     corners = _detect_corners(grey, size, 0)
-    return (
-        _detect_corners(grey, size, cv2.CALIB_CB_EXHAUSTIVE | cv2.CALIB_CB_NORMALIZE_IMAGE)
-        if corners is None
-        else corners
-    )
+    if corners is None and thorough:
+        corners = _detect_corners(grey, size, cv2.CALIB_CB_EXHAUSTIVE | cv2.CALIB_CB_NORMALIZE_IMAGE)
+    return corners
 
 
 def _detect_corners(grey: Bytes, size: Size, flags: int) -> Array | None:

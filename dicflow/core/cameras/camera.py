@@ -27,11 +27,13 @@ __all__ = [
     "distortion_slopes",
     "homogeneous",
     "project",
+    "resized",
     "rotation_angle_deg",
     "rotation_matrix",
     "rotation_vector",
     "to_right",
     "undistort",
+    "windowed",
 ]
 
 _Number = TypeVar("_Number", float, Array)
@@ -65,6 +67,26 @@ class Rig(NamedTuple):
     right: Camera
     rotation: Array
     translation: Array
+
+
+def windowed(camera: Camera, offset: ArrayLike, size: tuple[int, int]) -> Camera:
+    """The camera with a window of its sensor: the principal point moves by the window's place.
+
+    offset : (2,) — the window's first pixel (x, y) in the photographs of the camera [px]
+    size : (width, height) of the window [px]
+    """
+    matrix = camera.matrix.copy()
+    matrix[:2, 2] -= np.asarray(offset, dtype=float)
+    return Camera(matrix, camera.distortion, size)
+
+
+def resized(camera: Camera, size: tuple[int, int]) -> Camera:
+    """The camera with photographs of another resolution: (width, height) [px]."""
+    scale = np.divide(size, camera.size)
+    matrix = camera.matrix.copy()
+    matrix[:2] *= scale[:, None]
+    matrix[:2, 2] += 0.5 * (scale - 1.0)  # the edge of a photograph is half a pixel before the centre of its first one
+    return Camera(matrix, camera.distortion, size)
 
 
 def camera_matrix(focal_px: float, centre: ArrayLike) -> Array:

@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike
 from dicflow.core.arrays import Array
 from dicflow.core.cameras.camera import Camera, Rig, homogeneous, undistort
 
-__all__ = ["epipolar_distance", "essential_matrix", "fundamental_matrix"]
+__all__ = ["epipolar_distance", "essential_matrix", "fundamental_matrix", "signed_epipolar_distance"]
 
 
 def essential_matrix(rig: Rig) -> Array:
@@ -32,10 +32,15 @@ def epipolar_distance(rig: Rig, left: ArrayLike, right: ArrayLike) -> Array:
     left, right : (..., 2) — raw pixels
     Returns (...) [px].
     """
+    return np.abs(signed_epipolar_distance(rig, left, right))
+
+
+def signed_epipolar_distance(rig: Rig, left: ArrayLike, right: ArrayLike) -> Array:
+    """The same with the sign of x1ᵀ E x0, which changes from one side of the lines to the other."""
     pixels_left, pixels_right = _undistorted_pixels(rig.left, left), _undistorted_pixels(rig.right, right)
     fundamental = fundamental_matrix(rig)
     lines_right, lines_left = pixels_left @ fundamental.T, pixels_right @ fundamental
-    product = np.abs(np.sum(pixels_right * lines_right, axis=-1))
+    product = np.sum(pixels_right * lines_right, axis=-1)
     return np.asarray(0.5 * product * (1.0 / _normal_lengths(lines_left) + 1.0 / _normal_lengths(lines_right)))
 
 

@@ -16,7 +16,7 @@ from dicflow.core.arrays import Array
 from dicflow.core.cameras.camera import Rig, homogeneous, undistort
 from dicflow.core.cameras.epipolar import epipolar_distance
 
-__all__ = ["OrderCheck", "check_order", "ray_depths"]
+__all__ = ["OrderCheck", "check_order", "distance_and_share_in_front", "ray_depths"]
 
 
 _MIN_SHARE_IN_FRONT = 0.5
@@ -64,8 +64,8 @@ def check_order(rig: Rig, left: ArrayLike, right: ArrayLike) -> OrderCheck:
     left, right = (np.asarray(points, dtype=float).reshape(-1, 2) for points in (left, right))
     known = np.isfinite(left).all(axis=1) & np.isfinite(right).all(axis=1)
     given, exchanged = (
-        _distance_and_share_in_front(rig, left[known], right[known]),
-        _distance_and_share_in_front(rig, right[known], left[known]),
+        distance_and_share_in_front(rig, left[known], right[known]),
+        distance_and_share_in_front(rig, right[known], left[known]),
     )
     if given[1] > _MIN_SHARE_IN_FRONT:
         swapped = given[0] > max(_MAX_NOISE_PX, _MIN_DISTANCE_RATIO * exchanged[0])
@@ -92,7 +92,7 @@ def ray_depths(rig: Rig, left: ArrayLike, right: ArrayLike) -> tuple[Array, Arra
     return (ab * bt - bb * at) / determinant, (aa * bt - ab * at) / determinant
 
 
-def _distance_and_share_in_front(rig: Rig, left: Array, right: Array) -> tuple[float, float]:
+def distance_and_share_in_front(rig: Rig, left: Array, right: Array) -> tuple[float, float]:
     """Median epipolar distance [px] and share of the points in front of both cameras; infinite and 0 without points."""
     distance = epipolar_distance(rig, left, right)
     distance = distance[np.isfinite(distance)]

@@ -23,7 +23,7 @@ from dicflow.core.matching.fft_search import fft_matches
 from dicflow.core.matching.pairs import agreeing_matches, guided_matches, local_motion, match_features
 from dicflow.core.parts import Parts, islands
 
-__all__ = ["Pairs", "feature_pairs", "seed_warps", "window_correlation"]
+__all__ = ["Pairs", "epipolar_pairs", "feature_pairs", "seed_warps", "window_correlation"]
 
 
 MIN_PAIRS = 6
@@ -40,6 +40,8 @@ BLUR_PX = 1.5
 """Smoothing before the comparison, so that a start a pixel or two away still correlates [px]."""
 ACCEPTED_CORRELATION, MIN_CORRELATION = 0.6, 0.3
 """Median correlation of those windows at which no further source is tried, and the least for any."""
+MAX_EPIPOLAR_PX, MIN_EPIPOLAR_SHARE, MIN_EPIPOLAR_PAIRS = 3.0, 0.6, 30
+"""Distance of a pair from the epipolar lines that most share, least share of such pairs, and their least number."""
 FEATURE_BORDER_PX = 64
 """Border around the points in which features are detected too [px]."""
 
@@ -249,3 +251,19 @@ def feature_pairs(reference: Grey, target: Grey, points: Array) -> Pairs:
         found = guided_matches(before, after, predicted)
         source, moved = before.xy[found[:, 0]].astype(float), after.xy[found[:, 1]].astype(float)
     return Pairs(source, moved)
+
+
+def epipolar_pairs(left: Grey, right: Grey, points: Array) -> Pairs:
+    """Matches of features around points (i, j, 2) that fit one epipolar geometry, whatever it is; none if they are few.
+
+    Photographs of different things, or with a repeating pattern, have false matches, which no geometry fits.
+    """
+    none = Pairs(np.zeros((0, 2)), np.zeros((0, 2)))
+    pairs = feature_pairs(left, right, points) if np.isfinite(points).all(axis=-1).any() else none
+    if len(pairs.source) < MIN_EPIPOLAR_PAIRS:
+        return none
+    cv2.setRNGSeed(0)
+    _, fits = cv2.findFundamentalMat(pairs.source, pairs.target, cv2.FM_RANSAC, MAX_EPIPOLAR_PX, 0.999)
+    keep = np.zeros(len(pairs.source), dtype=bool) if fits is None else fits.ravel() > 0
+    enough = keep.sum() >= max(MIN_EPIPOLAR_PAIRS, MIN_EPIPOLAR_SHARE * len(keep))
+    return Pairs(pairs.source[keep], pairs.target[keep]) if enough else none

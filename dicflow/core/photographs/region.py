@@ -252,14 +252,16 @@ def mask_polygons(mask: Mask, *, tolerance_px: float = 0.5, least_area_px: float
     return sorted(polygons, key=lambda polygon: -area([polygon]))
 
 
-def speckled_region(texture: Texture) -> list[Polygon]:
+def speckled_region(texture: Texture, excluded: Mask | None = None) -> list[Polygon]:
     """The largest speckled part of an image with its holes, as one polygon [px]; empty without speckles.
+
+    excluded : (rows, cols) of the texture's grid — points that do not belong to the specimen
 
     Gaps and islands narrower than a window are removed. The edge is moved inwards by half a window, because a window
     that is half on the background still contains texture.
     """
     side = max(1, round(texture.window_px / texture.stride_px))
-    mask = speckled_points(texture).astype(np.uint8)
+    mask = (speckled_points(texture) & (True if excluded is None else ~excluded)).astype(np.uint8)
     mask = cv2.morphologyEx(np.pad(mask, side, mode="edge"), cv2.MORPH_CLOSE, _disc(side // 2))
     mask = cv2.morphologyEx(mask, cv2.MORPH_OPEN, _disc(side // 2))
     mask = cv2.erode(mask, _disc(side // 2))[side:-side, side:-side]

@@ -192,14 +192,16 @@ def unpublished_law(left: DraftCamera, right: DraftCamera) -> tuple[str, ...]:
     )
 
 
-def complete(path: Path, draft: Draft, image_size: tuple[int, int] | None) -> Calibration:
+def complete(
+    path: Path, draft: Draft, image_size: tuple[int, int] | None, right_size: tuple[int, int] | None
+) -> Calibration:
     """The calibrated rig of a draft.
 
-    image_size : (width, height) of the photographs to be measured; None if unknown
+    image_size, right_size : (width, height) of the left and right photographs to be measured; None if unknown
     Raises InputError if the numbers are not a rig, or not one for photographs of this size.
     """
     left = _complete_camera(f"{path}: left camera", draft.left, image_size)
-    right = _complete_camera(f"{path}: right camera", draft.right, image_size)
+    right = _complete_camera(f"{path}: right camera", draft.right, right_size)
     rig = Rig(left, right, _rotation(path, draft.rotation), _translation(path, draft.translation))
     warnings = (*draft.warnings, *_centre_warnings("left", left), *_centre_warnings("right", right))
     return Calibration(rig, draft.program, (*warnings, *_baseline_warnings(rig)), draft.covariance)
@@ -247,7 +249,7 @@ def _agreed_size(where: str, one: DraftCamera, image_size: tuple[int, int] | Non
             f"was calibrated on photographs of {size[0]} × {size[1]} px, but {found}{image_size[0]} × "
             f"{image_size[1]} px"
         )
-        raise InputError(where, problem, _AS_TAKEN)
+        raise InputError(where, problem, f"{_AS_TAKEN}, or set offset if the window of its sensor is smaller since")
     return size
 
 

@@ -25,15 +25,18 @@ class _Format(Protocol):
 _MAX_BYTES = 50_000_000
 
 
-def read_calibration(path: Path, image_size: tuple[int, int] | None = None) -> Calibration:
+def read_calibration(
+    path: Path, image_size: tuple[int, int] | None = None, right_size: tuple[int, int] | None = None
+) -> Calibration:
     """The rig that a file holds, with warnings.
 
     image_size : (width, height) of the photographs to be measured [px]. It is used for
         files that do not give it, and must agree with those that do
+    right_size : the same of the right camera, where it differs
     Raises InputError that names the file, the place in it and the remedy.
     """
     path = Path(path)
-    return complete(path, parse_calibration(path), image_size)
+    return complete(path, parse_calibration(path), image_size, right_size or image_size)
 
 
 def parse_calibration(path: Path) -> Draft:

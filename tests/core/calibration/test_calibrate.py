@@ -16,6 +16,7 @@ pytestmark = pytest.mark.slow
 RIG = verged_rig()
 BOARD = checkerboard_target(SIZE, SQUARE_MM)
 IMAGE = (640, 480)
+SIZES = (IMAGE, IMAGE)
 FULL = LensModel(radial=2, tangential=True)
 
 
@@ -25,7 +26,7 @@ def corners():
 
 
 def test_perfect_corners_give_the_rig(corners):
-    found = calibrate_rig(*corners, BOARD, IMAGE, FULL)
+    found = calibrate_rig(*corners, BOARD, SIZES, FULL)
     assert found.rms_px[2] < 1e-6
     np.testing.assert_allclose(found.rig.translation, RIG.translation, atol=1e-5)
     assert rotation_angle_deg(found.rig.rotation, RIG.rotation) < 1e-6
@@ -40,7 +41,7 @@ def test_residuals_have_the_noise_that_theory_predicts(corners):
     sigma = 0.05
     generator = np.random.default_rng(5)
     left, right = (side + generator.normal(0, sigma, side.shape) for side in corners)
-    found = calibrate_rig(left, right, BOARD, IMAGE, FULL)
+    found = calibrate_rig(left, right, BOARD, SIZES, FULL)
     parameters, observations = 2 * 8 + 6 + 6 * len(left), 2 * left.size
     expected = sigma * np.sqrt(2 * (1 - parameters / observations))
     assert found.rms_px[2] == pytest.approx(expected, rel=0.06)
@@ -48,8 +49,8 @@ def test_residuals_have_the_noise_that_theory_predicts(corners):
 
 
 def test_units_of_the_board_scale_the_translation_only(corners):
-    millimetres = calibrate_rig(*corners, BOARD, IMAGE, FULL).rig
-    inches = calibrate_rig(*corners, checkerboard_target(SIZE, SQUARE_MM / 25.4), IMAGE, FULL).rig
+    millimetres = calibrate_rig(*corners, BOARD, SIZES, FULL).rig
+    inches = calibrate_rig(*corners, checkerboard_target(SIZE, SQUARE_MM / 25.4), SIZES, FULL).rig
     np.testing.assert_allclose(inches.translation * 25.4, millimetres.translation, atol=1e-4)
     np.testing.assert_allclose(inches.rotation, millimetres.rotation, atol=1e-7)
 
@@ -60,7 +61,7 @@ def test_turned_boards_are_reconciled(corners, turned):
     left, right = (side.copy() for side in corners)
     right[turned] = right[turned, ::-1]
     left[2], right[2] = left[2, ::-1].copy(), right[2, ::-1].copy()
-    found = calibrate_rig(left, right, BOARD, IMAGE, FULL)
+    found = calibrate_rig(left, right, BOARD, SIZES, FULL)
     np.testing.assert_array_equal(np.flatnonzero(found.turned), turned)
     assert rotation_angle_deg(found.rig.rotation, RIG.rotation) < 1e-6
 
@@ -86,7 +87,7 @@ def test_bad_pairs_are_dropped_worst_first(corners):
     left, right = (side.copy() for side in corners)
     left[4] += np.random.default_rng(0).normal(0, 3.0, left[4].shape)
     right[7] += np.random.default_rng(1).normal(0, 1.5, right[7].shape)
-    found = calibrate_rig(left, right, BOARD, IMAGE, FULL)
+    found = calibrate_rig(left, right, BOARD, SIZES, FULL)
     np.testing.assert_array_equal(np.flatnonzero(~found.used), [4, 7])
     np.testing.assert_allclose(found.rig.translation, RIG.translation, atol=1e-4)
     assert found.error_px[4, 0] > 1.0
@@ -96,7 +97,7 @@ def test_bad_pairs_are_dropped_worst_first(corners):
 def test_no_more_pairs_are_dropped_than_allowed(corners):
     generator = np.random.default_rng(2)
     left, right = (side + generator.normal(0, 2.0, side.shape) for side in corners)
-    found = calibrate_rig(left, right, BOARD, IMAGE, LensModel(), max_error_px=0.5, min_pairs=10)
+    found = calibrate_rig(left, right, BOARD, SIZES, LensModel(), max_error_px=0.5, min_pairs=10)
     assert np.count_nonzero(found.used) == 10
     areas = [covered_area(side, IMAGE) for side in (left, right)]
     assert verdict(found, areas, 0.5, 12).startswith("poor")
@@ -125,7 +126,7 @@ def test_coverage_of_a_rectangle_is_its_share():
 
 
 def test_verdict_names_what_to_improve(corners):
-    found = calibrate_rig(*corners, BOARD, IMAGE, FULL)
+    found = calibrate_rig(*corners, BOARD, SIZES, FULL)
     full, half = np.ones((180, 240), bool), np.zeros((180, 240), bool)
     half[:, :100] = True
     assert verdict(found, [full, full], 0.5, 12) == "good: 0.000 px, 12 of 12 pairs, boards cover 100 % of the frame"
@@ -146,7 +147,7 @@ def test_coverage_counts_what_is_seen():
 def test_verdict_reports_disagreement_of_the_pairs():
     """Boards that are bent by 1 mm, in each photograph another way."""
     bend = np.random.default_rng(8).normal(0.0, 1.0, 14)
-    found = calibrate_rig(*board_corners(RIG, 14, bend_mm=bend), BOARD, IMAGE, FULL, max_error_px=5.0)
+    found = calibrate_rig(*board_corners(RIG, 14, bend_mm=bend), BOARD, SIZES, FULL, max_error_px=5.0)
     full = np.ones((180, 240), bool)
     text = verdict(found, [full, full], 5.0, 14)
     assert text.startswith("usable")
@@ -157,7 +158,7 @@ def test_verdict_reports_disagreement_of_the_pairs():
 def test_verdict_names_the_distortion_that_is_not_estimated(corners):
     """The lenses have tangential distortion (p1, p2) of 4·10⁻⁴ and no third radial coefficient."""
     left, right = (side + np.random.default_rng(3).normal(0.0, 0.01, side.shape) for side in corners)
-    plain, full = (calibrate_rig(left, right, BOARD, IMAGE, model) for model in (LensModel(), FULL))
+    plain, full = (calibrate_rig(left, right, BOARD, SIZES, model) for model in (LensModel(), FULL))
     assert plain.unmodelled == ("tangential",)
     assert full.unmodelled == ()
     covered = [np.ones((180, 240), bool)] * 2
@@ -172,7 +173,7 @@ def test_verdict_asks_for_a_third_coefficient_of_wide_lenses():
         right=RIG.right._replace(distortion=np.array([-0.3, 0.5, 0.0, 0.0, 60.0])),
     )
     left, right = (side + np.random.default_rng(3).normal(0.0, 0.01, side.shape) for side in board_corners(wide))
-    found = calibrate_rig(left, right, BOARD, IMAGE, LensModel(2, True))
+    found = calibrate_rig(left, right, BOARD, SIZES, LensModel(2, True))
     assert found.unmodelled == ("third radial",)
     assert "set radial: 3" in verdict(found, [np.ones((180, 240), bool)] * 2, 0.5, 12)
 
@@ -183,7 +184,7 @@ def test_a_robust_loss_keeps_pairs_with_single_bad_corners(corners):
     for pair, corner in ((2, 5), (6, 30), (9, 50)):
         left[pair, corner] = left[pair, corner + 1]
     squares, cauchy = (
-        calibrate_rig(left, right, BOARD, IMAGE, FULL, max_error_px=5.0, loss=loss) for loss in ("squares", "cauchy")
+        calibrate_rig(left, right, BOARD, SIZES, FULL, max_error_px=5.0, loss=loss) for loss in ("squares", "cauchy")
     )
     away = [np.linalg.norm(found.rig.translation - RIG.translation) for found in (cauchy, squares)]
     assert away[0] < 0.2 * away[1]
@@ -201,7 +202,7 @@ def found_boards(folder, size):
 def rendered(shared_data):
     folder = shared_data / "d_specimen" / "boards"
     sides = [found_boards(folder / side, (12, 8)) for side in ("left", "right")]
-    return calibrate_rig(*sides, checkerboard_target((12, 8), 5.0), (1920, 1200), LensModel())
+    return calibrate_rig(*sides, checkerboard_target((12, 8), 5.0), ((1920, 1200),) * 2, LensModel())
 
 
 def test_rendered_boards_give_the_rig_they_were_rendered_with(rendered, shared_data):
@@ -227,7 +228,7 @@ def test_rendered_boards_agree_and_measure_their_squares(rendered, shared_data):
 
 def test_real_boards(shared_data):
     sides = [found_boards(shared_data / "boards" / side, (11, 7)) for side in ("left", "right")]
-    found = calibrate_rig(*sides, checkerboard_target((11, 7), 8.0), (613, 513), LensModel())
+    found = calibrate_rig(*sides, checkerboard_target((11, 7), 8.0), ((613, 513),) * 2, LensModel())
     assert np.count_nonzero(found.used) == 20
     assert found.rms_px[2] < 0.11
     assert found.disagreement > MAX_NOISE_DISAGREEMENT

@@ -3,6 +3,7 @@ import numpy as np
 import pytest
 
 from dicflow.core.calibration.charuco import Markers, charuco_target, find_charuco, marker_dictionary
+from dicflow.core.calibration.targets import determines_pose
 from dicflow.core.cameras.camera import Camera, camera_matrix, rotation_matrix
 from dicflow.core.synthetic.charuco import CharucoBoard, charuco_darkness, charuco_extent
 from dicflow.core.synthetic.checkerboard import Checkerboard, board_corners
@@ -67,13 +68,14 @@ def test_corners_of_a_part_of_a_board_keep_their_indices():
 
 def test_too_small_a_part_is_no_board():
     image, _ = view(MARKED, (10.0, 15.0, 5.0), shift=(118.0, 85.0))
-    assert find_charuco(add_noise_and_round(image, 2.0, [1]), SIZE, MARKERS) is None
+    seen = np.isfinite(find_charuco(add_noise_and_round(image, 2.0, [1]), SIZE, MARKERS)[:, 0])
+    assert not determines_pose(charuco_target(SIZE, 1.0).points, seen)
 
 
 def test_other_markers_are_no_board(tilted):
     photo = add_noise_and_round(tilted[0], 2.0, [1])
-    assert find_charuco(photo, SIZE, Markers("6x6_50", 0.7)) is None
-    assert find_charuco(np.full((300, 400), 128, np.uint8), SIZE, MARKERS) is None
+    assert np.isnan(find_charuco(photo, SIZE, Markers("6x6_50", 0.7))).all()
+    assert np.isnan(find_charuco(np.full((300, 400), 128, np.uint8), SIZE, MARKERS)).all()
 
 
 @pytest.mark.parametrize("legacy", [False, True])

@@ -158,7 +158,7 @@ def test_turned_grids_are_reconciled(size, asymmetric):
     for side, orders in zip(sides, chosen, strict=True):
         for view, order in zip(side, orders, strict=True):
             view[:] = view[target.orders[order]]
-    found = calibrate_rig(*sides, target, (640, 480), LensModel(2, True))
+    found = calibrate_rig(*sides, target, ((640, 480),) * 2, LensModel(2, True))
     assert found.rms_px[2] < 1e-6
     assert rotation_angle_deg(found.rig.rotation, rig.rotation) < 1e-6
     np.testing.assert_allclose(found.rig.translation, rig.translation, atol=1e-4)

@@ -42,7 +42,7 @@ def test_bent_boards_show_in_the_disagreement_of_the_pairs():
     generator = np.random.default_rng(8)
     left, right = board_corners(RIG, 14, bend_mm=generator.normal(0.0, 0.3, 14))
     left, right = (side + generator.normal(0.0, 0.02, side.shape) for side in (left, right))
-    found = calibrate_rig(left, right, checkerboard_target(SIZE, SQUARE_MM), (640, 480), MODEL)
+    found = calibrate_rig(left, right, checkerboard_target(SIZE, SQUARE_MM), ((640, 480),) * 2, MODEL)
     assert found.disagreement > MAX_NOISE_DISAGREEMENT
     np.testing.assert_allclose(found.widened_covariance, found.disagreement**2 * found.covariance)
     error = np.abs(np.linalg.norm(found.rig.translation) - np.linalg.norm(RIG.translation))

@@ -4,7 +4,7 @@ from boards import SIZE, board_photograph
 from hypothesis import given
 from hypothesis import strategies as st
 
-from dicflow.core.calibration.targets import board_orders, board_points, board_size, find_board
+from dicflow.core.calibration.targets import board_orders, board_points, board_size, determines_pose, find_board
 
 HOMOGRAPHY = np.array([[30.0, -4.0, 90.0], [5.0, 28.0, 70.0], [6e-3, 1e-2, 1.0]])
 
@@ -67,6 +67,22 @@ def test_deeper_grey_levels_give_the_same_corners(photograph):
 def test_without_a_board_the_result_is_none(photograph):
     assert find_board(np.full((200, 300), 128, np.uint8), SIZE) is None
     assert find_board(photograph, (8, 5)) is None
+
+
+@pytest.mark.parametrize(
+    ("seen", "enough"),
+    [
+        ([0, 1, 2], False),
+        ([0, 9, 18, 27, 36, 45], False),
+        ([0, 1, 2, 3, 4, 5, 6, 7, 8, 22], False),
+        ([0, 1, 9, 10, 2], False),
+        ([0, 1, 2, 9, 10, 11], True),
+        ([0, 4, 8, 20, 31, 53], True),
+    ],
+    ids=["three", "a column", "a row and one more", "five", "a block", "scattered"],
+)
+def test_six_corners_that_are_not_in_line_determine_the_pose(seen, enough):
+    assert determines_pose(board_points(SIZE, 7.0), np.isin(np.arange(54), seen)) == enough
 
 
 def test_size_of_an_unknown_board(photograph):

@@ -2,7 +2,8 @@ import cv2
 import numpy as np
 import pytest
 
-from dicflow.core.calibration.charuco import DICTIONARIES, marker_dictionary
+from dicflow.core.calibration.board import MARKER_COUNTS
+from dicflow.core.calibration.charuco import marker_dictionary
 from dicflow.core.synthetic.charuco import CharucoBoard, charuco_darkness, charuco_extent
 from dicflow.core.synthetic.checkerboard import Checkerboard
 from dicflow.core.synthetic.circles import CircleGrid, circle_centres, circle_darkness, circle_extent
@@ -55,6 +56,6 @@ def test_paper_around_a_marked_board_is_white():
     assert right - left == pytest.approx(10 * 14.5 + 10.0)
 
 
-@pytest.mark.parametrize("name", DICTIONARIES)
+@pytest.mark.parametrize("name", MARKER_COUNTS)
 def test_every_dictionary_exists(name):
     assert marker_dictionary(name).bytesList.shape[0] > 0

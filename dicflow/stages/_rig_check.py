@@ -1,0 +1,77 @@
+"""Whether a rig fits the photographs that are measured with it, and what else it may be."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from dicflow.errors import StageError
+from dicflow.kinds.images import Images
+
+if TYPE_CHECKING:
+    import numpy as np
+
+    from dicflow.core.cameras.camera import Rig
+    from dicflow.core.correlation.points import FoundPoints
+
+__all__ = ["check_found", "check_sizes", "misfit"]
+
+_FOUND_SHARE = 0.5
+"""Share of found points from which they decide the order of left and right; below it, features do."""
+
+_MIN_MISFIT_PX = 1.0
+"""Median distance of features from their epipolar lines up to which a rig fits."""
+
+
+def check_sizes(cameras: Rig, images: Images, places: np.ndarray) -> None:
+    """Raise StageError where a camera was calibrated on photographs of another size; it says what may have happened.
+
+    places : (..., 2) — points in the left photograph, around which features are matched [px]
+    """
+    try:
+        images.check_sizes(cameras)
+    except StageError as error:
+        text = misfit(cameras, images, places, 0.0)
+        raise StageError(f"{str(error).partition(';')[0]}; {text}" if text else str(error)) from error
+
+
+def check_found(cameras: Rig, images: Images, places: np.ndarray, found: FoundPoints, max_epipolar_px: float) -> None:
+    """Raise StageError where points of the left photograph are not found because the rig does not fit.
+
+    places : (row, col, 2) — in the left photograph [px]; found : in the right one
+    """
+    import numpy as np
+
+    from dicflow.core.cameras.epipolar import epipolar_distance
+    from dicflow.core.cameras.geometry_check import check_order
+    from dicflow.core.correlation.seed import feature_pairs
+
+    apart = epipolar_distance(cameras, places, found.warp[..., 0])
+    enough = _FOUND_SHARE * np.isfinite(places).all(axis=-1).sum()
+    is_found = found.valid.sum() >= enough
+    pairs = (places, found.warp[..., 0]) if is_found else feature_pairs(images.left, images.right, places)
+    order = check_order(cameras, *pairs)
+    if order.swapped:
+        raise StageError(order.text)
+    if np.count_nonzero(found.valid & (apart <= max_epipolar_px)) < enough:
+        text = misfit(cameras, images, places, max_epipolar_px)
+        if text:
+            raise StageError(text)
+    if not np.isfinite(found.znssd).any():
+        raise StageError(
+            "no point of the region is found in the right photograph; check that both photographs show the specimen, "
+            "well exposed, and are of one moment"
+        )
+
+
+def misfit(cameras: Rig, images: Images, places: np.ndarray, limit_px: float) -> str:
+    """Why the rig does not fit the photographs; "" if it does, or if too few features match.
+
+    limit_px : distance from the epipolar lines from which it does not fit, or 1 px if that is more
+    """
+    from dicflow.core.cameras.rig_misfit import Matched, explain_misfit
+    from dicflow.core.correlation.seed import epipolar_pairs
+
+    pairs = epipolar_pairs(images.left, images.right, places)
+    sizes = images.left.shape[::-1], images.right.shape[::-1]
+    found = explain_misfit(cameras, Matched(pairs.source, pairs.target, sizes), max(limit_px, _MIN_MISFIT_PX))
+    return "" if found is None else found.text
