@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import json
 import os
+import shlex
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
 
@@ -49,24 +50,42 @@ def stages(
         typer.secho(f"warning: {problem}", fg="yellow", err=True)
 
 
+def _named(subject: str) -> Any:
+    """An option that names folders or patterns, repeatable."""
+    words = f"photographs of {subject}: a folder below, or a pattern; repeatable"
+    return typer.Option(default_factory=list, show_default=False, metavar="PATTERN", help=words)
+
+
 def init(
-    folder: Annotated[Path, typer.Argument(help="folder that holds the photographs and the board photographs")],
+    folder: Annotated[Path, typer.Argument(help="folder that holds the photographs of the specimen and of the board")],
+    left: Annotated[list[str], _named("the left camera")],
+    right: Annotated[list[str], _named("the right camera")],
+    boards: Annotated[list[str], _named("boards, of both cameras")],
+    one_camera: Annotated[bool, typer.Option("--one-camera", help="measure in the plane, with one camera")] = False,
     square: Annotated[str | None, typer.Option(help="side of a square of the board, such as '14.5 mm'")] = None,
     force: Force = False,
 ) -> None:
     """Write a commented pipeline.yaml for a folder of photographs.
 
+    The two cameras are found by the names of folders and files, boards and specimen by what the photographs show. Where
+    this leaves a doubt, nothing is written, and the message has a command line for each possibility.
+
     \b
     dicflow init experiment --square "14.5 mm"
+    dicflow init experiment --left "phone A" --right "phone B" --boards "*/calibration"
     """
-    from dicflow.start.first_file import OPEN, look, pipeline_text
+    from dicflow.start.choice import Choice
+    from dicflow.start.first_file import OPEN, pipeline_text
+    from dicflow.start.folder import look
 
     path = folder / "pipeline.yaml"
     refuse_existing(path, force)
-    text = pipeline_text(look(folder, typer.echo), square, path)
+    command = ["dicflow", "init", str(folder), *(["--square", square] if square else []), *["--force"] * force]
+    choice = Choice(tuple(left), tuple(right), tuple(boards), one_camera)
+    text = pipeline_text(look(folder, choice, command, typer.echo), square, path)
     write_new(path, text.encode(), force)
-    first = "fill in the side of a square" if OPEN in text else "read it"
-    typer.echo(f"wrote {path}; {first}, then: dicflow run {path}")
+    first = f"fill in what is marked '{OPEN}'" if OPEN in text else "read it"
+    typer.echo(f"wrote {path}; {first}, then: {shlex.join(['dicflow', 'run', str(path)])}")
 
 
 synth = typer.Typer(

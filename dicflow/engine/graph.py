@@ -17,7 +17,7 @@ from dicflow.engine.files import FilePart
 from dicflow.engine.node import At, Node, Scope
 from dicflow.errors import ConfigurationError, InputError
 
-__all__ = ["Graph", "StageSpec", "Task", "TaskInput", "expand", "file_fields"]
+__all__ = ["EARLY_STEPS", "Graph", "StageSpec", "Task", "TaskInput", "expand", "file_fields"]
 
 _LATER = (
     "runs at the first step too, where '{source}' has nothing to give to its input '{port}'; let the stage declare "
@@ -27,7 +27,7 @@ _LATER = (
 TaskInput = str | None | tuple[tuple[str, str], ...]
 """What a port of a task is joined to: a task's name, nothing, or for several steps pairs (step, task's name)."""
 
-_EARLY = (1, 2, 4, 8, 16)
+EARLY_STEPS = (1, 2, 4, 8, 16)
 """Steps after the first that ``At.EARLY`` takes."""
 
 
@@ -303,7 +303,7 @@ class _Joints:
         if port.at is At.ALL:
             return tuple((step, f"{source}/{step}") for step in self.steps[source])
         if port.at is At.EARLY:
-            early = (self.offset[source] + after for after in _EARLY)
+            early = (self.offset[source] + after for after in EARLY_STEPS)
             steps = self.all_steps[source]
             return tuple((steps[k], f"{source}/{steps[k]}") for k in early if k < len(steps)) or None
         if port.at is At.FIRST:

@@ -1,0 +1,322 @@
+"""What a folder of photographs holds: the specimen, the boards, the two cameras, tables, and where to measure."""
+
+from __future__ import annotations
+
+import os
+import shlex
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
+from functools import cache
+from pathlib import Path, PurePosixPath
+from typing import Any, NamedTuple
+
+from dicflow.core.calibration.board import Board
+from dicflow.core.calibration.identify import identify_board
+from dicflow.core.photographs.region import Polygon
+from dicflow.engine.files import FilePart
+from dicflow.engine.graph import EARLY_STEPS
+from dicflow.engine.node import Node
+from dicflow.engine.product import Product
+from dicflow.errors import ConfigurationError, DicflowError, InputError, StageError
+from dicflow.io.calibrations.read import parse_calibration
+from dicflow.io.images import SUFFIXES, counter_offset, pair_names, read_grey
+from dicflow.kinds.images import Images
+from dicflow.kinds.region import Region
+from dicflow.pipeline.registry import node_class
+from dicflow.start.choice import Candidate, Choice, Undecided, decide, is_named
+from dicflow.start.contents import See, Subjects, board_in, subjects_of
+from dicflow.start.gauge import Gauge, gauge_over, reduced
+from dicflow.start.layouts import Series, series_of, step_folders
+from dicflow.start.patterns import listed, patterns_of
+from dicflow.start.question import question
+
+__all__ = ["Caliper", "Found", "Photographs", "look"]
+
+Say = Callable[[str], None]
+
+_SKIPPED = frozenset({"results", "export", "truth", "__macosx", "thumbs", "thumbnails", "@eadir"})
+_MAX_PHOTOGRAPHS = 20_000
+_CALIBRATION_SUFFIXES = frozenset({".xml", ".yaml", ".yml", ".json", ".caldat", ".z3d", ".csv", ".mat"})
+_TABLE_SUFFIXES = frozenset({".csv", ".txt", ".tsv"})
+_MAX_BYTES = 1_000_000
+"""Size of a table or a calibration."""
+_QUICK_PIXELS = 600_000
+
+
+class Photographs(NamedTuple):
+    """Photographs of one subject.
+
+    left, right : patterns below the folder; right is empty for one camera
+    steps : files of each step, as the stage of the photographs finds them
+    pair_by : what makes pairs; empty for what the stage assumes
+    """
+
+    left: list[str]
+    right: list[str]
+    steps: Mapping[str, Mapping[str, Path | FilePart]]
+    pair_by: str = ""
+
+    def __str__(self) -> str:
+        if not self.right:
+            return f"{len(self.steps)} photographs of one camera, {listed(self.left)}"
+        order = " in their order, as their counters run alike but never agree" if self.pair_by else ""
+        return f"{len(self.steps)} pairs{order}, {listed(self.left)} and {listed(self.right)}"
+
+
+class Caliper(NamedTuple):
+    """A caliper table: its name, and why it cannot be compared; empty if it can."""
+
+    name: str
+    obstacle: str
+
+
+class Found(NamedTuple):
+    """Content of a folder.
+
+    board : what the boards' photographs show
+    calibration : name of a file with the rig; None where boards give it
+    region : name of a file with the region
+    """
+
+    photos: Photographs
+    boards: Photographs | None = None
+    board: Board | None = None
+    calibration: str | None = None
+    region: str | None = None
+    caliper: Caliper | None = None
+    gauge: Gauge | None = None
+
+
+def look(folder: Path, choice: Choice, command: Sequence[str], say: Say) -> Found:
+    """Find the photographs of the specimen and of boards, their cameras, the kind of board, and a place to measure.
+
+    choice : what the user names
+    command : words of the command line, which a question completes
+    say : called with each finding
+    Raises InputError without photographs of a specimen, and ConfigurationError if the cameras are not certain.
+    """
+    if not folder.is_dir():
+        raise InputError(f"{folder}: no such folder; name the folder that holds the photographs")
+    paths = list(_photographs(folder))
+    see = _see(folder)
+    series = _series(folder, paths, choice)
+    if steps := step_folders(series):
+        raise InputError(
+            f"{folder}: {len(steps)} folders hold one photograph each, as {steps[0].files[0]} and {steps[1].files[0]}, "
+            "but steps are named by files; copy those of each camera into one folder, under the names of the steps"
+        )
+    subjects = _subjects(folder, series, choice, see)
+    calibration = None if subjects.boards else _calibration(folder)
+    try:
+        chosen = decide(subjects.specimen, subjects.boards, choice, calibration is not None)
+    except Undecided as undecided:
+        raise ConfigurationError(question(folder, undecided, command, paths)) from undecided
+    found = _described(folder, chosen, paths, see)
+    say(f"specimen: {found.photos}")
+    if chosen.right and calibration:
+        found = found._replace(calibration=calibration)
+        say(f"calibration: {calibration}")
+    if found.boards and found.board:
+        say(f"boards: {found.boards}, {found.board.text}")
+    for one, reason in _left_out(subjects, chosen):
+        say(f"left out: {len(one.files)} photographs, {listed(patterns_of(one.files, paths))}{reason}")
+    return _with_places(folder, found, say)
+
+
+def _photographs(folder: Path) -> Iterator[PurePosixPath]:
+    """Relative paths of all photographs that are not hidden, outside hidden folders and those of results."""
+    count = 0
+    for where, folders, names in os.walk(folder):
+        folders[:] = sorted(name for name in folders if not name.startswith(".") and name.lower() not in _SKIPPED)
+        for name in sorted(names):
+            if PurePosixPath(name).suffix.lower() in SUFFIXES and not name.startswith("."):
+                count += 1
+                yield _named(Path(where, name).relative_to(folder))
+        if count > _MAX_PHOTOGRAPHS:
+            raise InputError(f"{folder}: more than {_MAX_PHOTOGRAPHS} photographs; name the folder of one test")
+
+
+def _named(path: Path) -> PurePosixPath:
+    """The path with slashes. Raises InputError for a name that no pipeline file can hold."""
+    if not _is_text(str(path)):
+        raise InputError(f"{path.as_posix()!a}: the name is not Unicode; rename it")
+    return PurePosixPath(path.as_posix())
+
+
+def _is_text(name: str) -> bool:
+    """Whether a name is Unicode: bytes that are not stand for themselves as lone surrogates."""
+    return not any("\ud800" <= sign <= "\udfff" for sign in name)
+
+
+def _series(folder: Path, paths: Sequence[PurePosixPath], choice: Choice) -> list[Series]:
+    """The series, none of which lies on both sides of what the user named.
+
+    Raises ConfigurationError if a pattern names no photograph.
+    """
+    for option in ("left", "right", "boards"):
+        for pattern in getattr(choice, option):
+            if not any(is_named(path, [pattern]) for path in paths):
+                raise ConfigurationError(
+                    f"--{option} {shlex.quote(pattern)}: matches no photograph in {folder}; name a folder or a pattern"
+                )
+    groups: dict[tuple[bool, ...], list[PurePosixPath]] = {}
+    for path in paths:
+        named = tuple(is_named(path, patterns) for patterns in (choice.left, choice.right, choice.boards))
+        groups.setdefault(named, []).append(path)
+    return [one for group in groups.values() for one in series_of(group)]
+
+
+def _see(folder: Path) -> See:
+    @cache
+    def see(path: PurePosixPath, thorough: bool = False) -> Board | None:
+        image = read_grey(folder / path)
+        return identify_board(image if thorough else reduced(image, _QUICK_PIXELS), thorough)
+
+    return see
+
+
+def _subjects(folder: Path, series: Sequence[Series], choice: Choice, see: See) -> Subjects:
+    """The series by what the user named as boards, else by what they show. Raises InputError without a specimen."""
+    if choice.boards:
+        boards = tuple(one for one in series if is_named(one.files[0], choice.boards))
+        subjects = Subjects(tuple(one for one in series if one not in boards), boards)
+    else:
+        subjects = subjects_of(series, see)
+    if subjects.specimen:
+        return subjects
+    counts = ", ".join(f"{one.folder}: {len(one.files)}" for one in subjects.boards)
+    instead = f"only those of a board ({counts})" if counts else f"expected {', '.join(SUFFIXES)} in it or below"
+    raise InputError(f"{folder}: no photographs of a specimen found, {instead}; name the folder that holds them")
+
+
+def _left_out(subjects: Subjects, chosen: Candidate) -> Iterator[tuple[Series, str]]:
+    """Series that are not measured, and why."""
+    used = [chosen.left, chosen.right, *((chosen.boards.left, chosen.boards.right) if chosen.boards else ())]
+    reasons = ("", "", ": named like boards, but no board is recognised in them", ": cannot be read")
+    for group, reason in zip(subjects, reasons, strict=True):
+        yield from ((one, reason) for one in group if one not in used)
+
+
+def _described(folder: Path, chosen: Candidate, paths: Sequence[PurePosixPath], see: See) -> Found:
+    photos = _found_by(folder, chosen.left, chosen.right, paths)
+    if chosen.boards is None:
+        return Found(photos)
+    both = (chosen.boards.left, chosen.boards.right)
+    board = board_in(both, see)
+    boards = _found_by(folder, *both, paths)
+    if board is None:
+        raise InputError(
+            f"{folder}: no checkerboard, ChArUco board or grid of circles is recognised in {boards}; "
+            "name others with --boards"
+        )
+    return Found(photos, boards, board)
+
+
+def _found_by(folder: Path, left: Series, right: Series | None, paths: Sequence[PurePosixPath]) -> Photographs:
+    """The photographs as patterns, and the steps that the stage of the photographs makes of them."""
+    named = {"left": patterns_of(left.files, paths)}
+    way = {}
+    try:
+        if right:
+            named["right"] = patterns_of(right.files, paths)
+            way = _pairing(left, right)
+        steps = _maker("images")(**named, **way).steps(folder) or {}
+    except InputError as error:
+        raise InputError(f"{folder / named['left'][0]}: {error}") from error
+    return Photographs(named["left"], named.get("right", []), steps, way.get("pair_by", ""))
+
+
+def _pairing(left: Series, right: Series) -> dict[str, str]:
+    """What pairs the photographs of two cameras where no names agree: the order, if their counters run alike."""
+    names, others = ([path.name for path in one.files] for one in (left, right))
+    try:
+        pair_names(names, others)
+    except InputError:
+        offset = counter_offset(names, others)
+        if offset is None or abs(offset) < len(left.files):
+            raise
+        return {"pair_by": "order"}
+    return {}
+
+
+def _with_places(folder: Path, found: Found, say: Say) -> Found:
+    """The findings with the region, the caliper table and the extensometer."""
+    region = next((path.name for path in _small_files(folder, {".geojson"})), None)
+    caliper = _caliper(folder, len(found.photos.steps))
+    if caliper:
+        say(f"caliper table: {caliper.name}" + (f", not compared: {caliper.obstacle}" if caliper.obstacle else ""))
+    left = [step["left"] for step in found.photos.steps.values()]
+    first = _read(left[0])
+    for note in Images.read(first).notes.values():
+        say(note)
+    try:
+        gauge = gauge_over(_polygons(folder, first, left, region), left, read_grey)
+        say(
+            f"load along {gauge.axis}: {gauge.reason}" if gauge else "no extensometer: the region is too narrow for one"
+        )
+    except StageError as error:
+        gauge = None
+        say(f"no extensometer: {error}")
+    return found._replace(region=region, caliper=caliper, gauge=gauge)
+
+
+def _read(file: Path | FilePart) -> Product:
+    """A photograph as the stage of the photographs reads it."""
+    return _maker("images")(left="*").run(left=file)
+
+
+def _polygons(folder: Path, first: Product, left: Sequence[Path | FilePart], region: str | None) -> list[Polygon]:
+    """The region that the pipeline measures."""
+    if region:
+        product = _maker("region")(file=region).run(images=first, file_path=folder / region)
+    else:
+        product = _maker("region")().run(images=first, images_early=_Early(left))
+    return Region.read(product).polygons
+
+
+class _Early(Sequence[Product]):
+    """Photographs of the steps that follow the first early, each read when it is used."""
+
+    def __init__(self, files: Sequence[Path | FilePart]) -> None:
+        self._files = [files[after] for after in EARLY_STEPS if after < len(files)]
+
+    def __len__(self) -> int:
+        return len(self._files)
+
+    def __getitem__(self, index: Any) -> Any:
+        return _read(self._files[index])
+
+
+def _calibration(folder: Path) -> str | None:
+    """The first file in the folder that holds a calibrated rig."""
+    for path in _small_files(folder, _CALIBRATION_SUFFIXES):
+        try:
+            parse_calibration(path)
+        except DicflowError:
+            continue
+        return path.name
+    return None
+
+
+def _small_files(folder: Path, suffixes: Collection[str]) -> list[Path]:
+    """Regular files in the folder with one of these suffixes, not so large that they cannot be what is looked for."""
+    files = [path for path in sorted(folder.iterdir()) if path.suffix.lower() in suffixes and path.is_file()]
+    return [path for path in files if path.stat().st_size <= _MAX_BYTES and _is_text(path.name)]
+
+
+def _caliper(folder: Path, steps: int) -> Caliper | None:
+    """The first table in the folder that holds a caliper's lengths, and whether it fits the steps."""
+    node = _maker("compare")
+    for path in sorted(_small_files(folder, _TABLE_SUFFIXES), key=lambda path: "caliper" not in path.name.lower()):
+        try:
+            rows = node(caliper=path.name).check(path)["rows"]
+        except DicflowError as error:
+            if "caliper" in path.name.lower():
+                return Caliper(path.name, str(error))
+            continue
+        return Caliper(path.name, "" if rows == steps else f"{rows} rows, but {steps} steps; write one row per step")
+    return None
+
+
+def _maker(stage: str) -> Callable[..., Node]:
+    """The node of a stage as a function of its parameters."""
+    return node_class(stage)
