@@ -22,7 +22,7 @@ from dicflow.engine.references import load
 from dicflow.engine.schedulers import Backend, BackendOptions, check_scheduler, open_backend, scheduler_warning
 from dicflow.engine.store import Store
 from dicflow.engine.work import Job, Outcome, perform, stop_path
-from dicflow.errors import StageError, StoreError
+from dicflow.errors import StageError, StoreError, WorkerError
 
 __all__ = ["STATUSES", "Options", "RunResult", "dask_graph", "run"]
 
@@ -37,9 +37,9 @@ class Options:
     dashboard : show dask's dashboard on this machine's loopback
     code_policy : what to do with results that other code has made
     keep_going : after a failure go on with all that does not need what failed
-    retries : how often a task is tried again after an error that is not a DicflowError; on a cluster of dask's its
-        scheduler does so, perhaps on another worker. Workers of this machine may also die so often of one task, but
-        at least once; then it gets one more attempt, alone.
+    retries : how often a task is tried again after an error that is not a DicflowError; a scheduler of dask's does so
+        itself, perhaps on another worker. Workers of this machine may also die so often of one task, but at least
+        once; then it gets one more attempt, alone.
     on_event : called with every event, in the thread that called ``run``
     worker_setup : called once in every worker, a function of a module
     linger : called when all is done, before workers and dashboard end
@@ -193,10 +193,20 @@ class _Run:
         self.stop()
 
     def compute(self, backend: Backend, jobs: Iterator[Job]) -> None:
-        """Run all jobs; after a stop those that were not handed over are skipped."""
-        backend.compute(self._until_stop(jobs), self.outcomes, self.finished)
-        for job in jobs:
-            self.finished(job.outcome("skipped", error="the run was stopped"))
+        """Run all jobs; after a stop those that were not handed over are skipped.
+
+        Where no worker is left, the first task without an outcome has failed.
+        """
+        try:
+            backend.compute(self._until_stop(jobs), self.outcomes, self.finished)
+        except WorkerError as error:
+            lost = next(entry.task for name, entry in self.plan.entries.items() if name not in self.outcomes)
+            self.stopped = True
+            self.finished(Outcome(lost.name, lost.stage, lost.step, "failed", error=f"{lost.name}: {error}"))
+        for name, entry in self.plan.entries.items():
+            if name not in self.outcomes:
+                task = entry.task
+                self.finished(Outcome(name, task.stage, task.step, "skipped", error="the run was stopped"))
 
     def _until_stop(self, jobs: Iterator[Job]) -> Iterator[Job]:
         while not self.stopped and (job := next(jobs, None)) is not None:

@@ -2,7 +2,7 @@
 
 Who tries again? A :class:`Defect` leaves this module as an exception, and the backend that handed the task over counts
 its attempts: dask's scheduler by ``retries``, since it outlives a worker and may choose another one, and
-:mod:`dicflow.engine.in_process` for jobs in this process. A DicflowError would come again, so that it is an outcome.
+:mod:`dicflow.engine.local` for jobs on this machine. A DicflowError would come again, so that it is an outcome.
 """
 
 from __future__ import annotations
@@ -11,7 +11,7 @@ import platform
 import sys
 import time
 import traceback
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import cache
@@ -35,8 +35,10 @@ from dicflow.engine.store import Store
 from dicflow.engine.workers import hold_to_one_thread
 from dicflow.errors import DamagedError, DicflowError, InputError, StageError
 
-__all__ = ["Defect", "Job", "Outcome", "is_kept", "perform", "stop_path"]
+__all__ = ["KILLED", "Defect", "Job", "Outcome", "Perform", "is_kept", "perform", "stop_path"]
 
+KILLED = "its worker was killed every time, even running alone; probably out of memory"
+"""The error of a task whose workers die."""
 _DEEPEST = 3
 """Products that are not kept may rest on one another this deep."""
 _PER_ARRAY_S, _BYTES_PER_S = 0.001, 2e8
@@ -110,6 +112,10 @@ class Job:
     def outcome(self, status: Literal["hit", "computed", "failed", "skipped"], **more: Any) -> Outcome:
         """An outcome of this task."""
         return Outcome(self.task.name, self.task.stage, self.task.step, status, **more)
+
+
+Perform = Callable[..., Outcome]
+"""Does a job with the outcomes of its producers, like :func:`perform`."""
 
 
 class Defect(Exception):
