@@ -143,7 +143,13 @@ def _run_line(result: Result) -> dict[str, Any]:
     outcome = result.outcome
     assert outcome is not None
     counts = {name: outcome.counts.get(name, 0) for name in ("hit", "computed", "failed", "skipped")}
-    return {"run": outcome.run_id, "counts": counts, "seconds": round(outcome.seconds, 3), "stages": outcome.by_stage()}
+    return {
+        "run": outcome.run_id,
+        "counts": counts,
+        "seconds": round(outcome.seconds, 3),
+        "warnings": list(outcome.warnings),
+        "stages": outcome.by_stage(),
+    }
 
 
 def _print_run(console: Console, result: Result, folder: Path, files: list[Path]) -> None:
@@ -155,6 +161,8 @@ def _print_run(console: Console, result: Result, folder: Path, files: list[Path]
     for stage in result.stages_of("rig"):
         if result.has(stage):
             console.print(f"{stage}: {CalibratedRig.read(result.product(stage)).verdict}", soft_wrap=True)
+    for warning in outcome.warnings:
+        console.print(f"warning: {warning}", style="yellow", soft_wrap=True)
     counts = ", ".join(f"{number} {name}" for name, number in outcome.counts.items() if number)
     console.print(f"{counts} in {outcome.seconds:.1f} s, run {outcome.run_id}", soft_wrap=True)
     if outcome.interrupted:

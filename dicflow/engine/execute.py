@@ -6,9 +6,9 @@ import signal
 import threading
 import time
 from collections import Counter
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from types import FrameType
 from typing import Any
@@ -18,6 +18,7 @@ from dicflow.engine.graph import Graph
 from dicflow.engine.journal import Event, Journal
 from dicflow.engine.plan import CodePolicy, Plan, make_plan
 from dicflow.engine.product import Product
+from dicflow.engine.product_warnings import product_warnings
 from dicflow.engine.references import load
 from dicflow.engine.schedulers import Backend, BackendOptions, check_scheduler, open_backend, scheduler_warning
 from dicflow.engine.store import Store
@@ -62,6 +63,7 @@ class RunResult:
 
     folder : of the run in the store; None where nothing was to do in a store that cannot be written
     seconds : from the call of ``run`` to its return
+    warnings : each once, those of products too, whether they were computed now or before
     """
 
     run_id: str
@@ -70,7 +72,7 @@ class RunResult:
     outcomes: Mapping[str, Outcome]
     seconds: float
     interrupted: bool = False
-    warnings: list[str] = field(default_factory=list)
+    warnings: Sequence[str] = ()
 
     @property
     def counts(self) -> dict[str, int]:
@@ -147,7 +149,9 @@ class _Run:
         self.stopped = False
         hits = {name: entry for name, entry in plan.entries.items() if entry.state == "hit"}
         self.outcomes = {
-            name: Outcome(name, entry.task.stage, entry.task.step, "hit", entry.ref, entry.key or "")
+            name: Outcome(
+                name, entry.task.stage, entry.task.step, "hit", entry.ref, entry.key or "", warnings=entry.warnings
+            )
             for name, entry in hits.items()
         }
 
@@ -244,6 +248,8 @@ def _run_once(
             if plan.counts["hit"] < len(plan.entries):
                 _keep_code(plan, store)
                 _compute(state, journal.id)
+            for stage, text in product_warnings(graph, state.outcomes):
+                state.report(Event("warning", stage=stage, text=text))
         finally:
             _close(state, journal)
     computed = {name: outcome for name, outcome in before.items() if outcome.status == "computed"}
@@ -255,7 +261,7 @@ def _run_once(
         outcomes,
         0.0,
         state.interrupted,
-        plan.warnings,
+        [*plan.warnings, *(text for _, text in product_warnings(graph, outcomes))],
     )
 
 
@@ -301,6 +307,7 @@ def _compute(state: _Run, run_id: str) -> None:
     options = state.options
     warning = scheduler_warning(options.scheduler)
     if warning:
+        state.plan.warnings.append(warning)
         state.report(Event("warning", text=warning))
     opened = BackendOptions(
         options.scheduler,

@@ -49,7 +49,7 @@ class Record:
     parts : stage, impl_version, parameters, inputs and files, see :mod:`dicflow.engine.keys`
     digest : of the product
     code : root of the fingerprint of the code that made it; "" where that has another form, made by other code
-    made : provenance: task, run, time, host, seconds, peak memory, versions
+    made : provenance: task, run, time, host, seconds, peak memory, versions, warnings of the product
     """
 
     key: str
@@ -57,6 +57,12 @@ class Record:
     digest: str
     code: str
     made: Mapping[str, Any]
+
+    @property
+    def warnings(self) -> tuple[str, ...]:
+        """The warnings of the product."""
+        found = self.made.get("warnings", ())
+        return tuple(map(str, found)) if isinstance(found, list) else ()
 
     def to_json(self) -> dict[str, Any]:
         """The record as JSON."""

@@ -57,6 +57,7 @@ class Outcome:
     peak_bytes : most memory that its process held while it ran
     damaged : failed because an input's object turned out damaged; another run repairs it
     warning : of a hit that other code has made
+    warnings : of the product
     """
 
     name: str
@@ -72,6 +73,7 @@ class Outcome:
     peak_bytes: int = 0
     damaged: bool = False
     warning: str = ""
+    warnings: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -176,9 +178,10 @@ def _performed(job: Job, inputs: tuple[Outcome, ...], start: float) -> Outcome:
     if record is not None and not against:
         ref = Ref(record.digest, None if kept else recipe)
         if record.made.get("run") == job.run_id:  # done before by a worker that died of something else
-            return job.outcome("computed", ref=ref, key=key, stage_s=record.made.get("stage_s", 0.0))
+            stage_s = record.made.get("stage_s", 0.0)
+            return job.outcome("computed", ref=ref, key=key, stage_s=stage_s, warnings=record.warnings)
         warning = code_warning(store, task.stage, record, job.code, job.code_policy)
-        return job.outcome("hit", ref=ref, key=key, warning=warning)
+        return job.outcome("hit", ref=ref, key=key, warning=warning, warnings=record.warnings)
     product, times = _run(job, store, recipe)
     manifest = describe(product)
     keep = is_kept(task.node, len(product.variables), manifest.nbytes, sum(times), recipe.depth, job.gathered)
@@ -188,7 +191,14 @@ def _performed(job: Job, inputs: tuple[Outcome, ...], start: float) -> Outcome:
     stage_s, remake_s = times
     engine_s = time.perf_counter() - start - stage_s - remake_s
     done = job.outcome(
-        "computed", ref=ref, key=key, stage_s=stage_s, remake_s=remake_s, engine_s=engine_s, peak_bytes=_peak()
+        "computed",
+        ref=ref,
+        key=key,
+        stage_s=stage_s,
+        remake_s=remake_s,
+        engine_s=engine_s,
+        peak_bytes=_peak(),
+        warnings=product.warnings,
     )
     made = Record(key, parts, manifest.digest, job.code.root, _provenance(job, done, manifest))
     store.put_record(made)
@@ -243,6 +253,7 @@ def _provenance(job: Job, done: Outcome, manifest: Manifest) -> dict[str, Any]:
         "peak_bytes": done.peak_bytes,
         "nbytes": manifest.nbytes,
         "versions": versions(),
+        **({"warnings": list(done.warnings)} if done.warnings else {}),
     }
 
 

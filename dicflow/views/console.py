@@ -66,7 +66,7 @@ class Progress:
             self._plan(event)
         elif event.kind == "finished":
             self._finish(event)
-        elif event.kind in ("warning", "dashboard"):
+        elif event.kind == "dashboard" or (event.kind == "warning" and not event.stage):
             self._console.print(event.text, style="yellow" if event.kind == "warning" else "cyan", soft_wrap=True)
         if self._live:
             self._live.update(self._shown())
