@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import signal
 import sys
 from collections.abc import Callable
 from typing import Annotated
@@ -61,10 +62,26 @@ def root(version: Annotated[bool, typer.Option("--version", help="print the vers
 def main() -> None:
     """Run the command line; every error meant for users is one message, without a traceback."""
     from dicflow.engine.workers import limit_threads
+    from dicflow.views.plain_text import ascii_signs, plain
 
     limit_threads()
+    ascii_signs(sys.stdout)
+    ascii_signs(sys.stderr)
+    _end_in_order()
     try:
         app()
     except DicflowError as error:
-        typer.secho(str(error), fg="red", err=True)
+        typer.secho(plain(error), fg="red", err=True)
         sys.exit(error.exit_code)
+
+
+def _end_in_order() -> None:
+    """Let a signal to end, or the loss of the terminal, end the workers too; one that is ignored stays so."""
+    for name in ("SIGTERM", "SIGHUP"):
+        number = getattr(signal, name, None)
+        if number is not None and signal.getsignal(number) is signal.SIG_DFL:
+            signal.signal(number, _end)
+
+
+def _end(number: int, _frame: object) -> None:
+    sys.exit(128 + number)

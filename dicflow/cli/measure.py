@@ -19,6 +19,7 @@ from dicflow.cli.options import (
     StoreFolder,
     load,
     results_folder,
+    say,
 )
 from dicflow.engine.schedulers import scheduler_names
 
@@ -83,7 +84,7 @@ def run(
         progress.print(f"warning: {problem}", style="yellow", soft_wrap=True)
     progress.print(f"report: {report}", soft_wrap=True)
     if as_json:
-        out.print(json.dumps(_run_line(result)), soft_wrap=True)
+        say(json.dumps(_run_line(result)))
     raise typer.Exit(_exit_code(result))
 
 

@@ -9,7 +9,7 @@ from typing import Annotated
 
 import typer
 
-from dicflow.cli.options import Force, refuse_existing, refuse_full, tick, write_new
+from dicflow.cli.options import Force, refuse_existing, refuse_full, say, tick, warn, write_new
 
 __all__ = ["doctor", "init", "schema", "stages", "synth"]
 
@@ -24,8 +24,8 @@ def schema() -> None:
     from dicflow.pipeline.schema import pipeline_schema
 
     for problem in node_classes()[1]:
-        typer.secho(f"warning: {problem}", fg="yellow", err=True)
-    typer.echo(json.dumps(pipeline_schema(), indent=1, ensure_ascii=False))
+        warn(problem)
+    say(json.dumps(pipeline_schema(), indent=1, ensure_ascii=False))
 
 
 def stages(
@@ -41,12 +41,12 @@ def stages(
     from dicflow.pipeline.stage_words import list_lines, stage_lines
 
     if name is not None:
-        typer.echo("\n".join(stage_lines(name, node_class(name))))
+        say("\n".join(stage_lines(name, node_class(name))))
         return
     kinds, problems = node_classes()
-    typer.echo("\n".join(list_lines(kinds)))
+    say("\n".join(list_lines(kinds)))
     for problem in problems:
-        typer.secho(f"warning: {problem}", fg="yellow", err=True)
+        warn(problem)
 
 
 def init(
@@ -63,10 +63,10 @@ def init(
 
     path = folder / "pipeline.yaml"
     refuse_existing(path, force)
-    text = pipeline_text(look(folder, typer.echo), square, path)
+    text = pipeline_text(look(folder, say), square, path)
     write_new(path, text.encode(), force)
     first = "fill in the side of a square" if OPEN in text else "read it"
-    typer.echo(f"wrote {path}; {first}, then: dicflow run {path}")
+    say(f"wrote {path}; {first}, then: dicflow run {path}")
 
 
 synth = typer.Typer(
@@ -117,5 +117,5 @@ def doctor(store: Annotated[Path, typer.Option(help="folder where products would
 
     found = list(checks(store))
     for check in found:
-        typer.echo(f"{'ok     ' if check.ok else 'PROBLEM'}  {check.subject}: {check.finding}")
+        say(f"{'ok     ' if check.ok else 'PROBLEM'}  {check.subject}: {check.finding}")
     raise typer.Exit(0 if all(check.ok for check in found) else 1)

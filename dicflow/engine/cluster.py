@@ -13,7 +13,7 @@ from concurrent.futures import CancelledError, wait
 from contextlib import contextmanager, suppress
 from functools import partial
 from operator import itemgetter
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import dask
 import distributed

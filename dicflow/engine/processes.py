@@ -101,10 +101,16 @@ class WorkerProcesses:
     def map(self, function: Callable[..., T], items: Iterable[Any]) -> Iterator[T]:
         """The function's values for some items, in their order, with all workers at once.
 
-        Raises what :meth:`call` raises; a call whose worker died is made once more.
+        Raises what the function raises, and WorkerError where workers cannot be started or die again and again.
         """
         with ThreadPoolExecutor(self.count) as threads:
-            yield from threads.map(partial(survive, 1, self.call, function), items)
+            yield from threads.map(partial(self._called, function), items)
+
+    def _called(self, function: Callable[..., T], item: Any) -> T:
+        try:
+            return survive(1, self.call, function, item)
+        except WorkerLost:
+            raise WorkerError("a worker was killed twice at the same work, probably out of memory; use fewer") from None
 
     def _free(self) -> _Worker:
         while True:
