@@ -61,10 +61,12 @@ def root(version: Annotated[bool, typer.Option("--version", help="print the vers
 
 def main() -> None:
     """Run the command line; every error meant for users is one message, without a traceback."""
+    from dicflow.engine.kernel_cache import keep_kernels
     from dicflow.engine.workers import limit_threads
     from dicflow.views.plain_text import ascii_signs, plain
 
     limit_threads()
+    keep_kernels()
     ascii_signs(sys.stdout)
     ascii_signs(sys.stderr)
     _end_in_order()

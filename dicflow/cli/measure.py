@@ -61,7 +61,7 @@ def run(
     from dicflow.views.console import Progress, consoles
     from dicflow.views.publish import publish
 
-    out, progress = consoles()
+    _, progress = consoles()
     loaded = load(pipeline, data, store, settings)
     folder = results_folder(loaded, output)
     assert loaded.graph

@@ -6,6 +6,7 @@ import asyncio
 import itertools
 import logging
 import socket
+import tempfile
 import time
 import uuid
 from collections.abc import Callable, Iterator, Mapping
@@ -49,11 +50,12 @@ _WINDOW = 2000
 """Tasks at the scheduler at once."""
 _AT_A_TIME = 50
 """Tasks handed over before those that have ended are looked at again."""
-_PAGES_ONLY = {
+_DASHBOARD = {
+    "distributed.scheduler.worker-saturation": _SATURATION,
     "distributed.scheduler.http.routes": ["distributed.http.statics"],
     "distributed.worker.http.routes": [],
 }
-"""The dashboard has its plots only: no logs and no call stacks."""
+"""A scheduler within this process. The dashboard has its plots only: no logs and no call stacks."""
 _ORIGINS = "distributed.scheduler.dashboard.bokeh-application.allow_websocket_origin"
 
 
@@ -173,7 +175,8 @@ class _Window:
             self._watch.check()
             with self._ended.thread_condition:
                 self._ended.thread_condition.wait(0.1)
-        return self._ended.next_batch(block=False)
+        batch: list[distributed.Future] = self._ended.next_batch(block=False)
+        return batch
 
     def _take(self, batch: list[distributed.Future], queue: JobQueue) -> None:
         """Take in what has ended, products first: an error is judged by the outcomes before it.
@@ -198,7 +201,8 @@ class _Window:
             wait([found], timeout=1.0)
             self._watch.check()
         try:
-            return found.result()
+            outcomes: list[Outcome] = found.result()
+            return outcomes
         except (OSError, CancelledError) as error:
             raise WorkerError(f"{self._watch.address}: {_ENDED}") from error
 
@@ -255,7 +259,8 @@ def dashboard_cluster(options: BackendOptions, *, processes: bool) -> Iterator[B
     address = f"{_LOOPBACK}:{_free_port()}"
     origins = {_ORIGINS: [address]}  # pages of other origins in a browser see nothing
     with (
-        dask.config.set({**_PAGES_ONLY, **origins, "distributed.scheduler.worker-saturation": _SATURATION}),
+        tempfile.TemporaryDirectory(prefix="dicflow-") as scratch,
+        dask.config.set({**_DASHBOARD, **origins, "temporary-directory": scratch}),
         distributed.LocalCluster(
             processes=False,
             n_workers=1,
@@ -270,7 +275,7 @@ def dashboard_cluster(options: BackendOptions, *, processes: bool) -> Iterator[B
         distributed.Client(cluster, set_as_default=False) as client,
         _performer(options, processes) as performer,
     ):
-        yield ClusterBackend(client, cluster.dashboard_link, options.retries, performer)
+        yield ClusterBackend(client, f"http://{address}/status", options.retries, performer)
 
 
 def _free_port() -> int:

@@ -96,7 +96,8 @@ class WorkerProcesses:
         self._idle.put(worker)
         if not succeeded:
             raise value
-        return value  # type: ignore[no-any-return]
+        found: T = value
+        return found
 
     def map(self, function: Callable[..., T], items: Iterable[Any]) -> Iterator[T]:
         """The function's values for some items, in their order, with all workers at once.
@@ -108,7 +109,8 @@ class WorkerProcesses:
 
     def _called(self, function: Callable[..., T], item: Any) -> T:
         try:
-            return survive(1, self.call, function, item)
+            found: T = survive(1, self.call, function, item)
+            return found
         except WorkerLost:
             raise WorkerError("a worker was killed twice at the same work, probably out of memory; use fewer") from None
 
