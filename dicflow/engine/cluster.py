@@ -40,7 +40,7 @@ _WITHOUT_WORKERS_S = 120.0
 _CERTIFICATES = "DASK_DISTRIBUTED__COMM__TLS__CA_FILE, …__CLIENT__CERT and …__CLIENT__KEY to files in PEM"
 _OTHER_SOURCE = "runs different dicflow source; install this version there and restart it"
 _ENDED = "the scheduler has ended or cannot be reached; start it again, then run again: what is done is kept"
-_LOST = (distributed.KilledWorker, WorkerLost, CancelledError)
+_LOST = (distributed.KilledWorker, WorkerLost)
 _SATURATION = 1.0
 """Tasks at a worker per thread: the running one only, so that the next step of a chain waits for no other.
 
@@ -139,6 +139,8 @@ class _Window:
             while not (waits and self._ended.is_empty()):
                 self._take(self._next_batch(waits), queue)
                 waits = self._fill(queue)
+        except distributed.client.ClosedClientError as error:
+            raise WorkerError(f"{self._watch.address}: {_ENDED}") from error
         finally:
             if self._client.status == "running":
                 self._client.cancel([inside.future for inside in self._inside.values()])
@@ -212,13 +214,17 @@ class _Window:
             self._erred(*inside)
 
     def _erred(self, rank: int, job: Job, future: distributed.Future) -> None:
-        """Dask gives the error of a task also to those that need it; those lack an outcome or product to take."""
+        """Dask gives the error of a task also to those that need it; those lack an outcome or product to take.
+
+        A task without an error was cancelled, because its scheduler was away for a moment.
+        """
+        self._watch.check()
         inputs = job.known_inputs(self._outcomes)
         missing = next((one for one in inputs if one.ref is None), None)
-        error = future.exception()
+        error = None if future.status == "cancelled" else future.exception()
         if missing is not None:
             self._finished(perform(job, missing))
-        elif len(inputs) < len(job.awaited()) or isinstance(error, _LOST):
+        elif len(inputs) < len(job.awaited()) or error is None or isinstance(error, _LOST):
             self._lost.append((rank, job))
         elif isinstance(error, WorkerError):
             raise error

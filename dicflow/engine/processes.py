@@ -75,7 +75,7 @@ class WorkerProcesses:
                 busy.discard(worker)
         self._idle.put(None)
         for worker in busy:
-            worker.process.terminate()
+            worker.process.kill()
         for worker in workers:
             worker.end()
 
@@ -195,7 +195,7 @@ class _Worker:
         self._pipe.close()
 
     def end(self) -> None:
-        """Wait for its end, and enforce it."""
+        """Wait for its end, and enforce it after a while."""
         self.process.join(_END_S)
         if self.process.is_alive():
             self.process.kill()
