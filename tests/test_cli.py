@@ -57,7 +57,7 @@ def test_a_run_with_nothing_to_do(own):
     answer = dicflow("run", *own, "--json")
     assert answer.code == 0
     assert answer.line["counts"] == {"hit": TASKS, "computed": 0, "failed": 0, "skipped": 0}
-    assert set(answer.line) == {"run", "counts", "seconds", "stages"}
+    assert set(answer.line) == {"run", "counts", "seconds", "warnings", "stages"}
     assert answer.line["stages"]["total"]["hit"] == STEPS - 1
     assert len(answer.out.splitlines()) == 1
     assert "rig: " in answer.err

@@ -154,14 +154,14 @@ def _run_line(result: Result) -> dict[str, Any]:
 
 
 def _print_run(console: Console, result: Result, folder: Path, files: list[Path]) -> None:
-    """Verdicts, counts and where the files are."""
+    """Verdicts, warnings, counts and where the files are; a doubtful rig is among the warnings."""
     outcome = result.outcome
     assert outcome is not None
     from dicflow.kinds.rig import CalibratedRig
 
     for stage in result.stages_of("rig"):
-        if result.has(stage):
-            console.print(f"{stage}: {CalibratedRig.read(result.product(stage)).verdict}", soft_wrap=True)
+        if result.has(stage) and not (rig := CalibratedRig.read(result.product(stage))).is_doubtful:
+            console.print(f"{stage}: {rig.verdict}", soft_wrap=True)
     for warning in outcome.warnings:
         console.print(f"warning: {warning}", style="yellow", soft_wrap=True)
     counts = ", ".join(f"{number} {name}" for name, number in outcome.counts.items() if number)

@@ -175,7 +175,8 @@ from toys import chain, run_sync
 if __name__ == "__main__":
     _end_in_order()
     graph = chain(Path(sys.argv[1]), sleep_s=60.0)
-    run_sync(graph, Store.open(Path(sys.argv[2])), scheduler="processes", on_event=lambda event: print(event.stage, flush=True))
+    store = Store.open(Path(sys.argv[2]))
+    run_sync(graph, store, scheduler="processes", on_event=lambda event: print(event.stage, flush=True))
 """
 
 
