@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import os
 import signal
 import sys
+import threading
 from collections.abc import Callable
 from typing import Annotated
 
@@ -67,8 +69,10 @@ def main() -> None:
 
     limit_threads()
     keep_kernels()
-    ascii_signs(sys.stdout)
-    ascii_signs(sys.stderr)
+    for name in ("stdout", "stderr"):
+        if getattr(sys, name) is None:  # closed by the caller
+            setattr(sys, name, open(os.devnull, "w"))  # noqa: SIM115
+        ascii_signs(getattr(sys, name))
     _end_in_order()
     try:
         app()
@@ -79,6 +83,8 @@ def main() -> None:
 
 def _end_in_order() -> None:
     """Let a signal to end, or the loss of the terminal, end the workers too; one that is ignored stays so."""
+    if threading.current_thread() is not threading.main_thread():
+        return
     for name in ("SIGTERM", "SIGHUP"):
         number = getattr(signal, name, None)
         if number is not None and signal.getsignal(number) is signal.SIG_DFL:

@@ -24,7 +24,7 @@ from dicflow.engine.graph import Graph, Task, TaskInput
 from dicflow.engine.hashing import plain
 from dicflow.engine.journal import Entry, Event, latest
 from dicflow.engine.keys import Change, differences, input_digests, key_maker, key_parts, parameters
-from dicflow.engine.node import At, Node
+from dicflow.engine.node import At, Node, Scope
 from dicflow.engine.records import Record
 from dicflow.engine.references import Recipe, Ref, RefInput
 from dicflow.engine.store import Store
@@ -164,18 +164,21 @@ def make_plan(
 
 def _single_steps(graph: Graph) -> Iterator[str]:
     """A warning for each series of one step of which stages need an earlier one."""
-    for series, steps in graph.steps.items():
-        if len(steps) == 1:
-            comparing = [name for name in graph.stages if series in _compared(graph, name)]
-            if comparing:
-                yield f"{series} has one step only, so that {', '.join(comparing)} cannot compare; add the other steps"
+    for series in graph.files:
+        steps = graph.steps[series]
+        alike = {name for name, found in graph.steps.items() if found == steps}
+        comparing = [name for name in graph.stages if alike & _compared(graph, name)]
+        if len(steps) == 1 and comparing:
+            yield f"{series} has one step only, with which {', '.join(comparing)} cannot compare; add the other steps"
 
 
-def _compared(graph: Graph, name: str) -> list[str]:
-    """The stages whose earlier steps a stage takes."""
+def _compared(graph: Graph, name: str) -> set[str]:
+    """The stages whose first or previous step a stage compares with a later one."""
     spec = graph.stages[name]
+    if spec.node.scope not in (Scope.STEP, Scope.PAIR):
+        return set()
     earlier = [port for port, declared in spec.node.takes.items() if declared.at in (At.PREVIOUS, At.FIRST)]
-    return [spec.inputs[port] for port in earlier if port in spec.inputs]
+    return {spec.inputs[port] for port in earlier if port in spec.inputs}
 
 
 def find_hit(

@@ -104,8 +104,11 @@ class WorkerProcesses:
 
         Raises what the function raises, and WorkerError where workers cannot be started or die again and again.
         """
-        with ThreadPoolExecutor(self.count) as threads:
+        threads = ThreadPoolExecutor(self.count)
+        try:
             yield from threads.map(partial(self._called, function), items)
+        finally:
+            threads.shutdown(wait=False, cancel_futures=True)
 
     def _called(self, function: Callable[..., T], item: Any) -> T:
         try:
@@ -203,9 +206,9 @@ class _Worker:
 
 
 def _launched(setup: Callable[[], None] | None) -> _Worker | None:
-    """A worker that begins with Ctrl-C blocked; None where the system starts no process."""
+    """A worker that leaves Ctrl-C and the loss of the terminal to this process; None where none can be started."""
     if hasattr(signal, "pthread_sigmask"):
-        signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})  # of this thread, and inherited
+        signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT, signal.SIGHUP})  # of this thread, and inherited
     try:
         return _Worker(setup)
     except OSError:

@@ -33,7 +33,7 @@ class Progress:
     """Shows a run as it goes: per stage what was cached, computed, failed, and what is left.
 
     On a terminal the table renews itself, and before it a line counts the files and tasks that are being checked;
-    elsewhere one line is printed per finished stage.
+    elsewhere one line is printed per finished stage. Warnings are left to the last lines of the command.
     Give :meth:`on_event` to the run, and use the object as a context.
     """
 
@@ -67,8 +67,8 @@ class Progress:
             self._plan(event)
         elif event.kind == "finished":
             self._finish(event)
-        elif event.kind == "dashboard" or (event.kind == "warning" and not event.stage):
-            self._console.print(event.text, style="yellow" if event.kind == "warning" else "cyan", soft_wrap=True)
+        elif event.kind == "dashboard":
+            self._console.print(event.text, style="cyan", soft_wrap=True)
         if self._live:
             self._live.update(self._shown())
 

@@ -80,8 +80,7 @@ def test_other_sentences_stay_apart(folder, store):
 def test_a_series_of_one_step_is_named_if_stages_compare(tmp_path, store):
     one = numbers(tmp_path / "one", 1)
     assert run_sync(chain(one), store).warnings == [
-        "read has one step only, so that total cannot compare; add the other steps",
-        "scale has one step only, so that difference cannot compare; add the other steps",
+        "read has one step only, with which difference, total cannot compare; add the other steps"
     ]
     alone = {"read": StageSpec(Read(), {}, one), "warns": StageSpec(Warns(), {"number": "read"})}
     assert run_sync(expand(alone), store).warnings == []

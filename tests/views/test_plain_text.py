@@ -76,7 +76,7 @@ def test_names_in_progress_and_tables_are_escaped(monkeypatch, text, terminal):
     with Progress(console) as progress:
         progress.on_event(Event("checking", text=text, counts={"done": 1, "all": 2}))
         progress.on_event(Event("planned", stages={text: {"run": 1}}))
-        progress.on_event(Event("warning", text=text))
+        progress.on_event(Event("dashboard", text=text))
         progress.on_event(Event("finished", task=text, stage=text, status="failed", text=text))
     console.print(simple_table((text, "n"), [(text, 1)]))
     shown = sys.stderr.getvalue()
