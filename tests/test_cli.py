@@ -427,6 +427,15 @@ def test_doctor(tmp_path):
     assert f"ok       store: {tmp_path} can be written" in answer.out
 
 
+def test_doctor_says_where_kernels_are_kept_or_what_to_set(tmp_path, monkeypatch):
+    line = next(line for line in dicflow("doctor", "--store", tmp_path).out.splitlines() if "compiler" in line)
+    assert os.environ["NUMBA_CACHE_DIR"] in line
+    monkeypatch.setattr("numba.core.caching.CacheImpl._locator_classes", [])  # as where nothing can be written
+    answer = dicflow("doctor", "--store", tmp_path)
+    assert answer.code == 1
+    assert "PROBLEM  compiler: numba finds no folder to keep compiled kernels in; set NUMBA_CACHE_DIR" in answer.out
+
+
 def test_synth_keeps_what_is_there(tmp_path):
     (tmp_path / "mine.txt").write_text("")
     for words in (("sample",), ("latex", "--scale", "0.2")):

@@ -201,8 +201,8 @@ def test_a_signal_ends_the_workers_too_and_leaves_nothing(folder, store, tmp_pat
     children = psutil.Process(process.pid).children()
     named = semaphores([process, *children])
     (os.killpg if group else os.kill)(process.pid, getattr(signal, number))
-    _, errors = process.communicate(timeout=20)
+    _, errors = process.communicate(timeout=60)
     assert process.returncode == code
     assert errors == ""
-    assert psutil.wait_procs(children, timeout=20)[1] == []
+    assert psutil.wait_procs(children, timeout=60)[1] == []
     assert not any(path.exists() for path in named)
