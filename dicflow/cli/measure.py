@@ -41,7 +41,10 @@ def run(
     workers: Annotated[int, typer.Option(min=1, help="workers at once; default: one per core")] = os.cpu_count() or 1,
     scheduler: Annotated[str, typer.Option(help=scheduler_names())] = "processes",
     dashboard: Annotated[
-        bool, typer.Option("--dashboard", help="serve dask's dashboard on this machine and print its link")
+        bool,
+        typer.Option(
+            "--dashboard", help="serve dask's dashboard and print its link; everyone on this machine can read it"
+        ),
     ] = False,
     wait: Annotated[bool, typer.Option("--wait", help="keep the dashboard until Enter is pressed")] = False,
     keep_going: Annotated[

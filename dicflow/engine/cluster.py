@@ -55,7 +55,9 @@ _DASHBOARD = {
     "distributed.scheduler.http.routes": ["distributed.http.statics"],
     "distributed.worker.http.routes": [],
 }
-"""A scheduler within this process. The dashboard has its plots only: no logs and no call stacks."""
+"""A scheduler within this process, without pages of logs, call stacks and figures for other programs."""
+_PAGES = frozenset(("/status", "/workers", "/tasks", "/system", "/graph", "/groups"))
+"""Plots that the dashboard shows: those that only look, and tell names, times and load."""
 _ORIGINS = "distributed.scheduler.dashboard.bokeh-application.allow_websocket_origin"
 
 
@@ -267,6 +269,7 @@ def dashboard_cluster(options: BackendOptions, *, processes: bool) -> Iterator[B
     with (
         tempfile.TemporaryDirectory(prefix="dicflow-") as scratch,
         dask.config.set({**_DASHBOARD, **origins, "temporary-directory": scratch}),
+        _only_pages(),
         distributed.LocalCluster(
             processes=False,
             n_workers=1,
@@ -282,6 +285,20 @@ def dashboard_cluster(options: BackendOptions, *, processes: bool) -> Iterator[B
         _performer(options, processes) as performer,
     ):
         yield ClusterBackend(client, f"http://{address}/status", options.retries, performer)
+
+
+@contextmanager
+def _only_pages() -> Iterator[None]:
+    """Let a dashboard that starts meanwhile have our pages only, and that of its worker none."""
+    from distributed.dashboard import scheduler, worker
+
+    every = scheduler.applications, worker.applications
+    kept = {name: page for name, page in scheduler.applications.items() if name in _PAGES}
+    scheduler.applications, worker.applications = kept, {}
+    try:
+        yield
+    finally:
+        scheduler.applications, worker.applications = every
 
 
 def _free_port() -> int:

@@ -35,7 +35,7 @@ class Options:
     """How a graph is run; nothing here changes a result.
 
     scheduler : one of :data:`dicflow.engine.schedulers.SCHEDULERS`, or the address of a running one
-    dashboard : show dask's dashboard on this machine's loopback
+    dashboard : show dask's dashboard on this machine's loopback, where every account can read its pages
     code_policy : what to do with results that other code has made
     keep_going : after a failure go on with all that does not need what failed
     retries : how often a task is tried again after an error that is not a DicflowError; a scheduler of dask's does so

@@ -183,6 +183,49 @@ def test_a_scheduler_that_is_not_there(folder, store, monkeypatch):
         run_sync(chain(folder), store, scheduler="tcp://127.0.0.1:9")
 
 
+@pytest.fixture
+def elsewhere(tmp_path):
+    """Address of a scheduler, it and its worker as processes that can be killed."""
+    path = f"{Path(__file__).parents[2]}{os.pathsep}{Path(__file__).parent}"
+    options = {"stdout": subprocess.DEVNULL, "stderr": subprocess.DEVNULL, "env": {**os.environ, "PYTHONPATH": path}}
+    file = tmp_path / "scheduler.json"
+    line = [sys.executable, "-m", "distributed.cli.dask_scheduler", "--host", "127.0.0.1", "--port", "0"]
+    scheduler = subprocess.Popen([*line, "--no-dashboard", "--scheduler-file", file], **options)
+    line = [sys.executable, "-m", "distributed.cli.dask_worker", "--scheduler-file", file, "--nthreads", "1"]
+    worker = subprocess.Popen([*line, "--no-dashboard", "--no-nanny"], **options)
+    with distributed.Client(scheduler_file=str(file), timeout=60, set_as_default=False) as client:
+        client.wait_for_workers(1, timeout=60)
+        address = client.scheduler.address
+    yield address, scheduler, worker
+    for process in (worker, scheduler):
+        process.kill()
+        process.wait()
+
+
+@pytest.mark.parametrize(
+    ("lost", "words"), [("scheduler", "the scheduler has ended"), ("worker", "no worker for 1 s; start 'dask worker")]
+)
+def test_a_cluster_that_is_lost_in_the_middle_ends_the_run_with_one_error(
+    folder, store, elsewhere, monkeypatch, capfd, lost, words
+):
+    monkeypatch.setattr(cluster, "_WITHOUT_WORKERS_S", 1.0)
+    monkeypatch.setattr(cluster, "_LOOK_S", 0.2)
+    address, scheduler, worker = elsewhere
+
+    def on_event(event):
+        if event.kind == "finished" and event.stage == "scale":
+            {"scheduler": scheduler, "worker": worker}[lost].kill()
+
+    result = run_sync(chain(folder, sleep_s=0.1), store, scheduler=address, on_event=on_event)
+    (error,) = result.errors
+    assert f"{address}: " in error
+    assert words in error
+    assert list(result.outcomes) == list(chain(folder).tasks)
+    assert result.counts["computed"] + result.counts["skipped"] == 23
+    assert "Traceback" not in capfd.readouterr().err
+    assert run_sync(chain(folder), store).counts["hit"] >= 7
+
+
 class Fake:
     """A client of workers that give fixed answers."""
 

@@ -170,11 +170,14 @@ def plots_for(link, origin):
 
 
 def test_the_dashboard_shows_plots_and_takes_nothing(during):
-    pages = ("/info/main/workers.html", "/info/logs.html", "/json/counts.json", "/metrics", "/health", "/proxy/80/x")
+    logs = ("/info/main/workers.html", "/info/logs.html", "/json/counts.json", "/metrics", "/health", "/proxy/80/x")
+    pages = (*logs, "/profile", "/profile-server", "/exceptions", "/events", "/hardware", "/individual-profile")
 
     def look(link):
-        hidden = {page: status(link, page) for page in pages}
+        others = [f"http://127.0.0.1:{port}/status" for _, port in listening() if f":{port}/" not in link]
+        hidden = {status(link, page) for page in pages}
+        hidden |= {status(other, page) for other in others for page in ("/status", "/system", "/profile", "/", "/x")}
         origins = plots_for(link, link.removesuffix("/status")), plots_for(link, "http://example.org")
-        return status(link, "/status"), status(link, "/status", "POST"), set(hidden.values()), origins
+        return status(link, "/status"), status(link, "/status", "POST"), hidden, origins
 
     assert during(look, dashboard=True) == (200, 405, {404}, (101, 403))
