@@ -1,26 +1,22 @@
-"""Schedulers of dask: one elsewhere, or one of this process for its dashboard. The only module that imports dask's."""
+"""Jobs on a scheduler of dask's, and one elsewhere that is joined."""
 
 from __future__ import annotations
 
 import asyncio
 import itertools
 import logging
-import socket
-import tempfile
 import time
 import uuid
 from collections.abc import Callable, Iterator, Mapping
 from concurrent.futures import CancelledError, wait
 from contextlib import contextmanager, suppress
-from functools import partial
 from operator import itemgetter
 from typing import NamedTuple
 
-import dask
 import distributed
 
 from dicflow.engine.job_queue import JobQueue
-from dicflow.engine.processes import WorkerLost, WorkerProcesses, survive
+from dicflow.engine.processes import WorkerLost
 from dicflow.engine.records import sources, versions
 from dicflow.engine.schedulers import Backend, BackendOptions
 from dicflow.engine.store import Store
@@ -28,9 +24,8 @@ from dicflow.engine.work import KILLED, Defect, Job, Outcome, Perform, perform
 from dicflow.engine.workers import ignore_interrupts, prepare, reads_probe
 from dicflow.errors import ConfigurationError, StoreError, WorkerError
 
-__all__ = ["ClusterBackend", "dashboard_cluster", "remote_cluster"]
+__all__ = ["ClusterBackend", "remote_cluster"]
 
-_LOOPBACK = "127.0.0.1"
 _MUST_AGREE = ("python", "dicflow", "dask", "distributed", "numpy", "scipy", "numba", "opencv-python-headless")
 _PATIENCE_S = 15
 _LOOK_S = 2.0
@@ -41,24 +36,10 @@ _CERTIFICATES = "DASK_DISTRIBUTED__COMM__TLS__CA_FILE, …__CLIENT__CERT and …
 _OTHER_SOURCE = "runs different dicflow source; install this version there and restart it"
 _ENDED = "the scheduler has ended or cannot be reached; start it again, then run again: what is done is kept"
 _LOST = (distributed.KilledWorker, WorkerLost)
-_SATURATION = 1.0
-"""Tasks at a worker per thread: the running one only, so that the next step of a chain waits for no other.
-
-A scheduler elsewhere has its own setting (``distributed.scheduler.worker-saturation``, 1.1 unless set).
-"""
 _WINDOW = 2000
 """Tasks at the scheduler at once."""
 _AT_A_TIME = 50
 """Tasks handed over before those that have ended are looked at again."""
-_DASHBOARD = {
-    "distributed.scheduler.worker-saturation": _SATURATION,
-    "distributed.scheduler.http.routes": ["distributed.http.statics"],
-    "distributed.worker.http.routes": [],
-}
-"""A scheduler within this process, without pages of logs, call stacks and figures for other programs."""
-_PAGES = frozenset(("/status", "/workers", "/tasks", "/system", "/graph", "/groups"))
-"""Plots that the dashboard shows: those that only look, and tell names, times and load."""
-_ORIGINS = "distributed.scheduler.dashboard.bokeh-application.allow_websocket_origin"
 
 
 class ClusterBackend:
@@ -259,78 +240,6 @@ class _Watch:
 
 
 @contextmanager
-def dashboard_cluster(options: BackendOptions, *, processes: bool) -> Iterator[Backend]:
-    """A scheduler within this process. Its dashboard alone listens, for those on this machine.
-
-    processes : a thread of dask's hands its task on to a worker process, else does it
-    """
-    address = f"{_LOOPBACK}:{_free_port()}"
-    origins = {_ORIGINS: [address]}  # pages of other origins in a browser see nothing
-    with (
-        tempfile.TemporaryDirectory(prefix="dicflow-") as scratch,
-        dask.config.set({**_DASHBOARD, **origins, "temporary-directory": scratch}),
-        _only_pages(),
-        distributed.LocalCluster(
-            processes=False,
-            n_workers=1,
-            threads_per_worker=options.workers,
-            protocol="inproc://",
-            memory_limit=0,
-            dashboard_address=address,
-            worker_dashboard_address=f"{_LOOPBACK}:0",
-            silence_logs=logging.CRITICAL,
-            scheduler_kwargs={"dashboard": True},
-        ) as cluster,
-        distributed.Client(cluster, set_as_default=False) as client,
-        _performer(options, processes) as performer,
-    ):
-        yield ClusterBackend(client, f"http://{address}/status", options.retries, performer)
-
-
-@contextmanager
-def _only_pages() -> Iterator[None]:
-    """Let a dashboard that starts meanwhile have our pages only, and that of its worker none."""
-    from distributed.dashboard import scheduler, worker
-
-    every = scheduler.applications, worker.applications
-    kept = {name: page for name, page in scheduler.applications.items() if name in _PAGES}
-    scheduler.applications, worker.applications = kept, {}
-    try:
-        yield
-    finally:
-        scheduler.applications, worker.applications = every
-
-
-def _free_port() -> int:
-    with socket.socket() as probe:
-        probe.bind((_LOOPBACK, 0))
-        return int(probe.getsockname()[1])
-
-
-_PERFORMERS: dict[str, Perform] = {}
-"""Those of this process by name, since dask takes a function as bytes only."""
-
-
-@contextmanager
-def _performer(options: BackendOptions, processes: bool) -> Iterator[Perform]:
-    if not processes:
-        prepare(options.setup)
-        yield perform
-        return
-    name = uuid.uuid4().hex
-    with WorkerProcesses(options.workers, options.setup) as workers:
-        _PERFORMERS[name] = partial(survive, max(1, options.retries), workers.call, perform)
-        try:
-            yield partial(_hand_on, name)
-        finally:
-            del _PERFORMERS[name]
-
-
-def _hand_on(name: str, job: Job, *inputs: Outcome) -> Outcome:
-    return _PERFORMERS[name](job, *inputs)
-
-
-@contextmanager
 def remote_cluster(options: BackendOptions) -> Iterator[Backend]:
     """Workers of a running scheduler, at ``tcp://host:port``, or ``tls://host:port`` with dask's own certificates.
 
@@ -400,9 +309,7 @@ def _check_workers(client: distributed.Client, address: str) -> None:
     code = sources()
     for worker, found_code in client.run(sources).items():
         if found_code != code:
-            raise ConfigurationError(
-                f"{worker}: runs different dicflow source; install this version there and restart it"
-            )
+            raise ConfigurationError(f"{worker}: {_OTHER_SOURCE}")
 
 
 def _minor(found: Mapping[str, str]) -> list[str]:

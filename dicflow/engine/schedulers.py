@@ -94,7 +94,7 @@ def is_loopback(address: str) -> bool:
 
 def _processes(options: BackendOptions) -> AbstractContextManager[Backend]:
     if options.dashboard:
-        from dicflow.engine.cluster import dashboard_cluster
+        from dicflow.engine.dashboard import dashboard_cluster
 
         return dashboard_cluster(options, processes=True)
     from dicflow.engine.local import in_processes
@@ -104,7 +104,7 @@ def _processes(options: BackendOptions) -> AbstractContextManager[Backend]:
 
 def _threads(options: BackendOptions) -> AbstractContextManager[Backend]:
     if options.dashboard:
-        from dicflow.engine.cluster import dashboard_cluster
+        from dicflow.engine.dashboard import dashboard_cluster
 
         return dashboard_cluster(options, processes=False)
     from dicflow.engine.local import in_process
