@@ -33,7 +33,7 @@ _DASHBOARD = {
     "distributed.worker.http.routes": [],
 }
 """A scheduler within this process, without pages of logs, call stacks and figures for other programs."""
-_PAGES = frozenset(("/status", "/workers", "/tasks", "/system", "/graph", "/groups"))
+_PAGES = frozenset(("/status", "/workers", "/tasks", "/system", "/graph", "/groups", "/individual-progress"))
 """Plots that the dashboard shows: those that only look, and tell names, times and load."""
 _ORIGINS = "distributed.scheduler.dashboard.bokeh-application.allow_websocket_origin"
 

@@ -20,7 +20,7 @@ from queue import Empty, SimpleQueue
 from typing import Any, TypeVar
 
 from dicflow.engine.workers import prepare
-from dicflow.errors import WorkerError
+from dicflow.errors import ConfigurationError, WorkerError
 
 __all__ = ["WorkerLost", "WorkerProcesses", "survive"]
 
@@ -33,6 +33,8 @@ _END_S = 5.0
 _ARRAYS = str(256 * 1024 * 1024)
 _ALLOCATOR = {"MALLOC_TRIM_THRESHOLD_": _ARRAYS, "MALLOC_MMAP_THRESHOLD_": _ARRAYS}
 """Workers keep freed memory up to so many bytes: fetching it page by page for every array costs more than using it."""
+_NAME = "dicflow worker"
+_GUARD = "put what it does below a line  if __name__ == '__main__':"
 _SPAWN = multiprocessing.get_context("spawn")
 
 T = TypeVar("T")
@@ -57,9 +59,13 @@ class WorkerProcesses:
         self._idle: SimpleQueue[_Worker | None] = SimpleQueue()
         self._workers: set[_Worker] = set()
         self._closed = False
+        self._problem = ""
         self._lock = threading.Lock()
 
     def __enter__(self) -> WorkerProcesses:
+        """Raises ConfigurationError in a worker, which imports the script that it serves."""
+        if multiprocessing.current_process().name == _NAME:
+            raise ConfigurationError(f"worker processes import the script again; {_GUARD}")
         for name, value in _ALLOCATOR.items():
             os.environ.setdefault(name, value)
         return self
@@ -126,7 +132,8 @@ class WorkerProcesses:
             worker = self._idle.get()
             if worker is None:
                 self._idle.put(None)
-                raise WorkerError(f"no worker process starts, tried {_STARTS} times; run with --scheduler threads")
+                remedy = "run with --scheduler threads"
+                raise WorkerError(f"no worker process starts, tried {_STARTS} times{self._problem}; {remedy}")
             if worker.process.is_alive():
                 return worker
             self._replace(worker)
@@ -147,18 +154,37 @@ class WorkerProcesses:
     def _bring_up(self) -> None:
         """Start a worker and wait until it is ready; the place is given up where none gets ready."""
         for _ in range(_STARTS):
-            with self._lock:
-                worker = None if self._closed else _launched(self._setup)
-                if worker is not None:
-                    self._workers.add(worker)
+            worker = self._launched()
             if worker is not None and worker.is_ready():
                 self._idle.put(worker)
                 return
             if worker is not None:
                 self._drop(worker)
+        self._give_up()
+
+    def _launched(self) -> _Worker | None:
+        """A worker that leaves Ctrl-C and the loss of the terminal to this process; None where it cannot be started."""
+        if hasattr(signal, "pthread_sigmask"):
+            signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT, signal.SIGHUP})  # of this thread, and inherited
+        with self._lock:
+            if self._closed:
+                return None
+            try:
+                worker = _Worker(self._setup)
+            except Exception as error:
+                self._problem = f": {error}"
+                return None
+            self._workers.add(worker)
+            return worker
+
+    def _give_up(self) -> None:
+        """Leave a place without a worker; another place takes over, as long as there is one."""
         with self._lock:
             self._places -= 1
-            if self._places == 0:
+            if self._unstarted:
+                self._unstarted -= 1
+                self._start()
+            elif self._places == 0:
                 self._idle.put(None)
 
 
@@ -175,7 +201,7 @@ class _Worker:
 
     def __init__(self, setup: Callable[[], None] | None) -> None:
         self._pipe, there = _SPAWN.Pipe()
-        self.process = _SPAWN.Process(target=_serve, args=(there, setup), name="dicflow worker", daemon=True)
+        self.process = _SPAWN.Process(target=_serve, args=(there, setup), name=_NAME, daemon=True)
         try:
             self.process.start()
         finally:
@@ -203,16 +229,6 @@ class _Worker:
         if self.process.is_alive():
             self.process.kill()
             self.process.join(_END_S)
-
-
-def _launched(setup: Callable[[], None] | None) -> _Worker | None:
-    """A worker that leaves Ctrl-C and the loss of the terminal to this process; None where none can be started."""
-    if hasattr(signal, "pthread_sigmask"):
-        signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT, signal.SIGHUP})  # of this thread, and inherited
-    try:
-        return _Worker(setup)
-    except OSError:
-        return None
 
 
 def _serve(pipe: Connection, setup: Callable[[], None] | None) -> None:

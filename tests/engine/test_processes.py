@@ -100,10 +100,10 @@ def test_a_worker_that_dies_is_replaced(tmp_path):
 
 def test_a_worker_that_dies_while_it_is_idle_costs_no_call():
     with WorkerProcesses(1) as workers:
-        worker = psutil.Process(workers.call(os.getpid))
-        worker.kill()
-        while worker.status() != psutil.STATUS_ZOMBIE:
-            pass
+        workers.call(os.getpid)
+        (worker,) = workers._workers
+        worker.process.kill()
+        worker.process.join()
         assert workers.call(pow, 2, 3) == 8
 
 
@@ -117,6 +117,50 @@ def test_a_replacement_that_never_starts_ends_in_one_sentence(starts, monkeypatc
             survive(1, workers.call, die)
         with pytest.raises(WorkerError):
             workers.call(pow, 2, 3)
+
+
+def test_a_place_that_was_never_needed_takes_over(tmp_path, monkeypatch):
+    """Of two places one has had a worker; its replacement does not get ready, and the second place is the last hope."""
+    original, asked = processes._Worker.is_ready, []
+
+    def is_ready(self):
+        asked.append(self)
+        return len(asked) != 2 and original(self)
+
+    monkeypatch.setattr(processes, "_STARTS", 1)
+    monkeypatch.setattr(processes._Worker, "is_ready", is_ready)
+    with WorkerProcesses(2) as workers:
+        assert workers.call(pow, 2, 3) == 8
+        assert survive(1, workers.call, die, tmp_path / "mark") > 0
+    assert len(asked) == 3
+
+
+def test_a_setup_that_cannot_be_sent_is_an_error_and_no_wait():
+    with (
+        WorkerProcesses(2, lambda: None) as workers,
+        pytest.raises(WorkerError, match=r"no worker process starts.*lambda"),
+    ):
+        workers.call(pow, 2, 3)
+
+
+UNGUARDED = """
+import sys
+from pathlib import Path
+sys.path[:0] = sys.argv[3:]
+from dicflow.engine.store import Store
+from toys import chain, run_sync
+result = run_sync(chain(Path(sys.argv[1])), Store.open(Path(sys.argv[2])), scheduler="processes")
+print(result.errors)
+"""
+
+
+def test_a_script_that_runs_again_in_its_workers_is_told_so(folder, store, tmp_path):
+    script = tmp_path / "script.py"
+    script.write_text(UNGUARDED)
+    command = [sys.executable, script, folder, store.path, str(Path(__file__).parent)]
+    done = subprocess.run(command, capture_output=True, text=True, timeout=120)
+    assert "read/step_01: no worker process starts" in done.stdout
+    assert "worker processes import the script again; put what it does below a line" in done.stderr
 
 
 def test_a_replacement_that_starts_slowly_is_waited_for(starts):
