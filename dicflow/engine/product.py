@@ -54,7 +54,8 @@ class Product:
     @property
     def warnings(self) -> tuple[str, ...]:
         """What a user must know of this product."""
-        return tuple(map(str, self.attrs.get("warnings", ())))
+        found = self.attrs.get("warnings", ())
+        return (found,) if isinstance(found, str) else tuple(map(str, found))
 
     @property
     def nbytes(self) -> int:

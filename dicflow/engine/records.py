@@ -35,6 +35,7 @@ _MADE = {
     **dict.fromkeys(("task", "run", "time", "host"), is_text),
     **dict.fromkeys(("stage_s", "remake_s", "engine_s", "peak_bytes", "nbytes"), is_number),
     "versions": mapping_of(is_text),
+    "warnings": list_of(is_text),
 }
 _RECORD = fields({
     "key": is_digest, "parts": fields(_PARTS), "digest": is_digest, "code": anything, "made": fields({}, _MADE),
@@ -61,8 +62,7 @@ class Record:
     @property
     def warnings(self) -> tuple[str, ...]:
         """The warnings of the product."""
-        found = self.made.get("warnings", ())
-        return tuple(map(str, found)) if isinstance(found, list) else ()
+        return tuple(self.made.get("warnings", ()))
 
     def to_json(self) -> dict[str, Any]:
         """The record as JSON."""

@@ -38,6 +38,12 @@ def warning_graph(folder, **parameters):
     })  # fmt: skip
 
 
+def test_a_product_may_warn_of_one_thing_in_a_bare_sentence():
+    assert Product("number", attrs={"warnings": "is odd"}).warnings == ("is odd",)
+    assert Product("number", attrs={"warnings": ["is odd", "is large"]}).warnings == ("is odd", "is large")
+    assert Product("number").warnings == ()
+
+
 def test_equal_sentences_are_one_with_the_steps_and_belong_to_the_first_stage(folder, store):
     result = run_sync(warning_graph(folder), store)
     assert result.ok
