@@ -19,7 +19,7 @@ from multiprocessing.connection import Connection
 from queue import Empty, SimpleQueue
 from typing import Any, TypeVar
 
-from dicflow.engine.workers import prepare
+from dicflow.engine.workers import limit_threads, prepare
 from dicflow.errors import ConfigurationError, WorkerError
 
 __all__ = ["WorkerLost", "WorkerProcesses", "survive"]
@@ -66,6 +66,7 @@ class WorkerProcesses:
         """Raises ConfigurationError in a worker, which imports the script that it serves."""
         if multiprocessing.current_process().name == _NAME:
             raise ConfigurationError(f"worker processes import the script again; {_GUARD}")
+        limit_threads()  # also of libraries that the script loads before a worker is prepared
         for name, value in _ALLOCATOR.items():
             os.environ.setdefault(name, value)
         return self

@@ -61,7 +61,7 @@ def test_hits_warn_as_what_was_computed(folder, store, monkeypatch, many):
     assert again.counts["hit"] == 18
     assert again.warnings == made.warnings
     assert [(event.stage, event.text) for event in seen if event.kind == "warning"] == [("first", made.warnings[0])]
-    journalled = [event["text"] for event in find_run(store).events() if event["kind"] == "warning"]
+    journalled = [event.text for event in find_run(store).events() if event.kind == "warning"]
     assert journalled == made.warnings
 
 
