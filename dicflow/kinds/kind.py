@@ -103,18 +103,18 @@ def titles_of(product: Product) -> Mapping[str, str]:
 
 
 def warned_if_lost(product: Product) -> Product:
-    """The product of points, with a warning if none of them has a value."""
+    """The product of points, with a warning if none of them has a value and its stage has not said why."""
     import numpy as np
 
     from dicflow.core.status import Status
 
     status = product["status"]
-    if (status <= Status.FILLED).any():
+    if product.warnings or (status <= Status.FILLED).any():
         return product
     reasons = status[status != Status.OUTSIDE]
     code = Status(int(np.bincount(reasons).argmax())) if reasons.size else Status.OUTSIDE
     text = f"no point has a value, most are lost for '{code.label}'; look at the photographs"
-    return replace(product, attrs={**product.attrs, "warnings": [*product.warnings, text]})
+    return replace(product, attrs={**product.attrs, "warnings": [text]})
 
 
 def laid_out(layouts: Mapping[str, Layout], values: Mapping[str, np.ndarray]) -> dict[str, Variable]:
