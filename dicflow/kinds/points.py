@@ -107,7 +107,8 @@ class Points(Kind):
             "shape_function": stereo.grid.shape_function,
             "shape_function_left": correlation.grid.shape_function,
         }
-        return warned_if_lost(Product("points", {**variables, **parts}, {**attrs, **part_attrs, **facts}))
+        product = Product("points", {**variables, **parts}, {**attrs, **part_attrs, **facts})
+        return warned_if_lost(product) if (stereo["status"] <= Status.FILLED).any() else product
 
     @property
     def unit(self) -> str:

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any, ClassVar
 
 from dicflow.engine.product import Product
 from dicflow.kinds.correlation import FollowedPoints, SubsetGrid, reference_variables
-from dicflow.kinds.kind import GRID, Layout, laid_out, warned_if_lost
+from dicflow.kinds.kind import GRID, Layout, laid_out
 from dicflow.kinds.region import polygons_to_json
 
 if TYPE_CHECKING:
@@ -73,7 +73,7 @@ class Stereo(FollowedPoints):
         values |= {"znssd": found.znssd, "iterations": found.iterations, "way": found.route}
         values |= {"epipolar": epipolar, "status": status}
         attrs = {**grid._asdict(), "noise_ratio": noise_ratio, **facts}
-        return warned_if_lost(Product("stereo", laid_out(_LAYOUTS, values), attrs))
+        return Product("stereo", laid_out(_LAYOUTS, values), attrs)
 
     def with_reference(
         self, found: FoundPoints, polygons: Sequence[Polygon], reference: ReferencePhotograph | None = None

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any, ClassVar, Literal, NamedTuple
 
 from dicflow.engine.product import Product, Variable
 from dicflow.kinds.frame import frame_from_json, frame_to_json
-from dicflow.kinds.kind import GRID, STATUS, Kind, Layout, warned_if_lost
+from dicflow.kinds.kind import GRID, STATUS, Kind, Layout
 from dicflow.kinds.quantities import BASIC, of_field, strain_function
 
 if TYPE_CHECKING:
@@ -99,7 +99,7 @@ class Total(Kind):
         """
         variables = {name: _variable(name, values, facts) for name, values in fields.items()}
         attrs = {"definition": facts.definition, "unit": facts.unit, "measures": dict(facts.titles), **facts.further}
-        return warned_if_lost(Product("total", {**variables, "status": STATUS(status), **(beside or {})}, attrs))
+        return Product("total", {**variables, "status": STATUS(status), **(beside or {})}, attrs)
 
     @property
     def definition(self) -> Definition:
