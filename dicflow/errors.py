@@ -6,6 +6,7 @@
     ├── ConfigurationError   the YAML, a parameter or a command line is wrong   (exit code 2)
     ├── InputError           a file that the user brings is missing or unusable (exit code 2)
     ├── StageError           a stage could not do its work on its inputs        (exit code 1)
+    ├── WorkerError          no worker is left, or the scheduler has ended      (exit code 1)
     └── StoreError           the store cannot be read or written                (exit code 2)
         ├── DamagedError     a product in it is damaged                         (exit code 1)
         └── NotKeptError     a product was not kept and cannot be made again    (exit code 2)
@@ -28,6 +29,7 @@ __all__ = [
     "NotKeptError",
     "StageError",
     "StoreError",
+    "WorkerError",
 ]
 
 
@@ -57,6 +59,10 @@ class InputError(DicflowError):
 
 class StageError(DicflowError):
     """A stage could not do its work on the inputs it was given."""
+
+
+class WorkerError(DicflowError):
+    """The processes that do the work cannot be started or reached."""
 
 
 class StoreError(DicflowError):

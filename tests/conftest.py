@@ -9,7 +9,10 @@ from pathlib import Path
 
 import pytest
 
+from dicflow.engine.kernel_cache import keep_kernels
 from tests.data_folder import SHARED
+
+keep_kernels()  # for this process and those that tests start, so that each kernel is compiled once
 
 
 @pytest.fixture(scope="session")

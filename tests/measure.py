@@ -37,6 +37,7 @@ __all__ = [
     "stage_of",
 ]
 
+_PRODUCT = "dicflow.engine.product"
 PACKAGE = Path(__file__).resolve().parents[1] / "dicflow"
 MAX_ARROWS, MAX_MEDIAN, MAX_P90, MAX_LINES, MAX_MODULE_LINES, MAX_ARGUMENTS = 30, 7, 20, 60, 400, 8
 
@@ -307,8 +308,9 @@ def _wide(found: Sequence[Function]) -> list[Function]:
 
 
 def _attributes(modules: Mapping[str, Module]) -> dict[str, list[int]]:
-    """Lines that take attributes, by the modules outside kinds that have some."""
-    lines = {name: attribute_lines(module) for name, module in modules.items() if layer_of(name) != "kinds"}
+    """Lines that take attributes, by the modules outside kinds that have some; the product's own reads its warnings."""
+    others = {name: one for name, one in modules.items() if layer_of(name) != "kinds" and name != _PRODUCT}
+    lines = {name: attribute_lines(module) for name, module in others.items()}
     return {name: found for name, found in lines.items() if found}
 
 

@@ -57,7 +57,7 @@ def test_a_run_with_nothing_to_do(own):
     answer = dicflow("run", *own, "--json")
     assert answer.code == 0
     assert answer.line["counts"] == {"hit": TASKS, "computed": 0, "failed": 0, "skipped": 0}
-    assert set(answer.line) == {"run", "counts", "seconds", "stages"}
+    assert set(answer.line) == {"run", "counts", "seconds", "warnings", "stages"}
     assert answer.line["stages"]["total"]["hit"] == STEPS - 1
     assert len(answer.out.splitlines()) == 1
     assert "rig: " in answer.err
@@ -428,6 +428,15 @@ def test_doctor(tmp_path):
     assert subjects == ["python:", "packages:", "detectors:", "compiler:", "cores:", "store:", "disk:", "loopback:"]
     assert answer.code == ("PROBLEM" in answer.out)
     assert f"ok       store: {tmp_path} can be written" in answer.out
+
+
+def test_doctor_says_where_kernels_are_kept_or_what_to_set(tmp_path, monkeypatch):
+    line = next(line for line in dicflow("doctor", "--store", tmp_path).out.splitlines() if "compiler" in line)
+    assert os.environ["NUMBA_CACHE_DIR"] in line
+    monkeypatch.setattr("numba.core.caching.CacheImpl._locator_classes", [])  # as where nothing can be written
+    answer = dicflow("doctor", "--store", tmp_path)
+    assert answer.code == 1
+    assert "PROBLEM  compiler: numba finds no folder to keep compiled kernels in; set NUMBA_CACHE_DIR" in answer.out
 
 
 def test_synth_keeps_what_is_there(tmp_path):

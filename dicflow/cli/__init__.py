@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+import os
+import signal
 import sys
+import threading
 from collections.abc import Callable
 from typing import Annotated
 
@@ -60,11 +63,33 @@ def root(version: Annotated[bool, typer.Option("--version", help="print the vers
 
 def main() -> None:
     """Run the command line; every error meant for users is one message, without a traceback."""
+    from dicflow.engine.kernel_cache import keep_kernels
     from dicflow.engine.workers import limit_threads
+    from dicflow.views.plain_text import ascii_signs, plain
 
     limit_threads()
+    keep_kernels()
+    for name in ("stdout", "stderr"):
+        if getattr(sys, name) is None:  # closed by the caller
+            setattr(sys, name, open(os.devnull, "w"))  # noqa: SIM115
+        ascii_signs(getattr(sys, name))
+    _end_in_order()
     try:
         app()
     except DicflowError as error:
-        typer.secho(str(error), fg="red", err=True)
+        typer.secho(plain(error), fg="red", err=True)
         sys.exit(error.exit_code)
+
+
+def _end_in_order() -> None:
+    """Let a signal to end, or the loss of the terminal, end the workers too; one that is ignored stays so."""
+    if threading.current_thread() is not threading.main_thread():
+        return
+    for name in ("SIGTERM", "SIGHUP"):
+        number = getattr(signal, name, None)
+        if number is not None and signal.getsignal(number) is signal.SIG_DFL:
+            signal.signal(number, _end)
+
+
+def _end(number: int, _frame: object) -> None:
+    sys.exit(128 + number)

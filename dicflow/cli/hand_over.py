@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -21,6 +22,7 @@ from dicflow.cli.options import (
     load,
     refuse_existing,
     results_folder,
+    say,
     stored,
     variant_index,
     write_new,
@@ -60,7 +62,7 @@ def report(
 
     loaded = load(pipeline, data, store, settings)
     folder = results_folder(loaded, output)
-    typer.echo(write_report(loaded, stored(loaded), folder, workers, lambda text: typer.echo(text, err=True)))
+    say(write_report(loaded, stored(loaded), folder, workers, partial(say, error=True)))
 
 
 class ExportCommand(TyperCommand):
@@ -120,10 +122,10 @@ def export(
         to=to,
         force=force,
         name=loaded.name,
-        note=lambda text: typer.echo(text, err=True),
+        note=partial(say, error=True),
     )
     for path in paths:
-        typer.echo(path)
+        say(path)
 
 
 def compare(
@@ -159,7 +161,7 @@ def compare(
 
         write_new(output, difference_page(found), force)
     if as_json:
-        typer.echo(json.dumps(found.to_json(), ensure_ascii=False))
+        say(json.dumps(found.to_json()))
     else:
         _say(found)
 

@@ -19,8 +19,10 @@ from dicflow.cli.options import (
     StoreFolder,
     load,
     results_folder,
+    say,
+    warn,
 )
-from dicflow.engine.schedulers import scheduler_names
+from dicflow.engine.schedulers import scheduler_names, scheduler_warning
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -39,7 +41,10 @@ def run(
     workers: Annotated[int, typer.Option(min=1, help="workers at once; default: one per core")] = os.cpu_count() or 1,
     scheduler: Annotated[str, typer.Option(help=scheduler_names())] = "processes",
     dashboard: Annotated[
-        bool, typer.Option("--dashboard", help="serve dask's dashboard on this machine and print its link")
+        bool,
+        typer.Option(
+            "--dashboard", help="serve dask's dashboard and print its link; everyone on this machine can read it"
+        ),
     ] = False,
     wait: Annotated[bool, typer.Option("--wait", help="keep the dashboard until Enter is pressed")] = False,
     keep_going: Annotated[
@@ -60,11 +65,13 @@ def run(
     from dicflow.views.console import Progress, consoles
     from dicflow.views.publish import publish
 
-    out, progress = consoles()
+    _, progress = consoles()
     loaded = load(pipeline, data, store, settings)
     folder = results_folder(loaded, output)
     assert loaded.graph
     make_folder(folder)
+    if risk := scheduler_warning(scheduler):
+        warn(risk)
     with Progress(progress) as shown:
         result = loaded.run(
             scheduler=scheduler,
@@ -83,7 +90,7 @@ def run(
         progress.print(f"warning: {problem}", style="yellow", soft_wrap=True)
     progress.print(f"report: {report}", soft_wrap=True)
     if as_json:
-        out.print(json.dumps(_run_line(result)), soft_wrap=True)
+        say(json.dumps(_run_line(result)))
     raise typer.Exit(_exit_code(result))
 
 
@@ -143,18 +150,26 @@ def _run_line(result: Result) -> dict[str, Any]:
     outcome = result.outcome
     assert outcome is not None
     counts = {name: outcome.counts.get(name, 0) for name in ("hit", "computed", "failed", "skipped")}
-    return {"run": outcome.run_id, "counts": counts, "seconds": round(outcome.seconds, 3), "stages": outcome.by_stage()}
+    return {
+        "run": outcome.run_id,
+        "counts": counts,
+        "seconds": round(outcome.seconds, 3),
+        "warnings": list(outcome.warnings),
+        "stages": outcome.by_stage(),
+    }
 
 
 def _print_run(console: Console, result: Result, folder: Path, files: list[Path]) -> None:
-    """Verdicts, counts and where the files are."""
+    """Verdicts, warnings, counts and where the files are; a doubtful rig is among the warnings."""
     outcome = result.outcome
     assert outcome is not None
     from dicflow.kinds.rig import CalibratedRig
 
     for stage in result.stages_of("rig"):
-        if result.has(stage):
-            console.print(f"{stage}: {CalibratedRig.read(result.product(stage)).verdict}", soft_wrap=True)
+        if result.has(stage) and not (rig := CalibratedRig.read(result.product(stage))).is_doubtful:
+            console.print(f"{stage}: {rig.verdict}", soft_wrap=True)
+    for warning in outcome.warnings:
+        console.print(f"warning: {warning}", style="yellow", soft_wrap=True)
     counts = ", ".join(f"{number} {name}" for name, number in outcome.counts.items() if number)
     console.print(f"{counts} in {outcome.seconds:.1f} s, run {outcome.run_id}", soft_wrap=True)
     if outcome.interrupted:

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from dicflow.errors import ConfigurationError
+from dicflow.views.plain_text import plain, plain_line
 
 if TYPE_CHECKING:
     from dicflow.engine.store import Store
@@ -30,9 +31,11 @@ __all__ = [
     "refuse_existing",
     "refuse_full",
     "results_folder",
+    "say",
     "stored",
     "tick",
     "variant_index",
+    "warn",
     "write_new",
 ]
 
@@ -71,6 +74,15 @@ Force = Annotated[bool, typer.Option("--force", help="overwrite files that exist
 VariantNumber = Annotated[int, typer.Option("--variant", min=1, help="number of the sweep's variant")]
 
 
+def say(text: object, *, error: bool = False) -> None:
+    """Print a text as it is, on standard error if it is beside the result."""
+    typer.echo(plain(text), err=error)
+
+
+def warn(text: str) -> None:
+    typer.secho(f"warning: {plain_line(text)}", fg="yellow", err=True)
+
+
 def load(pipeline: Path, data: Path | None, store: Path | None, settings: list[str]) -> Pipeline:
     from dicflow.pipeline import Pipeline
 
@@ -81,7 +93,7 @@ def stored(pipeline: Pipeline) -> Result:
     """The result that the store holds of a pipeline; notes on standard error name its source if it matters."""
     result = pipeline.result()
     for note in result.notes:
-        typer.secho(f"warning: {note}", fg="yellow", err=True)
+        warn(note)
     return result
 
 
@@ -97,7 +109,7 @@ def open_store(folder: Path) -> Store:
 
 
 def tick(done: int, total: int, name: str) -> None:
-    typer.echo(f"{done}/{total} {name}", err=True)
+    say(f"{done}/{total} {name}", error=True)
 
 
 def refuse_full(folder: Path, force: bool) -> None:

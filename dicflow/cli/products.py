@@ -15,6 +15,7 @@ from dicflow.cli.options import (
     StoreFolder,
     VariantNumber,
     load,
+    say,
     stored,
     variant_index,
     write_new,
@@ -40,7 +41,7 @@ def graph(
 
     loaded = load(pipeline, data, None, settings)
     if output is None:
-        typer.echo(graph_text(loaded.graph))
+        say(graph_text(loaded.graph))
     else:
         write_new(output, graph_svg(loaded.graph).encode(), force)
 

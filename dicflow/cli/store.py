@@ -9,7 +9,8 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from dicflow.cli.options import open_store
+from dicflow.cli.options import open_store, say
+from dicflow.views.plain_text import plain_line
 
 if TYPE_CHECKING:
     from dicflow.engine.layout import Part
@@ -42,13 +43,13 @@ def gc(
     opened = open_store(store)
     garbage = collect(opened, keep_runs=keep_runs, delete=delete)
     for path in garbage.foreign:
-        typer.echo(f"left alone, since the store did not make it: {_shown(path.relative_to(opened.path))}", err=True)
+        say(plain_line(f"left alone, since the store did not make it: {path.relative_to(opened.path)}"), error=True)
     if not delete:
         for found in garbage.found:
-            typer.echo(f"{found.part}  {found.path.relative_to(opened.path)}")
+            say(plain_line(f"{found.part}  {found.path.relative_to(opened.path)}"))
     listed = ", ".join(f"{len(garbage.names(*parts))} {word}" for word, parts in _COUNTED.items())
     verb = "freed" if delete else "would free"
-    typer.echo(f"{verb} {garbage.nbytes / 1e6:.1f} MB: {listed}" + ("" if delete else "; add --delete to do it"))
+    say(f"{verb} {garbage.nbytes / 1e6:.1f} MB: {listed}" + ("" if delete else "; add --delete to do it"))
 
 
 def verify(
@@ -67,7 +68,7 @@ def verify(
 
     damages = verified(Store.open(store, create=False, accept_damaged=True), repair=repair)
     for damage in damages:
-        typer.echo(_shown(f"{damage.what}: {damage.reason}"))
+        say(plain_line(f"{damage.what}: {damage.reason}"))
     count = Counter(damage.state for damage in damages)
     repaired = sum(damage.repaired for damage in damages)
     parts = [
@@ -75,7 +76,7 @@ def verify(
         f"{count['unreadable']} cannot be read; get read access",
     ]
     shown = [part for part in parts if not part.startswith("0 ")]
-    typer.echo("; ".join(shown) or "nothing is damaged")
+    say("; ".join(shown) or "nothing is damaged")
     raise typer.Exit(1 if shown else 0)
 
 
@@ -100,13 +101,8 @@ def pin(
     if run_id is None:
         kept = housekeeping.pins(opened)
         for info in runs(opened):
-            typer.echo(f"{info.id}  {info.pipeline}" + (f"  pinned: {kept[info.id]}" if info.id in kept else ""))
+            say(f"{info.id}  {info.pipeline}" + (f"  pinned: {kept[info.id]}" if info.id in kept else ""))
     elif remove:
         housekeeping.unpin(opened, run_id)
     else:
         housekeeping.pin(opened, run_id, note)
-
-
-def _shown(text: object) -> str:
-    """A text that may hold names of foreign files: control characters are escaped."""
-    return str(text) if str(text).isprintable() else ascii(str(text))

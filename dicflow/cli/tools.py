@@ -10,7 +10,7 @@ from typing import Annotated, Any
 
 import typer
 
-from dicflow.cli.options import Force, refuse_existing, refuse_full, tick, write_new
+from dicflow.cli.options import Force, refuse_existing, refuse_full, say, tick, warn, write_new
 
 __all__ = ["doctor", "init", "schema", "stages", "synth"]
 
@@ -25,8 +25,8 @@ def schema() -> None:
     from dicflow.pipeline.schema import pipeline_schema
 
     for problem in node_classes()[1]:
-        typer.secho(f"warning: {problem}", fg="yellow", err=True)
-    typer.echo(json.dumps(pipeline_schema(), indent=1, ensure_ascii=False))
+        warn(problem)
+    say(json.dumps(pipeline_schema(), indent=1, ensure_ascii=False))
 
 
 def stages(
@@ -42,12 +42,12 @@ def stages(
     from dicflow.pipeline.stage_words import list_lines, stage_lines
 
     if name is not None:
-        typer.echo("\n".join(stage_lines(name, node_class(name))))
+        say("\n".join(stage_lines(name, node_class(name))))
         return
     kinds, problems = node_classes()
-    typer.echo("\n".join(list_lines(kinds)))
+    say("\n".join(list_lines(kinds)))
     for problem in problems:
-        typer.secho(f"warning: {problem}", fg="yellow", err=True)
+        warn(problem)
 
 
 def _named(subject: str) -> Any:
@@ -82,10 +82,10 @@ def init(
     refuse_existing(path, force)
     command = ["dicflow", "init", str(folder), *(["--square", square] if square else []), *["--force"] * force]
     choice = Choice(tuple(left), tuple(right), tuple(boards), one_camera)
-    text = pipeline_text(look(folder, choice, command, typer.echo), square, path)
+    text = pipeline_text(look(folder, choice, command, say), square, path)
     write_new(path, text.encode(), force)
     first = f"fill in what is marked '{OPEN}'" if OPEN in text else "read it"
-    typer.echo(f"wrote {path}; {first}, then: {shlex.join(['dicflow', 'run', str(path)])}")
+    say(f"wrote {path}; {first}, then: {shlex.join(['dicflow', 'run', str(path)])}")
 
 
 synth = typer.Typer(
@@ -136,5 +136,5 @@ def doctor(store: Annotated[Path, typer.Option(help="folder where products would
 
     found = list(checks(store))
     for check in found:
-        typer.echo(f"{'ok     ' if check.ok else 'PROBLEM'}  {check.subject}: {check.finding}")
+        say(f"{'ok     ' if check.ok else 'PROBLEM'}  {check.subject}: {check.finding}")
     raise typer.Exit(0 if all(check.ok for check in found) else 1)

@@ -41,14 +41,18 @@ _LETTERS = b"0123456789abcdef r"
 """What the beginning of a line consists of."""
 
 _ARRAYS, _BARE, _REMADE = "a", "b", "r"
-"""Forms of a product: with a group of arrays, without arrays, and one that is made again when it is used."""
+"""Forms of a product: with a group of arrays, without arrays, and one that is made again when it is used.
+
+A capital letter says that the record has warnings.
+"""
 
 
 class Action(NamedTuple):
     """What the index holds of a key.
 
     digest : of the product
-    form : "a": its arrays are stored; "b": it has no arrays; "r": it is made again when it is used
+    form : "a": its arrays are stored; "b": it has no arrays; "r": it is made again when it is used; a capital letter
+        says that the record has warnings
     code : digest of the code that made it
     """
 
@@ -59,13 +63,18 @@ class Action(NamedTuple):
     @property
     def kept(self) -> bool:
         """Whether the product can be read from the store."""
-        return self.form != _REMADE
+        return self.form.lower() != _REMADE
+
+    @property
+    def warned(self) -> bool:
+        """Whether the record has warnings."""
+        return self.form.isupper()
 
 
 def action_of(record: Record, manifest: Manifest) -> Action:
     """What the index holds of a record. manifest : of its product"""
     form = _REMADE if not manifest.kept else _ARRAYS if manifest.files else _BARE
-    return Action(record.digest, form, record.code)
+    return Action(record.digest, form.upper() if record.warnings else form, record.code)
 
 
 class ActionIndex:
@@ -142,7 +151,7 @@ def _drop(
 def _fits(action: Action, names: frozenset[str]) -> bool:
     """Whether the manifest of a product is there, and its group of arrays just where it has one."""
     name = _hex(action.digest)
-    return f"{name}.json" in names and (name in names) == (action.form == _ARRAYS)
+    return f"{name}.json" in names and (name in names) == (action.form.lower() == _ARRAYS)
 
 
 def _names(folder: Path) -> frozenset[str]:

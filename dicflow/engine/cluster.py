@@ -1,42 +1,41 @@
-"""Workers as processes, here or elsewhere, through dask.distributed. The only module that imports it."""
+"""Jobs on a scheduler of dask's, and one elsewhere that is joined."""
 
 from __future__ import annotations
 
+import asyncio
 import itertools
 import logging
+import time
 import uuid
 from collections.abc import Callable, Iterator, Mapping
-from contextlib import contextmanager
+from concurrent.futures import CancelledError, wait
+from contextlib import contextmanager, suppress
 from operator import itemgetter
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
-import dask
 import distributed
 
 from dicflow.engine.job_queue import JobQueue
+from dicflow.engine.processes import WorkerLost
 from dicflow.engine.records import sources, versions
 from dicflow.engine.schedulers import Backend, BackendOptions
 from dicflow.engine.store import Store
-from dicflow.engine.work import Defect, Job, Outcome, perform
+from dicflow.engine.work import KILLED, Defect, Job, Outcome, Perform, perform
 from dicflow.engine.workers import ignore_interrupts, prepare, reads_probe
-from dicflow.errors import ConfigurationError, StoreError
+from dicflow.errors import ConfigurationError, StoreError, WorkerError
 
-__all__ = ["ClusterBackend", "local_cluster", "remote_cluster"]
+__all__ = ["ClusterBackend", "remote_cluster"]
 
-_LOOPBACK = "127.0.0.1"
 _MUST_AGREE = ("python", "dicflow", "dask", "distributed", "numpy", "scipy", "numba", "opencv-python-headless")
 _PATIENCE_S = 15
-_ARRAYS = 256 * 1024 * 1024
-_ALLOCATOR = {"MALLOC_TRIM_THRESHOLD_": _ARRAYS, "MALLOC_MMAP_THRESHOLD_": _ARRAYS}
-"""Workers keep freed memory up to so many bytes: fetching it page by page for every array costs more than using it."""
+_LOOK_S = 2.0
+"""How often the workers of a scheduler are counted while nothing ends."""
+_WITHOUT_WORKERS_S = 120.0
+"""A scheduler may be without workers for so long."""
 _CERTIFICATES = "DASK_DISTRIBUTED__COMM__TLS__CA_FILE, …__CLIENT__CERT and …__CLIENT__KEY to files in PEM"
 _OTHER_SOURCE = "runs different dicflow source; install this version there and restart it"
-_KILLED = "its worker was killed every time, even running alone; probably out of memory"
-_SATURATION = 1.0
-"""Tasks at a worker per thread: the running one only, so that the next step of a chain waits for no other.
-
-A scheduler elsewhere has its own setting (``distributed.scheduler.worker-saturation``, 1.1 unless set).
-"""
+_ENDED = "the scheduler has ended or cannot be reached; start it again, then run again: what is done is kept"
+_LOST = (distributed.KilledWorker, WorkerLost)
 _WINDOW = 2000
 """Tasks at the scheduler at once."""
 _AT_A_TIME = 50
@@ -44,12 +43,18 @@ _AT_A_TIME = 50
 
 
 class ClusterBackend:
-    """Runs jobs on a cluster. link : address of the dashboard, "" without one; retries : of a task with a defect"""
+    """Runs jobs on a cluster.
 
-    def __init__(self, client: distributed.Client, link: str, retries: int) -> None:
+    link : address of the dashboard, "" without one
+    retries : of a task with a defect
+    perform : what a worker of dask's calls with a job
+    """
+
+    def __init__(self, client: distributed.Client, link: str, retries: int, perform: Perform = perform) -> None:
         self.link = link
         self._client = client
         self._retries = retries
+        self._perform = perform
 
     def compute(
         self, jobs: Iterator[Job], outcomes: Mapping[str, Outcome], finished: Callable[[Outcome], None]
@@ -58,17 +63,19 @@ class ClusterBackend:
 
         A task that was lost with its worker is run once more with the cluster to itself: the worker may have died of
         what ran beside it, and alone a task has all the memory. What comes after it then goes on as usual.
+
+        Raises WorkerError where the scheduler ends, or is without workers for long.
         """
         lost = self._window(outcomes, finished).compute(jobs)
         while lost:
             for job in [job for job in lost if all(name in outcomes for name in job.awaited())]:
                 if self._window(outcomes, finished).compute(iter([job])):
-                    finished(job.outcome("failed", error=f"{job.task.name}: {_KILLED}"))
+                    finished(job.outcome("failed", error=f"{job.task.name}: {KILLED}"))
             left = (job for job in lost if job.task.name not in outcomes)
             lost = self._window(outcomes, finished).compute(itertools.chain(left, jobs))
 
     def _window(self, outcomes: Mapping[str, Outcome], finished: Callable[[Outcome], None]) -> _Window:
-        return _Window(self._client, self._retries, outcomes, finished)
+        return _Window(self._client, self._retries, self._perform, outcomes, finished)
 
 
 class _Inside(NamedTuple):
@@ -91,11 +98,14 @@ class _Window:
         self,
         client: distributed.Client,
         retries: int,
+        perform: Perform,
         outcomes: Mapping[str, Outcome],
         finished: Callable[[Outcome], None],
     ) -> None:
         self._client = client
         self._retries = retries
+        self._perform = perform
+        self._watch = _Watch(client)
         self._outcomes = outcomes
         self._finished = finished
         self._suffix = uuid.uuid4().hex[:6]  # dask must not take a second attempt for the first one
@@ -110,10 +120,13 @@ class _Window:
         try:
             waits = self._fill(queue)
             while not (waits and self._ended.is_empty()):
-                self._take(self._ended.next_batch(block=waits), queue)
+                self._take(self._next_batch(waits), queue)
                 waits = self._fill(queue)
+        except distributed.client.ClosedClientError as error:
+            raise WorkerError(f"{self._watch.address}: {_ENDED}") from error
         finally:
-            self._client.cancel([inside.future for inside in self._inside.values()])
+            if self._client.status == "running":
+                self._client.cancel([inside.future for inside in self._inside.values()])
         return [job for _, job in sorted([*self._lost, *queue.waiting()], key=itemgetter(0))]
 
     def _fill(self, queue: JobQueue) -> bool:
@@ -134,10 +147,21 @@ class _Window:
     def _hand_over(self, rank: int, job: Job) -> None:
         inputs = [self._outcomes.get(name) or self._inside[name].future for name in job.awaited()]
         key = (*job.key, self._suffix)
-        future = self._client.submit(perform, job, *inputs, key=key, priority=-rank, retries=self._retries, pure=False)
+        future = self._client.submit(
+            self._perform, job, *inputs, key=key, priority=-rank, retries=self._retries, pure=False
+        )
         self._names[key] = job.task.name
         self._inside[job.task.name] = _Inside(rank, job, future)
         self._ended.add(future)
+
+    def _next_batch(self, waits: bool) -> list[distributed.Future]:
+        """What has ended; it may be nothing unless the caller waits."""
+        while waits and not self._ended.has_ready():
+            self._watch.check()
+            with self._ended.thread_condition:
+                self._ended.thread_condition.wait(0.1)
+        batch: list[distributed.Future] = self._ended.next_batch(block=False)
+        return batch
 
     def _take(self, batch: list[distributed.Future], queue: JobQueue) -> None:
         """Take in what has ended, products first: an error is judged by the outcomes before it.
@@ -145,7 +169,7 @@ class _Window:
         An outcome may be lost with its worker before it is here; dask then makes it again.
         """
         done = [future for future in batch if future.status == "finished"]
-        for outcome in self._client.gather(done, errors="skip") if done else ():
+        for outcome in self._gathered(done) if done else ():
             self._finished(outcome)
         for inside in sorted((self._inside[self._names[future.key]] for future in batch), key=itemgetter(0)):
             if inside.job.task.name in self._outcomes or inside.future.status in ("error", "cancelled"):
@@ -154,50 +178,65 @@ class _Window:
             else:
                 self._ended.add(inside.future)
 
+    def _gathered(self, done: list[distributed.Future]) -> list[Outcome]:
+        """The outcomes of ended tasks. Raises WorkerError where the cluster cannot give them."""
+        gather = self._client.gather(done, errors="skip", asynchronous=True)
+        found = asyncio.run_coroutine_threadsafe(gather, self._client.loop.asyncio_loop)
+        while not found.done():
+            wait([found], timeout=1.0)
+            self._watch.check()
+        try:
+            outcomes: list[Outcome] = found.result()
+            return outcomes
+        except (OSError, CancelledError) as error:
+            raise WorkerError(f"{self._watch.address}: {_ENDED}") from error
+
     def _leave(self, inside: _Inside) -> None:
         del self._inside[inside.job.task.name], self._names[inside.future.key]
         if inside.job.task.name not in self._outcomes:
             self._erred(*inside)
 
     def _erred(self, rank: int, job: Job, future: distributed.Future) -> None:
-        """Dask gives the error of a task also to those that need it; those lack an outcome or product to take."""
+        """Dask gives the error of a task also to those that need it; those lack an outcome or product to take.
+
+        A task without an error was cancelled, because its scheduler was away for a moment.
+        """
+        self._watch.check()
         inputs = job.known_inputs(self._outcomes)
         missing = next((one for one in inputs if one.ref is None), None)
-        error = future.exception()
+        error = None if future.status == "cancelled" else future.exception()
         if missing is not None:
             self._finished(perform(job, missing))
-        elif len(inputs) < len(job.awaited()) or isinstance(error, distributed.KilledWorker):
+        elif len(inputs) < len(job.awaited()) or error is None or isinstance(error, _LOST):
             self._lost.append((rank, job))
+        elif isinstance(error, WorkerError):
+            raise error
         else:
             self._finished(_failed(job, error))
 
 
-@contextmanager
-def local_cluster(options: BackendOptions, *, processes: bool) -> Iterator[Backend]:
-    """Workers on this machine, reachable from this machine only.
+class _Watch:
+    """Tells whether a scheduler can still make progress."""
 
-    processes : workers are processes with one thread each, else threads of this process
-    """
-    address = f"{_LOOPBACK}:0"  # a server for the cluster's own needs listens there even without a dashboard
-    layout: dict[str, Any] = {"n_workers": options.workers, "threads_per_worker": 1}
-    if not processes:
-        layout = {"n_workers": 1, "threads_per_worker": options.workers, "worker_dashboard_address": address}
-        layout["protocol"] = "tcp://"  # within a process dask would else talk to itself, but cannot be held to a host
-    settings = {f"distributed.nanny.pre-spawn-environ.{name}": value for name, value in _ALLOCATOR.items()}
-    with (
-        dask.config.set({**settings, "distributed.scheduler.worker-saturation": _SATURATION}),
-        distributed.LocalCluster(
-            processes=processes,
-            host=_LOOPBACK,
-            dashboard_address=address,
-            silence_logs=logging.CRITICAL,
-            scheduler_kwargs={"allowed_failures": max(1, options.retries), "dashboard": options.dashboard},
-            **layout,
-        ) as cluster,
-        distributed.Client(cluster, set_as_default=False) as client,
-    ):
-        client.register_plugin(_Prepare(options.setup))
-        yield ClusterBackend(client, cluster.dashboard_link if options.dashboard else "", options.retries)
+    def __init__(self, client: distributed.Client) -> None:
+        self.address = client.scheduler.address
+        self._client = client
+        self._looked = self._had_workers = time.monotonic()
+
+    def check(self) -> None:
+        """Raises WorkerError where the scheduler has ended, or has had no workers for long."""
+        if self._client.status != "running":
+            raise WorkerError(f"{self.address}: {_ENDED}")
+        now = time.monotonic()
+        if now - self._looked < _LOOK_S:
+            return
+        self._looked = now
+        with suppress(OSError):
+            if self._client.nthreads():
+                self._had_workers = now
+        if now - self._had_workers > _WITHOUT_WORKERS_S:
+            lacking = f"has had no worker for {_WITHOUT_WORKERS_S:.0f} s"
+            raise WorkerError(f"{self.address}: {lacking}; start 'dask worker {self.address}', then run again")
 
 
 @contextmanager
@@ -215,7 +254,7 @@ def remote_cluster(options: BackendOptions) -> Iterator[Backend]:
         stranger = " to these certificates" if address.startswith("tls://") else ""
         message = f"{address}: no scheduler answers there{stranger}; start 'dask scheduler' first"
         raise ConfigurationError(message) from error
-    with client:
+    with distributed.utils.silence_logging_cmgr(logging.CRITICAL), client:
         _check_workers(client, address)
         _check_store(client, address, options.store, options.run_id)
         client.register_plugin(_Prepare(options.setup))
@@ -270,9 +309,7 @@ def _check_workers(client: distributed.Client, address: str) -> None:
     code = sources()
     for worker, found_code in client.run(sources).items():
         if found_code != code:
-            raise ConfigurationError(
-                f"{worker}: runs different dicflow source; install this version there and restart it"
-            )
+            raise ConfigurationError(f"{worker}: {_OTHER_SOURCE}")
 
 
 def _minor(found: Mapping[str, str]) -> list[str]:

@@ -6,9 +6,9 @@ import signal
 import threading
 import time
 from collections import Counter
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from types import FrameType
 from typing import Any
@@ -18,11 +18,12 @@ from dicflow.engine.graph import Graph
 from dicflow.engine.journal import Event, Journal
 from dicflow.engine.plan import CodePolicy, Plan, make_plan
 from dicflow.engine.product import Product
+from dicflow.engine.product_warnings import product_warnings
 from dicflow.engine.references import load
 from dicflow.engine.schedulers import Backend, BackendOptions, check_scheduler, open_backend, scheduler_warning
 from dicflow.engine.store import Store
 from dicflow.engine.work import Job, Outcome, perform, stop_path
-from dicflow.errors import StageError, StoreError
+from dicflow.errors import StageError, StoreError, WorkerError
 
 __all__ = ["STATUSES", "Options", "RunResult", "dask_graph", "run"]
 
@@ -34,12 +35,12 @@ class Options:
     """How a graph is run; nothing here changes a result.
 
     scheduler : one of :data:`dicflow.engine.schedulers.SCHEDULERS`, or the address of a running one
-    dashboard : show dask's dashboard on this machine's loopback
+    dashboard : show dask's dashboard on this machine's loopback, where every account can read its pages
     code_policy : what to do with results that other code has made
     keep_going : after a failure go on with all that does not need what failed
-    retries : how often a task is tried again after an error that is not a DicflowError; on a cluster of dask's its
-        scheduler does so, perhaps on another worker. Workers of this machine may also die so often of one task, but
-        at least once; then it gets one more attempt, alone.
+    retries : how often a task is tried again after an error that is not a DicflowError; a scheduler of dask's does so
+        itself, perhaps on another worker. Workers of this machine may also die so often of one task, but at least
+        once; then it gets one more attempt, alone.
     on_event : called with every event, in the thread that called ``run``
     worker_setup : called once in every worker, a function of a module
     linger : called when all is done, before workers and dashboard end
@@ -62,6 +63,7 @@ class RunResult:
 
     folder : of the run in the store; None where nothing was to do in a store that cannot be written
     seconds : from the call of ``run`` to its return
+    warnings : each once, those of products too, whether they were computed now or before
     """
 
     run_id: str
@@ -70,7 +72,7 @@ class RunResult:
     outcomes: Mapping[str, Outcome]
     seconds: float
     interrupted: bool = False
-    warnings: list[str] = field(default_factory=list)
+    warnings: Sequence[str] = ()
 
     @property
     def counts(self) -> dict[str, int]:
@@ -147,7 +149,9 @@ class _Run:
         self.stopped = False
         hits = {name: entry for name, entry in plan.entries.items() if entry.state == "hit"}
         self.outcomes = {
-            name: Outcome(name, entry.task.stage, entry.task.step, "hit", entry.ref, entry.key or "")
+            name: Outcome(
+                name, entry.task.stage, entry.task.step, "hit", entry.ref, entry.key or "", warnings=entry.warnings
+            )
             for name, entry in hits.items()
         }
 
@@ -193,10 +197,20 @@ class _Run:
         self.stop()
 
     def compute(self, backend: Backend, jobs: Iterator[Job]) -> None:
-        """Run all jobs; after a stop those that were not handed over are skipped."""
-        backend.compute(self._until_stop(jobs), self.outcomes, self.finished)
-        for job in jobs:
-            self.finished(job.outcome("skipped", error="the run was stopped"))
+        """Run all jobs; after a stop those that were not handed over are skipped.
+
+        Where no worker is left, the first task without an outcome has failed.
+        """
+        try:
+            backend.compute(self._until_stop(jobs), self.outcomes, self.finished)
+        except WorkerError as error:
+            lost = next(entry.task for name, entry in self.plan.entries.items() if name not in self.outcomes)
+            self.stopped = True
+            self.finished(Outcome(lost.name, lost.stage, lost.step, "failed", error=f"{lost.name}: {error}"))
+        for name, entry in self.plan.entries.items():
+            if name not in self.outcomes:
+                task = entry.task
+                self.finished(Outcome(name, task.stage, task.step, "skipped", error="the run was stopped"))
 
     def _until_stop(self, jobs: Iterator[Job]) -> Iterator[Job]:
         while not self.stopped and (job := next(jobs, None)) is not None:
@@ -234,6 +248,8 @@ def _run_once(
             if plan.counts["hit"] < len(plan.entries):
                 _keep_code(plan, store)
                 _compute(state, journal.id)
+            for stage, text in product_warnings(graph, state.outcomes):
+                state.report(Event("warning", stage=stage, text=text))
         finally:
             _close(state, journal)
     computed = {name: outcome for name, outcome in before.items() if outcome.status == "computed"}
@@ -245,7 +261,7 @@ def _run_once(
         outcomes,
         0.0,
         state.interrupted,
-        plan.warnings,
+        [*plan.warnings, *(text for _, text in product_warnings(graph, outcomes))],
     )
 
 
@@ -291,6 +307,7 @@ def _compute(state: _Run, run_id: str) -> None:
     options = state.options
     warning = scheduler_warning(options.scheduler)
     if warning:
+        state.plan.warnings.append(warning)
         state.report(Event("warning", text=warning))
     opened = BackendOptions(
         options.scheduler,

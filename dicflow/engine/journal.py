@@ -85,6 +85,7 @@ class Event:
 
     status : of a finished task: hit, computed, failed or skipped
     seconds : of a finished task, in its stage; of an ended run, altogether
+    stage : of a warning: the stage whose products it is of; "" for one of the run
     text : message of an error or warning, the dashboard's link, or what is being checked: files or tasks
     counts : checking: done and all, of what ``text`` names; planned: hit, run, pending;
         ended: hit, computed, failed, skipped

@@ -24,7 +24,7 @@ from dicflow.engine.graph import Graph, Task, TaskInput
 from dicflow.engine.hashing import plain
 from dicflow.engine.journal import Entry, Event, latest
 from dicflow.engine.keys import Change, differences, input_digests, key_maker, key_parts, parameters
-from dicflow.engine.node import Node
+from dicflow.engine.node import At, Node, Scope
 from dicflow.engine.records import Record
 from dicflow.engine.references import Recipe, Ref, RefInput
 from dicflow.engine.store import Store
@@ -67,6 +67,7 @@ class PlanEntry:
     changes : why it must run, against the last time
     key : once all its inputs are known
     ref : the product of a hit
+    warnings : of the product of a hit
     """
 
     task: Task
@@ -75,6 +76,7 @@ class PlanEntry:
     key: str | None = None
     ref: Ref | None = None
     waits_for: tuple[str, ...] = ()
+    warnings: tuple[str, ...] = ()
 
     @property
     def reason(self) -> str:
@@ -156,7 +158,27 @@ def make_plan(
     finally:
         store.files.save()  # also where a file is refused: the others need not be looked at again
     store.index.append(planner.unindexed)
+    planner.plan.warnings.extend(_single_steps(graph))
     return planner.plan
+
+
+def _single_steps(graph: Graph) -> Iterator[str]:
+    """A warning for each series of one step of which stages need an earlier one."""
+    for series in graph.files:
+        steps = graph.steps[series]
+        alike = {name for name, found in graph.steps.items() if found == steps}
+        comparing = [name for name in graph.stages if alike & _compared(graph, name)]
+        if len(steps) == 1 and comparing:
+            yield f"{series} has one step only, with which {', '.join(comparing)} cannot compare; add the other steps"
+
+
+def _compared(graph: Graph, name: str) -> set[str]:
+    """The stages whose first or previous step a stage compares with a later one."""
+    spec = graph.stages[name]
+    if spec.node.scope not in (Scope.STEP, Scope.PAIR):
+        return set()
+    earlier = [port for port, declared in spec.node.takes.items() if declared.at in (At.PREVIOUS, At.FIRST)]
+    return {spec.inputs[port] for port in earlier if port in spec.inputs}
 
 
 def find_hit(
@@ -244,7 +266,8 @@ class _Planner:
         action = self.indexed.get(key) if self.indexed is not None else None
         if action is None or (self.policy != "ignore" and action.code != self.plan.code[task.stage].root):
             return None
-        return self._hit(task, key, action.digest, action.kept, inputs)
+        record = self.store.record(key) if action.warned else None
+        return self._hit(task, key, action.digest, action.kept, inputs, record.warnings if record else ())
 
     def _found(self, task: Task, key: str, inputs: dict[str, RefInput], files: dict[str, str]) -> PlanEntry:
         """A hit by its record and files, or a task that must run."""
@@ -257,12 +280,14 @@ class _Planner:
         warning = code_warning(self.store, task.stage, record, code, self.policy)
         if warning and warning not in self.plan.warnings:
             self.plan.warnings.append(warning)
-        return self._hit(task, key, record.digest, kept, inputs)
+        return self._hit(task, key, record.digest, kept, inputs, record.warnings)
 
     @staticmethod
-    def _hit(task: Task, key: str, digest: str, kept: bool, inputs: dict[str, RefInput]) -> PlanEntry:
+    def _hit(
+        task: Task, key: str, digest: str, kept: bool, inputs: dict[str, RefInput], warnings: tuple[str, ...]
+    ) -> PlanEntry:
         ref = Ref(digest, None if kept else Recipe(task.name, task.node, inputs, task.files))
-        return PlanEntry(task, "hit", (), key, ref)
+        return PlanEntry(task, "hit", (), key, ref, (), warnings)
 
     def _note(self, key: str, record: Record) -> None:
         """Remember a hit that the index should have known."""

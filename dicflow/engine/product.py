@@ -35,7 +35,9 @@ class Product:
     kind : name by which inputs and outputs are matched ("rig", "disparity", …)
     variables : the arrays by name; a product from a store reads an array at its first use
     attrs : JSON values only. The entry ``summary``, if present, maps names to the scalars of this product
-        that a sweep's table compares; a name ends in its unit where it has one (``residual_px``)
+        that a sweep's table compares; a name ends in its unit where it has one (``residual_px``). The entry
+        ``warnings``, if present, lists whole sentences that a user must see whenever the product is used; equal
+        ones of several steps are shown once, so that a sentence names no step
     """
 
     kind: str
@@ -48,6 +50,12 @@ class Product:
 
     def __contains__(self, name: object) -> bool:
         return name in self.variables
+
+    @property
+    def warnings(self) -> tuple[str, ...]:
+        """What a user must know of this product."""
+        found = self.attrs.get("warnings", ())
+        return (found,) if isinstance(found, str) else tuple(map(str, found))
 
     @property
     def nbytes(self) -> int:

@@ -35,6 +35,7 @@ _MADE = {
     **dict.fromkeys(("task", "run", "time", "host"), is_text),
     **dict.fromkeys(("stage_s", "remake_s", "engine_s", "peak_bytes", "nbytes"), is_number),
     "versions": mapping_of(is_text),
+    "warnings": list_of(is_text),
 }
 _RECORD = fields({
     "key": is_digest, "parts": fields(_PARTS), "digest": is_digest, "code": anything, "made": fields({}, _MADE),
@@ -49,7 +50,7 @@ class Record:
     parts : stage, impl_version, parameters, inputs and files, see :mod:`dicflow.engine.keys`
     digest : of the product
     code : root of the fingerprint of the code that made it; "" where that has another form, made by other code
-    made : provenance: task, run, time, host, seconds, peak memory, versions
+    made : provenance: task, run, time, host, seconds, peak memory, versions, warnings of the product
     """
 
     key: str
@@ -57,6 +58,11 @@ class Record:
     digest: str
     code: str
     made: Mapping[str, Any]
+
+    @property
+    def warnings(self) -> tuple[str, ...]:
+        """The warnings of the product."""
+        return tuple(self.made.get("warnings", ()))
 
     def to_json(self) -> dict[str, Any]:
         """The record as JSON."""

@@ -51,6 +51,8 @@ class Backend(Protocol):
 
         A job is run by :func:`dicflow.engine.work.perform`. Where that raises a Defect it is tried again, as often as
         ``BackendOptions.retries`` says, and the last Defect's text is the error of a failed outcome.
+
+        Raises WorkerError where no worker is left to run them.
         """
 
 
@@ -91,17 +93,21 @@ def is_loopback(address: str) -> bool:
 
 
 def _processes(options: BackendOptions) -> AbstractContextManager[Backend]:
-    from dicflow.engine.cluster import local_cluster
+    if options.dashboard:
+        from dicflow.engine.dashboard import dashboard_cluster
 
-    return local_cluster(options, processes=True)
+        return dashboard_cluster(options, processes=True)
+    from dicflow.engine.local import in_processes
+
+    return in_processes(options)
 
 
 def _threads(options: BackendOptions) -> AbstractContextManager[Backend]:
     if options.dashboard:
-        from dicflow.engine.cluster import local_cluster
+        from dicflow.engine.dashboard import dashboard_cluster
 
-        return local_cluster(options, processes=False)
-    from dicflow.engine.in_process import in_process
+        return dashboard_cluster(options, processes=False)
+    from dicflow.engine.local import in_process
 
     return in_process(options)
 
@@ -141,13 +147,26 @@ def scheduler_names() -> str:
 
 
 def check_scheduler(scheduler: str, workers: int) -> None:
-    """Raises ConfigurationError for an unknown scheduler, and for less than one worker."""
+    """Raises ConfigurationError for an unknown scheduler, an address without host or port, and less than one worker."""
     if _entry(scheduler) not in SCHEDULERS and _plugin(scheduler) not in _PLUGINS.names():
         hint = nearest(scheduler, [*SCHEDULERS, *_PLUGINS.names()])
         known = ", ".join([scheduler_names(), *_PLUGINS.names()])
         raise ConfigurationError(f"unknown scheduler '{scheduler}'{hint}; use {known}")
+    if _entry(scheduler) in ("tcp://", "tls://"):
+        _check_address(scheduler)
     if workers < 1:
         raise ConfigurationError(f"workers must be at least 1, got {workers}")
+
+
+def _check_address(address: str) -> None:
+    try:
+        parts = urlsplit(address)
+        whole = bool(parts.hostname and parts.port) and not (parts.path or parts.query or parts.fragment)
+    except ValueError:
+        whole = False
+    if not whole:
+        example = f"{_entry(address)}127.0.0.1:8786"
+        raise ConfigurationError(f"--scheduler {address}: not an address; write host and port, such as {example}")
 
 
 def scheduler_warning(scheduler: str) -> str:

@@ -2,7 +2,7 @@
 
 Who tries again? A :class:`Defect` leaves this module as an exception, and the backend that handed the task over counts
 its attempts: dask's scheduler by ``retries``, since it outlives a worker and may choose another one, and
-:mod:`dicflow.engine.in_process` for jobs in this process. A DicflowError would come again, so that it is an outcome.
+:mod:`dicflow.engine.local` for jobs on this machine. A DicflowError would come again, so that it is an outcome.
 """
 
 from __future__ import annotations
@@ -11,7 +11,7 @@ import platform
 import sys
 import time
 import traceback
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import cache
@@ -35,8 +35,10 @@ from dicflow.engine.store import Store
 from dicflow.engine.workers import hold_to_one_thread
 from dicflow.errors import DamagedError, DicflowError, InputError, StageError
 
-__all__ = ["Defect", "Job", "Outcome", "is_kept", "perform", "stop_path"]
+__all__ = ["KILLED", "Defect", "Job", "Outcome", "Perform", "is_kept", "perform", "stop_path"]
 
+KILLED = "its worker was killed every time, even running alone; probably out of memory"
+"""The error of a task whose workers die."""
 _DEEPEST = 3
 """Products that are not kept may rest on one another this deep."""
 _PER_ARRAY_S, _BYTES_PER_S = 0.001, 2e8
@@ -55,6 +57,7 @@ class Outcome:
     peak_bytes : most memory that its process held while it ran
     damaged : failed because an input's object turned out damaged; another run repairs it
     warning : of a hit that other code has made
+    warnings : of the product
     """
 
     name: str
@@ -70,6 +73,7 @@ class Outcome:
     peak_bytes: int = 0
     damaged: bool = False
     warning: str = ""
+    warnings: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -110,6 +114,10 @@ class Job:
     def outcome(self, status: Literal["hit", "computed", "failed", "skipped"], **more: Any) -> Outcome:
         """An outcome of this task."""
         return Outcome(self.task.name, self.task.stage, self.task.step, status, **more)
+
+
+Perform = Callable[..., Outcome]
+"""Does a job with the outcomes of its producers, like :func:`perform`."""
 
 
 class Defect(Exception):
@@ -170,9 +178,10 @@ def _performed(job: Job, inputs: tuple[Outcome, ...], start: float) -> Outcome:
     if record is not None and not against:
         ref = Ref(record.digest, None if kept else recipe)
         if record.made.get("run") == job.run_id:  # done before by a worker that died of something else
-            return job.outcome("computed", ref=ref, key=key, stage_s=record.made.get("stage_s", 0.0))
+            stage_s = record.made.get("stage_s", 0.0)
+            return job.outcome("computed", ref=ref, key=key, stage_s=stage_s, warnings=record.warnings)
         warning = code_warning(store, task.stage, record, job.code, job.code_policy)
-        return job.outcome("hit", ref=ref, key=key, warning=warning)
+        return job.outcome("hit", ref=ref, key=key, warning=warning, warnings=record.warnings)
     product, times = _run(job, store, recipe)
     manifest = describe(product)
     keep = is_kept(task.node, len(product.variables), manifest.nbytes, sum(times), recipe.depth, job.gathered)
@@ -182,7 +191,14 @@ def _performed(job: Job, inputs: tuple[Outcome, ...], start: float) -> Outcome:
     stage_s, remake_s = times
     engine_s = time.perf_counter() - start - stage_s - remake_s
     done = job.outcome(
-        "computed", ref=ref, key=key, stage_s=stage_s, remake_s=remake_s, engine_s=engine_s, peak_bytes=_peak()
+        "computed",
+        ref=ref,
+        key=key,
+        stage_s=stage_s,
+        remake_s=remake_s,
+        engine_s=engine_s,
+        peak_bytes=_peak(),
+        warnings=product.warnings,
     )
     made = Record(key, parts, manifest.digest, job.code.root, _provenance(job, done, manifest))
     store.put_record(made)
@@ -237,6 +253,7 @@ def _provenance(job: Job, done: Outcome, manifest: Manifest) -> dict[str, Any]:
         "peak_bytes": done.peak_bytes,
         "nbytes": manifest.nbytes,
         "versions": versions(),
+        **({"warnings": list(done.warnings)} if done.warnings else {}),
     }
 
 

@@ -9,6 +9,8 @@ import threading
 from collections.abc import Callable
 from pathlib import Path
 
+from dicflow.engine.kernel_cache import keep_kernels
+
 __all__ = ["hold_to_one_thread", "limit_threads", "prepare", "reads_probe"]
 
 _LIMITS = ("NUMBA_NUM_THREADS", "OPENCV_FOR_THREADS_NUM", "OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
@@ -17,11 +19,14 @@ _LIMITS = ("NUMBA_NUM_THREADS", "OPENCV_FOR_THREADS_NUM", "OMP_NUM_THREADS", "OP
 def prepare(setup: Callable[[], None] | None = None) -> None:
     """Hold the libraries in this process to one thread each, since every worker runs tasks beside others.
 
+    Compiled kernels have their folder from here on.
+
     A library that is not loaded yet finds its limit in the environment, so that nothing is loaded only to be limited.
 
     setup : anything else that has to be done once in every worker
     """
     limit_threads()
+    keep_kernels()
     hold_to_one_thread()
     if setup is not None:
         setup()

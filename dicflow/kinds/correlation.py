@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple
 
 from dicflow.engine.product import Product, Variable
-from dicflow.kinds.kind import GRID, Kind, Layout, laid_out
+from dicflow.kinds.kind import GRID, Kind, Layout, laid_out, warned_if_lost
 from dicflow.kinds.region import polygons_from_json, polygons_to_json
 
 if TYPE_CHECKING:
@@ -229,9 +229,10 @@ class Correlation(FollowedPoints):
             "noise_settled": grey.is_final,
             "polygons": polygons_to_json(polygons),
         }
-        return Product(
+        product = Product(
             "correlation", {**laid_out(_LAYOUTS, values), **variables}, {**attrs, **(facts or {}), **step_attrs}
         )
+        return warned_if_lost(product)
 
     @property
     def noise(self) -> Noise:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple, Self
 
 from dicflow.engine.product import Product, Variable
@@ -12,7 +12,18 @@ from dicflow.errors import StageError
 if TYPE_CHECKING:
     import numpy as np
 
-__all__ = ["GRID", "STATUS", "Kind", "Layout", "Table", "laid_out", "rows_of", "summary_of", "titles_of"]
+__all__ = [
+    "GRID",
+    "STATUS",
+    "Kind",
+    "Layout",
+    "Table",
+    "laid_out",
+    "rows_of",
+    "summary_of",
+    "titles_of",
+    "warned_if_lost",
+]
 
 GRID = ("row", "col")
 """Axes of a field: material points or pixels."""
@@ -89,6 +100,21 @@ def titles_of(product: Product) -> Mapping[str, str]:
     """Array → its title, for arrays of which the product says more than the long name."""
     found: Mapping[str, str] = product.attrs.get("measures", {})
     return found
+
+
+def warned_if_lost(product: Product) -> Product:
+    """The product of points, with a warning if none of them has a value and its stage has not said why."""
+    import numpy as np
+
+    from dicflow.core.status import Status
+
+    status = product["status"]
+    if product.warnings or (status <= Status.FILLED).any():
+        return product
+    reasons = status[status != Status.OUTSIDE]
+    code = Status(int(np.bincount(reasons).argmax())) if reasons.size else Status.OUTSIDE
+    text = f"no point has a value, most are lost for '{code.label}'; look at the photographs"
+    return replace(product, attrs={**product.attrs, "warnings": [text]})
 
 
 def laid_out(layouts: Mapping[str, Layout], values: Mapping[str, np.ndarray]) -> dict[str, Variable]:

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple, Self
 
 from dicflow.engine.product import Product, Variable
 from dicflow.kinds.correlation import Correlation, SubsetGrid, part_variables, parts_of
-from dicflow.kinds.kind import GRID, Kind, Layout
+from dicflow.kinds.kind import GRID, Kind, Layout, warned_if_lost
 from dicflow.kinds.stereo import Stereo
 
 if TYPE_CHECKING:
@@ -107,7 +107,8 @@ class Points(Kind):
             "shape_function": stereo.grid.shape_function,
             "shape_function_left": correlation.grid.shape_function,
         }
-        return Product("points", {**variables, **parts}, {**attrs, **part_attrs, **facts})
+        product = Product("points", {**variables, **parts}, {**attrs, **part_attrs, **facts})
+        return warned_if_lost(product) if (stereo["status"] <= Status.FILLED).any() else product
 
     @property
     def unit(self) -> str:

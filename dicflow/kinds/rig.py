@@ -50,7 +50,11 @@ class CalibratedRig(Kind):
         if coverage is not None:
             known["coverage"] = dict(coverage)
         if program:
-            known |= {"program": program, "warnings": list(warnings)}
+            known["program"] = program
+        if _is_doubtful(verdict):
+            warnings = [f"the calibration is {verdict}", *warnings]
+        if program or warnings:
+            known["warnings"] = list(warnings)
         facts = {"rig": rig_to_json(rig), "pairs": [dict(pair) for pair in pairs], "verdict": verdict}
         return Product("rig", {}, {**facts, **known, "summary": dict(summary)})
 
@@ -75,12 +79,12 @@ class CalibratedRig(Kind):
     @property
     def is_doubtful(self) -> bool:
         """Whether the verdict asks for better photographs of the board."""
-        return self.verdict.startswith(("poor", "usable"))
+        return _is_doubtful(self.verdict)
 
     @property
     def warnings(self) -> Sequence[str]:
-        """What a user of another program's calibration should know."""
-        return tuple(self.product.attrs.get("warnings", ()))
+        """What is doubtful of it, and what a user of another program's calibration should know."""
+        return self.product.warnings
 
     @property
     def pairs(self) -> Sequence[Mapping[str, Any]]:
@@ -111,6 +115,10 @@ class CalibratedRig(Kind):
     def program(self) -> str:
         """Program that wrote the calibration; "" for dicflow."""
         return str(self.product.attrs.get("program", ""))
+
+
+def _is_doubtful(verdict: str) -> bool:
+    return verdict.startswith(("poor", "usable"))
 
 
 def rig_to_json(rig: Rig) -> dict[str, Any]:

@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any, ClassVar
 
 from dicflow.engine.product import Product
-from dicflow.kinds.kind import GRID, Kind, Layout, laid_out
+from dicflow.kinds.kind import GRID, Kind, Layout, laid_out, warned_if_lost
 from dicflow.kinds.region import polygons_from_json, polygons_to_json
 
 if TYPE_CHECKING:
@@ -53,7 +53,7 @@ class Track(Kind):
             "summary": dict(summary),
         }
         values = {"points": points, "status": status, "transforms": tracked.transforms}
-        return Product("track", laid_out(_LAYOUTS, values), attrs)
+        return warned_if_lost(Product("track", laid_out(_LAYOUTS, values), attrs))
 
     @property
     def polygons(self) -> list[Polygon]:

@@ -251,7 +251,7 @@ def _check_steps(store: Path, steps: Mapping[str, Sequence[str]]) -> None:
 
 
 def _single_threaded() -> None:
-    """One thread per worker: dask already uses every core."""
+    """One thread per worker: other workers use the other cores."""
     import cv2
 
     cv2.setNumThreads(1)

@@ -72,7 +72,7 @@ def _node(context: Context, stage: str) -> Any:
 
 def _warnings(rig: CalibratedRig) -> tuple[str, ...]:
     doubtful = [f"The calibration is {rig.verdict}."] if rig.is_doubtful else []
-    return (*doubtful, *(f"Calibration: {warning}." for warning in rig.warnings))
+    return (*doubtful, *(f"Calibration: {warning}." for warning in rig.warnings if rig.verdict not in warning))
 
 
 def _facts(rig: CalibratedRig, square_mm: float | None) -> list[tuple[str, str, str]]:

@@ -33,7 +33,7 @@ def summary(context: Context, sections: Sequence[Section]) -> Section:
         failures=failures[:_FAILURES_SHOWN],
         more_failures=max(0, len(failures) - _FAILURES_SHOWN),
         skipped=_skipped(run),
-        warnings=[("", "", text) for text in (*_journalled(context), *own)] + warnings,
+        warnings=[("", "", text) for text in (*_not_in(sections, _journalled(context)), *own)] + warnings,
         facts=_facts(context, history),
         history=history if history is not None and (history.values or any(history.valid_share)) else None,
         columns=None if history is None else _columns(history),
@@ -80,6 +80,12 @@ def _journalled(context: Context) -> list[str]:
     """Source of the products, if it matters, and the warnings of the run."""
     warnings = context.run.warnings if context.run is not None else ()
     return [context.without_local_paths(text) for text in (*context.result.notes, *warnings)]
+
+
+def _not_in(sections: Sequence[Section], texts: Sequence[str]) -> list[str]:
+    """The texts that the warnings of no section contain; the place in front of a text does not count."""
+    shown = "\n".join(text for section in sections for text in section.warnings).lower()
+    return [text for text in texts if text.partition(": ")[2].lower() not in shown or ": " not in text]
 
 
 def _lost_points(history: History) -> list[str]:

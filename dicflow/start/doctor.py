@@ -13,6 +13,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 from dicflow.core.matching.detectors import DETECTORS
+from dicflow.engine.kernel_cache import VARIABLE
 
 __all__ = ["Check", "checks"]
 
@@ -51,14 +52,23 @@ def _detectors() -> Check:
 
 
 def _compiler() -> Check:
-    """Compiled kernels are cached beside the code, or in the user's cache folder."""
+    """Compiles a kernel, and looks whether it can be kept."""
     from numba import njit
 
     try:
-        njit(lambda x: x + 1)(1)
+        njit(_increment)(1)
     except Exception as error:
         return Check("compiler", False, f"numba cannot compile: {error}; install numba and llvmlite again")
-    return Check("compiler", True, "numba compiles")
+    try:
+        kept = njit(cache=True)(_increment)
+    except RuntimeError:
+        remedy = f"set {VARIABLE} to a folder that can be written"
+        return Check("compiler", False, f"numba finds no folder to keep compiled kernels in; {remedy}")
+    return Check("compiler", True, f"numba compiles, and keeps kernels in {Path(kept.stats.cache_path).parent}")
+
+
+def _increment(x: int) -> int:
+    return x + 1
 
 
 def _folder(store: Path) -> Iterator[Check]:
@@ -92,5 +102,5 @@ def _loopback() -> Check:
         with socket.socket() as probe:
             probe.bind(("127.0.0.1", 0))
     except OSError as error:
-        return Check("loopback", False, f"127.0.0.1 cannot be used: {error}; run with --scheduler threads")
-    return Check("loopback", True, "workers and dashboard can use 127.0.0.1")
+        return Check("loopback", False, f"127.0.0.1 cannot be used: {error}; run without --dashboard")
+    return Check("loopback", True, "the dashboard can use 127.0.0.1")

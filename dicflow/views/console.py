@@ -21,6 +21,7 @@ from dicflow.engine.plan import Plan
 from dicflow.engine.product import Product
 from dicflow.errors import ConfigurationError
 from dicflow.pipeline.result import Result
+from dicflow.views.plain_text import plain, plain_line
 
 __all__ = ["Progress", "consoles", "plan_table", "product_tables", "products_table", "simple_table", "why_lines"]
 
@@ -32,7 +33,7 @@ class Progress:
     """Shows a run as it goes: per stage what was cached, computed, failed, and what is left.
 
     On a terminal the table renews itself, and before it a line counts the files and tasks that are being checked;
-    elsewhere one line is printed per finished stage.
+    elsewhere one line is printed per finished stage. Warnings are left to the last lines of the command.
     Give :meth:`on_event` to the run, and use the object as a context.
     """
 
@@ -66,14 +67,14 @@ class Progress:
             self._plan(event)
         elif event.kind == "finished":
             self._finish(event)
-        elif event.kind in ("warning", "dashboard"):
-            self._console.print(event.text, style="yellow" if event.kind == "warning" else "cyan", soft_wrap=True)
+        elif event.kind == "dashboard":
+            self._console.print(event.text, style="cyan", soft_wrap=True)
         if self._live:
             self._live.update(self._shown())
 
     def _shown(self) -> Table | Text:
         """The table; before the plan is made, what is being checked."""
-        return self._table() if self._stages else Text(self._checking)
+        return self._table() if self._stages else Text(plain_line(self._checking))
 
     def _plan(self, event: Event) -> None:
         self._started = time.monotonic()
@@ -96,12 +97,12 @@ class Progress:
     def _table(self) -> Table:
         table = Table(box=None, pad_edge=False)
         for title in ("stage", *_COLUMNS, "left", "seconds"):
-            table.add_column(title, justify="left" if title == "stage" else "right")
+            table.add_column(plain_line(title), justify="left" if title == "stage" else "right")
         for stage, counts in self._stages.items():
             left = self._totals[stage] - sum(counts.values())
             cells = [str(counts[name] or "·") for name in _COLUMNS]
             style = "red" if counts["failed"] else "dim" if left else ""
-            table.add_row(stage, *cells, str(left or "·"), f"{self._seconds[stage]:.1f}", style=style)
+            table.add_row(plain_line(stage), *cells, str(left or "·"), f"{self._seconds[stage]:.1f}", style=style)
         table.caption = self._checking or self._time_left()
         return table
 
@@ -172,9 +173,9 @@ def simple_table(titles: Sequence[str], rows: Sequence[Sequence[Any]]) -> Table:
     table = Table(box=None, pad_edge=False, header_style="bold")
     for index, title in enumerate(titles):
         numeric = bool(rows) and all(isinstance(row[index], int | float) for row in rows)
-        table.add_column(title, justify="right" if numeric else "left", overflow="fold")
+        table.add_column(plain_line(title), justify="right" if numeric else "left", overflow="fold")
     for row in rows:
-        table.add_row(*(f"{cell:.4g}" if isinstance(cell, float) else str(cell) for cell in row))
+        table.add_row(*(f"{cell:.4g}" if isinstance(cell, float) else plain_line(cell) for cell in row))
     return table
 
 
@@ -193,7 +194,15 @@ def consoles() -> tuple[Console, Console]:
     return _console(sys.stdout), _console(sys.stderr)
 
 
+class _PlainConsole(Console):
+    """A console that prints text as it is: brackets and colons literally, control characters as escapes."""
+
+    def print(self, *objects: Any, **style: Any) -> None:
+        """Print texts and tables."""
+        super().print(*(plain(part) if isinstance(part, str) else part for part in objects), **style)
+
+
 def _console(file: IO[str]) -> Console:
-    """A console that prints square brackets literally; lines to a file or another program are not wrapped."""
+    """A console of plain text; lines to a file or another program are not wrapped."""
     width = None if file.isatty() else _FILE_WIDTH
-    return Console(file=file, width=width, markup=False, highlight=False)
+    return _PlainConsole(file=file, width=width, markup=False, emoji=False, highlight=False)

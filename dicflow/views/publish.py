@@ -7,14 +7,13 @@ folder says which files dicflow wrote, so that files of others are left untouche
 from __future__ import annotations
 
 import hashlib
-import multiprocessing
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from concurrent.futures import ProcessPoolExecutor
 from contextlib import suppress
 from functools import partial
 from pathlib import Path
 from typing import Any, NamedTuple
 
+from dicflow.engine.processes import WorkerProcesses
 from dicflow.engine.references import Ref, load
 from dicflow.engine.store import Store
 from dicflow.engine.stored_json import is_text, list_of, mapping_of, seal, stored
@@ -184,8 +183,8 @@ def _make(jobs: list[_Job], workers: int) -> Iterator[dict[str, bytes]]:
     if workers == 1 or len(jobs) < 2:
         yield from (job.make() for job in jobs)
         return
-    with ProcessPoolExecutor(min(workers, len(jobs)), multiprocessing.get_context("spawn")) as pool:
-        yield from pool.map(_call, [job.make for job in jobs])
+    with WorkerProcesses(min(workers, len(jobs))) as processes:
+        yield from processes.map(_call, [job.make for job in jobs])
 
 
 def _call(make: Callable[[], dict[str, bytes]]) -> dict[str, bytes]:

@@ -18,6 +18,7 @@ from toys import StageSpec, chain, expand, numbers, run_sync
 from dicflow.engine import cluster
 from dicflow.engine.schedulers import is_loopback
 from dicflow.engine.store import Store
+from dicflow.engine.work import KILLED
 from dicflow.errors import ConfigurationError, StoreError
 
 pytestmark = pytest.mark.slow
@@ -69,25 +70,25 @@ def test_the_dashboard_answers_on_loopback_only(folder, store, tmp_path, schedul
 
 
 def test_a_worker_killed_in_the_middle_costs_nothing(folder, store, tmp_path):
-    """And without a dashboard nothing listens beyond loopback either."""
+    """And without a dashboard nothing listens."""
     seen = []
     options = {"scheduler": "processes", "linger": lambda: seen.append(listeners())}
     result = run_sync(trouble(folder, "kill once"), store, **options)
     assert result.ok
-    assert seen == [{"127.0.0.1"}]
+    assert seen == [set()]
     again = run_sync(trouble(folder, "kill once"), Store.open(tmp_path / "other"))
     assert index(again) == index(result)
 
 
 def test_a_task_that_always_kills_its_worker_is_named_and_no_other_suffers(folder, store):
     result = run_sync(trouble(folder, "kill"), store, scheduler="processes", keep_going=True)
-    assert result.errors == [f"trouble/step_06: {cluster._KILLED}"]
+    assert result.errors == [f"trouble/step_06: {KILLED}"]
     assert result.outcomes["scale/step_06"].error == "trouble/step_06 failed"
     assert result.counts == {"hit": 0, "computed": 16, "failed": 1, "skipped": 1}
 
 
 def test_a_chain_goes_on_after_a_step_that_killed_two_workers(tmp_path, store):
-    """Dask gives the step up after the second death; alone it succeeds, and the steps that need it follow."""
+    """The step is given up after the second death; alone it succeeds, and the steps that need it follow."""
     folder = numbers(tmp_path / "three", 3)
     stages = {**chain(folder).stages, **trouble(folder, "kill twice", above=2.0).stages}
     stages["difference"] = StageSpec(toys.Difference(), {"before": "trouble", "now": "trouble"})
@@ -168,10 +169,61 @@ def test_certificates_that_are_missing_or_others(folder, store, tmp_path, guarde
             run_sync(chain(folder), store, scheduler=guarded)
 
 
+@pytest.mark.parametrize(
+    "address", ["tcp://", "tls://", "tcp://host", "tcp://:8786", "tcp://host:port", "tcp://host:99999", "tcp://h:1/x"]
+)
+def test_an_address_without_host_or_port_is_refused_at_once(folder, store, address):
+    with pytest.raises(ConfigurationError, match=rf"--scheduler {address}: .* such as t(cp|ls)://127\.0\.0\.1:8786"):
+        run_sync(chain(folder), store, scheduler=address)
+
+
 def test_a_scheduler_that_is_not_there(folder, store, monkeypatch):
     monkeypatch.setattr(cluster, "_PATIENCE_S", 0.3)
     with pytest.raises(ConfigurationError, match=r"tcp://127\.0\.0\.1:9: no scheduler answers there"):
         run_sync(chain(folder), store, scheduler="tcp://127.0.0.1:9")
+
+
+@pytest.fixture
+def elsewhere(tmp_path):
+    """Address of a scheduler, it and its worker as processes that can be killed."""
+    path = f"{Path(__file__).parents[2]}{os.pathsep}{Path(__file__).parent}"
+    options = {"stdout": subprocess.DEVNULL, "stderr": subprocess.DEVNULL, "env": {**os.environ, "PYTHONPATH": path}}
+    file = tmp_path / "scheduler.json"
+    line = [sys.executable, "-m", "distributed.cli.dask_scheduler", "--host", "127.0.0.1", "--port", "0"]
+    scheduler = subprocess.Popen([*line, "--no-dashboard", "--scheduler-file", file], **options)
+    line = [sys.executable, "-m", "distributed.cli.dask_worker", "--scheduler-file", file, "--nthreads", "1"]
+    worker = subprocess.Popen([*line, "--no-dashboard", "--no-nanny"], **options)
+    with distributed.Client(scheduler_file=str(file), timeout=60, set_as_default=False) as client:
+        client.wait_for_workers(1, timeout=60)
+        address = client.scheduler.address
+    yield address, scheduler, worker
+    for process in (worker, scheduler):
+        process.kill()
+        process.wait()
+
+
+@pytest.mark.parametrize(
+    ("lost", "words"), [("scheduler", "the scheduler has ended"), ("worker", "no worker for 1 s; start 'dask worker")]
+)
+def test_a_cluster_that_is_lost_in_the_middle_ends_the_run_with_one_error(
+    folder, store, elsewhere, monkeypatch, capfd, lost, words
+):
+    monkeypatch.setattr(cluster, "_WITHOUT_WORKERS_S", 1.0)
+    monkeypatch.setattr(cluster, "_LOOK_S", 0.2)
+    address, scheduler, worker = elsewhere
+
+    def on_event(event):
+        if event.kind == "finished" and event.stage == "scale":
+            {"scheduler": scheduler, "worker": worker}[lost].kill()
+
+    result = run_sync(chain(folder, sleep_s=0.1), store, scheduler=address, on_event=on_event)
+    (error,) = result.errors
+    assert f"{address}: " in error
+    assert words in error
+    assert list(result.outcomes) == list(chain(folder).tasks)
+    assert result.counts["computed"] + result.counts["skipped"] == 23
+    assert "Traceback" not in capfd.readouterr().err
+    assert run_sync(chain(folder), store).counts["hit"] >= 7
 
 
 class Fake:

@@ -36,7 +36,7 @@ def test_gc_lists_exactly_what_it_then_deletes(old, tmp_path):
     assert {line.partition("  ")[0] for line in listed} == {"manifest", "group", "record", "run"}
     assert shown.err.splitlines() == [
         "left alone, since the store did not make it: quarantine",
-        r"left alone, since the store did not make it: 'tmp/\x1b]0;owned\x07'",
+        r"left alone, since the store did not make it: tmp/\u001b]0;owned\u0007",
     ]
     done = dicflow("gc", old.path, "--keep-runs", 1, "--delete")
     assert done.out.startswith("freed 0.")

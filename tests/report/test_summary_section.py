@@ -74,9 +74,15 @@ def test_few_points_are_a_warning(context, monkeypatch):
     history = step_history(context)._replace(valid_share=(None, 0.95, 0.42))
     monkeypatch.setattr(module, "step_history", lambda _: history)
     found = summary(context, [])
-    assert found.warnings == (
-        f"1 step has a value at less than 90.0 % of the points, {history.steps[2]} at 42.0 % only.",
-    )
+    lost = f"1 step has a value at less than 90.0 % of the points, {history.steps[2]} at 42.0 % only."
+    assert found.warnings[-1] == lost
+
+
+def test_a_warning_of_the_run_that_a_section_shows_is_not_repeated(context):
+    sections = [Section("calibration", "Calibration", "", ("The calibration is poor: 2 px.",))]
+    run = context.run._replace(warnings=("rig: the calibration is poor: 2 px", "tcp: is open"))
+    page = page_of(context._replace(run=run), sections)
+    assert page.texts[:3] == ["tcp: is open", "Calibration", ": The calibration is poor: 2 px."]
 
 
 def test_failed_tasks_and_what_was_skipped_for_them(context):

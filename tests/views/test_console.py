@@ -49,9 +49,9 @@ def test_a_failure_is_printed_with_its_brackets_and_what_is_skipped_is_not():
     assert lines == "pair/step_0: give [x, y]\n"
 
 
-def test_warnings_and_the_dashboards_link():
-    events = [Event("warning", text="surface: [rad] changed"), Event("dashboard", text="http://127.0.0.1:1/status")]
-    assert printed(events) == "surface: [rad] changed\nhttp://127.0.0.1:1/status\n"
+def test_the_dashboards_link_is_printed_and_warnings_are_left_to_the_last_lines():
+    events = [Event("warning", text="surface: [rad] changed"), Event("dashboard", text="http://127.0.0.1:1/[x]")]
+    assert printed(events) == "http://127.0.0.1:1/[x]\n"
 
 
 def test_a_terminal_shows_counts_and_the_time_left():

@@ -1,0 +1,77 @@
+"""Where compiled kernels are kept: a folder of this account, named by the source that they are compiled from.
+
+Numba looks only at a kernel's own module to see whether a kept kernel is still right. A kernel also holds what its
+module imports: other kernels, constants, types. So the name of the folder has the digest of all these modules.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import os
+import re
+import sys
+import tempfile
+from collections.abc import Iterator
+from pathlib import Path
+
+__all__ = ["VARIABLE", "keep_kernels", "kernel_folder"]
+
+VARIABLE = "NUMBA_CACHE_DIR"
+_COMPILES = re.compile(r"^from numba import", re.MULTILINE)
+_IMPORTED = re.compile(r"^\s*from dicflow\.(core[\w.]*) import", re.MULTILINE)
+
+
+def keep_kernels() -> None:
+    """Let numba keep kernels in :func:`kernel_folder`, unless the environment names a folder or numba is loaded."""
+    if VARIABLE not in os.environ and "numba" not in sys.modules and (folder := kernel_folder()) is not None:
+        os.environ[VARIABLE] = str(folder)
+
+
+def kernel_folder() -> Path | None:
+    """The first folder that can be used: in the account's cache, or among temporary files. None without any.
+
+    What is in it runs as code, so that a folder that another account owns or may write is not used.
+    """
+    name = f"kernels-{_digest(Path(__file__).parents[1])[:16]}"
+    return next((place / name for place in _places() if _is_private(place)), None)
+
+
+def _places() -> Iterator[Path]:
+    known = os.environ.get("XDG_CACHE_HOME") or os.environ.get("LOCALAPPDATA") or os.path.expanduser("~/.cache")
+    if os.path.isabs(known):
+        yield Path(known, "dicflow")
+    user = os.geteuid() if hasattr(os, "geteuid") else os.environ.get("USERNAME", "user")
+    yield Path(tempfile.gettempdir(), f"dicflow-{user}")
+
+
+def _is_private(folder: Path) -> bool:
+    """Whether only this account can write there; the folder is made if it is missing."""
+    try:
+        folder.mkdir(mode=0o700, parents=True, exist_ok=True)
+        with tempfile.TemporaryFile(dir=folder):
+            found = folder.lstat()
+    except OSError:
+        return False
+    if not hasattr(os, "geteuid"):
+        return True
+    return not folder.is_symlink() and found.st_uid == os.geteuid() and not found.st_mode & 0o022
+
+
+def _digest(package: Path) -> str:
+    """Digest of the modules that compile kernels, and of those that they import."""
+    texts = {_module(path, package): path.read_bytes() for path in sorted((package / "core").rglob("*.py"))}
+    needed = {name for name, text in texts.items() if _COMPILES.search(text.decode())}
+    waiting = list(needed)
+    while waiting:
+        found = set(_IMPORTED.findall(texts[waiting.pop()].decode())) & texts.keys()
+        waiting += found - needed
+        needed |= found
+    whole = hashlib.sha256()
+    for name in sorted(needed):
+        whole.update(b"%s %d\n%s" % (name.encode(), len(texts[name]), texts[name]))
+    return whole.hexdigest()
+
+
+def _module(path: Path, package: Path) -> str:
+    """Name of a module below the package, as ``core.status``."""
+    return ".".join(path.relative_to(package).with_suffix("").parts)

@@ -1,0 +1,269 @@
+"""Worker processes of this machine. Each has a pipe of its own to this process, and nothing listens.
+
+So nobody else can connect. A worker that dies is replaced; its replacement gets work once it has said that it is
+ready, so that a slow one holds up only itself.
+"""
+
+from __future__ import annotations
+
+import multiprocessing
+import os
+import pickle
+import signal
+import threading
+from collections.abc import Callable, Iterable, Iterator
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import suppress
+from functools import partial
+from multiprocessing.connection import Connection
+from queue import Empty, SimpleQueue
+from typing import Any, TypeVar
+
+from dicflow.engine.workers import limit_threads, prepare
+from dicflow.errors import ConfigurationError, WorkerError
+
+__all__ = ["WorkerLost", "WorkerProcesses", "survive"]
+
+_START_S = 60.0
+"""A worker that is not ready after this time is given up."""
+_STARTS = 2
+"""Attempts to start a worker in one place."""
+_END_S = 5.0
+"""Patience with a worker that is asked to end, before it is killed."""
+_ARRAYS = str(256 * 1024 * 1024)
+_ALLOCATOR = {"MALLOC_TRIM_THRESHOLD_": _ARRAYS, "MALLOC_MMAP_THRESHOLD_": _ARRAYS}
+"""Workers keep freed memory up to so many bytes: fetching it page by page for every array costs more than using it."""
+_NAME = "dicflow worker"
+_GUARD = "put what it does below a line  if __name__ == '__main__':"
+_SPAWN = multiprocessing.get_context("spawn")
+
+T = TypeVar("T")
+
+
+class WorkerLost(Exception):
+    """A worker died while it did what it was asked."""
+
+
+class WorkerProcesses:
+    """Calls functions of modules in processes, one call at a time in each. Threads may share it; use it as a context.
+
+    count : processes at most; each is started when there is work for it
+    setup : called once in every worker
+    """
+
+    def __init__(self, count: int, setup: Callable[[], None] | None = None) -> None:
+        self.count = count
+        self._setup = setup
+        self._unstarted = count
+        self._places = count
+        self._idle: SimpleQueue[_Worker | None] = SimpleQueue()
+        self._workers: set[_Worker] = set()
+        self._closed = False
+        self._problem = ""
+        self._lock = threading.Lock()
+
+    def __enter__(self) -> WorkerProcesses:
+        """Raises ConfigurationError in a worker, which imports the script that it serves."""
+        if multiprocessing.current_process().name == _NAME:
+            raise ConfigurationError(f"worker processes import the script again; {_GUARD}")
+        limit_threads()  # also of libraries that the script loads before a worker is prepared
+        for name, value in _ALLOCATOR.items():
+            os.environ.setdefault(name, value)
+        return self
+
+    def __exit__(self, *error: object) -> None:
+        with self._lock:
+            self._closed = True
+            workers = list(self._workers)
+        busy = set(workers)
+        with suppress(Empty):
+            while (worker := self._idle.get_nowait()) is not None:
+                worker.dismiss()
+                busy.discard(worker)
+        self._idle.put(None)
+        for worker in busy:
+            worker.process.kill()
+        for worker in workers:
+            worker.end()
+
+    def call(self, function: Callable[..., T], *arguments: Any) -> T:
+        """The value of a function, computed in a worker; waits for a free one.
+
+        Raises what the function raises, WorkerLost, and WorkerError where no worker can be started.
+        """
+        worker = self._free()
+        try:
+            succeeded, value = worker.ask(function, arguments)
+        except (EOFError, OSError):
+            self._replace(worker)
+            raise WorkerLost from None
+        except BaseException:
+            self._idle.put(worker)
+            raise
+        self._idle.put(worker)
+        if not succeeded:
+            raise value
+        found: T = value
+        return found
+
+    def map(self, function: Callable[..., T], items: Iterable[Any]) -> Iterator[T]:
+        """The function's values for some items, in their order, with all workers at once.
+
+        Raises what the function raises, and WorkerError where workers cannot be started or die again and again.
+        """
+        threads = ThreadPoolExecutor(self.count)
+        try:
+            yield from threads.map(partial(self._called, function), items)
+        finally:
+            threads.shutdown(wait=False, cancel_futures=True)
+
+    def _called(self, function: Callable[..., T], item: Any) -> T:
+        try:
+            found: T = survive(1, self.call, function, item)
+            return found
+        except WorkerLost:
+            raise WorkerError("a worker was killed twice at the same work, probably out of memory; use fewer") from None
+
+    def _free(self) -> _Worker:
+        while True:
+            with self._lock:
+                if self._unstarted and self._idle.empty():
+                    self._unstarted -= 1
+                    self._start()
+            worker = self._idle.get()
+            if worker is None:
+                self._idle.put(None)
+                remedy = "run with --scheduler threads"
+                raise WorkerError(f"no worker process starts, tried {_STARTS} times{self._problem}; {remedy}")
+            if worker.process.is_alive():
+                return worker
+            self._replace(worker)
+
+    def _replace(self, worker: _Worker) -> None:
+        self._drop(worker)
+        self._start()
+
+    def _drop(self, worker: _Worker) -> None:
+        with self._lock:
+            self._workers.discard(worker)
+        worker.process.kill()
+        worker.end()
+
+    def _start(self) -> None:
+        threading.Thread(target=self._bring_up, daemon=True).start()
+
+    def _bring_up(self) -> None:
+        """Start a worker and wait until it is ready; the place is given up where none gets ready."""
+        for _ in range(_STARTS):
+            worker = self._launched()
+            if worker is not None and worker.is_ready():
+                self._idle.put(worker)
+                return
+            if worker is not None:
+                self._drop(worker)
+        self._give_up()
+
+    def _launched(self) -> _Worker | None:
+        """A worker that leaves Ctrl-C and the loss of the terminal to this process; None where it cannot be started."""
+        if hasattr(signal, "pthread_sigmask"):
+            signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT, signal.SIGHUP})  # of this thread, and inherited
+        with self._lock:
+            if self._closed:
+                return None
+            try:
+                worker = _Worker(self._setup)
+            except Exception as error:
+                self._problem = f": {error}"
+                return None
+            self._workers.add(worker)
+            return worker
+
+    def _give_up(self) -> None:
+        """Leave a place without a worker; another place takes over, as long as there is one."""
+        with self._lock:
+            self._places -= 1
+            if self._unstarted:
+                self._unstarted -= 1
+                self._start()
+            elif self._places == 0:
+                self._idle.put(None)
+
+
+def survive(deaths: int, call: Callable[..., T], *arguments: Any) -> T:
+    """The value of a call that is made again where its worker dies, so often at most. Raises WorkerLost after that."""
+    for _ in range(deaths):
+        with suppress(WorkerLost):
+            return call(*arguments)
+    return call(*arguments)
+
+
+class _Worker:
+    """A process and this end of its pipe."""
+
+    def __init__(self, setup: Callable[[], None] | None) -> None:
+        self._pipe, there = _SPAWN.Pipe()
+        self.process = _SPAWN.Process(target=_serve, args=(there, setup), name=_NAME, daemon=True)
+        try:
+            self.process.start()
+        finally:
+            there.close()
+
+    def is_ready(self) -> bool:
+        """Wait until it says so; False where it dies before or takes too long."""
+        try:
+            return self._pipe.poll(_START_S) and bool(self._pipe.recv())
+        except (EOFError, OSError):
+            return False
+
+    def ask(self, function: Callable[..., Any], arguments: tuple[Any, ...]) -> tuple[bool, Any]:
+        """Whether a call succeeded, and its value or error. Raises EOFError or OSError where the worker dies."""
+        self._pipe.send((function, arguments))
+        return self._pipe.recv()  # type: ignore[no-any-return]
+
+    def dismiss(self) -> None:
+        """Let it end by itself, which it does at once unless it is at work."""
+        self._pipe.close()
+
+    def end(self) -> None:
+        """Wait for its end, and enforce it after a while."""
+        self.process.join(_END_S)
+        if self.process.is_alive():
+            self.process.kill()
+            self.process.join(_END_S)
+
+
+def _serve(pipe: Connection, setup: Callable[[], None] | None) -> None:
+    """What a worker does until its pipe is closed."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # the main process lets the workers finish
+    with suppress(ValueError):  # with this, locks that libraries make leave no names behind when a worker is killed
+        multiprocessing.set_start_method("fork", force=True)
+    threading.Thread(target=_end_with_parent, daemon=True).start()
+    prepare(setup)
+    pipe.send(True)
+    with suppress(EOFError, OSError):
+        while True:
+            pipe.send(_answer(pipe.recv_bytes()))
+
+
+def _answer(request: bytes) -> tuple[bool, Any]:
+    try:
+        function, arguments = pickle.loads(request)
+        return True, function(*arguments)
+    except Exception as error:
+        return False, _portable(error)
+
+
+def _portable(error: Exception) -> Exception:
+    """An error that another process can read."""
+    try:
+        copy = pickle.loads(pickle.dumps(error))
+    except Exception:
+        copy = None
+    return copy if type(copy) is type(error) else RuntimeError(f"{type(error).__name__}: {error}")
+
+
+def _end_with_parent() -> None:
+    parent = multiprocessing.parent_process()
+    if parent is not None:
+        parent.join()
+        os._exit(1)
