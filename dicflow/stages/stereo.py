@@ -315,6 +315,11 @@ def _check_order(cameras: Rig, view: _View, found: FoundPoints) -> None:
     if order.swapped:
         raise StageError(order.text)
     if not np.isfinite(found.znssd).any():
+        if np.isfinite(view.points.reach_px):
+            raise StageError(
+                "no point of the region is found in the right photograph, since the pattern repeats itself and many "
+                "places along the epipolar lines look the same; apply random speckles"
+            )
         raise StageError(
             "no point of the region is found in the right photograph; check that both photographs show the specimen, "
             "well exposed, and are of one moment"
