@@ -15,7 +15,7 @@ from dicflow.errors import InputError
 from dicflow.io.json_text import read_json
 from dicflow.io.text import printable
 
-__all__ = ["is_geojson", "read_geojson", "read_mask", "write_geojson"]
+__all__ = ["is_geojson", "read_cuts", "read_geojson", "read_mask", "write_geojson"]
 
 _MAX_BYTES = 10_000_000
 _MAX_CORNERS = 100_000
@@ -26,6 +26,8 @@ _INSIDE = {
     "GeometryCollection": "geometries",
     "MultiPolygon": "coordinates",
     "Polygon": "coordinates",
+    "MultiLineString": "coordinates",
+    "LineString": "coordinates",
 }
 _REDRAW = "draw the region as a polygon and export it again"
 
@@ -38,18 +40,24 @@ def is_geojson(path: Path) -> bool:
 def read_geojson(path: Path) -> list[Polygon]:
     """Polygons of a GeoJSON file (RFC 7946), coordinates in px: x right, y down.
 
-    Any nesting of FeatureCollection, Feature, GeometryCollection, MultiPolygon and Polygon; nothing else.
-    Raises InputError that names the file if it cannot be read or has no polygon.
+    Any nesting of FeatureCollection, Feature, GeometryCollection, MultiPolygon and Polygon, with lines beside them
+    (:func:`read_cuts`); nothing else. Raises InputError that names the file if it cannot be read or has no polygon.
     """
-    found = list(_polygons(path, read_json(path, "a region in GeoJSON", _MAX_BYTES)))
-    corners = sum(len(ring) for rings in found if isinstance(rings, list) for ring in rings if isinstance(ring, list))
-    if corners > _MAX_CORNERS:
-        raise InputError(
-            str(path), f"has {corners:,} corners, at most {_MAX_CORNERS:,} are read", "simplify the outline"
-        )
+    found = _shapes(path, "Polygon")
+    _check_corners(path, [ring for rings in found if isinstance(rings, list) for ring in rings])
     if not found:
         raise InputError(str(path), "has no polygon", "draw the region's outline and export it again")
     return [_polygon(path, rings) for rings in found]
+
+
+def read_cuts(path: Path) -> list[npt.NDArray[np.float64]]:
+    """Lines of a GeoJSON file to cut its polygons along, LineString or MultiLineString, each (n, 2) [px].
+
+    Raises InputError that names the file if it cannot be read.
+    """
+    found = _shapes(path, "LineString")
+    _check_corners(path, found)
+    return [_line(path, line) for line in found]
 
 
 def write_geojson(path: Path, polygons: Sequence[Polygon]) -> None:
@@ -73,21 +81,35 @@ def read_mask(path: Path) -> npt.NDArray[np.bool_]:
     return grey > int(grey.max()) // 2
 
 
-def _polygons(path: Path, whole: Any) -> Iterator[Any]:
-    """Coordinates of every polygon inside a GeoJSON object, in the order of the file."""
+def _shapes(path: Path, wanted: str) -> list[Any]:
+    """Coordinates of every Polygon, or of every LineString, of a file, in its order."""
+    whole = read_json(path, "a region in GeoJSON", _MAX_BYTES)
+    return [coordinates for kind, coordinates in _all_shapes(path, whole) if kind == wanted]
+
+
+def _check_corners(path: Path, lines: Sequence[Any]) -> None:
+    corners = sum(len(line) for line in lines if isinstance(line, list))
+    if corners > _MAX_CORNERS:
+        raise InputError(
+            str(path), f"has {corners:,} corners, at most {_MAX_CORNERS:,} are read", "simplify the outline"
+        )
+
+
+def _all_shapes(path: Path, whole: Any) -> Iterator[tuple[str, Any]]:
+    """Polygon or LineString, and its coordinates, of every one inside a GeoJSON object, in the order of the file."""
     waiting = [whole]
     while waiting:
         value = waiting.pop()
         kind = str(value.get("type")) if isinstance(value, dict) else type(value).__name__
         inside = value.get(_INSIDE[kind]) if kind in _INSIDE else None
-        if kind == "Polygon":
-            yield inside
+        if kind in ("Polygon", "LineString"):
+            yield kind, inside
         elif kind == "Feature":
             waiting.append(inside)
         elif not isinstance(inside, list):
             raise InputError(str(path), f"expected polygons in GeoJSON, found {printable(kind)}", _REDRAW)
-        elif kind == "MultiPolygon":
-            yield from inside
+        elif kind.startswith("Multi"):
+            yield from ((kind.removeprefix("Multi"), part) for part in inside)
         else:
             waiting += reversed(inside)
 
@@ -100,17 +122,30 @@ def _polygon(path: Path, rings: Any) -> Polygon:
     return Polygon(exterior, tuple(holes))
 
 
+def _line(path: Path, line: Any) -> npt.NDArray[np.float64]:
+    points = _points(path, line)
+    if len(points) < 2:
+        raise InputError(str(path), f"a line must be at least two points [x, y], found {printable(line)}", _REDRAW)
+    return points
+
+
 def _ring(path: Path, ring: Any) -> npt.NDArray[np.float64]:
-    try:
-        points = np.array([_corner(*point) for point in ring]).reshape(-1, 2)
-    except (TypeError, ValueError):
-        points = np.zeros((0, 2))
+    points = _points(path, ring)
     if len(points) > 1 and (points[0] == points[-1]).all():
         points = points[:-1]
     if len(points) < 3:
         problem = f"a ring of a polygon must be at least three points [x, y], found {printable(ring)}"
         raise InputError(str(path), problem, _REDRAW)
-    if np.abs(points).max() > _FARTHEST_PX:
+    return points
+
+
+def _points(path: Path, values: Any) -> npt.NDArray[np.float64]:
+    """Points (n, 2) [px]; none where the values are not points."""
+    try:
+        points = np.array([_corner(*point) for point in values]).reshape(-1, 2)
+    except (TypeError, ValueError):
+        points = np.zeros((0, 2))
+    if np.abs(points).max(initial=0.0) > _FARTHEST_PX:
         problem = f"a corner lies at {np.abs(points).max():g} px, expected {_FARTHEST_PX:,.0f} px at most"
         raise InputError(str(path), problem, "give the region in pixels of the left photograph")
     return points

@@ -12,6 +12,7 @@ if TYPE_CHECKING:
 
     from dicflow.core.cameras.camera import Rig
     from dicflow.core.correlation.points import FoundPoints
+    from dicflow.kinds.correlation import Correlation
 
 __all__ = ["check_found", "check_sizes", "misfit"]
 
@@ -34,10 +35,10 @@ def check_sizes(cameras: Rig, images: Images, places: np.ndarray) -> None:
         raise StageError(f"{str(error).partition(';')[0]}; {text}" if text else str(error)) from error
 
 
-def check_found(cameras: Rig, images: Images, places: np.ndarray, found: FoundPoints, max_epipolar_px: float) -> None:
-    """Raise StageError where points of the left photograph are not found because the rig does not fit.
+def check_found(cameras: Rig, images: Images, points: Correlation, found: FoundPoints, max_epipolar_px: float) -> None:
+    """Raise StageError where points of the left photograph are not found since the rig does not fit, or another reason.
 
-    places : (row, col, 2) — in the left photograph [px]; found : in the right one
+    points : in the left photograph; found : in the right one
     """
     import numpy as np
 
@@ -45,6 +46,7 @@ def check_found(cameras: Rig, images: Images, places: np.ndarray, found: FoundPo
     from dicflow.core.cameras.geometry_check import check_order
     from dicflow.core.correlation.seed import feature_pairs
 
+    places = points["xy"]
     apart = epipolar_distance(cameras, places, found.warp[..., 0])
     enough = _FOUND_SHARE * np.isfinite(places).all(axis=-1).sum()
     is_found = found.valid.sum() >= enough
@@ -52,11 +54,17 @@ def check_found(cameras: Rig, images: Images, places: np.ndarray, found: FoundPo
     order = check_order(cameras, *pairs)
     if order.swapped:
         raise StageError(order.text)
+    nothing = not np.isfinite(found.znssd).any()
+    if nothing and np.isfinite(points.reach_px):
+        raise StageError(
+            "no point of the region is found in the right photograph, since the pattern repeats itself and many places "
+            "along the epipolar lines look the same; apply random speckles"
+        )
     if np.count_nonzero(found.valid & (apart <= max_epipolar_px)) < enough:
         text = misfit(cameras, images, places, max_epipolar_px)
         if text:
             raise StageError(text)
-    if not np.isfinite(found.znssd).any():
+    if nothing:
         raise StageError(
             "no point of the region is found in the right photograph; check that both photographs show the specimen, "
             "well exposed, and are of one moment"

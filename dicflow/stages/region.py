@@ -27,12 +27,14 @@ __all__ = ["Region"]
 
 SLACK_PX = 1.0  # a region may touch the outermost pixels' outer edges
 OUTLINE_PX = 20.0  # a longer edge would deviate from its image, which lens distortion curves
+_MAX_CUT_PLACES = 1000
 SOURCES = ("rectangle", "polygons", "file")
 
 Ring = Annotated[list[tuple[float, float]], Field(min_length=3)]
 
 
-Line = Annotated[list[tuple[float, float]], Field(min_length=2)]
+Coordinate = Annotated[float, Field(ge=-1e6, le=1e6, allow_inf_nan=False)]
+Line = Annotated[list[tuple[Coordinate, Coordinate]], Field(min_length=2)]
 
 
 class Outline(BaseModel):
@@ -96,7 +98,9 @@ class Region(Node):
     polygons: list[Annotated[Outline, BeforeValidator(_outline)]] | None = parameter(
         None, "outlines: each a list of corners [x, y], or {exterior: corners, holes: [corners, …]}", unit="px"
     )
-    file: InputFile | None = parameter(None, "GeoJSON polygons in px, or an image that is white inside the region")
+    file: InputFile | None = parameter(
+        None, "GeoJSON polygons in px, with lines to cut along, or an image that is white inside the region"
+    )
     cut: list[Line] = parameter(
         [], "lines across which nothing is compared, such as cracks: each a list of places [x, y]", unit="px"
     )
@@ -124,10 +128,11 @@ class Region(Node):
         return self
 
     def check(self, path: Path) -> dict[str, Any]:
-        from dicflow.io.region import is_geojson, read_geojson, read_mask
+        from dicflow.io.region import is_geojson, read_cuts, read_geojson, read_mask
 
         if is_geojson(path):
             read_geojson(path)
+            read_cuts(path)
         else:
             read_mask(path)
         return {}
@@ -157,16 +162,22 @@ class Region(Node):
                 polygons = carry(polygons, _to_tracked(photographs, cameras), spacing_px=OUTLINE_PX)
         polygons = _counting(polygons, photographs)
         _check_texture(photographs.left, polygons)
-        cuts = self._cuts(photographs, cameras)
+        cuts = self._cuts(photographs, cameras, file_path)
         return RegionProduct.write([cut_apart(polygon, cuts) for polygon in polygons], cuts)
 
-    def _cuts(self, images: Images, cameras: Rig | None) -> Sequence[np.ndarray]:
+    def _cuts(self, images: Images, cameras: Rig | None, file_path: Path | None) -> Sequence[np.ndarray]:
         """The lines across which nothing is compared [px of the image that is followed]."""
         import numpy as np
 
         from dicflow.core.photographs.region import densify_line
+        from dicflow.io.region import is_geojson, read_cuts
 
         lines = [np.array(line) for line in self.cut]
+        if file_path is not None and is_geojson(file_path):
+            lines += read_cuts(file_path)
+        places = sum(len(line) for line in lines)
+        if places > _MAX_CUT_PLACES:
+            raise StageError(f"the cuts have {places:,} places, at most {_MAX_CUT_PLACES:,}; simplify the lines")
         if not lines or self.frame == "tracked" or images.as_taken:
             return lines
         mapping = _to_tracked(images, cameras)

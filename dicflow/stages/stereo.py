@@ -131,7 +131,7 @@ class Stereo(SubsetSearch):
         _check_pattern(view.images.right, starts[..., 0])
         ratio = _noise_ratio(view, starts)
         found, search = self._matched(view, starts, ratio)
-        check_found(cameras, view.images, view.points["xy"], found, self.max_epipolar)
+        check_found(cameras, view.images, view.points, found, self.max_epipolar)
         product = self._product(cameras, view, found, ratio)
         if self.match == "every_step":
             return product

@@ -7,7 +7,7 @@ from PIL import Image
 
 from dicflow.core.photographs.region import area
 from dicflow.errors import InputError
-from dicflow.io.region import is_geojson, read_geojson, read_mask, write_geojson
+from dicflow.io.region import is_geojson, read_cuts, read_geojson, read_mask, write_geojson
 
 SQUARE = [[0, 0], [10, 0], [10, 8], [0, 8], [0, 0]]
 HOLE = [[2, 2], [4, 2], [4, 4], [2, 4], [2, 2]]
@@ -31,6 +31,26 @@ def written(path, value):
 )
 def test_every_nesting_of_polygons(tmp_path, value, expected):
     assert area(read_geojson(written(tmp_path / "r.geojson", value))) == expected
+
+
+def test_lines_beside_polygons_are_cuts(tmp_path):
+    lines = [[[1, 2], [3, 4], [5, 4]], [[0, 0, 9], [1, 1, 9]], [[7, 7], [8, 8]]]
+    shapes = [
+        {"type": "LineString", "coordinates": lines[0]},
+        POLYGON,
+        {"type": "MultiLineString", "coordinates": lines[1:]},
+    ]
+    path = written(tmp_path / "r.geojson", {"type": "GeometryCollection", "geometries": shapes})
+    assert area(read_geojson(path)) == 76
+    first, second, third = read_cuts(path)
+    np.testing.assert_array_equal(first, lines[0])
+    np.testing.assert_array_equal(second, [[0, 0], [1, 1]])
+    np.testing.assert_array_equal(third, lines[2])
+    assert read_cuts(written(tmp_path / "none.json", POLYGON)) == []
+    for line in ([[1, 2]], [[1, 2], [3, "4"]], 5):
+        short = {"type": "GeometryCollection", "geometries": [POLYGON, {"type": "LineString", "coordinates": line}]}
+        with pytest.raises(InputError, match=r"r\.geojson: a line must be at least two points"):
+            read_cuts(written(path, short))
 
 
 def test_closing_points_and_heights_are_dropped(tmp_path):

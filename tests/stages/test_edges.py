@@ -1,5 +1,7 @@
 """Cracks, reflections, shadows, dark photographs, repeating patterns: every value is right, or lost with a reason."""
 
+import json
+
 import numpy as np
 import pytest
 
@@ -76,6 +78,26 @@ def test_two_sides_of_a_marked_crack(motion, region):
         for name in ("exx", "eyy"):
             assert np.nanmax(np.abs(totals[k][name])) < 2e-3
     assert (steps[2]["status"] == Status.VALID).sum() > 0.97 * (steps[0]["status"] == Status.VALID).sum()
+
+
+def test_cuts_of_a_file(tmp_path):
+    """A line beside a polygon in GeoJSON cuts it; too many places are refused."""
+    ring = [[30, 30], [230, 30], [230, 170], [30, 170]]
+    shapes = [
+        {"type": "Polygon", "coordinates": [ring]},
+        {"type": "LineString", "coordinates": [[20, 100], [240, 100]]},
+    ]
+    path = tmp_path / "r.geojson"
+    path.write_text(json.dumps({"type": "GeometryCollection", "geometries": shapes}))
+    image = Images.write(photograph(moved(), 0))
+    found = Region(file=str(path)).run(images=image, file_path=path)
+    assert found.attrs["cuts"] == [[[20.0, 100.0], [240.0, 100.0]]]
+    assert found.attrs["area_px"] == pytest.approx(200.0 * 137.0)
+    first = Correlate().run(images=image, images_first=image, region=found)
+    assert sorted(np.unique(first["part"])) == [0, 1, 2]
+    many = [[float(k % 200), float(k // 200)] for k in range(1001)]
+    with pytest.raises(StageError, match=r"1,001 places, at most 1,000"):
+        Region(**WHOLE, cut=[many]).run(images=image)
 
 
 def test_a_cut_that_ends_inside_the_region():

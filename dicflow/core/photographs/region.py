@@ -150,6 +150,8 @@ def _clipped(ring: Array, convex: Array) -> Array:
 
     Separate parts are joined by edges that are run along twice, which the even-odd rule does not count.
     """
+    if (ring.max(axis=0) < convex.min(axis=0)).any() or (ring.min(axis=0) > convex.max(axis=0)).any():
+        return ring[:0]
     for corner, following in zip(convex, np.roll(convex, -1, axis=0), strict=True):
         if len(ring) == 0:
             break
