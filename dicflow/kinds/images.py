@@ -14,7 +14,6 @@ if TYPE_CHECKING:
     import numpy as np
 
     from dicflow.core.cameras.camera import Rig
-    from dicflow.core.photographs.exposure import Photograph
 
 __all__ = ["Images", "check_size"]
 
@@ -90,12 +89,6 @@ class Images(Kind):
         """Left or right → a sentence about the photograph that people need to know, if there is one."""
         found: Mapping[str, str] = self.product.attrs.get("notes", {})
         return found
-
-    def photograph(self, side: str) -> Photograph:
-        """The left or right photograph with the pixels that are measured: neither clipped nor masked."""
-        from dicflow.core.photographs.exposure import photograph
-
-        return photograph(self.right if side == "right" else self.left, self.counts(side))
 
     @property
     def has_right(self) -> bool:

@@ -7,12 +7,14 @@ from typing import TYPE_CHECKING, Literal
 from pydantic import BaseModel, ConfigDict
 
 from dicflow.engine.node import Node, Pixels, parameter
+from dicflow.kinds.images import Images
 
 if TYPE_CHECKING:
     from dicflow.core.correlation.material import Updating
     from dicflow.core.correlation.search import Search
+    from dicflow.core.photographs.exposure import Photograph
 
-__all__ = ["ReferenceUpdate", "ShapeFunction", "SubsetSearch"]
+__all__ = ["ReferenceUpdate", "ShapeFunction", "SubsetSearch", "photograph_of"]
 
 ShapeFunction = Literal["affine", "quadratic"]
 _SPLINE_DEGREE = {"bicubic": 3, "biquintic": 5}
@@ -96,3 +98,10 @@ class SubsetSearch(Node):
             threads=self.threads,
             counts_misfit=self.misfit,
         )
+
+
+def photograph_of(images: Images, side: str) -> Photograph:
+    """The left or right photograph with the pixels that are measured: neither clipped nor masked."""
+    from dicflow.core.photographs.exposure import photograph
+
+    return photograph(images.right if side == "right" else images.left, images.counts(side))

@@ -13,7 +13,7 @@ from dicflow.kinds.correlation import Correlation, SubsetGrid
 from dicflow.kinds.images import Images
 from dicflow.kinds.matches import Matches
 from dicflow.kinds.region import Region
-from dicflow.stages._subsets import SubsetSearch
+from dicflow.stages._subsets import SubsetSearch, photograph_of
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -105,13 +105,13 @@ class Correlate(SubsetSearch):
 
         chosen = Region.read(region)
         outline = carry(chosen.polygons, lambda ring: ring, spacing_px=_OUTLINE_STEPS * self.step_size)
-        start = Images.read(images_first).photograph("left")
+        start = photograph_of(Images.read(images_first), "left")
         parts = parts_of_region(outline, chosen.cuts, grid_points(outline, self.step_size))
         first = _First(start, interior(chosen.polygons, start.grey.shape), outline, parts)
-        image = Images.read(images).photograph("left")
+        image = photograph_of(Images.read(images), "left")
         if correlation_before is None or images_before is None:
             return self._first_step(image, first)
-        previous = _Previous(Images.read(images_before).photograph("left"), Correlation.read(correlation_before))
+        previous = _Previous(photograph_of(Images.read(images_before), "left"), Correlation.read(correlation_before))
         return self._next_step(image, first, previous, None if matches is None else Matches.read(matches).pairs)
 
     def _first_step(self, image: Photograph, first: _First) -> Product:

@@ -14,7 +14,7 @@ from dicflow.kinds.images import Images
 from dicflow.kinds.rig import CalibratedRig
 from dicflow.kinds.stereo import Stereo as StereoPoints
 from dicflow.stages._rig_check import check_found, check_sizes, misfit
-from dicflow.stages._subsets import ShapeFunction, SubsetSearch
+from dicflow.stages._subsets import ShapeFunction, SubsetSearch, photograph_of
 
 if TYPE_CHECKING:
     import numpy as np
@@ -156,14 +156,14 @@ class Stereo(SubsetSearch):
 
         ratio = previous.stereo.noise_ratio
         search = self._search(view, ratio * view.points.noise_level)
-        first = cropped(first_stereo.as_reference(view.images_first.photograph("right")), search.subset.size)
-        last = previous.stereo.as_reference(previous.images.photograph("right"))
+        first = cropped(first_stereo.as_reference(photograph_of(view.images_first, "right")), search.subset.size)
+        last = previous.stereo.as_reference(photograph_of(previous.images, "right"))
         reference_step = previous.stereo.reference_step
         found, reference = follow_step(
             first,
             reference_step,
             last,
-            view.images.photograph("right"),
+            photograph_of(view.images, "right"),
             search,
             self.reference.updating(),
             _predicted_pairs(view, previous),
@@ -187,7 +187,7 @@ class Stereo(SubsetSearch):
         from dicflow.core.correlation.search import first_photograph, target_spline
         from dicflow.core.photographs.region import interior
 
-        image, right = view.images_first.photograph("left"), view.images.photograph("right")
+        image, right = photograph_of(view.images_first, "left"), photograph_of(view.images, "right")
         contrasts = contrast(image.grey, view.points_first["xy"]), contrast(right.grey, starts[..., 0])
         search = self._search(view, view.points.noise_level)
         search = search._replace(target_noise_ratio=noise_ratio * contrasts[0] / contrasts[1])

@@ -250,8 +250,10 @@ def _correlate(
             found.status[k], found.iterations[k], found.znssd[k], found.contraction[k] = iterate(
                 coefficients, p, n, half, normal, control, places, c
             )
+            if measured.size == 0 or found.status[k] != _VALID:
+                break
             is_settled = abs(c[0, 0] - x) + abs(c[1, 0] - y) < _MAX_SHIFT_PX
-            if measured.size == 0 or found.status[k] != _VALID or is_settled:
+            if is_settled or (is_clear and shows_measured(measured, c, half)):
                 break
         if found.status[k] == _VALID:
             _copy_coefficients(found.warp[k], c)
