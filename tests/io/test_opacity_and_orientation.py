@@ -242,3 +242,52 @@ def test_opacity_of_a_bitmap_counts_unless_it_is_0_everywhere(tmp_path):
     np.testing.assert_array_equal(read_photograph(path).counts, SEEN)
     path.write_bytes(bitmap(GREY, 0 * GREY))
     assert read_photograph(path).counts is None
+
+
+def tiff_of_samples(samples, extra=None, planar=False):
+    """A TIFF file of several samples per pixel (row, col, sample), in one strip or in one for each plane."""
+    rows, cols, count = samples.shape
+    strips = np.moveaxis(samples, 2, 0) if planar else samples[None]
+    size = strips[0].nbytes
+    tags = {256: [cols], 257: [rows], 258: [8 * samples.itemsize] * count, 259: [1], 262: [2 if count > 2 else 1]}
+    tags |= {277: [count], 278: [rows], 284: [2 if planar else 1], 279: [size] * len(strips)}
+    tags |= {273: [8 + k * size for k in range(len(strips))]} | ({} if extra is None else {338: [extra]})
+    data, entries = b"".join(strip.astype("<u2" if samples.itemsize == 2 else "u1").tobytes() for strip in strips), b""
+    for tag, values in sorted(tags.items()):
+        packed = struct.pack(f"<{len(values)}I", *values)
+        entries += struct.pack("<HHI", tag, 4, len(values))
+        entries += packed if len(values) == 1 else struct.pack("<I", 8 + len(data))
+        data += packed if len(values) > 1 else b""
+    start = struct.pack("<I", 8 + len(data))
+    return b"II*\0" + start + data + struct.pack("<H", len(tags)) + entries + bytes(4)
+
+
+@pytest.mark.parametrize("planar", [False, True])
+@pytest.mark.parametrize("dtype", [np.uint8, np.uint16])
+@pytest.mark.parametrize(("extra", "hides"), [(None, True), (0, False), (1, True), (2, True)])
+def test_the_fourth_sample_of_a_tiff(tmp_path, planar, dtype, extra, hides):
+    """Opacity, unless the file says that its meaning is unknown; grey levels do not depend on it."""
+    levels = GREY.astype(dtype) * (257 if dtype is np.uint16 else 1)
+    path = tmp_path / "a.tif"
+    opacity = opaque(dtype, np.iinfo(dtype).max)
+    path.write_bytes(tiff_of_samples(np.dstack([levels] * 3 + [opacity]), extra, planar))
+    found = read_photograph(path)
+    assert (found.counts is not None) == hides
+    np.testing.assert_allclose(found.grey[SEEN], levels[SEEN], rtol=0, atol=1)
+
+
+@pytest.mark.parametrize("planar", [False, True])
+@pytest.mark.parametrize("dtype", [np.uint8, np.uint16])
+def test_colour_in_planes_is_weighted_as_colour_in_pixels(tmp_path, planar, dtype):
+    colour = RNG.integers(0, 255, (24, 32, 3)).astype(dtype) * (257 if dtype is np.uint16 else 1)
+    path = tmp_path / "a.tif"
+    path.write_bytes(tiff_of_samples(colour, planar=planar))
+    expected = colour @ np.array([0.299, 0.587, 0.114])
+    np.testing.assert_allclose(read_grey(path), expected, rtol=0, atol=1 if dtype is np.uint8 else 2)
+
+
+def test_grey_of_16_bits_with_opacity_in_a_tiff_is_refused_with_the_remedy(tmp_path):
+    path = tmp_path / "a.tif"
+    path.write_bytes(tiff_of_samples(np.dstack([GREY, opaque()]).astype(np.uint16), 2))
+    with pytest.raises(InputError, match=r"a\.tif: grey levels of 16 bits with a second value each; save it as PNG"):
+        probe(path)

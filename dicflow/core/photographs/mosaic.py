@@ -18,12 +18,14 @@ __all__ = ["colour_filters", "filter_contrast"]
 MIN_CONTRAST = 0.05
 """Least relative difference of red and of blue from green that counts as a mosaic; sharp photographs reach 0.008."""
 _TILE_PX, _MOST_TILES, _LEAST_TILES = 48, 100, 12
-_DARK = 0.02
+_DARK = 0.1
 """Tiles below this share of the brightest one's mean say nothing."""
 _SHARE_ALIKE = 0.9
 """The share of the tiles in which red and blue must lie on one side of green."""
 _ALIKE = 0.5
 """Greatest difference of the greens, and of pixels behind filters of one colour, as a share of the contrast."""
+_SAME_PICTURE, _DETAILED = 0.25, 0.1
+"""Least correlation of the details that two sub-lattices show, and in which share of the tiles there are details."""
 _OTHER_PERIODS = (4, 6, 8)
 """Periods [px] of printed dots and boards, whose harmonics may look like a period of 2 px."""
 _FILTERS = ("RGGB or BGGR", "GRBG or GBRG")
@@ -49,10 +51,21 @@ def filter_contrast(grey: Grey, arrangement: int) -> float:
     contrast = float(np.abs(typical).min())
     one_sided = np.mean(others * np.sign(typical) > 0, axis=0).min() >= _SHARE_ALIKE
     greens_alike = np.median(np.abs(green[:, 0] - green[:, 1])) < _ALIKE * contrast
-    if not (contrast > 0 and one_sided and greens_alike and np.ptp(typical) > _ALIKE * MIN_CONTRAST):
+    if not (contrast > 0 and one_sided and greens_alike):
         return 0.0
     longer = max(_longer_period(grey, period) for period in _OTHER_PERIODS)
-    return contrast if longer < _ALIKE * contrast else 0.0
+    return contrast if longer < _ALIKE * contrast and _show_one_picture(grey) else 0.0
+
+
+def _show_one_picture(grey: Grey) -> bool:
+    """Whether the four sub-lattices show the same details: printed dots of 2 px, or a board of 1 px, have none."""
+    tiles = _tiles(grey).swapaxes(1, 2).reshape(-1, _TILE_PX // 2, 2, _TILE_PX // 2, 2).astype(float)
+    details = tiles - tiles.mean(axis=(1, 3), keepdims=True)
+    covariance = np.einsum("tiajb,ticjd->tabcd", details, details).reshape(-1, 4, 4)
+    variance = np.einsum("tkk->tk", covariance)
+    scale = np.sqrt(variance[:, :, None] * variance[:, None, :])
+    correlation = np.divide(covariance, scale, out=np.zeros_like(scale), where=scale > 0)
+    return bool(np.quantile(correlation.min(axis=(1, 2)), 1.0 - _DETAILED) > _SAME_PICTURE)
 
 
 def _longer_period(grey: Grey, period: int) -> float:
@@ -65,13 +78,17 @@ def _longer_period(grey: Grey, period: int) -> float:
 
 def _tile_logs(grey: Grey, period: int) -> Array:
     """Logarithms of means over pixels that are ``period`` px apart, (tile, row, col), of tiles over a photograph."""
-    rows, cols = (side // _TILE_PX for side in grey.shape)
-    if not rows * cols:
-        return np.zeros((0, period, period))
-    every = math.ceil(math.sqrt(rows * cols / _MOST_TILES))
-    tiles = grey[: rows * _TILE_PX, : cols * _TILE_PX].reshape(rows, _TILE_PX, cols, _TILE_PX)[::every, :, ::every]
+    tiles = _tiles(grey)
     parts = tiles.reshape(tiles.shape[0], _TILE_PX // period, period, tiles.shape[2], _TILE_PX // period, period)
     means = parts.mean(axis=(1, 4)).transpose(0, 2, 1, 3).reshape(-1, period, period)
     lit = means.mean(axis=(1, 2)) > _DARK * means.max(initial=1.0)
     logs: Array = np.log(np.maximum(means[lit], 1e-3))
     return logs
+
+
+def _tiles(grey: Grey) -> Grey:
+    """Squares (row of tiles, row, column of tiles, col) spread over a photograph."""
+    rows, cols = (side // _TILE_PX for side in grey.shape)
+    every = max(1, math.ceil(math.sqrt(rows * cols / _MOST_TILES)))
+    whole = grey[: rows * _TILE_PX, : cols * _TILE_PX].reshape(rows, _TILE_PX, cols, _TILE_PX)
+    return whole[::every, :, ::every]

@@ -9,7 +9,8 @@ from __future__ import annotations
 
 import os
 import re
-from collections.abc import Callable, Hashable, Iterator, Mapping, Sequence
+from bisect import bisect
+from collections.abc import Hashable, Iterator, Mapping, Sequence
 from datetime import UTC, datetime
 from itertools import chain, pairwise
 from typing import Literal, NamedTuple
@@ -265,12 +266,13 @@ def _interval(times: Sequence[float]) -> float:
 def _nearest(left: Sequence[str], right: Sequence[str], times: _Times) -> _Match:
     """Partners whose times are near; none where the lag between them varies too much."""
     match, lags = {}, []
+    partners = sorted(zip(times.right, right, strict=True))
     for name, time in zip(left, times.left, strict=True):
-        _, partner = min((abs(other - time), place) for place, other in enumerate(times.right))
-        lag = times.right[partner] - time
-        if abs(lag) <= times.near:
-            match[name] = right[partner]
-            lags.append(lag)
+        place = bisect(partners, (time,))
+        other, partner = min(partners[max(0, place - 1) : place + 1], key=lambda one: abs(one[0] - time))
+        if abs(other - time) <= times.near:
+            match[name] = partner
+            lags.append(other - time)
     return match if lags and max(lags) - min(lags) <= times.unsteady else {}
 
 
@@ -304,11 +306,12 @@ def _intervals(times: Sequence[float]) -> list[int]:
 
 def _alone(left: Sequence[str], right: Sequence[str], match: _Match) -> tuple[str, ...]:
     """The names without a partner, after ``left`` or ``right``, in natural order on each side."""
-    sides: Mapping[str, Callable[[], list[str]]] = {
-        "left": lambda: [name for name in left if name not in match],
-        "right": lambda: [name for name in right if name not in set(match.values())],
+    partners = set(match.values())
+    sides = {
+        "left": [name for name in left if name not in match],
+        "right": [name for name in right if name not in partners],
     }
-    return tuple(f"{side} {name}" for side, names in sides.items() for name in sorted(names(), key=natural_key))
+    return tuple(f"{side} {name}" for side, names in sides.items() for name in sorted(names, key=natural_key))
 
 
 def _without_partners(left: Sequence[str], right: Sequence[str], match: _Match, alone: Sequence[str]) -> str:
@@ -317,6 +320,8 @@ def _without_partners(left: Sequence[str], right: Sequence[str], match: _Match, 
     ways = ["add the missing ones or move these away"]
     if len(match) >= _SHARE_OF_PARTNERS * max(len(left), len(right)):
         ways.append("set unpaired: skip to leave these steps out")
-    if (offset := counter_offset(left, right)) is not None:
-        ways.append(f"set pair_by: order if both cameras took the same photographs, with counters {offset} apart")
+    offset = counter_offset(left, right)
+    if offset is not None or (not match and len(left) == len(right)):
+        counters = "" if offset is None else f": their counters are {offset} apart"
+        ways.append(f"set pair_by: order if no photograph is missing on either side{counters}")
     return f"{len(left)} left and {len(right)} right photographs; without a partner: {named}; {', or '.join(ways)}"

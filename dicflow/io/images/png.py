@@ -52,15 +52,14 @@ def without_metadata(data: bytes) -> bytes:
 
 def animation(file: BinaryIO) -> Animation:
     """The frames of a file. Raises ValueError for more than a series can have."""
-    frames = 1
-    for kind, place, _ in chunks(file):
-        if kind == b"acTL":
-            file.seek(place)
-            frames = int.from_bytes(file.read(4), "big")
-            if not 0 < frames <= _MOST_FRAMES:
-                raise ValueError(f"{frames} frames")
-        elif kind == b"fcTL":
-            return Animation(frames, 0)
-        elif kind == b"IDAT":
-            return Animation(frames, int(frames > 1))
-    return Animation(1, 0)
+    before: list[bytes] = []
+    for kind, _, _ in chunks(file):
+        if kind == b"IDAT":
+            break
+        before.append(kind)
+    if b"acTL" not in before:
+        return Animation(1, 0)
+    frames = sum(kind == b"fcTL" for kind, _, _ in chunks(file))
+    if frames > _MOST_FRAMES:
+        raise ValueError(f"{frames} frames")
+    return Animation(max(frames, 1), int(frames > 1 and b"fcTL" not in before))

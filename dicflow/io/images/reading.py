@@ -29,7 +29,7 @@ if TYPE_CHECKING:
 
 __all__ = ["Photograph", "page_count", "probe", "read_grey", "read_photograph"]
 
-_MOST_BITS = 16
+_MOST_BITS, _BITS_OF_PILLOW = 16, 8
 _SILENT = 0
 """OpenCV's level of logging that prints nothing."""
 _JPEG_END = b"\xff\xd9"
@@ -136,13 +136,19 @@ def _tiff(path: Path, number: int) -> _Samples:
         bits, other = tiff.bits(page), tiff.other_numbers(page)
         if bits > _MOST_BITS or other:
             raise InputError(f"holds {other or f'numbers of {bits} bits'}; save it as PNG or TIFF with 8 or 16 bits")
-        orientation, has_opacity, data = tiff.orientation_of(page), tiff.has_opacity(page), tiff.alone(page)
+        orientation, has_opacity = tiff.orientation_of(page), tiff.has_opacity(page)
+        if tiff.is_planar(page) and (bits > _BITS_OF_PILLOW or tiff.samples(page) > 3):  # OpenCV mixes the planes
+            planes = [_by_opencv(tiff.plane(page, k)) for k in range(tiff.samples(page))]
+            return _Samples(_luma(np.dstack(planes)), orientation, planes[-1] if has_opacity else None)
+        if bits > _BITS_OF_PILLOW and tiff.samples(page) == 2:
+            raise InputError("grey levels of 16 bits with a second value each; save it as PNG, or without opacity")
+        data = tiff.alone(page)
     with _opened(BytesIO(data), "TIFF") as image:
         tiles: Any = image.tile
         with _library(), quiet():
             image.load()  # OpenCV passes over damage in a compressed TIFF
         if has_opacity:
-            levels = np.asarray(image) if bits <= 8 else _by_opencv(data, whole=True)
+            levels = np.asarray(image) if bits <= _BITS_OF_PILLOW else _by_opencv(data, whole=True)
             return _Samples(_luma(levels), orientation, levels[..., -1])
         if tiles[0][3][0] == "L":  # grey levels of 8 bits, which OpenCV expands to colour and back
             return _Samples(np.array(image), orientation)

@@ -83,7 +83,9 @@ def _matching(folder: Path, pattern: str, side: str) -> list[Path]:
     start, parts = search_start(folder, pattern)
     if not parts:
         if start.is_dir():
-            raise InputError(f"{side}: {pattern!r} is a folder; write a pattern such as {pattern.rstrip('/')}/*.png")
+            raise InputError(
+                f"{side}: {pattern!r} is a folder; write a pattern such as {pattern.rstrip('/') or '.'}/*.png"
+            )
         return [start]
     found = find_files(folder, pattern)
     photographs = [path for path in found if path.suffix.lower() in SUFFIXES]

@@ -26,14 +26,29 @@ _CODES = {1: "B", 3: "H", 4: "I", 13: "I", 16: "Q", 18: "Q"}
 _BITS, _COMPRESSION, _PHOTOMETRIC, _DESCRIPTION, _ORIENTATION, _SAMPLES = 258, 259, 262, 270, 274, 277
 _EXTRA_SAMPLES, _SAMPLE_FORMAT = 338, 339
 _NEW_SUBFILE, _OLD_SUBFILE, _DNG_VERSION = 254, 255, 50706
+_PLANAR, _IN_PLANES, _MOST_PLANES = 284, 2, 8
 _STRIPS, _STRIP_BYTES, _TILES, _TILE_BYTES = 273, 279, 324, 325
 _OLD_JPEG, _OLD_REDUCED = 6, 2
 _MOST_TAGS = 0xFFFF
 _LONG = (16, 18)
-_RGB, _COLOUR_FILTER, _LINEAR_RAW = 2, 32803, 34892
+_BLACK_IS_ZERO, _RGB, _COLOUR_FILTER, _LINEAR_RAW = 1, 2, 32803, 34892
 _UNSIGNED, _ALPHA = 1, (1, 2)
 _NUMBERS = {2: "numbers with signs", 3: "numbers with fractions", 6: "complex numbers"}
-_NEEDED = {_BITS, _COMPRESSION, _PHOTOMETRIC, _SAMPLES, _EXTRA_SAMPLES, _SAMPLE_FORMAT, 256, 257, 266, 278, 284, 292}
+_NEEDED = {
+    _BITS,
+    _COMPRESSION,
+    _PHOTOMETRIC,
+    _SAMPLES,
+    _EXTRA_SAMPLES,
+    _SAMPLE_FORMAT,
+    256,
+    257,
+    266,
+    278,
+    _PLANAR,
+    292,
+}
+_OF_SAMPLES = {_BITS, _SAMPLES, _EXTRA_SAMPLES, _SAMPLE_FORMAT, _PHOTOMETRIC, _PLANAR}
 _NEEDED |= {293, 317, 320, 322, 323, 332, 334, 347, 529, 530, 531, 532}
 """Tags that the decoding of the samples depends on, beside the places of the data."""
 _REDUCED, _MASK = 1, 4
@@ -48,6 +63,8 @@ class _Tag(NamedTuple):
     place: int
 
 
+_Value = tuple[int, int, bytes]
+"""Type, number and bytes of the values of a tag."""
 Page = Mapping[int, _Tag]
 """An image file directory: number of the tag → entry."""
 
@@ -111,23 +128,51 @@ class Tiff:
         extra = self._numbers(page, _EXTRA_SAMPLES)
         if extra:
             return extra[-1] in _ALPHA
-        return self._number(page, _PHOTOMETRIC, 1) == _RGB and self._number(page, _SAMPLES, 1) == 4
+        return self._number(page, _PHOTOMETRIC, 1) == _RGB and self.samples(page) == 4
+
+    def samples(self, page: Page) -> int:
+        """Samples of one pixel."""
+        return self._number(page, _SAMPLES, 1)
+
+    def is_planar(self, page: Page) -> bool:
+        """Whether the samples of a pixel lie in planes, one after the other."""
+        return self.samples(page) > 1 and self._number(page, _PLANAR, 1) == _IN_PLANES
+
+    def plane(self, page: Page, number: int) -> bytes:
+        """A TIFF file of grey levels that holds one plane of a page."""
+        count = self.samples(page)
+        data = self._data(page)
+        per_plane, rest = divmod(len(data), count)
+        if rest or count > _MOST_PLANES:
+            raise ValueError("its planes are not equally long, or too many")
+        kept = {tag: value for tag, value in self._kept(page).items() if tag not in _OF_SAMPLES}
+        kept |= {_BITS: _numbers(self._order, [self.bits(page)]), _PHOTOMETRIC: _numbers(self._order, [_BLACK_IS_ZERO])}
+        return _joined(self._order, kept, self._names(page), data[number * per_plane : (number + 1) * per_plane])
 
     def alone(self, page: Page) -> bytes:
         """A TIFF file that holds one page and what its decoding depends on."""
-        places, sizes = (_TILES, _TILE_BYTES) if _TILES in page else (_STRIPS, _STRIP_BYTES)
+        return _joined(self._order, self._kept(page), self._names(page), self._data(page))
+
+    def _names(self, page: Page) -> tuple[int, int]:
+        """Tags of the places and of the lengths of the data."""
+        return (_TILES, _TILE_BYTES) if _TILES in page else (_STRIPS, _STRIP_BYTES)
+
+    def _data(self, page: Page) -> list[bytes]:
+        """The strips or tiles of a page."""
+        places, sizes = self._names(page)
         if self._number(page, _COMPRESSION, 1) == _OLD_JPEG or places not in page:
             raise ValueError("its data cannot be found")
         starts = self._numbers(page, places)
         lengths = self._numbers(page, sizes) or self._rest(starts)
-        data = [
-            self._read(start, min(length, self._size - start)) for start, length in zip(starts, lengths, strict=True)
-        ]
+        return [self._read(start, min(size, self._size - start)) for start, size in zip(starts, lengths, strict=True)]
+
+    def _kept(self, page: Page) -> dict[int, _Value]:
+        """What the decoding of a page depends on, beside its data."""
         kept = {tag: (*entry[:2], self._raw(page, tag)) for tag, entry in page.items() if tag in _NEEDED}
         for tag in kept:
             if page[tag].type in _LONG:  # of BigTIFF alone
                 kept[tag] = _numbers(self._order, self._numbers(page, tag))
-        return _joined(self._order, kept, (places, sizes), data)
+        return kept
 
     def _directories(self) -> Iterator[Page]:
         place = self._integer(8, 8) if self._big else self._integer(4, 4)
@@ -196,14 +241,14 @@ class Tiff:
         return self._file.read(size)
 
 
-def _numbers(order: str, numbers: Sequence[int]) -> tuple[int, int, bytes]:
-    """Type, number and bytes of values of 32 bits. Raises ValueError for greater numbers."""
+def _numbers(order: str, numbers: Sequence[int]) -> _Value:
+    """Values of 32 bits. Raises ValueError for greater numbers."""
     if max(numbers) >= 1 << 32:
         raise ValueError("a page of more than 4 GB")
     return 4, len(numbers), struct.pack(f"{order}{len(numbers)}I", *numbers)
 
 
-def _joined(order: str, kept: Mapping[int, tuple[int, int, bytes]], names: tuple[int, int], data: list[bytes]) -> bytes:
+def _joined(order: str, kept: Mapping[int, _Value], names: tuple[int, int], data: list[bytes]) -> bytes:
     """A TIFF file: header, data, values of tags, directory.
 
     kept : tag → type, number and bytes of its values

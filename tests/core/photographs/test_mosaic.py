@@ -37,15 +37,23 @@ def digitised(levels, bits=8, noise=1.5, seed=0):
     ("first", "arrangement"),
     [("R", "RGGB or BGGR"), ("B", "RGGB or BGGR"), ("G", "GRBG or GBRG"), ("g", "GRBG or GBRG")],
 )
-@pytest.mark.parametrize("size_px", [2.0, 3.0, 8.0])
+@pytest.mark.parametrize("size_px", [2.0, 3.0, 8.0, 20.0])
 def test_a_mosaic_is_recognised_with_its_arrangement(first, arrangement, bits, size_px):
     assert colour_filters(digitised(through_filters(speckles(size_px), first=first), bits)) == arrangement
 
 
-@pytest.mark.parametrize(("red", "blue"), [(0.9, 0.8), (0.5, 0.4), (1.3, 0.8), (0.3, 0.9)])
+@pytest.mark.parametrize(("red", "blue"), [(0.9, 0.8), (0.5, 0.4), (1.3, 0.8), (0.3, 0.9), (0.6, 0.6)])
 def test_the_contrast_is_that_of_the_filters(red, blue):
     found = filter_contrast(digitised(through_filters(speckles(), red, blue), 16), 0)
     assert found == pytest.approx(min(abs(np.log(red)), abs(np.log(blue))), abs=0.02)
+
+
+@pytest.mark.parametrize("background", [2.0, 25.0, 120.0])
+@pytest.mark.parametrize("share", [0.3, 0.6])
+def test_a_specimen_in_front_of_an_even_background(background, share):
+    scene = np.where(share * COLS > COL, speckles(), background)
+    assert colour_filters(digitised(through_filters(scene))) == "RGGB or BGGR"
+    assert colour_filters(digitised(scene)) is None
 
 
 def halftone(pitch_px, angle_deg=0.0):
