@@ -200,9 +200,16 @@ def test_a_step_with_too_few_matches():
         Track().run(region=GAUGE, track_before=first)
 
 
-def test_a_step_without_texture():
-    with pytest.raises(StageError, match="mean intensity gradient"):
-        FindFeatures().run(images=images(np.full((100, 120), 90, dtype=np.uint8)))
+@pytest.mark.parametrize("detector", ["KAZE", "AKAZE", "SIFT", "BRISK", "ORB"])
+def test_a_photograph_without_texture_has_no_features_and_no_matches(detector):
+    dark = images(np.full((340, 240), 90, dtype=np.uint8))
+    found, before = (FindFeatures(detector=detector).run(images=image) for image in (dark, REFERENCE))
+    (text,) = found.attrs["warnings"]
+    assert "mean intensity gradient" in text
+    assert found["xy"].shape == (0, 2)
+    for one, other, pictures in ((found, before, (dark, REFERENCE)), (before, found, (REFERENCE, dark))):
+        matches = Match().run(features=one, features_before=other, images=pictures[0], images_before=pictures[1])
+        assert matches["reference"].shape == matches["deformed"].shape == (0, 2)
 
 
 def test_the_searched_area_holds_the_specimen_only():

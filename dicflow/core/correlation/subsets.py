@@ -29,6 +29,7 @@ from dicflow.core.correlation.gauss_newton import (
 )
 from dicflow.core.correlation.subset_sums import LANES, Pixels, Places
 from dicflow.core.correlation.template import (
+    CLEAR_MARGIN_PX,
     Template,
     copy_square,
     gather_part,
@@ -252,8 +253,7 @@ def _correlate(
             )
             if measured.size == 0 or found.status[k] != _VALID:
                 break
-            is_settled = abs(c[0, 0] - x) + abs(c[1, 0] - y) < _MAX_SHIFT_PX
-            if is_settled or (is_clear and shows_measured(measured, c, half)):
+            if abs(c[0, 0] - x) + abs(c[1, 0] - y) < (CLEAR_MARGIN_PX if is_clear else _MAX_SHIFT_PX):
                 break
         if found.status[k] == _VALID:
             _copy_coefficients(found.warp[k], c)

@@ -17,6 +17,7 @@ from dicflow.core.correlation.subset_sums import Pixels
 from dicflow.core.photographs.interpolate import Spline, slopes
 
 __all__ = [
+    "CLEAR_MARGIN_PX",
     "Template",
     "copy_square",
     "gather_part",
@@ -29,6 +30,8 @@ __all__ = [
 ]
 
 
+CLEAR_MARGIN_PX = 4.0
+"""Margin around a subset in which the target is looked at for pixels that are not measured [px]."""
 _DERIVATIVE_SIGMA_PX, _DERIVATIVE_REACH_PX = 0.7, 3
 """Standard deviation, and half the support, of the Gaussian in the derivatives of the template."""
 _BESIDE, _IN_REGION, _IN_PART = 0, 1, 2
@@ -178,10 +181,18 @@ def _spread(square: Bytes, step: int) -> int:
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def shows_measured(measured: Mask, c: Array, half: int) -> bool:
-    """Whether all pixels of a target around a subset with the warp c (2, 6) are measured."""
+    """Whether all pixels of a target within a subset with the warp c (2, 6), and a margin around it, are measured."""
     rows, cols = measured.shape
-    reach_x = half * (abs(c[0, 1]) + abs(c[0, 2])) + half * half * (abs(c[0, 3]) + abs(c[0, 4]) + abs(c[0, 5])) + 1.0
-    reach_y = half * (abs(c[1, 1]) + abs(c[1, 2])) + half * half * (abs(c[1, 3]) + abs(c[1, 4]) + abs(c[1, 5])) + 1.0
+    reach_x = (
+        half * (abs(c[0, 1]) + abs(c[0, 2]))
+        + half * half * (abs(c[0, 3]) + abs(c[0, 4]) + abs(c[0, 5]))
+        + CLEAR_MARGIN_PX
+    )
+    reach_y = (
+        half * (abs(c[1, 1]) + abs(c[1, 2]))
+        + half * half * (abs(c[1, 3]) + abs(c[1, 4]) + abs(c[1, 5]))
+        + CLEAR_MARGIN_PX
+    )
     top, bottom = max(0.0, c[1, 0] - reach_y), min(rows - 1.0, c[1, 0] + reach_y)
     left, right = max(0.0, c[0, 0] - reach_x), min(cols - 1.0, c[0, 0] + reach_x)
     for y in range(int(top), int(bottom) + 1):
