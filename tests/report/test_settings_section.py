@@ -67,7 +67,8 @@ def test_what_is_measured_agrees_with_the_truth(loaded, rows):
 
 def test_the_correlation_is_listed_with_its_reference_and_gauge(pipeline, tmp_path):
     path = tmp_path / "precise.yaml"
-    path.write_text((ROOT / "pipelines" / "quickstart.yaml").read_text())
+    lines = (ROOT / "pipelines" / "quickstart.yaml").read_text().splitlines(keepends=True)
+    path.write_text("".join(line for line in lines if "stage: compare" not in line))  # it needs engineering strain
     loaded = Pipeline.load(path, data=pipeline.parent, settings=["correlation.subset_size=33", "total.measure=hencky"])
     rows = rows_of(loaded)
     assert rows["subset size"].value == "33 px"

@@ -146,7 +146,7 @@ def test_a_region_comes_back(result, tmp_path):
     (path,) = export(result, tmp_path, stage="region", to="geojson")
     product = result.product("region")
     tracked = result.product(result.source("region", "images"), 0)
-    again = Region(file=str(path)).run(tracked, result.product("rig"), path)
+    again = Region(file=str(path)).run(tracked, rig=result.product("rig"), file_path=path)
     kept, back = (polygons_from_json(part.attrs["polygons"]) for part in (product, again))
     assert [len(polygon.holes) for polygon in kept] == [len(polygon.holes) for polygon in back]
     for one, other in zip(kept, back, strict=True):
