@@ -46,8 +46,8 @@ def cracked(u, v, seed):
 
 
 def measured(images, region, counts=None, **parameters):
-    """The correlation and the total of every step."""
-    masks = [{} if counts is None else {"left": counts} for _ in images]
+    """The correlation and the total of every step; ``counts``: pixels that do, in all but the first photograph."""
+    masks = [{} if counts is None or k == 0 else {"left": counts} for k in range(len(images))]
     photographs = [Images.write(image, counts=mask) for image, mask in zip(images, masks, strict=True)]
     chosen, stage, steps = Region(**region).run(images=photographs[0]), Correlate(**parameters), []
     for k, here in enumerate(photographs):
@@ -176,10 +176,10 @@ def test_white_paint_that_is_clipped_moves_with_the_specimen():
 
 
 def test_pixels_that_show_nothing_do_not_count():
-    """What a mask hides stands still and would hold the points beside it back."""
+    """What a mask hides in the second photograph is no place of any point."""
     shown = ((X - 130.0) / 30.0) ** 2 + ((Y - 100.0) / 20.0) ** 2 > 1.0
     hidden = photograph(moved(50.0, 40.0), 9)
-    images = [np.where(shown, photograph(moved(3.3 * k, -1.7 * k), k), hidden) for k in range(2)]
+    images = [photograph(moved(), 0), np.where(shown, photograph(moved(3.3, -1.7), 1), hidden)]
     steps, totals = measured(images, WHOLE, counts=shown)
     away, _ = errors(totals[1], 3.3, -1.7)
     assert away.max() < 0.08
