@@ -140,7 +140,7 @@ def test_two_cameras_of_different_size(folder):
     pair = Images.write(np.zeros(SIZE[::-1], np.uint8), np.zeros((110, 140), np.uint8))
     found = rig_from_json(RigFile(file="cal.yaml").run(folder / "cal.yaml", pair).attrs["rig"])
     assert (found.left.size, found.right.size) == (SIZE, (140, 110))
-    with pytest.raises(InputError, match=r"right camera was calibrated on .* 140 × 110 px"):
+    with pytest.raises(InputError, match=r"right camera: was calibrated on .* 140 × 110 px"):
         RigFile(file="cal.yaml").run(folder / "cal.yaml", photographs())
 
 
