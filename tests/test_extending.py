@@ -37,6 +37,7 @@ def test_the_stage_divides_mean_strains(site, copied):
     copied.write_text(text + "  ratio: {stage: poisson}\n")
     site.dicflow("run", copied, "--scheduler", "sync", "--workers", 1)
     shown = site.dicflow("show", copied, "ratio")
+    site.dicflow("export", copied, "ratio", "--output", copied.parent / "out")
     copied.write_text(text)
     totals = [Pipeline.load(copied).result().product("total", step) for step in range(STEPS - 1)]
     expected = -np.nanmean(totals[-1]["exx"]) / np.nanmean(totals[-1]["eyy"])
@@ -44,6 +45,11 @@ def test_the_stage_divides_mean_strains(site, copied):
     assert 0.2 < expected < 0.6
     page = (copied.parent / "results" / copied.stem / "report.html").read_text()
     assert f"<p>ratio: {expected:.3f}</p>" in page
+    table = (copied.parent / "out" / "ratio.csv").read_text().splitlines()
+    rows = [line.split(",") for line in table if not line.startswith("#")]
+    assert rows[0] == ["step", "ratio"]
+    assert rows[-1][0] == Pipeline.load(copied).result().steps("total")[-1]
+    assert float(rows[-1][1]) == pytest.approx(expected)
 
 
 def test_the_export_format_writes_the_places_of_a_step(site, copied, tmp_path):

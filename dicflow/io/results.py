@@ -12,7 +12,7 @@ from dicflow._version import __version__
 from dicflow.engine.product import Product, Variable
 from dicflow.errors import InputError
 from dicflow.io.table import note_line, row_text
-from dicflow.kinds.kind import rows_of, summary_of, titles_of
+from dicflow.kinds.kind import rows_of, steps_of, summary_of, titles_of
 
 __all__ = ["columns_text", "csv_text", "npz_bytes", "table_text"]
 
@@ -21,7 +21,7 @@ def csv_text(product: Product, name: str) -> str:
     """One row per point of the product's grid; a commented header gives units and attributes.
 
     Arrays on the grid of the first two axes become one column each, a further axis one column per component.
-    Products without arrays give their table of rows, or their summary.
+    Products without arrays give their table of rows, or their summary. Arrays along the steps have the steps' names.
 
     Raises InputError if the product has neither.
     """
@@ -37,10 +37,19 @@ def csv_text(product: Product, name: str) -> str:
         for label, values in _columns(key, variable, len(grid))
     }
     shape = next(iter(columns.values()))[0].shape
-    indices = {dim: index.ravel() for dim, index in zip(grid, np.indices(shape), strict=True)}
     units = "".join(note_line(f"{label}: {unit}") for label, (_, unit) in columns.items())
+    notes, steps = _header(product, name) + _titles(product) + units, steps_of(product)
+    if grid == ("step",) and shape == (len(steps),):
+        return notes + table_text(_rows(steps, {label: values for label, (values, _) in columns.items()}))
+    indices = {dim: index.ravel() for dim, index in zip(grid, np.indices(shape), strict=True)}
     table = np.column_stack([*indices.values(), *(values.ravel() for values, _ in columns.values())])
-    return _header(product, name) + _titles(product) + units + columns_text([*indices, *columns], table)
+    return notes + columns_text([*indices, *columns], table)
+
+
+def _rows(steps: Sequence[str], columns: Mapping[str, np.ndarray]) -> list[dict[str, object]]:
+    """One row per step, with its name, of columns (step,)."""
+    numbers = {label: [float(f"{value:.9g}") for value in values] for label, values in columns.items()}
+    return [{"step": step, **{label: column[k] for label, column in numbers.items()}} for k, step in enumerate(steps)]
 
 
 def columns_text(names: Sequence[str], table: np.ndarray) -> str:

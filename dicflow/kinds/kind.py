@@ -20,6 +20,7 @@ __all__ = [
     "Table",
     "laid_out",
     "rows_of",
+    "steps_of",
     "summary_of",
     "titles_of",
     "warned_if_lost",
@@ -93,6 +94,12 @@ def summary_of(product: Product) -> Mapping[str, Any]:
 def rows_of(product: Product) -> Sequence[Mapping[str, Any]] | None:
     """The rows of a product that is a table; None for any other."""
     found: Sequence[Mapping[str, Any]] | None = product.attrs.get("rows")
+    return found
+
+
+def steps_of(product: Product) -> Sequence[str]:
+    """Names of the steps that a product lists; none if it lists none."""
+    found: Sequence[str] = product.attrs.get("steps", ())
     return found
 
 
