@@ -24,8 +24,6 @@ from tests.figures import fresh, report
 
 STEPS = 700
 WORKERS = 2
-DASK_S = 0.0025
-"""What dask itself needs per task [s]."""
 _BLOCK = bytes(1 << 20)
 
 
@@ -103,7 +101,7 @@ def three_stages(folder: Path, steps: int) -> Graph:
 
 def ideal_s(result: RunResult) -> float:
     """Time that an even flow needs [s]: half of all work, but no less than the chain alone."""
-    spent = {name: one.stage_s + one.remake_s + one.engine_s + DASK_S for name, one in result.outcomes.items()}
+    spent = {name: one.stage_s + one.remake_s + one.engine_s for name, one in result.outcomes.items()}
     chain = sum(seconds for name, seconds in spent.items() if result.outcomes[name].stage == "chained")
     return max(sum(spent.values()) / WORKERS, chain)
 

@@ -239,13 +239,14 @@ def test_a_file_that_is_only_touched_while_it_is_read_is_the_same(folder, store,
 
 @pytest.mark.parametrize("scheduler", ["sync", "threads"])
 def test_the_first_interrupt_lets_running_tasks_finish(folder, store, scheduler):
+    before = signal.getsignal(signal.SIGINT)
     result = run_sync(trouble(folder, "interrupt"), store, scheduler=scheduler)
     assert result.interrupted
     assert result.outcomes["trouble/step_06"].status == "computed"
     assert result.counts["skipped"] > 0
     assert result.counts["failed"] == 0
     assert find_run(store).result["interrupted"]
-    assert signal.getsignal(signal.SIGINT) is signal.default_int_handler
+    assert signal.getsignal(signal.SIGINT) is before
 
 
 def test_the_second_interrupt_ends_the_run_and_keeps_what_is_done(folder, store):
