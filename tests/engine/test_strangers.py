@@ -23,9 +23,9 @@ import os, socket, sys, threading, time
 import distributed
 account, *doors = sys.argv[1:]
 if account:
-    here = dict(processes=False, protocol="tcp://", host="127.0.0.1", dashboard_address=None)
+    here = {"processes": False, "protocol": "tcp://", "host": "127.0.0.1", "dashboard_address": None}
     with distributed.LocalCluster(n_workers=0, worker_dashboard_address=None, **here) as cluster:
-        cluster.get_client().run_on_scheduler(os.getpid)  # loads all that a client needs, which the account may not read
+        cluster.get_client().run_on_scheduler(os.getpid)  # loads a client, which the account may not read
     os.setgroups([])
     os.setgid(int(account))
     os.setuid(int(account))
