@@ -157,7 +157,7 @@ def main() -> int:
         Figure("precise form: peak memory", precise[1].peak_bytes / 2**30, 2, unit="GiB"),
         Figure("precise form: peak memory, 22 steps / 8 steps", precise[1].peak_bytes / precise[0].peak_bytes),
         Figure("precise form: peak memory, 40 steps / 22 steps", precise[2].peak_bytes / precise[1].peak_bytes),
-        *reports(of_length(data, 22), WORK / "bench_22"),
+        *reports(WORK / "replica_22_steps", WORK / "bench_22"),
         Figure("run with nothing to do, whole process", warm.seconds, 1.5, unit="s"),
         Figure("  of it computed", warm.said["counts"]["computed"], 0),
         Figure("dicflow --help, whole process", helped.seconds, 0.5, unit="s"),
