@@ -1,7 +1,7 @@
 """Names of drafts: files and folders that are being written, and get their real names when they are whole.
 
-A draft's name says which process of which machine writes it, so that what a killed process has left behind can be told
-from what another one is writing at this moment::
+A draft's name says which process of which machine writes it, so that the remains of a killed process
+differ from what another one is writing at this moment::
 
     <machine>-<process>-<random>
 """

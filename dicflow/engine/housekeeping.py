@@ -26,7 +26,7 @@ PINS = mapping_of(is_text)
 GRACE_S = 3600.0
 """Younger files may belong to a run in progress in another process."""
 _ORDER: tuple[Part, ...] = ("record", "manifest", "group", "run", "code", "draft", "set aside")
-"""Order of deletion: whatever is left of it when it is killed, nothing names a product that has gone."""
+"""Order of deletion: if it is killed at any moment, no remaining file names a deleted product."""
 
 
 @dataclass(frozen=True)

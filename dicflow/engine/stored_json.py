@@ -6,7 +6,7 @@ The check sum is the mapping's first entry and covers every byte behind it::
 
 CRC-32 finds accidents: flipped bits, files cut short, blocks of zeros after a power failure. It does not stop anybody
 who may write into the store. A file without a check sum was written by an earlier release, and is taken for what it
-says. Whatever does not fit raises ValueError, which the readers of a file take for a missing one.
+says. Anything that does not fit raises ValueError, which the readers of a file take for a missing one.
 """
 
 from __future__ import annotations

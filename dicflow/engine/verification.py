@@ -1,4 +1,4 @@
-"""Verification of a store: every file is read, and what is damaged is told from what cannot be read."""
+"""Verification of a store: every file is read; damaged files are distinguished from unreadable ones."""
 
 from __future__ import annotations
 
@@ -128,8 +128,8 @@ def _checks_of_run(store: Store, run: RunInfo) -> Iterator[_Check]:
     path = run.folder / "journal.jsonl"
     if os.path.lexists(path):
         in_progress = run.result is None and time.time() - path.lstat().st_mtime < GRACE_S
-        mend = None if in_progress else partial(_mend_journal, store, run)
-        yield _Check(_below(store, path), path, partial(_journal, run, in_progress), mend)
+        repair = None if in_progress else partial(_repair_journal, store, run)
+        yield _Check(_below(store, path), path, partial(_journal, run, in_progress), repair)
 
 
 def _form(path: Path, form: Form) -> str:
@@ -164,7 +164,7 @@ def _mend_actions(store: Store) -> None:
         store.index.keep_only(store.index.read().keys())
 
 
-def _mend_journal(store: Store, run: RunInfo) -> None:
+def _repair_journal(store: Store, run: RunInfo) -> None:
     path = run.folder / "journal.jsonl"
     with store.writing():
         try:

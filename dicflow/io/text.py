@@ -1,4 +1,4 @@
-"""Text files of the user, whatever program wrote them.
+"""Text files of the user, written by any program.
 
 Pipeline files, tables, regions, rigs and calibrations are read here. A byte-order mark decides the encoding, else zero
 bytes show UTF-16 and UTF-32, else it is UTF-8. A file in none of them is read as Windows' western code page (cp1252) if

@@ -248,7 +248,7 @@ class Correlation(FollowedPoints):
 
     @property
     def reach_px(self) -> float:
-        """Longest displacement of a step that is told from others: half the period of a pattern that repeats [px]."""
+        """Longest displacement of a step that is unambiguous: half the period of a pattern that repeats [px]."""
         facts = self.period_facts
         repeats = facts.get("repeating_share", 0.0) >= _MIN_REPEATING_SHARE
         return 0.5 * float(facts["period_px"]) if repeats else math.inf

@@ -306,7 +306,7 @@ def _repetition_facts(found: Repetition) -> dict[str, Any]:
         return {}
     text = (
         f"the pattern repeats every {found.period_px:.1f} px in {found.share:.0%} of the region: a displacement beyond "
-        f"{0.5 * found.period_px:.1f} px from one step to the next cannot be told from a shorter one; apply random "
+        f"{0.5 * found.period_px:.1f} px from one step to the next looks the same as a shorter one; apply random "
         "speckles, or photograph smaller steps"
     )
     return {"period_px": found.period_px, "repeating_share": found.share, "warnings": [text]}

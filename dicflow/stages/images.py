@@ -29,7 +29,8 @@ class Images(Node):
     the names, those of a list as they are listed. Each page of a TIFF is a step of its own, and each frame of an
     animated PNG. With ``right`` the photographs are paired by the numbers in their names, or by the times in them.
 
-    Photographs are measured as the sensor lies, whatever an orientation tag says. Transparent pixels are not measured.
+    Photographs are measured as the sensor lies; orientation tags are ignored unless ``orientation`` is upright.
+    Transparent pixels are not measured.
     """
 
     title: ClassVar = "read photographs"

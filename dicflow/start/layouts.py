@@ -1,7 +1,7 @@
 """Series of photographs in a folder, and which two series the two cameras took, by their names alone.
 
 Paths are relative to the folder. A **series** is what one camera took of one subject: the photographs in one folder
-whose names have the same words, whatever their numbers.
+whose names have the same words; their numbers may differ.
 """
 
 from __future__ import annotations
@@ -55,7 +55,7 @@ class Series(NamedTuple):
 
 
 def series_of(paths: Iterable[PurePosixPath]) -> list[Series]:
-    """The series among photographs, in natural order of their paths, whatever the order of these.
+    """The series among photographs, in natural order of their paths; their own order does not matter.
 
     A photograph whose name has words of its own joins the series beside it only if it is the first of the test, or if
     all photographs in its folder are named so; else it belongs to no series.

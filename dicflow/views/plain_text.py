@@ -1,4 +1,4 @@
-"""Text that a terminal shows as it is, whatever names it holds and whatever the terminal's encoding is."""
+"""Text that a terminal of any encoding shows as it is, with any names in it."""
 
 from __future__ import annotations
 

@@ -112,7 +112,7 @@ def _unit(name: str) -> str:
 
 
 def _panel(axes: Axes, name: str, heights: Sequence[float], labels: Sequence[str]) -> None:
-    """One scalar; the scale starts at zero if the dots can still be told apart."""
+    """One scalar; the scale starts at zero if the dots remain distinct."""
     axes.plot(range(len(heights)), heights, "o", color="#31688e", clip_on=False)
     axes.set_xticks(range(len(labels)), labels, fontsize=7)
     axes.set_xlim(-0.5, len(labels) - 0.5)

@@ -3,7 +3,6 @@ import shutil
 import signal
 import subprocess
 import sys
-import time
 import urllib.request
 from pathlib import Path
 
@@ -285,7 +284,6 @@ import sys
 from pathlib import Path
 sys.path[:0] = sys.argv[3:]
 from toys import chain, run_sync
-from dicflow.engine.schedulers import is_loopback
 from dicflow.engine.store import Store
 def on_event(event):
     print(event.kind, event.stage, flush=True)
@@ -306,7 +304,6 @@ def test_an_interrupt_of_the_whole_group_lets_workers_finish(folder, store, tmp_
     )
     lines = iter(process.stdout.readline, "")
     next(line for line in lines if line == "finished scale\n")
-    time.sleep(0.1)
     os.killpg(process.pid, signal.SIGINT)
     out, err = process.communicate(timeout=30)
     assert out.splitlines()[-1] == "True 0 True", out + err

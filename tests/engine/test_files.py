@@ -64,7 +64,7 @@ def test_a_file_overwritten_in_place_that_keeps_size_and_time_is_seen(tmp_path, 
 
 @pytest.mark.parametrize("age_s", [0, 60])
 def test_a_file_written_just_now_is_not_trusted(tmp_path, file, monkeypatch, age_s):
-    """It may change again within one tick of the clock, whatever time it has been given."""
+    """It may change again within one tick of the clock, even if its time was set."""
     monkeypatch.setattr("dicflow.engine.files._FRESH_NS", 2_000_000_000)
     write(file, "one", age_s=age_s)
     find = Counted()

@@ -4,6 +4,7 @@ import os
 import time
 
 import pytest
+from denied import deny
 from small import dicflow
 from toys import chain, run_sync
 
@@ -51,20 +52,13 @@ def test_verify_tells_damaged_from_unreadable_and_foreign(old, monkeypatch):
     damaged, hidden = sorted(old.path.glob("actions/*/*.json"))[:2]
     damaged.write_bytes(damaged.read_bytes()[:-1])
     (old.path / "notes.txt").touch()
-    opened = os.open
-
-    def denied(path, *arguments, **options):
-        if os.fspath(path) == os.fspath(hidden):
-            raise PermissionError(13, "Permission denied", path)
-        return opened(path, *arguments, **options)
-
-    monkeypatch.setattr("dicflow.engine.whole_file.os.open", denied)
+    deny(monkeypatch, hidden)
     found = dicflow("verify", old.path)
     assert found.code == 1
     assert found.out.splitlines()[-1] == "1 damaged; add --repair; 1 cannot be read; get read access"
     assert "notes.txt: is not part of the store" in found.out
-    mended = dicflow("verify", old.path, "--repair")
-    assert mended.out.splitlines()[-1] == "1 damaged, 1 of them set aside; 1 cannot be read; get read access"
+    repaired = dicflow("verify", old.path, "--repair")
+    assert repaired.out.splitlines()[-1] == "1 damaged, 1 of them set aside; 1 cannot be read; get read access"
     monkeypatch.undo()
     assert dicflow("verify", old.path).code == 0
     assert dicflow("verify", old.path).out.splitlines()[-1] == "nothing is damaged"

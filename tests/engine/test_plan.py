@@ -135,13 +135,13 @@ def test_edited_code_is_told_of_once_when_the_hits_show_only_while_it_runs(folde
     store.object_path(index["read/step_01"]["digest"]).with_suffix(".json").unlink()
     edited()
     (store.path / "files.index").unlink()
-    told = []
-    fresh, options = type(store).open(store.path), {"code_policy": "warn", "on_event": told.append}
+    events = []
+    fresh, options = type(store).open(store.path), {"code_policy": "warn", "on_event": events.append}
     result = run_sync(chain(folder), fresh, **options)
     assert result.counts == {"hit": 23, "computed": 1, "failed": 0, "skipped": 0}
     stages = ["difference", "read", "scale", "total"]
     assert sorted(text.partition(":")[0] for text in result.warnings) == stages
-    assert sorted(event.text for event in told if event.kind == "warning") == sorted(result.warnings)
+    assert sorted(event.text for event in events if event.kind == "warning") == sorted(result.warnings)
 
 
 def test_files_are_checked_before_anything_runs(folder, store):

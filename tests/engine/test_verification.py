@@ -1,4 +1,4 @@
-"""What verify finds, calls by its name, and mends."""
+"""What verify finds, names and repairs."""
 
 import json
 import os
@@ -6,6 +6,7 @@ import shutil
 
 import pytest
 import toys
+from denied import deny
 from test_execute import index
 from toys import chain, run_sync
 
@@ -148,16 +149,10 @@ def test_the_journal_of_a_run_in_progress_is_left_alone(store, made):
 def test_what_cannot_be_read_is_not_called_damaged(store, made, monkeypatch):
     """And repair leaves it where it is."""
     paths = {sort: one(store, sort) for sort in FILES if sort != "mark"}
-    opened = os.open
-
-    def denied(path, *arguments, **options):
-        if os.fspath(path) == os.fspath(hidden):
-            raise PermissionError(13, "Permission denied", path)
-        return opened(path, *arguments, **options)
-
-    monkeypatch.setattr("dicflow.engine.whole_file.os.open", denied)
     for sort, hidden in paths.items():
-        found = verify(store, repair=True)
+        with monkeypatch.context() as patched:
+            deny(patched, hidden)
+            found = verify(store, repair=True)
         assert [damage.state for damage in found] == ["unreadable"], sort
         assert "cannot be read (permission denied)" in found[0].reason
         assert hidden.exists()

@@ -1,6 +1,6 @@
 """Everything that may befall a store, many times: ``python -m tests.faults``, or ``make faults``.
 
-Whatever happens, no wrong product is ever used, no traceback is shown, the next run ends well, and ``verify`` finds
+In every case no wrong product is ever used, no traceback is shown, the next run ends well, and ``verify`` finds
 every damage. The seeds are fixed, though not the moments of kills. A part of the whole is run by naming it:
 ``python -m tests.faults damage kills experiment limits``.
 """

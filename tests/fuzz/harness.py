@@ -1,4 +1,4 @@
-"""Reads changed files with one reader, and notes whatever is not a result or a message with place and remedy."""
+"""Reads changed files with one reader, and notes everything that is not a result or a message with place and remedy."""
 
 from __future__ import annotations
 

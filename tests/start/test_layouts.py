@@ -255,7 +255,7 @@ def test_patterns_find_the_files_of_a_series_and_no_others(layout, strangers):
 @settings(max_examples=200, deadline=None)
 @given(st.lists(st.text(min_size=1, max_size=12).filter(lambda name: "/" not in name and name.strip(".")), min_size=1))
 def test_any_names_make_series(names):
-    """No name is an error, no photograph is in two series, and patterns read back whatever signs a name holds."""
+    """No name is an error, no photograph is in two series, and patterns read back names with any signs."""
     paths = list(dict.fromkeys(PurePosixPath("a", f"{name}.png") for name in names))
     found = [path for series in series_of(paths) for path in series.files]
     assert len(found) == len(set(found))

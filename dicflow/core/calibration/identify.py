@@ -1,4 +1,4 @@
-"""Which calibration board a photograph shows, whatever board is expected.
+"""Which calibration board a photograph shows, without regard to the expected one.
 
 ChArUco boards are recognised by their markers, whose numbers also give the board's size and whether its first square
 is white; checkerboards by their corners; grids of circles by the lattice of their blobs. Large photographs are reduced
@@ -60,7 +60,7 @@ class _Fit(NamedTuple):
 
 
 def identify_board(image: Grey, thorough: bool = True) -> Board | None:
-    """The board in a photograph; None if there is none, or if no more than a part of a grid of circles is seen.
+    """The board in a photograph; None if no board is seen, or only a part of a grid of circles.
 
     Of a checkerboard or ChArUco board that is cut off, the size is that of the visible part, or up to the last marker.
 
@@ -178,7 +178,7 @@ def _possible_places(numbers: Index) -> Iterator[tuple[int, Index]]:
 
 
 def _fit_board(corners: Array, places: tuple[int, Index]) -> _Fit | None:
-    """How many markers fit their squares under a perspective view of the board; None if it cannot be told."""
+    """How many markers fit their squares under a perspective view of the board; None if it is unknown."""
     columns, squares = places
     centres = squares + 0.5
     homography, _ = cv2.findHomography(corners.mean(axis=1), centres, cv2.RANSAC, _MAX_MISPLACED, maxIters=_MAX_TRIALS)

@@ -67,8 +67,8 @@ def seed_warps(
     points : (i, j, 2) — places in the reference photograph of a grid that was regular once [px]; NaN where unknown
     matches : feature pairs of an earlier stage, with false ones among them
     parts : of the grid; None for a single one
-    reach_px : longest motion of a pattern that repeats itself; among equal ones the shortest is taken, whatever the
-        matches
+    reach_px : longest motion of a pattern that repeats itself; among equal ones the shortest is taken, and
+        the matches do not count
     Returns (i, j, 2, 3); NaN where unknown.
     """
     warps = np.full((*points.shape, 3), np.nan)
@@ -254,7 +254,7 @@ def feature_pairs(reference: Grey, target: Grey, points: Array) -> Pairs:
 
 
 def epipolar_pairs(left: Grey, right: Grey, points: Array) -> Pairs:
-    """Matches of features around points (i, j, 2) that fit one epipolar geometry, whatever it is; none if they are few.
+    """Matches of features around points (i, j, 2) that fit one unknown epipolar geometry; none if they are few.
 
     Photographs of different things, or with a repeating pattern, have false matches, which no geometry fits.
     """

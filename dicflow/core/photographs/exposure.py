@@ -1,7 +1,7 @@
 """Pixels of a photograph that are measured: neither clipped by the camera nor hidden.
 
 Where light exceeds what a camera can record, all pixels get its greatest level. This pile of equal levels shows in the
-histogram, at whatever level it stands; likewise at level 0. A clipped pixel does not show the material's brightness,
+histogram, at any level; likewise at level 0. A clipped pixel does not show the material's brightness,
 and may stand still while the material moves.
 """
 

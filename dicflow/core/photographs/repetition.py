@@ -1,4 +1,4 @@
-"""Patterns that repeat themselves: where a displacement cannot be told from one a period longer.
+"""Patterns that repeat themselves: where a displacement looks the same as one a period longer.
 
 The autocorrelation of a random pattern has one peak, at a shift of zero; that of a repeating one has equal peaks at its
 periods. That of stripes does not fall along them, and the displacement along them cannot be measured at all.

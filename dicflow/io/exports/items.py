@@ -54,7 +54,7 @@ class Item(NamedTuple):
         for name in self.product.variables:
             if not _WORD.fullmatch(name):
                 problem = f"has an array '{printable(name)}', expected a word of letters and digits"
-                raise InputError(self.stem, problem, "do not use this store, or mend the plug-in that gave the name")
+                raise InputError(self.stem, problem, "do not use this store, or fix the plug-in that gave the name")
         if not self.quantities:
             return self.product
         arrays = {name: self.product.variables[name] for name in self.quantities}

@@ -1,7 +1,7 @@
 """The orientation tag of a photograph: where it is written, what it means, and which way up the pipeline counts.
 
 A camera writes it by its sense of gravity, and may so change it between two photographs although nothing has moved.
-So a photograph is measured as the sensor lies, whatever its tag says, unless the pipeline asks for ``upright``.
+So a photograph is measured as the sensor lies; its tag counts only if the pipeline asks for ``upright``.
 """
 
 from __future__ import annotations

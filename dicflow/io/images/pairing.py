@@ -215,7 +215,7 @@ class _Times(NamedTuple):
 
 
 def _by_time(left: Sequence[str], right: Sequence[str], asked: bool) -> _Match:
-    """Partners by the nearest times. asked : whether the times are to decide, whatever else is in the names"""
+    """Partners by the nearest times. asked : whether the times decide, even where names have other numbers"""
     columns, others = _varying_numbers(left), _varying_numbers(right)
     dated = list(_dates(left, right))
     if asked:

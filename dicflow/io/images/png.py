@@ -39,7 +39,7 @@ def chunks(file: BinaryIO) -> Iterator[tuple[bytes, int, int]]:
 def without_metadata(data: bytes) -> bytes:
     """A PNG file with only what its samples depend on: libraries print complaints about colour profiles and text.
 
-    Raises ValueError if it is truncated; OpenCV would reserve memory for whatever a chunk says.
+    Raises ValueError if it is truncated; OpenCV would reserve as much memory as a chunk claims.
     """
     kept = [data[:_SIGNATURE]]
     for kind, place, length in chunks(BytesIO(data)):

@@ -121,7 +121,7 @@ def _open(path: Path) -> BinaryIO:
 
 
 class _Samples(NamedTuple):
-    """What a file holds: grey levels, orientation, and the opacity of each pixel, None where there is none."""
+    """What a file holds: grey levels, orientation, and the opacity of each pixel, None without an alpha channel."""
 
     grey: np.ndarray
     orientation: int
@@ -261,7 +261,7 @@ def _opened(file: BinaryIO, form: Format) -> Iterator[ImageFile]:
 
 @contextmanager
 def _library() -> Iterator[None]:
-    """Turn whatever a library raises on a damaged file into ValueError."""
+    """Turn any error of a library on a damaged file into ValueError."""
     try:
         yield
     except (MemoryError, InputError, _pillow().DecompressionBombError):

@@ -1,4 +1,4 @@
-"""Boards that are recognised whatever is expected, in drawings seen through homographies."""
+"""Boards that are recognised without an expectation, in drawings seen through homographies."""
 
 import cv2
 import numpy as np
@@ -149,7 +149,7 @@ def test_the_board_of_many_photographs():
 
 
 def test_places_on_a_lattice():
-    """In whatever directions and from whatever origin: neighbours differ by one step, others do not."""
+    """In any directions and from any origin: neighbours differ by one step, others do not."""
     grid = np.stack(np.meshgrid(np.arange(6.0), np.arange(4.0)), axis=-1).reshape(-1, 2)
     image = cv2.perspectiveTransform(grid[None] * 40.0, TILTED)[0]
     stray = np.array([[500.0, 500.0], image[8] + 20.0])

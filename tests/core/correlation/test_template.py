@@ -39,7 +39,7 @@ def test_a_subset_keeps_to_the_side_of_its_centre():
 
 @pytest.mark.parametrize("where", ["template", "target", "both"])
 def test_pixels_that_are_not_measured_change_nothing(where):
-    """Whatever they contain, the place stays that of the others."""
+    """With any contents of theirs, the place stays that of the others."""
     clean = pair()
     hidden = np.zeros(SIZE[::-1], dtype=bool)
     hidden[34:44, 38:50] = True

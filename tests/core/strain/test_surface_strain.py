@@ -75,7 +75,7 @@ def test_rigid_motion_gives_no_strain(axis, angle_deg, shift):
 @given(st.floats(0.4, 2.5), st.floats(0.4, 2.5), st.floats(-0.8, 0.8), st.floats(-0.7, 0.7), st.floats(-0.7, 0.7))
 @settings(max_examples=40, deadline=None)
 def test_perfect_homogeneous_deformation_of_a_tilted_sheet(a, d, b, slope_x, slope_y):
-    """A gradient [[a, b], [0, d]] in the sheet's own plane comes back whatever the sheet's tilt is."""
+    """A gradient [[a, b], [0, d]] in the sheet's own plane comes back for every tilt of the sheet."""
     basis = tangent_basis(np.array([[1.0, 0.0], [0.0, 1.0], [slope_x, slope_y]]))
     truth = np.array([[a, b], [0.0, d]])
     plane = np.stack([X, Y], axis=-1)
