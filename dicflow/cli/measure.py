@@ -22,6 +22,7 @@ from dicflow.cli.options import (
     say,
     warn,
 )
+from dicflow.engine.journal import STATUSES
 from dicflow.engine.schedulers import scheduler_names, scheduler_warning
 
 if TYPE_CHECKING:
@@ -149,7 +150,7 @@ def _run_line(result: Result) -> dict[str, Any]:
     """The last line of ``--json``."""
     outcome = result.outcome
     assert outcome is not None
-    counts = {name: outcome.counts.get(name, 0) for name in ("hit", "computed", "failed", "skipped")}
+    counts = {name: outcome.counts.get(name, 0) for name in STATUSES}
     return {
         "run": outcome.run_id,
         "counts": counts,
@@ -160,14 +161,16 @@ def _run_line(result: Result) -> dict[str, Any]:
 
 
 def _print_run(console: Console, result: Result, folder: Path, files: list[Path]) -> None:
-    """Verdicts, warnings, counts and where the files are; a doubtful rig is among the warnings."""
+    """Verdicts that no warning has, warnings, counts and where the files are."""
     outcome = result.outcome
     assert outcome is not None
     from dicflow.kinds.rig import CalibratedRig
 
     for stage in result.stages_of("rig"):
-        if result.has(stage) and not (rig := CalibratedRig.read(result.product(stage))).is_doubtful:
-            console.print(f"{stage}: {rig.verdict}", soft_wrap=True)
+        if result.has(stage):
+            verdict = CalibratedRig.read(result.product(stage)).verdict
+            if not any(verdict in warning for warning in outcome.warnings):
+                console.print(f"{stage}: {verdict}", soft_wrap=True)
     for warning in outcome.warnings:
         console.print(f"warning: {warning}", style="yellow", soft_wrap=True)
     counts = ", ".join(f"{number} {name}" for name, number in outcome.counts.items() if number)

@@ -27,17 +27,15 @@ from typing import NamedTuple
 
 from dicflow.engine.objects import Manifest
 from dicflow.engine.records import Record
-from dicflow.engine.whole_file import LARGEST, open_file, write_file
+from dicflow.engine.whole_file import LARGEST, NO_WAIT, open_file, write_file
 
 __all__ = ["Action", "ActionIndex", "action_of"]
 
-_NO_WAIT = getattr(os, "O_NONBLOCK", 0)
-"""For a pipe in the place of the file, which would be waited for until somebody reads it."""
 _PREFIX = "sha256:"
 _LINE = 3 * 64 + 1 + 4 + 8
 """Length of a line without its end [bytes]: three digests, the form, four spaces, the check sum."""
 
-_LETTERS = b"0123456789abcdef r"
+_LETTERS = b"0123456789abcdef rABR"
 """What the beginning of a line consists of."""
 
 _ARRAYS, _BARE, _REMADE = "a", "b", "r"
@@ -90,7 +88,7 @@ class ActionIndex:
         if not lines:
             return
         with suppress(OSError):
-            descriptor = os.open(self.path, os.O_WRONLY | os.O_APPEND | os.O_CREAT | _NO_WAIT, 0o666)
+            descriptor = os.open(self.path, os.O_WRONLY | os.O_APPEND | os.O_CREAT | NO_WAIT, 0o666)
             try:
                 os.write(descriptor, lines)
             finally:

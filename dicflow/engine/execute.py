@@ -15,7 +15,7 @@ from typing import Any
 
 from dicflow.engine.fingerprint import Fingerprint
 from dicflow.engine.graph import Graph
-from dicflow.engine.journal import Event, Journal
+from dicflow.engine.journal import STATUSES, Event, Journal
 from dicflow.engine.plan import CodePolicy, Plan, make_plan
 from dicflow.engine.product import Product
 from dicflow.engine.product_warnings import product_warnings
@@ -26,8 +26,6 @@ from dicflow.engine.work import Job, Outcome, perform, stop_path
 from dicflow.errors import StageError, StoreError, WorkerError
 
 __all__ = ["STATUSES", "Options", "RunResult", "dask_graph", "run"]
-
-STATUSES = ("hit", "computed", "failed", "skipped")
 
 
 @dataclass(frozen=True)
@@ -329,7 +327,9 @@ def _compute(state: _Run, run_id: str) -> None:
 def _close(state: _Run, journal: Journal) -> None:
     """Keep the index and counts; a full disk is ignored here; the tasks report it."""
     counts = Counter[str](outcome.status for outcome in state.outcomes.values())
-    result = {"counts": {status: counts[status] for status in STATUSES}, "interrupted": state.interrupted}
+    ended_early = len(state.outcomes) < len(state.plan.entries)
+    interrupted = state.interrupted or ended_early
+    result = {"counts": {status: counts[status] for status in STATUSES}, "interrupted": interrupted}
     with suppress(OSError):
         stop_path(state.store.path, journal.id).unlink(missing_ok=True)
     with suppress(StoreError):

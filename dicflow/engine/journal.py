@@ -13,7 +13,7 @@ from dataclasses import asdict, dataclass, field
 from functools import cached_property
 from io import BytesIO
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any, Literal, get_args
 
 from dicflow.engine.hashing import digest_json, is_digest
 from dicflow.engine.store import Store
@@ -38,10 +38,12 @@ __all__ = [
     "ABOUT",
     "INDEX",
     "RESULT",
+    "STATUSES",
     "Entry",
     "Event",
     "Journal",
     "RunInfo",
+    "Status",
     "find_run",
     "is_run_id",
     "latest",
@@ -69,11 +71,14 @@ ABOUT = fields({"id": is_text, "pipeline": is_text, "started": _is_time, "resolv
 RESULT = fields({"counts": mapping_of(is_count), "interrupted": is_flag})
 """Form of ``result.json``."""
 
-_KINDS = ("checking", "planned", "dashboard", "finished", "warning", "ended")
-_STATUSES = ("hit", "computed", "failed", "skipped")
-_EVENT = fields({"kind": one_of(*_KINDS), "time": _is_time}, {
+Happening = Literal["checking", "planned", "dashboard", "finished", "warning", "ended"]
+"""What an event is."""
+Status = Literal["hit", "computed", "failed", "skipped"]
+"""What became of a task."""
+STATUSES = get_args(Status)
+_EVENT = fields({"kind": one_of(*get_args(Happening)), "time": _is_time}, {
     **dict.fromkeys(("task", "stage", "step", "text"), is_text),
-    "status": one_of(*_STATUSES), "seconds": is_number, "key": is_digest, "digest": is_digest,
+    "status": one_of(*STATUSES), "seconds": is_number, "key": is_digest, "digest": is_digest,
     "counts": mapping_of(is_count), "stages": mapping_of(mapping_of(is_count)),
 })  # fmt: skip
 """Form of a line of the journal."""
@@ -92,7 +97,7 @@ class Event:
     stages : planned: the same counts per stage
     """
 
-    kind: Literal["checking", "planned", "dashboard", "finished", "warning", "ended"]
+    kind: Happening
     time: float = field(default_factory=time.time)
     task: str = ""
     stage: str = ""
@@ -161,9 +166,11 @@ class RunInfo:
     @property
     def is_whole(self) -> bool:
         """Whether it is known what the run came to."""
-        with suppress(StoreError):
-            return self.index is not None
-        return False
+        try:
+            self.index  # noqa: B018
+        except StoreError:
+            return False
+        return True
 
     def _indexed(self) -> dict[str, Entry]:
         path = self.folder / "index.json"

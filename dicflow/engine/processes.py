@@ -61,17 +61,22 @@ class WorkerProcesses:
         self._closed = False
         self._problem = ""
         self._lock = threading.Lock()
+        self._variables: set[str] = set()
 
     def __enter__(self) -> WorkerProcesses:
         """Raises ConfigurationError in a worker, which imports the script that it serves."""
         if multiprocessing.current_process().name == _NAME:
             raise ConfigurationError(f"worker processes import the script again; {_GUARD}")
+        before = set(os.environ)
         limit_threads()  # also of libraries that the script loads before a worker is prepared
         for name, value in _ALLOCATOR.items():
             os.environ.setdefault(name, value)
+        self._variables = os.environ.keys() - before
         return self
 
     def __exit__(self, *error: object) -> None:
+        for name in self._variables:
+            os.environ.pop(name, None)
         with self._lock:
             self._closed = True
             workers = list(self._workers)

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import AbstractContextManager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Protocol
 from urllib.parse import urlsplit
 
@@ -113,8 +113,6 @@ def _threads(options: BackendOptions) -> AbstractContextManager[Backend]:
 
 
 def _sync(options: BackendOptions) -> AbstractContextManager[Backend]:
-    from dataclasses import replace
-
     return _threads(replace(options, workers=1))
 
 

@@ -15,7 +15,7 @@ __all__ = ["LARGEST", "NotRegularError", "file_size", "open_file", "read_file", 
 
 LARGEST = 1 << 31
 """Files of the store above this size [bytes] are damage; to read one could take all memory."""
-_NO_WAIT = getattr(os, "O_NONBLOCK", 0)
+NO_WAIT = getattr(os, "O_NONBLOCK", 0)
 
 
 class NotRegularError(OSError):
@@ -87,7 +87,7 @@ def _sync(path: Path, flags: int) -> None:
 
 def _opened(path: str, flags: int, largest: int | None) -> int:
     try:
-        descriptor = os.open(path, flags | _NO_WAIT)
+        descriptor = os.open(path, flags | NO_WAIT)
     except OSError as error:
         if error.errno == errno.ENXIO:  # a socket
             raise NotRegularError(errno.EINVAL, "not a regular file", path) from error

@@ -16,13 +16,14 @@ from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import cache
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any
 
 from dicflow.engine.action_index import action_of
 from dicflow.engine.files import FilePart, stamp
 from dicflow.engine.fingerprint import Fingerprint
 from dicflow.engine.graph import Task, TaskInput
 from dicflow.engine.hashing import digest_file
+from dicflow.engine.journal import Status
 from dicflow.engine.keys import input_digests, key_of, key_parts
 from dicflow.engine.node import At, Node
 from dicflow.engine.objects import Manifest, describe, normalised
@@ -63,7 +64,7 @@ class Outcome:
     name: str
     stage: str
     step: str | None
-    status: Literal["hit", "computed", "failed", "skipped"]
+    status: Status
     ref: Ref | None = None
     key: str = ""
     error: str = ""
@@ -111,7 +112,7 @@ class Job:
         """The outcomes among those given that :func:`perform` takes."""
         return [outcomes[name] for name in self.awaited() if name in outcomes]
 
-    def outcome(self, status: Literal["hit", "computed", "failed", "skipped"], **more: Any) -> Outcome:
+    def outcome(self, status: Status, **more: Any) -> Outcome:
         """An outcome of this task."""
         return Outcome(self.task.name, self.task.stage, self.task.step, status, **more)
 

@@ -159,14 +159,13 @@ def parts_of(product: Product) -> Parts:
     """The parts of the grid of a product of points at the first step, with their places there."""
     import numpy as np
 
-    from dicflow.core.parts import grid_parts, single_part
+    from dicflow.core.parts import Parts, single_part
 
     places = product.variables["xy"].values
     if "part" not in product.variables:
         return single_part(places)
     cuts = np.array(product.attrs["cuts"], dtype=float).reshape(-1, 4)
-    parts = grid_parts(places, product.variables["part"].values, np.zeros((0, 4)))
-    return parts._replace(cuts=cuts)
+    return Parts(product.variables["part"].values, np.ascontiguousarray(places, dtype=np.float64), cuts)
 
 
 def part_variables(product: Product) -> tuple[dict[str, Variable], dict[str, Any]]:

@@ -184,12 +184,8 @@ class Pipeline:
 
     def last_run(self) -> RunInfo | None:
         """The newest run with the same stages and settings; None before the first."""
-        return next((run for run in runs(self.store) if run.pipeline == self.name and self._is_alike(run)), None)
-
-    def _is_alike(self, run: RunInfo) -> bool:
-        """Whether a run had the same stages and settings, and its files are whole."""
-        ours, found = self.resolved(), resolved_of(run)
-        return found is not None and all(found[name] == ours[name] for name in _SETTINGS) and run.is_whole
+        ours = self.resolved()
+        return next((run for run in runs(self.store) if run.pipeline == self.name and _is_alike(run, ours)), None)
 
     def _result(self, refs: Mapping[str, Ref], outcome: RunResult | None) -> Result:
         values = [dict(variant.values) for variant in self.variants]
@@ -240,6 +236,12 @@ def _in_order(wired: Mapping[str, Wired]) -> Iterable[str]:
     for name in wired:
         visit(name)
     return done
+
+
+def _is_alike(run: RunInfo, ours: Mapping[str, Any]) -> bool:
+    """Whether a run had these stages and settings, and its files are whole."""
+    found = resolved_of(run)
+    return found is not None and all(found[name] == ours[name] for name in _SETTINGS) and run.is_whole
 
 
 def _check_steps(store: Path, steps: Mapping[str, Sequence[str]]) -> None:

@@ -6,7 +6,7 @@ from collections import Counter, defaultdict
 from collections.abc import Iterable, Mapping
 from typing import Any, NamedTuple
 
-from dicflow.engine.journal import Event, RunInfo
+from dicflow.engine.journal import STATUSES, Event, RunInfo
 from dicflow.engine.store import Store
 
 __all__ = ["RunFacts", "TaskFacts", "run_facts"]
@@ -56,7 +56,7 @@ class RunFacts(NamedTuple):
     def counts(self) -> dict[str, int]:
         """How many tasks were hit, computed, failed and skipped."""
         found = Counter(task.status for task in self.tasks)
-        return {status: found[status] for status in ("hit", "computed", "failed", "skipped")}
+        return {status: found[status] for status in STATUSES}
 
     @property
     def saved_s(self) -> float:

@@ -25,6 +25,7 @@ def summary(context: Context, sections: Sequence[Section]) -> Section:
     history = step_history(context)
     own = [] if history is None else _lost_points(history)
     warnings = [(section.title, section.key, text) for section in sections for text in section.warnings]
+    further = _not_in(sections, _run_warnings(context))
     run, failures = context.run, _failures(context)
     body = render(
         "summary.html",
@@ -33,7 +34,7 @@ def summary(context: Context, sections: Sequence[Section]) -> Section:
         failures=failures[:_FAILURES_SHOWN],
         more_failures=max(0, len(failures) - _FAILURES_SHOWN),
         skipped=_skipped(run),
-        warnings=[("", "", text) for text in (*_not_in(sections, _journalled(context)), *own)] + warnings,
+        warnings=[*(("", "", text) for text in (*_notes(context), *further, *own)), *warnings],
         facts=_facts(context, history),
         history=history if history is not None and (history.values or any(history.valid_share)) else None,
         columns=None if history is None else _columns(history),
@@ -41,7 +42,7 @@ def summary(context: Context, sections: Sequence[Section]) -> Section:
         chart=None if history is None else _chart(context, history),
         stages=_stages(context),
     )
-    return Section("summary", "Summary", body, (*_journalled(context), *own))
+    return Section("summary", "Summary", body, (*_notes(context), *_run_warnings(context), *own))
 
 
 def _state(run: RunFacts | None) -> list[str]:
@@ -76,10 +77,14 @@ def _skipped(run: RunFacts | None) -> list[tuple[str, int]]:
     return list(Counter(task.stage for task in tasks if task.status == "skipped").items())
 
 
-def _journalled(context: Context) -> list[str]:
-    """Source of the products, if it matters, and the warnings of the run."""
-    warnings = context.run.warnings if context.run is not None else ()
-    return [context.without_local_paths(text) for text in (*context.result.notes, *warnings)]
+def _notes(context: Context) -> list[str]:
+    """Where the products come from, if it matters."""
+    return [context.without_local_paths(text) for text in context.result.notes]
+
+
+def _run_warnings(context: Context) -> list[str]:
+    """The warnings of the run."""
+    return [context.without_local_paths(text) for text in (context.run.warnings if context.run is not None else ())]
 
 
 def _not_in(sections: Sequence[Section], texts: Sequence[str]) -> list[str]:

@@ -16,7 +16,7 @@ from rich.live import Live
 from rich.table import Table
 from rich.text import Text
 
-from dicflow.engine.journal import Event
+from dicflow.engine.journal import STATUSES, Event
 from dicflow.engine.plan import Plan
 from dicflow.engine.product import Product
 from dicflow.errors import ConfigurationError
@@ -25,7 +25,6 @@ from dicflow.views.plain_text import plain, plain_line
 
 __all__ = ["Progress", "consoles", "plan_table", "product_tables", "products_table", "simple_table", "why_lines"]
 
-_COLUMNS = ("hit", "computed", "failed", "skipped")
 _FILE_WIDTH = 240
 
 
@@ -80,7 +79,7 @@ class Progress:
         self._started = time.monotonic()
         for stage, counts in event.stages.items():
             self._totals[stage] = sum(counts.values())
-            self._stages[stage] = dict.fromkeys(_COLUMNS, 0) | {"hit": counts.get("hit", 0)}
+            self._stages[stage] = dict.fromkeys(STATUSES, 0) | {"hit": counts.get("hit", 0)}
             self._seconds[stage] = 0.0
 
     def _finish(self, event: Event) -> None:
@@ -96,11 +95,11 @@ class Progress:
 
     def _table(self) -> Table:
         table = Table(box=None, pad_edge=False)
-        for title in ("stage", *_COLUMNS, "left", "seconds"):
+        for title in ("stage", *STATUSES, "left", "seconds"):
             table.add_column(plain_line(title), justify="left" if title == "stage" else "right")
         for stage, counts in self._stages.items():
             left = self._totals[stage] - sum(counts.values())
-            cells = [str(counts[name] or "·") for name in _COLUMNS]
+            cells = [str(counts[name] or "·") for name in STATUSES]
             style = "red" if counts["failed"] else "dim" if left else ""
             table.add_row(plain_line(stage), *cells, str(left or "·"), f"{self._seconds[stage]:.1f}", style=style)
         table.caption = self._checking or self._time_left()

@@ -23,7 +23,7 @@ def load_curves(steps: Sequence[str], phases: Sequence[str], values: Values) -> 
     """A plot of the displacements or lengths, one of the strains; over load if it is known, else over the steps.
 
     phases : loading or unloading per step; unloading is drawn hollow
-    values : as :func:`dicflow.report.history.history` gives them; None is a gap
+    values : as :func:`dicflow.report.history.step_history` gives them; None is a gap
     """
     drawn = []
     for title, keys in _plots(values):

@@ -51,6 +51,16 @@ def three(tmp_path):
     return made
 
 
+@pytest.mark.parametrize("form", "abrABR")
+def test_a_line_that_is_being_written_is_no_damage(tmp_path, form):
+    made = ActionIndex(tmp_path / "index")
+    made.append([(key(1), action(1, form))])
+    line = made.path.read_bytes()
+    for length in range(len(line)):
+        made.path.write_bytes(line + line[:length])
+        assert made.damaged_lines() == 0, length
+
+
 def test_actions_come_back_and_the_last_line_of_a_key_counts(three):
     assert three.read() == {key(n): action(n, form) for n, form in enumerate("abr")}
     assert [one.kept for one in three.read().values()] == [True, True, False]

@@ -260,6 +260,16 @@ def test_the_second_interrupt_ends_the_run_and_keeps_what_is_done(folder, store)
     assert "read/step_03" in find_run(store).index
 
 
+def test_a_run_that_an_error_ends_is_not_recorded_as_complete(folder, store):
+    def leave(event):
+        if event.kind == "finished":
+            raise SystemExit(143)
+
+    with pytest.raises(SystemExit):
+        run_sync(chain(folder), store, on_event=leave)
+    assert find_run(store).result["interrupted"]
+
+
 def test_two_runs_at_once_on_one_store(folder, store):
     results = []
     graphs = [chain(folder, sleep_s=0.005) for _ in range(2)]
