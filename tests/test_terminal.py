@@ -120,4 +120,5 @@ def test_names_from_a_file_never_command_the_terminal(test_folder, tmp_path, nam
             answer = dicflow(words[0], path, *words[1:])
             shown = answer.out + answer.err
             assert not {"\x1b", "\a", "\u202e"} & set(shown)
+            assert ("[red]" in name) == ("[red]" in shown), words
             assert answer.code != 0 or words == ("graph",)

@@ -81,10 +81,12 @@ def sees(place: Array, others: Array, cuts: Array) -> Mask:
 @njit(cache=True, nogil=True, forceinline=True)
 def are_apart(parts: Parts, i: int, j: int, a: int, b: int) -> bool:
     """Whether the points at (i, j) and (a, b) of the grid belong to different parts, or to different sides of a cut."""
-    apart = parts.number[i, j] != parts.number[a, b]
-    for k in range(len(parts.cuts)):
-        apart |= _cross(parts.places[i, j], parts.places[a, b], parts.cuts[k])
-    return bool(apart)
+    if parts.number[i, j] != parts.number[a, b]:
+        return True
+    for k in range(len(parts.cuts)):  # noqa: SIM110 (numba has no any)
+        if _cross(parts.places[i, j], parts.places[a, b], parts.cuts[k]):
+            return True
+    return False
 
 
 @njit(cache=True, nogil=True)

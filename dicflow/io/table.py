@@ -121,8 +121,7 @@ class Numbers:
 def row_text(values: Iterable[object]) -> str:
     """A row of a table, with commas between the cells; None is an empty cell."""
     texts = ["" if value is None else cell_text(str(value)) for value in values]
-    quoted = [text.replace('"', '""') for text in texts]
-    cells = (f'"{inner}"' if _QUOTED.search(text) else text for text, inner in zip(texts, quoted, strict=True))
+    cells = ('"' + text.replace('"', '""') + '"' if _QUOTED.search(text) else text for text in texts)
     return ",".join(cells) + "\n"
 
 

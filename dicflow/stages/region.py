@@ -72,10 +72,10 @@ class Region(Node):
     If none of the three is given, the region is the largest speckled part of the image, without its openings and
     without what stands still behind a specimen that moves, such as a speckled wall. That shows in a later photograph:
     of those that follow the first one by 1, 2, 4, 8 and 16 steps, the first in which something has moved by 2 px or
-    more. So the region of a test under way stays as it is, once something has moved. Where nothing moves, everything
-    stays. A still part that the motion of the specimen comes down to smoothly, such as its end at a grip, is part of
-    it. A part that stands still because the specimen is torn apart cannot be distinguished from a wall; give the region
-    then.
+    more; photographs above 2 Mpx, or with coarse speckles, are reduced before, and their pixels are larger. So the
+    region of a test under way stays as it is, once something has moved. Where nothing moves, everything stays. A still
+    part that the motion of the specimen comes down to smoothly, such as its end at a grip, is part of it. A part that
+    stands still because the specimen is torn apart cannot be distinguished from a wall; give the region then.
 
     Pixels that do not count, such as transparent ones, are in no region. The tracked transforms carry the region to the
     later steps.
@@ -163,13 +163,16 @@ class Region(Node):
         polygons = _counting(polygons, photographs)
         _check_texture(photographs.left, polygons)
         cuts = self._cuts(photographs, cameras, file_path)
-        return RegionProduct.write([cut_apart(polygon, cuts) for polygon in polygons], cuts)
+        try:
+            return RegionProduct.write([cut_apart(polygon, cuts) for polygon in polygons], cuts)
+        except ValueError as error:
+            raise StageError(str(error)) from error
 
     def _cuts(self, images: Images, cameras: Rig | None, file_path: Path | None) -> Sequence[np.ndarray]:
         """The lines across which nothing is compared [px of the image that is followed]."""
         import numpy as np
 
-        from dicflow.core.photographs.region import densify_line
+        from dicflow.core.photographs.region import densify_line, simplified
         from dicflow.io.region import is_geojson, read_cuts
 
         lines = [np.array(line) for line in self.cut]
@@ -178,6 +181,9 @@ class Region(Node):
         places = sum(len(line) for line in lines)
         if places > _MAX_CUT_PLACES:
             raise StageError(f"the cuts have {places:,} places, at most {_MAX_CUT_PLACES:,}; simplify the lines")
+        lines = [simplified(line) for line in lines]
+        if min(map(len, lines), default=2) < 2:
+            raise StageError("a cut has one place only; give a line of two different places or more")
         if not lines or self.frame == "tracked" or images.as_taken:
             return lines
         mapping = _to_tracked(images, cameras)

@@ -80,7 +80,7 @@ class RigFile(Node):
     def _sizes(self, path: Path, images: Images | None) -> tuple[tuple[int, int], ...]:
         """Sizes of the photographs that were calibrated with; those of windows reach to their far corners.
 
-        None without photographs, or where these are windows and the file gives the sizes.
+        Empty without photographs, or where these are windows and the file gives the sizes.
         """
         if images is None or (self.offset is not None and self.check(path)["sized"]):
             return ()

@@ -7,9 +7,9 @@ from itertools import permutations, product
 from pathlib import PurePosixPath
 from typing import NamedTuple
 
+from dicflow.io.images.search import fits
 from dicflow.start.cameras import Evidence, Pair, pairs_of
 from dicflow.start.layouts import Series, are_numbers, is_serial
-from dicflow.start.patterns import fits
 from dicflow.start.words import LEFT_RIGHT
 
 __all__ = ["Candidate", "Choice", "Undecided", "decide", "is_named"]
@@ -90,7 +90,7 @@ def decide(
     if len(candidates) == 1 and _is_sure(*rigs[0]):
         return candidates[0]
     candidates = candidates or [Candidate(pair.left, pair.right) for pair in longest]
-    raise Undecided(_reason(longest, rigs, boards), [*candidates, *map(Candidate, _alike(specimen))])
+    raise Undecided(_reason(longest, rigs, boards, has_calibration), [*candidates, *map(Candidate, _alike(specimen))])
 
 
 def _one_camera(specimen: Sequence[Series], choice: Choice) -> Candidate:
@@ -195,12 +195,14 @@ def _is_sure(photos: Pair, boards: Pair) -> bool:
     return photos.labels == boards.labels != ("1", "2") and photos.context != boards.context
 
 
-def _reason(photos: Sequence[Pair], rigs: Sequence[tuple[Pair, Pair]], boards: Sequence[Series]) -> str:
-    if not boards:
+def _reason(
+    photos: Sequence[Pair], rigs: Sequence[tuple[Pair, Pair]], boards: Sequence[Series], has_calibration: bool
+) -> str:
+    if not boards and not has_calibration:
         return "two cameras, but no photographs of a board and no file with their calibration"
     if len(photos) > 1:
         return f"{len(photos)} pairs of series of the specimen look alike"
-    if not rigs:
+    if not rigs and boards:
         return "two cameras, but boards of one camera only"
     if len(rigs) > 1:
         return f"{len(rigs)} pairs of series of the boards look alike"

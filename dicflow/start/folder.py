@@ -109,7 +109,7 @@ def look(folder: Path, choice: Choice, command: Sequence[str], say: Say) -> Foun
     try:
         chosen = decide(subjects.specimen, subjects.boards, choice, calibration is not None)
     except Undecided as undecided:
-        raise ConfigurationError(question(folder, undecided, command, paths)) from undecided
+        raise ConfigurationError(question(folder, undecided, command, paths, calibration is not None)) from undecided
     found = _described(folder, chosen, paths, see)
     say(f"specimen: {found.photos}")
     if chosen.right and calibration:
@@ -119,6 +119,9 @@ def look(folder: Path, choice: Choice, command: Sequence[str], say: Say) -> Foun
         say(f"boards: {found.boards}, {found.board.text}")
     for one, reason in _left_out(subjects, chosen):
         say(f"left out: {len(one.files)} photographs, {listed(patterns_of(one.files, paths))}{reason}")
+    single = sorted(set(paths) - {path for one in series for path in one.files})
+    if single:
+        say(f"left out: {len(single)} photographs, {listed(list(map(str, single)))}: their names fit no series")
     return _with_places(folder, found, say)
 
 

@@ -1,4 +1,4 @@
-"""An extensometer along the load, over the region of the first photograph, and the table to compare it with."""
+"""An extensometer along the load, over the region of the first photograph."""
 
 from __future__ import annotations
 

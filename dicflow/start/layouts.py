@@ -1,4 +1,4 @@
-"""Series of photographs in a folder, and which two series the two cameras took, by their names alone.
+"""Series of photographs in a folder, by their names alone.
 
 Paths are relative to the folder. A **series** is what one camera took of one subject: the photographs in one folder
 whose names have the same words; their numbers may differ.

@@ -4,14 +4,14 @@ from __future__ import annotations
 
 import glob
 from collections.abc import Iterable, Sequence
-from fnmatch import fnmatchcase
 from itertools import groupby
 from pathlib import PurePosixPath
 
 from dicflow.io.images import natural_key
+from dicflow.io.images.search import fits
 from dicflow.start.layouts import counted_words
 
-__all__ = ["fits", "listed", "named_briefly", "patterns_of"]
+__all__ = ["listed", "named_briefly", "patterns_of"]
 
 _MAX_LISTED = 3
 _DIGITS = "0123456789"
@@ -56,20 +56,6 @@ def _pattern(names: Sequence[str], siblings: Sequence[str]) -> str | None:
         if {one for one in siblings if fits(one, pattern)} == set(names):
             return pattern
     return None
-
-
-def fits(name: str, pattern: str) -> bool:
-    """Whether a name of a file or folder is that of a pattern or matches it; suffixes count in any case of letters.
-
-    >>> fits("a1.PNG", "a*.png"), fits("left [1]", "left [1]"), fits("A1.png", "a*.png")
-    (True, True, False)
-    """
-    return name == pattern or fnmatchcase(_small(name), _small(pattern))
-
-
-def _small(name: str) -> str:
-    suffix = PurePosixPath(name).suffix
-    return name.removesuffix(suffix) + suffix.lower()
 
 
 def _usual(names: Sequence[str]) -> list[str]:

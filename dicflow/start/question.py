@@ -13,26 +13,33 @@ from dicflow.start.patterns import listed, named_briefly
 __all__ = ["question"]
 
 
-def question(folder: Path, undecided: Undecided, command: Sequence[str], photographs: Sequence[PurePosixPath]) -> str:
+def question(
+    folder: Path,
+    undecided: Undecided,
+    command: Sequence[str],
+    photographs: Sequence[PurePosixPath],
+    has_calibration: bool = False,
+) -> str:
     """What is believed and what else it could be; each with the command line that settles it.
 
     command : words of the command line so far
     photographs : all in the folder, as relative paths
+    has_calibration : whether a file there holds the rig
     """
     lines = [f"{folder}: {undecided.reason}; --left, --right and --boards, or --one-camera, settle it"]
     for k, candidate in enumerate(undecided.candidates):
-        lines.append(f"{'or' if k else 'most likely'} {_words(candidate, photographs)}:")
+        lines.append(f"{'or' if k else 'most likely'} {_words(candidate, photographs, has_calibration)}:")
         lines.append("  " + shlex.join([*command, *_options(candidate, photographs)]))
     return "\n".join(lines)
 
 
-def _words(candidate: Candidate, photographs: Sequence[PurePosixPath]) -> str:
+def _words(candidate: Candidate, photographs: Sequence[PurePosixPath], has_calibration: bool) -> str:
     left = _named(candidate.left, photographs)
     if candidate.right is None:
         return f"one camera, {left}"
     cameras = f"two cameras, left {left} and right {_named(candidate.right, photographs)}"
     if candidate.boards is None:
-        return f"{cameras}, once photographs of a board by both are in the folder"
+        return cameras if has_calibration else f"{cameras}, once photographs of a board by both are in the folder"
     boards = (_named(one, photographs) for one in (candidate.boards.left, candidate.boards.right))
     return f"{cameras}, boards {' and '.join(boards)}"
 

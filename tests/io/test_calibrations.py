@@ -578,6 +578,20 @@ def test_decimal_commas_between_commas_are_refused(tmp_path, name):
     close(read_calibration(path, SIZE).rig, made_rig())
 
 
+def test_a_decimal_comma_before_a_negative_number_is_refused(tmp_path):
+    path = tmp_path / "opencorr.csv"
+    FILES["opencorr.csv"](path, made_rig())
+    path.write_text(re.sub(r"(?m)^Ty,.*$", "Ty,0,5,-3", path.read_text()))
+    refused(path, "Ty", "value(s)", "decimal points")
+
+
+@pytest.mark.parametrize("again", ["T: [1, 2, 3]", "t: [1, 2, 3]"])
+def test_an_entry_that_stands_twice_in_opencv_is_refused(tmp_path, again):
+    path = tmp_path / "rig.yaml"
+    path.write_text(opencv_text(made_rig()) + again + "\n")
+    refused(path, "two entries of one name", "leave one of them")
+
+
 def test_numbers_that_may_have_a_separator_of_thousands_are_refused(tmp_path):
     path = tmp_path / "m.caldat"
     matchid(path, made_rig())

@@ -141,6 +141,14 @@ def test_the_tag_in_xmp_is_found(tmp_path):
     assert probe(saved(tmp_path / "a.jpg", Image.fromarray(GREY), xmp=xmp))["orientation"] == 6
 
 
+def test_the_tag_in_exif_counts_before_that_in_xmp(tmp_path):
+    """A program that turns a photograph may renew the one and forget the other."""
+    xmp = b'<x:xmpmeta><rdf:Description tiff:Orientation="6"/></x:xmpmeta>'
+    exif = Image.Exif()
+    exif[0x0112] = 1
+    assert probe(saved(tmp_path / "a.jpg", Image.fromarray(GREY), exif=exif, xmp=xmp))["orientation"] == 1
+
+
 def test_damaged_metadata_count_as_none(tmp_path):
     path = tagged(tmp_path / "a.jpg", 6)
     path.write_bytes(path.read_bytes().replace(b"Exif\0\0MM\0*", b"Exif\0\0XX\0*"))

@@ -80,6 +80,14 @@ def test_photographs_that_each_camera_lost_are_named():
     )
 
 
+def test_milliseconds_after_a_sign_belong_to_the_time():
+    left, right = (
+        [f"{side}_20260301_1000{5 * k:02}_{ms}.png" for k, ms in enumerate(fractions)]
+        for side, fractions in (("L", (250, 111, 106, 180, 320, 140)), ("R", (190, 230, 310, 106, 111, 205)))
+    )
+    assert dict(pair_names(left, right).pairs) == dict(zip(left, right, strict=True))
+
+
 def test_counters_that_hide_a_lost_photograph_are_refused_by_the_times():
     left = [f"f{k}_t{100_003 + INTERVAL * frame}.png" for k, frame in enumerate([0, 1, 3, 4, 5])]
     right = [f"f{k}_t{100_019 + INTERVAL * frame}.png" for k, frame in enumerate([0, 1, 2, 3, 5])]

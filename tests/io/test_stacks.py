@@ -130,6 +130,24 @@ def test_pages_that_lead_in_a_circle_are_damage(tmp_path):
         probe(path)
 
 
+def test_strips_upon_one_another_are_damage(tmp_path):
+    """A small file cannot fill the memory."""
+    path, count = tmp_path / "a.tif", 2000
+    data, room = np.zeros(100_000, dtype=np.uint8).tobytes(), 8 + 100_000
+    tags = {256: (1000,), 257: (count * 100,), 258: (8,), 259: (1,), 262: (1,), 277: (1,), 278: (100,)}
+    tags |= {273: (8,) * count, 279: (100_000,) * count}
+    table = room + 2 + 12 * len(tags) + 4
+    rows, behind = b"", b""
+    for tag, values in sorted(tags.items()):
+        place = values[0] if len(values) == 1 else table + len(behind)
+        rows += struct.pack("<HHII", tag, 4, len(values), place)
+        behind += struct.pack(f"<{count}I", *values) if len(values) > 1 else b""
+    head = b"II*\0" + struct.pack("<I", room)
+    path.write_bytes(head + data + struct.pack("<H", len(tags)) + rows + bytes(4) + behind)
+    with pytest.raises(InputError, match=r"a\.tif"):
+        read_photograph(FilePart(path, 1))
+
+
 def test_left_and_right_stacks_are_paired_page_by_page(tmp_path):
     stack(tmp_path / "l" / "cam0.tif", PAGES[:3])
     stack(tmp_path / "r" / "cam1.tif", PAGES[1:])

@@ -249,6 +249,30 @@ def test_a_repeating_pattern_is_followed_within_half_a_period():
     assert away.max() < 0.05
 
 
+def test_a_repeating_pattern_after_a_lost_step_starts_from_the_first_photograph():
+    """Of which only the part around the region is kept, away from the photograph's corner."""
+
+    def dots(u):
+        away = np.hypot((X - u) % 14.0 - 7.0, Y % 14.0 - 7.0)
+        return photograph(210.0 - 170.0 / (1.0 + np.exp((away - 4.2) / 0.6)), int(u))
+
+    steps, totals = measured([dots(0), np.zeros_like(dots(0)), dots(3)], {"rectangle": (110.0, 90.0, 230.0, 170.0)})
+    away, _ = errors(totals[2], 3.0, 0.0)
+    assert len(away) > 0.9 * (steps[0]["status"] == Status.VALID).sum()
+    assert away.max() < 0.05
+
+
+def test_cuts_with_doubled_or_dense_places():
+    image = Images.write(photograph(moved(), 0))
+    line = [(30.0 + 0.5 * k, 100.0 + 0.3 * (k % 2)) for k in range(300)]
+    whole = Region(**WHOLE, cut=[[(30.0, 100.0), (30.0, 100.0), (179.5, 100.0)]]).run(images=image)
+    dense = Region(**WHOLE, cut=[line]).run(images=image)
+    assert whole.attrs["area_px"] == pytest.approx(200.0 * 140.0 - 3.0 * 151.0, abs=3.0)
+    assert dense.attrs["area_px"] == pytest.approx(whole.attrs["area_px"], abs=10.0)
+    with pytest.raises(StageError, match="one place only"):
+        Region(**WHOLE, cut=[[(100.0, 100.0), (100.0, 100.0)]]).run(images=image)
+
+
 def test_stripes_are_refused():
     stripes = photograph(125.0 + 80.0 * np.tanh(2.0 * np.sin(2.0 * np.pi * X / 9.0)), 0)
     with pytest.raises(StageError, match="stripes"):

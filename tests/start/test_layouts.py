@@ -247,6 +247,7 @@ def test_neither_the_order_nor_other_files_change_what_is_found(layout, random, 
 @given(st.sampled_from(LAYOUTS), st.sets(st.sampled_from(STRANGERS)))
 def test_patterns_find_the_files_of_a_series_and_no_others(layout, strangers):
     paths = [*paths_of(layout), *(PurePosixPath(name.format(k)) for name in strangers for k in range(3))]
+    assert set(paths_of(layout)) <= {path for series in series_of(paths) for path in series.files}
     for series in series_of(paths):
         patterns = patterns_of(series.files, paths)
         assert [path for path in sorted(set(paths)) if is_named(path, patterns)] == sorted(series.files)

@@ -99,8 +99,9 @@ def _starting_warps(
         if not _shows_motion(reference):
             continue
         in_crop = None if matches is None or number else Pairs(matches.source - reference.origin, matches.target)
+        places = reference.points - reference.origin
         motion = seed_warps(
-            reference.image.grey, image, reference.points - reference.origin, in_crop, search.parts, search.reach_px
+            reference.image.grey, image, places, in_crop, search.parts, search.reach_px, reference.origin
         )
         starts = chained(reference.warp[..., :3], motion, reference.points)
         if np.isfinite(starts[..., 0, 0]).any():
@@ -114,9 +115,9 @@ def _shows_motion(photograph: ReferencePhotograph) -> bool:
 
 
 def _lost_points(found: FoundPoints, previous: ReferencePhotograph) -> Mask:
-    """Points in the frame that have a value at the previous step but not at this one."""
+    """Points that have a value at the previous step, and may be found at this one with another reference photograph."""
     known = np.isfinite(previous.points).all(axis=-1)
-    return np.asarray(known & ~found.valid & (found.status != Status.OUTSIDE), dtype=np.bool_)
+    return np.asarray(known & ~found.valid & ~np.isin(found.status, (Status.OUTSIDE, Status.MISFIT)), dtype=np.bool_)
 
 
 def _too_many_lost(found: FoundPoints, previous: ReferencePhotograph, updating: Updating) -> bool:

@@ -60,6 +60,7 @@ def seed_warps(
     matches: Pairs | None = None,
     parts: Parts | None = None,
     reach_px: float = np.inf,
+    origin: tuple[int, int] = (0, 0),
 ) -> Array:
     """Affine warps of the subsets around points of a grid, to start correlation from.
 
@@ -69,6 +70,7 @@ def seed_warps(
     parts : of the grid; None for a single one
     reach_px : longest motion of a pattern that repeats itself; among equal ones the shortest is taken, and
         the matches do not count
+    origin : (x, y) — place of the reference photograph's first pixel if it is a part of one as large as the target [px]
     Returns (i, j, 2, 3); NaN where unknown.
     """
     warps = np.full((*points.shape, 3), np.nan)
@@ -81,9 +83,9 @@ def seed_warps(
         best = MIN_CORRELATION
         repeats = np.isfinite(reach_px)
         guesses = (
-            [_nearby_warps(*blurred, points[in_part], reach_px)]
+            [_nearby_warps(*blurred, points[in_part], reach_px, origin)]
             if repeats
-            else _candidate_warps(*images, points, in_part, matches, features)
+            else _candidate_warps(*images, points, in_part, matches, features, origin)
         )
         for guess in guesses:
             score = window_correlation(*blurred, points[in_part], guess)
@@ -114,19 +116,27 @@ def _candidate_warps(
     in_part: Mask,
     matches: Pairs | None,
     features: Callable[[], Pairs],
+    origin: tuple[int, int],
 ) -> Iterator[Array]:
     """Warps (n, 2, 3) of the points of one part, from one source after the other."""
     centres = points[in_part]
     if matches is not None:
         yield _warps_from_pairs(_pairs_of_part(matches, points, in_part), centres)
-    yield identity(centres)
+    yield identity(centres + origin)
     footprint = _footprint(points, in_part, reference.shape)
     yield _warps_from_pairs(Pairs(*fft_matches(reference, target, footprint)), centres)
     yield _warps_from_pairs(_pairs_of_part(features(), points, in_part), centres)
     yield _warps_from_pairs(Pairs(*fft_matches(reference, target, footprint, separate_windows=True)), centres)
 
 
-def _nearby_warps(reference: Grey, target: Grey, centres: Array, reach_px: float) -> Array:
+def _square(image: Grey, centre: tuple[int, int], half: int) -> Grey | None:
+    """The pixels up to ``half`` px from a place (x, y); None where the image does not hold all of them."""
+    x, y = centre
+    inside = half <= x < image.shape[1] - half and half <= y < image.shape[0] - half
+    return image[y - half : y + half + 1, x - half : x + half + 1] if inside else None
+
+
+def _nearby_warps(reference: Grey, target: Grey, centres: Array, reach_px: float, origin: tuple[int, int]) -> Array:
     """Warps (n, 2, 3) of subsets at centres (n, 2) by the best motions of at most ``reach_px`` of windows there."""
     reach = int(np.ceil(reach_px))
     lags = np.arange(-reach, reach + 1)
@@ -134,17 +144,16 @@ def _nearby_warps(reference: Grey, target: Grey, centres: Array, reach_px: float
     source, moved = [], []
     for x, y in np.rint(centres[:: 1 + len(centres) // SAMPLED_POINTS]).astype(int):
         size, wide = HALF_WINDOW_PX, HALF_WINDOW_PX + reach
-        if min(x, y) < wide or x + wide >= min(reference.shape[1], target.shape[1]):
+        there = x + origin[0], y + origin[1]
+        window, around = _square(reference, (x, y), size), _square(target, there, wide)
+        if window is None or around is None:
             continue
-        if y + wide >= min(reference.shape[0], target.shape[0]):
-            continue
-        window = reference[y - size : y + size + 1, x - size : x + size + 1]
-        fit = cv2.matchTemplate(target[y - wide : y + wide + 1, x - wide : x + wide + 1], window, cv2.TM_CCOEFF_NORMED)
+        fit = cv2.matchTemplate(around, window, cv2.TM_CCOEFF_NORMED)
         fit[~near | ~(np.abs(fit) <= 1.0)] = -1.0
         row, col = np.unravel_index(fit.argmax(), fit.shape)
         if fit[row, col] >= ACCEPTED_CORRELATION:
             source.append((x, y))
-            moved.append((x + lags[col], y + lags[row]))
+            moved.append((there[0] + lags[col], there[1] + lags[row]))
     pairs = Pairs(np.array(source, dtype=float).reshape(-1, 2), np.array(moved, dtype=float).reshape(-1, 2))
     keep = agreeing_matches(*pairs)
     return _warps_from_pairs(Pairs(pairs.source[keep], pairs.target[keep]), centres)

@@ -52,7 +52,7 @@ _MIN_MEASURED_SHARE = 0.25
 _MAX_SELECTIONS, _MAX_SHIFT_PX = 4, 0.1
 """How often the pixels that are measured in the target are selected, and the shift of the place up to which they stay
 as they are [px]."""
-_VALID, _LOW_TEXTURE = int(Status.VALID), int(Status.LOW_TEXTURE)
+_VALID, _LOW_TEXTURE, _NOT_CONVERGED = int(Status.VALID), int(Status.LOW_TEXTURE), int(Status.NOT_CONVERGED)
 _CUT_SUBSET, _OVEREXPOSED = int(Status.CUT_SUBSET), int(Status.OVEREXPOSED)
 
 
@@ -233,6 +233,7 @@ def _correlate(
             continue
         _copy_coefficients(c, start[k])
         row, col = centres[k, 1], centres[k, 0]
+        settled = False
         for _ in range(_MAX_SELECTIONS):
             x, y, p, n = c[0, 0], c[1, 0], whole, size * size
             is_clear = measured.size == 0 or shows_measured(measured, c, half)
@@ -251,10 +252,12 @@ def _correlate(
             found.status[k], found.iterations[k], found.znssd[k], found.contraction[k] = iterate(
                 coefficients, p, n, half, normal, control, places, c
             )
-            if measured.size == 0 or found.status[k] != _VALID:
+            shift = abs(c[0, 0] - x) + abs(c[1, 0] - y)
+            settled = measured.size == 0 or shift < (CLEAR_MARGIN_PX if is_clear else _MAX_SHIFT_PX)
+            if settled or found.status[k] != _VALID:
                 break
-            if abs(c[0, 0] - x) + abs(c[1, 0] - y) < (CLEAR_MARGIN_PX if is_clear else _MAX_SHIFT_PX):
-                break
+        if found.status[k] == _VALID and not settled:
+            found.status[k] = _NOT_CONVERGED
         if found.status[k] == _VALID:
             _copy_coefficients(found.warp[k], c)
             found.texture[k, 0] = normal.statistics[2] / normal.statistics[1]

@@ -26,7 +26,10 @@ __all__ = ["MIN_MOTION_PX", "Motion", "estimate_motion", "still_background", "st
 
 
 MIN_MOTION_PX = 2.0
-"""Motion that some part must reach, before anything can be said about the background."""
+"""Motion that some part must reach, before anything can be said about the background.
+
+In pixels of photographs that are reduced to :data:`_MAX_PIXELS`, and their speckles to :data:`_FINE_PX`.
+"""
 _MAX_PIXELS = 2_000_000
 _COARSE_PX, _FINE_PX = 8.0, 5.0
 """Diameter of speckles from which photographs are reduced, and what they are reduced to."""

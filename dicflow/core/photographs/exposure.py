@@ -74,15 +74,17 @@ def _clip_levels(grey: Grey) -> tuple[int | None, int | None]:
     if grey.size == 0 or not np.issubdtype(grey.dtype, np.integer):
         return None, None
     count = np.bincount(grey.ravel())
+    step = max(1, int(np.gcd.reduce(np.flatnonzero(count))))  # of levels that were multiplied, as 8 bits by 257
+    count = count[::step]
     top = len(count) - 1
     near = max(_MIN_NEIGHBOURS, int(top * _NEIGHBOUR_SHARE))
     above, below = count[1 : near + 1], count[max(0, top - near) : top]
     low = 0 if _is_pile(count[0], above) else None
-    if top > saturation_level(grey):
-        return low, top if _is_pile(count[top], below) else None
+    if top * step > saturation_level(grey):
+        return low, top * step if _is_pile(count[top], below) else None
     clips = count[top] > _MIN_PILE_SHARE * grey.size and count[top] > _MIN_RATIO_BELOW_FULL_SCALE * below.max(initial=1)
-    is_noisy = clips and image_noise(grey, grey < top) > _MIN_NOISE_BELOW_FULL_SCALE
-    return low, top if is_noisy else None
+    is_noisy = clips and image_noise(grey, grey < top * step) > _MIN_NOISE_BELOW_FULL_SCALE
+    return low, top * step if is_noisy else None
 
 
 def _is_pile(pixels: int, near: Grey) -> bool:

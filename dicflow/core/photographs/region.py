@@ -33,6 +33,7 @@ __all__ = [
     "parts_of_region",
     "rasterise",
     "rectangle",
+    "simplified",
     "speckled_region",
 ]
 
@@ -91,6 +92,10 @@ def bounding_box(polygons: Sequence[Polygon]) -> tuple[float, float, float, floa
     return x0, y0, x1, y1
 
 
+_MOST_RINGS = 10_000
+"""Of a polygon and the strips that are cut out of it."""
+
+
 def contains(polygons: Sequence[Polygon], points: Array) -> Mask:
     """Which points (..., 2) lie in the region, (...) bool; False for NaN.
 
@@ -123,18 +128,30 @@ def parts_of_region(polygons: Sequence[Polygon], cuts: Sequence[Array], points: 
     return grid_parts(points, polygon, cut_segments(cuts))
 
 
+def simplified(line: Array, tolerance_px: float = 1.0) -> Array:
+    """The places of a line (n, 2) that it needs to stay within a tolerance of itself, (m, 2) [px].
+
+    D. H. Douglas and T. K. Peucker, Cartographica 10 (1973).
+    """
+    kept = cv2.approxPolyDP(line.astype(np.float32)[:, None], tolerance_px, closed=False)[:, 0]
+    return np.asarray(np.round(kept.astype(np.float64), 3))
+
+
 def cut_apart(polygon: Polygon, cuts: Sequence[Array], width_px: float = 3.0) -> Polygon:
     """A polygon without strips along lines.
 
     cuts : lines, each (n, 2) [px]; width_px : of the strips
 
     Strips become holes by the even-odd rule: what a strip has in common with a ring is one more ring.
+    Raises ValueError for lines that meet or cross so often that the rings would be too many.
     """
     rings = list(polygon.rings)
     for line in cuts:
         for start, end in pairwise(line):
             shared = (_clipped(ring, _strip(start, end, 0.5 * width_px)) for ring in rings)
             rings += [ring for ring in shared if len(ring) >= 3]
+            if len(rings) > _MOST_RINGS:
+                raise ValueError("the cuts meet or cross too often; simplify the lines")
     return Polygon(rings[0], tuple(rings[1:]))
 
 

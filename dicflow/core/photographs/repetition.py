@@ -100,7 +100,10 @@ def _period(beside: Array, overlap: Array, in_main: Mask, shift: Array) -> float
     high = (beside > _MIN_PEAK) & (beside * np.sqrt(np.maximum(independent, 0.0)) > _MIN_SIGNIFICANCE)
     if not high.any():
         return float("nan")
-    is_peak = high & (beside >= _EQUAL_PEAKS * beside[high].max()) & (beside == maximum_filter(beside, 3))
+    kept = np.where(
+        high, beside, 0.0
+    )  # the highest of these is a peak, even beside a higher one that is not significant
+    is_peak = high & (kept >= _EQUAL_PEAKS * kept.max()) & (kept == maximum_filter(kept, 3))
     return float(shift[is_peak].min())
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
@@ -122,9 +123,13 @@ def rows(source: Source) -> Iterator[tuple[str, str, list[str]]]:
         yield f"{source.path}:{line}", name, values
 
 
+_NUMBER = re.compile(r"[-+.\u2212]*+\d")
+"""Beginning of a number."""
+
+
 def check_count(where: str, name: str, values: Sequence[str], count: int) -> None:
     """Raise InputError for a line of fewer values, or of further numbers, which may be what follows decimal commas."""
-    if len(values) < count or any(value[:1].isdecimal() for value in values[count:]):
+    if len(values) < count or any(_NUMBER.match(value) for value in values[count:]):
         amount = "one value" if count == 1 else "one value for each camera"
         problem = f"{printable(name)} has {len(values)} value(s)"
         raise InputError(where, problem, f"write {amount}, with decimal points if commas separate them")

@@ -57,10 +57,10 @@ def recognises(source: Source) -> bool:
 def parse(source: Source) -> Draft:
     """The rig that the file holds. Raises InputError that names the file and the entry."""
     given = _read(source)
-    entries = {_plain(str(name)): value for name, value in given.items()}
+    entries = {_plain(name): value for name, value in given}
     if len(entries) < len(given):
         raise InputError(
-            str(source.path), "has two entries whose names differ in signs and capitals alone", "leave one"
+            str(source.path), "has two entries of one name, but for signs and capitals", "leave one of them"
         )
     _refuse_other_lenses(source.path, entries)
     matrices, lenses = _pair_of(entries, _MATRIX), _pair_of(entries, _DISTORTION)
@@ -111,16 +111,16 @@ def write_opencv(path: Path, rig: Rig) -> None:
     write_whole(Path(path), opencv_text(rig).encode())
 
 
-def _read(source: Source) -> Mapping[str, Any]:
-    """The entries at the top of the file; a matrix is a mapping of rows, cols and data, or nested lists."""
+def _read(source: Source) -> list[tuple[str, Any]]:
+    """Name and value of each entry at the top of the file; a matrix is a mapping of rows, cols and data, or lists."""
     text = source.text
     if text.lstrip().startswith("<"):
-        return dict(_from_xml(parse_xml(source.path, source.data)))
+        return list(_from_xml(parse_xml(source.path, source.data)))
     text = _HEADER.sub("", text).replace("\t", " ")
     root = compose(text, str(source.path), InputError, ("tag:yaml.org,2002:opencv-matrix",), aliases=False)
     if not isinstance(root, yaml.MappingNode):
         raise InputError(str(source.path), f"expected {_EXPECTED} by name", "write the entries by name")
-    return dict(_value(root))
+    return [(str(key.value), _value(item)) for key, item in root.value]
 
 
 def _value(node: yaml.Node) -> Any:

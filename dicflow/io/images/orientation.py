@@ -92,7 +92,7 @@ def exif_orientation(file: BinaryIO, form: str) -> int:
             value = Tiff(BytesIO(metadata)).orientation()
         except ValueError:
             continue
-        if value in _TURNS:
+        if 1 <= value <= 8:
             return value
     return 1
 

@@ -39,7 +39,7 @@ _SHARE_OF_PARTNERS = 0.5
 _NAMED = 5
 _DATE_TIME = re.compile(
     r"(?<!\d)((?:19|20)\d\d)([-_.]?)([01]\d)\2([0-3]\d)[-_.T ]*"
-    r"([0-2]\d)([-_.:]?)([0-5]\d)\6([0-5]\d)[.,]?(\d{1,6})?(?!\d)"
+    r"([0-2]\d)([-_.:]?)([0-5]\d)\6([0-5]\d)(?:[.,]?(\d{1,6})|[-_](\d{3}))?(?!\d)"
 )
 """Date and time of day, as in 20260301_101502 and 2026-03-01T10.15.02.250."""
 
@@ -253,7 +253,9 @@ def _date_time(name: str) -> float | None:
         return None
     digits = "".join(found.group(1, 3, 4, 5, 7, 8))
     try:
-        return datetime.strptime(digits, "%Y%m%d%H%M%S").replace(tzinfo=UTC).timestamp() + float(f"0.{found[9] or 0}")
+        return datetime.strptime(digits, "%Y%m%d%H%M%S").replace(tzinfo=UTC).timestamp() + float(
+            f"0.{found[9] or found[10] or 0}"
+        )
     except ValueError:
         return None
 
@@ -279,12 +281,16 @@ def _nearest(left: Sequence[str], right: Sequence[str], times: _Times) -> _Match
 def _first_jump(left: Sequence[str], right: Sequence[str], match: _Match) -> tuple[str, str] | None:
     """The first partners since whose predecessors the two cameras counted different numbers of intervals.
 
-    Only where both take photographs at a common rate: all intervals are multiples of one.
+    Only where both take photographs at a common rate: all intervals are multiples of one. At any rate also the first
+    partners that the two cameras took in another order than those before.
     """
     names = [name for name in left if name in match]
     ticks = _ticks(_varying_numbers(left), _varying_numbers(right), _LEAST_TICKS)
     for times in chain(_dates(left, right), ticks):
         here, there = dict(zip(left, times.left, strict=True)), dict(zip(right, times.right, strict=True))
+        for name, later in pairwise(names):
+            if (here[later] - here[name]) * (there[match[later]] - there[match[name]]) < 0.0:
+                return later, match[later]
         counts = _intervals([here[name] for name in names]), _intervals([there[match[name]] for name in names])
         for name, counted, other in zip(names[1:], *counts, strict=False):
             if counted != other:

@@ -16,7 +16,7 @@ from unicodedata import normalize
 
 from dicflow.errors import InputError
 
-__all__ = ["MOST_ENTRIES", "find_files", "search_start"]
+__all__ = ["MOST_ENTRIES", "find_files", "fits", "search_start"]
 
 MOST_ENTRIES = 300_000
 """Files and folders that one search looks at."""
@@ -99,7 +99,17 @@ def _existing(folder: Path, part: str) -> Path | None:
 def _matches(name: str, part: str) -> bool:
     if name.startswith(".") and not part.startswith("."):
         return False
-    return fnmatchcase(_comparable(name), _comparable(part))
+    return fits(name, part)
+
+
+def fits(name: str, pattern: str) -> bool:
+    """Whether a name of a file or folder is that of a pattern or matches it; suffixes count in any case of letters.
+
+    >>> fits("a1.PNG", "a*.png"), fits("left [1]", "left [1]"), fits("A1.png", "a*.png")
+    (True, True, False)
+    """
+    one, other = _comparable(name), _comparable(pattern)
+    return one == other or fnmatchcase(one, other)
 
 
 def _comparable(name: str) -> str:

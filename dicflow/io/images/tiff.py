@@ -107,8 +107,8 @@ class Tiff:
         return pages
 
     def orientation(self) -> int:
-        """Orientation by the first directory, 1 if it is not given."""
-        return self._number(next(self._directories()), _ORIENTATION, 1)
+        """Orientation by the first directory, 0 if it is not given."""
+        return self._number(next(self._directories()), _ORIENTATION, 0)
 
     def orientation_of(self, page: Page) -> int:
         """Orientation of a page, 1 if it is not given."""
@@ -164,7 +164,10 @@ class Tiff:
             raise ValueError("its data cannot be found")
         starts = self._numbers(page, places)
         lengths = self._numbers(page, sizes) or self._rest(starts)
-        return [self._read(start, min(size, self._size - start)) for start, size in zip(starts, lengths, strict=True)]
+        sizes_here = [min(size, self._size - start) for start, size in zip(starts, lengths, strict=True)]
+        if sum(sizes_here) > self._size:
+            raise ValueError("its strips lie upon one another")
+        return [self._read(start, size) for start, size in zip(starts, sizes_here, strict=True)]
 
     def _kept(self, page: Page) -> dict[int, _Value]:
         """What the decoding of a page depends on, beside its data."""

@@ -73,6 +73,17 @@ def test_random_speckles_never_repeat(size):
         assert found.share == found.stripes_share == 0.0
 
 
+@pytest.mark.parametrize("seed", [478, 1141, 5198])
+def test_the_highest_significant_shift_is_a_peak_beside_a_higher_one_that_is_not_significant(seed):
+    rng = np.random.default_rng(seed)
+    shape, period = rng.integers(24, 60, 2), rng.uniform(8, 20)
+    y, x = np.mgrid[: shape[0], : shape[1]]
+    grey = 100 + 60 * np.sin(2 * np.pi * x / period) * np.sin(2 * np.pi * y / period)
+    grey = grey + rng.normal(0, rng.uniform(20, 80), shape)
+    inside = cv2.GaussianBlur(rng.random(tuple(shape)), (0, 0), 4.0) > 0.48
+    assert repetition(np.clip(grey, 0, 255).astype(np.uint8), inside).period_px > 0.0
+
+
 def test_only_the_region_is_examined():
     left = X < 140
     mixed = photographed(np.where(left, lattice((14, 0), (0, 14)), speckles(5.0, 1)))
