@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Mapping
 from concurrent.futures import FIRST_COMPLETED, Future, ThreadPoolExecutor, wait
 from contextlib import contextmanager
+from dataclasses import replace
 from functools import partial
 
 from dicflow.engine.job_queue import JobQueue
@@ -98,14 +99,23 @@ class _Flow:
     def run(self, at_once: int) -> None:
         """Run jobs until none can begin. Raises WorkerError where no worker is left."""
         while True:
-            while len(self._running) < at_once and (entry := self._queue.pop()) is not None:
-                self._submit(entry[1], deaths=max(1, self._retries))
+            jobs = self._ready(at_once - len(self._running))
+            threads = at_once // max(1, len(self._running) + len(jobs))
+            for job in jobs:
+                self._submit(replace(job, threads=threads), deaths=max(1, self._retries))
             if self._running:
                 self._take()
             elif self._lost:
                 self._run_alone(self._lost.pop(0))
             else:
                 return
+
+    def _ready(self, at_most: int) -> list[Job]:
+        """The next jobs that can begin."""
+        jobs: list[Job] = []
+        while len(jobs) < at_most and (entry := self._queue.pop()) is not None:
+            jobs.append(entry[1])
+        return jobs
 
     def _submit(self, job: Job, deaths: int) -> None:
         """Begin a job. deaths : so many of its workers may die"""

@@ -32,6 +32,7 @@ from dicflow.engine.product import Product
 from dicflow.engine.records import Record, versions
 from dicflow.engine.references import Recipe, Ref, RefInput, arguments, clock
 from dicflow.engine.references import cache as products
+from dicflow.engine.share import with_threads
 from dicflow.engine.store import Store
 from dicflow.engine.workers import hold_to_one_thread
 from dicflow.errors import DamagedError, DicflowError, InputError, StageError
@@ -86,6 +87,7 @@ class Job:
     files : argument of ``run`` → contents
     code : fingerprint of the stage; the store knows its parts
     gathered : whether a stage takes this product together with those of all other steps
+    threads : that the stage may use, because no other task can
     """
 
     run_id: str
@@ -97,6 +99,7 @@ class Job:
     code: Fingerprint
     gathered: bool = False
     code_policy: CodePolicy = "recompute"
+    threads: int = 1
 
     @property
     def key(self) -> tuple[str, ...]:
@@ -219,7 +222,9 @@ def _run(job: Job, store: Store, recipe: Recipe) -> tuple[Product, tuple[float, 
     hold_to_one_thread()
     _reset_peak()
     start, read, remade = time.perf_counter(), clock.read_s, clock.remake_s
-    product = node.run(**arguments(store, recipe.inputs, recipe.files))
+    given = arguments(store, recipe.inputs, recipe.files)
+    with with_threads(job.threads):
+        product = node.run(**given)
     remake_s = clock.remake_s - remade
     stage_s = time.perf_counter() - start - remake_s - (clock.read_s - read)
     if not isinstance(product, Product) or product.kind != node.gives:

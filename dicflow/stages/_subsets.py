@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Literal
+from typing import TYPE_CHECKING, Annotated, Literal
 
-from pydantic import BaseModel, ConfigDict
+from pydantic import BaseModel, ConfigDict, Field
 
 from dicflow.engine.node import Node, Pixels, parameter
+from dicflow.engine.share import free_threads
 from dicflow.kinds.images import Images
 
 if TYPE_CHECKING:
@@ -70,7 +71,11 @@ class SubsetSearch(Node):
         True, "count the misfit of subsets beyond the noise in the uncertainties: patterns too sharp, or changed"
     )
     reference: ReferenceUpdate = parameter(ReferenceUpdate(), "when points are followed from a reference step")
-    threads: int = parameter(1, "threads that share the points of a step", affects="speed", ge=1)
+    threads: Literal["auto"] | Annotated[int, Field(ge=1)] = parameter(
+        "auto",
+        "threads that share the points of a step; auto takes the cores that no other task can use",
+        affects="speed",
+    )
 
     @property
     def spline_degree(self) -> int:
@@ -95,7 +100,7 @@ class SubsetSearch(Node):
             self.smoothing,
             self.max_znssd,
             noise,
-            threads=self.threads,
+            threads=free_threads() if self.threads == "auto" else self.threads,
             counts_misfit=self.misfit,
         )
 

@@ -20,8 +20,8 @@ if TYPE_CHECKING:
 
     import numpy as np
 
-    from dicflow.core.correlation.points import FoundPoints, ReferencePhotograph
-    from dicflow.core.correlation.search import Search
+    from dicflow.core.correlation.points import FoundPoints
+    from dicflow.core.correlation.search import CorrelatedField, Search
     from dicflow.core.correlation.seed import Pairs
     from dicflow.core.parts import Parts
     from dicflow.core.photographs.exposure import Photograph
@@ -149,28 +149,24 @@ class Correlate(SubsetSearch):
         import numpy as np
 
         from dicflow.core.correlation.course import next_course
-        from dicflow.core.correlation.material import follow_step
+        from dicflow.core.correlation.material import follow_step, search_directly
         from dicflow.core.correlation.search import first_photograph
 
-        noise, course, status = previous.points.noise, previous.points.course, previous.points["status"]
+        course, status, template = previous.points.course, previous.points["status"], previous.points["template"]
         lost = np.asarray(np.isnan(course.place).any(axis=-1))
         grid = np.where(lost[..., None], np.nan, first.parts.places)
         reference_step, last = previous.points.reference_step, previous.points.as_reference(previous.image)
-
-        def follow(level: float) -> tuple[FoundPoints, ReferencePhotograph | None]:
-            search = self._search(level, first)._replace(reach_px=previous.points.reach_px)
-            start = first_photograph(first.image, first.region, grid, search)
-            return follow_step(
-                start, reference_step, last, image, search, self.reference.updating(), pairs, course.expected
-            )
-
-        found, reference = follow(noise.grey)
-        template = previous.points["template"]
-        if not noise.is_final:
-            measured = self._measured_noise(noise, found, grid, first, image.grey)
-            template = (measured.grey / noise.grey) ** 2 * template
-            found, reference = (found, reference) if measured.grey == noise.grey else follow(measured.grey)
-            noise = measured
+        before = noise = previous.points.noise
+        search = self._search(before.grey, first)._replace(reach_px=previous.points.reach_px)
+        start = first_photograph(first.image, first.region, grid, search)
+        direct = search_directly(start, reference_step, last, image, search, pairs)
+        if not before.is_final:
+            noise = self._measured_noise(before, direct.correlation, first, image.grey)
+            search = search._replace(noise=self._search(noise.grey, first).noise)
+            template = (noise.grey / before.grey) ** 2 * template
+        found, reference = follow_step(
+            start, reference_step, direct, search, self.reference.updating(), course.expected
+        )
         found = found._replace(status=np.where(lost, status, found.status))
         found = found if found.valid.any() else found._replace(status=_status_without_texture(found.status, image.grey))
         polygons = previous.points.outline(first.outline, found, first.parts)
@@ -178,7 +174,7 @@ class Correlate(SubsetSearch):
             found,
             next_course(course, last.points, found.warp[..., 0]),
             template,
-            (noise, self._search(noise.grey, first).noise),
+            (noise, search.noise),
             polygons,
             self._grid(),
             reference,
@@ -196,20 +192,19 @@ class Correlate(SubsetSearch):
         level = smoothed_noise(noise, first.image.grey, first.measured, self.smoothing)
         return self.search(self.subset_size, level)._replace(parts=first.parts)
 
-    def _measured_noise(
-        self, noise: Noise, found: FoundPoints, grid: np.ndarray, first: _First, image: np.ndarray
-    ) -> Noise:
+    def _measured_noise(self, noise: Noise, correlation: CorrelatedField, first: _First, image: np.ndarray) -> Noise:
         """The noise, measured in the first photograph and this one."""
         from dicflow.core.photographs.noise import noise_from_pair
+        from dicflow.core.status import Status
 
-        valid = found.valid
-        points = grid[valid], found.warp[valid][..., 0], found.znssd[valid]
+        field = correlation.field
+        valid = field.status == Status.VALID
         return noise_from_pair(
             noise,
             first.image.grey,
             image,
             first.measured,
-            points,
+            (correlation.centres[valid], field.warp[valid][..., 0], field.znssd[valid]),
             size=self.subset_size,
             degree=self.spline_degree,
             smoothing_px=self.smoothing,

@@ -150,7 +150,7 @@ class Stereo(SubsetSearch):
         """The points of the first right photograph, found in that of the step."""
         import numpy as np
 
-        from dicflow.core.correlation.material import follow_step
+        from dicflow.core.correlation.material import follow_step, search_directly
         from dicflow.core.correlation.points import cropped
         from dicflow.core.status import Status
 
@@ -159,15 +159,9 @@ class Stereo(SubsetSearch):
         first = cropped(first_stereo.as_reference(photograph_of(view.images_first, "right")), search.subset.size)
         last = previous.stereo.as_reference(photograph_of(previous.images, "right"))
         reference_step = previous.stereo.reference_step
-        found, reference = follow_step(
-            first,
-            reference_step,
-            last,
-            photograph_of(view.images, "right"),
-            search,
-            self.reference.updating(),
-            _predicted_pairs(view, previous),
-        )
+        image, pairs = photograph_of(view.images, "right"), _predicted_pairs(view, previous)
+        direct = search_directly(first, reference_step, last, image, search, pairs)
+        found, reference = follow_step(first, reference_step, direct, search, self.reference.updating())
         status = np.where(first_stereo["status"] > Status.FILLED, first_stereo["status"], found.status)
         noise_growth = np.divide(view.points.noise_level, view.points_first.noise_level)
         found = found._replace(status=status, template_covariance=noise_growth**2 * first_stereo["template"])

@@ -13,6 +13,7 @@ from dicflow.engine import cluster, job_queue
 from dicflow.engine.fingerprint import Fingerprint
 from dicflow.engine.job_queue import JobQueue
 from dicflow.engine.schedulers import SCHEDULERS, scheduler_names, scheduler_warning
+from dicflow.engine.share import free_threads
 from dicflow.engine.store import Store
 from dicflow.engine.work import Job
 from dicflow.errors import StageError
@@ -215,3 +216,23 @@ def test_every_scheduler_is_named_in_the_help():
     assert [name for name in SCHEDULERS if scheduler_warning(f"{name}10.0.0.1:1" if ":" in name else name)] == [
         "tcp://"
     ]
+
+
+@pytest.mark.parametrize("workers", [1, 4])
+def test_a_task_uses_the_cores_that_no_other_can(folder, store, monkeypatch, workers):
+    """Of six files four are read at once, by a thread each; the mean of all waits for them and has every core."""
+    used = {"read": [], "rig": []}
+
+    def counting(stage, original):
+        def run(self, **inputs):
+            used[stage].append(free_threads())
+            return original(self, **inputs)
+
+        return run
+
+    monkeypatch.setattr(toys.Read, "run", counting("read", toys.Read.run))
+    monkeypatch.setattr(toys.Rig, "run", counting("rig", toys.Rig.run))
+    run_sync(chain(folder), store, scheduler="threads", workers=workers)
+    assert used["read"][:workers] == [1] * workers
+    assert used["rig"] == [workers]
+    assert free_threads() == 1

@@ -25,14 +25,21 @@ from dicflow.core.correlation.points import (
     merged,
     part_masks,
 )
-from dicflow.core.correlation.search import Search, find_points, target_spline
+from dicflow.core.correlation.search import (
+    CorrelatedField,
+    Search,
+    correlate_points,
+    find_points,
+    judge,
+    target_spline,
+)
 from dicflow.core.correlation.seed import Pairs, seed_warps
 from dicflow.core.parts import Parts
 from dicflow.core.photographs.exposure import Photograph
 from dicflow.core.photographs.interpolate import Spline
 from dicflow.core.status import Status
 
-__all__ = ["Updating", "follow_step"]
+__all__ = ["DirectSearch", "Updating", "follow_step", "search_directly"]
 
 
 class Updating(NamedTuple):
@@ -50,41 +57,69 @@ class Updating(NamedTuple):
     every_steps: int = 0
 
 
-def follow_step(
+class DirectSearch(NamedTuple):
+    """The next photograph, searched for the points with their subsets of the first one.
+
+    previous : the photograph in which the motion begins
+    target : the next photograph
+    starts : (rows, cols, 2, 3) — warps from the first photograph that the search began with
+    correlation : of the subsets of the first photograph
+    """
+
+    previous: ReferencePhotograph
+    target: Spline
+    starts: Array
+    correlation: CorrelatedField
+
+
+def search_directly(
     first: ReferencePhotograph,
     reference_step: ReferencePhotograph | None,
     previous: ReferencePhotograph,
     image: Photograph,
     search: Search,
-    updating: Updating,
     matches: Pairs | None = None,
-    expected: Array | None = None,
-) -> tuple[FoundPoints, ReferencePhotograph | None]:
-    """Find the points in the next photograph.
+) -> DirectSearch:
+    """Search the next photograph for the points with their subsets of the first one; the noise has no part in it.
 
     reference_step : None while the first photograph does
     previous : the previous step; if no points were found there, the reference step or the first one takes its place
     matches : features matched from the previous step to this one
-    expected : (rows, cols, 2) — where points should be by their last known places and motions [px]
-    Returns the points, and the reference step for the next photograph.
     """
     target = target_spline(image, search)
     references = [photograph for photograph in (previous, reference_step, first) if photograph is not None]
     previous = next((photograph for photograph in references if _shows_motion(photograph)), previous)
     starts = _starting_warps(references, image.grey, matches, search)
-    found = _classify_lost(find_points(first, target, starts, search), first, image.grey.shape, expected, search.parts)
+    return DirectSearch(previous, target, starts, correlate_points(first, target, starts, search))
+
+
+def follow_step(
+    first: ReferencePhotograph,
+    reference_step: ReferencePhotograph | None,
+    direct: DirectSearch,
+    search: Search,
+    updating: Updating,
+    expected: Array | None = None,
+) -> tuple[FoundPoints, ReferencePhotograph | None]:
+    """The points in the next photograph.
+
+    reference_step : None while the first photograph does
+    direct : result of :func:`search_directly`
+    expected : (rows, cols, 2) — where points should be by their last known places and motions [px]
+    Returns the points, and the reference step for the photograph after the next.
+    """
+    previous, shape = direct.previous, direct.target.image.shape
+    found = _classify_lost(judge(first, direct.correlation, search), first, shape, expected, search.parts)
     if updating.enabled:
         reference_step = None if reference_step is None else reference_step._replace(age=reference_step.age + 1)
         if updating.every_steps and (reference_step is None or reference_step.age >= updating.every_steps):
             reference_step = previous
         if _too_many_lost(found, previous, updating):
             candidates = [step for step in (reference_step, previous) if step is not None]
-            found, reference_step = _find_via_reference_step(
-                first, candidates, previous, target, starts, found, search, updating
-            )
+            found, reference_step = _find_via_reference_step(first, candidates, direct, found, search, updating)
         elif not updating.every_steps:
             reference_step = None
-    return _classify_lost(found, first, image.grey.shape, expected, search.parts), reference_step
+    return _classify_lost(found, first, shape, expected, search.parts), reference_step
 
 
 def _starting_warps(
@@ -128,9 +163,7 @@ def _too_many_lost(found: FoundPoints, previous: ReferencePhotograph, updating: 
 def _find_via_reference_step(
     first: ReferencePhotograph,
     candidates: Sequence[ReferencePhotograph],
-    previous: ReferencePhotograph,
-    target: Spline,
-    starts: Array,
+    direct: DirectSearch,
     found: FoundPoints,
     search: Search,
     updating: Updating,
@@ -141,10 +174,10 @@ def _find_via_reference_step(
     """
     for candidate in candidates:
         lost = ~found.valid
-        found = _find_lost(first, candidate, target, starts, found, search)
+        found = _find_lost(first, candidate, direct, found, search)
         gained = lost & found.valid & (found.route == VIA_REFERENCE_STEP)
         fits = not gained.any() or float(np.median(found.znssd[gained])) <= updating.max_znssd
-        if fits and not _too_many_lost(found, previous, updating):
+        if fits and not _too_many_lost(found, direct.previous, updating):
             break
     return found, candidate
 
@@ -152,8 +185,7 @@ def _find_via_reference_step(
 def _find_lost(
     first: ReferencePhotograph,
     reference_step: ReferencePhotograph,
-    target: Spline,
-    starts: Array,
+    direct: DirectSearch,
     found: FoundPoints,
     search: Search,
 ) -> FoundPoints:
@@ -164,10 +196,10 @@ def _find_lost(
     size, missing = search.subset.size, ~(found.valid | (found.status == Status.MISFIT))[..., None]
     usual = usual_residual(found.residual)
     part = cropped(reference_step._replace(points=np.where(missing, reference_step.points, np.nan)), size)
-    through = find_points(part, target, starts, search, VIA_REFERENCE_STEP, usual)
+    through = find_points(part, direct.target, direct.starts, search, VIA_REFERENCE_STEP, usual)
     again = cropped(first._replace(points=np.where(through.valid[..., None], first.points, np.nan)), size)
-    direct = find_points(again, target, through.warp[..., :3], search, usual=usual)
-    return merged(merged(found, through), direct)
+    once_more = find_points(again, direct.target, through.warp[..., :3], search, usual=usual)
+    return merged(merged(found, through), once_more)
 
 
 def _classify_lost(

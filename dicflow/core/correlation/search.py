@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from typing import NamedTuple
 
 import cv2
@@ -20,7 +19,7 @@ from dicflow.core.correlation.points import (
     ReferencePhotograph,
     cropped,
 )
-from dicflow.core.correlation.subsets import Subset
+from dicflow.core.correlation.subsets import Subset, describe
 from dicflow.core.correlation.template import Template, template
 from dicflow.core.correlation.warp import gradient, identity, warp_from_gradient
 from dicflow.core.parts import Parts
@@ -31,7 +30,16 @@ from dicflow.core.photographs.noise import interpolated_noise_ratio
 from dicflow.core.status import Status
 from dicflow.core.tensors import congruent, inverse
 
-__all__ = ["Search", "find_points", "first_photograph", "points_in_first_photograph", "target_spline"]
+__all__ = [
+    "CorrelatedField",
+    "Search",
+    "correlate_points",
+    "find_points",
+    "first_photograph",
+    "judge",
+    "points_in_first_photograph",
+    "target_spline",
+]
 
 
 class Search(NamedTuple):
@@ -73,25 +81,41 @@ def first_photograph(image: Photograph, region: Mask, grid: Array, search: Searc
 
 
 def points_in_first_photograph(first: ReferencePhotograph, search: Search) -> FoundPoints:
-    """The points in the first photograph itself, correlated with itself.
+    """The points in the first photograph itself, where it can be searched for with its subsets.
 
     The covariance is that of the first photograph's noise, which all later places share; NaN where a point has no
     value.
     """
-    itself = target_spline(first.image, search)
-    pair = template(itself, first.region), itself
-    found = _correlate_subsets(first, pair, first.warp[..., :3], search, first.origin)
-    route = np.zeros(found.status.shape, dtype=np.uint8)
-    warp = np.where((found.status == Status.VALID)[..., None, None], first.warp, np.nan)
-    covariance = 0.5 * search.noise**2 * found.covariance
-    fit = found.znssd, found.iterations, found.status
-    residual = residual_variance(found)
-    return FoundPoints(warp, *fit, covariance, route, covariance, 0.0 * covariance, warp[..., 1:3], residual)
+    itself, inside = target_spline(first.image, search), np.asarray(np.isfinite(first.points).all(axis=-1))
+    centres = first.points[inside] - first.origin
+    found = describe(template(itself, first.region), itself.measured, centres, search.subset, search.threads)
+    status = np.full(inside.shape, Status.OUTSIDE, dtype=np.uint8)
+    znssd, covariance = np.full(inside.shape, np.nan), np.full((*inside.shape, 3), np.nan)
+    status[inside], znssd[inside] = found.status, found.znssd
+    covariance[inside] = 0.5 * search.noise**2 * found.covariance
+    warp = np.where((status == Status.VALID)[..., None, None], first.warp, np.nan)
+    fit = znssd, np.zeros(inside.shape, dtype=np.int16), status
+    route = np.zeros(inside.shape, dtype=np.uint8)
+    return FoundPoints(warp, *fit, covariance, route, covariance, 0.0 * covariance, warp[..., 1:3], 0.0 * znssd)
 
 
 def target_spline(image: Photograph, search: Search) -> Spline:
     """The spline of a photograph, for a search in it."""
     return spline(_smoothed(image.grey, search), search.degree, image.measured)
+
+
+class CorrelatedField(NamedTuple):
+    """The subsets of a reference photograph correlated with a target; the noise has no part in it.
+
+    template, target : the photographs, equally sharp
+    centres : (rows, cols, 2) — of the subsets, whole pixels of the reference photograph
+    field : with warps of the subsets from the reference photograph
+    """
+
+    template: Template
+    target: Spline
+    centres: Array
+    field: Field
 
 
 def find_points(
@@ -105,15 +129,47 @@ def find_points(
     """Find the points of a reference photograph in the target.
 
     starts : (rows, cols, 2, 3) — from the first photograph to the target
+    route, usual : as for :func:`judge`
+    """
+    return judge(reference, correlate_points(reference, target, starts, search), search, route, usual)
+
+
+def correlate_points(reference: ReferencePhotograph, target: Spline, starts: Array, search: Search) -> CorrelatedField:
+    """Correlate the subsets around the whole pixels next to the points of a reference photograph.
+
+    starts : (rows, cols, 2, 3) — from the first photograph to the target
+    """
+    pair, slope = _match_blur(reference, target, starts, search), _motion_gradients(reference, starts)
+    centres = np.rint(reference.points)
+    place = starts[..., 0] + np.einsum("...ij,...j->...i", slope, centres - reference.points)
+    field = correlate_field(
+        *pair,
+        centres - reference.origin,
+        warp_from_gradient(place, slope),
+        search.subset,
+        max_znssd=search.max_znssd,
+        threads=search.threads,
+        parts=search.parts,
+    )
+    return CorrelatedField(*pair, centres, field)
+
+
+def judge(
+    reference: ReferencePhotograph,
+    correlation: CorrelatedField,
+    search: Search,
+    route: int = DIRECT,
+    usual: float = np.inf,
+) -> FoundPoints:
+    """The points with their covariance, without those whose subset holds two motions or an edge of light.
+
     route : VIA_REFERENCE_STEP counts the noise of the reference photograph too
     usual : variance of the residual in a larger field of the same target; infinite if unknown [grey levels²]
 
-    Points whose subset holds two motions or an edge of light are lost with the status MISFIT.
+    Points at edges are lost with the status MISFIT.
     """
-    pair, centres = _match_blur(reference, target, starts, search), np.rint(reference.points)
-    field, edge_variance = _without_edges(
-        _correlate_subsets(reference, pair, starts, search), pair, centres - reference.origin, search, usual
-    )
+    pair, centres = (correlation.template, correlation.target), correlation.centres
+    field, edge_variance = _without_edges(correlation.field, pair, centres - reference.origin, search, usual)
     noise = 0.5 * search.noise**2 * field.covariance
     slope = gradient(field.warp, reference.points - centres)
     inherited = congruent(slope, reference.inherited_covariance)
@@ -142,10 +198,12 @@ def _without_edges(
     usual = min(usual, usual_residual(residual_variance(field)))
     usual = max(usual, noise_variance) if np.isfinite(usual) else noise_variance
     lost, variance = find_edges(*pair, centres, field, search.subset, usual)
-    field.status[lost] = Status.MISFIT
-    for values in (field.warp, field.covariance):
-        values[lost] = np.nan
-    return field, variance
+    status = np.where(lost, np.uint8(Status.MISFIT), field.status)
+    warp, place = (
+        np.where(lost.reshape(lost.shape + (1,) * (values.ndim - 2)), np.nan, values)
+        for values in (field.warp, field.covariance)
+    )
+    return field._replace(status=status, warp=warp, covariance=place), variance
 
 
 def _smoothed(image: Grey, search: Search) -> Image:
@@ -176,31 +234,3 @@ def _motion_gradients(reference: ReferencePhotograph, starts: Array) -> Array:
     """Gradients (rows, cols, 2, 2) of the motion from a reference photograph to where ``starts`` lead."""
     known = np.where(np.isnan(reference.warp[..., 1:3]), np.eye(2), reference.warp[..., 1:3])
     return starts[..., 1:3] @ np.linalg.inv(known)
-
-
-def _correlate_subsets(
-    reference: ReferencePhotograph,
-    pair: tuple[Template, Spline],
-    starts: Array,
-    search: Search,
-    target_origin: Sequence[int] = (0, 0),
-) -> Field:
-    """Correlate the subsets around the whole pixels next to the points of a reference photograph.
-
-    pair : the photograph as a template, and the target
-    starts : (rows, cols, 2, 3) — from the first photograph to the target
-    target_origin : (x, y) of the target's first pixel in the coordinates of ``starts`` [px]
-    Returns warps of these subsets, from the reference photograph.
-    """
-    slope = _motion_gradients(reference, starts)
-    centres = np.rint(reference.points)
-    place = starts[..., 0] + np.einsum("...ij,...j->...i", slope, centres - reference.points) - target_origin
-    return correlate_field(
-        *pair,
-        centres - reference.origin,
-        warp_from_gradient(place, slope),
-        search.subset,
-        max_znssd=search.max_znssd,
-        threads=search.threads,
-        parts=search.parts,
-    )

@@ -12,6 +12,7 @@ of σ grey levels in both photographs (Pan et al., Optics Express 16, 2008).
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from typing import NamedTuple
 
@@ -38,11 +39,11 @@ from dicflow.core.correlation.template import (
     lay_out,
     shows_measured,
 )
-from dicflow.core.correlation.warp import TERMS
+from dicflow.core.correlation.warp import TERMS, identity
 from dicflow.core.photographs.interpolate import Spline
 from dicflow.core.status import Status
 
-__all__ = ["Correlated", "Subset", "correlate"]
+__all__ = ["Correlated", "Subset", "correlate", "describe"]
 
 
 _CHUNK = 512
@@ -122,18 +123,64 @@ def correlate(
 
     Raises ValueError for an even subset size, one below 5 px, or starts that do not fit the shape function.
     """
-    if subset.size % 2 == 0 or subset.size < 5:
-        raise ValueError(f"a subset's side must be an odd number of at least 5 px, got {subset.size}")
+    _check_size(subset)
     needed = (len(centres), 2, TERMS[subset.shape_function])
     if start.shape != needed:
         raise ValueError(
             f"starts have the shape {start.shape}; {len(centres)} {subset.shape_function} warps need {needed}"
         )
-    found, all_pixels = _untracked(start), np.zeros((0, 0), dtype=np.bool_)
-    photograph = target.coefficients, all_pixels if target.measured is None else target.measured
-    whole_pixels, weight = centres.astype(np.int64), _weight(subset)
-    control = Control(
-        target.degree,
+    found, photograph = _untracked(start), (target.coefficients, _measured(target.measured))
+    whole_pixels, weight, control = (
+        centres.astype(np.int64),
+        _weight(subset),
+        _control(subset, target.degree, contraction),
+    )
+
+    def correlate_chunk(chunk: slice) -> None:
+        results = Correlated._make(field[chunk] for field in found)
+        _correlate(reference, photograph, whole_pixels[chunk], start[chunk], weight, control, results)
+
+    _share(correlate_chunk, len(centres), threads)
+    return found
+
+
+def describe(
+    reference: Template, measured: Mask | None, centres: Array, subset: Subset = DEFAULT_SUBSET, threads: int = 1
+) -> Correlated:
+    """Subsets of a photograph found in itself: what :func:`correlate` gives, without a search and its rounding.
+
+    measured : (rows, cols) bool — pixels of the photograph that are measured; None for all
+    centres, threads : as there
+
+    Raises ValueError for an even subset size, or one below 5 px.
+    """
+    _check_size(subset)
+    start = identity(centres, subset.shape_function)  # type: ignore[arg-type]
+    found, counts = _untracked(start), _measured(measured)
+    whole_pixels, weight, control = centres.astype(np.int64), _weight(subset), _control(subset, 0, 1.0)
+
+    def describe_chunk(chunk: slice) -> None:
+        results = Correlated._make(field[chunk] for field in found)
+        _describe(reference, counts, whole_pixels[chunk], weight, control, results)
+
+    _share(describe_chunk, len(centres), threads)
+    found.warp[found.status == Status.VALID] = start[found.status == Status.VALID]
+    return found
+
+
+def _check_size(subset: Subset) -> None:
+    if subset.size % 2 == 0 or subset.size < 5:
+        raise ValueError(f"a subset's side must be an odd number of at least 5 px, got {subset.size}")
+
+
+def _measured(measured: Mask | None) -> Mask:
+    """The pixels that are measured (rows, cols); an empty mask if all are."""
+    return np.zeros((0, 0), dtype=np.bool_) if measured is None else measured
+
+
+def _control(subset: Subset, degree: int, contraction: float) -> Control:
+    return Control(
+        degree,
         subset.min_share,
         4 * TERMS[subset.shape_function],
         subset.iterations,
@@ -142,19 +189,16 @@ def correlate(
         contraction,
     )
 
-    def correlate_chunk(first: int) -> None:
-        chunk = slice(first, first + _CHUNK)
-        results = Correlated._make(field[chunk] for field in found)
-        _correlate(reference, photograph, whole_pixels[chunk], start[chunk], weight, control, results)
 
-    firsts = range(0, len(centres), _CHUNK)
-    if threads == 1:
-        for first in firsts:
-            correlate_chunk(first)
+def _share(work: Callable[[slice], None], n: int, threads: int) -> None:
+    """Do a work on n subsets, some at a time, in so many threads."""
+    chunks = [slice(first, first + _CHUNK) for first in range(0, n, _CHUNK)]
+    if min(threads, len(chunks)) <= 1:
+        for chunk in chunks:
+            work(chunk)
     else:
         with ThreadPoolExecutor(threads) as pool:
-            list(pool.map(correlate_chunk, firsts))
-    return found
+            list(pool.map(work, chunks))
 
 
 def _untracked(start: Array) -> Correlated:
@@ -238,9 +282,7 @@ def _correlate(
             x, y, p, n = c[0, 0], c[1, 0], whole, size * size
             is_clear = measured.size == 0 or shows_measured(measured, c, half)
             if is_clear and is_whole(reference.unusable, row, col, half):
-                copy_square(reference.grey, row, col, size, p.f)
-                copy_square(reference.by_x, row, col, size, p.fx)
-                copy_square(reference.by_y, row, col, size, p.fy)
+                _copy_whole(reference, row, col, size, p)
             else:
                 p = cut
                 n, found.status[k] = _select(reference, measured, (row, col), weight, control, cut, marks, c)
@@ -260,9 +302,62 @@ def _correlate(
             found.status[k] = _NOT_CONVERGED
         if found.status[k] == _VALID:
             _copy_coefficients(found.warp[k], c)
-            found.texture[k, 0] = normal.statistics[2] / normal.statistics[1]
-            found.texture[k, 1] = mean_square_slope(normal)
-            covariance(p, n, ones_like_f, normal, control.is_weighted, c, found.covariance[k])
+            _set_uncertainty(p, n, ones_like_f, normal, control, c, found, k)
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _describe(
+    reference: Template, measured: Mask, centres: Index, weight: Image, control: Control, found: Correlated
+) -> None:
+    """The loop of :func:`describe` over points, which share one working space.
+
+    measured : pixels (rows, cols) that are; an empty mask if all are
+    """
+    size, half, c = len(weight), len(weight) // 2, np.zeros((2, 6))
+    whole, cut, _, normal, ones_like_f, marks = _working_space(weight, found.warp.shape[2])
+    c[0, 1] = c[1, 2] = 1.0
+    for k in range(len(centres)):
+        row, col = centres[k, 1], centres[k, 0]
+        c[0, 0], c[1, 0] = col, row
+        p, n = whole, size * size
+        is_clear = measured.size == 0 or shows_measured(measured, c, half)
+        if is_clear and is_whole(reference.unusable, row, col, half):
+            _copy_whole(reference, row, col, size, p)
+        else:
+            p = cut
+            n, found.status[k] = _select(reference, measured, (row, col), weight, control, cut, marks, c)
+            if n == 0:
+                continue
+        if not prepare(p, n, ones_like_f, normal):
+            found.status[k] = _LOW_TEXTURE
+            continue
+        found.status[k], found.znssd[k] = _VALID, 0.0
+        _set_uncertainty(p, n, ones_like_f, normal, control, c, found, k)
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _copy_whole(reference: Template, row: int, col: int, size: int, p: Pixels) -> None:
+    """Copy the grey levels and derivatives of a whole subset around a pixel."""
+    copy_square(reference.grey, row, col, size, p.f)
+    copy_square(reference.by_x, row, col, size, p.fx)
+    copy_square(reference.by_y, row, col, size, p.fy)
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _set_uncertainty(
+    p: Pixels,
+    n: int,
+    ones_like_f: Image,
+    normal: NormalEquations,
+    control: Control,
+    c: Array,
+    found: Correlated,
+    k: int,
+) -> None:
+    """Set the texture of the k-th subset, and the covariance of its place by a warp c (2, 6)."""
+    found.texture[k, 0] = normal.statistics[2] / normal.statistics[1]
+    found.texture[k, 1] = mean_square_slope(normal)
+    covariance(p, n, ones_like_f, normal, control.is_weighted, c, found.covariance[k])
 
 
 @njit(cache=True, nogil=True, error_model="numpy")

@@ -75,11 +75,13 @@ def correlation_peak(window: Grey, image: Grey, usable: Mask | None = None) -> P
     )
     product = np.where(known, of_f * of_g, 1.0)
     surface = np.where(known, (against(from_f, from_g) - sum_f * sum_g / number) / np.sqrt(product), -1.0)
-    return _surface_peak(surface)
+    peak = _surface_peak(surface)
+    period = np.array(surface.shape[::-1])
+    return peak._replace(shift=np.where(peak.shift > period // 2 + 0.5, peak.shift - period, peak.shift))
 
 
 def _surface_peak(surface: Array) -> Peak:
-    """The peak of a periodic correlation surface; the second half of the indices are negative shifts."""
+    """The peak of a correlation surface (rows, cols), by its place there; beyond its border it repeats itself."""
     at = np.array(np.unravel_index(int(surface.argmax()), surface.shape))
     place = at.astype(np.float64)
     for axis in range(2):
@@ -87,7 +89,6 @@ def _surface_peak(surface: Array) -> Peak:
         low, high = (float(surface[tuple((at + sign * step) % surface.shape)]) for sign in (-1, 1))
         bend = low - 2.0 * float(surface[tuple(at)]) + high
         place[axis] += float(np.clip(0.5 * (low - high) / bend, -0.5, 0.5)) if bend < 0.0 else 0.0
-    place = np.where(at > np.array(surface.shape) // 2, place - surface.shape, place)
     return Peak(place[::-1], float(surface.max()))
 
 

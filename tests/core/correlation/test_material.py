@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 from scenes import grey, texture
 
-from dicflow.core.correlation.material import Updating, follow_step
+from dicflow.core.correlation.material import Updating, follow_step, search_directly
 from dicflow.core.correlation.points import VIA_REFERENCE_STEP, ReferencePhotograph, carried_points, cropped
 from dicflow.core.correlation.search import (
     Search,
@@ -37,6 +37,11 @@ def as_reference(found, photograph):
     )
 
 
+def follow(first, before, target, search=SEARCH):
+    """The points in the photograph after the one before, and the next reference step."""
+    return follow_step(first, None, search_directly(first, None, before, target, search), search, Updating())
+
+
 def test_a_cropped_photograph_keeps_what_its_subsets_need():
     first = first_photograph(image(), EVERYWHERE, GRID, SEARCH)
     whole = first._replace(image=image(), origin=(0, 0), region=EVERYWHERE)
@@ -57,14 +62,14 @@ def test_crops_change_no_place():
     whole = first._replace(image=image(), origin=(0, 0), region=EVERYWHERE)
     target = image(1.05, (4.0, 2.0))
     previous = as_reference(points_in_first_photograph(first, SEARCH), image())
-    one, two = (follow_step(a, None, previous, target, SEARCH, Updating())[0] for a in (first, whole))
+    one, two = (follow(a, previous, target)[0] for a in (first, whole))
     assert np.abs(one.warp[..., 0] - two.warp[..., 0]).max() < 2e-4
 
 
 def test_carried_points_follow_the_points_around_them():
     first = first_photograph(image(), EVERYWHERE, GRID, SEARCH)
     before = as_reference(points_in_first_photograph(first, SEARCH), image())
-    found, reference = follow_step(first, None, before, image(1.1, (3.0, 5.0)), SEARCH, Updating())
+    found, reference = follow(first, before, image(1.1, (3.0, 5.0)))
     assert reference is None
     assert found.valid.all()
     between = np.array([[63.0, 71.0], [155.0, 158.0], [52.0, 165.0]])
@@ -80,7 +85,7 @@ def test_residual_noise_is_that_of_the_photographs(degree, seed):
     photographs = image(noise=3.0, seed=1), image(1.07, noise=3.0, seed=seed)
     first = first_photograph(photographs[0], EVERYWHERE, GRID, search)
     before = as_reference(points_in_first_photograph(first, search), photographs[0])
-    found, _ = follow_step(first, None, before, photographs[1], search, Updating())
+    found, _ = follow(first, before, photographs[1], search)
     left = residual_noise(photographs[0].grey, GRID[found.valid], found.znssd[found.valid], 21, degree)
     assert left == pytest.approx(np.hypot(3.0, 12**-0.5), rel=0.04)
 

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from dicflow.core.correlation.subsets import Subset, correlate
+from dicflow.core.correlation.subsets import Subset, correlate, describe
 from dicflow.core.correlation.template import template
 from dicflow.core.correlation.warp import TERMS, apply_warp, gradient, identity, recentred
 from dicflow.core.photographs.interpolate import slopes, spline
@@ -72,6 +72,32 @@ def test_nothing_moves_between_equal_images(shape_function, degree):
     np.testing.assert_allclose(found.warp, warps, atol=2e-5)
     assert (found.status == Status.VALID).all()
     assert np.abs(found.znssd).max() < 1e-6
+
+
+@both
+@pytest.mark.parametrize("gaussian", [0.0, 7.0])
+def test_a_subset_described_is_one_found_in_its_own_photograph(shape_function, gaussian):
+    """Also where the region cuts it or a pixel is not measured; texture that is plain or hidden has its reason."""
+    image, region, measured = photograph(), np.ones((SIDE, SIDE), dtype=bool), np.ones((SIDE, SIDE), dtype=bool)
+    image[:40, 86:] = 80.0
+    region[:, 88:] = False
+    region[:35] = True
+    measured[58:63, 58:63] = False
+    measured[90:, :40] = False
+    centres = np.array([[60.0, 60.0], [85.0, 80.0], [75.0, 45.0], [104.0, 16.0], [20.0, 105.0], [112.0, 80.0]])
+    itself, subset = spline(image, 5, measured), Subset(31, shape_function, gaussian)
+    reference = template(itself, region)
+    found = correlate(reference, itself, centres, identity(centres, shape_function), subset)
+    described = describe(reference, measured, centres, subset)
+    expected = [Status.VALID, Status.VALID, Status.VALID, Status.LOW_TEXTURE, Status.OVEREXPOSED, Status.CUT_SUBSET]
+    assert described.status.tolist() == found.status.tolist() == expected
+    np.testing.assert_allclose(described.covariance, found.covariance, rtol=1e-5, atol=1e-11)
+    np.testing.assert_allclose(described.texture, found.texture, rtol=1e-6)
+    np.testing.assert_array_equal(described.warp[:3], identity(centres[:3], shape_function))
+    assert np.isnan(described.warp[3:]).all()
+    np.testing.assert_array_equal(
+        describe(reference, measured, centres, subset, threads=2).covariance, described.covariance
+    )
 
 
 @pytest.mark.parametrize("size", [21, 31])
@@ -368,7 +394,7 @@ def test_scatter_of_an_affine_subset_is_the_theoretical_one():
 PLAIN = """
 import sys
 import numpy as np
-from dicflow.core.correlation.subsets import Subset, correlate
+from dicflow.core.correlation.subsets import Subset, correlate, describe
 from dicflow.core.correlation.template import template
 from dicflow.core.photographs.interpolate import spline
 given = np.load(sys.argv[1])

@@ -2,6 +2,7 @@ import numpy as np
 import pytest
 from scenes import grey, texture
 
+from dicflow.core.matching import fft_search
 from dicflow.core.matching.fft_search import correlation_peak, fft_matches
 
 pytestmark = pytest.mark.slow
@@ -68,3 +69,18 @@ def test_pairs_of_windows(stretch, separate_windows):
     assert len(source) > 30
     assert np.abs(found - truth).max() < 0.5
     assert np.median(np.abs(found - truth)) < 0.05
+
+
+@pytest.mark.parametrize("off", [(9.0, 0.0), (-9.0, 5.0), (14.0, 14.0), (-13.0, -15.0)])
+def test_guided_windows_correct_a_prediction_in_every_direction(off):
+    """Every one of the windows is found, on whichever side of its predicted place it lies."""
+    y, x = np.mgrid[:300, :300].astype(float)
+    usable = np.zeros(x.shape, dtype=bool)
+    usable[50:250, 50:250] = True
+    centres = fft_search._window_centres(usable, fft_search.GUIDED_WINDOW_PX, 16)
+    predicted = np.array([[150.0, 150.0]]), np.array([[150.0, 150.0]])
+    source, found = fft_search._guided_window_matches(
+        np.float32(texture(x, y)), np.float32(texture(x - off[0], y - off[1])), centres, usable, predicted, 24
+    )
+    assert len(source) == len(centres)
+    np.testing.assert_allclose(found - source, np.broadcast_to(off, found.shape), atol=0.05)
