@@ -194,6 +194,7 @@ class Correlate(SubsetSearch):
 
     def _measured_noise(self, noise: Noise, correlation: CorrelatedField, first: _First, image: np.ndarray) -> Noise:
         """The noise, measured in the first photograph and this one."""
+        from dicflow.core.correlation.edges import residual_variance
         from dicflow.core.photographs.noise import noise_from_pair
         from dicflow.core.status import Status
 
@@ -204,8 +205,7 @@ class Correlate(SubsetSearch):
             first.image.grey,
             image,
             first.measured,
-            (correlation.centres[valid], field.warp[valid][..., 0], field.znssd[valid]),
-            size=self.subset_size,
+            (correlation.centres[valid], field.warp[valid][..., 0], residual_variance(field)[valid]),
             degree=self.spline_degree,
             smoothing_px=self.smoothing,
         )

@@ -61,7 +61,6 @@ def noise_from_pair(
     usable: Mask,
     points: tuple[Array, Array, Array],
     *,
-    size: int,
     degree: int,
     smoothing_px: float,
 ) -> Noise:
@@ -69,20 +68,19 @@ def noise_from_pair(
 
     noise : estimated from the first photograph
     first, second : (rows, cols) grey; usable : (rows, cols) bool — the region in the first one
-    points : points in the first one (n, 2) — whole pixels, their matches in the second one (n, 2) [px], and ZNSSD (n,)
-    size, degree : as in :func:`residual_noise`
+    points : points in the first one (n, 2), their matches in the second one (n, 2) [px], and the variance of the
+        residual of their subsets (n,) [grey levels²]
+    degree : of the spline, 3 or 5
     smoothing_px : smoothing of both before the correlation; the residual of smoothed photographs is not used
 
     Final, except without points.
     """
-    centres, places, znssd = points
+    centres, places, variance = points
     if not len(centres):
         return noise
     if np.quantile(np.linalg.norm(places - centres, axis=-1), 0.95) < MAX_STATIC_MOTION_PX:
         return Noise(max(pair_noise(first, second, usable), ROUNDING_NOISE), "static pair", True)
-    residual = (
-        np.inf if smoothing_px > 0.0 else max(residual_noise(first, centres, znssd, size, degree), ROUNDING_NOISE)
-    )
+    residual = np.inf if smoothing_px > 0.0 else max(residual_noise(variance, degree), ROUNDING_NOISE)
     return (
         Noise(residual, "residual of a second photograph", True)
         if residual < noise.grey
@@ -130,22 +128,16 @@ def pair_noise(first: Grey, second: Grey, usable: Mask) -> float:
     return _standard_deviation_without_outliers(difference - explained @ coefficients) / float(np.sqrt(2.0))
 
 
-def residual_noise(image: Grey, centres: Array, znssd: Array, size: int, degree: int) -> float:
-    """Standard deviation of the noise from the residual of a correlation [grey levels]; NaN without points.
+def residual_noise(variance: Array, degree: int) -> float:
+    """Standard deviation of the noise from the residuals of a correlation [grey levels]; NaN without points.
 
-    image : (rows, cols) grey — the reference; centres : (n, 2) — whole pixels; znssd : (n,) — of their subsets
-    size : side of the subsets [px]; degree : of the spline, 3 or 5
+    variance : (n,) — of the difference of subsets f and what they match, g [grey levels²]
+    degree : of the spline, 3 or 5
 
-    Σ (f − g)² is ZNSSD times Σ (f − f̄)² and contains the noise of f and the interpolated noise of g. Errors of the
-    shape function and changes of the light add to it, so this is an upper bound.
+    The difference contains the noise of f and the interpolated noise of g. Errors of the shape function and changes of
+    the light add to it, so this is an upper bound.
     """
-    grey = image.astype(np.float64)
-    mean, square = (cv2.blur(part, (size, size)) for part in (grey, grey * grey))
-    col, row = centres.astype(int).T
-    residual = znssd * (square - mean * mean)[row, col]
-    return (
-        float(np.sqrt(np.median(residual) / (1.0 + _INTERPOLATED_VARIANCE[degree]))) if len(residual) else float("nan")
-    )
+    return float(np.sqrt(np.median(variance) / (1.0 + _INTERPOLATED_VARIANCE[degree]))) if len(variance) else np.nan
 
 
 def interpolated_noise_ratio(slope: Array, degree: int) -> Array:

@@ -86,7 +86,7 @@ def test_residual_noise_is_that_of_the_photographs(degree, seed):
     first = first_photograph(photographs[0], EVERYWHERE, GRID, search)
     before = as_reference(points_in_first_photograph(first, search), photographs[0])
     found, _ = follow(first, before, photographs[1], search)
-    left = residual_noise(photographs[0].grey, GRID[found.valid], found.znssd[found.valid], 21, degree)
+    left = residual_noise(found.residual[found.valid], degree)
     assert left == pytest.approx(np.hypot(3.0, 12**-0.5), rel=0.04)
 
 

@@ -44,14 +44,12 @@ def test_clipped_pixels_have_no_noise():
     assert image_noise(dark, INSIDE) == pytest.approx(2.0, rel=0.15)
 
 
-def noise_from_moved_pair(noise, shift, misfit, smoothing_px=0.0, points=50):
-    """Noise from two photographs in which all points have one shift and one misfit."""
+def noise_from_moved_pair(noise, shift, variance, smoothing_px=0.0, points=50):
+    """Noise from two photographs in which all points have one shift and one variance."""
     pair = planar_pair((240, 240), shift, noise=2.0)
     centres = np.random.default_rng(0).integers(40, 200, (points, 2)).astype(float)
-    found = centres, centres + shift, np.full(points, misfit)
-    return noise_from_pair(
-        noise, pair.reference, pair.deformed, INSIDE, found, size=21, degree=5, smoothing_px=smoothing_px
-    )
+    found = centres, centres + shift, np.full(points, variance)
+    return noise_from_pair(noise, pair.reference, pair.deformed, INSIDE, found, degree=5, smoothing_px=smoothing_px)
 
 
 def test_a_second_photograph_makes_the_noise_final():
@@ -59,7 +57,7 @@ def test_a_second_photograph_makes_the_noise_final():
     assert not first.is_final
     static = noise_from_moved_pair(first, (0.0, 0.0), 0.0)
     assert static == (pytest.approx(np.hypot(2.0, 12**-0.5), rel=0.02), "static pair", True)
-    small, large = noise_from_moved_pair(first, (3.0, 1.0), 1e-6), noise_from_moved_pair(first, (3.0, 1.0), 0.5)
+    small, large = noise_from_moved_pair(first, (3.0, 1.0), 1e-6), noise_from_moved_pair(first, (3.0, 1.0), 900.0)
     assert small == (pytest.approx(12**-0.5), "residual of a second photograph", True)
     assert large == first._replace(is_final=True)
     assert noise_from_moved_pair(first, (3.0, 1.0), 1e-6, smoothing_px=1.0) == first._replace(is_final=True)
