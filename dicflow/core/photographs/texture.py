@@ -24,6 +24,7 @@ __all__ = [
 
 STRIDE_PX = 4  # between texture values: fine enough for a region's outline, 16 times cheaper than every pixel
 MIN_TEXTURE_RATIO = 3.0  # least ratio of the median textures of pattern and background
+_USUAL_REACH_PX = 64  # shifts that are enough for most speckles
 MIN_TEXTURE = 1.5  # grey levels (of 255) per pixel: below this, sensor noise is as strong as the pattern
 
 
@@ -69,24 +70,32 @@ def speckle_size(image: Grey, mask: Mask) -> float:
     """
     x, y, width, height = cv2.boundingRect(mask.astype(np.uint8))
     part = slice(y, y + height), slice(x, x + width)
-    inside, side = mask[part].astype(np.float64), max(3, min(width, height) // 4)
-    grey = image[part].astype(np.float64)
-    mean = cv2.blur(grey * inside, (side, side)) / np.maximum(cv2.blur(inside, (side, side)), 1e-9)
-    correlation = _autocorrelation((grey - mean) * inside, side) / np.maximum(_autocorrelation(inside, side), 1.0)
-    radius = np.hypot(*np.meshgrid(np.arange(side), np.arange(side)))
-    profile = np.array([correlation[np.abs(radius - r) < 0.5].mean() for r in range(side)])
-    below = np.flatnonzero(profile < 0.5 * profile[0])
-    if not profile[0] > 0.0 or len(below) == 0:
-        return float("nan")
-    last = int(below[0]) - 1
-    at_half = last + (profile[last] - 0.5 * profile[0]) / (profile[last] - profile[last + 1])
-    return float(at_half / 0.404)
+    inside, side = mask[part].astype(np.float32), max(3, min(width, height) // 4)
+    grey = image[part].astype(np.float32)
+    mean = cv2.blur(grey * inside, (side, side)) / np.maximum(cv2.blur(inside, (side, side)), np.float32(1e-6))
+    pattern = (grey - mean) * inside
+    for reach in sorted({min(side, _USUAL_REACH_PX), side}):
+        profile = _autocorrelation_profile(pattern, inside, reach)
+        below = np.flatnonzero(profile < 0.5 * profile[0])
+        if profile[0] > 0.0 and len(below):
+            last = int(below[0]) - 1
+            at_half = last + (profile[last] - 0.5 * profile[0]) / (profile[last] - profile[last + 1])
+            return float(at_half / 0.404)
+    return float("nan")
 
 
-def _autocorrelation(values: Array, reach: int) -> Array:
+def _autocorrelation_profile(pattern: Image, inside: Image, reach: int) -> Array:
+    """Mean autocorrelation of a pattern inside a mask, both (rows, cols), at shifts of 0 … reach − 1 px."""
+    correlation = _autocorrelation(pattern, reach) / np.maximum(_autocorrelation(inside, reach), 1.0)
+    shift = np.rint(np.hypot(*np.meshgrid(np.arange(reach), np.arange(reach)))).astype(int).ravel()
+    total, count = np.bincount(shift, correlation.ravel()), np.bincount(shift)
+    return np.asarray((total / count)[:reach])
+
+
+def _autocorrelation(values: Image, reach: int) -> Array:
     """Σ v(x) v(x + lag) over the pixels, for lags 0 … reach − 1 along rows and columns."""
     shape = [next_fast_len(side + reach, real=True) for side in values.shape]
-    spectrum = rfft2(values.astype(np.float32), shape)
+    spectrum = rfft2(values, shape)
     return np.asarray(irfft2(spectrum.real**2 + spectrum.imag**2, shape)[:reach, :reach], dtype=np.float64)
 
 
