@@ -16,8 +16,8 @@ import cv2
 import numpy as np
 from scipy.spatial import cKDTree
 
-from dicflow.core.arrays import Array, Grey, Mask
-from dicflow.core.correlation.warp import apply_warp, identity, warp_from_gradient
+from dicflow.core.arrays import Array, Grey, Index, Mask
+from dicflow.core.correlation.warp import apply_warp, identity, recentred, warp_from_gradient
 from dicflow.core.matching.features import detect
 from dicflow.core.matching.fft_search import fft_matches
 from dicflow.core.matching.pairs import agreeing_matches, guided_matches, local_motion, match_features
@@ -28,7 +28,7 @@ __all__ = ["Pairs", "epipolar_pairs", "feature_pairs", "seed_warps", "window_cor
 
 MIN_PAIRS = 6
 """With fewer pairs, the motion is unknown."""
-PAIR_CELL_PX = 12.0
+CELL_PX = 12.0
 """Side of the cells of which each keeps one pair: close pairs give noisy gradients [px]."""
 MAX_REACH = 2.0
 """Largest distance of a point from a pair, over the usual distance of a pair from its farthest neighbour in use."""
@@ -209,17 +209,29 @@ def _pairs_of_part(pairs: Pairs, points: Array, in_part: Mask) -> Pairs:
 
 
 def _warps_from_pairs(pairs: Pairs, centres: Array) -> Array:
-    """Warps (n, 2, 3) of subsets at centres (n, 2), from the pairs around them; NaN where these are too far away."""
-    _, kept = np.unique(np.floor(pairs.source / PAIR_CELL_PX), axis=0, return_index=True)
+    """Warps (n, 2, 3) of subsets at centres (n, 2), from the pairs around them; NaN where these are too far away.
+
+    Of close centres one gives the motion of all: it is affine there.
+    """
+    kept, _ = _one_per_cell(pairs.source)
     pairs = Pairs(pairs.source[kept], pairs.target[kept])
     if len(pairs.source) < MIN_PAIRS:
         return np.full((len(centres), 2, 3), np.nan)
-    warps = warp_from_gradient(*local_motion(*pairs, centres))
+    chosen, cell = _one_per_cell(centres)
+    some = centres[chosen]
+    warps = warp_from_gradient(*local_motion(*pairs, some))
     tree = cKDTree(pairs.source)
     neighbours = min(len(pairs.source), 24)
     usual_distance = float(np.median(tree.query(pairs.source, k=[neighbours])[0]))
-    warps[tree.query(centres)[0] > MAX_REACH * usual_distance] = np.nan
-    return warps
+    warps[tree.query(some)[0] > MAX_REACH * usual_distance] = np.nan
+    return recentred(warps[cell], centres - some[cell])
+
+
+def _one_per_cell(places: Array) -> tuple[Index, Index]:
+    """The first of the places (n, 2) in each cell, and the cell of each place."""
+    column, row = np.floor(places / CELL_PX).astype(np.int64).T
+    _, first, cell = np.unique((column << 32) + row, return_index=True, return_inverse=True)
+    return first, cell
 
 
 def _spacing(points: Array) -> float:
