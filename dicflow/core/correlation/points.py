@@ -7,6 +7,7 @@ from functools import partial
 from typing import Any, NamedTuple
 
 import numpy as np
+from scipy.spatial import cKDTree
 
 from dicflow.core.arrays import Array, Codes, Iterations, Mask
 from dicflow.core.matching.pairs import local_motion
@@ -37,6 +38,8 @@ MARGIN_PX = 24
 
 MIN_POINTS_FOR_MOTION = 3
 """With fewer valid points, the motion of the others is unknown."""
+_NEAR_CORNER = 200
+"""Points around a corner of the outline among which those on its own side of a cut are looked for."""
 
 
 class ReferencePhotograph(NamedTuple):
@@ -147,12 +150,15 @@ def carried_outline(
 def _carried_ring(found: FoundPoints, places: Array, cuts: Array, ring: Array) -> Array:
     """Corners (n, 2) of a polygon, carried by points on their own side of the cuts where these are enough."""
     carried = carried_points(found, places, ring)
-    if len(cuts) == 0:
+    valid = found.valid & np.isfinite(places).all(axis=-1)
+    if len(cuts) == 0 or np.isnan(carried).any():
         return carried
-    for k, corner in enumerate(ring):
-        seen = np.where(sees(corner, places, cuts)[..., None], places, np.nan)
-        own = carried_points(found, seen, ring[k : k + 1])[0]
-        carried[k] = own if np.isfinite(own).all() else carried[k]
+    source, target = places[valid], found.warp[valid][..., 0]
+    _, nearest = cKDTree(source).query(ring, k=np.arange(1, min(_NEAR_CORNER, len(source)) + 1))
+    for k, near in enumerate(nearest):
+        own = near[sees(ring[k], source[near], cuts)]
+        if MIN_POINTS_FOR_MOTION <= len(own) < len(near):
+            carried[k] = local_motion(source[own], target[own], ring[k : k + 1]).position[0]
     return carried
 
 
