@@ -24,7 +24,7 @@ from dicflow.kinds.region import Region
 from dicflow.pipeline.registry import node_class
 from dicflow.start.choice import Candidate, Choice, Undecided, decide, is_named
 from dicflow.start.contents import See, Subjects, board_in, subjects_of
-from dicflow.start.gauge import Gauge, gauge_over, reduced
+from dicflow.start.gauge import Gauge, gauge_over, in_8bit
 from dicflow.start.layouts import Series, series_of, step_folders
 from dicflow.start.patterns import listed, patterns_of
 from dicflow.start.question import question
@@ -172,7 +172,7 @@ def _see(folder: Path) -> See:
     @cache
     def see(path: PurePosixPath, thorough: bool = False) -> Board | None:
         image = read_grey(folder / path)
-        return identify_board(image if thorough else reduced(image, _QUICK_PIXELS), thorough)
+        return identify_board(image if thorough else in_8bit(image, _QUICK_PIXELS), thorough)
 
     return see
 

@@ -12,11 +12,11 @@ import numpy as np
 from dicflow.core.matching.features import detect
 from dicflow.core.matching.pairs import consistent_matches, match_features
 from dicflow.core.matching.transform import estimate_transform
-from dicflow.core.photographs.grey import to_8bit
+from dicflow.core.photographs.grey import reduced, scale_for, to_8bit
 from dicflow.core.photographs.region import Polygon, bounding_box, contains, rasterise
 from dicflow.engine.files import FilePart
 
-__all__ = ["Gauge", "gauge_over", "reduced"]
+__all__ = ["Gauge", "gauge_over", "in_8bit"]
 
 Read = Callable[[Path | FilePart], np.ndarray]
 Axis = Literal["x", "y"]
@@ -59,11 +59,9 @@ def gauge_over(polygons: Sequence[Polygon], photographs: Sequence[Path | FilePar
     return Gauge(axis, reason, ends) if ends else None
 
 
-def reduced(image: np.ndarray, pixels: int) -> np.ndarray:
+def in_8bit(image: np.ndarray, pixels: int) -> np.ndarray:
     """Grey levels (row, col) in 8 bits, reduced to so many pixels at most."""
-    grey, scale = to_8bit(image), min(1.0, float(np.sqrt(pixels / image.size)))
-    small = cv2.resize(grey, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA) if scale < 1.0 else grey
-    return np.asarray(small, dtype=np.uint8)
+    return reduced(to_8bit(image), scale_for(image, pixels))
 
 
 def _load_axis(
@@ -88,7 +86,7 @@ def _stretch(polygons: Sequence[Polygon], before: np.ndarray, after: np.ndarray)
     """Stretch along x and y by the affine motion of the region's features; None with few matches."""
     if before.shape != after.shape:
         return None
-    small = [reduced(one, _MAX_PIXELS) for one in (before, after)]
+    small = [in_8bit(one, _MAX_PIXELS) for one in (before, after)]
     features = [detect(one, "AKAZE") for one in small]
     pairs = match_features(*features)
     source, target = (one.xy[pairs[:, k]].astype(float) for k, one in enumerate(features))

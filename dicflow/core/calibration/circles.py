@@ -15,7 +15,7 @@ import numpy as np
 from dicflow.core.arrays import Array, Bytes, Grey
 from dicflow.core.calibration.targets import Size, Target, board_orders
 from dicflow.core.matching.transform import apply_transform, estimate_transform, jacobian
-from dicflow.core.photographs.grey import to_8bit
+from dicflow.core.photographs.grey import reduced, to_8bit
 
 __all__ = ["Ellipses", "circle_points", "circle_target", "detect_blobs", "eccentricity", "find_circles", "fit_ellipses"]
 
@@ -133,9 +133,9 @@ def _locate_centres(grey: Bytes, size: Size, asymmetric: bool) -> Array | None:
     while max(grey.shape) * scale / 2.0 >= _MIN_REDUCED_PX:
         scale /= 2.0
     while scale <= 1.0:
-        reduced = cv2.resize(grey, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA) if scale < 1.0 else grey
+        small = reduced(grey, scale)
         for dark in (True, False):
-            found = _detect_grid(reduced if dark else np.asarray(255 - reduced, dtype=np.uint8), size, asymmetric)
+            found = _detect_grid(small if dark else np.asarray(255 - small, dtype=np.uint8), size, asymmetric)
             if found is not None:
                 return (found + 0.5) / scale - 0.5
         scale *= 2.0

@@ -20,7 +20,7 @@ from dicflow.core.calibration.circles import detect_blobs
 from dicflow.core.calibration.lattice import lattice_places
 from dicflow.core.calibration.targets import SMALLEST_BOARD
 from dicflow.core.matching.transform import apply_transform, estimate_transform, transfer_error
-from dicflow.core.photographs.grey import to_8bit
+from dicflow.core.photographs.grey import reduced, scale_for, to_8bit
 
 __all__ = ["identify_board", "marker_board"]
 
@@ -66,7 +66,8 @@ def identify_board(image: Grey, thorough: bool = True) -> Board | None:
 
     thorough : search for a checkerboard that is cut off or hardly shows, too, which takes ten times longer
     """
-    grey = _reduced(to_8bit(image))
+    grey = to_8bit(image)
+    grey = reduced(grey, scale_for(grey, _MAX_PIXELS))
     whole = marker_board(grey) or _circle_grid(grey) or _checkerboard(grey, thorough=False)
     return _checkerboard(grey, thorough=True) if whole is None and thorough else whole
 
@@ -136,12 +137,6 @@ class _Squares(NamedTuple):
     def end(self) -> bool:
         """Whether the board ends on all sides, on paper of one brightness."""
         return bool(np.isfinite(self.margin).all() and np.ptp(self.margin) < _MAX_MARGIN_CONTRAST * np.ptp(self.inner))
-
-
-def _reduced(grey: Bytes) -> Bytes:
-    scale = np.sqrt(_MAX_PIXELS / grey.size)
-    small = cv2.resize(grey, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA) if scale < 1.0 else grey
-    return np.asarray(small, dtype=np.uint8)
 
 
 def _smallest_dictionary(family: str, markers: int) -> str:

@@ -19,7 +19,7 @@ from scipy.spatial import cKDTree
 from dicflow.core.arrays import Array, Bytes, Grey, Image, Mask
 from dicflow.core.matching.features import detect
 from dicflow.core.matching.pairs import agreeing_matches, local_motion, match_features
-from dicflow.core.photographs.grey import to_8bit
+from dicflow.core.photographs.grey import reduced, scale_for, to_8bit
 from dicflow.core.photographs.texture import speckle_size
 
 __all__ = ["MIN_MOTION_PX", "Motion", "estimate_motion", "still_background", "still_part"]
@@ -92,7 +92,7 @@ def still_background(first: Grey, later: Grey, textured: Mask) -> Mask | None:
     textured : (rows, cols) — points that show a pattern, on a grid over the whole photograph
     """
     scale = _working_scale(first, textured)
-    before, after = (_reduced(to_8bit(image), scale) for image in (first, later))
+    before, after = (reduced(to_8bit(image), scale) for image in (first, later))
     size = len(range(0, before.shape[1], _GRID_PX)), len(range(0, before.shape[0], _GRID_PX))
     seen = cv2.resize(textured.astype(np.uint8), size, interpolation=cv2.INTER_NEAREST) > 0
     found = still_part(estimate_motion(before, after, seen), seen)
@@ -265,16 +265,11 @@ def _without_specks(mask: Mask) -> Mask:
 
 def _working_scale(image: Grey, textured: Mask) -> float:
     """Scale at which a photograph has two million pixels at most, and its speckles are not large [-]."""
-    scale = min(1.0, float(np.sqrt(_MAX_PIXELS / image.size)))
-    grey = _reduced(to_8bit(image), scale)
+    scale = scale_for(image, _MAX_PIXELS)
+    grey = reduced(to_8bit(image), scale)
     mask = cv2.resize(textured.astype(np.uint8), grey.shape[::-1], interpolation=cv2.INTER_NEAREST) > 0
     speckle_px = speckle_size(grey, mask) if mask.any() else np.nan
     return scale * _FINE_PX / speckle_px if speckle_px > _COARSE_PX else scale
-
-
-def _reduced(grey: Bytes, scale: float) -> Bytes:
-    small = cv2.resize(grey, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA) if scale < 1.0 else grey
-    return np.asarray(small, dtype=np.uint8)
 
 
 def _local_correlation(one: Bytes, other: Bytes) -> Image:
