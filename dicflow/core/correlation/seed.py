@@ -2,7 +2,7 @@
 
 Each connected part of the grid is treated alone. Sources of its motion are tried in turn, and the first that the grey
 levels confirm is taken: feature matches of an earlier stage; no motion; cross-correlation of the part as a whole;
-features with an orientation of their own, detected here; cross-correlation of many windows. Moving least squares
+cross-correlation of many windows; features with an orientation of their own, detected here. Moving least squares
 interpolate the motion, and its gradient, from scattered places to the grid.
 """
 
@@ -125,8 +125,8 @@ def _candidate_warps(
     yield identity(centres + origin)
     footprint = _footprint(points, in_part, reference.shape)
     yield _warps_from_pairs(Pairs(*fft_matches(reference, target, footprint)), centres)
-    yield _warps_from_pairs(_pairs_of_part(features(), points, in_part), centres)
     yield _warps_from_pairs(Pairs(*fft_matches(reference, target, footprint, separate_windows=True)), centres)
+    yield _warps_from_pairs(_pairs_of_part(features(), points, in_part), centres)
 
 
 def _square(image: Grey, centre: tuple[int, int], half: int) -> Grey | None:

@@ -2,9 +2,10 @@
 
 The zero-mean normalised cross-correlation of a window with every position in a larger image is computed by Fourier
 transforms (Lewis, Vision Interface 1995; with masks, Padfield, IEEE Trans. Image Processing 21, 2012). One window as
-large as the region gives its mean motion, at reduced resolution. Where the region deforms too much for that, many
-smaller windows are searched for separately in the whole image, and those that agree are kept. Guided windows of half
-that size, deformed by the motion so far, are then searched for near their predicted positions.
+large as the region gives its mean motion, at reduced resolution. Where the region deforms too much for that, smaller
+windows are searched for separately in the whole image, and those that agree are kept. From there the motion grows:
+guided windows, deformed by the motion of those found so far, are searched for near their predicted positions, until no
+further ones are found.
 """
 
 from __future__ import annotations
@@ -22,9 +23,11 @@ __all__ = ["Peak", "correlation_peak", "fft_matches"]
 
 
 WHOLE_REGION_PX = 256  # longer side of the region in the reduced images in which it is searched for as a whole
-SEPARATE_WINDOWS, GUIDED_WINDOWS = 64, (32, 128)  # about how many windows, in the whole image and in each guided search
-SEPARATE_WINDOW_PX, GUIDED_WINDOW_PX = 96, 48  # sides of these windows
-SEARCH_RADII_PX = (24, 8)  # of the first and of the second guided search
+SEPARATE_WINDOWS, GUIDED_WINDOWS = 25, 128  # about how many windows, in the whole image and in a guided search
+WINDOW_PX = 48  # side of these windows: larger ones do not match where the motion turns or stretches by a tenth
+SEARCHED_PX = 1024  # longer side of the image in which separate windows are searched for
+GROWTH, MAX_SEARCHES = 1.05, 8  # ratio of windows found to those before at which the motion still grows, and searches
+SEARCH_RADIUS_PX, LAST_RADIUS_PX = 24, 8  # of guided searches, and of the last one
 MIN_CORRELATION = 0.3
 MIN_OVERLAP = 0.5  # least share of a window that must lie in the image
 MIN_VARIANCE_SHARE = 1e-3  # least variance of a position, as a share of the image's, for a correlation to be computed
@@ -97,16 +100,18 @@ def fft_matches(reference: Grey, target: Grey, usable: Mask, *, separate_windows
 
     reference, target : (rows, cols) grey; they may differ in size
     usable : (rows, cols) bool — one connected part of the reference with continuous motion
-    separate_windows : search first for many windows separately instead of the region as a whole: slower, for larger
+    separate_windows : search first for windows separately instead of the region as a whole: slower, for larger
         deformations
     """
     from_image, to_image = (np.asarray(image, dtype=np.float32) for image in (reference, target))
     pairs = (_separate_window_matches if separate_windows else _whole_region_match)(from_image, to_image, usable)
-    for reach, count in zip(SEARCH_RADII_PX, GUIDED_WINDOWS, strict=True):
-        pairs = _guided_window_matches(
-            from_image, to_image, _window_centres(usable, GUIDED_WINDOW_PX, count), usable, pairs, reach
-        )
-    return pairs
+    centres, found_before = _window_centres(usable, WINDOW_PX, GUIDED_WINDOWS), 0
+    for _ in range(MAX_SEARCHES):
+        pairs = _guided_window_matches(from_image, to_image, centres, usable, pairs, SEARCH_RADIUS_PX)
+        if len(pairs[0]) <= GROWTH * found_before:
+            break
+        found_before = len(pairs[0])
+    return _guided_window_matches(from_image, to_image, centres, usable, pairs, LAST_RADIUS_PX)
 
 
 def _whole_region_match(reference: Image, target: Image, usable: Mask) -> tuple[Array, Array]:
@@ -130,13 +135,13 @@ def _reduced(image: Image, scale: float) -> Image:
 
 def _separate_window_matches(reference: Image, target: Image, usable: Mask) -> tuple[Array, Array]:
     """Matches of windows that are searched for separately in the whole target."""
-    centres = _window_centres(usable, SEPARATE_WINDOW_PX, SEPARATE_WINDOWS)
-    half, scale = SEPARATE_WINDOW_PX // 2, min(1.0, 2 * WHOLE_REGION_PX / max(target.shape))
+    centres = _window_centres(usable, WINDOW_PX, SEPARATE_WINDOWS)
+    half, scale = WINDOW_PX // 2, min(1.0, SEARCHED_PX / max(target.shape))
     image, places, found = _reduced(target, scale), [], []
     for centre in centres.astype(int):
         window, counts = _clipped_window(reference, centre, half), _clipped_window(usable, centre, half)
-        reduced = _reduced(window, scale)
-        peak = correlation_peak(reduced, image, _reduced(counts.astype(np.float32), scale) > 0.5)
+        filled = np.where(counts, window, window[counts].mean()) if counts.any() else window
+        peak = _template_peak(image, _reduced(filled, scale))
         if peak.correlation >= MIN_CORRELATION:
             corner = np.maximum(centre - half, 0)
             places.append(centre)
@@ -155,7 +160,7 @@ def _guided_window_matches(
     """
     if len(pairs[0]) == 0:
         return pairs
-    motion, half = local_motion(*pairs, centres), GUIDED_WINDOW_PX // 2
+    motion, half = local_motion(*pairs, centres), WINDOW_PX // 2
     offsets = np.arange(-half - reach, half + reach + 1)
     grid = np.stack(np.meshgrid(offsets, offsets), axis=-1).astype(np.float64)
     places, found = [], []
@@ -170,9 +175,9 @@ def _guided_window_matches(
     return _agreeing_pairs(places, found)
 
 
-def _template_peak(image: Image, window: Image, usable: Mask) -> Peak:
+def _template_peak(image: Image, window: Image, usable: Mask | None = None) -> Peak:
     """The position of a window, wholly inside a small image, at which it correlates best."""
-    mask = None if usable.all() else usable.astype(np.float32)
+    mask = None if usable is None or usable.all() else usable.astype(np.float32)
     surface = cv2.matchTemplate(image, window, cv2.TM_CCOEFF_NORMED, mask=mask)
     surface[~(np.abs(surface) <= 1.0)] = -1.0  # NaN or overflow where the image is uniform
     return _surface_peak(surface)

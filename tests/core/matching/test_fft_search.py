@@ -54,7 +54,7 @@ def test_nothing_is_found_in_a_plain_image():
     assert correlation_peak(scene((50, 50)), np.full((90, 90), 50.0)).correlation == -1.0
 
 
-@pytest.mark.parametrize(("stretch", "separate_windows"), [(1.0, False), (1.03, False), (1.1, True)])
+@pytest.mark.parametrize(("stretch", "separate_windows"), [(1.0, False), (1.03, False), (1.1, True), (1.3, True), (0.8, True)])
 def test_pairs_of_windows(stretch, separate_windows):
     y, x = np.mgrid[:360, :420].astype(float)
     middle = np.array([180.0, 170.0])
@@ -77,7 +77,7 @@ def test_guided_windows_correct_a_prediction_in_every_direction(off):
     y, x = np.mgrid[:300, :300].astype(float)
     usable = np.zeros(x.shape, dtype=bool)
     usable[50:250, 50:250] = True
-    centres = fft_search._window_centres(usable, fft_search.GUIDED_WINDOW_PX, 16)
+    centres = fft_search._window_centres(usable, fft_search.WINDOW_PX, 16)
     predicted = np.array([[150.0, 150.0]]), np.array([[150.0, 150.0]])
     source, found = fft_search._guided_window_matches(
         np.float32(texture(x, y)), np.float32(texture(x - off[0], y - off[1])), centres, usable, predicted, 24
