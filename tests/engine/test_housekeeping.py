@@ -12,6 +12,8 @@ from dicflow.engine.journal import find_run, runs
 from dicflow.engine.verification import verify
 from dicflow.errors import StoreError
 
+pytestmark = pytest.mark.slow
+
 
 @pytest.fixture
 def three(folder, store):

@@ -18,6 +18,8 @@ from dicflow.engine.store import Store
 from dicflow.engine.verification import verify
 from dicflow.errors import StoreError
 
+pytestmark = pytest.mark.slow
+
 
 @pytest.fixture
 def made(folder, store):

@@ -4,6 +4,10 @@ import os
 import subprocess
 import sys
 
+import pytest
+
+pytestmark = pytest.mark.slow
+
 LOADED_BEFORE = """
 import numba
 from dicflow.engine.workers import prepare

@@ -9,6 +9,8 @@ from tests.fuzz import harness
 from tests.fuzz.harness import Target, findings
 from tests.fuzz.targets import targets
 
+pytestmark = pytest.mark.slow
+
 TARGETS = targets()
 
 

@@ -9,6 +9,8 @@ from dicflow.core.photographs.region import area
 from dicflow.errors import InputError
 from dicflow.io.region import is_geojson, read_cuts, read_geojson, read_mask, write_geojson
 
+pytestmark = pytest.mark.slow
+
 SQUARE = [[0, 0], [10, 0], [10, 8], [0, 8], [0, 0]]
 HOLE = [[2, 2], [4, 2], [4, 4], [2, 4], [2, 2]]
 POLYGON = {"type": "Polygon", "coordinates": [SQUARE, HOLE]}

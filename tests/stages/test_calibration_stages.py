@@ -15,6 +15,8 @@ from dicflow.kinds.rig import rig_from_json
 from dicflow.stages.calibrate import Calibrate
 from dicflow.stages.corners import Corners
 
+pytestmark = pytest.mark.slow
+
 RIG = verged_rig()
 HOMOGRAPHY = np.array([[30.0, -4.0, 90.0], [5.0, 28.0, 70.0], [6e-3, 1e-2, 1.0]])
 BLANK = np.full((300, 400), 120, np.uint8)

@@ -20,6 +20,8 @@ from dicflow.kinds.rig import CalibratedRig, rig_from_json, rig_to_json
 from dicflow.pipeline import Pipeline
 from dicflow.stages.rig_file import RigFile
 
+pytestmark = pytest.mark.slow
+
 SIZE = (160, 120)
 PIPELINE = """\
 stages:

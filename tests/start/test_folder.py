@@ -27,6 +27,8 @@ from dicflow.start.choice import Choice
 from dicflow.start.folder import look
 from tests.io.calibration_files import made_rig, matchid
 
+pytestmark = pytest.mark.slow
+
 SIZE = (420, 320)
 STEPS, BOARDS = 3, 4
 MARKED = CharucoBoard(Checkerboard(7, 5, 14.0, 4.0, 0.4), 0.7, "4x4_50")

@@ -11,6 +11,8 @@ from dicflow.core.photographs.region import Polygon, contains, rectangle
 from dicflow.core.synthetic.planar import planar_pair, translation
 from dicflow.start.gauge import gauge_over
 
+pytestmark = pytest.mark.slow
+
 SIZE = (400, 300)
 WHOLE = [rectangle(10, 10, 389, 289)]
 

@@ -12,6 +12,8 @@ from dicflow.start.choice import Candidate, Choice, Undecided, decide, is_named
 from dicflow.start.layouts import Series, series_of, step_folders
 from dicflow.start.patterns import patterns_of
 
+pytestmark = pytest.mark.slow
+
 STEPS, BOARDS = 6, 10
 
 LAYOUTS = [

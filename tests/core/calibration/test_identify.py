@@ -12,6 +12,8 @@ from dicflow.core.calibration.find import find_marks
 from dicflow.core.calibration.identify import identify_board
 from dicflow.core.calibration.lattice import lattice_places
 
+pytestmark = pytest.mark.slow
+
 CHECKERBOARD = Board("checkerboard", SIZE)
 HOMOGRAPHY = np.array([[30.0, -4.0, 90.0], [5.0, 28.0, 70.0], [6e-3, 1e-2, 1.0]])
 TILTED = np.array([[0.9, -0.12, 60.0], [0.14, 0.85, 30.0], [2e-4, -1e-4, 1.0]])

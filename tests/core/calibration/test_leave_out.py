@@ -9,6 +9,8 @@ from dicflow.core.calibration.robust import Loss
 from dicflow.core.calibration.targets import board_points, checkerboard_target
 from dicflow.core.cameras.rig_parameters import key_figure_sigmas
 
+pytestmark = pytest.mark.slow
+
 RIG = verged_rig()
 BOARD = board_points(SIZE, SQUARE_MM)
 MODEL = LensModel(radial=2, tangential=True)

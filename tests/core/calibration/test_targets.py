@@ -6,6 +6,8 @@ from hypothesis import strategies as st
 
 from dicflow.core.calibration.targets import board_orders, board_points, board_size, determines_pose, find_board
 
+pytestmark = pytest.mark.slow
+
 HOMOGRAPHY = np.array([[30.0, -4.0, 90.0], [5.0, 28.0, 70.0], [6e-3, 1e-2, 1.0]])
 
 

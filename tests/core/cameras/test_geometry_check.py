@@ -8,6 +8,8 @@ from dicflow.core.cameras.camera import Camera, Rig, camera_matrix, project, rot
 from dicflow.core.cameras.geometry_check import check_order, ray_depths
 from dicflow.io.calibrations.read import read_calibration
 
+pytestmark = pytest.mark.slow
+
 RIG = verged_rig()
 FIELD = np.random.default_rng(4).uniform([-45, -32, 395], [45, 32, 405], (300, 3))
 

@@ -11,6 +11,8 @@ from dicflow.core.cameras.epipolar import epipolar_distance
 from dicflow.core.cameras.rig_misfit import Matched, explain_misfit
 from dicflow.core.cameras.triangulate import triangulate
 
+pytestmark = pytest.mark.slow
+
 RIG = verged_rig()
 GENERATOR = np.random.default_rng(4)
 FLAT = np.append(GENERATOR.uniform([-40, -30], [40, 30], (400, 2)), np.full((400, 1), 400.0), axis=1)

@@ -10,6 +10,8 @@ from dicflow.core.status import Status
 from dicflow.core.synthetic.motion import reference_points
 from tests.scenes import texture
 
+pytestmark = pytest.mark.slow
+
 ROWS, COLS, STEP, SUBSET = 29, 37, 7, Subset(21)
 GRID = np.stack(np.meshgrid(20.0 + STEP * np.arange(COLS), 20.0 + STEP * np.arange(ROWS)), axis=-1)
 SHAPE = (int(GRID[-1, -1, 1]) + 21, int(GRID[-1, -1, 0]) + 21)

@@ -8,6 +8,8 @@ from dicflow.core.matching.background import estimate_motion, still_background
 from dicflow.core.photographs.region import rasterise, speckled_region
 from dicflow.core.photographs.texture import speckled_points, texture
 
+pytestmark = pytest.mark.slow
+
 SHAPE = (300, 400)
 FINER = 3
 Y, X = (axis.astype(np.float32) for axis in np.mgrid[: SHAPE[0] * FINER, : SHAPE[1] * FINER])

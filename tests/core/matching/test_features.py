@@ -5,6 +5,8 @@ from blobs import Pattern
 from dicflow.core.matching.detectors import DETECTORS
 from dicflow.core.matching.features import Features, detect
 
+pytestmark = pytest.mark.slow
+
 IMAGE = Pattern((20, 20, 230, 210)).photograph((230, 250), seed=1)
 
 

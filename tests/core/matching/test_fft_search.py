@@ -54,7 +54,9 @@ def test_nothing_is_found_in_a_plain_image():
     assert correlation_peak(scene((50, 50)), np.full((90, 90), 50.0)).correlation == -1.0
 
 
-@pytest.mark.parametrize(("stretch", "separate_windows"), [(1.0, False), (1.03, False), (1.1, True), (1.3, True), (0.8, True)])
+@pytest.mark.parametrize(
+    ("stretch", "separate_windows"), [(1.0, False), (1.03, False), (1.1, True), (1.3, True), (0.8, True)]
+)
 def test_pairs_of_windows(stretch, separate_windows):
     y, x = np.mgrid[:360, :420].astype(float)
     middle = np.array([180.0, 170.0])
