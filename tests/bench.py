@@ -19,7 +19,7 @@ from typing import NamedTuple
 
 import psutil
 
-from tests import bench_correlation, bench_flow, bench_planning, bench_stereo
+from tests import bench_correlation, bench_flow, bench_planning, bench_run, bench_stereo
 from tests.bars import Figure
 from tests.figures import ROOT, WORK, forth_and_back, fresh, replica, report
 
@@ -141,6 +141,7 @@ def main() -> int:
     return report([
         *bench_correlation.speed(),
         *bench_correlation.growth(),
+        *bench_run.waits(),
         *bench_stereo.step_cost(),
         *bench_planning.figures(),
         *bench_flow.figures(),
