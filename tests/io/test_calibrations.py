@@ -206,6 +206,19 @@ def test_what_opencv_writes_itself(tmp_path, suffix, names):
     close(read_calibration(path, SIZE).rig, truth)
 
 
+def test_places_of_many_corners_beside_the_matrices(tmp_path):
+    """Programs add what they calibrated on: here 50 photographs of 700 corners each."""
+    truth, path = made_rig(), tmp_path / "rig.yml"
+    write_opencv(path, truth)
+    corners = np.random.default_rng(2).random((50 * 700, 2)).round(3).ravel().tolist()
+    more = f"image_points: !!opencv-matrix\n   rows: 50\n   cols: 700\n   dt: '2f'\n   data: {corners}\n"
+    path.write_text(path.read_text() + more)
+    close(read_calibration(path).rig, truth)
+    path.write_text(path.read_text().replace("data: [0", f"data: [{'1,' * 200_000} 0"))
+    with pytest.raises(InputError, match=r"rig\.yml:\d+:\d+: more than 250,000 values"):
+        read_calibration(path)
+
+
 @pytest.mark.parametrize(("first", "second"), [("0", "1"), ("_left", "_right")])
 def test_plain_lists_and_other_numberings(tmp_path, first, second):
     truth = made_rig()
