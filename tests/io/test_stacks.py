@@ -1,6 +1,7 @@
 """Files of several photographs: every page is a step."""
 
 import struct
+import zlib
 from io import BytesIO
 
 import cv2
@@ -179,6 +180,24 @@ def test_a_picture_that_is_not_part_of_the_animation_is_no_step(tmp_path):
     path = stack(tmp_path / "a.png", form="PNG", default_image=True)
     assert page_count(path) == 3
     np.testing.assert_array_equal(read_grey(FilePart(path, 1)), PAGES[1])
+
+
+def test_an_animation_larger_than_its_file_can_hold_is_damage(tmp_path):
+    """Its frames may cover parts of the picture; a few bytes would become gigabytes."""
+    path = stack(tmp_path / "a.png", form="PNG")
+    content = bytearray(path.read_bytes())
+    content[20:24] = struct.pack(">I", 4_000_000)
+    content[29:33] = struct.pack(">I", zlib.crc32(content[12:29]))
+    path.write_bytes(content)
+    with pytest.raises(InputError, match=r"a\.png#2: .*damaged"):
+        read_grey(FilePart(path, 2))
+
+
+def test_frames_that_would_be_drawn_for_hours_are_refused(tmp_path, monkeypatch):
+    monkeypatch.setattr("dicflow.io.images.reading._MOST_ANIMATED_PIXELS", PAGES.size - 1)
+    path = stack(tmp_path / "a.png", form="PNG")
+    with pytest.raises(InputError, match=r"a\.png#2: an animation of 4 large frames; save them as single"):
+        read_grey(FilePart(path, 2))
 
 
 def test_a_page_that_is_no_longer_there_is_named(tmp_path):

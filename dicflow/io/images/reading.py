@@ -35,6 +35,9 @@ _SILENT = 0
 """OpenCV's level of logging that prints nothing."""
 _JPEG_END, _JPEG_SCAN = b"\xff\xd9", b"\xff\xda"
 """Markers of JPEG (ITU-T T.81, table B.1): end of image, start of scan."""
+_MOST_PIXELS_PER_BYTE = 8 * 1032
+"""Of a PNG: eight pixels of one bit in a byte, packed as well as deflate can (RFC 1951)."""
+_MOST_ANIMATED_PIXELS = 1_000_000_000
 _MOST_SCANS = 100
 """Passes over the whole picture in one file; programs write 10 at most."""
 
@@ -170,9 +173,18 @@ def _png(path: Path, number: int) -> _Samples:
     orientation, series = exif_orientation(BytesIO(data), "PNG"), animation(BytesIO(data))
     with _opened(BytesIO(data), "PNG") as image:
         if series.frames > 1:
+            _check_animation(image.width * image.height, series.frames, len(data))
             return _frame(image, series.first + number - 1, orientation)
         grey = _grey_by_pillow(image) if image.mode in ("L", "I;16") else _by_opencv(without_metadata(data))
         return _Samples(grey, orientation, _png_opacity(image, grey, data) if image.has_transparency_data else None)
+
+
+def _check_animation(pixels: int, frames: int, nbytes: int) -> None:
+    """Refuse frames that a file of ``nbytes`` cannot hold, and more than can be drawn upon one another."""
+    if pixels > _MOST_PIXELS_PER_BYTE * nbytes:
+        raise ValueError("its frames cover only a part of the picture")
+    if pixels * frames > _MOST_ANIMATED_PIXELS:
+        raise InputError(f"an animation of {frames} large frames; save them as single PNG or TIFF files")
 
 
 def _frame(image: ImageFile, number: int, orientation: int) -> _Samples:
