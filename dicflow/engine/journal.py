@@ -31,7 +31,7 @@ from dicflow.engine.stored_json import (
     stored,
     unseal,
 )
-from dicflow.engine.whole_file import read_file
+from dicflow.engine.whole_file import LARGEST_TEXT, read_file
 from dicflow.errors import StoreError
 
 __all__ = [
@@ -189,7 +189,7 @@ class RunInfo:
 
     def lines(self) -> Iterator[tuple[bytes, Event | None]]:
         """Each line of the journal with its event, None for one that is damaged or cut short. Raises OSError."""
-        for line in BytesIO(read_file(self.folder / "journal.jsonl")):
+        for line in BytesIO(read_file(self.folder / "journal.jsonl", LARGEST_TEXT)):
             if line != b"\n":
                 yield line, _event(line.rstrip(b"\n"))
 
