@@ -97,6 +97,15 @@ def test_pages_that_lie_upon_one_another_are_damage(tmp_path):
         probe(path)
 
 
+@pytest.mark.parametrize("tags", [{257: 25}, {257: 8_000_000}, {278: 12}, {256: 0}, {278: 0}])
+def test_a_page_without_all_its_strips_is_damage(tmp_path, tags):
+    """Libraries leave the missing rows black."""
+    path = tmp_path / "a.tif"
+    path.write_bytes(tiff(PAGES[:1], more=[tags | {278: tags.get(278, 24)}]))
+    with pytest.raises(InputError, match=r"a\.tif: .*damaged"):
+        read_grey(path)
+
+
 def test_a_stack_whose_pages_cannot_be_found_is_named(tmp_path):
     path = tmp_path / "a.tif"
     stack(path, PAGES[:1], tiffinfo={270: "ImageJ=1.54f\nimages=4\nslices=4\n"})

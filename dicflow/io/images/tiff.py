@@ -29,6 +29,7 @@ _EXTRA_SAMPLES, _SAMPLE_FORMAT = 338, 339
 _NEW_SUBFILE, _OLD_SUBFILE, _DNG_VERSION = 254, 255, 50706
 _PLANAR, _IN_PLANES, _MOST_PLANES = 284, 2, 8
 _STRIPS, _STRIP_BYTES, _TILES, _TILE_BYTES = 273, 279, 324, 325
+_WIDTH, _HEIGHT, _ROWS, _TILE_WIDTH, _TILE_HEIGHT = 256, 257, 278, 322, 323
 _OLD_JPEG, _OLD_REDUCED = 6, 2
 _MOST_TAGS, _MOST_VALUES = 0xFFFF, 1_000_000
 """Tags of a page, values of a tag."""
@@ -165,11 +166,22 @@ class Tiff:
         if self._number(page, _COMPRESSION, 1) == _OLD_JPEG or places not in page:
             raise ValueError("its data cannot be found")
         starts = self._numbers(page, places)
+        if len(starts) < self._parts(page):
+            raise ValueError("strips or tiles are missing")  # libraries would leave their pixels black
         lengths = self._numbers(page, sizes) or self._rest(starts)
         sizes_here = [min(size, self._size - start) for start, size in zip(starts, lengths, strict=True)]
         if sum(sizes_here) > min(self._size, LARGEST):
             raise ValueError("its strips lie upon one another, or are too long")
         return [self._read(start, size) for start, size in zip(starts, sizes_here, strict=True)]
+
+    def _parts(self, page: Page) -> int:
+        """The number of strips or tiles that a page must have."""
+        width, height = self._number(page, _WIDTH, 0), self._number(page, _HEIGHT, 0)
+        across, down = (_TILE_WIDTH, _TILE_HEIGHT) if _TILES in page else (_WIDTH, _ROWS)
+        columns, rows = self._number(page, across, width), self._number(page, down, height)
+        if min(width, height, columns, rows) < 1:
+            raise ValueError("it has no size")
+        return -(-width // columns) * -(-height // rows) * (self.samples(page) if self.is_planar(page) else 1)
 
     def _kept(self, page: Page) -> dict[int, _Value]:
         """What the decoding of a page depends on, beside its data."""
