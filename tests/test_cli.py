@@ -8,13 +8,17 @@ import shutil
 import signal
 import subprocess
 import sys
+from dataclasses import replace
 from xml.etree import ElementTree
 
 import numpy as np
 import pytest
+from PIL import Image
 from small import ROOT, STEPS, TASKS, dicflow
 
+from dicflow.engine.schedulers import SCHEDULERS
 from dicflow.pipeline import Pipeline
+from tests.io.photograph_files import png
 
 SAMPLE = ROOT / "pipelines" / "thesis_quickstart.yaml"
 COMMANDS = ("run", "plan", "why", "graph", "ls", "show", "report", "export", "compare", "gc", "verify", "pin")
@@ -90,6 +94,39 @@ def test_a_sweep_shares_what_its_variants_have_in_common(own, tmp_path):
     assert (tmp_path / "o" / "sweep.png").read_bytes().startswith(b"\x89PNG")
     for number in (1, 2, 3):
         assert (tmp_path / "o" / f"variant_{number}" / "maps" / "eyy.gif").is_file()
+
+
+PHOTOGRAPHS_ALONE = """\
+stages:
+  photos: {stage: images, left: l/*.png, right: r/*.png, unpaired: skip}
+"""
+
+
+def test_steps_that_are_left_out_are_on_the_last_lines_and_in_the_json(tmp_path):
+    for side, frames in (("l", (0, 1, 3, 4)), ("r", (0, 1, 2, 3))):
+        (tmp_path / side).mkdir()
+        for k in frames:
+            grey = np.random.default_rng(k).integers(0, 255, (20, 30), dtype=np.uint8)
+            Image.fromarray(grey).save(tmp_path / side / f"frame_{k:03d}.png")
+    (tmp_path / "p.yaml").write_text(PHOTOGRAPHS_ALONE)
+    answer = run((tmp_path / "p.yaml",), tmp_path / "o")
+    assert (answer.code, answer.line["counts"]["computed"]) == (0, 3)
+    (warning,) = answer.line["warnings"]
+    assert all(word in warning for word in ("photos", "left frame_004.png", "right frame_002.png"))
+    assert answer.err.count(warning) == 1
+    assert run((tmp_path / "p.yaml",), tmp_path / "o").line["warnings"] == [warning]
+    assert dicflow("plan", tmp_path / "p.yaml").out.count(warning) == 1
+    assert warning in (tmp_path / "o" / "report.html").read_text()
+
+
+def test_the_risk_of_a_scheduler_is_said_once(tmp_path, monkeypatch):
+    (tmp_path / "a.png").write_bytes(png(np.full((4, 6, 1), 9), 0))
+    (tmp_path / "p.yaml").write_text("stages:\n  photos: {stage: images, left: a.png}\n")
+    risky = replace(SCHEDULERS["sync"], warning=lambda _: "anybody may listen")
+    monkeypatch.setitem(SCHEDULERS, "sync", risky)
+    answer = run((tmp_path / "p.yaml",), tmp_path / "o")
+    assert answer.err.count("anybody may listen") == 1
+    assert answer.line["warnings"] == ["anybody may listen"]
 
 
 def test_a_failure_is_reported_once_and_ends_with_1(own, tmp_path):

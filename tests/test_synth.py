@@ -107,7 +107,7 @@ def test_the_folder_holds_what_a_user_would_bring(folder, small):
 
 
 def test_the_region_outlines_the_speckles(folder, small):
-    (region,) = read_geojson(folder / "region.geojson")
+    (region,) = read_geojson(folder / "region.geojson").polygons
     image = cv2.imread(str(folder / "photos/left/step_00.png"), cv2.IMREAD_GRAYSCALE)
     mask = cv2.fillPoly(np.zeros_like(image), [np.rint(region.exterior).astype(np.int32)], 1) > 0
     assert image[cv2.erode(mask.astype(np.uint8), np.ones((3, 3))) > 0].std() > 40.0

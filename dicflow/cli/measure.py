@@ -20,10 +20,9 @@ from dicflow.cli.options import (
     load,
     results_folder,
     say,
-    warn,
 )
 from dicflow.engine.journal import STATUSES
-from dicflow.engine.schedulers import scheduler_names, scheduler_warning
+from dicflow.engine.schedulers import scheduler_names
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -71,8 +70,6 @@ def run(
     folder = results_folder(loaded, output)
     assert loaded.graph
     make_folder(folder)
-    if risk := scheduler_warning(scheduler):
-        warn(risk)
     with Progress(progress) as shown:
         result = loaded.run(
             scheduler=scheduler,

@@ -27,7 +27,7 @@ from typing import NamedTuple
 
 from dicflow.engine.objects import Manifest
 from dicflow.engine.records import Record
-from dicflow.engine.whole_file import LARGEST, NO_WAIT, open_file, write_file
+from dicflow.engine.whole_file import LARGEST_TEXT, NO_WAIT, open_file, write_file
 
 __all__ = ["Action", "ActionIndex", "action_of"]
 
@@ -97,7 +97,7 @@ class ActionIndex:
     def read(self) -> dict[str, Action]:
         """Key → action, by the last line of each key. Damaged lines are left out."""
         try:
-            with open_file(self.path, LARGEST) as file:
+            with open_file(self.path, LARGEST_TEXT) as file:
                 return dict(filter(None, map(_parsed, file)))
         except OSError:
             return {}
@@ -107,7 +107,7 @@ class ActionIndex:
 
         The beginning of a line at the end of the file does not count: another process may be writing it.
         """
-        with open_file(self.path, LARGEST) as file:
+        with open_file(self.path, LARGEST_TEXT) as file:
             return sum(map(_is_damaged, file))
 
     def present(self, store: Path) -> dict[str, Action]:

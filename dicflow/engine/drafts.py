@@ -20,7 +20,7 @@ from contextlib import suppress
 from functools import cache
 from pathlib import Path
 
-__all__ = ["DRAFT", "draft_name", "is_abandoned"]
+__all__ = ["DRAFT", "draft_name", "is_abandoned", "tree"]
 
 DRAFT = r"(?:[0-9a-f]{8}-)?\d+-(?:[0-9a-f]{32}|[0-9a-f]{8})"
 """Pattern of a draft's name; a draft without a machine may be of any."""
@@ -52,15 +52,21 @@ def is_abandoned(path: Path, name: str, grace_s: float) -> bool:
 def _age_s(path: Path) -> float:
     """Time since something in a draft was changed [s]; below any limit if the draft has gone."""
     try:
-        return time.time() - max(os.lstat(one).st_mtime for one in _tree(path))
+        return time.time() - max(os.lstat(one).st_mtime for one in tree(path))
     except OSError:
         return -math.inf
 
 
-def _tree(path: Path) -> Iterator[Path]:
+def tree(path: Path) -> Iterator[Path]:
+    """A file or folder, and everything below it at any depth; no link is followed."""
     yield path
-    for folder, folders, files in os.walk(path):
-        yield from (Path(folder) / name for name in (*folders, *files))
+    waiting = [] if path.is_symlink() else [os.fspath(path)]
+    while waiting:
+        with suppress(OSError), os.scandir(waiting.pop()) as entries:
+            for entry in entries:
+                yield Path(entry.path)
+                if entry.is_dir(follow_symlinks=False):
+                    waiting.append(entry.path)
 
 
 def _is_running(process: int) -> bool:

@@ -28,6 +28,10 @@ from dicflow.errors import StageError, StoreError, WorkerError
 __all__ = ["STATUSES", "Options", "RunResult", "dask_graph", "run"]
 
 
+_MOST_REPAIRS = 20
+"""How often a run goes back to make damaged products again: where a disk damages all it gets, that has no end."""
+
+
 @dataclass(frozen=True)
 class Options:
     """How a graph is run; nothing here changes a result.
@@ -113,7 +117,7 @@ def run(
     pipeline : its name, under which the run is kept
     resolved : the pipeline as JSON, kept with the run
     The first Ctrl-C lets running tasks finish; the second raises KeyboardInterrupt. What is done is kept either way.
-    An object that turns out damaged while it is read is made again, once.
+    What turns out damaged while it is read is made again; after a power failure that may be many products.
 
     Raises ConfigurationError, InputError and StoreError for what is wrong before anything runs. What fails in a
     stage is in the outcomes.
@@ -121,7 +125,9 @@ def run(
     options, start = options or Options(), time.perf_counter()
     check_scheduler(options.scheduler, options.workers)
     result = _run_once(graph, store, pipeline, resolved, options, {})
-    if not result.interrupted and any(outcome.damaged for outcome in result.outcomes.values()):
+    for _ in range(_MOST_REPAIRS):
+        if result.interrupted or not any(outcome.damaged for outcome in result.outcomes.values()):
+            break
         result = _run_once(graph, store, pipeline, resolved, options, result.outcomes)
     result = replace(result, seconds=time.perf_counter() - start)
     if options.on_event is not None:

@@ -2,15 +2,15 @@
 
 from __future__ import annotations
 
-import os
 import shutil
 import time
 from collections.abc import Iterable
 from contextlib import suppress
 from dataclasses import dataclass, field
 from pathlib import Path
+from stat import S_ISDIR
 
-from dicflow.engine.drafts import is_abandoned
+from dicflow.engine.drafts import is_abandoned, tree
 from dicflow.engine.hashing import is_digest
 from dicflow.engine.journal import RunInfo, find_run, runs
 from dicflow.engine.layout import Found, Part, Survey, foreign_in, survey
@@ -191,9 +191,12 @@ def _changed(path: Path) -> float:
 
 def _size(path: Path) -> int:
     """Size of a file, or of all files below a folder; 0 where it is missing."""
-    if path.is_dir() and not path.is_symlink():
-        return sum(_size(Path(folder) / name) for folder, _, names in os.walk(path) for name in names)
+    return sum(map(_file_size, tree(path)))
+
+
+def _file_size(path: Path) -> int:
     try:
-        return path.lstat().st_size
+        status = path.lstat()
     except OSError:
         return 0
+    return 0 if S_ISDIR(status.st_mode) else status.st_size

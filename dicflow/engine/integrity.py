@@ -35,7 +35,8 @@ def check_product(store: Store, digest: str) -> str:
     if not manifest.is_sound:
         return f"{path}: the content does not fit its digest"
     try:
-        return _check_group(store.object_path(digest), manifest) if manifest.files else ""
+        has_arrays = manifest.kept and manifest.content["variables"]
+        return _check_group(store.object_path(digest), manifest) if has_arrays else ""
     except GONE as error:
         return f"{error.filename}: {reason_of(error)}"
 

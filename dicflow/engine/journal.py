@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import calendar
 import os
-import re
 import time
 import uuid
 from collections.abc import Iterator, Mapping
@@ -16,6 +15,7 @@ from pathlib import Path
 from typing import Any, Literal, get_args
 
 from dicflow.engine.hashing import digest_json, is_digest
+from dicflow.engine.layout import RUN_ID
 from dicflow.engine.store import Store
 from dicflow.engine.stored_json import (
     anything,
@@ -31,7 +31,7 @@ from dicflow.engine.stored_json import (
     stored,
     unseal,
 )
-from dicflow.engine.whole_file import read_file
+from dicflow.engine.whole_file import LARGEST_TEXT, read_file
 from dicflow.errors import StoreError
 
 __all__ = [
@@ -49,8 +49,6 @@ __all__ = [
     "latest",
     "runs",
 ]
-
-_RUN = re.compile(r"\d{8}-\d{6}-[0-9a-f]{6}")
 
 _TIME = "%Y%m%d-%H%M%S"
 _LATEST_S = 2.5e11
@@ -191,7 +189,7 @@ class RunInfo:
 
     def lines(self) -> Iterator[tuple[bytes, Event | None]]:
         """Each line of the journal with its event, None for one that is damaged or cut short. Raises OSError."""
-        for line in BytesIO(read_file(self.folder / "journal.jsonl")):
+        for line in BytesIO(read_file(self.folder / "journal.jsonl", LARGEST_TEXT)):
             if line != b"\n":
                 yield line, _event(line.rstrip(b"\n"))
 
@@ -248,7 +246,7 @@ class Journal:
 
 def is_run_id(text: str) -> bool:
     """Whether a text has the form of a run's id."""
-    return _RUN.fullmatch(text) is not None
+    return RUN_ID.fullmatch(text) is not None
 
 
 def runs(store: Store) -> list[RunInfo]:

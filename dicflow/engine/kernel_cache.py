@@ -9,22 +9,35 @@ from __future__ import annotations
 import hashlib
 import os
 import re
+import shutil
 import sys
 import tempfile
+import time
 from collections.abc import Iterator
+from contextlib import suppress
 from pathlib import Path
 
 __all__ = ["VARIABLE", "keep_kernels", "kernel_folder"]
 
 VARIABLE = "NUMBA_CACHE_DIR"
+_UNUSED_S = 30 * 86400.0
+"""Time since kernels were used last, after which they are deleted [s]."""
 _COMPILES = re.compile(r"^from numba import", re.MULTILINE)
+_NAME = re.compile("kernels-[0-9a-f]{16}")
 _IMPORTED = re.compile(r"^\s*from dicflow\.(core[\w.]*) import", re.MULTILINE)
 
 
 def keep_kernels() -> None:
-    """Let numba keep kernels in :func:`kernel_folder`, unless the environment names a folder or numba is loaded."""
+    """Let numba keep kernels in :func:`kernel_folder`, unless the environment names a folder or numba is loaded.
+
+    Those of other sources that nobody has used for a month are deleted.
+    """
     if VARIABLE not in os.environ and "numba" not in sys.modules and (folder := kernel_folder()) is not None:
         os.environ[VARIABLE] = str(folder)
+        with suppress(OSError):
+            folder.mkdir(exist_ok=True)
+            os.utime(folder)  # says when it was used last
+            _delete_unused(folder)
 
 
 def kernel_folder() -> Path | None:
@@ -34,6 +47,19 @@ def kernel_folder() -> Path | None:
     """
     name = f"kernels-{_digest(Path(__file__).parents[1])[:16]}"
     return next((place / name for place in _places() if _is_private(place)), None)
+
+
+def _delete_unused(used: Path) -> None:
+    """Delete the folders of kernels beside one that were used last before the limit. Raises OSError.
+
+    The folder above is this account's alone. A process that uses one of them after all compiles anew what it misses.
+    """
+    before = time.time() - _UNUSED_S
+    with os.scandir(used.parent) as entries:
+        for entry in entries:
+            is_kernels = _NAME.fullmatch(entry.name) and entry.is_dir(follow_symlinks=False)
+            if is_kernels and entry.name != used.name and entry.stat(follow_symlinks=False).st_mtime < before:
+                shutil.rmtree(entry, ignore_errors=True)
 
 
 def _places() -> Iterator[Path]:

@@ -15,12 +15,15 @@ from typing import Literal, NamedTuple
 
 from dicflow.engine.drafts import DRAFT
 
-__all__ = ["Found", "Part", "Survey", "foreign_in", "survey"]
+__all__ = ["RUN_ID", "Found", "Part", "Survey", "foreign_in", "is_top_name", "survey"]
 
 Part = Literal[
     "mark", "files", "actions", "pins", "manifest", "group", "record", "code", "run", "latest", "draft", "set aside"
 ]
 Sort = Literal["file", "folder", "link", "other"]
+
+RUN_ID = re.compile("[0-9]{8}-[0-9]{6}-[0-9a-f]{6}")
+"""Name of a run: date, time of day, random digits."""
 
 _HEX = "[0-9a-f]{64}"
 _FOLDERS = re.compile(r"(objects|actions)(/[0-9a-f]{2})?|code|runs(/latest)?|tmp|quarantine")
@@ -29,7 +32,7 @@ _PARTS: tuple[tuple[Part, tuple[Sort, ...], re.Pattern[str]], ...] = (
     ("group", ("folder",), re.compile(rf"objects/([0-9a-f]{{2}})/(?=\1){_HEX}")),
     ("record", ("file",), re.compile(rf"actions/([0-9a-f]{{2}})/(?=\1){_HEX}\.json")),
     ("code", ("file",), re.compile(rf"code/{_HEX}\.json")),
-    ("run", ("folder",), re.compile(r"runs/\d{8}-\d{6}-[0-9a-f]{6}")),
+    ("run", ("folder",), re.compile(f"runs/{RUN_ID.pattern}")),
     ("latest", ("file",), re.compile(r"runs/latest/[0-9a-f]{16}\.json")),
     ("draft", ("file", "folder"), re.compile(f"tmp/{DRAFT}")),
     ("draft", ("file",), re.compile(rf"(files|actions)\.index\.{DRAFT}\.part")),
@@ -74,6 +77,15 @@ class Survey:
     def named(self, part: Part) -> list[Found]:
         """All that are the same part."""
         return [found for found in self.parts if found.part == part]
+
+
+def is_top_name(name: str) -> bool:
+    """Whether a file or folder at the top of a store may have this name.
+
+    >>> is_top_name("objects"), is_top_name("dicflow.json"), is_top_name("thesis.tex")
+    (True, True, False)
+    """
+    return any(pattern.fullmatch(name) for pattern in (_FOLDERS, *(pattern for _, _, pattern in _PARTS)))
 
 
 def survey(root: Path) -> Survey:

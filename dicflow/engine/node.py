@@ -167,6 +167,13 @@ class Node(BaseModel):
         """
         return None
 
+    def left_out(self, folder: Path, steps: Mapping[str, Mapping[str, Path | FilePart]]) -> tuple[str, ...]:
+        """Sentences about files that :meth:`steps` found and left out, for the warnings of a run.
+
+        steps : what it returned
+        """
+        return ()
+
     def check(self, path: Path | FilePart) -> dict[str, Any]:
         """Facts about one file, found before anything runs and kept while the file is unchanged.
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+import re
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from itertools import chain
@@ -26,11 +28,24 @@ def _is_inside(name: str) -> bool:
     return bool(name) and "\\" not in name and not path.is_absolute() and ".." not in path.parts
 
 
+_DTYPE = re.compile(r"\|[biu]1|<[iu][248]|<f(?:2|4|8|16)")
+_LARGEST_ARRAY = 1 << 34
+"""Size of an array [bytes] above which its description is damage."""
 _VARIABLE = fields({
     "dims": list_of(is_text), "dtype": is_text, "shape": list_of(is_count),
     "units": is_text, "long_name": is_text, "digest": is_digest,
 })  # fmt: skip
-_CONTENT = {"kind": is_text, "attrs": mapping_of(anything), "variables": mapping_of(_VARIABLE, _is_inside)}
+
+
+def _is_variable(value: Any) -> bool:
+    """Whether a value describes an array, of a size that an array may have."""
+    if not _VARIABLE(value) or not _DTYPE.fullmatch(value["dtype"]) or len(value["dims"]) != len(value["shape"]):
+        return False
+    nbytes: int = math.prod(max(size, 1) for size in value["shape"]) * int(value["dtype"][2:])
+    return nbytes <= _LARGEST_ARRAY
+
+
+_CONTENT = {"kind": is_text, "attrs": mapping_of(anything), "variables": mapping_of(_is_variable, _is_inside)}
 _MANIFEST = fields({
     "digest": is_digest, "kept": is_flag, "nbytes": is_count, "files": mapping_of(is_count, _is_inside),
     "content": fields(_CONTENT),

@@ -158,8 +158,15 @@ def make_plan(
     finally:
         store.files.save()  # also where a file is refused: the others need not be looked at again
     store.index.append(planner.unindexed)
-    planner.plan.warnings.extend(_single_steps(graph))
+    planner.plan.warnings.extend([*_left_out(graph), *_single_steps(graph)])
     return planner.plan
+
+
+def _left_out(graph: Graph) -> Iterator[str]:
+    """What each series of steps says of files that are not in it."""
+    for series, steps in graph.files.items():
+        spec = graph.stages[series]
+        yield from (f"{series}: {sentence}" for sentence in spec.node.left_out(spec.folder, steps))
 
 
 def _single_steps(graph: Graph) -> Iterator[str]:

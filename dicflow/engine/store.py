@@ -42,6 +42,7 @@ from dicflow.engine.action_index import ActionIndex
 from dicflow.engine.drafts import DRAFT, draft_name
 from dicflow.engine.files import FileIndex
 from dicflow.engine.hashing import is_digest
+from dicflow.engine.layout import is_top_name
 from dicflow.engine.objects import Manifest, write_group
 from dicflow.engine.product import Product
 from dicflow.engine.records import Record
@@ -59,9 +60,6 @@ CODE = mapping_of(is_text)
 
 State = Literal["complete", "missing", "damaged"]
 
-_NAMES = {"dicflow.json", "files.index", "actions.index", "pins.json"} | {
-    "objects", "actions", "code", "runs", "tmp", "quarantine",
-}  # fmt: skip
 _FULL = {errno.ENOSPC, errno.EDQUOT}
 _DENIED = {errno.EROFS, errno.EACCES, errno.EPERM}
 
@@ -131,8 +129,8 @@ class Store:
             raise StoreError(f"{self.path}: holds other files and is not a store; name an empty or new folder")
 
     def _refuse_foreign(self, error: ValueError) -> None:
-        names = {name for name in os.listdir(self.path) if not name.endswith(".part")}
-        if "tmp" not in names or not names <= _NAMES:
+        names = os.listdir(self.path)
+        if "tmp" not in names or not all(map(is_top_name, names)):
             raise StoreError(
                 f"{self.mark}: {error}, and the rest of the folder is not that of a store either; name another folder, "
                 f'or write {{"format": {FORMAT}}} into this file'

@@ -17,7 +17,7 @@ from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
 from typing import Any
 
-from dicflow.engine.whole_file import NotRegularError, read_file
+from dicflow.engine.whole_file import LARGEST_TEXT, NotRegularError, read_file
 
 __all__ = [
     "Form",
@@ -41,6 +41,8 @@ Form = Callable[[Any], bool]
 
 _HEAD = b'{"crc32":"'
 _SUM_END = len(_HEAD) + 8
+_MOST_VALUES = 10_000_000
+"""Index files of a million tasks have fewer; each value takes about 100 bytes of memory."""
 _DEEPEST = 100
 """Deeper values are refused, since code that follows a value into its depth could run out of stack."""
 
@@ -59,10 +61,10 @@ def unseal(content: bytes, form: Form) -> Any:
 
     Raises ValueError where the check sum differs, and for what is not JSON or has another form.
     """
-    rest = content[_SUM_END + 1 :]
+    rest = memoryview(content)[_SUM_END + 1 :]
     fits = content[len(_HEAD) : _SUM_END] == b"%08x" % zlib.crc32(rest)
     if fits and content.startswith(_HEAD) and content[_SUM_END : _SUM_END + 1] == b'"':
-        value = _parsed(b"{" + rest.removeprefix(b","))
+        value = _parsed(b"{%b" % bytes(rest).removeprefix(b","))
     elif fits or content.startswith(_HEAD):
         raise ValueError("the check sum differs")
     else:
@@ -75,7 +77,7 @@ def unseal(content: bytes, form: Form) -> Any:
 def read_stored(path: Path, form: Form) -> Any:
     """The mapping in a file. Raises OSError where it cannot be read, ValueError where it is damaged."""
     try:
-        content = read_file(path)
+        content = read_file(path, LARGEST_TEXT)
     except NotRegularError as error:
         raise ValueError(f"is {error.strerror}") from error
     return unseal(content, form)
@@ -145,9 +147,11 @@ def fields(needed: Mapping[str, Form], more: Mapping[str, Form] | None = None) -
 
 
 def _parsed(content: bytes) -> Any:
-    """A JSON value. Raises ValueError."""
+    """A JSON value in UTF-8. Raises ValueError."""
+    if content.count(b",") + content.count(b"[") + content.count(b"{") > _MOST_VALUES:
+        raise ValueError("has too many values")
     try:
-        value = json.loads(content)
+        value = json.loads(content if content[:1] == b"{" else content.decode("utf-8-sig"))
     except RecursionError as error:
         raise ValueError("is nested too deeply") from error
     except ValueError as error:

@@ -11,10 +11,10 @@ from pathlib import Path
 
 from dicflow.engine.drafts import draft_name
 
-__all__ = ["LARGEST", "NotRegularError", "file_size", "open_file", "read_file", "write_file"]
+__all__ = ["LARGEST", "LARGEST_TEXT", "NotRegularError", "file_size", "open_file", "read_file", "write_file"]
 
-LARGEST = 1 << 31
-"""Files of the store above this size [bytes] are damage; to read one could take all memory."""
+LARGEST, LARGEST_TEXT = 1 << 31, 1 << 29
+"""Arrays and texts of the store above this size [bytes] are damage; to read one could take all memory."""
 NO_WAIT = getattr(os, "O_NONBLOCK", 0)
 
 
@@ -35,9 +35,9 @@ def open_file(path: Path, largest: int | None = None) -> BufferedReader:
     return open(path, "rb", opener=opened)
 
 
-def read_file(path: Path) -> bytes:
-    """Contents of a regular file of the store, none of which is ever huge. Raises as :func:`open_file` does."""
-    with open_file(path, LARGEST) as file:
+def read_file(path: Path, largest: int = LARGEST) -> bytes:
+    """Contents of a regular file of limited size. Raises as :func:`open_file` does."""
+    with open_file(path, largest) as file:
         return file.read()
 
 

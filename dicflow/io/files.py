@@ -90,7 +90,7 @@ def _clear(folder: Path) -> None:
     for path in folder.iterdir():
         match = _DRAFT.fullmatch(path.name)
         if match is not None and is_abandoned(path, match[1] or match[2], grace_s=0.0):
-            with suppress(OSError):
+            with suppress(OSError, RecursionError):  # no draft is deep
                 shutil.rmtree(path) if path.is_dir() else path.unlink()
 
 

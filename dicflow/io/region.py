@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 from collections.abc import Iterator, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -15,7 +15,7 @@ from dicflow.errors import InputError
 from dicflow.io.json_text import read_json
 from dicflow.io.text import printable
 
-__all__ = ["is_geojson", "read_cuts", "read_geojson", "read_mask", "write_geojson"]
+__all__ = ["Drawing", "is_geojson", "read_geojson", "read_mask", "write_geojson"]
 
 _MAX_BYTES = 10_000_000
 _MAX_CORNERS = 100_000
@@ -32,32 +32,35 @@ _INSIDE = {
 _REDRAW = "draw the region as a polygon and export it again"
 
 
+class Drawing(NamedTuple):
+    """What a GeoJSON file holds.
+
+    polygons : one or more
+    cuts : lines to cut them along, each (n, 2) [px]
+    """
+
+    polygons: list[Polygon]
+    cuts: list[npt.NDArray[np.float64]]
+
+
 def is_geojson(path: Path) -> bool:
     """Whether a file holds polygons, by the suffix of its name."""
     return path.suffix.lower() in (".json", ".geojson")
 
 
-def read_geojson(path: Path) -> list[Polygon]:
-    """Polygons of a GeoJSON file (RFC 7946), coordinates in px: x right, y down.
+def read_geojson(path: Path) -> Drawing:
+    """Polygons and cuts of a GeoJSON file (RFC 7946), coordinates in px: x right, y down.
 
-    Any nesting of FeatureCollection, Feature, GeometryCollection, MultiPolygon and Polygon, with lines beside them
-    (:func:`read_cuts`); nothing else. Raises InputError that names the file if it cannot be read or has no polygon.
+    Any nesting of FeatureCollection, Feature, GeometryCollection, MultiPolygon, Polygon, MultiLineString and
+    LineString; nothing else. Raises InputError that names the file if it cannot be read or has no polygon.
     """
-    found = _shapes(path, "Polygon")
-    _check_corners(path, [ring for rings in found if isinstance(rings, list) for ring in rings])
-    if not found:
+    shapes = list(_all_shapes(path, read_json(path, "a region in GeoJSON", _MAX_BYTES)))
+    polygons = [rings for kind, rings in shapes if kind == "Polygon"]
+    lines = [line for kind, line in shapes if kind == "LineString"]
+    _check_corners(path, [*lines, *(ring for rings in polygons if isinstance(rings, list) for ring in rings)])
+    if not polygons:
         raise InputError(str(path), "has no polygon", "draw the region's outline and export it again")
-    return [_polygon(path, rings) for rings in found]
-
-
-def read_cuts(path: Path) -> list[npt.NDArray[np.float64]]:
-    """Lines of a GeoJSON file to cut its polygons along, LineString or MultiLineString, each (n, 2) [px].
-
-    Raises InputError that names the file if it cannot be read.
-    """
-    found = _shapes(path, "LineString")
-    _check_corners(path, found)
-    return [_line(path, line) for line in found]
+    return Drawing([_polygon(path, rings) for rings in polygons], [_line(path, line) for line in lines])
 
 
 def write_geojson(path: Path, polygons: Sequence[Polygon]) -> None:
@@ -79,12 +82,6 @@ def read_mask(path: Path) -> npt.NDArray[np.bool_]:
     if not grey.any():
         raise InputError(str(path), "the mask is black everywhere", "paint the region of interest white")
     return grey > int(grey.max()) // 2
-
-
-def _shapes(path: Path, wanted: str) -> list[Any]:
-    """Coordinates of every Polygon, or of every LineString, of a file, in its order."""
-    whole = read_json(path, "a region in GeoJSON", _MAX_BYTES)
-    return [coordinates for kind, coordinates in _all_shapes(path, whole) if kind == wanted]
 
 
 def _check_corners(path: Path, lines: Sequence[Any]) -> None:

@@ -47,7 +47,7 @@ def read_rig(path: Path) -> Rig:
 def read_covariance(path: Path) -> np.ndarray | None:
     """The covariance (24, 24) that :func:`write_rig` wrote beside a rig, None if the file has none.
 
-    Raises InputError if it has another size, not symmetric, or not positive semidefinite.
+    Raises InputError if it is not a matrix of this size, not symmetric, or not positive semidefinite.
     """
     return _read(path, _covariance_or_none, "export the rig again, or leave its covariance out")
 

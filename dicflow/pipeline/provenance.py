@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 from dicflow.engine.journal import STATUSES, Event, RunInfo
 from dicflow.engine.store import Store
 
-__all__ = ["RunFacts", "TaskFacts", "run_facts"]
+__all__ = ["RunFacts", "RunWarning", "TaskFacts", "run_facts"]
 
 
 class TaskFacts(NamedTuple):
@@ -33,6 +33,13 @@ class TaskFacts(NamedTuple):
     error: str
 
 
+class RunWarning(NamedTuple):
+    """A warning of a run. stage : name in the graph of the stage whose products it is of; "" for one of the run"""
+
+    stage: str
+    text: str
+
+
 class RunFacts(NamedTuple):
     """What one run did.
 
@@ -49,7 +56,7 @@ class RunFacts(NamedTuple):
     interrupted: bool
     ended: bool
     tasks: tuple[TaskFacts, ...]
-    warnings: tuple[str, ...]
+    warnings: tuple[RunWarning, ...]
     versions: Mapping[str, tuple[str, ...]]
 
     @property
@@ -79,7 +86,7 @@ def run_facts(store: Store, run: RunInfo) -> RunFacts:
         bool((run.result or {}).get("interrupted")),
         run.result is not None,
         tuple(tasks),
-        tuple(event.text for event in events if event.kind == "warning"),
+        tuple(RunWarning(event.stage, event.text) for event in events if event.kind == "warning"),
         _versions(made.values()),
     )
 

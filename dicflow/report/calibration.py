@@ -63,7 +63,7 @@ def calibration(context: Context) -> Section | None:
         drawings=_drawings(context, stage),
         rectified=_rectified(context, stage),
     )
-    return Section("calibration", TITLE, body, _warnings(rig))
+    return Section("calibration", TITLE, body, _warnings(rig), (context.pipeline.instances[0][stage],))
 
 
 def _node(context: Context, stage: str) -> Any:
@@ -72,7 +72,7 @@ def _node(context: Context, stage: str) -> Any:
 
 def _warnings(rig: CalibratedRig) -> tuple[str, ...]:
     doubtful = [f"The calibration is {rig.verdict}."] if rig.is_doubtful else []
-    return (*doubtful, *(f"Calibration: {warning}." for warning in rig.warnings if rig.verdict not in warning))
+    return (*doubtful, *(f"Calibration: {one}." for one in rig.warnings if one != f"the calibration is {rig.verdict}"))
 
 
 def _facts(rig: CalibratedRig, square_mm: float | None) -> list[tuple[str, str, str]]:

@@ -57,12 +57,14 @@ class Section(NamedTuple):
     key : its anchor, and the file name of its template
     body : HTML
     warnings : whole sentences that a reader must see first; the summary shows those of all sections
+    covers : stages, by their names in the graph, all of whose warnings these are; the summary shows no others of them
     """
 
     key: str
     title: str
     body: Markup
     warnings: tuple[str, ...] = ()
+    covers: tuple[str, ...] = ()
 
 
 Builder = Callable[[Context], Section | None]

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 
 from markupsafe import Markup
 
@@ -25,7 +25,7 @@ def summary(context: Context, sections: Sequence[Section]) -> Section:
     history = step_history(context)
     own = [] if history is None else _lost_points(history)
     warnings = [(section.title, section.key, text) for section in sections for text in section.warnings]
-    further = _not_in(sections, _run_warnings(context))
+    covered = {stage for section in sections for stage in section.covers}
     run, failures = context.run, _failures(context)
     body = render(
         "summary.html",
@@ -34,7 +34,7 @@ def summary(context: Context, sections: Sequence[Section]) -> Section:
         failures=failures[:_FAILURES_SHOWN],
         more_failures=max(0, len(failures) - _FAILURES_SHOWN),
         skipped=_skipped(run),
-        warnings=[*(("", "", text) for text in (*_notes(context), *further, *own)), *warnings],
+        warnings=[*(("", "", text) for text in (*_notes(context), *_run_warnings(context, covered), *own)), *warnings],
         facts=_facts(context, history),
         history=history if history is not None and (history.values or any(history.valid_share)) else None,
         columns=None if history is None else _columns(history),
@@ -42,7 +42,7 @@ def summary(context: Context, sections: Sequence[Section]) -> Section:
         chart=None if history is None else _chart(context, history),
         stages=_stages(context),
     )
-    return Section("summary", "Summary", body, (*_notes(context), *_run_warnings(context), *own))
+    return Section("summary", "Summary", body, (*_notes(context), *_run_warnings(context, covered), *own))
 
 
 def _state(run: RunFacts | None) -> list[str]:
@@ -82,15 +82,10 @@ def _notes(context: Context) -> list[str]:
     return [context.without_local_paths(text) for text in context.result.notes]
 
 
-def _run_warnings(context: Context) -> list[str]:
-    """The warnings of the run."""
-    return [context.without_local_paths(text) for text in (context.run.warnings if context.run is not None else ())]
-
-
-def _not_in(sections: Sequence[Section], texts: Sequence[str]) -> list[str]:
-    """The texts that the warnings of no section contain; the place in front of a text does not count."""
-    shown = "\n".join(text for section in sections for text in section.warnings).lower()
-    return [text for text in texts if text.partition(": ")[2].lower() not in shown or ": " not in text]
+def _run_warnings(context: Context, covered: Collection[str]) -> list[str]:
+    """The warnings of the run. covered : stages whose warnings other sections have"""
+    found = context.run.warnings if context.run is not None else ()
+    return [context.without_local_paths(one.text) for one in found if one.stage not in covered]
 
 
 def _lost_points(history: History) -> list[str]:

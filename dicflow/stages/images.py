@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar, Literal
 
@@ -69,12 +69,29 @@ class Images(Node):
         return tuple(search_start(folder, pattern)[0] for pattern in patterns)
 
     def steps(self, folder: Path) -> Mapping[str, Mapping[str, Path | FilePart]]:
-        from dicflow.io.images import find_photographs, steps_of
+        from dicflow.io.images import steps_of
 
-        left = find_photographs(folder, self.left, "left")
-        right = None if self.right is None else find_photographs(folder, self.right, "right")
+        found = self._photographs(folder)
         listed = isinstance(self.left, list) and isinstance(self.right, list)
-        return steps_of(left, right, self.pair_by, self.unpaired, listed)
+        return steps_of(found["left"], found.get("right"), self.pair_by, self.unpaired, listed)
+
+    def left_out(self, folder: Path, steps: Mapping[str, Mapping[str, Path | FilePart]]) -> tuple[str, ...]:
+        if self.unpaired == "refuse":
+            return ()
+        listed = (file for files in steps.values() for file in files.values())
+        used = {file.path if isinstance(file, FilePart) else file for file in listed}
+        found = self._photographs(folder)
+        alone = [f"{side} {name}" for side, files in found.items() for name, path in files.items() if path not in used]
+        count = "1 photograph has" if len(alone) == 1 else f"{len(alone)} photographs have"
+        problem = f"{count} no partner, and their steps are left out: {_named(alone)}"
+        return (f"{problem}; add the missing ones to measure these steps",) if alone else ()
+
+    def _photographs(self, folder: Path) -> dict[str, dict[str, Path]]:
+        """Left and right → file name → file."""
+        from dicflow.io.images import find_photographs
+
+        patterns = {"left": self.left, "right": self.right}
+        return {side: find_photographs(folder, given, side) for side, given in patterns.items() if given is not None}
 
     def check(self, path: Path | FilePart) -> dict[str, Any]:
         from dicflow.io.images import probe
@@ -131,11 +148,10 @@ def _check_tags(facts: _Facts) -> None:
         tags.setdefault(fact["orientation"], []).append(str(file))
     if len(tags) > 1:
         common, *_, rare = sorted(tags, key=lambda tag: (-len(tags[tag]), tag))
-        named = ", ".join(tags[rare][:_NAMED]) + (f" and {len(tags[rare]) - _NAMED} more" * (len(tags[rare]) > _NAMED))
         raise InputError(
-            f"{named}: tagged as rotated (orientation {rare}) otherwise than {tags[common][0]} (orientation {common}); "
-            "set orientation: sensor to ignore the tags, if the cameras did not turn, or orientation: upright to turn "
-            "every photograph as its tag says"
+            f"{_named(tags[rare])}: tagged as rotated (orientation {rare}) otherwise than {tags[common][0]} "
+            f"(orientation {common}); set orientation: sensor to ignore the tags, if the cameras did not turn, or "
+            "orientation: upright to turn every photograph as its tag says"
         )
 
 
@@ -162,6 +178,11 @@ def _check_depth(left: tuple[Path | FilePart, _Fact], right: tuple[Path | FilePa
         raise InputError(
             f"{right[0]}: {_size(right[1])}, but {left[0]} has {_size(left[1])}; both cameras must have one depth"
         )
+
+
+def _named(names: Sequence[str]) -> str:
+    """The first few names, and how many more."""
+    return ", ".join(names[:_NAMED]) + (f" and {len(names) - _NAMED} more" if len(names) > _NAMED else "")
 
 
 def _size(fact: _Fact) -> str:

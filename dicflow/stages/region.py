@@ -59,11 +59,12 @@ def _ordered(value: tuple[float, float, float, float]) -> tuple[float, float, fl
 
 
 class Selected(NamedTuple):
-    """A region in the pixels of an image: ``name`` in messages, ``size`` (width, height) [px]."""
+    """A region in the pixels of an image: ``name`` in messages, ``size`` (width, height), lines to cut along [px]."""
 
     polygons: Sequence[Polygon]
     size: tuple[int, int]
     name: str
+    cuts: Sequence[np.ndarray] = ()
 
 
 class Region(Node):
@@ -128,11 +129,10 @@ class Region(Node):
         return self
 
     def check(self, path: Path) -> dict[str, Any]:
-        from dicflow.io.region import is_geojson, read_cuts, read_geojson, read_mask
+        from dicflow.io.region import is_geojson, read_geojson, read_mask
 
         if is_geojson(path):
             read_geojson(path)
-            read_cuts(path)
         else:
             read_mask(path)
         return {}
@@ -152,32 +152,30 @@ class Region(Node):
         photographs = Images.read(images)
         cameras = None if rig is None else CalibratedRig.read(rig).cameras
         polygons: Sequence[Polygon]
+        drawn: Sequence[np.ndarray] = ()
         if self.auto:
             polygons = self._specimen(photographs, map(Images.read, images_early or ()))
         else:
             chosen = self._chosen(photographs, cameras, file_path)
             _check_inside(chosen)
-            polygons = chosen.polygons
+            polygons, drawn = chosen.polygons, chosen.cuts
             if self.frame == "photograph" and not photographs.as_taken:
                 polygons = carry(polygons, _to_tracked(photographs, cameras), spacing_px=OUTLINE_PX)
         polygons = _counting(polygons, photographs)
         _check_texture(photographs.left, polygons)
-        cuts = self._cuts(photographs, cameras, file_path)
+        cuts = self._cuts(photographs, cameras, drawn)
         try:
             return RegionProduct.write([cut_apart(polygon, cuts) for polygon in polygons], cuts)
         except ValueError as error:
             raise StageError(str(error)) from error
 
-    def _cuts(self, images: Images, cameras: Rig | None, file_path: Path | None) -> Sequence[np.ndarray]:
-        """The lines across which nothing is compared [px of the image that is followed]."""
+    def _cuts(self, images: Images, cameras: Rig | None, drawn: Sequence[np.ndarray]) -> Sequence[np.ndarray]:
+        """The lines across which nothing is compared [px of the image that is followed]. drawn : those of the file"""
         import numpy as np
 
         from dicflow.core.photographs.region import densify_line, simplified
-        from dicflow.io.region import is_geojson, read_cuts
 
-        lines = [np.array(line) for line in self.cut]
-        if file_path is not None and is_geojson(file_path):
-            lines += read_cuts(file_path)
+        lines = [*(np.array(line) for line in self.cut), *drawn]
         places = sum(len(line) for line in lines)
         if places > _MAX_CUT_PLACES:
             raise StageError(f"the cuts have {places:,} places, at most {_MAX_CUT_PLACES:,}; simplify the lines")
@@ -224,7 +222,7 @@ class Region(Node):
             outlines = [Polygon(np.array(o.exterior), tuple(np.array(hole) for hole in o.holes)) for o in self.polygons]
             return Selected(outlines, size, name)
         assert file_path is not None
-        return Selected(_from_file(file_path, size, name), size, name)
+        return _from_file(file_path, size, name)
 
 
 def _background(photographs: Images, early: Iterable[Images], texture: Texture) -> np.ndarray:
@@ -260,12 +258,13 @@ def _counting(polygons: Sequence[Polygon], photographs: Images) -> Sequence[Poly
     return polygons if counts[inside].all() else mask_polygons(inside & counts)
 
 
-def _from_file(path: Path, size: tuple[int, int], name: str) -> Sequence[Polygon]:
+def _from_file(path: Path, size: tuple[int, int], name: str) -> Selected:
     from dicflow.core.photographs.region import mask_polygons
     from dicflow.io.region import is_geojson, read_geojson, read_mask
 
     if is_geojson(path):
-        return read_geojson(path)
+        drawing = read_geojson(path)
+        return Selected(drawing.polygons, size, name, drawing.cuts)
     mask = read_mask(path)
     if mask.shape[::-1] != tuple(size):
         raise StageError(
@@ -275,7 +274,7 @@ def _from_file(path: Path, size: tuple[int, int], name: str) -> Sequence[Polygon
     polygons = mask_polygons(mask)
     if not polygons:
         raise StageError(f"{path.name}: the mask has no white area of useful size; paint the region white")
-    return polygons
+    return Selected(polygons, size, name)
 
 
 def _require_rig(cameras: Rig | None) -> Rig:

@@ -19,6 +19,7 @@ from dicflow.engine.product import Product
 from dicflow.errors import ConfigurationError, DicflowError, InputError, StageError
 from dicflow.io.calibrations.read import parse_calibration
 from dicflow.io.images import SUFFIXES, counter_offset, pair_names, read_grey
+from dicflow.io.images.search import MOST_ENTRIES
 from dicflow.kinds.images import Images
 from dicflow.kinds.region import Region
 from dicflow.pipeline.registry import node_class
@@ -127,15 +128,28 @@ def look(folder: Path, choice: Choice, command: Sequence[str], say: Say) -> Foun
 
 def _photographs(folder: Path) -> Iterator[PurePosixPath]:
     """Relative paths of all photographs that are not hidden, outside hidden folders and those of results."""
-    count = 0
-    for where, folders, names in os.walk(folder):
-        folders[:] = sorted(name for name in folders if not name.startswith(".") and name.lower() not in _SKIPPED)
-        for name in sorted(names):
-            if PurePosixPath(name).suffix.lower() in SUFFIXES and not name.startswith("."):
+    waiting, count, visited = [os.fspath(folder)], 0, 0
+    while waiting:
+        entries = _visible(waiting.pop())
+        visited += len(entries)
+        for entry in entries:
+            if PurePosixPath(entry.name).suffix.lower() in SUFFIXES and not entry.is_dir():
                 count += 1
-                yield _named(Path(where, name).relative_to(folder))
-        if count > _MAX_PHOTOGRAPHS:
-            raise InputError(f"{folder}: more than {_MAX_PHOTOGRAPHS} photographs; name the folder of one test")
+                yield _named(Path(entry.path).relative_to(folder))
+        if count > _MAX_PHOTOGRAPHS or visited > MOST_ENTRIES:
+            most = f"{_MAX_PHOTOGRAPHS} photographs or {MOST_ENTRIES} files and folders"
+            raise InputError(f"{folder}: more than {most}; name the folder of one test")
+        folders = [entry for entry in entries if entry.is_dir(follow_symlinks=False)]
+        waiting += [entry.path for entry in reversed(folders) if entry.name.lower() not in _SKIPPED]
+
+
+def _visible(folder: str) -> list[os.DirEntry[str]]:
+    """What is in a folder and not hidden, by name; nothing where it cannot be listed."""
+    try:
+        with os.scandir(folder) as entries:
+            return sorted((one for one in entries if not one.name.startswith(".")), key=lambda one: one.name)
+    except OSError:
+        return []
 
 
 def _named(path: Path) -> PurePosixPath:

@@ -14,6 +14,7 @@ from dicflow.engine.journal import find_run
 from dicflow.engine.plan import make_plan
 from dicflow.engine.references import cache
 from dicflow.engine.store import Store
+from dicflow.engine.verification import verify
 from dicflow.errors import ConfigurationError, StageError
 
 
@@ -154,6 +155,21 @@ def test_damage_that_only_reading_shows_is_repaired_in_the_same_run(folder, stor
     assert result.ok
     assert index(result) == index(first)
     assert len(list((store.path / "quarantine").iterdir())) == 2
+
+
+def test_many_damaged_products_are_made_again_in_one_run(folder, store):
+    """As after a power failure; a task finds one at a time."""
+    made = run_sync(chain(folder, keep="always"), store)
+    numbers = [outcome for name, outcome in made.outcomes.items() if outcome.stage == "read"]
+    for outcome in numbers:
+        chunk = store.object_path(outcome.ref.digest) / "values" / "c.0"
+        chunk.write_bytes(bytes(chunk.stat().st_size))
+    store.record_path(made.outcomes["rig"].key).unlink()
+    cache.clear()
+    again = run_sync(chain(folder, keep="always"), store)
+    assert (again.ok, again.counts["computed"]) == (True, len(numbers) + 1)
+    assert index(again) == index(made)
+    assert verify(store) == []
 
 
 def trouble(folder, how, above=5.0, **parameters):

@@ -1,5 +1,7 @@
 import os
 import shutil
+import subprocess
+import sys
 import time
 from pathlib import Path
 
@@ -37,6 +39,36 @@ def test_a_look_shows_what_could_go_and_deletes_nothing(store, three):
     assert not found.deleted
     assert 0 < found.nbytes < before
     assert size(store) == before
+
+
+@pytest.fixture
+def deep(monkeypatch):
+    """Makes folders inside each other, more than Python's calls may lie inside each other; deletes them again."""
+    tops = []
+
+    def make(folder):
+        folder.mkdir(parents=True, exist_ok=True)
+        tops.append(folder)
+        with monkeypatch.context() as context:
+            context.chdir(folder)
+            for _ in range(sys.getrecursionlimit() + 100):
+                os.mkdir("a")
+                os.chdir("a")
+        return folder
+
+    yield make
+    subprocess.run(["rm", "-rf", *tops], check=True)
+
+
+def test_folders_of_any_depth_are_left_alone(store, three, deep):
+    places = "tmp/00000000-1-12345678", "thesis", "quarantine/x.12345678"
+    made = [deep(store.path / place) for place in places]
+    bytes_before = size(store)
+    found = collect(store, keep_runs=1, grace_s=0, delete=True)
+    assert all((folder / "a").is_dir() for folder in made)
+    assert {path.relative_to(store.path).parts[0] for path in found.foreign} >= {"thesis", "quarantine"}
+    assert size(store) < bytes_before
+    assert {damage.state for damage in verify(store)} == {"foreign"}
 
 
 def test_deleting_frees_what_was_shown_and_keeps_the_rest(folder, store, three):

@@ -6,6 +6,7 @@ import os
 import subprocess
 import sys
 import tempfile
+import time
 
 import pytest
 
@@ -71,6 +72,28 @@ def test_a_folder_that_others_may_have_filled_is_not_used(home, tmp_path, spoil)
             pytest.skip("only root can give a folder away")
         os.chown(place, 65534, 65534)
     assert kernel_folder() is None
+
+
+def folder_of_kernels(folder, days):
+    """One with a kernel that was used last so many days ago."""
+    (folder / "core").mkdir(parents=True)
+    (folder / "core" / "kernel.nbi").touch()
+    os.utime(folder, (time.time() - 86400 * days,) * 2)
+    return folder
+
+
+def test_kernels_of_other_sources_that_nobody_uses_are_deleted(home, monkeypatch, tmp_path):
+    monkeypatch.delitem(sys.modules, "numba", raising=False)
+    place = kernel_folder().parent
+    old, recent = (folder_of_kernels(place / f"kernels-{digit * 16}", days) for digit, days in (("1", 31), ("2", 29)))
+    others = [folder_of_kernels(place / name, 1000) for name in ("kernels-3", "thesis", "kernels-" + "g" * 16)]
+    target = folder_of_kernels(tmp_path / "elsewhere", 1000)
+    (place / ("kernels-" + "4" * 16)).symlink_to(target)
+    own = folder_of_kernels(kernel_folder(), 1000)
+    keep_kernels()
+    assert not old.exists()
+    assert all((one / "core" / "kernel.nbi").exists() for one in (recent, target, own, *others))
+    assert time.time() - own.stat().st_mtime < 86400, "its use is noted"
 
 
 def test_a_choice_of_the_environment_is_kept(home, monkeypatch):

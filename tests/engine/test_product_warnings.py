@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import ClassVar, Literal
 
 import pytest
@@ -81,6 +82,27 @@ def test_other_sentences_stay_apart(folder, store):
         "second": StageSpec(Warns(above=5.5, text="is odd"), {"number": "first"}),
     })  # fmt: skip
     assert run_sync(graph, store).warnings == ["first/step_06: the number is large", "second/step_06: is odd"]
+
+
+class Sparing(Read):
+    """Leaves out the last file."""
+
+    stage: Literal["sparing"] = "sparing"
+
+    def steps(self, folder: Path) -> dict[str, dict[str, Path]]:
+        return dict(list(super().steps(folder).items())[:-1])
+
+    def left_out(self, folder: Path, steps: dict[str, dict[str, Path]]) -> tuple[str, ...]:
+        return (f"{(super().steps(folder).keys() - steps.keys()).pop()} is left out",)
+
+
+def test_files_that_a_series_leaves_out_are_named(folder, store):
+    seen = []
+    graph = expand({"read": StageSpec(Sparing(), {}, folder), "first": StageSpec(Warns(above=9.0), {"number": "read"})})
+    result = run_sync(graph, store, on_event=seen.append)
+    assert result.warnings == ["read: step_06 is left out"]
+    assert [(event.stage, event.text) for event in seen if event.kind == "warning"] == [("", result.warnings[0])]
+    assert [event.text for event in find_run(store).events() if event.kind == "warning"] == result.warnings
 
 
 def test_a_series_of_one_step_is_named_if_stages_compare(tmp_path, store):

@@ -21,7 +21,7 @@ from dicflow.engine.stored_json import (
     stored,
     unseal,
 )
-from dicflow.engine.whole_file import read_file
+from dicflow.engine.whole_file import LARGEST_TEXT, read_file
 
 VALUES = [{}, {"a": 1}, {"crc32": "x", "b": [1.5, None, "é", {"c": True}]}, {"": ""}, {"a": "\udce9"}, {"a": 10**300}]
 
@@ -54,6 +54,17 @@ def test_no_flipped_bit_and_no_cut_passes(value):
                 unseal(content[:place] + bytes([content[place] ^ 1 << bit]) + content[place + 1 :], anything)
         with pytest.raises(ValueError, match=r"check sum|is not JSON|is empty"):
             unseal(content[:place], anything)
+
+
+def test_files_and_numbers_of_values_that_could_fill_the_memory_are_refused_unread(tmp_path, monkeypatch):
+    path = tmp_path / "index.json"
+    with path.open("wb") as file:
+        file.truncate(LARGEST_TEXT + 1)
+    monkeypatch.setattr(json, "loads", None)
+    with pytest.raises(ValueError, match="larger than"):
+        read_stored(path, anything)
+    with pytest.raises(ValueError, match="too many values"):
+        unseal(b'{"a":[%b[]]}' % (b"[]," * 10_000_001), anything)
 
 
 @pytest.mark.parametrize("text", ["", "[1]", "null", "3", '"a"', "{", "\0\0\0", "{}{}", '{"a":%s}' % ("9" * 5000)])

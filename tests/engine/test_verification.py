@@ -10,11 +10,13 @@ from denied import deny
 from test_execute import index
 from toys import chain, run_sync
 
+from dicflow.engine.hashing import digest_json
 from dicflow.engine.housekeeping import collect, pin
 from dicflow.engine.journal import find_run, latest
 from dicflow.engine.layout import survey
 from dicflow.engine.references import cache
 from dicflow.engine.store import Store
+from dicflow.engine.stored_json import read_stored
 from dicflow.engine.verification import verify
 from dicflow.errors import StoreError
 
@@ -200,6 +202,38 @@ def test_the_order_of_attributes_does_not_matter(store, made):
     found["attributes"] = dict(reversed(found["attributes"].items()))
     path.write_text(json.dumps(found, separators=(",", ":")))
     assert verify(store) == []
+
+
+@pytest.mark.parametrize(
+    "forged",
+    [
+        {"dtype": "strange"},
+        {"dtype": "|O"},
+        {"dtype": "|S99999999"},
+        {"dtype": "|f1"},
+        {"shape": [10**12]},
+        {"shape": [10**30, 0]},
+        {"shape": [1] * 99, "dims": ["row"] * 99},
+        {"dims": []},
+    ],
+)
+def test_a_forged_description_with_the_right_digest_is_damage(store, made, forged):
+    """Whoever writes into a store can renew every sum, but no description can fill the memory or break a command."""
+    path = next(path for path in sorted(store.path.glob(FILES["manifest"])) if '"values"' in path.read_text())
+    manifest = read_stored(path, lambda value: True)
+    manifest["content"]["variables"]["values"] |= forged
+    manifest["digest"] = digest_json(manifest["content"])
+    place = store.manifest_path(manifest["digest"])
+    store.write_json(place, manifest)
+    assert [damage.what for damage in verify(store)] == [manifest["digest"]]
+    assert store.inspect(manifest["digest"])[0] == "damaged"
+
+
+def test_a_manifest_that_lists_no_files_of_its_arrays_is_damage(store, made):
+    """Their values would be read as 0."""
+    path = one(store, "chunk").parents[1].with_suffix(".json")
+    store.write_json(path, read_stored(path, lambda value: True) | {"files": {}})
+    assert states(store) == ["damaged"]
 
 
 def test_a_further_part_of_an_array_is_found(store, made):

@@ -18,13 +18,16 @@ from typing import Any
 
 import numpy as np
 from PIL import Image
+from PIL.PngImagePlugin import PngInfo
 
+from dicflow.engine.files import FilePart
 from dicflow.engine.product import Product
 from dicflow.io.calibrations.draft import Calibration
 from dicflow.io.calibrations.read import read_calibration
 from dicflow.io.caliper import read_caliper
 from dicflow.io.configuration import parse
-from dicflow.io.images import read_grey
+from dicflow.io.images import page_count, probe
+from dicflow.io.images.png import chunks
 from dicflow.io.points_table import read_points
 from dicflow.io.region import read_geojson, read_mask
 from dicflow.io.results import csv_text
@@ -35,6 +38,7 @@ from dicflow.pipeline.sweep import variants, with_settings
 from dicflow.pipeline.wiring import wire
 from tests.fuzz.harness import Target
 from tests.io.calibration_files import FILES, SIZE, made_rig, vic3d_xml
+from tests.io.photograph_files import bitmap, png, tiff, tiff_of_samples
 
 __all__ = ["targets"]
 
@@ -56,6 +60,14 @@ _GEOJSON = (
         "features": [{"type": "Feature", "geometry": {"type": "Polygon", "coordinates": [_SQUARE]}}],
     },
     {"type": "GeometryCollection", "geometries": [{"type": "MultiPolygon", "coordinates": [[_SQUARE]]}]},
+    {
+        "type": "FeatureCollection",
+        "features": [
+            {"type": "Feature", "geometry": {"type": "Polygon", "coordinates": [_SQUARE]}},
+            {"type": "Feature", "geometry": {"type": "LineString", "coordinates": [[0, 0], [20.5, 30], [40, 40]]}},
+            {"type": "Feature", "geometry": {"type": "MultiLineString", "coordinates": [[[0, 9], [9, 0]]]}},
+        ],
+    },
 )
 _SETTINGS = (
     b"strain.window=[3, 3]",
@@ -79,8 +91,8 @@ def targets() -> tuple[Target, ...]:
         Target("points", "points.csv", _POINTS, _points),
         Target("geojson", "region.geojson", [json.dumps(one).encode() for one in _GEOJSON], _region),
         Target("rig", "rig.json", [_written("dicflow.json"), _rig_with_covariance()], _rig),
-        Target("mask", "mask.png", _pictures(), _without_warnings(read_mask)),
-        Target("photograph", "photo.tif", _pictures(), _without_warnings(read_grey)),
+        Target("mask", "mask.png", _pictures(), _without_warnings(read_mask), _with_check_sums),
+        Target("photograph", "photo.tif", _pictures(), _without_warnings(_photograph), _with_check_sums),
         Target("results", "names", _NAMES, _results),
     )
     return readers + tuple(_calibration(name) for name in FILES)
@@ -157,7 +169,8 @@ def _points(path: Path) -> Any:
 
 
 def _region(path: Path) -> Any:
-    return [list(polygon.rings) for polygon in read_geojson(path)]
+    found = read_geojson(path)
+    return [*(list(polygon.rings) for polygon in found.polygons), found.cuts]
 
 
 def _rig(path: Path) -> Any:
@@ -179,20 +192,76 @@ def _without_warnings(read: Callable[[Path], Any]) -> Callable[[Path], Any]:
 
 @cache
 def _pictures() -> tuple[bytes, ...]:
-    grey = np.arange(600, dtype=np.uint8).reshape(20, 30) % 251
-    images = [
-        Image.fromarray(grey),
-        Image.fromarray(np.stack([grey] * 3, -1)),
-        Image.fromarray(grey.astype(np.uint16) * 200),
-    ]
-    forms = [(image, form) for image in images for form in ("PNG", "TIFF")] + [(images[0], "BMP"), (images[1], "JPEG")]
-    return tuple(map(lambda pair: _saved(*pair), forms))
+    """Photographs in every form that is read, so small that most bytes say how to read the others."""
+    grey = np.arange(96, dtype=np.uint8).reshape(8, 12)
+    deep, opacity = grey.astype(np.uint16) * 200, np.where(grey > 40, 255, 0).astype(np.uint8)
+    rgb, rgba = np.dstack([grey] * 3), np.dstack([grey] * 3 + [opacity])
+    return (
+        *(_saved(samples, form) for samples in (grey, rgb, deep) for form in ("PNG", "TIFF")),
+        *(_saved(samples, form) for samples in (np.dstack([grey, opacity]), rgba) for form in ("PNG", "TIFF")),
+        *(_saved(grey, form) for form in ("BMP", "JPEG")),
+        _saved(rgb, "JPEG"),
+        _saved(rgb, "JPEG", progressive=True),
+        bitmap(grey, opacity),
+        png(np.dstack([deep, opacity.astype(np.uint16) * 257]), 4),
+        png(deep, 0, b"\x20\0"),
+        _saved(grey, "PNG", transparency=7),
+        *_animations(grey),
+        *_tagged(grey),
+        tiff([grey, grey[::2, ::2], grey], more=[{}, {254: 1}, {274: 6}]),
+        tiff([deep, deep], ">", big=True),
+        *(tiff_of_samples(samples, extra, planar=True) for samples, extra in ((rgb, None), (rgba, 2))),
+        tiff_of_samples(np.dstack([deep] * 3), planar=True),
+        _saved(grey, "TIFF", save_all=True, append_images=[Image.fromarray(grey)], compression="tiff_lzw"),
+        _saved(rgb, "TIFF", compression="tiff_adobe_deflate", tiffinfo={270: "ImageJ=1.54f\nimages=1\n"}),
+    )
 
 
-def _saved(image: Image.Image, form: str) -> bytes:
+def _animations(grey: np.ndarray) -> tuple[bytes, ...]:
+    """Animated PNG files, with and without a picture before the animation."""
+    others = [Image.fromarray(grey // 2), Image.fromarray(grey // 3)]
+    return tuple(_saved(grey, "PNG", save_all=True, append_images=others, default_image=one) for one in (False, True))
+
+
+def _tagged(grey: np.ndarray) -> tuple[bytes, ...]:
+    """Files with an orientation tag in every kind of metadata."""
+    exif, text = Image.Exif(), PngInfo()
+    exif[0x0112] = 6
+    xmp = '<x:xmpmeta><rdf:Description tiff:Orientation="6"/></x:xmpmeta>'
+    text.add_itxt("XML:com.adobe.xmp", xmp)
+    text.add_text("Raw profile type exif", f"\nexif\n{len(exif.tobytes())}\n{exif.tobytes().hex()}\n", zip=True)
+    return (
+        _saved(grey, "PNG", exif=exif),
+        _saved(grey, "PNG", pnginfo=text),
+        _saved(grey, "JPEG", exif=exif),
+        _saved(grey, "JPEG", xmp=xmp.encode()),
+        _saved(grey, "TIFF", tiffinfo={274: 6}),
+    )
+
+
+def _saved(samples: np.ndarray, form: str, **options: Any) -> bytes:
     buffer = io.BytesIO()
-    image.save(buffer, form)
+    Image.fromarray(samples).save(buffer, form, **options)
     return buffer.getvalue()
+
+
+def _with_check_sums(data: bytes, chance: random.Random) -> bytes:
+    """A changed PNG file with the right sums of its chunks, in most cases: without, no reader looks further."""
+    if not data.startswith(b"\x89PNG\r\n\x1a\n") or chance.random() < 0.2:
+        return data
+    parts = bytearray(data)
+    for _, place, length in chunks(io.BytesIO(data)):
+        end = place + length
+        if end + 4 <= len(data):
+            parts[end : end + 4] = zlib.crc32(parts[place - 4 : end]).to_bytes(4, "big")
+    return bytes(parts)
+
+
+def _photograph(path: Path) -> None:
+    """All pages, each as it is looked at before a run."""
+    count = page_count(path)
+    for number in range(1, count + 1):
+        probe(FilePart(path, number) if count > 1 else path)
 
 
 def _results(path: Path) -> None:

@@ -206,6 +206,19 @@ def test_what_opencv_writes_itself(tmp_path, suffix, names):
     close(read_calibration(path, SIZE).rig, truth)
 
 
+def test_places_of_many_corners_beside_the_matrices(tmp_path):
+    """Programs add what they calibrated on: here 50 photographs of 700 corners each."""
+    truth, path = made_rig(), tmp_path / "rig.yml"
+    write_opencv(path, truth)
+    corners = np.random.default_rng(2).random((50 * 700, 2)).round(3).ravel().tolist()
+    more = f"image_points: !!opencv-matrix\n   rows: 50\n   cols: 700\n   dt: '2f'\n   data: {corners}\n"
+    path.write_text(path.read_text() + more)
+    close(read_calibration(path).rig, truth)
+    path.write_text(path.read_text().replace("data: [0", f"data: [{'1,' * 200_000} 0"))
+    with pytest.raises(InputError, match=r"rig\.yml:\d+:\d+: more than 250,000 values"):
+        read_calibration(path)
+
+
 @pytest.mark.parametrize(("first", "second"), [("0", "1"), ("_left", "_right")])
 def test_plain_lists_and_other_numberings(tmp_path, first, second):
     truth = made_rig()
@@ -625,7 +638,7 @@ def test_numbers_that_no_camera_has_are_refused(tmp_path, old, new, words):
         (b"Cam0_Fx;1\na" + b" " * 100_000 + b"x;", ("tx, ty, tz",)),
         (b"cam0_fx" + b" a" * 1_000_000, (":1", "expected a name and a number")),
         (b"a: " + b" " * 1_000_000 + b":", ("not a calibration",)),
-        (b"%YAML:1.0\nK1: [" + b"1.5, " * 500_000 + b"]", ("more than 50,000 values",)),
+        (b"%YAML:1.0\nK1: [" + b"1.5, " * 500_000 + b"]", ("more than 250,000 values",)),
         (b"%YAML:1.0\na: " + b"x" * 6_000_000, ("larger (6,000,",)),
         (b"<project><camera/><orientation/>" + b"<b/>" * 200_000 + b"</project>", ("100,000 elements",)),
         (b"<project><camera/><orientation/>" + b"<b>" * 5_000, ("inside each other",)),

@@ -297,6 +297,20 @@ def test_two_sizes_are_refused(tmp_path):
         _agree(node, tmp_path)
 
 
+def test_a_jpeg_of_many_scans_is_refused(tmp_path):
+    """Each takes a few bytes in the file, and a pass over the whole picture."""
+    buffer = BytesIO()
+    Image.fromarray(RAMP).save(buffer, "JPEG", progressive=True)
+    data = buffer.getvalue()
+    last = data[data.rfind(b"\xff\xda") : -2]
+    path = tmp_path / "a.jpg"
+    path.write_bytes(data[:-2] + 10 * last + data[-2:])
+    assert read_grey(path).shape == RAMP.shape
+    path.write_bytes(data[:-2] + 100 * last + data[-2:])
+    with pytest.raises(InputError, match=r"a\.jpg: more than 100 scans"):
+        read_grey(path)
+
+
 def test_empty_folder_is_refused(tmp_path):
     with pytest.raises(InputError, match="no photograph matches"):
         Images(left="*.png").steps(tmp_path)

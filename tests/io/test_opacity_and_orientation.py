@@ -1,7 +1,6 @@
 """Pixels that do not count, and which way up the others do."""
 
 import struct
-import zlib
 from contextlib import suppress
 from io import BytesIO
 
@@ -14,6 +13,7 @@ from dicflow.errors import InputError
 from dicflow.io.images import orientation_sentence, probe, read_grey, read_photograph, turned_upright, upright_size
 from dicflow.io.region import read_mask
 from dicflow.stages.images import Images
+from tests.io.photograph_files import bitmap, png, tiff_of_samples
 
 RNG = np.random.default_rng(8)
 GREY = RNG.integers(20, 230, (24, 32), dtype=np.uint8)
@@ -24,19 +24,6 @@ SEEN[4:20, 6:30] = True
 def opaque(dtype=np.uint8, seen=255):
     """Opacity, ``seen`` in the middle and 0 around it."""
     return np.where(SEEN, seen, 0).astype(dtype)
-
-
-def png(samples, colour, extra=b""):
-    """A PNG file of 16 bits written by hand. extra : chunks before the samples"""
-
-    def chunk(kind, data):
-        return struct.pack(">I", len(data)) + kind + data + struct.pack(">I", zlib.crc32(kind + data))
-
-    rows = b"".join(b"\0" + row.astype(">u2").tobytes() for row in samples)
-    header = struct.pack(">IIBBBBB", samples.shape[1], samples.shape[0], 16, colour, 0, 0, 0)
-    before = chunk(b"tRNS", extra) if extra else b""
-    head = b"\x89PNG\r\n\x1a\n" + chunk(b"IHDR", header)
-    return head + before + chunk(b"IDAT", zlib.compress(rows)) + chunk(b"IEND", b"")
 
 
 def saved(path, image, **options):
@@ -235,39 +222,12 @@ def test_libraries_print_nothing_about_a_damaged_file(tmp_path, capfd):
     assert capfd.readouterr() == ("", "")
 
 
-def bitmap(grey, opacity):
-    """A BMP file of 32 bits per pixel that declares the fourth byte as opacity."""
-    pixels = np.dstack([grey, grey, grey, opacity])[::-1].astype(np.uint8).tobytes()
-    header = struct.pack("<IiiHHIIiiII", 108, grey.shape[1], grey.shape[0], 1, 32, 3, len(pixels), 0, 0, 0, 0)
-    header += struct.pack("<IIII", 0xFF0000, 0xFF00, 0xFF, 0xFF000000) + b"BGRs" + bytes(48)
-    start = 14 + len(header)
-    return b"BM" + struct.pack("<IHHI", start + len(pixels), 0, 0, start) + header + pixels
-
-
 def test_opacity_of_a_bitmap_counts_unless_it_is_0_everywhere(tmp_path):
     path = tmp_path / "a.bmp"
     path.write_bytes(bitmap(GREY, opaque()))
     np.testing.assert_array_equal(read_photograph(path).counts, SEEN)
     path.write_bytes(bitmap(GREY, 0 * GREY))
     assert read_photograph(path).counts is None
-
-
-def tiff_of_samples(samples, extra=None, planar=False):
-    """A TIFF file of several samples per pixel (row, col, sample), in one strip or in one for each plane."""
-    rows, cols, count = samples.shape
-    strips = np.moveaxis(samples, 2, 0) if planar else samples[None]
-    size = strips[0].nbytes
-    tags = {256: [cols], 257: [rows], 258: [8 * samples.itemsize] * count, 259: [1], 262: [2 if count > 2 else 1]}
-    tags |= {277: [count], 278: [rows], 284: [2 if planar else 1], 279: [size] * len(strips)}
-    tags |= {273: [8 + k * size for k in range(len(strips))]} | ({} if extra is None else {338: [extra]})
-    data, entries = b"".join(strip.astype("<u2" if samples.itemsize == 2 else "u1").tobytes() for strip in strips), b""
-    for tag, values in sorted(tags.items()):
-        packed = struct.pack(f"<{len(values)}I", *values)
-        entries += struct.pack("<HHI", tag, 4, len(values))
-        entries += packed if len(values) == 1 else struct.pack("<I", 8 + len(data))
-        data += packed if len(values) > 1 else b""
-    start = struct.pack("<I", 8 + len(data))
-    return b"II*\0" + start + data + struct.pack("<H", len(tags)) + entries + bytes(4)
 
 
 @pytest.mark.parametrize("planar", [False, True])

@@ -11,7 +11,7 @@ from dicflow.stages.images import Images
 
 
 def found(folder, pattern):
-    return sorted(str(path.relative_to(folder)) for path in find_files(folder, pattern))
+    return sorted(str(path.relative_to(folder)) for path in find_files(*search_start(folder, pattern)))
 
 
 def touch(folder, *names):
@@ -45,7 +45,7 @@ def test_wildcards_find_what_they_found_in_folders_without_signs(tmp_path):
 def test_both_unicode_forms_of_a_name_are_one(tmp_path, form):
     other = {"NFC": "NFD", "NFD": "NFC"}[form]
     touch(tmp_path, unicodedata.normalize(form, "Prüfkörper/Größe 1.png"))
-    assert len(find_files(tmp_path, unicodedata.normalize(other, "Prüfkörper/Größe*.png"))) == 1
+    assert len(found(tmp_path, unicodedata.normalize(other, "Prüfkörper/Größe*.png"))) == 1
     assert search_start(tmp_path, unicodedata.normalize(other, "Prüfkörper/Größe 1.png"))[0].exists()
 
 
@@ -82,13 +82,13 @@ def test_a_search_ends_after_a_number_of_files(tmp_path, monkeypatch):
     touch(tmp_path, *(f"d/{k}.txt" for k in range(30)))
     monkeypatch.setattr(search, "MOST_ENTRIES", 20)
     with pytest.raises(InputError, match="more than 20 files and folders to look through"):
-        find_files(tmp_path, "**/*.png")
+        found(tmp_path, "**/*.png")
 
 
 @pytest.mark.parametrize("pattern", ["*/../x/*.png", "a\0b/*.png"])
 def test_patterns_that_nothing_should_match(tmp_path, pattern):
     with pytest.raises(InputError):
-        find_files(tmp_path, pattern)
+        found(tmp_path, pattern)
 
 
 def test_the_folder_of_a_search_is_known_before_it(tmp_path, monkeypatch):

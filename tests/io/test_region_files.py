@@ -7,7 +7,7 @@ from PIL import Image
 
 from dicflow.core.photographs.region import area
 from dicflow.errors import InputError
-from dicflow.io.region import is_geojson, read_cuts, read_geojson, read_mask, write_geojson
+from dicflow.io.region import is_geojson, read_geojson, read_mask, write_geojson
 
 pytestmark = pytest.mark.slow
 
@@ -32,7 +32,7 @@ def written(path, value):
     ],
 )
 def test_every_nesting_of_polygons(tmp_path, value, expected):
-    assert area(read_geojson(written(tmp_path / "r.geojson", value))) == expected
+    assert area(read_geojson(written(tmp_path / "r.geojson", value)).polygons) == expected
 
 
 def test_lines_beside_polygons_are_cuts(tmp_path):
@@ -43,28 +43,28 @@ def test_lines_beside_polygons_are_cuts(tmp_path):
         {"type": "MultiLineString", "coordinates": lines[1:]},
     ]
     path = written(tmp_path / "r.geojson", {"type": "GeometryCollection", "geometries": shapes})
-    assert area(read_geojson(path)) == 76
-    first, second, third = read_cuts(path)
+    polygons, (first, second, third) = read_geojson(path)
+    assert area(polygons) == 76
     np.testing.assert_array_equal(first, lines[0])
     np.testing.assert_array_equal(second, [[0, 0], [1, 1]])
     np.testing.assert_array_equal(third, lines[2])
-    assert read_cuts(written(tmp_path / "none.json", POLYGON)) == []
+    assert read_geojson(written(tmp_path / "none.json", POLYGON)).cuts == []
     for line in ([[1, 2]], [[1, 2], [3, "4"]], 5):
         short = {"type": "GeometryCollection", "geometries": [POLYGON, {"type": "LineString", "coordinates": line}]}
         with pytest.raises(InputError, match=r"r\.geojson: a line must be at least two points"):
-            read_cuts(written(path, short))
+            read_geojson(written(path, short))
 
 
 def test_closing_points_and_heights_are_dropped(tmp_path):
     ring = [[*corner, 5.0] for corner in SQUARE]
-    (polygon,) = read_geojson(written(tmp_path / "r.json", {"type": "Polygon", "coordinates": [ring]}))
+    (polygon,) = read_geojson(written(tmp_path / "r.json", {"type": "Polygon", "coordinates": [ring]})).polygons
     np.testing.assert_array_equal(polygon.exterior, SQUARE[:-1])
 
 
 def test_what_is_written_is_read(tmp_path):
-    polygons = read_geojson(written(tmp_path / "a.json", POLYGON))
+    polygons = read_geojson(written(tmp_path / "a.json", POLYGON)).polygons
     write_geojson(tmp_path / "b.json", polygons)
-    (again,) = read_geojson(tmp_path / "b.json")
+    (again,) = read_geojson(tmp_path / "b.json").polygons
     for one, two in zip(polygons[0].rings, again.rings, strict=True):
         np.testing.assert_array_equal(one, two)
 
@@ -115,7 +115,7 @@ def test_the_name_tells_the_kind(tmp_path, name, expected):
 @pytest.mark.parametrize("encoding", ["utf-8-sig", "utf-16", "utf-16-le"])
 def test_files_of_windows_are_read(tmp_path, encoding):
     (tmp_path / "r.geojson").write_bytes(json.dumps(POLYGON, indent=1).replace("\n", "\r\n").encode(encoding))
-    assert area(read_geojson(tmp_path / "r.geojson")) == 76
+    assert area(read_geojson(tmp_path / "r.geojson").polygons) == 76
 
 
 @pytest.mark.parametrize(
@@ -137,7 +137,7 @@ def test_collections_inside_each_other_are_read_in_order(tmp_path):
     inner = {"type": "MultiPolygon", "coordinates": [[SQUARE], [HOLE]]}
     for _ in range(200):
         inner = {"type": "GeometryCollection", "geometries": [inner]}
-    first, second = read_geojson(written(tmp_path / "r.geojson", inner))
+    first, second = read_geojson(written(tmp_path / "r.geojson", inner)).polygons
     assert (area([first]), area([second])) == (80, 4)
 
 

@@ -1,6 +1,7 @@
 """Files of several photographs: every page is a step."""
 
 import struct
+import zlib
 from io import BytesIO
 
 import cv2
@@ -12,6 +13,7 @@ from dicflow.engine.files import FilePart
 from dicflow.errors import InputError
 from dicflow.io.images import page_count, probe, read_grey, read_photograph
 from dicflow.stages.images import Images
+from tests.io.photograph_files import tiff
 
 PAGES = np.random.default_rng(5).integers(0, 255, (4, 24, 32), dtype=np.uint8)
 
@@ -22,39 +24,6 @@ def stack(path, pages=PAGES, form="TIFF", **options):
     first, *others = (Image.fromarray(page) for page in pages)
     first.save(path, form, save_all=True, append_images=others, **options)
     return path
-
-
-def tiff(pages, order="<", big=False, more=()):
-    """A TIFF file written by hand: 8 or 16 bits of grey, one strip per page.
-
-    more : for each page further tags {number: value}, which replace those of the same number
-    """
-    word, entry = ("Q", "HHQQ") if big else ("I", "HHII")
-    start = struct.pack(f"{order}H", 43 if big else 42) + (struct.pack(f"{order}HHQ", 8, 0, 16) if big else b"")
-    start += b"" if big else struct.pack(f"{order}I", 8)
-    data = (b"II" if order == "<" else b"MM") + start
-    for k, page in enumerate(pages):
-        samples = page.astype(page.dtype.newbyteorder(order)).tobytes()
-        tags = {
-            256: page.shape[1],
-            257: page.shape[0],
-            258: 8 * page.itemsize,
-            259: 1,
-            262: 1,
-            277: 1,
-            278: page.shape[0],
-        }
-        tags |= {279: len(samples), 273: 0} | (more[k] if k < len(more) else {})
-        size = struct.calcsize(order + ("Q" if big else "H")) + len(tags) * struct.calcsize(order + entry)
-        size += struct.calcsize(order + word)
-        tags[273] = len(data) + size
-        following = len(data) + size + len(samples) if k + 1 < len(pages) else 0
-        rows = b"".join(
-            struct.pack(order + entry, tag, 16 if big else 4, 1, value) for tag, value in sorted(tags.items())
-        )
-        data += struct.pack(order + ("Q" if big else "H"), len(tags)) + rows + struct.pack(order + word, following)
-        data += samples
-    return data
 
 
 def test_each_page_is_a_step_that_is_read_alone(tmp_path):
@@ -112,6 +81,29 @@ def test_a_raw_file_of_a_camera_is_named(tmp_path, more):
     path.write_bytes(tiff(PAGES[:1], more=[more]))
     with pytest.raises(InputError, match=r"a\.tif: a camera's raw file .*develop it to TIFF with 16 bits"):
         probe(path)
+
+
+def test_pages_that_lie_upon_one_another_are_damage(tmp_path):
+    """A small file cannot hold many pages of many tags: whoever looks through them would never end."""
+    path, count, tags = tmp_path / "a.tif", 100, 20_000
+    first, table = 8, 2 + 12 * tags
+    content = bytearray(first + table + 4 * count + 4)
+    content[:8] = b"II*\0" + struct.pack("<I", first)
+    for place in range(first, first + 4 * count, 4):
+        content[place : place + 2] = struct.pack("<H", tags)
+        content[place + table : place + table + 4] = struct.pack("<I", place + 4)
+    path.write_bytes(content)
+    with pytest.raises(InputError, match=r"a\.tif: .*damaged"):
+        probe(path)
+
+
+@pytest.mark.parametrize("tags", [{257: 25}, {257: 8_000_000}, {278: 12}, {256: 0}, {278: 0}])
+def test_a_page_without_all_its_strips_is_damage(tmp_path, tags):
+    """Libraries leave the missing rows black."""
+    path = tmp_path / "a.tif"
+    path.write_bytes(tiff(PAGES[:1], more=[tags | {278: tags.get(278, 24)}]))
+    with pytest.raises(InputError, match=r"a\.tif: .*damaged"):
+        read_grey(path)
 
 
 def test_a_stack_whose_pages_cannot_be_found_is_named(tmp_path):
@@ -197,6 +189,24 @@ def test_a_picture_that_is_not_part_of_the_animation_is_no_step(tmp_path):
     path = stack(tmp_path / "a.png", form="PNG", default_image=True)
     assert page_count(path) == 3
     np.testing.assert_array_equal(read_grey(FilePart(path, 1)), PAGES[1])
+
+
+def test_an_animation_larger_than_its_file_can_hold_is_damage(tmp_path):
+    """Its frames may cover parts of the picture; a few bytes would become gigabytes."""
+    path = stack(tmp_path / "a.png", form="PNG")
+    content = bytearray(path.read_bytes())
+    content[20:24] = struct.pack(">I", 4_000_000)
+    content[29:33] = struct.pack(">I", zlib.crc32(content[12:29]))
+    path.write_bytes(content)
+    with pytest.raises(InputError, match=r"a\.png#2: .*damaged"):
+        read_grey(FilePart(path, 2))
+
+
+def test_frames_that_would_be_drawn_for_hours_are_refused(tmp_path, monkeypatch):
+    monkeypatch.setattr("dicflow.io.images.reading._MOST_ANIMATED_PIXELS", PAGES.size - 1)
+    path = stack(tmp_path / "a.png", form="PNG")
+    with pytest.raises(InputError, match=r"a\.png#2: an animation of 4 large frames; save them as single"):
+        read_grey(FilePart(path, 2))
 
 
 def test_a_page_that_is_no_longer_there_is_named(tmp_path):

@@ -51,7 +51,7 @@ def test_facts_of_a_killed_run(store, journal):
     assert found.counts == {"hit": 2, "computed": 0, "failed": 1, "skipped": 1}
     assert found.tasks[0] == TaskFacts("surface/a", "surface", "a", "hit", 1.5, *entry("surface/a").values(), "")
     assert found.tasks[2] == TaskFacts("rig", "rig", None, "failed", 0.5, "", "", "rig: no board")
-    assert found.warnings == ("beware",)
+    assert found.warnings == (("", "beware"),)
 
 
 def test_time_saved_is_what_the_products_at_hand_once_took(store, journal):

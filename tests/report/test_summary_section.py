@@ -6,7 +6,7 @@ from small import STEPS, TASKS
 from dicflow.core.status import Status
 from dicflow.engine.journal import find_run
 from dicflow.pipeline import Pipeline
-from dicflow.pipeline.provenance import run_facts
+from dicflow.pipeline.provenance import RunWarning, run_facts
 from dicflow.report import summary as module
 from dicflow.report.context import Context, Section
 from dicflow.report.history import step_history
@@ -64,7 +64,7 @@ def test_lengths_that_are_not_alike_are_not_compared(loaded, context, monkeypatc
 
 def test_warnings_stand_before_everything_else(context):
     sections = [Section("calibration", "Calibration", "", ("The <rig> is bad.",))]
-    run = context.run._replace(warnings=(f"{context.pipeline.folder}/photos: dark",))
+    run = context.run._replace(warnings=(RunWarning("images", f"{context.pipeline.folder}/photos: dark"),))
     page = page_of(context._replace(run=run), sections)
     assert page.texts[:3] == ["photos: dark", "Calibration", ": The <rig> is bad."]
     assert "#calibration" in page.references
@@ -78,11 +78,11 @@ def test_few_points_are_a_warning(context, monkeypatch):
     assert found.warnings[-1] == lost
 
 
-def test_a_warning_of_the_run_that_a_section_shows_is_not_repeated(context):
-    sections = [Section("calibration", "Calibration", "", ("The calibration is poor: 2 px.",))]
-    run = context.run._replace(warnings=("rig: the calibration is poor: 2 px", "tcp: is open"))
-    page = page_of(context._replace(run=run), sections)
-    assert page.texts[:3] == ["tcp: is open", "Calibration", ": The calibration is poor: 2 px."]
+def test_warnings_of_a_stage_that_a_section_covers_are_not_repeated(context):
+    sections = [Section("calibration", "Calibration", "", ("The calibration is poor.",), ("rig",))]
+    warnings = RunWarning("rig", "rig: poor"), RunWarning("rig@2", "rig@2: poor"), RunWarning("", "tcp: poor")
+    page = page_of(context._replace(run=context.run._replace(warnings=warnings)), sections)
+    assert page.texts[:4] == ["rig@2: poor", "tcp: poor", "Calibration", ": The calibration is poor."]
 
 
 def test_failed_tasks_and_what_was_skipped_for_them(context):

@@ -132,7 +132,7 @@ def test_places_in_the_photograph_are_those_of_the_material(result, tmp_path):
     (path,) = export(result, tmp_path, stage="total", step="step_01", to="challenge")
     table = np.genfromtxt(path, delimiter=",", names=True)
     (region,) = export(result, tmp_path, stage="region", to="geojson")
-    inside = contains(read_geojson(region), np.stack([table["x_image"], table["y_image"]], axis=-1))
+    inside = contains(read_geojson(region).polygons, np.stack([table["x_image"], table["y_image"]], axis=-1))
     assert len(table) > 100
     assert inside.mean() > 0.99
     left = read_rig(*export(result, tmp_path, stage="rig", to="json")).left
@@ -182,7 +182,7 @@ class OneCamera:
 
 def test_a_region_of_an_undistorted_photograph_is_that_of_the_photograph(tmp_path):
     (path,) = export(OneCamera(), tmp_path, stage="region", to="geojson")
-    (polygon,) = read_geojson(path)
+    (polygon,) = read_geojson(path).polygons
     matrix = OneCamera.left.matrix
     straight = undistort(OneCamera.left, polygon.exterior) @ matrix[:2, :2].T + matrix[:2, 2]
     assert np.abs(polygon.exterior - straight).max() > 1.0

@@ -40,6 +40,9 @@ _OTHER_LENSES = ("fisheye", "equidistant", "omni")
 _HEADER = re.compile(r"\A\s*+%YAML[^\n]*+")
 _NAME = re.compile(r"^[ \t{,]*+[\"']?([A-Za-z][\w ]*+)[\"']?[ \t]*+:", re.MULTILINE)
 _MAX_NUMBERS = 100
+_MAX_VALUES = 250_000
+"""Values in a file, with those of board corners that many programs add: so many at full length fill 5 MB."""
+_MATRIX_TAG = "tag:yaml.org,2002:opencv-matrix"
 _EXPECTED = "cameraMatrix1, distCoeffs1, cameraMatrix2, distCoeffs2, R and T"
 
 Array = NDArray[np.float64]
@@ -117,7 +120,7 @@ def _read(source: Source) -> list[tuple[str, Any]]:
     if text.lstrip().startswith("<"):
         return list(_from_xml(parse_xml(source.path, source.data)))
     text = _HEADER.sub("", text).replace("\t", " ")
-    root = compose(text, str(source.path), InputError, ("tag:yaml.org,2002:opencv-matrix",), aliases=False)
+    root = compose(text, str(source.path), InputError, (_MATRIX_TAG,), aliases=False, most_nodes=_MAX_VALUES)
     if not isinstance(root, yaml.MappingNode):
         raise InputError(str(source.path), f"expected {_EXPECTED} by name", "write the entries by name")
     return [(str(key.value), _value(item)) for key, item in root.value]

@@ -10,6 +10,7 @@ import re
 import zlib
 from collections.abc import Iterator
 from io import BytesIO
+from itertools import islice
 from typing import BinaryIO, Literal
 
 import numpy as np
@@ -25,8 +26,8 @@ Orientation = Literal["sensor", "upright"]
 _XMP = re.compile(rb'tiff:Orientation(?:="|>)([1-8])')
 _XMP_OF_PNG, _XMP_OF_JPEG, _EXIF_OF_JPEG = b"XML:com.adobe.xmp", b"http://ns.adobe.com/xap/1.0/\0", b"Exif\0\0"
 _PROFILES = (b"Raw profile type exif", b"Raw profile type APP1")
-_MOST_BYTES = 1 << 20
-"""Size of metadata that are looked at [bytes]."""
+_MOST_BYTES, _MOST_BLOCKS = 1 << 20, 10
+"""Size of a block of metadata that is looked at, unpacked [bytes], and number of these blocks."""
 _APP1, _SCAN = 0xE1, 0xDA
 """Markers of JPEG (ITU-T T.81, table B.1): metadata, start of scan."""
 _TURNS = {
@@ -85,7 +86,7 @@ def turned_upright(image: np.ndarray, orientation: int) -> np.ndarray:
 
 def exif_orientation(file: BinaryIO, form: str) -> int:
     """Orientation by the EXIF or XMP metadata of an open JPEG or PNG file; 1 if there are none, or damaged ones."""
-    for metadata in {"PNG": _png_metadata, "JPEG": _jpeg_metadata}[form](file):
+    for metadata in islice({"PNG": _png_metadata, "JPEG": _jpeg_metadata}[form](file), _MOST_BLOCKS):
         if found := _XMP.search(metadata):
             return int(found[1])
         try:

@@ -17,6 +17,7 @@ import numpy as np
 
 from dicflow.engine.files import FilePart, Stamp, stamp
 from dicflow.engine.hashing import digest_array, digest_json
+from dicflow.engine.whole_file import read_file
 from dicflow.errors import InputError
 from dicflow.io.images.formats import Format, format_of
 from dicflow.io.images.orientation import exif_orientation, jpeg_segments
@@ -32,8 +33,13 @@ __all__ = ["Photograph", "page_count", "probe", "read_grey", "read_photograph"]
 _MOST_BITS, _BITS_OF_PILLOW = 16, 8
 _SILENT = 0
 """OpenCV's level of logging that prints nothing."""
-_JPEG_END = b"\xff\xd9"
-"""Marker of JPEG (ITU-T T.81, table B.1): end of image."""
+_JPEG_END, _JPEG_SCAN = b"\xff\xd9", b"\xff\xda"
+"""Markers of JPEG (ITU-T T.81, table B.1): end of image, start of scan."""
+_MOST_PIXELS_PER_BYTE = 8 * 1032
+"""Of a PNG: eight pixels of one bit in a byte, packed as well as deflate can (RFC 1951)."""
+_MOST_ANIMATED_PIXELS = 1_000_000_000
+_MOST_SCANS = 100
+"""Passes over the whole picture in one file; programs write 10 at most."""
 
 
 class Photograph(NamedTuple):
@@ -163,13 +169,22 @@ def _pages(path: Path, unchanged: Stamp) -> list[Page]:
 
 
 def _png(path: Path, number: int) -> _Samples:
-    data = path.read_bytes()
+    data = read_file(path)
     orientation, series = exif_orientation(BytesIO(data), "PNG"), animation(BytesIO(data))
     with _opened(BytesIO(data), "PNG") as image:
         if series.frames > 1:
+            _check_animation(image.width * image.height, series.frames, len(data))
             return _frame(image, series.first + number - 1, orientation)
         grey = _grey_by_pillow(image) if image.mode in ("L", "I;16") else _by_opencv(without_metadata(data))
         return _Samples(grey, orientation, _png_opacity(image, grey, data) if image.has_transparency_data else None)
+
+
+def _check_animation(pixels: int, frames: int, nbytes: int) -> None:
+    """Refuse frames that a file of ``nbytes`` cannot hold, and more than can be drawn upon one another."""
+    if pixels > _MOST_PIXELS_PER_BYTE * nbytes:
+        raise ValueError("its frames cover only a part of the picture")
+    if pixels * frames > _MOST_ANIMATED_PIXELS:
+        raise InputError(f"an animation of {frames} large frames; save them as single PNG or TIFF files")
 
 
 def _frame(image: ImageFile, number: int, orientation: int) -> _Samples:
@@ -193,12 +208,14 @@ def _png_opacity(image: ImageFile, grey: np.ndarray, data: bytes) -> np.ndarray:
 
 
 def _jpeg(path: Path, number: int) -> _Samples:
-    data = path.read_bytes()
+    data = read_file(path)
     place = 2
     for _, start, length in jpeg_segments(data):
         place = start + length
     if data.rfind(_JPEG_END) < place:  # a preview inside the header has markers of its own
         raise ValueError("no end-of-image marker")  # OpenCV 4.10 fills the rest with grey
+    if data.count(_JPEG_SCAN, place) > _MOST_SCANS:
+        raise InputError(f"more than {_MOST_SCANS} scans, which no camera writes; save it as PNG or TIFF")
     with _opened(BytesIO(data), "JPEG") as image:
         image.draft("L", image.size)  # the luma that the file holds
         grey = _grey_by_pillow(image) if image.mode == "L" else _by_opencv(data)
@@ -206,7 +223,7 @@ def _jpeg(path: Path, number: int) -> _Samples:
 
 
 def _bmp(path: Path, number: int) -> _Samples:
-    data = path.read_bytes()
+    data = read_file(path)
     with _opened(BytesIO(data), "BMP") as image, _library():
         opacity = np.asarray(image)[..., 3] if image.mode == "RGBA" else None
         if opacity is not None and not opacity.any():

@@ -47,12 +47,12 @@ def search_start(folder: Path, pattern: str) -> tuple[Path, list[str]]:
     return start, parts
 
 
-def find_files(folder: Path, pattern: str) -> list[Path]:
+def find_files(start: Path, parts: list[str]) -> list[Path]:
     """The files that a pattern matches, in no particular order.
 
+    start, parts : where the search begins, and the parts of the pattern below, as :func:`search_start` gives them
     Raises InputError where the search would go through more than MOST_ENTRIES files and folders.
     """
-    start, parts = search_start(folder, pattern)
     found: dict[Path, None] = {}
     waiting, visited = [(start, parts)], 0
     while waiting:
@@ -65,7 +65,7 @@ def find_files(folder: Path, pattern: str) -> list[Path]:
             visited += 1
             if visited > MOST_ENTRIES:
                 raise InputError(
-                    f"{pattern!r}: more than {MOST_ENTRIES} files and folders to look through; "
+                    f"{'/'.join(parts)!r} in {start}: more than {MOST_ENTRIES} files and folders to look through; "
                     "name the folder of the photographs"
                 )
             if entry is None:

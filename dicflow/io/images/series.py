@@ -87,7 +87,7 @@ def _matching(folder: Path, pattern: str, side: str) -> list[Path]:
                 f"{side}: {pattern!r} is a folder; write a pattern such as {pattern.rstrip('/') or '.'}/*.png"
             )
         return [start]
-    found = find_files(folder, pattern)
+    found = find_files(start, parts)
     photographs = [path for path in found if path.suffix.lower() in SUFFIXES]
     if found and not photographs:
         raise InputError(

@@ -12,6 +12,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from itertools import accumulate
 from typing import BinaryIO, NamedTuple
 
+from dicflow.engine.whole_file import LARGEST
 from dicflow.errors import InputError
 
 __all__ = ["MOST_PAGES", "Page", "Tiff"]
@@ -28,8 +29,10 @@ _EXTRA_SAMPLES, _SAMPLE_FORMAT = 338, 339
 _NEW_SUBFILE, _OLD_SUBFILE, _DNG_VERSION = 254, 255, 50706
 _PLANAR, _IN_PLANES, _MOST_PLANES = 284, 2, 8
 _STRIPS, _STRIP_BYTES, _TILES, _TILE_BYTES = 273, 279, 324, 325
+_WIDTH, _HEIGHT, _ROWS, _TILE_WIDTH, _TILE_HEIGHT = 256, 257, 278, 322, 323
 _OLD_JPEG, _OLD_REDUCED = 6, 2
-_MOST_TAGS = 0xFFFF
+_MOST_TAGS, _MOST_VALUES = 0xFFFF, 1_000_000
+"""Tags of a page, values of a tag."""
 _LONG = (16, 18)
 _BLACK_IS_ZERO, _RGB, _COLOUR_FILTER, _LINEAR_RAW = 1, 2, 32803, 34892
 _UNSIGNED, _ALPHA = 1, (1, 2)
@@ -163,15 +166,29 @@ class Tiff:
         if self._number(page, _COMPRESSION, 1) == _OLD_JPEG or places not in page:
             raise ValueError("its data cannot be found")
         starts = self._numbers(page, places)
+        if len(starts) < self._parts(page):
+            raise ValueError("strips or tiles are missing")  # libraries would leave their pixels black
         lengths = self._numbers(page, sizes) or self._rest(starts)
         sizes_here = [min(size, self._size - start) for start, size in zip(starts, lengths, strict=True)]
-        if sum(sizes_here) > self._size:
-            raise ValueError("its strips lie upon one another")
+        if sum(sizes_here) > min(self._size, LARGEST):
+            raise ValueError("its strips lie upon one another, or are too long")
         return [self._read(start, size) for start, size in zip(starts, sizes_here, strict=True)]
+
+    def _parts(self, page: Page) -> int:
+        """The number of strips or tiles that a page must have."""
+        width, height = self._number(page, _WIDTH, 0), self._number(page, _HEIGHT, 0)
+        across, down = (_TILE_WIDTH, _TILE_HEIGHT) if _TILES in page else (_WIDTH, _ROWS)
+        columns, rows = self._number(page, across, width), self._number(page, down, height)
+        if min(width, height, columns, rows) < 1:
+            raise ValueError("it has no size")
+        return -(-width // columns) * -(-height // rows) * (self.samples(page) if self.is_planar(page) else 1)
 
     def _kept(self, page: Page) -> dict[int, _Value]:
         """What the decoding of a page depends on, beside its data."""
-        kept = {tag: (*entry[:2], self._raw(page, tag)) for tag, entry in page.items() if tag in _NEEDED}
+        needed = {tag: entry for tag, entry in page.items() if tag in _NEEDED}
+        if any(entry.length > _MOST_VALUES for entry in needed.values()):
+            raise ValueError("a tag has too many values")
+        kept = {tag: (*entry[:2], self._raw(page, tag)) for tag, entry in needed.items()}
         for tag in kept:
             if page[tag].type in _LONG:  # of BigTIFF alone
                 kept[tag] = _numbers(self._order, self._numbers(page, tag))
@@ -180,17 +197,22 @@ class Tiff:
     def _directories(self) -> Iterator[Page]:
         place = self._integer(8, 8) if self._big else self._integer(4, 4)
         seen: set[int] = set()
+        bytes_left = self._size
         while place:
             if place in seen or len(seen) >= MOST_PAGES:
                 raise ValueError("its pages lead in a circle, or are too many")
             seen.add(place)
-            page, place = self._directory(place)
+            page, end, following = self._directory(place)
+            bytes_left -= end - place
+            if bytes_left < 0:
+                raise ValueError("its pages lie upon one another")
             yield page
+            place = following
         if not seen:
             raise ValueError("no page")
 
-    def _directory(self, place: int) -> tuple[Page, int]:
-        """The directory at a place of the file, and the place of the next, 0 after the last."""
+    def _directory(self, place: int) -> tuple[Page, int, int]:
+        """The directory at a place of the file, where it ends, and the place of the next, 0 after the last."""
         head, size, word = (8, 20, 8) if self._big else (2, 12, 4)
         count = self._integer(place, head)
         if count > _MOST_TAGS:
@@ -204,7 +226,7 @@ class Tiff:
                 inside = values * _SIZES[kind] <= word
                 tags[tag] = _Tag(kind, values, held if inside else self._integer(held, word))
         after = place + head + len(table)
-        return tags, self._integer(after, word) if after + word <= self._size else 0
+        return tags, after, self._integer(after, word) if after + word <= self._size else 0
 
     def _is_copy(self, page: Page) -> bool:
         """Whether a page shows another one smaller, or masks it."""
@@ -229,10 +251,14 @@ class Tiff:
             return ()
         if entry.type not in _CODES:
             raise ValueError(f"tag {tag} does not hold whole numbers")
+        if entry.length > _MOST_VALUES:
+            raise ValueError(f"tag {tag} has too many values")
         return struct.unpack(f"{self._order}{entry.length}{_CODES[entry.type]}", self._raw(page, tag))
 
     def _number(self, page: Page, tag: int, default: int) -> int:
-        return next(iter(self._numbers(page, tag)), default)
+        """The first value of a tag."""
+        entry = page.get(tag)
+        return default if entry is None else self._numbers({tag: entry._replace(length=1)}, tag)[0]
 
     def _integer(self, place: int, size: int) -> int:
         return int.from_bytes(self._read(place, size), "little" if self._order == "<" else "big")
