@@ -11,6 +11,7 @@ from pydantic import ValidationError
 from dicflow.core.cameras.camera import Camera, Rig
 from dicflow.core.cameras.rectification import raw_to_rectified, rectification
 from dicflow.core.matching.detectors import DETECTORS
+from dicflow.core.matching.steps import Matching
 from dicflow.core.photographs.region import area, bounding_box, contains
 from dicflow.core.status import Status
 from dicflow.errors import StageError
@@ -173,7 +174,7 @@ def test_a_hole_in_the_region_stays_one():
 
 def pairs(source, target, size=(240, 340)):
     source, target = (np.asarray(values, dtype=np.float32) for values in (source, target))
-    return Matches.write(source, target, source, size, {})
+    return Matches.write(source, target, source, size, Matching(), {})
 
 
 def test_points_of_a_filled_subset_are_marked_from_then_on():

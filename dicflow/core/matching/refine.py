@@ -11,12 +11,19 @@ from scipy.ndimage import spline_filter
 
 from dicflow.core.arrays import Array, Grey, Image
 
-__all__ = ["RefinedMatches", "refine_matches"]
+__all__ = ["Refinable", "RefinedMatches", "refinable", "refine_matches"]
 
 
 MAX_ITERATIONS = 20
 CONVERGED_PX = 1e-3
 SMOOTHING_PX = 1.0  # reduces the bias of interpolation by noise and fine texture (Pan, Optics Express 21, 2013)
+
+
+class Refinable(NamedTuple):
+    """Two photographs (rows, cols), smoothed: the reference, and the spline coefficients of the deformed one."""
+
+    reference: Image
+    coefficients: Image
 
 
 class RefinedMatches(NamedTuple):
@@ -32,9 +39,13 @@ class RefinedMatches(NamedTuple):
     correlation: Array
 
 
+def refinable(reference: Grey, deformed: Grey) -> Refinable:
+    """Two photographs (rows, cols), made ready for :func:`refine_matches`."""
+    return Refinable(_smoothed(reference), _coefficients(deformed))
+
+
 def refine_matches(
-    reference_image: Grey,
-    deformed_image: Grey,
+    images: Refinable,
     reference: Array,
     deformed: Array,
     gradient: Array,
@@ -44,7 +55,6 @@ def refine_matches(
 ) -> RefinedMatches:
     """Positions in the deformed image at which the window around each reference pixel correlates best.
 
-    reference_image, deformed_image : (rows, cols) grey
     reference, deformed : (n, 2) — matched positions [px]
     gradient : (n, 2, 2) — ∂(deformed)/∂(reference) at each match, which deforms the window; it stays fixed
     window_px : side of the window, odd
@@ -56,7 +66,7 @@ def refine_matches(
     start = np.rint(reference)
     moved = deformed + np.einsum("nij,nj->ni", gradient, start - reference)
     found, correlation = _refine(
-        _smoothed(reference_image), _coefficients(deformed_image), start, moved, gradient, window_px // 2, limit_px
+        images.reference, images.coefficients, start, moved, gradient, window_px // 2, limit_px
     )
     return RefinedMatches(start, found, correlation)
 
