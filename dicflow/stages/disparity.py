@@ -103,9 +103,9 @@ class Disparity(Node):
         box, photographed = box_around(bounding_box(polygons), self.margin, shape), _photographed(shape, rig)
         place = _Place(box or (0, 0, *shape[::-1]), rasterise(polygons, shape) & photographed, photographed)
         first = None if disparity_first is None else DisparityMap.read(disparity_first)
+        if first is not None and followed is not None and followed.is_lost:
+            return _lost(images, place, first.limits)
         try:
-            if followed is not None and followed.is_lost:
-                raise StageError("the region was not followed to this step")
             if box is None:
                 raise StageError("the region lies outside the rectified photograph at this step; check its track")
             return self._matched(images, place)
@@ -153,8 +153,8 @@ class Disparity(Node):
         )
 
 
-def _lost(images: Images, place: _Place, limits: tuple[int, int], problem: str) -> Product:
-    """The product of a step without disparities. problem : why there are none, with the remedy"""
+def _lost(images: Images, place: _Place, limits: tuple[int, int], problem: str = "") -> Product:
+    """The product of a step without disparities. problem : why there are none; empty if the track says it"""
     import numpy as np
 
     from dicflow.core.photographs.texture import textured_box
@@ -165,9 +165,10 @@ def _lost(images: Images, place: _Place, limits: tuple[int, int], problem: str) 
     status = np.where(place.counts[place.part], np.uint8(code), np.uint8(Status.OUTSIDE))
     values = np.full(status.shape, np.nan, dtype=np.float32)
     x0, y0, _, _ = place.box
-    text = lost_warning(images[dark[0]], dark[0]) if dark else f"no disparities at this step: {problem}"
+    warnings = [f"no disparities at this step: {problem}"] if problem else []
+    warnings = [lost_warning(images[side], side) for side in dark] or warnings
     summary = _summary(status[place.counts[place.part]], limits)
-    return DisparityMap.write(values, status, (x0, y0), limits, summary, [text])
+    return DisparityMap.write(values, status, (x0, y0), limits, summary, warnings)
 
 
 def _polygons(shape: tuple[int, ...], track: Track | None) -> list[Polygon]:

@@ -86,7 +86,7 @@ def _transforms(since: Since, track: Track) -> np.ndarray:
     """Transforms (subset_row, subset_col, 3, 3) of the subsets from the state to this step."""
     if since.transforms is None:
         return track["transforms"]
-    transforms = track["transforms"] @ since.transforms
+    transforms: np.ndarray = track["transforms"] @ since.transforms
     return transforms / transforms[..., 2:, 2:]
 
 

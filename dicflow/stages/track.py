@@ -52,8 +52,11 @@ class Track(Node):
     Points that leave the photograph are lost.
 
     Each polygon of the region, and each part that its cuts leave, has subsets of its own and follows its own matches;
-    beside a cut that ends inside a part, ``follow: matches`` takes those on the same side. A step in which no point is
-    found loses all points there and no more: the next one is matched with the last in which they were found.
+    beside a cut that ends inside a part, ``follow: matches`` takes those on the same side. Where a window of the
+    matches would reach across the gap between parts, points follow the matches farther away, and are FILLED.
+
+    A step in which no point is found loses all points there and no more: the next one is matched with the last in which
+    they were found.
     """
 
     title: ClassVar = "track subsets"
@@ -127,12 +130,13 @@ class Track(Node):
 
     def _next(self, material: MaterialGrid, matches: Matches, before: TrackProduct, sights: _Sights) -> Product:
         """Points, outline and transforms, carried to this step from the last one in which points were found."""
-        from dicflow.core.matching.part_tracking import RegionPlaces, follow_region
+        from dicflow.core.matching.part_tracking import RegionPlaces, beside_gaps, follow_region
         from dicflow.core.status import Status
 
         last, sight = before.last, before.last_sight if before.is_lost else sights.before
-        pairs, features = _pairs(matches, before, sights.here)
+        pairs, features = _pairs(material, matches, before, sights)
         found = follow_region(material, RegionPlaces(last.points, last.polygons), pairs, features, self._tracking())
+        found = found._replace(filled=found.filled | beside_gaps(material, last.points, matches.matching))
         status = _status(last.status, found, matches.image_size)
         points = known_or_nan(status <= Status.FILLED, found.places.points)
         if not (status <= Status.FILLED).any():
@@ -194,19 +198,23 @@ def _sight(images: Product | None, features: Product | None) -> Sight | None:
 
 
 def _pairs(
-    matches: Matches, before: TrackProduct, here: Sight | None
+    material: MaterialGrid, matches: Matches, before: TrackProduct, sights: _Sights
 ) -> tuple[tuple[np.ndarray, np.ndarray], np.ndarray]:
     """Positions (m, 2) of matches from the last step in which points were found to this one, and its features (n, 2).
 
-    After a lost step they are matched again; there are none if its photograph is unknown.
+    They are matched again after a lost step, and in a region of several parts. There are none after a lost step whose
+    photograph is unknown.
     """
     import numpy as np
 
+    from dicflow.core.matching.part_tracking import match_parts
     from dicflow.core.matching.steps import match_steps
 
+    last, here = before.last_sight if before.is_lost else sights.before, sights.here
+    if last is not None and here is not None and not material.parts.is_single:
+        return match_parts(material, before.last.points, last, here, matches.matching), matches.features
     if not before.is_lost:
         return matches.pairs, matches.features
-    last = before.last_sight
     if last is None or here is None:
         return (np.zeros((0, 2)), np.zeros((0, 2))), np.zeros((0, 2))
     found = match_steps(last, here, matches.matching)

@@ -142,7 +142,7 @@ def test_attributes_are_json():
 
 
 def test_too_few_points():
-    empty = cloud(holes=[((slice(None), slice(None)), Status.NO_MATCH)])
+    empty = cloud(holes=[((slice(1, None), slice(None)), Status.NO_MATCH), ((0, slice(3, None)), Status.NO_MATCH)])
     for degree in ("auto", {"z": [2, 2]}):
         with pytest.raises(StageError, match=r"coordinate x: .* lower the degree"):
             Surface(degree=degree).run(cloud=empty)

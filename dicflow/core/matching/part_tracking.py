@@ -14,7 +14,9 @@ from numba import njit
 from scipy.spatial import cKDTree
 
 from dicflow.core.arrays import Array, Index, Mask
+from dicflow.core.matching.features import Features
 from dicflow.core.matching.pairs import Seen
+from dicflow.core.matching.steps import Matching, Sight, match_steps
 from dicflow.core.matching.tracking import (
     Deviations,
     Estimation,
@@ -31,13 +33,23 @@ from dicflow.core.matching.tracking import (
 from dicflow.core.parts import Parts, are_apart, sees
 from dicflow.core.photographs.region import Polygon, bounding_box, carry, contains
 
-__all__ = ["FollowedRegion", "MaterialGrid", "RegionPlaces", "Tracking", "follow_region"]
+__all__ = [
+    "FollowedRegion",
+    "MaterialGrid",
+    "RegionPlaces",
+    "Tracking",
+    "beside_gaps",
+    "follow_region",
+    "match_parts",
+]
 
 
 Box = tuple[float, float, float, float]
 
 _AROUND = 4
 """Points around a match that must be on one side."""
+_SPACINGS = 2.0
+"""Reach of a window beyond its half: to the first point behind a gap, and over a speckle that lies across it."""
 _CANDIDATES = 12
 """Points from which the one on the side of a corner is chosen."""
 
@@ -128,6 +140,54 @@ def follow_region(
     return FollowedRegion(places, filled, TrackedSubsets(*map(np.concatenate, zip(*every, strict=True))))
 
 
+def match_parts(
+    material: MaterialGrid, points: Array, before: Sight, after: Sight, matching: Matching
+) -> tuple[Array, Array]:
+    """Positions (m, 2) of matches in two photographs, each found from matches of its own part and side [px].
+
+    points : (rows, cols, 2) — material points in the photograph before [px]
+
+    Features whose window holds points of another part are left out.
+    """
+    parts = material.parts
+    places = before.features.xy.astype(float)
+    near = _points_beside(parts, points, places)
+    clear = np.asarray((near >= 0).all(axis=1))
+    clear[clear] = _is_clear(parts, points, places[clear], near[clear], matching.window_px)
+    near, features = near[clear], Features(*(values[clear] for values in before.features))
+    found = match_steps(Sight(before.image, features), after, matching, _same_side(parts, near, near))
+    return found.source, found.target
+
+
+def beside_gaps(material: MaterialGrid, points: Array, matching: Matching) -> Mask:
+    """Points (rows, cols) so near to another part, or to the other side of a cut, that no match counts there.
+
+    points : (rows, cols, 2) — material points in a photograph [px]
+    """
+    found = np.zeros(points.shape[:2], dtype=bool)
+    if not material.parts.is_single:
+        known = np.argwhere(np.isfinite(points).all(axis=-1) & (material.parts.number > 0))
+        at = tuple(known.T)
+        found[at] = ~_is_clear(material.parts, points, points[at], known, matching.window_px)
+    return found
+
+
+def _is_clear(parts: Parts, points: Array, places: Array, near: Index, window_px: int) -> Mask:
+    """Places (n, 2) whose window, with a margin for speckles, holds no point of another part or side.
+
+    near : row and column (n, 2) of the point beside each place
+    """
+    spacing = float(np.nanmedian(np.linalg.norm(np.diff(parts.places, axis=1), axis=-1)))
+    reach_px = 0.5 * window_px + _SPACINGS * spacing
+    known = np.argwhere(np.isfinite(points).all(axis=-1) & (parts.number > 0))
+    around = cKDTree(points[tuple(known.T)]).query_ball_point(places, reach_px, p=np.inf)
+    count = np.array([len(found) for found in around])
+    place = np.repeat(np.arange(len(places)), count)
+    others = known[np.concatenate([np.zeros(0, dtype=np.int64), *(np.array(f, dtype=np.int64) for f in around)])]
+    mixed = np.bincount(place, _apart(parts, near[place], others), minlength=len(places))
+    return np.asarray(mixed == 0)
+
+
 def _numbers(parts: Parts) -> Sequence[int]:
     """Numbers of the parts; a single one is 1."""
     return range(1, 1 + max(1, int(parts.number.max(initial=0))))
@@ -146,7 +206,7 @@ def _in_region(parts: Parts, places: RegionPlaces, pairs: tuple[Array, Array], f
     if parts.is_single:
         return matches
     near = _points_beside(parts, places.points, matches.source)
-    known = (near >= 0).all(axis=1)
+    known = np.asarray((near >= 0).all(axis=1))
     return matches._replace(source=matches.source[known], target=matches.target[known], near=near[known])
 
 

@@ -4,9 +4,11 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
-from dicflow.core.arrays import Array, Grey, Mask
+import numpy as np
+
+from dicflow.core.arrays import Array, Grey, Index, Mask
 from dicflow.core.matching.features import Features
-from dicflow.core.matching.pairs import consistent_matches, guided_matches, local_motion, match_features
+from dicflow.core.matching.pairs import Seen, consistent_matches, guided_matches, local_motion, match_features
 from dicflow.core.matching.refine import refinable, refine_matches
 
 __all__ = ["Matching", "Sight", "StepMatches", "match_steps"]
@@ -16,8 +18,6 @@ _REFINEMENT_PASSES = 2
 """The windows' shape comes from the matches; in the second pass from refined ones."""
 _MIN_MATCHES = 12
 """Fewer matches do not give the motion around a point."""
-
-_Pairs = tuple[Array, Array]
 
 
 class Matching(NamedTuple):
@@ -60,46 +60,67 @@ class StepMatches(NamedTuple):
     by_descriptor: int
 
 
-def match_steps(before: Sight, after: Sight, matching: Matching) -> StepMatches:
-    """Match the features of two photographs. Their descriptors must be of one detector."""
+class _Matches(NamedTuple):
+    """Positions (n, 2) of matches at both steps [px], and the numbers (n,) of their features at the first."""
+
+    source: Array
+    target: Array
+    number: Index
+
+    def kept(self, keep: Mask) -> _Matches:
+        return _Matches(self.source[keep], self.target[keep], self.number[keep])
+
+
+def match_steps(before: Sight, after: Sight, matching: Matching, seen: Seen | None = None) -> StepMatches:
+    """Match the features of two photographs. Their descriptors must be of one detector.
+
+    seen : which features of the first photograph move together, by their numbers; all if absent
+    """
     first = match_features(before.features, after.features, ratio=matching.ratio, mutual=matching.mutual)
-    pairs = _positions(before.features, after.features, first)
+    matches = _positions(before.features, after.features, first)
     if matching.guided:
-        pairs = _guided(before.features, after.features, pairs, matching.radius_px)
+        matches = _guided(before.features, after.features, matches, matching.radius_px, seen)
     if matching.refine:
-        pairs = _refined(before.image, after.image, pairs, matching)
-    return StepMatches(*pairs, len(first))
+        matches = _refined(before.image, after.image, matches, matching, seen)
+    return StepMatches(matches.source, matches.target, len(first))
 
 
-def _guided(before: Features, after: Features, pairs: _Pairs, radius_px: float) -> _Pairs:
+def _guided(before: Features, after: Features, matches: _Matches, radius_px: float, seen: Seen | None) -> _Matches:
     """Matches near the positions that the consistent matches around them predict."""
-    source, target = _kept(pairs, consistent_matches(*pairs))
-    if len(source) < _MIN_MATCHES:
-        return pairs
-    predicted = local_motion(source, target, before.xy.astype(float)).position
-    pairs = _positions(before, after, guided_matches(before, after, predicted, radius_px=radius_px))
-    return _kept(pairs, consistent_matches(*pairs))
+    known = matches.kept(consistent_matches(matches.source, matches.target))
+    if len(known.source) < _MIN_MATCHES:
+        return matches
+    places = before.xy.astype(float)
+    predicted = local_motion(known.source, known.target, places, _of_matches(seen, np.arange(len(places)), known))
+    guided = guided_matches(before, after, predicted.position, radius_px=radius_px)
+    matches = _positions(before, after, guided)
+    return matches.kept(consistent_matches(matches.source, matches.target))
 
 
-def _refined(image_before: Grey, image: Grey, pairs: _Pairs, matching: Matching) -> _Pairs:
+def _refined(before: Grey, after: Grey, matches: _Matches, matching: Matching, seen: Seen | None) -> _Matches:
     """Matches whose windows correlate, at the positions of the highest correlation."""
-    pairs = _kept(pairs, consistent_matches(*pairs))
-    if len(pairs[0]) < _MIN_MATCHES:
-        return pairs
-    images = refinable(image_before, image)
+    matches = matches.kept(consistent_matches(matches.source, matches.target))
+    if len(matches.source) < _MIN_MATCHES:
+        return matches
+    images = refinable(before, after)
     for _ in range(_REFINEMENT_PASSES):
-        if len(pairs[0]) < _MIN_MATCHES:
+        if len(matches.source) < _MIN_MATCHES:
             break
-        gradient = local_motion(*pairs, pairs[0]).gradient
-        refined = refine_matches(images, *pairs, gradient, window_px=matching.window_px)
-        pairs = _kept((refined.reference, refined.deformed), refined.correlation >= matching.min_correlation)
-    return pairs
+        source, target, number = matches
+        gradient = local_motion(source, target, source, _of_matches(seen, number, matches)).gradient
+        refined = refine_matches(images, source, target, gradient, window_px=matching.window_px)
+        matches = _Matches(refined.reference, refined.deformed, number)
+        matches = matches.kept(refined.correlation >= matching.min_correlation)
+    return matches
 
 
-def _positions(before: Features, after: Features, pairs: Array) -> _Pairs:
-    """Positions (n, 2) of pairs of indices (n, 2) [px]."""
-    return before.xy[pairs[:, 0]].astype(float), after.xy[pairs[:, 1]].astype(float)
+def _of_matches(seen: Seen | None, number: Index, matches: _Matches) -> Seen | None:
+    """Which matches count at points, by their numbers. number : (n,) — of the feature at each point"""
+    if seen is None:
+        return None
+    return lambda points, others: seen(number[points], matches.number[others])
 
 
-def _kept(pairs: _Pairs, keep: Mask) -> _Pairs:
-    return pairs[0][keep], pairs[1][keep]
+def _positions(before: Features, after: Features, pairs: Index) -> _Matches:
+    """The matches of pairs of indices (n, 2)."""
+    return _Matches(before.xy[pairs[:, 0]].astype(float), after.xy[pairs[:, 1]].astype(float), pairs[:, 0])

@@ -46,6 +46,6 @@ def jacobian_of_parts(parts: Parts | None, xyz: Array, window: tuple[int, int], 
     xyz : (row, col, 3) — points of the material grid
     """
     whole = jacobian(xyz, window, degree)
-    for tiles in mixed_windows(parts, np.isfinite(xyz).all(axis=-1), window):
+    for tiles in mixed_windows(parts, np.asarray(np.isfinite(xyz).all(axis=-1)), window):
         whole[tiles.centres] = tiles.centres_of(jacobian(tiles.cut_out(xyz), window, degree))
     return whole

@@ -25,7 +25,7 @@ _CHUNK = 1000
 def smooth_parts(parts: Parts | None, values: Array, window: tuple[int, int], degree: int) -> Array:
     """Values (row, col, k) of local polynomials, part by part; the parameters are those of ``local_polynomial``."""
     smooth = local_polynomial(values, window, degree).value
-    for tiles in mixed_windows(parts, np.isfinite(values).all(axis=-1), window):
+    for tiles in mixed_windows(parts, np.asarray(np.isfinite(values).all(axis=-1)), window):
         smooth[tiles.centres] = tiles.centres_of(local_polynomial(tiles.cut_out(values), window, degree).value)
     return smooth
 

@@ -94,7 +94,9 @@ def test_a_part_without_matches_is_lost_alone():
     above = SOURCE[SOURCE[:, 1] < CRACK]
     place = RegionPlaces(grid.parts.places, grid.outline)
     found = follow_region(grid, place, (above, above + 3.0), above, Tracking((2, 2), 0.25, Estimation(), "matches"))
-    np.testing.assert_allclose(found.places.points[grid.parts.number == 1], grid.parts.places[grid.parts.number == 1] + 3)
+    np.testing.assert_allclose(
+        found.places.points[grid.parts.number == 1], grid.parts.places[grid.parts.number == 1] + 3
+    )
     assert np.isnan(found.places.points[grid.parts.number == 2]).all()
     np.testing.assert_array_equal(found.places.polygons[1].exterior, grid.outline[1].exterior)
     assert found.tracked.transforms.shape == (4, 2, 3, 3)
