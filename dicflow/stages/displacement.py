@@ -86,8 +86,9 @@ def _transforms(since: Since, track: Track) -> np.ndarray:
     """Transforms (subset_row, subset_col, 3, 3) of the subsets from the state to this step."""
     if since.transforms is None:
         return track["transforms"]
-    transforms: np.ndarray = track["transforms"] @ since.transforms
-    return transforms / transforms[..., 2:, 2:]
+    transforms = track["transforms"] @ since.transforms
+    normalised: np.ndarray = transforms / transforms[..., 2:, 2:]
+    return normalised
 
 
 def _material(since: Since, track: Track, cloud: CloudField | None) -> IncrementField:

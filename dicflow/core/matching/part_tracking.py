@@ -302,7 +302,7 @@ def _points_beside(parts: Parts, points: Array, places: Array) -> Index:
     count = min(_AROUND, len(known))
     _, near = cKDTree(points[tuple(known.T)]).query(places, k=np.arange(1, count + 1))
     around = known[near]
-    mixed = _apart(parts, np.broadcast_to(around[:, :1], around.shape), around).any(axis=1)
+    mixed = np.asarray(_apart(parts, np.broadcast_to(around[:, :1], around.shape), around).any(axis=1))
     return np.where(mixed[:, None], -1, around[:, 0])
 
 
