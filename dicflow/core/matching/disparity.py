@@ -148,7 +148,7 @@ def _feature_disparities(left: Bytes, right: Bytes, mask: Mask) -> Array:
     count = np.searchsorted(places_right[:, 1], places_left[:, 1] + _MAX_ROW_DIFFERENCE_PX) - first
     i = np.repeat(np.arange(len(places_left)), count)
     j = np.arange(len(i)) - np.repeat(np.cumsum(count) - count - first, count)
-    bits = np.bitwise_count(bits_left.view(np.uint64)[i] ^ bits_right.view(np.uint64)[j]).sum(axis=1)
+    bits = np.bitwise_count(bits_left[i] ^ bits_right[j]).sum(axis=1)
     mutual = (
         _is_nearest(i, bits, len(places_left)) & _is_nearest(j, bits, len(places_right)) & (bits <= _MAX_DIFFERENT_BITS)
     )
