@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from dicflow.core.surfaces.displacement import Cloud
     from dicflow.core.surfaces.displacement import Increment as IncrementField
 
-__all__ = ["Increment", "Since", "StrainIncrement"]
+__all__ = ["Increment", "Since", "StrainIncrement", "lost_increment", "since_of"]
 
 Definition = Literal["material", "thesis"]
 
@@ -121,32 +121,6 @@ class Increment(_SincePreviousStep):
         attrs = {"definition": definition, "step_size": step_size, "unit": unit, "summary": dict(summary)}
         return Product("increment", _laid_out(field._asdict(), unit), attrs)
 
-    def lost(self, since: Since) -> Product:
-        """The product of a step without displacements, with the state from which the next is measured."""
-        values = {"since_points": since.points.points, "since_status": since.points.status}
-        attrs: dict[str, Any] = {"since_polygons": polygons_to_json(since.points.polygons)}
-        if since.cloud is not None:
-            values |= {"since_xyz": since.cloud.xyz, "since_xyz_status": since.cloud.status}
-            attrs["since_origin"] = list(since.cloud.origin)
-        if since.transforms is not None:
-            values["since_transforms"] = since.transforms
-        variables = {**self.product.variables, **laid_out(_SINCE, values)}
-        return replace(self.product, variables=variables, attrs={**self.product.attrs, **attrs})
-
-    @property
-    def since(self) -> Since | None:
-        """The state from which the next displacement is measured, if this step has none; else None."""
-        from dicflow.core.surfaces.displacement import Cloud
-
-        if "since_points" not in self:
-            return None
-        attrs, cloud = self.product.attrs, None
-        if "since_xyz" in self:
-            x, y = attrs["since_origin"]
-            cloud = Cloud(self["since_xyz"], self["since_xyz_status"], (x, y))
-        points = TrackedPoints(self["since_points"], self["since_status"], polygons_from_json(attrs["since_polygons"]))
-        return Since(points, cloud, self["since_transforms"] if "since_transforms" in self else None)  # noqa: SIM401
-
     def changed(self, values: Mapping[str, np.ndarray], window: Sequence[int], summary: Mapping[str, float]) -> Product:
         """The product with other values of some arrays.
 
@@ -191,3 +165,32 @@ class StrainIncrement(_SincePreviousStep):
             "window_points": list(window),
         }
         return Product("strain_increment", _laid_out(values, increment.unit), attrs)
+
+
+def lost_increment(increment: Product, since: Since) -> Product:
+    """The increment of a step without displacements, with the state from which the next is measured."""
+    values = {"since_points": since.points.points, "since_status": since.points.status}
+    attrs: dict[str, Any] = {"since_polygons": polygons_to_json(since.points.polygons)}
+    if since.cloud is not None:
+        values |= {"since_xyz": since.cloud.xyz, "since_xyz_status": since.cloud.status}
+        attrs["since_origin"] = list(since.cloud.origin)
+    if since.transforms is not None:
+        values["since_transforms"] = since.transforms
+    variables = {**increment.variables, **laid_out(_SINCE, values)}
+    return replace(increment, variables=variables, attrs={**increment.attrs, **attrs})
+
+
+def since_of(increment: Product) -> Since | None:
+    """The state from which the next displacement is measured, if this step has none; else None."""
+    from dicflow.core.surfaces.displacement import Cloud
+
+    if "since_points" not in increment:
+        return None
+    attrs, cloud = increment.attrs, None
+    if "since_xyz" in increment:
+        x, y = attrs["since_origin"]
+        cloud = Cloud(increment["since_xyz"], increment["since_xyz_status"], (x, y))
+    points = TrackedPoints(
+        increment["since_points"], increment["since_status"], polygons_from_json(attrs["since_polygons"])
+    )
+    return Since(points, cloud, increment["since_transforms"] if "since_transforms" in increment else None)  # noqa: SIM401

@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from dicflow.core.matching.tracking import TrackedSubsets
     from dicflow.core.photographs.region import Polygon
 
-__all__ = ["Track", "TrackedPoints"]
+__all__ = ["Track", "TrackedPoints", "last_sight", "lost_track"]
 
 _LAYOUTS = {
     "points": Layout((*GRID, "component"), "px", "material points at this step"),
@@ -85,20 +85,6 @@ class Track(Kind):
         """Whether no point was found at this step; the outline is that of the last step in which points were."""
         return "last_points" in self
 
-    def lost(self, last: TrackedPoints, sight: Sight | None) -> Product:
-        """The product of a step in which no point was found, with what the next step starts from.
-
-        last : the points at the last step in which they were found
-        sight : the photograph and features of that step
-        """
-        layouts, values = dict(_LAST), {"last_points": last.points, "last_status": last.status}
-        if sight is not None:
-            values["last_image"] = sight.image
-            features = FeatureSet.layouts("last_")
-            layouts |= features
-            values |= dict(zip(features, sight.features, strict=True))
-        return replace(self.product, variables={**self.product.variables, **laid_out(layouts, values)})
-
     @property
     def last(self) -> TrackedPoints:
         """The points at the last step in which they were found: this one, or one before."""
@@ -106,19 +92,34 @@ class Track(Kind):
         return TrackedPoints(self[f"{prefix}points"], self[f"{prefix}status"], self.polygons)
 
     @property
-    def last_sight(self) -> Sight | None:
-        """The photograph and features of that step, of a step that is lost; None if not kept."""
-        from dicflow.core.matching.features import Features
-        from dicflow.core.matching.steps import Sight
-
-        if "last_image" not in self:
-            return None
-        return Sight(self["last_image"], Features(*(self[name] for name in FeatureSet.layouts("last_"))))
-
-    @property
     def step_size(self) -> float:
         """Distance of the points at the first step [px]."""
         return float(self.product.attrs["step_size"])
+
+
+def lost_track(track: Product, last: TrackedPoints, sight: Sight | None) -> Product:
+    """The track of a step in which no point was found, with what the next step starts from.
+
+    last : the points at the last step in which they were found
+    sight : the photograph and features of that step
+    """
+    layouts, values = dict(_LAST), {"last_points": last.points, "last_status": last.status}
+    if sight is not None:
+        values["last_image"] = sight.image
+        features = FeatureSet.layouts("last_")
+        layouts |= features
+        values |= dict(zip(features, sight.features, strict=True))
+    return replace(track, variables={**track.variables, **laid_out(layouts, values)})
+
+
+def last_sight(track: Product) -> Sight | None:
+    """The photograph and features of that step, of a step that is lost; None if not kept."""
+    from dicflow.core.matching.features import Features
+    from dicflow.core.matching.steps import Sight
+
+    if "last_image" not in track:
+        return None
+    return Sight(track["last_image"], Features(*(track[name] for name in FeatureSet.layouts("last_"))))
 
 
 def _subsets(tracked: TrackedSubsets) -> dict[str, Any]:

@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from typing import TYPE_CHECKING, ClassVar, Literal
 
 from dicflow.engine.node import At, Node, Port, Scope, parameter
 from dicflow.engine.product import Product
 from dicflow.errors import StageError
 from dicflow.kinds.cloud import Cloud
-from dicflow.kinds.increment import Increment, Since
+from dicflow.kinds.increment import Increment, Since, lost_increment, since_of
 from dicflow.kinds.parts import parts_in, with_parts
 from dicflow.kinds.track import Track
 
@@ -65,14 +64,14 @@ class Displacement(Node):
         else:
             field, step_size = _thesis(since, followed, here)
         unit = "px" if cloud is None else "mm"
-        increment = Increment.read(Increment.write(field, self.definition, step_size, unit, _summary(field)))
-        product = with_parts(increment.product, parts_in(track))
-        return product if increment.has_values else replace(increment, product=product).lost(_passed(since, followed))
+        written = Increment.write(field, self.definition, step_size, unit, _summary(field))
+        increment = with_parts(written, parts_in(track))
+        return increment if Increment(increment).has_values else lost_increment(increment, _passed(since, followed))
 
 
 def _since(track: Track, cloud: Product | None, increment: Product | None) -> Since:
     """The state from which the displacement is measured: the previous step, or the last one that has displacements."""
-    if increment is not None and (last := Increment.read(increment).since) is not None:
+    if increment is not None and (last := since_of(increment)) is not None:
         return last
     return Since(track.last, None if cloud is None else Cloud.read(cloud).field, None)
 

@@ -16,7 +16,7 @@ from dicflow.kinds.parts import with_parts
 from dicflow.kinds.region import Region
 from dicflow.kinds.status import known_or_nan
 from dicflow.kinds.track import Track as TrackProduct
-from dicflow.kinds.track import TrackedPoints
+from dicflow.kinds.track import TrackedPoints, last_sight, lost_track
 from dicflow.stages._lost import lost_status, lost_warning
 
 if TYPE_CHECKING:
@@ -133,7 +133,7 @@ class Track(Node):
         from dicflow.core.matching.part_tracking import RegionPlaces, beside_gaps, follow_region
         from dicflow.core.status import Status
 
-        last, sight = before.last, before.last_sight if before.is_lost else sights.before
+        last, sight = before.last, last_sight(before.product) if before.is_lost else sights.before
         pairs, features = _pairs(material, matches, before, sights)
         found = follow_region(material, RegionPlaces(last.points, last.polygons), pairs, features, self._tracking())
         found = found._replace(filled=found.filled | beside_gaps(material, last.points, matches.matching))
@@ -163,7 +163,7 @@ class Track(Node):
         state = TrackedPoints(np.full(last.points.shape, np.nan), status, last.polygons)
         subsets = unknown_subsets(before["transforms"].shape[:2])
         track = TrackProduct.write(state, subsets, self.step_size, _summary(status, None), [warning])
-        return TrackProduct.read(track).lost(last, sight)
+        return lost_track(track, last, sight)
 
     def _tracking(self) -> Tracking:
         from dicflow.core.matching.part_tracking import Tracking
@@ -210,7 +210,7 @@ def _pairs(
     from dicflow.core.matching.part_tracking import match_parts
     from dicflow.core.matching.steps import match_steps
 
-    last, here = before.last_sight if before.is_lost else sights.before, sights.here
+    last, here = last_sight(before.product) if before.is_lost else sights.before, sights.here
     if last is not None and here is not None and not material.parts.is_single:
         return match_parts(material, before.last.points, last, here, matches.matching), matches.features
     if not before.is_lost:

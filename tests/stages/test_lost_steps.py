@@ -10,6 +10,7 @@ from dicflow.engine.product import Product, Variable
 from dicflow.errors import StageError
 from dicflow.kinds.images import Images
 from dicflow.kinds.track import Track as TrackProduct
+from dicflow.kinds.track import lost_track
 from dicflow.stages.accumulate import Accumulate
 from dicflow.stages.disparity import Disparity
 from dicflow.stages.displacement import Displacement
@@ -113,7 +114,7 @@ def measured(totals, lost_tracks=(), lost_clouds=(), definition="material"):
             "transforms": Variable(("subset_row", "subset_col", "i", "j"), np.full((3, 3, 3, 3), np.nan)),
         }
         state = TrackProduct.read(last).last
-        found[k] = TrackProduct(Product("track", variables, last.attrs)).lost(state, None)
+        found[k] = lost_track(Product("track", variables, last.attrs), state, None)
         found[k + 1] = track(totals[k + 1], totals[k - 1])
     for k in lost_clouds:
         clouds[k] = cloud(z=np.nan, status=Status.LOW_TEXTURE)
