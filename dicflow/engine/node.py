@@ -72,18 +72,21 @@ class Port:
     at : which step is taken
     optional : the stage also works without it and then gets None
     own : the producer is this stage itself, at another step
+    of : another port; unless named, the producer is what the stage joined to that port takes by the same name
     """
 
     kinds: tuple[str, ...]
     at: At = At.SAME
     optional: bool = False
     own: bool = False
+    of: str = ""
 
-    def __init__(self, *kinds: str, at: At = At.SAME, optional: bool = False, own: bool = False) -> None:
+    def __init__(self, *kinds: str, at: At = At.SAME, optional: bool = False, own: bool = False, of: str = "") -> None:
         object.__setattr__(self, "kinds", kinds)
         object.__setattr__(self, "at", at)
         object.__setattr__(self, "optional", optional)
         object.__setattr__(self, "own", own)
+        object.__setattr__(self, "of", of)
 
 
 Affects = Literal["result", "speed", "report"]

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any, ClassVar
 
 from dicflow.engine.product import Product
@@ -33,6 +33,7 @@ class Cloud(Kind):
         *,
         fit: Mapping[str, Any] | None = None,
         title: str = _LAYOUTS["xyz"].long_name,
+        warnings: Sequence[str] = (),
     ) -> Product:
         """A product of points.
 
@@ -40,13 +41,15 @@ class Cloud(Kind):
         origin : (x, y) of element [0, 0] in the rectified left image [px]
         fit : statistics of the surface fitted to each coordinate; None for measured points
         title : long name of the points
+        warnings : sentences for the user
         """
         import numpy as np
 
         layouts = _LAYOUTS | {"xyz": _LAYOUTS["xyz"]._replace(long_name=title)}
         values = {"xyz": xyz.astype(np.float32), "status": status}
         known: dict[str, Any] = {} if fit is None else {"fit": dict(fit)}
-        attrs = {"origin": list(origin), **known, "summary": dict(summary)}
+        attrs: dict[str, Any] = {"origin": list(origin), **known, "summary": dict(summary)}
+        attrs |= {"warnings": list(warnings)} if warnings else {}
         return Product("cloud", laid_out(layouts, values), attrs)
 
     @property

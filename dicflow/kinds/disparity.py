@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, ClassVar
 
 from dicflow.engine.product import Product
@@ -29,16 +29,19 @@ class DisparityMap(Kind):
         origin: tuple[int, int],
         limits: tuple[int, int],
         summary: Mapping[str, float],
+        warnings: Sequence[str] = (),
     ) -> Product:
         """A product of disparities.
 
         disparity : (row, col) — NaN where unknown [px]; status : (row, col)
         origin : (x, y) of element [0, 0] in the rectified left image [px]
         limits : range [low, high) that was searched [px]
+        warnings : sentences for the user
         """
         values = {"disparity": disparity, "status": status}
         attrs = {"origin": list(origin), "range": list(limits), "summary": dict(summary)}
-        return Product("disparity", laid_out(_LAYOUTS, values), attrs)
+        said = {"warnings": list(warnings)} if warnings else {}
+        return Product("disparity", laid_out(_LAYOUTS, values), {**attrs, **said})
 
     @property
     def origin(self) -> tuple[int, int]:

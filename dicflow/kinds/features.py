@@ -54,6 +54,12 @@ class FeatureSet(Kind):
         said = {"warnings": list(warnings)} if warnings else {}
         return Product("features", laid_out(layouts, features._asdict()), {**attrs, **said})
 
+    @staticmethod
+    def layouts(prefix: str) -> dict[str, Layout]:
+        """Layouts of the arrays of features in another product, each name with a prefix."""
+        titles = {name: layout.long_name.format(detector="feature") for name, layout in _LAYOUTS.items()}
+        return {f"{prefix}{name}": layout._replace(long_name=titles[name]) for name, layout in _LAYOUTS.items()}
+
     @property
     def features(self) -> Features:
         """The features as :mod:`dicflow.core.matching` takes them."""

@@ -12,6 +12,7 @@ if TYPE_CHECKING:
     import numpy as np
 
     from dicflow.core.correlation.seed import Pairs
+    from dicflow.core.matching.steps import Matching
 
 __all__ = ["Matches"]
 
@@ -34,6 +35,7 @@ class Matches(Kind):
         deformed: np.ndarray,
         features: np.ndarray,
         image_size: tuple[int, int],
+        matching: Matching,
         summary: Mapping[str, int],
     ) -> Product:
         """A product of matches.
@@ -41,13 +43,14 @@ class Matches(Kind):
         reference, deformed : (n, 2) — positions at the previous step and at this one [px]
         features : (m, 2) — all features of the previous step [px]
         image_size : width and height [px]
+        matching : how they were matched
         """
         values = {
             "reference": reference.astype("float32"),
             "deformed": deformed.astype("float32"),
             "features": features,
         }
-        attrs = {"image_size": list(image_size), "summary": dict(summary)}
+        attrs = {"image_size": list(image_size), "matching": matching._asdict(), "summary": dict(summary)}
         return Product("matches", laid_out(_LAYOUTS, values), attrs)
 
     @property
@@ -67,3 +70,10 @@ class Matches(Kind):
         """Width and height of the image [px]."""
         width, height = self.product.attrs["image_size"]
         return width, height
+
+    @property
+    def matching(self) -> Matching:
+        """How they were matched."""
+        from dicflow.core.matching.steps import Matching
+
+        return Matching(**self.product.attrs["matching"])

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import replace
 from typing import TYPE_CHECKING, Any, ClassVar, Literal, NamedTuple
 
 from dicflow.engine.product import Product, Variable
@@ -43,6 +44,8 @@ _PLACES = {
     ),
     "calibration_xyz": Layout((*GRID, "component"), "{unit}", "calibration's share in σ of the place"),
 }
+_LAST = "last_"
+"""Begins the names of arrays, and of their axes, that hold the last total with displacements."""
 _SINGLE = ("covariance", "calibration_xyz")
 """Kept in single precision, as standard deviations are."""
 
@@ -100,6 +103,27 @@ class Total(Kind):
         variables = {name: _variable(name, values, facts) for name, values in fields.items()}
         attrs = {"definition": facts.definition, "unit": facts.unit, "measures": dict(facts.titles), **facts.further}
         return Product("total", {**variables, "status": STATUS(status), **(beside or {})}, attrs)
+
+    def lost(self, last: Total | None) -> Product:
+        """The product of a step without displacements, with the total to which the next step adds; None for none."""
+        known = {} if last is None else last.product.variables
+        variables = {
+            f"{_LAST}{name}": part._replace(dims=tuple(f"{_LAST}{dim}" for dim in part.dims))
+            for name, part in known.items()
+            if not name.startswith(_LAST)
+        }
+        attrs = {**self.product.attrs, "lost": True}
+        return replace(self.product, variables={**self.product.variables, **variables}, attrs=attrs)
+
+    @property
+    def last(self) -> Total | None:
+        """The total of the last step with displacements: this one, or one before; None if there is none yet."""
+        if not self.product.attrs.get("lost"):
+            return self
+        kept = {
+            name.removeprefix(_LAST): part for name, part in self.product.variables.items() if name.startswith(_LAST)
+        }
+        return Total(replace(self.product, variables=kept)) if kept else None
 
     @property
     def definition(self) -> Definition:

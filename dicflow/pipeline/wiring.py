@@ -188,7 +188,8 @@ def _inputs(
 ) -> dict[str, str]:
     """Port → stage for every input that is named or can be only one.
 
-    ``cloud_before``, ``cloud_first`` and ``cloud_early`` are by default joined to the stage of ``cloud``.
+    ``cloud_before``, ``cloud_first`` and ``cloud_early`` are by default joined to the stage of ``cloud``, and a port of
+    another one to what that one's stage takes.
     """
     takes, found = nodes[name].takes, dict[str, str]()
     for port_name, port in takes.items():
@@ -202,11 +203,20 @@ def _inputs(
             producer: str | None = name
         elif same != port_name and same in takes and port_name not in entry:
             producer = found.get(same)
+        elif port.of and port_name not in entry:
+            producer = _taken(document, found.get(port.of), port_name, nodes)
         else:
             producer = _producer(document, name, port_name, port, entry, nodes, problems)
         if producer is not None:
             found[port_name] = producer
     return found
+
+
+def _taken(document: Document, stage: str | None, port_name: str, nodes: Mapping[str, Node]) -> str | None:
+    """What a stage takes at a port; None for no stage, or one without that port."""
+    if stage is None or (port := nodes[stage].takes.get(port_name)) is None:
+        return None
+    return _producer(document, stage, port_name, port, document.data["stages"][stage], nodes, [])
 
 
 def _producer(

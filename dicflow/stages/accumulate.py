@@ -33,7 +33,8 @@ class Accumulate(Node):
     In the material definition displacements are added and deformation gradients multiplied point by point,
     F = f · F of the previous step; a lost point stays lost. In the thesis's the previous total is stretched to the new
     grid like an image, gaps are filled, and displacements and strains are added. The sum of incremental engineering
-    strains is not the engineering strain: it approximates ln(1 + ε), about 0.8 instead of 1.2 at a stretch of 2.2.
+    strains is not the engineering strain: it approximates ln(1 + ε), about 0.8 instead of 1.2 at a stretch of 2.2. The
+    increment that follows a step without any displacement is added to the total of the last step that has one.
     """
 
     title: ClassVar = "accumulate the steps"
@@ -48,7 +49,7 @@ class Accumulate(Node):
 
     def run(self, strain: Product, total_before: Product | None = None) -> Product:
         increment = StrainIncrement.read(strain)
-        before = None if total_before is None else Total.read(total_before)
+        before = None if total_before is None else Total.read(total_before).last
         fields = _material(increment, before) if increment.follows_material else _thesis(increment, before)
         status = fields.pop("status")
         facts = TotalFacts(
@@ -57,7 +58,8 @@ class Accumulate(Node):
             _TITLES[increment.definition],
             {"step_size": increment.step_size, "summary": field_means(fields, increment.unit)},
         )
-        return Total.write(fields, status, facts)
+        total = Total.write(fields, status, facts)
+        return total if increment.has_values else Total.read(total).lost(before)
 
 
 def _material(increment: StrainIncrement, before: Total | None) -> dict[str, Any]:

@@ -13,6 +13,7 @@ from dicflow.kinds.correlation import Correlation, SubsetGrid
 from dicflow.kinds.images import Images
 from dicflow.kinds.matches import Matches
 from dicflow.kinds.region import Region
+from dicflow.stages._lost import lost_status, lost_warning
 from dicflow.stages._subsets import SubsetSearch, photograph_of
 
 if TYPE_CHECKING:
@@ -168,7 +169,7 @@ class Correlate(SubsetSearch):
             start, reference_step, direct, search, self.reference.updating(), course.expected
         )
         found = found._replace(status=np.where(lost, status, found.status))
-        found = found if found.valid.any() else found._replace(status=_status_without_texture(found.status, image.grey))
+        found, said = (found, {}) if found.valid.any() else _all_lost(found, image.grey)
         polygons = previous.points.outline(first.outline, found, first.parts)
         product = Correlation.write(
             found,
@@ -178,7 +179,7 @@ class Correlate(SubsetSearch):
             polygons,
             self._grid(),
             reference,
-            {**self._facts(found, noise, image, polygons), **previous.points.period_facts, **_lost(found, image.grey)},
+            {**self._facts(found, noise, image, polygons), **previous.points.period_facts, **said},
         )
         return Correlation.read(product).with_parts(first.parts)
 
@@ -307,23 +308,10 @@ def _repetition_facts(found: Repetition) -> dict[str, Any]:
     return {"period_px": found.period_px, "repeating_share": found.share, "warnings": [text]}
 
 
-def _status_without_texture(status: np.ndarray, image: np.ndarray) -> np.ndarray:
-    """Status of points that were all lost: for want of texture if the photograph has none anywhere."""
-    import numpy as np
-
-    from dicflow.core.photographs.texture import textured_box
+def _all_lost(found: FoundPoints, image: np.ndarray) -> tuple[FoundPoints, dict[str, Any]]:
+    """Points that were all lost, with the reason, and the attribute with the warning."""
     from dicflow.core.status import Status
 
-    lost = np.isin(status, (Status.UNTRACKED, Status.NOT_CONVERGED, Status.LOW_CORRELATION, Status.OVEREXPOSED))
-    return np.where(lost, np.uint8(Status.LOW_TEXTURE), status) if textured_box(image) is None else status
-
-
-def _lost(found: FoundPoints, image: np.ndarray) -> dict[str, Any]:
-    """A warning if no point is found in a photograph; empty otherwise."""
-    from dicflow.core.photographs.texture import textured_box
-
-    if found.valid.any():
-        return {}
-    if textured_box(image) is None:
-        return {"warnings": ["no texture in this left photograph: all points are lost here; check light and exposure"]}
-    return {"warnings": ["no point is found in this left photograph; check that it shows the specimen"]}
+    reasons = (Status.UNTRACKED, Status.NOT_CONVERGED, Status.LOW_CORRELATION, Status.OVEREXPOSED)
+    status = lost_status(found.status, image, reasons)
+    return found._replace(status=status), {"warnings": [lost_warning(image, "left")]}

@@ -2,17 +2,18 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal, NamedTuple
 
 from pydantic import AfterValidator
 
-from dicflow.engine.node import Node, Odd, Pixels, Port, Scope, parameter
+from dicflow.engine.node import At, Node, Odd, Pixels, Port, Scope, parameter
 from dicflow.engine.product import Product
 from dicflow.errors import StageError
 from dicflow.kinds.disparity import DisparityMap
 from dicflow.kinds.images import Images
 from dicflow.kinds.rig import CalibratedRig
 from dicflow.kinds.track import Track
+from dicflow.stages._lost import lost_warning
 
 if TYPE_CHECKING:
     import numpy as np
@@ -38,10 +39,29 @@ def _ordered(value: tuple[int, int]) -> tuple[int, int]:
 Range = Annotated[tuple[int, int], AfterValidator(_ordered)]
 
 
+class _Place(NamedTuple):
+    """Where disparities are searched for.
+
+    box : (x0, y0, x1, y1) of the part that is matched, ends excluded [px]
+    counts : (rows, cols) — pixels of the region; photographed : pixels that show the photograph
+    """
+
+    box: tuple[int, int, int, int]
+    counts: np.ndarray
+    photographed: np.ndarray
+
+    @property
+    def part(self) -> tuple[slice, slice]:
+        """Rows and columns of the box."""
+        x0, y0, x1, y1 = self.box
+        return slice(y0, y1), slice(x0, x1)
+
+
 class Disparity(Node):
     """Match both rectified photographs along their rows by semi-global matching, to a few hundredths of a pixel.
 
-    Only the part of the photograph that holds the tracked region is matched, with a margin, where ``track`` is given.
+    Only the part of the photograph that holds the tracked region is matched, with a margin, where ``track`` is given. A
+    later step than the first in which almost no pixel is matched has no disparities, and a warning.
     """
 
     title: ClassVar = "disparity"
@@ -50,6 +70,7 @@ class Disparity(Node):
         "pair": Port("rectified"),
         "rig": Port("rig", optional=True),
         "track": Port("track", optional=True),
+        "disparity_first": Port("disparity", at=At.FIRST, own=True),
     }
     gives: ClassVar = "disparity"
 
@@ -66,26 +87,46 @@ class Disparity(Node):
     correlation: float = parameter(0.6, "least correlation of the windows that the refinement compares", ge=-1, le=1)
     margin: Pixels = parameter(24.0, "width of the band around the region that is matched too", unit="px", ge=0)
 
-    def run(self, pair: Product, rig: Product | None = None, track: Product | None = None) -> Product:
+    def run(
+        self,
+        pair: Product,
+        rig: Product | None = None,
+        track: Product | None = None,
+        disparity_first: Product | None = None,
+    ) -> Product:
+        from dicflow.core.matching.disparity import box_around
+        from dicflow.core.photographs.region import bounding_box, rasterise
+
+        images, followed = Images.read(pair), None if track is None else Track.read(track)
+        shape = images.left.shape
+        polygons = _polygons(shape, followed)
+        box, photographed = box_around(bounding_box(polygons), self.margin, shape), _photographed(shape, rig)
+        place = _Place(box or (0, 0, *shape[::-1]), rasterise(polygons, shape) & photographed, photographed)
+        first = None if disparity_first is None else DisparityMap.read(disparity_first)
+        if first is not None and followed is not None and followed.is_lost:
+            return _lost(images, place, first.limits)
+        try:
+            if box is None:
+                raise StageError("the region lies outside the rectified photograph at this step; check its track")
+            return self._matched(images, place)
+        except StageError as error:
+            if first is None:
+                raise
+            return _lost(images, place, first.limits, str(error))
+
+    def _matched(self, images: Images, place: _Place) -> Product:
+        """The disparities. Raises StageError where there are almost none."""
         import numpy as np
 
-        from dicflow.core.matching.disparity import box_around, match_rows
-        from dicflow.core.photographs.region import bounding_box, rasterise
+        from dicflow.core.matching.disparity import match_rows
         from dicflow.core.status import Status
 
-        images = Images.read(pair)
+        box, counts, photographed = place
         left, right = images.left, images.right
-        polygons = _polygons(left.shape, track)
-        box = box_around(bounding_box(polygons), self.margin, left.shape)
-        if box is None:
-            raise StageError("the region lies outside the rectified photograph at this step; check the region's track")
-        photographed = _photographed(left.shape, rig)
-        counts = rasterise(polygons, left.shape) & photographed
         limits = self._limits(left, right, counts)
         matched = match_rows(left, right, box, limits, self._matching())
-        part = np.s_[box[1] : box[3], box[0] : box[2]]
-        status = np.where(photographed[part], matched.status, np.uint8(Status.OUTSIDE))
-        summary = _summary(status[counts[part]], limits)
+        status = np.where(photographed[place.part], matched.status, np.uint8(Status.OUTSIDE))
+        summary = _summary(status[counts[place.part]], limits)
         textured = 1.0 - summary["low_texture_share"]
         if summary["valid_share"] < max(MIN_VALID_SHARE, MIN_MATCHED_SHARE * textured):
             raise StageError(_no_disparities(left, counts, limits))
@@ -112,12 +153,30 @@ class Disparity(Node):
         )
 
 
-def _polygons(shape: tuple[int, ...], track: Product | None) -> list[Polygon]:
+def _lost(images: Images, place: _Place, limits: tuple[int, int], problem: str = "") -> Product:
+    """The product of a step without disparities. problem : why there are none; empty if the track says it"""
+    import numpy as np
+
+    from dicflow.core.photographs.texture import textured_box
+    from dicflow.core.status import Status
+
+    dark = [side for side, image in images.sides if textured_box(image) is None]
+    code = Status.LOW_TEXTURE if dark else Status.NO_MATCH
+    status = np.where(place.counts[place.part], np.uint8(code), np.uint8(Status.OUTSIDE))
+    values = np.full(status.shape, np.nan, dtype=np.float32)
+    x0, y0, _, _ = place.box
+    warnings = [f"no disparities at this step: {problem}"] if problem else []
+    warnings = [lost_warning(images[side], side) for side in dark] or warnings
+    summary = _summary(status[place.counts[place.part]], limits)
+    return DisparityMap.write(values, status, (x0, y0), limits, summary, warnings)
+
+
+def _polygons(shape: tuple[int, ...], track: Track | None) -> list[Polygon]:
     """The region at this step; the whole image without a track."""
     from dicflow.core.photographs.region import rectangle
 
     rows, cols = shape
-    return [rectangle(0, 0, cols - 1, rows - 1)] if track is None else Track.read(track).polygons
+    return [rectangle(0, 0, cols - 1, rows - 1)] if track is None else track.polygons
 
 
 def _photographed(shape: tuple[int, int], rig: Product | None) -> np.ndarray:

@@ -12,18 +12,10 @@ from dicflow.kinds.images import Images
 from dicflow.kinds.matches import Matches
 
 if TYPE_CHECKING:
-    import numpy as np
-
     from dicflow.core.matching.features import Features
-
-    Pairs = tuple[np.ndarray, np.ndarray]
+    from dicflow.core.matching.steps import Matching
 
 __all__ = ["Match"]
-
-REFINEMENT_PASSES = 2
-"""The windows' shape comes from the matches; in the second pass from refined ones."""
-MIN_MATCHES = 12
-"""Fewer matches do not give the motion around a point."""
 
 
 class Match(Node):
@@ -54,50 +46,28 @@ class Match(Node):
     min_correlation: float = parameter(0.6, "correlation of the two windows, at least", ge=-1, le=1)
 
     def run(self, features: Product, features_before: Product, images: Product, images_before: Product) -> Product:
-        from dicflow.core.matching.pairs import match_features
+        from dicflow.core.matching.steps import Sight, match_steps
 
         source, target = FeatureSet.read(features_before), FeatureSet.read(features)
-        before, after = source.features, target.features
-        _check_descriptors(before, after)
-        first = match_features(before, after, ratio=self.ratio, mutual=self.mutual)
-        pairs = before.xy[first[:, 0]].astype(float), after.xy[first[:, 1]].astype(float)
-        if self.guided:
-            pairs = self._guided(before, after, pairs)
-        if self.refine:
-            pairs = self._refined(Images.read(images_before).left, Images.read(images).left, pairs)
+        before = Sight(Images.read(images_before).left, source.features)
+        after = Sight(Images.read(images).left, target.features)
+        _check_descriptors(before.features, after.features)
+        found = match_steps(before, after, self._matching())
         summary = {
-            "features_reference": len(before.xy),
-            "features_deformed": len(after.xy),
-            "matches_by_descriptor": len(first),
-            "matches": len(pairs[0]),
+            "features_reference": len(before.features.xy),
+            "features_deformed": len(after.features.xy),
+            "matches_by_descriptor": found.by_descriptor,
+            "matches": len(found.source),
         }
-        return Matches.write(*pairs, before.xy, target.image_size, summary)
+        positions = found.source, found.target, before.features.xy
+        return Matches.write(*positions, target.image_size, self._matching(), summary)
 
-    def _guided(self, before: Features, after: Features, pairs: Pairs) -> Pairs:
-        """Matches near the positions that the consistent matches around them predict."""
-        from dicflow.core.matching.pairs import consistent_matches, guided_matches, local_motion
+    def _matching(self) -> Matching:
+        from dicflow.core.matching.steps import Matching
 
-        source, target = _kept(pairs, consistent_matches(*pairs))
-        if len(source) < MIN_MATCHES:
-            return pairs
-        predicted = local_motion(source, target, before.xy.astype(float)).position
-        guided = guided_matches(before, after, predicted, radius_px=self.radius)
-        pairs = before.xy[guided[:, 0]].astype(float), after.xy[guided[:, 1]].astype(float)
-        return _kept(pairs, consistent_matches(*pairs))
-
-    def _refined(self, image_before: np.ndarray, image: np.ndarray, pairs: Pairs) -> Pairs:
-        """Matches whose windows correlate, at the positions of the highest correlation."""
-        from dicflow.core.matching.pairs import consistent_matches, local_motion
-        from dicflow.core.matching.refine import refine_matches
-
-        pairs = _kept(pairs, consistent_matches(*pairs))
-        for _ in range(REFINEMENT_PASSES):
-            if len(pairs[0]) < MIN_MATCHES:
-                break
-            gradient = local_motion(*pairs, pairs[0]).gradient
-            refined = refine_matches(image_before, image, *pairs, gradient, window_px=self.window)
-            pairs = _kept((refined.reference, refined.deformed), refined.correlation >= self.min_correlation)
-        return pairs
+        return Matching(
+            self.ratio, self.mutual, self.guided, self.radius, self.refine, self.window, self.min_correlation
+        )
 
 
 def _check_descriptors(before: Features, after: Features) -> None:
@@ -105,7 +75,3 @@ def _check_descriptors(before: Features, after: Features) -> None:
     one, other = before.descriptors, after.descriptors
     if one.dtype != other.dtype or one.shape[1:] != other.shape[1:]:
         raise StageError("the features of the two steps come from different detectors; use one detector for both")
-
-
-def _kept(pairs: Pairs, keep: np.ndarray) -> Pairs:
-    return pairs[0][keep], pairs[1][keep]

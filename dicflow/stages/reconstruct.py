@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Annotated, ClassVar, Literal
 
 from pydantic import Field
 
-from dicflow.engine.node import Millimetres, Node, Port, Scope, parameter
+from dicflow.engine.node import At, Millimetres, Node, Port, Scope, parameter
 from dicflow.engine.product import Product
 from dicflow.errors import StageError
 from dicflow.kinds.cloud import Cloud
@@ -25,12 +25,18 @@ Gate = Annotated[Millimetres, Field(gt=0)]
 class Reconstruct(Node):
     """Turn disparities into points in the left camera's frame.
 
-    Points outside the tracked region, and points of the background seen over its edge, have no value.
+    Points outside the tracked region, and points of the background seen over its edge, have no value. Nor has any point
+    of a later step than the first whose photographs are exchanged.
     """
 
     title: ClassVar = "reconstruct points"
     scope: ClassVar = Scope.STEP
-    takes: ClassVar = {"disparity": Port("disparity"), "rig": Port("rig"), "track": Port("track", optional=True)}
+    takes: ClassVar = {
+        "disparity": Port("disparity"),
+        "rig": Port("rig"),
+        "track": Port("track", optional=True),
+        "cloud_first": Port("cloud", at=At.FIRST, own=True),
+    }
     gives: ClassVar = "cloud"
 
     stage: Literal["reconstruct"] = "reconstruct"
@@ -40,7 +46,9 @@ class Reconstruct(Node):
         unit="mm",
     )
 
-    def run(self, disparity: Product, rig: Product, track: Product | None = None) -> Product:
+    def run(
+        self, disparity: Product, rig: Product, track: Product | None = None, cloud_first: Product | None = None
+    ) -> Product:
         import numpy as np
 
         from dicflow.core.cameras.rectification import rectification, triangulate_disparity
@@ -56,11 +64,16 @@ class Reconstruct(Node):
             np.broadcast_arrays(np.arange(values.shape[1]) + x0, np.arange(values.shape[0])[:, None] + y0), -1
         )
         xyz = triangulate_disparity(places, np.where(status == Status.VALID, values, np.nan), view)
-        _check_in_front(xyz[..., 2][status == Status.VALID])
+        problem = _not_in_front(xyz[..., 2][status == Status.VALID])
+        if problem and cloud_first is None:
+            raise StageError(problem)
+        if problem:
+            status[status == Status.VALID] = Status.NO_MATCH
         status[(status == Status.VALID) & np.isnan(xyz[..., 2])] = Status.NO_MATCH
-        status[self._background(xyz[..., 2], track is not None)] = Status.BACKGROUND
+        background = self._background(np.where(status == Status.VALID, xyz[..., 2], np.nan), track is not None)
+        status[background] = Status.BACKGROUND
         xyz[status != Status.VALID] = np.nan
-        return Cloud.write(xyz, status, (x0, y0), _summary(status))
+        return Cloud.write(xyz, status, (x0, y0), _summary(status), warnings=[problem] if problem else [])
 
     def _background(self, depth: np.ndarray, in_region: bool) -> np.ndarray:
         """Points beyond the depth gate (rows, cols)."""
@@ -73,14 +86,15 @@ class Reconstruct(Node):
         return is_background(depth, None if self.depth_gate == "auto" else self.depth_gate)
 
 
-def _check_in_front(depth: np.ndarray) -> None:
-    """Raise StageError if most points lie behind the cameras, as exchanged photographs turn the sign of disparities."""
+def _not_in_front(depth: np.ndarray) -> str:
+    """What is wrong if most points lie behind the cameras, as exchanged photographs turn the sign of disparities."""
     in_front = (depth > 0.0).mean() if depth.size else 1.0
-    if in_front < 0.5:
-        raise StageError(
-            f"only {in_front:.0%} of the points lie in front of the cameras, so left and right photographs are "
-            "swapped or come from another rig; exchange left and right"
-        )
+    if in_front >= 0.5:
+        return ""
+    return (
+        f"only {in_front:.0%} of the points lie in front of the cameras, so left and right photographs are "
+        "swapped or come from another rig; exchange left and right"
+    )
 
 
 def _inside(track: Track, origin: tuple[int, int], shape: tuple[int, int]) -> np.ndarray:

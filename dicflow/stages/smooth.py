@@ -7,6 +7,7 @@ from typing import ClassVar, Literal
 from dicflow.engine.node import Node, Port, Scope, parameter
 from dicflow.engine.product import Product
 from dicflow.kinds.increment import Increment
+from dicflow.kinds.parts import parts_in
 from dicflow.kinds.status import fitted_status
 from dicflow.stages._parameters import WindowSide
 
@@ -16,8 +17,8 @@ __all__ = ["Smooth"]
 class Smooth(Node):
     """Replace the displacement at each point by a polynomial fitted to the window around it (Savitzky–Golay in 2D).
 
-    Points without a value keep none. In the material definition ``xyz`` is the place at the previous step plus the
-    smoothed displacement.
+    Points without a value keep none. No window reaches from one part of the region into another. In the material
+    definition ``xyz`` is the place at the previous step plus the smoothed displacement.
     """
 
     title: ClassVar = "smooth the displacement"
@@ -32,12 +33,13 @@ class Smooth(Node):
     def run(self, increment: Product) -> Product:
         import numpy as np
 
-        from dicflow.core.surfaces.filters import local_polynomial, odd_window
+        from dicflow.core.surfaces.filters import odd_window
+        from dicflow.core.surfaces.part_windows import smooth_parts
 
         before = Increment.read(increment)
         raw = before["displacement"]
         window = odd_window(self.window, before.step_size)
-        smooth = local_polynomial(raw, window, self.degree).value
+        smooth = smooth_parts(parts_in(increment), raw, window, self.degree)
         measured = np.isfinite(raw).all(axis=2)
         smooth[~measured] = np.nan
         fitted = np.asarray(np.isfinite(smooth).all(axis=2))

@@ -13,6 +13,7 @@ from dicflow.kinds.correlation import Correlation, SubsetGrid
 from dicflow.kinds.images import Images
 from dicflow.kinds.rig import CalibratedRig
 from dicflow.kinds.stereo import Stereo as StereoPoints
+from dicflow.stages._lost import lost_status, lost_warning
 from dicflow.stages._rig_check import check_found, check_sizes, misfit
 from dicflow.stages._subsets import ShapeFunction, SubsetSearch, photograph_of
 
@@ -32,6 +33,8 @@ _FOLLOWED_PAIRS = 1000
 """Points whose motion predicts that of the others."""
 _SEED_WINDOW = 1.5
 """Side of the windows compared along epipolar lines, in subsets."""
+
+_CHECK_RIGHT = "check that it shows the specimen at the moment of the left one"
 
 
 class _View(NamedTuple):
@@ -204,7 +207,7 @@ class Stereo(SubsetSearch):
         status[(status == Status.VALID) & ~(apart <= self.max_epipolar)] = Status.EPIPOLAR
         kept, left_found = status == Status.VALID, bool((left["status"] <= Status.FILLED).any())
         if not kept.any() and left_found:
-            status = _without_texture(status, view.images.right)
+            status = lost_status(status, view.images.right, (Status.HIDDEN,))
         share = overexposed_share(view.images.right, places)
         summary = {
             **_summary(left["status"], status, apart[kept], found.iterations[kept]),
@@ -212,7 +215,7 @@ class Stereo(SubsetSearch):
         }
         facts: dict[str, Any] = {"interpolation": self.interpolation, "match": self.match, "summary": summary}
         if not kept.any() and left_found:
-            facts["warnings"] = [_nothing_found(view.images.right)]
+            facts["warnings"] = [lost_warning(view.images.right, "right", _CHECK_RIGHT)]
         grid = SubsetGrid(left.grid.step_size, left.grid.subset_size, self.shape_function)
         return StereoPoints.write(found, apart, status, grid, noise_ratio, facts)
 
@@ -292,26 +295,6 @@ def _starts_from_epipolar_lines(cameras: Rig, view: _View) -> np.ndarray:
         reason = misfit(cameras, view.images, places, 0.0) or "use the calibration of these cameras"
         raise StageError(f"the rig cannot be rectified: {error}; {reason}") from error
     return starting_warps(view.points["warp"], *right_of_left(partners, places))
-
-
-def _without_texture(status: np.ndarray, image: np.ndarray) -> np.ndarray:
-    """Status of points that were all lost: for want of texture if the right photograph has none anywhere."""
-    import numpy as np
-
-    from dicflow.core.photographs.texture import textured_box
-    from dicflow.core.status import Status
-
-    hidden = status == Status.HIDDEN
-    return np.where(hidden, np.uint8(Status.LOW_TEXTURE), status) if textured_box(image) is None else status
-
-
-def _nothing_found(image: np.ndarray) -> str:
-    """The warning for a right photograph (row, col) in which no point is found."""
-    from dicflow.core.photographs.texture import textured_box
-
-    if textured_box(image) is None:
-        return "no texture in this right photograph: all points are lost here; check light and exposure"
-    return "no point is found in this right photograph; check that it shows the specimen at the moment of the left one"
 
 
 def _status(left: np.ndarray, right: np.ndarray) -> np.ndarray:

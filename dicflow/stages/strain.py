@@ -8,6 +8,7 @@ from dicflow.engine.node import Node, Port, Scope, parameter
 from dicflow.engine.product import Product
 from dicflow.errors import StageError
 from dicflow.kinds.increment import Increment, StrainIncrement
+from dicflow.kinds.parts import parts_in
 from dicflow.kinds.status import fitted_status
 from dicflow.stages._parameters import WindowSide
 
@@ -23,8 +24,9 @@ class Strain(Node):
     """How the specimen deformed since the previous step.
 
     In the material definition: the deformation gradient between the tangent planes of the two surfaces, from local
-    polynomials of the points in space over the material grid. In the thesis's: quotients of differences of
-    displacement and of coordinates, the first smoothed by local polynomials, the second replaced by planes.
+    polynomials of the points in space over the material grid, each within its part of the region. In the thesis's:
+    quotients of differences of displacement and of coordinates, the first smoothed by local polynomials, the second
+    replaced by planes.
     """
 
     title: ClassVar = "strain of each step"
@@ -54,10 +56,17 @@ class Strain(Node):
 
     def _measure(self, motion: Increment, window: tuple[int, int]) -> tuple[np.ndarray | None, Measures]:
         """The deformation gradient, if the definition has one, and the strains."""
-        from dicflow.core.strain.surface_strain import deformation_gradient, engineering_strain, jacobian, thesis_strain
+        import numpy as np
 
+        from dicflow.core.strain.parts_gradient import jacobian_of_parts
+        from dicflow.core.strain.surface_strain import Strain as Measures
+        from dicflow.core.strain.surface_strain import deformation_gradient, engineering_strain, thesis_strain
+
+        if not motion.follows_material and not motion.has_values:
+            return None, Measures(*np.full((3, *motion["status"].shape), np.nan))
         if not motion.follows_material:
             return None, thesis_strain(motion["displacement"], motion["xyz_reference"], window, self.degree)
-        before, after = (jacobian(motion[name], window, self.degree) for name in ("xyz_reference", "xyz"))
-        gradient = deformation_gradient(before, after)
+        parts = parts_in(motion.product)
+        places = (motion[name] for name in ("xyz_reference", "xyz"))
+        gradient = deformation_gradient(*(jacobian_of_parts(parts, place, window, self.degree) for place in places))
         return gradient, engineering_strain(gradient)

@@ -64,6 +64,8 @@ class Surface(Node):
         before = Cloud.read(cloud)
         xyz = np.asarray(before["xyz"], dtype=np.float64)
         had = np.isfinite(xyz).all(axis=2)
+        if not had.any():
+            return cloud
         fitted, facts = np.empty_like(xyz), {}
         for index, name in enumerate("xyz"):
             try:

@@ -9,19 +9,24 @@ from pydantic import Field
 from dicflow.engine.node import At, Node, Port, Scope, parameter
 from dicflow.engine.product import Product
 from dicflow.errors import StageError
+from dicflow.kinds.features import FeatureSet
+from dicflow.kinds.images import Images
 from dicflow.kinds.matches import Matches
+from dicflow.kinds.parts import with_parts
 from dicflow.kinds.region import Region
+from dicflow.kinds.status import known_or_nan
 from dicflow.kinds.track import Track as TrackProduct
+from dicflow.kinds.track import TrackedPoints, last_sight, lost_track
+from dicflow.stages._lost import lost_status, lost_warning
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Sequence
+    from collections.abc import Sequence
 
     import numpy as np
 
-    from dicflow.core.matching.tracking import SubsetGrid, TrackedSubsets
-    from dicflow.core.photographs.region import Polygon
-
-    Pairs = tuple[np.ndarray, np.ndarray]
+    from dicflow.core.matching.part_tracking import FollowedRegion, MaterialGrid, Tracking
+    from dicflow.core.matching.steps import Sight
+    from dicflow.core.matching.tracking import TrackedSubsets
 
 __all__ = ["Track"]
 
@@ -30,12 +35,11 @@ Count = Annotated[int, Field(ge=1)]
 OUTLINE_STEPS = 4  # material steps between the points of the carried outline
 
 
-class State(NamedTuple):
-    """Material points (rows, cols, 2) with their status (rows, cols), and the region, at one step [px]."""
+class _Sights(NamedTuple):
+    """Photograph and features of this step, and of the one before; None if the ports are open."""
 
-    points: np.ndarray
-    status: np.ndarray
-    polygons: Sequence[Polygon]
+    here: Sight | None
+    before: Sight | None
 
 
 class Track(Node):
@@ -46,12 +50,23 @@ class Track(Node):
     each point from these; without refined matches ``follow: blend`` is less noisy. A subset with too few matches, or a
     folding transform, gets the transform of its neighbours' matches; its points have the status FILLED from then on.
     Points that leave the photograph are lost.
+
+    Each polygon of the region, and each part that its cuts leave, has subsets of its own and follows its own matches;
+    beside a cut that ends inside a part, ``follow: matches`` takes those on the same side. Where a window of the
+    matches would reach across the gap between parts, points follow the matches farther away, and are FILLED.
+
+    A step in which no point is found loses all points there and no more: the next one is matched with the last in which
+    they were found.
     """
 
     title: ClassVar = "track subsets"
     scope: ClassVar = Scope.STEP
     takes: ClassVar = {
         "matches": Port("matches", optional=True),
+        "features": Port("features", optional=True, of="matches"),
+        "features_before": Port("features", at=At.PREVIOUS, optional=True, of="matches"),
+        "images": Port("rectified", "plane", "images", optional=True, of="matches"),
+        "images_before": Port("rectified", "plane", "images", at=At.PREVIOUS, optional=True, of="matches"),
         "region": Port("region"),
         "track_before": Port("track", at=At.PREVIOUS, own=True),
     }
@@ -71,18 +86,31 @@ class Track(Node):
     )
     step_size: float = parameter(5.0, "distance of the material points at the first step", unit="px", ge=1)
 
-    def run(self, region: Product, matches: Product | None = None, track_before: Product | None = None) -> Product:
+    def run(
+        self,
+        region: Product,
+        matches: Product | None = None,
+        track_before: Product | None = None,
+        **photographed: Product | None,
+    ) -> Product:
+        """``photographed`` has the ports of features and images."""
+        first, material = self._first(Region.read(region))
         if track_before is None:
-            return self._first(Region.read(region))
-        if matches is None:
+            summary = _summary(first.status, None)
+            track = TrackProduct.write(first, _identity(self.subsets), self.step_size, summary)
+        elif matches is None:
             raise StageError("no matches from the previous step; add a stage 'match' and name it as 'matches'")
-        return self._next(Matches.read(matches), TrackProduct.read(track_before))
+        else:
+            before = TrackProduct.read(track_before)
+            track = self._next(material, Matches.read(matches), before, _sights(**photographed))
+        return with_parts(track, material.parts)
 
-    def _first(self, region: Region) -> Product:
-        """The material grid on the region of the first step, and identity transforms."""
+    def _first(self, region: Region) -> tuple[TrackedPoints, MaterialGrid]:
+        """The material grid on the region of the first step, and its parts."""
         import numpy as np
 
-        from dicflow.core.photographs.region import bounding_box, carry, contains
+        from dicflow.core.matching.part_tracking import MaterialGrid
+        from dicflow.core.photographs.region import bounding_box, carry, contains, parts_of_region
         from dicflow.core.status import Status
 
         polygons = carry(region.polygons, lambda ring: ring, spacing_px=OUTLINE_STEPS * self.step_size)
@@ -97,112 +125,135 @@ class Track(Node):
             )
         points[~inside] = np.nan
         status = np.where(inside, Status.VALID, Status.OUTSIDE).astype(np.uint8)
-        return self._product(State(points, status, polygons), None)
+        parts = parts_of_region(polygons, region.cuts, points)
+        return TrackedPoints(points, status, polygons), MaterialGrid(parts, polygons)
 
-    def _next(self, matches: Matches, before: TrackProduct) -> Product:
-        """Points, outline and transforms, carried from the previous step to this one."""
-        from dicflow.core.matching.tracking import nearest_subset, subset_grid
-        from dicflow.core.photographs.region import bounding_box
+    def _next(self, material: MaterialGrid, matches: Matches, before: TrackProduct, sights: _Sights) -> Product:
+        """Points, outline and transforms, carried to this step from the last one in which points were found."""
+        from dicflow.core.matching.part_tracking import RegionPlaces, beside_gaps, follow_region
+        from dicflow.core.status import Status
 
-        state = State(before["points"], before["status"], before.polygons)
-        grid = subset_grid(bounding_box(state.polygons), self.subsets, self.overlap)
-        tracked = self._transforms(grid, state.polygons, matches)
-        mapping = self._mapping(grid, tracked, _inside(state.polygons, matches))
-        filled = tracked.filled[nearest_subset(grid, state.points)]
-        return self._product(_carried(state, mapping, filled, matches.image_size), tracked)
+        last, sight = before.last, last_sight(before.product) if before.is_lost else sights.before
+        pairs, features = _pairs(material, matches, before, sights)
+        found = follow_region(material, RegionPlaces(last.points, last.polygons), pairs, features, self._tracking())
+        found = found._replace(filled=found.filled | beside_gaps(material, last.points, matches.matching))
+        status = _status(last.status, found, matches.image_size)
+        points = known_or_nan(status <= Status.FILLED, found.places.points)
+        if not (status <= Status.FILLED).any():
+            return self._lost(before, sight, status, sights.here)
+        state = TrackedPoints(points, status, found.places.polygons)
+        return TrackProduct.write(state, found.tracked, self.step_size, _summary(status, found.tracked))
 
-    def _transforms(self, grid: SubsetGrid, polygons: Sequence[Polygon], matches: Matches) -> TrackedSubsets:
-        """Transforms of all subsets. Raises StageError if no subset has enough inliers."""
-        from dicflow.core.matching.tracking import Estimation, track_subsets
+    def _lost(self, before: TrackProduct, sight: Sight | None, status: np.ndarray, here: Sight | None) -> Product:
+        """The product of a step in which no point is found. sight : of the last step in which points were."""
+        import numpy as np
+
+        from dicflow.core.matching.tracking import unknown_subsets
+        from dicflow.core.status import Status
+
+        last, check = before.last, self._advice()
+        if (status[last.status <= Status.FILLED] == Status.OUTSIDE).any():
+            check = "the region has left it"
+        warning = f"no point is followed to this step; {check}"
+        if here is not None:
+            status, warning = (
+                lost_status(status, here.image, (Status.UNTRACKED,)),
+                lost_warning(here.image, "left", check),
+            )
+        state = TrackedPoints(np.full(last.points.shape, np.nan), status, last.polygons)
+        subsets = unknown_subsets(before["transforms"].shape[:2])
+        track = TrackProduct.write(state, subsets, self.step_size, _summary(status, None), [warning])
+        return lost_track(track, last, sight)
+
+    def _tracking(self) -> Tracking:
+        from dicflow.core.matching.part_tracking import Tracking
+        from dicflow.core.matching.tracking import Estimation
 
         estimation = Estimation(self.transform, self.threshold, self.confidence, self.min_inliers, self.seed)
-        tracked = track_subsets(grid, polygons, *matches.pairs, matches.features, estimation)
-        if tracked is None:
-            if len(matches.pairs.source) == 0:
-                raise StageError(
-                    "no feature of the previous step is found again: this photograph or the previous one shows no "
-                    "speckles; check light, exposure and focus, or leave that step out"
-                )
-            raise StageError(self._too_few_inliers(len(_inside(polygons, matches)[0])))
-        return tracked
+        return Tracking(self.subsets, self.overlap, estimation, self.follow)
 
-    def _mapping(self, grid: SubsetGrid, tracked: TrackedSubsets, pairs: Pairs) -> Callable[[np.ndarray], np.ndarray]:
-        """The mapping of points (..., 2) from the previous step to this one [px].
-
-        pairs : positions (n, 2) of the matches in the region at both steps [px]
-        """
-        from dicflow.core.matching.tracking import carry_points, follow_matches
-
-        if self.follow == "matches":
-            return lambda points: follow_matches(grid, tracked.transforms, *pairs, points)
-        return lambda points: carry_points(grid, tracked.transforms, points, blend=self.follow == "blend")
-
-    def _too_few_inliers(self, matches: int) -> str:
-        """The message for a region whose matches fit no transform."""
+    def _advice(self) -> str:
+        """What to do where the matches fit no transform."""
         return (
-            f"{matches} matches in the region, but in none of its {self.subsets[0]} × {self.subsets[1]} subsets do "
-            f"{self.min_inliers} fit one {self.transform} transform; use smaller load steps, fewer subsets or another "
-            "detector"
-        )
-
-    def _product(self, state: State, tracked: TrackedSubsets | None) -> Product:
-        subsets = tracked or _identity(self.subsets)
-        return TrackProduct.write(
-            state.points, state.status, state.polygons, subsets, self.step_size, _summary(state, tracked)
+            f"in none of the region's {self.subsets[0]} × {self.subsets[1]} subsets do {self.min_inliers} matches fit "
+            f"one {self.transform} transform: use smaller load steps, fewer subsets or another detector"
         )
 
 
-def _inside(polygons: Sequence[Polygon], matches: Matches) -> Pairs:
-    """Positions (n, 2) at both steps of the matches in the region at the previous step [px]."""
-    from dicflow.core.photographs.region import contains
+def _sights(
+    features: Product | None = None,
+    features_before: Product | None = None,
+    images: Product | None = None,
+    images_before: Product | None = None,
+) -> _Sights:
+    return _Sights(_sight(images, features), _sight(images_before, features_before))
 
-    source, target = matches.pairs
-    inside = contains(polygons, source)
-    return source[inside], target[inside]
+
+def _sight(images: Product | None, features: Product | None) -> Sight | None:
+    from dicflow.core.matching.steps import Sight
+
+    if images is None or features is None:
+        return None
+    return Sight(Images.read(images).left, FeatureSet.read(features).features)
 
 
-def _carried(
-    state: State, mapping: Callable[[np.ndarray], np.ndarray], filled: np.ndarray, image_size: Sequence[int]
-) -> State:
-    """The state at the next step.
+def _pairs(
+    material: MaterialGrid, matches: Matches, before: TrackProduct, sights: _Sights
+) -> tuple[tuple[np.ndarray, np.ndarray], np.ndarray]:
+    """Positions (m, 2) of matches from the last step in which points were found to this one, and its features (n, 2).
 
-    mapping : carries points (..., 2) there
-    filled : (rows, cols) — points in subsets whose transform is that of their neighbours
+    They are matched again after a lost step, and in a region of several parts. There are none after a lost step whose
+    photograph is unknown.
     """
     import numpy as np
 
-    from dicflow.core.photographs.region import carry
+    from dicflow.core.matching.part_tracking import match_parts
+    from dicflow.core.matching.steps import match_steps
+
+    last, here = last_sight(before.product) if before.is_lost else sights.before, sights.here
+    if last is not None and here is not None and not material.parts.is_single:
+        return match_parts(material, before.last.points, last, here, matches.matching), matches.features
+    if not before.is_lost:
+        return matches.pairs, matches.features
+    if last is None or here is None:
+        return (np.zeros((0, 2)), np.zeros((0, 2))), np.zeros((0, 2))
+    found = match_steps(last, here, matches.matching)
+    return (found.source, found.target), last.features.xy.astype(float)
+
+
+def _status(before: np.ndarray, found: FollowedRegion, image_size: Sequence[int]) -> np.ndarray:
+    """Status (rows, cols) of points that had a status before, from where they are found."""
+    import numpy as np
+
     from dicflow.core.status import Status
 
-    points, status = mapping(state.points), state.status.copy()
+    points, status = found.places.points, before.copy()
     alive, placed = status <= Status.FILLED, np.isfinite(points).all(axis=-1)
     with np.errstate(invalid="ignore"):
         seen = ((points >= 0) & (points <= np.asarray(image_size) - 1)).all(axis=-1)
-    status[alive & filled] = Status.FILLED
+    status[alive & found.filled] = Status.FILLED
     status[alive & ~placed] = Status.UNTRACKED
     status[alive & placed & ~seen] = Status.OUTSIDE
-    points[status > Status.FILLED] = np.nan
-    return State(points, status, carry(state.polygons, mapping))
+    return status
 
 
 def _identity(shape: tuple[int, int]) -> TrackedSubsets:
     """The identity in every subset, without matches: the transforms of the first step."""
     import numpy as np
 
-    from dicflow.core.matching.tracking import TrackedSubsets
+    from dicflow.core.matching.tracking import unknown_subsets
 
-    none, no = np.zeros(shape, dtype=np.int32), np.zeros(shape, dtype=bool)
     identity = np.broadcast_to(np.eye(3), (*shape, 3, 3)).copy()
-    return TrackedSubsets(identity, none, none, none, np.full(shape, np.nan), no, no)
+    return unknown_subsets(shape)._replace(transforms=identity)
 
 
-def _summary(state: State, tracked: TrackedSubsets | None) -> dict[str, Any]:
+def _summary(status: np.ndarray, tracked: TrackedSubsets | None) -> dict[str, Any]:
     """Number of followed points, and from the second step on counts and residual over the subsets."""
     import numpy as np
 
     from dicflow.core.status import Status
 
-    followed = {"points": int((state.status <= Status.FILLED).sum())}
+    followed = {"points": int((status <= Status.FILLED).sum())}
     if tracked is None:
         return followed
     measured = np.isfinite(tracked.residual_px)

@@ -1,5 +1,6 @@
 import numpy as np
 
+from dicflow.core.matching.steps import Matching
 from dicflow.kinds.matches import Matches
 from tests.kinds.layouts import layouts, stored
 
@@ -9,7 +10,7 @@ FEATURES = DRAW.uniform(0, 300, (20, 2)).astype(np.float32)
 
 
 def write():
-    return stored(Matches.write(REFERENCE, DEFORMED, FEATURES, (240, 340), {"matches": 9}))
+    return stored(Matches.write(REFERENCE, DEFORMED, FEATURES, (240, 340), Matching(ratio=0.7), {"matches": 9}))
 
 
 def test_positions_are_kept_in_single_precision():
@@ -19,6 +20,7 @@ def test_positions_are_kept_in_single_precision():
         assert read.dtype == np.float64
     np.testing.assert_array_equal(matches.features, FEATURES)
     assert matches.image_size == (240, 340)
+    assert matches.matching == Matching(ratio=0.7)
     assert matches.summary == {"matches": 9}
 
 

@@ -3,7 +3,7 @@ import numpy as np
 from dicflow.core.matching.tracking import TrackedSubsets
 from dicflow.core.photographs.region import rectangle
 from dicflow.core.status import Status
-from dicflow.kinds.track import Track
+from dicflow.kinds.track import Track, TrackedPoints
 from tests.kinds.layouts import layouts, stored
 
 DRAW = np.random.default_rng(4)
@@ -19,10 +19,11 @@ TRACKED = TrackedSubsets(
     COUNTS == 9,
     COUNTS < 1,
 )
+STATE = TrackedPoints(POINTS, STATUS, [rectangle(20, 30, 200, 250)])
 
 
 def write():
-    return stored(Track.write(POINTS, STATUS, [rectangle(20, 30, 200, 250)], TRACKED, 5.0, {"points": 20}))
+    return stored(Track.write(STATE, TRACKED, 5.0, {"points": 20}))
 
 
 def test_points_and_transforms_come_back_bit_for_bit():

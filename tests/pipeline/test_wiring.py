@@ -33,6 +33,24 @@ def test_inputs_of_other_steps_are_what_the_input_of_this_step_is():
     assert inputs["images_first"] == inputs["images_before"] == inputs["images"] == "photos"
 
 
+FOLLOWED = """\
+  region:   {stage: region, images: pair}
+  features: {stage: features, images: pair}
+  matches:  {stage: match, images: pair}
+  track:    {stage: track}
+"""
+
+
+def test_a_port_of_another_one_is_joined_to_what_that_ones_stage_takes():
+    seen = {"images": "pair", "images_before": "pair", "features": "features", "features_before": "features"}
+    wired = _wire(GOOD + FOLLOWED)
+    assert wired["track"].inputs == {**seen, "matches": "matches", "region": "region", "track_before": "track"}
+    other = _wire(GOOD + FOLLOWED.replace("stage: track", "stage: track, images: photos"))
+    assert other["track"].inputs == wired["track"].inputs | {"images": "photos", "images_before": "photos"}
+    alone = _wire(GOOD + FOLLOWED.replace("stage: track", "stage: track, matches: null"))
+    assert alone["track"].inputs == {"region": "region", "track_before": "track"}
+
+
 def test_a_port_is_joined_only_where_the_parameters_use_it():
     """A region that is given needs no later photographs, and a rig needs those of the specimen for an offset only."""
     text = GOOD + "  region:  {stage: region, images: photos}\n"

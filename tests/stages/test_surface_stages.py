@@ -142,12 +142,15 @@ def test_attributes_are_json():
 
 
 def test_too_few_points():
-    empty = cloud(holes=[((slice(None), slice(None)), Status.NO_MATCH)])
+    holes = [((slice(None), slice(None)), Status.NO_MATCH), ((slice(40, 42), slice(40, 43)), Status.VALID)]
+    few = cloud(holes=holes)
     for degree in ("auto", {"z": [2, 2]}):
         with pytest.raises(StageError, match=r"coordinate x: .* lower the degree"):
-            Surface(degree=degree).run(cloud=empty)
+            Surface(degree=degree).run(cloud=few)
     with pytest.raises(StageError, match="coordinate x"):
-        Surface(method="lowess").run(cloud=empty)
+        Surface(method="lowess", lowess_degree=2, lowess_window=5).run(
+            cloud=cloud(holes=[*holes[:1], ((40, 40), Status.VALID)])
+        )
 
 
 @pytest.mark.parametrize(

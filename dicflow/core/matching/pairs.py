@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import NamedTuple
 
 import cv2
@@ -13,12 +14,24 @@ from dicflow.core.arrays import Array, Index, Mask
 from dicflow.core.matching.features import Descriptors, Features
 from dicflow.core.matching.transform import MINIMUM_PAIRS, apply_transform, msac
 
-__all__ = ["LocalMotion", "agreeing_matches", "consistent_matches", "guided_matches", "local_motion", "match_features"]
+__all__ = [
+    "LocalMotion",
+    "Seen",
+    "agreeing_matches",
+    "consistent_matches",
+    "guided_matches",
+    "local_motion",
+    "match_features",
+]
 
 Pairs = Index
+Seen = Callable[[Index, Index], Mask]
+"""Which matches count at points: numbers of points and of matches, two arrays that broadcast → whether they do."""
 
 NEIGHBOURS = 24  # matches around a point from which its motion is estimated
 _MAX_COLLINEAR_RATIO = 1e-6  # variance across over variance along below which neighbours are collinear
+_CANDIDATES = 4  # times as many matches are looked at where not all count
+_MIN_SEEN = 3  # matches determine an affine transform
 DESCRIPTORS_PER_BLOCK = 512  # descriptors compared at once with all others, so that their distances fit into the cache
 CANDIDATES = 8  # nearest features to a predicted position that are compared
 
@@ -119,18 +132,18 @@ def agreeing_matches(source: Array, target: Array, *, threshold_px: float = 4.0)
     return msac("affine", source, target, threshold_px=threshold_px).inliers
 
 
-def local_motion(source: Array, target: Array, points: Array) -> LocalMotion:
+def local_motion(source: Array, target: Array, points: Array, seen: Seen | None = None) -> LocalMotion:
     """Motion at points by moving least squares: an affine transform of the nearest matches, weighted by distance.
 
     source, target : (m, 2) — correct matches, m at least 3 [px]
     points : (n, 2) — in the reference image [px]
+    seen : which matches count at which points; all if absent. NaN where fewer than 3 of those around a point do
 
     The weight (1 − d²/d_max²)² vanishes at the farthest neighbour, so that the motion is continuous (Lancaster and
     Salkauskas, Mathematics of Computation 37, 1981). Where the neighbours are collinear, the gradient is estimated
     along their line only.
     """
-    count = min(NEIGHBOURS + 1, len(source))
-    distance, neighbours = cKDTree(source).query(points, k=np.arange(1, count + 1))
+    distance, neighbours = _neighbours(source, points, seen)
     with np.errstate(divide="ignore", invalid="ignore"):
         weight = np.nan_to_num((1 - (distance / distance[:, -1:]) ** 2) ** 2, nan=1.0)
     weight = np.where(weight.sum(axis=1, keepdims=True) > 0, weight, 1.0)
@@ -138,7 +151,27 @@ def local_motion(source: Array, target: Array, points: Array) -> LocalMotion:
     centre, mean_motion, spread, mixed = _moments(source, target - source, neighbours, weight)
     slope = mixed @ _pseudo_inverse(spread)
     position = points + mean_motion + (slope @ (points - centre)[..., None])[..., 0]
+    position[np.isnan(distance[:, -1])] = np.nan
     return LocalMotion(position, slope + np.eye(2))
+
+
+def _neighbours(source: Array, points: Array, seen: Seen | None) -> tuple[Array, Index]:
+    """Distances and numbers (n, k) of the matches nearest to each point, of those that count there.
+
+    Where there are fewer, others fill up the row, at the distance of the farthest that counts, so that their weight
+    vanishes. Distances are NaN where fewer than 3 count.
+    """
+    count = min(NEIGHBOURS + 1, len(source))
+    if seen is None:
+        distance, near = cKDTree(source).query(points, k=np.arange(1, count + 1))
+        return distance, near
+    distance, near = cKDTree(source).query(points, k=np.arange(1, min(_CANDIDATES * count, len(source)) + 1))
+    counts = seen(np.arange(len(points))[:, None], near)
+    order = np.argsort(~counts, axis=1, kind="stable")[:, :count]
+    distance, near, counts = (np.take_along_axis(table, order, axis=1) for table in (distance, near, counts))
+    farthest = np.where(counts, distance, 0.0).max(axis=1, keepdims=True)
+    farthest[counts.sum(axis=1) < _MIN_SEEN] = np.nan
+    return np.where(counts, distance, farthest) + 0.0 * farthest, near
 
 
 @njit(cache=True, nogil=True)

@@ -11,12 +11,20 @@ from scipy.ndimage import spline_filter
 
 from dicflow.core.arrays import Array, Grey, Image
 
-__all__ = ["RefinedMatches", "refine_matches"]
+__all__ = ["Refinable", "RefinedMatches", "refinable", "refine_matches"]
 
 
 MAX_ITERATIONS = 20
+_ONE, _TWO = np.uint64(1), np.uint64(2)
 CONVERGED_PX = 1e-3
 SMOOTHING_PX = 1.0  # reduces the bias of interpolation by noise and fine texture (Pan, Optics Express 21, 2013)
+
+
+class Refinable(NamedTuple):
+    """Two photographs (rows, cols), smoothed: the reference, and the spline coefficients of the deformed one."""
+
+    reference: Image
+    coefficients: Image
 
 
 class RefinedMatches(NamedTuple):
@@ -32,9 +40,13 @@ class RefinedMatches(NamedTuple):
     correlation: Array
 
 
+def refinable(reference: Grey, deformed: Grey) -> Refinable:
+    """Two photographs (rows, cols), made ready for :func:`refine_matches`."""
+    return Refinable(_smoothed(reference), _coefficients(deformed))
+
+
 def refine_matches(
-    reference_image: Grey,
-    deformed_image: Grey,
+    images: Refinable,
     reference: Array,
     deformed: Array,
     gradient: Array,
@@ -44,7 +56,6 @@ def refine_matches(
 ) -> RefinedMatches:
     """Positions in the deformed image at which the window around each reference pixel correlates best.
 
-    reference_image, deformed_image : (rows, cols) grey
     reference, deformed : (n, 2) — matched positions [px]
     gradient : (n, 2, 2) — ∂(deformed)/∂(reference) at each match, which deforms the window; it stays fixed
     window_px : side of the window, odd
@@ -56,7 +67,7 @@ def refine_matches(
     start = np.rint(reference)
     moved = deformed + np.einsum("nij,nj->ni", gradient, start - reference)
     found, correlation = _refine(
-        _smoothed(reference_image), _coefficients(deformed_image), start, moved, gradient, window_px // 2, limit_px
+        images.reference, images.coefficients, start, moved, gradient, window_px // 2, limit_px
     )
     return RefinedMatches(start, found, correlation)
 
@@ -71,36 +82,56 @@ def _coefficients(image: Grey) -> Image:
     return np.asarray(spline_filter(_smoothed(image), order=3, output=np.float32, mode="mirror"))
 
 
-@njit(cache=True, nogil=True)
-def _spline(coefficients: Image, x: float, y: float) -> float:
-    """Cubic B-spline at (x, y); NaN nearer than 2 px to the border."""
-    rows, cols = coefficients.shape
-    if not (1.0 <= x < cols - 2.0 and 1.0 <= y < rows - 2.0):
-        return np.nan
-    j, i = int(x), int(y)
-    u, v = x - j, y - i
-    wx = ((1 - u) ** 3, (3 * u - 6) * u * u + 4, ((3 - 3 * u) * u + 3) * u + 1, u**3)
-    wy = ((1 - v) ** 3, (3 * v - 6) * v * v + 4, ((3 - 3 * v) * v + 3) * v + 1, v**3)
-    value = 0.0
-    for a in range(4):
-        row = coefficients[i - 1 + a]
-        value += wy[a] * (wx[0] * row[j - 1] + wx[1] * row[j] + wx[2] * row[j + 1] + wx[3] * row[j + 2])
-    return value / 36.0
-
-
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, error_model="numpy")
 def _sample(coefficients: Image, x: float, y: float, gradient: Array, window: Array) -> bool:
-    """Fill ``window`` with the deformed image at (x, y) + gradient · offset; False if a sample is outside the image."""
+    """Fill ``window`` with the cubic B-spline at (x, y) + gradient · offset.
+
+    Returns False if a sample is nearer than 2 px to the border.
+    """
+    rows, cols = coefficients.shape
     half = len(window) // 2
     for i in range(-half, half + 1):
         for j in range(-half, half + 1):
-            value = _spline(
-                coefficients, x + gradient[0, 0] * j + gradient[0, 1] * i, y + gradient[1, 0] * j + gradient[1, 1] * i
-            )
-            if np.isnan(value):
+            p = x + gradient[0, 0] * j + gradient[0, 1] * i
+            q = y + gradient[1, 0] * j + gradient[1, 1] * i
+            if not (1.0 <= p < cols - 2.0 and 1.0 <= q < rows - 2.0):
                 return False
-            window[i + half, j + half] = value
+            window[i + half, j + half] = _spline(coefficients, p, q)
     return True
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _row(coefficients: Image, i: np.uint64, j: np.uint64, a: float, b: float, c: float, d: float) -> float:
+    """Weighted sum of the four coefficients of row i around column j."""
+    value: float = a * coefficients[i, j - _ONE] + b * coefficients[i, j]
+    value += c * coefficients[i, j + _ONE]
+    value += d * coefficients[i, j + _TWO]
+    return value
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _spline(coefficients: Image, x: float, y: float) -> float:
+    """Cubic B-spline at (x, y), at least 2 px from the border."""
+    j, i = np.uint64(x), np.uint64(y)  # an index without a sign needs no check for one
+    u, v = x - np.floor(x), y - np.floor(y)
+    a, b, c, d = (1 - u) ** 3, (3 * u - 6) * u * u + 4, ((3 - 3 * u) * u + 3) * u + 1, u**3
+    value: float = (1 - v) ** 3 * _row(coefficients, i - _ONE, j, a, b, c, d)
+    value += ((3 * v - 6) * v * v + 4) * _row(coefficients, i, j, a, b, c, d)
+    value += (((3 - 3 * v) * v + 3) * v + 1) * _row(coefficients, i + _ONE, j, a, b, c, d)
+    value += v**3 * _row(coefficients, i + _TWO, j, a, b, c, d)
+    return value / 36.0
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _slopes_of_difference(g: Array, scale: float, f: Array, fx: Array, fy: Array) -> tuple[float, float]:
+    """Σ fx (scale g − f) and Σ fy (scale g − f) over a window."""
+    bx, by = 0.0, 0.0
+    for i in range(f.shape[0]):
+        for j in range(f.shape[1]):
+            difference = g[i, j] * scale - f[i, j]
+            bx += fx[i, j] * difference
+            by += fy[i, j] * difference
+    return bx, by
 
 
 @njit(cache=True, nogil=True)
@@ -129,17 +160,16 @@ def _refine(
                 np.hypot(x - moved[n, 0], y - moved[n, 1]) <= limit and _sample(coefficients, x, y, gradient[n], window)
             ):
                 break
-            g = window - window.mean()
-            other = np.sqrt((g * g).sum())
+            window -= window.mean()
+            other = np.sqrt((window * window).sum())
             if other == 0.0:
                 break
-            difference = g * (norm / other) - f
-            bx, by = (fx * difference).sum(), (fy * difference).sum()
+            bx, by = _slopes_of_difference(window, norm / other, f, fx, fy)
             dx, dy = (yy * bx - xy * by) / determinant, (xx * by - xy * bx) / determinant
             x -= gradient[n, 0, 0] * dx + gradient[n, 0, 1] * dy
             y -= gradient[n, 1, 0] * dx + gradient[n, 1, 1] * dy
             if np.hypot(dx, dy) < CONVERGED_PX:
                 found[n, 0], found[n, 1] = x, y
-                correlation[n] = (f * g).sum() / (norm * other)
+                correlation[n] = (f * window).sum() / (norm * other)
                 break
     return found, correlation

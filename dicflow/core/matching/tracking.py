@@ -12,18 +12,21 @@ from typing import NamedTuple
 import numpy as np
 
 from dicflow.core.arrays import Array, Counts, Index, Mask
-from dicflow.core.matching.pairs import consistent_matches, local_motion
+from dicflow.core.matching.pairs import Seen, consistent_matches, local_motion
 from dicflow.core.matching.transform import TransformKind, apply_transform, estimate_transform, jacobian, msac
 from dicflow.core.photographs.region import Polygon, contains
 
 __all__ = [
+    "Deviations",
     "SubsetGrid",
     "TrackedSubsets",
     "carry_points",
+    "deviations",
     "follow_matches",
     "nearest_subset",
     "subset_grid",
     "track_subsets",
+    "unknown_subsets",
 ]
 
 
@@ -76,6 +79,12 @@ class TrackedSubsets(NamedTuple):
     residual_px: Array
     filled: Mask
     empty: Mask
+
+
+def unknown_subsets(shape: tuple[int, int]) -> TrackedSubsets:
+    """Subsets (rows, cols) of unknown motion."""
+    none, no = np.zeros(shape, dtype=np.int32), np.zeros(shape, dtype=bool)
+    return TrackedSubsets(np.full((*shape, 3, 3), np.nan), none, none, none, np.full(shape, np.nan), no, no)
 
 
 def subset_grid(box: tuple[float, float, float, float], shape: tuple[int, int], overlap: float) -> SubsetGrid:
@@ -169,20 +178,45 @@ def carry_points(grid: SubsetGrid, transforms: Array, points: Array, *, blend: b
     return carried.reshape(points.shape)
 
 
-def follow_matches(grid: SubsetGrid, transforms: Array, source: Array, target: Array, points: Array) -> Array:
+class Deviations(NamedTuple):
+    """Deviations of matches from the blended transforms.
+
+    source : (m, 2) — of the consistent matches [px]
+    deviation : (m, 2) [px]
+    near : (m, 2) int — row and column of a point of the grid on their side of a cut; None without cuts
+    """
+
+    source: Array
+    deviation: Array
+    near: Index | None
+
+
+def deviations(
+    grid: SubsetGrid, transforms: Array, source: Array, target: Array, near: Index | None = None
+) -> Deviations:
+    """Deviations of the consistent ones of matches (m, 2) [px]; near : as there, of all matches."""
+    keep = consistent_matches(source, target)
+    deviation = target[keep] - carry_points(grid, transforms, source[keep])
+    return Deviations(source[keep], deviation, None if near is None else near[keep])
+
+
+def follow_matches(
+    grid: SubsetGrid, transforms: Array, deviating: Deviations, points: Array, seen: Seen | None = None
+) -> Array:
     """Points (..., 2) [px] after the blended transforms, corrected by the deviation of the matches around each point.
 
-    source, target : (m, 2) — matches [px]; inconsistent ones are left out
+    seen : which matches count at which points, by the numbers of both (..., k); all if absent. A point at which too few
+        count is NaN afterwards
 
     The correction includes motion that varies within a subset, such as a neck, which one plane transform cannot.
     """
-    keep = consistent_matches(source, target)
-    source, deviation = source[keep], target[keep] - carry_points(grid, transforms, source[keep])
+    source, deviation, _ = deviating
     flat, carried = points.reshape(-1, 2), carry_points(grid, transforms, points)
     known = np.flatnonzero(np.isfinite(flat).all(axis=1))
     if len(source) >= MIN_MATCHES_FOR_DEVIATIONS and len(known):
-        local_deviation = local_motion(source, source + deviation, flat[known]).position - flat[known]
-        carried.reshape(-1, 2)[known] += local_deviation
+        of_known: Seen | None = None if seen is None else lambda rows, matches: seen(known[rows], matches)
+        moved = local_motion(source, source + deviation, flat[known], of_known)
+        carried.reshape(-1, 2)[known] += moved.position - flat[known]
     return carried
 
 

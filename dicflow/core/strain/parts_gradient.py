@@ -4,19 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-import cv2
 import numpy as np
-from numba import njit
 
-from dicflow.core.arrays import Array, Index, Mask
-from dicflow.core.parts import Parts, are_apart
+from dicflow.core.arrays import Array
+from dicflow.core.parts import Parts
 from dicflow.core.strain.deformation_gradient import ErrorShare, SurfaceGradient, surface_gradient
+from dicflow.core.strain.surface_strain import jacobian
+from dicflow.core.surfaces.part_windows import mixed_windows
 
-__all__ = ["gradient_of_parts"]
-
-
-_CHUNK = 1000
-"""Windows that are fitted at once."""
+__all__ = ["gradient_of_parts", "jacobian_of_parts"]
 
 
 def gradient_of_parts(
@@ -36,75 +32,20 @@ def gradient_of_parts(
     """
     whole = surface_gradient(reference, deformed, errors, window, degree, min_share)
     known = np.asarray(np.isfinite(reference + deformed).all(axis=-1))
-    mixed = _mixed_windows(parts, known, window)
-    for first in range(0, len(mixed), _CHUNK):
-        centres = mixed[first : first + _CHUNK]
-        tiles = _Tiles(parts, centres, window)
+    for tiles in mixed_windows(parts, known, window):
         shares = [ErrorShare(tiles.cut_out(share.covariance), share.rho) for share in errors]
         own = surface_gradient(tiles.cut_out(reference), tiles.cut_out(deformed), shares, window, degree, min_share)
         for field, values in zip(whole, own, strict=True):
-            field[tuple(centres.T)] = tiles.centres_of(values)
+            field[tiles.centres] = tiles.centres_of(values)
     return whole
 
 
-def _mixed_windows(parts: Parts, known: Mask, window: tuple[int, int]) -> Index:
-    """Known points (n, 2), row and column, whose window may hold points that are apart from them."""
-    if parts.is_single:
-        return np.zeros((0, 2), dtype=np.int64)
-    box, number = np.ones(window, dtype=np.uint8), parts.number.astype(np.float32)
-    highest = cv2.dilate(number, box, borderType=cv2.BORDER_CONSTANT, borderValue=0.0)
-    lowest = cv2.erode(np.where(number > 0, number, np.float32(np.inf)), box, borderType=cv2.BORDER_REPLICATE)
-    near_cut = np.zeros(known.shape, dtype=np.bool_)
-    steps = [np.nanmax(np.abs(np.diff(parts.places[..., axis], axis=1 - axis)), initial=0.0) for axis in (0, 1)]
-    reach = 0.5 * np.hypot(window[0] * steps[1], window[1] * steps[0])
-    for cut in parts.cuts:
-        near_cut |= _distance(parts.places, cut) <= reach
-    return np.argwhere(known & (parts.number > 0) & ((highest != lowest) | near_cut))
+def jacobian_of_parts(parts: Parts | None, xyz: Array, window: tuple[int, int], degree: int) -> Array:
+    """Derivatives (row, col, 3, 2) of a surface as by ``jacobian``, part by part; None for a single part.
 
-
-def _distance(places: Array, cut: Array) -> Array:
-    """Distance of places (..., 2) from a straight piece (4,) of a cut [px]; infinite where unknown."""
-    start, along = cut[:2], cut[2:] - cut[:2]
-    share = np.clip((places - start) @ along / max(float(along @ along), 1e-12), 0.0, 1.0)
-    away = np.linalg.norm(places - start - share[..., None] * along, axis=-1)
-    return np.asarray(np.where(np.isnan(away), np.inf, away))
-
-
-class _Tiles:
-    """Windows cut out of a grid and laid below one another, without the points that are apart from their centres.
-
-    centres : (n, 2) — row and column
+    xyz : (row, col, 3) — points of the material grid
     """
-
-    def __init__(self, parts: Parts, centres: Index, window: tuple[int, int]) -> None:
-        high, wide = window
-        self._rows, self._cols = np.broadcast_arrays(
-            centres[:, 0, None, None] + np.arange(high)[:, None] - high // 2,
-            centres[:, 1, None, None] + np.arange(wide) - wide // 2,
-        )
-        rows, cols = parts.number.shape
-        inside = (self._rows >= 0) & (self._rows < rows) & (self._cols >= 0) & (self._cols < cols)
-        self._rows, self._cols = np.clip(self._rows, 0, rows - 1), np.clip(self._cols, 0, cols - 1)
-        self._own = inside & _own_points(parts, centres, self._rows, self._cols)
-        self._middle = np.arange(len(centres)) * high + high // 2, wide // 2
-
-    def cut_out(self, values: Array) -> Array:
-        """The tiles of a field (row, col, …) as one field."""
-        own = self._own.reshape(self._own.shape + (1,) * (values.ndim - 2))
-        tiles = np.where(own, values[self._rows, self._cols], np.nan)
-        return np.asarray(tiles.reshape(-1, *tiles.shape[2:]), dtype=np.float64)
-
-    def centres_of(self, values: Array) -> Array:
-        """The values (n, …) of a field of tiles at the centres."""
-        return np.asarray(values[self._middle])
-
-
-@njit(cache=True, nogil=True)
-def _own_points(parts: Parts, centres: Index, rows: Index, cols: Index) -> Mask:
-    """Which points (n, high, wide) of windows are not apart from their centres."""
-    own = np.zeros(rows.shape, dtype=np.bool_)
-    for n in range(rows.shape[0]):
-        for i in range(rows.shape[1]):
-            for j in range(rows.shape[2]):
-                own[n, i, j] = not are_apart(parts, centres[n, 0], centres[n, 1], rows[n, i, j], cols[n, i, j])
-    return own
+    whole = jacobian(xyz, window, degree)
+    for tiles in mixed_windows(parts, np.asarray(np.isfinite(xyz).all(axis=-1)), window):
+        whole[tiles.centres] = tiles.centres_of(jacobian(tiles.cut_out(xyz), window, degree))
+    return whole

@@ -4,6 +4,7 @@ import pytest
 from dicflow.core.matching.tracking import (
     Estimation,
     carry_points,
+    deviations,
     follow_matches,
     nearest_subset,
     subset_grid,
@@ -21,6 +22,10 @@ GRID = subset_grid(BOX, (3, 4), 0.25)
 
 def track(target, source=SOURCE, grid=GRID, region=REGION, **options):
     return track_subsets(grid, region, source, target, source, Estimation(**options))
+
+
+def following(transforms, source, target, points):
+    return follow_matches(GRID, transforms, deviations(GRID, transforms, source, target), points)
 
 
 def test_subsets_tile_the_box_and_overlap():
@@ -129,7 +134,7 @@ def test_following_the_matches_resolves_motion_within_a_subset():
     found = track(neck(source), source)
     points = np.random.default_rng(3).uniform([60, 50], [280, 210], (300, 2))
     blended = carry_points(GRID, found.transforms, points) - neck(points)
-    followed = follow_matches(GRID, found.transforms, source, neck(source), points) - neck(points)
+    followed = following(found.transforms, source, neck(source), points) - neck(points)
     reach = np.sqrt(25 / (np.pi * 4000 / (300 * 240)))  # of the 25 matches around a point
     assert (
         np.abs(followed).max() < 0.25 * 15 * 0.77 / 40**2 * reach**2 * 1.5
@@ -141,6 +146,6 @@ def test_unknown_points_stay_unknown():
     points = np.array([[[50.0, 60.0], [np.nan, np.nan]]])
     for carried in (
         carry_points(GRID, random_transforms(), points),
-        follow_matches(GRID, random_transforms(), SOURCE, SOURCE, points),
+        following(random_transforms(), SOURCE, SOURCE, points),
     ):
         np.testing.assert_array_equal(np.isnan(carried), np.isnan(points))
