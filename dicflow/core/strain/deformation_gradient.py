@@ -21,7 +21,7 @@ from typing import NamedTuple
 import numpy as np
 from numba import njit
 
-from dicflow.core.arrays import Array
+from dicflow.core.arrays import Array, Mask
 from dicflow.core.strain.surface_strain import deformation_gradient, jacobian, tangent_basis
 from dicflow.core.surfaces.filters import slope_weights
 from dicflow.core.tensors import inverse
@@ -85,6 +85,7 @@ def surface_gradient(
     window: tuple[int, int],
     degree: int,
     min_share: float = 0.25,
+    wanted: Mask | None = None,
 ) -> SurfaceGradient:
     """Deformation gradient between two states of a surface.
 
@@ -94,6 +95,7 @@ def surface_gradient(
     window : (rows, cols), odd numbers of points
     degree : of the polynomials, 1 or more
     min_share : share of a window's points that must have a value
+    wanted : (row, col) bool — points that get a covariance; None for all
     """
     whole = np.sum([share.covariance for share in errors], axis=0)
     sigma = np.sqrt(np.trace(displacement_covariance(whole), axis1=-2, axis2=-1))
@@ -105,7 +107,7 @@ def surface_gradient(
     gradient = deformation_gradient(before, after)
     response, scatter = gradient_response(before, after), np.where(known, sigma, 0.0)
     parts = [
-        _gradient_covariance(response, slope_covariance(weights, scatter, rho, window, degree), covariance)
+        _gradient_covariance(response, slope_covariance(weights, scatter, rho, window, degree, wanted), covariance)
         for covariance, rho in errors
     ]
     return SurfaceGradient(gradient, np.sum(parts, axis=0), response)
@@ -122,12 +124,17 @@ def pixel_size_mm(reference: Array, step_size: float) -> Array:
     return np.asarray(np.sqrt(area) / step_size)
 
 
-def slope_covariance(weights: Array, sigma: Array, rho: Overlap, window: tuple[int, int], degree: int) -> Array:
+def slope_covariance(
+    weights: Array, sigma: Array, rho: Overlap, window: tuple[int, int], degree: int, wanted: Mask | None = None
+) -> Array:
     """Q (row, col, 2, 2): covariance of a fit's slopes per column and per row, for unit variance at the point itself.
 
     weights, sigma : (row, col) — of each point, 0 where it is missing
+    wanted : (row, col) bool — points that get one; None for all
     """
     factors, terms = slope_weights(weights, window, degree)
+    if wanted is not None:
+        factors[~wanted] = np.nan
     pad = [(side // 2, side // 2) for side in window]
     bands = (_band(part, side) for part, side in zip((rho.down, rho.across), window, strict=True))
     spread = _slope_covariance(factors, terms, np.pad(weights * sigma, pad), *bands)

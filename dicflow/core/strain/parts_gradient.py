@@ -34,7 +34,8 @@ def gradient_of_parts(
     known = np.asarray(np.isfinite(reference + deformed).all(axis=-1))
     for tiles in mixed_windows(parts, known, window):
         shares = [ErrorShare(tiles.cut_out(share.covariance), share.rho) for share in errors]
-        own = surface_gradient(tiles.cut_out(reference), tiles.cut_out(deformed), shares, window, degree, min_share)
+        before, after = tiles.cut_out(reference), tiles.cut_out(deformed)
+        own = surface_gradient(before, after, shares, window, degree, min_share, tiles.is_centre)
         for field, values in zip(whole, own, strict=True):
             field[tiles.centres] = tiles.centres_of(values)
     return whole
