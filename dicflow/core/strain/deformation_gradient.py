@@ -95,19 +95,22 @@ def surface_gradient(
     window : (rows, cols), odd numbers of points
     degree : of the polynomials, 1 or more
     min_share : share of a window's points that must have a value
-    wanted : (row, col) bool — points that get a covariance; None for all
+    wanted : (row, col) bool — points to compute, n of them; the fields are (n, …) then. None for all
     """
+    at = slice(None) if wanted is None else wanted
     whole = np.sum([share.covariance for share in errors], axis=0)
     sigma = np.sqrt(np.trace(displacement_covariance(whole), axis1=-2, axis2=-1))
     known = np.asarray(np.isfinite(reference + deformed).all(axis=-1) & np.isfinite(sigma))
     before, after = (np.where(known[..., None], points, np.nan) for points in (reference, deformed))
     weights = np.where(known, 1.0 / np.maximum(sigma, 1e-12) ** 2, 0.0)
     weights /= max(float(weights.max(initial=0.0)), 1e-300)
-    before, after = (jacobian(points, window, degree, weights, min_share) for points in (before, after))
+    before, after = (jacobian(points, window, degree, weights, min_share)[at] for points in (before, after))
     gradient = deformation_gradient(before, after)
     response, scatter = gradient_response(before, after), np.where(known, sigma, 0.0)
     parts = [
-        _gradient_covariance(response, slope_covariance(weights, scatter, rho, window, degree, wanted), covariance)
+        _gradient_covariance(
+            response, slope_covariance(weights, scatter, rho, window, degree, wanted)[at], covariance[at]
+        )
         for covariance, rho in errors
     ]
     return SurfaceGradient(gradient, np.sum(parts, axis=0), response)

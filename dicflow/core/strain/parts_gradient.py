@@ -37,7 +37,7 @@ def gradient_of_parts(
         before, after = tiles.cut_out(reference), tiles.cut_out(deformed)
         own = surface_gradient(before, after, shares, window, degree, min_share, tiles.is_centre)
         for field, values in zip(whole, own, strict=True):
-            field[tiles.centres] = tiles.centres_of(values)
+            field[tiles.centres] = values
     return whole
 
 
