@@ -12,6 +12,7 @@ from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
 from dicflow.core.arrays import Array, Counts, Mask
+from dicflow.core.kernels import INNER
 
 __all__ = ["Parts", "are_apart", "cut_segments", "grid_parts", "islands", "sees", "single_part"]
 
@@ -99,7 +100,7 @@ def _crossed(start: Array, end: Array, cuts: Array) -> Mask:
     return crossed
 
 
-@njit(cache=True, nogil=True)
+@njit(**INNER)
 def _cross(p: Array, q: Array, cut: Array) -> bool:
     """Whether the straight line from p to q crosses a piece (4,) of a cut or touches it."""
     ax, ay, bx, by = cut[0], cut[1], cut[2], cut[3]

@@ -14,7 +14,7 @@ import tempfile
 from collections.abc import Iterator
 from pathlib import Path
 
-__all__ = ["VARIABLE", "keep_kernels", "kernel_folder"]
+__all__ = ["VARIABLE", "account_folder", "keep_kernels", "kernel_folder"]
 
 VARIABLE = "NUMBA_CACHE_DIR"
 _COMPILES = re.compile(r"^from numba import", re.MULTILINE)
@@ -28,12 +28,17 @@ def keep_kernels() -> None:
 
 
 def kernel_folder() -> Path | None:
+    """The folder of the kernels of this source in :func:`account_folder`. None without any."""
+    folder = account_folder()
+    return folder and folder / f"kernels-{_digest(Path(__file__).parents[1])[:16]}"
+
+
+def account_folder() -> Path | None:
     """The first folder that can be used: in the account's cache, or among temporary files. None without any.
 
     What is in it runs as code, so that a folder that another account owns or may write is not used.
     """
-    name = f"kernels-{_digest(Path(__file__).parents[1])[:16]}"
-    return next((place / name for place in _places() if _is_private(place)), None)
+    return next((place for place in _places() if _is_private(place)), None)
 
 
 def _places() -> Iterator[Path]:

@@ -11,6 +11,7 @@ import os
 import pickle
 import signal
 import threading
+import time
 from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import suppress
@@ -22,7 +23,7 @@ from typing import Any, TypeVar
 from dicflow.engine.workers import limit_threads, prepare
 from dicflow.errors import ConfigurationError, WorkerError
 
-__all__ = ["WorkerLost", "WorkerProcesses", "survive"]
+__all__ = ["WorkerLost", "WorkerProcesses", "called_cpu_s", "survive"]
 
 _START_S = 60.0
 """A worker that is not ready after this time is given up."""
@@ -37,7 +38,15 @@ _NAME = "dicflow worker"
 _GUARD = "put what it does below a line  if __name__ == '__main__':"
 _SPAWN = multiprocessing.get_context("spawn")
 
+_called: list[float] = []
+"""Processor time of each call in a worker process of this one [s]."""
+
 T = TypeVar("T")
+
+
+def called_cpu_s() -> float:
+    """Processor time of all calls so far in worker processes of this one [s]."""
+    return sum(_called)
 
 
 class WorkerLost(Exception):
@@ -47,7 +56,7 @@ class WorkerLost(Exception):
 class WorkerProcesses:
     """Calls functions of modules in processes, one call at a time in each. Threads may share it; use it as a context.
 
-    count : processes at most; each is started when there is work for it
+    count : processes at most; each is started when there is work for it, or by :meth:`start`
     setup : called once in every worker
     """
 
@@ -91,6 +100,13 @@ class WorkerProcesses:
         for worker in workers:
             worker.end()
 
+    def start(self) -> None:
+        """Start all processes now, so that they are ready when there is work."""
+        with self._lock:
+            for _ in range(self._unstarted):
+                self._start()
+            self._unstarted = 0
+
     def call(self, function: Callable[..., T], *arguments: Any) -> T:
         """The value of a function, computed in a worker; waits for a free one.
 
@@ -98,13 +114,14 @@ class WorkerProcesses:
         """
         worker = self._free()
         try:
-            succeeded, value = worker.ask(function, arguments)
+            succeeded, value, cpu_s = worker.ask(function, arguments)
         except (EOFError, OSError):
             self._replace(worker)
             raise WorkerLost from None
         except BaseException:
             self._idle.put(worker)
             raise
+        _called.append(cpu_s)
         self._idle.put(worker)
         if not succeeded:
             raise value
@@ -220,8 +237,11 @@ class _Worker:
         except (EOFError, OSError):
             return False
 
-    def ask(self, function: Callable[..., Any], arguments: tuple[Any, ...]) -> tuple[bool, Any]:
-        """Whether a call succeeded, and its value or error. Raises EOFError or OSError where the worker dies."""
+    def ask(self, function: Callable[..., Any], arguments: tuple[Any, ...]) -> tuple[bool, Any, float]:
+        """Whether a call succeeded, its value or error, and its processor time [s].
+
+        Raises EOFError or OSError where the worker dies.
+        """
         self._pipe.send((function, arguments))
         return self._pipe.recv()  # type: ignore[no-any-return]
 
@@ -247,7 +267,8 @@ def _serve(pipe: Connection, setup: Callable[[], None] | None) -> None:
     pipe.send(True)
     with suppress(EOFError, OSError):
         while True:
-            pipe.send(_answer(pipe.recv_bytes()))
+            request, before = pipe.recv_bytes(), time.process_time()
+            pipe.send((*_answer(request), time.process_time() - before))
 
 
 def _answer(request: bytes) -> tuple[bool, Any]:

@@ -161,8 +161,9 @@ class Pipeline:
         A script calls it under ``if __name__ == "__main__":``, since worker processes import the script again.
         """
         from dicflow.engine.execute import Options, run
+        from dicflow.stages._kernels import uncompiled
 
-        chosen = Options(worker_setup=_single_threaded, **options)
+        chosen = Options(**{"worker_setup": _single_threaded, "uncompiled": uncompiled, **options})
         steps = {stage: list(files) for stage, files in self.graph.files.items()}
         resolved = {**self.resolved(), "steps": steps, "data": self.folder.name}
         outcome = run(self.graph, self.store, pipeline=self.name, resolved=resolved, options=chosen)

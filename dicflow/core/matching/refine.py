@@ -10,6 +10,7 @@ from numba import njit
 from scipy.ndimage import spline_filter
 
 from dicflow.core.arrays import Array, Grey, Image
+from dicflow.core.kernels import INNER
 
 __all__ = ["RefinedMatches", "refine_matches"]
 
@@ -71,7 +72,7 @@ def _coefficients(image: Grey) -> Image:
     return np.asarray(spline_filter(_smoothed(image), order=3, output=np.float32, mode="mirror"))
 
 
-@njit(cache=True, nogil=True)
+@njit(**INNER)
 def _spline(coefficients: Image, x: float, y: float) -> float:
     """Cubic B-spline at (x, y); NaN nearer than 2 px to the border."""
     rows, cols = coefficients.shape
@@ -88,7 +89,7 @@ def _spline(coefficients: Image, x: float, y: float) -> float:
     return value / 36.0
 
 
-@njit(cache=True, nogil=True)
+@njit(**INNER)
 def _sample(coefficients: Image, x: float, y: float, gradient: Array, window: Array) -> bool:
     """Fill ``window`` with the deformed image at (x, y) + gradient · offset; False if a sample is outside the image."""
     half = len(window) // 2
