@@ -13,7 +13,7 @@ from dicflow.cli.hand_over import ExportCommand, compare, export, report
 from dicflow.cli.measure import plan, run, why
 from dicflow.cli.products import graph, list_products, show
 from dicflow.cli.store import gc, pin, verify
-from dicflow.cli.tools import doctor, init, schema, stages, synth
+from dicflow.cli.tools import doctor, init, schema, stages, synth, warm
 
 __all__ = ["app"]
 
@@ -42,6 +42,7 @@ COMMANDS: dict[str, Callable[..., None]] = {
     "schema": schema,
     "init": init,
     "doctor": doctor,
+    "warm": warm,
 }
 CLASSES: dict[str, type[TyperCommand]] = {"export": ExportCommand}
 for name, command in COMMANDS.items():

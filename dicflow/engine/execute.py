@@ -16,6 +16,7 @@ from typing import Any
 from dicflow.engine.fingerprint import Fingerprint
 from dicflow.engine.graph import Graph
 from dicflow.engine.journal import STATUSES, Event, Journal
+from dicflow.engine.kernel_cache import keep_kernels
 from dicflow.engine.plan import CodePolicy, Plan, make_plan
 from dicflow.engine.processes import WorkerProcesses
 from dicflow.engine.product import Product
@@ -96,6 +97,7 @@ def run(
     stage is in the outcomes.
     """
     options, start = options or Options(), time.perf_counter()
+    keep_kernels()
     check_scheduler(options.scheduler, options.workers)
     with _workers(options, store) as options:
         result = _run_once(graph, store, pipeline, resolved, options, {})

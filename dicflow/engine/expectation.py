@@ -8,11 +8,11 @@ from dicflow.engine.journal import latest
 from dicflow.engine.plan import Plan
 from dicflow.engine.store import Store
 
-__all__ = ["expected_s"]
+__all__ = ["expected_cpu_s"]
 
 
-def expected_s(plan: Plan, store: Store, pipeline: str, limit_s: float) -> float:
-    """Time that the missing tasks took in the last run of a pipeline, altogether [s].
+def expected_cpu_s(plan: Plan, store: Store, pipeline: str, limit_s: float) -> float:
+    """Processor time of the missing tasks in the last run of a pipeline, altogether [s].
 
     Infinite where that is not known of one of them, or where it is beyond the limit.
     """
@@ -20,7 +20,7 @@ def expected_s(plan: Plan, store: Store, pipeline: str, limit_s: float) -> float
     for name, entry in plan.entries.items():
         if entry.state != "hit":
             record = store.record(last[name]["key"]) if name in last else None
-            total += math.inf if record is None else record.made.get("stage_s", math.inf)
+            total += math.inf if record is None else record.made.get("stage_cpu_s", math.inf)
             if total > limit_s:
                 return math.inf
     return total

@@ -8,13 +8,15 @@ from __future__ import annotations
 
 import hashlib
 import os
+import platform
 import re
 import sys
 import tempfile
 from collections.abc import Iterator
+from functools import cache
 from pathlib import Path
 
-__all__ = ["VARIABLE", "account_folder", "keep_kernels", "kernel_folder"]
+__all__ = ["VARIABLE", "account_folder", "keep_kernels", "kernel_folder", "kernel_mark"]
 
 VARIABLE = "NUMBA_CACHE_DIR"
 _COMPILES = re.compile(r"^from numba import", re.MULTILINE)
@@ -30,7 +32,29 @@ def keep_kernels() -> None:
 def kernel_folder() -> Path | None:
     """The folder of the kernels of this source in :func:`account_folder`. None without any."""
     folder = account_folder()
-    return folder and folder / f"kernels-{_digest(Path(__file__).parents[1])[:16]}"
+    return folder and folder / f"kernels-{_source()[:16]}"
+
+
+def kernel_mark(name: str) -> Path | None:
+    """The file which says that some kernels of this source are kept for this machine and these versions.
+
+    None where kernels are not kept.
+    """
+    chosen = os.environ.get(VARIABLE)
+    folder = Path(chosen) if chosen else kernel_folder()
+    if folder is None or not os.access(folder if folder.exists() else folder.parent, os.W_OK):
+        return None
+    folder.mkdir(exist_ok=True)
+    return folder / f"{name}-{_machine()}.compiled"
+
+
+@cache
+def _machine() -> str:
+    """Short digest of all that kept kernels depend on."""
+    from importlib.metadata import version
+
+    parts = (_source(), platform.node(), platform.machine(), platform.python_version(), version("numba"))
+    return hashlib.sha256("\n".join(parts).encode()).hexdigest()[:16]
 
 
 def account_folder() -> Path | None:
@@ -60,6 +84,12 @@ def _is_private(folder: Path) -> bool:
     if not hasattr(os, "geteuid"):
         return True
     return not folder.is_symlink() and found.st_uid == os.geteuid() and not found.st_mode & 0o022
+
+
+@cache
+def _source() -> str:
+    """Digest of the source of the kernels."""
+    return _digest(Path(__file__).parents[1])
 
 
 def _digest(package: Path) -> str:

@@ -6,7 +6,7 @@ from collections.abc import Callable, Iterator, Mapping
 from contextlib import suppress
 from dataclasses import dataclass
 
-from dicflow.engine.expectation import expected_s
+from dicflow.engine.expectation import expected_cpu_s
 from dicflow.engine.journal import Event, Journal
 from dicflow.engine.node import Node
 from dicflow.engine.plan import CodePolicy, Plan
@@ -18,8 +18,10 @@ from dicflow.errors import WorkerError
 
 __all__ = ["Options", "Running"]
 
-_WORTH_WORKERS_S = 1.0
-"""Work that takes less time altogether is done in this process: that is about what starting one worker costs."""
+_WORTH_WORKERS_S = 2.0
+"""Work of less processor time altogether is done in this process.
+
+Two workers halve it, but each has to start and to load the libraries first: 0.3 s and 0.5 s."""
 
 
 @dataclass(frozen=True)
@@ -103,9 +105,9 @@ class Running:
         )
 
     def is_short(self) -> bool:
-        """Whether the missing tasks took less time altogether in the last run than workers take to start."""
+        """Whether the missing tasks took so little time in the last run that worker processes cost more."""
         name = self.journal.pipeline if self.journal is not None else ""
-        return expected_s(self.plan, self.store, name, _WORTH_WORKERS_S) < _WORTH_WORKERS_S
+        return expected_cpu_s(self.plan, self.store, name, _WORTH_WORKERS_S) < _WORTH_WORKERS_S
 
     def compilation(self) -> Compilation:
         """What is to compile for the stages that will run, and what is told of it."""

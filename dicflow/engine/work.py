@@ -258,6 +258,7 @@ def _provenance(job: Job, done: Outcome, manifest: Manifest) -> dict[str, Any]:
         "time": time.strftime("%Y-%m-%dT%H:%M:%SZ", time.gmtime()),
         "host": platform.node(),
         "stage_s": round(done.stage_s, 6),
+        "stage_cpu_s": round(done.stage_cpu_s, 6),
         "remake_s": round(done.remake_s, 6),
         "engine_s": round(done.engine_s, 6),
         "peak_bytes": done.peak_bytes,

@@ -13,7 +13,7 @@ if TYPE_CHECKING:
     import numpy as np
 
     from dicflow.core.matching.tracking import TrackedSubsets
-    from dicflow.core.photographs.region import Polygon
+    from dicflow.core.photographs.polygon import Polygon
 
 __all__ = ["Track"]
 

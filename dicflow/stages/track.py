@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     import numpy as np
 
     from dicflow.core.matching.tracking import SubsetGrid, TrackedSubsets
-    from dicflow.core.photographs.region import Polygon
+    from dicflow.core.photographs.polygon import Polygon
 
     Pairs = tuple[np.ndarray, np.ndarray]
 

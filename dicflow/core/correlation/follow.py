@@ -172,7 +172,14 @@ class _FieldSearch:
         """Warps (n, 2, 3) of points (n, 2) from their eight neighbours ``stride`` away; NaN where none is valid."""
         warps = np.full((len(points), 2, 3), np.nan)
         _predict_warps(
-            points, self.field.status, self.field.warp, self.grid, self.field.znssd, stride, self.parts, warps
+            np.ascontiguousarray(points),
+            self.field.status,
+            self.field.warp,
+            self.grid,
+            self.field.znssd,
+            stride,
+            self.parts,
+            warps,
         )
         return warps
 
