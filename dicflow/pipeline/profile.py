@@ -49,7 +49,8 @@ def shares(phases: Phases, outcome: RunResult) -> list[Share]:
 def _of_tasks(phase: Spent, outcome: RunResult) -> Iterator[Share]:
     """Compiling, the stages, and the engine: reading, hashing, storing and handing out."""
     compiled_s = sum(outcome.compiled_s.values())
-    yield Share("  compiling", None, None, compiled_s)
+    if compiled_s:
+        yield Share("  compiling", None, None, compiled_s)
     done = [one for one in outcome.outcomes.values() if one.status == "computed"]
     for stage in dict.fromkeys(one.stage for one in done):
         own = [one.stage_cpu_s for one in done if one.stage == stage]
