@@ -6,6 +6,7 @@ Worker processes import this module again, as the program that they belong to; s
 
 from __future__ import annotations
 
+import gc
 import os
 import signal
 import sys
@@ -36,6 +37,8 @@ def main() -> None:
     except DicflowError as error:
         typer.secho(plain(error), fg="red", err=True)
         sys.exit(error.exit_code)
+    finally:
+        gc.freeze()  # the system takes the memory back; doing so object by object costs a quarter of a second
 
 
 def _end_in_order() -> None:

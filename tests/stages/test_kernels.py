@@ -5,9 +5,9 @@ from __future__ import annotations
 import os
 import subprocess
 import sys
-from pathlib import Path
 
 import pytest
+from small import ROOT
 
 from dicflow.engine import kernel_cache
 from dicflow.pipeline.registry import node_classes
@@ -65,7 +65,7 @@ def test_the_names_are_those_of_stages_and_kernels():
 
 
 @pytest.mark.slow
-def test_after_warm_no_run_compiles(tmp_path, pipeline):
+def test_after_warm_no_run_compiles(tmp_path):
     """Of both ways to measure: the kernels kept by ``warm`` are all that a run needs."""
     environment = {**os.environ, "HOME": str(tmp_path), "XDG_CACHE_HOME": str(tmp_path / "cache")}
     environment.pop(kernel_cache.VARIABLE, None)
@@ -83,9 +83,8 @@ def test_after_warm_no_run_compiles(tmp_path, pipeline):
     assert warmed("--workers", 2) == [*(f"kernels, {name}" for name in KERNELS), "source of the stages"]
     after = kept()
     assert len(after) >= len(KERNELS)
-    for file in ("quickstart.yaml", "thesis_quickstart.yaml"):
-        path = Path(__file__).parents[2] / "pipelines" / file
-        places = ("--data", pipeline.parent, "--store", tmp_path / path.stem, "--output", tmp_path / "results")
-        dicflow("run", path, *places, "--workers", 2)
+    for name in ("quickstart", "thesis_quickstart"):
+        path, data = ROOT / "pipelines" / f"{name}.yaml", ROOT / "data_samples"
+        dicflow("run", path, "--data", data, "--store", tmp_path / name, "--output", tmp_path / "results")
     assert kept() == after
     assert warmed() == ["source of the stages"]
