@@ -21,7 +21,7 @@ def main() -> None:
 
     from dicflow.cli.commands import app
     from dicflow.engine.kernel_cache import keep_kernels
-    from dicflow.engine.workers import limit_threads
+    from dicflow.engine.workers import limit_threads, with_room
     from dicflow.errors import DicflowError
     from dicflow.views.plain_text import ascii_signs, plain
 
@@ -33,7 +33,7 @@ def main() -> None:
         ascii_signs(getattr(sys, name))
     _end_in_order()
     try:
-        app()
+        with_room(app)
     except DicflowError as error:
         typer.secho(plain(error), fg="red", err=True)
         sys.exit(error.exit_code)

@@ -14,7 +14,7 @@ from dicflow.engine.job_queue import JobQueue
 from dicflow.engine.processes import WorkerLost, WorkerProcesses, survive
 from dicflow.engine.schedulers import Backend, BackendOptions
 from dicflow.engine.work import KILLED, Defect, Job, Outcome, Perform, perform
-from dicflow.engine.workers import prepare
+from dicflow.engine.workers import prepare, with_room
 
 __all__ = ["in_process", "in_processes"]
 
@@ -65,7 +65,7 @@ def _compiled(call: Callable[[], None]) -> float:
     """Compile; returns the processor time [s]. What goes wrong shows again in a task, which has a place for errors."""
     start = time.thread_time()
     with suppress(Exception):
-        call()
+        with_room(call)
     return time.thread_time() - start
 
 

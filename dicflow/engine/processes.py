@@ -21,7 +21,7 @@ from multiprocessing.connection import Connection
 from queue import Empty, SimpleQueue
 from typing import Any, TypeVar
 
-from dicflow.engine.workers import limit_threads, prepare
+from dicflow.engine.workers import limit_threads, prepare, with_room
 from dicflow.errors import ConfigurationError, WorkerError
 
 __all__ = ["WorkerLost", "WorkerProcesses", "called_cpu_s", "survive"]
@@ -267,10 +267,15 @@ def _serve(pipe: Connection, setup: Callable[[], None] | None) -> None:
     prepare(setup)
     pipe.send(True)
     with suppress(EOFError, OSError):
-        while True:
-            request, before = pipe.recv_bytes(), time.process_time()
-            pipe.send((*_answer(request), time.process_time() - before))
+        with_room(partial(_answer_all, pipe))
     gc.freeze()  # the system takes the memory back; doing so object by object costs a quarter of a second
+
+
+def _answer_all(pipe: Connection) -> None:
+    """Answer requests with whether they succeeded, value or error, and processor time. Raises EOFError at the end."""
+    while True:
+        request, before = pipe.recv_bytes(), time.process_time()
+        pipe.send((*_answer(request), time.process_time() - before))
 
 
 def _answer(request: bytes) -> tuple[bool, Any]:
