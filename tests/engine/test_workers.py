@@ -4,11 +4,13 @@ import os
 import subprocess
 import sys
 
-LOADED_BEFORE = """
-import numba
 import pytest
 
-from dicflow.engine.workers import prepare, with_room
+from dicflow.engine.workers import with_room
+
+LOADED_BEFORE = """
+import numba
+from dicflow.engine.workers import prepare
 prepare()
 print(numba.njit(lambda x: x + 1)(1), numba.get_num_threads())
 """
