@@ -15,7 +15,8 @@ $(READY): pyproject.toml constraints.txt
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check --constraint constraints.txt --editable '.[dev]'
 	@touch $@
 
-setup: $(READY) ## make the virtual environment in .venv
+setup: $(READY) ## make the virtual environment in .venv, and compile the kernels ahead
+	$(BIN)/dicflow warm
 
 quickstart: $(READY) ## measure the specimen in data_samples and say where the maps are
 	$(BIN)/dicflow run pipelines/quickstart.yaml --data data_samples

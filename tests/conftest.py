@@ -56,6 +56,12 @@ def _files_of_tests_are_trusted(monkeypatch):
     monkeypatch.setattr("dicflow.engine.files._FRESH_NS", -1)
 
 
+@pytest.fixture(autouse=True)
+def _source_files_are_remembered_in_the_store(monkeypatch):
+    """What tests find in source files stays with their stores: some change it."""
+    monkeypatch.setattr("dicflow.engine.fingerprint.account_folder", lambda: None)
+
+
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     """A test of the small experiment is slow, because the first one renders its photographs and measures them."""
     for item in items:

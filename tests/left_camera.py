@@ -11,7 +11,8 @@ from dicflow.core.correlation.template import template
 from dicflow.core.correlation.warp import identity
 from dicflow.core.photographs.exposure import Photograph
 from dicflow.core.photographs.interpolate import spline
-from dicflow.core.photographs.region import Polygon, rasterise, rectangle
+from dicflow.core.photographs.polygon import Polygon
+from dicflow.core.photographs.region import rasterise, rectangle
 from dicflow.core.status import Status
 from dicflow.core.tensors import congruent
 from dicflow.engine.product import Product, Variable

@@ -218,6 +218,7 @@ except SystemExit as stop:
 heavy = "scipy cv2 numba dask distributed zarr xarray matplotlib PIL".split()
 print([name for name in heavy if name in sys.modules])
 """
+    dicflow("plan", *own)  # remembers the photographs, which were too new for that when they were measured
     printed = python(code, "run", *own, "--dashboard")
     assert printed.splitlines()[-1] == "[]"
 

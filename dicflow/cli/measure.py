@@ -27,6 +27,8 @@ from dicflow.engine.schedulers import scheduler_names
 if TYPE_CHECKING:
     from rich.console import Console
 
+    from dicflow.engine.journal import Event
+    from dicflow.engine.phases import Phases
     from dicflow.pipeline import Result
 
 __all__ = ["plan", "run", "why"]
@@ -52,6 +54,7 @@ def run(
     ] = False,
     code_policy: Policy = CodePolicy.recompute,
     as_json: Annotated[bool, typer.Option("--json", help="end with one line of JSON on standard output")] = False,
+    profile: Annotated[bool, typer.Option("--profile", help="end with a table of where the time went")] = False,
 ) -> None:
     """Compute what is missing, then write maps, tables and the report.
 
@@ -60,35 +63,47 @@ def run(
     dicflow run pipeline.yaml --set surface.robust=LAR
     dicflow run pipeline.yaml --set smooth.degree=1,2,3 --workers 4
     """
+    from dicflow.engine.phases import Phases
     from dicflow.io.files import make_folder
+    from dicflow.pipeline.profile import TASKS
     from dicflow.report.build import write_report
     from dicflow.views.console import Progress, consoles
     from dicflow.views.publish import publish
 
+    phases = Phases()
+    phases.end("start")
     _, progress = consoles()
     loaded = load(pipeline, data, store, settings)
     folder = results_folder(loaded, output)
     assert loaded.graph
     make_folder(folder)
     with Progress(progress) as shown:
+
+        def on_event(event: Event) -> None:
+            if event.kind == "planned":
+                phases.end("plan")
+            shown.on_event(event)
+
         result = loaded.run(
             scheduler=scheduler,
             workers=workers,
             dashboard=dashboard,
             code_policy=code_policy.value,
             keep_going=keep_going,
-            on_event=shown.on_event,
+            on_event=on_event,
             linger=_until_enter if dashboard and wait else None,
         )
+    phases.end(TASKS)
     files = publish(result, folder, workers)
+    phases.end("pictures and tables")
     problems: list[str] = []
     report = write_report(loaded, result, folder, workers, problems.append)
     _print_run(progress, result, folder, files)
     for problem in problems:
         progress.print(f"warning: {problem}", style="yellow", soft_wrap=True)
     progress.print(f"report: {report}", soft_wrap=True)
-    if as_json:
-        say(json.dumps(_run_line(result)))
+    phases.end("report")
+    _end_run(progress, result, phases if profile else None, as_json)
     raise typer.Exit(_exit_code(result))
 
 
@@ -145,6 +160,7 @@ def _exit_code(result: Result) -> int:
 
 def _run_line(result: Result) -> dict[str, Any]:
     """The last line of ``--json``."""
+
     outcome = result.outcome
     assert outcome is not None
     counts = {name: outcome.counts.get(name, 0) for name in STATUSES}
@@ -155,6 +171,21 @@ def _run_line(result: Result) -> dict[str, Any]:
         "warnings": list(outcome.warnings),
         "stages": outcome.by_stage(),
     }
+
+
+def _end_run(console: Console, result: Result, phases: Phases | None, as_json: bool) -> None:
+    """The last lines: where the time went, if phases are given, and the line of ``--json``."""
+    profile: dict[str, Any] = {}
+    if phases is not None:
+        from dicflow.pipeline.profile import shares
+        from dicflow.views.profile import profile_json, profile_table
+
+        assert result.outcome is not None
+        found = shares(phases, result.outcome)
+        console.print(profile_table(found))
+        profile = {"profile": profile_json(found)}
+    if as_json:
+        say(json.dumps({**_run_line(result), **profile}))
 
 
 def _print_run(console: Console, result: Result, folder: Path, files: list[Path]) -> None:

@@ -12,7 +12,7 @@ import typer
 
 from dicflow.cli.options import Force, refuse_existing, refuse_full, say, tick, warn, write_new
 
-__all__ = ["doctor", "init", "schema", "stages", "synth"]
+__all__ = ["doctor", "init", "schema", "stages", "synth", "warm"]
 
 
 def schema() -> None:
@@ -124,6 +124,22 @@ def synth_sample(folder: Annotated[Path, typer.Argument(help="folder to write")]
 
     refuse_full(folder, force)
     write_sample(folder, on_progress=tick)
+
+
+def warm(
+    workers: Annotated[int, typer.Option(min=1, help="processes at once; default: one per core")] = os.cpu_count() or 1,
+) -> None:
+    """Compile the kernels ahead, so that the first run need not.
+
+    They are kept for this account; a run compiles what it lacks, too.
+
+    \b
+    dicflow warm
+    """
+    from dicflow.pipeline.warm import warm as warmed
+
+    for line in warmed(workers):
+        say(line)
 
 
 def doctor(store: Annotated[Path, typer.Option(help="folder where products would be kept")] = Path(".dicflow")) -> None:

@@ -6,11 +6,12 @@ import numpy as np
 from numba import njit
 
 from dicflow.core.arrays import Array
+from dicflow.core.kernels import INNER
 
 __all__ = ["factorise", "solve", "solve_columns"]
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@njit(error_model="numpy", **INNER)
 def factorise(matrix: Array, min_pivot_share: float) -> bool:
     """Factorise a symmetric matrix (n, n) in place; only its lower triangle is read and written.
 
@@ -33,7 +34,7 @@ def factorise(matrix: Array, min_pivot_share: float) -> bool:
     return True
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@njit(error_model="numpy", **INNER)
 def solve(factor: Array, vector: Array) -> None:
     """Solve L Lᵀ x = b in place: b (n,) becomes x. factor : L (n, n) from :func:`factorise`."""
     size = len(factor)
@@ -47,7 +48,7 @@ def solve(factor: Array, vector: Array) -> None:
         vector[i] /= factor[i, i]
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@njit(error_model="numpy", **INNER)
 def solve_columns(factor: Array, columns: Array) -> None:
     """Solve L Lᵀ X = B in place: B (n, m) becomes X. factor : as for :func:`solve`."""
     for column in range(columns.shape[1]):

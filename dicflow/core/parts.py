@@ -1,4 +1,7 @@
-"""Parts of a grid of points that move on their own: separate polygons of the region, and the two sides of a cut."""
+"""Parts of a grid of points that move on their own: separate polygons of the region, and the two sides of a cut.
+
+Scipy is loaded where it is used: most who have parts need none of it, and it takes longer to load than they compute.
+"""
 
 from __future__ import annotations
 
@@ -7,11 +10,9 @@ from typing import NamedTuple
 
 import numpy as np
 from numba import njit
-from scipy.ndimage import label
-from scipy.sparse import coo_array
-from scipy.sparse.csgraph import connected_components
 
 from dicflow.core.arrays import Array, Counts, Mask
+from dicflow.core.kernels import INNER
 
 __all__ = ["Parts", "are_apart", "cut_segments", "grid_parts", "islands", "sees", "single_part"]
 
@@ -63,6 +64,8 @@ def cut_segments(cuts: Sequence[Array]) -> Array:
 
 def islands(known: Mask, parts: Parts | None = None) -> Counts:
     """Connected islands of known points (rows, cols), numbered from 1; 0 elsewhere. None of them has two parts."""
+    from scipy.ndimage import label
+
     if parts is None or parts.is_single:
         return np.asarray(label(known, structure=_CONNECTED)[0], dtype=np.int32)
     numbered = np.zeros(known.shape, dtype=np.int32)
@@ -99,7 +102,7 @@ def _crossed(start: Array, end: Array, cuts: Array) -> Mask:
     return crossed
 
 
-@njit(cache=True, nogil=True)
+@njit(**INNER)
 def _cross(p: Array, q: Array, cut: Array) -> bool:
     """Whether the straight line from p to q crosses a piece (4,) of a cut or touches it."""
     ax, ay, bx, by = cut[0], cut[1], cut[2], cut[3]
@@ -112,6 +115,9 @@ def _cross(p: Array, q: Array, cut: Array) -> bool:
 
 def _connected(parts: Parts) -> Counts:
     """Numbers of the parts (rows, cols) after the cuts: of points connected with their neighbours."""
+    from scipy.sparse import coo_array
+    from scipy.sparse.csgraph import connected_components
+
     rows, cols = parts.number.shape
     index = np.arange(rows * cols).reshape(rows, cols)
     edges = []

@@ -7,8 +7,8 @@ import threading
 import time
 from collections import Counter
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import contextmanager, suppress
-from dataclasses import dataclass, replace
+from contextlib import contextmanager, nullcontext, suppress
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from types import FrameType
 from typing import Any
@@ -16,14 +16,17 @@ from typing import Any
 from dicflow.engine.fingerprint import Fingerprint
 from dicflow.engine.graph import Graph
 from dicflow.engine.journal import STATUSES, Event, Journal
+from dicflow.engine.kernel_cache import keep_kernels
 from dicflow.engine.plan import CodePolicy, Plan, make_plan
+from dicflow.engine.processes import WorkerProcesses
 from dicflow.engine.product import Product
 from dicflow.engine.product_warnings import product_warnings
 from dicflow.engine.references import load
-from dicflow.engine.schedulers import Backend, BackendOptions, check_scheduler, open_backend, scheduler_warning
+from dicflow.engine.running import Options, Running
+from dicflow.engine.schedulers import BackendOptions, check_scheduler, open_backend, scheduler_warning
 from dicflow.engine.store import Store
 from dicflow.engine.work import Job, Outcome, perform, stop_path
-from dicflow.errors import StageError, StoreError, WorkerError
+from dicflow.errors import StageError, StoreError
 
 __all__ = ["STATUSES", "Options", "RunResult", "dask_graph", "run"]
 
@@ -33,39 +36,13 @@ _MOST_REPAIRS = 20
 
 
 @dataclass(frozen=True)
-class Options:
-    """How a graph is run; nothing here changes a result.
-
-    scheduler : one of :data:`dicflow.engine.schedulers.SCHEDULERS`, or the address of a running one
-    dashboard : show dask's dashboard on this machine's loopback, where every account can read its pages
-    code_policy : what to do with results that other code has made
-    keep_going : after a failure go on with all that does not need what failed
-    retries : how often a task is tried again after an error that is not a DicflowError; a scheduler of dask's does so
-        itself, perhaps on another worker. Workers of this machine may also die so often of one task, but at least
-        once; then it gets one more attempt, alone.
-    on_event : called with every event, in the thread that called ``run``
-    worker_setup : called once in every worker, a function of a module
-    linger : called when all is done, before workers and dashboard end
-    """
-
-    scheduler: str = "processes"
-    workers: int = 2
-    dashboard: bool = False
-    code_policy: CodePolicy = "recompute"
-    keep_going: bool = False
-    retries: int = 0
-    on_event: Callable[[Event], None] | None = None
-    worker_setup: Callable[[], None] | None = None
-    linger: Callable[[], None] | None = None
-
-
-@dataclass(frozen=True)
 class RunResult:
     """What became of every task.
 
     folder : of the run in the store; None where nothing was to do in a store that cannot be written
     seconds : from the call of ``run`` to its return
     warnings : each once, those of products too, whether they were computed now or before
+    compiled_s : processor time of compiling, by stage [s]
     """
 
     run_id: str
@@ -75,6 +52,7 @@ class RunResult:
     seconds: float
     interrupted: bool = False
     warnings: Sequence[str] = ()
+    compiled_s: Mapping[str, float] = field(default_factory=dict)
 
     @property
     def counts(self) -> dict[str, int]:
@@ -123,110 +101,37 @@ def run(
     stage is in the outcomes.
     """
     options, start = options or Options(), time.perf_counter()
+    keep_kernels()
     check_scheduler(options.scheduler, options.workers)
-    result = _run_once(graph, store, pipeline, resolved, options, {})
-    for _ in range(_MOST_REPAIRS):
-        if result.interrupted or not any(outcome.damaged for outcome in result.outcomes.values()):
-            break
-        result = _run_once(graph, store, pipeline, resolved, options, result.outcomes)
+    with _workers(options, store) as options:
+        result = _run_once(graph, store, pipeline, resolved, options, {})
+        for _ in range(_MOST_REPAIRS):
+            if result.interrupted or not any(outcome.damaged for outcome in result.outcomes.values()):
+                break
+            result = _run_once(graph, store, pipeline, resolved, options, result.outcomes)
     result = replace(result, seconds=time.perf_counter() - start)
     if options.on_event is not None:
         options.on_event(Event("ended", counts=result.counts, seconds=result.seconds))
     return result
 
 
+@contextmanager
+def _workers(options: Options, store: Store) -> Iterator[Options]:
+    """The options with worker processes. These start at once in a new store, where there is work for sure."""
+    if options.scheduler != "processes" or options.dashboard:
+        yield options
+        return
+    processes = options.processes or WorkerProcesses(options.workers, options.worker_setup)
+    with nullcontext() if options.processes else processes:
+        if store.is_new:
+            processes.start()
+        yield replace(options, processes=processes)
+
+
 def dask_graph(plan: Plan, store: Store, run_id: str = "plan") -> dict[tuple[str, ...], tuple[Any, ...]]:
     """The plain dask graph of what a plan lacks: (stage, step, run) → a call and the names of its inputs."""
     jobs = {job.task.name: job for job in _jobs(plan, store, run_id, "recompute")}
     return {job.key: (perform, job, *(jobs[name].key for name in job.awaited())) for job in jobs.values()}
-
-
-class _Run:
-    """A run under way: its outcomes, journal and listener."""
-
-    def __init__(self, plan: Plan, store: Store, journal: Journal | None, options: Options) -> None:
-        self.plan = plan
-        self.store = store
-        self.journal = journal
-        self.options = options
-        self.interrupted = False
-        self.stopped = False
-        hits = {name: entry for name, entry in plan.entries.items() if entry.state == "hit"}
-        self.outcomes = {
-            name: Outcome(
-                name, entry.task.stage, entry.task.step, "hit", entry.ref, entry.key or "", warnings=entry.warnings
-            )
-            for name, entry in hits.items()
-        }
-
-    def report(self, event: Event) -> None:
-        """Journal an event and call the listener with it."""
-        if self.journal is not None:
-            self.journal.write(event)
-        if self.options.on_event is not None:
-            self.options.on_event(event)
-
-    def finished(self, outcome: Outcome) -> None:
-        """Take in the outcome of a task."""
-        self.outcomes[outcome.name] = outcome
-        if outcome.warning and outcome.warning not in self.plan.warnings:
-            self.plan.warnings.append(outcome.warning)
-            self.report(Event("warning", text=outcome.warning))
-        if outcome.status == "failed" and not self.options.keep_going:
-            self.stop()
-        self.report(
-            Event(
-                "finished",
-                task=outcome.name,
-                stage=outcome.stage,
-                step=outcome.step,
-                status=outcome.status,
-                seconds=outcome.stage_s,
-                text=outcome.error,
-                key=outcome.key,
-                digest=outcome.ref.digest if outcome.ref is not None else "",
-            )
-        )
-
-    def stop(self) -> None:
-        """Let no worker start another task."""
-        self.stopped = True
-        if self.journal is not None:
-            with suppress(OSError):
-                stop_path(self.store.path, self.journal.id).touch()
-
-    def interrupt(self) -> None:
-        """The same after Ctrl-C."""
-        self.interrupted = True
-        self.stop()
-
-    def compute(self, backend: Backend, jobs: Iterator[Job]) -> None:
-        """Run all jobs; after a stop those that were not handed over are skipped.
-
-        Where no worker is left, the first task without an outcome has failed.
-        """
-        try:
-            backend.compute(self._until_stop(jobs), self.outcomes, self.finished)
-        except WorkerError as error:
-            lost = next(entry.task for name, entry in self.plan.entries.items() if name not in self.outcomes)
-            self.stopped = True
-            self.finished(Outcome(lost.name, lost.stage, lost.step, "failed", error=f"{lost.name}: {error}"))
-        for name, entry in self.plan.entries.items():
-            if name not in self.outcomes:
-                task = entry.task
-                self.finished(Outcome(name, task.stage, task.step, "skipped", error="the run was stopped"))
-
-    def _until_stop(self, jobs: Iterator[Job]) -> Iterator[Job]:
-        while not self.stopped and (job := next(jobs, None)) is not None:
-            yield job
-
-    def index(self) -> dict[str, dict[str, str]]:
-        """Key and digest of every task that has its product."""
-        return {
-            name: {"key": outcome.key, "digest": outcome.ref.digest}
-            for name, outcome in self.outcomes.items()
-            if outcome.ref is not None
-        }
 
 
 def _run_once(
@@ -242,7 +147,7 @@ def _run_once(
         on_event=options.on_event,
     )
     journal = _journal(plan, store, pipeline, resolved)
-    state = _Run(plan, store, journal, options)
+    state = Running(plan, store, journal, options)
     state.report(Event("planned", counts=plan.counts, stages=plan.by_stage()))
     for text in plan.warnings:
         state.report(Event("warning", text=text))
@@ -266,6 +171,7 @@ def _run_once(
         0.0,
         state.interrupted,
         [*plan.warnings, *(text for _, text in product_warnings(graph, outcomes))],
+        state.compiled_s,
     )
 
 
@@ -307,7 +213,7 @@ def _jobs(plan: Plan, store: Store, run_id: str, code_policy: CodePolicy) -> Ite
             )
 
 
-def _compute(state: _Run, run_id: str) -> None:
+def _compute(state: Running, run_id: str) -> None:
     options = state.options
     warning = scheduler_warning(options.scheduler)
     if warning:
@@ -321,7 +227,11 @@ def _compute(state: _Run, run_id: str) -> None:
         options.dashboard,
         options.retries,
         options.worker_setup,
+        options.processes,
+        state.compilation(),
     )
+    if options.processes is not None and state.is_short():
+        opened = replace(opened, scheduler="sync")
     with _interruptible(state.interrupt), open_backend(opened) as backend:
         if backend.link:
             state.report(Event("dashboard", text=backend.link))
@@ -330,7 +240,7 @@ def _compute(state: _Run, run_id: str) -> None:
             options.linger()
 
 
-def _close(state: _Run, journal: Journal) -> None:
+def _close(state: Running, journal: Journal) -> None:
     """Keep the index and counts; a full disk is ignored here; the tasks report it."""
     counts = Counter[str](outcome.status for outcome in state.outcomes.values())
     ended_early = len(state.outcomes) < len(state.plan.entries)

@@ -27,12 +27,14 @@ from typing import Any, NamedTuple
 
 from dicflow.engine.components import components
 from dicflow.engine.files import FileIndex
-from dicflow.engine.hashing import digest_json
+from dicflow.engine.hashing import digest_bytes, digest_json
+from dicflow.engine.kernel_cache import account_folder
 from dicflow.engine.source_code import code_of
 from dicflow.errors import ConfigurationError
 
-__all__ = ["Fingerprint", "Sources", "changed_names"]
+__all__ = ["Fingerprint", "Sources", "changed_names", "kept_sources"]
 
+_PACKAGES = Path(__file__).parents[2]
 _FORM = 1
 """Of what :func:`code_of` gives, since it is remembered by file."""
 _STATEMENTS, _WHOLE = "", "*"
@@ -78,6 +80,17 @@ class _Definition(NamedTuple):
         return (place for places, _ in self.links for place in places)
 
 
+def kept_sources(otherwise: FileIndex) -> FileIndex:
+    """What is remembered of source files on this account, for all stores.
+
+    otherwise : taken where the account has no place for it
+    """
+    folder = account_folder()
+    if folder is None:
+        return otherwise
+    return FileIndex(folder / f"sources-{digest_bytes(str(_PACKAGES).encode())[7:23]}.index")
+
+
 class Sources:
     """The source files of dicflow and of plug-in packages, each looked at once for all fingerprints.
 
@@ -86,7 +99,7 @@ class Sources:
 
     def __init__(self, index: FileIndex) -> None:
         self._index = index
-        self._roots = {"dicflow": Path(__file__).parents[2]}
+        self._roots = {"dicflow": _PACKAGES}
         self._paths: dict[str, Path | None] = {}
         self._codes: dict[str, dict[str, Any] | None] = {}
         self._definitions: dict[Place, _Definition] = {}
@@ -106,6 +119,10 @@ class Sources:
             further = [self._named(name) for name in sorted(set(uses))]
             found = self._known[cls, uses] = self._taken([self._own(cls), *further])
         return found
+
+    def save(self) -> None:
+        """Keep what was found in source files."""
+        self._index.save()
 
     def _taken(self, starts: list[tuple[tuple[Place, ...], str]]) -> Fingerprint:
         covered = self._covered(place for places, _ in starts for place in places)

@@ -11,6 +11,8 @@ __all__ = ["JobQueue"]
 
 _AHEAD = 2000
 """So many jobs may wait for a producer while jobs after them begin; a chained stage may be so far behind the others."""
+_STAGE = "stage "
+"""Before the name of a stage that is waited for; no task's name has a space."""
 
 
 class JobQueue:
@@ -19,12 +21,20 @@ class JobQueue:
     jobs : every job after those it takes from
     outcomes : of all tasks that have ended
     begun : tasks under way whose successors in a chain can be given, although they have no outcome
+    held : stages whose jobs cannot begin until :meth:`release_stage`
     """
 
-    def __init__(self, jobs: Iterator[Job], outcomes: Mapping[str, Outcome], begun: Container[str] = ()) -> None:
+    def __init__(
+        self,
+        jobs: Iterator[Job],
+        outcomes: Mapping[str, Outcome],
+        begun: Container[str] = (),
+        held: Container[str] = (),
+    ) -> None:
         self._jobs = enumerate(jobs)
         self._outcomes = outcomes
         self._begun = begun
+        self._held = held
         self._ready: list[tuple[int, Job]] = []
         self._waiting: dict[str, list[tuple[int, Job]]] = {}
         self._waiting_count = 0
@@ -45,6 +55,10 @@ class JobQueue:
         for entry in entries:
             self._place(entry)
 
+    def release_stage(self, stage: str) -> None:
+        """Look again at the jobs of a stage that is no longer held."""
+        self.release(_STAGE + stage)
+
     def waiting(self) -> list[tuple[int, Job]]:
         """Rank and job of all that wait for a producer."""
         return [entry for entries in self._waiting.values() for entry in entries]
@@ -58,9 +72,9 @@ class JobQueue:
             self._waiting_count += 1
 
     def _missing(self, job: Job) -> str | None:
-        """The first producer that keeps a job from beginning."""
+        """The first producer that keeps a job from beginning, or its stage."""
         chained = [job.task.inputs[port] for port, declared in job.task.node.takes.items() if declared.own]
         for name in job.awaited():
             if name not in self._outcomes and not (name in chained and name in self._begun):
                 return name
-        return None
+        return _STAGE + job.task.stage if job.task.stage in self._held else None

@@ -69,7 +69,7 @@ ABOUT = fields({"id": is_text, "pipeline": is_text, "started": _is_time, "resolv
 RESULT = fields({"counts": mapping_of(is_count), "interrupted": is_flag})
 """Form of ``result.json``."""
 
-Happening = Literal["checking", "planned", "dashboard", "finished", "warning", "ended"]
+Happening = Literal["checking", "planned", "dashboard", "compiling", "compiled", "finished", "warning", "ended"]
 """What an event is."""
 Status = Literal["hit", "computed", "failed", "skipped"]
 """What became of a task."""
@@ -87,8 +87,9 @@ class Event:
     """One thing that happened in a run.
 
     status : of a finished task: hit, computed, failed or skipped
-    seconds : of a finished task, in its stage; of an ended run, altogether
-    stage : of a warning: the stage whose products it is of; "" for one of the run
+    seconds : of a finished task, in its stage; of a stage that is compiled, processor time; of an ended run, altogether
+    stage : of a warning: the stage whose products it is of; "" for one of the run; of code that is compiled: the stage
+        that needs it
     text : message of an error or warning, the dashboard's link, or what is being checked: files or tasks
     counts : checking: done and all, of what ``text`` names; planned: hit, run, pending;
         ended: hit, computed, failed, skipped

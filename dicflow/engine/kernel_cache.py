@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import hashlib
 import os
+import platform
 import re
 import shutil
 import sys
@@ -15,9 +16,10 @@ import tempfile
 import time
 from collections.abc import Iterator
 from contextlib import suppress
+from functools import cache
 from pathlib import Path
 
-__all__ = ["VARIABLE", "keep_kernels", "kernel_folder"]
+__all__ = ["VARIABLE", "account_folder", "keep_kernels", "kernel_folder", "kernel_mark"]
 
 VARIABLE = "NUMBA_CACHE_DIR"
 _UNUSED_S = 30 * 86400.0
@@ -41,12 +43,39 @@ def keep_kernels() -> None:
 
 
 def kernel_folder() -> Path | None:
+    """The folder of the kernels of this source in :func:`account_folder`. None without any."""
+    folder = account_folder()
+    return folder and folder / f"kernels-{_source()[:16]}"
+
+
+def kernel_mark(name: str) -> Path | None:
+    """The file which says that some kernels of this source are kept for this machine and these versions.
+
+    None where kernels are not kept.
+    """
+    chosen = os.environ.get(VARIABLE)
+    folder = Path(chosen) if chosen else kernel_folder()
+    if folder is None or not os.access(folder if folder.exists() else folder.parent, os.W_OK):
+        return None
+    folder.mkdir(exist_ok=True)
+    return folder / f"{name}-{_machine()}.compiled"
+
+
+@cache
+def _machine() -> str:
+    """Short digest of all that kept kernels depend on."""
+    from importlib.metadata import version
+
+    parts = (_source(), platform.node(), platform.machine(), platform.python_version(), version("numba"))
+    return hashlib.sha256("\n".join(parts).encode()).hexdigest()[:16]
+
+
+def account_folder() -> Path | None:
     """The first folder that can be used: in the account's cache, or among temporary files. None without any.
 
     What is in it runs as code, so that a folder that another account owns or may write is not used.
     """
-    name = f"kernels-{_digest(Path(__file__).parents[1])[:16]}"
-    return next((place / name for place in _places() if _is_private(place)), None)
+    return next((place for place in _places() if _is_private(place)), None)
 
 
 def _delete_unused(used: Path) -> None:
@@ -81,6 +110,12 @@ def _is_private(folder: Path) -> bool:
     if not hasattr(os, "geteuid"):
         return True
     return not folder.is_symlink() and found.st_uid == os.geteuid() and not found.st_mode & 0o022
+
+
+@cache
+def _source() -> str:
+    """Digest of the source of the kernels."""
+    return _digest(Path(__file__).parents[1])
 
 
 def _digest(package: Path) -> str:

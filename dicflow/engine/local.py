@@ -2,17 +2,20 @@
 
 from __future__ import annotations
 
+import itertools
+import time
 from collections.abc import Callable, Iterator, Mapping
 from concurrent.futures import FIRST_COMPLETED, Future, ThreadPoolExecutor, wait
-from contextlib import contextmanager
+from contextlib import contextmanager, nullcontext, suppress
 from dataclasses import replace
 from functools import partial
+from typing import Any
 
 from dicflow.engine.job_queue import JobQueue
 from dicflow.engine.processes import WorkerLost, WorkerProcesses, survive
 from dicflow.engine.schedulers import Backend, BackendOptions
 from dicflow.engine.work import KILLED, Defect, Job, Outcome, Perform, perform
-from dicflow.engine.workers import prepare
+from dicflow.engine.workers import prepare, with_room
 
 __all__ = ["in_process", "in_processes"]
 
@@ -21,52 +24,71 @@ __all__ = ["in_process", "in_processes"]
 def in_process(options: BackendOptions) -> Iterator[Backend]:
     """A backend that runs jobs in this process: one worker in the calling thread, more in threads."""
     prepare(options.setup)
-    yield _InTurn(options.retries) if options.workers == 1 else _AtOnce(options.workers, options.retries, perform)
+    yield _InTurn(options) if options.workers == 1 else _AtOnce(options, _here)
 
 
 @contextmanager
 def in_processes(options: BackendOptions) -> Iterator[Backend]:
-    """A backend that runs jobs in worker processes, which end with the context."""
-    with WorkerProcesses(options.workers, options.setup) as processes:
-        yield _AtOnce(options.workers, options.retries, partial(processes.call, perform))
+    """A backend that runs jobs in worker processes, which end with the context unless they are the caller's."""
+    own = options.processes is None
+    processes = WorkerProcesses(options.workers, options.setup) if options.processes is None else options.processes
+    with processes if own else nullcontext():
+        yield _AtOnce(options, processes.call)
+
+
+def _here(function: Callable[..., Any], *arguments: Any) -> Any:
+    return function(*arguments)
 
 
 class _InTurn:
-    """Runs one job after the other."""
+    """Runs one job after the other; a stage is compiled before its first job."""
 
     link = ""
 
-    def __init__(self, retries: int) -> None:
-        self._retries = retries
+    def __init__(self, options: BackendOptions) -> None:
+        self._retries = options.retries
+        self._compilation = options.compilation
 
     def compute(
         self, jobs: Iterator[Job], outcomes: Mapping[str, Outcome], finished: Callable[[Outcome], None]
     ) -> None:
         """Run jobs in their order."""
+        calls = dict(self._compilation.calls)
         for job in jobs:
+            stage = job.task.stage
+            if (call := calls.pop(stage, None)) is not None:
+                self._compilation.began(stage)
+                self._compilation.ended(stage, _compiled(call))
             finished(_attempted(perform, self._retries, job, job.known_inputs(outcomes)))
+
+
+def _compiled(call: Callable[[], None]) -> float:
+    """Compile; returns the processor time [s]. What goes wrong shows again in a task, which has a place for errors."""
+    start = time.thread_time()
+    with suppress(Exception):
+        with_room(call)
+    return time.thread_time() - start
 
 
 class _AtOnce:
     """Runs as many jobs at once as there are workers, the first ones first.
 
-    perform : may raise WorkerLost
+    call : calls a function in a worker; may raise WorkerLost
     """
 
     link = ""
 
-    def __init__(self, workers: int, retries: int, perform: Perform) -> None:
-        self._workers = workers
-        self._retries = retries
-        self._perform = perform
+    def __init__(self, options: BackendOptions, call: Callable[..., Any]) -> None:
+        self._options = options
+        self._call = call
 
     def compute(
         self, jobs: Iterator[Job], outcomes: Mapping[str, Outcome], finished: Callable[[Outcome], None]
     ) -> None:
         """Run jobs; a worker that gets free takes the first job that can begin."""
-        threads = ThreadPoolExecutor(self._workers)
+        threads = ThreadPoolExecutor(self._options.workers)
         try:
-            _Flow(self._perform, self._retries, threads, jobs, outcomes, finished).run(self._workers)
+            _Flow(self._options, self._call, threads, jobs, outcomes, finished).run()
         finally:
             threads.shutdown(wait=False, cancel_futures=True)
 
@@ -76,34 +98,40 @@ class _Flow:
 
     A job is tried again where its worker dies, so often as ``retries`` says but at least once. After that it is run
     once more when nothing runs beside it: the worker may have died of what did, and alone a job has all the memory.
+
+    One worker compiles, stage by stage; the jobs of a stage wait for that, those of other stages begin.
     """
 
     def __init__(
         self,
-        perform: Perform,
-        retries: int,
+        options: BackendOptions,
+        call: Callable[..., Any],
         threads: ThreadPoolExecutor,
         jobs: Iterator[Job],
         outcomes: Mapping[str, Outcome],
         finished: Callable[[Outcome], None],
     ) -> None:
-        self._perform = perform
-        self._retries = retries
+        self._call = call
+        self._options = options
         self._threads = threads
         self._outcomes = outcomes
         self._finished = finished
-        self._queue = JobQueue(jobs, outcomes)
+        self._uncompiled = dict(options.compilation.calls)
+        self._queue = JobQueue(jobs, outcomes, held=self._uncompiled)
+        self._compiling: Future[float] | None = None
         self._running: dict[Future[Outcome], Job] = {}
         self._lost: list[Job] = []
 
-    def run(self, at_once: int) -> None:
+    def run(self) -> None:
         """Run jobs until none can begin. Raises WorkerError where no worker is left."""
+        retries, at_once = self._options.retries, self._options.workers
+        self._compile_next()
         while True:
-            jobs = self._ready(at_once - len(self._running))
-            threads = at_once // max(1, len(self._running) + len(jobs))
+            jobs = self._ready(at_once - self._busy())
+            threads = at_once // max(1, self._busy() + len(jobs))
             for job in jobs:
-                self._submit(replace(job, threads=threads), deaths=max(1, self._retries))
-            if self._running:
+                self._submit(replace(job, threads=threads), deaths=max(1, retries))
+            if self._busy():
                 self._take()
             elif self._lost:
                 self._run_alone(self._lost.pop(0))
@@ -117,15 +145,46 @@ class _Flow:
             jobs.append(entry[1])
         return jobs
 
+    def _busy(self) -> int:
+        return len(self._running) + (self._compiling is not None)
+
+    def _compile_next(self) -> None:
+        """Let a worker compile for the next stage; where that is not wanted any more, all of them are released."""
+        compilation = self._options.compilation
+        while self._uncompiled and not compilation.is_wanted():
+            self._release_first()
+        for stage, call in itertools.islice(self._uncompiled.items(), 1):
+            compilation.began(stage)
+            self._compiling = self._threads.submit(self._call, _compiled, call)
+
+    def _release_first(self) -> str:
+        stage = next(iter(self._uncompiled))
+        del self._uncompiled[stage]
+        self._queue.release_stage(stage)
+        return stage
+
+    def _end_compiling(self, future: Future[float]) -> None:
+        """Release the stage. A worker that died of it dies again in a task, which is told then."""
+        self._compiling = None
+        lost = isinstance(future.exception(), WorkerLost)
+        self._options.compilation.ended(self._release_first(), 0.0 if lost else future.result())
+        self._compile_next()
+
     def _submit(self, job: Job, deaths: int) -> None:
         """Begin a job. deaths : so many of its workers may die"""
         inputs = job.known_inputs(self._outcomes)
-        future = self._threads.submit(_attempted, partial(survive, deaths, self._perform), self._retries, job, inputs)
+        performed = partial(survive, deaths, self._call, perform)
+        future = self._threads.submit(_attempted, performed, self._options.retries, job, inputs)
         self._running[future] = job
 
     def _take(self) -> None:
         """Wait for the next job to end, and take it in."""
-        for future in wait(self._running, return_when=FIRST_COMPLETED).done:
+        compiling = self._compiling
+        waiting: list[Future[Any]] = [*self._running, *([compiling] if compiling is not None else [])]
+        for future in wait(waiting, return_when=FIRST_COMPLETED).done:
+            if future is compiling:
+                self._end_compiling(future)
+                continue
             job = self._running.pop(future)
             if isinstance(future.exception(), WorkerLost):
                 self._lost.append(job)

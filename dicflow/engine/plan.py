@@ -19,7 +19,7 @@ from typing import Any, Literal, TypeVar
 
 from dicflow.engine.action_index import Action, action_of
 from dicflow.engine.files import FilePart, Stamp, stamp
-from dicflow.engine.fingerprint import Fingerprint, Sources, changed_names
+from dicflow.engine.fingerprint import Fingerprint, Sources, changed_names, kept_sources
 from dicflow.engine.graph import Graph, Task, TaskInput
 from dicflow.engine.hashing import plain
 from dicflow.engine.journal import Entry, Event, latest
@@ -240,8 +240,9 @@ class _Planner:
         self.unindexed: list[tuple[str, Action]] = []
         self.indexed = store.index.present(store.path) if by_index else None
         values = {name: parameters(spec.node) for name, spec in graph.stages.items()}
-        sources = Sources(store.files)
+        sources = Sources(kept_sources(store.files))
         code = {name: sources.fingerprint(type(spec.node), spec.node.uses()) for name, spec in graph.stages.items()}
+        sources.save()
         self.keys = {name: key_maker(spec.node, values[name]) for name, spec in graph.stages.items()}
         self.plan = Plan(graph, self.entries, values, code, self.files, policy)
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import importlib.metadata
 import platform
 import re
 from collections.abc import Mapping
@@ -33,7 +32,7 @@ _PARTS = {
 }
 _MADE = {
     **dict.fromkeys(("task", "run", "time", "host"), is_text),
-    **dict.fromkeys(("stage_s", "remake_s", "engine_s", "peak_bytes", "nbytes"), is_number),
+    **dict.fromkeys(("stage_s", "stage_cpu_s", "remake_s", "engine_s", "peak_bytes", "nbytes"), is_number),
     "versions": mapping_of(is_text),
     "warnings": list_of(is_text),
 }
@@ -85,10 +84,12 @@ class Record:
 @cache
 def versions() -> dict[str, str]:
     """Versions of Python, dicflow, and everything dicflow needs, as installed here."""
+    from importlib.metadata import PackageNotFoundError, requires  # costs more than the rest of this module
+
     found = {"python": platform.python_version()}
     try:
-        needs = importlib.metadata.requires("dicflow") or []
-    except importlib.metadata.PackageNotFoundError:
+        needs = requires("dicflow") or []
+    except PackageNotFoundError:
         return found
     for line in ["dicflow", "distributed", *(need for need in needs if "extra ==" not in need)]:
         match = re.match(r"[A-Za-z0-9._-]+", line)
@@ -105,7 +106,9 @@ def sources() -> str:
 
 
 def _version(name: str) -> str:
+    from importlib.metadata import PackageNotFoundError, version
+
     try:
-        return importlib.metadata.version(name)
-    except importlib.metadata.PackageNotFoundError:
+        return version(name)
+    except PackageNotFoundError:
         return "absent"

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import AbstractContextManager
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Protocol
 from urllib.parse import urlsplit
 
@@ -17,6 +17,7 @@ from dicflow.discovery import Registry, nearest
 from dicflow.errors import ConfigurationError
 
 if TYPE_CHECKING:
+    from dicflow.engine.processes import WorkerProcesses
     from dicflow.engine.store import Store
     from dicflow.engine.work import Job, Outcome
 
@@ -24,6 +25,7 @@ __all__ = [
     "SCHEDULERS",
     "Backend",
     "BackendOptions",
+    "Compilation",
     "Scheduler",
     "check_scheduler",
     "is_loopback",
@@ -56,6 +58,29 @@ class Backend(Protocol):
         """
 
 
+def _always() -> bool:
+    return True
+
+
+def _ignore(*_: object) -> None:
+    pass
+
+
+@dataclass(frozen=True)
+class Compilation:
+    """Code that is compiled before the first task of a stage, by one worker while the others do other stages' tasks.
+
+    calls : stage → function of a module that compiles what the stage needs, those of early stages first
+    is_wanted : whether to go on with the next stage
+    began, ended : called with a stage, and with the processor time that it took [s], in the thread of the run
+    """
+
+    calls: Mapping[str, Callable[[], None]] = field(default_factory=dict)
+    is_wanted: Callable[[], bool] = _always
+    began: Callable[[str], None] = _ignore
+    ended: Callable[[str, float], None] = _ignore
+
+
 @dataclass(frozen=True)
 class BackendOptions:
     """What a scheduler is opened with.
@@ -64,6 +89,8 @@ class BackendOptions:
     workers : tasks at once; an address has its own number of workers
     retries : how often a task that raised an error other than a DicflowError is tried again
     setup : called once in every worker
+    processes : worker processes of the caller, which outlive the backend; None to start own ones
+    compilation : a scheduler may ignore it; then each worker compiles what it uses
     """
 
     scheduler: str
@@ -73,6 +100,8 @@ class BackendOptions:
     dashboard: bool = False
     retries: int = 0
     setup: Callable[[], None] | None = None
+    processes: WorkerProcesses | None = None
+    compilation: Compilation = field(default_factory=Compilation)
 
 
 @dataclass(frozen=True)

@@ -116,6 +116,11 @@ class Store:
             "use the dicflow that wrote it, or name another store"
         )
 
+    @property
+    def is_new(self) -> bool:
+        """Whether nothing has been done yet."""
+        return not (self.path / "actions").exists()
+
     def write_mark(self) -> None:
         """Write the mark. Raises StoreError."""
         with self.writing():

@@ -56,6 +56,7 @@ class Outcome:
     status : hit (found when its turn came), computed, failed, or skipped
     stage_s : in the stage itself [s]; remake_s : making again inputs that were not kept; engine_s : hashing, reading
         and storing
+    cpu_s, stage_cpu_s : processor time of all of it, and of the stage itself [s]
     peak_bytes : most memory that its process held while it ran
     damaged : failed because an input's object turned out damaged; another run repairs it
     warning : of a hit that other code has made
@@ -72,6 +73,8 @@ class Outcome:
     stage_s: float = 0.0
     remake_s: float = 0.0
     engine_s: float = 0.0
+    cpu_s: float = 0.0
+    stage_cpu_s: float = 0.0
     peak_bytes: int = 0
     damaged: bool = False
     warning: str = ""
@@ -139,14 +142,15 @@ def perform(job: Job, *inputs: Outcome) -> Outcome:
     inputs : outcomes of the producers that were no hits in the plan
     Raises Defect where the stage raised an error that is not a DicflowError; a DicflowError is part of the outcome.
     """
-    start = time.perf_counter()
+    start, cpu_start = time.perf_counter(), time.thread_time()
     lacking = next((outcome for outcome in inputs if outcome.ref is None), None)
     if lacking is not None:
         return job.outcome("skipped", error=f"{lacking.name} {lacking.status}")
     if stop_path(job.store, job.run_id).exists():
         return job.outcome("skipped", error="the run was stopped")
     try:
-        return _performed(job, inputs, start)
+        done = _performed(job, inputs, start)
+        return replace(done, cpu_s=time.thread_time() - cpu_start)
     except DicflowError as error:
         return job.outcome("failed", error=_with_task(job, error), damaged=isinstance(error, DamagedError))
     except Exception as error:
@@ -186,7 +190,7 @@ def _performed(job: Job, inputs: tuple[Outcome, ...], start: float) -> Outcome:
             return job.outcome("computed", ref=ref, key=key, stage_s=stage_s, warnings=record.warnings)
         warning = code_warning(store, task.stage, record, job.code, job.code_policy)
         return job.outcome("hit", ref=ref, key=key, warning=warning, warnings=record.warnings)
-    product, times = _run(job, store, recipe)
+    product, times, stage_cpu_s = _run(job, store, recipe)
     manifest = describe(product)
     keep = is_kept(task.node, len(product.variables), manifest.nbytes, sum(times), recipe.depth, job.gathered)
     manifest = store.put(product, manifest, keep)
@@ -201,6 +205,7 @@ def _performed(job: Job, inputs: tuple[Outcome, ...], start: float) -> Outcome:
         stage_s=stage_s,
         remake_s=remake_s,
         engine_s=engine_s,
+        stage_cpu_s=stage_cpu_s,
         peak_bytes=_peak(),
         warnings=product.warnings,
     )
@@ -216,24 +221,30 @@ def _joined(source: TaskInput, refs: Mapping[str, Ref]) -> RefInput:
     return tuple((step, refs[name]) for step, name in source)
 
 
-def _run(job: Job, store: Store, recipe: Recipe) -> tuple[Product, tuple[float, float]]:
-    """The product, and the seconds spent in the stage and in making its inputs again."""
+def _run(job: Job, store: Store, recipe: Recipe) -> tuple[Product, tuple[float, float], float]:
+    """The product, the seconds spent in the stage and in making its inputs again, and the stage's processor time.
+
+    The stage's processor time contains that of reading its inputs, which happens while it runs.
+    """
     node = job.task.node
     hold_to_one_thread()
     _reset_peak()
     start, read, remade = time.perf_counter(), clock.read_s, clock.remake_s
     given = arguments(store, recipe.inputs, recipe.files)
+    processor = time.process_time if job.threads > 1 else time.thread_time
+    cpu_start = processor()
     with with_threads(job.threads):
         product = node.run(**given)
     remake_s = clock.remake_s - remade
     stage_s = time.perf_counter() - start - remake_s - (clock.read_s - read)
+    stage_cpu_s = processor() - cpu_start
     if not isinstance(product, Product) or product.kind != node.gives:
         found = f"a product '{product.kind}'" if isinstance(product, Product) else type(product).__name__
         raise StageError(f"the stage '{node.stage}' gave {found} where it declares '{node.gives}'; fix the stage")
     for name, file in job.files.items():
         if _has_changed(node, job.task.files[name], file):
             raise InputError(f"{job.task.files[name]}: changed during the run; run again once nothing is writing it")
-    return normalised(product), (stage_s, remake_s)
+    return normalised(product), (stage_s, remake_s), stage_cpu_s
 
 
 def _has_changed(node: Node, file: Path | FilePart, known: FileStamp) -> bool:
@@ -254,6 +265,7 @@ def _provenance(job: Job, done: Outcome, manifest: Manifest) -> dict[str, Any]:
         "time": time.strftime("%Y-%m-%dT%H:%M:%SZ", time.gmtime()),
         "host": platform.node(),
         "stage_s": round(done.stage_s, 6),
+        "stage_cpu_s": round(done.stage_cpu_s, 6),
         "remake_s": round(done.remake_s, 6),
         "engine_s": round(done.engine_s, 6),
         "peak_bytes": done.peak_bytes,

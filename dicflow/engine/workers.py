@@ -8,12 +8,31 @@ import sys
 import threading
 from collections.abc import Callable
 from pathlib import Path
+from typing import TypeVar
 
 from dicflow.engine.kernel_cache import keep_kernels
 
-__all__ = ["hold_to_one_thread", "limit_threads", "prepare", "reads_probe"]
+__all__ = ["hold_to_one_thread", "limit_threads", "prepare", "reads_probe", "with_room"]
 
 _LIMITS = ("NUMBA_NUM_THREADS", "OPENCV_FOR_THREADS_NUM", "OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
+
+_ROOM = 66_000
+"""Size of a frame that begins a piece of memory of 1 MB [words of 8 bytes]."""
+
+T = TypeVar("T")
+
+
+def with_room(call: Callable[[], T]) -> T:
+    """The value of a call, in which the frames of all Python functions lie in one piece of memory.
+
+    CPython keeps frames in pieces of 16 KB, and gives a piece back when its last frame ends. Where calls deep inside
+    numba's compiler happen to cross a border, it asks the system for a piece half a million times, a third of the
+    time of compiling. The frame of this function is much larger than it needs, and its piece has room for all others.
+    """
+    return call()
+
+
+with_room.__code__ = with_room.__code__.replace(co_stacksize=_ROOM)
 
 
 def prepare(setup: Callable[[], None] | None = None) -> None:

@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from dicflow.core.photographs.region import Polygon
+from dicflow.core.photographs.polygon import Polygon
 from dicflow.errors import InputError
 from dicflow.io.json_text import read_json
 from dicflow.io.text import printable

@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from dicflow.core.parts import Parts
     from dicflow.core.photographs.exposure import Photograph
     from dicflow.core.photographs.noise import Noise
-    from dicflow.core.photographs.region import Polygon
+    from dicflow.core.photographs.polygon import Polygon
 
 __all__ = ["Correlation", "FollowedPoints", "SubsetGrid", "part_variables", "parts_of", "reference_variables"]
 

@@ -11,7 +11,7 @@ from dicflow.kinds.kind import Kind
 if TYPE_CHECKING:
     import numpy as np
 
-    from dicflow.core.photographs.region import Polygon
+    from dicflow.core.photographs.polygon import Polygon
 
 __all__ = ["Region", "polygons_from_json", "polygons_to_json"]
 
@@ -63,7 +63,7 @@ def polygons_from_json(values: Sequence[dict[str, Any]]) -> list[Polygon]:
     """The inverse of :func:`polygons_to_json`."""
     import numpy as np
 
-    from dicflow.core.photographs.region import Polygon
+    from dicflow.core.photographs.polygon import Polygon
 
     return [
         Polygon(np.asarray(p["exterior"], dtype=float), tuple(np.asarray(hole, dtype=float) for hole in p["holes"]))

@@ -14,7 +14,7 @@ if TYPE_CHECKING:
     import numpy as np
 
     from dicflow.core.correlation.points import FoundPoints, ReferencePhotograph
-    from dicflow.core.photographs.region import Polygon
+    from dicflow.core.photographs.polygon import Polygon
 
 __all__ = ["Stereo"]
 

@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 
     from dicflow.core.matching.steps import Sight
     from dicflow.core.matching.tracking import TrackedSubsets
-    from dicflow.core.photographs.region import Polygon
+    from dicflow.core.photographs.polygon import Polygon
 
 __all__ = ["Track", "TrackedPoints", "last_sight", "lost_track"]
 

@@ -161,8 +161,9 @@ class Pipeline:
         A script calls it under ``if __name__ == "__main__":``, since worker processes import the script again.
         """
         from dicflow.engine.execute import Options, run
+        from dicflow.stages._kernels import get_ready, uncompiled
 
-        chosen = Options(worker_setup=_single_threaded, **options)
+        chosen = Options(**{"worker_setup": get_ready, "uncompiled": uncompiled, **options})
         steps = {stage: list(files) for stage, files in self.graph.files.items()}
         resolved = {**self.resolved(), "steps": steps, "data": self.folder.name}
         outcome = run(self.graph, self.store, pipeline=self.name, resolved=resolved, options=chosen)
@@ -250,10 +251,3 @@ def _check_steps(store: Path, steps: Mapping[str, Sequence[str]]) -> None:
         if name in ("", "..") or Path(name).name != name:
             problem = f"a run of it names a step '{printable(name)}'"
             raise StoreError(str(store), problem, "do not use this store, or measure again with the photographs")
-
-
-def _single_threaded() -> None:
-    """One thread per worker: other workers use the other cores."""
-    import cv2
-
-    cv2.setNumThreads(1)

@@ -7,7 +7,7 @@ from typing import Any
 
 from pydantic import ValidationError
 
-from dicflow.engine.fingerprint import Sources
+from dicflow.engine.fingerprint import Sources, kept_sources
 from dicflow.engine.journal import RunInfo
 from dicflow.engine.node import Node
 from dicflow.engine.records import Record
@@ -25,7 +25,7 @@ def run_refs(store: Store, run: RunInfo) -> dict[str, Ref]:
     needed: records hold the digests of files, not their paths. Otherwise its reference is marked as lost.
     """
     index = run.index
-    sources = Sources(store.files)
+    sources = Sources(kept_sources(store.files))
     owners = {entry["digest"]: (task, entry["key"]) for task, entry in index.items()}
 
     @cache

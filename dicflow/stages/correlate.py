@@ -27,7 +27,7 @@ if TYPE_CHECKING:
     from dicflow.core.parts import Parts
     from dicflow.core.photographs.exposure import Photograph
     from dicflow.core.photographs.noise import Noise
-    from dicflow.core.photographs.region import Polygon
+    from dicflow.core.photographs.polygon import Polygon
     from dicflow.core.photographs.repetition import Repetition
 
 __all__ = ["Correlate"]

@@ -18,7 +18,7 @@ from dicflow.stages._lost import lost_warning
 if TYPE_CHECKING:
     import numpy as np
 
-    from dicflow.core.photographs.region import Polygon
+    from dicflow.core.photographs.polygon import Polygon
 
 __all__ = ["Disparity"]
 
@@ -184,7 +184,8 @@ def _photographed(shape: tuple[int, int], rig: Product | None) -> np.ndarray:
     import numpy as np
 
     from dicflow.core.cameras.rectification import photograph_outline, rectification
-    from dicflow.core.photographs.region import Polygon, rasterise
+    from dicflow.core.photographs.polygon import Polygon
+    from dicflow.core.photographs.region import rasterise
 
     if rig is None:
         return np.ones(shape, dtype=bool)

@@ -126,7 +126,8 @@ class Probes(Node):
 
         along : for each line the probes on it
         """
-        from dicflow.core.photographs.region import Polygon, contains
+        from dicflow.core.photographs.polygon import Polygon
+        from dicflow.core.photographs.region import contains
         from dicflow.core.probes.weights import area_probe, mean_probe, sample_probes
 
         for name, place in self.points.items():

@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     import numpy as np
 
     from dicflow.core.cameras.camera import Rig
-    from dicflow.core.photographs.region import Polygon
+    from dicflow.core.photographs.polygon import Polygon
     from dicflow.core.photographs.texture import Texture
 
 __all__ = ["Region"]
@@ -211,7 +211,8 @@ class Region(Node):
         """The region that the user gave."""
         import numpy as np
 
-        from dicflow.core.photographs.region import Polygon, rectangle
+        from dicflow.core.photographs.polygon import Polygon
+        from dicflow.core.photographs.region import rectangle
 
         size, name = images.size, "the image"
         if self.frame == "photograph" and not images.as_taken:

@@ -11,7 +11,7 @@ from typing import Any, NamedTuple
 
 from dicflow.core.calibration.board import Board
 from dicflow.core.calibration.identify import identify_board
-from dicflow.core.photographs.region import Polygon
+from dicflow.core.photographs.polygon import Polygon
 from dicflow.engine.files import FilePart
 from dicflow.engine.graph import EARLY_STEPS
 from dicflow.engine.node import Node

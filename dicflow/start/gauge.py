@@ -13,7 +13,8 @@ from dicflow.core.matching.features import detect
 from dicflow.core.matching.pairs import consistent_matches, match_features
 from dicflow.core.matching.transform import estimate_transform
 from dicflow.core.photographs.grey import reduced, scale_for, to_8bit
-from dicflow.core.photographs.region import Polygon, bounding_box, contains, rasterise
+from dicflow.core.photographs.polygon import Polygon
+from dicflow.core.photographs.region import bounding_box, contains, rasterise
 from dicflow.engine.files import FilePart
 
 __all__ = ["Gauge", "gauge_over", "in_8bit"]

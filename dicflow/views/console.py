@@ -43,6 +43,7 @@ class Progress:
         self._totals: dict[str, int] = {}
         self._seconds: dict[str, float] = {}
         self._checking = ""
+        self._compiling = ""
         self._started = time.monotonic()
 
     def __enter__(self) -> Progress:
@@ -62,6 +63,8 @@ class Progress:
         self._checking = ""
         if event.kind == "checking":
             self._checking = f"checking {event.text}: {event.counts['done']:,} of {event.counts['all']:,}"
+        elif event.kind in ("compiling", "compiled"):
+            self._compile(event)
         elif event.kind == "planned":
             self._plan(event)
         elif event.kind == "finished":
@@ -81,6 +84,11 @@ class Progress:
             self._totals[stage] = sum(counts.values())
             self._stages[stage] = dict.fromkeys(STATUSES, 0) | {"hit": counts.get("hit", 0)}
             self._seconds[stage] = 0.0
+
+    def _compile(self, event: Event) -> None:
+        self._compiling = f"compiling for {event.stage}, once per version" if event.kind == "compiling" else ""
+        if self._compiling and not self._live:
+            self._console.print(self._compiling, soft_wrap=True)
 
     def _finish(self, event: Event) -> None:
         counts = self._stages[event.stage]
@@ -102,7 +110,7 @@ class Progress:
             cells = [str(counts[name] or "·") for name in STATUSES]
             style = "red" if counts["failed"] else "dim" if left else ""
             table.add_row(plain_line(stage), *cells, str(left or "·"), f"{self._seconds[stage]:.1f}", style=style)
-        table.caption = self._checking or self._time_left()
+        table.caption = self._checking or self._compiling or self._time_left()
         return table
 
     def _time_left(self) -> str:

@@ -1,6 +1,7 @@
 import numpy as np
 
-from dicflow.core.photographs.region import Polygon, rectangle
+from dicflow.core.photographs.polygon import Polygon
+from dicflow.core.photographs.region import rectangle
 from dicflow.kinds.region import Region
 from tests.kinds.layouts import stored
 

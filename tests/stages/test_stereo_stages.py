@@ -7,7 +7,8 @@ from scenes import photographs_of_plane
 
 from dicflow.core.cameras.camera import Camera, Rig, distort
 from dicflow.core.cameras.rectification import raw_to_rectified, rectification
-from dicflow.core.photographs.region import Polygon, rectangle
+from dicflow.core.photographs.polygon import Polygon
+from dicflow.core.photographs.region import rectangle
 from dicflow.core.status import Status
 from dicflow.engine.product import Product, Variable
 from dicflow.errors import StageError

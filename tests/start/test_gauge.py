@@ -7,7 +7,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from dicflow.core.photographs.region import Polygon, contains, rectangle
+from dicflow.core.photographs.polygon import Polygon
+from dicflow.core.photographs.region import contains, rectangle
 from dicflow.core.synthetic.planar import planar_pair, translation
 from dicflow.start.gauge import gauge_over
 

@@ -20,6 +20,7 @@ from dicflow.core.arrays import Array, Codes, Index, Iterations, Mask
 from dicflow.core.correlation.subsets import Correlated, Subset, correlate
 from dicflow.core.correlation.template import Template
 from dicflow.core.correlation.warp import TERMS, recentred
+from dicflow.core.kernels import INNER
 from dicflow.core.parts import Parts, are_apart, single_part
 from dicflow.core.photographs.interpolate import Spline
 from dicflow.core.status import Status
@@ -171,7 +172,14 @@ class _FieldSearch:
         """Warps (n, 2, 3) of points (n, 2) from their eight neighbours ``stride`` away; NaN where none is valid."""
         warps = np.full((len(points), 2, 3), np.nan)
         _predict_warps(
-            points, self.field.status, self.field.warp, self.grid, self.field.znssd, stride, self.parts, warps
+            np.ascontiguousarray(points),
+            self.field.status,
+            self.field.warp,
+            self.grid,
+            self.field.znssd,
+            stride,
+            self.parts,
+            warps,
         )
         return warps
 
@@ -220,8 +228,10 @@ def _predict_warps(
     rows, cols = status.shape
     sums = np.empty((2, 3))
     for k in range(len(points)):
-        i, j = points[k]
-        total, sums[:] = 0.0, 0.0
+        i, j, total = points[k, 0], points[k, 1], 0.0
+        for axis in range(2):
+            for term in range(3):
+                sums[axis, term] = 0.0
         for a in range(i - stride, i + stride + 1, stride):
             for b in range(j - stride, j + stride + 1, stride):
                 if 0 <= a < rows and 0 <= b < cols and status[a, b] == _VALID and not are_apart(parts, i, j, a, b):
@@ -230,10 +240,12 @@ def _predict_warps(
                     x, y = grid[i, j, 0] - grid[a, b, 0], grid[i, j, 1] - grid[a, b, 1]
                     _add_recentred(warp[a, b], x, y, weight, sums)
         if total > 0.0:
-            out[k] = sums / total
+            for axis in range(2):
+                for term in range(3):
+                    out[k, axis, term] = sums[axis, term] / total
 
 
-@njit(cache=True, nogil=True)
+@njit(**INNER)
 def _add_recentred(warp: Array, x: float, y: float, weight: float, out: Array) -> None:
     """Add the weighted affine part of a warp, taken about the point at (x, y) from its centre."""
     for axis in range(2):

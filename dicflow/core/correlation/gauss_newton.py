@@ -20,6 +20,7 @@ from dicflow.core.correlation.subset_sums import (
     sample_runs,
     slope_sums,
 )
+from dicflow.core.kernels import INNER
 from dicflow.core.status import Status
 
 __all__ = ["Control", "NormalEquations", "covariance", "iterate", "mean_square_slope", "prepare"]
@@ -65,7 +66,7 @@ class NormalEquations(NamedTuple):
     increment: Array
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@njit(error_model="numpy", **INNER)
 def prepare(p: Pixels, n: int, ones_like_f: Image, normal: NormalEquations) -> bool:
     """Set up the normal equations; False where the subset has too little texture to solve them."""
     centre_grey(p, n, normal.statistics)
@@ -78,7 +79,7 @@ def prepare(p: Pixels, n: int, ones_like_f: Image, normal: NormalEquations) -> b
     return bool(factorise(normal.factor, _MIN_PIVOT_SHARE))
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@njit(error_model="numpy", **INNER)
 def iterate(
     coefficients: Image,
     p: Pixels,
@@ -118,7 +119,7 @@ def iterate(
     return _NOT_CONVERGED, control.iterations, znssd, np.nan
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@njit(error_model="numpy", **INNER)
 def covariance(
     p: Pixels, n: int, ones_like_f: Image, normal: NormalEquations, is_weighted: bool, c: Array, out: Array
 ) -> None:
@@ -142,7 +143,7 @@ def covariance(
     out[2] = 2.0 * (e * e * xx + 2.0 * e * f * xy + f * f * yy)
 
 
-@njit(nogil=True, error_model="numpy", forceinline=True)
+@njit(error_model="numpy", forceinline=True, **INNER)
 def mean_square_slope(normal: NormalEquations) -> float:
     """Mean square of the slope of the grey levels, without what brightness and contrast explain [grey levels² per px²].
 
@@ -152,7 +153,7 @@ def mean_square_slope(normal: NormalEquations) -> float:
     return float((normal.hessian[0, 0] + normal.hessian[terms, terms]) / normal.statistics[1])
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@njit(error_model="numpy", **INNER)
 def _weigh_twice(p: Pixels, n: int, ones_like_f: Image, normal: NormalEquations) -> None:
     """Replace the Hessian by Σ w² J̃ᵀJ̃; J̃ = J − J̄/Σw − f (Σ w J f)/Δf² is J without brightness and contrast."""
     size, total, square = len(normal.hessian), normal.statistics[1], normal.statistics[2]
@@ -176,7 +177,7 @@ def _weigh_twice(p: Pixels, n: int, ones_like_f: Image, normal: NormalEquations)
             normal.hessian[i, j] += weights * a * d + first * (a * e + b * d) + second * b * e - crossed
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@njit(error_model="numpy", **INNER)
 def _project(normal: NormalEquations) -> None:
     """Subtract from the Hessian the part by brightness and contrast: H − J̄J̄ᵀ/Σw − (Σ w J f)(Σ w J f)ᵀ/Δf²."""
     total, square = normal.statistics[1], normal.statistics[2]
@@ -188,14 +189,15 @@ def _project(normal: NormalEquations) -> None:
             normal.factor[i, j] = normal.hessian[i, j]
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@njit(error_model="numpy", **INNER)
 def _increment(normal: NormalEquations) -> float:
     """Compute the Gauss-Newton increment from the sums over the target's grey levels; returns the ZNSSD."""
     target, total, square = normal.grey_sums, normal.statistics[1], normal.statistics[2]
     mean = target[0] / total
     other = target[1] - mean * target[0]
     if not other > 0.0:
-        normal.increment[:] = np.nan
+        for i in range(len(normal.increment)):
+            normal.increment[i] = np.nan
         return np.nan
     gain = np.sqrt(square / other)
     fit = gain * target[2] / square
@@ -205,7 +207,7 @@ def _increment(normal: NormalEquations) -> float:
     return float(2.0 * (1.0 - fit))
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@njit(error_model="numpy", **INNER)
 def _rms_motion(d: Array) -> float:
     """RMS, over the subset, of the motion of its pixels by an increment [px]."""
     square, terms = 0.0, len(d) // 2
@@ -217,7 +219,7 @@ def _rms_motion(d: Array) -> float:
     return float(np.sqrt(square))
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@njit(error_model="numpy", **INNER)
 def _update(c: Array, d: Array, terms: int, half: int) -> None:
     """Compose a warp with the inverse of an increment, in place, to second order in the offsets.
 

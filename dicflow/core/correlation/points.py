@@ -13,7 +13,8 @@ from dicflow.core.arrays import Array, Codes, Iterations, Mask
 from dicflow.core.matching.pairs import local_motion
 from dicflow.core.parts import Parts, sees
 from dicflow.core.photographs.exposure import Photograph
-from dicflow.core.photographs.region import Polygon, carry, enclosing
+from dicflow.core.photographs.polygon import Polygon
+from dicflow.core.photographs.region import carry, enclosing
 from dicflow.core.status import Status
 
 __all__ = [

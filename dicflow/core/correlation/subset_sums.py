@@ -13,6 +13,7 @@ from numba import njit
 from numpy.typing import NDArray
 
 from dicflow.core.arrays import Array, Image
+from dicflow.core.kernels import INNER
 from dicflow.core.photographs.interpolate import FAST_MATH, PAD, bicubic, biquintic
 
 __all__ = [
@@ -61,7 +62,7 @@ class Places(NamedTuple):
     g: Image
 
 
-@njit(cache=True, nogil=True, fastmath=FAST_MATH, error_model="numpy")
+@njit(fastmath=FAST_MATH, error_model="numpy", **INNER)
 def centre_grey(p: Pixels, n: int, statistics: Array) -> None:
     """Subtract the weighted mean from f; write the mean, the sum of weights and Δf² to ``statistics``."""
     total, first, square = np.float32(0.0), np.float32(0.0), np.float32(0.0)
@@ -76,7 +77,7 @@ def centre_grey(p: Pixels, n: int, statistics: Array) -> None:
     statistics[0], statistics[1], statistics[2] = mean, total, square
 
 
-@njit(cache=True, nogil=True, fastmath=FAST_MATH, error_model="numpy")
+@njit(fastmath=FAST_MATH, error_model="numpy", **INNER)
 def _low_moments(p: Pixels, a: Image, b: Image, n: int, out: Array) -> None:
     """Σ w a b m over the monomials m of degree 0 to 2."""
     s0, s1, s2 = np.float32(0), np.float32(0), np.float32(0)
@@ -90,7 +91,7 @@ def _low_moments(p: Pixels, a: Image, b: Image, n: int, out: Array) -> None:
     out[0], out[1], out[2], out[3], out[4], out[5] = s0, s1, s2, s3, s4, s5
 
 
-@njit(cache=True, nogil=True, fastmath=FAST_MATH, error_model="numpy")
+@njit(fastmath=FAST_MATH, error_model="numpy", **INNER)
 def _high_moments(p: Pixels, a: Image, b: Image, n: int, out: Array) -> None:
     """Σ w a b m over ξ³, ξ²η, ξη², η³, ξ⁴, ξ³η, ξ²η², ξη³, η⁴, written after those of lower degree."""
     s0, s1, s2, s3 = np.float32(0), np.float32(0), np.float32(0), np.float32(0)
@@ -119,7 +120,7 @@ _PRODUCT_MOMENT = np.array(
 """Index of the moment that belongs to the product of two monomials."""
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@njit(error_model="numpy", **INNER)
 def normal_matrix(p: Pixels, n: int, moments: Array, hessian: Array) -> None:
     """H (2m, 2m) = Σ w JᵀJ for J = (fx m, fy m)."""
     terms = len(hessian) // 2
@@ -135,7 +136,7 @@ def normal_matrix(p: Pixels, n: int, moments: Array, hessian: Array) -> None:
                     hessian[b * terms + j, a * terms + i] = moments[_PRODUCT_MOMENT[i, j]]
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@njit(error_model="numpy", **INNER)
 def slope_sums(p: Pixels, b: Image, n: int, moments: Array, out: Array) -> None:
     """Σ w J b for an array b."""
     terms = len(out) // 2
@@ -147,7 +148,7 @@ def slope_sums(p: Pixels, b: Image, n: int, moments: Array, out: Array) -> None:
         out[terms + i] = moments[i]
 
 
-@njit(cache=True, nogil=True, fastmath=FAST_MATH, error_model="numpy")
+@njit(fastmath=FAST_MATH, error_model="numpy", **INNER)
 def locate_pixels(c: Array, shape: tuple[int, int], degree: int, p: Pixels, n: int, half: int, places: Places) -> bool:
     """Set the places of the pixels of a subset in the target by a warp c (2, 6); False where some are outside.
 
@@ -177,7 +178,7 @@ def locate_pixels(c: Array, shape: tuple[int, int], degree: int, p: Pixels, n: i
     return bool(x0 + left >= 0 and x0 + right < cols and y0 + top >= 0 and y0 + bottom < rows)
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@njit(error_model="numpy", **INNER)
 def sample_runs(flat: Image, width: np.uint64, degree: int, places: Places, n: int, side: int) -> None:
     """Grey levels at the places, run by run; the coefficients of a run of pixels lie side by side.
 
@@ -191,7 +192,7 @@ def sample_runs(flat: Image, width: np.uint64, degree: int, places: Places, n: i
         k += run
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@njit(error_model="numpy", **INNER)
 def _run_length(at: NDArray[np.uint32], k: int, most: int) -> int:
     """Number of pixels from the k-th on, at most ``most``, whose coefficients lie side by side."""
     first, differ = at[k], np.uint32(0)
@@ -205,7 +206,7 @@ def _run_length(at: NDArray[np.uint32], k: int, most: int) -> int:
     return run
 
 
-@njit(cache=True, nogil=True, fastmath=FAST_MATH, error_model="numpy")
+@njit(fastmath=FAST_MATH, error_model="numpy", **INNER)
 def _sample(
     flat: Image, at: np.uint64, width: np.uint64, degree: int, k: np.uint64, count: np.uint64, places: Places
 ) -> None:
@@ -224,7 +225,7 @@ _ZERO_QUADRATIC = (np.float32(0.0),) * 6
 """Σ v fx m, Σ v fy m with m = ξ², ξη, η², before the first pixel."""
 
 
-@njit(nogil=True, fastmath=FAST_MATH, error_model="numpy", forceinline=True)
+@njit(fastmath=FAST_MATH, error_model="numpy", forceinline=True, **INNER)
 def _affine_sums(s: Sums, p: Pixels, k: int, g: np.float32) -> Sums:
     """The sums for an affine warp, s plus those of pixel k with grey level g."""
     v, xi, eta = p.w[k] * g, p.xi[k], p.eta[k]
@@ -242,7 +243,7 @@ def _affine_sums(s: Sums, p: Pixels, k: int, g: np.float32) -> Sums:
     )
 
 
-@njit(nogil=True, fastmath=FAST_MATH, error_model="numpy", forceinline=True)
+@njit(fastmath=FAST_MATH, error_model="numpy", forceinline=True, **INNER)
 def _quadratic_sums(s: Sums, p: Pixels, k: int, g: np.float32) -> Sums:
     """The further sums for a quadratic warp."""
     v, xi, eta = p.w[k] * g, p.xi[k], p.eta[k]
@@ -250,7 +251,7 @@ def _quadratic_sums(s: Sums, p: Pixels, k: int, g: np.float32) -> Sums:
     return s[0] + x * xx, s[1] + x * xy, s[2] + x * yy, s[3] + y * xx, s[4] + y * xy, s[5] + y * yy
 
 
-@njit(cache=True, nogil=True, fastmath=FAST_MATH, error_model="numpy")
+@njit(fastmath=FAST_MATH, error_model="numpy", **INNER)
 def grey_sums(g: Image, level: np.float32, p: Pixels, n: int, out: Array) -> None:
     """Sums over grey levels g minus a level: Σ w g, Σ w g², Σ w f g, then Σ w J g."""
     terms, s, q = (len(out) - 3) // 2, _ZERO_AFFINE, _ZERO_QUADRATIC
@@ -262,7 +263,7 @@ def grey_sums(g: Image, level: np.float32, p: Pixels, n: int, out: Array) -> Non
     _write_sums(s, q, terms, out)
 
 
-@njit(cache=True, nogil=True, fastmath=FAST_MATH, error_model="numpy")
+@njit(fastmath=FAST_MATH, error_model="numpy", **INNER)
 def gathered_sums(
     flat: Image, width: np.uint64, degree: int, places: Places, level: np.float32, p: Pixels, n: int, out: Array
 ) -> None:
@@ -282,7 +283,7 @@ def gathered_sums(
     _write_sums(s, q, terms, out)
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@njit(error_model="numpy", **INNER)
 def _write_sums(s: Sums, q: Sums, terms: int, out: Array) -> None:
     """Write the sums in the order of the warp's coefficients."""
     for i in range(3):

@@ -40,6 +40,7 @@ from dicflow.core.correlation.template import (
     shows_measured,
 )
 from dicflow.core.correlation.warp import TERMS, identity
+from dicflow.core.kernels import INNER
 from dicflow.core.photographs.interpolate import Spline
 from dicflow.core.status import Status
 
@@ -237,7 +238,7 @@ class _Work(NamedTuple):
     marks: Bytes
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@njit(error_model="numpy", **INNER)
 def _working_space(weight: Image, terms: int) -> _Work:
     size, room = len(weight), len(weight) ** 2
     grey, geometry = np.empty((3, room), dtype=np.float32), np.empty((6, room), dtype=np.float32)
@@ -273,7 +274,7 @@ def _correlate(
     size, half, c = len(weight), len(weight) // 2, np.zeros((2, 6))
     whole, cut, places, normal, ones_like_f, marks = _working_space(weight, start.shape[2])
     for k in range(len(centres)):
-        if not np.isfinite(start[k]).all():
+        if not _is_known(start[k]):
             continue
         _copy_coefficients(c, start[k])
         row, col = centres[k, 1], centres[k, 0]
@@ -335,7 +336,7 @@ def _describe(
         _set_uncertainty(p, n, ones_like_f, normal, control, c, found, k)
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@njit(error_model="numpy", **INNER)
 def _copy_whole(reference: Template, row: int, col: int, size: int, p: Pixels) -> None:
     """Copy the grey levels and derivatives of a whole subset around a pixel."""
     copy_square(reference.grey, row, col, size, p.f)
@@ -343,7 +344,7 @@ def _copy_whole(reference: Template, row: int, col: int, size: int, p: Pixels) -
     copy_square(reference.by_y, row, col, size, p.fy)
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@njit(error_model="numpy", **INNER)
 def _set_uncertainty(
     p: Pixels,
     n: int,
@@ -360,7 +361,7 @@ def _set_uncertainty(
     covariance(p, n, ones_like_f, normal, control.is_weighted, c, found.covariance[k])
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@njit(error_model="numpy", **INNER)
 def _select(
     reference: Template,
     measured: Mask,
@@ -383,7 +384,17 @@ def _select(
     return n, _VALID
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@njit(error_model="numpy", **INNER)
+def _is_known(warp: Array) -> bool:
+    """Whether all coefficients are finite."""
+    for i in range(warp.shape[0]):
+        for j in range(warp.shape[1]):
+            if not np.isfinite(warp[i, j]):
+                return False
+    return True
+
+
+@njit(error_model="numpy", **INNER)
 def _copy_coefficients(warp: Array, values: Array) -> None:
     """Copy the coefficients of ``values`` into ``warp``; those that it lacks become zero."""
     for i in range(2):

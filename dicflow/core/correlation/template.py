@@ -14,6 +14,7 @@ from numba import njit
 
 from dicflow.core.arrays import Array, Bytes, Counts, Image, Index, Mask
 from dicflow.core.correlation.subset_sums import Pixels
+from dicflow.core.kernels import INNER
 from dicflow.core.photographs.interpolate import Spline, slopes
 
 __all__ = [
@@ -89,7 +90,7 @@ def _dot(a: Image, b: Image) -> float:
     return float(np.sum(a * b, dtype=np.float64))
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@njit(error_model="numpy", **INNER)
 def lay_out(weight: Image, p: Pixels) -> None:
     """Set offsets and weights of the pixels of a whole subset."""
     size = len(weight)
@@ -99,13 +100,13 @@ def lay_out(weight: Image, p: Pixels) -> None:
             p.xi[k], p.eta[k], p.w[k] = _offset(j, size), _offset(i, size), weight[i, j]
 
 
-@njit(nogil=True, error_model="numpy", forceinline=True)
+@njit(error_model="numpy", forceinline=True, **INNER)
 def _offset(index: int, size: int) -> np.float32:
     """Distance from the centre in half sides."""
     return np.float32(index - size // 2) / np.float32(size // 2)
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@njit(error_model="numpy", **INNER)
 def copy_square(image: Image, row: int, col: int, size: int, out: Image) -> None:
     """Copy the square around a pixel into a flat array; a single array each way lets the compiler copy whole rows."""
     top, left = np.uint64(row - size // 2), np.uint64(col - size // 2)
@@ -115,7 +116,7 @@ def copy_square(image: Image, row: int, col: int, size: int, out: Image) -> None
             out[first + j] = image[top + i, left + j]
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@njit(error_model="numpy", **INNER)
 def gather_part(reference: Template, row: int, col: int, weight: Image, p: Pixels, square: Bytes) -> tuple[int, int]:
     """Collect the usable pixels of a subset in its own part; returns their number, and that of all pixels of the part.
 
@@ -133,7 +134,7 @@ def gather_part(reference: Template, row: int, col: int, weight: Image, p: Pixel
     return n, in_part
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@njit(error_model="numpy", **INNER)
 def _mark_part(region: Mask, row: int, col: int, square: Bytes) -> int:
     """Mark the pixels of a square (size, size) that are connected with its centre; returns their number.
 
@@ -162,7 +163,7 @@ def _mark_part(region: Mask, row: int, col: int, square: Bytes) -> int:
     return in_part
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@njit(error_model="numpy", **INNER)
 def _spread(square: Bytes, step: int) -> int:
     """Spread the part to neighbours in one sweep, forwards or backwards; returns the number of pixels gained."""
     size, gained = len(square), 0
@@ -179,7 +180,7 @@ def _spread(square: Bytes, step: int) -> int:
     return gained
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@njit(error_model="numpy", **INNER)
 def shows_measured(measured: Mask, c: Array, half: int) -> bool:
     """Whether all pixels of a target within a subset with the warp c (2, 6), and a margin around it, are measured."""
     rows, cols = measured.shape
@@ -202,7 +203,7 @@ def shows_measured(measured: Mask, c: Array, half: int) -> bool:
     return True
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@njit(error_model="numpy", **INNER)
 def keep_measured(p: Pixels, n: int, c: Array, half: int, measured: Mask) -> int:
     """Drop the pixels of a subset that a warp c (2, 6) puts next to one that is not measured; returns how many remain.
 
@@ -230,7 +231,7 @@ def subset_masks(reference: Template, centres: Index, size: int) -> Mask:
     masks = np.zeros((len(centres), size, size), dtype=np.bool_)
     square, half = np.zeros((size, size), dtype=np.uint8), size // 2
     for k in range(len(centres)):
-        col, row = centres[k]
+        col, row = centres[k, 0], centres[k, 1]
         _mark_part(reference.region, row, col, square)
         for i in range(size):
             for j in range(size):
@@ -239,7 +240,7 @@ def subset_masks(reference: Template, centres: Index, size: int) -> Mask:
     return masks
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@njit(error_model="numpy", **INNER)
 def is_whole(unusable: Counts, row: int, col: int, half: int) -> bool:
     """Whether a square lies in the image and all its pixels are usable."""
     top, left, bottom, right = row - half, col - half, row + half + 1, col + half + 1

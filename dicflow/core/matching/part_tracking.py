@@ -31,7 +31,8 @@ from dicflow.core.matching.tracking import (
     unknown_subsets,
 )
 from dicflow.core.parts import Parts, are_apart, sees
-from dicflow.core.photographs.region import Polygon, bounding_box, carry, contains
+from dicflow.core.photographs.polygon import Polygon
+from dicflow.core.photographs.region import bounding_box, carry, contains
 
 __all__ = [
     "FollowedRegion",

@@ -10,6 +10,7 @@ from numba import njit
 from scipy.ndimage import spline_filter
 
 from dicflow.core.arrays import Array, Grey, Image
+from dicflow.core.kernels import INNER
 
 __all__ = ["Refinable", "RefinedMatches", "refinable", "refine_matches"]
 
@@ -82,7 +83,7 @@ def _coefficients(image: Grey) -> Image:
     return np.asarray(spline_filter(_smoothed(image), order=3, output=np.float32, mode="mirror"))
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@njit(error_model="numpy", **INNER)
 def _sample(coefficients: Image, x: float, y: float, gradient: Array, window: Array) -> bool:
     """Fill ``window`` with the cubic B-spline at (x, y) + gradient · offset.
 
@@ -100,7 +101,7 @@ def _sample(coefficients: Image, x: float, y: float, gradient: Array, window: Ar
     return True
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@njit(error_model="numpy", **INNER)
 def _row(coefficients: Image, i: np.uint64, j: np.uint64, a: float, b: float, c: float, d: float) -> float:
     """Weighted sum of the four coefficients of row i around column j."""
     value: float = a * coefficients[i, j - _ONE] + b * coefficients[i, j]
@@ -109,7 +110,7 @@ def _row(coefficients: Image, i: np.uint64, j: np.uint64, a: float, b: float, c:
     return value
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@njit(error_model="numpy", **INNER)
 def _spline(coefficients: Image, x: float, y: float) -> float:
     """Cubic B-spline at (x, y), at least 2 px from the border."""
     j, i = np.uint64(x), np.uint64(y)  # an index without a sign needs no check for one
@@ -122,7 +123,7 @@ def _spline(coefficients: Image, x: float, y: float) -> float:
     return value / 36.0
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@njit(error_model="numpy", **INNER)
 def _slopes_of_difference(g: Array, scale: float, f: Array, fx: Array, fy: Array) -> tuple[float, float]:
     """Σ fx (scale g − f) and Σ fy (scale g − f) over a window."""
     bx, by = 0.0, 0.0

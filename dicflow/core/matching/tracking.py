@@ -14,7 +14,8 @@ import numpy as np
 from dicflow.core.arrays import Array, Counts, Index, Mask
 from dicflow.core.matching.pairs import Seen, consistent_matches, local_motion
 from dicflow.core.matching.transform import TransformKind, apply_transform, estimate_transform, jacobian, msac
-from dicflow.core.photographs.region import Polygon, contains
+from dicflow.core.photographs.polygon import Polygon
+from dicflow.core.photographs.region import contains
 
 __all__ = [
     "Deviations",

@@ -15,6 +15,7 @@ import numpy.typing as npt
 from numba import njit
 
 from dicflow.core.arrays import Array, Grey, Image, Mask
+from dicflow.core.kernels import INNER
 
 __all__ = ["FAST_MATH", "PAD", "Spline", "interpolate", "slopes", "spline"]
 
@@ -121,7 +122,7 @@ def _anticausal_filter(grey: Image, pole: np.float32) -> None:
             grey[i, j] = pole * (grey[i + 1, j] - grey[i, j])
 
 
-@njit(nogil=True, fastmath=FAST_MATH, error_model="numpy", forceinline=True)
+@njit(fastmath=FAST_MATH, error_model="numpy", forceinline=True, **INNER)
 def bicubic(c: Image, at: np.uint64, width: np.uint64, t: np.float32, s: np.float32) -> np.float32:
     """Value of the cubic spline of flat coefficients c, of which the 4 × 4 from index ``at`` on contribute.
 
@@ -145,7 +146,7 @@ def bicubic(c: Image, at: np.uint64, width: np.uint64, t: np.float32, s: np.floa
     return value
 
 
-@njit(nogil=True, fastmath=FAST_MATH, error_model="numpy", forceinline=True)
+@njit(fastmath=FAST_MATH, error_model="numpy", forceinline=True, **INNER)
 def quintic_weights(t: np.float32) -> Weights:
     """Values at an offset t, 0 … 1, of the six B-splines of degree 5 that are not zero there."""
     r, scale = np.float32(1) - t, np.float32(1 / 120)
@@ -161,7 +162,7 @@ def quintic_weights(t: np.float32) -> Weights:
     return w0, w1, w2, w3, w4, w5
 
 
-@njit(nogil=True, fastmath=FAST_MATH, error_model="numpy", forceinline=True)
+@njit(fastmath=FAST_MATH, error_model="numpy", forceinline=True, **INNER)
 def _weighted_row(
     c: Image,
     at: np.uint64,
@@ -182,7 +183,7 @@ def _weighted_row(
     return value
 
 
-@njit(nogil=True, fastmath=FAST_MATH, error_model="numpy", forceinline=True)
+@njit(fastmath=FAST_MATH, error_model="numpy", forceinline=True, **INNER)
 def biquintic(c: Image, at: np.uint64, width: np.uint64, t: np.float32, s: np.float32) -> np.float32:
     """Value of the quintic spline of flat coefficients c, of which the 6 × 6 from index ``at`` on contribute.
 

@@ -8,17 +8,16 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from itertools import pairwise
-from typing import NamedTuple
 
 import cv2
 import numpy as np
 
 from dicflow.core.arrays import Array, Bytes, Counts, Grey, Mask
 from dicflow.core.parts import Parts, cut_segments, grid_parts
+from dicflow.core.photographs.polygon import Polygon
 from dicflow.core.photographs.texture import Texture, speckled_points
 
 __all__ = [
-    "Polygon",
     "area",
     "bounding_box",
     "carry",
@@ -36,22 +35,6 @@ __all__ = [
     "simplified",
     "speckled_region",
 ]
-
-
-class Polygon(NamedTuple):
-    """One part of a region.
-
-    exterior : (n, 2) float64 — outline [px]
-    holes : outlines of its holes, each (m, 2) float64 [px]
-    """
-
-    exterior: Array
-    holes: tuple[Array, ...] = ()
-
-    @property
-    def rings(self) -> tuple[Array, ...]:
-        """The exterior and the holes."""
-        return self.exterior, *self.holes
 
 
 def interior(polygons: Sequence[Polygon], shape: tuple[int, int], margin_px: int = 1) -> Mask:

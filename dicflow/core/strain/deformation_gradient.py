@@ -22,6 +22,7 @@ import numpy as np
 from numba import njit
 
 from dicflow.core.arrays import Array, Mask
+from dicflow.core.kernels import INNER
 from dicflow.core.strain.surface_strain import deformation_gradient, jacobian, tangent_basis
 from dicflow.core.surfaces.filters import slope_weights
 from dicflow.core.tensors import inverse
@@ -171,7 +172,7 @@ def _slope_covariance(factors: Array, terms: Array, scaled: Array, down: Array, 
         for col in range(cols):
             if not np.isfinite(factors[row, col, 0, 0]):
                 continue
-            result[row, col] = 0.0
+            _clear(result[row, col])
             _window_weights(factors[row, col], terms, scaled[row : row + high, col : col + wide], weights)
             for term in range(down.shape[0]):
                 for a in range(2):
@@ -187,11 +188,11 @@ def _slope_covariance(factors: Array, terms: Array, scaled: Array, down: Array, 
     return result
 
 
-@njit(cache=True, nogil=True)
+@njit(**INNER)
 def _window_weights(factors: Array, terms: Array, scaled: Array, weights: Array) -> None:
     """Set the weights (2, high, wide) of both slopes in one window."""
-    weights[:] = 0.0
     for slope in range(2):
+        _clear(weights[slope])
         for term in range(terms.shape[0]):
             factor = factors[slope, term]
             for i in range(scaled.shape[0]):
@@ -199,10 +200,18 @@ def _window_weights(factors: Array, terms: Array, scaled: Array, weights: Array)
                     weights[slope, i, j] += factor * terms[term, i, j] * scaled[i, j]
 
 
-@njit(cache=True, nogil=True)
+@njit(**INNER)
+def _clear(matrix: Array) -> None:
+    """Set all elements to zero."""
+    for i in range(matrix.shape[0]):
+        for j in range(matrix.shape[1]):
+            matrix[i, j] = 0.0
+
+
+@njit(**INNER)
 def _product(first: Array, second: Array, result: Array) -> None:
     """Set the matrix product, summed along the rows of the second so that it vectorises."""
-    result[:] = 0.0
+    _clear(result)
     for i in range(first.shape[0]):
         for k in range(first.shape[1]):
             factor = first[i, k]

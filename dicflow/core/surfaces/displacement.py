@@ -15,7 +15,8 @@ from numpy.typing import ArrayLike, NDArray
 
 from dicflow.core.arrays import Array, Codes, Mask
 from dicflow.core.matching.transform import apply_transform
-from dicflow.core.photographs.region import Polygon, bounding_box, contains
+from dicflow.core.photographs.polygon import Polygon
+from dicflow.core.photographs.region import bounding_box, contains
 from dicflow.core.status import Status
 from dicflow.core.surfaces.filters import Filled, fill_moving_mean
 

@@ -11,7 +11,8 @@ from dicflow.core.matching.tracking import (
     track_subsets,
 )
 from dicflow.core.matching.transform import apply_transform
-from dicflow.core.photographs.region import Polygon, rectangle
+from dicflow.core.photographs.polygon import Polygon
+from dicflow.core.photographs.region import rectangle
 
 BOX = (20.0, 10.0, 320.0, 250.0)
 REGION = [rectangle(*BOX)]

@@ -2,9 +2,12 @@
 
 import numpy as np
 import pytest
+from scipy import signal
 
 from dicflow.core.probes.weights import (
     Probe,
+    _autocorrelation,
+    _correlated,
     area_probe,
     difference,
     mean_probe,
@@ -140,3 +143,15 @@ def test_the_mean_over_a_whole_grid_has_its_sigma():
     sigma = np.full((400, 250), 1e-3)
     area = area_probe(sigma > 0, sigma > 0)
     assert sigma_of(area, sigma, independent()) == pytest.approx(1e-3 / np.sqrt(sigma.size), rel=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("shape", "kernel"), [((7, 7), (7, 7)), ((13, 11), (9, 5)), ((5, 3), (12, 13)), ((1, 6), (2, 1))]
+)
+def test_correlations_are_those_of_scipy_to_the_last_bit(shape, kernel):
+    rng = np.random.default_rng(5)
+    field, other = rng.standard_normal(shape), rng.standard_normal(kernel)
+    np.testing.assert_array_equal(_correlated(field, other), signal.correlate2d(field, other))
+    convolved = _correlated(field[::-1, ::-1], other)[::-1, ::-1]
+    np.testing.assert_array_equal(convolved, signal.convolve2d(field, other))
+    np.testing.assert_array_equal(_autocorrelation(field), signal.correlate(field, field, method="fft"))

@@ -3,7 +3,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from dicflow.core.photographs.region import Polygon, contains, rectangle
+from dicflow.core.photographs.polygon import Polygon
+from dicflow.core.photographs.region import contains, rectangle
 from dicflow.core.status import Status
 from dicflow.core.surfaces.displacement import (
     Cloud,

@@ -3,7 +3,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from dicflow.core.photographs.region import Polygon, contains, densify, rectangle
+from dicflow.core.photographs.polygon import Polygon
+from dicflow.core.photographs.region import contains, densify, rectangle
 from dicflow.core.surfaces.length import cloud_length, edge_pairs, edge_span, tracked_length
 
 ROW, COL = np.mgrid[:200, :80].astype(float)

@@ -1,0 +1,57 @@
+"""The commands by name."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Annotated
+
+import typer
+from typer.core import TyperCommand
+
+from dicflow._version import __version__
+from dicflow.cli.hand_over import ExportCommand, compare, export, report
+from dicflow.cli.measure import plan, run, why
+from dicflow.cli.products import graph, list_products, show
+from dicflow.cli.store import gc, pin, verify
+from dicflow.cli.tools import doctor, init, schema, stages, synth, warm
+
+__all__ = ["app"]
+
+app = typer.Typer(
+    name="dicflow",
+    help="Full-field displacement and strain from photographs of two cameras.",
+    no_args_is_help=True,
+    add_completion=False,
+    rich_markup_mode=None,
+    pretty_exceptions_enable=False,
+)
+COMMANDS: dict[str, Callable[..., None]] = {
+    "run": run,
+    "plan": plan,
+    "why": why,
+    "graph": graph,
+    "ls": list_products,
+    "show": show,
+    "report": report,
+    "export": export,
+    "compare": compare,
+    "gc": gc,
+    "verify": verify,
+    "pin": pin,
+    "stages": stages,
+    "schema": schema,
+    "init": init,
+    "doctor": doctor,
+    "warm": warm,
+}
+CLASSES: dict[str, type[TyperCommand]] = {"export": ExportCommand}
+for name, command in COMMANDS.items():
+    app.command(name, cls=CLASSES.get(name))(command)
+app.add_typer(synth, name="synth")
+
+
+@app.callback(invoke_without_command=True)
+def root(version: Annotated[bool, typer.Option("--version", help="print the version")] = False) -> None:
+    if version:
+        typer.echo(f"dicflow {__version__}")
+        raise typer.Exit

@@ -1,0 +1,44 @@
+"""What the first run on a machine does once, done ahead: compiling, and reading the source of the stages."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Iterator
+
+from dicflow.engine.files import FileIndex
+from dicflow.engine.fingerprint import Sources, kept_sources
+from dicflow.engine.kernel_cache import account_folder, kernel_mark
+from dicflow.engine.processes import WorkerProcesses
+from dicflow.errors import ConfigurationError
+from dicflow.pipeline.registry import node_classes
+from dicflow.stages._kernels import KERNELS, compile_kernels
+
+__all__ = ["warm"]
+
+
+def warm(workers: int = 1) -> Iterator[str]:
+    """Compile all kernels that are not kept yet, and read the source of all stages; gives a line for each that is done.
+
+    workers : processes that compile at once
+    Raises ConfigurationError where neither kernels nor what is known of the source can be kept.
+    """
+    folder = account_folder()
+    marks = {name: kernel_mark(name) for name in KERNELS}
+    if folder is None or None in marks.values():
+        raise ConfigurationError("no folder for compiled kernels can be written; name one with NUMBA_CACHE_DIR")
+    missing = [name for name, mark in marks.items() if mark is not None and not mark.exists()]
+    if missing:
+        with WorkerProcesses(min(workers, len(missing))) as processes:
+            yield from processes.map(_compiled, missing)
+    start = time.perf_counter()
+    sources = Sources(kept_sources(FileIndex(folder / "sources.index")))
+    for node in node_classes()[0].values():
+        sources.fingerprint(node)
+    sources.save()
+    yield f"source of the stages: {time.perf_counter() - start:.1f} s"
+
+
+def _compiled(name: str) -> str:
+    start = time.perf_counter()
+    compile_kernels([name])
+    return f"kernels, {name}: {time.perf_counter() - start:.1f} s"

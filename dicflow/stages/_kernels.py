@@ -1,0 +1,138 @@
+"""The kernels that stages use, each compiled by one call on a few pixels with arrays of the types that stages have.
+
+Numba compiles a kernel at its first call and keeps it. A file beside the kept kernels then says so, so that a run knows
+without loading numba what it has to compile before its first tasks.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from functools import partial
+
+from dicflow.engine.kernel_cache import kernel_mark
+from dicflow.engine.node import Node
+
+__all__ = ["KERNELS", "compile_kernels", "get_ready", "uncompiled"]
+
+_SIDE = 48
+"""Side of the photograph that kernels are tried on [px]."""
+
+
+def get_ready() -> None:
+    """Load what nearly all stages use, with one thread per worker: other workers use the other cores."""
+    import cv2
+
+    cv2.setNumThreads(1)
+
+
+def uncompiled(nodes: Mapping[str, Node]) -> dict[str, Callable[[], None]]:
+    """For each stage by name whose kernels are not kept yet, a call that compiles them; empty where none are kept."""
+    missing = {name: [kernel for kernel in _used(node) if _is_missing(kernel)] for name, node in nodes.items()}
+    return {name: partial(compile_kernels, kernels) for name, kernels in missing.items() if kernels}
+
+
+def compile_kernels(names: Sequence[str]) -> None:
+    """Compile some of :data:`KERNELS` and note that they are kept."""
+    for name in names:
+        KERNELS[name]()
+        if (mark := kernel_mark(name)) is not None:
+            mark.touch()
+
+
+def _is_missing(name: str) -> bool:
+    mark = kernel_mark(name)
+    return mark is not None and not mark.exists()
+
+
+def _used(node: Node) -> Sequence[str]:
+    """Names of the kernels that a stage surely uses."""
+    if node.stage == "match":
+        return ("motion", "refinement") if getattr(node, "refine", False) else ()
+    return _USED.get(node.stage, ())
+
+
+def _correlation() -> None:
+    """Four subsets of a photograph, described and found in itself."""
+    import numpy as np
+
+    from dicflow.core.correlation.follow import correlate_field
+    from dicflow.core.correlation.subsets import Subset, describe
+    from dicflow.core.correlation.template import subset_masks, template
+    from dicflow.core.photographs.interpolate import interpolate, spline
+
+    photograph = spline(np.random.default_rng(0).integers(0, 255, (_SIDE, _SIDE)).astype(np.uint8))
+    reference = template(photograph)
+    grid = np.stack(np.meshgrid([20.0, 28.0], [20.0, 28.0]), axis=-1)
+    starts = np.full((2, 2, 2, 3), np.nan)
+    starts[0, 0] = [[20.0, 1.0, 0.0], [20.0, 0.0, 1.0]]
+    describe(reference, None, grid.reshape(-1, 2), Subset(11))
+    correlate_field(reference, photograph, grid, starts, Subset(11))
+    subset_masks(reference, grid.reshape(-1, 2).astype(np.int64), 11)
+    interpolate(photograph, grid)
+
+
+def _motion() -> None:
+    import numpy as np
+
+    from dicflow.core.matching.pairs import local_motion
+
+    places = np.random.default_rng(0).uniform(0.0, _SIDE, (20, 2))
+    local_motion(places, places, places)
+
+
+def _refinement() -> None:
+    import numpy as np
+
+    from dicflow.core.matching.refine import refinable, refine_matches
+
+    photograph = np.random.default_rng(0).integers(0, 255, (_SIDE, _SIDE)).astype(np.uint8)
+    images = refinable(photograph, photograph)
+    refine_matches(images, np.full((1, 2), 24.0), np.full((1, 2), 24.0), np.eye(2)[None])
+
+
+def _polynomials() -> None:
+    import numpy as np
+
+    from dicflow.core.surfaces.filters import local_polynomial
+
+    local_polynomial(np.zeros((5, 5, 1)), (3, 3), 1)
+
+
+def _strain() -> None:
+    import numpy as np
+
+    from dicflow.core.strain.deformation_gradient import slope_covariance
+    from dicflow.core.uncertainty.overlap import overlap
+
+    slope_covariance(np.ones((5, 5)), np.ones((5, 5)), overlap(11, 5.0), (3, 3), 1)
+
+
+def _disparity() -> None:
+    import numpy as np
+
+    from dicflow.core.matching.subpixel import refine_disparity
+
+    photograph = np.random.default_rng(0).uniform(0.0, 255.0, (_SIDE, _SIDE)).astype(np.float32)
+    refine_disparity(photograph, photograph, np.zeros((_SIDE, _SIDE), dtype=np.float32))
+
+
+KERNELS: Mapping[str, Callable[[], None]] = {
+    "correlation": _correlation,
+    "refinement": _refinement,
+    "polynomials": _polynomials,
+    "strain": _strain,
+    "motion": _motion,
+    "disparity": _disparity,
+}
+"""Kernels by name, those that take longest to compile first."""
+_USED: Mapping[str, Sequence[str]] = {
+    "correlate": ("motion", "correlation"),
+    "stereo": ("motion", "correlation"),
+    "track": ("motion",),
+    "disparity": ("disparity",),
+    "displacement": ("polynomials",),
+    "smooth": ("polynomials",),
+    "strain": ("polynomials",),
+    "deformation": ("polynomials", "strain"),
+}
+"""Stage → names of the kernels that it uses."""

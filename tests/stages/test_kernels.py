@@ -1,0 +1,90 @@
+"""Kernels compiled ahead: those that stages use, and no more than once."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+
+import pytest
+from small import ROOT
+
+from dicflow.engine import kernel_cache
+from dicflow.pipeline.registry import node_classes
+from dicflow.stages import _kernels
+from dicflow.stages._kernels import KERNELS, compile_kernels, uncompiled
+from dicflow.stages.correlate import Correlate
+from dicflow.stages.deformation import Deformation
+from dicflow.stages.images import Images
+from dicflow.stages.match import Match
+
+
+@pytest.fixture
+def kept(tmp_path, monkeypatch):
+    """An empty folder for kernels."""
+    monkeypatch.setenv(kernel_cache.VARIABLE, str(tmp_path / "kernels"))
+    return tmp_path / "kernels"
+
+
+def test_a_run_compiles_what_its_stages_lack(kept, monkeypatch):
+    nodes = {
+        "photos": Images(left="*.png"),
+        "found": Correlate(),
+        "matches": Match(refine=False),
+        "total": Deformation(),
+    }
+    assert list(uncompiled(nodes)) == ["found", "total"]
+    monkeypatch.setattr(_kernels, "KERNELS", dict.fromkeys(KERNELS, lambda: None))
+    compile_kernels(["motion", "polynomials"])
+    assert [call.args for call in uncompiled(nodes).values()] == [(["correlation"],), (["strain"],)]
+    compile_kernels(["correlation", "strain"])
+    assert uncompiled(nodes) == {}
+
+
+def test_other_versions_and_machines_compile_anew(kept, monkeypatch):
+    mark = kernel_cache.kernel_mark("strain")
+    for name in ("node", "machine", "python_version"):
+        kernel_cache._machine.cache_clear()
+        with monkeypatch.context() as other:
+            other.setattr(kernel_cache.platform, name, lambda: "another")
+            assert kernel_cache.kernel_mark("strain") != mark
+    kernel_cache._machine.cache_clear()
+    assert kernel_cache.kernel_mark("strain") == mark
+
+
+def test_without_a_place_for_kernels_nothing_is_compiled_ahead(tmp_path, monkeypatch):
+    monkeypatch.delenv(kernel_cache.VARIABLE, raising=False)
+    monkeypatch.setattr(kernel_cache, "kernel_folder", lambda: None)
+    assert kernel_cache.kernel_mark("strain") is None
+    assert uncompiled({"found": Correlate()}) == {}
+
+
+def test_the_names_are_those_of_stages_and_kernels():
+    assert set(_kernels._USED) < node_classes()[0].keys()
+    assert {name for names in _kernels._USED.values() for name in names} < KERNELS.keys()
+
+
+@pytest.mark.slow
+def test_after_warm_no_run_compiles(tmp_path):
+    """Of both ways to measure: the kernels kept by ``warm`` are all that a run needs."""
+    environment = {**os.environ, "HOME": str(tmp_path), "XDG_CACHE_HOME": str(tmp_path / "cache")}
+    environment.pop(kernel_cache.VARIABLE, None)
+
+    def dicflow(*arguments):
+        command = [sys.executable, "-m", "dicflow", *map(str, arguments)]
+        return subprocess.run(command, env=environment, capture_output=True, text=True, check=True).stdout
+
+    def kept():
+        return {path.name: path.stat().st_mtime_ns for path in (tmp_path / "cache").rglob("*.nbc")}
+
+    def warmed(*arguments):
+        return [line.partition(":")[0] for line in dicflow("warm", *arguments).splitlines()]
+
+    assert warmed("--workers", 2) == [*(f"kernels, {name}" for name in KERNELS), "source of the stages"]
+    after = kept()
+    assert len(after) >= len(KERNELS)
+    for name in ("quickstart", "thesis_quickstart"):
+        path, data = ROOT / "pipelines" / f"{name}.yaml", ROOT / "data_samples"
+        dicflow("run", path, "--data", data, "--store", tmp_path / name, "--output", tmp_path / "results")
+    assert kept() == after
+    assert warmed() == ["source of the stages"]
