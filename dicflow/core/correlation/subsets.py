@@ -37,6 +37,7 @@ from dicflow.core.correlation.template import (
     is_whole,
     keep_measured,
     lay_out,
+    measured_pixels,
     shows_measured,
 )
 from dicflow.core.correlation.warp import TERMS, identity
@@ -130,7 +131,7 @@ def correlate(
         raise ValueError(
             f"starts have the shape {start.shape}; {len(centres)} {subset.shape_function} warps need {needed}"
         )
-    found, photograph = _untracked(start), (target.coefficients, _measured(target.measured))
+    found, photograph = _untracked(start), (target.coefficients, measured_pixels(target.measured))
     whole_pixels, weight, control = (
         centres.astype(np.int64),
         _weight(subset),
@@ -157,7 +158,7 @@ def describe(
     """
     _check_size(subset)
     start = identity(centres, subset.shape_function)  # type: ignore[arg-type]
-    found, counts = _untracked(start), _measured(measured)
+    found, counts = _untracked(start), measured_pixels(measured)
     whole_pixels, weight, control = centres.astype(np.int64), _weight(subset), _control(subset, 0, 1.0)
 
     def describe_chunk(chunk: slice) -> None:
@@ -172,11 +173,6 @@ def describe(
 def _check_size(subset: Subset) -> None:
     if subset.size % 2 == 0 or subset.size < 5:
         raise ValueError(f"a subset's side must be an odd number of at least 5 px, got {subset.size}")
-
-
-def _measured(measured: Mask | None) -> Mask:
-    """The pixels that are measured (rows, cols); an empty mask if all are."""
-    return np.zeros((0, 0), dtype=np.bool_) if measured is None else measured
 
 
 def _control(subset: Subset, degree: int, contraction: float) -> Control:

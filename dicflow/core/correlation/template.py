@@ -25,6 +25,7 @@ __all__ = [
     "is_whole",
     "keep_measured",
     "lay_out",
+    "measured_pixels",
     "shows_measured",
     "subset_masks",
     "template",
@@ -65,6 +66,11 @@ def template(reference: Spline, region: Mask | None = None) -> Template:
     usable = inside if reference.measured is None else inside & reference.measured
     unusable = cv2.integral((~usable).view(np.uint8))
     return Template(reference.image, *_derivatives(reference), usable, unusable, inside)
+
+
+def measured_pixels(measured: Mask | None) -> Mask:
+    """The pixels of a photograph that are measured (rows, cols), as kernels take them: an empty mask if all are."""
+    return np.zeros((0, 0), dtype=np.bool_) if measured is None else measured
 
 
 def _derivatives(reference: Spline) -> tuple[Image, Image]:
