@@ -19,7 +19,7 @@ from typing import NamedTuple
 
 import psutil
 
-from tests import bench_correlation, bench_flow, bench_planning, bench_run, bench_stereo
+from tests import bench_correlation, bench_flow, bench_pictures, bench_planning, bench_run, bench_stereo
 from tests.bars import Figure
 from tests.figures import ROOT, WORK, forth_and_back, fresh, replica, report
 
@@ -159,6 +159,7 @@ def main() -> int:
         Figure("precise form: peak memory, 22 steps / 8 steps", precise[1].peak_bytes / precise[0].peak_bytes),
         Figure("precise form: peak memory, 40 steps / 22 steps", precise[2].peak_bytes / precise[1].peak_bytes),
         *reports(WORK / "replica_22_steps", WORK / "bench_22"),
+        *bench_pictures.figures(WORK / "replica_22_steps", WORK / "bench_22"),
         Figure("run with nothing to do, whole process", warm.seconds, 1.5, unit="s"),
         Figure("  of it computed", warm.said["counts"]["computed"], 0),
         Figure("dicflow --help, whole process", helped.seconds, 0.5, unit="s"),

@@ -241,6 +241,16 @@ class Correlation(FollowedPoints):
         return Noise(*(self.product.attrs[f"noise_{name}"] for name in ("grey", "source", "settled")))
 
     @property
+    def noise_grey(self) -> float:
+        """Noise of the left camera's photographs [grey levels]."""
+        return float(self.product.attrs["noise_grey"])
+
+    @property
+    def noise_source(self) -> str:
+        """How the noise is known, in words."""
+        return str(self.product.attrs["noise_source"])
+
+    @property
     def period_facts(self) -> dict[str, Any]:
         """Attributes that say how the first photograph's pattern repeats itself; empty if it does not."""
         return {name: self.product.attrs[name] for name in _PERIOD if name in self.product.attrs}

@@ -6,7 +6,7 @@ import difflib
 import math
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 from dicflow.engine.graph import Graph
 from dicflow.engine.lazy import lazy_dataset, open_group
@@ -23,7 +23,20 @@ if TYPE_CHECKING:
 
     from dicflow.engine.execute import RunResult
 
-__all__ = ["Result"]
+__all__ = ["ArrayFacts", "Result"]
+
+
+class ArrayFacts(NamedTuple):
+    """An array of a product.
+
+    digest : of its contents
+    shape : lengths of its axes
+    dtype : of its values, as numpy writes it
+    """
+
+    digest: str
+    shape: tuple[int, ...]
+    dtype: str
 
 
 class Result:
@@ -105,13 +118,13 @@ class Result:
         """
         return load(self._store, self.ref(stage, step, variant))
 
-    def shape(self, stage: str, array: str, step: str | int | None = None, variant: int = 0) -> tuple[int, ...]:
-        """Lengths of an array's axes; the array is neither read nor made again. Raises as :meth:`product` does."""
-        ref = self.ref(stage, step, variant)
-        manifest = self._store.manifest(ref.digest)
+    def arrays(self, stage: str, step: str | int | None = None, variant: int = 0) -> dict[str, ArrayFacts]:
+        """What is known of each array of a product; none is read or made again. Raises as :meth:`product` does."""
+        manifest = self._store.manifest(self.ref(stage, step, variant).digest)
         if manifest is None:
             raise DicflowError(f"{self.task(stage, step, variant)} is no longer in the store; run the pipeline again")
-        return tuple(manifest.content["variables"][array]["shape"])
+        variables: Mapping[str, Any] = manifest.content["variables"]
+        return {name: ArrayFacts(one["digest"], tuple(one["shape"]), one["dtype"]) for name, one in variables.items()}
 
     def dataset(
         self, stage: str, step: str | int | None = None, variant: int = 0, *, chunks: Any = None

@@ -24,7 +24,7 @@ from dicflow.pipeline.places import Places
 from dicflow.report.context import Context, Section
 from dicflow.report.rendering import render
 from dicflow.views.colours import REASON_COLOURS, Look, look
-from dicflow.views.figures import maps_of, specimen_map
+from dicflow.views.figures import maps_of, specimen_window
 from dicflow.views.step_maps import StepMaps, as_text
 
 __all__ = ["PLACE", "TITLE", "fields"]
@@ -158,15 +158,14 @@ def _full_map(context: Context, total: str, look: Look, step: str) -> str:
     maps = maps_of(context.result, total)
 
     def make() -> bytes:
-        from dicflow.views.maps import png
+        from dicflow.views.map_pictures import map_png
 
-        return png(specimen_map(Total.read(context.result.product(total, step)), look, maps, step))
+        shown = Total.read(context.result.product(total, step))
+        return map_png(shown.product, look, specimen_window(shown, maps), step)
 
-    sources = [
-        "full map",
-        context.result.digest(total, step),
-        json.dumps([look, maps and [maps.positions, maps.extent, maps.unit], step]),
-    ]
+    arrays = context.result.arrays(total, step)
+    shown = [arrays[name].digest for name in ("xyz" if maps is None else maps.positions, look.quantity)]
+    sources = ["full map", *shown, json.dumps([look, maps and [maps.positions, maps.extent, maps.unit], step])]
     return as_text(context.pieces.get(sources, make))
 
 

@@ -2,21 +2,18 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Iterator, Mapping, Sequence
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 from markupsafe import Markup
 
-from dicflow.engine.product import Product
 from dicflow.kinds.correlation import Correlation
-from dicflow.kinds.images import Images
 from dicflow.kinds.kind import summary_of
 from dicflow.kinds.noise_floor import NoiseFloorTable
 from dicflow.kinds.quantities import DISPLACEMENTS, QUANTITIES, STRAINS
-from dicflow.kinds.region import Region
 from dicflow.pipeline import Result
 from dicflow.report.context import Context, Section
+from dicflow.report.measured import pattern
 from dicflow.report.rendering import render
 from dicflow.report.words import number, percent
 
@@ -85,7 +82,7 @@ def quality(context: Context) -> Section | None:
         return None
     steps = result.steps(followed[0])
     panels = _panels(result, steps)
-    speckle = _speckle(context)
+    speckle = pattern(context)
     advice = _advice(speckle, _subset(result)) if speckle is not None else []
     names = [(_heading(panel, name), "number") for panel, series in panels.items() for name in series]
     body = render(
@@ -106,19 +103,22 @@ def quality(context: Context) -> Section | None:
 def _panels(result: Result, steps: Sequence[str]) -> _Panels:
     """The figures that some step has: panel → series → one value per step, None if unknown."""
     panels: _Panels = {}
+    summaries: dict[str, list[Mapping[str, Any]]] = {}
     for figure in _FIGURES:
         for stage in result.stages_of(figure.kind):
-            values = [_figure(result, stage, step, figure.key) for step in steps]
+            if stage not in summaries:
+                summaries[stage] = [_summary(result, stage, step) for step in steps]
+            values = [summary.get(figure.key) for summary in summaries[stage]]
             if any(value is not None for value in values):
                 panels.setdefault(figure.panel, {})[figure.series] = values
     return panels
 
 
-def _figure(result: Result, stage: str, step: str, key: str) -> float | None:
+def _summary(result: Result, stage: str, step: str) -> Mapping[str, Any]:
+    """Figures of a product; empty if it is missing."""
     if step not in result.steps(stage) or not result.has(stage, step):
-        return None
-    value: float | None = summary_of(result.product(stage, step)).get(key)
-    return value
+        return {}
+    return summary_of(result.product(stage, step))
 
 
 def _heading(panel: _Panel, series: str) -> str:
@@ -136,44 +136,14 @@ def _chart(
     context: Context, steps: Sequence[str], panel: _Panel, series: Mapping[str, Sequence[float | None]]
 ) -> Markup:
     def drawn() -> bytes:
-        from dicflow.views.plots import steps_figure, svg
+        from dicflow.views.line_charts import chart_over_steps
 
-        return svg(steps_figure(steps, {panel.axis: series})).encode()
+        return chart_over_steps(steps, series, panel.axis).encode()
 
     return Markup(context.pieces.get(["figures of the steps", repr((steps, panel.axis, series))], drawn).decode())
 
 
-def _speckle(context: Context) -> dict[str, float] | None:
-    """Quality of the first photograph's pattern inside the region; None without a region."""
-    result = context.result
-    for region in result.stages_of("region"):
-        images = result.source(region, "images")
-        if result.has(region):
-            sources = ["speckle", result.digest(region), result.digest(images, 0)]
-            image, polygons = result.product(images, 0), result.product(region)
-            found = context.piece(sources, lambda: _measured(image, polygons))  # noqa: B023
-            return None if found is None else json.loads(found)
-    return None
-
-
-def _measured(image: Product, region: Product) -> bytes:
-    """Size, gradient, contrast and saturation of the pattern, as JSON; None for an unknown value."""
-    from dicflow.core.photographs.region import interior
-    from dicflow.core.photographs.texture import mean_intensity_gradient, saturated_share, speckle_size
-
-    left = Images.read(image).left
-    inside = interior(Region.read(region).polygons, left.shape)
-    levels = left[inside].astype(float)
-    content = {
-        "size_px": speckle_size(left, inside),
-        "gradient": mean_intensity_gradient(left, inside),
-        "contrast": float(levels.std() / max(levels.mean(), 1e-12)),
-        "saturated": saturated_share(left, inside),
-    }
-    return json.dumps({name: value if value == value else None for name, value in content.items()}).encode()
-
-
-def _facts(speckle: Mapping[str, float]) -> list[tuple[str, str, str]]:
+def _facts(speckle: Mapping[str, float | None]) -> list[tuple[str, str, str]]:
     return [
         ("Speckle size", f"{number(speckle['size_px'], 2)} px", "diameter, from the autocorrelation"),
         ("Mean intensity gradient", number(speckle["gradient"], 3), "grey levels of 255 per px"),
@@ -221,7 +191,7 @@ def _overexposed(result: Result) -> Iterator[str]:
     for side, kind in (("left", "correlation"), ("right", "stereo")):
         for stage in result.stages_of(kind):
             steps = result.steps(stage)
-            shares = {step: _figure(result, stage, step, "overexposed_share") or 0.0 for step in steps[1:]}
+            shares = {step: _summary(result, stage, step).get("overexposed_share") or 0.0 for step in steps[1:]}
             bad = {step: share for step, share in shares.items() if share > _MOST_SATURATED}
             if bad:
                 worst = max(bad, key=lambda step: bad[step])
@@ -245,8 +215,8 @@ def _noise_of_photographs(result: Result, stage: str) -> str:
     there = [step for step in result.steps(stage) if result.has(stage, step)]
     if not there or result.product(stage, there[-1]).kind != "correlation":
         return ""
-    noise = Correlation.read(result.product(stage, there[-1])).noise
-    return f"Noise of the photographs: {noise.grey:.2f} grey levels, from {noise.source}."
+    last = Correlation.read(result.product(stage, there[-1]))
+    return f"Noise of the photographs: {last.noise_grey:.2f} grey levels, from {last.noise_source}."
 
 
 def _noise_floor(result: Result) -> list[list[str]]:

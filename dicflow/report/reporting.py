@@ -20,10 +20,11 @@ from dicflow.kinds.quantities import BASIC, STRAINS, strain_measure, unit_of
 from dicflow.kinds.region import Region
 from dicflow.kinds.rig import CalibratedRig
 from dicflow.kinds.total import Total, named_with_unit
-from dicflow.pipeline.result import Result
+from dicflow.pipeline.result import ArrayFacts, Result
+from dicflow.report.context import Context
+from dicflow.report.measured import cameras, pattern, stand_off_mm
 
 if TYPE_CHECKING:
-    from dicflow.core.cameras.camera import Rig
     from dicflow.engine.product import Product
 
 __all__ = ["Row", "reporting_rows"]
@@ -59,12 +60,9 @@ class Row(NamedTuple):
 _Rows = Iterator[tuple[str, str | None, str]]
 
 
-def reporting_rows(result: Result, resolved: Mapping[str, Any]) -> list[Row]:
-    """The whole table, of the first variant. Reads one photograph and the points of one step.
-
-    resolved : as :meth:`dicflow.pipeline.Pipeline.resolved` gives it
-    """
-    facts = _Facts(result, resolved)
+def reporting_rows(context: Context) -> list[Row]:
+    """The whole table, of the first variant."""
+    facts = _Facts(context)
     groups: tuple[tuple[str, Callable[[_Facts], _Rows]], ...] = (
         ("Cameras and lenses", _cameras),
         ("Stereo system and calibration", _stereo_system),
@@ -81,8 +79,8 @@ def reporting_rows(result: Result, resolved: Mapping[str, Any]) -> list[Row]:
 class _Facts:
     """Settings and products by type of stage and kind of product; missing ones are empty."""
 
-    def __init__(self, result: Result, resolved: Mapping[str, Any]) -> None:
-        self.result = result
+    def __init__(self, context: Context) -> None:
+        self.result, resolved = context.result, context.pipeline.resolved()
         self._settings = {
             resolved["stages"][instance]["stage"]: resolved["stages"][instance]
             for instance in resolved["instances"][0].values()
@@ -91,8 +89,11 @@ class _Facts:
         self.rig = None if rig is None else CalibratedRig.read(rig)
         self.figures: Mapping[str, Any] = {} if self.rig is None else self.rig.summary
         self.total = None if total is None else Total.read(total)
+        rigs = [stage for stage in self.result.stages_of("rig") if self.result.has(stage)]
+        self.cameras = cameras(context, rigs[-1]) if rigs else None
         self.photograph = self._photograph()
-        self.stand_off_mm = self._stand_off_mm()
+        self.pattern = pattern(context) or {}
+        self.stand_off_mm = stand_off_mm(context)
 
     def of(self, stage: str) -> Mapping[str, Any]:
         """Parameters of a stage of this type."""
@@ -108,12 +109,12 @@ class _Facts:
                 return self.result.product(stage, there[-1 if last else 0])
         return None
 
-    def _photograph(self) -> Images | None:
+    def _photograph(self) -> ArrayFacts | None:
         """The image that the region was drawn in."""
         for region in self.result.stages_of("region"):
             images = self.result.source(region, "images")
             if self.result.has(images, 0):
-                return Images.read(self.result.product(images, 0))
+                return self.result.arrays(images, 0)["left"]
         return None
 
     @property
@@ -127,39 +128,22 @@ class _Facts:
                 return Images.read(self.result.product(stage, 0)).notes
         return {}
 
-    def _stand_off_mm(self) -> float | None:
-        """Median distance of the measured points in front of the left camera at the first step."""
-        import numpy as np
-
-        product = self.product("points") or self.product("cloud")
-        depth = np.zeros(0) if product is None else product["xyz"][..., 2]
-        depth = depth[np.isfinite(depth)]
-        return float(np.median(depth)) if depth.size else None
-
-    @property
-    def region(self) -> Region | None:
-        """The region of interest."""
-        product = self.product("region")
-        return None if product is None else Region.read(product)
-
-    @property
-    def cameras(self) -> Rig | None:
-        """Both cameras."""
-        return None if self.rig is None else self.rig.cameras
-
     @property
     def size_px(self) -> tuple[int, int] | None:
         """Width and height of the photographs."""
         if self.cameras is not None:
-            return self.cameras.left.size
-        return None if self.photograph is None else self.photograph.size
+            return self.cameras.size
+        if self.photograph is None:
+            return None
+        height, width = self.photograph.shape
+        return width, height
 
     @property
     def scale(self) -> float | None:
         """Pixels per mm on the specimen at the first step, by focal length and distance."""
         if self.stand_off_mm is None or self.cameras is None:
             return None
-        return float(self.cameras.left.matrix[0, 0]) / self.stand_off_mm
+        return self.cameras.focal_px[0] / self.stand_off_mm
 
 
 def _cameras(facts: _Facts) -> _Rows:
@@ -211,12 +195,21 @@ def _target(facts: _Facts, square_mm: float) -> str:
 
 
 def _pattern(facts: _Facts) -> _Rows:
-    found = _texture(facts)
+    region = facts.product("region")
     yield "specimen", None, "material, geometry, surface"
     yield "patterning technique", None, "paint, print, stencil, …"
-    yield "pattern feature size", _speckles(found.get("speckle"), facts.scale), "measured in the first photograph"
-    yield "mean intensity gradient", _text(found.get("gradient"), "{:.1f} grey levels of 255 per px"), "measured"
-    yield "region of interest", _text(facts.region and facts.region.area_px, "{:.0f} px²"), "measured"
+    yield (
+        "pattern feature size",
+        _speckles(facts.pattern.get("size_px"), facts.scale),
+        "measured in the first photograph",
+    )
+    yield (
+        "mean intensity gradient",
+        _text(facts.pattern.get("gradient"), "{:.1f} grey levels of 255 per px"),
+        "measured",
+    )
+    area = None if region is None else Region.read(region).area_px
+    yield "region of interest", _text(area, "{:.0f} px²"), "measured"
 
 
 def _software(facts: _Facts) -> _Rows:
@@ -294,8 +287,8 @@ def _uncertainty(facts: _Facts) -> _Rows:
     unit = "mm" if facts.total is None else facts.total.unit
     correlation = facts.product("correlation", last=True)
     if correlation is not None:
-        found = Correlation.read(correlation).noise
-        yield "image noise", f"{found.grey:.2f} grey levels", found.source
+        found = Correlation.read(correlation)
+        yield "image noise", f"{found.noise_grey:.2f} grey levels", found.noise_source
     summary = {} if last is None else summary_of(last)
     for name in BASIC:
         own = unit_of(name, unit)
@@ -327,14 +320,15 @@ def _floor(rows: list[Mapping[str, Any]], unit: str) -> str:
     return f"σ {_with_unit(sigma, unit)}, bias {_with_unit(bias, unit)}"
 
 
-def _bits(photograph: Images | None) -> str | None:
-    return None if photograph is None else f"{8 * photograph.left.dtype.itemsize} bit"
+def _bits(photograph: ArrayFacts | None) -> str | None:
+    return None if photograph is None else f"{8 * int(photograph.dtype[2:])} bit"
 
 
 def _focal(facts: _Facts) -> str | None:
     if facts.cameras is None:
         return None
-    return f"{facts.cameras.left.matrix[0, 0]:.1f}, {facts.cameras.right.matrix[0, 0]:.1f} px"
+    left, right = facts.cameras.focal_px
+    return f"{left:.1f}, {right:.1f} px"
 
 
 def _view(size: tuple[int, int] | None, scale: float | None) -> str | None:
@@ -344,18 +338,6 @@ def _view(size: tuple[int, int] | None, scale: float | None) -> str | None:
 def _steps(result: Result) -> str:
     counts = [len(result.steps(result.source(stage, "images"))) for stage in result.stages_of("region")]
     return str(max(counts, default=0))
-
-
-def _texture(facts: _Facts) -> dict[str, float]:
-    """Size of the speckles and mean intensity gradient within the region of the first photograph."""
-    if facts.photograph is None or facts.region is None:
-        return {}
-    from dicflow.core.photographs.region import interior
-    from dicflow.core.photographs.texture import mean_intensity_gradient, speckle_size
-
-    image = facts.photograph.left
-    inside = interior(facts.region.polygons, image.shape)
-    return {"speckle": speckle_size(image, inside), "gradient": mean_intensity_gradient(image, inside)}
 
 
 def _speckles(size: float | None, scale: float | None) -> str | None:

@@ -96,19 +96,21 @@ def _scalar(result: Result, stage: str, key: str, step: str, variant: int) -> fl
 
 
 def _means(context: Context, table: Sequence[Mapping[str, Any]]) -> str:
-    def draw() -> Any:
+    def draw() -> bytes:
+        from dicflow.views.maps import png
         from dicflow.views.sweep import sweep_figure
 
-        return sweep_figure(context.result.values, table)
+        return png(sweep_figure(context.result.values, table))
 
     return _picture(context, ("sweep means", table_text(table)), draw)
 
 
 def _steps(context: Context, curves: Mapping[str, list[list[float]]], steps: Sequence[str]) -> str:
-    def draw() -> Any:
+    def draw() -> bytes:
+        from dicflow.views.maps import png
         from dicflow.views.sweep import step_figure
 
-        return step_figure(context.result.values, curves, steps)
+        return png(step_figure(context.result.values, curves, steps))
 
     return _picture(context, ("sweep steps", json.dumps([context.result.values, curves, list(steps)])), draw)
 
@@ -126,8 +128,8 @@ def _fields(context: Context) -> list[tuple[str, str]]:
     digests = [result.digest(stage, step, place) for place in there]
     labels = [f"#{place + 1}" for place in there]
 
-    def drawing(quantity: str) -> Callable[[], Any]:
-        def draw() -> Any:
+    def drawing(quantity: str) -> Callable[[], bytes]:
+        def draw() -> bytes:
             from dicflow.views.sweep import small_multiples
 
             return small_multiples([result.product(stage, step, place) for place in there], labels, quantity)
@@ -142,12 +144,6 @@ def _fields(context: Context) -> list[tuple[str, str]]:
     ]
 
 
-def _picture(context: Context, sources: tuple[str, ...], draw: Callable[[], Any]) -> str:
+def _picture(context: Context, sources: tuple[str, ...], draw: Callable[[], bytes]) -> str:
     """A picture as the text of a data address, drawn once for the same sources."""
-
-    def make() -> bytes:
-        from dicflow.views.maps import png
-
-        return png(draw())
-
-    return f"data:image/png;base64,{base64.b64encode(context.pieces.get(sources, make)).decode()}"
+    return f"data:image/png;base64,{base64.b64encode(context.pieces.get(sources, draw)).decode()}"

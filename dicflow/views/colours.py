@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import cache
 from typing import NamedTuple
 
 import numpy as np
@@ -74,10 +75,11 @@ def look(quantity: str, title: str, unit: str, low: float, high: float, choice: 
     return Look(quantity, title, unit, (low, high), SEQUENTIAL)
 
 
+@cache
 def palette(table: str, count: int = 254) -> NDArray[np.uint8]:
     """Colours of a table from its low to its high end.
 
-    Returns (count, 3) uint8 RGB. Raises ConfigurationError for a table that matplotlib does not have.
+    Returns (count, 3) uint8 RGB, read-only. Raises ConfigurationError for a table that matplotlib does not have.
     """
     import matplotlib
 
@@ -85,4 +87,6 @@ def palette(table: str, count: int = 254) -> NDArray[np.uint8]:
         near = nearest(table, matplotlib.colormaps)
         raise ConfigurationError(f"no colour map '{table}'{near}; choose one of matplotlib's")
     colours = matplotlib.colormaps[table](np.linspace(0, 1, count), bytes=True)
-    return np.ascontiguousarray(colours[:, :3])
+    found = np.ascontiguousarray(colours[:, :3])
+    found.flags.writeable = False
+    return found

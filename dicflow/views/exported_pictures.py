@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from io import BytesIO
 from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
 
@@ -17,9 +16,10 @@ from dicflow.pipeline.result import Result
 from dicflow.views.figures import look_of, maps_of, plot
 
 if TYPE_CHECKING:
-    import numpy as np
     from matplotlib.figure import Figure
-    from numpy.typing import NDArray
+
+    from dicflow.views.colours import Look
+    from dicflow.views.windows import MapWindow
 
 __all__ = [
     "PICTURES",
@@ -132,15 +132,23 @@ def write_movies(drawn: Drawn, form: str, folder: Path, whole: bool) -> None:
 
     Raises ConfigurationError for a quantity that maps do not draw.
     """
+    from dicflow.views.levels import gif_file
+    from dicflow.views.map_pictures import map_sheet, maps_of_steps
     from dicflow.views.video import movie
 
     for stage, steps in drawn.steps.items():
         totals = [drawn.result.product(stage, step, drawn.variant) for step in steps]
         check_quantities(stage, totals[0], drawn.quantities)
+        titles = [str(step) for step in steps]
         for quantity in drawn.quantities or _usual(drawn, stage):
-            stem = Item(stage, quantity, totals[0]).stem
-            frames = _frames(drawn, stage, quantity, totals)
-            movie((_pixels(frame) for frame in frames), place(folder, f"{stem}.{form}"))
+            path = place(folder, f"{Item(stage, quantity, totals[0]).stem}.{form}")
+            look, window = _style(drawn, stage, quantity, totals)
+            page = map_sheet(look, window, titles)
+            frames = maps_of_steps(page, totals, look, window, titles)
+            if form == "gif":
+                path.write_bytes(gif_file(frames, page.colours))
+            else:
+                movie((page.colours[frame] for frame in frames), path)
 
 
 def _usual(drawn: Drawn, stage: str) -> tuple[str, ...]:
@@ -151,10 +159,10 @@ def _usual(drawn: Drawn, stage: str) -> tuple[str, ...]:
     return MapsStage().quantities if maps is None else tuple(maps.quantities)
 
 
-def _frames(drawn: Drawn, stage: str, quantity: str, totals: Sequence[Product]) -> Iterator[bytes]:
-    """A PNG per step, of one size and with one colour range."""
+def _style(drawn: Drawn, stage: str, quantity: str, totals: Sequence[Product]) -> tuple[Look, MapWindow]:
+    """Look and window that all steps share."""
     from dicflow.stages.maps import Maps as MapsStage
-    from dicflow.views.maps import field_pngs, map_look, map_window
+    from dicflow.views.windows import map_look, map_window
 
     maps = maps_of(drawn.result, stage, drawn.variant)
     if maps is None or quantity not in maps.quantities:
@@ -164,15 +172,7 @@ def _frames(drawn: Drawn, stage: str, quantity: str, totals: Sequence[Product]) 
             raise ConfigurationError(
                 f"{stage}: no movie of {quantity}: a movie shows a displacement or strain"
             ) from error
-    titles = [str(step) for step in drawn.steps[stage]]
-    return field_pngs(totals, map_look(maps, quantity), map_window(maps), titles)
-
-
-def _pixels(frame: bytes) -> NDArray[np.uint8]:
-    import numpy as np
-    from PIL import Image
-
-    return np.asarray(Image.open(BytesIO(frame)).convert("RGB"))
+    return map_look(maps, quantity), map_window(maps)
 
 
 class Picture(NamedTuple):

@@ -177,7 +177,7 @@ def _note_surprises(
 def _rows(result: Result, stage: str, step: str | None, variant: int) -> int:
     """How many rows a table of a product has; one where it has no arrays."""
     first = next(iter(result.product(stage, step, variant).variables), None)
-    return 1 if first is None else math.prod(result.shape(stage, first, step, variant)[:2])
+    return 1 if first is None else math.prod(result.arrays(stage, step, variant)[first].shape[:2])
 
 
 def _items(

@@ -17,8 +17,9 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
     from dicflow.views.colours import Look
+    from dicflow.views.windows import MapWindow
 
-__all__ = ["look_of", "maps_of", "plot", "specimen_map"]
+__all__ = ["look_of", "maps_of", "plot", "specimen_window"]
 
 
 def plot(
@@ -59,14 +60,14 @@ def plot(
     total, maps = Total.read(product), maps_of(result, stage, variant)
     look = look_of(total, quantity, maps, colours)
     if over == "specimen":
-        return specimen_map(total, look, maps, name)
+        return _specimen_map(total, look, maps, name)
     from dicflow.views.maps import photo_map
 
     places = Places(result, variant)
     try:
         photograph = Images.read(result.product(places.photographs, name, variant)).left
     except NotKeptError:
-        return specimen_map(total, look, maps, name)
+        return _specimen_map(total, look, maps, name)
     return photo_map(product[quantity], places.at_step(total), photograph, look, name)
 
 
@@ -100,12 +101,18 @@ def look_of(total: Total, quantity: str, maps: Maps | None, colours: str = "auto
     return look(quantity, chosen.title, chosen.unit, *chosen.range, colours)
 
 
-def specimen_map(total: Total, look: Look, maps: Maps | None, title: str) -> Figure:
-    """One quantity of a total over the plane of X and Y, in the window of its maps, else in one around its points."""
-    from dicflow.views.maps import MapWindow, field_map, map_window, with_margin
+def specimen_window(total: Total, maps: Maps | None) -> MapWindow:
+    """The plane of X and Y that a total's maps show: the window of all steps, else one around its points."""
     from dicflow.views.overlay import point_box
+    from dicflow.views.windows import MapWindow, map_window, with_margin
 
     if maps is not None:
-        return field_map(total.product, look, map_window(maps), title)
+        return map_window(maps)
     extent = point_box(total["xyz"][..., :2]) or (0.0, 0.0, 1.0, 1.0)
-    return field_map(total.product, look, MapWindow(with_margin(extent), total.unit, "xyz"), title)
+    return MapWindow(with_margin(extent), total.unit, "xyz")
+
+
+def _specimen_map(total: Total, look: Look, maps: Maps | None, title: str) -> Figure:
+    from dicflow.views.maps import field_map
+
+    return field_map(total.product, look, specimen_window(total, maps), title)

@@ -6,17 +6,14 @@ import re
 from collections.abc import Mapping, Sequence
 
 import numpy as np
-from matplotlib.figure import Figure
 
-from dicflow.views.plots import profile_figure, steps_figure, svg
+from dicflow.views.line_charts import Curve, chart_over_steps, chart_over_values
 
 __all__ = ["load_curves"]
 
 Values = Mapping[str, Sequence[float | None]]
 
 _NAMES = {"dic": "DIC", "caliper": "caliper"}
-_MARKERS = {"caliper": ("s", 7.0, 3)}
-"""Shape, size and layer of the marks; those of the caliper are larger and lie below."""
 
 
 def load_curves(steps: Sequence[str], phases: Sequence[str], values: Values) -> list[str]:
@@ -25,14 +22,17 @@ def load_curves(steps: Sequence[str], phases: Sequence[str], values: Values) -> 
     phases : loading or unloading per step; unloading is drawn hollow
     values : as :func:`dicflow.report.history.step_history` gives them; None is a gap
     """
-    drawn = []
-    for title, keys in _plots(values):
-        series = {_label(key): values[key] for key in sorted(keys, key=lambda key: key.startswith("caliper"))}
-        if "load_g" in values:
-            drawn.append(svg(_over_load(values["load_g"], phases, series, title)))
-        else:
-            drawn.append(svg(steps_figure(steps, {title: series})))
-    return drawn
+    return [_drawn(title, keys, steps, phases, values) for title, keys in _plots(values)]
+
+
+def _drawn(title: str, keys: Sequence[str], steps: Sequence[str], phases: Sequence[str], values: Values) -> str:
+    ordered = sorted(keys, key=_is_caliper)
+    if "load_g" not in values:
+        return chart_over_steps(steps, {_label(key): values[key] for key in ordered}, title)
+    load = _numbers(values["load_g"])
+    hollow = np.array([phase == "unloading" for phase in phases] or [False] * len(load))
+    curves = [Curve(_label(key), load, _numbers(values[key]), hollow, _is_caliper(key)) for key in ordered]
+    return chart_over_values(curves, "load [g]", title)
 
 
 def _plots(values: Values) -> list[tuple[str, list[str]]]:
@@ -47,19 +47,8 @@ def _plots(values: Values) -> list[tuple[str, list[str]]]:
     return [(title, keys) for title, keys in ((f"{kind} [{unit}]", lengths), ("strain [–]", strains)) if keys]
 
 
-def _over_load(load: Sequence[float | None], phases: Sequence[str], series: Values, title: str) -> Figure:
-    """Lines through the steps in their order, with a full or hollow mark at each."""
-    x = _numbers(load)
-    figure = profile_figure(x, {name: _numbers(column) for name, column in series.items()}, "load [g]", title)
-    hollow = np.array([phase == "unloading" for phase in phases] or [False] * len(x))
-    axes = figure.axes[0]
-    for name, line in zip(series, list(axes.lines), strict=True):
-        colour, y = line.get_color(), _numbers(series[name])
-        marker, size, layer = _MARKERS.get(name, ("o", 4.0, 4))
-        line.set_alpha(0.5)
-        axes.plot(x[~hollow], y[~hollow], marker, color=colour, markersize=size, zorder=layer)
-        axes.plot(x[hollow], y[hollow], marker, color=colour, markersize=size, zorder=layer, markerfacecolor="none")
-    return figure
+def _is_caliper(key: str) -> bool:
+    return key.startswith("caliper")
 
 
 def _label(key: str) -> str:

@@ -1,12 +1,11 @@
-"""Colour maps of a field over the specimen, in its proportion and in mm."""
+"""Figures of a field over the specimen or a photograph, and of any array, for matplotlib."""
 
 from __future__ import annotations
 
-import math
 import textwrap
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Mapping
 from io import BytesIO
-from typing import Any, NamedTuple
+from typing import Any
 
 import matplotlib
 import numpy as np
@@ -14,74 +13,26 @@ from matplotlib.axes import Axes
 from matplotlib.cm import ScalarMappable
 from matplotlib.collections import QuadMesh
 from matplotlib.colorbar import Colorbar
-from matplotlib.colors import Normalize
 from matplotlib.figure import Figure
-from matplotlib.transforms import Bbox
 from numpy.typing import NDArray
 
 from dicflow.engine.product import Product, Variable
-from dicflow.kinds.maps import Maps
 from dicflow.views.colours import Look
-from dicflow.views.colours import look as look_of_range
+from dicflow.views.levels import cell_means
 from dicflow.views.overlay import crop_around, point_box
+from dicflow.views.windows import MapWindow
 
-__all__ = [
-    "MapWindow",
-    "code_picture",
-    "contact_sheet",
-    "field_map",
-    "field_pngs",
-    "gif",
-    "map_look",
-    "map_window",
-    "photo_map",
-    "picture",
-    "png",
-    "with_margin",
-]
+__all__ = ["code_picture", "field_map", "photo_map", "picture", "png"]
 
 Array = NDArray[Any]
 _HEIGHT_IN, _WIDTH_IN = 5.0, 9.0
 _MARGIN_IN, _BAR_IN, _LETTER_IN = 0.1, 0.15, 0.07
 _GREY = "0.93"
-_MARGIN = 0.04
-
-
-class MapWindow(NamedTuple):
-    """The part of the specimen that a map shows.
-
-    extent : x_min, y_min, x_max, y_max [unit]
-    unit : of lengths: mm, or px for a measurement in one camera
-    positions : array of the total that says where each point is drawn
-    """
-
-    extent: tuple[float, float, float, float]
-    unit: str
-    positions: str
-
-
-def map_look(maps: Maps, quantity: str) -> Look:
-    """The look of one quantity of a test's maps."""
-    chosen = maps.quantities[quantity]
-    return look_of_range(quantity, chosen.title, chosen.unit, *chosen.range, maps.colour_map)
-
-
-def map_window(maps: Maps) -> MapWindow:
-    """The window that all maps of a test share."""
-    return MapWindow(with_margin(maps.extent), maps.unit, maps.positions)
-
-
-def with_margin(extent: tuple[float, float, float, float]) -> tuple[float, float, float, float]:
-    """x_min, y_min, x_max, y_max moved outwards by a share of the longer side."""
-    x0, y0, x1, y1 = extent
-    margin = _MARGIN * max(x1 - x0, y1 - y0)
-    return x0 - margin, y0 - margin, x1 + margin, y1 + margin
 
 
 def field_map(total: Product, look: Look, window: MapWindow, title: str) -> Figure:
     """One step: the field where the specimen is, with axes in its unit and a colour bar."""
-    x0, y0, x1, y1 = window.extent
-    figure, axes = _figure((x1 - x0) / (y1 - y0))
+    figure, axes = _figure(window.aspect)
     mesh = _draw(axes, total, look, window)
     axes.set(xlabel=f"X [{window.unit}]", ylabel=f"Y [{window.unit}]")
     axes.set_title(title, fontsize=9)
@@ -113,73 +64,17 @@ def photo_map(values: Array, places: Array, photo: Array, look: Look, title: str
     return figure
 
 
-def field_pngs(totals: Iterable[Product], look: Look, window: MapWindow, titles: Sequence[str]) -> Iterator[bytes]:
-    """:func:`field_map` of many steps as PNG of one size.
-
-    The axes are laid out once, for the longest title, and one step is held at a time.
-    """
-    figure: Figure | None = None
-    for total, title in zip(totals, titles, strict=True):
-        if figure is None:
-            figure = field_map(total, look, window, max(titles, key=len))
-            frame = figure.get_tightbbox().padded(_MARGIN_IN)
-        axes = figure.axes[0]
-        axes.collections[0].remove()
-        _draw(axes, total, look, window)
-        axes.set_title(title, fontsize=9)
-        yield png(figure, frame)
-
-
-def contact_sheet(totals: Sequence[Product], names: Sequence[str], look: Look, window: MapWindow, title: str) -> Figure:
-    """All steps of a phase side by side with one colour bar."""
-    x0, y0, x1, y1 = window.extent
-    aspect = (x1 - x0) / (y1 - y0)
-    height = min(2.4, 3.84 / aspect)
-    pitch = max(height * aspect, _LETTER_IN * max(map(len, names))) + 0.15
-    columns = max(1, min(len(totals), math.floor(14.0 / pitch)))
-    rows = math.ceil(len(totals) / columns)
-    figure = Figure(figsize=(columns * pitch - 0.15, rows * (height + 0.3) - 0.3), dpi=100)
-    width_in, height_in = figure.get_size_inches()
-    for place, (total, name) in enumerate(zip(totals, names, strict=True)):
-        row, column = divmod(place, columns)
-        corner = (column * pitch / width_in, 1 - (row * (height + 0.3) + height) / height_in)
-        axes = figure.add_axes((*corner, height * aspect / width_in, height / height_in))
-        _draw(axes, total, look, window)
-        axes.set_title(name, fontsize=8)
-        _name_outer(axes, window.unit, left=column == 0, bottom=place + columns >= len(totals))
-    figure.text(0.5, 1 + 0.35 / height_in, title, fontsize=10, ha="center")
-    shared = ScalarMappable(Normalize(*look.range), matplotlib.colormaps[look.table])
-    _colour_bar(figure, shared, look.label).ax.tick_params(labelsize=8)
-    return figure
-
-
-def png(figure: Figure, frame: Bbox | None = None) -> bytes:
-    """The figure as a PNG; equal figures give equal bytes.
-
-    frame : the part that is shown [in]; without one all that is drawn, with a narrow margin
-    """
+def png(figure: Figure) -> bytes:
+    """All that a figure shows, with a narrow margin, as a PNG; equal figures give equal bytes."""
     buffer = BytesIO()
-    cut: Any = "tight" if frame is None else frame
-    figure.savefig(buffer, format="png", metadata={"Software": None}, bbox_inches=cut, pad_inches=_MARGIN_IN)
-    return buffer.getvalue()
-
-
-def gif(frames: Sequence[bytes], seconds: float = 0.5) -> bytes:
-    """PNG pictures of one size as an animated GIF that repeats."""
-    from PIL import Image
-
-    images = [Image.open(BytesIO(frame)).convert("RGB") for frame in frames]
-    palette = images[-1].quantize(256, Image.Quantize.MAXCOVERAGE)  # few pixels of a colour bar count as much as many
-    indexed = [image.quantize(palette=palette, dither=Image.Dither.NONE) for image in images]
-    buffer = BytesIO()
-    indexed[0].save(buffer, "GIF", save_all=True, append_images=indexed[1:], duration=int(seconds * 1000), loop=0)
+    figure.savefig(buffer, format="png", metadata={"Software": None}, bbox_inches="tight", pad_inches=_MARGIN_IN)
     return buffer.getvalue()
 
 
 def _draw(axes: Axes, total: Product, look: Look, window: MapWindow) -> QuadMesh:
     """The cells whose four corners are measured, each in the mean colour of its corners."""
     positions, values = total[window.positions][..., :2], total[look.quantity]
-    cells = (values[:-1, :-1] + values[1:, :-1] + values[:-1, 1:] + values[1:, 1:]) / 4
+    cells = cell_means(values)
     known = np.isfinite(positions).all(axis=-1)
     placed = known[:-1, :-1] & known[1:, :-1] & known[:-1, 1:] & known[1:, 1:]
     x, y = np.where(known, positions[..., 0], window.extent[0]), np.where(known, positions[..., 1], window.extent[1])
@@ -230,13 +125,6 @@ def _colour_bar(figure: Figure, shown: ScalarMappable, label: str) -> Colorbar:
     letters = max(20, int((height if beside else width) / _LETTER_IN))
     bar.set_label(textwrap.fill(label, letters), fontsize=9)
     return bar
-
-
-def _name_outer(axes: Axes, unit: str, left: bool, bottom: bool) -> None:
-    """Label the axes at the left edge of a sheet, and those at the end of a column."""
-    axes.tick_params(labelsize=7, labelleft=left, labelbottom=bottom)
-    axes.set_xlabel(f"X [{unit}]" if bottom else "", fontsize=8)
-    axes.set_ylabel(f"Y [{unit}]" if left else "", fontsize=8)
 
 
 def _name_grid(axes: Axes, title: str) -> None:

@@ -1,23 +1,25 @@
 """Fields over photographs as small separate pictures, which a page lays one upon the other.
 
-Pictures have their own pixels: those of a :class:`Crop` of the photograph. Libraries that draw are loaded by the
-functions that need them, since a page whose pictures are all kept needs crops alone.
+Pictures have their own pixels: those of a :class:`Crop` of the photograph.
 """
 
 from __future__ import annotations
 
 import base64
-import html
 import math
 import textwrap
 from collections.abc import Iterable
-from io import BytesIO
 from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
+from dicflow.views.cells import cells_at_pixels
 from dicflow.views.colours import REASON_COLOURS, Look, palette
+from dicflow.views.lettering import pitch
+from dicflow.views.levels import field_levels, png_file
+from dicflow.views.svg import text_element
+from dicflow.views.ticks import ticks_that_fit
 
 __all__ = [
     "Box",
@@ -36,9 +38,8 @@ __all__ = [
 Array = NDArray[Any]
 _COLOURS = 254
 _TRANSPARENT = 255
-_SUBPIXEL_BITS = 4
 _MARGIN = 0.05
-_BAR_PX, _LETTERS = 340, 54
+_BAR_PX, _LETTERS, _LETTER_PX = 340, 54, 12
 
 
 class Box(NamedTuple):
@@ -102,11 +103,11 @@ def photo_jpeg(image: Array, crop: Crop, quality: int = 70) -> bytes:
     """The crop of a photograph (row, col), uint8 or uint16, as a JPEG."""
     import cv2
 
-    from dicflow.core.photographs.texture import saturation_level
-
     (x0, y0), (width, height) = crop.origin, crop.size
     part = image[y0 : y0 + round(height / crop.scale), x0 : x0 + round(width / crop.scale)]
     if image.dtype != np.uint8:
+        from dicflow.core.photographs.texture import saturation_level
+
         part = np.clip(part * (255.0 / saturation_level(image)), 0, 255).astype(np.uint8)
     shrunk = cv2.resize(part, crop.size, interpolation=cv2.INTER_AREA)
     done, coded = cv2.imencode(".jpg", shrunk, [cv2.IMWRITE_JPEG_QUALITY, quality])
@@ -115,22 +116,11 @@ def photo_jpeg(image: Array, crop: Crop, quality: int = 70) -> bytes:
 
 
 def cell_index(xy: Array, crop: Crop) -> NDArray[np.int32]:
-    """Which cell of a grid each pixel of the picture shows.
+    """Which cell of a grid each pixel of the picture shows; see :func:`dicflow.views.cells.cells_at_pixels`.
 
-    xy : (row, col, 2) places of the grid's points in the image [px]; a cell with an unknown corner is not shown
-    Returns (height, width) int32, the number of the cell in the order of rows, −1 outside the grid.
+    xy : (row, col, 2) places of the grid's points in the image [px]
     """
-    import cv2
-
-    width, height = crop.size
-    index = np.full((height, width), -1, np.int32)
-    placed = crop.place(xy)
-    corners = np.stack([placed[:-1, :-1], placed[:-1, 1:], placed[1:, 1:], placed[1:, :-1]], axis=2).reshape(-1, 4, 2)
-    numbers = np.flatnonzero(np.isfinite(corners).all(axis=(1, 2)))
-    fixed = np.rint(corners[numbers] * 2**_SUBPIXEL_BITS).astype(np.int32)
-    for number, corner in zip(numbers.tolist(), fixed, strict=True):
-        cv2.fillConvexPoly(index, corner, number, cv2.LINE_8, _SUBPIXEL_BITS)
-    return index
+    return cells_at_pixels(crop.place(xy), crop.size)
 
 
 def field_png(values: Array, index: NDArray[np.int32], look: Look) -> bytes:
@@ -139,9 +129,8 @@ def field_png(values: Array, index: NDArray[np.int32], look: Look) -> bytes:
     values : (row, col) at the points of the grid; a cell has the mean of its corners
     index : of :func:`cell_index` for the same grid
     """
-    cells = (values[:-1, :-1] + values[1:, :-1] + values[:-1, 1:] + values[1:, 1:]) / 4.0
-    levels = np.append(_levels(cells, look).ravel(), np.uint8(_TRANSPARENT))
-    return _palette_png(levels[index], palette(look.table, _COLOURS))
+    levels = field_levels(values, index, look, _COLOURS, _TRANSPARENT)
+    return png_file(levels, palette(look.table, _COLOURS), _TRANSPARENT)
 
 
 def reason_png(status: NDArray[np.uint8]) -> bytes:
@@ -150,7 +139,7 @@ def reason_png(status: NDArray[np.uint8]) -> bytes:
     for code, colour in REASON_COLOURS.items():
         colours[code] = list(bytes.fromhex(colour[1:]))
     known = np.isin(status, list(REASON_COLOURS))
-    return _palette_png(np.where(known, status, _TRANSPARENT).astype(np.uint8), colours)
+    return png_file(np.where(known, status, _TRANSPARENT).astype(np.uint8), colours, _TRANSPARENT)
 
 
 def direction_path(grid: Array, angle_deg: Array, crop: Crop, count: int = 300) -> str:
@@ -192,53 +181,22 @@ def carried_angle(before: Array, after: Array, angle_deg: Array) -> Array:
 
 def colour_bar_svg(look: Look) -> str:
     """The colours of a look, its values below and its label above, as an SVG in the colour of the surrounding text."""
-    from matplotlib.ticker import MaxNLocator, ScalarFormatter
-
-    low, high = look.range
-    bar = base64.b64encode(_palette_png(np.arange(_COLOURS, dtype=np.uint8)[None], palette(look.table, _COLOURS)))
+    numbers = ticks_that_fit(*look.range, lambda share, texts: share * _BAR_PX >= pitch(texts, _LETTER_PX))
+    levels = np.arange(_COLOURS, dtype=np.uint8)[None]
+    bar = base64.b64encode(png_file(levels, palette(look.table, _COLOURS))).decode()
     lines = textwrap.wrap(look.label, _LETTERS)
-    top = 15 * len(lines) + 5
-    ticks = [tick for tick in MaxNLocator(5, steps=[1, 2, 5, 10]).tick_values(low, high) if low <= tick <= high]
-    formatter = ScalarFormatter(useOffset=False)
-    formatter.create_dummy_axis()
-    formatter.axis.set_view_interval(low, high)  # type: ignore[union-attr]
-    formatter.set_powerlimits((-99, 99))
-    width, margin = _BAR_PX, 30
-    return "".join(
-        [
-            f'<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 {width + 2 * margin} {top + 32}" class="bar"'
-            ' font-family="sans-serif" font-size="12" fill="currentColor" text-anchor="middle">',
-            *(
-                f'<text x="{width / 2 + margin}" y="{12 + 15 * row}">{html.escape(line)}</text>'
-                for row, line in enumerate(lines)
-            ),
-            f'<image x="{margin}" y="{top}" width="{width}" height="12" preserveAspectRatio="none"'
-            f' href="data:image/png;base64,{bar.decode()}"/>',
-            *(
-                f'<text x="{margin + width * (tick - low) / (high - low):.1f}" y="{top + 27}">{text}</text>'
-                for tick, text in zip(ticks, formatter.format_ticks(ticks), strict=True)
-            ),
-            "</svg>",
-        ]
+    top, width, margin, beside = 15 * len(lines) + 5, _BAR_PX, 30, 40 if numbers.factor else 0
+    texts = [
+        *(text_element(width / 2 + margin, 12 + 15 * row, line) for row, line in enumerate(lines)),
+        *(
+            text_element(margin + width * share, top + 27, text)
+            for share, text in zip(numbers.shares, numbers.texts, strict=True)
+        ),
+        text_element(margin + width + 5, top + 11, numbers.factor, anchor="start"),
+    ]
+    return (
+        f'<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 {width + 2 * margin + beside} {top + 32}" class="bar"'
+        f' font-family="sans-serif" font-size="{_LETTER_PX}" fill="currentColor" text-anchor="middle">'
+        f'<image x="{margin}" y="{top}" width="{width}" height="12" preserveAspectRatio="none"'
+        f' href="data:image/png;base64,{bar}"/>{"".join(texts)}</svg>'
     )
-
-
-def _levels(values: Array, look: Look) -> NDArray[np.uint8]:
-    """Number of the colour of each value; values beyond the range have the colour of its end."""
-    low, high = look.range
-    with np.errstate(invalid="ignore"):
-        levels = np.clip((values - low) / (high - low) * _COLOURS, 0, _COLOURS - 1)
-    return np.where(np.isfinite(values), np.nan_to_num(levels), _TRANSPARENT).astype(np.uint8)
-
-
-def _palette_png(levels: NDArray[np.uint8], colours: NDArray[np.uint8]) -> bytes:
-    """Numbers of colours as a PNG with a palette, whose last entry is transparent."""
-    from PIL import Image
-
-    image = Image.fromarray(np.ascontiguousarray(levels))
-    padded = np.zeros((256, 3), np.uint8)
-    padded[: len(colours)] = colours
-    image.putpalette(padded.tobytes())
-    buffer = BytesIO()
-    image.save(buffer, "PNG", transparency=_TRANSPARENT, optimize=False)
-    return buffer.getvalue()

@@ -12,6 +12,7 @@ from dicflow.engine.product import Product
 from dicflow.errors import ConfigurationError, StageError
 from dicflow.kinds.total import Total
 from dicflow.views.colours import Look
+from dicflow.views.lettering import font_file
 
 __all__ = ["surface", "surface_mesh"]
 
@@ -35,7 +36,7 @@ def surface(total: Product, look: Look, path: Path) -> None:
     plotter.add_mesh(mesh, scalars=values, cmap=look.table, clim=look.range, lighting=False, show_scalar_bar=False)
     plotter.add_scalar_bar(color="black", width=0.8, position_x=0.1, position_y=0.03, height=0.07)
     text = f"{look.label}\n{_extent(places, Total.read(total).unit)}"
-    plotter.add_text(text, color="black", font_size=11, font_file=_font())
+    plotter.add_text(text, color="black", font_size=11, font_file=font_file())
     plotter.add_axes(color="black", viewport=(0.0, 0.12, 0.18, 0.36))
     plotter.camera_position = _camera(places)
     plotter.screenshot(str(path))
@@ -55,13 +56,6 @@ def surface_mesh(total: Product, quantity: str) -> tuple[NDArray[np.float64], ND
     whole = known[:-1, :-1] & known[:-1, 1:] & known[1:, 1:] & known[1:, :-1]
     corners = [number[:-1, :-1], number[:-1, 1:], number[1:, 1:], number[1:, :-1]]
     return places[known], np.stack([corner[whole] for corner in corners], axis=-1), values[known]
-
-
-def _font() -> str:
-    """A font with the Greek letters of the measures, which VTK's own font lacks."""
-    import matplotlib
-
-    return str(Path(matplotlib.get_data_path()) / "fonts" / "ttf" / "DejaVuSans.ttf")
 
 
 def _extent(places: NDArray[np.float64], unit: str) -> str:

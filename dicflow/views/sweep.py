@@ -14,6 +14,9 @@ from dicflow.engine.product import Product
 from dicflow.kinds.maps import colour_range, joined_range
 from dicflow.kinds.total import Total
 from dicflow.views.colours import look, palette
+from dicflow.views.map_pictures import contact_sheet, map_levels
+from dicflow.views.overlay import point_box
+from dicflow.views.windows import MapWindow, with_margin
 
 __all__ = ["differing", "small_multiples", "step_figure", "sweep_figure", "variant_labels"]
 
@@ -72,17 +75,16 @@ def step_figure(
     return figure
 
 
-def small_multiples(totals: Sequence[Product], labels: Sequence[str], quantity: str) -> Figure:
-    """The same field of every variant at one step, in one colour range over the specimen."""
-    from dicflow.views.maps import MapWindow, contact_sheet
-
-    places = np.concatenate([total["xyz"][..., :2][np.isfinite(total["xyz"]).all(axis=-1)] for total in totals])
-    corners = (*places.min(axis=0), *places.max(axis=0)) if len(places) else (0.0, 0.0, 1.0, 1.0)
+def small_multiples(totals: Sequence[Product], labels: Sequence[str], quantity: str) -> bytes:
+    """The same field of every variant at one step, in one colour range over the specimen, as a PNG."""
+    places = np.concatenate([total["xyz"][..., :2].reshape(-1, 2) for total in totals])
     first = Total.read(totals[0])
+    window = MapWindow(with_margin(point_box(places) or (0.0, 0.0, 1.0, 1.0)), first.unit, "xyz")
     title, unit = first.title(quantity), first.unit_of(quantity)
     every = np.concatenate([total[quantity].ravel() for total in totals])
     chosen = look(quantity, title, unit, *joined_range([colour_range(every)]))
-    return contact_sheet(totals, labels, chosen, MapWindow(corners, first.unit, "xyz"), title)
+    maps = [map_levels(total, chosen, window) for total in totals]
+    return contact_sheet(maps, labels, chosen, window, title)
 
 
 def _panels(count: int) -> tuple[Figure, list[Axes]]:

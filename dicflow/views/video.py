@@ -24,20 +24,14 @@ _CODECS = {".mp4": "vp09", ".webm": "VP90"}
 def movie(frames: Iterable[NDArray[np.uint8]], path: Path, seconds: float = 0.5) -> None:
     """Write a movie in the format of the path's suffix.
 
-    frames : (row, col, 3) RGB each, all of one size; of a .gif all are held at once, else one at a time
-    path : .gif repeats; .mp4 and .webm hold VP9, with a row or column of white more where the size is odd
+    frames : (row, col, 3) RGB each, all of one size; one is held at a time
+    path : .mp4 or .webm, which hold VP9, with a row or column of white more where the size is odd
     seconds : for which each frame is shown
     Raises ConfigurationError for another suffix and ValueError for no frames or frames that differ in size.
     """
-    if path.suffix != ".gif" and path.suffix not in _CODECS:
-        raise ConfigurationError(f"{path.name}: a film is .gif, {' or '.join(_CODECS)}, not '{path.suffix}'")
-    alike = _of_one_size(frames)
-    if path.suffix == ".gif":
-        from dicflow.views.maps import gif
-
-        path.write_bytes(gif([_png(frame) for frame in alike], seconds))
-    else:
-        _write_vp9(alike, path, seconds)
+    if path.suffix not in _CODECS:
+        raise ConfigurationError(f"{path.name}: a film is {' or '.join(_CODECS)}, not '{path.suffix}'")
+    _write_vp9(_of_one_size(frames), path, seconds)
 
 
 def _of_one_size(frames: Iterable[NDArray[np.uint8]]) -> Iterator[NDArray[np.uint8]]:
@@ -49,12 +43,6 @@ def _of_one_size(frames: Iterable[NDArray[np.uint8]]) -> Iterator[NDArray[np.uin
         yield frame
     if shape is None:
         raise ValueError("a film needs at least one frame")
-
-
-def _png(frame: NDArray[np.uint8]) -> bytes:
-    done, coded = cv2.imencode(".png", cv2.cvtColor(frame, cv2.COLOR_RGB2BGR))
-    assert done
-    return coded.tobytes()
 
 
 def _write_vp9(frames: Iterator[NDArray[np.uint8]], path: Path, seconds: float) -> None:

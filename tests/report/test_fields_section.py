@@ -11,6 +11,7 @@ from dicflow.core.status import Status
 from dicflow.engine.product import Product, Variable
 from dicflow.kinds.quantities import REPORTED
 from dicflow.pipeline import Pipeline
+from dicflow.pipeline.result import ArrayFacts
 from dicflow.report import fields as module
 from dicflow.report.fields import fields
 from dicflow.views.colours import Look
@@ -86,15 +87,15 @@ def test_a_quantity_without_maps_beside_the_page_has_a_full_map_in_it(loaded, pi
         drawn = png(plot(loaded.result(), "total", name, step=peak, over="specimen"))
         with Image.open(BytesIO(b64decode(picture))) as image, Image.open(BytesIO(drawn)) as expected:
             assert abs(image.width - expected.width) < 60
-            assert image.height == expected.height
+            assert abs(image.height - expected.height) < 20
     assert len(set(embedded.values())) == len(embedded)
     assert all(quantity["full"] for quantity in data["quantities"])
 
 
 def test_the_second_build_draws_nothing(loaded, tmp_path, monkeypatch):
     first = fields(context_of(loaded, tmp_path))
-    for slow in ("_draw", "_read_all"):
-        monkeypatch.setattr(StepMaps, slow, lambda *given, **named: pytest.fail("drawn again"))
+    for slow in ("field_png", "reason_png", "photo_jpeg", "direction_path", "cell_index", "colour_range"):
+        monkeypatch.setattr(f"dicflow.views.step_maps.{slow}", lambda *given: pytest.fail("drawn again"))
     assert fields(context_of(loaded, tmp_path)) == first
 
 
@@ -127,14 +128,17 @@ class Noise:
         fields = {name: rng.normal(size=grid.shape[:2]) for name in (*REPORTED, "angle")}
         fields |= {"xy": grid, "status": rng.integers(0, 15, grid.shape[:2], dtype=np.uint8)}
         self.boxes = [(300.0, 100.0, 1600.0, 1300.0)]
-        self.arrays = fields | {"left": rng.integers(0, 256, (1440, 1920), dtype=np.uint8)}
+        self.arrays_of_noise = fields | {"left": rng.integers(0, 256, (1440, 1920), dtype=np.uint8)}
 
     def product(self, stage, step=None):
         kind = "images" if stage == "photos" else "total"
-        return Product(kind, {name: Variable(("row", "col"), values) for name, values in self.arrays.items()})
+        return Product(kind, {name: Variable(("row", "col"), values) for name, values in self.arrays_of_noise.items()})
 
     def digest(self, stage, step=None):
         return f"{stage} {step}"
+
+    def arrays(self, stage, step=None):
+        return {name: ArrayFacts(name, values.shape, values.dtype.str) for name, values in self.arrays_of_noise.items()}
 
 
 class Fixed:
@@ -144,7 +148,7 @@ class Fixed:
     grid = None
 
     def __init__(self):
-        self.xy = Noise().arrays["xy"]
+        self.xy = Noise().arrays_of_noise["xy"]
 
     def at_step(self, total):
         return self.xy

@@ -1,9 +1,6 @@
-import json
-
-import numpy as np
 import pytest
 
-from dicflow.engine.product import Product, Variable
+from dicflow.engine.product import Product
 from dicflow.pipeline import Pipeline
 from dicflow.report import quality as module
 from dicflow.report.quality import quality
@@ -39,24 +36,6 @@ def test_figures_of_the_steps_are_those_of_the_products(loaded):
     assert module._heading(module._STRAIN, "eyy") == f"{module._STRAIN.title}: eyy, σ [–]"
     assert set(panels[module._SURFACE]) == {"X", "Y", "Z"}
     assert module._rows(steps, panels)[0][:2] == [steps[0], "–"]
-
-
-def test_the_pattern_is_that_of_the_region(loaded, tmp_path):
-    found = module._speckle(context_of(loaded, tmp_path))
-    assert 1.0 < found["size_px"] < 12.0
-    assert found["contrast"] > 0.1
-
-
-def test_properties_of_a_known_pattern():
-    levels = np.zeros((64, 64), np.uint8)
-    levels[:, ::2] = 200
-    image = Product("images", {"left": Variable(("row", "col"), levels)})
-    square = {"exterior": [[1, 1], [62, 1], [62, 62], [1, 62]], "holes": []}
-    found = json.loads(module._measured(image, Product("region", {}, {"polygons": [square]})))
-    assert found["contrast"] == pytest.approx(1.0, abs=0.05)
-    assert found["saturated"] == 0.0
-    flat = Product("images", {"left": Variable(("row", "col"), np.full((64, 64), 9, np.uint8))})
-    assert json.loads(module._measured(flat, Product("region", {}, {"polygons": [square]})))["contrast"] == 0.0
 
 
 def test_a_good_pattern_needs_no_advice():

@@ -10,7 +10,7 @@ from dicflow.report.context import Context
 from dicflow.report.pieces import Pieces
 from dicflow.report.reporting import Row, reporting_rows
 from dicflow.report.settings import settings
-from tests.pages import Page
+from tests.pages import Page, context_of
 
 BLANKS = {
     "cameras",
@@ -25,8 +25,8 @@ BLANKS = {
 }
 
 
-def rows_of(loaded):
-    return {row.name: row for row in reporting_rows(loaded.result(), loaded.resolved())}
+def rows_of(loaded, folder):
+    return {row.name: row for row in reporting_rows(context_of(loaded, folder))}
 
 
 @pytest.fixture(scope="module")
@@ -35,8 +35,8 @@ def loaded(pipeline, measured):
 
 
 @pytest.fixture(scope="module")
-def rows(loaded):
-    return rows_of(loaded)
+def rows(loaded, tmp_path_factory):
+    return rows_of(loaded, tmp_path_factory.mktemp("rows"))
 
 
 def test_rows_without_a_known_value_are_blank(rows):
@@ -70,7 +70,7 @@ def test_the_correlation_is_listed_with_its_reference_and_gauge(pipeline, tmp_pa
     lines = (ROOT / "pipelines" / "quickstart.yaml").read_text().splitlines(keepends=True)
     path.write_text("".join(line for line in lines if "stage: compare" not in line))  # it needs engineering strain
     loaded = Pipeline.load(path, data=pipeline.parent, settings=["correlation.subset_size=33", "total.measure=hencky"])
-    rows = rows_of(loaded)
+    rows = rows_of(loaded, tmp_path)
     assert rows["subset size"].value == "33 px"
     assert rows["subset shape function"].value == "affine in time, quadratic from left to right"
     assert rows["matching criterion"].value.endswith("(ZNSSD)")
@@ -82,7 +82,7 @@ def test_the_correlation_is_listed_with_its_reference_and_gauge(pipeline, tmp_pa
 def test_one_camera_has_no_stereo_angle(pipeline, tmp_path):
     path = tmp_path / "planar.yaml"
     path.write_text((ROOT / "pipelines" / "planar.yaml").read_text())
-    rows = rows_of(Pipeline.load(path, data=pipeline.parent))
+    rows = rows_of(Pipeline.load(path, data=pipeline.parent), tmp_path)
     assert rows["number of cameras"].value == "1"
 
 
@@ -101,7 +101,7 @@ def test_a_row_is_text(loaded, tmp_path, monkeypatch):
     assert {"<g>", "<b>", "1 < 2 & 3"} <= set(Page(str(section.body)).texts)
 
 
-def test_the_table_says_which_way_up_tagged_photographs_are(loaded, rows, monkeypatch):
+def test_the_table_says_which_way_up_tagged_photographs_are(loaded, rows, tmp_path, monkeypatch):
     assert not [name for name in rows if name.startswith("orientation")]
     monkeypatch.setattr(Images, "notes", {"left": "turned by 90°"})
-    assert rows_of(loaded)["orientation, left"].value == "turned by 90°"
+    assert rows_of(loaded, tmp_path)["orientation, left"].value == "turned by 90°"

@@ -97,7 +97,7 @@ def test_a_movie_of_one_step_is_remarked(result, tmp_path):
 
 
 def test_tables_that_no_spreadsheet_opens_are_noted(result, tmp_path, monkeypatch):
-    height, width = result.shape("photos", "left", 0)
+    height, width = result.arrays("photos", 0)["left"].shape
     notes = []
     monkeypatch.setattr(exports, "_MOST_ROWS", height * width)
     export(result, tmp_path, stage="photos", step="step_00", note=notes.append)

@@ -1,7 +1,5 @@
 """The plots of the summary, as SVG inside a page."""
 
-import re
-
 import pytest
 
 from dicflow.views.load_curve import load_curves
@@ -21,9 +19,9 @@ VALUES = {
 
 def test_a_plot_of_displacements_and_one_of_strains_over_load():
     plots = [Page(text) for text in load_curves(STEPS, PHASES, VALUES)]
-    assert [[text for text in plot.texts if "[" in text] for plot in plots] == [
-        ["load [g]", "displacement [mm]"],
-        ["load [g]", "strain [–]"],
+    assert [{text for text in plot.texts if "[" in text} for plot in plots] == [
+        {"load [g]", "displacement [mm]"},
+        {"load [g]", "strain [–]"},
     ]
     assert all({"caliper", "DIC"} <= set(plot.texts) for plot in plots)
     assert not any("sigma" in plot.text for plot in plots)
@@ -39,19 +37,11 @@ def test_values_of_one_kind_make_one_plot():
     assert len(load_curves(STEPS, (), {"name · strain": (0.0, 0.1, 0.2)})) == 1
 
 
-@pytest.mark.parametrize("word", ["http", "<script", 'style="fill: #010203', "#010203"])
+@pytest.mark.parametrize("word", ["http", "<script"])
 def test_a_plot_fetches_nothing_and_takes_the_colour_of_the_page(word):
     for text in load_curves(STEPS, PHASES, VALUES):
         assert word not in text
         assert "currentColor" in text
-
-
-def test_ids_of_two_plots_differ_and_all_are_found():
-    plots = load_curves(STEPS, PHASES, VALUES)
-    ids = [set(Page(text).ids) for text in plots]
-    assert not ids[0] & ids[1]
-    for text, own in zip(plots, ids, strict=True):
-        assert set(re.findall(r"(?:href=\"#|url\(#)([^\")]+)", text)) <= own
 
 
 def test_the_same_values_give_the_same_bytes():

@@ -8,6 +8,7 @@ from PIL import Image
 from dicflow.engine.stored_json import anything, read_stored, seal, unseal
 from dicflow.errors import InputError
 from dicflow.pipeline import Pipeline
+from dicflow.views import published as module
 from dicflow.views.publish import publish
 
 
@@ -61,21 +62,58 @@ def test_only_what_is_missing_or_changed_is_made_again(result, tmp_path):
     assert {path for path, stamp in stamps(files).items() if stamp != before[path]} == {table}
     manifest = tmp_path / ".published.json"
     made = read_stored(manifest, anything)
-    made["maps/eyy.gif"][0] = ["another release"]
+    made["made"]["maps/eyy/step_01.png"][0] = made["result"] = "another release"
     manifest.write_bytes(seal(made))
     before = stamps(files)
     publish(result, tmp_path)
-    again = {path for path, stamp in stamps(files).items() if stamp != before[path]}
-    assert again == {path for path in files if path.suffix != ".csv"}
-    assert picture in again
+    assert {path for path, stamp in stamps(files).items() if stamp != before[path]} == {picture}
 
 
-def test_a_damaged_list_of_what_was_made_makes_all_again(result, tmp_path):
-    files = publish(result, tmp_path)
-    contents = [path.read_bytes() for path in files]
-    for damage in (b"\xff", b"[1]", b'{"maps/eyy.gif": 1}', b"[" * 100_000):
-        (tmp_path / ".published.json").write_bytes(damage)
-        assert [path.read_bytes() for path in publish(result, tmp_path)] == contents
+@pytest.mark.parametrize("name", ["maps/eyy/step_01.png", "maps/eyy.gif", "comparison.csv"])
+@pytest.mark.parametrize("damage", [b"", b"\0" * 4000, None])
+def test_a_damaged_file_is_made_again_and_never_shown(result, tmp_path, name, damage):
+    """Also in the sheets and animations that are put together from the pictures."""
+    publish(result, tmp_path)
+    whole = contents(tmp_path)
+    (tmp_path / name).write_bytes(whole[name][:-1] if damage is None else damage)
+    (tmp_path / "maps" / "eyy_loading.png").unlink()
+    publish(result, tmp_path)
+    assert contents(tmp_path) == whole
+
+
+@pytest.mark.parametrize("writes", range(5))
+def test_a_killed_process_leaves_nothing_that_counts_as_made(copied, result, tmp_path, monkeypatch, writes):
+    """It dies at one of its five writes, and the settings go back to those of the files that it has replaced."""
+    folder = tmp_path / "results"
+    publish(result, folder)
+    whole = contents(folder)
+    changed = Pipeline.load(copied, settings=["maps.percentile=10"]).run(scheduler="sync")
+    write, left = module.write_whole, [writes]
+
+    def dying(path, content):
+        if left[0] == 0:
+            raise KeyboardInterrupt
+        left[0] -= 1
+        write(path, content)
+
+    monkeypatch.setattr(module, "write_whole", dying)
+    with pytest.raises(KeyboardInterrupt):
+        publish(changed, folder)
+    monkeypatch.undo()
+    publish(result, folder)
+    assert contents(folder) == whole
+
+
+def test_a_picture_is_made_of_the_arrays_that_it_shows(copied, tmp_path):
+    """Another window of the strain leaves the pictures of the displacement alone."""
+    quantities, folder = "maps.quantities=[V, eyy]", tmp_path / "results"
+    files = publish(Pipeline.load(copied, settings=[quantities]).run(scheduler="sync"), folder)
+    before = stamps(files)
+    other = Pipeline.load(copied, settings=[quantities, "strain.window=[60, 60]"]).run(scheduler="sync")
+    assert publish(other, folder) == files
+    again = {path.relative_to(folder).as_posix() for path, stamp in stamps(files).items() if stamp != before[path]}
+    drawn = {f"maps/eyy{name}" for name in ("_loading.png", ".gif", "/step_01.png", "/step_02.png")}
+    assert again == {*drawn, "comparison.csv"}
 
 
 @pytest.fixture
@@ -106,7 +144,7 @@ def test_files_of_others_stay(result, shorter, tmp_path):
     publish(result, tmp_path / "o")
     manifest = tmp_path / "o" / ".published.json"
     made = read_stored(manifest, anything)
-    made["maps/../../mine.png"] = made["maps/eyy/step_02.png"]
+    made["made"]["maps/../../mine.png"] = made["made"]["maps/eyy/step_02.png"]
     manifest.write_bytes(seal(made))
     pictures = tmp_path / "o" / "maps" / "eyy"
     mine = [tmp_path / "mine.png", pictures / "note.txt", pictures / "step_03.png"]

@@ -2,12 +2,9 @@
 
 from __future__ import annotations
 
-from itertools import pairwise
-
 import cv2
 import numpy as np
 import pytest
-from PIL import Image
 
 from dicflow.errors import ConfigurationError
 from dicflow.views.video import movie
@@ -70,17 +67,6 @@ def test_a_film_plays_in_a_browser(tmp_path, suffix):
     assert duration == end == pytest.approx(5 * 0.2, abs=0.05)
 
 
-def test_a_gif_has_its_frames_and_repeats(tmp_path):
-    movie(frames(3), tmp_path / "strain.gif", seconds=0.25)
-    with Image.open(tmp_path / "strain.gif") as film:
-        assert (film.n_frames, film.size, film.info["duration"], film.info["loop"]) == (3, (WIDTH, HEIGHT), 250, 0)
-        shown = []
-        for place in range(3):
-            film.seek(place)
-            shown.append(np.asarray(film.convert("RGB"), int))
-    assert all(np.abs(one - other).mean() > 5 for one, other in pairwise(shown))
-
-
 def test_frames_are_taken_one_at_a_time(tmp_path):
     taken = []
 
@@ -94,10 +80,9 @@ def test_frames_are_taken_one_at_a_time(tmp_path):
 
 
 def test_a_format_that_is_no_movie_is_refused(tmp_path):
-    with pytest.raises(ConfigurationError, match=r"a film is \.gif, \.mp4 or \.webm, not '\.avi'"):
+    with pytest.raises(ConfigurationError, match=r"a film is \.mp4 or \.webm, not '\.avi'"):
         movie(frames(), tmp_path / "strain.avi")
-    for suffix in (".gif", ".mp4"):
-        with pytest.raises(ValueError, match="at least one frame"):
-            movie([], tmp_path / f"none{suffix}")
-        with pytest.raises(ValueError, match="one size"):
-            movie([np.zeros((4, 4, 3), np.uint8), np.zeros((4, 6, 3), np.uint8)], tmp_path / f"sizes{suffix}")
+    with pytest.raises(ValueError, match="at least one frame"):
+        movie([], tmp_path / "none.mp4")
+    with pytest.raises(ValueError, match="one size"):
+        movie([np.zeros((4, 4, 3), np.uint8), np.zeros((4, 6, 3), np.uint8)], tmp_path / "sizes.mp4")
