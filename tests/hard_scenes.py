@@ -45,7 +45,8 @@ class Measured(NamedTuple):
 
     @property
     def valid(self) -> np.ndarray:
-        return self.status == Status.VALID
+        """Points (n,) with a value."""
+        return (self.status == Status.VALID) & np.isfinite(self.error).all(axis=1)
 
 
 class Shares(NamedTuple):

@@ -1,12 +1,14 @@
-"""Subsets whose grey levels fit no single motion: at a crack, or at the edge of a shadow or reflection.
+"""Subsets whose grey levels fit no single motion: at a crack, a wire, a reflection, or the edge of a shadow.
 
 A subset of two motions, or one across an edge of light, converges as well, but to a place between. Its residual exceeds
-that of the other subsets by far. As a motion it amounts to m = √(2 (R − R₀) / S) pixels, for the variance R of the
-residual, the usual variance R₀, and the mean square S of the pattern's slope. With two motions δ apart, and a share p
-of the subset beyond the edge, the place is wrong by p δ, at most 2 m.
+that of the other subsets. As a motion it amounts to m = √(2 (R − R₀) / S) pixels, for the variance R of the residual,
+the usual variance R₀, and the mean square S of the pattern's slope. With two motions δ apart, and a share p of the
+subset beyond the edge, the place is wrong by p δ, at most 2 m.
 
-Light that changes across a subset moves its place too. How far follows from one more step of Gauss-Newton that fits
-slow changes of brightness and contrast beside the warp.
+How far it is wrong shows where parts of the subset are left out (:mod:`dicflow.core.correlation.leave_out`): a residual
+that is the same everywhere, as after a change of focus, moves nothing. Light that changes across a subset moves its
+place too. How far follows from one more step of Gauss-Newton that fits slow changes of brightness and contrast beside
+the warp.
 """
 
 from __future__ import annotations
@@ -15,9 +17,10 @@ from typing import NamedTuple
 
 import numpy as np
 
-from dicflow.core.arrays import Array, Index, Mask
+from dicflow.core.arrays import Array, Mask
 from dicflow.core.correlation.follow import Field
-from dicflow.core.correlation.misfit import residuals
+from dicflow.core.correlation.leave_out import uneven_variance
+from dicflow.core.correlation.misfit import Residuals, residuals
 from dicflow.core.correlation.subsets import Subset
 from dicflow.core.correlation.template import Template
 from dicflow.core.photographs.interpolate import Spline
@@ -25,18 +28,18 @@ from dicflow.core.photographs.interpolate import Spline
 __all__ = ["Edges", "find_edges", "residual_variance", "usual_residual"]
 
 
-_SUSPECT_RATIO, _SUSPECT_MISFIT_PX = 2.0, 0.05
-"""Variance of the residual over the usual one, and misfit, above which it is tested for changes of the light."""
-_UNCERTAIN_RATIO, _UNCERTAIN_MISFIT_PX = 4.0, 0.1
-"""The same above which the misfit adds to the variance of the place."""
+_SUSPECT_RATIO, _SUSPECT_MISFIT_PX = 1.2, 0.03
+"""Variance of the residual over the usual one, and misfit, above which parts of a subset are left out."""
+_LIGHT_RATIO, _LIGHT_MISFIT_PX = 2.0, 0.05
+"""The same above which it is tested for changes of the light."""
 _LOST_RATIO, _LOST_MISFIT_PX = 16.0, 0.5
 """The same above which a subset holds two motions. Undermatched waves of half a pixel reach 0.46 px on patterns of the
 DIC Challenge, real specimens 10 times the usual variance."""
+_LOST_SIGMA_PX = 0.25
+"""Standard deviation by parts left out, above which a point is lost."""
 _LIGHT_LIMITS = ((0.06, 0.3), (0.15, 0.2))
 """Shifts of a place by slow changes of the light [px], and their shares of the residual, above which a point is lost:
 above both of either pair. Smaller shifts with the first share add to the variance of the place."""
-_SIGMA_PER_MISFIT = 0.7
-"""Standard deviation along each axis over the misfit: errors reach twice the misfit."""
 _MIN_POINTS = 20
 """Points whose median residual is the usual one."""
 _CHUNK = 64
@@ -62,7 +65,7 @@ def residual_variance(field: Field) -> Array:
 def usual_residual(residual: Array) -> float:
     """The usual variance of the residual in a field, its median [grey levels²]; infinite with too few points."""
     known = residual[np.isfinite(residual)]
-    return float(np.median(known)) if len(known) >= _MIN_POINTS else np.inf
+    return float(np.quantile(known, 0.25)) if len(known) >= _MIN_POINTS else np.inf
 
 
 def find_edges(
@@ -75,33 +78,27 @@ def find_edges(
     """
     residual = residual_variance(field)
     with np.errstate(invalid="ignore", divide="ignore"):
+        ratio = residual / usual
         misfit = np.sqrt(2.0 * np.maximum(residual - usual, 0.0) / field.texture[..., 1])
-        suspect = (residual > _SUSPECT_RATIO * usual) & (misfit > _SUSPECT_MISFIT_PX)
-        uncertain = (residual > _UNCERTAIN_RATIO * usual) & (misfit > _UNCERTAIN_MISFIT_PX)
-        lost = (residual > _LOST_RATIO * usual) & (misfit > _LOST_MISFIT_PX)
-    variance = np.where(uncertain, (_SIGMA_PER_MISFIT * misfit) ** 2, 0.0)
-    at = tuple(np.argwhere(suspect & ~lost).T)
-    shift, share = _shifts_by_light(reference, target, centres[at].astype(np.int64), field.warp[at], subset)
-    for max_shift, max_share in _LIGHT_LIMITS:
-        lost[at] |= (shift > max_shift) & (share > max_share)
-    variance[at] += np.where(share > _LIGHT_LIMITS[0][1], shift**2, 0.0)
+        lost = (ratio > _LOST_RATIO) & (misfit > _LOST_MISFIT_PX)
+        suspect = (ratio > _SUSPECT_RATIO) & (misfit > _SUSPECT_MISFIT_PX) & ~lost
+        by_light = (ratio > _LIGHT_RATIO) & (misfit > _LIGHT_MISFIT_PX)
+    variance, points = np.zeros(lost.shape), np.argwhere(suspect)
+    for first in range(0, len(points), _CHUNK):
+        at = tuple(points[first : first + _CHUNK].T)
+        fit = residuals(reference, target, centres[at].astype(np.int64), field.warp[at], subset)
+        variance[at] = uneven_variance(fit, subset.size, usual)
+        shift, share = _light(fit, subset.size)
+        for max_shift, max_share in _LIGHT_LIMITS:
+            lost[at] |= by_light[at] & (shift > max_shift) & (share > max_share)
+        variance[at] += np.where(by_light[at] & (share > _LIGHT_LIMITS[0][1]), shift**2, 0.0)
+    lost |= variance > _LOST_SIGMA_PX**2
     return Edges(lost, np.where(lost, 0.0, variance))
 
 
-def _shifts_by_light(
-    reference: Template, target: Spline, centres: Index, warp: Array, subset: Subset
-) -> tuple[Array, Array]:
-    """Results (n,) of :func:`_light`, some subsets at a time."""
-    parts = [slice(first, first + _CHUNK) for first in range(0, len(centres), _CHUNK)]
-    results = [_light(reference, target, centres[part], warp[part], subset) for part in parts]
-    shift, share = (np.concatenate([np.zeros(0), *(result[k] for result in results)]) for k in (0, 1))
-    return shift, share
-
-
-def _light(reference: Template, target: Spline, centres: Index, warp: Array, subset: Subset) -> tuple[Array, Array]:
+def _light(fit: Residuals, size: int) -> tuple[Array, Array]:
     """Shift of the places (n,) by slow changes of the light [px], and their share of the residuals (n,)."""
-    fit = residuals(reference, target, centres, warp, subset)
-    xi, eta = fit.offsets.T / (subset.size // 2)
+    xi, eta = fit.offsets.T / (size // 2)
     slow = np.stack([xi, eta, xi * xi, xi * eta, eta * eta])[:, None]
     light = np.concatenate([np.stack([np.ones_like(fit.f), fit.f]), slow + 0.0 * fit.f, slow * fit.f])
     both = np.concatenate([fit.jacobian, light])
