@@ -30,6 +30,7 @@ __all__ = ["Edges", "find_edges", "residual_variance", "usual_residual"]
 
 _SUSPECT_RATIO, _SUSPECT_MISFIT_PX = 1.2, 0.03
 """Variance of the residual over the usual one, and misfit, above which parts of a subset are left out."""
+_SUSPECT_SPREAD = 2.5
 _LIGHT_RATIO, _LIGHT_MISFIT_PX = 2.0, 0.05
 """The same above which it is tested for changes of the light."""
 _LOST_RATIO, _LOST_MISFIT_PX = 16.0, 0.5
@@ -68,6 +69,15 @@ def usual_residual(residual: Array) -> float:
     return float(np.quantile(known, 0.25)) if len(known) >= _MIN_POINTS else np.inf
 
 
+def _spread_limit(residual: Array) -> float:
+    """The variance of the residual above which it is unusual, from the lower tail of its distribution."""
+    known = residual[np.isfinite(residual)]
+    if len(known) < _MIN_POINTS:
+        return 0.0
+    least, low = np.quantile(known, [0.05, 0.25])
+    return float(low + _SUSPECT_SPREAD * (low - least))
+
+
 def find_edges(
     reference: Template, target: Spline, centres: Array, field: Field, subset: Subset, usual: float
 ) -> Edges:
@@ -81,17 +91,21 @@ def find_edges(
         ratio = residual / usual
         misfit = np.sqrt(2.0 * np.maximum(residual - usual, 0.0) / field.texture[..., 1])
         lost = (ratio > _LOST_RATIO) & (misfit > _LOST_MISFIT_PX)
-        suspect = (ratio > _SUSPECT_RATIO) & (misfit > _SUSPECT_MISFIT_PX) & ~lost
+        suspect = (ratio > max(_SUSPECT_RATIO, _spread_limit(residual) / usual)) & (misfit > _SUSPECT_MISFIT_PX) & ~lost
         by_light = (ratio > _LIGHT_RATIO) & (misfit > _LIGHT_MISFIT_PX)
     variance, points = np.zeros(lost.shape), np.argwhere(suspect)
     for first in range(0, len(points), _CHUNK):
         at = tuple(points[first : first + _CHUNK].T)
         fit = residuals(reference, target, centres[at].astype(np.int64), field.warp[at], subset)
-        variance[at] = uneven_variance(fit, subset.size, usual)
+        variance[at] = uneven_variance(fit, subset.size)
+    points = np.argwhere(by_light & suspect)
+    for first in range(0, len(points), _CHUNK):
+        at = tuple(points[first : first + _CHUNK].T)
+        fit = residuals(reference, target, centres[at].astype(np.int64), field.warp[at], subset)
         shift, share = _light(fit, subset.size)
         for max_shift, max_share in _LIGHT_LIMITS:
-            lost[at] |= by_light[at] & (shift > max_shift) & (share > max_share)
-        variance[at] += np.where(by_light[at] & (share > _LIGHT_LIMITS[0][1]), shift**2, 0.0)
+            lost[at] |= (shift > max_shift) & (share > max_share)
+        variance[at] += np.where(share > _LIGHT_LIMITS[0][1], shift**2, 0.0)
     lost |= variance > _LOST_SIGMA_PX**2
     return Edges(lost, np.where(lost, 0.0, variance))
 

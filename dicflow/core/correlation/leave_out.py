@@ -26,18 +26,24 @@ __all__ = ["uneven_variance"]
 
 _CELLS = 6
 """Cells along the side of a subset."""
-_SIGNIFICANT = 9.0
-"""Square of a shift over its variance by noise, above which it counts."""
+_LIMITS = (2.5, 3.0, 8.0)
+"""Squares of shifts without cells, squares of cells, or a larger part, over their variance by noise as strong as the
+residual: above it they count. Residuals of interpolation reach 2."""
+_MAX_RATIO = 10.0
+"""Variance of a place without a part over that of the whole subset; above it the rest determines no place of its own,
+as in a subset that is cut."""
 _HALVES_SHARE = 0.25
 """Of the squares of shifts without a half: half of the pixels alone determine a place too badly."""
+_MIN_SHARE = 0.45
+"""Of the pixels, that must be left."""
 _MIN_PIVOT_SHARE = 1e-6
 """With a smaller pivot, the pixels left do not determine a place."""
 
 
-def uneven_variance(fit: Residuals, size: int, variance: float) -> Array:
+def uneven_variance(fit: Residuals, size: int) -> Array:
     """Variance (n,) of the places of subsets by residuals that differ from part to part [px²].
 
-    size : side of the subsets [px]; variance : usual variance of the residual of a pixel [grey levels²]
+    size : side of the subsets [px]
     """
     cell = ((fit.offsets + size // 2) * _CELLS // size) @ [1, _CELLS]
     by_cell = np.argsort(cell, kind="stable")
@@ -45,7 +51,7 @@ def uneven_variance(fit: Residuals, size: int, variance: float) -> Array:
     columns = np.concatenate([fit.jacobian, np.stack([np.ones_like(fit.f), fit.f, fit.residual])])
     weighted = (np.sqrt(fit.weight) * columns)[..., by_cell].transpose(1, 0, 2)
     spread = np.zeros(len(fit.f))
-    _spread(np.ascontiguousarray(weighted, dtype=np.float32), first, _PARTS, _GROUPS, variance, spread)
+    _spread(np.ascontiguousarray(weighted, dtype=np.float32), first, _PARTS, _GROUPS, spread)
     return spread
 
 
@@ -63,10 +69,12 @@ def _parts() -> tuple[Mask, Index]:
 
 
 _PARTS, _GROUPS = _parts()
+_FIRST_HALF = int(_GROUPS.max()) - 7
+"""First group of the halves."""
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _spread(columns: Image, first: Index, parts: Mask, groups: Index, variance: float, spread: Array) -> None:
+def _spread(columns: Image, first: Index, parts: Mask, groups: Index, spread: Array) -> None:
     """The loop of :func:`uneven_variance` over subsets.
 
     columns : (n, term, pixel) — derivatives by the warp, 1, grey levels and residuals, times the roots of weights
@@ -75,24 +83,29 @@ def _spread(columns: Image, first: Index, parts: Mask, groups: Index, variance: 
     terms = columns.shape[1] - 1
     sums, rest = np.empty((len(first), terms + 1, terms + 1)), np.empty((terms + 1, terms + 1))
     rows, whole, place = np.empty((2, terms)), np.empty((2, 2)), np.empty((2, 2))
-    total = np.empty(int(groups.max()) + 1)
+    shifts, expected = np.empty(int(groups.max()) + 1), np.empty(int(groups.max()) + 1)
     for k in range(len(columns)):
         _products(columns[k], first, sums)
         rest[:] = sums[-1]
         if not _place(rest, rows, whole):
             continue
-        total[:] = 0.0
+        shifts[:], expected[:] = 0.0, 0.0
+        variance = sums[-1, terms, terms] / sums[-1, terms - 2, terms - 2]
         for b in range(len(parts)):
             rest[:] = sums[-1]
             for c in range(len(first) - 1):
                 if parts[b, c]:
                     rest -= sums[c]
-            if _place(rest, rows, place):
+            if rest[terms - 2, terms - 2] < _MIN_SHARE * sums[-1, terms - 2, terms - 2]:
+                continue
+            if _place(rest, rows, place) and place[:, 1].sum() < _MAX_RATIO * whole[:, 1].sum():
                 for axis in range(2):
-                    shift, noise = place[axis, 0] - whole[axis, 0], place[axis, 1] - whole[axis, 1]
-                    if shift * shift > _SIGNIFICANT * variance * noise:
-                        total[groups[b]] += shift * shift
-        spread[k] = max(total[:10].max(), _HALVES_SHARE * total[10:].max())
+                    shifts[groups[b]] += (place[axis, 0] - whole[axis, 0]) ** 2
+                    expected[groups[b]] += variance * (place[axis, 1] - whole[axis, 1])
+        for group in range(len(shifts)):
+            if shifts[group] > _LIMITS[min(group, 2)] * expected[group]:
+                share = 1.0 if group < _FIRST_HALF else _HALVES_SHARE
+                spread[k] = max(spread[k], share * shifts[group])
 
 
 @njit(cache=True, nogil=True, fastmath=FAST_MATH, error_model="numpy")
