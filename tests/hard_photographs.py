@@ -19,7 +19,7 @@ __all__ = ["KINDS", "Scene", "scene"]
 WIDTH, HEIGHT = 230, 200
 MIDDLE = np.array([WIDTH / 2, HEIGHT / 2])
 _REACH, _CELL, _SAMPLES = 60.0, 12.0, 3
-"""Margin of the pattern around the photograph, side of the cells that sort its discs [px], and samples per pixel side."""
+"""Margin of the pattern around the photograph, side of the cells that sort its discs [px], and samples per side."""
 
 
 class Pattern(NamedTuple):
@@ -207,7 +207,8 @@ def _shadow(rng: np.random.Generator, pair: _Pair) -> None:
 def _occluder(rng: np.random.Generator, pair: _Pair) -> None:
     """Wires, or a disc or bar, in front of the specimen: dark, bright or speckled; still, or in the target only."""
     look, shape = rng.choice(["dark", "bright", "speckled"]), rng.choice(["wire", "disc", "bar"])
-    grey = {"dark": rng.uniform(3.0, 40.0), "bright": rng.uniform(170.0, 240.0), "speckled": 0.0}[look] + 0.0 * _X[..., 0]
+    plain = {"dark": rng.uniform(3.0, 40.0), "bright": rng.uniform(170.0, 240.0), "speckled": 0.0}[look]
+    grey = np.full((HEIGHT, WIDTH), plain)
     if look == "speckled":
         grey = 30.0 + 180.0 * _seen(_pattern(rng, rng.uniform(3.0, 8.0)), _X)
     covers = np.zeros((HEIGHT, WIDTH))
@@ -287,6 +288,7 @@ def scene(kind: str, seed: int) -> Scene:
     pair = _Pair(greys, [np.zeros((HEIGHT, WIDTH), dtype=bool) for _ in greys], motion, pattern)
     KINDS[kind](rng, pair)
     noise = 255.0 * rng.uniform(0.005, 0.03)
-    taken = [np.rint(np.clip(grey + rng.normal(0.0, noise, grey.shape), 0, 255)).astype(np.uint8) for grey in pair.greys]
+    levels = [np.rint(grey + rng.normal(0.0, noise, grey.shape)) for grey in pair.greys]
+    taken = [grey.clip(0, 255).astype(np.uint8) for grey in levels]
     x, y = np.rint(motion.target(_X)).astype(int).clip(0, [WIDTH - 1, HEIGHT - 1]).transpose(2, 0, 1)
     return Scene(taken[0], taken[1], motion, pair.hidden[0] | pair.hidden[1][y, x], subset_size)

@@ -1,4 +1,4 @@
-"""How often a value called valid is right in hard scenes: ``python -m tests.hard_scenes [--seeds FIRST COUNT] [KIND …]``.
+"""How often a value called valid is right in hard scenes: ``python -m tests.hard_scenes [KIND …]``.
 
 Random scenes of :mod:`tests.hard_photographs` are measured as any other: region, correlation, displacement. The
 thresholds of the tests for edges were chosen on the seeds below 500; figures are reported on those from 500 on, which
@@ -9,19 +9,21 @@ from __future__ import annotations
 
 import argparse
 from collections.abc import Iterable, Iterator
+from contextlib import suppress
 from typing import NamedTuple
 
 import cv2
 import numpy as np
 
 from dicflow.core.status import Status
+from dicflow.errors import StageError
 from dicflow.kinds.images import Images
 from dicflow.stages.correlate import Correlate
 from dicflow.stages.deformation import Deformation
 from dicflow.stages.region import Region
 from tests.hard_photographs import HEIGHT, KINDS, WIDTH, Scene, scene
 
-__all__ = ["Measured", "REPORTED", "Shares", "joined", "measure", "shares"]
+__all__ = ["REPORTED", "Measured", "Shares", "joined", "measure", "measured", "shares"]
 
 REPORTED = 500
 """First seed that no threshold was chosen on."""
@@ -99,8 +101,15 @@ def shares(points: Measured) -> Shares:
     return Shares(len(points.status), float(points.valid.mean()), *beyond, wrong, scatter, float(error.max()))
 
 
-def _measured(kind: str, first: int, count: int) -> Iterator[Measured]:
-    return (measure(scene(kind, seed)) for seed in range(first, first + count))
+def measured(kind: str, first: int, count: int) -> Measured:
+    """The points of the scenes of a kind with the seeds from ``first`` on, without scenes that are refused."""
+
+    def scenes() -> Iterator[Measured]:
+        for seed in range(first, first + count):
+            with suppress(StageError):
+                yield measure(scene(kind, seed))
+
+    return joined(scenes())
 
 
 def main() -> None:
@@ -110,7 +119,7 @@ def main() -> None:
     given = parser.parse_args()
     print(f"{'kind':12}{'points':>8}{'valid':>9}{'> 3 σ':>9}{'> 5 σ':>9}{'> 0.1 px':>10}{'rms σ':>8}{'worst px':>10}")
     for kind in given.kinds or KINDS:
-        s = shares(joined(_measured(kind, *given.seeds)))
+        s = shares(measured(kind, *given.seeds))
         share = "".join(f"{100.0 * part:9.3f}" for part in (s.valid, s.beyond_3, s.beyond_5, s.wrong))
         print(f"{kind:12}{s.points:8}{share} {s.scatter:8.2f}{s.worst:10.3f}", flush=True)
 

@@ -13,11 +13,12 @@ the warp.
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from typing import NamedTuple
 
 import numpy as np
 
-from dicflow.core.arrays import Array, Mask
+from dicflow.core.arrays import Array, Index, Mask
 from dicflow.core.correlation.follow import Field
 from dicflow.core.correlation.leave_out import uneven_variance
 from dicflow.core.correlation.misfit import Residuals, residuals
@@ -30,19 +31,21 @@ __all__ = ["Edges", "find_edges", "residual_variance", "usual_residual"]
 
 _SUSPECT_RATIO, _SUSPECT_MISFIT_PX = 1.2, 0.03
 """Variance of the residual over the usual one, and misfit, above which parts of a subset are left out."""
-_SUSPECT_SPREAD = 2.5
+_USUAL_QUANTILE, _LEAST_QUANTILE, _SUSPECT_SPREAD = 0.25, 0.05, 2.5
+"""Quantiles of the variance of the residual in a field, which a minority of disturbed subsets does not change, and how
+many times their difference a subset must exceed the upper one to be unusual."""
 _LIGHT_RATIO, _LIGHT_MISFIT_PX = 2.0, 0.05
 """The same above which it is tested for changes of the light."""
 _LOST_RATIO, _LOST_MISFIT_PX = 16.0, 0.5
 """The same above which a subset holds two motions. Undermatched waves of half a pixel reach 0.46 px on patterns of the
 DIC Challenge, real specimens 10 times the usual variance."""
 _LOST_SIGMA_PX = 0.25
-"""Standard deviation by parts left out, above which a point is lost."""
+"""Standard deviation by uneven residuals above which a point is lost."""
 _LIGHT_LIMITS = ((0.06, 0.3), (0.15, 0.2))
 """Shifts of a place by slow changes of the light [px], and their shares of the residual, above which a point is lost:
 above both of either pair. Smaller shifts with the first share add to the variance of the place."""
 _MIN_POINTS = 20
-"""Points whose median residual is the usual one."""
+"""Points that fix the usual residual."""
 _CHUNK = 64
 """Subsets that are computed at once."""
 
@@ -64,18 +67,8 @@ def residual_variance(field: Field) -> Array:
 
 
 def usual_residual(residual: Array) -> float:
-    """The usual variance of the residual in a field, its median [grey levels²]; infinite with too few points."""
-    known = residual[np.isfinite(residual)]
-    return float(np.quantile(known, 0.25)) if len(known) >= _MIN_POINTS else np.inf
-
-
-def _spread_limit(residual: Array) -> float:
-    """The variance of the residual above which it is unusual, from the lower tail of its distribution."""
-    known = residual[np.isfinite(residual)]
-    if len(known) < _MIN_POINTS:
-        return 0.0
-    least, low = np.quantile(known, [0.05, 0.25])
-    return float(low + _SUSPECT_SPREAD * (low - least))
+    """The usual variance of the residual in a field [grey levels²]; infinite with too few points."""
+    return _quantile(residual, _USUAL_QUANTILE, np.inf)
 
 
 def find_edges(
@@ -88,21 +81,17 @@ def find_edges(
     """
     residual = residual_variance(field)
     with np.errstate(invalid="ignore", divide="ignore"):
-        ratio = residual / usual
-        misfit = np.sqrt(2.0 * np.maximum(residual - usual, 0.0) / field.texture[..., 1])
+        ratio, excess = residual / usual, np.maximum(residual - usual, 0.0)
+        misfit = np.sqrt(2.0 * excess / field.texture[..., 1])
         lost = (ratio > _LOST_RATIO) & (misfit > _LOST_MISFIT_PX)
-        suspect = (ratio > max(_SUSPECT_RATIO, _spread_limit(residual) / usual)) & (misfit > _SUSPECT_MISFIT_PX) & ~lost
-        by_light = (ratio > _LIGHT_RATIO) & (misfit > _LIGHT_MISFIT_PX)
-    variance, points = np.zeros(lost.shape), np.argwhere(suspect)
-    for first in range(0, len(points), _CHUNK):
-        at = tuple(points[first : first + _CHUNK].T)
+        suspect = (ratio > _unusual_ratio(residual, usual)) & (misfit > _SUSPECT_MISFIT_PX) & ~lost
+        near_light = (ratio > _LIGHT_RATIO) & (misfit > _LIGHT_MISFIT_PX)
+    by_noise = 0.5 * excess * (field.covariance[..., 0] + field.covariance[..., 2])
+    variance = np.where(suspect, by_noise, 0.0)
+    for at in _chunks(suspect):
         fit = residuals(reference, target, centres[at].astype(np.int64), field.warp[at], subset)
-        variance[at] = uneven_variance(fit, subset.size)
-    points = np.argwhere(by_light & suspect)
-    for first in range(0, len(points), _CHUNK):
-        at = tuple(points[first : first + _CHUNK].T)
-        fit = residuals(reference, target, centres[at].astype(np.int64), field.warp[at], subset)
-        shift, share = _light(fit, subset.size)
+        variance[at] = np.maximum(variance[at], uneven_variance(fit, subset.size))
+        shift, share = _light(fit, near_light[at], subset.size)
         for max_shift, max_share in _LIGHT_LIMITS:
             lost[at] |= (shift > max_shift) & (share > max_share)
         variance[at] += np.where(share > _LIGHT_LIMITS[0][1], shift**2, 0.0)
@@ -110,17 +99,39 @@ def find_edges(
     return Edges(lost, np.where(lost, 0.0, variance))
 
 
-def _light(fit: Residuals, size: int) -> tuple[Array, Array]:
-    """Shift of the places (n,) by slow changes of the light [px], and their share of the residuals (n,)."""
+def _quantile(residual: Array, share: float, unknown: float) -> float:
+    """A quantile of the variance of the residual; ``unknown`` with too few points."""
+    known = residual[np.isfinite(residual)]
+    return float(np.quantile(known, share)) if len(known) >= _MIN_POINTS else unknown
+
+
+def _unusual_ratio(residual: Array, usual: float) -> float:
+    """The ratio to the usual variance of the residual above which one is unusual in its field."""
+    low, least = (_quantile(residual, share, 0.0) for share in (_USUAL_QUANTILE, _LEAST_QUANTILE))
+    return max(_SUSPECT_RATIO, (low + _SUSPECT_SPREAD * (low - least)) / usual)
+
+
+def _chunks(mask: Mask) -> Iterator[tuple[Index, ...]]:
+    """Indices of the points of a mask, some at a time."""
+    points = np.argwhere(mask)
+    return (tuple(points[first : first + _CHUNK].T) for first in range(0, len(points), _CHUNK))
+
+
+def _light(fit: Residuals, near: Mask, size: int) -> tuple[Array, Array]:
+    """Shift of the places (n,) by slow changes of the light [px], and their share of the residuals (n,).
+
+    near : (n,) bool — subsets that are computed; the others get zeros
+    """
+    f, residual, weight, jacobian = fit.f[near], fit.residual[near], fit.weight[near], fit.jacobian[:, near]
     xi, eta = fit.offsets.T / (size // 2)
     slow = np.stack([xi, eta, xi * xi, xi * eta, eta * eta])[:, None]
-    light = np.concatenate([np.stack([np.ones_like(fit.f), fit.f]), slow + 0.0 * fit.f, slow * fit.f])
-    both = np.concatenate([fit.jacobian, light])
-    step = _least_squares(both, fit.weight, fit.residual)
-    alone = _least_squares(light, fit.weight, fit.residual)
-    explained = np.einsum("tnp,nt->np", light, alone)
-    share = (fit.weight * explained**2).sum(axis=1) / np.maximum((fit.weight * fit.residual**2).sum(axis=1), 1e-12)
-    return np.asarray(np.hypot(step[:, 0], step[:, len(fit.jacobian) // 2])), np.asarray(share)
+    light = np.concatenate([np.stack([np.ones_like(f), f]), slow + 0.0 * f, slow * f])
+    step = _least_squares(np.concatenate([jacobian, light]), weight, residual)
+    explained = np.einsum("tnp,nt->np", light, _least_squares(light, weight, residual))
+    shift, share = np.zeros(len(near)), np.zeros(len(near))
+    shift[near] = np.hypot(step[:, 0], step[:, len(jacobian) // 2])
+    share[near] = (weight * explained**2).sum(axis=1) / np.maximum((weight * residual**2).sum(axis=1), 1e-12)
+    return shift, share
 
 
 def _least_squares(functions: Array, weight: Array, values: Array) -> Array:

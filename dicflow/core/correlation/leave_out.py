@@ -29,7 +29,7 @@ _CELLS = 6
 _LIMITS = (2.5, 3.0, 8.0)
 """Squares of shifts without cells, squares of cells, or a larger part, over their variance by noise as strong as the
 residual: above it they count. Residuals of interpolation reach 2."""
-_MAX_RATIO = 10.0
+_MAX_RATIO = 20.0
 """Variance of a place without a part over that of the whole subset; above it the rest determines no place of its own,
 as in a subset that is cut."""
 _HALVES_SHARE = 0.25
@@ -92,25 +92,38 @@ def _spread(columns: Image, first: Index, parts: Mask, groups: Index, spread: Ar
         shifts[:], expected[:] = 0.0, 0.0
         variance = sums[-1, terms, terms] / sums[-1, terms - 2, terms - 2]
         for b in range(len(parts)):
-            rest[:] = sums[-1]
-            for c in range(len(first) - 1):
-                if parts[b, c]:
-                    rest -= sums[c]
-            if rest[terms - 2, terms - 2] < _MIN_SHARE * sums[-1, terms - 2, terms - 2]:
+            if not (_leave_out(sums, parts[b], rest) and _place(rest, rows, place)):
                 continue
-            if _place(rest, rows, place) and place[:, 1].sum() < _MAX_RATIO * whole[:, 1].sum():
-                for axis in range(2):
-                    shifts[groups[b]] += (place[axis, 0] - whole[axis, 0]) ** 2
-                    expected[groups[b]] += variance * (place[axis, 1] - whole[axis, 1])
-        for group in range(len(shifts)):
-            if shifts[group] > _LIMITS[min(group, 2)] * expected[group]:
-                share = 1.0 if group < _FIRST_HALF else _HALVES_SHARE
-                spread[k] = max(spread[k], share * shifts[group])
+            if place[:, 1].sum() < _MAX_RATIO * whole[:, 1].sum():
+                shifts[groups[b]] += ((place[:, 0] - whole[:, 0]) ** 2).sum()
+                expected[groups[b]] += variance * (place[:, 1] - whole[:, 1]).sum()
+        spread[k] = _largest(shifts, expected)
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _largest(shifts: Array, expected: Array) -> float:
+    """The largest sum of squares of shifts among the groups of parts where they count."""
+    largest = 0.0
+    for group in range(len(shifts)):
+        if shifts[group] > _LIMITS[min(group, 2)] * expected[group]:
+            largest = max(largest, (1.0 if group < _FIRST_HALF else _HALVES_SHARE) * shifts[group])
+    return largest
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _leave_out(sums: Array, part: Mask, rest: Array) -> bool:
+    """Subtract the cells of a part from the products over all pixels, into ``rest``; False where too few are left."""
+    rest[:] = sums[-1]
+    for c in range(len(part)):
+        if part[c]:
+            rest -= sums[c]
+    ones = len(rest) - 3
+    return bool(rest[ones, ones] > _MIN_SHARE * sums[-1, ones, ones])
 
 
 @njit(cache=True, nogil=True, fastmath=FAST_MATH, error_model="numpy")
 def _products(columns: Image, first: Index, sums: Array) -> None:
-    """Products (cell + 1, term, term) of columns (term, pixel) summed over each cell, then over all; lower triangles."""
+    """Products of columns (term, pixel) over each cell, then over all: lower triangles (cell + 1, term, term)."""
     sums[-1] = 0.0
     for c in range(len(first) - 1):
         for i in range(len(columns)):
