@@ -16,6 +16,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from typing import NamedTuple
 
+import cv2
 import numpy as np
 
 from dicflow.core.arrays import Array, Index, Mask
@@ -46,6 +47,8 @@ _LIGHT_LIMITS = ((0.06, 0.3), (0.15, 0.2))
 above both of either pair. Smaller shifts with the first share add to the variance of the place."""
 _MIN_POINTS = 20
 """Points that fix the usual residual."""
+_BLOCK = 16
+"""Side of the squares of points that have a usual residual of their own."""
 _CHUNK = 64
 """Subsets that are computed at once."""
 
@@ -80,13 +83,14 @@ def find_edges(
     usual : variance of the residual elsewhere (:func:`usual_residual`) [grey levels²]
     """
     residual = residual_variance(field)
+    local = np.maximum(usual, _local_usual(residual))
     with np.errstate(invalid="ignore", divide="ignore"):
         ratio, excess = residual / usual, np.maximum(residual - usual, 0.0)
         misfit = np.sqrt(2.0 * excess / field.texture[..., 1])
         lost = (ratio > _LOST_RATIO) & (misfit > _LOST_MISFIT_PX)
-        suspect = (ratio > _unusual_ratio(residual, usual)) & (misfit > _SUSPECT_MISFIT_PX) & ~lost
+        suspect = (residual / local > _unusual_ratio(residual / local)) & (misfit > _SUSPECT_MISFIT_PX) & ~lost
         near_light = (ratio > _LIGHT_RATIO) & (misfit > _LIGHT_MISFIT_PX)
-    by_noise = 0.5 * excess * (field.covariance[..., 0] + field.covariance[..., 2])
+    by_noise = 0.5 * np.maximum(residual - local, 0.0) * (field.covariance[..., 0] + field.covariance[..., 2])
     variance = np.where(suspect, by_noise, 0.0)
     for at in _chunks(suspect):
         fit = residuals(reference, target, centres[at].astype(np.int64), field.warp[at], subset)
@@ -105,10 +109,22 @@ def _quantile(residual: Array, share: float, unknown: float) -> float:
     return float(np.quantile(known, share)) if len(known) >= _MIN_POINTS else unknown
 
 
-def _unusual_ratio(residual: Array, usual: float) -> float:
-    """The ratio to the usual variance of the residual above which one is unusual in its field."""
-    low, least = (_quantile(residual, share, 0.0) for share in (_USUAL_QUANTILE, _LEAST_QUANTILE))
-    return max(_SUSPECT_RATIO, (low + _SUSPECT_SPREAD * (low - least)) / usual)
+def _local_usual(residual: Array) -> Array:
+    """The usual variance of the residual around each point (rows, cols); 0 where too few points tell.
+
+    It changes over a photograph with focus, light and wear of the pattern, slowly in comparison with what disturbs.
+    """
+    rows, cols = residual.shape
+    padded = np.pad(residual, ((0, -rows % _BLOCK), (0, -cols % _BLOCK)), constant_values=np.nan)
+    blocks = padded.reshape(padded.shape[0] // _BLOCK, _BLOCK, -1, _BLOCK).swapaxes(1, 2)
+    usual = np.array([[_quantile(block, _USUAL_QUANTILE, 0.0) for block in row] for row in blocks])
+    return np.asarray(cv2.resize(usual, padded.shape[::-1], interpolation=cv2.INTER_LINEAR)[:rows, :cols])
+
+
+def _unusual_ratio(ratio: Array) -> float:
+    """The ratio to the usual variance of the residual above which one is unusual in its field (rows, cols)."""
+    low, least = (_quantile(ratio, share, 0.0) for share in (_USUAL_QUANTILE, _LEAST_QUANTILE))
+    return max(_SUSPECT_RATIO, low + _SUSPECT_SPREAD * (low - least))
 
 
 def _chunks(mask: Mask) -> Iterator[tuple[Index, ...]]:
