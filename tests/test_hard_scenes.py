@@ -26,7 +26,7 @@ def test_the_motion_of_a_scene_is_exact():
 def test_good_scenes():
     found = shares(measured("good", REPORTED, 3))
     assert found.valid > 0.999
-    assert found.beyond_3 < 0.012
+    assert found.beyond_3 < BEYOND_3
     assert found.beyond_5 == 0.0
     assert 0.7 < found.scatter < 1.4
 

@@ -40,7 +40,7 @@ _LIGHT_RATIO, _LIGHT_MISFIT_PX = 2.0, 0.05
 _LOST_RATIO, _LOST_MISFIT_PX = 16.0, 0.5
 """The same above which a subset holds two motions. Undermatched waves of half a pixel reach 0.46 px on patterns of the
 DIC Challenge, real specimens 10 times the usual variance."""
-_LOST_SIGMA_PX = 0.25
+_LOST_SIGMA_PX = 1.0
 """Standard deviation by uneven residuals above which a point is lost."""
 _LIGHT_LIMITS = ((0.06, 0.3), (0.15, 0.2))
 """Shifts of a place by slow changes of the light [px], and their shares of the residual, above which a point is lost:
