@@ -5,7 +5,7 @@ that of the other subsets. As a motion it amounts to m = √(2 (R − R₀) / S)
 the usual variance R₀, and the mean square S of the pattern's slope. With two motions δ apart, and a share p of the
 subset beyond the edge, the place is wrong by p δ, at most 2 m.
 
-How far it is wrong shows where parts of the subset are left out (:mod:`dicflow.core.correlation.leave_out`): a residual
+How far it is wrong shows where parts of the subset are left out (:mod:`dicflow.core.correlation.uneven`): a residual
 that is the same everywhere, as after a change of focus, moves nothing. Light that changes across a subset moves its
 place too. How far follows from one more step of Gauss-Newton that fits slow changes of brightness and contrast beside
 the warp.
@@ -21,10 +21,10 @@ import numpy as np
 
 from dicflow.core.arrays import Array, Index, Mask
 from dicflow.core.correlation.follow import Field
-from dicflow.core.correlation.leave_out import uneven_variance
 from dicflow.core.correlation.misfit import Residuals, residuals
 from dicflow.core.correlation.subsets import Subset
 from dicflow.core.correlation.template import Template
+from dicflow.core.correlation.uneven import uneven_variance
 from dicflow.core.photographs.interpolate import Spline
 
 __all__ = ["Edges", "find_edges", "residual_variance", "usual_residual"]
@@ -35,7 +35,7 @@ _SUSPECT_RATIO, _SUSPECT_MISFIT_PX = 1.2, 0.03
 _USUAL_QUANTILE, _LEAST_QUANTILE, _SUSPECT_SPREAD = 0.25, 0.05, 2.5
 """Quantiles of the variance of the residual in a field, which a minority of disturbed subsets does not change, and how
 many times their difference a subset must exceed the upper one to be unusual."""
-_LIGHT_RATIO, _LIGHT_MISFIT_PX = 2.0, 0.05
+_LIGHT_RATIO, _LIGHT_MISFIT_PX = 2.3, 0.05
 """The same above which it is tested for changes of the light."""
 _LOST_RATIO, _LOST_MISFIT_PX = 16.0, 0.5
 """The same above which a subset holds two motions. Undermatched waves of half a pixel reach 0.46 px on patterns of the

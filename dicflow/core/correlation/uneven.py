@@ -29,7 +29,7 @@ _CELLS = 6
 _LIMITS = (2.5, 3.0, 8.0)
 """Squares of shifts without cells, squares of cells, or a larger part, over their variance by noise as strong as the
 residual: above it they count. Residuals of interpolation reach 2."""
-_MAX_RATIO = 20.0
+_MAX_RATIO = 12.0
 """Variance of a place without a part over that of the whole subset; above it the rest determines no place of its own,
 as in a subset that is cut."""
 _HALVES_SHARE = 0.25

@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from dicflow.core.correlation.leave_out import uneven_variance
 from dicflow.core.correlation.misfit import Residuals
+from dicflow.core.correlation.uneven import uneven_variance
 
 SIZE, N = 31, 200
 ROW, COL = np.mgrid[:SIZE, :SIZE].reshape(2, -1) - SIZE // 2
