@@ -143,12 +143,13 @@ def test_an_unmarked_crack_loses_points_but_gives_no_wrong_place(motion):
     assert (steps[1]["status"] == Status.MISFIT).sum() > 10
 
 
-def test_a_small_unmarked_crack_makes_the_places_beside_it_uncertain():
+def test_beside_a_small_unmarked_crack_places_are_lost_or_uncertain():
     steps, totals = measured([photograph(moved(), 0), cracked(0.0, 0.5, 1)], WHOLE)
     side = np.sign(steps[0]["xy"][..., 1] - MIDDLE)
     away, sigmas = errors(totals[1], 0.0 * side, 0.5 * side)
-    assert away.max() > 0.2
-    assert np.quantile(sigmas[away > 0.1], 0.95) < 6.0
+    assert away.max() < 0.2
+    assert sigmas.max() < 6.0
+    assert len(away) > 0.7 * (steps[0]["status"] == Status.VALID).sum()
 
 
 def test_a_reflection_that_stands_still():

@@ -1,44 +1,54 @@
-"""Subsets whose grey levels fit no single motion: at a crack, or at the edge of a shadow or reflection.
+"""Subsets whose grey levels fit no single motion: at a crack, a wire, a reflection, or the edge of a shadow.
 
 A subset of two motions, or one across an edge of light, converges as well, but to a place between. Its residual exceeds
-that of the other subsets by far. As a motion it amounts to m = √(2 (R − R₀) / S) pixels, for the variance R of the
-residual, the usual variance R₀, and the mean square S of the pattern's slope. With two motions δ apart, and a share p
-of the subset beyond the edge, the place is wrong by p δ, at most 2 m.
+that of the other subsets. As a motion it amounts to m = √(2 (R − R₀) / S) pixels, for the variance R of the residual,
+the usual variance R₀, and the mean square S of the pattern's slope. With two motions δ apart, and a share p of the
+subset beyond the edge, the place is wrong by p δ, at most 2 m.
 
-Light that changes across a subset moves its place too. How far follows from one more step of Gauss-Newton that fits
-slow changes of brightness and contrast beside the warp.
+How far it is wrong shows where parts of the subset are left out (:mod:`dicflow.core.correlation.uneven`): a residual
+that is the same everywhere, as after a change of focus, moves nothing. Light that changes across a subset moves its
+place too. How far follows from one more step of Gauss-Newton that fits slow changes of brightness and contrast beside
+the warp.
 """
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from typing import NamedTuple
 
+import cv2
 import numpy as np
 
 from dicflow.core.arrays import Array, Index, Mask
 from dicflow.core.correlation.follow import Field
-from dicflow.core.correlation.misfit import residuals
+from dicflow.core.correlation.misfit import Residuals, residuals
 from dicflow.core.correlation.subsets import Subset
 from dicflow.core.correlation.template import Template
+from dicflow.core.correlation.uneven import uneven_variance
 from dicflow.core.photographs.interpolate import Spline
 
 __all__ = ["Edges", "find_edges", "residual_variance", "usual_residual"]
 
 
-_SUSPECT_RATIO, _SUSPECT_MISFIT_PX = 2.0, 0.05
-"""Variance of the residual over the usual one, and misfit, above which it is tested for changes of the light."""
-_UNCERTAIN_RATIO, _UNCERTAIN_MISFIT_PX = 4.0, 0.1
-"""The same above which the misfit adds to the variance of the place."""
+_SUSPECT_RATIO, _SUSPECT_MISFIT_PX = 1.2, 0.03
+"""Variance of the residual over the usual one, and misfit, above which parts of a subset are left out."""
+_USUAL_QUANTILE, _LEAST_QUANTILE, _SUSPECT_SPREAD = 0.25, 0.05, 2.5
+"""Quantiles of the variance of the residual in a field, which a minority of disturbed subsets does not change, and how
+many times their difference a subset must exceed the upper one to be unusual."""
+_LIGHT_RATIO, _LIGHT_MISFIT_PX = 2.3, 0.05
+"""The same above which it is tested for changes of the light."""
 _LOST_RATIO, _LOST_MISFIT_PX = 16.0, 0.5
 """The same above which a subset holds two motions. Undermatched waves of half a pixel reach 0.46 px on patterns of the
 DIC Challenge, real specimens 10 times the usual variance."""
+_LOST_SIGMA_PX = 1.0
+"""Standard deviation by uneven residuals above which a point is lost."""
 _LIGHT_LIMITS = ((0.06, 0.3), (0.15, 0.2))
 """Shifts of a place by slow changes of the light [px], and their shares of the residual, above which a point is lost:
 above both of either pair. Smaller shifts with the first share add to the variance of the place."""
-_SIGMA_PER_MISFIT = 0.7
-"""Standard deviation along each axis over the misfit: errors reach twice the misfit."""
 _MIN_POINTS = 20
-"""Points whose median residual is the usual one."""
+"""Points that fix the usual residual."""
+_BLOCK = 16
+"""Side of the squares of points that have a usual residual of their own."""
 _CHUNK = 64
 """Subsets that are computed at once."""
 
@@ -60,9 +70,8 @@ def residual_variance(field: Field) -> Array:
 
 
 def usual_residual(residual: Array) -> float:
-    """The usual variance of the residual in a field, its median [grey levels²]; infinite with too few points."""
-    known = residual[np.isfinite(residual)]
-    return float(np.median(known)) if len(known) >= _MIN_POINTS else np.inf
+    """The usual variance of the residual in a field [grey levels²]; infinite with too few points."""
+    return _quantile(residual, _USUAL_QUANTILE, np.inf)
 
 
 def find_edges(
@@ -74,42 +83,71 @@ def find_edges(
     usual : variance of the residual elsewhere (:func:`usual_residual`) [grey levels²]
     """
     residual = residual_variance(field)
+    local = np.maximum(usual, _local_usual(residual))
     with np.errstate(invalid="ignore", divide="ignore"):
-        misfit = np.sqrt(2.0 * np.maximum(residual - usual, 0.0) / field.texture[..., 1])
-        suspect = (residual > _SUSPECT_RATIO * usual) & (misfit > _SUSPECT_MISFIT_PX)
-        uncertain = (residual > _UNCERTAIN_RATIO * usual) & (misfit > _UNCERTAIN_MISFIT_PX)
-        lost = (residual > _LOST_RATIO * usual) & (misfit > _LOST_MISFIT_PX)
-    variance = np.where(uncertain, (_SIGMA_PER_MISFIT * misfit) ** 2, 0.0)
-    at = tuple(np.argwhere(suspect & ~lost).T)
-    shift, share = _shifts_by_light(reference, target, centres[at].astype(np.int64), field.warp[at], subset)
-    for max_shift, max_share in _LIGHT_LIMITS:
-        lost[at] |= (shift > max_shift) & (share > max_share)
-    variance[at] += np.where(share > _LIGHT_LIMITS[0][1], shift**2, 0.0)
+        ratio, excess = residual / usual, np.maximum(residual - usual, 0.0)
+        misfit = np.sqrt(2.0 * excess / field.texture[..., 1])
+        lost = (ratio > _LOST_RATIO) & (misfit > _LOST_MISFIT_PX)
+        suspect = (residual / local > _unusual_ratio(residual / local)) & (misfit > _SUSPECT_MISFIT_PX) & ~lost
+        near_light = (ratio > _LIGHT_RATIO) & (misfit > _LIGHT_MISFIT_PX)
+    by_noise = 0.5 * np.maximum(residual - local, 0.0) * (field.covariance[..., 0] + field.covariance[..., 2])
+    variance = np.where(suspect, by_noise, 0.0)
+    for at in _chunks(suspect):
+        fit = residuals(reference, target, centres[at].astype(np.int64), field.warp[at], subset)
+        variance[at] = np.maximum(variance[at], uneven_variance(fit, subset.size))
+        shift, share = _light(fit, near_light[at], subset.size)
+        for max_shift, max_share in _LIGHT_LIMITS:
+            lost[at] |= (shift > max_shift) & (share > max_share)
+        variance[at] += np.where(share > _LIGHT_LIMITS[0][1], shift**2, 0.0)
+    lost |= variance > _LOST_SIGMA_PX**2
     return Edges(lost, np.where(lost, 0.0, variance))
 
 
-def _shifts_by_light(
-    reference: Template, target: Spline, centres: Index, warp: Array, subset: Subset
-) -> tuple[Array, Array]:
-    """Results (n,) of :func:`_light`, some subsets at a time."""
-    parts = [slice(first, first + _CHUNK) for first in range(0, len(centres), _CHUNK)]
-    results = [_light(reference, target, centres[part], warp[part], subset) for part in parts]
-    shift, share = (np.concatenate([np.zeros(0), *(result[k] for result in results)]) for k in (0, 1))
-    return shift, share
+def _quantile(residual: Array, share: float, unknown: float) -> float:
+    """A quantile of the variance of the residual; ``unknown`` with too few points."""
+    known = residual[np.isfinite(residual)]
+    return float(np.quantile(known, share)) if len(known) >= _MIN_POINTS else unknown
 
 
-def _light(reference: Template, target: Spline, centres: Index, warp: Array, subset: Subset) -> tuple[Array, Array]:
-    """Shift of the places (n,) by slow changes of the light [px], and their share of the residuals (n,)."""
-    fit = residuals(reference, target, centres, warp, subset)
-    xi, eta = fit.offsets.T / (subset.size // 2)
+def _local_usual(residual: Array) -> Array:
+    """The usual variance of the residual around each point (rows, cols); 0 where too few points tell.
+
+    It changes over a photograph with focus, light and wear of the pattern, slowly in comparison with what disturbs.
+    """
+    rows, cols = residual.shape
+    padded = np.pad(residual, ((0, -rows % _BLOCK), (0, -cols % _BLOCK)), constant_values=np.nan)
+    blocks = padded.reshape(padded.shape[0] // _BLOCK, _BLOCK, -1, _BLOCK).swapaxes(1, 2)
+    usual = np.array([[_quantile(block, _USUAL_QUANTILE, 0.0) for block in row] for row in blocks])
+    return np.asarray(cv2.resize(usual, padded.shape[::-1], interpolation=cv2.INTER_LINEAR)[:rows, :cols])
+
+
+def _unusual_ratio(ratio: Array) -> float:
+    """The ratio to the usual variance of the residual above which one is unusual in its field (rows, cols)."""
+    low, least = (_quantile(ratio, share, 0.0) for share in (_USUAL_QUANTILE, _LEAST_QUANTILE))
+    return max(_SUSPECT_RATIO, low + _SUSPECT_SPREAD * (low - least))
+
+
+def _chunks(mask: Mask) -> Iterator[tuple[Index, ...]]:
+    """Indices of the points of a mask, some at a time."""
+    points = np.argwhere(mask)
+    return (tuple(points[first : first + _CHUNK].T) for first in range(0, len(points), _CHUNK))
+
+
+def _light(fit: Residuals, near: Mask, size: int) -> tuple[Array, Array]:
+    """Shift of the places (n,) by slow changes of the light [px], and their share of the residuals (n,).
+
+    near : (n,) bool — subsets that are computed; the others get zeros
+    """
+    f, residual, weight, jacobian = fit.f[near], fit.residual[near], fit.weight[near], fit.jacobian[:, near]
+    xi, eta = fit.offsets.T / (size // 2)
     slow = np.stack([xi, eta, xi * xi, xi * eta, eta * eta])[:, None]
-    light = np.concatenate([np.stack([np.ones_like(fit.f), fit.f]), slow + 0.0 * fit.f, slow * fit.f])
-    both = np.concatenate([fit.jacobian, light])
-    step = _least_squares(both, fit.weight, fit.residual)
-    alone = _least_squares(light, fit.weight, fit.residual)
-    explained = np.einsum("tnp,nt->np", light, alone)
-    share = (fit.weight * explained**2).sum(axis=1) / np.maximum((fit.weight * fit.residual**2).sum(axis=1), 1e-12)
-    return np.asarray(np.hypot(step[:, 0], step[:, len(fit.jacobian) // 2])), np.asarray(share)
+    light = np.concatenate([np.stack([np.ones_like(f), f]), slow + 0.0 * f, slow * f])
+    step = _least_squares(np.concatenate([jacobian, light]), weight, residual)
+    explained = np.einsum("tnp,nt->np", light, _least_squares(light, weight, residual))
+    shift, share = np.zeros(len(near)), np.zeros(len(near))
+    shift[near] = np.hypot(step[:, 0], step[:, len(jacobian) // 2])
+    share[near] = (weight * explained**2).sum(axis=1) / np.maximum((weight * residual**2).sum(axis=1), 1e-12)
+    return shift, share
 
 
 def _least_squares(functions: Array, weight: Array, values: Array) -> Array:
