@@ -51,6 +51,8 @@ _BLOCK = 16
 """Side of the squares of points that have a usual residual of their own."""
 _CHUNK = 64
 """Subsets that are computed at once."""
+_RIDGE = 1e-9
+"""Added to the diagonal of normal equations, which is 1, so that a few pixels too have a solution."""
 
 
 class Edges(NamedTuple):
@@ -142,19 +144,28 @@ def _light(fit: Residuals, near: Mask, size: int) -> tuple[Array, Array]:
     xi, eta = fit.offsets.T / (size // 2)
     slow = np.stack([xi, eta, xi * xi, xi * eta, eta * eta])[:, None]
     light = np.concatenate([np.stack([np.ones_like(f), f]), slow + 0.0 * f, slow * f])
-    step = _least_squares(np.concatenate([jacobian, light]), weight, residual)
-    explained = np.einsum("tnp,nt->np", light, _least_squares(light, weight, residual))
+    normal, right, scale = _normal_equations(np.concatenate([jacobian, light]), weight, residual)
+    step, of_light = _solved(normal, right) / scale, slice(len(jacobian), None)
+    alone = _solved(normal[:, of_light, of_light], right[:, of_light])
     shift, share = np.zeros(len(near)), np.zeros(len(near))
     shift[near] = np.hypot(step[:, 0], step[:, len(jacobian) // 2])
-    share[near] = (weight * explained**2).sum(axis=1) / np.maximum((weight * residual**2).sum(axis=1), 1e-12)
+    explained = (alone * right[:, of_light]).sum(axis=1)
+    share[near] = explained / np.maximum((weight * residual**2).sum(axis=1), 1e-12)
     return shift, share
 
 
-def _least_squares(functions: Array, weight: Array, values: Array) -> Array:
-    """Coefficients (n, term) of functions (term, n, pixel) that fit values (n, pixel) with weights best."""
-    by_point = np.moveaxis(functions, 0, 1)
-    scale = np.sqrt(np.maximum((weight[:, None] * by_point**2).sum(axis=-1), 1e-12))
-    scaled = by_point / scale[..., None]
-    weighted = scaled * weight[:, None]
-    inverse = np.linalg.pinv(weighted @ np.swapaxes(scaled, -1, -2), rcond=1e-9, hermitian=True)
-    return np.asarray((inverse @ (weighted @ values[..., None]))[..., 0] / scale)
+def _normal_equations(functions: Array, weight: Array, values: Array) -> tuple[Array, Array, Array]:
+    """Matrices (n, term, term) and right sides (n, term) of functions (term, n, pixel), of size 1 by a scale (n, term).
+
+    weight, values : (n, pixel) — the values are fitted
+    """
+    weighted = np.moveaxis(functions * np.sqrt(weight), 0, 1)
+    products, right = weighted @ np.swapaxes(weighted, -1, -2), weighted @ (np.sqrt(weight) * values)[..., None]
+    scale = np.sqrt(np.maximum(np.diagonal(products, axis1=1, axis2=2), 1e-12))
+    return products / (scale[:, :, None] * scale[:, None]), right[..., 0] / scale, scale
+
+
+def _solved(normal: Array, right: Array) -> Array:
+    """Solutions (n, term); functions that the others express share what they explain."""
+    ridge = _RIDGE * np.eye(normal.shape[1])
+    return np.asarray(np.linalg.solve(normal + ridge, right[..., None])[..., 0])
