@@ -16,7 +16,8 @@ import dicflow
 from dicflow.engine.execute import dask_graph
 from dicflow.errors import ConfigurationError, DicflowError, StoreError
 from dicflow.pipeline import Pipeline
-from dicflow.pipeline.pipeline import _check_steps, _single_threaded
+from dicflow.pipeline.pipeline import _check_steps
+from dicflow.stages._kernels import get_ready
 
 
 @pytest.fixture
@@ -263,7 +264,7 @@ def test_workers_compute_with_one_thread():
 
     before = cv2.getNumThreads()
     try:
-        _single_threaded()
+        get_ready()
         assert cv2.getNumThreads() == 1
     finally:
         cv2.setNumThreads(before)

@@ -146,7 +146,7 @@ def bicubic(c: Image, at: np.uint64, width: np.uint64, t: np.float32, s: np.floa
     return value
 
 
-@njit(fastmath=FAST_MATH, error_model="numpy", forceinline=True, **INNER)
+@njit(nogil=True, fastmath=FAST_MATH, error_model="numpy", forceinline=True)
 def quintic_weights(t: np.float32) -> Weights:
     """Values at an offset t, 0 … 1, of the six B-splines of degree 5 that are not zero there."""
     r, scale = np.float32(1) - t, np.float32(1 / 120)
