@@ -137,18 +137,11 @@ def test_a_failure_is_reported_once_and_ends_with_1(own, tmp_path):
 
 
 def test_keep_going_computes_what_does_not_need_the_failure(own, tmp_path):
-    settings = (
-        "--set",
-        "features.max_features=50",
-        "--set",
-        "surface.degree.z=[1, 1]",
-        "--set",
-        "track.min_inliers=60",
-    )
+    settings = ("--set", "features.max_features=50", "--set", "disparity.range=[500, 516]")
     stopped = run(own, tmp_path / "o", *settings).line["stages"]
     kept_on = run(own, tmp_path / "o", *settings, "--keep-going")
-    assert stopped["track"]["failed"] == kept_on.line["stages"]["track"]["failed"] == 1
-    assert stopped["matches"]["skipped"] == 1
+    assert stopped["disparity"]["failed"] == kept_on.line["stages"]["disparity"]["failed"] == 1
+    assert stopped["matches"]["skipped"] == 2
     assert kept_on.line["stages"]["matches"]["skipped"] == 0
     assert kept_on.code == 1
 

@@ -56,8 +56,11 @@ def _correlation() -> None:
     import numpy as np
 
     from dicflow.core.correlation.follow import correlate_field
+    from dicflow.core.correlation.misfit import residuals
     from dicflow.core.correlation.subsets import Subset, describe
-    from dicflow.core.correlation.template import subset_masks, template
+    from dicflow.core.correlation.template import template
+    from dicflow.core.correlation.uneven import uneven_variance
+    from dicflow.core.correlation.warp import identity
     from dicflow.core.photographs.interpolate import interpolate, spline
 
     photograph = spline(np.random.default_rng(0).integers(0, 255, (_SIDE, _SIDE)).astype(np.uint8))
@@ -67,7 +70,8 @@ def _correlation() -> None:
     starts[0, 0] = [[20.0, 1.0, 0.0], [20.0, 0.0, 1.0]]
     describe(reference, None, grid.reshape(-1, 2), Subset(11))
     correlate_field(reference, photograph, grid, starts, Subset(11))
-    subset_masks(reference, grid.reshape(-1, 2).astype(np.int64), 11)
+    centres = grid.reshape(-1, 2).astype(np.int64)
+    uneven_variance(residuals(reference, photograph, centres, identity(centres), Subset(11)), 11)
     interpolate(photograph, grid)
 
 

@@ -149,8 +149,9 @@ def test_nothing_measured_is_shown_as_nothing(pipeline, tmp_path):
 
 @pytest.mark.parametrize("flags", [(), ("--keep-going",)])
 def test_a_run_that_failed_half_way_names_what_failed(copied, tmp_path, flags):
-    left = sorted((copied.parent / "photos").glob("left/*"))
-    shutil.copyfile(next((copied.parent / "boards").glob("left/*")), left[1])
+    shutil.copyfile(
+        *sorted((copied.parent / "boards").glob("right/*"))[:1], min((copied.parent / "photos").glob("right/*"))
+    )
     answer = dicflow("run", copied, "--scheduler", "sync", "--workers", "1", *flags)
     assert answer.code != 0
     page = Page.read(copied.parent / "results" / copied.stem / "report.html")

@@ -19,6 +19,7 @@ from numba import njit
 from dicflow.core.arrays import Array, Image, Index, Mask
 from dicflow.core.cholesky import factorise, solve
 from dicflow.core.correlation.misfit import Residuals
+from dicflow.core.kernels import INNER
 from dicflow.core.photographs.interpolate import FAST_MATH
 
 __all__ = ["uneven_variance"]
@@ -86,21 +87,23 @@ def _spread(columns: Image, first: Index, parts: Mask, groups: Index, spread: Ar
     shifts, expected = np.empty(int(groups.max()) + 1), np.empty(int(groups.max()) + 1)
     for k in range(len(columns)):
         _products(columns[k], first, sums)
-        rest[:] = sums[-1]
+        _leave_out(sums, parts[0], 0, rest)
         if not _place(rest, rows, whole):
             continue
-        shifts[:], expected[:] = 0.0, 0.0
+        for group in range(len(shifts)):
+            shifts[group], expected[group] = 0.0, 0.0
         variance = sums[-1, terms, terms] / sums[-1, terms - 2, terms - 2]
         for b in range(len(parts)):
-            if not (_leave_out(sums, parts[b], rest) and _place(rest, rows, place)):
+            if not (_leave_out(sums, parts[b], len(first) - 1, rest) and _place(rest, rows, place)):
                 continue
-            if place[:, 1].sum() < _MAX_RATIO * whole[:, 1].sum():
-                shifts[groups[b]] += ((place[:, 0] - whole[:, 0]) ** 2).sum()
-                expected[groups[b]] += variance * (place[:, 1] - whole[:, 1]).sum()
+            if place[0, 1] + place[1, 1] < _MAX_RATIO * (whole[0, 1] + whole[1, 1]):
+                for axis in range(2):
+                    shifts[groups[b]] += (place[axis, 0] - whole[axis, 0]) ** 2
+                    expected[groups[b]] += variance * (place[axis, 1] - whole[axis, 1])
         spread[k] = _largest(shifts, expected)
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@njit(error_model="numpy", **INNER)
 def _largest(shifts: Array, expected: Array) -> float:
     """The largest sum of squares of shifts among the groups of parts where they count."""
     largest = 0.0
@@ -110,21 +113,28 @@ def _largest(shifts: Array, expected: Array) -> float:
     return largest
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
-def _leave_out(sums: Array, part: Mask, rest: Array) -> bool:
-    """Subtract the cells of a part from the products over all pixels, into ``rest``; False where too few are left."""
-    rest[:] = sums[-1]
-    for c in range(len(part)):
+@njit(error_model="numpy", **INNER)
+def _leave_out(sums: Array, part: Mask, cells: int, rest: Array) -> bool:
+    """The products over all pixels without a part's among the first cells, into ``rest``; False where few are left."""
+    size = len(rest)
+    for i in range(size):
+        for j in range(i + 1):
+            rest[i, j] = sums[-1, i, j]
+    for c in range(cells):
         if part[c]:
-            rest -= sums[c]
-    ones = len(rest) - 3
+            for i in range(size):
+                for j in range(i + 1):
+                    rest[i, j] -= sums[c, i, j]
+    ones = size - 3
     return bool(rest[ones, ones] > _MIN_SHARE * sums[-1, ones, ones])
 
 
-@njit(cache=True, nogil=True, fastmath=FAST_MATH, error_model="numpy")
+@njit(fastmath=FAST_MATH, error_model="numpy", **INNER)
 def _products(columns: Image, first: Index, sums: Array) -> None:
     """Products of columns (term, pixel) over each cell, then over all: lower triangles (cell + 1, term, term)."""
-    sums[-1] = 0.0
+    for i in range(len(columns)):
+        for j in range(i + 1):
+            sums[-1, i, j] = 0.0
     for c in range(len(first) - 1):
         for i in range(len(columns)):
             for j in range(i + 1):
@@ -135,7 +145,7 @@ def _products(columns: Image, first: Index, sums: Array) -> None:
                 sums[-1, i, j] += product
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@njit(error_model="numpy", **INNER)
 def _place(products: Array, rows: Array, out: Array) -> bool:
     """Shift of the centre along x and y, and its variance for noise of one grey level, into ``out`` (2, 2).
 
@@ -147,8 +157,8 @@ def _place(products: Array, rows: Array, out: Array) -> bool:
         return False
     for axis in range(2):
         centre = axis * (terms - 2) // 2
-        rows[axis] = 0.0
-        rows[axis, centre] = 1.0
+        for i in range(terms):
+            rows[axis, i] = 1.0 if i == centre else 0.0
         solve(products[:terms, :terms], rows[axis])
         out[axis, 0], out[axis, 1] = 0.0, rows[axis, centre]
         for i in range(terms):
