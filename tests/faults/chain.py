@@ -13,7 +13,7 @@ if str(TOYS) not in sys.path:
 
 import toys  # noqa: E402
 
-from dicflow.engine import plan  # noqa: E402
+from dicflow.engine import files, plan  # noqa: E402
 from dicflow.engine.execute import RunResult  # noqa: E402
 from dicflow.engine.graph import Graph  # noqa: E402
 from dicflow.engine.objects import describe, normalised  # noqa: E402
@@ -45,8 +45,9 @@ def run(folder: Path, store: Path, factor: float = 2.0, **options: object) -> Ru
 
 
 def made_clean(folder: Path, store: Path, factor: float = 2.0) -> Expected:
-    """What each task gives, in a store of its own."""
-    outcomes = run(folder, store, factor).outcomes
+    """What each task gives, in a store of its own that knows all files."""
+    with _known_at_once():
+        outcomes = run(folder, store, factor).outcomes
     return {name: outcome.ref.digest for name, outcome in outcomes.items() if outcome.ref is not None}
 
 
@@ -83,6 +84,16 @@ def _content(result: RunResult, name: str) -> str:
     stored = load(result.store, outcome.ref)
     variables = {key: Variable(*variable) for key, variable in stored.variables.items()}
     return describe(normalised(Product(stored.kind, variables, stored.attrs))).digest
+
+
+@contextmanager
+def _known_at_once() -> Iterator[None]:
+    """Keep facts also about files that have just been written."""
+    fresh, files._FRESH_NS = files._FRESH_NS, 0
+    try:
+        yield
+    finally:
+        files._FRESH_NS = fresh
 
 
 @contextmanager
