@@ -18,6 +18,8 @@ from dicflow.core.photographs.noise import residual_noise
 from dicflow.core.status import Status
 from dicflow.core.tensors import congruent
 
+pytestmark = pytest.mark.slow
+
 SHAPE, SEARCH = (220, 240), Search(Subset(21), noise=2.0)
 AXIS = np.arange(60.0, 161.0, 10.0)
 GRID = np.stack(np.meshgrid(AXIS, AXIS), axis=-1)

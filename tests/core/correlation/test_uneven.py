@@ -6,6 +6,8 @@ import pytest
 from dicflow.core.correlation.misfit import Residuals
 from dicflow.core.correlation.uneven import uneven_variance
 
+pytestmark = pytest.mark.slow
+
 SIZE, N = 31, 200
 ROW, COL = np.mgrid[:SIZE, :SIZE].reshape(2, -1) - SIZE // 2
 NOISE = 2.0

@@ -7,6 +7,8 @@ from dicflow.core.matching.part_tracking import MaterialGrid, RegionPlaces, Trac
 from dicflow.core.matching.tracking import Estimation
 from dicflow.core.photographs.region import carry, contains, cut_apart, grid_points, parts_of_region, rectangle
 
+pytestmark = pytest.mark.slow
+
 CRACK = 130.0
 LINE = np.array([[20.0, CRACK], [240.0, CRACK]])
 WHOLE = rectangle(20, 20, 240, 240)
