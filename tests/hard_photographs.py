@@ -37,10 +37,11 @@ class Pattern(NamedTuple):
 
 
 class Motion(NamedTuple):
-    """X = x − shift − slope · (x − middle) − half the curvature terms, and the jump at a crack.
+    """X = x − shift − slope · (x − middle) − curvature terms, and the jump at a crack.
 
     curvature : (2, 3) — of xx, xy and yy, in px per (100 px)²
-    normal, along : of the crack through ``tip``; jump : (2,) opening and slip of one side against the other [px]
+    place, normal : (2,) — a point of the crack [px], and its normal; jump : (2,) opening and slip of one side against
+        the other [px]
     """
 
     shift: np.ndarray

@@ -29,7 +29,7 @@ if TYPE_CHECKING:
 
     from dicflow.engine.journal import Event
     from dicflow.engine.phases import Phases
-    from dicflow.pipeline import Result
+    from dicflow.pipeline import Pipeline, Result
 
 __all__ = ["plan", "run", "why"]
 
@@ -66,9 +66,7 @@ def run(
     from dicflow.engine.phases import Phases
     from dicflow.io.files import make_folder
     from dicflow.pipeline.profile import TASKS
-    from dicflow.report.build import write_report
-    from dicflow.views.console import Progress, consoles
-    from dicflow.views.publish import publish
+    from dicflow.views.console import consoles
 
     phases = Phases()
     phases.end("start")
@@ -77,32 +75,19 @@ def run(
     folder = results_folder(loaded, output)
     assert loaded.graph
     make_folder(folder)
-    with Progress(progress) as shown:
-
-        def on_event(event: Event) -> None:
-            if event.kind == "planned":
-                phases.end("plan")
-            shown.on_event(event)
-
-        result = loaded.run(
-            scheduler=scheduler,
-            workers=workers,
-            dashboard=dashboard,
-            code_policy=code_policy.value,
-            keep_going=keep_going,
-            on_event=on_event,
-            linger=_until_enter if dashboard and wait else None,
-        )
+    result = _compute(
+        loaded,
+        progress,
+        phases,
+        scheduler=scheduler,
+        workers=workers,
+        dashboard=dashboard,
+        code_policy=code_policy.value,
+        keep_going=keep_going,
+        linger=_until_enter if dashboard and wait else None,
+    )
     phases.end(TASKS)
-    files = publish(result, folder, workers)
-    phases.end("pictures and tables")
-    problems: list[str] = []
-    report = write_report(loaded, result, folder, workers, problems.append)
-    _print_run(progress, result, folder, files)
-    for problem in problems:
-        progress.print(f"warning: {problem}", style="yellow", soft_wrap=True)
-    progress.print(f"report: {report}", soft_wrap=True)
-    phases.end("report")
+    _write_results(loaded, result, folder, workers, progress, phases)
     _end_run(progress, result, phases if profile else None, as_json)
     raise typer.Exit(_exit_code(result))
 
@@ -151,6 +136,38 @@ def why(
         made = load(pipeline, data, store, settings).plan(on_event=shown.on_event)
     for line in why_lines(made, stage):
         out.print(line, soft_wrap=True)
+
+
+def _compute(loaded: Pipeline, progress: Console, phases: Phases, **options: Any) -> Result:
+    """The run of a loaded pipeline, its progress shown, the end of its plan noted in `phases`."""
+    from dicflow.views.console import Progress
+
+    with Progress(progress) as shown:
+
+        def on_event(event: Event) -> None:
+            if event.kind == "planned":
+                phases.end("plan")
+            shown.on_event(event)
+
+        return loaded.run(on_event=on_event, **options)
+
+
+def _write_results(
+    loaded: Pipeline, result: Result, folder: Path, workers: int, progress: Console, phases: Phases
+) -> None:
+    """Write pictures, tables and report of a run, and print where they are."""
+    from dicflow.report.build import write_report
+    from dicflow.views.publish import publish
+
+    files = publish(result, folder, workers)
+    phases.end("pictures and tables")
+    problems: list[str] = []
+    report = write_report(loaded, result, folder, workers, problems.append)
+    _print_run(progress, result, folder, files)
+    for problem in problems:
+        progress.print(f"warning: {problem}", style="yellow", soft_wrap=True)
+    progress.print(f"report: {report}", soft_wrap=True)
+    phases.end("report")
 
 
 def _exit_code(result: Result) -> int:

@@ -60,10 +60,10 @@ def stand_off_mm(context: Context) -> float | None:
     """Median distance of the measured points in front of the left camera at the first step."""
     result = context.result
     stages = [stage for kind in ("points", "cloud") for stage in reversed(result.stages_of(kind))]
-    places = [(stage, step) for stage in stages for step in result.steps(stage) if result.has(stage, step)]
-    if not places:
+    places = ((stage, step) for stage in stages for step in result.steps(stage) if result.has(stage, step))
+    stage, step = next(places, ("", ""))
+    if not stage:
         return None
-    stage, step = places[0]
     sources = ["stand-off", result.arrays(stage, step)["xyz"].digest]
     found = context.piece(sources, lambda: _median_depth(result.product(stage, step)))
     return None if found is None else json.loads(found)

@@ -26,6 +26,7 @@ def summary(context: Context, sections: Sequence[Section]) -> Section:
     own = [] if history is None else _lost_points(history)
     warnings = [(section.title, section.key, text) for section in sections for text in section.warnings]
     covered = {stage for section in sections for stage in section.covers}
+    unlinked = (*_notes(context), *_run_warnings(context, covered), *own)
     run, failures = context.run, _failures(context)
     body = render(
         "summary.html",
@@ -34,7 +35,7 @@ def summary(context: Context, sections: Sequence[Section]) -> Section:
         failures=failures[:_FAILURES_SHOWN],
         more_failures=max(0, len(failures) - _FAILURES_SHOWN),
         skipped=_skipped(run),
-        warnings=[*(("", "", text) for text in (*_notes(context), *_run_warnings(context, covered), *own)), *warnings],
+        warnings=[*(("", "", text) for text in unlinked), *warnings],
         facts=_facts(context, history),
         history=history if history is not None and (history.values or any(history.valid_share)) else None,
         columns=None if history is None else _columns(history),
@@ -42,7 +43,7 @@ def summary(context: Context, sections: Sequence[Section]) -> Section:
         chart=None if history is None else _chart(context, history),
         stages=_stages(context),
     )
-    return Section("summary", "Summary", body, (*_notes(context), *_run_warnings(context, covered), *own))
+    return Section("summary", "Summary", body, unlinked)
 
 
 def _state(run: RunFacts | None) -> list[str]:

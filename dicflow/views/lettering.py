@@ -43,9 +43,9 @@ class Paper:
         corner = (round(x - height / 2), round(y - width / 2))
         self.image.paste(lying.image.transpose(Image.Transpose.ROTATE_90), corner)
 
-    def box(self, x: int, y: int, width: int, height: int, fill: int | None = None) -> None:
-        """Draw a line around a part of the picture. fill : grey level inside"""
-        self._draw.rectangle((x - 1, y - 1, x + width, y + height), fill, _BLACK)
+    def box(self, x: int, y: int, width: int, height: int) -> None:
+        """Draw a line around a part of the picture."""
+        self._draw.rectangle((x - 1, y - 1, x + width, y + height), None, _BLACK)
 
     def line(self, x: int, y: int, width: int, height: int) -> None:
         """Draw a line from (x, y) as far as is given, one of both being zero."""
@@ -74,7 +74,7 @@ def line_height(size_px: float) -> int:
 
 
 def wrapped(text: str, size_px: float, most_px: float) -> list[str]:
-    """A text in lines of so many pixels, as far as its words allow; a unit stays with the word before it."""
+    """A text in lines of about so many pixels, as far as its words allow; a unit stays with the word before it."""
     letters = max(1, int(len(text) * most_px / max(1.0, text_width(text, size_px))))
     with_unit = text.replace(" [", "\N{NO-BREAK SPACE}[")
     return textwrap.wrap(with_unit, letters, break_long_words=False) or [""]

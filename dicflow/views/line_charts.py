@@ -215,5 +215,5 @@ def _numbers(row: Sequence[float | None]) -> Numbers:
 
 
 def _short(name: str) -> str:
-    half = _LONGEST_NAME // 2
+    half = (_LONGEST_NAME - 1) // 2
     return name if len(name) <= _LONGEST_NAME else f"{name[:half]}…{name[-half:]}"

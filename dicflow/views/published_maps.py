@@ -87,15 +87,15 @@ class MapFiles:
 
     def _draw_overviews(self, published: Published, quantity: str, files: Collection[str]) -> Mapping[str, bytes]:
         look, sheet = self._looks[quantity], self._sheet(quantity)
-        pictures = [self._shown(published, quantity, number) for number in range(len(self._steps))]
+        shown = cache(partial(self._shown, published, quantity))
         drawn = {}
         for phase in dict.fromkeys(self._phases):
             if (file := self._overview(quantity, phase)) in files:
                 chosen = self._of(phase)
-                maps, names = [sheet.map_in(pictures[number]) for number in chosen], [self._steps[n] for n in chosen]
+                maps, names = [sheet.map_in(shown(number)) for number in chosen], [self._steps[n] for n in chosen]
                 drawn[file] = contact_sheet(maps, names, look, self._window, f"{look.title}, {phase}")
         if (file := f"{self._folder}{quantity}.gif") in files:
-            drawn[file] = gif_file(pictures, sheet.colours)
+            drawn[file] = gif_file((shown(number) for number in range(len(self._steps))), sheet.colours)
         return drawn
 
     def _shown(self, published: Published, quantity: str, number: int) -> Levels:

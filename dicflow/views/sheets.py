@@ -19,7 +19,7 @@ from dicflow.views.levels import Levels, grey_levels, sheet_palette
 from dicflow.views.ticks import Ticks, ticks_that_fit
 from dicflow.views.windows import MapWindow
 
-__all__ = ["LARGE", "SMALL", "Letters", "Sheet", "sheet"]
+__all__ = ["LARGE", "SMALL", "Sheet", "sheet"]
 
 _EDGE, _GAP, _PAD, _TICK = 11, 15, 4, 4
 """Distances [px]: of anything from the edge, of two maps, of two texts; length of a tick."""
@@ -204,7 +204,7 @@ def _size(bar: ColourBar, bar_at: tuple[int, int], grid: _Grid, axes: _Axes, lin
     x, y = bar_at
     title = widest(lines, axes.letters.title)
     if bar.upright:
-        right, below = x + bar.thickness, y + max(bar.length, bar.extent) + axes.below
+        right, below = x + bar.thickness, y + bar.extent + axes.below
     else:
         right, below = x + max(bar.extent, bar.length + grid.overhang), y + bar.thickness
     return max(right, title + _EDGE) + _EDGE, below + _EDGE

@@ -105,7 +105,9 @@ class StepMaps:
             return json.dumps(crop).encode()
 
         sources = ["size", json.dumps([overview, looks, len(steps)]), *last.sources([look.quantity for look in looks])]
-        (width, height), scale, (x, y) = json.loads(self.keep([*sources, last.photograph], fitting))
+        smallest = crop_around(overview.boxes, overview.image_size, _SIZES_PX[-1])
+        photographed = "photographed" if self._photo(last.name, smallest) else "bare"
+        (width, height), scale, (x, y) = json.loads(self.keep([*sources, last.photograph, photographed], fitting))
         return Crop((width, height), scale, (x, y))
 
     def at_step(self, step: str, crop: Crop, looks: Sequence[Look]) -> dict[str, Any]:

@@ -9,7 +9,7 @@ __all__ = ["element", "text_element"]
 
 def element(name: str, content: str = "", **attributes: str | float) -> str:
     """An element; numbers are rounded to a tenth, and ``_`` in the name of an attribute stands for ``-``."""
-    written = "".join(f' {key.rstrip("_").replace("_", "-")}="{_shown(value)}"' for key, value in attributes.items())
+    written = "".join(f' {key.replace("_", "-")}="{_shown(value)}"' for key, value in attributes.items())
     return f"<{name}{written}>{content}</{name}>" if content else f"<{name}{written}/>"
 
 

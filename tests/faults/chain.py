@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import AbstractContextManager
 from pathlib import Path
+from unittest.mock import patch
 
 TOYS = Path(__file__).resolve().parents[1] / "engine"
 if str(TOYS) not in sys.path:
@@ -86,21 +86,11 @@ def _content(result: RunResult, name: str) -> str:
     return describe(normalised(Product(stored.kind, variables, stored.attrs))).digest
 
 
-@contextmanager
-def _known_at_once() -> Iterator[None]:
+def _known_at_once() -> AbstractContextManager[object]:
     """Keep facts also about files that have just been written."""
-    fresh, files._FRESH_NS = files._FRESH_NS, 0
-    try:
-        yield
-    finally:
-        files._FRESH_NS = fresh
+    return patch.object(files, "_FRESH_NS", 0)
 
 
-@contextmanager
-def by_index() -> Iterator[None]:
+def by_index() -> AbstractContextManager[object]:
     """Plan as for many tasks, by the store's index."""
-    many, plan._MANY = plan._MANY, 0
-    try:
-        yield
-    finally:
-        plan._MANY = many
+    return patch.object(plan, "_MANY", 0)

@@ -2,6 +2,7 @@
 
 import os
 import shutil
+from dataclasses import replace
 from io import BytesIO
 
 import numpy as np
@@ -78,11 +79,23 @@ def test_curves_have_one_line_per_variant_and_a_unit():
 def test_fields_of_all_variants_share_one_range(swept):
     """The same field in several variants has the same colours in each, also beside one of other values."""
     total = swept.result().product("total", -1)
-    alike = np.asarray(Image.open(BytesIO(small_multiples([total, total], ["#1", "#2"], "eyy"))).convert("RGB"), int)
-    coloured = np.ptp(alike, axis=-1) > 20
-    columns = np.flatnonzero(coloured[len(alike) // 2])
+    strain = total.variables["eyy"]
+    stretched = np.where(np.arange(len(strain.values))[:, None] < len(strain.values) // 2, 2.0, 1.0) * strain.values
+    other = replace(total, variables={**total.variables, "eyy": strain._replace(values=stretched)})
+    alike, differing = (_two_maps([total, second]) for second in (total, other))
+    np.testing.assert_array_equal(*alike)
+    equal = (differing[0] == differing[1]).all(axis=-1).mean(axis=1)
+    third = len(equal) // 3
+    assert equal[-third:].min() == 1.0
+    assert equal[:third].max() < 0.9
+
+
+def _two_maps(totals):
+    """The pixels (row, col, 3) of two variants' maps."""
+    drawn = np.asarray(Image.open(BytesIO(small_multiples(totals, ["#1", "#2"], "eyy"))).convert("RGB"), int)
+    coloured = np.ptp(drawn, axis=-1) > 20
+    columns = np.flatnonzero(coloured[len(drawn) // 2])
     runs = np.split(columns, np.flatnonzero(np.diff(columns) > 5) + 1)
     assert len(runs) == 3  # two maps and the bar
-    alike = alike[coloured[:, columns[0]]]  # without the names above
-    one, other = (alike[:, run[0] : run[-1] + 1] for run in runs[:2])
-    np.testing.assert_array_equal(one, other)
+    drawn = drawn[coloured[:, columns[0]]]  # without the names above
+    return [drawn[:, run[0] : run[-1] + 1] for run in runs[:2]]

@@ -237,7 +237,6 @@ def test_hidden_files_results_and_what_is_no_photograph_are_passed_over(tmp_path
     assert dicflow("init", tmp_path).out.splitlines()[0] == "specimen: 3 photographs of one camera, *.png"
 
 
-@pytest.mark.skipif(os.name == "nt", reason="names are Unicode there")
 def test_folders_are_looked_through_up_to_a_number_of_files(tmp_path, monkeypatch):
     monkeypatch.setattr("dicflow.start.folder.MOST_ENTRIES", 20)
     for k in range(21):
@@ -246,6 +245,7 @@ def test_folders_are_looked_through_up_to_a_number_of_files(tmp_path, monkeypatc
         look(tmp_path, Choice(), [], lambda text: None)
 
 
+@pytest.mark.skipif(os.name == "nt", reason="names are Unicode there")
 def test_a_name_that_is_not_unicode_is_refused(tmp_path, specimen):
     write(tmp_path, {"a{}.png": specimen})
     os.mkdir(os.fsencode(tmp_path) + b"/x\xff")

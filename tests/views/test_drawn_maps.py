@@ -2,12 +2,9 @@
 
 from __future__ import annotations
 
-from io import BytesIO
-
-import matplotlib
 import numpy as np
 import pytest
-from PIL import Image
+from map_images import colour_of, is_whole, opened
 
 from dicflow.engine.product import Product, Variable
 from dicflow.views import maps as views
@@ -30,24 +27,6 @@ def total(stretch):
             "xyz": Variable(("row", "col", "component"), xyz, "mm"),
         },
     )
-
-
-def opened(content):
-    image = Image.open(BytesIO(content))
-    image.load()
-    return image
-
-
-def colour_of(image, colour):
-    """Share of the pixels near a colour of the map, given by its place from 0 to 1."""
-    expected = 255 * np.array(matplotlib.colormaps["viridis"](colour)[:3])
-    return (np.abs(np.asarray(image.convert("RGB"), float) - expected).max(axis=-1) < 6).mean()
-
-
-def is_whole(image):
-    """Whether nothing reaches the picture's edge, and so nothing is cut off."""
-    grey = np.asarray(image.convert("L"))
-    return min(edge.min() for edge in (grey[:4], grey[-4:], grey[:, :4], grey[:, -4:])) == 255
 
 
 @pytest.mark.parametrize("extent", [(0, 0, 100, 20), (0, 0, 10, 300), (0, 0, 300, 10)])

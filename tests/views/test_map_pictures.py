@@ -7,11 +7,12 @@ from itertools import combinations
 
 import numpy as np
 import pytest
+from map_images import colour_of, is_whole, opened
 from PIL import Image
 
 from dicflow.engine.product import Product, Variable
 from dicflow.kinds.maps import Maps
-from dicflow.views import lettering
+from dicflow.views import lettering, sheets
 from dicflow.views import map_pictures as views
 from dicflow.views.levels import COLOURS, gif_file, png_file
 from dicflow.views.sheets import sheet
@@ -59,12 +60,6 @@ def total(stretch, hole=False):
     )
 
 
-def opened(content):
-    image = Image.open(BytesIO(content))
-    image.load()
-    return image
-
-
 def drawn(product, *, title="step_01 · loading", **changes):
     return views.map_png(product, *style(**changes), title)
 
@@ -76,25 +71,11 @@ def frames(quantity, *stretches):
     return page, list(views.maps_of_steps(page, (total(stretch) for stretch in stretches), look, window, titles))
 
 
-def colour_of(image, colour):
-    """Share of the pixels near a colour of the map, given by its place from 0 to 1."""
-    import matplotlib
-
-    expected = 255 * np.array(matplotlib.colormaps["viridis"](colour)[:3])
-    return (np.abs(np.asarray(image.convert("RGB"), float) - expected).max(axis=-1) < 6).mean()
-
-
-def is_whole(image):
-    """Whether nothing reaches the picture's edge, and so nothing is cut off."""
-    grey = np.asarray(image.convert("L"))
-    return min(edge.min() for edge in (grey[:4], grey[-4:], grey[:, :4], grey[:, -4:])) == 255
-
-
 @pytest.fixture
 def texts(monkeypatch):
     """Each text that is written on a page, with its box on it: x0, y0, x1, y1."""
     found = []
-    write, upright = lettering.Paper.text, lettering.Paper.upright
+    write, upright, put_name = lettering.Paper.text, lettering.Paper.upright, sheets.Sheet._put_name
 
     def text(paper, x, y, line, size_px, anchor="mm"):
         if paper.image.width > 100 and paper.image.height > 100:
@@ -106,6 +87,13 @@ def texts(monkeypatch):
         found.append((line, (x - size_px / 2, y - half, x + size_px / 2, y + half)))
         upright(paper, x, y, line, size_px)
 
+    def named(page, picture, corner, name):
+        width, height = lettering.text_width(name, page.name_px), lettering.line_height(page.name_px)
+        x, y = corner[0] + (page.tile[0] - width) / 2, corner[1] - sheets._PAD - height
+        found.append((name, (x, y, x + width, y + height)))
+        put_name(page, picture, corner, name)
+
+    monkeypatch.setattr(sheets.Sheet, "_put_name", named)
     monkeypatch.setattr(lettering.Paper, "text", text)
     monkeypatch.setattr(lettering.Paper, "upright", turned)
     return found

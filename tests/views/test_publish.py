@@ -116,6 +116,15 @@ def test_a_picture_is_made_of_the_arrays_that_it_shows(copied, tmp_path):
     assert again == {*drawn, "comparison.csv"}
 
 
+def test_a_damaged_list_of_what_was_made_makes_all_again(result, tmp_path):
+    files = publish(result, tmp_path)
+    contents = [path.read_bytes() for path in files]
+    other = seal({"maps/eyy.gif": "0"})
+    for damage in (b"\xff", b"[1]", b'{"maps/eyy.gif": 1}', b"[" * 100_000, other):
+        (tmp_path / ".published.json").write_bytes(damage)
+        assert [path.read_bytes() for path in publish(result, tmp_path)] == contents
+
+
 @pytest.fixture
 def shorter(copied):
     """The result of all steps but the last."""
