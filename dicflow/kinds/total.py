@@ -121,9 +121,12 @@ class Total(Kind):
         if not self.product.attrs.get("lost"):
             return self
         kept = {
-            name.removeprefix(_LAST): part for name, part in self.product.variables.items() if name.startswith(_LAST)
+            name.removeprefix(_LAST): part._replace(dims=tuple(dim.removeprefix(_LAST) for dim in part.dims))
+            for name, part in self.product.variables.items()
+            if name.startswith(_LAST)
         }
-        return Total(replace(self.product, variables=kept)) if kept else None
+        attrs = {name: value for name, value in self.product.attrs.items() if name != "lost"}
+        return Total(replace(self.product, variables=kept, attrs=attrs)) if kept else None
 
     @property
     def definition(self) -> Definition:

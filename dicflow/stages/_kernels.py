@@ -11,6 +11,7 @@ from functools import partial
 
 from dicflow.engine.kernel_cache import kernel_mark
 from dicflow.engine.node import Node
+from dicflow.stages.match import Match
 
 __all__ = ["KERNELS", "compile_kernels", "get_ready", "uncompiled"]
 
@@ -32,10 +33,14 @@ def uncompiled(nodes: Mapping[str, Node]) -> dict[str, Callable[[], None]]:
 
 
 def compile_kernels(names: Sequence[str]) -> None:
-    """Compile some of :data:`KERNELS` and note that they are kept."""
+    """Compile those of some of :data:`KERNELS` that are not kept yet, and note that they are."""
     for name in names:
+        mark = kernel_mark(name)
+        if mark is not None and mark.exists():
+            continue
         KERNELS[name]()
-        if (mark := kernel_mark(name)) is not None:
+        if mark is not None:
+            mark.parent.mkdir(parents=True, exist_ok=True)
             mark.touch()
 
 
@@ -46,8 +51,8 @@ def _is_missing(name: str) -> bool:
 
 def _used(node: Node) -> Sequence[str]:
     """Names of the kernels that a stage surely uses."""
-    if node.stage == "match":
-        return ("motion", "refinement") if getattr(node, "refine", False) else ()
+    if isinstance(node, Match):
+        return [*(["motion"] if node.guided or node.refine else []), *(["refinement"] if node.refine else [])]
     return _USED.get(node.stage, ())
 
 

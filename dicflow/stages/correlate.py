@@ -163,7 +163,7 @@ class Correlate(SubsetSearch):
         direct = search_directly(start, reference_step, last, image, search, pairs)
         if not before.is_final:
             noise = self._measured_noise(before, direct.correlation, first, image.grey)
-            search = search._replace(noise=self._search(noise.grey, first).noise)
+            search = search._replace(noise=self._level(noise.grey, first))
             template = (noise.grey / before.grey) ** 2 * template
         found, reference = follow_step(
             start, reference_step, direct, search, self.reference.updating(), course.expected
@@ -188,10 +188,13 @@ class Correlate(SubsetSearch):
 
     def _search(self, noise: float, first: _First) -> Search:
         """noise : of the photographs [grey levels]"""
+        return self.search(self.subset_size, self._level(noise, first))._replace(parts=first.parts)
+
+    def _level(self, noise: float, first: _First) -> float:
+        """The noise after the low pass [grey levels]. noise : before it"""
         from dicflow.core.photographs.noise import smoothed_noise
 
-        level = smoothed_noise(noise, first.image.grey, first.measured, self.smoothing)
-        return self.search(self.subset_size, level)._replace(parts=first.parts)
+        return smoothed_noise(noise, first.image.grey, first.measured, self.smoothing)
 
     def _measured_noise(self, noise: Noise, correlation: CorrelatedField, first: _First, image: np.ndarray) -> Noise:
         """The noise, measured in the first photograph and this one."""

@@ -35,11 +35,21 @@ Count = Annotated[int, Field(ge=1)]
 OUTLINE_STEPS = 4  # material steps between the points of the carried outline
 
 
-class _Sights(NamedTuple):
-    """Photograph and features of this step, and of the one before; None if the ports are open."""
+class _Photographed(NamedTuple):
+    """Features and photographs of this step and of the one before; None if the ports are open."""
 
-    here: Sight | None
-    before: Sight | None
+    features: Product | None = None
+    features_before: Product | None = None
+    images: Product | None = None
+    images_before: Product | None = None
+
+    def here(self) -> Sight | None:
+        """What this step shows."""
+        return _sight(self.images, self.features)
+
+    def last(self, before: TrackProduct) -> Sight | None:
+        """What the last step in which points were found shows."""
+        return last_sight(before.product) if before.is_lost else _sight(self.images_before, self.features_before)
 
 
 class Track(Node):
@@ -64,9 +74,9 @@ class Track(Node):
     takes: ClassVar = {
         "matches": Port("matches", optional=True),
         "features": Port("features", optional=True, of="matches"),
-        "features_before": Port("features", at=At.PREVIOUS, optional=True, of="matches"),
+        "features_before": Port("features", at=At.PREVIOUS, optional=True),
         "images": Port("rectified", "plane", "images", optional=True, of="matches"),
-        "images_before": Port("rectified", "plane", "images", at=At.PREVIOUS, optional=True, of="matches"),
+        "images_before": Port("rectified", "plane", "images", at=At.PREVIOUS, optional=True),
         "region": Port("region"),
         "track_before": Port("track", at=At.PREVIOUS, own=True),
     }
@@ -102,7 +112,7 @@ class Track(Node):
             raise StageError("no matches from the previous step; add a stage 'match' and name it as 'matches'")
         else:
             before = TrackProduct.read(track_before)
-            track = self._next(material, Matches.read(matches), before, _sights(**photographed))
+            track = self._next(material, Matches.read(matches), before, _Photographed(**photographed))
         return with_parts(track, material.parts)
 
     def _first(self, region: Region) -> tuple[TrackedPoints, MaterialGrid]:
@@ -128,30 +138,30 @@ class Track(Node):
         parts = parts_of_region(polygons, region.cuts, points)
         return TrackedPoints(points, status, polygons), MaterialGrid(parts, polygons)
 
-    def _next(self, material: MaterialGrid, matches: Matches, before: TrackProduct, sights: _Sights) -> Product:
+    def _next(self, material: MaterialGrid, matches: Matches, before: TrackProduct, shown: _Photographed) -> Product:
         """Points, outline and transforms, carried to this step from the last one in which points were found."""
         from dicflow.core.matching.part_tracking import RegionPlaces, beside_gaps, follow_region
         from dicflow.core.status import Status
 
-        last, sight = before.last, last_sight(before.product) if before.is_lost else sights.before
-        pairs, features = _pairs(material, matches, before, sights)
+        last = before.last
+        pairs, features = _pairs(material, matches, before, shown)
         found = follow_region(material, RegionPlaces(last.points, last.polygons), pairs, features, self._tracking())
         found = found._replace(filled=found.filled | beside_gaps(material, last.points, matches.matching))
         status = _status(last.status, found, matches.image_size)
-        points = known_or_nan(status <= Status.FILLED, found.places.points)
-        if not (status <= Status.FILLED).any():
-            return self._lost(before, sight, status, sights.here)
-        state = TrackedPoints(points, status, found.places.polygons)
+        followed = status <= Status.FILLED
+        if not followed.any():
+            return self._lost(before, status, shown)
+        state = TrackedPoints(known_or_nan(followed, found.places.points), status, found.places.polygons)
         return TrackProduct.write(state, found.tracked, self.step_size, _summary(status, found.tracked))
 
-    def _lost(self, before: TrackProduct, sight: Sight | None, status: np.ndarray, here: Sight | None) -> Product:
-        """The product of a step in which no point is found. sight : of the last step in which points were."""
+    def _lost(self, before: TrackProduct, status: np.ndarray, shown: _Photographed) -> Product:
+        """The product of a step in which no point is found."""
         import numpy as np
 
         from dicflow.core.matching.tracking import unknown_subsets
         from dicflow.core.status import Status
 
-        last, check = before.last, self._advice()
+        last, check, here = before.last, self._advice(), shown.here()
         if (status[last.status <= Status.FILLED] == Status.OUTSIDE).any():
             check = "the region has left it"
         warning = f"no point is followed to this step; {check}"
@@ -163,7 +173,7 @@ class Track(Node):
         state = TrackedPoints(np.full(last.points.shape, np.nan), status, last.polygons)
         subsets = unknown_subsets(before["transforms"].shape[:2])
         track = TrackProduct.write(state, subsets, self.step_size, _summary(status, None), [warning])
-        return lost_track(track, last, sight)
+        return lost_track(track, last, shown.last(before))
 
     def _tracking(self) -> Tracking:
         from dicflow.core.matching.part_tracking import Tracking
@@ -180,15 +190,6 @@ class Track(Node):
         )
 
 
-def _sights(
-    features: Product | None = None,
-    features_before: Product | None = None,
-    images: Product | None = None,
-    images_before: Product | None = None,
-) -> _Sights:
-    return _Sights(_sight(images, features), _sight(images_before, features_before))
-
-
 def _sight(images: Product | None, features: Product | None) -> Sight | None:
     from dicflow.core.matching.steps import Sight
 
@@ -198,7 +199,7 @@ def _sight(images: Product | None, features: Product | None) -> Sight | None:
 
 
 def _pairs(
-    material: MaterialGrid, matches: Matches, before: TrackProduct, sights: _Sights
+    material: MaterialGrid, matches: Matches, before: TrackProduct, shown: _Photographed
 ) -> tuple[tuple[np.ndarray, np.ndarray], np.ndarray]:
     """Positions (m, 2) of matches from the last step in which points were found to this one, and its features (n, 2).
 
@@ -210,15 +211,16 @@ def _pairs(
     from dicflow.core.matching.part_tracking import match_parts
     from dicflow.core.matching.steps import match_steps
 
-    last, here = last_sight(before.product) if before.is_lost else sights.before, sights.here
-    if last is not None and here is not None and not material.parts.is_single:
-        return match_parts(material, before.last.points, last, here, matches.matching), matches.features
-    if not before.is_lost:
+    if material.parts.is_single and not before.is_lost:
         return matches.pairs, matches.features
+    last, here = shown.last(before), shown.here()
     if last is None or here is None:
-        return (np.zeros((0, 2)), np.zeros((0, 2))), np.zeros((0, 2))
+        return ((np.zeros((0, 2)),) * 2, np.zeros((0, 2))) if before.is_lost else (matches.pairs, matches.features)
+    features = last.features.xy.astype(float)
+    if not material.parts.is_single:
+        return match_parts(material, before.last.points, last, here, matches.matching), features
     found = match_steps(last, here, matches.matching)
-    return (found.source, found.target), last.features.xy.astype(float)
+    return (found.source, found.target), features
 
 
 def _status(before: np.ndarray, found: FollowedRegion, image_size: Sequence[int]) -> np.ndarray:

@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import os
+import shutil
 import subprocess
 import sys
+from pathlib import Path
 
 import pytest
 from small import ROOT
@@ -30,7 +32,7 @@ def test_a_run_compiles_what_its_stages_lack(kept, monkeypatch):
     nodes = {
         "photos": Images(left="*.png"),
         "found": Correlate(),
-        "matches": Match(refine=False),
+        "matches": Match(guided=False, refine=False),
         "total": Deformation(),
     }
     assert list(uncompiled(nodes)) == ["found", "total"]
@@ -50,6 +52,27 @@ def test_other_versions_and_machines_compile_anew(kept, monkeypatch):
             assert kernel_cache.kernel_mark("strain") != mark
     kernel_cache._machine.cache_clear()
     assert kernel_cache.kernel_mark("strain") == mark
+
+
+def test_another_installation_compiles_anew_and_so_does_one_that_was_written_again(tmp_path):
+    """Numba keeps kernels by the folder of their source and the times of its files."""
+    own = Path(kernel_cache.__file__).parents[1]
+    copy = tmp_path / "dicflow"
+    shutil.copytree(own / "core", copy / "core", ignore=shutil.ignore_patterns("__pycache__"))
+    assert kernel_cache._digest(copy) == kernel_cache._digest(own)
+    before = kernel_cache._place(copy)
+    assert before != kernel_cache._place(own)
+    os.utime(copy / "core" / "parts.py", (1e9, 1e9))
+    assert kernel_cache._place(copy) != before
+
+
+@pytest.mark.parametrize("kept_in", ["a file", "no/such/folder"])
+def test_a_folder_for_kernels_that_is_none_or_not_there_yet(tmp_path, monkeypatch, kept_in):
+    (tmp_path / "a file").touch()
+    monkeypatch.setenv(kernel_cache.VARIABLE, str(tmp_path / kept_in))
+    mark = kernel_cache.kernel_mark("strain")
+    assert (mark is None) == (kept_in == "a file")
+    assert not (tmp_path / "no").exists()
 
 
 def test_without_a_place_for_kernels_nothing_is_compiled_ahead(tmp_path, monkeypatch):

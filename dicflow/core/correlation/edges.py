@@ -36,7 +36,8 @@ _USUAL_QUANTILE, _LEAST_QUANTILE, _SUSPECT_SPREAD = 0.25, 0.05, 2.5
 """Quantiles of the variance of the residual in a field, which a minority of disturbed subsets does not change, and how
 many times their difference a subset must exceed the upper one to be unusual."""
 _LIGHT_RATIO, _LIGHT_MISFIT_PX = 2.3, 0.05
-"""The same above which it is tested for changes of the light."""
+"""Variance of the residual over the usual one, and misfit, above which an unusual subset is tested for changes of the
+light."""
 _LOST_RATIO, _LOST_MISFIT_PX = 16.0, 0.5
 """The same above which a subset holds two motions. Undermatched waves of half a pixel reach 0.46 px on patterns of the
 DIC Challenge, real specimens 10 times the usual variance."""

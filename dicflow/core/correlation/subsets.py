@@ -36,8 +36,8 @@ from dicflow.core.correlation.template import (
     gather_part,
     is_whole,
     keep_measured,
+    kernel_mask,
     lay_out,
-    measured_pixels,
     shows_measured,
 )
 from dicflow.core.correlation.warp import TERMS, identity
@@ -131,7 +131,7 @@ def correlate(
         raise ValueError(
             f"starts have the shape {start.shape}; {len(centres)} {subset.shape_function} warps need {needed}"
         )
-    found, photograph = _untracked(start), (target.coefficients, measured_pixels(target.measured))
+    found, photograph = _untracked(start), (target.coefficients, kernel_mask(target.measured))
     whole_pixels, weight, control = (
         centres.astype(np.int64),
         _weight(subset),
@@ -158,7 +158,7 @@ def describe(
     """
     _check_size(subset)
     start = identity(centres, subset.shape_function)  # type: ignore[arg-type]
-    found, counts = _untracked(start), measured_pixels(measured)
+    found, counts = _untracked(start), kernel_mask(measured)
     whole_pixels, weight, control = centres.astype(np.int64), _weight(subset), _control(subset, 0, 1.0)
 
     def describe_chunk(chunk: slice) -> None:
@@ -276,11 +276,10 @@ def _correlate(
         row, col = centres[k, 1], centres[k, 0]
         settled = False
         for _ in range(_MAX_SELECTIONS):
-            x, y, p, n = c[0, 0], c[1, 0], whole, size * size
+            x, y = c[0, 0], c[1, 0]
             is_clear = measured.size == 0 or shows_measured(measured, c, half)
-            if is_clear and is_whole(reference.unusable, row, col, half):
-                _copy_whole(reference, row, col, size, p)
-            else:
+            p, n = whole, size * size
+            if not (is_clear and _copy_whole(reference, row, col, size, p)):
                 p = cut
                 n, found.status[k] = _select(reference, measured, (row, col), weight, control, cut, marks, c)
                 if n == 0:
@@ -316,11 +315,9 @@ def _describe(
     for k in range(len(centres)):
         row, col = centres[k, 1], centres[k, 0]
         c[0, 0], c[1, 0] = col, row
-        p, n = whole, size * size
         is_clear = measured.size == 0 or shows_measured(measured, c, half)
-        if is_clear and is_whole(reference.unusable, row, col, half):
-            _copy_whole(reference, row, col, size, p)
-        else:
+        p, n = whole, size * size
+        if not (is_clear and _copy_whole(reference, row, col, size, p)):
             p = cut
             n, found.status[k] = _select(reference, measured, (row, col), weight, control, cut, marks, c)
             if n == 0:
@@ -333,11 +330,14 @@ def _describe(
 
 
 @njit(error_model="numpy", **INNER)
-def _copy_whole(reference: Template, row: int, col: int, size: int, p: Pixels) -> None:
-    """Copy the grey levels and derivatives of a whole subset around a pixel."""
+def _copy_whole(reference: Template, row: int, col: int, size: int, p: Pixels) -> bool:
+    """Copy the grey levels and derivatives of the subset around a pixel; False, and nothing, if it is not whole."""
+    if not is_whole(reference.unusable, row, col, size // 2):
+        return False
     copy_square(reference.grey, row, col, size, p.f)
     copy_square(reference.by_x, row, col, size, p.fx)
     copy_square(reference.by_y, row, col, size, p.fy)
+    return True
 
 
 @njit(error_model="numpy", **INNER)

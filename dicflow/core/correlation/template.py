@@ -24,8 +24,8 @@ __all__ = [
     "gather_part",
     "is_whole",
     "keep_measured",
+    "kernel_mask",
     "lay_out",
-    "measured_pixels",
     "shows_measured",
     "subset_masks",
     "template",
@@ -68,8 +68,8 @@ def template(reference: Spline, region: Mask | None = None) -> Template:
     return Template(reference.image, *_derivatives(reference), usable, unusable, inside)
 
 
-def measured_pixels(measured: Mask | None) -> Mask:
-    """The pixels of a photograph that are measured (rows, cols), as kernels take them: an empty mask if all are."""
+def kernel_mask(measured: Mask | None) -> Mask:
+    """The pixels of a photograph that are measured (rows, cols), as kernels take them: an empty mask for None, all."""
     return np.zeros((0, 0), dtype=np.bool_) if measured is None else measured
 
 

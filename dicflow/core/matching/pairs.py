@@ -69,14 +69,15 @@ def guided_matches(
 ) -> Pairs:
     """Pairs of indices (m, 2) of features that are each other's nearest among those near the predicted positions.
 
-    predicted : (n, 2) — where each reference feature is expected in the deformed image [px]
+    predicted : (n, 2) — where each reference feature is expected in the deformed image, NaN where unknown [px]
     radius_px : radius of the search around the predicted position [px]
     ratio : as in :func:`match_features`, among the candidates only; a single candidate is accepted
     """
     if len(reference.xy) == 0 or len(deformed.xy) == 0:
         return np.zeros((0, 2), dtype=np.intp)
-    tree = cKDTree(deformed.xy)
-    _, candidate = tree.query(predicted, k=CANDIDATES, distance_upper_bound=radius_px)
+    known = np.isfinite(predicted).all(axis=1)
+    candidate = np.full((len(predicted), CANDIDATES), len(deformed.xy))
+    candidate[known] = cKDTree(deformed.xy).query(predicted[known], k=CANDIDATES, distance_upper_bound=radius_px)[1]
     row, column = np.nonzero(candidate < len(deformed.xy))
     partner = candidate[row, column]
     distance = _distances(reference.descriptors[row], deformed.descriptors[partner])
@@ -137,7 +138,8 @@ def local_motion(source: Array, target: Array, points: Array, seen: Seen | None 
 
     source, target : (m, 2) — correct matches, m at least 3 [px]
     points : (n, 2) — in the reference image [px]
-    seen : which matches count at which points; all if absent. NaN where fewer than 3 of those around a point do
+    seen : which matches count at which points; all if absent. Where fewer than 3 of those around a point do, the
+        position is NaN, and the gradient the identity
 
     The weight (1 − d²/d_max²)² vanishes at the farthest neighbour, so that the motion is continuous (Lancaster and
     Salkauskas, Mathematics of Computation 37, 1981). Where the neighbours are collinear, the gradient is estimated
@@ -151,7 +153,8 @@ def local_motion(source: Array, target: Array, points: Array, seen: Seen | None 
     centre, mean_motion, spread, mixed = _moments(source, target - source, neighbours, weight)
     slope = mixed @ _pseudo_inverse(spread)
     position = points + mean_motion + (slope @ (points - centre)[..., None])[..., 0]
-    position[np.isnan(distance[:, -1])] = np.nan
+    unknown = np.isnan(distance[:, -1])
+    position[unknown], slope[unknown] = np.nan, 0.0
     return LocalMotion(position, slope + np.eye(2))
 
 

@@ -117,6 +117,8 @@ def simplified(line: Array, tolerance_px: float = 1.0) -> Array:
     D. H. Douglas and T. K. Peucker, Cartographica 10 (1973).
     """
     kept = cv2.approxPolyDP(line.astype(np.float32)[:, None], tolerance_px, closed=False)[:, 0]
+    if len(kept) > 2 and (line[0] == line[-1]).all() and (kept[0] != kept[-1]).any():
+        kept = np.concatenate([kept, kept[:1]])  # OpenCV closes a line that ends where it begins, and drops its end
     return np.asarray(np.round(kept.astype(np.float64), 3))
 
 

@@ -394,7 +394,7 @@ def test_scatter_of_an_affine_subset_is_the_theoretical_one():
 PLAIN = """
 import sys
 import numpy as np
-from dicflow.core.correlation.subsets import Subset, correlate, describe
+from dicflow.core.correlation.subsets import Subset, correlate
 from dicflow.core.correlation.template import template
 from dicflow.core.photographs.interpolate import spline
 given = np.load(sys.argv[1])

@@ -157,3 +157,21 @@ def test_agreeing_matches_of_a_half_turn(count, false):
     keep = agreeing_matches(source, target)
     assert not keep[:false].any()
     assert keep[false:].mean() > 0.97
+
+
+def test_a_feature_of_unknown_place_has_no_guided_match():
+    both = features(PLACES, described("float"))
+    predicted = PLACES.copy()
+    predicted[::3] = np.nan
+    pairs = guided_matches(both, both, predicted, radius_px=4)
+    np.testing.assert_array_equal(pairs[:, 0], np.flatnonzero(np.arange(COUNT) % 3))
+
+
+def test_a_point_that_sees_too_few_matches_has_no_place_and_no_turn():
+    def seen(points, others):
+        return (points > 0) & (others >= 0) | (others < 2)
+
+    motion = local_motion(PLACES, 1.1 * PLACES, PLACES[:2], seen)
+    assert np.isnan(motion.position[0]).all()
+    np.testing.assert_array_equal(motion.gradient[0], np.eye(2))
+    np.testing.assert_allclose(motion.gradient[1], 1.1 * np.eye(2), atol=1e-9)

@@ -15,6 +15,7 @@ from dicflow.core.photographs.region import (
     mask_polygons,
     rasterise,
     rectangle,
+    simplified,
     speckled_region,
 )
 from dicflow.core.photographs.texture import texture
@@ -150,3 +151,10 @@ def test_speckled_specimen_is_found_with_its_opening():
 def test_noise_is_no_specimen():
     noise = np.random.default_rng(0).normal(120, 2, (200, 200)).astype(np.uint8)
     assert speckled_region(texture(noise)) == []
+
+
+def test_a_line_is_simplified_within_its_tolerance_and_a_closed_one_stays_closed():
+    straight = np.stack([np.linspace(0.0, 90.0, 31), np.zeros(31)], axis=-1)
+    np.testing.assert_array_equal(simplified(straight), [[0.0, 0.0], [90.0, 0.0]])
+    square = np.array([[0.0, 0.0], [50.0, 0.2], [90.0, 0.0], [90.0, 60.0], [0.0, 60.0], [0.0, 0.0]])
+    np.testing.assert_array_equal(simplified(square), square[[0, 2, 3, 4, 5]])
