@@ -7,8 +7,9 @@ import threading
 import time
 from collections import Counter
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import contextmanager, nullcontext, suppress
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field, replace
+from functools import partial
 from pathlib import Path
 from types import FrameType
 from typing import Any
@@ -103,12 +104,14 @@ def run(
     options, start = options or Options(), time.perf_counter()
     keep_kernels()
     check_scheduler(options.scheduler, options.workers)
-    with _workers(options, store) as options:
-        result = _run_once(graph, store, pipeline, resolved, options, {})
+    with _workers(options, store) as processes:
+        once = partial(_run_once, graph, store, pipeline, resolved, options, processes)
+        result = once({})
         for _ in range(_MOST_REPAIRS):
             if result.interrupted or not any(outcome.damaged for outcome in result.outcomes.values()):
                 break
-            result = _run_once(graph, store, pipeline, resolved, options, result.outcomes)
+            before, result = result.compiled_s, once(result.outcomes)
+            result = replace(result, compiled_s={**before, **result.compiled_s})
     result = replace(result, seconds=time.perf_counter() - start)
     if options.on_event is not None:
         options.on_event(Event("ended", counts=result.counts, seconds=result.seconds))
@@ -116,16 +119,15 @@ def run(
 
 
 @contextmanager
-def _workers(options: Options, store: Store) -> Iterator[Options]:
-    """The options with worker processes. These start at once in a new store, where there is work for sure."""
+def _workers(options: Options, store: Store) -> Iterator[WorkerProcesses | None]:
+    """Worker processes, for the scheduler that has them; in a new store, where there is work for sure, they start."""
     if options.scheduler != "processes" or options.dashboard:
-        yield options
+        yield None
         return
-    processes = options.processes or WorkerProcesses(options.workers, options.worker_setup)
-    with nullcontext() if options.processes else processes:
+    with WorkerProcesses(options.workers, options.worker_setup) as processes:
         if store.is_new:
             processes.start()
-        yield replace(options, processes=processes)
+        yield processes
 
 
 def dask_graph(plan: Plan, store: Store, run_id: str = "plan") -> dict[tuple[str, ...], tuple[Any, ...]]:
@@ -135,7 +137,13 @@ def dask_graph(plan: Plan, store: Store, run_id: str = "plan") -> dict[tuple[str
 
 
 def _run_once(
-    graph: Graph, store: Store, pipeline: str, resolved: Any, options: Options, before: Mapping[str, Outcome]
+    graph: Graph,
+    store: Store,
+    pipeline: str,
+    resolved: Any,
+    options: Options,
+    processes: WorkerProcesses | None,
+    before: Mapping[str, Outcome],
 ) -> RunResult:
     """Plan and run. before : outcomes of a first try; what that computed counts as computed."""
     plan = make_plan(
@@ -156,7 +164,7 @@ def _run_once(
         try:
             if plan.counts["hit"] < len(plan.entries):
                 _keep_code(plan, store)
-                _compute(state, journal.id)
+                _compute(state, journal.id, processes)
             for stage, text in product_warnings(graph, state.outcomes):
                 state.report(Event("warning", stage=stage, text=text))
         finally:
@@ -213,7 +221,7 @@ def _jobs(plan: Plan, store: Store, run_id: str, code_policy: CodePolicy) -> Ite
             )
 
 
-def _compute(state: Running, run_id: str) -> None:
+def _compute(state: Running, run_id: str, processes: WorkerProcesses | None) -> None:
     options = state.options
     warning = scheduler_warning(options.scheduler)
     if warning:
@@ -227,10 +235,10 @@ def _compute(state: Running, run_id: str) -> None:
         options.dashboard,
         options.retries,
         options.worker_setup,
-        options.processes,
+        processes,
         state.compilation(),
     )
-    if options.processes is not None and state.is_short():
+    if processes is not None and state.is_short():
         opened = replace(opened, scheduler="sync")
     with _interruptible(state.interrupt), open_backend(opened) as backend:
         if backend.link:

@@ -80,14 +80,11 @@ class _Definition(NamedTuple):
         return (place for places, _ in self.links for place in places)
 
 
-def kept_sources(otherwise: FileIndex) -> FileIndex:
-    """What is remembered of source files on this account, for all stores.
-
-    otherwise : taken where the account has no place for it
-    """
+def kept_sources() -> FileIndex | None:
+    """What is remembered of source files on this account, for all stores; None where it has no place for it."""
     folder = account_folder()
     if folder is None:
-        return otherwise
+        return None
     return FileIndex(folder / f"sources-{digest_bytes(str(_PACKAGES).encode())[7:23]}.index")
 
 

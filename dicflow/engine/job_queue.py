@@ -12,7 +12,7 @@ __all__ = ["JobQueue"]
 _AHEAD = 2000
 """So many jobs may wait for a producer while jobs after them begin; a chained stage may be so far behind the others."""
 _STAGE = "stage "
-"""Before the name of a stage that is waited for; no task's name has a space."""
+"""Before the name of a stage that is waited for; no task's name begins so."""
 
 
 class JobQueue:

@@ -55,10 +55,11 @@ def kernel_mark(name: str) -> Path | None:
     """
     chosen = os.environ.get(VARIABLE)
     folder = Path(chosen) if chosen else kernel_folder()
-    if folder is None or not os.access(folder if folder.exists() else folder.parent, os.W_OK):
+    if folder is None:
         return None
-    folder.mkdir(exist_ok=True)
-    return folder / f"{name}-{_machine()}.compiled"
+    there = next(place for place in (folder, *folder.parents) if place.exists())
+    usable = there.is_dir() and os.access(there, os.W_OK)
+    return folder / f"{name}-{_machine()}.compiled" if usable else None
 
 
 @cache
@@ -66,7 +67,8 @@ def _machine() -> str:
     """Short digest of all that kept kernels depend on."""
     from importlib.metadata import version
 
-    parts = (_source(), platform.node(), platform.machine(), platform.python_version(), version("numba"))
+    system = platform.node(), platform.machine(), platform.python_version(), version("numba")
+    parts = (_source(), _place(Path(__file__).parents[1]), *system)
     return hashlib.sha256("\n".join(parts).encode()).hexdigest()[:16]
 
 
@@ -116,6 +118,12 @@ def _is_private(folder: Path) -> bool:
 def _source() -> str:
     """Digest of the source of the kernels."""
     return _digest(Path(__file__).parents[1])
+
+
+def _place(package: Path) -> str:
+    """Where the package lies, and when its modules were written: numba takes no kernel of another place or time."""
+    stamps = ((path, path.stat()) for path in sorted((package / "core").rglob("*.py")))
+    return "\n".join([str(package), *(f"{path.name} {stamp.st_mtime_ns} {stamp.st_size}" for path, stamp in stamps)])
 
 
 def _digest(package: Path) -> str:

@@ -2,17 +2,16 @@
 
 from __future__ import annotations
 
-import itertools
 import time
 from collections.abc import Callable, Iterator, Mapping
 from concurrent.futures import FIRST_COMPLETED, Future, ThreadPoolExecutor, wait
-from contextlib import contextmanager, nullcontext, suppress
+from contextlib import contextmanager, suppress
 from dataclasses import replace
 from functools import partial
 from typing import Any
 
 from dicflow.engine.job_queue import JobQueue
-from dicflow.engine.processes import WorkerLost, WorkerProcesses, survive
+from dicflow.engine.processes import WorkerLost, survive
 from dicflow.engine.schedulers import Backend, BackendOptions
 from dicflow.engine.work import KILLED, Defect, Job, Outcome, Perform, perform
 from dicflow.engine.workers import prepare, with_room
@@ -29,11 +28,9 @@ def in_process(options: BackendOptions) -> Iterator[Backend]:
 
 @contextmanager
 def in_processes(options: BackendOptions) -> Iterator[Backend]:
-    """A backend that runs jobs in worker processes, which end with the context unless they are the caller's."""
-    own = options.processes is None
-    processes = WorkerProcesses(options.workers, options.setup) if options.processes is None else options.processes
-    with processes if own else nullcontext():
-        yield _AtOnce(options, processes.call)
+    """A backend that runs jobs in the worker processes of the run."""
+    assert options.processes is not None
+    yield _AtOnce(options, options.processes.call)
 
 
 def _here(function: Callable[..., Any], *arguments: Any) -> Any:
@@ -128,7 +125,7 @@ class _Flow:
         self._compile_next()
         while True:
             jobs = self._ready(at_once - self._busy())
-            threads = at_once // max(1, self._busy() + len(jobs))
+            threads = self._threads_each(self._busy() + len(jobs))
             for job in jobs:
                 self._submit(replace(job, threads=threads), deaths=max(1, retries))
             if self._busy():
@@ -145,6 +142,11 @@ class _Flow:
             jobs.append(entry[1])
         return jobs
 
+    def _threads_each(self, busy: int) -> int:
+        """Threads of each job; in this process, whose processor time is that of all, more than one if it is alone."""
+        at_once = self._options.workers
+        return at_once // max(1, busy) if self._options.processes is not None or busy == 1 else 1
+
     def _busy(self) -> int:
         return len(self._running) + (self._compiling is not None)
 
@@ -153,7 +155,8 @@ class _Flow:
         compilation = self._options.compilation
         while self._uncompiled and not compilation.is_wanted():
             self._release_first()
-        for stage, call in itertools.islice(self._uncompiled.items(), 1):
+        if self._uncompiled:
+            stage, call = next(iter(self._uncompiled.items()))
             compilation.began(stage)
             self._compiling = self._threads.submit(self._call, _compiled, call)
 

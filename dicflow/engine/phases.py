@@ -35,8 +35,8 @@ class Phases:
         self._start = Spent(time.perf_counter() - _age_s(), 0.0, 0.0)
 
     def end(self, phase: str) -> None:
-        """All since the end of the phase before belongs to this phase."""
-        self._readings[phase] = Spent(time.perf_counter(), time.process_time(), called_cpu_s())
+        """All since the end of the phase before belongs to this phase, which ends once."""
+        self._readings.setdefault(phase, Spent(time.perf_counter(), time.process_time(), called_cpu_s()))
 
     @property
     def spent(self) -> Mapping[str, Spent]:

@@ -240,7 +240,7 @@ class _Planner:
         self.unindexed: list[tuple[str, Action]] = []
         self.indexed = store.index.present(store.path) if by_index else None
         values = {name: parameters(spec.node) for name, spec in graph.stages.items()}
-        sources = Sources(kept_sources(store.files))
+        sources = Sources(kept_sources() or store.files)
         code = {name: sources.fingerprint(type(spec.node), spec.node.uses()) for name, spec in graph.stages.items()}
         sources.save()
         self.keys = {name: key_maker(spec.node, values[name]) for name, spec in graph.stages.items()}

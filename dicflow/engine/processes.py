@@ -11,6 +11,7 @@ import multiprocessing
 import os
 import pickle
 import signal
+import sys
 import threading
 import time
 from collections.abc import Callable, Iterable, Iterator
@@ -39,7 +40,7 @@ _NAME = "dicflow worker"
 _GUARD = "put what it does below a line  if __name__ == '__main__':"
 _SPAWN = multiprocessing.get_context("spawn")
 
-_called: list[float] = []
+_calls_s: list[float] = []
 """Processor time of each call in a worker process of this one [s]."""
 
 T = TypeVar("T")
@@ -47,7 +48,7 @@ T = TypeVar("T")
 
 def called_cpu_s() -> float:
     """Processor time of all calls so far in worker processes of this one [s]."""
-    return sum(_called)
+    return sum(_calls_s)
 
 
 class WorkerLost(Exception):
@@ -85,7 +86,8 @@ class WorkerProcesses:
         return self
 
     def __exit__(self, *error: object) -> None:
-        for name in self._variables:
+        loaded = {"NUMBA_NUM_THREADS"} if "numba" in sys.modules else set()  # it reads its limit again when it compiles
+        for name in self._variables - loaded:
             os.environ.pop(name, None)
         with self._lock:
             self._closed = True
@@ -122,7 +124,7 @@ class WorkerProcesses:
         except BaseException:
             self._idle.put(worker)
             raise
-        _called.append(cpu_s)
+        _calls_s.append(cpu_s)
         self._idle.put(worker)
         if not succeeded:
             raise value

@@ -10,7 +10,6 @@ from dicflow.engine.expectation import expected_cpu_s
 from dicflow.engine.journal import Event, Journal
 from dicflow.engine.node import Node
 from dicflow.engine.plan import CodePolicy, Plan
-from dicflow.engine.processes import WorkerProcesses
 from dicflow.engine.schedulers import Backend, Compilation
 from dicflow.engine.store import Store
 from dicflow.engine.work import Job, Outcome, stop_path
@@ -37,7 +36,6 @@ class Options:
         once; then it gets one more attempt, alone.
     on_event : called with every event, in the thread that called ``run``
     worker_setup : called once in every worker, a function of a module
-    processes : worker processes of the caller for the scheduler "processes", which outlive the run
     uncompiled : gives for stages that will run by name the functions of modules that compile what each of them needs,
         where that is not compiled yet
     linger : called when all is done, before workers and dashboard end
@@ -51,7 +49,6 @@ class Options:
     retries: int = 0
     on_event: Callable[[Event], None] | None = None
     worker_setup: Callable[[], None] | None = None
-    processes: WorkerProcesses | None = None
     uncompiled: Callable[[Mapping[str, Node]], Mapping[str, Callable[[], None]]] | None = None
     linger: Callable[[], None] | None = None
 
@@ -88,7 +85,7 @@ class Running:
         if outcome.warning and outcome.warning not in self.plan.warnings:
             self.plan.warnings.append(outcome.warning)
             self.report(Event("warning", text=outcome.warning))
-        if outcome.status == "failed" and not self.options.keep_going:
+        if outcome.status == "failed" and not outcome.damaged and not self.options.keep_going:
             self.stop()
         self.report(
             Event(

@@ -11,11 +11,13 @@ from pathlib import Path
 
 from dicflow.engine.drafts import draft_name
 
-__all__ = ["LARGEST", "LARGEST_TEXT", "NotRegularError", "file_size", "open_file", "read_file", "write_file"]
+__all__ = ["LARGEST", "LARGEST_TEXT", "NO_WAIT", "NotRegularError", "file_size", "open_file", "read_file", "write_file"]
 
 LARGEST, LARGEST_TEXT = 1 << 31, 1 << 29
-"""Arrays and texts of the store above this size [bytes] are damage; to read one could take all memory."""
+"""Arrays and texts of the store above this size [bytes] are damage, and photographs above it are refused: to read one
+could take all memory."""
 NO_WAIT = getattr(os, "O_NONBLOCK", 0)
+"""Flag with which opening a pipe does not wait."""
 
 
 class NotRegularError(OSError):

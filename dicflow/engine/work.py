@@ -56,7 +56,7 @@ class Outcome:
     status : hit (found when its turn came), computed, failed, or skipped
     stage_s : in the stage itself [s]; remake_s : making again inputs that were not kept; engine_s : hashing, reading
         and storing
-    cpu_s, stage_cpu_s : processor time of all of it, and of the stage itself [s]
+    cpu_s, stage_cpu_s : processor time of all of it, and of the stage with the reading of its inputs [s]
     peak_bytes : most memory that its process held while it ran
     damaged : failed because an input's object turned out damaged; another run repairs it
     warning : of a hit that other code has made
@@ -142,7 +142,8 @@ def perform(job: Job, *inputs: Outcome) -> Outcome:
     inputs : outcomes of the producers that were no hits in the plan
     Raises Defect where the stage raised an error that is not a DicflowError; a DicflowError is part of the outcome.
     """
-    start, cpu_start = time.perf_counter(), time.thread_time()
+    processor = _clock(job)
+    start, cpu_start = time.perf_counter(), processor()
     lacking = next((outcome for outcome in inputs if outcome.ref is None), None)
     if lacking is not None:
         return job.outcome("skipped", error=f"{lacking.name} {lacking.status}")
@@ -150,7 +151,7 @@ def perform(job: Job, *inputs: Outcome) -> Outcome:
         return job.outcome("skipped", error="the run was stopped")
     try:
         done = _performed(job, inputs, start)
-        return replace(done, cpu_s=time.thread_time() - cpu_start)
+        return replace(done, cpu_s=processor() - cpu_start)
     except DicflowError as error:
         return job.outcome("failed", error=_with_task(job, error), damaged=isinstance(error, DamagedError))
     except Exception as error:
@@ -231,7 +232,7 @@ def _run(job: Job, store: Store, recipe: Recipe) -> tuple[Product, tuple[float, 
     _reset_peak()
     start, read, remade = time.perf_counter(), clock.read_s, clock.remake_s
     given = arguments(store, recipe.inputs, recipe.files)
-    processor = time.process_time if job.threads > 1 else time.thread_time
+    processor = _clock(job)
     cpu_start = processor()
     with with_threads(job.threads):
         product = node.run(**given)
@@ -245,6 +246,11 @@ def _run(job: Job, store: Store, recipe: Recipe) -> tuple[Product, tuple[float, 
         if _has_changed(node, job.task.files[name], file):
             raise InputError(f"{job.task.files[name]}: changed during the run; run again once nothing is writing it")
     return normalised(product), (stage_s, remake_s), stage_cpu_s
+
+
+def _clock(job: Job) -> Callable[[], float]:
+    """Processor time of all that does a job: its thread, or the process that it has for itself [s]."""
+    return time.process_time if job.threads > 1 else time.thread_time
 
 
 def _has_changed(node: Node, file: Path | FilePart, known: FileStamp) -> bool:

@@ -25,7 +25,7 @@ def run_refs(store: Store, run: RunInfo) -> dict[str, Ref]:
     needed: records hold the digests of files, not their paths. Otherwise its reference is marked as lost.
     """
     index = run.index
-    sources = Sources(kept_sources(store.files))
+    sources = Sources(kept_sources() or store.files)
     owners = {entry["digest"]: (task, entry["key"]) for task, entry in index.items()}
 
     @cache

@@ -5,9 +5,8 @@ from __future__ import annotations
 import time
 from collections.abc import Iterator
 
-from dicflow.engine.files import FileIndex
 from dicflow.engine.fingerprint import Sources, kept_sources
-from dicflow.engine.kernel_cache import account_folder, kernel_mark
+from dicflow.engine.kernel_cache import kernel_mark
 from dicflow.engine.processes import WorkerProcesses
 from dicflow.errors import ConfigurationError
 from dicflow.pipeline.registry import node_classes
@@ -22,16 +21,15 @@ def warm(workers: int = 1) -> Iterator[str]:
     workers : processes that compile at once
     Raises ConfigurationError where neither kernels nor what is known of the source can be kept.
     """
-    folder = account_folder()
-    marks = {name: kernel_mark(name) for name in KERNELS}
-    if folder is None or None in marks.values():
+    kept, marks = kept_sources(), {name: kernel_mark(name) for name in KERNELS}
+    if kept is None or None in marks.values():
         raise ConfigurationError("no folder for compiled kernels can be written; name one with NUMBA_CACHE_DIR")
     missing = [name for name, mark in marks.items() if mark is not None and not mark.exists()]
     if missing:
         with WorkerProcesses(min(workers, len(missing))) as processes:
             yield from processes.map(_compiled, missing)
     start = time.perf_counter()
-    sources = Sources(kept_sources(FileIndex(folder / "sources.index")))
+    sources = Sources(kept)
     for node in node_classes()[0].values():
         sources.fingerprint(node)
     sources.save()

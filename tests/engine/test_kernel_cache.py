@@ -108,7 +108,8 @@ from dicflow.engine.kernel_cache import keep_kernels
 keep_kernels()
 from dicflow.core.surfaces import filters
 from numba.core.dispatcher import Dispatcher
-kernels = [one for one in vars(filters).values() if isinstance(one, Dispatcher) and one.stats.cache_path]
+kernels = [one for one in vars(filters).values() if isinstance(one, Dispatcher)]
+kernels = [one for one in kernels if not one.targetoptions.get("no_cfunc_wrapper")]
 print({os.path.dirname(kernel.stats.cache_path) for kernel in kernels})
 """
 
