@@ -26,7 +26,10 @@ def camera_facts(result: Result, source: FieldSource, step: str) -> list[CameraF
             frame = _frame(result, source, step)
         except DicflowError:
             continue
-        poses = (("left camera", rig.left, np.eye(3), np.zeros(3)), ("right camera", rig.right, rig.rotation, rig.translation))
+        poses = (
+            ("left camera", rig.left, np.eye(3), np.zeros(3)),
+            ("right camera", rig.right, rig.rotation, rig.translation),
+        )
         return [_facts(name, camera, turn, shift, frame) for name, camera, turn, shift in poses]
     return []
 

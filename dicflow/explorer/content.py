@@ -45,7 +45,9 @@ def step_blobs(source: FieldSource, step: str, scales: Scales, chosen: Selection
     """Blobs of a step by key: each quantity's values, σ and share, the status, and the places."""
     names = [*chosen.quantities]
     facts = json.dumps([scales.values, scales.sigmas, scales.shares, scales.places, names, chosen.stride])
-    made = keep(["packed fields", facts, *source.sources(step)], lambda: _joined(_blobs(source.read(step), scales, chosen)))
+    made = keep(
+        ["packed fields", facts, *source.sources(step)], lambda: _joined(_blobs(source.read(step), scales, chosen))
+    )
     return _parted(made)
 
 
@@ -55,14 +57,18 @@ def first_blob(source: FieldSource, scales: Scales, stride: int) -> bytes | None
     return None if first is None else _packed_places(first[::stride, ::stride], scales.places["left"])
 
 
-def select(blobs: Mapping[str, bytes], importance: Sequence[str], steps: Sequence[str], budget_bytes: float) -> Selection:
+def select(
+    blobs: Mapping[str, bytes], importance: Sequence[str], steps: Sequence[str], budget_bytes: float
+) -> Selection:
     """What fits into a budget: fewer quantities first, then every second point, then fewer steps.
 
     blobs : of a step that stands for all, with every quantity
     importance : quantities, the most important first
     """
     sizes = {key: len(blob) * _MARGIN for key, blob in blobs.items()}
-    each = {name: sum(sizes.get(key_of(part, name), 0.0) for part in ("value", "sigma", "share")) for name in importance}
+    each = {
+        name: sum(sizes.get(key_of(part, name), 0.0) for part in ("value", "sigma", "share")) for name in importance
+    }
     places = sum(sizes.values()) - sum(each.values())
     for stride in (1, 2):
         room = budget_bytes / max(1, len(steps)) * stride**2
@@ -98,10 +104,14 @@ def _blobs(fields: StepFields, scales: Scales, chosen: Selection) -> dict[str, b
         if name in scales.places:
             found[key_of("place", name)] = _packed_places(values[thin], scales.places[name])
     for name in chosen.quantities:
-        parts = (("value", fields.values, scales.values), ("sigma", fields.sigmas, scales.sigmas), ("share", fields.shares, scales.shares))
+        parts = (
+            ("value", fields.values, scales.values),
+            ("sigma", fields.sigmas, scales.sigmas),
+            ("share", fields.shares, scales.shares),
+        )
         for part, arrays, table in parts:
             if name in arrays and name in table:
-                found[key_of(part, name)] = packed(table[name].codes(arrays[name][thin]))  # type: ignore[index]
+                found[key_of(part, name)] = packed(table[name].codes(arrays[name][thin]))
     return found
 
 

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from functools import cached_property
-from typing import Any, NamedTuple, Protocol
+from contextlib import suppress
+from functools import cached_property, lru_cache
+from typing import Any, Literal, NamedTuple, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,11 +19,14 @@ from dicflow.kinds.total import Total
 from dicflow.pipeline.places import Places, to_left_photograph
 from dicflow.pipeline.result import Result
 
-__all__ = ["FieldSource", "QuantityFacts", "ShapeFields", "StepFields", "TotalFields", "field_source"]
+__all__ = ["FieldSource", "Form", "QuantityFacts", "ShapeFields", "StepFields", "TotalFields", "field_source"]
 
 Array = NDArray[Any]
+Form = Literal["deformation", "shape"]
 _ROUTES = ("status", "way", "way_right")
 _DEVIATIONS = ("sigma_", "calibration_")
+_KEPT_STEPS = 24
+"""Steps whose arrays stay in memory, since they are read twice."""
 _MOST_POINTS = 60_000
 """Of a shape; a cloud has a point per pixel, and more than these are not seen."""
 
@@ -66,6 +70,7 @@ class FieldSource(Protocol):
     """Fields of one stage of a result.
 
     stage : its name
+    form : displacement and strain, or places alone
     steps : names of all its steps
     photographs : the stage of the photographs in which points are placed; None if unknown
     unit : of lengths
@@ -73,6 +78,7 @@ class FieldSource(Protocol):
     """
 
     stage: str
+    form: Form
     steps: Sequence[str]
     photographs: str | None
     unit: str
@@ -110,13 +116,16 @@ def field_source(result: Result, variant: int = 0) -> FieldSource | None:
 class TotalFields:
     """Fields of displacement and strain."""
 
+    form: Form = "deformation"
+
     def __init__(self, result: Result, stage: str, variant: int = 0) -> None:
         self._result, self._variant, self.stage = result, variant, stage
-        self.steps = result.steps(stage, variant)
+        self.steps: Sequence[str] = result.steps(stage, variant)
         self._places = Places(result, variant)
         self.photographs: str | None = self._places.photographs
         first = self._total(next(step for step in self.steps if self.has(step)))
         self._example, self.unit, self.follows = first, first.unit, first.follows_material
+        self._kept = lru_cache(_KEPT_STEPS)(self._read)
 
     def quantities(self) -> Sequence[QuantityFacts]:
         """Those of the table in its order, then all other fields."""
@@ -133,8 +142,8 @@ class TotalFields:
     def sources(self, step: str) -> list[str]:
         """Digests of the total, of the right camera's points, and of the rig that carries places into photographs."""
         found = [self._result.digest(self.stage, step, self._variant)]
-        if self._points is not None:
-            found.append(self._result.digest(self._points, step, self._variant))
+        if self._right is not None:
+            found.append(self._result.digest(self._right, step, self._variant))
         if self._places.photographs != self._places.images:
             rig = self._result.source(self._places.images, "rig", self._variant)
             found.append(self._result.digest(rig, None, self._variant))
@@ -142,14 +151,18 @@ class TotalFields:
 
     def read(self, step: str) -> StepFields:
         """The fields of a step."""
+        return self._kept(step)
+
+    def _read(self, step: str) -> StepFields:
         total = self._total(step)
         names = [quantity.name for quantity in self.quantities() if quantity.name in total]
         sigmas, shares = ({name: total[p + name] for name in names if p + name in total} for p in _DEVIATIONS)
         places = {"left": self._places.at_step(total)}
-        if self._points is not None:
-            places["right"] = self._result.product(self._points, step, self._variant)["xy_right"]
         if total.in_space:
             places["space"] = total["xyz"]
+        if self._right is not None:
+            right = self._result.product(self._right, step, self._variant)["xy"]
+            places["right"] = np.where(np.isfinite(places["space"][..., :1]), right, np.nan)
         return StepFields({name: total[name] for name in names}, sigmas, shares, total["status"], places)
 
     def at_first(self) -> Array | None:
@@ -157,13 +170,13 @@ class TotalFields:
         return self._places.at_first_step() if self.follows and self._places.grid is not None else None
 
     @cached_property
-    def _points(self) -> str | None:
-        """The stage with places in the right photograph."""
+    def _right(self) -> str | None:
+        """The stage with places in the right photograph; points in space are made again when they are read."""
         try:
-            source = self._result.source(self.stage, "points", self._variant)
+            points = self._result.source(self.stage, "points", self._variant)
+            return self._result.source(points, "stereo", self._variant)
         except KeyError:
             return None
-        return source if self._result.kind(source) == "points" else None
 
     def _total(self, step: str) -> Total:
         return Total.read(self._result.product(self.stage, step, self._variant))
@@ -180,16 +193,15 @@ class TotalFields:
 class ShapeFields:
     """Places in space of a test without deformation: the depth and the coordinates of its points."""
 
+    form: Form = "shape"
     follows, unit = True, "mm"
 
     def __init__(self, result: Result, stage: str, variant: int = 0) -> None:
         self._result, self._variant, self.stage = result, variant, stage
-        self.steps = result.steps(stage, variant)
+        self.steps: Sequence[str] = result.steps(stage, variant)
         self.photographs: str | None = next(iter(result.stages_of("images")), None)
-        try:
+        with suppress(IndexError, KeyError):  # without a region
             self.photographs = Places(result, variant).photographs
-        except (IndexError, KeyError):  # no region
-            pass
 
     def quantities(self) -> Sequence[QuantityFacts]:
         """Depth first, then X and Y, in the left camera's frame."""

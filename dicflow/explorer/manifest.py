@@ -1,13 +1,16 @@
 """What the page reads first: plain JSON that says what is shown and which blob holds which numbers.
 
-All names of blobs are those of :func:`dicflow.explorer.packing.blob_name`. Numbers are codes; a scale ``[low, quantum]``
-gives the value low + (code − 1) quantum, a scale of standard deviations ``[low, ratio]`` the value low · ratio^(code − 1).
-Code 0 is an unknown value.
+Names of blobs are those of :func:`dicflow.explorer.packing.blob_name`. Numbers are codes: a scale ``[low, quantum]`` gives
+the value low + (code − 1) quantum, that of a standard deviation, ``[low, ratio]``, low · ratio^(code − 1). Code 0 is an
+unknown value.
 """
 
 from __future__ import annotations
 
 from typing import TypedDict
+
+from dicflow.explorer.curves import Curve
+from dicflow.explorer.fields import Form
 
 __all__ = ["CameraFacts", "Crop", "FirstFacts", "Manifest", "QuantityEntry", "Reason", "StepEntry"]
 
@@ -59,10 +62,10 @@ class StepEntry(TypedDict):
 
 
 class FirstFacts(TypedDict):
-    """The first step, over which fields may be drawn too; ``place`` is the blob of the points there, None if unknown."""
+    """The first step, over which fields may be drawn too; ``place`` is the blob of the points there."""
 
     name: str
-    place: str | None
+    place: str
     shape: tuple[int, int]
     photos: dict[str, str]
 
@@ -110,7 +113,7 @@ class Manifest(TypedDict):
 
     title: str
     stage: str
-    form: str
+    form: Form
     unit: str
     follows: bool
     main: tuple[str, int]
@@ -122,6 +125,6 @@ class Manifest(TypedDict):
     crops: dict[str, Crop]
     cameras: list[CameraFacts]
     palettes: dict[str, str]
-    curves: list[dict[str, object]]
+    curves: list[Curve]
     load: tuple[str, list[float | None]] | None
     left_out: list[str]

@@ -19,7 +19,6 @@ Array = NDArray[Any]
 
 LINEAR_CODES, LOG_CODES = 65535, 255
 """Codes of known values run from 1 to these; 0 is an unknown value."""
-_LEVEL = 6
 
 
 class LinearScale(NamedTuple):
@@ -92,8 +91,10 @@ def packed(codes: Array) -> bytes:
     steps[:, 1:, :1] -= planes[:, :-1, :1]
     flat = np.ascontiguousarray(steps).reshape(-1)
     wide = flat.dtype == np.uint16
-    content = (flat & 255).astype(np.uint8).tobytes() + (flat >> 8).astype(np.uint8).tobytes() if wide else flat.tobytes()
-    deflate = zlib.compressobj(_LEVEL, zlib.DEFLATED, -zlib.MAX_WBITS)
+    content = (
+        (flat & 255).astype(np.uint8).tobytes() + (flat >> 8).astype(np.uint8).tobytes() if wide else flat.tobytes()
+    )
+    deflate = zlib.compressobj(3, zlib.DEFLATED, -zlib.MAX_WBITS, strategy=zlib.Z_RLE)  # 5 times faster, 3 % longer
     return deflate.compress(content) + deflate.flush()
 
 

@@ -24,9 +24,20 @@ for (const place of document.querySelectorAll(".explorer[data-source]")) {
   const data = (part) => JSON.parse(document.getElementById(`${place.dataset.source}-${part}`).textContent);
   mountExplorer(place, inlineSource(data("manifest"), data("blobs")));
 }"""
-_NEEDS_SCRIPT = (
-    "<noscript><p>The fields need JavaScript; <code>dicflow export --format png</code> writes them as pictures.</p></noscript>"
-)
+_NEEDS_SCRIPT = """<noscript>
+<p>The fields need JavaScript; <code>dicflow export --format png</code> writes them as pictures.</p>
+</noscript>"""
+_PAGE = """<!DOCTYPE html>
+<html lang="en">
+<head>
+<meta charset="utf-8">
+<meta name="color-scheme" content="light dark">
+<meta http-equiv="Content-Security-Policy"
+ content="default-src 'none'; img-src data:; style-src 'unsafe-inline'; script-src 'unsafe-inline'">
+<title>fields</title>
+</head>
+<body>{body}</body>
+</html>"""
 
 
 def explorer_html(result: Result, title: str, keep: Keep, budget_bytes: float = 7e6) -> str | None:
@@ -63,13 +74,6 @@ class Explorer:
             '<iframe title="fields" style="width:100%;height:860px;border:0" sandbox="allow-scripts allow-downloads" '
             f'srcdoc="{escape(self.html)}"></iframe>'
         )
-
-
-_PAGE = (
-    '<!DOCTYPE html><html lang="en"><head><meta charset="utf-8"><meta name="color-scheme" content="light dark">'
-    "<meta http-equiv=\"Content-Security-Policy\" content=\"default-src 'none'; img-src data:; style-src 'unsafe-inline'; "
-    "script-src 'unsafe-inline'\"><title>fields</title></head><body>{body}</body></html>"
-)
 
 
 @cache

@@ -29,7 +29,13 @@ class Photographs(NamedTuple):
 
     @classmethod
     def read(
-        cls, result: Result, stage: str, steps: Sequence[str], boxes: Mapping[str, Sequence[float]], budget_bytes: float, keep: Keep
+        cls,
+        result: Result,
+        stage: str,
+        steps: Sequence[str],
+        boxes: Mapping[str, Sequence[float]],
+        budget_bytes: float,
+        keep: Keep,
     ) -> Photographs:
         """The largest photographs of all steps that fit into a budget; the last step stands for all.
 
@@ -50,7 +56,10 @@ class Photographs(NamedTuple):
             side: {step: made for step in kept if (made := _picture(result, stage, step, side, crop, keep))}
             for side, crop in crops.items()
         }
-        return cls({side: crop for side, crop in crops.items() if found[side]}, {side: one for side, one in found.items() if one})
+        return cls(
+            {side: crop for side, crop in crops.items() if found[side]},
+            {side: one for side, one in found.items() if one},
+        )
 
 
 def _size(shape: Sequence[int]) -> tuple[int, int]:

@@ -56,7 +56,9 @@ def survey(fields: StepFields, inside: Array | None) -> StepSurvey:
     """
     known = {name: values[np.isfinite(values)] for name, values in fields.values.items()}
     known = {name: values for name, values in known.items() if values.size}
-    codes, numbers = np.unique(fields.status[fields.status != Status.OUTSIDE if inside is None else inside], return_counts=True)
+    codes, numbers = np.unique(
+        fields.status[fields.status != Status.OUTSIDE if inside is None else inside], return_counts=True
+    )
     return StepSurvey(
         shape=(fields.status.shape[0], fields.status.shape[1]),
         values={name: (float(values.min()), float(values.max())) for name, values in known.items()},
@@ -80,7 +82,7 @@ def scales_of(steps: Sequence[StepSurvey], first: Array | None) -> Scales:
     """Scales over all steps. first : places (row, col, 2) at the first step"""
     values = {name: LinearScale.over(*extent) for name, extent in _joined(one["values"] for one in steps).items()}
     sigmas, shares = (
-        {name: LogScale.over(*extent) for name, extent in _joined(one[part] for one in steps).items()}  # type: ignore[literal-required]
+        {name: LogScale.over(*extent) for name, extent in _joined(one[part] for one in steps).items()}
         for part in ("sigmas", "shares")
     )
     places: dict[str, list[Extent]] = {}
@@ -88,7 +90,9 @@ def scales_of(steps: Sequence[StepSurvey], first: Array | None) -> Scales:
         for name, extents in one.items():
             pairs = zip(places.get(name, extents), extents, strict=True)
             places[name] = [(min(a[0], b[0]), max(a[1], b[1])) for a, b in pairs]
-    return Scales(values, sigmas, shares, {name: [LinearScale.over(*one) for one in found] for name, found in places.items()})
+    return Scales(
+        values, sigmas, shares, {name: [LinearScale.over(*one) for one in found] for name, found in places.items()}
+    )
 
 
 def _joined(steps: Iterable[Mapping[str, Extent]]) -> dict[str, Extent]:
