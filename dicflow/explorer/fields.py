@@ -75,6 +75,7 @@ class FieldSource(Protocol):
     photographs : the stage of the photographs in which points are placed; None if unknown
     unit : of lengths
     follows : whether a point is the same material at every step
+    directions : whether x and y of strains are the material's or global; "" if x is not that of the photograph
     """
 
     stage: str
@@ -83,6 +84,7 @@ class FieldSource(Protocol):
     photographs: str | None
     unit: str
     follows: bool
+    directions: Literal["material", "global", ""]
 
     def quantities(self) -> Sequence[QuantityFacts]:
         """All quantities."""
@@ -125,6 +127,8 @@ class TotalFields:
         self.photographs: str | None = self._places.photographs
         first = self._total(next(step for step in self.steps if self.has(step)))
         self._example, self.unit, self.follows = first, first.unit, first.follows_material
+        turned = bool(result.stages_of("frame")) or not self.follows
+        self.directions: Literal["material", "global", ""] = "" if turned else first.directions
         self._kept = lru_cache(_KEPT_STEPS)(self._read)
 
     def quantities(self) -> Sequence[QuantityFacts]:
@@ -195,6 +199,7 @@ class ShapeFields:
 
     form: Form = "shape"
     follows, unit = True, "mm"
+    directions: Literal["material", "global", ""] = ""
 
     def __init__(self, result: Result, stage: str, variant: int = 0) -> None:
         self._result, self._variant, self.stage = result, variant, stage

@@ -1,8 +1,8 @@
 """What the page reads first: plain JSON that says what is shown and which blob holds which numbers.
 
-Names of blobs are those of :func:`dicflow.explorer.packing.blob_name`. Numbers are codes: a scale ``[low, quantum]`` gives
-the value low + (code − 1) quantum, that of a standard deviation, ``[low, ratio]``, low · ratio^(code − 1). Code 0 is an
-unknown value.
+Names of blobs are those of :func:`dicflow.explorer.packing.blob_name`. Numbers are codes: a scale ``[low, quantum]``
+gives the value low + (code − 1) quantum, that of a standard deviation, ``[low, ratio]``, low · ratio^(code − 1). Code 0
+is an unknown value.
 """
 
 from __future__ import annotations
@@ -101,6 +101,7 @@ class Manifest(TypedDict):
     form : "deformation", or "shape" for places without displacement
     unit : of lengths
     follows : whether a point is the same material at every step
+    directions : whether x and y of strains are the "material"'s or "global"; "" if x is not the photograph's
     main : name of the quantity, and place of the step in ``steps``, that are shown first
     places : place → scale of each component
     crops : "left", "right" → part of the photographs
@@ -116,6 +117,7 @@ class Manifest(TypedDict):
     form: Form
     unit: str
     follows: bool
+    directions: str
     main: tuple[str, int]
     steps: list[StepEntry]
     first: FirstFacts | None

@@ -98,6 +98,7 @@ def _manifest(
         form=source.form,
         unit=source.unit,
         follows=source.follows,
+        directions=source.directions,
         main=(quantity, shown.index(step) if step in shown else len(shown) - 1),
         steps=steps,
         first=first_entry(reading, chosen, photographs, name),

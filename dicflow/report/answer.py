@@ -55,7 +55,7 @@ def verdict(manifest: Manifest, warnings: int, failures: int) -> Verdict:
     least = min((step["valid"] or 0.0 for step in measured), default=0.0)
     count = len(manifest["steps"])
     steps = f"{len(measured)} of {count} steps" if count > 1 else "the surface"
-    valid = f"{percent(least)} of the points have a value" + (" or more" if len(measured) > 1 else "")
+    valid = ("at least " if len(measured) > 1 else "") + f"{percent(least)} of the points have a value"
     remark = {0: "", 1: " One warning is below."}.get(warnings, f" {warnings} warnings are below.")
     text = f"{_peak(manifest)}; {steps} measured, {valid}.{remark}"
     if failures or len(measured) < count:

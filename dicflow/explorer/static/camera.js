@@ -47,11 +47,19 @@ export class Turntable {
     Object.assign(this, { centre: [0, 0, 0], radius: 1, yaw: 0.5, pitch: -0.35, distance: 1, dx: 0, dy: 0 });
   }
 
-  /** Shows a box (x0, y0, z0, x1, y1, z1) whole. */
-  fit(low, high) {
-    this.centre = low.map((one, k) => (one + high[k]) / 2);
-    this.radius = Math.hypot(...low.map((one, k) => high[k] - one)) / 2 || 1;
-    Object.assign(this, { yaw: 0.5, pitch: -0.35, distance: FOCAL * this.radius * 1.02, dx: 0, dy: 0 });
+  /** Shows a box from low to high (x, y, z), and further places, whole in a picture. */
+  fit(low, high, further, width, height) {
+    const corners = Array.from({ length: 8 }, (_, k) => low.map((one, part) => ((k >> part) & 1 ? high[part] : one)));
+    const shown = [...corners, ...further];
+    const ends = low.map((_, part) => shown.map((one) => one[part])).map((values) => [Math.min(...values), Math.max(...values)]);
+    this.centre = ends.map(([least, most]) => (least + most) / 2);
+    this.radius = Math.hypot(...ends.map(([least, most]) => most - least)) / 2 || 1;
+    Object.assign(this, { yaw: further.length ? 0.9 : 0.5, pitch: -0.35, distance: FOCAL * this.radius, dx: 0, dy: 0 });
+    for (let round = 0; round < 4; round++) {
+      const matrix = this.matrix(width, height);
+      const reach = shown.map((one) => projected(matrix, ...one, 2, 2)).map((at) => (at ? Math.max(Math.abs(at[0] - 1), Math.abs(at[1] - 1)) : 2));
+      this.distance *= Math.max(...reach) / 0.86;
+    }
   }
 
   turn(yaw, pitch) {

@@ -1,7 +1,22 @@
 // What stands around the picture: quantity, cameras, tools, the bar of colours, and the steps.
 
+import { directionKeys } from "./directions.js";
 import { axisText, brief, typed } from "./numbers.js";
-import { choice, html } from "./page.js";
+import { choice, html, icon } from "./page.js";
+
+const TOGGLES = [
+  { text: "Undeformed", title: "Draw the field over the first photograph", cameras: ["left"], exists: ({ first }) => Boolean(first),
+    pressed: ({ over }) => over === "first", change: ({ over }) => ({ over: over === "first" ? "step" : "first" }) },
+  { text: "Line", title: "Draw a line with the pointer, for a profile", cameras: ["left", "right"], exists: () => true,
+    pressed: ({ tool }) => tool === "line", change: ({ tool }) => ({ tool: tool === "line" ? "point" : "line" }) },
+  { text: "Gaps", title: "Show why points have no value", cameras: ["left"], exists: () => true,
+    pressed: ({ reasons }) => reasons, change: ({ reasons }) => ({ reasons: !reasons }) },
+  { text: "Directions", title: "Show the directions of the larger principal strain", cameras: ["left"],
+    exists: ({ directions, quantities }) => Boolean(directions) && directionKeys(quantities).length > 0,
+    pressed: ({ directions }) => directions, change: ({ directions }) => ({ directions: !directions }) },
+  { text: "Cameras", title: "Show both cameras", cameras: ["space"], exists: ({ cameras }) => cameras.length > 0,
+    pressed: ({ rig }) => rig, change: ({ rig }) => ({ rig: !rig }) },
+];
 
 /** The line above the picture. */
 export class Toolbar {
@@ -11,27 +26,26 @@ export class Toolbar {
       ...manifest.quantities.map(({ symbol, title }, k) => new Option(`${symbol} · ${shortTitle(title, symbol)}`, k)));
     const cameras = host.cameras;
     this.camera = choice("where", cameras, host.scene.camera, (camera) => host.change({ camera }));
-    this.over = choice("shown over", { step: "This step", first: "First step" }, "step", (over) => host.change({ over }));
-    this.over.element.hidden = !(manifest.first && manifest.first.place);
-    this.tool = choice("pointer", { point: "Point", line: "Line" }, "point", (tool) => host.change({ tool }));
-    this.reasons = html("button", { type: "button", class: "x-toggle", "aria-pressed": "false", onclick: () => host.change({ reasons: !host.scene.reasons }) }, "Gaps");
-    this.whole = html("button", { type: "button", class: "x-icon", title: "Show the whole field (0)", onclick: () => host.stage.reset() }, "⤢");
-    this.save = html("button", { type: "button", class: "x-icon", title: "Save this picture", "aria-label": "Save this picture", onclick: () => host.savePicture() }, "⤓");
-    this.whole.setAttribute("aria-label", "Show the whole field");
+    this.toggles = TOGGLES.filter((one) => one.exists(manifest)).map((one) => ({
+      ...one,
+      button: html("button", { type: "button", class: "x-toggle", title: one.title, onclick: () => host.change(one.change(host.scene)) }, one.text),
+    }));
+    const signed = (name, title, act) => html("button", { type: "button", class: "x-icon", title, "aria-label": title, onclick: act }, icon(name));
     this.element = html("div", { class: "x-toolbar" }, this.quantity,
-      html("div", { class: "x-tools" }, ...(Object.keys(cameras).length > 1 ? [this.camera.element] : []), this.over.element, this.tool.element, this.reasons, this.whole, this.save));
-    this.canOver = !this.over.element.hidden;
+      html("div", { class: "x-tools" },
+        ...(Object.keys(cameras).length > 1 ? [this.camera.element] : []), ...this.toggles.map((one) => one.button),
+        signed("whole", "Show the whole field (0)", () => host.stage.reset()),
+        signed("save", "Save this picture", () => host.savePicture()),
+        signed("screen", "Full screen", () => host.fullScreen())));
   }
 
   show(scene) {
     this.quantity.value = scene.quantity;
     this.camera.show(scene.camera);
-    this.over.show(scene.over);
-    this.over.element.hidden = !this.canOver || scene.camera !== "left";
-    this.tool.show(scene.tool);
-    this.tool.element.hidden = scene.camera === "space";
-    this.reasons.setAttribute("aria-pressed", String(scene.reasons));
-    this.reasons.hidden = scene.camera === "space";
+    for (const { button, cameras, pressed } of this.toggles) {
+      button.setAttribute("aria-pressed", String(pressed(scene)));
+      button.hidden = !cameras.includes(scene.camera);
+    }
   }
 }
 
@@ -82,7 +96,7 @@ export class Legend {
     for (let k = 0; k < 256; k++) picture.data.set([palette[3 * k], palette[3 * k + 1], palette[3 * k + 2], 255], 4 * k);
     this.bar.getContext("2d").putImageData(picture, 0, 0);
     this.ends.forEach((input, end) => { if (document.activeElement !== input || !input.classList.contains("x-wrong")) input.value = brief(range[end]); input.classList.remove("x-wrong"); });
-    this.numbers.replaceChildren(...roundTicks(...range, 4).filter(({ value }) => inner(value, range)).map(({ value, text }) => {
+    this.numbers.replaceChildren(...roundTicks(...range, 6).filter(({ value }) => inner(value, range)).map(({ value, text }) => {
       const mark = html("span", {}, text);
       mark.style.left = `${(100 * (value - range[0])) / (range[1] - range[0])}%`;
       return mark;
@@ -101,7 +115,7 @@ export class Legend {
 
 function inner(value, [low, high]) {
   const share = (value - low) / (high - low);
-  return share > 0.06 && share < 0.94;
+  return share > 0.03 && share < 0.97;
 }
 
 /** The steps: play, a slider, and the name of the one that is shown. */
@@ -123,7 +137,7 @@ export class Transport {
     this.slider.setAttribute("aria-valuetext", step.name);
     const load = manifest.load && manifest.load[1][scene.step];
     this.name.textContent = [step.name, ...(load === null || load === undefined ? [] : [`${brief(load)} ${manifest.load[0]}`])].join(" · ");
-    this.play.textContent = playing ? "❚❚" : "▶";
+    this.play.replaceChildren(icon(playing ? "pause" : "play"));
     this.play.setAttribute("aria-label", playing ? "Pause" : "Play");
     this.play.title = playing ? "Pause (space)" : "Play (space)";
   }

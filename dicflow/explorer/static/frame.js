@@ -1,5 +1,6 @@
 // What is shown at one step: the numbers of its points, where they lie, and which cells are whole.
 
+import { anglesOf } from "./directions.js";
 import { lostCells, spacing, wholeCells, withEstimates } from "./grid.js";
 import { Buckets, trianglesAt } from "./pick.js";
 import { deviationOf, valueOf } from "./source.js";
@@ -13,7 +14,7 @@ export class Frame {
     const quantity = manifest.quantities[scene.quantity];
     if (!step.blobs.status) return null;
     const over = scene.over === "first" && scene.camera === "left";
-    const [status, codes, sigma, share, places, first, space] = await Promise.all([
+    const [status, codes, sigma, share, places, first, space, here, angles] = await Promise.all([
       fields.codes(step, "status"),
       fields.codes(step, `value/${quantity.name}`),
       fields.codes(step, `sigma/${quantity.name}`),
@@ -21,8 +22,10 @@ export class Frame {
       over ? fields.firstPlaces() : fields.places(step, scene.camera),
       fields.firstPlaces(),
       fields.places(step, "space"),
+      fields.places(step, "left"),
+      scene.directions ? anglesOf(fields, step) : null,
     ]);
-    return new Frame({ step, quantity, scene: { ...scene }, status, codes, sigma, share, places, first, space });
+    return new Frame({ step, quantity, scene: { ...scene }, status, codes, sigma, share, places, first, space, here, angles });
   }
 
   constructor(facts) {

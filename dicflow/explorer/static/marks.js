@@ -41,10 +41,10 @@ function lengthPerPixel(frame) {
 }
 
 /** The axes X, Y and Z as they lie in a turned view. */
-export function triad({ yaw, pitch }, [, height]) {
+export function triad({ yaw, pitch }, [width, height]) {
   const [cy, sy, cp, sp] = [Math.cos(yaw), Math.sin(yaw), Math.cos(pitch), Math.sin(pitch)];
   const ends = { X: [cy, -sp * sy], Y: [0, cp], Z: [sy, sp * cy] };
-  const [x, y] = [52, height - 52];
+  const [x, y] = [width - 56, height - 56];
   return Object.entries(ends).flatMap(([name, [dx, dy]]) => [
     svg("line", { x1: x, y1: y, x2: x + 30 * dx, y2: y + 30 * dy, class: "x-triad" }),
     svg("text", { x: x + 41 * dx, y: y + 41 * dy + 4, "text-anchor": "middle", class: "x-bar-text" }, name),

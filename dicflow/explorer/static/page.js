@@ -20,12 +20,17 @@ export function svg(tag, facts = {}, ...children) {
   return made;
 }
 
-let labels = 0;
+const ICONS = {
+  whole: "M2 6V2h4M10 2h4v4M14 10v4h-4M6 14H2v-4",
+  save: "M8 2v8M4.5 7L8 10.5 11.5 7M2.5 13.5h11",
+  screen: "M9.5 2H14v4.5M14 2L9.5 6.5M6.5 14H2V9.5M2 14l4.5-4.5",
+  play: "M4.5 2.5v11l9-5.5z",
+  pause: "M5 2.5v11M11 2.5v11",
+};
 
-/** A name for an element that another one refers to. */
-export function freshId(what) {
-  labels += 1;
-  return `explorer-${what}-${labels}`;
+/** A sign of a button. */
+export function icon(name) {
+  return svg("svg", { viewBox: "0 0 16 16", class: `x-sign x-sign-${name}`, "aria-hidden": "true" }, svg("path", { d: ICONS[name] }));
 }
 
 /** A group of buttons of which one is pressed. choices : { value: label }; change : called with the value */

@@ -1,6 +1,7 @@
 // The large picture: photograph, field, marks above them, and what pointer and fingers do there.
 
 import { Turntable, Window2D, projected, projectedAll } from "./camera.js";
+import { directionMarks } from "./directions.js";
 import { painterFor } from "./mesh.js";
 import { html, svg } from "./page.js";
 import { Buckets } from "./pick.js";
@@ -55,11 +56,11 @@ export class Stage {
 
   _fit() {
     const { frame, scene } = this.host;
-    const key = `${scene.camera} ${this.size}`;
+    const key = `${scene.camera} ${this.size} ${scene.rig}`;
     if (this.fitted === key || !frame) return;
     const crop = this.host.manifest.crops[scene.camera];
     const box = frame.box;
-    if (!this.isFlat && box) this.turntable.fit(box.low, box.high);
+    if (!this.isFlat && box) this.turntable.fit(box.low, box.high, scene.rig ? this.host.manifest.cameras.map((one) => one.centre) : [], ...this.size);
     else if (crop) this.window.fit([...crop.origin, crop.origin[0] + crop.size[0], crop.origin[1] + crop.size[1]], ...this.size);
     else if (box) this.window.fit([box.low[0], box.low[1], box.high[0], box.high[1]], ...this.size);
     this.fitted = key;
@@ -134,8 +135,9 @@ export class Stage {
     const parts = [];
     const { frame, scene } = this.host;
     if (frame) {
-      if (!this.isFlat) parts.push(...frustums(this.host.manifest.cameras, frame.box, this.matrix, this.size), ...triad(this.turntable, this.size));
-      else parts.push(...scaleBar(frame, this.window, this.size, this.host.manifest.unit));
+      if (!this.isFlat) parts.push(...(scene.rig ? frustums(this.host.manifest.cameras, frame.box, this.matrix, this.size) : []), ...triad(this.turntable, this.size));
+      else if (scene.directions && scene.camera === "left") parts.push(...directionMarks(frame, scene, this.host.manifest.directions === "material", this.window));
+      if (this.isFlat) parts.push(...scaleBar(frame, this.window, this.size, this.host.manifest.unit));
       if (scene.line && this.isFlat) parts.push(...lineMarks(scene.line.map((end) => this.window.toPicture(...end))));
       for (const { index, colour } of this.host.marks) {
         const at = this.shownAt(index);

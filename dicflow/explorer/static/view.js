@@ -24,7 +24,8 @@ class Explorer {
     const { manifest } = this;
     this.cameras = this._cameras();
     this.scene = { quantity: Math.max(0, manifest.quantities.findIndex((one) => one.name === manifest.main[0])), step: manifest.main[1],
-      camera: Object.keys(this.cameras)[0], over: "step", colours: "", opacity: 0.85, tool: "point", line: null, reasons: false };
+      camera: Object.keys(this.cameras)[0], over: "step", colours: "", opacity: 0.85, tool: "point", line: null, reasons: false,
+      directions: false, rig: false };
     this.points = [];
     this.ranges = new Map();
     this.frames = new Map();
@@ -37,6 +38,7 @@ class Explorer {
     this.transport = new Transport(this);
     this.side = new Side(this);
     element.classList.add("explorer");
+    element.classList.toggle("x-tall", isTall(manifest));
     element.explorer = this;
     element.replaceChildren(
       html("div", { class: "x-main" }, this.toolbar.element, this.stage.element, this.transport.element, this.legend.element),
@@ -116,7 +118,7 @@ class Explorer {
   }
 
   async _frame(scene) {
-    const key = [scene.quantity, scene.step, scene.camera, scene.over].join();
+    const key = [scene.quantity, scene.step, scene.camera, scene.over, scene.directions].join();
     const found = this.frames.get(key) || Frame.load(this.fields, scene);
     this.frames.delete(key);
     this.frames.set(key, found);
@@ -240,9 +242,22 @@ class Explorer {
     this.change({ line: null });
   }
 
+  /** Fills the screen, or ends it. */
+  fullScreen() {
+    if (document.fullscreenElement) document.exitFullscreen();
+    else this.element.requestFullscreen();
+  }
+
   /** Saves the picture with its colours and numbers. */
   savePicture() {
     const name = `${this.quantity.name}_${this.manifest.steps[this.scene.step].name}.png`;
     pictureOf(this).toBlob((blob) => saveFile(name, blob));
   }
+}
+
+const TALL = 1.5;
+
+function isTall({ crops, places }) {
+  const [wide, high] = crops.left ? crops.left.size : (places.left || [[0, 1], [0, 1]]).map(([, quantum]) => quantum);
+  return high > TALL * wide;
 }
