@@ -11,10 +11,11 @@ from dicflow.explorer.curves import loads, probe_curves
 from dicflow.explorer.entries import crop_entry, first_entry, left_out, quantity_entry, reasons, step_entry
 from dicflow.explorer.manifest import Manifest, QuantityEntry
 from dicflow.explorer.packing import LINEAR_CODES, LinearScale, blob_name
-from dicflow.explorer.photographs import Photographs
+from dicflow.explorer.photographs import Photographs, Series
 from dicflow.explorer.reading import Reading, read_result
 from dicflow.pipeline.result import Result
 from dicflow.views.colours import palette
+from dicflow.views.overlay import Box
 
 __all__ = ["Packed", "packed_result"]
 
@@ -64,12 +65,13 @@ def _photographs(reading: Reading, chosen: Selection, budget_bytes: float, keep:
     first = names[:1] if reading.first is not None else ()
     steps = list(dict.fromkeys([*first, *(step for step in chosen.steps if step in names)]))
     boxes = {side: _box(scales) for side, scales in reading.scales.places.items() if side != "space"}
-    return Photographs.read(reading.result, stage, steps, boxes, budget_bytes, keep)
+    return Series(reading.result, stage, steps, keep).fitting(boxes, budget_bytes)
 
 
-def _box(scales: Sequence[LinearScale]) -> list[float]:
-    """x0, y0, x1, y1 of all places."""
-    return [scale.low for scale in scales] + [scale.low + scale.quantum * (LINEAR_CODES - 1) for scale in scales]
+def _box(scales: Sequence[LinearScale]) -> Box:
+    """The part of a photograph in which all places lie."""
+    (x0, x1), (y0, y1) = ((one.low, one.low + one.quantum * (LINEAR_CODES - 1)) for one in scales)
+    return Box(x0, y0, x1, y1)
 
 
 def _manifest(

@@ -4,15 +4,17 @@ from __future__ import annotations
 
 import json
 from collections.abc import Mapping, Sequence
+from functools import cache
 from typing import NamedTuple
 
+from dicflow.engine.product import Product
 from dicflow.errors import DicflowError
 from dicflow.explorer.content import Keep
 from dicflow.kinds.images import Images
 from dicflow.pipeline.result import Result
-from dicflow.views.overlay import Crop, crop_around, photo_jpeg
+from dicflow.views.overlay import Box, Crop, crop_around, photo_jpeg
 
-__all__ = ["Photographs"]
+__all__ = ["Photographs", "Series"]
 
 _SIZES_PX = (1600, 1280, 1000, 800, 640, 500, 400, 300, 200)
 
@@ -27,52 +29,53 @@ class Photographs(NamedTuple):
     crops: Mapping[str, Crop]
     pictures: Mapping[str, Mapping[str, bytes]]
 
-    @classmethod
-    def read(
-        cls,
-        result: Result,
-        stage: str,
-        steps: Sequence[str],
-        boxes: Mapping[str, Sequence[float]],
-        budget_bytes: float,
-        keep: Keep,
-    ) -> Photographs:
-        """The largest photographs of all steps that fit into a budget; the last step stands for all.
 
-        steps : names, with that of the first photograph
-        boxes : side → (x0, y0, x1, y1) of its points at all steps [px]
+class Series:
+    """The photographs of some steps.
+
+    stage : of the photographs; steps : names
+    """
+
+    def __init__(self, result: Result, stage: str, steps: Sequence[str], keep: Keep) -> None:
+        self._result, self._stage, self._keep = result, stage, keep
+        self._steps = [step for step in steps if result.has(stage, step)]
+
+    def fitting(self, boxes: Mapping[str, Box], budget_bytes: float) -> Photographs:
+        """The largest photographs that fit into a budget; the last step stands for all.
+
+        boxes : side → part of the photograph in which its points lie at all steps [px]
         """
-        kept = [step for step in steps if result.has(stage, step)]
-        shapes = result.arrays(stage, kept[-1]) if kept else {}
-        sides = {side: box for side, box in boxes.items() if side in shapes}
+        arrays = self._result.arrays(self._stage, self._steps[-1]) if self._steps else {}
+        shapes = {side: arrays[side].shape for side in boxes if side in arrays}
         for longest in _SIZES_PX:
-            crops = {side: crop_around([tuple(box)], _size(shapes[side].shape), longest) for side, box in sides.items()}  # type: ignore[list-item]
-            trial = sum(len(_picture(result, stage, kept[-1], side, crop, keep) or b"") for side, crop in crops.items())
-            if trial * len(kept) <= budget_bytes:
+            crops = {side: crop_around([boxes[side]], shape[::-1], longest) for side, shape in shapes.items()}  # type: ignore[arg-type]
+            trial = sum(map(len, self._pictures(self._steps[-1], crops).values())) if crops else 0
+            if trial * len(self._steps) <= budget_bytes:
                 break
         else:
-            return cls({}, {})
-        found = {
-            side: {step: made for step in kept if (made := _picture(result, stage, step, side, crop, keep))}
-            for side, crop in crops.items()
-        }
-        return cls(
-            {side: crop for side, crop in crops.items() if found[side]},
-            {side: one for side, one in found.items() if one},
+            return Photographs({}, {})
+        made = {step: self._pictures(step, crops) for step in self._steps}
+        pictures = {side: {step: one[side] for step, one in made.items() if side in one} for side in crops}
+        return Photographs(
+            {side: crop for side, crop in crops.items() if pictures[side]},
+            {side: found for side, found in pictures.items() if found},
         )
 
+    def _pictures(self, step: str, crops: Mapping[str, Crop]) -> dict[str, bytes]:
+        """Photographs of a step by side, none where the store does not keep them; read at most once."""
 
-def _size(shape: Sequence[int]) -> tuple[int, int]:
-    return shape[1], shape[0]
+        @cache
+        def product() -> Product:
+            return self._result.product(self._stage, step)
 
-
-def _picture(result: Result, stage: str, step: str, side: str, crop: Crop, keep: Keep) -> bytes | None:
-    """The photograph of a step; None if the store does not keep it."""
-
-    def make() -> bytes:
-        return photo_jpeg(Images.read(result.product(stage, step))[side], crop, quality=72)
-
-    try:
-        return keep(["photograph", side, result.digest(stage, step), json.dumps(crop)], make)
-    except DicflowError:
-        return None
+        digest = self._result.digest(self._stage, step)
+        try:
+            return {
+                side: self._keep(
+                    ["photograph", side, digest, json.dumps(crop)],
+                    lambda: photo_jpeg(Images.read(product())[side], crop, quality=72),  # noqa: B023
+                )
+                for side, crop in crops.items()
+            }
+        except DicflowError:
+            return {}
