@@ -14,7 +14,7 @@ from dicflow.explorer.photographs import Photographs
 from dicflow.explorer.reading import Reading
 from dicflow.explorer.survey import valid_share
 from dicflow.views.colours import REASON_COLOURS
-from dicflow.views.overlay import Crop as PhotographCrop
+from dicflow.views.crops import Crop as PhotographCrop
 
 __all__ = ["crop_entry", "first_entry", "left_out", "quantity_entry", "reasons", "step_entry"]
 

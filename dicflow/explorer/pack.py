@@ -15,9 +15,9 @@ from dicflow.explorer.photographs import Photographs, Series
 from dicflow.explorer.reading import Reading, read_result
 from dicflow.pipeline.result import Result
 from dicflow.views.colours import palette
-from dicflow.views.overlay import Box
+from dicflow.views.crops import Box
 
-__all__ = ["Packed", "packed_result"]
+__all__ = ["Packed", "pack", "packed_result"]
 
 _PALETTES = ("viridis", "RdBu_r", "cividis", "magma", "turbo", "Greys_r")
 _PHOTOGRAPHS = 0.3
@@ -40,8 +40,11 @@ def packed_result(result: Result, title: str, keep: Keep, budget_bytes: float = 
     budget_bytes : of the blobs as base64
     """
     reading = read_result(result, keep)
-    if reading is None:
-        return None
+    return None if reading is None else pack(reading, title, keep, budget_bytes)
+
+
+def pack(reading: Reading, title: str, keep: Keep, budget_bytes: float) -> Packed:
+    """What was read as a manifest and its blobs; as :func:`packed_result`."""
     budget = budget_bytes / _BASE64
     chosen = _selection(reading, (1 - _PHOTOGRAPHS) * budget, keep)
     photographs = _photographs(reading, chosen, _PHOTOGRAPHS * budget, keep)

@@ -12,7 +12,7 @@ from dicflow.errors import DicflowError
 from dicflow.explorer.content import Keep
 from dicflow.kinds.images import Images
 from dicflow.pipeline.result import Result
-from dicflow.views.overlay import Box, Crop, crop_around, photo_jpeg
+from dicflow.views.crops import Box, Crop, crop_around, photo_jpeg
 
 __all__ = ["Photographs", "Series"]
 
