@@ -42,9 +42,10 @@ def step_entry(
 def first_entry(reading: Reading, chosen: Selection, photographs: Photographs, name: Name) -> FirstFacts | None:
     """The first step; None if the points have no place there."""
     blob = first_blob(reading.source, reading.scales, chosen.stride)
-    if blob is None or reading.first is None or reading.source.photographs is None:
+    if blob is None or reading.first is None:
         return None
-    step = reading.result.steps(reading.source.photographs)[0]
+    stage = reading.source.photographs
+    step = "first step" if stage is None else reading.result.steps(stage)[0]
     rows, cols = (-(-side // chosen.stride) for side in reading.first.shape[:2])
     return FirstFacts(name=step, place=name(blob), shape=(rows, cols), photos=_photos(photographs, step, name))
 

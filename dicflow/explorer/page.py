@@ -14,7 +14,7 @@ from dicflow.explorer.content import Keep
 from dicflow.explorer.pack import Packed, packed_result
 from dicflow.pipeline.result import Result
 
-__all__ = ["Explorer", "explorer_html", "fragment", "script", "style"]
+__all__ = ["NOTEBOOK_PAGE", "Explorer", "explorer_html", "fragment", "script", "style"]
 
 _ENTRANCE = "view.js"
 _IMPORT = re.compile(r'^import \{ [^}]* \} from "\./([\w.]+)";\n', re.MULTILINE)
@@ -27,7 +27,7 @@ for (const place of document.querySelectorAll(".explorer[data-source]")) {
 _NEEDS_SCRIPT = """<noscript>
 <p>The fields need JavaScript; <code>dicflow export --format png</code> writes them as pictures.</p>
 </noscript>"""
-_PAGE = """<!DOCTYPE html>
+NOTEBOOK_PAGE = """<!DOCTYPE html>
 <html lang="en">
 <head>
 <meta charset="utf-8">
@@ -67,7 +67,7 @@ class Explorer:
 
     def __init__(self, result: Result, budget_bytes: float = 30e6) -> None:
         made = explorer_html(result, "", lambda _sources, make: make(), budget_bytes)
-        self.html = _PAGE.format(body=made or "<p>No step has a value yet.</p>")
+        self.html = NOTEBOOK_PAGE.replace("{body}", made or "<p>No step has a value yet.</p>")
 
     def _repr_html_(self) -> str:
         return (

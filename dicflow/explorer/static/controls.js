@@ -1,7 +1,7 @@
 // What stands around the picture: quantity, cameras, tools, the bar of colours, and the steps.
 
 import { directionKeys } from "./directions.js";
-import { axisText, brief, typed } from "./numbers.js";
+import { axisText, brief, roundTicks, typed } from "./numbers.js";
 import { choice, html, icon } from "./page.js";
 
 const TOGGLES = [

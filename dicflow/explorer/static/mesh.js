@@ -100,7 +100,7 @@ class MeshPainter {
 
 class PlainPainter {
   constructor(canvas) {
-    Object.assign(this, { canvas, context: canvas.getContext("2d") });
+    Object.assign(this, { canvas, context: canvas.getContext("2d", { willReadFrequently: true }) });
   }
 
   clear() {
