@@ -51,10 +51,13 @@ def step_blobs(source: FieldSource, step: str, scales: Scales, chosen: Selection
     return _parted(made)
 
 
-def first_blob(source: FieldSource, scales: Scales, stride: int) -> bytes | None:
+def first_blob(source: FieldSource, scales: Scales, stride: int, keep: Keep) -> bytes | None:
     """Places in the first left photograph; None if they are unknown."""
-    first = source.at_first()
-    return None if first is None else _packed_places(first[::stride, ::stride], scales.places["left"])
+    sources, left = source.first_sources(), scales.places.get("left")
+    if sources is None or left is None:
+        return None
+    facts = json.dumps([left, stride])
+    return keep(["first places", facts, *sources], lambda: _packed_places(source.at_first()[::stride, ::stride], left))
 
 
 def select(

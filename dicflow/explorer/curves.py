@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import json
 import math
 from collections.abc import Iterator, Sequence
 from typing import TypedDict
 
+from dicflow.explorer.content import Keep
 from dicflow.kinds.comparison import Comparison
 from dicflow.kinds.probes import ProbeTable
 from dicflow.kinds.quantities import unit_of
@@ -34,11 +36,14 @@ class Curve(TypedDict):
     sigmas: list[float | None]
 
 
-def probe_curves(result: Result, quantity: str, variant: int = 0) -> list[Curve]:
+def probe_curves(result: Result, quantity: str, keep: Keep, variant: int = 0) -> list[Curve]:
     """Strain of each extensometer, and a quantity at each point, line and area."""
     for stage in result.stages_of("probes"):
         if result.has(stage, None, variant):
-            return list(_curves(ProbeTable.read(result.product(stage, None, variant)), quantity))
+            product, sources = result.product(stage, None, variant), result.digest(stage, None, variant)
+            made = keep(["probes", quantity, sources], lambda: _json(ProbeTable.read(product), quantity))  # noqa: B023
+            found: list[Curve] = json.loads(made)
+            return found
     return []
 
 
@@ -50,6 +55,10 @@ def loads(result: Result, numbers: Sequence[int], variant: int = 0) -> tuple[str
             found = [rows[number].get("load_g") if number < len(rows) else None for number in numbers]
             return ("g", found) if any(value is not None for value in found) else None
     return None
+
+
+def _json(table: ProbeTable, quantity: str) -> bytes:
+    return json.dumps(list(_curves(table, quantity))).encode()
 
 
 def _curves(table: ProbeTable, quantity: str) -> Iterator[Curve]:

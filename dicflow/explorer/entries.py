@@ -7,7 +7,7 @@ import itertools
 from collections.abc import Callable, Mapping, Sequence
 
 from dicflow.core.status import Status
-from dicflow.explorer.content import Selection, first_blob
+from dicflow.explorer.content import Keep, Selection, first_blob
 from dicflow.explorer.fields import QuantityFacts
 from dicflow.explorer.manifest import Crop, FirstFacts, QuantityEntry, Reason, StepEntry
 from dicflow.explorer.photographs import Photographs
@@ -39,14 +39,16 @@ def step_entry(
     )
 
 
-def first_entry(reading: Reading, chosen: Selection, photographs: Photographs, name: Name) -> FirstFacts | None:
+def first_entry(
+    reading: Reading, chosen: Selection, photographs: Photographs, name: Name, keep: Keep
+) -> FirstFacts | None:
     """The first step; None if the points have no place there."""
-    blob = first_blob(reading.source, reading.scales, chosen.stride)
+    blob = first_blob(reading.source, reading.scales, chosen.stride, keep)
     if blob is None or reading.first is None:
         return None
     stage = reading.source.photographs
     step = "first step" if stage is None else reading.result.steps(stage)[0]
-    rows, cols = (-(-side // chosen.stride) for side in reading.first.shape[:2])
+    rows, cols = (-(-side // chosen.stride) for side in reading.first)
     return FirstFacts(name=step, place=name(blob), shape=(rows, cols), photos=_photos(photographs, step, name))
 
 

@@ -98,8 +98,11 @@ class FieldSource(Protocol):
     def read(self, step: str) -> StepFields:
         """The fields of a step."""
 
-    def at_first(self) -> Array | None:
-        """Places (row, col, 2) of the points in the first left photograph [px]; None if they are unknown."""
+    def first_sources(self) -> list[str] | None:
+        """Digests of all that places at the first step are made of; None if they are unknown."""
+
+    def at_first(self) -> Array:
+        """Places (row, col, 2) of the points in the first left photograph [px]."""
 
 
 def field_source(result: Result, variant: int = 0) -> FieldSource | None:
@@ -145,12 +148,9 @@ class TotalFields:
 
     def sources(self, step: str) -> list[str]:
         """Digests of the total, of the right camera's points, and of the rig that carries places into photographs."""
-        found = [self._result.digest(self.stage, step, self._variant)]
+        found = [self._result.digest(self.stage, step, self._variant), *self._rig]
         if self._right is not None:
             found.append(self._result.digest(self._right, step, self._variant))
-        if self._places.photographs != self._places.images:
-            rig = self._result.source(self._places.images, "rig", self._variant)
-            found.append(self._result.digest(rig, None, self._variant))
         return found
 
     def read(self, step: str) -> StepFields:
@@ -169,9 +169,24 @@ class TotalFields:
             places["right"] = np.where(np.isfinite(places["space"][..., :1]), right, np.nan)
         return StepFields({name: total[name] for name in names}, sigmas, shares, total["status"], places)
 
-    def at_first(self) -> Array | None:
-        """Places of the whole grid at the first step; None where each step has a grid of its own."""
-        return self._places.at_first_step() if self.follows and self._places.grid is not None else None
+    def first_sources(self) -> list[str] | None:
+        """Digests of the grid and of the rig; None where each step has a grid of its own."""
+        if not self.follows or self._places.grid is None:
+            return None
+        return [self._result.digest(self._places.grid, 0, self._variant), *self._rig]
+
+    def at_first(self) -> Array:
+        """Places of the whole grid at the first step."""
+        return self._places.at_first_step()
+
+    @cached_property
+    def _rig(self) -> list[str]:
+        """Digest of the rig that carries places into the photographs, if one does."""
+        if self._places.photographs == self._places.images:
+            return []
+        return [
+            self._result.digest(self._result.source(self._places.images, "rig", self._variant), None, self._variant)
+        ]
 
     @cached_property
     def _right(self) -> str | None:
@@ -228,9 +243,13 @@ class ShapeFields:
         product = self._result.product(self.stage, step, self._variant)
         return _of_points(Points.read(product)) if product.kind == "points" else self._of_cloud(Cloud.read(product))
 
-    def at_first(self) -> Array | None:
+    def first_sources(self) -> list[str] | None:
         """None: a shape is shown at its own step."""
         return None
+
+    def at_first(self) -> Array:
+        """Never asked for."""
+        raise NotImplementedError
 
     def _of_cloud(self, cloud: Cloud) -> StepFields:
         stride = max(1, int(np.ceil(np.sqrt(cloud["status"].size / _MOST_POINTS))))

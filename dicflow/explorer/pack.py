@@ -106,20 +106,20 @@ def _manifest(
         directions=source.directions,
         main=(quantity, shown.index(step) if step in shown else len(shown) - 1),
         steps=steps,
-        first=first_entry(reading, chosen, photographs, name),
+        first=first_entry(reading, chosen, photographs, name, keep),
         quantities=quantities,
         reasons=reasons(),
         places={place: [(one.low, one.quantum) for one in found] for place, found in reading.scales.places.items()},
         crops={side: crop_entry(crop) for side, crop in photographs.crops.items()},
-        cameras=camera_facts(reading.result, source, step),
-        palettes=_palettes(quantities),
-        curves=probe_curves(reading.result, quantity),
+        cameras=camera_facts(reading.result, source, step, keep),
+        palettes=_palettes(quantities, keep),
+        curves=probe_curves(reading.result, quantity, keep),
         load=loads(reading.result, [entry["number"] for entry in steps]),
         left_out=left_out(reading, chosen, photographs),
     )
 
 
-def _palettes(quantities: Sequence[QuantityEntry]) -> dict[str, str]:
+def _palettes(quantities: Sequence[QuantityEntry], keep: Keep) -> dict[str, str]:
     """The colour maps of the quantities, and a few more to choose from."""
     names = dict.fromkeys([*(one["colours"] for one in quantities), *_PALETTES])
-    return {name: palette(name, 256).tobytes().hex() for name in names}
+    return {name: keep(["palette", name], lambda: palette(name, 256).tobytes()).hex() for name in names}  # noqa: B023

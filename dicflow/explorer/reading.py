@@ -4,14 +4,13 @@ from __future__ import annotations
 
 import json
 from collections.abc import Mapping, Sequence
-from typing import Any, NamedTuple
+from typing import NamedTuple, TypedDict
 
 import numpy as np
-from numpy.typing import NDArray
 
 from dicflow.explorer.content import Keep, spread
 from dicflow.explorer.fields import FieldSource, QuantityFacts, field_source
-from dicflow.explorer.survey import Scales, StepSurvey, scales_of, survey
+from dicflow.explorer.survey import Scales, StepSurvey, extents, scales_of, survey
 from dicflow.kinds.maps import Maps, joined_range
 from dicflow.kinds.quantities import REPORTED
 from dicflow.pipeline.result import Result
@@ -28,7 +27,7 @@ class Reading(NamedTuple):
     """A result, read once.
 
     steps : names of the steps that were looked at; surveys : those that were measured, with their facts
-    first : places (row, col, 2) at the first step, None if unknown
+    first : rows and columns of the grid at the first step, None if its places are unknown
     quantities : that have values
     maps : of the maps stage, None without one
     """
@@ -38,7 +37,7 @@ class Reading(NamedTuple):
     steps: Sequence[str]
     surveys: Mapping[str, StepSurvey]
     scales: Scales
-    first: NDArray[Any] | None
+    first: tuple[int, int] | None
     quantities: Sequence[QuantityFacts]
     maps: Maps | None
 
@@ -79,19 +78,45 @@ def read_result(result: Result, keep: Keep) -> Reading | None:
     source = field_source(result)
     if source is None:
         return None
-    first = source.at_first()
-    inside = None if first is None else np.asarray(np.isfinite(first).all(axis=-1))
     steps = spread(source.steps, _MOST_STEPS)
-    surveys = {step: _surveyed(source, step, inside, keep) for step in steps if source.has(step)}
-    scales = scales_of([*surveys.values()], first)
+    surveys = {step: _surveyed(source, step, keep) for step in steps if source.has(step)}
+    first = _first(source, keep)
+    scales = scales_of([*surveys.values()], None if first is None else first["extents"])
     quantities = [facts for facts in source.quantities() if facts.name in scales.values]
     if not quantities:
         return None
-    return Reading(result, source, steps, surveys, scales, first, quantities, maps_of(result, source.stage))
+    grid = None if first is None else first["shape"]
+    return Reading(result, source, steps, surveys, scales, grid, quantities, maps_of(result, source.stage))
 
 
-def _surveyed(source: FieldSource, step: str, inside: NDArray[np.bool_] | None, keep: Keep) -> StepSurvey:
+def _surveyed(source: FieldSource, step: str, keep: Keep) -> StepSurvey:
     """Facts of a step, also from a piece that is kept."""
-    made = keep(["survey", *source.sources(step)], lambda: json.dumps(survey(source.read(step), inside)).encode())
-    found: StepSurvey = json.loads(made)
+    first = source.first_sources()
+
+    def make() -> bytes:
+        inside = None if first is None else np.asarray(np.isfinite(source.at_first()).all(axis=-1))
+        return json.dumps(survey(source.read(step), inside)).encode()
+
+    found: StepSurvey = json.loads(keep(["survey", *source.sources(step), *(first or ())], make))
+    return found
+
+
+class _First(TypedDict):
+    """Rows and columns of the grid at the first step, and the extents of its places."""
+
+    shape: tuple[int, int]
+    extents: list[tuple[float, float]]
+
+
+def _first(source: FieldSource, keep: Keep) -> _First | None:
+    """Facts of the first step; None if places are unknown there."""
+    sources = source.first_sources()
+    if sources is None:
+        return None
+
+    def make() -> bytes:
+        places = source.at_first()
+        return json.dumps(_First(shape=places.shape[:2], extents=extents(places))).encode()
+
+    found: _First = json.loads(keep(["first step", *sources], make))
     return found

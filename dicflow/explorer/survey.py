@@ -13,7 +13,7 @@ from dicflow.explorer.fields import StepFields
 from dicflow.explorer.packing import LinearScale, LogScale
 from dicflow.kinds.maps import colour_range
 
-__all__ = ["Scales", "StepSurvey", "scales_of", "survey", "valid_share"]
+__all__ = ["Scales", "StepSurvey", "extents", "scales_of", "survey", "valid_share"]
 
 Array = NDArray[Any]
 Extent = tuple[float, float]
@@ -66,7 +66,7 @@ def survey(fields: StepFields, inside: Array | None) -> StepSurvey:
         shares=_positive_extents(fields.shares),
         colours={name: found for name, values in known.items() if (found := colour_range(values))},
         means={name: (float(values.mean()), float(values.std())) for name, values in known.items()},
-        places={name: _extents(values) for name, values in fields.places.items() if np.isfinite(values).any()},
+        places={name: extents(values) for name, values in fields.places.items() if np.isfinite(values).any()},
         counts={str(code): number for code, number in zip(codes.tolist(), numbers.tolist(), strict=True)},
     )
 
@@ -78,17 +78,23 @@ def valid_share(one: StepSurvey) -> float:
     return known / max(1, sum(counts.values()))
 
 
-def scales_of(steps: Sequence[StepSurvey], first: Array | None) -> Scales:
-    """Scales over all steps. first : places (row, col, 2) at the first step"""
+def extents(places: Array) -> list[Extent]:
+    """Least and largest number of each component of places (row, col, component)."""
+    low, high = np.nanmin(places, axis=(0, 1)), np.nanmax(places, axis=(0, 1))
+    return list(zip(low.tolist(), high.tolist(), strict=True))
+
+
+def scales_of(steps: Sequence[StepSurvey], first: Sequence[Extent] | None) -> Scales:
+    """Scales over all steps. first : extents of the places at the first step"""
     values = {name: LinearScale.over(*extent) for name, extent in _joined(one["values"] for one in steps).items()}
     sigmas, shares = (
         {name: LogScale.over(*extent) for name, extent in _joined(one[part] for one in steps).items()}
         for part in ("sigmas", "shares")
     )
     places: dict[str, list[Extent]] = {}
-    for one in [*(step["places"] for step in steps), {} if first is None else {"left": _extents(first)}]:
-        for name, extents in one.items():
-            pairs = zip(places.get(name, extents), extents, strict=True)
+    for one in [*(step["places"] for step in steps), {} if first is None else {"left": list(first)}]:
+        for name, found in one.items():
+            pairs = zip(places.get(name, found), found, strict=True)
             places[name] = [(min(a[0], b[0]), max(a[1], b[1])) for a, b in pairs]
     return Scales(
         values, sigmas, shares, {name: [LinearScale.over(*one) for one in found] for name, found in places.items()}
@@ -108,9 +114,3 @@ def _joined(steps: Iterable[Mapping[str, Extent]]) -> dict[str, Extent]:
 def _positive_extents(arrays: Mapping[str, Array]) -> dict[str, Extent]:
     known = {name: values[np.isfinite(values) & (values > 0)] for name, values in arrays.items()}
     return {name: (float(values.min()), float(values.max())) for name, values in known.items() if values.size}
-
-
-def _extents(places: Array) -> list[Extent]:
-    """Least and largest number of each component."""
-    low, high = np.nanmin(places, axis=(0, 1)), np.nanmax(places, axis=(0, 1))
-    return list(zip(low.tolist(), high.tolist(), strict=True))

@@ -9,7 +9,7 @@ import numpy as np
 from dicflow.core.status import Status
 from dicflow.explorer.fields import QuantityFacts, StepFields
 from dicflow.explorer.reading import Reading
-from dicflow.explorer.survey import scales_of, survey
+from dicflow.explorer.survey import extents, scales_of, survey
 
 __all__ = ["Bare", "Waves", "reading_of"]
 
@@ -38,6 +38,9 @@ class Waves:
 
     def sources(self, step: str) -> list[str]:
         return [f"digest of {step}", str((self.rows, self.cols))]
+
+    def first_sources(self) -> list[str]:
+        return ["digest of the grid"]
 
     def at_first(self) -> np.ndarray:
         row, col = np.mgrid[0 : self.rows, 0 : self.cols].astype(float)
@@ -75,9 +78,8 @@ class Bare:
 
 def reading_of(waves: Waves) -> Reading:
     """The waves, read."""
-    first = waves.at_first()
-    inside = np.isfinite(first).all(axis=-1)
+    inside = np.isfinite(waves.at_first()).all(axis=-1)
     surveys = {step: survey(waves.read(step), inside) for step in waves.steps}
     result: Any = Bare(waves)
-    scales = scales_of([*surveys.values()], first)
-    return Reading(result, waves, waves.steps, surveys, scales, first, waves.quantities(), None)
+    scales = scales_of([*surveys.values()], extents(waves.at_first()))
+    return Reading(result, waves, waves.steps, surveys, scales, (waves.rows, waves.cols), waves.quantities(), None)

@@ -1,4 +1,4 @@
-// The field as triangles in the colours of its values: by WebGL, or by the processor where there is no WebGL.
+// The field as triangles in the colours of its values: by WebGL, or by the processor where there is no fast WebGL.
 //
 // A drawing is { positions (x, y, z), values (codes), indices, matrix, range: [low, high] in codes, palette (256 × RGB),
 // opacity, shaded }. Both painters draw the same picture into their canvas.
@@ -25,8 +25,19 @@ export function painterFor(canvas) {
   return MeshPainter.make(canvas) || new PlainPainter(canvas);
 }
 
+// WebGL by software is several times slower than the plain painter.
+function hasFastWebGL() {
+  const gl = document.createElement("canvas").getContext("webgl");
+  if (!gl) return false;
+  const facts = gl.getExtension("WEBGL_debug_renderer_info");
+  const renderer = gl.getParameter(facts ? facts.UNMASKED_RENDERER_WEBGL : gl.RENDERER);
+  gl.getExtension("WEBGL_lose_context")?.loseContext();
+  return !/swiftshader|llvmpipe|softpipe|software|basic render/i.test(renderer);
+}
+
 class MeshPainter {
   static make(canvas) {
+    if (!hasFastWebGL()) return null;
     const gl = canvas.getContext("webgl", { alpha: true, antialias: true, preserveDrawingBuffer: true });
     if (!gl || !gl.getExtension("OES_element_index_uint")) return null;
     const painter = new MeshPainter();
