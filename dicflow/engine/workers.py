@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ctypes
+import gc
 import os
 import signal
 import sys
@@ -14,7 +15,15 @@ from typing import TypeVar
 
 from dicflow.engine.kernel_cache import keep_kernels
 
-__all__ = ["hold_to_one_thread", "keep_memory", "limit_threads", "prepare", "reads_probe", "with_room"]
+__all__ = [
+    "collect_rarely",
+    "hold_to_one_thread",
+    "keep_memory",
+    "limit_threads",
+    "prepare",
+    "reads_probe",
+    "with_room",
+]
 
 _LIMITS = ("NUMBA_NUM_THREADS", "OPENCV_FOR_THREADS_NUM", "OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
 
@@ -26,6 +35,9 @@ _KEPT_BYTES = 256 * 1024 * 1024
 _ALLOCATOR = {_TRIM_THRESHOLD: _KEPT_BYTES, _MMAP_THRESHOLD: _KEPT_BYTES, _ARENA_MAX: 1}
 """Options of the C library's mallopt: freed memory is kept up to so many bytes, in one place for all threads. Fetching
 it page by page for every array costs more than using it."""
+
+_COLLECTED_OBJECTS = 50_000
+"""New objects after which Python looks for unused ones that refer to one another."""
 
 T = TypeVar("T")
 
@@ -56,6 +68,7 @@ def prepare(setup: Callable[[], None] | None = None) -> None:
     keep_kernels()
     hold_to_one_thread()
     keep_memory()
+    collect_rarely()
     if setup is not None:
         setup()
 
@@ -67,6 +80,11 @@ def keep_memory() -> None:
             library = ctypes.CDLL(None)
             for option, value in _ALLOCATOR.items():
                 library.mallopt(option, value)
+
+
+def collect_rarely() -> None:
+    """Let Python look for unused objects that refer to one another less often: loading libraries makes none of them."""
+    gc.set_threshold(_COLLECTED_OBJECTS)
 
 
 def hold_to_one_thread() -> None:
