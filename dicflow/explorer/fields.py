@@ -225,7 +225,7 @@ class ShapeFields:
 
     def quantities(self) -> Sequence[QuantityFacts]:
         """Depth first, then X and Y, in the left camera's frame."""
-        words = {"Z": "depth Z, away from the left camera", "X": "place X", "Y": "place Y, downwards"}
+        words = {"Z": "depth Z", "X": "place X", "Y": "place Y"}
         return [QuantityFacts(name, name, title, "mm", False, "") for name, title in words.items()]
 
     def has(self, step: str) -> bool:
@@ -241,7 +241,10 @@ class ShapeFields:
     def read(self, step: str) -> StepFields:
         """The fields of a step."""
         product = self._result.product(self.stage, step, self._variant)
-        return _of_points(Points.read(product)) if product.kind == "points" else self._of_cloud(Cloud.read(product))
+        if product.kind == "cloud":
+            return self._of_cloud(Cloud.read(product))
+        followed = self._result.source(self.stage, "correlation", self._variant)
+        return _of_points(Points.read(product), self._result.product(followed, step, self._variant)["xy"])
 
     def first_sources(self) -> list[str] | None:
         """None: a shape is shown at its own step."""
@@ -274,12 +277,12 @@ class ShapeFields:
         return None
 
 
-def _of_points(points: Points) -> StepFields:
-    """Coordinates of measured points and their standard deviations."""
+def _of_points(points: Points, left: Array) -> StepFields:
+    """Coordinates of measured points and their standard deviations. left : places (row, col, 2), also of lost ones"""
     xyz, covariance = points["xyz"], points["covariance"]
     variances = {"X": covariance[..., 0], "Y": covariance[..., 3], "Z": covariance[..., 5]}
     sigmas = {name: np.sqrt(np.maximum(variance, 0.0)) for name, variance in variances.items()}
-    places = {"left": points["xy"], "right": points["xy_right"], "space": xyz}
+    places = {"left": left, "right": points["xy_right"], "space": xyz}
     return StepFields(_coordinates(xyz), sigmas, {}, points["status"], places)
 
 

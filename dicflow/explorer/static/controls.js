@@ -51,7 +51,7 @@ export class Toolbar {
 
 /** A title without its symbol and without what the caption below repeats. */
 export function shortTitle(title, symbol) {
-  return title.split(", VSG")[0].replace(/\s*\([^)]*\)/g, "").replace(symbol, "").replace(/\s+/g, " ").trim();
+  return title.split(", VSG")[0].split(" = ")[0].replace(/\s*\([^)]*\)/g, "").replace(symbol, "").replace(/\s+/g, " ").trim();
 }
 
 /** The colours with their numbers, which can be typed. */
@@ -74,8 +74,9 @@ export class Legend {
       html("div", { class: "x-legend-line" }, this.ends[0],
         html("div", { class: "x-legend-middle" }, html("div", { class: "x-legend-box" }, this.bar, this.pointer), this.numbers), this.ends[1]),
       html("div", { class: "x-legend-choices" },
+        ...(host.manifest.steps.length < 2 ? [] : [
         range("All steps", "Colours for the values of all steps", () => host.setRange(null)),
-        range("This step", "Colours for the values of this step", () => host.setRange(host.frame && host.frame.range)),
+        range("This step", "Colours for the values of this step", () => host.setRange(host.frame && host.frame.range))]),
         this.map, this.opacityLabel));
   }
 

@@ -4,6 +4,7 @@ import { Chart } from "./chart.js";
 import { curveOf, profileOf } from "./frame.js";
 import { axisText, brief, decimalsFor, fixed, typed, unitText } from "./numbers.js";
 import { choice, html } from "./page.js";
+import { SurfaceView } from "./surface.js";
 import { tableButtons } from "./table.js";
 
 const COLOURS = ["#d1495b", "#2a7f9e", "#e09f3e", "#5a8f3c", "#7d5ba6", "#3d405b"];
@@ -26,18 +27,20 @@ export class Side {
       html("div", { class: "x-block-head" }, this.profileTitle, tableButtons(() => this.profileTable, () => `profile_${host.quantity.name}`)),
       this.profile.element,
       html("div", { class: "x-ends" }, html("span", {}, "from"), this.ends[0], this.ends[1], html("span", {}, "to"), this.ends[2], this.ends[3], html("span", {}, "px")));
+    this.surface = host.manifest.form === "shape" && host.cameras.space ? new SurfaceView(host) : null;
     this.facts = html("section", { class: "x-block x-facts" });
     this.element = html("div", { class: "x-side" },
       html("section", { class: "x-block", hidden: host.manifest.steps.length < 2 },
         html("div", { class: "x-block-head" }, this.title, this.axis.element, tableButtons(() => this.curveTable, () => `curve_${host.quantity.name}`)),
         this.curve.element, this.chips),
-      this.profileBox, this.facts);
+      this.profileBox, ...(this.surface ? [this.surface.element] : []), this.facts);
   }
 
   /** Shows all of it for the frame of the host. */
   async show() {
     this.showFacts();
     this.showProfile();
+    await this.surface?.show();
     await this.showCurve();
   }
 

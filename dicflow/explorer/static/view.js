@@ -113,8 +113,14 @@ class Explorer {
   setRange(range) {
     if (range) this.ranges.set(this.quantity.name, range);
     else this.ranges.delete(this.quantity.name);
-    this.stage.draw();
+    this.redraw();
     this.legend.show();
+  }
+
+  /** Draws all pictures again. */
+  redraw() {
+    this.stage.draw();
+    this.side.surface?.stage.draw();
   }
 
   async _frame(scene) {
@@ -147,14 +153,14 @@ class Explorer {
     const chosen = this.points.find((one) => one.index === k);
     if (chosen) return this.drop(chosen);
     this.points = [...this.points.slice(-5), { ...this.frame.point(k), colour: this.side.nextColour() }];
-    this.stage.mark();
+    this.redraw();
     return this.side.showCurve();
   }
 
   /** Drops a chosen point. */
   drop(point) {
     this.points = this.points.filter((one) => one !== point);
-    this.stage.mark();
+    this.redraw();
     return this.side.showCurve();
   }
 
@@ -167,7 +173,12 @@ class Explorer {
 
   /** The elements that say what is known of a point. */
   reading(k) {
-    const { frame, quantity, manifest } = this;
+    return this.readingOf(this.frame, k);
+  }
+
+  /** The same of another frame. */
+  readingOf(frame, k) {
+    const { quantity, manifest } = this;
     const one = frame.point(k);
     const reason = manifest.reasons.find(({ code }) => code === one.status);
     const lines = [];
