@@ -40,7 +40,7 @@ class LinearScale(NamedTuple):
         """Codes of values of any shape; 0 for NaN."""
         known = np.isfinite(values)
         with np.errstate(invalid="ignore"):
-            found = np.clip(np.rint((values - self.low) / self.quantum), 0, LINEAR_CODES - 1) + 1
+            found = np.clip(np.rint((values.astype(float) - self.low) / self.quantum), 0, LINEAR_CODES - 1) + 1
         return np.where(known, found, 0).astype(np.uint16)
 
     def values(self, codes: Array) -> Array:
@@ -72,7 +72,9 @@ class LogScale(NamedTuple):
         """Codes of values of any shape; 0 for NaN and for values that are not positive."""
         known = np.isfinite(values) & (values > 0)
         with np.errstate(invalid="ignore", divide="ignore"):
-            found = np.clip(np.rint(np.log(values / self.low) / math.log(self.ratio)), 0, LOG_CODES - 1) + 1
+            found = (
+                np.clip(np.rint(np.log(values.astype(float) / self.low) / math.log(self.ratio)), 0, LOG_CODES - 1) + 1
+            )
         return np.where(known, found, 0).astype(np.uint8)
 
     def values(self, codes: Array) -> Array:
