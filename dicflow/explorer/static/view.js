@@ -133,7 +133,6 @@ class Explorer {
   }
 
   async _refresh() {
-    const started = performance.now();
     const asked = (this.asked = (this.asked || 0) + 1);
     const frame = await this._frame(this.scene);
     if (asked !== this.asked) return;
@@ -143,7 +142,7 @@ class Explorer {
     this.toolbar.show(this.scene);
     this.transport.show(this.scene);
     this.legend.show();
-    this.lastChange = performance.now() - started;
+    this.firstDrawn ??= performance.now();
     await this.side.show();
     this.element.dispatchEvent(new CustomEvent("explorer-change", { bubbles: true, detail: { ...this.scene } }));
   }
