@@ -21,7 +21,7 @@ __all__ = ["Packed", "pack", "packed_result"]
 
 _PALETTES = ("viridis", "RdBu_r", "cividis", "magma", "turbo", "Greys_r")
 _PHOTOGRAPHS = 0.3
-"""Share of the budget for photographs."""
+"""Largest share of the budget for photographs."""
 _BASE64 = 4 / 3
 
 
@@ -32,7 +32,7 @@ class Packed(NamedTuple):
     blobs: Mapping[str, bytes]
 
 
-def packed_result(result: Result, title: str, keep: Keep, budget_bytes: float = 7e6) -> Packed | None:
+def packed_result(result: Result, title: str, keep: Keep, budget_bytes: float = 8e6) -> Packed | None:
     """The fields of a result for a page; None if no step has any.
 
     title : of the pipeline
@@ -48,13 +48,15 @@ def pack(reading: Reading, title: str, keep: Keep, budget_bytes: float) -> Packe
     budget = budget_bytes / _BASE64
     chosen = _selection(reading, (1 - _PHOTOGRAPHS) * budget, keep)
     photographs = _photographs(reading, chosen, _PHOTOGRAPHS * budget, keep)
+    rest = budget - sum(len(one) for found in photographs.pictures.values() for one in found.values())
+    chosen = _selection(reading, rest, keep, chosen.steps)
     blobs: dict[str, bytes] = {}
     return Packed(_manifest(reading, title, chosen, photographs, blobs, keep), blobs)
 
 
-def _selection(reading: Reading, budget_bytes: float, keep: Keep) -> Selection:
-    """What fits; the main step stands for all."""
-    measured = list(reading.surveys)
+def _selection(reading: Reading, budget_bytes: float, keep: Keep, steps: Sequence[str] | None = None) -> Selection:
+    """What fits of some steps, or of all; the main step stands for them."""
+    measured = list(reading.surveys) if steps is None else steps
     everything = Selection(reading.importance, 1, measured)
     main = step_blobs(reading.source, reading.main[1], reading.scales, everything, keep)
     return select(main, reading.importance, measured, budget_bytes)

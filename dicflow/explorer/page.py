@@ -40,7 +40,7 @@ NOTEBOOK_PAGE = """<!DOCTYPE html>
 </html>"""
 
 
-def explorer_html(result: Result, title: str, keep: Keep, budget_bytes: float = 7e6) -> str | None:
+def explorer_html(result: Result, title: str, keep: Keep, budget_bytes: float = 8e6) -> str | None:
     """The explorer of a result as HTML with style and script inside; None if no step has fields.
 
     title : of the pipeline

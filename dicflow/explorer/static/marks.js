@@ -22,7 +22,7 @@ export function scaleBar(frame, view, [, height], unit) {
   const [x, y] = [16, height - 16];
   const path = `M${x} ${y - 5}V${y}H${x + wide}V${y - 5}`;
   return [
-    svg("path", { d: path, class: "x-bar x-bar-below" }),
+    svg("rect", { x: x - 7, y: y - 22, width: wide + 14, height: 29, rx: 5, class: "x-plate" }),
     svg("path", { d: path, class: "x-bar" }),
     svg("text", { x: x + wide / 2, y: y - 7, "text-anchor": "middle", class: "x-bar-text" }, `${brief(length)} ${unit}`),
   ];

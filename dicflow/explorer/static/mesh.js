@@ -118,13 +118,13 @@ class PlainPainter {
     this.context.clearRect(0, 0, this.canvas.width, this.canvas.height);
   }
 
-  draw({ positions, values, indices, matrix, range, palette, opacity }) {
+  draw({ positions, values, indices, matrix, range, palette, opacity, shaded }) {
     const { width, height } = this.canvas;
     const picture = this.context.getImageData(0, 0, width, height);
     const pixels = new Uint32Array(picture.data.buffer);
     const depths = new Float32Array(width * height).fill(Infinity);
     const alpha = Math.round(opacity * 255) << 24;
-    const colours = Uint32Array.from({ length: 256 }, (_, k) => alpha | (palette[3 * k + 2] << 16) | (palette[3 * k + 1] << 8) | palette[3 * k]);
+    const colours = Array.from({ length: shaded ? SHADES : 1 }, (_, shade) => shadedColours(palette, alpha, shaded ? shade / (SHADES - 1) : 1));
     const count = positions.length / 3;
     const shown = new Float32Array(4 * count);
     for (let k = 0; k < count; k++) {
@@ -135,9 +135,30 @@ class PlainPainter {
       shown[4 * k + 2] = w;
       shown[4 * k + 3] = ((values[k] - range[0]) / (range[1] - range[0])) * 255;
     }
-    for (let k = 0; k < indices.length; k += 3) fillTriangle(shown, indices[k], indices[k + 1], indices[k + 2], { pixels, depths, colours, width, height });
+    for (let k = 0; k < indices.length; k += 3) {
+      const [a, b, c] = [indices[k], indices[k + 1], indices[k + 2]];
+      const shade = shaded ? Math.round(facing(positions, 3 * a, 3 * b, 3 * c) * (SHADES - 1)) : 0;
+      fillTriangle(shown, a, b, c, { pixels, depths, colours: colours[shade], width, height });
+    }
     this.context.putImageData(picture, 0, 0);
   }
+}
+
+const SHADES = 33;
+const LIGHT = [0.35, 0.5, -0.8].map((one) => one / Math.hypot(0.35, 0.5, 0.8));
+
+// 256 colours with opacity, darker the less a triangle faces the light, as the shader has them.
+function shadedColours(palette, alpha, share) {
+  const bright = 0.72 + 0.28 * share;
+  return Uint32Array.from({ length: 256 }, (_, k) =>
+    alpha | (Math.round(bright * palette[3 * k + 2]) << 16) | (Math.round(bright * palette[3 * k + 1]) << 8) | Math.round(bright * palette[3 * k]));
+}
+
+// How much a triangle faces the light: 1 entirely, 0 not at all.
+function facing(p, a, b, c) {
+  const [ux, uy, uz, vx, vy, vz] = [p[b] - p[a], p[b + 1] - p[a + 1], p[b + 2] - p[a + 2], p[c] - p[a], p[c + 1] - p[a + 1], p[c + 2] - p[a + 2]];
+  const [nx, ny, nz] = [uy * vz - uz * vy, uz * vx - ux * vz, ux * vy - uy * vx];
+  return Math.abs(nx * LIGHT[0] + ny * LIGHT[1] + nz * LIGHT[2]) / (Math.sqrt(nx * nx + ny * ny + nz * nz) || 1);
 }
 
 function fillTriangle(shown, a, b, c, { pixels, depths, colours, width, height }) {

@@ -33,7 +33,7 @@ export class Side {
       html("section", { class: "x-block", hidden: host.manifest.steps.length < 2 },
         html("div", { class: "x-block-head" }, this.title, this.axis.element, tableButtons(() => this.curveTable, () => `curve_${host.quantity.name}`)),
         this.curve.element, this.chips),
-      this.profileBox, ...(this.surface ? [this.surface.element] : []), this.facts);
+      this.profileBox, ...(this.surface ? [this.surface.element] : []), this.facts, keysHelp());
   }
 
   /** Shows all of it for the frame of the host. */
@@ -55,7 +55,7 @@ export class Side {
     const probes = manifest.curves.filter((one) => one.quantity === quantity.name || (one.quantity === "strain" && quantity.name === manifest.main[0]));
     if (probes.length) {
       const number = (value) => (value === null ? NaN : value);
-      return probes.map((one, k) => ({ name: one.title, colour: COLOURS[(k + 1) % COLOURS.length], numbers: one.numbers, y: one.values.map(number), error: one.sigmas.map(number), unit: one.unit }));
+      return probes.map((one, k) => ({ name: one.title, colour: k ? COLOURS[(k - 1) % COLOURS.length] : "var(--x-accent)", numbers: one.numbers, y: one.values.map(number), error: one.sigmas.map(number), unit: one.unit }));
     }
     const part = (k) => quantity.means.map((pair) => (pair ? pair[k] : NaN));
     return [{ name: "mean of the field ± spread", colour: "var(--x-accent)", numbers: manifest.steps.map((step) => step.number), y: part(0), error: part(1) }];
@@ -150,6 +150,17 @@ export class Side {
       html("ul", { class: "x-reasons" }, ...rows),
       ...notes.map((one) => html("p", { class: "x-hint" }, one)));
   }
+}
+
+const KEYS = {
+  "← →": "step", "Home End": "first and last step", "Space": "play, pause", "+ − 0": "zoom, whole field",
+  "Shift and arrows": "read the neighbouring point", "Enter": "choose that point", "Esc": "drop points and line",
+  "Wheel": "zoom, once the picture was clicked or with Ctrl", "Drag": "move the picture or turn the surface",
+};
+
+function keysHelp() {
+  const rows = Object.entries(KEYS).flatMap(([key, does]) => [html("dt", {}, key), html("dd", {}, does)]);
+  return html("details", { class: "x-keys" }, html("summary", {}, "Keys"), html("dl", {}, ...rows));
 }
 
 /** A coloured dot. */

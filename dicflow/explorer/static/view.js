@@ -38,7 +38,9 @@ class Explorer {
     this.transport = new Transport(this);
     this.side = new Side(this);
     element.classList.add("explorer");
-    element.classList.toggle("x-tall", isTall(manifest));
+    const [wide, high] = extentOf(manifest);
+    element.classList.toggle("x-tall", high > TALL * wide);
+    element.style.setProperty("--x-aspect", wide / high || 1);
     element.explorer = this;
     element.replaceChildren(
       html("div", { class: "x-main" }, this.toolbar.element, this.stage.element, this.transport.element, this.legend.element),
@@ -267,7 +269,7 @@ class Explorer {
 
 const TALL = 1.5;
 
-function isTall({ crops, places }) {
-  const [wide, high] = crops.left ? crops.left.size : (places.left || [[0, 1], [0, 1]]).map(([, quantum]) => quantum);
-  return high > TALL * wide;
+// Width and height of what is shown in the left photograph, to scale.
+function extentOf({ crops, places }) {
+  return crops.left ? crops.left.size : (places.left || [[0, 1], [0, 1]]).map(([, quantum]) => quantum);
 }
