@@ -35,7 +35,24 @@ export class Window2D {
 
   matrix(width, height) {
     const [a, b] = [(2 * this.scale) / width, (2 * this.scale) / height];
-    return Float32Array.of(a, 0, 0, 0, 0, -b, 0, 0, 0, 0, 0, 0, (2 * this.x) / width - 1, 1 - (2 * this.y) / height, 0, 1);
+    return Float32Array.of(
+      a,
+      0,
+      0,
+      0,
+      0,
+      -b,
+      0,
+      0,
+      0,
+      0,
+      0,
+      0,
+      (2 * this.x) / width - 1,
+      1 - (2 * this.y) / height,
+      0,
+      1,
+    );
   }
 }
 
@@ -51,13 +68,17 @@ export class Turntable {
   fit(low, high, further, width, height) {
     const corners = Array.from({ length: 8 }, (_, k) => low.map((one, part) => ((k >> part) & 1 ? high[part] : one)));
     const shown = [...corners, ...further];
-    const ends = low.map((_, part) => shown.map((one) => one[part])).map((values) => [Math.min(...values), Math.max(...values)]);
+    const ends = low
+      .map((_, part) => shown.map((one) => one[part]))
+      .map((values) => [Math.min(...values), Math.max(...values)]);
     this.centre = ends.map(([least, most]) => (least + most) / 2);
     this.radius = Math.hypot(...ends.map(([least, most]) => most - least)) / 2 || 1;
     Object.assign(this, { yaw: further.length ? 0.9 : 0.5, pitch: -0.35, distance: FOCAL * this.radius, dx: 0, dy: 0 });
     for (let round = 0; round < 4; round++) {
       const matrix = this.matrix(width, height);
-      const reach = shown.map((one) => projected(matrix, ...one, 2, 2)).map((at) => (at ? Math.max(Math.abs(at[0] - 1), Math.abs(at[1] - 1)) : 2));
+      const reach = shown
+        .map((one) => projected(matrix, ...one, 2, 2))
+        .map((at) => (at ? Math.max(Math.abs(at[0] - 1), Math.abs(at[1] - 1)) : 2));
       this.distance *= Math.max(...reach) / 0.86;
     }
   }
@@ -78,14 +99,25 @@ export class Turntable {
 
   matrix(width, height) {
     const [cy, sy, cp, sp] = [Math.cos(this.yaw), Math.sin(this.yaw), Math.cos(this.pitch), Math.sin(this.pitch)];
-    const turn = [[cy, 0, sy], [-sp * sy, cp, sp * cy], [-cp * sy, -sp, cp * cy]];
-    const shift = turn.map((row, k) => (k === 2 ? this.distance : 0) - row.reduce((sum, one, j) => sum + one * this.centre[j], 0));
+    const turn = [
+      [cy, 0, sy],
+      [-sp * sy, cp, sp * cy],
+      [-cp * sy, -sp, cp * cy],
+    ];
+    const shift = turn.map(
+      (row, k) => (k === 2 ? this.distance : 0) - row.reduce((sum, one, j) => sum + one * this.centre[j], 0),
+    );
     const wide = Math.min(1, width / height);
     const [fx, fy] = [(FOCAL * height * wide) / width, FOCAL * wide];
-    const [near, far] = [this.distance - 40 * this.radius, this.distance + 40 * this.radius].map((z, k) => (k ? z : Math.max(z, this.distance * 0.02)));
+    const [near, far] = [this.distance - 40 * this.radius, this.distance + 40 * this.radius].map((z, k) =>
+      k ? z : Math.max(z, this.distance * 0.02),
+    );
     const [a, b] = [(far + near) / (far - near), (-2 * far * near) / (far - near)];
     const rows = [
-      [...turn[0].map((one, k) => fx * one + (this.dx * height / width) * turn[2][k]), fx * shift[0] + (this.dx * height / width) * shift[2]],
+      [
+        ...turn[0].map((one, k) => fx * one + ((this.dx * height) / width) * turn[2][k]),
+        fx * shift[0] + ((this.dx * height) / width) * shift[2],
+      ],
       [...turn[1].map((one, k) => -fy * one - this.dy * turn[2][k]), -fy * shift[1] - this.dy * shift[2]],
       [...turn[2].map((one) => a * one), a * shift[2] + b],
       [...turn[2], shift[2]],

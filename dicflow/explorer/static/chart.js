@@ -3,7 +3,10 @@
 import { roundTicks } from "./numbers.js";
 import { html, svg } from "./page.js";
 
-const LEFT = 62, RIGHT = 14, TOP = 12, BOTTOM = 40;
+const LEFT = 62,
+  RIGHT = 14,
+  TOP = 12,
+  BOTTOM = 40;
 
 /** A chart that fills an element. pick : called with the x of the point that was clicked, if given */
 export class Chart {
@@ -31,8 +34,14 @@ export class Chart {
     const { series, xAxis, yAxis, mark, label } = this.content;
     this.drawing.setAttribute("viewBox", `0 0 ${width} ${height}`);
     this.drawing.setAttribute("aria-label", label);
-    const x = span(series.flatMap((one) => [...one.x]), 0);
-    const y = span(series.flatMap((one) => [...one.y].flatMap((value, k) => band(one, value, k))), 0.06);
+    const x = span(
+      series.flatMap((one) => [...one.x]),
+      0,
+    );
+    const y = span(
+      series.flatMap((one) => [...one.y].flatMap((value, k) => band(one, value, k))),
+      0.06,
+    );
     const toX = (value) => LEFT + ((value - x[0]) / (x[1] - x[0])) * (width - LEFT - RIGHT);
     const toY = (value) => height - BOTTOM - ((value - y[0]) / (y[1] - y[0])) * (height - TOP - BOTTOM);
     this.scale = { toX, toY, width, height };
@@ -91,7 +100,8 @@ function span(values, margin) {
   const known = values.filter(Number.isFinite);
   if (!known.length) return [0, 1];
   let [low, high] = [Math.min(...known), Math.max(...known)];
-  if (high - low < 1e-12 * Math.max(1, Math.abs(high))) [low, high] = [low - 0.5 * (Math.abs(low) || 1), high + 0.5 * (Math.abs(high) || 1)];
+  if (high - low < 1e-12 * Math.max(1, Math.abs(high)))
+    [low, high] = [low - 0.5 * (Math.abs(low) || 1), high + 0.5 * (Math.abs(high) || 1)];
   return [low - margin * (high - low), high + margin * (high - low)];
 }
 
@@ -102,13 +112,27 @@ function* axes(x, y, { toX, toY, width, height }, xAxis, yAxis) {
   }
   for (const { value, text } of roundTicks(x[0], x[1], (width - LEFT - RIGHT) / 70)) {
     if (xAxis.whole && value !== Math.round(value)) continue;
-    yield svg("line", { class: "x-tick", x1: toX(value), x2: toX(value), y1: height - BOTTOM, y2: height - BOTTOM + 4 });
+    yield svg("line", {
+      class: "x-tick",
+      x1: toX(value),
+      x2: toX(value),
+      y1: height - BOTTOM,
+      y2: height - BOTTOM + 4,
+    });
     yield svg("text", { x: toX(value), y: height - BOTTOM + 17, "text-anchor": "middle" }, text);
   }
   yield svg("line", { class: "x-axis", x1: LEFT, x2: width - RIGHT, y1: height - BOTTOM, y2: height - BOTTOM });
-  yield svg("text", { class: "x-name", x: (LEFT + width - RIGHT) / 2, y: height - 5, "text-anchor": "middle" }, xAxis.text);
+  yield svg(
+    "text",
+    { class: "x-name", x: (LEFT + width - RIGHT) / 2, y: height - 5, "text-anchor": "middle" },
+    xAxis.text,
+  );
   const middle = (TOP + height - BOTTOM) / 2;
-  yield svg("text", { class: "x-name", x: 13, y: middle, "text-anchor": "middle", transform: `rotate(-90 13 ${middle})` }, yAxis.text);
+  yield svg(
+    "text",
+    { class: "x-name", x: 13, y: middle, "text-anchor": "middle", transform: `rotate(-90 13 ${middle})` },
+    yAxis.text,
+  );
 }
 
 function* curve(series, toX, toY) {
@@ -125,9 +149,16 @@ function* curve(series, toX, toY) {
       yield svg("polygon", { points: [...upper, ...lower].join(" "), fill: series.colour, class: "x-band" });
     }
     const line = run.map((k) => `${toX(series.x[k]).toFixed(1)},${toY(series.y[k]).toFixed(1)}`).join(" ");
-    yield svg("polyline", { points: line, fill: "none", stroke: series.colour, "stroke-width": 2, "stroke-linejoin": "round" });
+    yield svg("polyline", {
+      points: line,
+      fill: "none",
+      stroke: series.colour,
+      "stroke-width": 2,
+      "stroke-linejoin": "round",
+    });
   }
   if (series.x.length <= 60) {
-    for (const k of runs.flat()) yield svg("circle", { cx: toX(series.x[k]), cy: toY(series.y[k]), r: 3, fill: series.colour });
+    for (const k of runs.flat())
+      yield svg("circle", { cx: toX(series.x[k]), cy: toY(series.y[k]), r: 3, fill: series.colour });
   }
 }

@@ -18,7 +18,9 @@ export async function anglesOf(fields, step) {
   const codes = await Promise.all(facts.map((one) => fields.codes(step, `value/${one.name}`)));
   if (!facts.length || codes.some((one) => !one)) return null;
   const at = (part, k) => valueOf(facts[part], codes[part][k]);
-  return facts.length === 1 ? (k) => (at(0, k) * Math.PI) / 180 : (k) => 0.5 * Math.atan2(at(2, k), at(0, k) - at(1, k));
+  return facts.length === 1
+    ? (k) => (at(0, k) * Math.PI) / 180
+    : (k) => 0.5 * Math.atan2(at(2, k), at(0, k) - at(1, k));
 }
 
 /** Lines at evenly chosen points. frame : with places, first and angles; toPicture : of its window */
@@ -44,14 +46,20 @@ export function directionMarks(frame, scene, material, view) {
       path += `M${(px - ex).toFixed(1)} ${(py - ey).toFixed(1)}L${(px + ex).toFixed(1)} ${(py + ey).toFixed(1)}`;
     }
   }
-  return [svg("path", { d: path, class: "x-direction x-direction-below" }), svg("path", { d: path, class: "x-direction" })];
+  return [
+    svg("path", { d: path, class: "x-direction x-direction-below" }),
+    svg("path", { d: path, class: "x-direction" }),
+  ];
 }
 
 // J d with J = ∂after/∂before by central differences along rows and columns; NaN where a neighbour is missing.
 function carriedAlong(before, after, k, rows, cols, dx, dy) {
   const [row, col] = [Math.floor(k / cols), k % cols];
   if (row === 0 || row === rows - 1 || col === 0 || col === cols - 1) return [NaN, NaN];
-  const slope = (places, part) => [places[3 * (k + 1) + part] - places[3 * (k - 1) + part], places[3 * (k + cols) + part] - places[3 * (k - cols) + part]];
+  const slope = (places, part) => [
+    places[3 * (k + 1) + part] - places[3 * (k - 1) + part],
+    places[3 * (k + cols) + part] - places[3 * (k - cols) + part],
+  ];
   const [[a, b], [c, d]] = [slope(before, 0), slope(before, 1)];
   const turned = a * d - b * c;
   const [u, v] = [(d * dx - b * dy) / turned, (a * dy - c * dx) / turned];

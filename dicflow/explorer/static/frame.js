@@ -25,7 +25,20 @@ export class Frame {
       fields.places(step, "left"),
       scene.directions ? anglesOf(fields, step) : null,
     ]);
-    return new Frame({ step, quantity, scene: { ...scene }, status, codes, sigma, share, places, first, space, here, angles });
+    return new Frame({
+      step,
+      quantity,
+      scene: { ...scene },
+      status,
+      codes,
+      sigma,
+      share,
+      places,
+      first,
+      space,
+      here,
+      angles,
+    });
   }
 
   constructor(facts) {
@@ -54,7 +67,8 @@ export class Frame {
   /** Places of all points, lost ones where they would lie; only in photographs. */
   get estimates() {
     return this._once("estimates", () =>
-      this.scene.camera === "left" ? withEstimates(this.places, this.first, this.rows, this.cols) : this.places);
+      this.scene.camera === "left" ? withEstimates(this.places, this.first, this.rows, this.cols) : this.places,
+    );
   }
 
   get spacing() {
@@ -116,7 +130,10 @@ export class Frame {
 
 /** Least and largest coordinates of known places; null without any. */
 export function boxOf(places) {
-  const [low, high] = [[Infinity, Infinity, Infinity], [-Infinity, -Infinity, -Infinity]];
+  const [low, high] = [
+    [Infinity, Infinity, Infinity],
+    [-Infinity, -Infinity, -Infinity],
+  ];
   for (let k = 0; k < places.length; k++) {
     const value = places[k];
     if (value < low[k % 3]) low[k % 3] = value;
@@ -129,13 +146,18 @@ export function boxOf(places) {
 export async function curveOf(fields, scene, picked) {
   const { manifest } = fields;
   const quantity = manifest.quantities[scene.quantity];
-  const found = await Promise.all(manifest.steps.map(async (step) => {
-    if (!step.blobs.status) return [NaN, NaN];
-    const [codes, sigma] = await Promise.all([fields.codes(step, `value/${quantity.name}`), fields.codes(step, `sigma/${quantity.name}`)]);
-    const k = manifest.follows ? picked.index : await nearestIn(fields, step, picked.place);
-    if (!codes || k < 0 || k >= codes.length) return [NaN, NaN];
-    return [valueOf(quantity, codes[k]), sigma ? deviationOf(quantity.sigma, sigma[k]) : NaN];
-  }));
+  const found = await Promise.all(
+    manifest.steps.map(async (step) => {
+      if (!step.blobs.status) return [NaN, NaN];
+      const [codes, sigma] = await Promise.all([
+        fields.codes(step, `value/${quantity.name}`),
+        fields.codes(step, `sigma/${quantity.name}`),
+      ]);
+      const k = manifest.follows ? picked.index : await nearestIn(fields, step, picked.place);
+      if (!codes || k < 0 || k >= codes.length) return [NaN, NaN];
+      return [valueOf(quantity, codes[k]), sigma ? deviationOf(quantity.sigma, sigma[k]) : NaN];
+    }),
+  );
   return { values: found.map(([value]) => value), sigmas: found.map(([, sigma]) => sigma) };
 }
 

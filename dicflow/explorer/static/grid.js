@@ -7,8 +7,12 @@ export function wholeCells(rows, cols, known) {
   for (let row = 0; row + 1 < rows; row++) {
     for (let k = row * cols; k + 1 < (row + 1) * cols; k++) {
       if (!(known(k) && known(k + 1) && known(k + cols) && known(k + cols + 1))) continue;
-      found[length++] = k; found[length++] = k + 1; found[length++] = k + cols;
-      found[length++] = k + 1; found[length++] = k + cols + 1; found[length++] = k + cols;
+      found[length++] = k;
+      found[length++] = k + 1;
+      found[length++] = k + cols;
+      found[length++] = k + 1;
+      found[length++] = k + cols + 1;
+      found[length++] = k + cols;
     }
   }
   return found.subarray(0, length);
@@ -65,7 +69,11 @@ export function lostCells(places, status, rows, cols) {
       indices.push(start, start + 1, start + 2, start + 1, start + 3, start + 2);
     }
   }
-  return { positions: Float32Array.from(positions), values: Uint16Array.from(values), indices: Uint32Array.from(indices) };
+  return {
+    positions: Float32Array.from(positions),
+    values: Uint16Array.from(values),
+    indices: Uint32Array.from(indices),
+  };
 }
 
 /** Median distance of neighbours in a row. */

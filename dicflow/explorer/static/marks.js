@@ -24,7 +24,11 @@ export function scaleBar(frame, view, [, height], unit) {
   return [
     svg("rect", { x: x - 7, y: y - 22, width: wide + 14, height: 29, rx: 5, class: "x-plate" }),
     svg("path", { d: path, class: "x-bar" }),
-    svg("text", { x: x + wide / 2, y: y - 7, "text-anchor": "middle", class: "x-bar-text" }, `${brief(length)} ${unit}`),
+    svg(
+      "text",
+      { x: x + wide / 2, y: y - 7, "text-anchor": "middle", class: "x-bar-text" },
+      `${brief(length)} ${unit}`,
+    ),
   ];
 }
 
@@ -33,7 +37,11 @@ function lengthPerPixel(frame) {
   const found = [];
   for (let k = 0; k + 1 < frame.rows * frame.cols; k += Math.max(1, (frame.rows * frame.cols) >> 9)) {
     const [i, j] = [3 * k, 3 * k + 3];
-    const long = Math.hypot(frame.space[j] - frame.space[i], frame.space[j + 1] - frame.space[i + 1], frame.space[j + 2] - frame.space[i + 2]);
+    const long = Math.hypot(
+      frame.space[j] - frame.space[i],
+      frame.space[j + 1] - frame.space[i + 1],
+      frame.space[j + 2] - frame.space[i + 2],
+    );
     const short = Math.hypot(frame.places[j] - frame.places[i], frame.places[j + 1] - frame.places[i + 1]);
     if (long > 0 && short > 0 && (k + 1) % frame.cols) found.push(long / short);
   }

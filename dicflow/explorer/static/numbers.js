@@ -51,3 +51,17 @@ export function roundTicks(low, high, about) {
   }
   return found;
 }
+
+/** A value with its error and unit; digits follow the error, or what the value is rounded to. */
+export function withError(value, error, unit, quantum = NaN) {
+  if (!Number.isFinite(value)) return "no value";
+  const known = Number.isFinite(error) && error > 0;
+  const decimals = decimalsFor(known ? error : quantum);
+  const number = known || Number.isFinite(quantum) ? fixed(value, decimals) : brief(value, 5);
+  return `${number}${known ? ` ± ${fixed(error, decimals)}` : ""}${unitText(unit)}`;
+}
+
+/** A text that begins a sentence. */
+export function capital(text) {
+  return text.charAt(0).toUpperCase() + text.slice(1);
+}

@@ -30,7 +30,11 @@ const ICONS = {
 
 /** A sign of a button. */
 export function icon(name) {
-  return svg("svg", { viewBox: "0 0 16 16", class: `x-sign x-sign-${name}`, "aria-hidden": "true" }, svg("path", { d: ICONS[name] }));
+  return svg(
+    "svg",
+    { viewBox: "0 0 16 16", class: `x-sign x-sign-${name}`, "aria-hidden": "true" },
+    svg("path", { d: ICONS[name] }),
+  );
 }
 
 /** A group of buttons of which one is pressed. choices : { value: label }; change : called with the value */

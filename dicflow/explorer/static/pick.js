@@ -23,8 +23,10 @@ export class Buckets {
     const bucket = new Int32Array(count);
     for (let k = 0; k < count; k++) {
       const x = places[numbers * k];
-      bucket[k] = x === x
-        ? Math.floor((places[numbers * k + 1] - y0) / this.size) * this.wide + Math.floor((x - x0) / this.size) : -1;
+      bucket[k] =
+        x === x
+          ? Math.floor((places[numbers * k + 1] - y0) / this.size) * this.wide + Math.floor((x - x0) / this.size)
+          : -1;
       if (bucket[k] >= 0) this.start[bucket[k] + 1]++;
     }
     for (let k = 1; k < this.start.length; k++) this.start[k] += this.start[k - 1];
@@ -60,7 +62,10 @@ export function trianglesAt(buckets, rows, cols, known, x, y, reach) {
       const k = r * cols + c;
       const corners = [k, k + 1, k + cols, k + cols + 1];
       if (!corners.every(known)) continue;
-      for (const points of [[k, k + 1, k + cols], [k + 1, k + cols + 1, k + cols]]) {
+      for (const points of [
+        [k, k + 1, k + cols],
+        [k + 1, k + cols + 1, k + cols],
+      ]) {
         const weights = barycentric(buckets.places, points, x, y);
         if (weights) return { points, weights };
       }

@@ -4,7 +4,9 @@ import { shortTitle } from "./controls.js";
 import { axisText, roundTicks } from "./numbers.js";
 import { html } from "./page.js";
 
-const MARGIN = 24, BAR = 14, FOOT = 92;
+const MARGIN = 24,
+  BAR = 14,
+  FOOT = 92;
 
 /** A canvas with what the stage shows, on white. */
 export function pictureOf({ stage, quantity, range, palette, manifest, scene }) {
@@ -36,7 +38,12 @@ export function pictureOf({ stage, quantity, range, palette, manifest, scene }) 
   context.fillStyle = "#1b1f24";
   context.textAlign = "center";
   context.font = "600 13px system-ui, sans-serif";
-  context.fillText(`${axisText(`${shortTitle(quantity.title, quantity.symbol)} ${quantity.symbol}`, quantity.unit)} · ${manifest.steps[scene.step].name}`, width / 2, height + 26, width - 2 * MARGIN);
+  context.fillText(
+    `${axisText(`${shortTitle(quantity.title, quantity.symbol)} ${quantity.symbol}`, quantity.unit)} · ${manifest.steps[scene.step].name}`,
+    width / 2,
+    height + 26,
+    width - 2 * MARGIN,
+  );
   context.font = "12px system-ui, sans-serif";
   for (const { value, text } of roundTicks(...range, 5)) {
     context.fillText(text, left + ((value - range[0]) / (range[1] - range[0])) * long, top + BAR + 18);

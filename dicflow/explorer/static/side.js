@@ -1,19 +1,22 @@
 // Beside the picture: the curve over the test, the profile along a line, and how many points have a value.
 
 import { Chart } from "./chart.js";
-import { curveOf, profileOf } from "./frame.js";
-import { axisText, brief, decimalsFor, fixed, typed, unitText } from "./numbers.js";
+import { COLOURS, loadsOf, nameOf, placesOf, seriesOf, tableOf, titleOf } from "./curves.js";
+import { profileOf } from "./frame.js";
+import { axisText, brief, capital, fixed, typed, unitText, withError } from "./numbers.js";
 import { choice, html } from "./page.js";
 import { SurfaceView } from "./surface.js";
 import { tableButtons } from "./table.js";
-
-const COLOURS = ["#d1495b", "#2a7f9e", "#e09f3e", "#5a8f3c", "#7d5ba6", "#3d405b"];
 
 /** The panel beside the picture. */
 export class Side {
   constructor(host) {
     this.host = host;
-    this.axis = choice("axis of the curve", { step: "Step", load: "Load" }, "step", (axis) => { this.along = axis; this.axis.show(axis); this.showCurve(); });
+    this.axis = choice("axis of the curve", { step: "Step", load: "Load" }, "step", (axis) => {
+      this.along = axis;
+      this.axis.show(axis);
+      this.showCurve();
+    });
     this.along = "step";
     this.axis.element.hidden = !host.manifest.load;
     this.title = html("h3", {});
@@ -22,18 +25,65 @@ export class Side {
     this.profileTitle = html("h3", {});
     this.profile = new Chart(html("div", {}));
     this.ends = ["x of the start", "y of the start", "x of the end", "y of the end"].map((label, k) =>
-      html("input", { type: "text", inputMode: "decimal", "aria-label": label, title: `${label} [px]`, onchange: (event) => this.moveEnd(k, event.target) }));
-    this.profileBox = html("section", { class: "x-block", hidden: true },
-      html("div", { class: "x-block-head" }, this.profileTitle, tableButtons(() => this.profileTable, () => `profile_${host.quantity.name}`)),
+      html("input", {
+        type: "text",
+        inputMode: "decimal",
+        "aria-label": label,
+        title: `${label} [px]`,
+        onchange: (event) => this.moveEnd(k, event.target),
+      }),
+    );
+    this.profileBox = html(
+      "section",
+      { class: "x-block", hidden: true },
+      html(
+        "div",
+        { class: "x-block-head" },
+        this.profileTitle,
+        tableButtons(
+          () => this.profileTable,
+          () => `profile_${host.quantity.name}`,
+        ),
+      ),
       this.profile.element,
-      html("div", { class: "x-ends" }, html("span", {}, "from"), this.ends[0], this.ends[1], html("span", {}, "to"), this.ends[2], this.ends[3], html("span", {}, "px")));
+      html(
+        "div",
+        { class: "x-ends" },
+        html("span", {}, "from"),
+        this.ends[0],
+        this.ends[1],
+        html("span", {}, "to"),
+        this.ends[2],
+        this.ends[3],
+        html("span", {}, "px"),
+      ),
+    );
     this.surface = host.manifest.form === "shape" && host.cameras.space ? new SurfaceView(host) : null;
     this.facts = html("section", { class: "x-block x-facts" });
-    this.element = html("div", { class: "x-side" },
-      html("section", { class: "x-block", hidden: host.manifest.steps.length < 2 },
-        html("div", { class: "x-block-head" }, this.title, this.axis.element, tableButtons(() => this.curveTable, () => `curve_${host.quantity.name}`)),
-        this.curve.element, this.chips),
-      this.profileBox, ...(this.surface ? [this.surface.element] : []), this.facts, keysHelp());
+    this.element = html(
+      "div",
+      { class: "x-side" },
+      html(
+        "section",
+        { class: "x-block", hidden: host.manifest.steps.length < 2 },
+        html(
+          "div",
+          { class: "x-block-head" },
+          this.title,
+          this.axis.element,
+          tableButtons(
+            () => this.curveTable,
+            () => `curve_${host.quantity.name}`,
+          ),
+        ),
+        this.curve.element,
+        this.chips,
+      ),
+      this.profileBox,
+      ...(this.surface ? [this.surface.element] : []),
+      this.facts,
+      keysHelp(),
+    );
   }
 
   /** Shows all of it for the frame of the host. */
@@ -44,61 +94,43 @@ export class Side {
     await this.showCurve();
   }
 
-  /** Series of the chosen points, else of the probes, else the mean of the field. */
-  async series() {
-    const { host } = this;
-    const { manifest, quantity, scene } = host;
-    if (host.points.length) {
-      const curves = await Promise.all(host.points.map((one) => curveOf(host.fields, scene, one)));
-      return curves.map(({ values, sigmas }, k) => ({ name: pointName(host.points[k]), colour: host.points[k].colour, numbers: manifest.steps.map((step) => step.number), y: values, error: sigmas }));
-    }
-    const probes = manifest.curves.filter((one) => one.quantity === quantity.name || (one.quantity === "strain" && quantity.name === manifest.main[0]));
-    if (probes.length) {
-      const number = (value) => (value === null ? NaN : value);
-      return probes.map((one, k) => ({ name: one.title, colour: k ? COLOURS[(k - 1) % COLOURS.length] : "var(--x-accent)", numbers: one.numbers, y: one.values.map(number), error: one.sigmas.map(number), unit: one.unit }));
-    }
-    const part = (k) => quantity.means.map((pair) => (pair ? pair[k] : NaN));
-    return [{ name: "mean of the field ± spread", colour: "var(--x-accent)", numbers: manifest.steps.map((step) => step.number), y: part(0), error: part(1) }];
-  }
-
   async showCurve() {
     const { host } = this;
     const { manifest, quantity, scene } = host;
     const asked = (this.asked = (this.asked || 0) + 1);
-    const series = await this.series();
+    const series = await seriesOf(host);
     if (asked !== this.asked) return;
-    const byLoad = this.along === "load" && manifest.load;
-    const loads = new Map(manifest.steps.map((step, k) => [step.number, byLoad && manifest.load[1][k] !== null ? manifest.load[1][k] : NaN]));
-    for (const one of series) one.x = one.numbers.map((number) => (byLoad ? loads.get(number) ?? NaN : number));
-    const places = new Map(manifest.steps.map((step, k) => [step.number, k]));
-    this.stepAt = series.length ? series[0].numbers.map((number) => places.get(number)) : [];
-    const now = manifest.steps[scene.step].number;
-    const names = new Map(manifest.steps.map((step) => [step.number, step.name]));
-    this.title.textContent = host.points.length ? `${quantity.symbol} at ${host.points.length === 1 ? "the point" : "points"}` : series.length === 1 ? capital(series[0].name) : "Probes";
-    const own = series.every((one) => one.unit === undefined);
+    const byLoad = this.along === "load" && Boolean(manifest.load);
+    for (const one of series) one.x = byLoad ? loadsOf(manifest, one.numbers) : one.numbers;
+    this.stepAt = placesOf(manifest, series[0].numbers);
+    this.title.textContent = titleOf(host, series);
+    const now = [manifest.steps[scene.step].number];
     this.curve.show({
       series,
       label: `${quantity.symbol} over ${byLoad ? "load" : "step"}`,
       xAxis: byLoad ? { text: axisText("load", manifest.load[0]) } : { text: "step", whole: true },
-      yAxis: { text: own ? axisText(quantity.symbol, quantity.unit) : axisText(series[0].name.startsWith("strain") ? "strain" : quantity.symbol, series[0].unit) },
-      mark: byLoad ? loads.get(now) : now,
-      text: (one, k) => `${names.get(one.numbers[k]) ?? "first step"}: ${withError(one.y[k], one.error[k], one.unit ?? quantity.unit)}`,
+      yAxis: { text: axisText(series[0].symbol, series[0].unit) },
+      mark: (byLoad ? loadsOf(manifest, now) : now)[0],
+      text: (one, k) => `${nameOf(manifest, one.numbers[k])}: ${withError(one.y[k], one.error[k], one.unit)}`,
     });
-    this.curveTable = {
-      columns: ["step", ...(byLoad || manifest.load ? [axisText("load", manifest.load[0])] : []), ...series.flatMap((one) => [`${one.name} ${axisText(quantity.symbol, one.unit ?? quantity.unit)}`, `± ${one.name}`])],
-      rows: (series[0]?.numbers ?? []).map((number, k) => [
-        names.get(number) ?? "first step",
-        ...(manifest.load ? [manifest.load[1][places.get(number)] ?? NaN] : []),
-        ...series.flatMap((one) => [one.y[k], one.error[k]]),
-      ]),
-    };
+    this.curveTable = tableOf(manifest, series);
     this.showChips();
   }
 
   showChips() {
     const { host } = this;
-    const chip = (one) => html("span", { class: "x-chip" }, dot(one.colour), `point ${one.row}, ${one.col}`,
-      html("button", { type: "button", "aria-label": `remove point ${one.row}, ${one.col}`, onclick: () => host.drop(one) }, "×"));
+    const chip = (one) =>
+      html(
+        "span",
+        { class: "x-chip" },
+        dot(one.colour),
+        `point ${one.row}, ${one.col}`,
+        html(
+          "button",
+          { type: "button", "aria-label": `remove point ${one.row}, ${one.col}`, onclick: () => host.drop(one) },
+          "×",
+        ),
+      );
     const hint = html("span", { class: "x-hint" }, "Click points of the field for their curves.");
     this.chips.replaceChildren(...(host.points.length ? host.points.map(chip) : [hint]));
   }
@@ -116,7 +148,9 @@ export class Side {
     if (this.profileBox.hidden || !frame) return;
     const { at, values } = profileOf(frame, scene.line);
     this.profileTitle.textContent = `${quantity.symbol} along the line`;
-    scene.line.flat().forEach((value, k) => { if (document.activeElement !== this.ends[k]) this.ends[k].value = fixed(value, 1); });
+    scene.line.flat().forEach((value, k) => {
+      if (document.activeElement !== this.ends[k]) this.ends[k].value = fixed(value, 1);
+    });
     this.profile.show({
       series: [{ name: "profile", colour: "var(--x-accent)", x: at, y: values, error: null }],
       label: `${quantity.symbol} along the line`,
@@ -125,7 +159,10 @@ export class Side {
       mark: null,
       text: (one, k) => `${fixed(one.x[k], 1)} px: ${withError(one.y[k], NaN, quantity.unit, quantity.scale[1])}`,
     });
-    this.profileTable = { columns: ["distance [px]", axisText(quantity.symbol, quantity.unit)], rows: at.map((one, k) => [one, values[k]]) };
+    this.profileTable = {
+      columns: ["distance [px]", axisText(quantity.symbol, quantity.unit)],
+      rows: at.map((one, k) => [one, values[k]]),
+    };
   }
 
   moveEnd(k, input) {
@@ -142,20 +179,43 @@ export class Side {
     const step = manifest.steps[scene.step];
     const whole = Object.values(step.counts).reduce((sum, one) => sum + one, 0);
     const share = (count) => `${fixed((100 * count) / whole, count === whole ? 0 : 1)} %`;
-    const rows = manifest.reasons.filter(({ code }) => code > 0 && step.counts[code]).map(({ code, label, sentence, colour }) =>
-      html("li", { title: sentence }, dot(colour), html("span", {}, label), html("span", { class: "x-number" }, `${step.counts[code]}`), html("span", { class: "x-number" }, share(step.counts[code]))));
-    const notes = [`Values are rounded by at most ${brief(quantity.scale[1] / 2, 2)}${unitText(quantity.unit)}` + (quantity.sigma ? `, σ by ${brief(100 * (Math.sqrt(quantity.sigma[1]) - 1), 2)} %.` : "."), ...manifest.left_out.map((one) => `${capital(one)}.`)];
+    const number = (text) => html("span", { class: "x-number" }, text);
+    const row = ({ code, label, sentence, colour }) =>
+      html(
+        "li",
+        { title: sentence },
+        dot(colour),
+        html("span", {}, label),
+        number(`${step.counts[code]}`),
+        number(share(step.counts[code])),
+      );
+    const rows = manifest.reasons.filter(({ code }) => code > 0 && step.counts[code]).map(row);
+    const rounding = `${brief(quantity.scale[1] / 2, 2)}${unitText(quantity.unit)}`;
+    const sigma = quantity.sigma ? `, σ by ${brief(100 * (Math.sqrt(quantity.sigma[1]) - 1), 2)} %` : "";
+    const notes = [
+      `Values are rounded by at most ${rounding}${sigma}.`,
+      ...manifest.left_out.map((one) => `${capital(one)}.`),
+    ];
+    const valid = html("strong", {}, share((step.counts[0] || 0) + (step.counts[1] || 0)));
+    const measured = [valid, ` of ${whole.toLocaleString("en")} points have a value at ${step.name}`];
     this.facts.replaceChildren(
-      html("p", { class: "x-valid" }, step.valid === null ? "This step was not measured." : html("strong", {}, share((step.counts[0] || 0) + (step.counts[1] || 0))), step.valid === null ? "" : ` of ${whole.toLocaleString("en")} points have a value at ${step.name}`),
+      html("p", { class: "x-valid" }, ...(step.valid === null ? ["This step was not measured."] : measured)),
       html("ul", { class: "x-reasons" }, ...rows),
-      ...notes.map((one) => html("p", { class: "x-hint" }, one)));
+      ...notes.map((one) => html("p", { class: "x-hint" }, one)),
+    );
   }
 }
 
 const KEYS = {
-  "← →": "step", "Home End": "first and last step", "Space": "play, pause", "+ − 0": "zoom, whole field",
-  "Shift and arrows": "read the neighbouring point", "Enter": "choose that point", "Esc": "drop points and line",
-  "Wheel": "zoom, once the picture was clicked or with Ctrl", "Drag": "move the picture or turn the surface",
+  "← →": "step",
+  "Home End": "first and last step",
+  Space: "play, pause",
+  "+ − 0": "zoom, whole field",
+  "Shift and arrows": "read the neighbouring point",
+  Enter: "choose that point",
+  Esc: "drop points and line",
+  Wheel: "zoom, once the picture was clicked or with Ctrl",
+  Drag: "move the picture or turn the surface",
 };
 
 function keysHelp() {
@@ -168,21 +228,4 @@ export function dot(colour) {
   const made = html("span", { class: "x-dot" });
   made.style.background = colour;
   return made;
-}
-
-/** A value with its error and unit; digits follow the error, or what the value is rounded to. */
-export function withError(value, error, unit, quantum = NaN) {
-  if (!Number.isFinite(value)) return "no value";
-  const known = Number.isFinite(error) && error > 0;
-  const decimals = decimalsFor(known ? error : quantum);
-  const number = known || Number.isFinite(quantum) ? fixed(value, decimals) : brief(value, 5);
-  return `${number}${known ? ` ± ${fixed(error, decimals)}` : ""}${unitText(unit)}`;
-}
-
-function pointName({ row, col }) {
-  return `point ${row}, ${col}`;
-}
-
-function capital(text) {
-  return text.charAt(0).toUpperCase() + text.slice(1);
 }

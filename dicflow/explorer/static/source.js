@@ -89,7 +89,8 @@ export class Fields {
 
   _codes(name, [rows, cols], planes) {
     return this._made(`${name} codes`, async () =>
-      undifferenced(await inflated(await this.source.bytes(name)), rows, cols, planes));
+      undifferenced(await inflated(await this.source.bytes(name)), rows, cols, planes),
+    );
   }
 
   /** Promise of places as x, y, z of one point after another, NaN for unknown ones; null where there are none. */

@@ -21,8 +21,15 @@ export class Stage {
     this.overlay = svg("svg", { class: "x-overlay", "aria-hidden": "true" });
     this.tip = html("div", { class: "x-tip", role: "status", hidden: true });
     this.notice = html("p", { class: "x-notice", hidden: true });
-    this.element = html("div", { class: "x-stage", tabIndex: 0, role: "application", "aria-label": "field" },
-      this.photo, this.canvas, this.overlay, this.notice, this.tip);
+    this.element = html(
+      "div",
+      { class: "x-stage", tabIndex: 0, role: "application", "aria-label": "field" },
+      this.photo,
+      this.canvas,
+      this.overlay,
+      this.notice,
+      this.tip,
+    );
     this.painter = painterFor(this.canvas);
     this.pointers = new Map();
     this.fitted = "";
@@ -60,8 +67,15 @@ export class Stage {
     if (this.fitted === key || !frame) return;
     const crop = this.host.manifest.crops[scene.camera];
     const box = frame.box;
-    if (!this.isFlat && box) this.turntable.fit(box.low, box.high, scene.rig ? this.host.manifest.cameras.map((one) => one.centre) : [], ...this.size);
-    else if (crop) this.window.fit([...crop.origin, crop.origin[0] + crop.size[0], crop.origin[1] + crop.size[1]], ...this.size);
+    if (!this.isFlat && box)
+      this.turntable.fit(
+        box.low,
+        box.high,
+        scene.rig ? this.host.manifest.cameras.map((one) => one.centre) : [],
+        ...this.size,
+      );
+    else if (crop)
+      this.window.fit([...crop.origin, crop.origin[0] + crop.size[0], crop.origin[1] + crop.size[1]], ...this.size);
     else if (box) this.window.fit([box.low[0], box.low[1], box.high[0], box.high[1]], ...this.size);
     this.fitted = key;
   }
@@ -84,10 +98,25 @@ export class Stage {
       const codes = this.host.range.map((value) => (value - frame.quantity.scale[0]) / frame.quantity.scale[1] + 1);
       const palette = this.host.palette;
       const faded = scene.reasons ? 0.25 : 1;
-      this.painter.draw({ positions: frame.places, values: frame.codes, indices: frame.indices, matrix, range: codes, palette,
-        opacity: this.isFlat ? scene.opacity * faded : faded, shaded: !this.isFlat });
+      this.painter.draw({
+        positions: frame.places,
+        values: frame.codes,
+        indices: frame.indices,
+        matrix,
+        range: codes,
+        palette,
+        opacity: this.isFlat ? scene.opacity * faded : faded,
+        shaded: !this.isFlat,
+      });
       if (scene.reasons && this.isFlat) {
-        this.painter.draw({ ...frame.lost, matrix, range: [0, 255], palette: this.host.reasonPalette, opacity: 0.9, shaded: false });
+        this.painter.draw({
+          ...frame.lost,
+          matrix,
+          range: [0, 255],
+          palette: this.host.reasonPalette,
+          opacity: 0.9,
+          shaded: false,
+        });
       }
     }
     this.mark();
@@ -135,8 +164,13 @@ export class Stage {
     const parts = [];
     const { frame, scene } = this.host;
     if (frame) {
-      if (!this.isFlat) parts.push(...(scene.rig ? frustums(this.host.manifest.cameras, frame.box, this.matrix, this.size) : []), ...triad(this.turntable, this.size));
-      else if (scene.directions && scene.camera === "left") parts.push(...directionMarks(frame, scene, this.host.manifest.directions === "material", this.window));
+      if (!this.isFlat)
+        parts.push(
+          ...(scene.rig ? frustums(this.host.manifest.cameras, frame.box, this.matrix, this.size) : []),
+          ...triad(this.turntable, this.size),
+        );
+      else if (scene.directions && scene.camera === "left")
+        parts.push(...directionMarks(frame, scene, this.host.manifest.directions === "material", this.window));
       if (this.isFlat) parts.push(...scaleBar(frame, this.window, this.size, this.host.manifest.unit));
       if (scene.line && this.isFlat) parts.push(...lineMarks(scene.line.map((end) => this.window.toPicture(...end))));
       for (const { index, colour } of this.host.marks) {
@@ -185,7 +219,13 @@ export class Stage {
   }
 
   _wheel(event) {
-    if (!event.ctrlKey && !event.metaKey && document.activeElement !== this.element && document.fullscreenElement === null) return;
+    if (
+      !event.ctrlKey &&
+      !event.metaKey &&
+      document.activeElement !== this.element &&
+      document.fullscreenElement === null
+    )
+      return;
     event.preventDefault();
     this.zoom(2 ** (-event.deltaY / (event.ctrlKey ? 100 : 400)), ...this._at(event));
   }

@@ -12,7 +12,12 @@ export class SurfaceView {
     this.manifest = explorer.manifest;
     this.stage = new Stage(this);
     this.stage.element.setAttribute("aria-label", "surface in space");
-    this.element = html("section", { class: "x-block" }, html("div", { class: "x-block-head" }, html("h3", {}, "Surface")), this.stage.element);
+    this.element = html(
+      "section",
+      { class: "x-block" },
+      html("div", { class: "x-block-head" }, html("h3", {}, "Surface")),
+      this.stage.element,
+    );
   }
 
   get scene() {

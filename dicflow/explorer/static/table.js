@@ -25,9 +25,13 @@ export function tableButtons(make, name) {
   copy.addEventListener("click", async () => {
     await copyText(tabbed(make()));
     copy.textContent = "Copied";
-    setTimeout(() => { copy.textContent = "Copy"; }, 1500);
+    setTimeout(() => {
+      copy.textContent = "Copy";
+    }, 1500);
   });
   const save = html("button", { type: "button", class: "x-quiet", title: "Save the table as a file" }, "CSV");
-  save.addEventListener("click", () => saveFile(`${name()}.csv`, new Blob(["\ufeff", commaSeparated(make())], { type: "text/csv" })));
+  save.addEventListener("click", () =>
+    saveFile(`${name()}.csv`, new Blob(["\ufeff", commaSeparated(make())], { type: "text/csv" })),
+  );
   return html("span", { class: "x-buttons" }, copy, save);
 }

@@ -2,10 +2,10 @@
 
 import { Legend, Toolbar, Transport } from "./controls.js";
 import { Frame } from "./frame.js";
-import { brief, fixed, unitText } from "./numbers.js";
+import { brief, fixed, unitText, withError } from "./numbers.js";
 import { html, saveFile } from "./page.js";
 import { pictureOf } from "./picture.js";
-import { Side, withError } from "./side.js";
+import { Side } from "./side.js";
 import { Fields } from "./source.js";
 import { Stage } from "./stage.js";
 
@@ -23,9 +23,22 @@ class Explorer {
     Object.assign(this, { element, manifest: source.manifest, fields: new Fields(source) });
     const { manifest } = this;
     this.cameras = this._cameras();
-    this.scene = { quantity: Math.max(0, manifest.quantities.findIndex((one) => one.name === manifest.main[0])), step: manifest.main[1],
-      camera: Object.keys(this.cameras)[0], over: "step", colours: "", opacity: 0.85, tool: "point", line: null, reasons: false,
-      directions: false, rig: false };
+    this.scene = {
+      quantity: Math.max(
+        0,
+        manifest.quantities.findIndex((one) => one.name === manifest.main[0]),
+      ),
+      step: manifest.main[1],
+      camera: Object.keys(this.cameras)[0],
+      over: "step",
+      colours: "",
+      opacity: 0.85,
+      tool: "point",
+      line: null,
+      reasons: false,
+      directions: false,
+      rig: false,
+    };
     this.points = [];
     this.ranges = new Map();
     this.frames = new Map();
@@ -43,8 +56,16 @@ class Explorer {
     element.style.setProperty("--x-aspect", wide / high || 1);
     element.explorer = this;
     element.replaceChildren(
-      html("div", { class: "x-main" }, this.toolbar.element, this.stage.element, this.transport.element, this.legend.element),
-      this.side.element);
+      html(
+        "div",
+        { class: "x-main" },
+        this.toolbar.element,
+        this.stage.element,
+        this.transport.element,
+        this.legend.element,
+      ),
+      this.side.element,
+    );
     element.addEventListener("keydown", (event) => this._key(event));
     this.ready = this._refresh();
   }
@@ -72,7 +93,10 @@ class Explorer {
 
   _colours(name) {
     if (!this.colourTables.has(name)) {
-      this.colourTables.set(name, Uint8Array.from(this.manifest.palettes[name].match(/../g), (pair) => parseInt(pair, 16)));
+      this.colourTables.set(
+        name,
+        Uint8Array.from(this.manifest.palettes[name].match(/../g), (pair) => parseInt(pair, 16)),
+      );
     }
     return this.colourTables.get(name);
   }
@@ -82,7 +106,12 @@ class Explorer {
     if (!this.colourTables.has("")) {
       const colours = new Uint8Array(768);
       for (const { code, colour } of this.manifest.reasons) {
-        (colour || "#000000").slice(1).match(/../g).forEach((pair, part) => { colours[3 * code + part] = parseInt(pair, 16); });
+        (colour || "#000000")
+          .slice(1)
+          .match(/../g)
+          .forEach((pair, part) => {
+            colours[3 * code + part] = parseInt(pair, 16);
+          });
       }
       this.colourTables.set("", colours);
     }
@@ -184,15 +213,31 @@ class Explorer {
     const reason = manifest.reasons.find(({ code }) => code === one.status);
     const lines = [];
     if (Number.isFinite(one.value)) {
-      lines.push(html("strong", {}, `${quantity.symbol} ${withError(one.value, one.sigma, quantity.unit, quantity.scale[1])}`));
-      if (Number.isFinite(one.share)) lines.push(html("span", {}, `calibration ± ${brief(one.share, 2)}${unitText(quantity.unit)}`));
+      lines.push(
+        html("strong", {}, `${quantity.symbol} ${withError(one.value, one.sigma, quantity.unit, quantity.scale[1])}`),
+      );
+      if (Number.isFinite(one.share))
+        lines.push(html("span", {}, `calibration ± ${brief(one.share, 2)}${unitText(quantity.unit)}`));
       if (one.status > 0) lines.push(html("span", {}, reason.sentence));
-    } else lines.push(html("strong", {}, `no value: ${reason.code ? reason.label : "not measured"}`), ...(reason.code ? [html("span", {}, reason.sentence)] : []));
+    } else
+      lines.push(
+        html("strong", {}, `no value: ${reason.code ? reason.label : "not measured"}`),
+        ...(reason.code ? [html("span", {}, reason.sentence)] : []),
+      );
     const [x, y] = one.place;
-    const where = [`point ${one.row}, ${one.col}`, ...(frame.isFlat && x === x ? [`x ${fixed(x, 1)}, y ${fixed(y, 1)} px`] : [])];
+    const where = [
+      `point ${one.row}, ${one.col}`,
+      ...(frame.isFlat && x === x ? [`x ${fixed(x, 1)}, y ${fixed(y, 1)} px`] : []),
+    ];
     lines.push(html("span", { class: "x-where" }, where.join(" · ")));
     if (one.space && one.space.every(Number.isFinite)) {
-      lines.push(html("span", { class: "x-where" }, `X ${fixed(one.space[0], 2)}, Y ${fixed(one.space[1], 2)}, Z ${fixed(one.space[2], 2)} ${manifest.unit}`));
+      lines.push(
+        html(
+          "span",
+          { class: "x-where" },
+          `X ${fixed(one.space[0], 2)}, Y ${fixed(one.space[1], 2)}, Z ${fixed(one.space[2], 2)} ${manifest.unit}`,
+        ),
+      );
     }
     return lines;
   }
@@ -212,21 +257,32 @@ class Explorer {
 
   _next() {
     const started = performance.now();
-    this.playing = setTimeout(async () => {
-      await this.change({ step: (this.scene.step + 1) % this.manifest.steps.length });
-      if (this.playing) this._next();
-    }, Math.max(0, PLAY_MS - (performance.now() - started)));
+    this.playing = setTimeout(
+      async () => {
+        await this.change({ step: (this.scene.step + 1) % this.manifest.steps.length });
+        if (this.playing) this._next();
+      },
+      Math.max(0, PLAY_MS - (performance.now() - started)),
+    );
   }
 
   _key(event) {
-    if (event.target.matches("input[type=text], select, textarea") || event.ctrlKey || event.metaKey || event.altKey) return;
+    if (event.target.matches("input[type=text], select, textarea") || event.ctrlKey || event.metaKey || event.altKey)
+      return;
     if (event.key === " " && event.target.matches("button:not(.x-play)")) return;
     const last = this.manifest.steps.length - 1;
     const move = (steps) => this.change({ step: Math.max(0, Math.min(last, this.scene.step + steps)) });
     const actions = {
-      ArrowLeft: () => move(-1), ArrowRight: () => move(1), Home: () => move(-last), End: () => move(last),
-      " ": () => this.play(!this.playing), Escape: () => this._cancel(),
-      "+": () => this.stage.zoom(1.25), "=": () => this.stage.zoom(1.25), "-": () => this.stage.zoom(0.8), 0: () => this.stage.reset(),
+      ArrowLeft: () => move(-1),
+      ArrowRight: () => move(1),
+      Home: () => move(-last),
+      End: () => move(last),
+      " ": () => this.play(!this.playing),
+      Escape: () => this._cancel(),
+      "+": () => this.stage.zoom(1.25),
+      "=": () => this.stage.zoom(1.25),
+      "-": () => this.stage.zoom(0.8),
+      0: () => this.stage.reset(),
       Enter: () => this.stage.hovered >= 0 && this.pick(this.stage.hovered),
     };
     const shifted = { ArrowLeft: [0, -1], ArrowRight: [0, 1], ArrowUp: [-1, 0], ArrowDown: [1, 0] }[event.key];
@@ -243,7 +299,8 @@ class Explorer {
   _step(rows, cols) {
     const { frame, stage } = this;
     if (!frame) return;
-    const now = stage.hovered >= 0 ? stage.hovered : Math.floor(frame.rows / 2) * frame.cols + Math.floor(frame.cols / 2);
+    const now =
+      stage.hovered >= 0 ? stage.hovered : Math.floor(frame.rows / 2) * frame.cols + Math.floor(frame.cols / 2);
     const [row, col] = [Math.floor(now / frame.cols) + rows, (now % frame.cols) + cols];
     if (row >= 0 && row < frame.rows && col >= 0 && col < frame.cols) stage.hover(row * frame.cols + col);
   }
@@ -271,5 +328,12 @@ const TALL = 1.5;
 
 // Width and height of what is shown in the left photograph, to scale.
 function extentOf({ crops, places }) {
-  return crops.left ? crops.left.size : (places.left || [[0, 1], [0, 1]]).map(([, quantum]) => quantum);
+  return crops.left
+    ? crops.left.size
+    : (
+        places.left || [
+          [0, 1],
+          [0, 1],
+        ]
+      ).map(([, quantum]) => quantum);
 }
