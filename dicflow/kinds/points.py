@@ -103,7 +103,7 @@ class Points(Kind):
             "step_size": correlation.grid.step_size,
             "subset_size": correlation.grid.subset_size,
             "image_size": list(correlation.image_size),
-            "noise_grey": correlation.noise.grey,
+            "noise_grey": correlation.noise_grey,
             "shape_function": stereo.grid.shape_function,
             "shape_function_left": correlation.grid.shape_function,
         }
