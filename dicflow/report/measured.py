@@ -9,6 +9,7 @@ from typing import NamedTuple
 from dicflow.engine.product import Product
 from dicflow.kinds.correlation import Correlation
 from dicflow.kinds.images import Images
+from dicflow.kinds.points import Points
 from dicflow.kinds.region import Region
 from dicflow.kinds.rig import CalibratedRig
 from dicflow.pipeline import Result
@@ -68,6 +69,8 @@ def stand_off_mm(context: Context) -> float | None:
     stage, step = next(places, ("", ""))
     if not stage:
         return None
+    if result.kind(stage) == "points" and (depth := Points.read(result.product(stage, step)).depth_mm) is not None:
+        return depth
     sources = ["stand-off", result.arrays(stage, step)["xyz"].digest]
     found = context.piece(sources, lambda: _median_depth(result.product(stage, step)))
     return None if found is None else json.loads(found)
