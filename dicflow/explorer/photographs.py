@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from functools import cache
 from typing import NamedTuple
 
@@ -38,15 +38,14 @@ class Series:
 
     def __init__(self, result: Result, stage: str, steps: Sequence[str], keep: Keep) -> None:
         self._result, self._stage, self._keep = result, stage, keep
-        self._steps = [step for step in steps if result.has(stage, step)]
+        self._steps = list(steps)
 
     def fitting(self, boxes: Mapping[str, Box], budget_bytes: float) -> Photographs:
         """The largest photographs that fit into a budget; the last step stands for all.
 
         boxes : side → part of the photograph in which its points lie at all steps [px]
         """
-        arrays = self._result.arrays(self._stage, self._steps[-1]) if self._steps else {}
-        shapes = {side: arrays[side].shape for side in boxes if side in arrays}
+        shapes = self._shapes(boxes)
         for longest in _SIZES_PX:
             crops = {side: crop_around([boxes[side]], shape[::-1], longest) for side, shape in shapes.items()}  # type: ignore[arg-type]
             trial = sum(map(len, self._pictures(self._steps[-1], crops).values())) if crops else 0
@@ -61,15 +60,23 @@ class Series:
             {side: found for side, found in pictures.items() if found},
         )
 
+    def _shapes(self, sides: Iterable[str]) -> dict[str, tuple[int, ...]]:
+        """Rows and columns of the photographs by side; empty if they are unknown."""
+        try:
+            arrays = self._result.arrays(self._stage, self._steps[-1]) if self._steps else {}
+        except DicflowError:
+            return {}
+        return {side: arrays[side].shape for side in sides if side in arrays}
+
     def _pictures(self, step: str, crops: Mapping[str, Crop]) -> dict[str, bytes]:
-        """Photographs of a step by side, none where the store does not keep them; read at most once."""
+        """Photographs of a step by side, none where neither store nor folder has them; read at most once."""
 
         @cache
         def product() -> Product:
             return self._result.product(self._stage, step)
 
-        digest = self._result.digest(self._stage, step)
         try:
+            digest = self._result.digest(self._stage, step)
             return {
                 side: self._keep(
                     ["photograph", side, digest, json.dumps(crop)],
