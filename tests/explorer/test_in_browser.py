@@ -167,6 +167,17 @@ def test_a_line_gives_the_profile_by_the_triangles_of_the_field(seen, packed, wa
     assert seen.js("explorer.scene.line[1][0]") == 300
 
 
+def test_a_line_needs_no_pointer(seen, waves):
+    seen.page.get_by_role("button", name="Line").focus()
+    seen.page.keyboard.press("Enter")
+    seen.settled()
+    places = waves.read(waves.steps[LAST]).places["left"]
+    (x0, y0), (x1, y1) = seen.js("explorer.scene.line")
+    assert y0 == y1 == pytest.approx((np.nanmin(places[..., 1]) + np.nanmax(places[..., 1])) / 2, abs=0.01)
+    assert np.nanmin(places[..., 0]) < x0 < x1 < np.nanmax(places[..., 0])
+    assert seen.page.get_by_label("y of the start").input_value() == f"{y0:.1f}"
+
+
 def test_a_line_across_a_gap_has_no_value_there(seen, waves):
     y = float(waves.at_first()[1, 0, 1]) + 2 * (LAST + 1)
     seen.js(f"explorer.line([[200, {y}], [340, {y}]])")

@@ -9,7 +9,7 @@ import { Side } from "./side.js";
 import { Fields } from "./source.js";
 import { Stage } from "./stage.js";
 
-const FRAMES_KEPT = 48;
+const FRAMES_KEPT = 24;
 const PLAY_MS = 140;
 const CAMERAS = { left: "Left", right: "Right", space: "Surface" };
 
@@ -135,9 +135,22 @@ class Explorer {
   change(changes) {
     if ("quantity" in changes && changes.quantity !== this.scene.quantity) this.scene.colours = "";
     if ("camera" in changes && changes.camera !== this.scene.camera) this.scene.line = null;
+    if (changes.tool === "line" && !this.scene.line) this.scene.line = this._middleLine();
     Object.assign(this.scene, changes);
     this.ready = this._refresh();
     return this.ready;
+  }
+
+  // Across the middle of the points, so that a line can be had without a pointer.
+  _middleLine() {
+    const box = this.frame?.box;
+    if (!box || !this.frame.isFlat) return null;
+    const [x0, x1] = [0.2, 0.8].map((share) => box.low[0] + share * (box.high[0] - box.low[0]));
+    const y = (box.low[1] + box.high[1]) / 2;
+    return [
+      [x0, y],
+      [x1, y],
+    ];
   }
 
   /** Sets the values at both ends of the colours; null for those of all steps. */
@@ -170,6 +183,10 @@ class Explorer {
     this.frame = frame;
     this.stage.hover(-1);
     this.stage.draw();
+    this.stage.element.setAttribute(
+      "aria-label",
+      `${this.quantity.title} at ${this.manifest.steps[this.scene.step].name}`,
+    );
     this.toolbar.show(this.scene);
     this.transport.show(this.scene);
     this.legend.show();
