@@ -73,12 +73,12 @@ class Reading(NamedTuple):
         return look(facts.name, facts.title, facts.unit, low, high, choice)
 
 
-def read_result(result: Result, keep: Keep) -> Reading | None:
-    """One reading of all steps, or of as many as a page can hold; None if no step has fields."""
+def read_result(result: Result, keep: Keep, most_steps: int = _MOST_STEPS) -> Reading | None:
+    """One reading of all steps, or of so many from the first to the last; None if no step has fields."""
     source = field_source(result)
     if source is None:
         return None
-    steps = spread(source.steps, _MOST_STEPS)
+    steps = spread(source.steps, most_steps)
     surveys = {step: _surveyed(source, step, keep) for step in steps if source.has(step)}
     first = _first(source, keep)
     scales = scales_of([*surveys.values()], None if first is None else first["extents"])
