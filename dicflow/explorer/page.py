@@ -71,7 +71,8 @@ class Explorer:
 
     def _repr_html_(self) -> str:
         return (
-            '<iframe title="fields" style="width:100%;height:860px;border:0" sandbox="allow-scripts allow-downloads" '
+            '<iframe title="fields" style="width:100%;height:860px;border:0" allow="fullscreen" '
+            'sandbox="allow-scripts allow-downloads" '
             f'srcdoc="{escape(self.html)}"></iframe>'
         )
 
