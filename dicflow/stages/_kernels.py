@@ -113,10 +113,10 @@ def _polynomials() -> None:
 def _strain() -> None:
     import numpy as np
 
-    from dicflow.core.strain.deformation_gradient import slope_covariance
+    from dicflow.core.strain.deformation_gradient import slope_covariances
     from dicflow.core.uncertainty.overlap import overlap
 
-    slope_covariance(np.ones((5, 5)), np.ones((5, 5)), overlap(11, 5.0), (3, 3), 1)
+    slope_covariances(np.ones((5, 5)), np.ones((5, 5)), [overlap(11, 5.0)], (3, 3), 1)
 
 
 def _disparity() -> None:

@@ -19,6 +19,7 @@ from numpy.typing import ArrayLike
 
 from dicflow.core.arrays import Array, Mask
 from dicflow.core.cameras.camera import Camera, Rig, distortion_slopes, homogeneous, project, to_right, undistort
+from dicflow.core.tensors import on_grid
 
 __all__ = ["Triangulated", "point_covariance", "projection_slopes", "ray_midpoints", "triangulate"]
 
@@ -64,7 +65,7 @@ def triangulate(
     residual = measured - _project(rig, points)
     gain = _gain(rig, points, weight)
     results = points, np.sqrt(0.5 * np.sum(residual**2, axis=-1)), gain[..., :2], gain[..., 2:]
-    return Triangulated._make(_scatter(part, known) for part in results)
+    return Triangulated._make(on_grid(part, known) for part in results)
 
 
 def point_covariance(by_pixel: Array, covariance: ArrayLike) -> Array:
@@ -144,10 +145,3 @@ def _covariance_matrices(covariance: ArrayLike) -> Array:
 def _stack_matrix(rows: tuple[tuple[Array, ...], ...]) -> Array:
     """Matrices (..., i, j) from their elements (...), given by rows."""
     return np.stack([np.stack(row, axis=-1) for row in rows], axis=-2)
-
-
-def _scatter(values: Array, known: Mask) -> Array:
-    """Values (n, ...) of the known points at their indices, NaN at all others."""
-    full = np.full((*known.shape, *values.shape[1:]), np.nan)
-    full[known] = values
-    return full
