@@ -24,7 +24,9 @@ from dicflow.core.tensors import on_grid
 __all__ = ["Triangulated", "point_covariance", "projection_slopes", "ray_midpoints", "triangulate"]
 
 
-_GAUSS_NEWTON_STEPS = 3
+_GAUSS_NEWTON_STEPS = 4
+_SETTLED = 1e-8
+"""Last step over the distance from the camera. Each is less than a hundredth of the one before."""
 
 
 class Triangulated(NamedTuple):
@@ -61,9 +63,11 @@ def triangulate(
     points = ray_midpoints(rig, measured[:, :2], measured[:, 2:])
     for _ in range(_GAUSS_NEWTON_STEPS):
         gain = _gain(rig, points, weight)
-        points = points + np.einsum("nij,nj->ni", gain, measured - _project(rig, points))
+        step = np.einsum("nij,nj->ni", gain, measured - _project(rig, points))
+        points = points + step
+        if not (np.abs(step) > _SETTLED * np.abs(points[:, 2:])).any():
+            break
     residual = measured - _project(rig, points)
-    gain = _gain(rig, points, weight)
     results = points, np.sqrt(0.5 * np.sum(residual**2, axis=-1)), gain[..., :2], gain[..., 2:]
     return Triangulated._make(on_grid(part, known) for part in results)
 
