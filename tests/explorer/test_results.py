@@ -196,15 +196,15 @@ def test_the_pointer_reads_the_quick_start_and_its_gaps(quickstart, packed, tmp_
     step = packed.manifest["steps"][packed.manifest["main"][1]]["name"]
     total, right = quickstart.product("total", step), quickstart.product("points", step)["xy_right"]
     first = quickstart.product("correlation", 0)["xy"]
+    quantum = next(one["scale"][1] for one in packed.manifest["quantities"] if one["name"] == "eyy")
     row, col = 30, 11
     with tabs.open() as seen:
         seen.show(page.as_uri())
         for places in (total["xy"], right):
             text = seen.hover(*places[row, col])
             value = re.search(r"εyy ([\d.]+) ±", text).group(1)
-            assert float(value) == pytest.approx(
-                total["eyy"][row, col], abs=0.6 * 10.0 ** -len(value.partition(".")[2])
-            )
+            rounding = 0.5 * 10.0 ** -len(value.partition(".")[2]) + quantum / 2
+            assert float(value) == pytest.approx(total["eyy"][row, col], abs=1.01 * rounding)
             seen.toggle("Right")
         seen.toggle("Left")
         seen.toggle("Undeformed")
