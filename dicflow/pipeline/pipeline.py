@@ -18,6 +18,7 @@ from dicflow.errors import ConfigurationError, InputError, StoreError
 from dicflow.io.configuration import Document, read
 from dicflow.io.text import printable
 from dicflow.pipeline.recipes import run_refs
+from dicflow.pipeline.report_facts import ReportFacts, report_facts
 from dicflow.pipeline.resolved import kept_settings, resolved_of
 from dicflow.pipeline.result import Result
 from dicflow.pipeline.sweep import Variant, variants, with_settings
@@ -85,6 +86,11 @@ class Pipeline:
     def title(self) -> str:
         """The title that the file gives, else its name."""
         return str(self.document.data.get("title", self.name))
+
+    @cached_property
+    def facts(self) -> ReportFacts:
+        """What the file's section ``report`` states of the test."""
+        return report_facts(self.document)
 
     @cached_property
     def variants(self) -> list[Variant]:

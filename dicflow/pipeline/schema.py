@@ -8,6 +8,7 @@ from pydantic.json_schema import models_json_schema
 
 from dicflow.engine.node import Node
 from dicflow.pipeline.registry import node_classes
+from dicflow.pipeline.report_facts import ReportFacts
 from dicflow.pipeline.wiring import FORMAT
 
 __all__ = ["pipeline_schema"]
@@ -33,6 +34,7 @@ def pipeline_schema() -> dict[str, Any]:
         "properties": {
             "dicflow": {"const": FORMAT, "description": "version of the file's format"},
             "title": {"type": "string"},
+            "report": ReportFacts.model_json_schema(),
             "stages": {"type": "object", "minProperties": 1, "additionalProperties": {"oneOf": stages}},
             "sweep": {
                 "type": "object",

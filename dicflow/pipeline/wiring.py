@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import itertools
 import re
 from collections.abc import Mapping
 from typing import Any, NamedTuple
@@ -13,20 +12,18 @@ from dicflow.discovery import nearest
 from dicflow.engine.node import Node, Port
 from dicflow.errors import ConfigurationError
 from dicflow.io.configuration import Document, Place
-from dicflow.io.text import printable
+from dicflow.pipeline.complaints import complaints
 from dicflow.pipeline.registry import node_class
+from dicflow.pipeline.report_facts import check_report_facts
 
 __all__ = ["FORMAT", "Wired", "wire"]
 
 FORMAT = 1
 """Version of the pipeline file that this release reads."""
 
-_TOP = ("dicflow", "title", "stages", "sweep")
+_TOP = ("dicflow", "title", "report", "stages", "sweep")
 _NAME = re.compile(r"[A-Za-z][A-Za-z0-9_]*")
 _MAX_STAGES = 100
-_MAX_SHOWN = 200
-_MAX_PROBLEMS = 50
-"""Of one stage; more are not looked at."""
 
 
 class Wired(NamedTuple):
@@ -49,6 +46,7 @@ def wire(document: Document) -> dict[str, Wired]:
     """
     problems: list[str] = []
     stages = _stages(document, problems)
+    check_report_facts(document, problems)
     nodes = {name: node for name, entry in stages.items() if (node := _node(document, name, entry, problems))}
     wired = {
         name: Wired(node, _inputs(document, name, stages[name], nodes, problems), document.where(("stages", name)))
@@ -120,67 +118,8 @@ def _node(document: Document, name: str, entry: Mapping[str, Any], problems: lis
     try:
         return kind.model_validate({key: value for key, value in entry.items() if key not in kind.takes})
     except ValidationError as error:
-        problems += _complaints(document, place, kind, [dict(detail) for detail in error.errors()[:_MAX_PROBLEMS]])
+        problems += complaints(document, place, kind, error, (*kind.model_fields, *kind.takes)[1:])
         return None
-
-
-def _complaints(document: Document, place: Place, kind: type[Node], details: list[dict[str, Any]]) -> list[str]:
-    """One line per place; for a parameter with several forms, of the form that fits deepest."""
-    placed: dict[Place, list[dict[str, Any]]] = {}
-    for detail in details:
-        placed.setdefault(_path(document, place, detail["loc"]), []).append(detail)
-    deepest = [path for path in placed if not path or not any(_within(path, other) for other in placed)]
-    return [_complaint(document, place, kind, path, placed[path]) for path in deepest]
-
-
-def _within(path: Place, other: Place) -> bool:
-    return len(other) > len(path) and other[: len(path)] == path
-
-
-def _complaint(document: Document, place: Place, kind: type[Node], path: Place, details: list[dict[str, Any]]) -> str:
-    """One line for the errors of pydantic at one place."""
-    first = details[0]
-    where = document.where((*place, *path))
-    named = path or tuple(itertools.takewhile(_is_name, first["loc"]))
-    dotted = ".".join(str(part) for part in (place[-1], *named))
-    field = kind.model_fields.get(str(first["loc"][0])) if first["loc"] else None
-    meaning = field.description if field is not None and field.description else "a value"
-    if first["type"] == "extra_forbidden":
-        known = [*kind.model_fields, *kind.takes]
-        word = str(first["loc"][-1])
-        return f"{where}: {dotted}: unknown parameter{nearest(word, known)}; it takes {', '.join(known[1:])}"
-    if first["type"] == "missing":
-        lack = "has too few values" if path and isinstance(first["loc"][-1], int) else "is missing"
-        return f"{where}: {dotted}: {lack}; give {meaning}"
-    details = [detail for detail in details if detail["type"] == "value_error"] or details
-    message = " or ".join(dict.fromkeys(_pydantic_message(detail) for detail in details)).replace(
-        " or must be ", " or "
-    )
-    found = printable(repr(details[0]["input"]), _MAX_SHOWN)
-    return f"{where}: {dotted}: {message}" + ("" if found in message else f", found {found}") + f"; give {meaning}"
-
-
-def _is_name(part: str | int) -> bool:
-    """Whether a part of an error's location is a parameter or an index, not one of several forms."""
-    return isinstance(part, int) or (part.isidentifier() and part.islower())
-
-
-def _pydantic_message(detail: Mapping[str, Any]) -> str:
-    """Pydantic's message in the words of a pipeline file."""
-    forms = {"tuple_type": "a list", "list_type": "a list", "model_type": "a mapping", "string_type": "text"}
-    if detail["type"] in forms:
-        return f"must be {forms[detail['type']]}"
-    message = re.sub(r"^Value error, ", "", detail["msg"]).replace("Input should be", "must be")
-    return message[:1].lower() + message[1:]
-
-
-def _path(document: Document, place: Place, location: tuple[str | int, ...]) -> Place:
-    """The part of an error's location that is in the file; tags of unions are not."""
-    path: Place = ()
-    for part in location:
-        if document.holds((*place, *path, part)):
-            path = (*path, part)
-    return path
 
 
 def _inputs(

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import base64
 import hashlib
 import json
 from collections.abc import Callable
@@ -12,7 +13,7 @@ from markupsafe import Markup
 from dicflow._version import __version__
 from dicflow.engine.journal import RunInfo, find_run
 from dicflow.engine.whole_file import read_file
-from dicflow.errors import DicflowError
+from dicflow.errors import DicflowError, InputError
 from dicflow.io.files import make_folder, write_whole
 from dicflow.pipeline import Pipeline, Result
 from dicflow.pipeline.provenance import RunFacts, run_facts
@@ -23,6 +24,7 @@ from dicflow.report.rendering import assets, render
 from dicflow.report.sections import SECTIONS, Entry, entries
 from dicflow.report.summary import summary
 from dicflow.report.words import date
+from dicflow.views.logo import logo_png
 from dicflow.views.source_digest import source_digest
 
 __all__ = ["write_report"]
@@ -42,18 +44,19 @@ def write_report(
     """
     found = _run(pipeline, result)
     facts = run_facts(pipeline.store, found) if found is not None else None
-    page, record, sources = folder / "report.html", folder / ".report" / "sources", _sources(pipeline, result, facts)
+    logo, problems = _logo(pipeline)
+    sources = _sources(pipeline, result, facts, logo)
+    page, record = folder / "report.html", folder / ".report" / "sources"
     if _was_idle(result) and page.is_file() and _is(record, sources):
         return page
     make_folder(folder)
     pieces = Pieces(folder / ".report", _code())
     context = Context(pipeline, result, facts, pieces, folder, workers)
-    problems: list[str] = []
     sections = _made(entries(), context, problems)
     opening = _made([Entry("answer", "Result", lambda context: answer(context, sections))], context, problems)
     sections = [*opening, *sections]
     first = _made([Entry("summary", "Summary", lambda context: summary(context, sections))], context, problems)
-    text = _page(context, [*opening, *first, *sections[len(opening) :]])
+    text = _page(context, [*opening, *first, *sections[len(opening) :]], logo)
     pieces.drop_unused()
     write_whole(page, text.encode())
     make_folder(record.parent)
@@ -84,12 +87,13 @@ def _code() -> str:
     return json.dumps([source_digest("views", "explorer", "report"), *SECTIONS.plugin_code()])
 
 
-def _sources(pipeline: Pipeline, result: Result, run: RunFacts | None) -> str:
+def _sources(pipeline: Pipeline, result: Result, run: RunFacts | None, logo: bytes) -> str:
     """Digest of all that the page shows; of a run that ended, only that it ended."""
     is_whole = run is None or (run.ended and not run.interrupted and not run.counts["failed"])
     state = "" if run is None or is_whole else run.id
     settings = (pipeline.path.name, pipeline.title, pipeline.resolved())
-    content = json.dumps([_code(), *settings, result.digests, result.notes, state])
+    stated = [pipeline.facts.model_dump(), hashlib.sha256(logo).hexdigest()]
+    content = json.dumps([_code(), *settings, stated, result.digests, result.notes, state])
     return hashlib.sha256(content.encode()).hexdigest()
 
 
@@ -121,7 +125,16 @@ def _built(entry: Entry, context: Context, problems: list[str]) -> Section | Non
         return Section(entry.key, entry.title, Markup('<p class="warning">{}</p>').format(message), (message,))
 
 
-def _page(context: Context, sections: list[Section]) -> str:
+def _logo(pipeline: Pipeline) -> tuple[bytes, list[str]]:
+    """The logo as PNG, empty without any; and the message if it cannot be used."""
+    name = pipeline.facts.logo
+    try:
+        return (b"" if name is None else logo_png(pipeline.path.parent, name)), []
+    except InputError as error:
+        return b"", [f"report, head: {error}"]
+
+
+def _page(context: Context, sections: list[Section], logo: bytes) -> str:
     return render(
         "page.html",
         title=context.pipeline.title,
@@ -129,6 +142,7 @@ def _page(context: Context, sections: list[Section]) -> str:
         style=assets(".css"),
         script=assets(".js"),
         sections=sections,
+        logo=base64.b64encode(logo).decode(),
         version=__version__,
     )
 

@@ -57,6 +57,7 @@ def difference_page(comparison: Comparison) -> bytes:
         style=assets(".css"),
         script=assets(".js"),
         sections=[difference(comparison)],
+        logo="",
         version=__version__,
     )
     return page.encode()

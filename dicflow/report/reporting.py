@@ -1,7 +1,7 @@
 """What a report of a measurement must state, filled in from the settings and from what was measured.
 
 The rows follow what the iDICs Good Practices Guide for Digital Image Correlation asks a report for. What no photograph
-and no setting states is left for the user.
+and no setting states comes from the pipeline file's section ``report``, or is left for the user.
 """
 
 from __future__ import annotations
@@ -64,6 +64,7 @@ def reporting_rows(context: Context) -> list[Row]:
     """The whole table, of the first variant."""
     facts = _Facts(context)
     groups: tuple[tuple[str, Callable[[_Facts], _Rows]], ...] = (
+        ("Test", _test),
         ("Cameras and lenses", _cameras),
         ("Stereo system and calibration", _stereo_system),
         ("Specimen and pattern", _pattern),
@@ -81,6 +82,7 @@ class _Facts:
 
     def __init__(self, context: Context) -> None:
         self.result, resolved = context.result, context.pipeline.resolved()
+        self.stated = context.pipeline.facts
         self._settings = {
             resolved["stages"][instance]["stage"]: resolved["stages"][instance]
             for instance in resolved["instances"][0].values()
@@ -146,24 +148,30 @@ class _Facts:
         return self.cameras.focal_px[0] / self.stand_off_mm
 
 
+def _test(facts: _Facts) -> _Rows:
+    for name in ("laboratory", "operator", "remark"):
+        if (value := getattr(facts.stated, name)) is not None:
+            yield name, value, ""
+
+
 def _cameras(facts: _Facts) -> _Rows:
     size, scale = facts.size_px, facts.scale
     two = bool(facts.of("images").get("right")) and "undistort" not in facts._settings
     yield "number of cameras", "2" if two else "1", ""
-    yield "cameras", None, "maker and model, sensor and its pixel size"
+    yield "cameras", facts.stated.camera, "maker and model, sensor and its pixel size"
     yield "image size", _text(size, "{0[0]} × {0[1]} px"), "width × height"
     yield "grey levels", _bits(facts.photograph), "as the photographs are stored"
     for side, note in facts.notes.items():
         yield f"orientation, {side}", note, "by the tag of the first photograph"
-    yield "lenses", None, "maker and model, focal length in mm, filters"
+    yield "lenses", facts.stated.lens, "maker and model, focal length in mm, filters"
     yield "focal length", _focal(facts), "by calibration, left and right"
-    yield "aperture", None, "f-number"
+    yield "aperture", facts.stated.aperture, "f-number"
     yield "field of view", _view(size, scale), "measured, at the specimen's median distance"
     yield "image scale", _text(scale, "{:.3f} px/mm"), "measured, at the specimen's median distance"
     yield "stand-off distance", _text(facts.stand_off_mm, "{:.1f} mm"), "measured: median depth of the first step"
-    yield "exposure time", None, "ms, and how the cameras were triggered"
-    yield "image acquisition rate", None, "Hz, or when each photograph was taken"
-    yield "lighting", None, "kind and place of the lamps, polarisers"
+    yield "exposure time", facts.stated.exposure, "ms, and how the cameras were triggered"
+    yield "image acquisition rate", facts.stated.rate, "Hz, or when each photograph was taken"
+    yield "lighting", facts.stated.light, "kind and place of the lamps, polarisers"
     yield "number of steps", _steps(facts.result), ""
 
 
@@ -196,8 +204,9 @@ def _target(facts: _Facts, square_mm: float) -> str:
 
 def _pattern(facts: _Facts) -> _Rows:
     region = facts.product("region")
-    yield "specimen", None, "material, geometry, surface"
-    yield "patterning technique", None, "paint, print, stencil, …"
+    yield "specimen", facts.stated.specimen, "geometry, surface"
+    yield "material", facts.stated.material, "of the specimen"
+    yield "patterning technique", facts.stated.pattern, "paint, print, stencil, …"
     yield (
         "pattern feature size",
         _speckles(facts.pattern.get("size_px"), facts.scale),

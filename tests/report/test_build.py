@@ -7,6 +7,7 @@ import subprocess
 import sys
 
 import pytest
+from PIL import Image
 from small import ROOT, STEPS, TASKS, dicflow
 
 from dicflow.engine.journal import find_run
@@ -219,3 +220,26 @@ def test_the_sections_and_their_order():
     order = ["calibration", "quality", "sweep", "settings", "provenance"]
     assert [entry.key for entry in entries()] == order
     assert set(SECTIONS.names()) == set(order)
+
+
+def test_the_logo_stands_in_the_head_and_one_that_fails_is_reported(copied, tmp_path):
+    text = copied.read_text()
+    copied.write_text(text.replace("stages:", "report: {logo: logo.png}\nstages:", 1))
+    notes: list[str] = []
+    loaded = Pipeline.load(copied)
+    page = build.write_report(loaded, loaded.result(), tmp_path, note=notes.append)
+    assert "Logo of the laboratory" not in page.read_text()
+    assert [("logo.png" in note, "does not exist" in note) for note in notes] == [(True, True)]
+    Image.new("RGB", (40, 20)).save(copied.parent / "logo.png")
+    build.write_report(loaded, loaded.result(), tmp_path, note=notes.append)
+    assert page.read_text().count('alt="Logo of the laboratory"') == 1
+    assert len(notes) == 1
+    Page.read(page).assert_complete()
+
+
+def test_a_changed_statement_makes_the_page_again(copied, tmp_path):
+    text = copied.read_text()
+    for operator in ("Ada", "Emmy"):
+        copied.write_text(text.replace("stages:", f"report: {{operator: {operator}}}\nstages:", 1))
+        loaded = Pipeline.load(copied)
+        assert operator in Page.read(build.write_report(loaded, loaded.result(), tmp_path)).texts

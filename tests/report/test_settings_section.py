@@ -20,6 +20,7 @@ BLANKS = {
     "image acquisition rate",
     "lighting",
     "specimen",
+    "material",
     "patterning technique",
     "noise floor and bias of every quantity",
 }
@@ -105,3 +106,32 @@ def test_the_table_says_which_way_up_tagged_photographs_are(loaded, rows, tmp_pa
     assert not [name for name in rows if name.startswith("orientation")]
     monkeypatch.setattr(Images, "notes", {"left": "turned by 90°"})
     assert rows_of(loaded, tmp_path)["orientation, left"].value == "turned by 90°"
+
+
+def stated(copied, **facts):
+    """The pipeline with a section ``report``."""
+    document = yaml.safe_load(copied.read_text())
+    copied.write_text(yaml.safe_dump({**document, "report": facts}, sort_keys=False))
+    return Pipeline.load(copied)
+
+
+def test_what_the_file_states_fills_the_blank_rows(copied, tmp_path):
+    loaded = stated(
+        copied,
+        specimen="strip", material="latex", pattern="paint", camera="Mako", lens="25 mm", aperture="f/8",
+        exposure="4 ms", rate="1 Hz", light="LED", operator="A. Noether", laboratory="Mechanics", remark="<b>wet</b>",
+    )  # fmt: skip
+    rows = rows_of(loaded, tmp_path)
+    assert [name for name in BLANKS if rows[name].value is None] == ["noise floor and bias of every quantity"]
+    assert (rows["lenses"].value, rows["lighting"].value, rows["operator"].value) == ("25 mm", "LED", "A. Noether")
+    body = settings(context_of(loaded, tmp_path)).body
+    assert "&lt;b&gt;wet" in body
+    assert "1 row is left to fill in" in body
+
+
+def test_stating_facts_leaves_all_that_was_computed(copied):
+    keys = {name: entry.key for name, entry in Pipeline.load(copied).plan().entries.items()}
+    loaded = stated(copied, operator="A. Noether")
+    plan = loaded.plan()
+    assert {name: entry.key for name, entry in plan.entries.items()} == keys
+    assert loaded.last_run() is not None
