@@ -52,15 +52,21 @@ def report(
         Path | None, typer.Option(help="folder for the report; default: results/NAME beside the file")
     ] = None,
     workers: Annotated[int, typer.Option(min=1, help="drawn at once; default: one per core")] = os.cpu_count() or 1,
+    methods: Annotated[bool, typer.Option("--methods", help="print a methods paragraph for a paper instead")] = False,
 ) -> None:
     """Write the report of what the store holds; nothing is measured.
 
     \b
     dicflow report pipeline.yaml
+    dicflow report pipeline.yaml --methods
     """
     from dicflow.report.build import write_report
+    from dicflow.report.paragraph import methods_paragraph
 
     loaded = load(pipeline, data, store, settings)
+    if methods:
+        say(methods_paragraph(loaded, stored(loaded)))
+        return
     folder = results_folder(loaded, output)
     say(write_report(loaded, stored(loaded), folder, workers, partial(say, error=True)))
 

@@ -28,7 +28,7 @@ def complaints(
     place, model : where the part is, and what validated it
     known : keys that it may have
     """
-    details = [dict(detail) for detail in error.errors()[:_MAX_PROBLEMS]]
+    details: list[dict[str, Any]] = [dict(detail) for detail in error.errors()[:_MAX_PROBLEMS]]
     placed: dict[Place, list[dict[str, Any]]] = {}
     for detail in details:
         placed.setdefault(_path(document, place, detail["loc"]), []).append(detail)

@@ -10,7 +10,7 @@ from dicflow.kinds.increment import StrainIncrement
 from dicflow.kinds.quantities import BASIC
 from dicflow.kinds.total import Total, TotalFacts, field_means
 
-__all__ = ["Accumulate"]
+__all__ = ["Accumulate", "sentence"]
 
 _TITLES = {
     "material": {
@@ -99,3 +99,8 @@ def _thesis(increment: StrainIncrement, before: Total | None) -> dict[str, Any]:
         fields["status"] = np.where(known, np.minimum(worst, Status.FILLED), np.maximum(worst, Status.OUTSIDE))
         fields["status"] = fields["status"].astype(np.uint8)
     return fields
+
+
+def sentence(stage: Accumulate, product: Product | None) -> str:
+    """The stage in a methods paragraph."""
+    return "The steps were accumulated to displacement and strain since the first one."

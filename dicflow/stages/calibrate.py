@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from dicflow.core.calibration.calibrate import Calibration
     from dicflow.core.calibration.targets import Target
 
-__all__ = ["Calibrate"]
+__all__ = ["Calibrate", "sentence"]
 
 _GRID_ADVICE = "check its size, and show the whole grid with white around it to both cameras, evenly lit and sharp"
 _ADVICE = {
@@ -222,3 +222,24 @@ def _known_distance(calibration: Calibration, square_mm: float) -> dict[str, flo
         "square_spread_mm": square_mm * float(scale.std(ddof=1)) if len(scale) > 1 else 0.0,
         "square_error_pct": 100.0 * float(scale.mean() - 1.0),
     }
+
+
+def sentence(stage: Calibrate, product: Product | None) -> str:
+    """The stage in a methods paragraph."""
+    tangential = " and two of tangential" if stage.tangential else ""
+    robust = {"huber": ", with Huber's loss [huber1981]", "cauchy": ", with Cauchy's loss [huber1981]"}
+    text = (
+        f"Both cameras and their relative pose were calibrated with a board of {stage.square:g} mm spacing "
+        f"[zhang2000] by bundle adjustment [triggs2000]{robust.get(stage.loss, '')}; the camera model is a pinhole "
+        f"with {_COUNTS[stage.radial]} coefficients of radial{tangential} distortion [brown1971]"
+    )
+    if product is None:
+        return text + "."
+    rig = CalibratedRig.read(product)
+    used = sum(pair["used"] for pair in rig.pairs)
+    return f"{text}. With {used} pairs of photographs the root mean square reprojection error was " + (
+        f"{rig.summary['rms_px']:.2g} px."
+    )
+
+
+_COUNTS = {2: "two", 3: "three"}

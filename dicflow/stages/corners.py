@@ -15,7 +15,7 @@ from dicflow.kinds.images import Images
 if TYPE_CHECKING:
     import numpy as np
 
-__all__ = ["Corners"]
+__all__ = ["Corners", "sentence"]
 
 Count = Annotated[int, Field(ge=3, le=100)]
 Dictionary = Literal[
@@ -96,3 +96,16 @@ def _or_none(marks: np.ndarray | None) -> np.ndarray:
 def _markers_needed(size: tuple[int, int]) -> int:
     """Markers on a board, one in each white square."""
     return (size[0] + 1) * (size[1] + 1) // 2
+
+
+def sentence(stage: Corners, product: Product | None) -> str:
+    """The stage in a methods paragraph."""
+    columns, rows = stage.size
+    if "circles" in stage.target:
+        form = "an asymmetric grid" if stage.target == "asymmetric_circles" else "a grid"
+        return f"The centres of {form} of {columns} × {rows} circles were located in photographs by both cameras."
+    named = "ChArUco board [garrido2014]" if stage.target == "charuco" else "checkerboard [duda2018]"
+    return (
+        f"The {columns} × {rows} inner corners of a {named} were located with sub-pixel accuracy in photographs by "
+        "both cameras."
+    )

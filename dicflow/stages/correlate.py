@@ -32,7 +32,7 @@ if TYPE_CHECKING:
     from dicflow.core.photographs.polygon import Polygon
     from dicflow.core.photographs.repetition import Repetition
 
-__all__ = ["Correlate"]
+__all__ = ["Correlate", "sentence"]
 
 _OUTLINE_STEPS = 4
 """Material steps between the points of the carried outline."""
@@ -335,3 +335,23 @@ def _all_lost(found: FoundPoints, image: np.ndarray) -> tuple[FoundPoints, dict[
     reasons = (Status.UNTRACKED, Status.NOT_CONVERGED, Status.LOW_CORRELATION, Status.OVEREXPOSED)
     status = lost_status(found.status, image, reasons)
     return found._replace(status=status), {"warnings": [lost_warning(image, "left")]}
+
+
+def sentence(stage: Correlate, product: Product | None) -> str:
+    """The stage in a methods paragraph."""
+    size, weight = stage.subset_size, f", weighted by a Gaussian of σ {stage.gaussian:g} px," if stage.gaussian else ""
+    low_pass = f" after a Gaussian low pass of σ {stage.smoothing:g} px" if stage.smoothing else ""
+    degree = {"bicubic": "cubic", "biquintic": "quintic"}[stage.interpolation]
+    text = (
+        f"Subsets of {size} × {size} px{weight} of the first photograph, at a step size of {stage.step_size} px, were "
+        f"found in the photograph of every step{low_pass} by inverse compositional Gauss-Newton iterations "
+        f"[baker2004, pan2013] on the zero-mean normalised sum of squared differences (ZNSSD), with "
+        f"{stage.shape_function} shape functions and {degree} B-splines as the interpolant [unser1999]; points with a "
+        f"ZNSSD above {stage.max_znssd:g} were discarded."
+    )
+    if stage.reference.update != "never":
+        text += " Where too many points were lost, a later photograph served as an intermediate reference."
+    if product is None:
+        return text
+    grey = Correlation.read(product).noise_grey
+    return f"{text} The image noise of {grey:.2g} grey levels was propagated to the places of the points [pan2008]."

@@ -11,6 +11,7 @@ from dicflow.engine.node import At, Keep, Node, Pixels, Port, Scope, keeping, pa
 from dicflow.engine.product import Product
 from dicflow.errors import ConfigurationError, StageError
 from dicflow.kinds.frame import ResultFrame
+from dicflow.kinds.kind import summary_of
 from dicflow.kinds.points import Points
 from dicflow.kinds.quantities import (
     BASIC,
@@ -35,7 +36,7 @@ if TYPE_CHECKING:
     from dicflow.core.uncertainty.covariance import MeasuredPoints
     from dicflow.core.uncertainty.overlap import ShapeFunction
 
-__all__ = ["Deformation"]
+__all__ = ["Deformation", "sentence"]
 
 
 def _known_measure(name: str) -> str:
@@ -340,3 +341,35 @@ def _median_sigmas(fields: Mapping[str, np.ndarray], unit: str) -> dict[str, flo
     names = {name: f"sigma_{name}" for name in BASIC}
     known = {name: fields[sigma][np.isfinite(fields[sigma])] for name, sigma in names.items()}
     return {f"sigma_{named_with_unit(name, unit)}": float(np.median(part)) for name, part in known.items() if part.size}
+
+
+def sentence(stage: Deformation, product: Product | None) -> str:
+    """The stage in a methods paragraph."""
+    measure, side = strain_measure(stage.measure), f"{stage.window:g}"
+    cited = "" if measure.name == "engineering" else " [seth1961, hill1968]"
+    along = {"material": "the directions of the material", "global": "the directions of the coordinate system"}
+    text = (
+        f"The deformation gradient of the surface since the first step was computed from polynomials of degree "
+        f"{stage.degree} fitted to the points in windows of {side} × {side} px [savitzky1964]; the measure "
+        f"of strain is {measure.title}{cited}, in {along[stage.directions]}."
+    )
+    if stage.rigid:
+        text += " The rigid-body motion was removed from the displacement [kabsch1976]."
+    return text if product is None else text + _figures_sentence(Total.read(product))
+
+
+def _figures_sentence(total: Total) -> str:
+    """The gauge, and σ at a step."""
+    gauge, summary = total.gauge, summary_of(total.product)
+    text = "" if gauge is None else f" The virtual strain gauge measures {gauge.size} [idics2018]."
+    names = {name: named_with_unit(name, total.unit) for name in BASIC}
+    known = {name: summary.get(f"sigma_{named}") for name, named in names.items()}
+    figures = [
+        f"{value:.2g}{'' if (unit := QUANTITIES[name].unit_in(total.unit)) == '1' else f' {unit}'} for {name}"
+        for name, value in known.items()
+        if value is not None
+    ]
+    if not figures:
+        return text
+    said = ", ".join(figures)
+    return f"{text} The median standard deviations predicted from the image noise were {said} at the last step."

@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 
     from dicflow.core.photographs.polygon import Polygon
 
-__all__ = ["Disparity"]
+__all__ = ["Disparity", "sentence"]
 
 WEAK_GRADIENT = 3.0
 """Mean intensity gradient below which the pattern, not the range, is the likely cause [grey levels per px]."""
@@ -221,4 +221,12 @@ def _no_disparities(left: np.ndarray, counts: np.ndarray, limits: tuple[int, int
     return (
         f"almost no pixel matches at disparities from {limits[0]} to {limits[1]} px; check that this rig took the "
         "photographs, and give another range, or auto"
+    )
+
+
+def sentence(stage: Disparity, product: Product | None) -> str:
+    """The stage in a methods paragraph."""
+    return (
+        f"Left and right photographs were matched by semi-global matching [hirschmuller2008] with windows "
+        f"of {stage.window} px, and disparities refined by the grey levels in windows of {stage.refine} px [lucas1981]."
     )

@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from dicflow.core.surfaces.displacement import Cloud as CloudField
     from dicflow.core.surfaces.displacement import Increment as IncrementField
 
-__all__ = ["Displacement"]
+__all__ = ["Displacement", "sentence"]
 
 
 class Displacement(Node):
@@ -115,3 +115,8 @@ def _summary(increment: IncrementField) -> dict[str, float]:
     import numpy as np
 
     return {"measured_share": float(np.isfinite(increment.displacement).all(axis=2).mean())}
+
+
+def sentence(stage: Displacement, product: Product | None) -> str:
+    """The stage in a methods paragraph."""
+    return "Displacements were computed from each step to the next."

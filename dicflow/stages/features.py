@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 else:
     DetectorName = Literal[tuple(DETECTORS)]
 
-__all__ = ["FindFeatures"]
+__all__ = ["FindFeatures", "sentence"]
 
 Pixel = Annotated[int, Field(ge=0)]
 
@@ -91,3 +91,10 @@ def _no_speckles(image: np.ndarray) -> str:
         f"found no speckles in the photograph: its mean intensity gradient is {mean_intensity_gradient(image):.2f} "
         f"grey levels per px, and a pattern needs {MIN_TEXTURE} or more; check light, exposure and focus"
     )
+
+
+def sentence(stage: FindFeatures, product: Product | None) -> str:
+    """The stage in a methods paragraph."""
+    keys = {"KAZE": "kaze2012", "AKAZE": "akaze2013", "BRISK": "brisk2011", "ORB": "orb2011", "SIFT": "lowe2004"}
+    named = f"{stage.detector} features [{keys[stage.detector]}]"
+    return f"Up to {stage.max_features} {named} were detected in each photograph."

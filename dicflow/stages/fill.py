@@ -8,7 +8,7 @@ from dicflow.engine.node import Node, Pixels, Port, Scope, parameter
 from dicflow.engine.product import Product
 from dicflow.kinds.cloud import Cloud
 
-__all__ = ["Fill"]
+__all__ = ["Fill", "sentence"]
 
 
 class Fill(Node):
@@ -41,3 +41,8 @@ class Fill(Node):
         share = int(filled.filled.sum()) / max(inside, 1)
         summary = {"filled_share": share}
         return Cloud.write(filled.values, codes, before.origin, summary, fit=before.fit or None, title=before.title)
+
+
+def sentence(stage: Fill, product: Product | None) -> str:
+    """The stage in a methods paragraph."""
+    return f"Missing points were filled by {stage.passes} passes of moving means over {stage.window:g} px."

@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 
     from dicflow.core.cameras.frames import Frame as Axes
 
-__all__ = ["Frame"]
+__all__ = ["Frame", "sentence"]
 
 Place = Annotated[tuple[float, ...], Field(min_length=2, max_length=3)]
 Vector = tuple[float, float, float]
@@ -95,3 +95,14 @@ def _in_space(points: Points, place: tuple[float, ...]) -> np.ndarray:
     if probe is None:
         raise StageError(f"the first step has no measured point at {list(place)} px; choose a place in the region")
     return value_of(probe, points["xyz"])
+
+
+def sentence(stage: Frame, product: Product | None) -> str:
+    """The stage in a methods paragraph."""
+    axes = {
+        "plane": "X and Y lie in the best plane of the specimen at the first step",
+        "three_points": "X and Y run through three chosen points of the specimen",
+        "axes": "X and Y have chosen directions",
+        "camera": "the axes are those of the left camera",
+    }
+    return f"In the coordinate system of the results {axes[stage.method]}."

@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     from dicflow.core.matching.features import Features
     from dicflow.core.matching.steps import Matching
 
-__all__ = ["Match"]
+__all__ = ["Match", "sentence"]
 
 
 class Match(Node):
@@ -75,3 +75,13 @@ def _check_descriptors(before: Features, after: Features) -> None:
     one, other = before.descriptors, after.descriptors
     if one.dtype != other.dtype or one.shape[1:] != other.shape[1:]:
         raise StageError("the features of the two steps come from different detectors; use one detector for both")
+
+
+def sentence(stage: Match, product: Product | None) -> str:
+    """The stage in a methods paragraph."""
+    text = (
+        f"Features of successive steps were matched by their descriptors, at a ratio of at most {stage.ratio:g} of the "
+    )
+    text += "nearest to the second nearest distance [lowe2004]"
+    refined = f", and refined by the grey levels in windows of {stage.window} px [baker2004]" if stage.refine else ""
+    return f"{text}{refined}."

@@ -9,15 +9,16 @@ from typing import TYPE_CHECKING, ClassVar, Literal
 from dicflow.engine.node import At, Node, Port, Scope, parameter
 from dicflow.engine.product import Product
 from dicflow.errors import StageError
+from dicflow.kinds.kind import steps_of, summary_of
 from dicflow.kinds.noise_floor import NoiseFloorTable
 from dicflow.kinds.probes import gauge_facts
-from dicflow.kinds.quantities import QUANTITIES
+from dicflow.kinds.quantities import BASIC, QUANTITIES
 from dicflow.kinds.total import Total, named_with_unit
 
 if TYPE_CHECKING:
     import numpy as np
 
-__all__ = ["NoiseFloor"]
+__all__ = ["NoiseFloor", "sentence"]
 
 _QUANTITIES = {name: quantity for name, quantity in QUANTITIES.items() if "noise_floor" in quantity.uses}
 _FIGURES = ("bias", "sigma", "predicted_sigma")
@@ -131,3 +132,19 @@ def _summary(figures: Mapping[str, np.ndarray], unit: str) -> dict[str, float]:
 def _json(value: float) -> float | None:
     """The value; None for NaN and infinity, which JSON lacks."""
     return value if math.isfinite(value) else None
+
+
+def sentence(stage: NoiseFloor, product: Product | None) -> str:
+    """The stage in a methods paragraph."""
+    text = "The noise floor was measured at steps without deformation"
+    if product is None:
+        return text + "."
+    table = NoiseFloorTable.read(product)
+    summary = summary_of(product)
+    figures = []
+    for name in BASIC:
+        named, unit = named_with_unit(name, table.unit), QUANTITIES[name].unit_in(table.unit)
+        if (sigma := summary.get(f"sigma_{named}")) is not None:
+            figures.append(f"{sigma:.2g}{'' if unit == '1' else f' {unit}'} for {name}")
+    steps = len(steps_of(product))
+    return f"{text} ({steps} step{'s' * (steps > 1)}): its standard deviation was {', '.join(figures)} [idics2018]."

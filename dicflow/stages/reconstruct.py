@@ -17,7 +17,7 @@ from dicflow.kinds.track import Track
 if TYPE_CHECKING:
     import numpy as np
 
-__all__ = ["Reconstruct"]
+__all__ = ["Reconstruct", "sentence"]
 
 Gate = Annotated[Millimetres, Field(gt=0)]
 
@@ -113,3 +113,8 @@ def _summary(status: np.ndarray) -> dict[str, float]:
         "valid_share": float((status == Status.VALID).sum() / region),
         "background_share": float((status == Status.BACKGROUND).sum() / region),
     }
+
+
+def sentence(stage: Reconstruct, product: Product | None) -> str:
+    """The stage in a methods paragraph."""
+    return "Points in space were computed from the disparities."

@@ -10,7 +10,7 @@ from dicflow.errors import StageError
 from dicflow.kinds.images import Images
 from dicflow.kinds.rig import CalibratedRig
 
-__all__ = ["Rectify"]
+__all__ = ["Rectify", "sentence"]
 
 
 class Rectify(Node):
@@ -39,3 +39,8 @@ class Rectify(Node):
         left, right = rectify(photographs.left, *ways["left"]), rectify(photographs.right, *ways["right"])
         counts = {side: rectify_counts(mask, *ways[side]) for side, mask in photographs.masks.items()}
         return Images.write(left, right, "rectified", counts)
+
+
+def sentence(stage: Rectify, product: Product | None) -> str:
+    """The stage in a methods paragraph."""
+    return "The photographs were rectified, so that both cameras show a point in the same row [fusiello2000]."

@@ -16,7 +16,7 @@ from dicflow.stages._window import OFFSET, Offset, with_windows
 if TYPE_CHECKING:
     from dicflow.io.calibrations.draft import Calibration
 
-__all__ = ["RigFile"]
+__all__ = ["RigFile", "sentence"]
 
 
 class RigFile(Node):
@@ -111,3 +111,9 @@ def _verdict(path: Path, calibration: Calibration, summary: Mapping[str, float])
         f"{summary['baseline_mm']:.1f} mm and {summary['angle_deg']:.1f}° apart"
     )
     return "; ".join([origin, *(f"note that {warning}" for warning in calibration.warnings)])
+
+
+def sentence(stage: RigFile, product: Product | None) -> str:
+    """The stage in a methods paragraph."""
+    source = "another program" if product is None else CalibratedRig.read(product).program
+    return f"The calibration of the cameras was taken from a file of {source}."

@@ -11,7 +11,7 @@ from dicflow.kinds.parts import parts_in
 from dicflow.kinds.status import fitted_status
 from dicflow.stages._parameters import WindowSide
 
-__all__ = ["Smooth"]
+__all__ = ["Smooth", "sentence"]
 
 
 class Smooth(Node):
@@ -49,3 +49,12 @@ class Smooth(Node):
             values["xyz"] = before["xyz_reference"] + smooth
         change = float(np.sqrt(np.nanmean((smooth - raw) ** 2))) if measured.any() else 0.0
         return before.changed(values, window, {f"change_rms_{before.unit}": change})
+
+
+def sentence(stage: Smooth, product: Product | None) -> str:
+    """The stage in a methods paragraph."""
+    rows, columns = stage.window
+    return (
+        f"They were smoothed by local polynomials of degree {stage.degree} in windows of {rows:g} × {columns:g} px "
+        "[savitzky1964]."
+    )

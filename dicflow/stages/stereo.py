@@ -25,7 +25,7 @@ if TYPE_CHECKING:
     from dicflow.core.correlation.search import Search
     from dicflow.core.correlation.seed import Pairs
 
-__all__ = ["Stereo"]
+__all__ = ["Stereo", "sentence"]
 
 _SEEDS = 300
 """Points that are searched along their epipolar lines."""
@@ -319,3 +319,13 @@ def _summary(left: np.ndarray, status: np.ndarray, apart: np.ndarray, iterations
     if apart.size:
         shares |= {"epipolar_px": float(np.sqrt(np.mean(apart**2))), "iterations": float(iterations.mean())}
     return shares
+
+
+def sentence(stage: Stereo, product: Product | None) -> str:
+    """The stage in a methods paragraph."""
+    when = {"every_step": "at every step", "first_step": "at the first step, and followed in time from there"}
+    return (
+        f"The same subsets were found in the photographs of the right camera {when[stage.match]}, with "
+        f"{stage.shape_function} shape functions; points farther than {stage.max_epipolar:g} px from their epipolar "
+        "line [hartley2004] were discarded."
+    )

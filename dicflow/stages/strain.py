@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 
     from dicflow.core.strain.surface_strain import Strain as Measures
 
-__all__ = ["Strain"]
+__all__ = ["Strain", "sentence"]
 
 
 class Strain(Node):
@@ -70,3 +70,12 @@ class Strain(Node):
         places = (motion[name] for name in ("xyz_reference", "xyz"))
         gradient = deformation_gradient(*(jacobian_of_parts(parts, place, window, self.degree) for place in places))
         return gradient, engineering_strain(gradient)
+
+
+def sentence(stage: Strain, product: Product | None) -> str:
+    """The stage in a methods paragraph."""
+    rows, columns = stage.window
+    return (
+        f"The strain of each step was computed from local polynomials of degree {stage.degree} in windows of "
+        f"{rows:g} × {columns:g} px [savitzky1964]."
+    )

@@ -11,7 +11,7 @@ from dicflow.engine.product import Product
 from dicflow.errors import StageError
 from dicflow.kinds.cloud import Cloud
 
-__all__ = ["Surface"]
+__all__ = ["Surface", "sentence"]
 
 Power = Annotated[int, Field(ge=0, le=5)]
 
@@ -114,3 +114,19 @@ class Surface(Node):
         smooth = fit_lowess(values, window, self.lowess_degree, self.robust)
         facts = {"degree": self.lowess_degree, "window_px": list(window), "robust": self.robust}
         return smooth.values, {**facts, **smooth.quality._asdict()}
+
+
+def sentence(stage: Surface, product: Product | None) -> str:
+    """The stage in a methods paragraph."""
+    robust = "" if stage.robust == "none" else ", with reduced weights of outliers [holland1977]"
+    if stage.method == "lowess":
+        return (
+            f"The points of each step were smoothed by local regression of degree {stage.lowess_degree} in windows of "
+            f"{stage.lowess_window:g} px [cleveland1979]{robust}."
+        )
+    if stage.degree == "auto":
+        degrees = "a degree chosen by the Bayesian information criterion"
+    else:
+        named = (f"{axis} {p} × {q}" for axis, (p, q) in stage.degree.model_dump().items())
+        degrees = f"the degrees {', '.join(named)}"
+    return f"The coordinates of the points of each step were fitted by polynomials of {degrees}{robust}."

@@ -28,7 +28,7 @@ if TYPE_CHECKING:
     from dicflow.core.matching.steps import Sight
     from dicflow.core.matching.tracking import TrackedSubsets
 
-__all__ = ["Track"]
+__all__ = ["Track", "sentence"]
 
 Count = Annotated[int, Field(ge=1)]
 
@@ -269,3 +269,13 @@ def _summary(status: np.ndarray, tracked: TrackedSubsets | None) -> dict[str, An
         "inliers": int(inliers.sum()),
         "residual_px": residual,
     }
+
+
+def sentence(stage: Track, product: Product | None) -> str:
+    """The stage in a methods paragraph."""
+    rows, columns = stage.subsets
+    return (
+        f"The region was divided into {rows} × {columns} parts, each of which moved by the {stage.transform} transform "
+        f"that fitted its matches by MSAC [torr2000]; material points at a distance of {stage.step_size:g} px were "
+        "carried along from step to step."
+    )

@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 
     from dicflow.core.cameras.triangulate import Triangulated
 
-__all__ = ["Triangulate"]
+__all__ = ["Triangulate", "sentence"]
 
 
 class Triangulate(Node):
@@ -178,3 +178,8 @@ def _figures(found: Triangulated, errors: PointErrors, status: np.ndarray, right
         **{name: float(np.sqrt(np.mean(values**2))) for name, values in residuals.items()},
         **{f"sigma_{axis}_mm": float(np.sqrt(value)) for axis, value in zip("XYZ", variances, strict=True)},
     }
+
+
+def sentence(stage: Triangulate, product: Product | None) -> str:
+    """The stage in a methods paragraph."""
+    return "Points in space are those of maximum likelihood for both photographs [hartley1997]."

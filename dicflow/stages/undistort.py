@@ -9,7 +9,7 @@ from dicflow.engine.product import Product
 from dicflow.kinds.images import Images, check_size
 from dicflow.kinds.rig import CalibratedRig
 
-__all__ = ["Undistort"]
+__all__ = ["Undistort", "sentence"]
 
 
 class Undistort(Node):
@@ -36,3 +36,8 @@ class Undistort(Node):
         mask = photographs.counts("left")
         counts = {} if mask is None else {"left": rectify_counts(mask, *way)}
         return Images.write(rectify(photographs.left, *way), kind="plane", counts=counts)
+
+
+def sentence(stage: Undistort, product: Product | None) -> str:
+    """The stage in a methods paragraph."""
+    return "The lens distortion [brown1971] was removed from the photographs where a calibration was known."

@@ -12,6 +12,26 @@
   });
 })();
 
+// A button that copies a part of the page as text, its lists with their numbers; without a clipboard it selects the part.
+(() => {
+  const line = (part) => (part.tagName === "LI" ? `[${part.value}] ` : "") + part.textContent.trim();
+  for (const button of document.querySelectorAll("button[data-copies]")) {
+    const part = document.getElementById(button.dataset.copies);
+    const status = button.nextElementSibling;
+    button.hidden = false;
+    button.addEventListener("click", async () => {
+      const text = [...part.querySelectorAll("p, li")].map(line).join("\n");
+      try {
+        await navigator.clipboard.writeText(text);
+        status.textContent = "copied";
+      } catch {
+        getSelection().selectAllChildren(part);
+        status.textContent = "selected: copy it with Ctrl+C";
+      }
+    });
+  }
+})();
+
 // A switch between the colours for day and night; without it they are those that the reader's system prefers.
 (() => {
   const root = document.documentElement;
