@@ -63,6 +63,7 @@ ONLY_IN: Mapping[str, Set[str]] = {
     "pyvista": {"views"},
     "h5py": {"io"},
     "meshio": {"io"},
+    "openpyxl": {"io"},
     "jinja2": {"report"},
     "markupsafe": {"report"},
     "pydantic": {"engine", "stages", "pipeline"},

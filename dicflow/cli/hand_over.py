@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+from enum import StrEnum
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -33,6 +34,14 @@ if TYPE_CHECKING:
     from dicflow.comparison.difference import Comparison
 
 __all__ = ["ExportCommand", "compare", "export", "report"]
+
+
+class Locale(StrEnum):
+    """How spreadsheets of a language write numbers."""
+
+    en = "en"
+    de = "de"
+
 
 _SIDE = "pipeline file, id of a run, or table of points; #2 behind it chooses the second variant"
 Quantities = Annotated[
@@ -103,6 +112,8 @@ def export(
     data: Data = None,
     store: StoreFolder = None,
     variant: VariantNumber = 1,
+    digits: Annotated[int, typer.Option(min=1, max=17, help="significant, of numbers in CSV; 17 for all")] = 6,
+    locale: Annotated[Locale, typer.Option(help="de: decimal commas and semicolons in CSV")] = Locale.en,
     force: Force = False,
 ) -> None:
     """Write a whole test, or one stage, for other programs.
@@ -111,20 +122,22 @@ def export(
 
     \b
     dicflow export pipeline.yaml
+    dicflow export pipeline.yaml --format xlsx
     dicflow export pipeline.yaml --format hdf5 --output exported
     dicflow export pipeline.yaml total --step step_03 --quantity eyy --format png
     dicflow export pipeline.yaml total --quantity eyy --format mp4
     dicflow export pipeline.yaml total --step step_03 --quantity W --format surface
     """
+    from dicflow.io.table import LOCALES
     from dicflow.views.exports import Selection
     from dicflow.views.exports import export as write
 
     loaded = load(pipeline, data, store, settings)
-    result = stored(loaded)
+    result, style = stored(loaded), LOCALES[locale]._replace(digits=digits)
     paths = write(
         result,
         output,
-        Selection(stage, step, tuple(quantities), variant_index(result, variant)),
+        Selection(stage, step, tuple(quantities), variant_index(result, variant), style),
         to=to,
         force=force,
         name=loaded.name,

@@ -1,34 +1,47 @@
-"""Products as files that other programs read: CSV and NPZ."""
+"""Products as tables, and as files that other programs read: CSV and NPZ."""
 
 from __future__ import annotations
 
 import io
 import json
 from collections.abc import Iterator, Mapping, Sequence
+from typing import NamedTuple
 
 import numpy as np
 
 from dicflow._version import __version__
 from dicflow.engine.product import Product, Variable
 from dicflow.errors import InputError
-from dicflow.io.table import note_line, row_text
+from dicflow.io.table import EXACT, TableStyle, note_line, row_text
 from dicflow.kinds.kind import rows_of, steps_of, summary_of, titles_of
 
-__all__ = ["columns_text", "csv_text", "npz_bytes", "table_text"]
+__all__ = ["ProductTable", "columns_text", "csv_text", "npz_bytes", "product_table", "table_text"]
 
 
-def csv_text(product: Product, name: str) -> str:
-    """One row per point of the product's grid; a commented header gives units and attributes.
+class ProductTable(NamedTuple):
+    """A product as a table.
+
+    names : of the columns
+    units : of those columns that have one; "1" for a number without unit
+    rows : mappings of cells, or an array (row, column)
+    """
+
+    names: list[str]
+    units: dict[str, str]
+    rows: list[dict[str, object]] | np.ndarray
+
+
+def product_table(product: Product, name: str) -> ProductTable:
+    """One row per point of the product's grid.
 
     Arrays on the grid of the first two axes become one column each, a further axis one column per component.
     Products without arrays give their table of rows, or their summary. Arrays along the steps have the steps' names.
 
     Raises InputError if the product has neither.
     """
-    if (rows := rows_of(product)) is not None:
-        return _header(product, name) + table_text(rows)
-    if not product.variables:
-        return _header(product, name) + table_text([_summary(product, name)])
+    if (rows := rows_of(product)) is not None or not product.variables:
+        cells = [dict(row) for row in (rows if rows is not None else [_summary(product, name)])]
+        return ProductTable(list(dict.fromkeys(key for row in cells for key in row)), {}, cells)
     grid = next(iter(product.variables.values())).dims[:2]
     columns = {
         label: (values, variable.units)
@@ -36,14 +49,24 @@ def csv_text(product: Product, name: str) -> str:
         if variable.dims[: len(grid)] == grid
         for label, values in _columns(key, variable, len(grid))
     }
-    shape = next(iter(columns.values()))[0].shape
-    units = "".join(note_line(f"{label}: {unit}") for label, (_, unit) in columns.items())
-    notes, steps = _header(product, name) + _titles(product) + units, steps_of(product)
+    units = {label: unit for label, (_, unit) in columns.items()}
+    shape, steps = next(iter(columns.values()))[0].shape, steps_of(product)
     if grid == ("step",) and shape == (len(steps),):
-        return notes + table_text(_rows(steps, {label: values for label, (values, _) in columns.items()}))
+        named = _rows(steps, {label: values for label, (values, _) in columns.items()})
+        return ProductTable(["step", *columns], units, named)
     indices = {dim: index.ravel() for dim, index in zip(grid, np.indices(shape), strict=True)}
     table = np.column_stack([*indices.values(), *(values.ravel() for values, _ in columns.values())])
-    return notes + columns_text([*indices, *columns], table)
+    return ProductTable([*indices, *columns], units, table)
+
+
+def csv_text(product: Product, name: str, style: TableStyle = TableStyle()) -> str:  # noqa: B008  never changed
+    """The table of a product as CSV; a commented header gives units and attributes. Raises as that does."""
+    table, notes = product_table(product, name), _header(product, name)
+    if product.variables and table.units:
+        notes += _titles(product) + "".join(note_line(f"{label}: {unit}") for label, unit in table.units.items())
+    if isinstance(table.rows, np.ndarray):
+        return notes + columns_text(table.names, table.rows, style)
+    return notes + table_text(table.rows, style)
 
 
 def _rows(steps: Sequence[str], columns: Mapping[str, np.ndarray]) -> list[dict[str, object]]:
@@ -52,18 +75,17 @@ def _rows(steps: Sequence[str], columns: Mapping[str, np.ndarray]) -> list[dict[
     return [{"step": step, **{label: column[k] for label, column in numbers.items()}} for k, step in enumerate(steps)]
 
 
-def columns_text(names: Sequence[str], table: np.ndarray) -> str:
-    """A table (row, column) as CSV below the names of its columns; nine digits, so that single precision comes back."""
+def columns_text(names: Sequence[str], table: np.ndarray, style: TableStyle = TableStyle(9)) -> str:  # noqa: B008
+    """A table (row, column) as CSV below the names of its columns; nine digits bring single precision back."""
     buffer = io.StringIO()
-    buffer.write(row_text(names))
-    np.savetxt(buffer, table, fmt="%.9g", delimiter=",")
-    return buffer.getvalue()
+    np.savetxt(buffer, table, fmt=f"%.{style.digits}g", delimiter=style.separator)
+    return row_text(names, style) + buffer.getvalue().replace(".", style.decimal)
 
 
-def table_text(rows: Sequence[Mapping[str, object]]) -> str:
+def table_text(rows: Sequence[Mapping[str, object]], style: TableStyle = EXACT) -> str:
     """Rows of equal keys as CSV; text that a spreadsheet would run as a formula has an apostrophe before it."""
     keys = list(dict.fromkeys(key for row in rows for key in row))
-    return "".join([row_text(keys), *(row_text([row.get(key) for key in keys]) for row in rows)])
+    return "".join([row_text(keys, style), *(row_text([row.get(key) for key in keys], style) for row in rows)])
 
 
 def npz_bytes(product: Product) -> bytes:

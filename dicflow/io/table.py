@@ -18,7 +18,18 @@ from typing import NamedTuple
 from dicflow.errors import InputError
 from dicflow.io.text import numbered_lines, printable
 
-__all__ = ["Numbers", "Table", "cell_text", "note_line", "plain_text", "read_table", "row_text"]
+__all__ = [
+    "EXACT",
+    "LOCALES",
+    "Numbers",
+    "Table",
+    "TableStyle",
+    "cell_text",
+    "note_line",
+    "plain_text",
+    "read_table",
+    "row_text",
+]
 
 _SEPARATORS = ",;\t"
 _SEPARATOR_LINE = re.compile(r"sep=([,;\t])")
@@ -118,11 +129,41 @@ class Numbers:
         return float(text.replace(",", "."))
 
 
-def row_text(values: Iterable[object]) -> str:
-    """A row of a table, with commas between the cells; None is an empty cell."""
-    texts = ["" if value is None else cell_text(str(value)) for value in values]
-    cells = ('"' + text.replace('"', '""') + '"' if _QUOTED.search(text) else text for text in texts)
-    return ",".join(cells) + "\n"
+class TableStyle(NamedTuple):
+    """How numbers stand in a table.
+
+    digits : significant ones of a number that is not whole; with 17 it comes back exactly
+    separator : between cells
+    decimal : sign before the decimals
+    """
+
+    digits: int = 6
+    separator: str = ","
+    decimal: str = "."
+
+    def number(self, value: float) -> str:
+        """A number of a cell."""
+        text = str(value) if self.digits >= _ALL_DIGITS else f"{value:.{self.digits}g}"
+        return text.replace(".", self.decimal)
+
+    def cell(self, value: object) -> str:
+        """A cell: a number, or text that no spreadsheet runs as a formula; None is empty."""
+        if isinstance(value, float):
+            return self.number(value)
+        text = "" if value is None else cell_text(str(value))
+        is_quoted = self.separator in text or _QUOTED.search(text)
+        return '"' + text.replace('"', '""') + '"' if is_quoted else text
+
+
+_ALL_DIGITS = 17
+EXACT = TableStyle(_ALL_DIGITS)
+LOCALES = {"en": TableStyle(), "de": TableStyle(separator=";", decimal=",")}
+"""Styles of the spreadsheets of a language."""
+
+
+def row_text(values: Iterable[object], style: TableStyle = EXACT) -> str:
+    """A row of a table; None is an empty cell."""
+    return style.separator.join(map(style.cell, values)) + "\n"
 
 
 def cell_text(text: str) -> str:

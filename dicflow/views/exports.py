@@ -13,6 +13,7 @@ from dicflow.errors import ConfigurationError
 from dicflow.io.exports import FORMATS, beside, kinds_of
 from dicflow.io.exports.items import Item
 from dicflow.io.files import staged
+from dicflow.io.table import TableStyle
 from dicflow.kinds.total import Total
 from dicflow.pipeline.places import Places
 from dicflow.pipeline.result import Result
@@ -36,12 +37,14 @@ class Selection(NamedTuple):
         and the rig beside them; without a step every step that is in the store
     quantities : names of arrays; without any all of them, and of a whole test's pictures those of its maps
     variant : number of the sweep's variant
+    style : of the numbers in tables
     """
 
     stage: str | None = None
     step: str | None = None
     quantities: tuple[str, ...] = ()
     variant: int = 0
+    style: TableStyle = TableStyle()
 
 
 def export(
@@ -62,7 +65,7 @@ def export(
     note : receives a sentence on what is left out
     Raises ConfigurationError for a name or a format that does not exist, and for a file that does.
     """
-    stage, step, quantities, variant = selection
+    stage, step, quantities, variant, style = selection
     _check_format(to)
     chosen = tuple(dict.fromkeys(quantities))
     with staged(output, force) as folder:
@@ -75,7 +78,8 @@ def export(
                 PICTURES[job.form].write(Drawn(result, steps, selected, variant), job.form, folder, stage is None)
             else:
                 items = (item for name in job.stages for item in _items(result, name, steps[name], selected, variant))
-                FORMATS.load(job.form).write(items, folder, name if stage is None else stage)
+                styled = (item._replace(style=style) for item in items)
+                FORMATS.load(job.form).write(styled, folder, name if stage is None else stage)
         files = sorted(path.name for path in folder.iterdir())
     return [output / file for file in files]
 
@@ -117,26 +121,26 @@ def _jobs(result: Result, stage: str | None, to: str, variant: int, note: Callab
         raise ConfigurationError(
             f"no stage gives a product of kind {', '.join(kinds)}; stages: {', '.join(result.stages)}"
         )
-    yield _Job(stages, to)
-    if to not in PICTURES and "total" in kinds:
-        yield from _jobs_beside(result, variant, note)
+    whole = to not in PICTURES and "total" in kinds
+    yield _Job([name for name in stages if not whole or _is_there(result, name, variant, note)], to)
+    if whole:
+        yield from _jobs_beside(result, kinds, variant, note)
 
 
-def _jobs_beside(result: Result, variant: int, note: Callable[[str], None]) -> Iterator[_Job]:
-    """What the export of a whole test adds to its totals."""
+def _jobs_beside(result: Result, held: Sequence[str], variant: int, note: Callable[[str], None]) -> Iterator[_Job]:
+    """What the export of a whole test adds to its totals. held : kinds that the format itself holds"""
     for form, kinds in beside().items():
         try:
             FORMATS.load(form)
         except ConfigurationError as error:
             note(f"left out: {error}")
             continue
-        yield _Job(
-            [name for name in _stages(result, kinds) if _is_there(result, name, variant, note)], form, main=False
-        )
+        others = _stages(result, [kind for kind in kinds if kind not in held])
+        yield _Job([name for name in others if _is_there(result, name, variant, note)], form, main=False)
 
 
 def _is_there(result: Result, stage: str, variant: int, note: Callable[[str], None]) -> bool:
-    there = result.has(stage, None, variant)
+    there = bool(result.steps(stage, variant)) or result.has(stage, None, variant)
     if not there:
         note(f"{stage} is not in the store and was left out")
     return there

@@ -16,7 +16,7 @@ from dicflow.io.exports.items import Item, place
 from dicflow.io.exports.points import in_space, principal_strains, quads
 from dicflow.io.points_table import read_points
 from dicflow.io.results import csv_text
-from dicflow.io.table import plain_text
+from dicflow.io.table import EXACT, LOCALES, TableStyle, plain_text
 from tests.io.exported_totals import COLS, FORMS, ROWS, hole, item, known, same, total
 
 CHALLENGE = ["x_image", "y_image", "X", "Y", "Z", "U", "V", "W", "exx", "eyy", "exy", "e1", "e2"]
@@ -37,7 +37,7 @@ def read(path):
 
 @pytest.mark.parametrize("form", FORMS)
 def test_csv(form, tmp_path):
-    one = item(form)
+    one = item(form)._replace(style=EXACT)
     assert written("csv", [one], tmp_path) == ["total_step_01.csv"]
     comments, table = read(tmp_path / "total_step_01.csv")
     fields = [name for name, variable in one.product.variables.items() if variable.dims == ("row", "col")]
@@ -52,6 +52,35 @@ def test_csv(form, tmp_path):
     assert "# U: mm" in comments
     assert "# exx is engineering strain εxx" in comments
     assert ("# vsg_px: 63.0" in comments) is (form != "thesis")
+
+
+@pytest.mark.parametrize(("digits", "error"), [(6, 5e-6), (3, 5e-3)])
+def test_numbers_of_a_csv_have_as_many_digits_as_asked_for(tmp_path, digits, error):
+    one = item()._replace(style=TableStyle(digits))
+    written("csv", [one], tmp_path)
+    _, table = read(tmp_path / "total_step_01.csv")
+    for name in ("U", "exx"):
+        np.testing.assert_allclose(table[name], one.product[name].ravel(), rtol=error)
+    cells = (tmp_path / "total_step_01.csv").read_text().splitlines()[-1].split(",")
+    assert max(len(cell.partition("e")[0].replace(".", "").strip("-0")) for cell in cells) == digits
+    assert item().style.digits == 6
+
+
+def test_a_csv_for_a_spreadsheet_in_german_comes_back(tmp_path):
+    rows = [{"probe": "a;b", "step": "-1,5", "U": -1.5}, {"probe": "=1", "step": "s", "U": 2.25}]
+    text = csv_text(Product("probes", {}, {"rows": rows}), "probes", LOCALES["de"])
+    assert text.splitlines()[-3:] == ["probe;step;U", '"a;b";"\'-1,5";-1,5', "'=1;s;2,25"]
+    written("csv", [item()._replace(style=LOCALES["de"])], tmp_path)
+    path = tmp_path / "total_step_01.csv"
+    assert "." not in path.read_text().splitlines()[-1]
+    _, table = read_german(path)
+    np.testing.assert_allclose(table["exx"], item().product["exx"].ravel(), rtol=5e-6)
+
+
+def read_german(path):
+    lines = [line for line in path.read_text(encoding="utf-8").splitlines() if not line.startswith("#")]
+    rows = list(csv.DictReader(lines, delimiter=";"))
+    return lines, {name: np.array([float(row[name].replace(",", ".")) for row in rows]) for name in rows[0]}
 
 
 def test_csv_of_chosen_quantities(tmp_path):
@@ -143,7 +172,7 @@ def test_two_products_never_share_a_file(tmp_path):
 
 
 def test_every_format_has_its_module():
-    names = ["challenge", "csv", "geojson", "hdf5", "json", "mat", "matchid", "npz", "opencv", "vtu"]
+    names = ["challenge", "csv", "geojson", "hdf5", "json", "mat", "matchid", "npz", "opencv", "vtu", "xlsx"]
     assert list(FORMATS.names()) == names
     for name in names:
         assert {"DESCRIPTION", "KINDS", "write"} <= set(FORMATS.load(name).__all__)

@@ -7,8 +7,9 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
-from dicflow.engine.product import Product
+from dicflow.engine.product import Product, Variable
 from dicflow.errors import ConfigurationError, InputError
+from dicflow.io.table import TableStyle
 from dicflow.io.text import printable
 
 if TYPE_CHECKING:
@@ -33,6 +34,7 @@ class Item(NamedTuple):
         unknown
     outline : carries pixels of the image in which a region is kept, (n, 2), into those of the left photograph
     number : of the step in the test; the first photograph has 0
+    style : of the numbers in tables for people
     """
 
     stage: str
@@ -42,6 +44,7 @@ class Item(NamedTuple):
     places: Callable[[], NDArray[Any]] | None = None
     outline: Callable[[NDArray[Any]], NDArray[Any]] | None = None
     number: int = 0
+    style: TableStyle = TableStyle()
 
     @property
     def stem(self) -> str:
@@ -64,6 +67,17 @@ class Item(NamedTuple):
         """Raise ConfigurationError if arrays are selected, for a format whose columns are fixed."""
         if self.quantities:
             raise ConfigurationError(f"{format_name} has fixed columns; leave --quantity out, or export as csv")
+
+    @property
+    def placed(self) -> Product:
+        """The selected arrays; of a whole total also the places in the first photograph, which comparisons need."""
+        product = self.chosen
+        if self.quantities or self.places is None or "xy_reference" in product:
+            return product
+        places = Variable(
+            ("row", "col", "component"), self.places(), "px", "place in the left photograph of the first step"
+        )
+        return Product(product.kind, {**product.variables, "xy_reference": places}, product.attrs)
 
 
 def file_stem(name: str) -> str:

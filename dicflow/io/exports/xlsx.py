@@ -1,0 +1,95 @@
+"""A workbook of Excel's format, which other spreadsheets read too: one sheet per table."""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Iterable, Iterator, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from dicflow.errors import ConfigurationError, InputError
+from dicflow.io.exports.items import Item, file_stem, place
+from dicflow.io.results import ProductTable, product_table
+from dicflow.kinds.kind import summary_of
+
+__all__ = ["DESCRIPTION", "KINDS", "write"]
+
+DESCRIPTION = "a workbook with one sheet per table"
+KINDS = ("total", "probes", "comparison", "noise")
+_MOST_ROWS = 1_048_576
+_LONGEST_NAME = 31
+_REFUSED = re.compile(r"[\[\]:*?/\\]|^'|'$")
+"""What the name of a sheet must not have."""
+_UNPRINTABLE = re.compile("[\x00-\x08\x0b\x0c\x0e-\x1f\ufffe\uffff]")
+
+
+def write(items: Iterable[Item], folder: Path, name: str) -> None:
+    """One workbook: a summary with one row per step, then a sheet per product, with units beside the names of columns.
+
+    Raises ConfigurationError where openpyxl is not installed, InputError for a table with more rows than a sheet has.
+    """
+    try:
+        from openpyxl import Workbook
+    except ImportError as error:
+        raise ConfigurationError("the format xlsx needs openpyxl: pip install 'dicflow[xlsx]'") from error
+    book = Workbook(write_only=True)
+    overview, summaries, titles = book.create_sheet("summary"), [], {"summary"}
+    for item in items:
+        table = product_table(item.placed, item.stem)
+        _check_rows(item, table)
+        if item.product.kind == "total":
+            summaries.append({"stage": item.stage, "step": item.step, **summary_of(item.product)})
+        _fill(book.create_sheet(_title(item.stem, titles)), table)
+    names = list(dict.fromkeys(key for row in summaries for key in row))
+    _fill(overview, ProductTable(names, {}, summaries))
+    book.save(place(folder, f"{file_stem(name)}.xlsx"))
+
+
+def _check_rows(item: Item, table: ProductTable) -> None:
+    if len(table.rows) >= _MOST_ROWS:
+        problem = f"has {len(table.rows):,} points, a sheet {_MOST_ROWS:,} rows"
+        raise InputError(item.stem, problem, "export it as csv, npz or hdf5, or measure with a larger step size")
+
+
+def _title(stem: str, taken: set[str]) -> str:
+    """A name for a sheet that no other has, in upper or lower case. taken : takes it"""
+    stem = _UNPRINTABLE.sub("_", _REFUSED.sub("_", stem))
+    endings = ("" if number == 1 else f" ({number})" for number in range(1, len(taken) + 2))
+    titles = (stem[: _LONGEST_NAME - len(ending)] + ending for ending in endings)
+    title = next(title for title in titles if title.lower() not in taken)
+    taken.add(title.lower())
+    return title
+
+
+def _fill(sheet: Any, table: ProductTable) -> None:
+    """Header, which stays in view, and rows."""
+    sheet.freeze_panes = "A2"
+    header = (
+        f"{name} [{unit}]" if (unit := table.units.get(name, "1")) not in ("", "1") else name for name in table.names
+    )
+    sheet.append([_cell(sheet, text) for text in header])
+    for row in _values(table):
+        sheet.append([_cell(sheet, value) for value in row])
+
+
+def _values(table: ProductTable) -> Iterator[Sequence[Any]]:
+    if isinstance(table.rows, np.ndarray):
+        for row in table.rows:
+            yield row.tolist()
+    else:
+        for cells in table.rows:
+            yield [cells.get(name) for name in table.names]
+
+
+def _cell(sheet: Any, value: object) -> Any:
+    """A number; nothing for an unknown one; or text, which is never a formula."""
+    from openpyxl.cell import WriteOnlyCell
+
+    if value is None or isinstance(value, bool | int | float):
+        return value if not isinstance(value, float) or math.isfinite(value) else None
+    cell = WriteOnlyCell(sheet, _UNPRINTABLE.sub("_", str(value)))
+    cell.data_type = "s"
+    return cell
