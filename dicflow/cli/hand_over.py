@@ -61,15 +61,18 @@ def report(
         Path | None, typer.Option(help="folder for the report; default: results/NAME beside the file")
     ] = None,
     workers: Annotated[int, typer.Option(min=1, help="drawn at once; default: one per core")] = os.cpu_count() or 1,
+    pdf: Annotated[bool, typer.Option("--pdf", help="also as PDF, through Chromium, Chrome or Edge")] = False,
     methods: Annotated[bool, typer.Option("--methods", help="print a methods paragraph for a paper instead")] = False,
 ) -> None:
     """Write the report of what the store holds; nothing is measured.
 
     \b
     dicflow report pipeline.yaml
+    dicflow report pipeline.yaml --pdf
     dicflow report pipeline.yaml --methods
     """
     from dicflow.report.build import write_report
+    from dicflow.report.paper import write_pdf
     from dicflow.report.paragraph import methods_paragraph
 
     loaded = load(pipeline, data, store, settings)
@@ -77,7 +80,10 @@ def report(
         say(methods_paragraph(loaded, stored(loaded)))
         return
     folder = results_folder(loaded, output)
-    say(write_report(loaded, stored(loaded), folder, workers, partial(say, error=True)))
+    page = write_report(loaded, stored(loaded), folder, workers, partial(say, error=True))
+    say(page)
+    if pdf:
+        say(write_pdf(page))
 
 
 class ExportCommand(TyperCommand):

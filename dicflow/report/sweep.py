@@ -6,7 +6,9 @@ import base64
 import json
 import math
 from collections.abc import Callable, Mapping, Sequence
-from typing import Any
+from typing import Any, NamedTuple
+
+from markupsafe import Markup
 
 from dicflow.io.results import table_text
 from dicflow.kinds.kind import summary_of
@@ -14,7 +16,9 @@ from dicflow.kinds.quantities import QUANTITIES
 from dicflow.pipeline import Result
 from dicflow.report.context import Context, Section
 from dicflow.report.rendering import render
+from dicflow.report.resolution import Resolution, resolution_chart, resolutions
 from dicflow.report.words import number
+from dicflow.views.variant_names import variant_names
 
 __all__ = ["PLACE", "TITLE", "sweep"]
 
@@ -22,6 +26,8 @@ PLACE = 40
 TITLE = "Variants of the sweep"
 
 _FIELDS = tuple(name for name, quantity in QUANTITIES.items() if "sweep" in quantity.uses)
+_MOST_OPEN = 9
+"""Panels of means that are shown unasked; more are folded away."""
 _ALIKE, _ALIKE_DRAWN = 1e-9, 1e-4
 """Relative spread up to which scalars count as equal; smaller differences than the second are not drawn."""
 
@@ -36,13 +42,19 @@ def sweep(context: Context) -> Section | None:
     differing = [name for name in scalars if not _alike([row.get(name) for row in table])]
     drawn = [name for name in differing if not _alike([row.get(name) for row in table], _ALIKE_DRAWN)]
     curves = _curves(result, drawn)
+    found = resolutions(result)
+    labels = [f"#{place + 1}: {label}" for place, label in enumerate(variant_names(result.values))]
     body = render(
         "sweep.html",
-        columns=[("", "text"), *((f"#{place + 1}", "number") for place in range(len(table)))],
-        swept=[[name, *(_shown(row.get(name)) for row in table)] for name in result.values[0]],
-        differing=_rows(table, differing),
-        equal=_rows(table, [name for name in scalars if name not in differing]),
+        count=len(table),
+        chart=Markup(chart) if (chart := resolution_chart(found, labels)) is not None else None,
+        measured=any(one is not None and one.measured for one in found),
+        columns=_columns(result, differing, found),
+        rows=_rows(result, table, differing, found),
+        differs=bool(differing),
+        equal=[[name, _shown(table[0].get(name))] for name in scalars if name not in differing],
         means=_means(context, table) if drawn else None,
+        is_short=len(drawn) <= _MOST_OPEN,
         steps=_steps(context, *curves) if curves[0] else None,
         fields=_fields(context),
     )
@@ -53,12 +65,45 @@ def sweep(context: Context) -> Section | None:
     return Section("sweep", TITLE, body, warnings)
 
 
-def _rows(table: Sequence[Mapping[str, Any]], names: Sequence[str]) -> list[list[str]]:
-    return [[name, *(_shown(row.get(name)) for row in table)] for name in names]
+class Cell(NamedTuple):
+    """A cell of the table of variants. key : by which it is sorted, a number as text, or text; empty if unknown"""
+
+    text: str
+    key: str
+
+
+def _columns(result: Result, differing: Sequence[str], found: Sequence[Resolution | None]) -> list[str]:
+    """Titles: number, swept parameters, gauge, and scalars that differ."""
+    unit = next((one.unit for one in found if one is not None), None)
+    gauge = [] if unit is None else [f"virtual strain gauge [{unit}]"]
+    return ["variant", *result.values[0], *gauge, *differing]
+
+
+def _rows(
+    result: Result,
+    table: Sequence[Mapping[str, Any]],
+    differing: Sequence[str],
+    found: Sequence[Resolution | None],
+) -> list[list[Cell]]:
+    """One row per variant, under :func:`_columns`."""
+    has_gauge = any(one is not None for one in found)
+    rows = []
+    for place, (row, one) in enumerate(zip(table, found, strict=True)):
+        gauge = [_cell(None if one is None else one.side)] if has_gauge else []
+        swept = [_cell(row.get(name)) for name in result.values[0]]
+        rows.append(
+            [Cell(f"#{place + 1}", str(place + 1)), *swept, *gauge, *(_cell(row.get(name)) for name in differing)]
+        )
+    return rows
+
+
+def _cell(value: Any) -> Cell:
+    known = value is not None and value == value
+    return Cell(_shown(value), str(value) if known else "")
 
 
 def _shown(value: Any) -> str:
-    if isinstance(value, int | float) and not isinstance(value, bool):
+    if isinstance(value, float):
         return number(value)
     return "–" if value is None else str(value)
 
@@ -116,7 +161,7 @@ def _steps(context: Context, curves: Mapping[str, list[list[float]]], steps: Seq
 
 
 def _fields(context: Context) -> list[tuple[str, str]]:
-    """Title and picture of each field of the last step, of all variants that have it."""
+    """Title and picture of each field of the last step, of all variants that have it; the largest strain first."""
     result = context.result
     totals = result.stages_of("total")
     if not totals:
@@ -137,9 +182,11 @@ def _fields(context: Context) -> list[tuple[str, str]]:
         return draw
 
     known = result.product(stage, step, there[0])
+    summary = summary_of(known)
+    largest_first = sorted(_FIELDS, key=lambda name: -abs(summary.get(f"mean_{name}") or 0.0))
     return [
         (f"{name} at {step}", _picture(context, ("sweep field", name, *labels, *digests), drawing(name)))
-        for name in _FIELDS
+        for name in largest_first
         if name in known
     ]
 

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Mapping, Sequence
-from itertools import cycle
+from html import escape
+from itertools import compress, cycle
 from typing import NamedTuple
 
 import numpy as np
@@ -33,6 +34,8 @@ class Curve(NamedTuple):
     x, y : NaN is a gap
     hollow : which marks are outlines alone
     square : whether marks are squares, larger than the dots of other curves and below them
+    joined : whether a line joins the points
+    titles : of the marks, for who points at them; empty for none
     """
 
     name: str
@@ -40,6 +43,8 @@ class Curve(NamedTuple):
     y: Numbers
     hollow: NDArray[np.bool_]
     square: bool = False
+    joined: bool = True
+    titles: Sequence[str] = ()
 
 
 class _Scale(NamedTuple):
@@ -119,7 +124,7 @@ def _chart(curves: Sequence[Curve], scale: _Scale, y_label: str) -> str:
         *_beside(plot, numbers, y_label),
         *_below(plot, scale),
         *(_key(x, y, curve.name, colour) for (x, y), (curve, colour) in zip(keys, coloured, strict=False)),
-        *(_line(plot, curve, colour) for curve, colour in coloured),
+        *(_line(plot, curve, colour) for curve, colour in coloured if curve.joined),
         *(_marks(plot, curve, colour) for curve, colour in sorted(coloured, key=lambda pair: not pair[0].square)),
     ]
     height = plot.bottom + scale.room + 4
@@ -192,14 +197,17 @@ def _marks(plot: _Plot, curve: Curve, colour: str) -> str:
     known = np.isfinite(curve.x) & np.isfinite(curve.y)
     places = plot.place(curve.x, curve.y)[known].tolist()
     hollow = curve.hollow[known].tolist()
-    return "".join(_mark(x, y, curve.square, colour, one) for (x, y), one in zip(places, hollow, strict=True))
+    titles = list(compress(curve.titles, known)) if curve.titles else [""] * len(places)
+    marks = zip(places, hollow, titles, strict=True)
+    return "".join(_mark(x, y, curve.square, colour, one, title) for (x, y), one, title in marks)
 
 
-def _mark(x: float, y: float, square: bool, colour: str, hollow: bool) -> str:
+def _mark(x: float, y: float, square: bool, colour: str, hollow: bool, title: str) -> str:
     style = {"fill": "none" if hollow else colour, "stroke": colour}
+    inside = element("title", escape(title)) if title else ""
     if square:
-        return element("rect", x=x - 4, y=y - 4, width=8, height=8, **style)
-    return element("circle", cx=x, cy=y, r=2.5, **style)
+        return element("rect", inside, x=x - 4, y=y - 4, width=8, height=8, **style)
+    return element("circle", inside, cx=x, cy=y, r=3.5 if title else 2.5, **style)
 
 
 def _range(values: Numbers) -> tuple[float, float]:

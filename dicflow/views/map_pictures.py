@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable, Iterator, Sequence
 
 import numpy as np
@@ -19,6 +20,8 @@ __all__ = ["contact_sheet", "map_cells", "map_levels", "map_png", "map_sheet", "
 
 _HIGHEST_PX, _WIDEST_PX = 550, 990
 _SMALL_HIGHEST_PX, _SMALL_WIDEST_PX = 240, 384
+_SMALLER_PX = (200, 160, 130, 100, 80, 60)
+"""Heights of maps that are drawn smaller."""
 _PAGE_PX, _GAP_PX = 1400, 15
 
 
@@ -59,14 +62,20 @@ def maps_of_steps(
         yield page.filled([map_levels(total, look, window)], [title])
 
 
-def contact_sheet(maps: Sequence[Levels], names: Sequence[str], look: Look, window: MapWindow, title: str) -> bytes:
-    """Many steps side by side with one colour bar, as a PNG.
+def contact_sheet(
+    maps: Sequence[Levels], names: Sequence[str], look: Look, window: MapWindow, title: str, highest: float = math.inf
+) -> bytes:
+    """Many maps side by side with one colour bar, as a PNG.
 
     maps : each of any size in the window's proportion
+    highest : height that all maps together may have [px]; they are drawn smaller for it, down to a limit
     """
-    tile = _tile(window.aspect, _SMALL_HIGHEST_PX, _SMALL_WIDEST_PX)
-    pitch = max(tile[0], widest(names, SMALL.name)) + _GAP_PX
-    columns = max(1, min(len(names), _PAGE_PX // pitch))
+    for height in (_SMALL_HIGHEST_PX, *_SMALLER_PX):
+        tile = _tile(window.aspect, height, _SMALL_WIDEST_PX)
+        pitch = max(tile[0], widest(names, SMALL.name)) + _GAP_PX
+        columns = max(1, min(len(names), _PAGE_PX // pitch))
+        if math.ceil(len(names) / columns) * (tile[1] + 2 * _GAP_PX) <= highest:
+            break
     page = sheet(window, look, tile, names, columns, title, SMALL)
     return png_file(page.filled([_sampled(levels, tile) for levels in maps], names), page.colours)
 

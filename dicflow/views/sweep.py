@@ -16,19 +16,19 @@ from dicflow.kinds.total import Total
 from dicflow.views.colours import look, palette
 from dicflow.views.crops import point_box
 from dicflow.views.map_pictures import contact_sheet, map_levels
+from dicflow.views.variant_names import last_name, short_value, variant_labels, variant_names
 from dicflow.views.windows import MapWindow, with_margin
 
-__all__ = ["differing", "small_multiples", "step_figure", "sweep_figure", "variant_labels"]
+__all__ = ["differing", "small_multiples", "step_figure", "sweep_figure"]
 
 _COLUMNS, _TICKS = 3, 8
+_HIGHEST_PX = 900
+"""Height that the fields of all variants may have together."""
+_MOST_LABELS, _MOST_KEYS = 8, 16
+"""Variants that are named below a panel, and in a key; more are numbered."""
 _UNITS = {"mm": "mm", "px": "px", "mm2": "mm²", "deg": "deg", "pct": "%", "grey": "grey level"}
 _ALIKE = 1e-4
 """Values that differ by less of their size are not drawn; the table has all digits."""
-
-
-def variant_labels(values: Sequence[Mapping[str, Any]]) -> list[str]:
-    """A short label per variant: the swept values; parameters by their last name."""
-    return ["\n".join(f"{_last(key)} {_short(value)}" for key, value in row.items()) for row in values]
 
 
 def sweep_figure(values: Sequence[Mapping[str, Any]], table: Sequence[Mapping[str, Any]]) -> Figure:
@@ -41,10 +41,11 @@ def sweep_figure(values: Sequence[Mapping[str, Any]], table: Sequence[Mapping[st
     figure, panels = _panels(len(names))
     parameters = list(dict.fromkeys(key for row in values for key in row))
     alone = parameters[0] if len(parameters) == 1 else None
-    labels = variant_labels(values) if alone is None else [_short(row[alone]) for row in values]
+    label = "variant" if len(values) > _MOST_LABELS else "" if alone is None else last_name(alone)
+    labels = _below(values, alone)
     for axes, name in zip(panels, names, strict=False):
         _panel(axes, name, [row.get(name, math.nan) for row in table], labels)
-        axes.set_xlabel("" if alone is None else _last(alone), fontsize=8)
+        axes.set_xlabel(label, fontsize=8)
     figure.suptitle("Variants of the sweep, means over the steps", fontsize=11)
     return figure
 
@@ -63,7 +64,7 @@ def step_figure(
     curves : scalar → for each variant one number per step, NaN if unknown
     """
     figure, panels = _panels(len(curves))
-    labels = [label.replace("\n", ", ") for label in variant_labels(values)]
+    labels = variant_names(values)
     colours = palette("viridis", len(values) + 1)[:-1] / 255.0
     for axes, (name, rows) in zip(panels, curves.items(), strict=False):
         for label, colour, heights in zip(labels, colours, rows, strict=True):
@@ -71,7 +72,10 @@ def step_figure(
         shown = range(0, len(steps), max(1, math.ceil(len(steps) / _TICKS)))
         axes.set_xticks(list(shown), [steps[place] for place in shown], fontsize=7, rotation=30, ha="right")
         _dress(axes, name)
-    figure.legend(*panels[0].get_legend_handles_labels(), loc="outside lower center", ncols=4, fontsize=8)
+    if len(values) <= _MOST_KEYS:
+        figure.legend(*panels[0].get_legend_handles_labels(), loc="outside lower center", ncols=4, fontsize=8)
+    else:
+        figure.suptitle(f"variants from #1, dark, to #{len(values)}, bright", fontsize=9)
     return figure
 
 
@@ -84,7 +88,7 @@ def small_multiples(totals: Sequence[Product], labels: Sequence[str], quantity: 
     every = np.concatenate([total[quantity].ravel() for total in totals])
     chosen = look(quantity, title, unit, *joined_range([colour_range(every)]))
     maps = [map_levels(total, chosen, window) for total in totals]
-    return contact_sheet(maps, labels, chosen, window, title)
+    return contact_sheet(maps, labels, chosen, window, title, _HIGHEST_PX)
 
 
 def _panels(count: int) -> tuple[Figure, list[Axes]]:
@@ -113,10 +117,18 @@ def _unit(name: str) -> str:
     return _UNITS.get(name.rpartition("_")[2], "–")
 
 
+def _below(values: Sequence[Mapping[str, Any]], alone: str | None) -> list[str]:
+    """What stands below the dots of the variants. alone : the only swept parameter"""
+    if len(values) > _MOST_LABELS:
+        return [f"#{number}" for number in range(1, len(values) + 1)]
+    return variant_labels(values) if alone is None else [short_value(row[alone]) for row in values]
+
+
 def _panel(axes: Axes, name: str, heights: Sequence[float], labels: Sequence[str]) -> None:
     """One scalar; the scale starts at zero if the dots remain distinct."""
     axes.plot(range(len(heights)), heights, "o", color="#31688e", clip_on=False)
-    axes.set_xticks(range(len(labels)), labels, fontsize=7)
+    shown = range(0, len(labels), math.ceil(len(labels) / _MOST_LABELS))
+    axes.set_xticks(shown, [labels[place] for place in shown], fontsize=7)
     axes.set_xlim(-0.5, len(labels) - 0.5)
     _dress(axes, name)
     finite = np.array([height for height in heights if math.isfinite(height)])
@@ -130,13 +142,3 @@ def _panel(axes: Axes, name: str, heights: Sequence[float], labels: Sequence[str
 def _differs(column: Sequence[float]) -> bool:
     finite = np.array([value for value in column if math.isfinite(value)])
     return finite.size > 1 and bool(np.ptp(finite) > _ALIKE * np.abs(finite).max())
-
-
-def _last(parameter: str) -> str:
-    return parameter.rpartition(".")[2]
-
-
-def _short(value: Any) -> str:
-    if isinstance(value, dict):
-        return " ".join(f"{key}{_short(inner)}" for key, inner in value.items())
-    return ",".join(map(str, value)) if isinstance(value, list) else str(value)

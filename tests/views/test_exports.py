@@ -211,10 +211,10 @@ def test_nothing_is_overwritten_unasked(result, tmp_path):
 def test_an_export_that_breaks_off_leaves_nothing(error, result, tmp_path, monkeypatch):
     written = csv_module.csv_text
 
-    def failing(product, name):
+    def failing(product, name, style):
         if name.endswith(PAIRS[-1]):
             raise error
-        return written(product, name)
+        return written(product, name, style)
 
     (tmp_path / f"total_{PAIRS[0]}.csv").write_text("mine")
     before = contents(tmp_path)

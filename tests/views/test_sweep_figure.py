@@ -7,7 +7,8 @@ import pytest
 from matplotlib.figure import Figure
 
 from dicflow.views.maps import png
-from dicflow.views.sweep import sweep_figure, variant_labels
+from dicflow.views.sweep import sweep_figure
+from dicflow.views.variant_names import variant_labels, variant_names
 
 VALUES = [{"surface.degree.z": [1, 1]}, {"surface.degree.z": [2, 2]}]
 TABLE = [
@@ -55,3 +56,4 @@ def test_variants_of_several_parameters_name_them():
 
 def test_labels():
     assert variant_labels([{"a.b": {"x": [1, 2]}, "c.d": "LAR"}]) == ["b x1,2\nd LAR"]
+    assert variant_names([{"a.b": 1, "c.d": [1, 2]}]) == ["b 1, d 1,2"]

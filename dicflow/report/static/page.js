@@ -32,6 +32,35 @@
   }
 })();
 
+// Tables whose rows are sorted by a press on the title of a column; unknown cells come last in either direction.
+(() => {
+  const key = (row, column) => row.cells[column].dataset.key;
+  const order = (a, b) => (isNaN(a) || isNaN(b) ? a.localeCompare(b, undefined, { numeric: true }) : a - b);
+  const sort = (table, column, sign) => {
+    const rows = [...table.tBodies[0].rows];
+    rows.sort((one, other) => {
+      const [a, b] = [key(one, column), key(other, column)];
+      return (a === "") - (b === "") || sign * order(a, b);
+    });
+    table.tBodies[0].append(...rows);
+  };
+  for (const table of document.querySelectorAll("table.sortable")) {
+    const titles = [...table.tHead.rows[0].cells];
+    titles.forEach((title, column) => {
+      const button = document.createElement("button");
+      button.type = "button";
+      button.textContent = title.textContent;
+      title.replaceChildren(button);
+      button.addEventListener("click", () => {
+        const rises = title.getAttribute("aria-sort") !== "ascending";
+        titles.forEach((other) => other.removeAttribute("aria-sort"));
+        title.setAttribute("aria-sort", rises ? "ascending" : "descending");
+        sort(table, column, rises ? 1 : -1);
+      });
+    });
+  }
+})();
+
 // A switch between the colours for day and night; without it they are those that the reader's system prefers.
 (() => {
   const root = document.documentElement;
