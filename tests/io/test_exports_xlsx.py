@@ -67,7 +67,7 @@ def test_names_of_sheets_are_short_and_different(tmp_path):
     stems = ["x" * 40, "x" * 40 + "y", "Summary", "a[1]:b"]
     items = [Item(stem, None, Product("probes", {}, rows)) for stem in stems]
     names = book_of(items, tmp_path).sheetnames
-    assert names == ["summary", "x" * 31, "x" * 27 + " (2)", "Summary (2)", "a_1__b"]
+    assert names == ["x" * 31, "x" * 27 + " (2)", "Summary (2)", "a_1__b"]
 
 
 def test_unknown_numbers_are_empty_cells(tmp_path):

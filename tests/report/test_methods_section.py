@@ -9,8 +9,10 @@ from small import ROOT, STEPS, dicflow
 from dicflow.pipeline import Pipeline
 from dicflow.pipeline.registry import node_classes
 from dicflow.report.methods import methods
-from dicflow.report.paragraph import methods_paragraph
+from dicflow.report.paragraph import Paragraph, methods_paragraph
+from dicflow.report.rendering import assets, render
 from dicflow.stages._references import REFERENCES
+from tests.browser import chromium, opened
 from tests.pages import Page, context_of
 
 SILENT = {"images", "region", "probes", "compare", "maps"}
@@ -100,3 +102,26 @@ def test_a_paragraph_needs_no_products(pipeline, tmp_path):
     text = methods_paragraph(loaded, loaded.result()).text
     assert "33 × 33 px" in text
     assert "reprojection error was" not in text
+
+
+@pytest.mark.skipif(chromium() is None, reason="needs chromium on the PATH")
+@pytest.mark.parametrize("clipboard", ["navigator.clipboard", "undefined"])
+def test_the_button_copies_paragraph_and_references(tmp_path, clipboard):
+    paragraph = Paragraph("Measured [1, 2].", ("A. B, C (2000)", "D. E, F (2001)"))
+    body = render("methods.html", paragraph=paragraph)
+    path = tmp_path / "page.html"
+    path.write_text(
+        f"<meta charset=utf-8><style>{assets('.css')}</style><nav></nav>{body}<script>{assets('.js')}</script>"
+    )
+    (tmp_path / "browser").mkdir()
+    with opened(tmp_path / "browser") as page:
+        page.send("Emulation.setFocusEmulationEnabled", enabled=True)
+        page.send("Browser.grantPermissions", permissions=["clipboardReadWrite", "clipboardSanitizedWrite"])
+        page.open(path)
+        page.evaluate("window.kept = navigator.clipboard, undefined")
+        page.evaluate(f"Object.defineProperty(navigator, 'clipboard', {{ value: {clipboard} }}), undefined")
+        press = "document.querySelector('.copy').click(), new Promise((done) => setTimeout(done, 300))"
+        page.send("Runtime.evaluate", expression=press, userGesture=True, awaitPromise=True)
+        assert page.evaluate("document.querySelector('.copied').textContent") == "copied"
+        text = page.evaluate("window.kept.readText()")
+    assert text == "Measured [1, 2].\n[1] A. B, C (2000).\n[2] D. E, F (2001)."

@@ -27,7 +27,7 @@ _UNPRINTABLE = re.compile("[\x00-\x08\x0b\x0c\x0e-\x1f\ufffe\uffff]")
 
 
 def write(items: Iterable[Item], folder: Path, name: str) -> None:
-    """One workbook: a summary with one row per step, then a sheet per product, with units beside the names of columns.
+    """One workbook: a summary with one row per step of totals, then a sheet per product, with units in its header.
 
     Raises ConfigurationError where openpyxl is not installed, InputError for a table with more rows than a sheet has.
     """
@@ -43,8 +43,11 @@ def write(items: Iterable[Item], folder: Path, name: str) -> None:
         if item.product.kind == "total":
             summaries.append({"stage": item.stage, "step": item.step, **summary_of(item.product)})
         _fill(book.create_sheet(_title(item.stem, titles)), table)
-    names = list(dict.fromkeys(key for row in summaries for key in row))
-    _fill(overview, ProductTable(names, {}, summaries))
+    if summaries:
+        names = list(dict.fromkeys(key for row in summaries for key in row))
+        _fill(overview, ProductTable(names, {}, summaries))
+    else:
+        book.remove(overview)
     book.save(place(folder, f"{file_stem(name)}.xlsx"))
 
 

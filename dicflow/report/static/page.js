@@ -14,6 +14,16 @@
 
 // A button that copies a part of the page as text, its lists with their numbers; without a clipboard it selects the part.
 (() => {
+  const copiedByCommand = (text) => {
+    const area = document.body.appendChild(document.createElement("textarea"));
+    area.value = text;
+    area.select();
+    const done = document.execCommand("copy");
+    area.remove();
+    return done;
+  };
+  const copied = (text) => (navigator.clipboard ? navigator.clipboard.writeText(text).then(() => true) : Promise.reject())
+    .catch(() => copiedByCommand(text));
   const line = (part) => (part.tagName === "LI" ? `[${part.value}] ` : "") + part.textContent.trim();
   for (const button of document.querySelectorAll("button[data-copies]")) {
     const part = document.getElementById(button.dataset.copies);
@@ -21,13 +31,9 @@
     button.hidden = false;
     button.addEventListener("click", async () => {
       const text = [...part.querySelectorAll("p, li")].map(line).join("\n");
-      try {
-        await navigator.clipboard.writeText(text);
-        status.textContent = "copied";
-      } catch {
-        getSelection().selectAllChildren(part);
-        status.textContent = "selected: copy it with Ctrl+C";
-      }
+      const done = await copied(text);
+      if (!done) getSelection().selectAllChildren(part);
+      status.textContent = done ? "copied" : "selected: copy it with Ctrl+C";
     });
   }
 })();
