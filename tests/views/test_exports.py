@@ -195,6 +195,29 @@ def test_a_rig_comes_back(result, tmp_path):
     assert rig_to_json(read_rig(path)) == result.product("rig").attrs["rig"]
 
 
+def test_a_whole_test_as_one_workbook(result, tmp_path):
+    openpyxl = pytest.importorskip("openpyxl")
+    assert names(export(result, tmp_path, to="xlsx")) == {"test.xlsx", "region.geojson", "rig.json"}
+    book = openpyxl.load_workbook(tmp_path / "test.xlsx", read_only=True)
+    assert book.sheetnames == ["summary", *(f"total_{step}" for step in PAIRS), "comparison"]
+    header, *rows = book[f"total_{PAIRS[-1]}"].iter_rows(values_only=True)
+    column = [row[header.index("eyy")] for row in rows]
+    expected = result.product("total", PAIRS[-1])["eyy"].ravel()
+    np.testing.assert_allclose([np.nan if cell is None else cell for cell in column], expected, rtol=1e-14)
+    comparison = list(book["comparison"].iter_rows(values_only=True))
+    assert len(comparison) == 1 + len(result.product("comparison").attrs["rows"])
+
+
+def test_digits_and_decimal_commas_of_the_command_line(pipeline, measured, result, tmp_path):
+    answer = dicflow("export", pipeline, "total", "--output", tmp_path, "--locale", "de", "--digits", 4)
+    assert answer.code == 0, answer.err
+    text = (tmp_path / f"total_{PAIRS[-1]}.csv").read_text(encoding="utf-8")
+    lines = [line.split(";") for line in text.splitlines() if not line.startswith("#")]
+    column = [float(line[lines[0].index("eyy")].replace(",", ".")) for line in lines[1:]]
+    np.testing.assert_allclose(column, result.product("total", PAIRS[-1])["eyy"].ravel(), rtol=5e-4)
+    dicflow("export", pipeline, "--locale", "fr").refuses(2, "--locale", "fr")
+
+
 def test_nothing_is_overwritten_unasked(result, tmp_path):
     first = export(result, tmp_path, to="csv")
     before = contents(tmp_path)

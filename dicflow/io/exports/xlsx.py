@@ -17,7 +17,7 @@ from dicflow.kinds.kind import summary_of
 
 __all__ = ["DESCRIPTION", "KINDS", "write"]
 
-DESCRIPTION = "a workbook with one sheet per table"
+DESCRIPTION = "a workbook with one sheet per table (needs dicflow[xlsx])"
 KINDS = ("total", "probes", "comparison", "noise")
 _MOST_ROWS = 1_048_576
 _LONGEST_NAME = 31
