@@ -94,3 +94,21 @@ def test_paper_has_the_field_with_its_numbers(shown):
     assert printed.count(b"/Type /Page\n") >= 2
     PICTURES.mkdir(parents=True, exist_ok=True)
     (PICTURES / "report.pdf").write_bytes(printed)
+
+
+def test_on_paper_the_picture_keeps_the_pixels_in_which_photograph_and_field_agree(shown):
+    shown.explorer()
+    size = "[document.querySelector('.x-stage').clientWidth, document.querySelector('.x-stage').clientHeight]"
+    box = "(({ width, height }) => [width, height])(document.querySelector('.x-stage').getBoundingClientRect())"
+    on_screen = shown.evaluate(size)
+    try:
+        shown.evaluate("dispatchEvent(new Event('beforeprint'))")
+        shown.send("Emulation.setDeviceMetricsOverride", width=700, height=1000, deviceScaleFactor=1, mobile=False)
+        shown.send("Emulation.setEmulatedMedia", media="print")
+        assert shown.evaluate(size) == on_screen
+        width, height = shown.evaluate(box)
+        assert max(width / 660, height / 454) == pytest.approx(1.0, abs=0.01)
+    finally:
+        shown.evaluate("dispatchEvent(new Event('afterprint'))")
+        shown.send("Emulation.setEmulatedMedia", media="")
+        shown.window(1200, 900)

@@ -71,6 +71,7 @@ def _print(browser: str, page: Path, target: Path) -> None:
     as_root = hasattr(os, "geteuid") and os.geteuid() == 0
     command = [
         browser, "--headless=new", "--disable-gpu", "--no-first-run", "--disable-extensions",
+        "--window-size=1280,1000", "--force-device-scale-factor=2",
         "--host-resolver-rules=MAP * ~NOTFOUND", f"--user-data-dir={target.parent / 'profile'}",
         f"--virtual-time-budget={_WAIT_MS}", "--no-pdf-header-footer", f"--print-to-pdf={target}",
         *(["--no-sandbox"] if as_root else []),  # the browser refuses to start as root with it

@@ -4,6 +4,7 @@ import re
 import sys
 
 import pytest
+from small import dicflow
 
 from dicflow.errors import ConfigurationError, InputError
 from dicflow.report import paper
@@ -76,3 +77,13 @@ def test_a_browser_that_fails_is_named_and_an_older_pdf_stays(page, monkeypatch,
     assert browser in str(found.value)
     assert older.read_bytes() == b"older"
     assert left_behind(page) == []
+
+
+def test_the_command_prints_the_report_of_a_test(pipeline, measured, tmp_path):
+    if find_browser() is None:
+        pytest.skip("needs Chromium, Chrome or Edge")
+    answer = dicflow("report", pipeline, "--pdf", "--output", tmp_path)
+    assert answer.out.splitlines() == [str(tmp_path / "report.html"), str(tmp_path / "report.pdf")]
+    content = (tmp_path / "report.pdf").read_bytes()
+    assert len(re.findall(rb"/Type /Page\b", content)) > 3
+    assert b"/Subtype /Image" in content

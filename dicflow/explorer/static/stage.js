@@ -9,6 +9,8 @@ import { frustums, lineMarks, scaleBar, triad } from "./marks.js";
 
 const CLICK_PX = 4;
 const MOST_PIXELS = 2;
+/** Width and height that the picture may have on paper [px of 1/96 inch]: 17.5 × 12 cm. */
+const PAPER = [660, 454];
 
 /** The picture of an explorer. host : gives scene, frame, palette, marks; and is called hover, pick, draw a line */
 export class Stage {
@@ -35,6 +37,7 @@ export class Stage {
     this.fitted = "";
     this._listen();
     new ResizeObserver(() => this._resized()).observe(this.element);
+    addEventListener("beforeprint", () => this._fitPaper());
   }
 
   get size() {
@@ -53,6 +56,16 @@ export class Stage {
     this.overlay.setAttribute("viewBox", `0 0 ${width} ${height}`);
     this.fitted = "";
     this.draw();
+  }
+
+  /** On paper the picture keeps its pixels and is scaled as a whole, since nothing is drawn once a page is laid out. */
+  _fitPaper() {
+    const [width, height] = this.size;
+    if (!width || !height) return;
+    const { style } = this.element;
+    style.setProperty("--paper-width", `${width}px`);
+    style.setProperty("--paper-height", `${height}px`);
+    style.setProperty("--paper-zoom", Math.min(PAPER[0] / width, PAPER[1] / height));
   }
 
   /** Shows everything again in the middle. */
