@@ -29,6 +29,8 @@ from dicflow.views.source_digest import source_digest
 
 __all__ = ["write_report"]
 
+_OPEN_IN_SWEEP = ("answer", "summary", "sweep")
+
 
 def write_report(
     pipeline: Pipeline, result: Result, folder: Path, workers: int = 1, note: Callable[[str], None] | None = None
@@ -142,9 +144,16 @@ def _page(context: Context, sections: list[Section], logo: bytes) -> str:
         style=assets(".css"),
         script=assets(".js"),
         sections=sections,
+        folded=_folded(context, sections),
         logo=base64.b64encode(logo).decode(),
         version=__version__,
     )
+
+
+def _folded(context: Context, sections: list[Section]) -> set[str]:
+    """Keys of the sections that a reader unfolds: of a sweep all that describe its first variant in detail."""
+    is_swept = len(context.result.values) > 1
+    return {section.key for section in sections if is_swept and section.key not in _OPEN_IN_SWEEP}
 
 
 def _subtitle(context: Context) -> str:

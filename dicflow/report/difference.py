@@ -58,6 +58,7 @@ def difference_page(comparison: Comparison) -> bytes:
         script=assets(".js"),
         sections=[difference(comparison)],
         logo="",
+        folded=(),
         version=__version__,
     )
     return page.encode()

@@ -22,12 +22,12 @@ from dicflow.views.variant_names import variant_names
 
 __all__ = ["PLACE", "TITLE", "sweep"]
 
-PLACE = 40
+PLACE = 5
 TITLE = "Variants of the sweep"
 
 _FIELDS = tuple(name for name, quantity in QUANTITIES.items() if "sweep" in quantity.uses)
 _MOST_OPEN = 9
-"""Panels of means that are shown unasked; more are folded away."""
+"""Panels of means that are shown unasked where there are no fields; more are folded away."""
 _ALIKE, _ALIKE_DRAWN = 1e-9, 1e-4
 """Relative spread up to which scalars count as equal; smaller differences than the second are not drawn."""
 
@@ -42,7 +42,7 @@ def sweep(context: Context) -> Section | None:
     differing = [name for name in scalars if not _alike([row.get(name) for row in table])]
     drawn = [name for name in differing if not _alike([row.get(name) for row in table], _ALIKE_DRAWN)]
     curves = _curves(result, drawn)
-    found = resolutions(result)
+    found, fields = resolutions(result), _fields(context)
     labels = [f"#{place + 1}: {label}" for place, label in enumerate(variant_names(result.values))]
     body = render(
         "sweep.html",
@@ -54,9 +54,9 @@ def sweep(context: Context) -> Section | None:
         differs=bool(differing),
         equal=[[name, _shown(table[0].get(name))] for name in scalars if name not in differing],
         means=_means(context, table) if drawn else None,
-        is_short=len(drawn) <= _MOST_OPEN,
+        is_short=len(drawn) <= _MOST_OPEN and not fields,
         steps=_steps(context, *curves) if curves[0] else None,
-        fields=_fields(context),
+        fields=fields,
     )
     empty = [place + 1 for place, row in enumerate(table) if len(row) == len(result.values[place])]
     warnings = tuple(

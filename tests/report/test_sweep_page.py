@@ -4,7 +4,9 @@ import re
 from pathlib import Path
 
 import pytest
+from markupsafe import Markup
 
+from dicflow.report.context import Section
 from dicflow.report.rendering import assets, render
 from dicflow.report.resolution import resolution_chart, resolutions
 from dicflow.report.sweep import sweep
@@ -27,9 +29,11 @@ def section(tmp_path_factory):
 
 @pytest.fixture(scope="module")
 def page(section, tmp_path_factory):
+    """The section alone, and another one that is folded away."""
     if chromium() is None:
         pytest.skip("needs chromium on the PATH")
-    values = {"title": "Sweep", "subtitle": "60 variants", "logo": "", "version": "0", "sections": [section]}
+    values = {"title": "Sweep", "subtitle": "60 variants", "logo": "", "version": "0"}
+    values |= {"folded": {"other"}, "sections": [section, Section("other", "Other", Markup("<p>inside</p>"))]}
     path = tmp_path_factory.mktemp("page") / "sweep.html"
     path.write_text(render("page.html", style=assets(".css"), script=assets(".js"), **values))
     with opened(tmp_path_factory.mktemp("browser")) as page:
@@ -97,3 +101,12 @@ def test_the_keyboard_sorts_too(page):
         page.send("Input.dispatchKeyEvent", type=kind, key="Enter", code="Enter", windowsVirtualKeyCode=13, text="\r")
     assert column(page, 0) == [f"#{k + 1}" for k in range(len(SIDES))]
     assert page.complaints() == []
+
+
+def test_a_link_unfolds_what_it_leads_to(page):
+    is_open = "document.querySelector('#other > details').open"
+    assert not page.evaluate(is_open)
+    page.evaluate(
+        "document.querySelector('nav a[href=\"#other\"]').click(), new Promise((done) => setTimeout(done, 200))"
+    )
+    assert page.evaluate(is_open)

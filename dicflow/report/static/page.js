@@ -12,6 +12,13 @@
   });
 })();
 
+// A link to a section that is folded away unfolds it.
+(() => {
+  const unfold = () => document.getElementById(location.hash.slice(1))?.querySelector(":scope > details.folded")?.setAttribute("open", "");
+  addEventListener("hashchange", unfold);
+  unfold();
+})();
+
 // A button that copies a part of the page as text, its lists with their numbers; without a clipboard it selects the part.
 (() => {
   const copiedByCommand = (text) => {
