@@ -116,7 +116,7 @@ def chart_over_steps(steps: Sequence[str], series: Mapping[str, Sequence[float |
 def _chart(curves: Sequence[Curve], scale: _Scale, y_label: str) -> str:
     y_range = _range(np.concatenate([curve.y for curve in curves]))
     numbers = ticks_that_fit(*y_range, lambda share, _texts: share * _PLOT_HEIGHT >= 2 * _LETTER)
-    left = _LINE + 12 + widest(numbers.texts, _LETTER)
+    left = max(_LINE + 12 + widest(numbers.texts, _LETTER), 10 + text_width(numbers.factor, _LETTER))
     keys = _key_places([curve.name for curve in curves], left) if len(curves) > 1 else []
     plot = _Plot(left, _LINE + (keys[-1][1] if keys else 0), _WIDTH - left - _RIGHT, scale.range, y_range)
     coloured = list(zip(curves, cycle(_COLOURS), strict=False))

@@ -19,7 +19,7 @@ SIDES = tuple(every((15, 21, 27, 33, 39, 45), (20, 30, 40, 50, 60, 70, 80, 90, 1
 
 def sigma(subset, window):
     """σ of a strain that falls with the gauge."""
-    return 0.5 / (subset * window)
+    return 0.05 / (subset * window)
 
 
 class Swept:
