@@ -1,0 +1,152 @@
+"""What the page may ask: one function per question, from JSON to JSON."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from typing import Any
+
+from dicflow.app import document, drawing, pictures, stages, versions
+from dicflow.app.plans import plan_of
+from dicflow.app.project import Project
+from dicflow.app.runs import Runs
+
+__all__ = ["ANSWERS", "Asked", "Desk"]
+
+Asked = Mapping[str, Any]
+
+
+class Desk:
+    """What answers need beside the question: the project and its runs."""
+
+    def __init__(self, project: Project) -> None:
+        self.project = project
+        self.runs = Runs(project)
+
+
+def _project(desk: Desk, asked: Asked) -> Any:
+    """The folder and its pipeline files; which one to open."""
+    project = desk.project
+    names = project.pipelines()
+    usual = "pipeline.yaml" if "pipeline.yaml" in names else names[0] if len(names) == 1 else ""
+    return {"folder": project.folder.name, "files": names, "chosen": project.chosen or usual}
+
+
+def _document(desk: Desk, asked: Asked) -> Any:
+    """A pipeline file: its text, digest and problems, and its graph where it is valid."""
+    name, project = str(asked["file"]), desk.project
+    text, digest = document.read_pipeline(project, name)
+    left = document.problems(text, name)
+    found = {"digest": digest, "problems": left, "text": text, "can": versions.can(project), "stages": [], "title": name}
+    if not left:
+        pipeline = project.pipeline(name)
+        found |= {"stages": stages.graph_of(pipeline), "title": pipeline.title}
+    return found
+
+
+def _edit(desk: Desk, asked: Asked) -> Any:
+    """Write edits; ``dry`` only says what a run would then compute."""
+    name, edits = str(asked["file"]), document.edits_of(asked["edits"])
+    if asked.get("dry"):
+        text = document.edited(document.read_pipeline(desk.project, name).text, name, edits)
+        return plan_of(desk.project.candidate(name, text))
+    return {"problems": document.edit(desk.project, name, asked["digest"], edits, str(asked["words"]))}
+
+
+def _undo(desk: Desk, asked: Asked) -> Any:
+    return {"words": versions.undo(desk.project, asked.get("seen", {}))}
+
+
+def _redo(desk: Desk, asked: Asked) -> Any:
+    return {"words": versions.redo(desk.project, asked.get("seen", {}))}
+
+
+def _photograph(desk: Desk, asked: Asked) -> Any:
+    pipeline = desk.project.pipeline(asked["file"])
+    stage = str(asked.get("stage") or drawing.stages_of(pipeline, "images")[0])
+    return pictures.shown(desk.project, pipeline, stage, asked.get("step"), str(asked.get("side", "left")))
+
+
+def _steps(desk: Desk, asked: Asked) -> Any:
+    return pictures.steps_of(desk.project.pipeline(asked["file"]), str(asked["stage"]))
+
+
+def _drawing(desk: Desk, asked: Asked) -> Any:
+    """The region and the probes of a pipeline file, and the stage of the photographs that they are drawn on."""
+    project, name = desk.project, str(asked["file"])
+    pipeline = project.pipeline(name)
+    regions = drawing.stages_of(pipeline, "region")
+    probes = drawing.stages_of(pipeline, "probes")
+    return {
+        "regions": regions,
+        "region": drawing.drawing_of(project, name, regions[0]) if regions else None,
+        "images": drawing.photographs_of(pipeline, regions[0]) if regions else None,
+        "probes": drawing.probes_of(pipeline, probes[0]) if probes else None,
+    }
+
+
+def _draw(desk: Desk, asked: Asked) -> Any:
+    drawing.write_region(desk.project, asked["file"], str(asked["stage"]), asked["drawn"], asked["seen"])
+    return {}
+
+
+def _probe(desk: Desk, asked: Asked) -> Any:
+    drawing.write_probes(desk.project, asked["file"], str(asked["stage"]), asked["probes"], asked["digest"])
+    return {}
+
+
+def _parameters(desk: Desk, asked: Asked) -> Any:
+    return stages.parameters_of(desk.project.pipeline(asked["file"]), str(asked["stage"]))
+
+
+def _plan(desk: Desk, asked: Asked) -> Any:
+    return plan_of(desk.project.pipeline(asked["file"]))
+
+
+def _start(desk: Desk, asked: Asked) -> Any:
+    desk.runs.start(str(asked["file"]))
+    return {}
+
+
+def _stop(desk: Desk, asked: Asked) -> Any:
+    desk.runs.stop(str(asked["file"]))
+    return {}
+
+
+def _watch(desk: Desk, asked: Asked) -> Any:
+    return desk.runs.watch(str(asked["file"]))
+
+
+def _runs(desk: Desk, asked: Asked) -> Any:
+    return desk.runs.listed(str(asked["file"]))
+
+
+def _pin(desk: Desk, asked: Asked) -> Any:
+    desk.runs.pin(str(asked["file"]), str(asked["run"]), asked.get("note"))
+    return {}
+
+
+def _clean(desk: Desk, asked: Asked) -> Any:
+    return desk.runs.clean(str(asked["file"]), int(asked["keep"]), bool(asked.get("delete")))
+
+
+
+ANSWERS: Mapping[str, Callable[[Desk, Asked], Any]] = {
+    "project": _project,
+    "document": _document,
+    "edit": _edit,
+    "undo": _undo,
+    "redo": _redo,
+    "photograph": _photograph,
+    "steps": _steps,
+    "drawing": _drawing,
+    "draw": _draw,
+    "probe": _probe,
+    "parameters": _parameters,
+    "plan": _plan,
+    "start": _start,
+    "stop": _stop,
+    "watch": _watch,
+    "runs": _runs,
+    "pin": _pin,
+    "clean": _clean,
+}
