@@ -3,24 +3,58 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
+from concurrent.futures import ProcessPoolExecutor
+from concurrent.futures.process import BrokenProcessPool
+from multiprocessing import get_context
 from typing import Any
 
-from dicflow.app import document, drawing, pictures, stages, versions
+from dicflow.app import document, drawing, pictures, previews, stages, versions
 from dicflow.app.plans import plan_of
 from dicflow.app.project import Project
 from dicflow.app.runs import Runs
+from dicflow.engine.workers import ignore_interrupts, prepare
+from dicflow.errors import WorkerError
 
 __all__ = ["ANSWERS", "Asked", "Desk"]
 
 Asked = Mapping[str, Any]
 
 
+_WORKS = 30
+"""Pieces of work after which the process that does them is renewed, with its memory."""
+
+
 class Desk:
-    """What answers need beside the question: the project and its runs."""
+    """What answers need beside the question: the project, its runs, and a process for heavy work."""
 
     def __init__(self, project: Project) -> None:
         self.project = project
         self.runs = Runs(project)
+        self._pool: ProcessPoolExecutor | None = None
+
+    def work(self, call: Callable[..., Any], *arguments: Any) -> Any:
+        """The value of a function of a module, called in another process, which loads what it needs.
+
+        Raises WorkerError if that process dies.
+        """
+        if self._pool is None:
+            spawn = get_context("spawn")
+            self._pool = ProcessPoolExecutor(1, spawn, initializer=_ready, max_tasks_per_child=_WORKS)
+        try:
+            return self._pool.submit(call, *arguments).result()
+        except BrokenProcessPool as error:
+            self._pool = None
+            raise WorkerError("the process that prepares this was killed; probably out of memory") from error
+
+    def close(self) -> None:
+        """End the process for heavy work."""
+        if self._pool is not None:
+            self._pool.shutdown(wait=False, cancel_futures=True)
+
+
+def _ready() -> None:
+    ignore_interrupts()
+    prepare()
 
 
 def _project(desk: Desk, asked: Asked) -> Any:
@@ -36,7 +70,14 @@ def _document(desk: Desk, asked: Asked) -> Any:
     name, project = str(asked["file"]), desk.project
     text, digest = document.read_pipeline(project, name)
     left = document.problems(text, name)
-    found = {"digest": digest, "problems": left, "text": text, "can": versions.can(project), "stages": [], "title": name}
+    found = {
+        "digest": digest,
+        "problems": left,
+        "text": text,
+        "can": versions.can(project),
+        "stages": [],
+        "title": name,
+    }
     if not left:
         pipeline = project.pipeline(name)
         found |= {"stages": stages.graph_of(pipeline), "title": pipeline.title}
@@ -84,6 +125,19 @@ def _drawing(desk: Desk, asked: Asked) -> Any:
     }
 
 
+def _proposed(desk: Desk, asked: Asked) -> Any:
+    return desk.work(previews.proposed_region, desk.project, str(asked["file"]), str(asked["stage"]))
+
+
+def _preview(desk: Desk, asked: Asked) -> Any:
+    """The grid of a stage, with edits that are not written."""
+    name = str(asked["file"])
+    text = document.read_pipeline(desk.project, name).text
+    if asked.get("edits"):
+        text = document.edited(text, str(desk.project.path(name)), document.edits_of(asked["edits"]))
+    return desk.work(previews.grid_preview, desk.project, name, text, str(asked["stage"]))
+
+
 def _draw(desk: Desk, asked: Asked) -> Any:
     drawing.write_region(desk.project, asked["file"], str(asked["stage"]), asked["drawn"], asked["seen"])
     return {}
@@ -129,7 +183,6 @@ def _clean(desk: Desk, asked: Asked) -> Any:
     return desk.runs.clean(str(asked["file"]), int(asked["keep"]), bool(asked.get("delete")))
 
 
-
 ANSWERS: Mapping[str, Callable[[Desk, Asked], Any]] = {
     "project": _project,
     "document": _document,
@@ -139,6 +192,8 @@ ANSWERS: Mapping[str, Callable[[Desk, Asked], Any]] = {
     "photograph": _photograph,
     "steps": _steps,
     "drawing": _drawing,
+    "proposed": _proposed,
+    "preview": _preview,
     "draw": _draw,
     "probe": _probe,
     "parameters": _parameters,

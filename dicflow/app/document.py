@@ -13,7 +13,7 @@ from typing import Any, NamedTuple
 
 from dicflow.app.project import Project
 from dicflow.app.versions import MISSING, change, digest_of
-from dicflow.errors import ConfigurationError, InputError
+from dicflow.errors import ConfigurationError
 from dicflow.io.configuration import Place, parse, parse_value
 from dicflow.io.text import read_text
 from dicflow.pipeline.sweep import variants
@@ -24,7 +24,9 @@ __all__ = ["REMOVED", "Edit", "Text", "edit", "edited", "edits_of", "problems", 
 REMOVED = object()
 """In place of a value: the key goes."""
 _MOST_BYTES = 2_000_000
-_TO_FILL_IN = re.compile(r"^([^#]*\S)\s+# FILL IN the .*$", re.MULTILINE)
+_TO_FILL_IN = re.compile(r"^([^#\n]*\S)[ ]+# FILL IN the .*$", re.MULTILINE)
+
+_INDENTED = re.compile(r"^( +)[^ #\n]", re.MULTILINE)
 
 
 class Edit(NamedTuple):
@@ -103,16 +105,26 @@ def edited(text: str, source: str, edits: Sequence[Edit]) -> str:
     """
     require_editor()
     wanted = copy.deepcopy(parse(text, source).data)
-    tree = _loaded(text)
-    before = _dumped(tree)
+    yaml = _yaml(text)
+    tree = _loaded(yaml, text)
+    before = _dumped(yaml, tree)
     for place, value in edits:
-        _put(wanted, place, value, _plain)
+        _put(wanted, place, value, copy.deepcopy)
         _put(tree, place, value, _styled, insert=_insert)
-    after = _only_changed(text, before, _dumped(tree))
-    after = _TO_FILL_IN.sub(partial(_without_marker, {place[-1] for place, _ in edits}), after)
-    if parse(after, source).data != wanted:
-        raise ConfigurationError(source, "this change cannot be written beside aliases or tags", "edit the file itself")
-    return after
+    whole = _dumped(yaml, tree)
+    for after in (_only_changed(text, before, whole), whole):
+        after = _TO_FILL_IN.sub(partial(_without_marker, {place[-1] for place, _ in edits}), after)
+        if _holds(after, wanted):
+            return after
+    raise ConfigurationError(source, "this change cannot be written beside aliases or tags", "edit the file itself")
+
+
+def _holds(text: str, wanted: Any) -> bool:
+    """Whether a text is read as these values."""
+    try:
+        return bool(parse(text, "").data == wanted)
+    except ConfigurationError:
+        return False
 
 
 def _put(data: Any, place: Place, value: Any, made: Any, insert: Any = None) -> None:
@@ -134,10 +146,6 @@ def _set(data: Any, part: Any, value: Any, insert: Any) -> None:
         insert(data, part, value)
     else:
         data[part] = value
-
-
-def _plain(value: Any) -> Any:
-    return copy.deepcopy(value)
 
 
 def _styled(value: Any) -> Any:
@@ -180,28 +188,31 @@ def _without_marker(parts: set[Any], found: re.Match[str]) -> str:
     return found[1] if key.strip() in parts and value.strip() else found[0]
 
 
-def _loaded(text: str) -> Any:
+def _loaded(yaml: Any, text: str) -> Any:
     from ruamel.yaml.error import YAMLError
 
     try:
-        return _yaml().load(text)
+        return yaml.load(text)
     except (YAMLError, ValueError) as error:
         raise ConfigurationError(f"this file cannot be edited here ({error}); edit it in an editor") from error
 
 
-def _dumped(tree: Any) -> str:
+def _dumped(yaml: Any, tree: Any) -> str:
     stream = io.StringIO()
-    _yaml().dump(tree, stream)
+    yaml.dump(tree, stream)
     return stream.getvalue()
 
 
-def _yaml() -> Any:
+def _yaml(text: str) -> Any:
+    """What reads and writes a file with the indentation that its text has."""
     from ruamel.yaml import YAML
 
+    found = _INDENTED.search(text)
+    side = len(found[1]) if found else 2
     yaml = YAML()
     yaml.preserve_quotes = True
     yaml.width = 100_000
-    yaml.indent(mapping=2, sequence=4, offset=2)
+    yaml.indent(mapping=side, sequence=side + 2, offset=side)
     return yaml
 
 

@@ -147,9 +147,9 @@ def _static(name: str) -> bytes:
     return (files("dicflow.app") / "static" / name).read_bytes()
 
 
-def application(project: Project, gate: Gate) -> Application:
-    """The app for a project: every page of it behind the gate."""
-    given = {"gate": gate, "desk": Desk(project), "threads": ThreadPoolExecutor(_THREADS)}
+def application(desk: Desk, gate: Gate) -> Application:
+    """The app for the project of a desk: every page of it behind the gate."""
+    given = {"gate": gate, "desk": desk, "threads": ThreadPoolExecutor(_THREADS)}
     return Application(
         [
             (r"/", _Page, given),
@@ -189,7 +189,8 @@ async def _serve(project: Project, say: Callable[[str], None], opens: bool, port
     except OSError as error:
         raise DicflowError(f"port {port} is taken ({error.strerror}); name another, or none") from error
     gate = Gate(sockets[0].getsockname()[1], secrets.token_urlsafe(24))
-    server = HTTPServer(application(project, gate), max_body_size=_LARGEST_BYTES)
+    desk = Desk(project)
+    server = HTTPServer(application(desk, gate), max_body_size=_LARGEST_BYTES)
     server.add_sockets(sockets)
     say(gate.link)
     if opens:
@@ -199,3 +200,4 @@ async def _serve(project: Project, say: Callable[[str], None], opens: bool, port
         asyncio.get_running_loop().add_signal_handler(signal.SIGINT, ended.set)
     await ended.wait()
     server.stop()
+    desk.close()

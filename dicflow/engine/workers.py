@@ -12,7 +12,7 @@ from typing import TypeVar
 
 from dicflow.engine.kernel_cache import keep_kernels
 
-__all__ = ["hold_to_one_thread", "limit_threads", "prepare", "reads_probe", "with_room"]
+__all__ = ["hold_to_one_thread", "ignore_interrupts", "limit_threads", "prepare", "reads_probe", "with_room"]
 
 _LIMITS = ("NUMBA_NUM_THREADS", "OPENCV_FOR_THREADS_NUM", "OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
 

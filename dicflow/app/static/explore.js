@@ -1,0 +1,2 @@
+export const title = "Explore";
+export async function show(place, app) { return null; }

@@ -1,0 +1,2 @@
+export const title = "Folder";
+export async function show(place, app) { return null; }

@@ -1,0 +1,2 @@
+export const title = "Run";
+export async function show(place, app) { return null; }

@@ -1,0 +1,2 @@
+export const title = "Settings";
+export async function show(place, app) { return null; }
