@@ -113,13 +113,14 @@ def served(path: Path, data: Path | None = None, store: Path | None = None) -> I
 
 
 def small_test(folder: Path, steps: int = 2, size: tuple[int, int] = (200, 150)) -> Path:
-    """A pipeline file beside photographs of one camera: random speckles, the same at every step."""
+    """A pipeline file beside photographs of one camera: random speckles at rest, with noise of 3 grey levels."""
     (folder / "left").mkdir(parents=True)
     width, height = size
     rng = np.random.default_rng(1)
     coarse = rng.integers(0, 256, (height // 4 + 1, width // 4 + 1), dtype=np.uint8)
-    speckles = Image.fromarray(coarse).resize((width, height), Image.Resampling.BICUBIC)
+    speckles = 20.0 + 0.8 * np.asarray(Image.fromarray(coarse).resize((width, height), Image.Resampling.BICUBIC))
     for step in range(steps):
-        speckles.save(folder / "left" / f"step_{step:04}.png")
+        grey = np.clip(np.round(speckles + rng.normal(0.0, 3.0, speckles.shape)), 0, 255).astype(np.uint8)
+        Image.fromarray(grey).save(folder / "left" / f"step_{step:04}.png")
     (folder / FILE).write_text(_TEXT)
     return folder / FILE

@@ -34,7 +34,7 @@ class Runs:
     def __init__(self, project: Project) -> None:
         self.project = project
         self._own: dict[str, tuple[subprocess.Popen[bytes], Path]] = {}
-        self._totals: dict[str, dict[str, Any]] = {}
+        self._read: dict[str, tuple[int, dict[str, Any]]] = {}
 
     def start(self, name: str) -> None:
         """Start ``dicflow run`` for a pipeline file, in a session of its own, so that it outlives the app.
@@ -84,7 +84,7 @@ class Runs:
         started = log.stat().st_mtime if log is not None and alive else 0.0
         if newest is None or (alive and newest.result is not None):
             return {"state": "starting" if alive else "none", "message": _said(process, log), "started": started}
-        found = _summary(newest)
+        found = self._summary(newest)
         state = _state(newest, alive, found["last"])
         ended_otherwise = process is not None and not alive and process.returncode not in (0, 1, 130)
         return {**found, "run": newest.id, "state": state, "message": _said(process, log) if ended_otherwise else ""}
@@ -121,6 +121,15 @@ class Runs:
         garbage = housekeeping.collect(self._store(name), keep_runs=keep_runs, delete=delete)
         products = len(garbage.names("manifest", "group"))
         return {"bytes": garbage.nbytes, "products": products, "runs": len(garbage.names("run"))}
+
+    def _summary(self, run: RunInfo) -> dict[str, Any]:
+        """What the journal of a run says; it is read again once it has grown."""
+        with suppress(OSError):
+            size = (run.folder / "journal.jsonl").stat().st_size
+            if self._read.get(run.id, (-1,))[0] != size:
+                self._read = {run.id: (size, _summary(run))}
+            return self._read[run.id][1]
+        return _summary(run)
 
     def _store(self, name: str) -> Store:
         return Store.open(self.project.pipeline(name).store_folder, create=False)

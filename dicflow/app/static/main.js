@@ -20,7 +20,8 @@ const app = {
   go(name, detail = "") {
     location.hash = detail ? `#${name}/${encodeURIComponent(detail)}` : `#${name}`;
   },
-  say, fail, refresh, changed, plan,
+  watched: null, planProblem: "",
+  say, fail, refresh, changed, plan, redraw: drawSidebar,
 };
 
 /** Show a sentence for a while; errors stay until they are closed. */
