@@ -6,7 +6,6 @@ process of its own, since it loads all numerics and may take long.
 
 from __future__ import annotations
 
-import json
 from collections.abc import Sequence
 from typing import Any
 
@@ -23,7 +22,6 @@ from dicflow.kinds.correlation import Correlation
 from dicflow.kinds.images import Images
 from dicflow.kinds.region import Region, polygons_to_json
 from dicflow.pipeline.registry import node_class
-from dicflow.report.measured import pattern_in
 from dicflow.report.quality import advice_on
 
 __all__ = ["grid_preview", "proposed_region"]
@@ -69,7 +67,7 @@ def grid_preview(project: Project, name: str, text: str, stage: str) -> dict[str
     task = graph.tasks[first]
     found = Correlation.read(maker.product(first))
     images, region = (maker.product(str(task.inputs[port])) for port in ("images", "region"))
-    speckle = json.loads(pattern_in(images, region))
+    speckle = _pattern(Images.read(images).left, Region.read(region))
     valid = found["status"] == 0
     inside = np.isfinite(found["xy"]).all(axis=-1)
     sigma = np.sqrt(2.0 * np.median(found["template"][valid][:, [0, 2]].astype(float), axis=0))
@@ -85,6 +83,22 @@ def grid_preview(project: Project, name: str, text: str, stage: str) -> dict[str
         "advice": advice_on(speckle, found.grid.subset_size),
         "as_taken": Images.read(images).as_taken,
     }
+
+
+def _pattern(grey: np.ndarray, region: Region) -> dict[str, float | None]:
+    """Size [px], gradient [grey levels of 255 per px], contrast and saturated share of a pattern; None if unknown."""
+    from dicflow.core.photographs.region import interior
+    from dicflow.core.photographs.texture import mean_intensity_gradient, saturated_share, speckle_size
+
+    inside = interior(region.polygons, grey.shape)
+    levels = grey[inside].astype(float)
+    found = {
+        "size_px": speckle_size(grey, inside),
+        "gradient": mean_intensity_gradient(grey, inside),
+        "contrast": float(levels.std() / max(levels.mean(), 1e-12)),
+        "saturated": saturated_share(grey, inside),
+    }
+    return {name: value if np.isfinite(value) else None for name, value in found.items()}
 
 
 def _drawn(places: np.ndarray, inside: np.ndarray, valid: np.ndarray) -> dict[str, Any]:

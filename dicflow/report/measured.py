@@ -12,7 +12,7 @@ from dicflow.kinds.region import Region
 from dicflow.kinds.rig import CalibratedRig
 from dicflow.report.context import Context
 
-__all__ = ["CameraFacts", "cameras", "pattern", "pattern_in", "stand_off_mm"]
+__all__ = ["CameraFacts", "cameras", "pattern", "stand_off_mm"]
 
 
 class CameraFacts(NamedTuple):
@@ -51,7 +51,7 @@ def pattern(context: Context) -> Mapping[str, float | None] | None:
         if result.has(stage) and result.has(images, 0):
             sources = ["pattern", result.digest(stage), result.digest(images, 0)]
             image, region = result.product(images, 0), result.product(stage)
-            found = context.piece(sources, lambda: pattern_in(image, region))  # noqa: B023
+            found = context.piece(sources, lambda: _measured(image, region))  # noqa: B023
             return None if found is None else json.loads(found)
     return None
 
@@ -69,8 +69,7 @@ def stand_off_mm(context: Context) -> float | None:
     return None if found is None else json.loads(found)
 
 
-def pattern_in(image: Product, region: Product) -> bytes:
-    """The figures of :func:`pattern` for a photograph and a region in it, as JSON."""
+def _measured(image: Product, region: Product) -> bytes:
     from dicflow.core.photographs.region import interior
     from dicflow.core.photographs.texture import mean_intensity_gradient, saturated_share, speckle_size
 

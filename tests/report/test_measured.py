@@ -28,11 +28,11 @@ def test_properties_of_a_known_pattern():
     image = Product("images", {"left": Variable(("row", "col"), levels)})
     square = {"exterior": [[1, 1], [62, 1], [62, 62], [1, 62]], "holes": []}
     region = Product("region", {}, {"polygons": [square]})
-    found = json.loads(module.pattern_in(image, region))
+    found = json.loads(module._measured(image, region))
     assert found["contrast"] == pytest.approx(1.0, abs=0.05)
     assert found["saturated"] == 0.0
     flat = Product("images", {"left": Variable(("row", "col"), np.full((64, 64), 9, np.uint8))})
-    assert json.loads(module.pattern_in(flat, region))["contrast"] == 0.0
+    assert json.loads(module._measured(flat, region))["contrast"] == 0.0
 
 
 def test_cameras_and_distance_are_those_of_the_products(context):
@@ -47,6 +47,6 @@ def test_cameras_and_distance_are_those_of_the_products(context):
 
 def test_it_is_measured_once(context, monkeypatch):
     first = module.pattern(context), module.stand_off_mm(context)
-    for name in ("pattern_in", "_median_depth"):
+    for name in ("_measured", "_median_depth"):
         monkeypatch.setattr(module, name, lambda *_: pytest.fail("measured again"))
     assert (module.pattern(context), module.stand_off_mm(context)) == first
