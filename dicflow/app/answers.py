@@ -8,7 +8,7 @@ from concurrent.futures.process import BrokenProcessPool
 from multiprocessing import get_context
 from typing import Any
 
-from dicflow.app import document, drawing, pictures, previews, stages, versions
+from dicflow.app import document, drawing, folder, pictures, previews, stages, versions
 from dicflow.app.plans import plan_of
 from dicflow.app.project import Project
 from dicflow.app.runs import Runs
@@ -148,6 +148,23 @@ def _probe(desk: Desk, asked: Asked) -> Any:
     return {}
 
 
+def _series(desk: Desk, asked: Asked) -> Any:
+    return desk.work(folder.found_in, desk.project)
+
+
+def _make(desk: Desk, asked: Asked) -> Any:
+    return desk.work(folder.make_pipeline, desk.project, asked["roles"], str(asked.get("square", "")))
+
+
+def _pairs(desk: Desk, asked: Asked) -> Any:
+    return folder.pairs_of(desk.project, str(asked["file"]), str(asked["stage"]))
+
+
+def _leave_out(desk: Desk, asked: Asked) -> Any:
+    folder.leave_out(desk.project, asked["file"], str(asked["stage"]), list(asked["steps"]), str(asked["digest"]))
+    return {}
+
+
 def _parameters(desk: Desk, asked: Asked) -> Any:
     return stages.parameters_of(desk.project.pipeline(asked["file"]), str(asked["stage"]))
 
@@ -196,6 +213,10 @@ ANSWERS: Mapping[str, Callable[[Desk, Asked], Any]] = {
     "preview": _preview,
     "draw": _draw,
     "probe": _probe,
+    "series": _series,
+    "make": _make,
+    "pairs": _pairs,
+    "leave_out": _leave_out,
     "parameters": _parameters,
     "plan": _plan,
     "start": _start,

@@ -24,6 +24,8 @@ __all__ = ["REMOVED", "Edit", "Text", "edit", "edited", "edits_of", "problems", 
 REMOVED = object()
 """In place of a value: the key goes."""
 _MOST_BYTES = 2_000_000
+_MOST_ON_A_LINE = 8
+"""Names in a list."""
 _TO_FILL_IN = re.compile(r"^([^#\n]*\S)[ ]+# FILL IN the .*$", re.MULTILINE)
 
 _INDENTED = re.compile(r"^( +)[^ #\n]", re.MULTILINE)
@@ -142,10 +144,19 @@ def _put(data: Any, place: Place, value: Any, made: Any, insert: Any = None) -> 
 
 
 def _set(data: Any, part: Any, value: Any, insert: Any) -> None:
+    if insert is not None and isinstance(value, list) and len(value) > _MOST_ON_A_LINE:
+        _take_lines(data, value)
     if insert is not None and isinstance(data, dict) and part not in data:
         insert(data, part, value)
     else:
         data[part] = value
+
+
+def _take_lines(data: Any, value: Any) -> None:
+    """Let a long list of names have a line for each, in a mapping that has a line for each key."""
+    if all(isinstance(one, str) for one in value):
+        value.fa.set_block_style()
+        data.fa.set_block_style()
 
 
 def _styled(value: Any) -> Any:

@@ -21,7 +21,7 @@ const app = {
     location.hash = detail ? `#${name}/${encodeURIComponent(detail)}` : `#${name}`;
   },
   watched: null, planProblem: "",
-  say, fail, refresh, changed, plan, redraw: drawSidebar,
+  open: choose, say, fail, refresh, changed, plan, redraw: drawSidebar,
 };
 
 /** Show a sentence for a while; errors stay until they are closed. */
@@ -75,7 +75,8 @@ function drawSidebar() {
 /** Open another pipeline file. */
 async function choose(file) {
   app.file = file;
-  app.states = null;
+  if (!app.files.includes(file)) app.files = [...app.files, file].sort();
+  [app.states, app.watched] = [null, null];
   sessionStorage.setItem("file", file);
   await refresh(true);
   plan();
