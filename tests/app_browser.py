@@ -82,6 +82,14 @@ class Person:
         message.first.wait_for()
         message.first.locator("button").click()
 
+    def until(self, condition: str) -> None:
+        """Wait until a condition in JavaScript holds; the page's own policy forbids to evaluate text inside it."""
+        for _ in range(600):
+            if self.page.evaluate(condition):
+                return
+            self.page.wait_for_timeout(100)
+        raise AssertionError(condition)
+
     def overlaps(self) -> list[list[str]]:
         """Pairs of texts that lie upon one another."""
         return self.page.evaluate(OVERLAPS)

@@ -8,7 +8,7 @@ from concurrent.futures.process import BrokenProcessPool
 from multiprocessing import get_context
 from typing import Any
 
-from dicflow.app import document, drawing, folder, pictures, previews, stages, versions
+from dicflow.app import calibrations, document, drawing, folder, pictures, previews, stages, versions
 from dicflow.app.plans import plan_of
 from dicflow.app.project import Project
 from dicflow.app.runs import Runs
@@ -30,6 +30,7 @@ class Desk:
     def __init__(self, project: Project) -> None:
         self.project = project
         self.runs = Runs(project)
+        self.series: tuple[int, Any] | None = None
         self._pool: ProcessPoolExecutor | None = None
 
     def work(self, call: Callable[..., Any], *arguments: Any) -> Any:
@@ -149,11 +150,24 @@ def _probe(desk: Desk, asked: Asked) -> Any:
 
 
 def _series(desk: Desk, asked: Asked) -> Any:
-    return desk.work(folder.found_in, desk.project)
+    """What the folder holds; looked at again once a photograph has come, gone or changed."""
+    now = folder.listing(desk.project)
+    if desk.series is None or desk.series[0] != now:
+        desk.series = now, desk.work(folder.found_in, desk.project)
+    return desk.series[1]
 
 
 def _make(desk: Desk, asked: Asked) -> Any:
     return desk.work(folder.make_pipeline, desk.project, asked["roles"], str(asked.get("square", "")))
+
+
+def _calibration(desk: Desk, asked: Asked) -> Any:
+    """The rig; with ``without``, names of pairs of the boards, as it would be without them."""
+    name, text = str(asked["file"]), document.read_pipeline(desk.project, str(asked["file"])).text
+    if asked.get("without"):
+        edits = folder.edits_to_leave_out(desk.project, name, str(asked["boards"]), list(asked["without"]))
+        text = document.edited(text, str(desk.project.path(name)), edits)
+    return desk.work(calibrations.calibration_of, desk.project, name, text)
 
 
 def _pairs(desk: Desk, asked: Asked) -> Any:
@@ -215,6 +229,7 @@ ANSWERS: Mapping[str, Callable[[Desk, Asked], Any]] = {
     "probe": _probe,
     "series": _series,
     "make": _make,
+    "calibration": _calibration,
     "pairs": _pairs,
     "leave_out": _leave_out,
     "parameters": _parameters,

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Mapping, Sequence
 from pathlib import Path, PurePosixPath
 from typing import Any
@@ -17,7 +18,7 @@ from dicflow.start.folder import Survey, look, survey
 from dicflow.start.layouts import Series
 from dicflow.start.patterns import listed, patterns_of
 
-__all__ = ["ROLES", "edits_to_leave_out", "found_in", "leave_out", "make_pipeline", "pairs_of"]
+__all__ = ["ROLES", "edits_to_leave_out", "found_in", "leave_out", "listing", "make_pipeline", "pairs_of"]
 
 ROLES = {
     "left": "specimen, left camera",
@@ -60,6 +61,15 @@ def found_in(project: Project) -> dict[str, Any]:
         "calibration": found.calibration,
         "single": sorted(str(path) for path in set(found.paths) - in_series),
     }
+
+
+def listing(project: Project) -> int:
+    """A number that changes with the names and times of the files in the folder of photographs."""
+    found = []
+    for folder, folders, names in os.walk(project.data_folder):
+        folders[:] = [name for name in folders if not name.startswith(".")]
+        found += [(folder, name, os.lstat(os.path.join(folder, name)).st_mtime_ns) for name in sorted(names)]
+    return hash(tuple(found))
 
 
 def _roles(candidate: Candidate) -> dict[Series | None, str]:

@@ -24,7 +24,7 @@ from dicflow.kinds.region import Region, polygons_to_json
 from dicflow.pipeline.registry import node_class
 from dicflow.report.quality import advice_on
 
-__all__ = ["grid_preview", "proposed_region"]
+__all__ = ["Maker", "grid_preview", "proposed_region"]
 
 _MOST_POINTS = 12_000
 """Points that are drawn; of more every second one, and so on."""
@@ -40,7 +40,7 @@ def proposed_region(project: Project, name: str, stage: str) -> dict[str, Any]:
     graph = pipeline.graph
     images = _source_of_photographs(graph, pipeline.instances[0][stage])
     steps = graph.steps[images]
-    maker = _Maker(graph, pipeline.plan("ignore"), pipeline.store)
+    maker = Maker(graph, pipeline.plan("ignore"), pipeline.store)
     node: Any = node_class("region")
     early = _Early(
         maker, tuple((step, f"{images}/{step}") for step in (steps[k] for k in (1, 2, 4, 8, 16) if k < len(steps)))
@@ -62,7 +62,7 @@ def grid_preview(project: Project, name: str, text: str, stage: str) -> dict[str
     if pipeline.document.data["stages"].get(stage, {}).get("stage") != "correlate":
         raise ConfigurationError(f"{stage}: a preview needs a stage 'correlate'; choose one")
     graph, instance = pipeline.graph, pipeline.instances[0][stage]
-    maker = _Maker(graph, pipeline.plan("ignore"), pipeline.store)
+    maker = Maker(graph, pipeline.plan("ignore"), pipeline.store)
     first = f"{instance}/{graph.steps[instance][0]}"
     task = graph.tasks[first]
     found = Correlation.read(maker.product(first))
@@ -120,7 +120,7 @@ def _source_of_photographs(graph: Graph, stage: str) -> str:
     return stage
 
 
-class _Maker:
+class Maker:
     """Gives products of tasks: from the store, else by running the stage here; nothing is stored."""
 
     def __init__(self, graph: Graph, plan: Plan, store: Store) -> None:
@@ -151,7 +151,7 @@ class _Maker:
 class _Early(Sequence[Product]):
     """Products of several steps, each made when it is used."""
 
-    def __init__(self, maker: _Maker, tasks: tuple[tuple[str, str], ...]) -> None:
+    def __init__(self, maker: Maker, tasks: tuple[tuple[str, str], ...]) -> None:
         self._maker, self._tasks = maker, tasks
 
     @property

@@ -61,7 +61,7 @@ def test_a_folder_is_sorted_with_the_mouse(messy):
         page.wait_for_selector(".series select", timeout=60_000)
         assert page.locator(".series img").count() >= 12
         assert "1 without a partner" in page.inner_text("table.narrow")
-        page.wait_for_function("[...document.querySelectorAll('.series img')].every((one) => one.naturalWidth > 0)")
+        someone.until("[...document.querySelectorAll('.series img')].every((one) => one.naturalWidth > 0)")
         page.get_by_label("what photos/right/*.png is").select_option("left")
         page.get_by_label("what photos/left/*.png is").select_option("right")
         page.get_by_label("what boards/right/*.png is").select_option("left_boards")
@@ -96,7 +96,7 @@ def test_bad_photographs_are_left_out_and_come_back(tmp_path):
         assert read(path).data["stages"]["photos"]["left"] == kept
         assert list(Pipeline.load(path).graph.steps["photos"]) == [Path(name).stem for name in kept]
         assert b"# the specimen" in path.read_bytes()
-        page.wait_for_function("document.querySelectorAll('.pair').length === 10")
+        someone.until("document.querySelectorAll('.pair').length === 10")
         page.keyboard.press("Control+z")
         someone.said("taken back")
         assert path.read_bytes() == before
