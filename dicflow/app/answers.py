@@ -8,7 +8,7 @@ from concurrent.futures.process import BrokenProcessPool
 from multiprocessing import get_context
 from typing import Any
 
-from dicflow.app import calibrations, document, drawing, folder, pictures, previews, stages, versions
+from dicflow.app import calibrations, document, drawing, folder, pictures, previews, results, stages, versions
 from dicflow.app.plans import plan_of
 from dicflow.app.project import Project
 from dicflow.app.runs import Runs
@@ -214,6 +214,22 @@ def _clean(desk: Desk, asked: Asked) -> Any:
     return desk.runs.clean(str(asked["file"]), int(asked["keep"]), bool(asked.get("delete")))
 
 
+def _maps(desk: Desk, asked: Asked) -> Any:
+    return results.maps_of(desk.project, str(asked["file"]))
+
+
+def _formats(desk: Desk, asked: Asked) -> Any:
+    return results.export_formats(desk.project, str(asked["file"]))
+
+
+def _export(desk: Desk, asked: Asked) -> Any:
+    return desk.work(results.export_files, desk.project, str(asked["file"]), asked)
+
+
+def _report(desk: Desk, asked: Asked) -> Any:
+    return desk.work(results.write_report, desk.project, str(asked["file"]))
+
+
 ANSWERS: Mapping[str, Callable[[Desk, Asked], Any]] = {
     "project": _project,
     "document": _document,
@@ -238,6 +254,10 @@ ANSWERS: Mapping[str, Callable[[Desk, Asked], Any]] = {
     "stop": _stop,
     "watch": _watch,
     "runs": _runs,
+    "maps": _maps,
+    "formats": _formats,
+    "export": _export,
+    "report": _report,
     "pin": _pin,
     "clean": _clean,
 }

@@ -21,6 +21,7 @@ from tornado.web import Application, HTTPError, RequestHandler
 from dicflow.app.answers import ANSWERS, Desk
 from dicflow.app.pictures import picture_path, thumbnail
 from dicflow.app.project import Project
+from dicflow.app.results import REPORT_POLICY, map_picture, report_page
 from dicflow.app.safety import HEADERS, Gate, Refused
 from dicflow.app.versions import Conflict
 from dicflow.errors import DicflowError
@@ -136,6 +137,26 @@ class _Picture(_Handler):
         return None
 
 
+class _Result(_Handler):
+    """A map by its name, or the report, which is let in as a page of another origin."""
+
+    async def get(self, name: str) -> None:
+        project, file = self.desk.project, self.get_query_argument("file", "")
+        try:
+            if name == "map":
+                content = await self.in_thread(map_picture, project, file, self.get_query_argument("name", ""))
+            else:
+                content = await self.in_thread(report_page, project, file)
+        except DicflowError as error:
+            return self.refuse(422, str(error))
+        if name == "report":
+            self.set_header("Content-Security-Policy", REPORT_POLICY)
+        self.set_header("Content-Type", "image/png" if name == "map" else "text/html; charset=utf-8")
+        self.set_header("Cache-Control", "no-cache")
+        self.finish(content)
+        return None
+
+
 def _raised() -> Any:
     import sys
 
@@ -155,6 +176,7 @@ def application(desk: Desk, gate: Gate) -> Application:
             (r"/", _Page, given),
             (r"/static/([a-z_]+\.(?:js|css|svg))", _Static, given),
             (r"/ask/([a-z_]+)", _Question, given),
+            (r"/(map|report)", _Result, given),
             (r"/picture/([a-z0-9_./]+)", _Picture, given),
         ],
         default_handler_class=_Missing,
