@@ -13,12 +13,11 @@ from app_serving import Served
 __all__ = ["Person", "opened_page"]
 
 FLAGS = (
-    "--headless", "--no-sandbox", "--disable-gpu", "--disable-quic", "--no-first-run", "--disable-background-networking",
-    "--disable-component-update", "--disable-sync",
+    "--headless", "--no-sandbox", "--disable-gpu", "--disable-quic", "--no-first-run",
+    "--disable-background-networking", "--disable-component-update", "--disable-sync",
 )  # fmt: skip
 OVERLAPS = """
 () => {
-  const shown = (one) => { const box = one.getBoundingClientRect(); return box.width > 0 && box.height > 0 ? box : null; };
   const walker = document.createTreeWalker(document.body, NodeFilter.SHOW_TEXT);
   const texts = [];
   for (let node = walker.nextNode(); node; node = walker.nextNode()) {

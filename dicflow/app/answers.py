@@ -71,7 +71,7 @@ def _document(desk: Desk, asked: Asked) -> Any:
     name, project = str(asked["file"]), desk.project
     text, digest = document.read_pipeline(project, name)
     left = document.problems(text, name)
-    found = {
+    found: dict[str, Any] = {
         "digest": digest,
         "problems": left,
         "text": text,

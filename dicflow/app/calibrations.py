@@ -1,4 +1,4 @@
-"""The calibration as a person judges it: pairs by their errors, residuals on the photographs, where boards are missing."""
+"""The calibration as a person judges it: errors of pairs, residuals on photographs, where boards are missing."""
 
 from __future__ import annotations
 
@@ -44,7 +44,13 @@ def calibration_of(project: Project, name: str, text: str) -> dict[str, Any]:
     stage = rigs[-1]
     maker = Maker(graph, pipeline.plan("ignore"), pipeline.store)
     rig = CalibratedRig.read(maker.product(names[stage]))
-    found = {"stage": stage, "boards": None, "verdict": rig.verdict, "summary": dict(rig.summary), "pairs": []}
+    found: dict[str, Any] = {
+        "stage": stage,
+        "boards": None,
+        "verdict": rig.verdict,
+        "summary": dict(rig.summary),
+        "pairs": [],
+    }
     spec = graph.stages[names[stage]]
     if "corners" not in spec.node.takes or spec.node.takes["corners"].at is not At.ALL:
         return found

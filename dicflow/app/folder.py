@@ -92,7 +92,9 @@ def make_pipeline(project: Project, roles: Sequence[Mapping[str, Any]], square: 
     folder = project.data_folder
     choice = _choice(survey(folder, Choice()), {_relative(project, one["name"]): str(one["role"]) for one in roles})
     said: list[str] = []
-    text = pipeline_text(look(folder, choice, ["dicflow", "init", str(folder)], said.append), square or None, Path(_FILE))
+    text = pipeline_text(
+        look(folder, choice, ["dicflow", "init", str(folder)], said.append), square or None, Path(_FILE)
+    )
     if (project.folder / _FILE).exists():
         raise ConfigurationError(f"{_FILE} exists; open it, or rename it first")
     change(project, {_FILE: MISSING}, {_FILE: text.encode()}, f"{_FILE} made")
@@ -134,7 +136,7 @@ def _name(project: Project, file: Path | FilePart) -> str:
 
 
 def edits_to_leave_out(project: Project, name: str, stage: str, out: Sequence[str]) -> list[Edit]:
-    """Edits that make the photographs of a stage a list without some steps. Raises ConfigurationError for parts of files."""
+    """Edits that make the photographs of a stage a list without some steps. Raises ConfigurationError for pages."""
     pipeline = project.pipeline(name)
     files = pipeline.graph.files[stage]
     kept = [found for step, found in files.items() if step not in out]

@@ -108,7 +108,7 @@ def _text(path: Path) -> str:
 
 
 def open_project(path: Path, data: Path | None = None, store: Path | None = None) -> Project:
-    """The project of a folder or a pipeline file. Raises InputError if there is neither, ConfigurationError for data."""
+    """The project of a folder or a pipeline file. Raises InputError or ConfigurationError for what is not there."""
     if data is not None and not data.is_dir():
         raise ConfigurationError(f"{data}: no such folder; --data names the folder that holds the photographs")
     folder, chosen = (path.parent, path.name) if path.is_file() else (path, "")

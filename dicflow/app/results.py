@@ -28,7 +28,7 @@ def _folder(project: Project, pipeline: Pipeline) -> Path:
 
 
 def maps_of(project: Project, name: str) -> dict[str, Any]:
-    """The maps that the last run wrote: ``maps``, each with ``folder``, ``quantity`` and ``steps`` → file; ``report``."""
+    """``maps`` of the last run, each with ``folder``, ``quantity`` and ``steps`` → file; ``report``: if it is there."""
     pipeline = project.pipeline(name)
     folder = _folder(project, pipeline)
     found: dict[tuple[str, str], dict[str, str]] = {}
@@ -70,7 +70,7 @@ def write_report(project: Project, name: str) -> dict[str, Any]:
 
 
 def export_formats(project: Project, name: str) -> dict[str, Any]:
-    """``formats``: name → description; ``stages``: those with products, each with the ``steps`` that the store holds."""
+    """``formats``: name → description; ``stages``: those with products, each with the steps that are stored."""
     from dicflow.io.exports import descriptions
     from dicflow.views.exported_pictures import PICTURES
 

@@ -44,7 +44,10 @@ def test_an_edit_changes_one_line_of_every_pipeline(path):
 
 
 def test_odd_style_and_comments_stay():
-    text = "stages:   # names\n    a:    {stage: images,   left: 'x'}   # one\n    b:\n        stage: region\n        # why\n        window: 32   # px\n\n# end\n"
+    text = (
+        "stages:   # names\n    a:    {stage: images,   left: 'x'}   # one\n    b:\n        stage: region\n"
+        "        # why\n        window: 32   # px\n\n# end\n"
+    )
     new = edited(text, "p", [Edit(("stages", "b", "window"), 64)])
     assert new.splitlines()[1] == text.splitlines()[1]
     assert "# why" in new
@@ -66,11 +69,13 @@ def test_a_reminder_goes_once_its_value_is_given():
     assert new == text.replace("square:  # FILL IN the side of one square", "square: 14.5 mm")
 
 
+TEXTS = st.text(max_size=8, alphabet=st.characters(codec="utf-8", exclude_categories=["C"]))
+KEYS = st.from_regex(r"[a-z_]{1,6}", fullmatch=True)
 VALUES = st.recursive(
-    st.none() | st.booleans() | st.integers(-(10**6), 10**6) | st.floats(-1e6, 1e6) | st.text(max_size=8, alphabet=st.characters(codec="utf-8", exclude_categories=["C"])),
-    lambda inner: st.lists(inner, max_size=3) | st.dictionaries(st.from_regex(r"[a-z_]{1,6}", fullmatch=True), inner, max_size=3),
+    st.none() | st.booleans() | st.integers(-(10**6), 10**6) | st.floats(-1e6, 1e6) | TEXTS,
+    lambda inner: st.lists(inner, max_size=3) | st.dictionaries(KEYS, inner, max_size=3),
     max_leaves=6,
-)  # fmt: skip
+)
 
 
 @settings(max_examples=150, deadline=None)

@@ -6,6 +6,7 @@ import { Viewer } from "./viewer.js";
 
 export const title = "Calibration";
 const TIMES = [5, 20, 100, 500, 2000, 5000]; // how much longer residuals are drawn
+const LABEL = 130; // width of the words on a ninth [px]
 const LONG = 40; // wanted length of a usual residual [px of the photograph]
 const FIGURES = [
   ["rms_px", "reprojection error (RMS)", "px", 3], ["epipolar_px", "epipolar error (mean)", "px", 3], ["pairs_used", "pairs used", "", 0],
@@ -174,7 +175,9 @@ class CalibrationScreen {
       const [row, column] = NINTHS[words];
       const [x0, y0] = at([(column * width) / 3, (row * height) / 3]);
       const [w, hgt] = [(width / 3) * this.viewer.scale, (height / 3) * this.viewer.scale];
-      return [s("rect", { class: "missing", x: x0, y: y0, width: w, height: hgt }), s("text", { class: "name under", x: x0 + 6, y: y0 + 16 }, "show the board here"), s("text", { class: "name over", x: x0 + 6, y: y0 + 16 }, "show the board here")];
+      const box = s("rect", { class: "missing", x: x0, y: y0, width: w, height: hgt });
+      if (w < LABEL) return [box];
+      return [box, ...["under", "over"].map((look) => s("text", { class: `name ${look}`, x: x0 + 6, y: y0 + 16 }, "show the board here"))];
     });
   }
 }

@@ -22,7 +22,7 @@ export async function show(place, app) {
 class Explorer {
   constructor(place, app, maps) {
     Object.assign(this, { app, maps });
-    this.map = maps.find((one) => app.detail === `${one.folder}/${one.quantity}`) ?? maps.find((one) => ["eyy", "exx"].includes(one.quantity)) ?? maps[0];
+    this.map = maps.find((one) => app.detail === `${one.folder}/${one.quantity}`) ?? maps.find((one) => one.quantity === "eyy") ?? maps[0];
     this.step = Object.keys(this.map.steps).length - 1;
     this.tools = h("div", { className: "tools" });
     this.picture = h("img", { className: "map" });

@@ -111,7 +111,7 @@ async function show() {
   } catch (error) {
     fill(own, h("div", { className: "empty" }, h("h2", {}, SCREENS[screen].title), h("p", { className: "problem" }, error.message)));
   }
-  if (isOther) place.focus({ preventScroll: true });
+  if (isOther && !own.contains(document.activeElement)) place.focus({ preventScroll: true });
 }
 
 /** A file that is not valid: what the command line says, and its text. */
