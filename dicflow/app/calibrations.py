@@ -53,13 +53,13 @@ def calibration_of(project: Project, name: str, text: str) -> dict[str, Any]:
     }
     spec = graph.stages[names[stage]]
     if "corners" not in spec.node.takes or spec.node.takes["corners"].at is not At.ALL:
-        return found
+        return {**known, "boards": None, "pairs": []}
     corners = spec.inputs["corners"]
     back = {instance: other for other, instance in names.items()}
     boards = [BoardMarks.read(maker.product(f"{corners}/{step}")) for step in graph.steps[corners]]
     node: Any = spec.node
     return {
-        **found,
+        **known,
         "boards": back[graph.stages[corners].inputs["images"]],
         "limit_px": node.max_error_px,
         "pairs": _pairs(rig, boards, _target(boards[0], node.square)),

@@ -21,10 +21,11 @@ def main() -> None:
 
     from dicflow.cli.commands import app
     from dicflow.engine.kernel_cache import keep_kernels
-    from dicflow.engine.workers import limit_threads, with_room
+    from dicflow.engine.workers import collect_rarely, limit_threads, with_room
     from dicflow.errors import DicflowError
     from dicflow.views.plain_text import ascii_signs, plain
 
+    collect_rarely()
     limit_threads()
     keep_kernels()
     for name in ("stdout", "stderr"):

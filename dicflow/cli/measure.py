@@ -41,7 +41,7 @@ def run(
     store: StoreFolder = None,
     output: Output = None,
     workers: Annotated[int, typer.Option(min=1, help="workers at once; default: one per core")] = os.cpu_count() or 1,
-    scheduler: Annotated[str, typer.Option(help=scheduler_names())] = "processes",
+    scheduler: Annotated[str, typer.Option(help=scheduler_names())] = "auto",
     dashboard: Annotated[
         bool,
         typer.Option(

@@ -23,10 +23,11 @@ from dicflow.engine.processes import WorkerProcesses
 from dicflow.engine.product import Product
 from dicflow.engine.product_warnings import product_warnings
 from dicflow.engine.references import load
-from dicflow.engine.running import Options, Running
+from dicflow.engine.running import Options, Running, has_few_tasks
 from dicflow.engine.schedulers import BackendOptions, check_scheduler, open_backend, scheduler_warning
 from dicflow.engine.store import Store
 from dicflow.engine.work import Job, Outcome, perform, stop_path
+from dicflow.engine.workers import keep_memory
 from dicflow.errors import StageError, StoreError
 
 __all__ = ["STATUSES", "Options", "RunResult", "dask_graph", "run"]
@@ -103,8 +104,9 @@ def run(
     """
     options, start = options or Options(), time.perf_counter()
     keep_kernels()
+    keep_memory()
     check_scheduler(options.scheduler, options.workers)
-    with _workers(options, store) as processes:
+    with _workers(options, graph, store) as processes:
         once = partial(_run_once, graph, store, pipeline, resolved, options, processes)
         result = once({})
         for _ in range(_MOST_REPAIRS):
@@ -119,9 +121,10 @@ def run(
 
 
 @contextmanager
-def _workers(options: Options, store: Store) -> Iterator[WorkerProcesses | None]:
-    """Worker processes, for the scheduler that has them; in a new store, where there is work for sure, they start."""
-    if options.scheduler != "processes" or options.dashboard:
+def _workers(options: Options, graph: Graph, store: Store) -> Iterator[WorkerProcesses | None]:
+    """Worker processes, for a scheduler that has them; in a new store, where there is work for sure, they start."""
+    is_auto = options.scheduler == "auto"
+    if options.dashboard or not (is_auto or options.scheduler == "processes") or (is_auto and has_few_tasks(graph)):
         yield None
         return
     with WorkerProcesses(options.workers, options.worker_setup) as processes:
@@ -238,8 +241,8 @@ def _compute(state: Running, run_id: str, processes: WorkerProcesses | None) -> 
         processes,
         state.compilation(),
     )
-    if processes is not None and state.is_short():
-        opened = replace(opened, scheduler="sync")
+    if options.scheduler == "auto" and state.is_short():
+        opened = replace(opened, processes=None)
     with _interruptible(state.interrupt), open_backend(opened) as backend:
         if backend.link:
             state.report(Event("dashboard", text=backend.link))

@@ -33,9 +33,6 @@ _STARTS = 2
 """Attempts to start a worker in one place."""
 _END_S = 5.0
 """Patience with a worker that is asked to end, before it is killed."""
-_ARRAYS = str(256 * 1024 * 1024)
-_ALLOCATOR = {"MALLOC_TRIM_THRESHOLD_": _ARRAYS, "MALLOC_MMAP_THRESHOLD_": _ARRAYS}
-"""Workers keep freed memory up to so many bytes: fetching it page by page for every array costs more than using it."""
 _NAME = "dicflow worker"
 _GUARD = "put what it does below a line  if __name__ == '__main__':"
 _SPAWN = multiprocessing.get_context("spawn")
@@ -80,8 +77,6 @@ class WorkerProcesses:
             raise ConfigurationError(f"worker processes import the script again; {_GUARD}")
         before = set(os.environ)
         limit_threads()  # also of libraries that the script loads before a worker is prepared
-        for name, value in _ALLOCATOR.items():
-            os.environ.setdefault(name, value)
         self._variables = os.environ.keys() - before
         return self
 

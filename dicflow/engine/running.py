@@ -7,6 +7,7 @@ from contextlib import suppress
 from dataclasses import dataclass
 
 from dicflow.engine.expectation import expected_cpu_s
+from dicflow.engine.graph import Graph
 from dicflow.engine.journal import Event, Journal
 from dicflow.engine.node import Node
 from dicflow.engine.plan import CodePolicy, Plan
@@ -15,19 +16,20 @@ from dicflow.engine.store import Store
 from dicflow.engine.work import Job, Outcome, stop_path
 from dicflow.errors import WorkerError
 
-__all__ = ["Options", "Running"]
+__all__ = ["Options", "Running", "has_few_tasks"]
 
-_WORTH_WORKERS_S = 2.0
-"""Work of less processor time altogether is done in this process.
+_WORTH_WORKERS_S, _WORTH_WORKERS = 2.0, 9
+"""Processor time and number of tasks below which work is done in threads of this process.
 
-Two workers halve it, but each has to start and to load the libraries first: 0.3 s and 0.5 s."""
+Workers have to start first, and each loads the libraries that the report here loads again: 0.3 s and 0.7 s."""
 
 
 @dataclass(frozen=True)
 class Options:
     """How a graph is run; nothing here changes a result.
 
-    scheduler : one of :data:`dicflow.engine.schedulers.SCHEDULERS`, or the address of a running one
+    scheduler : one of :data:`dicflow.engine.schedulers.SCHEDULERS`, or the address of a running one; "auto" has worker
+        processes where these are worth their start, and threads of this process elsewhere
     dashboard : show dask's dashboard on this machine's loopback, where every account can read its pages
     code_policy : what to do with results that other code has made
     keep_going : after a failure go on with all that does not need what failed
@@ -41,7 +43,7 @@ class Options:
     linger : called when all is done, before workers and dashboard end
     """
 
-    scheduler: str = "processes"
+    scheduler: str = "auto"
     workers: int = 2
     dashboard: bool = False
     code_policy: CodePolicy = "recompute"
@@ -51,6 +53,11 @@ class Options:
     worker_setup: Callable[[], None] | None = None
     uncompiled: Callable[[Mapping[str, Node]], Mapping[str, Callable[[], None]]] | None = None
     linger: Callable[[], None] | None = None
+
+
+def has_few_tasks(graph: Graph) -> bool:
+    """Whether workers would each have so few tasks that they cost more than they save."""
+    return len(graph.tasks) < _WORTH_WORKERS
 
 
 class Running:

@@ -155,7 +155,12 @@ def _exposed(address: str) -> str:
     return "" if is_loopback(address) else f"{address}: {_UNENCRYPTED}"
 
 
+def _auto(options: BackendOptions) -> AbstractContextManager[Backend]:
+    return (_threads if options.processes is None and not options.dashboard else _processes)(options)
+
+
 SCHEDULERS: Mapping[str, Scheduler] = {
+    "auto": Scheduler(_auto),
     "processes": Scheduler(_processes),
     "threads": Scheduler(_threads),
     "sync": Scheduler(_sync),

@@ -2,22 +2,43 @@
 
 from __future__ import annotations
 
+import ctypes
+import gc
 import os
 import signal
 import sys
 import threading
 from collections.abc import Callable
+from contextlib import suppress
 from pathlib import Path
 from typing import TypeVar
 
 from dicflow.engine.kernel_cache import keep_kernels
 
-__all__ = ["hold_to_one_thread", "ignore_interrupts", "limit_threads", "prepare", "reads_probe", "with_room"]
+__all__ = [
+    "collect_rarely",
+    "hold_to_one_thread",
+    "ignore_interrupts",
+    "keep_memory",
+    "limit_threads",
+    "prepare",
+    "reads_probe",
+    "with_room",
+]
 
 _LIMITS = ("NUMBA_NUM_THREADS", "OPENCV_FOR_THREADS_NUM", "OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
 
 _ROOM = 66_000
 """Size of a frame that begins a piece of memory of 1 MB [words of 8 bytes]."""
+
+_TRIM_THRESHOLD, _MMAP_THRESHOLD, _ARENA_MAX = -1, -3, -8
+_KEPT_BYTES = 256 * 1024 * 1024
+_ALLOCATOR = {_TRIM_THRESHOLD: _KEPT_BYTES, _MMAP_THRESHOLD: _KEPT_BYTES, _ARENA_MAX: 1}
+"""Options of the C library's mallopt: freed memory is kept up to so many bytes, in one place for all threads. Fetching
+it page by page for every array costs more than using it."""
+
+_COLLECTED_OBJECTS = 50_000
+"""New objects after which Python looks for unused ones that refer to one another."""
 
 T = TypeVar("T")
 
@@ -47,8 +68,24 @@ def prepare(setup: Callable[[], None] | None = None) -> None:
     limit_threads()
     keep_kernels()
     hold_to_one_thread()
+    keep_memory()
+    collect_rarely()
     if setup is not None:
         setup()
+
+
+def keep_memory() -> None:
+    """Let arrays be made of memory that earlier ones had, where the C library has such options."""
+    if sys.platform == "linux":
+        with suppress(OSError, AttributeError):  # not glibc
+            library = ctypes.CDLL(None)
+            for option, value in _ALLOCATOR.items():
+                library.mallopt(option, value)
+
+
+def collect_rarely() -> None:
+    """Let Python look for unused objects that refer to one another less often: loading libraries makes none of them."""
+    gc.set_threshold(_COLLECTED_OBJECTS)
 
 
 def hold_to_one_thread() -> None:

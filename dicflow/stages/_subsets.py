@@ -82,6 +82,11 @@ class SubsetSearch(Node):
         """Degree of the spline between the pixels."""
         return _SPLINE_DEGREE[self.interpolation]
 
+    @property
+    def thread_count(self) -> int:
+        """Threads that share the points."""
+        return free_threads() if self.threads == "auto" else self.threads
+
     def search(self, subset_size: int, noise: float) -> Search:
         """The search for subsets.
 
@@ -100,7 +105,7 @@ class SubsetSearch(Node):
             self.smoothing,
             self.max_znssd,
             noise,
-            threads=free_threads() if self.threads == "auto" else self.threads,
+            threads=self.thread_count,
             counts_misfit=self.misfit,
         )
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import partial
 from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal, NamedTuple
 
 from pydantic import Field
@@ -103,30 +104,32 @@ class Correlate(SubsetSearch):
         correlation_before: Product | None = None,
     ) -> Product:
         from dicflow.core.photographs.region import carry, grid_points, interior, parts_of_region
+        from dicflow.core.threads import over
 
         chosen = Region.read(region)
         outline = carry(chosen.polygons, lambda ring: ring, spacing_px=_OUTLINE_STEPS * self.step_size)
-        start = photograph_of(Images.read(images_first), "left")
+        shown = [images] if images_before is None else [images, images_first, images_before]
+        image, *earlier = over(self.thread_count, _left_photograph, shown)
+        start = earlier[0] if earlier else image
         parts = parts_of_region(outline, chosen.cuts, grid_points(outline, self.step_size))
         first = _First(start, interior(chosen.polygons, start.grey.shape), outline, parts)
-        image = photograph_of(Images.read(images), "left")
-        if correlation_before is None or images_before is None:
+        if correlation_before is None:
             return self._first_step(image, first)
-        previous = _Previous(photograph_of(Images.read(images_before), "left"), Correlation.read(correlation_before))
+        previous = _Previous(earlier[-1], Correlation.read(correlation_before))
         return self._next_step(image, first, previous, None if matches is None else Matches.read(matches).pairs)
 
     def _first_step(self, image: Photograph, first: _First) -> Product:
         """The points in the first photograph."""
         from dicflow.core.correlation.course import Course
         from dicflow.core.correlation.search import first_photograph, points_in_first_photograph
-        from dicflow.core.photographs.noise import Noise, noise_of_first_photograph
+        from dicflow.core.threads import at_once
 
-        _check_photograph(image.grey, first.region, self.subset_size)
-        if self.noise == "auto":
-            noise = noise_of_first_photograph(image.grey, first.measured)
-        else:
-            noise = Noise(self.noise, "given", True)
-        repeats = _repetition(image.grey, first.measured)
+        _, noise, repeats = at_once(
+            self.thread_count,
+            partial(_check_photograph, image.grey, first.region, self.subset_size),
+            partial(self._first_noise, image.grey, first.measured),
+            partial(_repetition, image.grey, first.measured),
+        )
         search = self._search(noise.grey, first)
         start = first_photograph(image, first.region, first.parts.places, search)
         found = points_in_first_photograph(start, search)
@@ -195,6 +198,12 @@ class Correlate(SubsetSearch):
         from dicflow.core.photographs.noise import smoothed_noise
 
         return smoothed_noise(noise, first.image.grey, first.measured, self.smoothing)
+
+    def _first_noise(self, image: np.ndarray, measured: np.ndarray) -> Noise:
+        """The noise that is given, or estimated from the first photograph."""
+        from dicflow.core.photographs.noise import Noise, noise_of_first_photograph
+
+        return noise_of_first_photograph(image, measured) if self.noise == "auto" else Noise(self.noise, "given", True)
 
     def _measured_noise(self, noise: Noise, correlation: CorrelatedField, first: _First, image: np.ndarray) -> Noise:
         """The noise, measured in the first photograph and this one."""
@@ -273,6 +282,10 @@ def _summary(found: FoundPoints, noise: Noise, overexposed: float) -> dict[str, 
         "noise_grey": noise.grey,
         "overexposed_share": overexposed if np.isfinite(overexposed) else None,
     }
+
+
+def _left_photograph(images: Product) -> Photograph:
+    return photograph_of(Images.read(images), "left")
 
 
 def _check_photograph(image: np.ndarray, usable: np.ndarray, subset_size: int) -> None:

@@ -13,7 +13,7 @@ from pathlib import Path
 import psutil
 import pytest
 from test_execute import trouble
-from toys import chain, run_sync
+from toys import chain, numbers, run_sync
 
 from dicflow.engine import processes
 from dicflow.engine.processes import WorkerLost, WorkerProcesses, survive
@@ -148,7 +148,7 @@ import sys
 from pathlib import Path
 sys.path[:0] = sys.argv[3:]
 from dicflow.engine.store import Store
-from toys import chain, run_sync
+from toys import chain, numbers, run_sync
 result = run_sync(chain(Path(sys.argv[1])), Store.open(Path(sys.argv[2])), scheduler="processes")
 print(result.errors)
 """
@@ -215,7 +215,7 @@ from pathlib import Path
 sys.path[:0] = sys.argv[3:]
 from dicflow.cli import _end_in_order
 from dicflow.engine.store import Store
-from toys import chain, run_sync
+from toys import chain, numbers, run_sync
 if __name__ == "__main__":
     _end_in_order()
     graph = chain(Path(sys.argv[1]), sleep_s=60.0)
@@ -250,3 +250,13 @@ def test_a_signal_ends_the_workers_too_and_leaves_nothing(folder, store, tmp_pat
     assert errors == ""
     assert psutil.wait_procs(children, timeout=60)[1] == []
     assert not any(path.exists() for path in named)
+
+
+@pytest.mark.parametrize(("scheduler", "count", "tasks"), [("auto", 2, 8), ("auto", 3, 12), ("processes", 2, 8)])
+def test_few_tasks_start_no_workers(scheduler, count, tasks, tmp_path, store, monkeypatch):
+    entered = []
+    monkeypatch.setattr(WorkerProcesses, "start", lambda self: entered.append(self.count))
+    graph = chain(numbers(tmp_path / "numbers", count))
+    assert len(graph.tasks) == tasks
+    assert run_sync(graph, store, scheduler=scheduler, workers=2).ok
+    assert entered == ([] if scheduler == "auto" and tasks < 9 else [2])

@@ -120,7 +120,10 @@ def _local_usual(residual: Array) -> Array:
     rows, cols = residual.shape
     padded = np.pad(residual, ((0, -rows % _BLOCK), (0, -cols % _BLOCK)), constant_values=np.nan)
     blocks = padded.reshape(padded.shape[0] // _BLOCK, _BLOCK, -1, _BLOCK).swapaxes(1, 2)
-    usual = np.array([[_quantile(block, _USUAL_QUANTILE, 0.0) for block in row] for row in blocks])
+    rising = np.sort(blocks.reshape(*blocks.shape[:2], -1), axis=-1)
+    count = np.isfinite(rising).sum(axis=-1, keepdims=True)
+    rank = np.rint(_USUAL_QUANTILE * np.maximum(count - 1, 0)).astype(np.int64)
+    usual = np.where(count >= _MIN_POINTS, np.take_along_axis(rising, rank, axis=-1), 0.0)[..., 0]
     return np.asarray(cv2.resize(usual, padded.shape[::-1], interpolation=cv2.INTER_LINEAR)[:rows, :cols])
 
 

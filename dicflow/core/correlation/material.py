@@ -8,6 +8,7 @@ chained warp is then the start of one more search with the first photograph.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from functools import partial
 from typing import NamedTuple
 
 import numpy as np
@@ -38,6 +39,7 @@ from dicflow.core.parts import Parts
 from dicflow.core.photographs.exposure import Photograph
 from dicflow.core.photographs.interpolate import Spline
 from dicflow.core.status import Status
+from dicflow.core.threads import at_once
 
 __all__ = ["DirectSearch", "Updating", "follow_step", "search_directly"]
 
@@ -86,10 +88,11 @@ def search_directly(
     previous : the previous step; if no points were found there, the reference step or the first one takes its place
     matches : features matched from the previous step to this one
     """
-    target = target_spline(image, search)
     references = [photograph for photograph in (previous, reference_step, first) if photograph is not None]
     previous = next((photograph for photograph in references if _shows_motion(photograph)), previous)
-    starts = _starting_warps(references, image.grey, matches, search)
+    with_target = partial(target_spline, image, search)
+    with_starts = partial(_starting_warps, references, image.grey, matches, search)
+    target, starts = at_once(search.threads, with_target, with_starts)
     return DirectSearch(previous, target, starts, correlate_points(first, target, starts, search))
 
 

@@ -88,7 +88,9 @@ def points_in_first_photograph(first: ReferencePhotograph, search: Search) -> Fo
     """
     itself, inside = target_spline(first.image, search), np.asarray(np.isfinite(first.points).all(axis=-1))
     centres = first.points[inside] - first.origin
-    found = describe(template(itself, first.region), itself.measured, centres, search.subset, search.threads)
+    found = describe(
+        template(itself, first.region, search.threads), itself.measured, centres, search.subset, search.threads
+    )
     status = np.full(inside.shape, Status.OUTSIDE, dtype=np.uint8)
     znssd, covariance = np.full(inside.shape, np.nan), np.full((*inside.shape, 3), np.nan)
     status[inside], znssd[inside] = found.status, found.znssd
@@ -139,7 +141,8 @@ def correlate_points(reference: ReferencePhotograph, target: Spline, starts: Arr
 
     starts : (rows, cols, 2, 3) — from the first photograph to the target
     """
-    pair, slope = _match_blur(reference, target, starts, search), _motion_gradients(reference, starts)
+    slope = _motion_gradients(reference, starts)
+    pair = _match_blur(reference, target, slope, search)
     centres = np.rint(reference.points)
     place = starts[..., 0] + np.einsum("...ij,...j->...i", slope, centres - reference.points)
     field = correlate_field(
@@ -214,23 +217,26 @@ def _smoothed(image: Grey, search: Search) -> Image:
 
 
 def _match_blur(
-    reference: ReferencePhotograph, target: Spline, starts: Array, search: Search
+    reference: ReferencePhotograph, target: Spline, slope: Array, search: Search
 ) -> tuple[Template, Spline]:
-    """The template and the target, one of them blurred so that both show the material equally sharp on average."""
-    image, slopes = _smoothed(reference.image.grey, search), _motion_gradients(reference, starts)
-    slopes = slopes[np.isfinite(slopes).all(axis=(-2, -1))]
-    if len(slopes):
-        blurs = missing_blurs(np.median(slopes, axis=0), search.smoothing_px)
+    """The template and the target, one of them blurred so that both show the material equally sharp on average.
+
+    slope : (rows, cols, 2, 2) — gradients of the motion from one to the other
+    """
+    image, known = _smoothed(reference.image.grey, search), slope[np.isfinite(slope).all(axis=(-2, -1))]
+    if len(known):
+        blurs = missing_blurs(np.median(known, axis=0), search.smoothing_px)
         image = blurred(image, blurs.template)
         target = (
             target
             if blurs.target is None
             else spline(blurred(target.image, blurs.target), search.degree, target.measured)
         )
-    return template(spline(image, search.degree, reference.image.measured), reference.region), target
+    sharp = spline(image, search.degree, reference.image.measured)
+    return template(sharp, reference.region, search.threads), target
 
 
 def _motion_gradients(reference: ReferencePhotograph, starts: Array) -> Array:
     """Gradients (rows, cols, 2, 2) of the motion from a reference photograph to where ``starts`` lead."""
     known = np.where(np.isnan(reference.warp[..., 1:3]), np.eye(2), reference.warp[..., 1:3])
-    return starts[..., 1:3] @ np.linalg.inv(known)
+    return starts[..., 1:3] @ inverse(known)

@@ -13,7 +13,6 @@ of σ grey levels in both photographs (Pan et al., Optics Express 16, 2008).
 from __future__ import annotations
 
 from collections.abc import Callable
-from concurrent.futures import ThreadPoolExecutor
 from typing import NamedTuple
 
 import numpy as np
@@ -44,6 +43,7 @@ from dicflow.core.correlation.warp import TERMS, identity
 from dicflow.core.kernels import INNER
 from dicflow.core.photographs.interpolate import Spline
 from dicflow.core.status import Status
+from dicflow.core.threads import over
 
 __all__ = ["Correlated", "Subset", "correlate", "describe"]
 
@@ -189,13 +189,7 @@ def _control(subset: Subset, degree: int, contraction: float) -> Control:
 
 def _share(work: Callable[[slice], None], n: int, threads: int) -> None:
     """Do a work on n subsets, some at a time, in so many threads."""
-    chunks = [slice(first, first + _CHUNK) for first in range(0, n, _CHUNK)]
-    if min(threads, len(chunks)) <= 1:
-        for chunk in chunks:
-            work(chunk)
-    else:
-        with ThreadPoolExecutor(threads) as pool:
-            list(pool.map(work, chunks))
+    over(threads, work, (slice(first, first + _CHUNK) for first in range(0, n, _CHUNK)))
 
 
 def _untracked(start: Array) -> Correlated:

@@ -16,6 +16,7 @@ from dicflow.core.arrays import Array, Bytes, Counts, Image, Index, Mask
 from dicflow.core.correlation.subset_sums import Pixels
 from dicflow.core.kernels import INNER
 from dicflow.core.photographs.interpolate import Spline, slopes
+from dicflow.core.threads import over
 
 __all__ = [
     "CLEAR_MARGIN_PX",
@@ -57,15 +58,16 @@ class Template(NamedTuple):
     region: Mask
 
 
-def template(reference: Spline, region: Mask | None = None) -> Template:
+def template(reference: Spline, region: Mask | None = None, threads: int = 1) -> Template:
     """The template of a reference photograph.
 
     region : (rows, cols) bool — the region of interest; None for all pixels
+    threads : how many share the work; the result does not depend on it
     """
     inside = np.ones(reference.image.shape, dtype=np.bool_) if region is None else np.ascontiguousarray(region)
     usable = inside if reference.measured is None else inside & reference.measured
     unusable = cv2.integral((~usable).view(np.uint8))
-    return Template(reference.image, *_derivatives(reference), usable, unusable, inside)
+    return Template(reference.image, *_derivatives(reference, threads), usable, unusable, inside)
 
 
 def kernel_mask(measured: Mask | None) -> Mask:
@@ -73,7 +75,7 @@ def kernel_mask(measured: Mask | None) -> Mask:
     return np.zeros((0, 0), dtype=np.bool_) if measured is None else measured
 
 
-def _derivatives(reference: Spline) -> tuple[Image, Image]:
+def _derivatives(reference: Spline, threads: int) -> tuple[Image, Image]:
     """Derivatives (rows, cols) along x and y by a narrow Gaussian, scaled to fit the spline's own best.
 
     Interpolation errors are in the finest detail of the image. Derivatives without it do not respond to them: the bias
@@ -83,12 +85,17 @@ def _derivatives(reference: Spline) -> tuple[Image, Image]:
     reach = np.arange(-_DERIVATIVE_REACH_PX, _DERIVATIVE_REACH_PX + 1)
     gaussian = np.exp(-0.5 * (reach / _DERIVATIVE_SIGMA_PX) ** 2)
     value, slope = gaussian / gaussian.sum(), reach * gaussian / (reach**2 * gaussian).sum()
-    by_x = cv2.sepFilter2D(reference.image, -1, slope, value, borderType=cv2.BORDER_REFLECT_101)
-    by_y = cv2.sepFilter2D(reference.image, -1, value, slope, borderType=cv2.BORDER_REFLECT_101)
-    true_x, true_y = slopes(reference)
-    square, product = _dot(by_x, by_x) + _dot(by_y, by_y), _dot(by_x, true_x) + _dot(by_y, true_y)
+    true_slopes = slopes(reference, threads)
+
+    def derivative(filters: tuple[Array, Array], true_slope: Image) -> tuple[Image, float, float]:
+        found = cv2.sepFilter2D(reference.image, -1, *filters, borderType=cv2.BORDER_REFLECT_101)
+        return found, _dot(found, found), _dot(found, true_slope)
+
+    both = zip(((slope, value), (value, slope)), true_slopes, strict=True)
+    along_x, along_y = over(threads, lambda part: derivative(*part), both)
+    square, product = along_x[1] + along_y[1], along_x[2] + along_y[2]
     scale = np.float32(product / square if square > 0.0 else 1.0)
-    return by_x * scale, by_y * scale
+    return along_x[0] * scale, along_y[0] * scale
 
 
 def _dot(a: Image, b: Image) -> float:

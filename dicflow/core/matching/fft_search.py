@@ -14,7 +14,6 @@ from typing import Any, NamedTuple
 
 import cv2
 import numpy as np
-from scipy.fft import irfft2, next_fast_len, rfft2
 
 from dicflow.core.arrays import Array, Grey, Image, Index, Mask
 from dicflow.core.matching.pairs import agreeing_matches, local_motion
@@ -57,18 +56,18 @@ def correlation_peak(window: Grey, image: Grey, usable: Mask | None = None) -> P
     counts = np.ones(window.shape) if usable is None else usable.astype(np.float64)
     window_zero_mean = np.where(counts > 0, window - np.average(window, weights=counts), 0.0)
     image_zero_mean = image - float(image.mean())
-    shape = [next_fast_len(a + b - 1, real=True) for a, b in zip(window.shape, image.shape, strict=True)]
+    shape = [cv2.getOptimalDFTSize(a + b - 1) for a, b in zip(window.shape, image.shape, strict=True)]
     from_f, from_counts, from_g, from_square, from_frame = (
-        rfft2(part, shape)
+        np.fft.rfft2(part, shape)
         for part in (window_zero_mean, counts, image_zero_mean, image_zero_mean * image_zero_mean, np.ones(image.shape))
     )
 
     def against(of_window: Any, of_image: Any) -> Array:
-        return np.asarray(irfft2(np.conj(of_window) * of_image, shape))
+        return np.asarray(np.fft.irfft2(np.conj(of_window) * of_image, shape))
 
     number = np.maximum(against(from_counts, from_frame), 1.0)
     sum_f, sum_g = against(from_f, from_frame), against(from_counts, from_g)
-    of_f = against(rfft2(window_zero_mean * window_zero_mean, shape), from_frame) - sum_f**2 / number
+    of_f = against(np.fft.rfft2(window_zero_mean * window_zero_mean, shape), from_frame) - sum_f**2 / number
     of_g = against(from_counts, from_square) - sum_g**2 / number
     enough = number >= MIN_OVERLAP * counts.sum()
     known = (

@@ -16,6 +16,7 @@ from numba import njit
 
 from dicflow.core.arrays import Array, Grey, Image, Mask
 from dicflow.core.kernels import INNER
+from dicflow.core.threads import over
 
 __all__ = ["FAST_MATH", "PAD", "Spline", "interpolate", "slopes", "spline"]
 
@@ -77,14 +78,17 @@ def spline(image: Grey, degree: int = 5, measured: Mask | None = None) -> Spline
     )
 
 
-def slopes(image: Spline) -> tuple[Image, Image]:
+def slopes(image: Spline, threads: int = 1) -> tuple[Image, Image]:
     """Derivatives of a spline along x and y at the pixels, (rows, cols) float32 each [grey levels per px]."""
     (value, whole), (slope, half) = _VALUES_AT_INTEGERS[image.degree], _SLOPES_AT_INTEGERS[image.degree]
     across, along = np.array(value) / whole, np.array(slope) / half
     inner = slice(PAD, -PAD)
-    by_x = cv2.sepFilter2D(image.coefficients, -1, along, across)[inner, inner]
-    by_y = cv2.sepFilter2D(image.coefficients, -1, across, along)[inner, inner]
-    return np.ascontiguousarray(by_x), np.ascontiguousarray(by_y)
+
+    def derivative(filters: tuple[Array, Array]) -> Image:
+        return np.ascontiguousarray(cv2.sepFilter2D(image.coefficients, -1, *filters)[inner, inner], dtype=np.float32)
+
+    by_x, by_y = over(threads, derivative, ((along, across), (across, along)))
+    return by_x, by_y
 
 
 def interpolate(image: Spline, xy: npt.ArrayLike) -> Image:

@@ -176,9 +176,9 @@ def grid_points(polygons: Sequence[Polygon], step_size: int) -> Array:
     step_size : distance between neighbouring points [px]
     """
     x0, y0, x1, y1 = bounding_box(polygons)
-    axes = (np.arange(np.ceil(low), high, step_size) for low, high in ((x0, x1), (y0, y1)))
-    points = np.stack(np.meshgrid(*axes), axis=-1).astype(np.float64)
-    points[~contains(polygons, points)] = np.nan
+    x, y = (np.arange(np.ceil(low), high, step_size) for low, high in ((x0, x1), (y0, y1)))
+    points = np.stack(np.meshgrid(x, y), axis=-1)
+    points[~_grid_inside(polygons, x, y)] = np.nan
     return points
 
 
@@ -188,19 +188,26 @@ def rasterise(polygons: Sequence[Polygon], shape: tuple[int, int]) -> Mask:
     shape : (rows, cols) of the image
     """
     height, width = shape
-    toggles = np.zeros((height, width + 1), dtype=np.uint8)
+    return _grid_inside(polygons, np.arange(width, dtype=np.float64), np.arange(height, dtype=np.float64))
+
+
+def _grid_inside(polygons: Sequence[Polygon], x: Array, y: Array) -> Mask:
+    """Which places of a grid with rising axes (cols,) and (rows,) lie in the region, (rows, cols).
+
+    Where an edge crosses a row, the places beyond change sides.
+    """
+    toggles = np.zeros((len(y), len(x) + 1), dtype=np.uint8)
     for polygon in polygons:
         for ring in polygon.rings:
             for (ax, ay), (bx, by) in zip(ring, np.roll(ring, -1, axis=0), strict=True):
                 if ay != by:
-                    first, last = np.ceil(np.clip([min(ay, by), max(ay, by)], 0, height)).astype(int)
-                    rows = np.arange(first, last)
-                    crossing = ax + (rows - ay) * ((bx - ax) / (by - ay))
-                    toggles[rows, np.clip(np.ceil(crossing), 0, width).astype(int)] ^= 1
+                    rows = np.arange(*np.searchsorted(y, (min(ay, by), max(ay, by))))
+                    crossing = ax + (y[rows] - ay) * ((bx - ax) / (by - ay))
+                    toggles[rows, np.searchsorted(x, crossing)] ^= 1
     left, top, across, down = cv2.boundingRect(toggles)
     box = slice(top, top + down), slice(left, left + across)
     toggles[box] = np.bitwise_xor.accumulate(toggles[box], axis=1)
-    return np.asarray(toggles[:, :width], dtype=np.bool_)
+    return toggles[:, : len(x)].view(np.bool_)
 
 
 def densify(ring: Array, spacing_px: float) -> Array:

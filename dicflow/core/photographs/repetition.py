@@ -11,8 +11,6 @@ from typing import NamedTuple
 
 import cv2
 import numpy as np
-from scipy.fft import irfft2, next_fast_len, rfft2
-from scipy.ndimage import label, maximum_filter
 
 from dicflow.core.arrays import Array, Grey, Mask
 
@@ -86,7 +84,7 @@ def _examine(grey: Array, inside: Array) -> tuple[float, float]:
     if not scale > 0.0:
         return float("nan"), 0.0
     correlation /= scale
-    main = label(correlation > _MAIN_PEAK)[0]
+    main = cv2.connectedComponents((correlation > _MAIN_PEAK).view(np.uint8), connectivity=4)[1]
     in_main = main == main[middle]
     shift = np.hypot(*np.meshgrid(*(np.arange(size) - size // 2 for size in correlation.shape), indexing="ij"))
     along = in_main & (shift > _STRIPE_REACH * shift[enough].max())
@@ -103,15 +101,15 @@ def _period(beside: Array, overlap: Array, in_main: Mask, shift: Array) -> float
     kept = np.where(
         high, beside, 0.0
     )  # the highest of these is a peak, even beside a higher one that is not significant
-    is_peak = high & (kept >= _EQUAL_PEAKS * kept.max()) & (kept == maximum_filter(kept, 3))
+    is_peak = high & (kept >= _EQUAL_PEAKS * kept.max()) & (kept == cv2.dilate(kept, np.ones((3, 3), dtype=np.uint8)))
     return float(shift[is_peak].min())
 
 
 def _autocorrelation(values: Array) -> Array:
     """Σ v(x) v(x + shift) over the pixels, for shifts up to half the size each way; zero shift in the middle."""
     half = [size // 2 for size in values.shape]
-    shape = [next_fast_len(size + reach, real=True) for size, reach in zip(values.shape, half, strict=True)]
-    spectrum = rfft2(values, shape)
-    whole = irfft2(spectrum.real**2 + spectrum.imag**2, shape)
+    shape = [cv2.getOptimalDFTSize(size + reach) for size, reach in zip(values.shape, half, strict=True)]
+    spectrum = np.fft.rfft2(values, shape)
+    whole = np.fft.irfft2(spectrum.real**2 + spectrum.imag**2, shape)
     rows, cols = (np.arange(-reach, reach + 1) for reach in half)
     return np.asarray(whole[np.ix_(rows, cols)])

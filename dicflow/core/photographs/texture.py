@@ -6,7 +6,6 @@ from typing import NamedTuple
 
 import cv2
 import numpy as np
-from scipy.fft import irfft2, next_fast_len, rfft2
 
 from dicflow.core.arrays import Array, Grey, Image, Mask
 
@@ -25,6 +24,7 @@ __all__ = [
 STRIDE_PX = 4  # between texture values: fine enough for a region's outline, 16 times cheaper than every pixel
 MIN_TEXTURE_RATIO = 3.0  # least ratio of the median textures of pattern and background
 _USUAL_REACH_PX = 64  # shifts that are enough for most speckles
+_ENOUGH_PX = 960  # side of a window in which most speckles can be measured
 MIN_TEXTURE = 1.5  # grey levels (of 255) per pixel: below this, sensor noise is as strong as the pattern
 
 
@@ -65,13 +65,12 @@ def saturated_share(image: Grey, mask: Mask) -> float:
 def speckle_size(image: Grey, mask: Mask) -> float:
     """Diameter of the speckles in a mask [px], at most about an eighth of its size; NaN without contrast.
 
-    The autocorrelation of discs of diameter D falls to one half at a shift of 0.404 D, where they overlap by half.
-    Slow changes of the light are subtracted first.
+    Of a large mask, the window with most of its pixels tells. The autocorrelation of discs of diameter D falls to one
+    half at a shift of 0.404 D, where they overlap by half. Slow changes of the light are subtracted first.
     """
-    x, y, width, height = cv2.boundingRect(mask.astype(np.uint8))
-    part = slice(y, y + height), slice(x, x + width)
-    inside, side = mask[part].astype(np.float32), max(3, min(width, height) // 4)
-    grey = image[part].astype(np.float32)
+    part = _fullest_window(mask)
+    inside, grey = mask[part].astype(np.float32), image[part].astype(np.float32)
+    side = max(3, min(grey.shape) // 4)
     mean = cv2.blur(grey * inside, (side, side)) / np.maximum(cv2.blur(inside, (side, side)), np.float32(1e-6))
     pattern = (grey - mean) * inside
     for reach in sorted({min(side, _USUAL_REACH_PX), side}):
@@ -84,6 +83,16 @@ def speckle_size(image: Grey, mask: Mask) -> float:
     return float("nan")
 
 
+def _fullest_window(mask: Mask) -> tuple[slice, slice]:
+    """The window of a mask, at most as large as is enough, with most of its pixels: rows and columns."""
+    x, y, width, height = cv2.boundingRect(mask.view(np.uint8))
+    rows, cols = min(height, _ENOUGH_PX), min(width, _ENOUGH_PX)
+    total = cv2.integral(mask[y : y + height, x : x + width].view(np.uint8))
+    counts = total[rows:, cols:] - total[:-rows, cols:] - total[rows:, :-cols] + total[:-rows, :-cols]
+    top, left = np.unravel_index(int(counts.argmax()), counts.shape)
+    return slice(y + int(top), y + int(top) + rows), slice(x + int(left), x + int(left) + cols)
+
+
 def _autocorrelation_profile(pattern: Image, inside: Image, reach: int) -> Array:
     """Mean autocorrelation of a pattern inside a mask, both (rows, cols), at shifts of 0 … reach − 1 px."""
     correlation = _autocorrelation(pattern, reach) / np.maximum(_autocorrelation(inside, reach), 1.0)
@@ -94,9 +103,9 @@ def _autocorrelation_profile(pattern: Image, inside: Image, reach: int) -> Array
 
 def _autocorrelation(values: Image, reach: int) -> Array:
     """Σ v(x) v(x + lag) over the pixels, for lags 0 … reach − 1 along rows and columns."""
-    shape = [next_fast_len(side + reach, real=True) for side in values.shape]
-    spectrum = rfft2(values, shape)
-    return np.asarray(irfft2(spectrum.real**2 + spectrum.imag**2, shape)[:reach, :reach], dtype=np.float64)
+    shape = [cv2.getOptimalDFTSize(side + reach) for side in values.shape]
+    spectrum = np.fft.rfft2(values, shape)
+    return np.asarray(np.fft.irfft2(spectrum.real**2 + spectrum.imag**2, shape)[:reach, :reach], dtype=np.float64)
 
 
 def texture(image: Grey, window_px: int = 32) -> Texture:

@@ -92,6 +92,19 @@ def test_rasterise_is_contains_on_the_pixel_grid(radii, inner):
 
 
 @settings(max_examples=60, deadline=None)
+@given(radii=RADII, inner=RADII, step_size=st.integers(1, 9))
+def test_grid_points_are_those_that_the_region_contains(radii, inner, step_size):
+    polygons = [Polygon(star(radii), (star(np.array(inner) / 8).round(),))]
+    points = grid_points(polygons, step_size)
+    x0, y0, x1, y1 = bounding_box(polygons)
+    axes = (np.arange(np.ceil(low), high, step_size) for low, high in ((x0, x1), (y0, y1)))
+    whole = np.stack(np.meshgrid(*axes), axis=-1)
+    inside = contains(polygons, whole)
+    np.testing.assert_array_equal(np.isfinite(points[..., 0]), inside)
+    np.testing.assert_array_equal(points[inside], whole[inside])
+
+
+@settings(max_examples=60, deadline=None)
 @given(radii=RADII)
 def test_pixels_count_the_area_to_within_the_outline(radii):
     ring = star(radii)

@@ -70,6 +70,15 @@ def test_speckles_are_measured(diameter):
     assert speckle_size(pair.reference, mask) == pytest.approx(diameter, rel=0.15)
 
 
+def test_a_window_tells_for_a_large_mask():
+    """Its place is where the mask is, and the rest of the photograph does not count."""
+    pair = planar_pair((1500, 1300), (0.0, 0.0), diameter=(7.0, 7.0), coverage=0.2, noise=2.0)
+    grey, mask = pair.reference.copy(), np.zeros((1300, 1500), dtype=bool)
+    mask[60:1240, 400:1490] = True
+    grey[:, :400] = np.arange(1300)[:, None] % 2 * 255
+    assert speckle_size(grey, mask) == pytest.approx(7.0, rel=0.15)
+
+
 def test_light_that_changes_slowly_makes_no_speckles_larger():
     pair = planar_pair((300, 300), (0.0, 0.0), diameter=(6.0, 6.0), coverage=0.2)
     mask = np.ones((300, 300), dtype=bool)
