@@ -44,13 +44,7 @@ def calibration_of(project: Project, name: str, text: str) -> dict[str, Any]:
     stage = rigs[-1]
     maker = Maker(graph, pipeline.plan("ignore"), pipeline.store)
     rig = CalibratedRig.read(maker.product(names[stage]))
-    found: dict[str, Any] = {
-        "stage": stage,
-        "boards": None,
-        "verdict": rig.verdict,
-        "summary": dict(rig.summary),
-        "pairs": [],
-    }
+    known: dict[str, Any] = {"stage": stage, "verdict": rig.verdict, "summary": dict(rig.summary)}
     spec = graph.stages[names[stage]]
     if "corners" not in spec.node.takes or spec.node.takes["corners"].at is not At.ALL:
         return {**known, "boards": None, "pairs": []}

@@ -90,7 +90,7 @@ class Runs:
         return {**found, "run": newest.id, "state": state, "message": _said(process, log) if ended_otherwise else ""}
 
     def listed(self, name: str) -> dict[str, Any]:
-        """The runs in the store of a pipeline file, of all its pipelines, newest first, and the store's size [bytes]."""
+        """The runs in the store of a pipeline file, of all its pipelines, newest first; the store's size [bytes]."""
         store = _existing(self.project.pipeline(name).store_folder)
         if store is None:
             return {"runs": [], "bytes": 0}
