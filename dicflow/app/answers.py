@@ -205,6 +205,10 @@ def _runs(desk: Desk, asked: Asked) -> Any:
     return desk.runs.listed(str(asked["file"]))
 
 
+def _disk(desk: Desk, asked: Asked) -> Any:
+    return desk.runs.size(str(asked["file"]))
+
+
 def _pin(desk: Desk, asked: Asked) -> Any:
     desk.runs.pin(str(asked["file"]), str(asked["run"]), asked.get("note"))
     return {}
@@ -254,6 +258,7 @@ ANSWERS: Mapping[str, Callable[[Desk, Asked], Any]] = {
     "stop": _stop,
     "watch": _watch,
     "runs": _runs,
+    "disk": _disk,
     "maps": _maps,
     "formats": _formats,
     "export": _export,

@@ -89,13 +89,18 @@ class Runs:
         ended_otherwise = process is not None and not alive and process.returncode not in (0, 1, 130)
         return {**found, "run": newest.id, "state": state, "message": _said(process, log) if ended_otherwise else ""}
 
-    def listed(self, name: str) -> dict[str, Any]:
-        """The runs in the store of a pipeline file, of all its pipelines, newest first; the store's size [bytes]."""
+    def size(self, name: str) -> int:
+        """Disk that the store of a pipeline file uses [bytes]; of a large store that takes seconds."""
+        store = _existing(self.project.pipeline(name).store_folder)
+        return 0 if store is None else housekeeping.size(store)
+
+    def listed(self, name: str) -> list[dict[str, Any]]:
+        """The runs in the store of a pipeline file, of all its pipelines, newest first."""
         store = _existing(self.project.pipeline(name).store_folder)
         if store is None:
-            return {"runs": [], "bytes": 0}
+            return []
         pins = housekeeping.pins(store)
-        rows = [
+        return [
             {
                 "id": run.id,
                 "pipeline": run.pipeline,
@@ -106,7 +111,6 @@ class Runs:
             }
             for run in runs(store)[:_LISTED]
         ]
-        return {"runs": rows, "bytes": housekeeping.size(store)}
 
     def pin(self, name: str, run_id: str, note: str | None) -> None:
         """Pin a run with a note, or take its pin away. note : None takes it away"""

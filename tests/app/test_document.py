@@ -146,32 +146,32 @@ ACTS = st.lists(st.tuples(st.sampled_from(["edit", "undo", "redo", "elsewhere"])
 @settings(max_examples=60, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(acts=ACTS)
 def test_history_is_that_of_a_list(acts, tmp_path_factory):
+    """What an editor wrote before the app's first change is where the history begins; later it is a change itself."""
     project = open_project(small_test(tmp_path_factory.mktemp("test") / "test", steps=1))
     path = project.path(FILE)
     states, at, base = [path.read_bytes()], 0, path.read_text()
-    seen_elsewhere = False
+
+    def meet():
+        if path.read_bytes() == states[at]:
+            return at
+        states[at + 1 if len(states) > 1 else 0 :] = [path.read_bytes()]
+        return len(states) - 1
+
     for act, number in acts:
+        if act == "elsewhere":
+            path.write_text(f"{base}# elsewhere {number}\n")
+            continue
+        at = meet()
+        seen = {FILE: versions.digest_of(project, FILE)}
         if act == "edit":
-            if seen_elsewhere and states[at] != path.read_bytes():
-                states[at + 1 :], at = [path.read_bytes()], at + 1
-            digest = versions.digest_of(project, FILE)
-            versions.change(project, {FILE: digest}, {FILE: f"{base}# {number}\n".encode()}, "edit")
+            versions.change(project, seen, {FILE: f"{base}# {number}\n".encode()}, "edit")
             if path.read_bytes() != states[at]:
                 states[at + 1 :], at = [path.read_bytes()], at + 1
-        elif act == "elsewhere":
-            path.write_text(f"{base}# elsewhere {number}\n")
-            seen_elsewhere = True
         else:
-            if len(states) > 1 and path.read_bytes() != states[at]:
-                states[at + 1 :], at = [path.read_bytes()], at + 1
-            elif path.read_bytes() != states[at]:
-                states[0] = path.read_bytes()  # no change of the app's yet: nothing to take back
-            seen = {FILE: versions.digest_of(project, FILE)}
             way = -1 if act == "undo" else 1
             (versions.undo if act == "undo" else versions.redo)(project, seen)
             at += way if 0 <= at + way < len(states) else 0
-        if act != "elsewhere":
-            assert path.read_bytes() == states[at]
+        assert path.read_bytes() == states[at]
 
 
 def test_a_file_that_changed_meanwhile_is_never_overwritten(project):

@@ -119,9 +119,11 @@ class RunScreen {
   /** The runs before, and what they keep on the disk. */
   async list() {
     try {
-      const { runs, bytes } = await ask("runs", { file: this.app.file });
+      const runs = await ask("runs", { file: this.app.file });
+      const size = h("p", { className: "faint" }, "adding up the files …");
+      ask("disk", { file: this.app.file }).then((bytes) => fill(size, `${megabytes(bytes)} on the disk`), () => fill(size));
       if (!runs.length) return fill(this.past);
-      return fill(this.past, h("div", { className: "card scroll" }, h("h2", {}, "Runs in this store"), h("p", { className: "faint" }, `${megabytes(bytes)} on the disk`),
+      return fill(this.past, h("div", { className: "card scroll" }, h("h2", {}, "Runs in this store"), size,
         h("table", {}, h("thead", {}, h("tr", {}, ["run", "pipeline", "started", "computed", "failed", ""].map((word, k) => h("th", { className: k === 3 || k === 4 ? "number" : "" }, word)))),
           h("tbody", {}, runs.map((run) => this.row(run)))), this.cleaning()));
     } catch (error) {
