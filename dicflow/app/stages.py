@@ -58,7 +58,9 @@ def parameters_of(pipeline: Pipeline, name: str) -> dict[str, Any]:
 def _parameters(kind: type[Node], entry: Mapping[str, Any], values: Mapping[str, Any]) -> Iterator[dict[str, Any]]:
     schema = kind.model_json_schema()
     followed = {parameter: port for port, names in kind.follows.items() for parameter in names}
-    for name, own in schema["properties"].items():
+    shared = [name for name in schema["properties"] if name not in kind.__annotations__]
+    for name in [*(name for name in schema["properties"] if name not in shared), *shared]:
+        own = schema["properties"][name]
         if name != "stage":
             yield {
                 "name": name,

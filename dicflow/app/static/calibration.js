@@ -52,6 +52,11 @@ class CalibrationScreen {
     const wanted = LONG / (this.saved.summary.rms_px || 1);
     this.times = TIMES.findLast((times) => times <= wanted) ?? TIMES[0];
     this.chosen = this.sorted()[0]?.name;
+    if (!this.saved.boards) {
+      fill(this.place, h("div", { className: "page" }, h("h1", {}, title), h("div", { className: "card" }, this.verdict(), this.figures()),
+        h("p", { className: "faint" }, "The rig comes from a file, so there are no pairs of boards to judge.")));
+      return;
+    }
     this.list = h("aside", { className: "panel wide" });
     this.tools = h("div", { className: "tools" });
     fill(this.place, this.tools, h("div", { className: "stage wide" }, this.viewer.element, this.list));
@@ -83,18 +88,23 @@ class CalibrationScreen {
   }
 
   panel() {
-    const { found, saved } = this;
     const side = (name) => button(name, () => { this.side = name; this.panel(); this.photograph(); }, { "aria-pressed": String(this.side === name) });
     fill(this.tools, h("div", { className: "group" }, side("left"), side("right")),
       h("label", {}, "residuals ", h("select", { onchange: (event) => { this.times = Number(event.target.value); this.viewer.draw(); } }, TIMES.map((times) => h("option", { value: times, selected: times === this.times }, `${times} ×`)))),
       button("Whole", () => this.viewer.fit()), h("span", { className: "faint" }, this.chosen ? `${this.chosen}, ${this.side}` : ""));
-    const isGood = found.verdict.startsWith("good");
-    fill(this.list,
-      h("p", { className: isGood ? "verdict" : "verdict problem" }, found.verdict),
-      this.weigh(),
-      h("table", {}, h("tbody", {}, FIGURES.filter(([key]) => key in found.summary).map(([key, words, unit, digits]) => h("tr", {}, h("th", {}, words),
-        h("td", { className: "number" }, this.figure(saved.summary[key], unit, digits), found === saved ? "" : ` → ${this.figure(found.summary[key], unit, digits)}`))))),
-      found.pairs.length ? this.table() : h("p", { className: "faint" }, "The rig comes from a file, so there are no pairs of boards to judge."));
+    fill(this.list, this.verdict(), this.weigh(), this.figures(), this.table());
+  }
+
+  verdict() {
+    const { verdict } = this.found;
+    return h("p", { className: /^(poor|usable)/.test(verdict) ? "verdict problem" : "verdict" }, verdict);
+  }
+
+  /** Key figures; after a trial those of the file beside the new ones. */
+  figures() {
+    const { found, saved } = this;
+    return h("table", {}, h("tbody", {}, FIGURES.filter(([key]) => key in found.summary).map(([key, words, unit, digits]) => h("tr", {}, h("th", {}, words),
+      h("td", { className: "number" }, this.figure(saved.summary[key], unit, digits), found === saved ? "" : ` → ${this.figure(found.summary[key], unit, digits)}`)))));
   }
 
   figure(value, unit, digits) {

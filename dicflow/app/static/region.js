@@ -9,6 +9,8 @@ import { Viewer } from "./viewer.js";
 
 export const title = "Region and probes";
 const MOST_ROWS = 300;
+const TOLERANCES = [1, 2, 4, 8]; // [px]
+const FEWER = 0.75;
 
 export async function show(place, app) {
   if (!app.file) {
@@ -67,7 +69,7 @@ class RegionScreen {
 
   /** Write a complete change to the files, one after the other. */
   commit(words) {
-    this.saving = this.saving.then(() => this.save()).then(() => this.app.say(`saved: ${words}`), async (error) => {
+    this.saving = this.saving.then(() => this.save()).then(() => { this.panel(); this.app.say(`saved: ${words}`); }, async (error) => {
       await this.app.fail(error);
       if (error.status !== 409) this.pen.load(structuredClone(this.saved));
       this.panel();
@@ -193,9 +195,10 @@ class RegionScreen {
     this.commit(`name ${name}`);
   }
 
-  /** Leave out corners that lie within 1 px of the line between their neighbours. */
+  /** Leave out corners that lie near the line between others: within 1 px, or more until a quarter of them goes. */
   thin(path) {
-    path.places = simplified(path.places, 1, SORTS[path.sort].closed);
+    const thinned = TOLERANCES.map((tolerance) => simplified(path.places, tolerance, SORTS[path.sort].closed));
+    path.places = thinned.find((places) => places.length <= FEWER * path.places.length) ?? thinned[thinned.length - 1];
     this.pen.choose(this.pen.chosen.path);
     this.commit(`${path.places.length} corners`);
   }
