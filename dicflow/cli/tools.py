@@ -129,9 +129,9 @@ def synth_sample(folder: Annotated[Path, typer.Argument(help="folder to write")]
 def warm(
     workers: Annotated[int, typer.Option(min=1, help="processes at once; default: one per core")] = os.cpu_count() or 1,
 ) -> None:
-    """Compile the kernels ahead, so that the first run need not.
+    """Compile ahead what the first run would compile.
 
-    They are kept for this account; a run compiles what it lacks, too.
+    Kernels are kept for this account, modules beside their source; a run compiles what it lacks, too.
 
     \b
     dicflow warm

@@ -6,7 +6,6 @@ ready, so that a slow one holds up only itself.
 
 from __future__ import annotations
 
-import gc
 import multiprocessing
 import os
 import pickle
@@ -265,7 +264,15 @@ def _serve(pipe: Connection, setup: Callable[[], None] | None) -> None:
     pipe.send(True)
     with suppress(EOFError, OSError):
         with_room(partial(_answer_all, pipe))
-    gc.freeze()  # the system takes the memory back; doing so object by object costs a quarter of a second
+    _leave()
+
+
+def _leave() -> None:
+    """End this process at once: the system takes back what it loaded faster than Python takes it apart."""
+    for stream in (sys.stdout, sys.stderr):
+        with suppress(AttributeError, OSError, ValueError):
+            stream.flush()
+    os._exit(0)
 
 
 def _answer_all(pipe: Connection) -> None:

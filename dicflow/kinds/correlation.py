@@ -199,7 +199,7 @@ class Correlation(FollowedPoints):
         noise : of the photographs, and its level after the low pass [grey levels]
         polygons : the region's outline at this step [px]
         reference : the reference step; None while the first photograph is enough
-        facts : further attributes: image_size, interpolation, summary
+        facts : further attributes: image_size, interpolation, summary, pattern of the first photograph
         """
         from dicflow.core.correlation.warp import gradient
 
@@ -249,6 +249,12 @@ class Correlation(FollowedPoints):
     def noise_source(self) -> str:
         """How the noise is known, in words."""
         return str(self.product.attrs["noise_source"])
+
+    @property
+    def pattern(self) -> Mapping[str, float | None] | None:
+        """Fields of :class:`dicflow.core.photographs.pattern.Pattern`, None for an unknown one; None at later steps."""
+        found: Mapping[str, float | None] | None = self.product.attrs.get("pattern")
+        return found
 
     @property
     def period_facts(self) -> dict[str, Any]:

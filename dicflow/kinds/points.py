@@ -103,9 +103,10 @@ class Points(Kind):
             "step_size": correlation.grid.step_size,
             "subset_size": correlation.grid.subset_size,
             "image_size": list(correlation.image_size),
-            "noise_grey": correlation.noise.grey,
+            "noise_grey": correlation.noise_grey,
             "shape_function": stereo.grid.shape_function,
             "shape_function_left": correlation.grid.shape_function,
+            "depth_mm": _median_depth(variables["xyz"].values),
         }
         product = Product("points", {**variables, **parts}, {**attrs, **part_attrs, **facts})
         return warned_if_lost(product) if (stereo["status"] <= Status.FILLED).any() else product
@@ -135,6 +136,12 @@ class Points(Kind):
     def noise_grey(self) -> float:
         """Noise from which the errors were computed [grey levels]."""
         return float(self.product.attrs.get("noise_grey", 1.0))
+
+    @property
+    def depth_mm(self) -> float | None:
+        """Median distance of the points in front of the left camera; None if it is unknown, or in the plane."""
+        found: float | None = self.product.attrs.get("depth_mm")
+        return found
 
     @property
     def parts(self) -> Parts:
@@ -193,3 +200,12 @@ class Points(Kind):
         from dicflow.core.uncertainty.covariance import MeasuredPoints
 
         return MeasuredPoints(self["xyz"], symmetric(self["covariance_left"]), self["sensitivity"][..., :2])
+
+
+def _median_depth(xyz: np.ndarray) -> float | None:
+    """Median of the third coordinate of points (row, col, 3) [mm]; None if all are unknown."""
+    import numpy as np
+
+    depth = xyz[..., 2]
+    depth = depth[np.isfinite(depth)]
+    return float(np.median(depth)) if depth.size else None

@@ -1,4 +1,4 @@
-"""What the report measures itself: once, and kept from one page to the next."""
+"""What the report measures itself where no stage did: once, and kept from one page to the next."""
 
 from __future__ import annotations
 
@@ -7,9 +7,12 @@ from collections.abc import Mapping
 from typing import NamedTuple
 
 from dicflow.engine.product import Product
+from dicflow.kinds.correlation import Correlation
 from dicflow.kinds.images import Images
+from dicflow.kinds.points import Points
 from dicflow.kinds.region import Region
 from dicflow.kinds.rig import CalibratedRig
+from dicflow.pipeline import Result
 from dicflow.report.context import Context
 
 __all__ = ["CameraFacts", "cameras", "pattern", "stand_off_mm"]
@@ -40,14 +43,16 @@ def cameras(context: Context, stage: str) -> CameraFacts:
 
 
 def pattern(context: Context) -> Mapping[str, float | None] | None:
-    """The speckle pattern of the first photograph inside the region.
+    """The speckle pattern of the first photograph inside the region, as its correlation found it, else measured here.
 
-    Has ``size_px`` of the speckles, ``gradient`` [grey levels of 255 per px], ``contrast`` and the share that is
-    ``saturated``, None for an unknown one. All is None without a region, or where the store keeps no photograph.
+    Has the fields of :class:`dicflow.core.photographs.pattern.Pattern`, None for an unknown one. All is None without a
+    region, or where the store keeps no photograph.
     """
     result = context.result
     for stage in result.stages_of("region"):
         images = result.source(stage, "images")
+        if (kept := _kept_pattern(result, stage, images)) is not None:
+            return kept
         if result.has(stage) and result.has(images, 0):
             sources = ["pattern", result.digest(stage), result.digest(images, 0)]
             image, region = result.product(images, 0), result.product(stage)
@@ -64,25 +69,29 @@ def stand_off_mm(context: Context) -> float | None:
     stage, step = next(places, ("", ""))
     if not stage:
         return None
+    if result.kind(stage) == "points" and (depth := Points.read(result.product(stage, step)).depth_mm) is not None:
+        return depth
     sources = ["stand-off", result.arrays(stage, step)["xyz"].digest]
     found = context.piece(sources, lambda: _median_depth(result.product(stage, step)))
     return None if found is None else json.loads(found)
 
 
+def _kept_pattern(result: Result, region: str, images: str) -> Mapping[str, float | None] | None:
+    """What a correlation found of the pattern inside a region of some images; None without any."""
+    for stage in result.stages_of("correlation"):
+        sources = result.source(stage, "region"), result.source(stage, "images")
+        if sources == (region, images) and result.has(stage, 0):
+            return Correlation.read(result.product(stage, 0)).pattern
+    return None
+
+
 def _measured(image: Product, region: Product) -> bytes:
+    from dicflow.core.photographs.pattern import pattern_of
     from dicflow.core.photographs.region import interior
-    from dicflow.core.photographs.texture import mean_intensity_gradient, saturated_share, speckle_size
 
     left = Images.read(image).left
-    inside = interior(Region.read(region).polygons, left.shape)
-    levels = left[inside].astype(float)
-    content = {
-        "size_px": speckle_size(left, inside),
-        "gradient": mean_intensity_gradient(left, inside),
-        "contrast": float(levels.std() / max(levels.mean(), 1e-12)),
-        "saturated": saturated_share(left, inside),
-    }
-    return json.dumps({name: value if value == value else None for name, value in content.items()}).encode()
+    found = pattern_of(left, interior(Region.read(region).polygons, left.shape))._asdict()
+    return json.dumps({name: value if value == value else None for name, value in found.items()}).encode()
 
 
 def _median_depth(points: Product) -> bytes:

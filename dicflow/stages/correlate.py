@@ -28,6 +28,7 @@ if TYPE_CHECKING:
     from dicflow.core.parts import Parts
     from dicflow.core.photographs.exposure import Photograph
     from dicflow.core.photographs.noise import Noise
+    from dicflow.core.photographs.pattern import Pattern
     from dicflow.core.photographs.polygon import Polygon
     from dicflow.core.photographs.repetition import Repetition
 
@@ -85,7 +86,7 @@ class Correlate(SubsetSearch):
         "correlation_before": Port("correlation", at=At.PREVIOUS, own=True),
     }
     gives: ClassVar = "correlation"
-    impl_version: ClassVar = 4
+    impl_version: ClassVar = 5
 
     stage: Literal["correlate"] = "correlate"
     subset_size: Odd = parameter(31, "side of the squares that are compared; odd", unit="px", ge=5)
@@ -124,9 +125,9 @@ class Correlate(SubsetSearch):
         from dicflow.core.correlation.search import first_photograph, points_in_first_photograph
         from dicflow.core.threads import at_once
 
-        _, noise, repeats = at_once(
+        pattern, noise, repeats = at_once(
             self.thread_count,
-            partial(_check_photograph, image.grey, first.region, self.subset_size),
+            partial(_pattern, image.grey, first.region, self.subset_size),
             partial(self._first_noise, image.grey, first.measured),
             partial(_repetition, image.grey, first.measured),
         )
@@ -144,7 +145,11 @@ class Correlate(SubsetSearch):
             (noise, search.noise),
             first.outline,
             self._grid(),
-            facts={**self._facts(exact, noise, image, first.outline), **_repetition_facts(repeats)},
+            facts={
+                **self._facts(exact, noise, image, first.outline),
+                **_repetition_facts(repeats),
+                "pattern": pattern._asdict(),
+            },
         )
         return Correlation.read(product).with_parts(first.parts)
 
@@ -288,13 +293,12 @@ def _left_photograph(images: Product) -> Photograph:
     return photograph_of(Images.read(images), "left")
 
 
-def _check_photograph(image: np.ndarray, usable: np.ndarray, subset_size: int) -> None:
-    """Raise StageError unless the first photograph shows a pattern that distinguishes subsets."""
-    from dicflow.core.photographs.pattern import check_pattern, check_subset
+def _pattern(image: np.ndarray, usable: np.ndarray, subset_size: int) -> Pattern:
+    """The pattern of the first photograph. Raises StageError unless it distinguishes subsets."""
+    from dicflow.core.photographs.pattern import checked_pattern
 
     try:
-        check_pattern(image, usable, "the first left photograph")
-        check_subset(image, usable, subset_size)
+        return checked_pattern(image, usable, subset_size, "the first left photograph")
     except ValueError as error:
         raise StageError(str(error)) from error
 

@@ -12,6 +12,7 @@ from dicflow.core.status import Status
 from dicflow.discovery import nearest
 from dicflow.errors import ConfigurationError
 from dicflow.kinds.quantities import is_signed
+from dicflow.views.colour_tables import TABLES
 
 __all__ = ["REASON_COLOURS", "Look", "look", "palette"]
 
@@ -81,12 +82,23 @@ def palette(table: str, count: int = 254) -> NDArray[np.uint8]:
 
     Returns (count, 3) uint8 RGB, read-only. Raises ConfigurationError for a table that matplotlib does not have.
     """
+    found = _kept_colours(table, count) if table in TABLES else _colours_of_matplotlib(table, count)
+    found.flags.writeable = False
+    return found
+
+
+def _kept_colours(table: str, count: int) -> NDArray[np.uint8]:
+    kept = np.frombuffer(TABLES[table], np.uint8).reshape(-1, 3)
+    found: NDArray[np.uint8] = kept[np.minimum(np.linspace(0, len(kept), count).astype(int), len(kept) - 1)]
+    return found
+
+
+def _colours_of_matplotlib(table: str, count: int) -> NDArray[np.uint8]:
     import matplotlib
 
     if table not in matplotlib.colormaps:
         near = nearest(table, matplotlib.colormaps)
         raise ConfigurationError(f"no colour map '{table}'{near}; choose one of matplotlib's")
     colours = matplotlib.colormaps[table](np.linspace(0, 1, count), bytes=True)
-    found = np.ascontiguousarray(colours[:, :3])
-    found.flags.writeable = False
+    found: NDArray[np.uint8] = np.ascontiguousarray(colours[:, :3])
     return found

@@ -6,6 +6,7 @@ import math
 import textwrap
 from collections.abc import Iterable, Sequence
 from functools import cache
+from importlib.util import find_spec
 from itertools import pairwise
 from pathlib import Path
 
@@ -80,11 +81,19 @@ def wrapped(text: str, size_px: float, most_px: float) -> list[str]:
     return textwrap.wrap(with_unit, letters, break_long_words=False) or [""]
 
 
+@cache
 def font_file() -> str:
-    """The file of a font that has the Greek letters of the measures."""
+    """The file of a font that has the Greek letters of the measures; matplotlib, which brings it, is slow to load."""
+    spec, name = find_spec("matplotlib"), Path("fonts", "ttf", "DejaVuSans.ttf")
+    folders = [] if spec is None else spec.submodule_search_locations or []
+    usual = [Path(folder, "mpl-data") / name for folder in folders]
+    return str(next(filter(Path.is_file, usual), None) or _data_of_matplotlib() / name)
+
+
+def _data_of_matplotlib() -> Path:
     import matplotlib
 
-    return str(Path(matplotlib.get_data_path()) / "fonts" / "ttf" / "DejaVuSans.ttf")
+    return Path(matplotlib.get_data_path())
 
 
 @cache

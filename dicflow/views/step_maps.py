@@ -70,6 +70,7 @@ class StepMaps:
         self.result, self.total, self.places, self.has_grid, self.keep = result, total, places, has_grid, keep
         self.arrays = cache(lambda step: result.arrays(total, step))
         self.index_at_first = lru_cache(1)(self._index_at_first)
+        self._tried: dict[tuple[str, ...], bytes] = {}
 
     @cached_property
     def grid(self) -> np.ndarray:
@@ -91,7 +92,7 @@ class StepMaps:
         The last step stands for all of them; how far a picture shrinks when it is packed depends on its noise.
         """
         last, budget = _Step(self, steps[-1]), _BUDGET_BYTES / len(steps)
-        trial = StepMaps(self.result, self.total, self.places, self.has_grid, lambda _sources, make: make())
+        trial = StepMaps(self.result, self.total, self.places, self.has_grid, self._try)
 
         def fitting() -> bytes:
             density = 0.0
@@ -121,6 +122,14 @@ class StepMaps:
             content["directions"] = drawn.directions()
         return content
 
+    def kept(self, sources: Sequence[str], make: Callable[[], bytes]) -> bytes:
+        """A piece from an earlier page, else from a trial for this one, else made now."""
+        return self.keep(sources, lambda: self._tried.pop(tuple(sources), None) or make())
+
+    def _try(self, sources: Sequence[str], make: Callable[[], bytes]) -> bytes:
+        made = self._tried[tuple(sources)] = make()
+        return made
+
     def first_photograph(self, crop: Crop) -> str | None:
         """The photograph of the first step; None if no map is drawn over it, or if the store does not keep it."""
         return (self._photo(0, crop) or None) if self.has_grid else None
@@ -137,7 +146,7 @@ class StepMaps:
 
         sources = ["photograph", self.result.digest(self.places.photographs, step), json.dumps(crop)]
         try:
-            return as_text(self.keep(sources, make))
+            return as_text(self.kept(sources, make))
         except NotKeptError:
             return ""
 
@@ -239,7 +248,7 @@ class _Drawn:
     def _kept(self, what: Sequence[str], arrays: Sequence[str], make: Callable[[], dict[str, Any]]) -> dict[str, Any]:
         """A piece, which is made of some arrays."""
         sources = [*what, json.dumps(self._crop), *self._step.sources(arrays)]
-        found: dict[str, Any] = json.loads(self._step.maps.keep(sources, lambda: json.dumps(make()).encode()))
+        found: dict[str, Any] = json.loads(self._step.maps.kept(sources, lambda: json.dumps(make()).encode()))
         return found
 
 

@@ -14,6 +14,7 @@ from dicflow.pipeline import Pipeline
 from dicflow.pipeline.result import ArrayFacts
 from dicflow.report import fields as module
 from dicflow.report.fields import fields
+from dicflow.views import step_maps
 from dicflow.views.colours import Look
 from dicflow.views.figures import plot
 from dicflow.views.maps import png
@@ -97,6 +98,19 @@ def test_the_second_build_draws_nothing(loaded, tmp_path, monkeypatch):
     for slow in ("field_png", "reason_png", "photo_jpeg", "direction_path", "cell_index", "colour_range"):
         monkeypatch.setattr(f"dicflow.views.step_maps.{slow}", lambda *given: pytest.fail("drawn again"))
     assert fields(context_of(loaded, tmp_path)) == first
+
+
+def test_each_picture_is_drawn_once(loaded, tmp_path, monkeypatch):
+    """Also those of the last step, on which the size of the page is tried."""
+    drawn, draw = [], step_maps.field_png
+
+    def noted(values, index, look):
+        drawn.append((look.quantity, values.tobytes(), index.tobytes()))
+        return draw(values, index, look)
+
+    monkeypatch.setattr(step_maps, "field_png", noted)
+    data = data_of(fields(context_of(loaded, tmp_path)))
+    assert len(drawn) == len(set(drawn)) == 2 * len(data["quantities"]) * len(data["steps"])
 
 
 def test_places_in_rectified_images_are_carried_back_into_the_photograph(loaded):

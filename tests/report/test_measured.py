@@ -22,6 +22,24 @@ def test_the_pattern_is_that_of_the_region(context):
     assert found["contrast"] > 0.1
 
 
+@pytest.mark.parametrize(("region", "images", "known"), [("region", "photos", True), ("other", "photos", False)])
+def test_a_correlation_knows_the_pattern_of_its_own_region(region, images, known):
+    class Followed:
+        def stages_of(self, kind):
+            return ["points"]
+
+        def source(self, stage, port):
+            return {"region": region, "images": images}[port]
+
+        def has(self, stage, step):
+            return (stage, step) == ("points", 0)
+
+        def product(self, stage, step):
+            return Product("correlation", {}, {"pattern": {"size_px": 4.5}})
+
+    assert module._kept_pattern(Followed(), "region", "photos") == ({"size_px": 4.5} if known else None)
+
+
 def test_properties_of_a_known_pattern():
     levels = np.zeros((64, 64), np.uint8)
     levels[:, ::2] = 200

@@ -7,6 +7,9 @@ import numpy as np
 import pytest
 
 from dicflow.core.matching.transform import apply_transform, jacobian
+from dicflow.core.photographs.pattern import pattern_of
+from dicflow.core.photographs.polygon import Polygon
+from dicflow.core.photographs.region import interior
 from dicflow.core.status import Status
 from dicflow.core.synthetic.planar import planar_pair, render_planar, translation
 from dicflow.core.synthetic.render import Extent, add_noise_and_round
@@ -108,6 +111,14 @@ def test_shift_of_a_fraction_of_a_pixel(shape_function):
     assert found.attrs["summary"]["valid_share"] == pytest.approx(
         valid.sum() / (valid.sum() + (~valid & np.isfinite(first["xy"][..., 0])).sum()), abs=0.05
     )
+
+
+def test_the_first_step_keeps_the_pattern_of_its_region():
+    images = series([np.eye(3), np.eye(3)])
+    first, second = follow(images, step_size=20)
+    inside = interior([Polygon(np.array(SQUARE), ())], images[0].shape)
+    assert first.attrs["pattern"] == pattern_of(images[0], inside)._asdict()
+    assert "pattern" not in second.attrs
 
 
 def test_noise_of_a_static_pair_and_the_spread_it_makes():

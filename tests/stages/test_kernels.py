@@ -103,11 +103,11 @@ def test_after_warm_no_run_compiles(tmp_path):
     def warmed(*arguments):
         return [line.partition(":")[0] for line in dicflow("warm", *arguments).splitlines()]
 
-    assert warmed("--workers", 2) == [*(f"kernels, {name}" for name in KERNELS), "source of the stages"]
+    assert warmed("--workers", 2) == [*(f"kernels, {name}" for name in KERNELS), "modules", "source of the stages"]
     after = kept()
     assert len(after) >= len(KERNELS)
     for name in ("quickstart", "thesis_quickstart"):
         path, data = ROOT / "pipelines" / f"{name}.yaml", ROOT / "data_samples"
         dicflow("run", path, "--data", data, "--store", tmp_path / name, "--output", tmp_path / "results")
     assert kept() == after
-    assert warmed() == ["source of the stages"]
+    assert warmed() == ["modules", "source of the stages"]

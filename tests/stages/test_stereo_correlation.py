@@ -122,6 +122,7 @@ def test_points_say_what_was_measured(results, left):
     points = results[1][1]
     assert points.attrs["text"] == f"100.0 % of {POINTS[..., 0].size:,} points"
     assert points.attrs["reasons"] == {"valid": 1.0}
+    assert points.attrs["depth_mm"] == np.median(points["xyz"][..., 2])
     assert points.attrs["summary"]["valid_share"] == 1.0
     for name in ("step_size", "subset_size", "shape_function", "image_size"):
         assert points.attrs[name] == left[0].attrs[name]

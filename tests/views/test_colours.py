@@ -2,7 +2,8 @@ import numpy as np
 import pytest
 
 from dicflow.errors import ConfigurationError
-from dicflow.views.colours import look, palette
+from dicflow.views.colour_tables import TABLES
+from dicflow.views.colours import _colours_of_matplotlib, look, palette
 
 
 @pytest.mark.parametrize(
@@ -36,6 +37,12 @@ def test_a_palette_runs_from_end_to_end():
     assert grey.dtype == np.uint8
     np.testing.assert_array_equal(grey[[0, -1]], [[0, 0, 0], [255, 255, 255]])
     assert (np.diff(grey[:, 0].astype(int)) >= 0).all()
+
+
+@pytest.mark.parametrize("table", TABLES)
+@pytest.mark.parametrize("count", [2, 7, 224, 254, 256, 300])
+def test_the_tables_are_those_of_matplotlib(table, count):
+    np.testing.assert_array_equal(palette(table, count), _colours_of_matplotlib(table, count))
 
 
 def test_the_sequential_palette_grows_lighter():

@@ -9,15 +9,13 @@ from numba import njit
 
 from dicflow.core.arrays import Array, Image
 from dicflow.core.cholesky import factorise, solve
+from dicflow.core.correlation.sampling import Places, copy_patch, locate_pixels, sample_runs
 from dicflow.core.correlation.subset_sums import (
     Pixels,
-    Places,
     centre_grey,
     gathered_sums,
     grey_sums,
-    locate_pixels,
     normal_matrix,
-    sample_runs,
     slope_sums,
 )
 from dicflow.core.kernels import INNER
@@ -27,8 +25,10 @@ __all__ = ["Control", "NormalEquations", "covariance", "iterate", "mean_square_s
 
 _MIN_PIVOT_SHARE = 1e-6
 """Of the Hessian; with a smaller pivot the subset has too little texture."""
-_MAX_SLIP_OF_RUNS = 0.2
+_MAX_SLIP_OF_RUNS = 0.4
 """Slip per pixel, along a row of the target or across rows, up to which runs are long enough to be faster."""
+_ROUNDING = 1e-6
+"""Share of a sum of squares that its rounding may reach: a plain target has a contrast below it."""
 _VALID, _OUTSIDE, _NOT_CONVERGED = int(Status.VALID), int(Status.OUTSIDE), int(Status.NOT_CONVERGED)
 
 
@@ -95,17 +95,16 @@ def iterate(
     Gauss-Newton increments shrink by a ratio r, so the correction that remains after one of size e is e r/(1 − r). For
     the first increment, r is ``control.contraction``.
     """
-    flat, width = coefficients.ravel(), np.uint64(coefficients.shape[1])
     terms, level = len(normal.increment) // 2, np.float32(normal.statistics[0])
     last_size, ratio, znssd = 0.0, np.nan, np.nan
     for iteration in range(1, control.iterations + 1):
-        if not locate_pixels(c, coefficients.shape, control.degree, p, n, half, places):
+        if not locate_pixels(c, coefficients.shape, p.xi, p.eta, n, half, places):
             return _OUTSIDE, iteration, znssd, np.nan
-        if abs(c[0, 1] - 1.0) + abs(c[1, 1]) < _MAX_SLIP_OF_RUNS:
-            sample_runs(flat, width, control.degree, places, n, 2 * half + 1)
+        if abs(c[0, 1] - 1.0) + abs(c[1, 1]) < _MAX_SLIP_OF_RUNS and copy_patch(coefficients, c, places):
+            sample_runs(control.degree, c, half, p.row_rest, n, places)
             grey_sums(places.g, level, p, n, normal.grey_sums)
         else:
-            gathered_sums(flat, width, control.degree, places, level, p, n, normal.grey_sums)
+            gathered_sums(coefficients, c, control.degree, places, level, p, n, normal.grey_sums)
         znssd = _increment(normal)
         size = _rms_motion(normal.increment)
         if not size < half:
@@ -195,7 +194,7 @@ def _increment(normal: NormalEquations) -> float:
     target, total, square = normal.grey_sums, normal.statistics[1], normal.statistics[2]
     mean = target[0] / total
     other = target[1] - mean * target[0]
-    if not other > 0.0:
+    if not other > _ROUNDING * target[1]:
         for i in range(len(normal.increment)):
             normal.increment[i] = np.nan
         return np.nan

@@ -10,27 +10,20 @@ from typing import NamedTuple
 
 import numpy as np
 from numba import njit
-from numpy.typing import NDArray
 
-from dicflow.core.arrays import Array, Image
+from dicflow.core.arrays import Array, Counts, Image
+from dicflow.core.correlation.sampling import Places, first_coefficient
 from dicflow.core.kernels import INNER
-from dicflow.core.photographs.interpolate import FAST_MATH, PAD, bicubic, biquintic
+from dicflow.core.photographs.interpolate import FAST_MATH, bicubic, biquintic
 
 __all__ = [
-    "LANES",
     "Pixels",
-    "Places",
     "centre_grey",
     "gathered_sums",
     "grey_sums",
-    "locate_pixels",
     "normal_matrix",
-    "sample_runs",
     "slope_sums",
 ]
-
-LANES = 8
-"""Pixels that are sampled at once; a run of pixels is rounded up to a multiple."""
 
 Sums = tuple[np.float32, ...]
 """Sums over pixels, kept in registers."""
@@ -40,6 +33,7 @@ class Pixels(NamedTuple):
     """The pixels of one subset: flat float32 arrays, long enough for a whole subset.
 
     f, fx, fy : grey level minus its mean, and derivatives; xi, eta : offsets in half sides; w : weight
+    row_rest : int32 — how many pixels follow each other in a row from this one on, itself included
     """
 
     f: Image
@@ -48,18 +42,7 @@ class Pixels(NamedTuple):
     xi: Image
     eta: Image
     w: Image
-
-
-class Places(NamedTuple):
-    """Places of the pixels of one subset in the target, and grey levels there; arrays longer than a subset by LANES.
-
-    at : uint32 — index of the first coefficient; t, s : float32 — fractions along x and y; g : float32 — grey levels
-    """
-
-    at: NDArray[np.uint32]
-    t: Image
-    s: Image
-    g: Image
+    row_rest: Counts
 
 
 @njit(fastmath=FAST_MATH, error_model="numpy", **INNER)
@@ -148,77 +131,6 @@ def slope_sums(p: Pixels, b: Image, n: int, moments: Array, out: Array) -> None:
         out[terms + i] = moments[i]
 
 
-@njit(fastmath=FAST_MATH, error_model="numpy", **INNER)
-def locate_pixels(c: Array, shape: tuple[int, int], degree: int, p: Pixels, n: int, half: int, places: Places) -> bool:
-    """Set the places of the pixels of a subset in the target by a warp c (2, 6); False where some are outside.
-
-    shape : (rows, cols) of the coefficients
-    """
-    rows, cols, before = shape[0] - 2 * PAD, shape[1] - 2 * PAD, PAD - degree // 2
-    x0, y0 = np.floor(c[0, 0]), np.floor(c[1, 0])
-    if not (0.0 <= x0 < cols and 0.0 <= y0 < rows):
-        return False
-    h = float(half)
-    a0, a1, a2 = np.float32(c[0, 0] - x0), np.float32(c[0, 1] * h), np.float32(c[0, 2] * h)
-    a3, a4, a5 = np.float32(c[0, 3] * h * h), np.float32(c[0, 4] * h * h), np.float32(c[0, 5] * h * h)
-    b0, b1, b2 = np.float32(c[1, 0] - y0), np.float32(c[1, 1] * h), np.float32(c[1, 2] * h)
-    b3, b4, b5 = np.float32(c[1, 3] * h * h), np.float32(c[1, 4] * h * h), np.float32(c[1, 5] * h * h)
-    width = np.int32(cols + 2 * PAD)
-    origin = np.int32((int(y0) + before) * (cols + 2 * PAD) + int(x0) + before)
-    left, right, top, bottom = np.int32(0), np.int32(0), np.int32(0), np.int32(0)
-    for k in range(n):
-        xi, eta = p.xi[k], p.eta[k]
-        x = a0 + xi * (a1 + a3 * xi + a4 * eta) + eta * (a2 + a5 * eta)
-        y = b0 + xi * (b1 + b3 * xi + b4 * eta) + eta * (b2 + b5 * eta)
-        floor_x, floor_y = np.floor(x), np.floor(y)
-        places.t[k], places.s[k] = x - floor_x, y - floor_y
-        j, i = np.int32(floor_x), np.int32(floor_y)
-        left, right, top, bottom = min(left, j), max(right, j), min(top, i), max(bottom, i)
-        places.at[k] = np.uint32(origin + i * width + j)
-    return bool(x0 + left >= 0 and x0 + right < cols and y0 + top >= 0 and y0 + bottom < rows)
-
-
-@njit(error_model="numpy", **INNER)
-def sample_runs(flat: Image, width: np.uint64, degree: int, places: Places, n: int, side: int) -> None:
-    """Grey levels at the places, run by run; the coefficients of a run of pixels lie side by side.
-
-    The length of a run is rounded up to LANES; the next run overwrites the surplus.
-    """
-    k, end = 0, len(flat) - degree * (int(width) + 1)
-    while k < n:
-        run = _run_length(places.at, k, min(side, n - k))
-        count = min(-(-run // LANES) * LANES, end - int(places.at[k]))
-        _sample(flat, np.uint64(places.at[k]), width, degree, np.uint64(k), np.uint64(count), places)
-        k += run
-
-
-@njit(error_model="numpy", **INNER)
-def _run_length(at: NDArray[np.uint32], k: int, most: int) -> int:
-    """Number of pixels from the k-th on, at most ``most``, whose coefficients lie side by side."""
-    first, differ = at[k], np.uint32(0)
-    for j in range(most):
-        differ |= at[k + j] - first - np.uint32(j)
-    if differ == 0:
-        return most
-    run = 1
-    while at[k + run] == first + np.uint32(run):
-        run += 1
-    return run
-
-
-@njit(fastmath=FAST_MATH, error_model="numpy", **INNER)
-def _sample(
-    flat: Image, at: np.uint64, width: np.uint64, degree: int, k: np.uint64, count: np.uint64, places: Places
-) -> None:
-    """Grey levels of pixels k, k + 1, … whose first coefficients are at, at + 1, …"""
-    for j in range(count):
-        t, s = places.t[k + j], places.s[k + j]
-        if degree == 3:
-            places.g[k + j] = bicubic(flat, at + j, width, t, s)
-        else:
-            places.g[k + j] = biquintic(flat, at + j, width, t, s)
-
-
 _ZERO_AFFINE = (np.float32(0.0),) * 9
 """Σ v, Σ v g, Σ v f, Σ v fx m, Σ v fy m with m = 1, ξ, η and v = w g, before the first pixel."""
 _ZERO_QUADRATIC = (np.float32(0.0),) * 6
@@ -265,21 +177,24 @@ def grey_sums(g: Image, level: np.float32, p: Pixels, n: int, out: Array) -> Non
 
 @njit(fastmath=FAST_MATH, error_model="numpy", **INNER)
 def gathered_sums(
-    flat: Image, width: np.uint64, degree: int, places: Places, level: np.float32, p: Pixels, n: int, out: Array
+    coefficients: Image, c: Array, degree: int, places: Places, level: np.float32, p: Pixels, n: int, out: Array
 ) -> None:
-    """The same sums with grey levels from scattered coefficients.
+    """The same sums with grey levels from scattered coefficients, for pixels that were located by a warp c (2, 6).
 
     The loops store nothing: only then one instruction gathers the coefficients of many pixels.
     """
     terms, s, q = (len(out) - 3) // 2, _ZERO_AFFINE, _ZERO_QUADRATIC
-    if degree == 3:
-        for k in range(n):
-            g = bicubic(flat, np.uint64(places.at[k]), width, places.t[k], places.s[k]) - level
-            s, q = _affine_sums(s, p, k, g), _quadratic_sums(q, p, k, g)
-    else:
-        for k in range(n):
-            g = biquintic(flat, np.uint64(places.at[k]), width, places.t[k], places.s[k]) - level
-            s, q = _affine_sums(s, p, k, g), _quadratic_sums(q, p, k, g)
+    flat, width = coefficients.ravel(), coefficients.shape[1]
+    first = first_coefficient(c, width, degree)
+    for k in range(n):
+        x, y = np.floor(places.x[k]), np.floor(places.y[k])
+        at = np.uint64(first + int(y) * width + int(x))
+        t, u = places.x[k] - x, places.y[k] - y
+        if degree == 3:
+            g = bicubic(flat, at, np.uint64(width), t, u) - level
+        else:
+            g = biquintic(flat, at, np.uint64(width), t, u) - level
+        s, q = _affine_sums(s, p, k, g), _quadratic_sums(q, p, k, g)
     _write_sums(s, q, terms, out)
 
 

@@ -27,11 +27,13 @@ from dicflow.core.correlation.gauss_newton import (
     mean_square_slope,
     prepare,
 )
-from dicflow.core.correlation.subset_sums import LANES, Pixels, Places
+from dicflow.core.correlation.sampling import Places, new_places
+from dicflow.core.correlation.subset_sums import Pixels
 from dicflow.core.correlation.template import (
     CLEAR_MARGIN_PX,
     Template,
     copy_square,
+    count_rows,
     gather_part,
     is_whole,
     keep_measured,
@@ -232,16 +234,15 @@ class _Work(NamedTuple):
 def _working_space(weight: Image, terms: int) -> _Work:
     size, room = len(weight), len(weight) ** 2
     grey, geometry = np.empty((3, room), dtype=np.float32), np.empty((6, room), dtype=np.float32)
-    ones_like_f, sampled = np.ones(room, dtype=np.float32), np.zeros((3, room + LANES), dtype=np.float32)
-    whole = Pixels(grey[0], grey[1], grey[2], geometry[0], geometry[1], geometry[2])
-    cut = Pixels(grey[0], grey[1], grey[2], geometry[3], geometry[4], geometry[5])
+    ones_like_f, row_rest = np.ones(room, dtype=np.float32), np.empty((2, room), dtype=np.int32)
+    whole = Pixels(grey[0], grey[1], grey[2], geometry[0], geometry[1], geometry[2], row_rest[0])
+    cut = Pixels(grey[0], grey[1], grey[2], geometry[3], geometry[4], geometry[5], row_rest[1])
     lay_out(weight, whole)
-    places = Places(np.empty(room, dtype=np.uint32), sampled[0], sampled[1], sampled[2])
     square, vector = np.empty((2, 2 * terms, 2 * terms)), np.empty((3, 2 * terms))
     normal = NormalEquations(
         square[0], square[1], vector[0], vector[1], np.empty(3), np.empty(15), np.empty(3 + 2 * terms), vector[2]
     )
-    return _Work(whole, cut, places, normal, ones_like_f, np.empty((size, size), dtype=np.uint8))
+    return _Work(whole, cut, new_places(room), normal, ones_like_f, np.empty((size, size), dtype=np.uint8))
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
@@ -371,6 +372,7 @@ def _select(
         n = keep_measured(cut, n, c, half, measured)
     if n < min(control.min_share, _MIN_MEASURED_SHARE) * room or n < least:
         return 0, _OVEREXPOSED
+    count_rows(cut, n, half)
     return n, _VALID
 
 

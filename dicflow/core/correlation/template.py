@@ -22,6 +22,7 @@ __all__ = [
     "CLEAR_MARGIN_PX",
     "Template",
     "copy_square",
+    "count_rows",
     "gather_part",
     "is_whole",
     "keep_measured",
@@ -111,6 +112,16 @@ def lay_out(weight: Image, p: Pixels) -> None:
         for j in range(size):
             k = i * size + j
             p.xi[k], p.eta[k], p.w[k] = _offset(j, size), _offset(i, size), weight[i, j]
+    count_rows(p, size * size, size // 2)
+
+
+@njit(error_model="numpy", **INNER)
+def count_rows(p: Pixels, n: int, half: int) -> None:
+    """Set how many of n pixels follow each other in a row from each on."""
+    p.row_rest[n - 1], step = 1, 1.5 / half
+    for k in range(n - 2, -1, -1):
+        follows = p.eta[k + 1] == p.eta[k] and p.xi[k + 1] - p.xi[k] < step
+        p.row_rest[k] = p.row_rest[k + 1] + 1 if follows else 1
 
 
 @njit(error_model="numpy", forceinline=True, **INNER)

@@ -78,9 +78,10 @@ def _longer_period(grey: Grey, period: int) -> float:
 
 def _tile_logs(grey: Grey, period: int) -> Array:
     """Logarithms of means over pixels that are ``period`` px apart, (tile, row, col), of tiles over a photograph."""
-    tiles = _tiles(grey)
-    parts = tiles.reshape(tiles.shape[0], _TILE_PX // period, period, tiles.shape[2], _TILE_PX // period, period)
-    means = parts.mean(axis=(1, 4)).transpose(0, 2, 1, 3).reshape(-1, period, period)
+    tiles, count = _tiles(grey), _TILE_PX // period
+    parts = tiles.reshape(tiles.shape[0], count, period, tiles.shape[2], count, period)
+    sums = parts.sum(axis=1, dtype=np.uint32).sum(axis=3)  # of integers, so that they are exact in any order
+    means = (sums / count**2).transpose(0, 2, 1, 3).reshape(-1, period, period)
     lit = means.mean(axis=(1, 2)) > _DARK * means.max(initial=1.0)
     logs: Array = np.log(np.maximum(means[lit], 1e-3))
     return logs

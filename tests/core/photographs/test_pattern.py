@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from dicflow.core.photographs.pattern import MAX_SATURATED_SHARE, check_pattern, check_subset
+from dicflow.core.photographs.pattern import MAX_SATURATED_SHARE, check_pattern, checked_pattern, pattern_of
 from dicflow.core.photographs.texture import speckle_size
 from dicflow.core.synthetic.planar import planar_pair
 
@@ -19,7 +19,17 @@ def saturated(share):
 
 def test_a_good_pattern_passes():
     check_pattern(GREY, INSIDE, "it")
-    check_subset(GREY, INSIDE, 21)
+    assert checked_pattern(GREY, INSIDE, 21, "it") == pattern_of(GREY, INSIDE)
+
+
+def test_figures_of_a_ramp():
+    """A ramp of 2 grey levels per px over 101 columns: its levels are uniform, with σ = 2 √((101² − 1) / 12)."""
+    ramp, region = np.tile(2 * np.arange(120, dtype=np.uint8), (120, 1)), np.zeros((120, 120), dtype=bool)
+    region[10:111, 10:111] = True
+    found = pattern_of(ramp, region)
+    assert found.gradient == pytest.approx(2.0, abs=1e-4)
+    assert found.contrast == pytest.approx(2.0 * np.sqrt((101**2 - 1) / 12) / 120.0)
+    assert found.saturated == 0.0
 
 
 def test_only_the_region_counts():
@@ -41,6 +51,6 @@ def test_too_little_contrast():
 def test_too_small_a_subset():
     """Three discs of diameter D that cover half of a square need a side of √(3 π/2) D."""
     least = np.sqrt(1.5 * np.pi) * speckle_size(GREY, INSIDE)
-    check_subset(GREY, INSIDE, int(np.ceil(least)))
+    checked_pattern(GREY, INSIDE, int(np.ceil(least)), "it")
     with pytest.raises(ValueError, match=f"a subset of {int(least)} px holds fewer than 3 speckles"):
-        check_subset(GREY, INSIDE, int(least))
+        checked_pattern(GREY, INSIDE, int(least), "it")

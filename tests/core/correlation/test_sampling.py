@@ -1,0 +1,62 @@
+"""Grey levels at the pixels of a subset: those of the spline, for any warp, in whole subsets and in cut ones."""
+
+import numpy as np
+import pytest
+
+from dicflow.core.correlation.sampling import copy_patch, locate_pixels, new_places, sample_runs
+from dicflow.core.correlation.warp import apply_warp
+from dicflow.core.photographs.interpolate import interpolate, spline
+
+SIDE, HALF = 90, 10
+PHOTOGRAPH = np.random.default_rng(0).uniform(0.0, 255.0, (SIDE, SIDE))
+OFFSETS = np.stack(np.meshgrid(*[np.arange(-HALF, HALF + 1)] * 2), axis=-1).reshape(-1, 2)
+PLACES = {"middle": (44.3, 45.8), "left top": (16.0, 16.0), "right bottom": (72.9, 72.9)}
+GRADIENTS = {
+    "none": (1.0, 0.0, 0.0, 1.0),
+    "stretched": (1.09, -0.01, 0.03, 0.9),
+    "compressed": (0.91, 0.05, -0.03, 1.05),
+    "turned": (0.95, 0.3, -0.3, 0.95),
+}
+
+
+def sampled(photograph, warp, kept):
+    """Grey levels of the kept pixels (pixel,) of a subset by a warp (2, 6)."""
+    xi, eta = (OFFSETS[kept] / HALF).astype(np.float32).T.copy()
+    places = new_places(len(OFFSETS))
+    assert locate_pixels(warp, photograph.coefficients.shape, xi, eta, len(xi), HALF, places)
+    assert copy_patch(photograph.coefficients, warp, places)
+    sample_runs(photograph.degree, warp, HALF, row_rest(kept), len(xi), places)
+    return places.g[: len(xi)]
+
+
+def row_rest(kept):
+    """How many of the kept pixels follow each other in a row from each of them on."""
+    runs = [[*list(row), False] for row in kept.reshape(2 * HALF + 1, -1)]
+    return np.array([row.index(False, j) - j for row in runs for j in np.flatnonzero(row)], dtype=np.int32)
+
+
+@pytest.mark.parametrize("degree", [3, 5])
+@pytest.mark.parametrize("gradient", GRADIENTS.values(), ids=GRADIENTS)
+@pytest.mark.parametrize("place", PLACES.values(), ids=PLACES)
+def test_grey_levels_are_those_of_the_spline(degree, gradient, place):
+    photograph, bend = spline(PHOTOGRAPH, degree), [0.002, -0.001, 0.001]
+    warp = np.array([[place[0], *gradient[:2], *bend], [place[1], *gradient[2:], *bend[::-1]]])
+    for kept in (np.ones(len(OFFSETS), dtype=bool), np.random.default_rng(1).uniform(size=len(OFFSETS)) < 0.8):
+        expected = interpolate(photograph, apply_warp(warp, OFFSETS[kept]))
+        assert sampled(photograph, warp, kept) == pytest.approx(expected, abs=2e-3)  # of 6e-6 px in single precision
+
+
+@pytest.mark.parametrize(("place", "inside"), [((10.0, 10.0), True), ((9.9, 10.0), False), ((79.0, 80.0), False)])
+def test_pixels_beyond_the_border(place, inside):
+    xi, eta = (OFFSETS / HALF).astype(np.float32).T.copy()
+    warp = np.array([[place[0], 1.0, 0.0, 0.0, 0.0, 0.0], [place[1], 0.0, 1.0, 0.0, 0.0, 0.0]])
+    shape = spline(PHOTOGRAPH).coefficients.shape
+    assert locate_pixels(warp, shape, xi, eta, len(xi), HALF, new_places(len(OFFSETS))) is inside
+
+
+def test_a_subset_with_too_many_coefficients_is_not_copied():
+    photograph, half = spline(np.zeros((220, 220))), 95
+    xi, eta = (np.random.default_rng(0).uniform(-1.0, 1.0, (2, 500))).astype(np.float32)
+    warp, places = np.array([[110.0, 1.1, 0, 0, 0, 0], [110.0, 0, 1.1, 0, 0, 0]]), new_places(500)
+    assert locate_pixels(warp, photograph.coefficients.shape, xi, eta, 500, half, places)
+    assert not copy_patch(photograph.coefficients, warp, places)
