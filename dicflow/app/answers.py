@@ -31,26 +31,27 @@ class Desk:
         self.project = project
         self.runs = Runs(project)
         self.series: tuple[int, Any] | None = None
-        self._pool: ProcessPoolExecutor | None = None
+        self._pool = _pool()
 
     def work(self, call: Callable[..., Any], *arguments: Any) -> Any:
         """The value of a function of a module, called in another process, which loads what it needs.
 
         Raises WorkerError if that process dies.
         """
-        if self._pool is None:
-            spawn = get_context("spawn")
-            self._pool = ProcessPoolExecutor(1, spawn, initializer=_ready, max_tasks_per_child=_WORKS)
         try:
             return self._pool.submit(call, *arguments).result()
         except BrokenProcessPool as error:
-            self._pool = None
+            self._pool = _pool()
             raise WorkerError("the process that prepares this was killed; probably out of memory") from error
 
     def close(self) -> None:
         """End the process for heavy work."""
-        if self._pool is not None:
-            self._pool.shutdown(wait=False, cancel_futures=True)
+        self._pool.shutdown(wait=False, cancel_futures=True)
+
+
+def _pool() -> ProcessPoolExecutor:
+    """One process, which starts with its first work."""
+    return ProcessPoolExecutor(1, get_context("spawn"), initializer=_ready, max_tasks_per_child=_WORKS)
 
 
 def _ready() -> None:

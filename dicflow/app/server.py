@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import json
+import os
 import secrets
 import signal
 import webbrowser
@@ -32,7 +33,7 @@ __all__ = ["application", "serve"]
 _LARGEST_BYTES = 5_000_000
 """Of a question."""
 _TYPES = {".html": "text/html", ".js": "text/javascript", ".css": "text/css", ".svg": "image/svg+xml"}
-_THREADS = 4
+_THREADS = 8
 
 
 class _Handler(RequestHandler):
@@ -201,6 +202,7 @@ def serve(project: Project, say: Callable[[str], None], *, opens: bool = True, p
     opens : open it in the browser
     port : 0 for any that is free
     """
+    os.chdir(project.folder)  # a pipeline may read below the working directory: let that be the opened folder
     with suppress(KeyboardInterrupt):
         asyncio.run(_serve(project, say, opens, port))
 

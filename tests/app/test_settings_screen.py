@@ -9,6 +9,7 @@ from app_serving import FILE, served, small_test
 
 from dicflow.app import previews
 from dicflow.app.project import open_project
+from dicflow.engine.journal import latest
 from dicflow.io.configuration import read
 from dicflow.kinds.correlation import Correlation
 from dicflow.pipeline import Pipeline
@@ -106,8 +107,20 @@ def test_the_grid_is_drawn_on_the_speckles(measured):
         assert "can be followed" in page.inner_text(".facts")
         x, y = someone.at((100, 75))
         page.mouse.click(x, y)
+        page.wait_for_timeout(300)
         box = page.locator(".subset.over").bounding_box()
         scale = page.evaluate("document.querySelector('.viewer').viewer.scale")
         assert box["width"] == pytest.approx(21 * scale, abs=3)
         assert abs(box["x"] + box["width"] / 2 - x) <= 3 * scale + 2
         assert someone.overlaps() == []
+
+
+def test_the_expected_time_is_that_of_the_last_run(measured):
+    pipeline = Pipeline.load(measured)
+    last = {name: pipeline.store.record(entry["key"]) for name, entry in latest(pipeline.store, "pipeline").items()}
+    seconds = sum(record.made["stage_s"] for name, record in last.items() if name.startswith("total/"))
+    with served(measured.parent) as app:
+        edits = [{"place": ["stages", "total", "window"], "text": "60 px"}]
+        found = app.found("edit", file=FILE, edits=edits, dry=True)
+        assert app.found("plan", file=FILE)["seconds"] == 0
+    assert found["seconds"] == pytest.approx(seconds, rel=1e-6)
