@@ -13,7 +13,7 @@ from dicflow.app.plans import plan_of
 from dicflow.app.project import Project
 from dicflow.app.runs import Runs
 from dicflow.engine.workers import ignore_interrupts, prepare
-from dicflow.errors import WorkerError
+from dicflow.errors import ConfigurationError, WorkerError
 
 __all__ = ["ANSWERS", "Asked", "Desk"]
 
@@ -93,6 +93,15 @@ def _edit(desk: Desk, asked: Asked) -> Any:
         text = document.edited(document.read_pipeline(desk.project, name).text, name, edits)
         return plan_of(desk.project.candidate(name, text))
     return {"problems": document.edit(desk.project, name, asked["digest"], edits, str(asked["words"]))}
+
+
+def _rewrite(desk: Desk, asked: Asked) -> Any:
+    """Write the whole text of a pipeline file, as a person mends it; what is still wrong with it."""
+    name, text = str(asked["file"]), str(asked["text"])
+    if not name.lower().endswith((".yaml", ".yml")):
+        raise ConfigurationError(f"{name}: is no pipeline file; name one that ends in .yaml")
+    versions.change(desk.project, {name: str(asked["digest"])}, {name: text.encode()}, f"text of {name}")
+    return {"problems": document.problems(text, name)}
 
 
 def _undo(desk: Desk, asked: Asked) -> Any:
@@ -239,6 +248,7 @@ ANSWERS: Mapping[str, Callable[[Desk, Asked], Any]] = {
     "project": _project,
     "document": _document,
     "edit": _edit,
+    "rewrite": _rewrite,
     "undo": _undo,
     "redo": _redo,
     "photograph": _photograph,

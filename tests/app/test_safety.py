@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 import re
 from pathlib import Path
 
@@ -116,6 +117,15 @@ def test_photographs_and_regions_outside_are_refused(app, tmp_path):
 def test_pictures_are_known_by_their_names_alone(app):
     for name in ("../history.json", "thumbnails/../../x.jpg", "..%2f..%2fpipeline.yaml", f"{'a' * 32}/info.txt"):
         assert app.own("GET", f"/picture/{name}").status in (404, 422)
+
+
+def test_only_pipeline_files_are_written_as_text(app, tmp_path):
+    before = (tmp_path / "test/left/step_0000.png").read_bytes()
+    digest = hashlib.sha256(before).hexdigest()
+    assert app.ask("rewrite", file="left/step_0000.png", digest=digest, text="x").status == 422
+    assert app.ask("rewrite", file="../x.yaml", digest="", text="x").status == 422
+    assert (tmp_path / "test/left/step_0000.png").read_bytes() == before
+    assert not (tmp_path / "x.yaml").exists()
 
 
 def test_inside_follows_links(tmp_path):

@@ -124,3 +124,18 @@ def test_the_expected_time_is_that_of_the_last_run(measured):
         found = app.found("edit", file=FILE, edits=edits, dry=True)
         assert app.found("plan", file=FILE)["seconds"] == 0
     assert found["seconds"] == pytest.approx(seconds, rel=1e-6)
+
+
+def test_a_file_that_is_not_valid_is_mended_in_the_page(tmp_path):
+    path = small_test(tmp_path / "test")
+    good = path.read_text()
+    path.write_text(good.replace("subset_size: 21", "subset_size: 22"))
+    with served(path) as app, opened_page(app) as someone:
+        page = someone.page
+        page.wait_for_selector(".problems li")
+        assert "correlation.subset_size: 22 is even" in page.inner_text(".problems")
+        assert someone.overlaps() == []
+        page.locator("textarea").fill(good)
+        page.get_by_role("button", name="Save").click()
+        page.wait_for_selector("section.region .viewer")
+    assert path.read_text() == good

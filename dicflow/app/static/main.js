@@ -119,9 +119,18 @@ function problems(own) {
   const text = h("textarea", { className: "text", value: app.document.text, spellcheck: false, "aria-label": app.file });
   fill(own, h("div", { className: "page" }, h("h1", {}, `${app.file} is not valid`),
     h("ul", { className: "problems" }, app.document.problems.map((line) => h("li", {}, line))),
-    h("p", {}, "Change it in an editor, then read it again; or undo the last change."),
-    h("div", { className: "row" }, button("Read again", () => changed(true), { className: "main" })),
-    Object.assign(text, { readOnly: true })));
+    h("p", {}, "Mend it here or in an editor, or undo the last change."),
+    text, h("div", { className: "row" }, button("Save", () => rewrite(text.value), { className: "main" }), button("Read again", () => changed(true)))));
+}
+
+/** Write the text of a file that is mended by hand. */
+async function rewrite(text) {
+  try {
+    await ask("rewrite", { file: app.file, digest: app.document.digest, text });
+    await changed(true);
+  } catch (error) {
+    await fail(error);
+  }
 }
 
 function onKey(event) {
