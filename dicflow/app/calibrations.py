@@ -75,7 +75,7 @@ def _pairs(rig: CalibratedRig, boards: Sequence[BoardMarks], target: Target) -> 
     if not seen:
         return pairs
     marks = {side: np.stack([boards[k][side] for k in seen]) for side in _SIDES}
-    errors = _least_residuals(rig, target, marks)
+    errors = _residuals(rig, target, marks, np.array([bool(pairs[k].get("turned")) for k in seen]))
     for number, k in enumerate(seen):
         for camera, side in enumerate(_SIDES):
             shown = np.isfinite(marks[side][number, :, 0])
@@ -86,22 +86,23 @@ def _pairs(rig: CalibratedRig, boards: Sequence[BoardMarks], target: Target) -> 
     return pairs
 
 
-def _least_residuals(rig: CalibratedRig, target: Target, marks: Mapping[str, np.ndarray]) -> list[list[np.ndarray]]:
-    """Residuals (m, 2) of each pair, left and right [px], for the order of the right marks that fits best.
+def _residuals(
+    rig: CalibratedRig, target: Target, marks: Mapping[str, np.ndarray], turned: np.ndarray
+) -> list[np.ndarray]:
+    """Residuals (2, m, 2) of each pair, left and right [px].
 
-    A detector may return the marks of the right photograph in the order of the board turned in its plane.
+    turned : pairs whose right marks were detected in the order of the board turned in its plane; of these orders the
+        one that fits best counts
     """
-    found: list[list[np.ndarray]] = [[] for _ in marks["left"]]
-    least = np.full(len(found), np.inf)
-    for order in target.orders:
-        right = marks["right"][:, order]
-        bundle = fitted_boards(rig.cameras, target.points, marks["left"], right)
-        errors = residuals(bundle, target.points, marks["left"], right)
-        back = np.argsort(order)
-        for k, (left_error, right_error) in enumerate(errors):
-            size = float(np.nanmean(np.hypot(*np.moveaxis(errors[k], -1, 0))))
-            if size < least[k]:
-                least[k], found[k] = size, [left_error, right_error[back]]
+    found: list[np.ndarray] = [np.full((2, *target.points[:, :2].shape), np.inf)] * len(turned)
+    for number, order in enumerate(target.orders):
+        chosen = np.flatnonzero(turned | (number == 0))
+        left, right = marks["left"][chosen], marks["right"][chosen][:, order]
+        errors = residuals(fitted_boards(rig.cameras, target.points, left, right), target.points, left, right)
+        errors[:, 1] = errors[:, 1][:, np.argsort(order)]
+        for k, error in zip(chosen, errors, strict=True):
+            if np.nanmean(np.abs(error)) < np.nanmean(np.abs(found[k])):
+                found[k] = error
     return found
 
 
