@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike
 
-from dicflow.core.arrays import Array
+from dicflow.core.arrays import Array, Mask
 
-__all__ = ["congruent", "inverse", "symmetric", "upper_triangle"]
+__all__ = ["congruent", "inverse", "on_grid", "symmetric", "upper_triangle"]
 
 
 def inverse(matrices: Array) -> Array:
@@ -51,3 +51,10 @@ def upper_triangle(matrices: Array) -> Array:
     """Upper triangles of symmetric matrices: the inverse of :func:`symmetric`."""
     row, col = np.triu_indices(matrices.shape[-1])
     return matrices[..., row, col]
+
+
+def on_grid(values: Array, known: Mask) -> Array:
+    """Values (n, ...) of the n known points of a grid on the whole of it, NaN elsewhere. known : (row, col) bool"""
+    full = np.full((*known.shape, *values.shape[1:]), np.nan)
+    full[known] = values
+    return full

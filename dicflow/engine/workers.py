@@ -32,7 +32,7 @@ _ROOM = 66_000
 """Size of a frame that begins a piece of memory of 1 MB [words of 8 bytes]."""
 
 _TRIM_THRESHOLD, _MMAP_THRESHOLD, _ARENA_MAX = -1, -3, -8
-_KEPT_BYTES = 256 * 1024 * 1024
+_KEPT_BYTES = 128 * 1024 * 1024
 _ALLOCATOR = {_TRIM_THRESHOLD: _KEPT_BYTES, _MMAP_THRESHOLD: _KEPT_BYTES, _ARENA_MAX: 1}
 """Options of the C library's mallopt: freed memory is kept up to so many bytes, in one place for all threads. Fetching
 it page by page for every array costs more than using it."""

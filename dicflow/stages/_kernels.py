@@ -61,7 +61,8 @@ def _correlation() -> None:
     import numpy as np
 
     from dicflow.core.correlation.follow import correlate_field
-    from dicflow.core.correlation.misfit import residuals
+    from dicflow.core.correlation.light import light_shift
+    from dicflow.core.correlation.residuals import residuals
     from dicflow.core.correlation.subsets import Subset, describe
     from dicflow.core.correlation.template import template
     from dicflow.core.correlation.uneven import uneven_variance
@@ -76,7 +77,9 @@ def _correlation() -> None:
     describe(reference, None, grid.reshape(-1, 2), Subset(11))
     correlate_field(reference, photograph, grid, starts, Subset(11))
     centres = grid.reshape(-1, 2).astype(np.int64)
-    uneven_variance(residuals(reference, photograph, centres, identity(centres), Subset(11)), 11)
+    fit = residuals(reference, photograph, centres, identity(centres), Subset(11))
+    uneven_variance(fit, 11)
+    light_shift(fit, np.ones(len(centres), dtype=bool), 11)
     interpolate(photograph, grid)
 
 
@@ -110,10 +113,10 @@ def _polynomials() -> None:
 def _strain() -> None:
     import numpy as np
 
-    from dicflow.core.strain.deformation_gradient import slope_covariance
+    from dicflow.core.strain.deformation_gradient import slope_covariances
     from dicflow.core.uncertainty.overlap import overlap
 
-    slope_covariance(np.ones((5, 5)), np.ones((5, 5)), overlap(11, 5.0), (3, 3), 1)
+    slope_covariances(np.ones((5, 5)), np.ones((5, 5)), [overlap(11, 5.0)], (3, 3), 1)
 
 
 def _disparity() -> None:

@@ -153,9 +153,15 @@ class Deformation(Node):
 
     def _strains(self, surface: SurfaceGradient) -> dict[str, np.ndarray]:
         """All quantities of the deformation gradient, and σ of each."""
-        values = self._measures().values(surface.gradient)
-        deviations = self._measures().sigmas(surface.gradient, surface.covariance)
-        return {**values, **{f"sigma_{name}": part for name, part in deviations.items()}}
+        import numpy as np
+
+        from dicflow.core.tensors import on_grid
+
+        known = np.asarray(np.isfinite(surface.gradient).all(axis=(-1, -2)))
+        gradient, measures = surface.gradient[known], self._measures()
+        deviations = measures.sigmas(gradient, surface.covariance[known])
+        found = {**measures.values(gradient), **{f"sigma_{name}": part for name, part in deviations.items()}}
+        return {name: on_grid(values, known) for name, values in found.items()}
 
     def _measures(self) -> GradientMeasures:
         """The measures of deformation gradients."""

@@ -233,11 +233,8 @@ def _background(photographs: Images, early: Iterable[Images], texture: Texture) 
 
     hidden = _hidden(photographs, texture)
     seen = speckled_points(texture) & ~hidden
-    for later in early:
-        still = still_background(photographs.left, later.left, seen)
-        if still is not None:
-            return hidden | still
-    return hidden
+    still = still_background(photographs.left, (later.left for later in early), seen)
+    return hidden if still is None else hidden | still
 
 
 def _hidden(photographs: Images, texture: Texture) -> np.ndarray:

@@ -88,7 +88,7 @@ class Stereo(SubsetSearch):
             "gaussian", "min_share", "max_iterations", "tolerance", "smoothing", "misfit", "reference",
         )
     }  # fmt: skip
-    impl_version: ClassVar = 5
+    impl_version: ClassVar = 6
 
     stage: Literal["stereo"] = "stereo"
     match: Literal["every_step", "first_step"] = parameter(

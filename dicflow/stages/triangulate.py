@@ -37,7 +37,7 @@ class Triangulate(Node):
         "rig": Port("rig"),
     }
     gives: ClassVar = "points"
-    impl_version: ClassVar = 5
+    impl_version: ClassVar = 6
 
     stage: Literal["triangulate"] = "triangulate"
 

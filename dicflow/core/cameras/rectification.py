@@ -18,6 +18,7 @@ from dicflow.core.cameras.camera import Camera, Rig, distort, homogeneous, undis
 
 __all__ = [
     "Rectification",
+    "covered",
     "photograph_outline",
     "raw_to_rectified",
     "rectification",
@@ -102,6 +103,13 @@ def rectify(image: Grey, camera: Camera, rotation: Array, matrix: Array, size: t
     """
     x, y = _places(camera, rotation, matrix, size)
     return np.asarray(cv2.remap(image, x, y, cv2.INTER_LANCZOS4, borderMode=cv2.BORDER_CONSTANT, borderValue=0))
+
+
+def covered(camera: Camera, rotation: Array, matrix: Array, size: tuple[int, int]) -> Mask:
+    """Which pixels (height, width) of a rectified image show the photograph; parameters as for :func:`rectify`."""
+    x, y = _places(camera, rotation, matrix, size)
+    width, height = camera.size
+    return np.asarray((x >= -0.5) & (x <= width - 0.5) & (y >= -0.5) & (y <= height - 0.5))
 
 
 def rectify_counts(counts: Mask, camera: Camera, rotation: Array, matrix: Array, size: tuple[int, int]) -> Mask:

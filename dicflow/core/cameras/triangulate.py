@@ -19,11 +19,14 @@ from numpy.typing import ArrayLike
 
 from dicflow.core.arrays import Array, Mask
 from dicflow.core.cameras.camera import Camera, Rig, distortion_slopes, homogeneous, project, to_right, undistort
+from dicflow.core.tensors import on_grid
 
 __all__ = ["Triangulated", "point_covariance", "projection_slopes", "ray_midpoints", "triangulate"]
 
 
-_GAUSS_NEWTON_STEPS = 3
+_GAUSS_NEWTON_STEPS = 4
+_SETTLED = 1e-8
+"""Last step over the distance from the camera. Each is less than a hundredth of the one before."""
 
 
 class Triangulated(NamedTuple):
@@ -60,11 +63,13 @@ def triangulate(
     points = ray_midpoints(rig, measured[:, :2], measured[:, 2:])
     for _ in range(_GAUSS_NEWTON_STEPS):
         gain = _gain(rig, points, weight)
-        points = points + np.einsum("nij,nj->ni", gain, measured - _project(rig, points))
+        step = np.einsum("nij,nj->ni", gain, measured - _project(rig, points))
+        points = points + step
+        if not (np.abs(step) > _SETTLED * np.abs(points[:, 2:])).any():
+            break
     residual = measured - _project(rig, points)
-    gain = _gain(rig, points, weight)
     results = points, np.sqrt(0.5 * np.sum(residual**2, axis=-1)), gain[..., :2], gain[..., 2:]
-    return Triangulated._make(_scatter(part, known) for part in results)
+    return Triangulated._make(on_grid(part, known) for part in results)
 
 
 def point_covariance(by_pixel: Array, covariance: ArrayLike) -> Array:
@@ -144,10 +149,3 @@ def _covariance_matrices(covariance: ArrayLike) -> Array:
 def _stack_matrix(rows: tuple[tuple[Array, ...], ...]) -> Array:
     """Matrices (..., i, j) from their elements (...), given by rows."""
     return np.stack([np.stack(row, axis=-1) for row in rows], axis=-2)
-
-
-def _scatter(values: Array, known: Mask) -> Array:
-    """Values (n, ...) of the known points at their indices, NaN at all others."""
-    full = np.full((*known.shape, *values.shape[1:]), np.nan)
-    full[known] = values
-    return full

@@ -21,7 +21,8 @@ import numpy as np
 
 from dicflow.core.arrays import Array, Index, Mask
 from dicflow.core.correlation.follow import Field
-from dicflow.core.correlation.misfit import Residuals, residuals
+from dicflow.core.correlation.light import light_shift
+from dicflow.core.correlation.residuals import residuals
 from dicflow.core.correlation.subsets import Subset
 from dicflow.core.correlation.template import Template
 from dicflow.core.correlation.uneven import uneven_variance
@@ -52,8 +53,6 @@ _BLOCK = 16
 """Side of the squares of points that have a usual residual of their own."""
 _CHUNK = 64
 """Subsets that are computed at once."""
-_RIDGE = 1e-9
-"""Added to the diagonal of normal equations, which is 1, so that a few pixels too have a solution."""
 
 
 class Edges(NamedTuple):
@@ -98,7 +97,7 @@ def find_edges(
     for at in _chunks(suspect):
         fit = residuals(reference, target, centres[at].astype(np.int64), field.warp[at], subset)
         variance[at] = np.maximum(variance[at], uneven_variance(fit, subset.size))
-        shift, share = _light(fit, near_light[at], subset.size)
+        shift, share = light_shift(fit, near_light[at], subset.size)
         for max_shift, max_share in _LIGHT_LIMITS:
             lost[at] |= (shift > max_shift) & (share > max_share)
         variance[at] += np.where(share > _LIGHT_LIMITS[0][1], shift**2, 0.0)
@@ -137,39 +136,3 @@ def _chunks(mask: Mask) -> Iterator[tuple[Index, ...]]:
     """Indices of the points of a mask, some at a time."""
     points = np.argwhere(mask)
     return (tuple(points[first : first + _CHUNK].T) for first in range(0, len(points), _CHUNK))
-
-
-def _light(fit: Residuals, near: Mask, size: int) -> tuple[Array, Array]:
-    """Shift of the places (n,) by slow changes of the light [px], and their share of the residuals (n,).
-
-    near : (n,) bool — subsets that are computed; the others get zeros
-    """
-    f, residual, weight, jacobian = fit.f[near], fit.residual[near], fit.weight[near], fit.jacobian[:, near]
-    xi, eta = fit.offsets.T / (size // 2)
-    slow = np.stack([xi, eta, xi * xi, xi * eta, eta * eta])[:, None]
-    light = np.concatenate([np.stack([np.ones_like(f), f]), slow + 0.0 * f, slow * f])
-    normal, right, scale = _normal_equations(np.concatenate([jacobian, light]), weight, residual)
-    step, of_light = _solved(normal, right) / scale, slice(len(jacobian), None)
-    alone = _solved(normal[:, of_light, of_light], right[:, of_light])
-    shift, share = np.zeros(len(near)), np.zeros(len(near))
-    shift[near] = np.hypot(step[:, 0], step[:, len(jacobian) // 2])
-    explained = (alone * right[:, of_light]).sum(axis=1)
-    share[near] = explained / np.maximum((weight * residual**2).sum(axis=1), 1e-12)
-    return shift, share
-
-
-def _normal_equations(functions: Array, weight: Array, values: Array) -> tuple[Array, Array, Array]:
-    """Matrices (n, term, term) and right sides (n, term) of functions (term, n, pixel), of size 1 by a scale (n, term).
-
-    weight, values : (n, pixel) — the values are fitted
-    """
-    weighted = np.moveaxis(functions * np.sqrt(weight), 0, 1)
-    products, right = weighted @ np.swapaxes(weighted, -1, -2), weighted @ (np.sqrt(weight) * values)[..., None]
-    scale = np.sqrt(np.maximum(np.diagonal(products, axis1=1, axis2=2), 1e-12))
-    return products / (scale[:, :, None] * scale[:, None]), right[..., 0] / scale, scale
-
-
-def _solved(normal: Array, right: Array) -> Array:
-    """Solutions (n, term); functions that the others express share what they explain."""
-    ridge = _RIDGE * np.eye(normal.shape[1])
-    return np.asarray(np.linalg.solve(normal + ridge, right[..., None])[..., 0])

@@ -131,22 +131,22 @@ class _FieldSearch:
             newly_found = (status == Status.VALID) & ~found_before
 
     def starting_warps(self, points: Index, stride: int, starts: Array) -> Array:
-        """Warps (n, 2, 3) of points (n, 2): predicted by neighbours, or else the start there, or the nearest start."""
+        """Warps (n, 2, 3 or 6) of points (n, 2): by neighbours, or else the start there, or the nearest one."""
         warps = self.predicted_warps(points, stride)
         unknown = np.isnan(warps[:, 0, 0])
-        warps[unknown] = starts[tuple(points[unknown].T)]
+        warps[unknown] = 0.0
+        warps[unknown, :, :3] = starts[tuple(points[unknown].T)]
         unknown = np.isnan(warps[:, 0, 0])
-        warps[unknown] = _nearest(starts, self.grid, self.parts, points[unknown], stride)
+        warps[unknown, :, :3] = _nearest(starts, self.grid, self.parts, points[unknown], stride)
         return warps
 
     def correlate_points(self, points: Index, starts: Array) -> None:
-        """Correlate points (n, 2) of the grid from affine warps (n, 2, 3), except where these are NaN."""
+        """Correlate points (n, 2) of the grid from warps (n, 2, 3 or 6), except where these are NaN."""
         known = np.isfinite(starts).all(axis=(-2, -1))
         rows, cols = points[known].T
-        start = np.zeros((len(rows), 2, TERMS[self.subset.shape_function]))
-        start[..., :3] = starts[known]
+        centres = self.grid[rows, cols]
         found = correlate(
-            self.reference, self.target, self.grid[rows, cols], start, self.subset, self.threads, self.contraction
+            self.reference, self.target, centres, starts[known], self.subset, self.threads, self.contraction
         )
         self.ratios.append(found.contraction[np.isfinite(found.contraction)])
         self.tries[rows, cols] += 1
@@ -169,8 +169,8 @@ class _FieldSearch:
         return found
 
     def predicted_warps(self, points: Index, stride: int) -> Array:
-        """Warps (n, 2, 3) of points (n, 2) from their eight neighbours ``stride`` away; NaN where none is valid."""
-        warps = np.full((len(points), 2, 3), np.nan)
+        """Warps (n, 2, 3 or 6) of points (n, 2) from their eight neighbours ``stride`` away; NaN without any."""
+        warps = np.full((len(points), *self.field.warp.shape[2:]), np.nan)
         _predict_warps(
             np.ascontiguousarray(points),
             self.field.status,
@@ -226,11 +226,12 @@ def _predict_warps(
 ) -> None:
     """Mean of what the warps of the valid ones of eight neighbours predict, weighted by how well these fit."""
     rows, cols = status.shape
-    sums = np.empty((2, 3))
+    terms = out.shape[2]
+    sums = np.empty((2, terms))
     for k in range(len(points)):
         i, j, total = points[k, 0], points[k, 1], 0.0
         for axis in range(2):
-            for term in range(3):
+            for term in range(terms):
                 sums[axis, term] = 0.0
         for a in range(i - stride, i + stride + 1, stride):
             for b in range(j - stride, j + stride + 1, stride):
@@ -241,19 +242,22 @@ def _predict_warps(
                     _add_recentred(warp[a, b], x, y, weight, sums)
         if total > 0.0:
             for axis in range(2):
-                for term in range(3):
+                for term in range(terms):
                     out[k, axis, term] = sums[axis, term] / total
 
 
 @njit(**INNER)
 def _add_recentred(warp: Array, x: float, y: float, weight: float, out: Array) -> None:
-    """Add the weighted affine part of a warp, taken about the point at (x, y) from its centre."""
+    """Add a weighted warp, taken about the point at (x, y) from its centre."""
     for axis in range(2):
         c = warp[axis]
         place, by_x, by_y = c[0] + c[1] * x + c[2] * y, c[1], c[2]
         if len(c) == 6:
             place += c[3] * x * x + c[4] * x * y + c[5] * y * y
             by_x, by_y = by_x + 2.0 * c[3] * x + c[4] * y, by_y + c[4] * x + 2.0 * c[5] * y
+            out[axis, 3] += weight * c[3]
+            out[axis, 4] += weight * c[4]
+            out[axis, 5] += weight * c[5]
         out[axis, 0] += weight * place
         out[axis, 1] += weight * by_x
         out[axis, 2] += weight * by_y

@@ -18,14 +18,14 @@ from typing import NamedTuple
 import cv2
 import numpy as np
 
-from dicflow.core.arrays import Array, Index, Mask
+from dicflow.core.arrays import Array, Index
+from dicflow.core.correlation.residuals import Residuals, residuals
 from dicflow.core.correlation.subsets import Subset
-from dicflow.core.correlation.template import Template, subset_masks
-from dicflow.core.correlation.warp import TERMS, apply_warp
-from dicflow.core.photographs.interpolate import Spline, interpolate
+from dicflow.core.correlation.template import Template
+from dicflow.core.photographs.interpolate import Spline
 from dicflow.core.tensors import upper_triangle
 
-__all__ = ["PlaceCovariances", "Residuals", "misfit_covariance", "place_covariances", "residuals"]
+__all__ = ["PlaceCovariances", "misfit_covariance", "place_covariances"]
 
 
 _WINDOWS, _WINDOW_SIGMA = 5, 0.5
@@ -112,60 +112,15 @@ def place_covariances(
     return found
 
 
-class Residuals(NamedTuple):
-    """The residuals of n subsets and what they are made of, over all pixels of their squares.
-
-    offsets : (pixel, 2) — from the centre [px]
-    f, residual : (n, pixel) — grey levels of the template minus their mean, and minus those of the target
-    weight : (n, pixel) — 0 for pixels that do not count
-    jacobian : (term, n, pixel) — derivatives of the grey levels by the coefficients of the warp in half sides
-    """
-
-    offsets: Index
-    f: Array
-    residual: Array
-    weight: Array
-    jacobian: Array
-
-
-def residuals(reference: Template, target: Spline, centres: Index, warp: Array, subset: Subset) -> Residuals:
-    """Residuals of subsets that were found.
-
-    centres : (n, 2) — whole pixels of the template; warp : (n, 2, 3 or 6)
-    """
-    axis = np.arange(subset.size) - subset.size // 2
-    offsets = np.stack(np.meshgrid(axis, axis), axis=-1).reshape(-1, 2)
-    rows, cols = reference.grey.shape
-    x, y = np.moveaxis(centres[:, None] + offsets, -1, 0)
-    f, by_x, by_y = (part[y.clip(0, rows - 1), x.clip(0, cols - 1)].astype(np.float64) for part in reference[:3])
-    at = apply_warp(warp[:, None], offsets)
-    g = np.nan_to_num(interpolate(target, at).astype(np.float64))
-    weight = (subset_masks(reference, centres, subset.size).reshape(f.shape) & _is_measured(target, at)).astype(float)
-    if subset.gaussian > 0.0:
-        weight = weight * np.exp(-0.5 * (offsets**2).sum(axis=1) / subset.gaussian**2)
-    f, g = (part - _weighted_mean(part, weight)[:, None] for part in (f, g))
-    contrast = np.sqrt(_weighted_mean(f * f, weight) / np.maximum(_weighted_mean(g * g, weight), 1e-12))
-    jacobian = _jacobian(by_x, by_y, offsets / (subset.size // 2), TERMS[subset.shape_function])
-    return Residuals(offsets, f, f - g * contrast[:, None], weight, jacobian)
-
-
 def _inside(reference: Template, target: Spline, centres: Index, warp: Array, subset: Subset) -> PlaceCovariances:
     """The same for subsets that lie in the template and were found."""
-    _, f, residual, weight, jacobian = residuals(reference, target, centres, warp, subset)
+    fit = residuals(reference, target, centres, warp, subset)
+    f, residual, weight = (part.astype(np.float64) for part in (fit.f, fit.residual, fit.weight))
+    jacobian = _jacobian(fit, subset.size)
     for brightness in (np.ones_like(f), f):
         part = _weighted_mean(jacobian * brightness, weight) / _weighted_mean(brightness * brightness, weight)
         jacobian = jacobian - part[..., None] * brightness
     return _sandwich(jacobian, weight, residual, _windows(subset.size))
-
-
-def _is_measured(target: Spline, places: Array) -> Mask:
-    """Whether the four pixels around places (..., 2) of a target are measured."""
-    if target.measured is None:
-        return np.ones(places.shape[:-1], dtype=np.bool_)
-    rows, cols = target.measured.shape
-    x, y = np.moveaxis(np.nan_to_num(np.floor(places)).astype(np.int64), -1, 0)
-    inside = [target.measured[(y + i).clip(0, rows - 1), (x + j).clip(0, cols - 1)] for i in (0, 1) for j in (0, 1)]
-    return np.asarray(np.all(inside, axis=0))
 
 
 def _weighted_mean(values: Array, weight: Array) -> Array:
@@ -173,11 +128,11 @@ def _weighted_mean(values: Array, weight: Array) -> Array:
     return np.asarray((values * weight).sum(axis=-1) / np.maximum(weight.sum(axis=-1), 1e-12))
 
 
-def _jacobian(by_x: Array, by_y: Array, offsets: Array, terms: int) -> Array:
+def _jacobian(fit: Residuals, size: int) -> Array:
     """Derivatives (term, n, pixel) of the grey levels by the coefficients of the warp, of x before those of y."""
-    xi, eta = offsets.T
-    monomials = [np.ones_like(xi), xi, eta, xi * xi, xi * eta, eta * eta][:terms]
-    return np.asarray(np.stack([slope * part for slope in (by_x, by_y) for part in monomials]))
+    eta, xi = (np.mgrid[:size, :size].reshape(2, -1) - size // 2) / (size // 2)
+    monomials = [np.ones_like(xi), xi, eta, xi * xi, xi * eta, eta * eta][: fit.terms]
+    return np.asarray(np.stack([slope * part for slope in (fit.by_x, fit.by_y) for part in monomials]))
 
 
 def _windows(size: int) -> Array:

@@ -14,7 +14,14 @@ import numpy as np
 
 from dicflow.core.arrays import Array, Grey, Image, Mask
 from dicflow.core.cameras.camera import Rig
-from dicflow.core.cameras.rectification import Rectification, raw_to_rectified, rectification, rectified_to_raw, rectify
+from dicflow.core.cameras.rectification import (
+    Rectification,
+    covered,
+    raw_to_rectified,
+    rectification,
+    rectified_to_raw,
+    rectify,
+)
 from dicflow.core.matching.pairs import agreeing_matches, local_motion
 
 __all__ = ["MIN_PARTNERS", "Partners", "find_partners", "right_of_left", "starting_warps"]
@@ -147,8 +154,7 @@ def _rectified_view(rig: Rig, strip: Rectification, left: Grey, right: Grey, sca
         rectify(smooth(left), rig.left, strip.rotation_left, strip.matrix_left, strip.size),
         rectify(smooth(right), rig.right, strip.rotation_right, strip.matrix_right, strip.size),
     )
-    whole = np.full(left.shape, 255, dtype=np.uint8)
-    return _View(*views, rectify(whole, rig.left, strip.rotation_left, strip.matrix_left, strip.size) > 127)
+    return _View(*views, covered(rig.left, strip.rotation_left, strip.matrix_left, strip.size))
 
 
 def _matched_places(view: _View, places: Array, half: int, width_factor: float) -> Array:

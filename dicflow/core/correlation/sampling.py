@@ -15,9 +15,18 @@ from numba import njit
 
 from dicflow.core.arrays import Array, Counts, Image, Index
 from dicflow.core.kernels import INNER
-from dicflow.core.photographs.interpolate import FAST_MATH, PAD, Weights, quintic_weights
+from dicflow.core.photographs.interpolate import FAST_MATH, PAD, Weights, bicubic, biquintic, quintic_weights
 
-__all__ = ["LANES", "Places", "copy_patch", "first_coefficient", "locate_pixels", "new_places", "sample_runs"]
+__all__ = [
+    "LANES",
+    "Places",
+    "copy_patch",
+    "first_coefficient",
+    "locate_pixels",
+    "new_places",
+    "sample_runs",
+    "sample_scattered",
+]
 
 LANES = 16
 """Pixels that are sampled at once."""
@@ -138,6 +147,20 @@ def sample_runs(degree: int, c: Array, half: int, row_rest: Counts, n: int, plac
         at = np.uint64((int(y) - top) * STRIDE + int(x) - left)
         _sample(at, degree, x, y, np.uint64(k), places)
         k += min(run, int(row_rest[k]))
+
+
+@njit(error_model="numpy", **INNER)
+def sample_scattered(coefficients: Image, c: Array, degree: int, n: int, places: Places) -> None:
+    """Set the grey levels of n pixels that were located by a warp c (2, 6), one by one."""
+    flat, width = coefficients.ravel(), coefficients.shape[1]
+    first = first_coefficient(c, width, degree)
+    for k in range(n):
+        x, y = np.floor(places.x[k]), np.floor(places.y[k])
+        at, t, s = np.uint64(first + int(y) * width + int(x)), places.x[k] - x, places.y[k] - y
+        if degree == 3:
+            places.g[k] = bicubic(flat, at, np.uint64(width), t, s)
+        else:
+            places.g[k] = biquintic(flat, at, np.uint64(width), t, s)
 
 
 @njit(error_model="numpy", **INNER)

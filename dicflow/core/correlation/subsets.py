@@ -47,7 +47,7 @@ from dicflow.core.photographs.interpolate import Spline
 from dicflow.core.status import Status
 from dicflow.core.threads import over
 
-__all__ = ["Correlated", "Subset", "correlate", "describe"]
+__all__ = ["Correlated", "Subset", "correlate", "describe", "pixel_weights"]
 
 
 _CHUNK = 512
@@ -136,7 +136,7 @@ def correlate(
     found, photograph = _untracked(start), (target.coefficients, kernel_mask(target.measured))
     whole_pixels, weight, control = (
         centres.astype(np.int64),
-        _weight(subset),
+        pixel_weights(subset),
         _control(subset, target.degree, contraction),
     )
 
@@ -161,7 +161,7 @@ def describe(
     _check_size(subset)
     start = identity(centres, subset.shape_function)  # type: ignore[arg-type]
     found, counts = _untracked(start), kernel_mask(measured)
-    whole_pixels, weight, control = centres.astype(np.int64), _weight(subset), _control(subset, 0, 1.0)
+    whole_pixels, weight, control = centres.astype(np.int64), pixel_weights(subset), _control(subset, 0, 1.0)
 
     def describe_chunk(chunk: slice) -> None:
         results = Correlated._make(field[chunk] for field in found)
@@ -207,7 +207,7 @@ def _untracked(start: Array) -> Correlated:
     )
 
 
-def _weight(subset: Subset) -> Image:
+def pixel_weights(subset: Subset) -> Image:
     """Weight of each pixel of a whole subset (size, size)."""
     if subset.gaussian <= 0.0:
         return np.ones((subset.size, subset.size), dtype=np.float32)

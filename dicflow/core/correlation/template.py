@@ -12,7 +12,7 @@ import cv2
 import numpy as np
 from numba import njit
 
-from dicflow.core.arrays import Array, Bytes, Counts, Image, Index, Mask
+from dicflow.core.arrays import Array, Bytes, Counts, Image, Mask
 from dicflow.core.correlation.subset_sums import Pixels
 from dicflow.core.kernels import INNER
 from dicflow.core.photographs.interpolate import Spline, slopes
@@ -29,7 +29,6 @@ __all__ = [
     "kernel_mask",
     "lay_out",
     "shows_measured",
-    "subset_masks",
     "template",
 ]
 
@@ -247,21 +246,6 @@ def keep_measured(p: Pixels, n: int, c: Array, half: int, measured: Mask) -> int
         p.xi[kept], p.eta[kept], p.w[kept] = p.xi[k], p.eta[k], p.w[k]
         kept += 1
     return kept
-
-
-@njit(cache=True, nogil=True, error_model="numpy")
-def subset_masks(reference: Template, centres: Index, size: int) -> Mask:
-    """Pixels (n, size, size) that the subsets around whole pixels (n, 2) have."""
-    masks = np.zeros((len(centres), size, size), dtype=np.bool_)
-    square, half = np.zeros((size, size), dtype=np.uint8), size // 2
-    for k in range(len(centres)):
-        col, row = centres[k, 0], centres[k, 1]
-        _mark_part(reference.region, row, col, square)
-        for i in range(size):
-            for j in range(size):
-                if square[i, j] == _IN_PART:
-                    masks[k, i, j] = reference.usable[row + i - half, col + j - half]
-    return masks
 
 
 @njit(error_model="numpy", **INNER)

@@ -13,12 +13,13 @@ The parts are cells, squares of cells, and halves; what disturbs a subset is abo
 
 from __future__ import annotations
 
+from functools import cache
+
 import numpy as np
 from numba import njit
 
 from dicflow.core.arrays import Array, Image, Index, Mask
-from dicflow.core.cholesky import factorise, solve
-from dicflow.core.correlation.misfit import Residuals
+from dicflow.core.correlation.residuals import Residuals
 from dicflow.core.kernels import INNER
 from dicflow.core.photographs.interpolate import FAST_MATH
 
@@ -46,14 +47,21 @@ def uneven_variance(fit: Residuals, size: int) -> Array:
 
     size : side of the subsets [px]
     """
-    cell = ((fit.offsets + size // 2) * _CELLS // size) @ [1, _CELLS]
-    by_cell = np.argsort(cell, kind="stable")
-    first = np.searchsorted(cell[by_cell], np.arange(_CELLS**2 + 1))
-    columns = np.concatenate([fit.jacobian, np.stack([np.ones_like(fit.f), fit.f, fit.residual])])
-    weighted = (np.sqrt(fit.weight) * columns)[..., by_cell].transpose(1, 0, 2)
-    spread = np.zeros(len(fit.f))
-    _spread(np.ascontiguousarray(weighted, dtype=np.float32), first, _PARTS, _GROUPS, spread)
-    return spread
+    variance = np.zeros(len(fit.f))
+    _spread(fit, _pixels_by_cell(size), size // 2, _CELLS_OF_PARTS, _GROUPS, variance)
+    return variance
+
+
+@cache
+def _pixels_by_cell(size: int) -> Index:
+    """Numbers of the pixels in each cell (cell, most), filled up by −1."""
+    band = np.arange(size) * _CELLS // size
+    cell = (band[:, None] * _CELLS + band).reshape(-1)
+    counts = np.bincount(cell, minlength=_CELLS**2)
+    table = np.full((_CELLS**2, int(counts.max())), -1)
+    for k in range(_CELLS**2):
+        table[k, : counts[k]] = np.flatnonzero(cell == k)
+    return table
 
 
 def _parts() -> tuple[Mask, Index]:
@@ -70,37 +78,152 @@ def _parts() -> tuple[Mask, Index]:
 
 
 _PARTS, _GROUPS = _parts()
+_CELLS_OF_PARTS = np.array(
+    [np.pad(np.flatnonzero(part), (0, _CELLS**2 - part.sum()), constant_values=-1) for part in _PARTS]
+)
+"""Numbers of the cells of each part (part, cell), filled up by −1."""
 _FIRST_HALF = int(_GROUPS.max()) - 7
 """First group of the halves."""
+_LANES = 64
+"""Systems of equations that are solved side by side: one without each part, and that of all pixels."""
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _spread(columns: Image, first: Index, parts: Mask, groups: Index, spread: Array) -> None:
+def _spread(fit: Residuals, pixels: Index, half: int, cells: Index, groups: Index, spread: Array) -> None:
     """The loop of :func:`uneven_variance` over subsets.
 
-    columns : (n, term, pixel) — derivatives by the warp, 1, grey levels and residuals, times the roots of weights
-    first : (cell + 1,) — first pixel of each cell
+    pixels : (cell, most) — of each cell; cells : (part, cell) — of each part; both filled up by −1
     """
-    terms = columns.shape[1] - 1
-    sums, rest = np.empty((len(first), terms + 1, terms + 1)), np.empty((terms + 1, terms + 1))
-    rows, whole, place = np.empty((2, terms)), np.empty((2, 2)), np.empty((2, 2))
+    terms, padded = 2 * fit.terms + 2, -(-pixels.shape[1] // 16) * 16
+    columns = np.zeros((len(pixels), terms + 1, padded), dtype=np.float32)
+    sums, total = np.empty((len(pixels), _pairs(terms + 1))), np.empty(_pairs(terms + 1))
+    lanes, usable, places = np.empty((len(total), _LANES)), np.empty(_LANES, dtype=np.bool_), np.empty((4, _LANES))
     shifts, expected = np.empty(int(groups.max()) + 1), np.empty(int(groups.max()) + 1)
-    for k in range(len(columns)):
-        _products(columns[k], first, sums)
-        _leave_out(sums, parts[0], 0, rest)
-        if not _place(rest, rows, whole):
-            continue
-        for group in range(len(shifts)):
-            shifts[group], expected[group] = 0.0, 0.0
-        variance = sums[-1, terms, terms] / sums[-1, terms - 2, terms - 2]
-        for b in range(len(parts)):
-            if not (_leave_out(sums, parts[b], len(first) - 1, rest) and _place(rest, rows, place)):
-                continue
-            if place[0, 1] + place[1, 1] < _MAX_RATIO * (whole[0, 1] + whole[1, 1]):
-                for axis in range(2):
-                    shifts[groups[b]] += (place[axis, 0] - whole[axis, 0]) ** 2
-                    expected[groups[b]] += variance * (place[axis, 1] - whole[axis, 1])
-        spread[k] = _largest(shifts, expected)
+    for k in range(len(fit.f)):
+        _set_columns(fit, k, pixels, half, columns)
+        _products(columns, sums, total)
+        _leave_out(sums, total, cells, lanes)
+        _solve_lanes(lanes, terms, usable, places)
+        if usable[len(cells)]:
+            _sum_shifts(places, usable, total, groups, shifts, expected)
+            spread[k] = _largest(shifts, expected)
+
+
+@njit(error_model="numpy", **INNER)
+def _pairs(n: int) -> int:
+    """Number of elements of a lower triangle."""
+    return n * (n + 1) // 2
+
+
+@njit(error_model="numpy", **INNER)
+def _set_columns(fit: Residuals, k: int, pixels: Index, half: int, columns: Image) -> None:
+    """The columns of the normal equations of the k-th subset, times the roots of weights: (cell, term, pixel).
+
+    Brightness and contrast come first, the coefficients of the warp except those of the centre, then these, of x and
+    of y, and at last the residuals.
+    """
+    side, terms = 2 * half + 1, fit.terms
+    for cell in range(len(pixels)):
+        out = columns[cell]
+        for i in range(pixels.shape[1]):
+            at = pixels[cell, i]
+            root = np.sqrt(fit.weight[k, at]) if at >= 0 else np.float32(0.0)
+            xi, eta = np.float32((at % side - half) / half), np.float32((at // side - half) / half)
+            x, y = root * fit.by_x[k, at], root * fit.by_y[k, at]
+            out[0, i], out[1, i], out[2 * terms + 2, i] = root, root * fit.f[k, at], root * fit.residual[k, at]
+            out[2, i], out[3, i], out[terms + 1, i], out[terms + 2, i] = x * xi, x * eta, y * xi, y * eta
+            if terms == 6:
+                out[4, i], out[5, i], out[6, i] = x * xi * xi, x * xi * eta, x * eta * eta
+                out[9, i], out[10, i], out[11, i] = y * xi * xi, y * xi * eta, y * eta * eta
+            out[2 * terms, i], out[2 * terms + 1, i] = x, y
+
+
+@njit(fastmath=FAST_MATH, error_model="numpy", **INNER)
+def _products(columns: Image, sums: Array, total: Array) -> None:
+    """Lower triangles of the products of all columns: over each cell (cell, pair), and over all (pair,)."""
+    for pair in range(len(total)):
+        total[pair] = 0.0
+    for cell in range(len(columns)):
+        pair = 0
+        for i in range(columns.shape[1]):
+            for j in range(i + 1):
+                product = np.float32(0.0)
+                for p in range(columns.shape[2]):
+                    product += columns[cell, i, p] * columns[cell, j, p]
+                sums[cell, pair] = product
+                total[pair] += product
+                pair += 1
+
+
+@njit(error_model="numpy", **INNER)
+def _leave_out(sums: Array, total: Array, cells: Index, lanes: Array) -> None:
+    """Products without each part, and in the next lane all of them, into ``lanes`` (pair, lane)."""
+    rest = np.empty(len(total))
+    for lane in range(_LANES):
+        rest[:] = total
+        if lane < len(cells):
+            for c in cells[lane]:
+                if c < 0:
+                    break
+                for pair in range(len(rest)):
+                    rest[pair] -= sums[c, pair]
+        for pair in range(len(rest)):
+            lanes[pair, lane] = rest[pair]
+
+
+@njit(fastmath=FAST_MATH, error_model="numpy", **INNER)
+def _solve_lanes(a: Array, terms: int, usable: Mask, places: Array) -> None:
+    """Shifts of the centre along x and y, and their variances for noise of one grey level, into ``places`` (4, lane).
+
+    a : (pair, lane) — normal equations, replaced by Cholesky's factors; the right side is the last row, the centre's
+        coefficients are the two before it
+    usable : (lane,) — set to False where too few pixels are left, or these determine no place
+    """
+    for lane in range(_LANES):
+        usable[lane] = a[0, lane] > _MIN_SHARE * a[0, _LANES - 1]
+    pivot = np.empty(_LANES)
+    for j in range(terms):
+        first, jj = _pairs(j), _pairs(j) + j
+        for lane in range(_LANES):
+            pivot[lane] = a[jj, lane]
+        for k in range(j):
+            _subtract(a, jj, first + k, first + k)
+        for lane in range(_LANES):
+            is_firm = a[jj, lane] > _MIN_PIVOT_SHARE * pivot[lane]
+            usable[lane] &= is_firm
+            a[jj, lane] = 1.0 / np.sqrt(a[jj, lane] if is_firm else 1.0)
+        for i in range(j + 1, terms + 1):
+            for k in range(j):
+                _subtract(a, _pairs(i) + j, _pairs(i) + k, first + k)
+            for lane in range(_LANES):
+                a[_pairs(i) + j, lane] *= a[jj, lane]
+    x, y, right = _pairs(terms - 2), _pairs(terms - 1), _pairs(terms)
+    for lane in range(_LANES):
+        pivot_x, pivot_y, across = a[x + terms - 2, lane], a[y + terms - 1, lane], a[y + terms - 2, lane]
+        places[1, lane] = a[right + terms - 1, lane] * pivot_y
+        places[0, lane] = (a[right + terms - 2, lane] - across * places[1, lane]) * pivot_x
+        places[2, lane] = pivot_x * pivot_x * (1.0 + (across * pivot_y) ** 2)
+        places[3, lane] = pivot_y * pivot_y
+
+
+@njit(fastmath=FAST_MATH, error_model="numpy", **INNER)
+def _subtract(a: Array, target: int, first: int, second: int) -> None:
+    """Subtract the product of two elements from a third one, in all lanes."""
+    for lane in range(_LANES):
+        a[target, lane] -= a[first, lane] * a[second, lane]
+
+
+@njit(error_model="numpy", **INNER)
+def _sum_shifts(places: Array, usable: Mask, total: Array, groups: Index, shifts: Array, expected: Array) -> None:
+    """Set the sums of squares of the shifts without the parts of each group, and what noise makes of them."""
+    whole, variance = len(groups), total[-1] / total[0]
+    for group in range(len(shifts)):
+        shifts[group], expected[group] = 0.0, 0.0
+    for b in range(len(groups)):
+        if usable[b] and places[2, b] + places[3, b] < _MAX_RATIO * (places[2, whole] + places[3, whole]):
+            for axis in range(2):
+                shifts[groups[b]] += (places[axis, b] - places[axis, whole]) ** 2
+                expected[groups[b]] += variance * (places[2 + axis, b] - places[2 + axis, whole])
 
 
 @njit(error_model="numpy", **INNER)
@@ -111,56 +234,3 @@ def _largest(shifts: Array, expected: Array) -> float:
         if shifts[group] > _LIMITS[min(group, 2)] * expected[group]:
             largest = max(largest, (1.0 if group < _FIRST_HALF else _HALVES_SHARE) * shifts[group])
     return largest
-
-
-@njit(error_model="numpy", **INNER)
-def _leave_out(sums: Array, part: Mask, cells: int, rest: Array) -> bool:
-    """The products over all pixels without a part's among the first cells, into ``rest``; False where few are left."""
-    size = len(rest)
-    for i in range(size):
-        for j in range(i + 1):
-            rest[i, j] = sums[-1, i, j]
-    for c in range(cells):
-        if part[c]:
-            for i in range(size):
-                for j in range(i + 1):
-                    rest[i, j] -= sums[c, i, j]
-    ones = size - 3
-    return bool(rest[ones, ones] > _MIN_SHARE * sums[-1, ones, ones])
-
-
-@njit(fastmath=FAST_MATH, error_model="numpy", **INNER)
-def _products(columns: Image, first: Index, sums: Array) -> None:
-    """Products of columns (term, pixel) over each cell, then over all: lower triangles (cell + 1, term, term)."""
-    for i in range(len(columns)):
-        for j in range(i + 1):
-            sums[-1, i, j] = 0.0
-    for c in range(len(first) - 1):
-        for i in range(len(columns)):
-            for j in range(i + 1):
-                product = np.float32(0.0)
-                for p in range(first[c], first[c + 1]):
-                    product += columns[i, p] * columns[j, p]
-                sums[c, i, j] = product
-                sums[-1, i, j] += product
-
-
-@njit(error_model="numpy", **INNER)
-def _place(products: Array, rows: Array, out: Array) -> bool:
-    """Shift of the centre along x and y, and its variance for noise of one grey level, into ``out`` (2, 2).
-
-    products : (terms + 1, terms + 1) — of the columns; replaced by a factor
-    Returns False where the pixels do not determine a place.
-    """
-    terms = len(products) - 1
-    if not factorise(products[:terms, :terms], _MIN_PIVOT_SHARE):
-        return False
-    for axis in range(2):
-        centre = axis * (terms - 2) // 2
-        for i in range(terms):
-            rows[axis, i] = 1.0 if i == centre else 0.0
-        solve(products[:terms, :terms], rows[axis])
-        out[axis, 0], out[axis, 1] = 0.0, rows[axis, centre]
-        for i in range(terms):
-            out[axis, 0] += rows[axis, i] * products[terms, i]
-    return True

@@ -10,6 +10,7 @@ background.
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from typing import NamedTuple
 
 import cv2
@@ -85,17 +86,19 @@ class _Borders(NamedTuple):
     inward: Array
 
 
-def still_background(first: Grey, later: Grey, textured: Mask) -> Mask | None:
+def still_background(first: Grey, later: Iterable[Grey], textured: Mask) -> Mask | None:
     """Points of the pattern that are background, (rows, cols) bool; None where the motion is too small to tell.
 
-    first, later : (height, width), of one size; large ones, and those of a coarse pattern, are reduced first
+    first : (height, width); a large photograph, and one of a coarse pattern, is reduced first
+    later : photographs of this size, of which the first with enough motion counts
     textured : (rows, cols) — points that show a pattern, on a grid over the whole photograph
     """
     scale = _working_scale(first, textured)
-    before, after = (reduced(to_8bit(image), scale) for image in (first, later))
+    before = reduced(to_8bit(first), scale)
     size = len(range(0, before.shape[1], _GRID_PX)), len(range(0, before.shape[0], _GRID_PX))
     seen = cv2.resize(textured.astype(np.uint8), size, interpolation=cv2.INTER_NEAREST) > 0
-    found = still_part(estimate_motion(before, after, seen), seen)
+    motions = (estimate_motion(before, reduced(to_8bit(image), scale), seen) for image in later)
+    found = next((part for part in (still_part(motion, seen) for motion in motions) if part is not None), None)
     if found is None:
         return None
     wide = cv2.dilate(found.astype(np.uint8), _SQUARE) if scale < 1.0 else found.astype(np.uint8)

@@ -25,7 +25,7 @@ from dicflow.core.arrays import Array, Mask
 from dicflow.core.kernels import INNER
 from dicflow.core.strain.surface_strain import deformation_gradient, jacobian, tangent_basis
 from dicflow.core.surfaces.filters import slope_weights
-from dicflow.core.tensors import inverse
+from dicflow.core.tensors import inverse, on_grid
 from dicflow.core.uncertainty.covariance import displacement_covariance
 from dicflow.core.uncertainty.overlap import Overlap
 
@@ -34,7 +34,7 @@ __all__ = [
     "SurfaceGradient",
     "gradient_response",
     "pixel_size_mm",
-    "slope_covariance",
+    "slope_covariances",
     "surface_gradient",
     "vsg_px",
 ]
@@ -98,23 +98,22 @@ def surface_gradient(
     min_share : share of a window's points that must have a value
     wanted : (row, col) bool — points to compute, n of them; the fields are (n, …) then. None for all
     """
-    at = slice(None) if wanted is None else wanted
     whole = np.sum([share.covariance for share in errors], axis=0)
     sigma = np.sqrt(np.trace(displacement_covariance(whole), axis1=-2, axis2=-1))
     known = np.asarray(np.isfinite(reference + deformed).all(axis=-1) & np.isfinite(sigma))
+    at = known if wanted is None else wanted
     before, after = (np.where(known[..., None], points, np.nan) for points in (reference, deformed))
     weights = np.where(known, 1.0 / np.maximum(sigma, 1e-12) ** 2, 0.0)
     weights /= max(float(weights.max(initial=0.0)), 1e-300)
     before, after = (jacobian(points, window, degree, weights, min_share)[at] for points in (before, after))
-    gradient = deformation_gradient(before, after)
     response, scatter = gradient_response(before, after), np.where(known, sigma, 0.0)
+    slopes = slope_covariances(weights, scatter, [share.rho for share in errors], window, degree, at)
     parts = [
-        _gradient_covariance(
-            response, slope_covariance(weights, scatter, rho, window, degree, wanted)[at], covariance[at]
-        )
-        for covariance, rho in errors
+        _gradient_covariance(response, slope[at], share.covariance[at])
+        for slope, share in zip(slopes, errors, strict=True)
     ]
-    return SurfaceGradient(gradient, np.sum(parts, axis=0), response)
+    found = SurfaceGradient(deformation_gradient(before, after), np.sum(parts, axis=0), response)
+    return found if wanted is not None else SurfaceGradient(*(on_grid(values, known) for values in found))
 
 
 def pixel_size_mm(reference: Array, step_size: float) -> Array:
@@ -128,22 +127,31 @@ def pixel_size_mm(reference: Array, step_size: float) -> Array:
     return np.asarray(np.sqrt(area) / step_size)
 
 
-def slope_covariance(
-    weights: Array, sigma: Array, rho: Overlap, window: tuple[int, int], degree: int, wanted: Mask | None = None
-) -> Array:
+def slope_covariances(
+    weights: Array,
+    sigma: Array,
+    rhos: Sequence[Overlap],
+    window: tuple[int, int],
+    degree: int,
+    wanted: Mask | None = None,
+) -> list[Array]:
     """Q (row, col, 2, 2): covariance of a fit's slopes per column and per row, for unit variance at the point itself.
 
     weights, sigma : (row, col) — of each point, 0 where it is missing
+    rhos : correlations of the errors of two points, each of which gives one Q
     wanted : (row, col) bool — points that get one; None for all
     """
     factors, terms = slope_weights(weights, window, degree)
     if wanted is not None:
         factors[~wanted] = np.nan
     pad = [(side // 2, side // 2) for side in window]
-    bands = (_band(part, side) for part, side in zip((rho.down, rho.across), window, strict=True))
-    spread = _slope_covariance(factors, terms, np.pad(weights * sigma, pad), *bands)
+    scaled, variance = np.pad(weights * sigma, pad), np.where(sigma > 0.0, sigma, np.nan)[..., None, None] ** 2
     with np.errstate(invalid="ignore", divide="ignore"):
-        return np.asarray(spread / np.where(sigma > 0.0, sigma, np.nan)[..., None, None] ** 2)
+        return [
+            _slope_covariance(factors, terms, scaled, _band(rho.down, window[0]), _band(rho.across, window[1]))
+            / variance
+            for rho in rhos
+        ]
 
 
 def _band(lags: Array, side: int) -> Array:

@@ -15,7 +15,7 @@ from typing import NamedTuple
 import numpy as np
 
 from dicflow.core.arrays import Array
-from dicflow.core.cameras.frames import Frame, into_frame
+from dicflow.core.cameras.frames import LEFT_CAMERA, Frame, into_frame
 
 __all__ = [
     "MeasuredPoints",
@@ -45,6 +45,8 @@ class MeasuredPoints(NamedTuple):
 
 def points_in_frame(points: MeasuredPoints, frame: Frame) -> MeasuredPoints:
     """The same points in another frame."""
+    if frame is LEFT_CAMERA:
+        return points
     turn = frame.rotation
     return MeasuredPoints(
         into_frame(points.xyz, frame), turn @ points.step_covariance @ turn.T, turn @ points.sensitivity

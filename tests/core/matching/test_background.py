@@ -66,7 +66,7 @@ def region_of(first, later):
     """Pixels of the automatic region; None where the motion is too small to tell what stands behind."""
     found = texture(first)
     seen = speckled_points(found)
-    still = still_background(first, later, seen)
+    still = still_background(first, [later], seen)
     return None if still is None else rasterise(speckled_region(found, still), first.shape)
 
 

@@ -8,7 +8,7 @@ from dicflow.core.strain.deformation_gradient import (
     ErrorShare,
     gradient_response,
     pixel_size_mm,
-    slope_covariance,
+    slope_covariances,
     surface_gradient,
     vsg_px,
 )
@@ -104,7 +104,7 @@ def test_slopes_of_independent_points_have_the_textbook_variance():
     """σ² / Σ x² of a full window of a line, and of the parabola too, since x is orthogonal to 1, x² and y²."""
     ones = np.ones(SHAPE)
     for degree in (1, 2):
-        found = slope_covariance(ones, 2.0 * ones, independent(), (7, 5), degree)[20, 15]
+        found = slope_covariances(ones, 2.0 * ones, [independent()], (7, 5), degree)[0][20, 15]
         assert np.allclose(found, np.diag([1 / (7 * 10), 1 / (5 * 28)]))
 
 
@@ -120,7 +120,7 @@ def test_slopes_near_an_edge_are_exact_too():
     operator = (np.linalg.inv(design.T @ (w[:, None] * design)) @ design.T * w)[1:3]
     joint = rho.at(row[:, None] - row, col[:, None] - col)
     expected = (operator * s) @ joint @ (operator * s).T / sigmas[1, 2] ** 2
-    assert np.allclose(slope_covariance(weights, sigmas, rho, (7, 7), 2)[1, 2], expected, rtol=1e-9)
+    assert np.allclose(slope_covariances(weights, sigmas, [rho], (7, 7), 2)[0][1, 2], expected, rtol=1e-9)
 
 
 def test_the_response_is_the_derivative():
