@@ -41,11 +41,13 @@ _CUT = """
     box.top < frame.top - 2 || box.bottom > frame.bottom + 2);
 }).map((text) => [text.closest("section").id, text.textContent])
 """
-_VIEWER = """
-(() => {
-  const at = (name) => document.querySelector(".viewer " + name);
-  return { photo: at(".photo").src, map: at(".overlay").src, step: at(".map-step").textContent,
-    title: at(".map-title").textContent, bar: at(".colour-bar").innerHTML };
+_EXPLORER = """
+(async () => {
+  const { explorer } = document.querySelector(".explorer");
+  await explorer.ready;
+  return { photo: explorer.stage.photo.src, map: explorer.stage.canvas.toDataURL(),
+    step: explorer.manifest.steps[explorer.scene.step].name, title: explorer.legend.title.textContent,
+    bar: JSON.stringify([explorer.range, [...explorer.palette]]) };
 })()
 """
 
@@ -132,9 +134,9 @@ class Page:
         """The page as a PDF."""
         return base64.b64decode(self.send("Page.printToPDF", printBackground=True)["data"])
 
-    def viewer(self) -> dict[str, str]:
-        """What the report's viewer shows: sources of photograph and map, step, title, and the colour bar."""
-        return dict(self.evaluate(_VIEWER))
+    def explorer(self) -> dict[str, str]:
+        """What the report's explorer shows: photograph and field as addresses, step, title, and its colours."""
+        return dict(self.evaluate(_EXPLORER))
 
     def overlaps(self) -> list[list[str]]:
         """Texts of drawings that lie over each other: section, one, other."""
@@ -165,6 +167,7 @@ def opened(folder: Path) -> Iterator[Page]:
     program = chromium()
     assert program is not None
     command = [program, "--headless=new", "--no-sandbox", "--disable-gpu", "--disable-dev-shm-usage"]
+    command += ["--enable-unsafe-swiftshader"]
     command += ["--remote-debugging-port=0", "--remote-allow-origins=*", f"--user-data-dir={folder}", "about:blank"]
     process = subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
     loop = asyncio.new_event_loop()

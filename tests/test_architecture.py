@@ -29,6 +29,7 @@ LAYERS = (
     "start",
     "synth",
     "views",
+    "explorer",
     "report",
     "app",
     "cli",

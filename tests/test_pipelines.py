@@ -39,17 +39,17 @@ def _run(*given):
 
 
 def _look_at_report(pipeline, folder):
-    """Open the report in a browser, on a desk and on a phone, and move its slider where there are steps."""
+    """Open the report in a browser, on a desk and on a phone, and move to another step where there is one."""
     path = Path(write_report(pipeline, pipeline.result(), folder / "report", 1))
     (folder / "browser").mkdir()
     with opened(folder / "browser") as page:
         for width, dark in ((1200, False), (390, True)):
             page.window(width, 900, dark)
             page.open(path)
-            last = page.viewer()
-            page.evaluate("document.querySelector('.viewer .step').focus()")
+            last = page.explorer()
+            page.evaluate("document.querySelector('.x-stage').focus()")
             page.press("ArrowLeft")
-            shown = page.viewer()
+            shown = page.explorer()
             assert last["photo"].startswith("data:image/jpeg")
             several = len(pipeline.result().steps("total")) > 1
             assert (shown["map"] != last["map"], shown["photo"] != last["photo"]) == (several, several)

@@ -34,12 +34,12 @@ def test_it_asks_nobody_and_complains_of_nothing(shown, report):
     assert shown.complaints() == []
 
 
-def test_the_slider_moves_the_map_and_keeps_its_colours(shown):
-    first = shown.viewer()
+def test_a_key_moves_the_step_and_keeps_the_colours(shown):
+    first = shown.explorer()
     assert first["photo"].startswith("data:image/jpeg")
-    shown.evaluate("document.querySelector('.viewer .step').focus()")
+    shown.evaluate("document.querySelector('.x-stage').focus()")
     shown.press("ArrowLeft")
-    second = shown.viewer()
+    second = shown.explorer()
     assert first["step"] != second["step"]
     assert first["map"] != second["map"]
     assert first["photo"] != second["photo"]
@@ -47,50 +47,31 @@ def test_the_slider_moves_the_map_and_keeps_its_colours(shown):
     assert shown.complaints() == []
 
 
-def test_every_quantity_and_place_has_its_map(shown):
-    count = shown.evaluate("document.querySelector('.viewer .quantity').length")
-    seen = set()
-    for place in ("deformed", "reference"):
-        shown.evaluate(f"document.querySelector('.viewer [value={place}]').click()")
+def test_every_quantity_and_place_has_its_field(shown):
+    count = shown.evaluate("document.querySelector('.x-quantity').length")
+    seen, titles = set(), set()
+    for over in ("step", "first"):
         for number in range(count):
-            change = f"(q => {{ q.value = {number}; q.dispatchEvent(new Event('input', {{bubbles: true}})) }})"
-            shown.evaluate(f"{change}(document.querySelector('.viewer .quantity'))")
-            seen.add(shown.viewer()["map"])
+            shown.evaluate(
+                f"document.querySelector('.explorer').explorer.change({{ quantity: {number}, over: '{over}' }})"
+            )
+            seen.add(shown.explorer()["map"])
+            titles.add(shown.explorer()["title"])
     assert len(seen) == 2 * count
-    shown.evaluate("document.querySelector('.viewer [value=reasons]').click()")
-    reasons = shown.viewer()
-    assert reasons["title"] == "Reasons for missing points"
-    assert reasons["map"] not in seen
-
-
-def test_directions_follow_the_slider(shown):
-    drawn = "!document.querySelector('.viewer .directions').hasAttribute('hidden')"
-    path = "document.querySelector('.directions path').getAttribute('d')"
-    assert not shown.evaluate(drawn)
-    shown.evaluate("document.querySelector('.viewer .lines').click()")
-    assert shown.evaluate(drawn)
-    last = shown.evaluate(path)
-    shown.evaluate("document.querySelector('.viewer .step').focus()")
-    shown.press("ArrowLeft")
-    first = shown.evaluate(path)
-    shown.evaluate("document.querySelector('.viewer [value=reference]').click()")
-    assert len({last, first, shown.evaluate(path)}) == 3
-    shown.evaluate("document.querySelector('.viewer [value=reasons]').click()")
-    assert not shown.evaluate(drawn)
-
-
-def test_every_quantity_leads_to_a_full_map(shown):
-    count = shown.evaluate("document.querySelector('.viewer .quantity').length")
-    link = "!document.querySelector('.viewer .full').hidden && document.querySelector('.viewer .full a').href"
-    picture = "!document.querySelector('.viewer .full-map').hidden && document.querySelector('.full-map img').src"
-    ways = []
-    for number in range(count):
-        change = f"(q => {{ q.value = {number}; q.dispatchEvent(new Event('input', {{bubbles: true}})) }})"
-        shown.evaluate(f"{change}(document.querySelector('.viewer .quantity'))")
-        ways.append((shown.evaluate(link), shown.evaluate(picture)))
-    assert [bool(beside) + bool(inside) for beside, inside in ways] == [1] * count
-    assert len({beside or inside for beside, inside in ways}) == count
+    assert len(titles) == count
     assert shown.complaints() == []
+
+
+def test_directions_are_drawn_if_asked_for_and_follow_the_step(shown):
+    path = "document.querySelector('.x-direction')?.getAttribute('d')"
+    change = "document.querySelector('.explorer').explorer.change"
+    assert not shown.evaluate(path)
+    shown.evaluate(f"{change}({{ directions: true }})")
+    last = shown.evaluate(path)
+    shown.evaluate(f"{change}({{ step: 0 }})")
+    first = shown.evaluate(path)
+    shown.evaluate(f"{change}({{ over: 'first' }})")
+    assert len({last, first, shown.evaluate(path)} - {None, ""}) == 3
 
 
 @pytest.mark.parametrize("dark", [False, True], ids=["light", "dark"])
@@ -107,10 +88,9 @@ def test_nothing_overlaps_or_sticks_out(shown, width, dark):
     assert (max(shown.evaluate(brightness)) < 100) == dark
 
 
-def test_paper_has_the_first_the_shown_and_the_last_step(shown):
+def test_paper_has_the_field_with_its_numbers(shown):
     shown.window(1200, 900)
     printed = shown.printed()
     assert printed.count(b"/Type /Page\n") >= 2
     PICTURES.mkdir(parents=True, exist_ok=True)
     (PICTURES / "report.pdf").write_bytes(printed)
-    assert shown.evaluate("document.querySelectorAll('.sheet img').length") >= 4

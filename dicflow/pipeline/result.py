@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import difflib
+import importlib
 import math
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -25,6 +26,9 @@ if TYPE_CHECKING:
 
 __all__ = ["ArrayFacts", "Result"]
 
+_VIEW = "dicflow.explorer.page:Explorer"
+"""``module:class`` that shows a result; it belongs to a layer above, and is loaded when somebody asks for it."""
+
 
 class ArrayFacts(NamedTuple):
     """An array of a product.
@@ -43,7 +47,8 @@ class Result:
     """Products by stage and step, of one variant or of several.
 
     ``outcome`` is what the run did, None if nothing was run. ``graph`` has the stages and steps, ``notes`` whole
-    sentences about where the products come from. :func:`dicflow.plot` draws them.
+    sentences about where the products come from. :func:`dicflow.plot` draws them, :meth:`view`
+    shows their fields in a notebook.
     """
 
     def __init__(
@@ -167,6 +172,14 @@ class Result:
         if step not in steps:
             raise ConfigurationError(f"{stage} has no step '{step}'; it has {_listed(steps)}")
         return f"{instance}/{step}"
+
+    def view(self) -> Any:
+        """The fields in an explorer: a notebook shows it, and its ``html`` is a page that stands alone.
+
+        Raises DicflowError where a product was not computed.
+        """
+        module, _, name = _VIEW.partition(":")
+        return getattr(importlib.import_module(module), name)(self)
 
     def _instance(self, stage: str, variant: int) -> str:
         if not 0 <= variant < len(self._instances):

@@ -1,4 +1,4 @@
-"""The page: its sections in order, in one file. The summary stands first and is made last, from the warnings of all."""
+"""The page: its sections in order, in one file. The answer and the summary stand first and are made last."""
 
 from __future__ import annotations
 
@@ -16,6 +16,7 @@ from dicflow.errors import DicflowError
 from dicflow.io.files import make_folder, write_whole
 from dicflow.pipeline import Pipeline, Result
 from dicflow.pipeline.provenance import RunFacts, run_facts
+from dicflow.report.answer import answer
 from dicflow.report.context import Context, Section
 from dicflow.report.pieces import Pieces
 from dicflow.report.rendering import assets, render
@@ -49,8 +50,10 @@ def write_report(
     context = Context(pipeline, result, facts, pieces, folder, workers)
     problems: list[str] = []
     sections = _made(entries(), context, problems)
+    opening = _made([Entry("answer", "Result", lambda context: answer(context, sections))], context, problems)
+    sections = [*opening, *sections]
     first = _made([Entry("summary", "Summary", lambda context: summary(context, sections))], context, problems)
-    text = _page(context, [*first, *sections])
+    text = _page(context, [*opening, *first, *sections[len(opening) :]])
     pieces.drop_unused()
     write_whole(page, text.encode())
     make_folder(record.parent)
@@ -78,7 +81,7 @@ def _was_idle(result: Result) -> bool:
 
 def _code() -> str:
     """Digest of the code that makes the page."""
-    return json.dumps([source_digest("views", "report"), *SECTIONS.plugin_code()])
+    return json.dumps([source_digest("views", "explorer", "report"), *SECTIONS.plugin_code()])
 
 
 def _sources(pipeline: Pipeline, result: Result, run: RunFacts | None) -> str:

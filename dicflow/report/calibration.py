@@ -263,7 +263,7 @@ def _photographs(result: Result) -> str | None:
 def _pair(rig_product: Product, images: Product) -> bytes:
     """Both photographs with common rows, shrunk, and where lines are drawn across them."""
     from dicflow.core.cameras.rectification import rectification, rectify
-    from dicflow.views.overlay import crop_around, photo_jpeg
+    from dicflow.views.crops import crop_around, photo_jpeg
 
     rig = CalibratedRig.read(rig_product).cameras
     aligned = rectification(rig)

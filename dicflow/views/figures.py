@@ -103,7 +103,7 @@ def look_of(total: Total, quantity: str, maps: Maps | None, colours: str = "auto
 
 def specimen_window(total: Total, maps: Maps | None) -> MapWindow:
     """The plane of X and Y that a total's maps show: the window of all steps, else one around its points."""
-    from dicflow.views.overlay import point_box
+    from dicflow.views.crops import point_box
     from dicflow.views.windows import MapWindow, map_window, with_margin
 
     if maps is not None:

@@ -18,8 +18,8 @@ from numpy.typing import NDArray
 
 from dicflow.engine.product import Product, Variable
 from dicflow.views.colours import Look
+from dicflow.views.crops import crop_around, point_box
 from dicflow.views.levels import cell_means
-from dicflow.views.overlay import crop_around, point_box
 from dicflow.views.windows import MapWindow
 
 __all__ = ["code_picture", "field_map", "photo_map", "picture", "png"]

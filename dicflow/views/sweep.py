@@ -14,8 +14,8 @@ from dicflow.engine.product import Product
 from dicflow.kinds.maps import colour_range, joined_range
 from dicflow.kinds.total import Total
 from dicflow.views.colours import look, palette
+from dicflow.views.crops import point_box
 from dicflow.views.map_pictures import contact_sheet, map_levels
-from dicflow.views.overlay import point_box
 from dicflow.views.windows import MapWindow, with_margin
 
 __all__ = ["differing", "small_multiples", "step_figure", "sweep_figure", "variant_labels"]

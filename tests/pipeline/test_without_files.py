@@ -65,16 +65,16 @@ def test_the_report_has_its_fields_and_why_photographs_are_missing(alone, tmp_pa
     assert answer.err.count("This is what run ") == 1
     page = Page.read(tmp_path / "results" / "report.html")
     page.assert_complete()
-    assert {"summary", "calibration", "fields", "quality", "settings", "provenance"} <= set(page.ids)
+    assert {"summary", "calibration", "answer", "quality", "settings", "provenance"} <= set(page.ids)
     assert f"photos: 0 of {STEPS}" in page.texts
     assert f"total: {STEPS - 1} of {STEPS - 1}" in page.texts
     assert "This is what run " in page.text
-    assert "neither in the store nor in its folder" in page.text
     assert str(alone.parent) not in page.text
-    data = (tmp_path / "results" / "report.html").read_text().partition('id="fields-data">')[2]
-    content = json.loads(data.partition("</script>")[0])
-    assert [step["maps"]["photo"] for step in content["steps"]] == [""] * (STEPS - 1)
-    assert all(step["maps"]["deformed"]["eyy"] for step in content["steps"])
+    data = (tmp_path / "results" / "report.html").read_text().partition('id="explorer-manifest">')[2]
+    manifest = json.loads(data.partition("</script>")[0])
+    assert [step["photos"] for step in manifest["steps"]] == [{}] * (STEPS - 1)
+    assert "neither in the store nor in their folder" in " ".join(manifest["left_out"])
+    assert all("value/eyy" in step["blobs"] for step in manifest["steps"])
 
 
 def test_pictures_that_lie_beside_the_page_are_used_again(copied, tmp_path):
@@ -83,7 +83,7 @@ def test_pictures_that_lie_beside_the_page_are_used_again(copied, tmp_path):
     assert dicflow("report", copied, "--output", tmp_path / "results").code == 0
     page = (tmp_path / "results" / "report.html").read_text()
     assert "This is what run " in page
-    assert "neither in the store nor in its folder" not in page
+    assert "neither in the store nor in their folder" not in page
 
 
 def test_a_comparison_names_the_origin_of_its_side(alone, pipeline, measured):

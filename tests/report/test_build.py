@@ -77,7 +77,7 @@ def test_a_page_of_the_same_products_stays_and_any_other_is_made_again(loaded, t
 @pytest.mark.parametrize(
     ("sections", "absent"),
     [
-        ("calibration fields quality sweep settings provenance", ["matplotlib", "numba"]),
+        ("calibration quality sweep settings provenance", ["matplotlib", "numba"]),
         ("settings provenance", ["cv2", "scipy", "zarr"]),
     ],
 )
@@ -216,6 +216,6 @@ def test_one_camera(copied, tmp_path):
 
 
 def test_the_sections_and_their_order():
-    order = ["calibration", "fields", "quality", "sweep", "settings", "provenance"]
+    order = ["calibration", "quality", "sweep", "settings", "provenance"]
     assert [entry.key for entry in entries()] == order
     assert set(SECTIONS.names()) == set(order)

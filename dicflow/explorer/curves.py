@@ -1,0 +1,86 @@
+"""What a test is read by over its steps: probes of the pipeline, and the axis of the load."""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Iterator, Sequence
+from typing import TypedDict
+
+from dicflow.explorer.content import Keep
+from dicflow.kinds.comparison import Comparison
+from dicflow.kinds.probes import ProbeTable
+from dicflow.kinds.quantities import unit_of
+from dicflow.pipeline.result import Result
+
+__all__ = ["Curve", "loads", "probe_curves"]
+
+
+class Curve(TypedDict):
+    """Readings of a probe.
+
+    name : of the probe
+    quantity : what it reads
+    title : in words
+    unit : of its values
+    numbers : of the steps; the first one has 0
+    values, sigmas : None if unknown
+    """
+
+    name: str
+    quantity: str
+    title: str
+    unit: str
+    numbers: list[int]
+    values: list[float | None]
+    sigmas: list[float | None]
+
+
+def probe_curves(result: Result, quantity: str, keep: Keep, variant: int = 0) -> list[Curve]:
+    """Strain of each extensometer, and a quantity at each point, line and area."""
+    for stage in result.stages_of("probes"):
+        if result.has(stage, None, variant):
+            product, sources = result.product(stage, None, variant), result.digest(stage, None, variant)
+            made = keep(["probes", quantity, sources], lambda: _json(ProbeTable.read(product), quantity))  # noqa: B023
+            found: list[Curve] = json.loads(made)
+            return found
+    return []
+
+
+def loads(result: Result, numbers: Sequence[int], variant: int = 0) -> tuple[str, list[float | None]] | None:
+    """Unit and load of steps by their numbers; None if the test has no table of loads."""
+    for stage in result.stages_of("comparison"):
+        if result.has(stage, None, variant):
+            rows = Comparison.read(result.product(stage, None, variant)).rows
+            found = [rows[number].get("load_g") if number < len(rows) else None for number in numbers]
+            return ("g", found) if any(value is not None for value in found) else None
+    return None
+
+
+def _json(table: ProbeTable, quantity: str) -> bytes:
+    return json.dumps(list(_curves(table, quantity))).encode()
+
+
+def _curves(table: ProbeTable, quantity: str) -> Iterator[Curve]:
+    for index, name in enumerate(table.extensometers):
+        yield _curve(table, name, "strain", index, f"strain of the extensometer {name}")
+    places = dict.fromkeys(row["probe"] for row in table.rows if row["kind"] != "extensometer")
+    for index, name in enumerate(places if quantity in table else ()):
+        yield _curve(table, name, quantity, index, f"{quantity} at {name}")
+
+
+def _curve(table: ProbeTable, name: str, quantity: str, index: int, title: str) -> Curve:
+    values, sigmas = table[quantity][index].tolist(), table[f"sigma_{quantity}"][index].tolist()
+    return Curve(
+        name=name,
+        quantity=quantity,
+        title=title,
+        unit=unit_of(quantity, table.unit),
+        numbers=list(range(len(values))),
+        values=[_known(value) for value in values],
+        sigmas=[_known(value) for value in sigmas],
+    )
+
+
+def _known(value: float) -> float | None:
+    return value if math.isfinite(value) else None

@@ -1,0 +1,290 @@
+"""What the explorer shows of a result: values, standard deviations, reasons and places of points, step by step."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from contextlib import suppress
+from functools import cached_property, lru_cache
+from typing import Any, Literal, NamedTuple, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dicflow.errors import DicflowError
+from dicflow.kinds.cloud import Cloud
+from dicflow.kinds.points import Points
+from dicflow.kinds.quantities import QUANTITIES, is_signed, of_field
+from dicflow.kinds.rig import CalibratedRig
+from dicflow.kinds.total import Total
+from dicflow.pipeline.places import Places, to_left_photograph
+from dicflow.pipeline.result import Result
+
+__all__ = ["FieldSource", "Form", "QuantityFacts", "ShapeFields", "StepFields", "TotalFields", "field_source"]
+
+Array = NDArray[Any]
+Form = Literal["deformation", "shape"]
+_ROUTES = ("status", "way", "way_right")
+_DEVIATIONS = ("sigma_", "calibration_")
+_KEPT_STEPS = 24
+"""Steps whose arrays stay in memory, since they are read twice."""
+_MOST_POINTS = 60_000
+"""Of a shape; a cloud has a point per pixel, and more than these are not seen."""
+
+
+class QuantityFacts(NamedTuple):
+    """What a page says of a quantity.
+
+    name : of its array
+    symbol : as in a formula
+    title : in words, with the gauge of a strain
+    unit : of its values; "1" for a pure number
+    signed : whether values of both signs mean opposite things
+    positive : what a positive value means; "" if unknown
+    """
+
+    name: str
+    symbol: str
+    title: str
+    unit: str
+    signed: bool
+    positive: str
+
+
+class StepFields(NamedTuple):
+    """The points of one step.
+
+    values, sigmas, shares : quantity → (row, col) values, their standard deviations by noise, and the calibration's
+        share beside them; NaN if unknown
+    status : (row, col) — valid, filled, or why a value is unknown
+    places : "left" and "right" (row, col, 2) in the photographs [px], "space" (row, col, 3)
+    """
+
+    values: Mapping[str, Array]
+    sigmas: Mapping[str, Array]
+    shares: Mapping[str, Array]
+    status: Array
+    places: Mapping[str, Array]
+
+
+class FieldSource(Protocol):
+    """Fields of one stage of a result.
+
+    stage : its name
+    form : displacement and strain, or places alone
+    steps : names of all its steps
+    photographs : the stage of the photographs in which points are placed; None if unknown
+    unit : of lengths
+    follows : whether a point is the same material at every step
+    directions : whether x and y of strains are the material's or global; "" if x is not that of the photograph
+    """
+
+    stage: str
+    form: Form
+    steps: Sequence[str]
+    photographs: str | None
+    unit: str
+    follows: bool
+    directions: Literal["material", "global", ""]
+
+    def quantities(self) -> Sequence[QuantityFacts]:
+        """All quantities."""
+
+    def has(self, step: str) -> bool:
+        """Whether the step was measured."""
+
+    def sources(self, step: str) -> list[str]:
+        """Digests of all that the fields of a step are made of."""
+
+    def read(self, step: str) -> StepFields:
+        """The fields of a step."""
+
+    def first_sources(self) -> list[str] | None:
+        """Digests of all that places at the first step are made of; None if they are unknown."""
+
+    def at_first(self) -> Array:
+        """Places (row, col, 2) of the points in the first left photograph [px]."""
+
+
+def field_source(result: Result, variant: int = 0) -> FieldSource | None:
+    """Fields of the total that the maps stage draws, else of the last total, else the shape; None without points."""
+    drawn = [result.source(stage, "total", variant) for stage in result.stages_of("maps")]
+    for stage in (*drawn, *reversed(result.stages_of("total"))):
+        if any(result.has(stage, step, variant) for step in result.steps(stage, variant)):
+            return TotalFields(result, stage, variant)
+    for kind in ("points", "cloud"):
+        for stage in reversed(result.stages_of(kind)):
+            if any(result.has(stage, step, variant) for step in result.steps(stage, variant)):
+                return ShapeFields(result, stage, variant)
+    return None
+
+
+class TotalFields:
+    """Fields of displacement and strain."""
+
+    form: Form = "deformation"
+
+    def __init__(self, result: Result, stage: str, variant: int = 0) -> None:
+        self._result, self._variant, self.stage = result, variant, stage
+        self.steps: Sequence[str] = result.steps(stage, variant)
+        self._places = Places(result, variant)
+        self.photographs: str | None = self._places.photographs
+        first = self._total(next(step for step in self.steps if self.has(step)))
+        self._example, self.unit, self.follows = first, first.unit, first.follows_material
+        turned = bool(result.stages_of("frame")) or not self.follows
+        self.directions: Literal["material", "global", ""] = "" if turned else first.directions
+        self._kept = lru_cache(_KEPT_STEPS)(self._read)
+
+    def quantities(self) -> Sequence[QuantityFacts]:
+        """Those of the table in its order, then all other fields."""
+        flat = () if self._example.in_space else ("W",)
+        names = [name for name in self._example.fields if not name.startswith(_DEVIATIONS)]
+        names = [name for name in names if name not in (*_ROUTES, *flat)]
+        order = [*(name for name in QUANTITIES if name in names), *(name for name in names if name not in QUANTITIES)]
+        return [self._facts(name) for name in order]
+
+    def has(self, step: str) -> bool:
+        """Whether the step was measured."""
+        return self._result.has(self.stage, step, self._variant)
+
+    def sources(self, step: str) -> list[str]:
+        """Digests of the total, of the right camera's points, and of the rig that carries places into photographs."""
+        found = [self._result.digest(self.stage, step, self._variant), *self._rig]
+        if self._right is not None:
+            found.append(self._result.digest(self._right, step, self._variant))
+        return found
+
+    def read(self, step: str) -> StepFields:
+        """The fields of a step."""
+        return self._kept(step)
+
+    def _read(self, step: str) -> StepFields:
+        total = self._total(step)
+        names = [quantity.name for quantity in self.quantities() if quantity.name in total]
+        sigmas, shares = ({name: total[p + name] for name in names if p + name in total} for p in _DEVIATIONS)
+        places = {"left": self._places.at_step(total)}
+        if total.in_space:
+            places["space"] = total["xyz"]
+        if self._right is not None:
+            right = self._result.product(self._right, step, self._variant)["xy"]
+            places["right"] = np.where(np.isfinite(places["space"][..., :1]), right, np.nan)
+        return StepFields({name: total[name] for name in names}, sigmas, shares, total["status"], places)
+
+    def first_sources(self) -> list[str] | None:
+        """Digests of the grid and of the rig; None where each step has a grid of its own."""
+        if not self.follows or self._places.grid is None:
+            return None
+        return [self._result.digest(self._places.grid, 0, self._variant), *self._rig]
+
+    def at_first(self) -> Array:
+        """Places of the whole grid at the first step."""
+        return self._places.at_first_step()
+
+    @cached_property
+    def _rig(self) -> list[str]:
+        """Digest of the rig that carries places into the photographs, if one does."""
+        if self._places.photographs == self._places.images:
+            return []
+        return [
+            self._result.digest(self._result.source(self._places.images, "rig", self._variant), None, self._variant)
+        ]
+
+    @cached_property
+    def _right(self) -> str | None:
+        """The stage with places in the right photograph; points in space are made again when they are read."""
+        try:
+            points = self._result.source(self.stage, "points", self._variant)
+            return self._result.source(points, "stereo", self._variant)
+        except KeyError:
+            return None
+
+    def _total(self, step: str) -> Total:
+        return Total.read(self._result.product(self.stage, step, self._variant))
+
+    def _facts(self, name: str) -> QuantityFacts:
+        quantity, total = of_field(name), self._example
+        if quantity is None:
+            return QuantityFacts(name, name.upper(), total.caption(name), total.unit_of(name), False, "")
+        return QuantityFacts(
+            name, quantity.symbol, total.caption(name), total.unit_of(name), is_signed(name), quantity.positive
+        )
+
+
+class ShapeFields:
+    """Places in space of a test without deformation: the depth and the coordinates of its points."""
+
+    form: Form = "shape"
+    follows, unit = True, "mm"
+    directions: Literal["material", "global", ""] = ""
+
+    def __init__(self, result: Result, stage: str, variant: int = 0) -> None:
+        self._result, self._variant, self.stage = result, variant, stage
+        self.steps: Sequence[str] = result.steps(stage, variant)
+        self.photographs: str | None = next(iter(result.stages_of("images")), None)
+        with suppress(IndexError, KeyError):  # without a region
+            self.photographs = Places(result, variant).photographs
+
+    def quantities(self) -> Sequence[QuantityFacts]:
+        """Depth first, then X and Y, in the left camera's frame."""
+        words = {"Z": "depth Z", "X": "place X", "Y": "place Y"}
+        return [QuantityFacts(name, name, title, "mm", False, "") for name, title in words.items()]
+
+    def has(self, step: str) -> bool:
+        """Whether the step was measured."""
+        return self._result.has(self.stage, step, self._variant)
+
+    def sources(self, step: str) -> list[str]:
+        """Digests of the points and of all rigs."""
+        rigs = [stage for stage in self._result.stages_of("rig") if self._result.has(stage, None, self._variant)]
+        found = [self._result.digest(stage, None, self._variant) for stage in rigs]
+        return [self._result.digest(self.stage, step, self._variant), *found]
+
+    def read(self, step: str) -> StepFields:
+        """The fields of a step."""
+        product = self._result.product(self.stage, step, self._variant)
+        if product.kind == "cloud":
+            return self._of_cloud(Cloud.read(product))
+        followed = self._result.source(self.stage, "correlation", self._variant)
+        return _of_points(Points.read(product), self._result.product(followed, step, self._variant)["xy"])
+
+    def first_sources(self) -> list[str] | None:
+        """None: a shape is shown at its own step."""
+        return None
+
+    def at_first(self) -> Array:
+        """Never asked for."""
+        raise NotImplementedError
+
+    def _of_cloud(self, cloud: Cloud) -> StepFields:
+        stride = max(1, int(np.ceil(np.sqrt(cloud["status"].size / _MOST_POINTS))))
+        chosen = (slice(None, None, stride),) * 2
+        xyz, status = cloud["xyz"][chosen].astype(float), cloud["status"][chosen]
+        rows, cols = np.indices(cloud["status"].shape)
+        pixels = np.stack([cols, rows], axis=-1)[chosen] + np.array(cloud.origin, dtype=float)
+        places: dict[str, Array] = {"space": xyz}
+        if (carried := self._carried(pixels)) is not None:
+            places["left"] = carried
+        return StepFields(_coordinates(xyz), {}, {}, status, places)
+
+    def _carried(self, pixels: Array) -> Array | None:
+        """Pixels of the rectified left image in the left photograph; None without a rig."""
+        for stage in self._result.stages_of("rig"):
+            try:
+                rig = CalibratedRig.read(self._result.product(stage, None, self._variant)).cameras
+            except DicflowError:
+                continue
+            mapping = to_left_photograph("rectified", rig)
+            return None if mapping is None else np.asarray(mapping(pixels))
+        return None
+
+
+def _of_points(points: Points, left: Array) -> StepFields:
+    """Coordinates of measured points and their standard deviations. left : places (row, col, 2), also of lost ones"""
+    xyz, covariance = points["xyz"], points["covariance"]
+    variances = {"X": covariance[..., 0], "Y": covariance[..., 3], "Z": covariance[..., 5]}
+    sigmas = {name: np.sqrt(np.maximum(variance, 0.0)) for name, variance in variances.items()}
+    places = {"left": left, "right": points["xy_right"], "space": xyz}
+    return StepFields(_coordinates(xyz), sigmas, {}, points["status"], places)
+
+
+def _coordinates(xyz: Array) -> dict[str, Array]:
+    return {"Z": xyz[..., 2], "X": xyz[..., 0], "Y": xyz[..., 1]}

@@ -1,0 +1,132 @@
+"""What the page reads first: plain JSON that says what is shown and which blob holds which numbers.
+
+Names of blobs are those of :func:`dicflow.explorer.packing.blob_name`. Numbers are codes: a scale ``[low, quantum]``
+gives the value low + (code − 1) quantum, that of a standard deviation, ``[low, ratio]``, low · ratio^(code − 1). Code 0
+is an unknown value.
+"""
+
+from __future__ import annotations
+
+from typing import TypedDict
+
+from dicflow.explorer.curves import Curve
+from dicflow.explorer.fields import Form
+
+__all__ = ["CameraFacts", "Crop", "FirstFacts", "Manifest", "QuantityEntry", "Reason", "StepEntry"]
+
+Scale = tuple[float, float]
+
+
+class QuantityEntry(TypedDict):
+    """A quantity.
+
+    name, symbol, title, unit, signed, positive : as in :class:`dicflow.explorer.fields.QuantityFacts`
+    scale : low and quantum of its values
+    sigma, share : low and ratio of its standard deviation and of the calibration's share in it; None if unknown
+    range, colours : values between which the colours run, and the name of their map
+    means : of each step, mean over the points and their standard deviation about it; None if unknown
+    """
+
+    name: str
+    symbol: str
+    title: str
+    unit: str
+    signed: bool
+    positive: str
+    scale: Scale
+    sigma: Scale | None
+    share: Scale | None
+    range: tuple[float, float]
+    colours: str
+    means: list[tuple[float, float] | None]
+
+
+class StepEntry(TypedDict):
+    """A step. A step that was not measured has no blobs.
+
+    name : of the step; number : in the test, 0 for the first photograph
+    shape : rows and columns of the grid
+    blobs : "status", "value/NAME", "sigma/NAME", "share/NAME", "place/left", "place/right", "place/space" → blob
+    photos : "left", "right" → blob with a JPEG
+    counts : status code → number of points
+    valid : share of the points that have a value
+    """
+
+    name: str
+    number: int
+    shape: tuple[int, int]
+    blobs: dict[str, str]
+    photos: dict[str, str]
+    counts: dict[str, int]
+    valid: float | None
+
+
+class FirstFacts(TypedDict):
+    """The first step, over which fields may be drawn too; ``place`` is the blob of the points there."""
+
+    name: str
+    place: str
+    shape: tuple[int, int]
+    photos: dict[str, str]
+
+
+class Reason(TypedDict):
+    """Why a point has no measured value: its status as a word, a sentence, and its colour."""
+
+    code: int
+    label: str
+    sentence: str
+    colour: str
+
+
+class Crop(TypedDict):
+    """The part of a photograph that is shown: its upper left corner and size [px]."""
+
+    origin: tuple[float, float]
+    size: tuple[float, float]
+
+
+class CameraFacts(TypedDict):
+    """A camera in the frame of the places: its centre, and the directions to the corners of its photograph."""
+
+    name: str
+    centre: list[float]
+    corners: list[list[float]]
+
+
+class Manifest(TypedDict):
+    """All that a page shows, but for the numbers.
+
+    title : of the pipeline; stage : whose fields these are
+    form : "deformation", or "shape" for places without displacement
+    unit : of lengths
+    follows : whether a point is the same material at every step
+    directions : whether x and y of strains are the "material"'s or "global"; "" if x is not the photograph's
+    main : name of the quantity, and place of the step in ``steps``, that are shown first
+    places : place → scale of each component
+    crops : "left", "right" → part of the photographs
+    cameras : empty if the rig is unknown
+    palettes : name of a colour map → 256 colours, six hexadecimal digits each
+    curves : :class:`dicflow.explorer.curves.Curve` of the pipeline's probes
+    load : unit and load of each step; None if unknown
+    left_out : sentences on what had to be left out
+    """
+
+    title: str
+    stage: str
+    form: Form
+    unit: str
+    follows: bool
+    directions: str
+    main: tuple[str, int]
+    steps: list[StepEntry]
+    first: FirstFacts | None
+    quantities: list[QuantityEntry]
+    reasons: list[Reason]
+    places: dict[str, list[Scale]]
+    crops: dict[str, Crop]
+    cameras: list[CameraFacts]
+    palettes: dict[str, str]
+    curves: list[Curve]
+    load: tuple[str, list[float | None]] | None
+    left_out: list[str]

@@ -1,0 +1,88 @@
+"""Photographs under the fields: the part in which the points lie, reduced, as JPEG."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterable, Mapping, Sequence
+from functools import cache
+from typing import NamedTuple
+
+from dicflow.engine.product import Product
+from dicflow.errors import DicflowError
+from dicflow.explorer.content import Keep
+from dicflow.kinds.images import Images
+from dicflow.pipeline.result import Result
+from dicflow.views.crops import Box, Crop, crop_around, photo_jpeg
+
+__all__ = ["Photographs", "Series"]
+
+_SIZES_PX = (1600, 1280, 1000, 800, 640, 500, 400, 300, 200)
+
+
+class Photographs(NamedTuple):
+    """Photographs of a page.
+
+    crops : "left" and "right" → the part that is shown
+    pictures : side → step → JPEG; a step whose photograph the store does not keep is absent
+    """
+
+    crops: Mapping[str, Crop]
+    pictures: Mapping[str, Mapping[str, bytes]]
+
+
+class Series:
+    """The photographs of some steps.
+
+    stage : of the photographs; steps : names
+    """
+
+    def __init__(self, result: Result, stage: str, steps: Sequence[str], keep: Keep) -> None:
+        self._result, self._stage, self._keep = result, stage, keep
+        self._steps = list(steps)
+
+    def fitting(self, boxes: Mapping[str, Box], budget_bytes: float) -> Photographs:
+        """The largest photographs that fit into a budget; the last step stands for all.
+
+        boxes : side → part of the photograph in which its points lie at all steps [px]
+        """
+        shapes = self._shapes(boxes)
+        for longest in _SIZES_PX:
+            crops = {side: crop_around([boxes[side]], shape[::-1], longest) for side, shape in shapes.items()}  # type: ignore[arg-type]
+            trial = sum(map(len, self._pictures(self._steps[-1], crops).values())) if crops else 0
+            if trial * len(self._steps) <= budget_bytes:
+                break
+        else:
+            return Photographs({}, {})
+        made = {step: self._pictures(step, crops) for step in self._steps}
+        pictures = {side: {step: one[side] for step, one in made.items() if side in one} for side in crops}
+        return Photographs(
+            {side: crop for side, crop in crops.items() if pictures[side]},
+            {side: found for side, found in pictures.items() if found},
+        )
+
+    def _shapes(self, sides: Iterable[str]) -> dict[str, tuple[int, ...]]:
+        """Rows and columns of the photographs by side; empty if they are unknown."""
+        try:
+            arrays = self._result.arrays(self._stage, self._steps[-1]) if self._steps else {}
+        except DicflowError:
+            return {}
+        return {side: arrays[side].shape for side in sides if side in arrays}
+
+    def _pictures(self, step: str, crops: Mapping[str, Crop]) -> dict[str, bytes]:
+        """Photographs of a step by side, none where neither store nor folder has them; read at most once."""
+
+        @cache
+        def product() -> Product:
+            return self._result.product(self._stage, step)
+
+        try:
+            digest = self._result.digest(self._stage, step)
+            return {
+                side: self._keep(
+                    ["photograph", side, digest, json.dumps(crop)],
+                    lambda: photo_jpeg(Images.read(product())[side], crop, quality=72),  # noqa: B023
+                )
+                for side, crop in crops.items()
+            }
+        except DicflowError:
+            return {}

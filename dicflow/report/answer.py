@@ -1,0 +1,82 @@
+"""The opening of the page: a verdict in one line, the largest field, and the curve beside it."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import NamedTuple
+
+from markupsafe import Markup
+
+from dicflow.explorer.manifest import Manifest
+from dicflow.explorer.pack import packed_result
+from dicflow.explorer.page import fragment
+from dicflow.report.context import Context, Section
+from dicflow.report.rendering import render
+from dicflow.report.words import number, percent
+
+__all__ = ["Verdict", "answer", "verdict"]
+
+_FEW = 0.9
+
+
+class Verdict(NamedTuple):
+    """What was measured, in one line.
+
+    tone : "good"; "warning" if something must be looked at first; "error" if steps are missing
+    head : one or two words
+    text : a sentence
+    """
+
+    tone: str
+    head: str
+    text: str
+
+
+def answer(context: Context, sections: Sequence[Section]) -> Section | None:
+    """The section, None for a pipeline whose points have no place.
+
+    sections : all others, whose warnings the verdict counts
+    """
+    found = packed_result(context.result, context.pipeline.title, context.pieces.get)
+    if found is None:
+        return None
+    warnings = sum(len(section.warnings) for section in sections)
+    line = verdict(found.manifest, warnings, _failures(context))
+    return Section("answer", "Result", render("answer.html", verdict=line, explorer=Markup(fragment(found))))
+
+
+def verdict(manifest: Manifest, warnings: int, failures: int) -> Verdict:
+    """The verdict on a result.
+
+    warnings, failures : how many warnings there are, and how many tasks failed
+    """
+    measured = [step for step in manifest["steps"] if step["valid"] is not None]
+    least = min((step["valid"] or 0.0 for step in measured), default=0.0)
+    count = len(manifest["steps"])
+    steps = f"{len(measured)} of {count} steps" if count > 1 else "the surface"
+    valid = ("at least " if len(measured) > 1 else "") + f"{percent(least)} of the points have a value"
+    remark = {0: "", 1: " One warning is below."}.get(warnings, f" {warnings} warnings are below.")
+    text = f"{_peak(manifest)}; {steps} measured, {valid}.{remark}"
+    if failures or len(measured) < count:
+        return Verdict("error", "Incomplete", text)
+    if least < _FEW or warnings:
+        return Verdict("warning", "Measured, with warnings" if warnings else "Measured, with gaps", text)
+    return Verdict("good", "Measured", text)
+
+
+def _peak(manifest: Manifest) -> str:
+    """The largest mean of the main quantity, or the range of the depth."""
+    name, place = manifest["main"]
+    quantity = next(one for one in manifest["quantities"] if one["name"] == name)
+    unit = "" if quantity["unit"] == "1" else f" {quantity['unit']}"
+    if manifest["form"] == "shape":
+        low, high = (number(value) for value in quantity["range"])
+        return f"{quantity['symbol']} from {low} to {high}{unit}"
+    mean, spread = quantity["means"][place] or (math.nan, math.nan)
+    step = manifest["steps"][place]
+    return f"mean {quantity['symbol']} {number(mean)}{unit} (spread {number(spread)}) at {step['name']}"
+
+
+def _failures(context: Context) -> int:
+    return 0 if context.run is None else context.run.counts["failed"]
