@@ -71,13 +71,21 @@ class Speed(NamedTuple):
 
 def pair() -> tuple[np.ndarray, np.ndarray]:
     """The two images, rendered at the first call."""
-    folder = WORK / "speed"
-    if not (folder / "deformed.npy").is_file():
-        folder.mkdir(parents=True, exist_ok=True)
-        images = planar_pair((SIZE, SIZE), TRUTH, noise=2.0, seed=1)
-        np.save(folder / "reference.npy", images.reference)
-        np.save(folder / "deformed.npy", images.deformed)
-    return np.load(folder / "reference.npy"), np.load(folder / "deformed.npy")
+    return _image("reference", TRUTH), _image("deformed", TRUTH)
+
+
+def another() -> np.ndarray:
+    """A third image, moved otherwise."""
+    return _image("other", np.linalg.inv(TRUTH))
+
+
+def _image(name: str, motion: np.ndarray) -> np.ndarray:
+    path = WORK / "speed" / f"{name}.npy"
+    if not path.is_file():
+        path.parent.mkdir(parents=True, exist_ok=True)
+        images = planar_pair((SIZE, SIZE), motion, noise=2.0, seed=1)
+        np.save(path, images.reference if name == "reference" else images.deformed)
+    return np.asarray(np.load(path))
 
 
 def errors(points: np.ndarray, places: np.ndarray) -> tuple[float, float]:
