@@ -94,10 +94,11 @@ def run(folder: Path) -> float:
     return _process([DICFLOW, "run", str(folder / "pipeline.yaml")])
 
 
-def peer() -> float:
-    """Seconds of the other program's whole process."""
+def peer(shape: str) -> float:
+    """Seconds of the other program's whole process with the same shape function."""
     numbers = (speckles.SIZE, speckles.SUBSET, speckles.STEP, speckles.MARGIN, speckles.THREADS)
-    return _process([str(speckles.PEER), "-c", speckles.PEER_SCRIPT, str(WORK / "speed"), *map(str, numbers)])
+    settings = [str(WORK / "speed"), speckles.PEER_SHAPES[shape], *map(str, numbers)]
+    return _process([str(speckles.PEER), "-c", speckles.PEER_SCRIPT, *settings])
 
 
 def _process(command: list[str]) -> float:
@@ -118,7 +119,7 @@ def waits() -> Iterator[Figure]:
         for _ in range(REPEATS):
             calls.append(library(images, shape))
             ours.append(run(folder))
-            theirs += [peer()] if has_peer else []
+            theirs += [peer(shape)] if has_peer else []
         best = min(calls)
         process = float(np.median(ours))
         yield Figure(f"{name}: search and correlation, points per second", best.points / best.seconds, unit="1/s")
