@@ -31,6 +31,7 @@ LAYERS = (
     "views",
     "explorer",
     "report",
+    "app",
     "cli",
 )
 """Lowest first; a layer imports only itself and those before it, and the engine nothing of core."""
@@ -69,6 +70,8 @@ ONLY_IN: Mapping[str, Set[str]] = {
     "pydantic": {"engine", "stages", "pipeline"},
     "typer": {"cli"},
     "rich": {"cli", "views"},
+    "ruamel": {"app"},
+    "tornado": {"app"},
 }
 """The layers that import a library."""
 

@@ -9,6 +9,7 @@ import typer
 from typer.core import TyperCommand
 
 from dicflow._version import __version__
+from dicflow.cli.app import app as browser_app
 from dicflow.cli.hand_over import ExportCommand, compare, export, report
 from dicflow.cli.measure import plan, run, why
 from dicflow.cli.products import graph, list_products, show
@@ -41,6 +42,7 @@ COMMANDS: dict[str, Callable[..., None]] = {
     "stages": stages,
     "schema": schema,
     "init": init,
+    "app": browser_app,
     "doctor": doctor,
     "warm": warm,
 }

@@ -18,6 +18,7 @@ from dicflow.engine.kernel_cache import keep_kernels
 __all__ = [
     "collect_rarely",
     "hold_to_one_thread",
+    "ignore_interrupts",
     "keep_memory",
     "limit_threads",
     "prepare",

@@ -15,7 +15,7 @@ from dicflow.errors import InputError
 from dicflow.io.json_text import read_json
 from dicflow.io.text import printable
 
-__all__ = ["Drawing", "is_geojson", "read_geojson", "read_mask", "write_geojson"]
+__all__ = ["Drawing", "geojson_text", "is_geojson", "read_geojson", "read_mask", "write_geojson"]
 
 _MAX_BYTES = 10_000_000
 _MAX_CORNERS = 100_000
@@ -65,8 +65,16 @@ def read_geojson(path: Path) -> Drawing:
 
 def write_geojson(path: Path, polygons: Sequence[Polygon]) -> None:
     """Write polygons as one GeoJSON MultiPolygon [px], rings closed as the format asks."""
+    path.write_text(geojson_text(polygons), encoding="utf-8")
+
+
+def geojson_text(polygons: Sequence[Polygon], cuts: Sequence[npt.NDArray[np.float64]] = ()) -> str:
+    """The text of a GeoJSON file: a MultiPolygon, and beside it the lines to cut along, if there are any [px]."""
     coordinates = [[np.vstack([ring, ring[:1]]).tolist() for ring in polygon.rings] for polygon in polygons]
-    path.write_text(json.dumps({"type": "MultiPolygon", "coordinates": coordinates}) + "\n", encoding="utf-8")
+    area = {"type": "MultiPolygon", "coordinates": coordinates}
+    lines = {"type": "MultiLineString", "coordinates": [line.tolist() for line in cuts]}
+    whole = {"type": "GeometryCollection", "geometries": [area, lines]} if len(cuts) else area
+    return json.dumps(whole) + "\n"
 
 
 def read_mask(path: Path) -> npt.NDArray[np.bool_]:

@@ -10,7 +10,7 @@ from typing import Any
 
 from dicflow.engine.node import At, Node, Port, Scope
 
-__all__ = ["list_lines", "stage_lines"]
+__all__ = ["allowed", "list_lines", "stage_lines"]
 
 _WIDTH = 79
 _LIMITS = {
@@ -72,7 +72,7 @@ def _parameter_lines(name: str, schema: Mapping[str, Any], followed: str) -> Ite
     joint = ", in " if value is None or isinstance(value, str) else " "
     unit = f"{joint}{own['unit']}" if own.get("unit") else ""
     yield from _wrapped(f"{name}: " + (f"as in {followed}" if followed else f"{default}{unit}"), "  ")
-    yield from _wrapped(_allowed(own, schema.get("$defs", {})), "      ")
+    yield from _wrapped(allowed(own, schema.get("$defs", {})), "      ")
     yield from _wrapped(own.get("description", ""), "      ")
 
 
@@ -92,13 +92,13 @@ def _value(value: Any) -> str:
     return value if isinstance(value, str) else json.dumps(value, ensure_ascii=False).replace('"', "")
 
 
-def _allowed(own: Mapping[str, Any], definitions: Mapping[str, Any]) -> str:
+def allowed(own: Mapping[str, Any], definitions: Mapping[str, Any]) -> str:
     """The values that a parameter takes."""
     if "$ref" in own:
-        return _allowed(definitions[own["$ref"].rpartition("/")[2]], definitions)
+        return allowed(definitions[own["$ref"].rpartition("/")[2]], definitions)
     if "anyOf" in own:
         forms = sorted(own["anyOf"], key=lambda form: form.get("type") != "null")
-        return " or ".join(_allowed(form, definitions) for form in forms)
+        return " or ".join(allowed(form, definitions) for form in forms)
     if "const" in own or "enum" in own:
         return " | ".join(_value(value) for value in own.get("enum", [own.get("const")]))
     if own.get("type") == "array":
@@ -110,16 +110,16 @@ def _allowed(own: Mapping[str, Any], definitions: Mapping[str, Any]) -> str:
 
 
 def _list(own: Mapping[str, Any], definitions: Mapping[str, Any]) -> str:
-    forms = dict.fromkeys(_allowed(item, definitions) for item in own.get("prefixItems", [own.get("items", {})]))
+    forms = dict.fromkeys(allowed(item, definitions) for item in own.get("prefixItems", [own.get("items", {})]))
     count = str(own["minItems"]) if own.get("minItems") == own.get("maxItems", ...) else "any number"
     return f"list of {count}: {' or '.join(forms)}"
 
 
 def _mapping(own: Mapping[str, Any], definitions: Mapping[str, Any]) -> str:
     if "properties" in own:
-        parts = (f"{name}: {_allowed(part, definitions)}" for name, part in own["properties"].items())
+        parts = (f"{name}: {allowed(part, definitions)}" for name, part in own["properties"].items())
         return f"mapping of {'; '.join(parts)}"
-    return f"mapping of names to: {_allowed(own.get('additionalProperties', {}), definitions)}"
+    return f"mapping of names to: {allowed(own.get('additionalProperties', {}), definitions)}"
 
 
 def _wrapped(text: str, indent: str) -> list[str]:

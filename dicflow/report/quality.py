@@ -17,7 +17,7 @@ from dicflow.report.measured import pattern
 from dicflow.report.rendering import render
 from dicflow.report.words import number, percent
 
-__all__ = ["PLACE", "TITLE", "quality"]
+__all__ = ["PLACE", "TITLE", "advice_on", "quality"]
 
 PLACE = 30
 TITLE = "Quality"
@@ -83,7 +83,7 @@ def quality(context: Context) -> Section | None:
     steps = result.steps(followed[0])
     panels = _panels(result, steps)
     speckle = pattern(context)
-    advice = _advice(speckle, _subset(result)) if speckle is not None else []
+    advice = advice_on(speckle, _subset(result)) if speckle is not None else []
     names = [(_heading(panel, name), "number") for panel, series in panels.items() for name in series]
     body = render(
         "quality.html",
@@ -152,7 +152,7 @@ def _facts(speckle: Mapping[str, float | None]) -> list[tuple[str, str, str]]:
     ]
 
 
-def _advice(speckle: Mapping[str, float | None], subset_px: float | None) -> list[tuple[bool, str]]:
+def advice_on(speckle: Mapping[str, float | None], subset_px: float | None) -> list[tuple[bool, str]]:
     """Whether each property is good, and a remedy if it is not."""
     low, high = _GOOD_SPECKLE_PX
     size, gradient, contrast = speckle["size_px"], speckle["gradient"], speckle["contrast"]

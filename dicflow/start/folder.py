@@ -30,7 +30,7 @@ from dicflow.start.layouts import Series, series_of, step_folders
 from dicflow.start.patterns import listed, patterns_of
 from dicflow.start.question import question
 
-__all__ = ["Caliper", "Found", "Photographs", "look"]
+__all__ = ["Caliper", "Found", "Photographs", "Survey", "look", "survey"]
 
 Say = Callable[[str], None]
 
@@ -87,6 +87,48 @@ class Found(NamedTuple):
     gauge: Gauge | None = None
 
 
+class Survey(NamedTuple):
+    """The series in a folder, and which of them may be measured.
+
+    paths : of all photographs, relative to the folder
+    subjects : the series by what they show
+    candidates : what may be measured; the first is the most likely
+    undecided : why the others are as likely; None where the first is certain
+    calibration : name of a file with the rig; None without one, or where boards give it
+    """
+
+    paths: list[PurePosixPath]
+    subjects: Subjects
+    candidates: Sequence[Candidate]
+    undecided: Undecided | None
+    calibration: str | None
+
+
+def survey(folder: Path, choice: Choice, see: See | None = None) -> Survey:
+    """Find the series of photographs in a folder, and the cameras that took them.
+
+    choice : what the user names
+    see : looks at photographs; None for a new one
+    Raises InputError without photographs of a specimen, and ConfigurationError if what is named is not there.
+    """
+    if not folder.is_dir():
+        raise InputError(f"{folder}: no such folder; name the folder that holds the photographs")
+    paths = list(_photographs(folder))
+    series = _series(folder, paths, choice)
+    if steps := step_folders(series):
+        raise InputError(
+            f"{folder}: {len(steps)} folders hold one photograph each, as {steps[0].files[0]} and {steps[1].files[0]}, "
+            "but steps are named by files; copy those of each camera into one folder, under the names of the steps"
+        )
+    subjects = _subjects(folder, series, choice, see or _see(folder))
+    calibration = None if subjects.boards else _calibration(folder)
+    try:
+        chosen = decide(subjects.specimen, subjects.boards, choice, calibration is not None)
+    except Undecided as undecided:
+        return Survey(paths, subjects, undecided.candidates, undecided, calibration)
+    return Survey(paths, subjects, [chosen], None, calibration)
+
+
 def look(folder: Path, choice: Choice, command: Sequence[str], say: Say) -> Found:
     """Find the photographs of the specimen and of boards, their cameras, the kind of board, and a place to measure.
 
@@ -95,22 +137,11 @@ def look(folder: Path, choice: Choice, command: Sequence[str], say: Say) -> Foun
     say : called with each finding
     Raises InputError without photographs of a specimen, and ConfigurationError if the cameras are not certain.
     """
-    if not folder.is_dir():
-        raise InputError(f"{folder}: no such folder; name the folder that holds the photographs")
-    paths = list(_photographs(folder))
     see = _see(folder)
-    series = _series(folder, paths, choice)
-    if steps := step_folders(series):
-        raise InputError(
-            f"{folder}: {len(steps)} folders hold one photograph each, as {steps[0].files[0]} and {steps[1].files[0]}, "
-            "but steps are named by files; copy those of each camera into one folder, under the names of the steps"
-        )
-    subjects = _subjects(folder, series, choice, see)
-    calibration = None if subjects.boards else _calibration(folder)
-    try:
-        chosen = decide(subjects.specimen, subjects.boards, choice, calibration is not None)
-    except Undecided as undecided:
+    paths, subjects, candidates, undecided, calibration = survey(folder, choice, see)
+    if undecided is not None:
         raise ConfigurationError(question(folder, undecided, command, paths, calibration is not None)) from undecided
+    chosen = candidates[0]
     found = _described(folder, chosen, paths, see)
     say(f"specimen: {found.photos}")
     if chosen.right and calibration:
@@ -118,6 +149,7 @@ def look(folder: Path, choice: Choice, command: Sequence[str], say: Say) -> Foun
         say(f"calibration: {calibration}")
     if found.boards and found.board:
         say(f"boards: {found.boards}, {found.board.text}")
+    series = [one for group in subjects for one in group]
     for one, reason in _left_out(subjects, chosen):
         say(f"left out: {len(one.files)} photographs, {listed(patterns_of(one.files, paths))}{reason}")
     single = sorted(set(paths) - {path for one in series for path in one.files})

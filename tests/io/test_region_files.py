@@ -7,7 +7,7 @@ from PIL import Image
 
 from dicflow.core.photographs.region import area
 from dicflow.errors import InputError
-from dicflow.io.region import is_geojson, read_geojson, read_mask, write_geojson
+from dicflow.io.region import geojson_text, is_geojson, read_geojson, read_mask, write_geojson
 
 pytestmark = pytest.mark.slow
 
@@ -67,6 +67,16 @@ def test_what_is_written_is_read(tmp_path):
     (again,) = read_geojson(tmp_path / "b.json").polygons
     for one, two in zip(polygons[0].rings, again.rings, strict=True):
         np.testing.assert_array_equal(one, two)
+
+
+def test_cuts_are_written_beside_the_polygons(tmp_path):
+    path = tmp_path / "region.geojson"
+    path.write_text(json.dumps({"type": "Polygon", "coordinates": [[[0, 0], [9, 0.1], [9, 9]]]}))
+    polygons, cuts = read_geojson(path).polygons, [np.array([[1.25, 2.0], [3.0, 4.5]])]
+    path.write_text(geojson_text(polygons, cuts))
+    drawing = read_geojson(path)
+    assert (drawing.polygons[0].exterior == polygons[0].exterior).all()
+    assert [cut.tolist() for cut in drawing.cuts] == [[[1.25, 2.0], [3.0, 4.5]]]
 
 
 @pytest.mark.parametrize(

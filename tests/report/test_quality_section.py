@@ -39,7 +39,7 @@ def test_figures_of_the_steps_are_those_of_the_products(loaded):
 
 
 def test_a_good_pattern_needs_no_advice():
-    assert all(good for good, _ in module._advice(GOOD, 21))
+    assert all(good for good, _ in module.advice_on(GOOD, 21))
 
 
 @pytest.mark.parametrize(
@@ -55,7 +55,7 @@ def test_a_good_pattern_needs_no_advice():
     ],
 )
 def test_what_is_not_good_comes_with_a_remedy(change, subset, words):
-    bad = [sentence for good, sentence in module._advice(GOOD | change, subset) if not good]
+    bad = [sentence for good, sentence in module.advice_on(GOOD | change, subset) if not good]
     assert len(bad) == 1
     assert words in bad[0]
 

@@ -1,0 +1,279 @@
+"""What the page may ask: one function per question, from JSON to JSON."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from concurrent.futures import ProcessPoolExecutor
+from concurrent.futures.process import BrokenProcessPool
+from multiprocessing import get_context
+from typing import Any
+
+from dicflow.app import calibrations, document, drawing, folder, pictures, previews, results, stages, versions
+from dicflow.app.plans import plan_of
+from dicflow.app.project import Project
+from dicflow.app.runs import Runs
+from dicflow.engine.workers import ignore_interrupts, prepare
+from dicflow.errors import ConfigurationError, WorkerError
+
+__all__ = ["ANSWERS", "Asked", "Desk"]
+
+Asked = Mapping[str, Any]
+
+
+_WORKS = 30
+"""Pieces of work after which the process that does them is renewed, with its memory."""
+
+
+class Desk:
+    """What answers need beside the question: the project, its runs, and a process for heavy work."""
+
+    def __init__(self, project: Project) -> None:
+        self.project = project
+        self.runs = Runs(project)
+        self.series: tuple[int, Any] | None = None
+        self._pool = _pool()
+
+    def work(self, call: Callable[..., Any], *arguments: Any) -> Any:
+        """The value of a function of a module, called in another process, which loads what it needs.
+
+        Raises WorkerError if that process dies.
+        """
+        try:
+            return self._pool.submit(call, *arguments).result()
+        except BrokenProcessPool as error:
+            self._pool = _pool()
+            raise WorkerError("the process that prepares this was killed; probably out of memory") from error
+
+    def close(self) -> None:
+        """End the process for heavy work."""
+        self._pool.shutdown(wait=False, cancel_futures=True)
+
+
+def _pool() -> ProcessPoolExecutor:
+    """One process, which starts with its first work."""
+    return ProcessPoolExecutor(1, get_context("spawn"), initializer=_ready, max_tasks_per_child=_WORKS)
+
+
+def _ready() -> None:
+    ignore_interrupts()
+    prepare()
+
+
+def _project(desk: Desk, asked: Asked) -> Any:
+    """The folder and its pipeline files; which one to open."""
+    project = desk.project
+    names = project.pipelines()
+    usual = "pipeline.yaml" if "pipeline.yaml" in names else names[0] if len(names) == 1 else ""
+    return {"folder": project.folder.name, "files": names, "chosen": project.chosen or usual}
+
+
+def _document(desk: Desk, asked: Asked) -> Any:
+    """A pipeline file: its text, digest and problems, and its graph where it is valid."""
+    name, project = str(asked["file"]), desk.project
+    text, digest = document.read_pipeline(project, name)
+    left = document.problems(text, name)
+    found: dict[str, Any] = {
+        "digest": digest,
+        "problems": left,
+        "text": text,
+        "can": versions.can(project),
+        "stages": [],
+        "title": name,
+    }
+    if not left:
+        pipeline = project.pipeline(name)
+        found |= {"stages": stages.graph_of(pipeline), "title": pipeline.title}
+    return found
+
+
+def _edit(desk: Desk, asked: Asked) -> Any:
+    """Write edits; ``dry`` only says what a run would then compute."""
+    name, edits = str(asked["file"]), document.edits_of(asked["edits"])
+    if asked.get("dry"):
+        text = document.edited(document.read_pipeline(desk.project, name).text, name, edits)
+        return plan_of(desk.project.candidate(name, text))
+    return {"problems": document.edit(desk.project, name, asked["digest"], edits, str(asked["words"]))}
+
+
+def _rewrite(desk: Desk, asked: Asked) -> Any:
+    """Write the whole text of a pipeline file, as a person mends it; what is still wrong with it."""
+    name, text = str(asked["file"]), str(asked["text"])
+    if not name.lower().endswith((".yaml", ".yml")):
+        raise ConfigurationError(f"{name}: is no pipeline file; name one that ends in .yaml")
+    versions.change(desk.project, {name: str(asked["digest"])}, {name: text.encode()}, f"text of {name}")
+    return {"problems": document.problems(text, name)}
+
+
+def _undo(desk: Desk, asked: Asked) -> Any:
+    return {"words": versions.undo(desk.project, asked.get("seen", {}))}
+
+
+def _redo(desk: Desk, asked: Asked) -> Any:
+    return {"words": versions.redo(desk.project, asked.get("seen", {}))}
+
+
+def _photograph(desk: Desk, asked: Asked) -> Any:
+    pipeline = desk.project.pipeline(asked["file"])
+    stage = str(asked.get("stage") or drawing.stages_of(pipeline, "images")[0])
+    return pictures.shown(desk.project, pipeline, stage, asked.get("step"), str(asked.get("side", "left")))
+
+
+def _steps(desk: Desk, asked: Asked) -> Any:
+    return pictures.steps_of(desk.project.pipeline(asked["file"]), str(asked["stage"]))
+
+
+def _drawing(desk: Desk, asked: Asked) -> Any:
+    """The region and the probes of a pipeline file, and the stage of the photographs that they are drawn on."""
+    project, name = desk.project, str(asked["file"])
+    pipeline = project.pipeline(name)
+    regions = drawing.stages_of(pipeline, "region")
+    probes = drawing.stages_of(pipeline, "probes")
+    return {
+        "regions": regions,
+        "region": drawing.drawing_of(project, name, regions[0]) if regions else None,
+        "images": drawing.photographs_of(pipeline, regions[0]) if regions else None,
+        "probes": drawing.probes_of(pipeline, probes[0]) if probes else None,
+    }
+
+
+def _proposed(desk: Desk, asked: Asked) -> Any:
+    return desk.work(previews.proposed_region, desk.project, str(asked["file"]), str(asked["stage"]))
+
+
+def _preview(desk: Desk, asked: Asked) -> Any:
+    """The grid of a stage, with edits that are not written."""
+    name = str(asked["file"])
+    text = document.read_pipeline(desk.project, name).text
+    if asked.get("edits"):
+        text = document.edited(text, str(desk.project.path(name)), document.edits_of(asked["edits"]))
+    return desk.work(previews.grid_preview, desk.project, name, text, str(asked["stage"]))
+
+
+def _draw(desk: Desk, asked: Asked) -> Any:
+    drawing.write_region(desk.project, asked["file"], str(asked["stage"]), asked["drawn"], asked["seen"])
+    return {}
+
+
+def _probe(desk: Desk, asked: Asked) -> Any:
+    drawing.write_probes(desk.project, asked["file"], str(asked["stage"]), asked["probes"], asked["digest"])
+    return {}
+
+
+def _series(desk: Desk, asked: Asked) -> Any:
+    """What the folder holds; looked at again once a photograph has come, gone or changed."""
+    now = folder.listing(desk.project)
+    if desk.series is None or desk.series[0] != now:
+        desk.series = now, desk.work(folder.found_in, desk.project)
+    return desk.series[1]
+
+
+def _make(desk: Desk, asked: Asked) -> Any:
+    return desk.work(folder.make_pipeline, desk.project, asked["roles"], str(asked.get("square", "")))
+
+
+def _calibration(desk: Desk, asked: Asked) -> Any:
+    """The rig; with ``without``, names of pairs of the boards, as it would be without them."""
+    name, text = str(asked["file"]), document.read_pipeline(desk.project, str(asked["file"])).text
+    if asked.get("without"):
+        edits = folder.edits_to_leave_out(desk.project, name, str(asked["boards"]), list(asked["without"]))
+        text = document.edited(text, str(desk.project.path(name)), edits)
+    return desk.work(calibrations.calibration_of, desk.project, name, text)
+
+
+def _pairs(desk: Desk, asked: Asked) -> Any:
+    return folder.pairs_of(desk.project, str(asked["file"]), str(asked["stage"]))
+
+
+def _leave_out(desk: Desk, asked: Asked) -> Any:
+    folder.leave_out(desk.project, asked["file"], str(asked["stage"]), list(asked["steps"]), str(asked["digest"]))
+    return {}
+
+
+def _parameters(desk: Desk, asked: Asked) -> Any:
+    return stages.parameters_of(desk.project.pipeline(asked["file"]), str(asked["stage"]))
+
+
+def _plan(desk: Desk, asked: Asked) -> Any:
+    return plan_of(desk.project.pipeline(asked["file"]))
+
+
+def _start(desk: Desk, asked: Asked) -> Any:
+    desk.runs.start(str(asked["file"]))
+    return {}
+
+
+def _stop(desk: Desk, asked: Asked) -> Any:
+    desk.runs.stop(str(asked["file"]))
+    return {}
+
+
+def _watch(desk: Desk, asked: Asked) -> Any:
+    return desk.runs.watch(str(asked["file"]))
+
+
+def _runs(desk: Desk, asked: Asked) -> Any:
+    return desk.runs.listed(str(asked["file"]))
+
+
+def _disk(desk: Desk, asked: Asked) -> Any:
+    return desk.runs.size(str(asked["file"]))
+
+
+def _pin(desk: Desk, asked: Asked) -> Any:
+    desk.runs.pin(str(asked["file"]), str(asked["run"]), asked.get("note"))
+    return {}
+
+
+def _clean(desk: Desk, asked: Asked) -> Any:
+    return desk.runs.clean(str(asked["file"]), int(asked["keep"]), bool(asked.get("delete")))
+
+
+def _maps(desk: Desk, asked: Asked) -> Any:
+    return results.maps_of(desk.project, str(asked["file"]))
+
+
+def _formats(desk: Desk, asked: Asked) -> Any:
+    return results.export_formats(desk.project, str(asked["file"]))
+
+
+def _export(desk: Desk, asked: Asked) -> Any:
+    return desk.work(results.export_files, desk.project, str(asked["file"]), asked)
+
+
+def _report(desk: Desk, asked: Asked) -> Any:
+    return desk.work(results.write_report, desk.project, str(asked["file"]))
+
+
+ANSWERS: Mapping[str, Callable[[Desk, Asked], Any]] = {
+    "project": _project,
+    "document": _document,
+    "edit": _edit,
+    "rewrite": _rewrite,
+    "undo": _undo,
+    "redo": _redo,
+    "photograph": _photograph,
+    "steps": _steps,
+    "drawing": _drawing,
+    "proposed": _proposed,
+    "preview": _preview,
+    "draw": _draw,
+    "probe": _probe,
+    "series": _series,
+    "make": _make,
+    "calibration": _calibration,
+    "pairs": _pairs,
+    "leave_out": _leave_out,
+    "parameters": _parameters,
+    "plan": _plan,
+    "start": _start,
+    "stop": _stop,
+    "watch": _watch,
+    "runs": _runs,
+    "disk": _disk,
+    "maps": _maps,
+    "formats": _formats,
+    "export": _export,
+    "report": _report,
+    "pin": _pin,
+    "clean": _clean,
+}

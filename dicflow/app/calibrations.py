@@ -1,0 +1,117 @@
+"""The calibration as a person judges it: errors of pairs, residuals on photographs, where boards are missing."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+
+from dicflow.app.previews import Maker
+from dicflow.app.project import Project
+from dicflow.core.calibration.bundle import residuals
+from dicflow.core.calibration.charuco import charuco_target
+from dicflow.core.calibration.circles import circle_target
+from dicflow.core.calibration.coverage import covered_area, empty_parts
+from dicflow.core.calibration.poses import fitted_boards
+from dicflow.core.calibration.targets import Target, checkerboard_target
+from dicflow.engine.node import At
+from dicflow.errors import ConfigurationError
+from dicflow.kinds.boards import BoardMarks
+from dicflow.kinds.rig import CalibratedRig
+
+__all__ = ["calibration_of"]
+
+_DIGITS = 3
+_SIDES = ("left", "right")
+
+
+def calibration_of(project: Project, name: str, text: str) -> dict[str, Any]:
+    """The rig of a pipeline file with a text that may not be saved; solved here where the store has it not.
+
+    ``stage``, ``boards`` (the stage of the boards' photographs, None for a rig from a file), ``verdict``, ``summary``;
+    ``pairs``: each with ``name``, ``used``, errors [px] or ``reason``, and for left and right the ``marks`` [px] and
+    their ``residuals``, reprojected minus observed [px]; ``empty``: left and right → ninths of the frame where the
+    board must still be shown; ``limit_px``: the error above which a pair is dropped.
+    Raises the error with which the stage would fail.
+    """
+    pipeline = project.candidate(name, text)
+    graph = pipeline.graph
+    names = pipeline.instances[0]
+    rigs = [stage for stage, instance in names.items() if graph.stages[instance].node.gives == "rig"]
+    if not rigs:
+        raise ConfigurationError("this pipeline has no calibration: it measures with one camera, in pixels")
+    stage = rigs[-1]
+    maker = Maker(graph, pipeline.plan("ignore"), pipeline.store)
+    rig = CalibratedRig.read(maker.product(names[stage]))
+    known: dict[str, Any] = {"stage": stage, "verdict": rig.verdict, "summary": dict(rig.summary)}
+    spec = graph.stages[names[stage]]
+    if "corners" not in spec.node.takes or spec.node.takes["corners"].at is not At.ALL:
+        return {**known, "boards": None, "pairs": []}
+    corners = spec.inputs["corners"]
+    back = {instance: other for other, instance in names.items()}
+    boards = [BoardMarks.read(maker.product(f"{corners}/{step}")) for step in graph.steps[corners]]
+    node: Any = spec.node
+    return {
+        **known,
+        "boards": back[graph.stages[corners].inputs["images"]],
+        "limit_px": node.max_error_px,
+        "pairs": _pairs(rig, boards, _target(boards[0], node.square)),
+        "empty": _empty(rig, boards),
+    }
+
+
+def _target(marks: BoardMarks, square_mm: float) -> Target:
+    board = marks.board
+    if "circles" in board.target:
+        return circle_target(board.size, square_mm, asymmetric=board.target == "asymmetric_circles")
+    return (charuco_target if board.target == "charuco" else checkerboard_target)(board.size, square_mm)
+
+
+def _pairs(rig: CalibratedRig, boards: Sequence[BoardMarks], target: Target) -> list[dict[str, Any]]:
+    """The pairs in their order, with marks and residuals where both cameras see the board."""
+    pairs = [dict(pair) for pair in rig.pairs]
+    seen = [k for k, board in enumerate(boards) if all(len(board[side]) for side in _SIDES) and "left_px" in pairs[k]]
+    if not seen:
+        return pairs
+    marks = {side: np.stack([boards[k][side] for k in seen]) for side in _SIDES}
+    errors = _residuals(rig, target, marks, np.array([bool(pairs[k].get("turned")) for k in seen]))
+    for number, k in enumerate(seen):
+        for camera, side in enumerate(_SIDES):
+            shown = np.isfinite(marks[side][number, :, 0])
+            pairs[k][side] = {
+                "marks": marks[side][number][shown].round(_DIGITS).tolist(),
+                "residuals": errors[number][camera][shown].round(_DIGITS).tolist(),
+            }
+    return pairs
+
+
+def _residuals(
+    rig: CalibratedRig, target: Target, marks: Mapping[str, np.ndarray], turned: np.ndarray
+) -> list[np.ndarray]:
+    """Residuals (2, m, 2) of each pair, left and right [px].
+
+    turned : pairs whose right marks were detected in the order of the board turned in its plane; of these orders the
+        one that fits best counts
+    """
+    found: list[np.ndarray] = [np.full((2, *target.points[:, :2].shape), np.inf)] * len(turned)
+    for number, order in enumerate(target.orders):
+        chosen = np.flatnonzero(turned | (number == 0))
+        left, right = marks["left"][chosen], marks["right"][chosen][:, order]
+        errors = residuals(fitted_boards(rig.cameras, target.points, left, right), target.points, left, right)
+        errors[:, 1] = errors[:, 1][:, np.argsort(order)]
+        for k, error in zip(chosen, errors, strict=True):
+            if np.nanmean(np.abs(error)) < np.nanmean(np.abs(found[k])):
+                found[k] = error
+    return found
+
+
+def _empty(rig: CalibratedRig, boards: Sequence[BoardMarks]) -> dict[str, list[str]]:
+    """Left and right → names of the ninths of the photographs that the boards of used pairs leave empty."""
+    used = [board for board, pair in zip(boards, rig.pairs, strict=True) if pair["used"]]
+    cameras = rig.cameras
+    return {
+        side: empty_parts(covered_area(np.stack([board[side] for board in used]), getattr(cameras, side).size))
+        for side in _SIDES
+        if used
+    }

@@ -1,0 +1,103 @@
+// The grid of points and one subset on the first photograph, with what the speckles allow.
+
+import { ask } from "./api.js";
+import { button, fill, h, s } from "./dom.js";
+import { Viewer } from "./viewer.js";
+
+const DOT = 1.6; // radius of a point [px of the screen]
+
+export class GridPreview {
+  /** edits : gives the changes of the file that are not saved */
+  constructor(app, stage, edits) {
+    Object.assign(this, { app, stage, edits });
+    this.viewer = new Viewer(() => this.draw());
+    this.viewer.element.addEventListener("keydown", (event) => this.viewer.key(event));
+    this.viewer.element.addEventListener("pointerdown", (event) => this.down(event));
+    this.viewer.element.addEventListener("pointermove", (event) => this.move(event));
+    this.viewer.element.addEventListener("pointerup", (event) => this.up(event));
+    this.facts = h("div", { className: "facts" }, h("p", { className: "faint" }, "The grid, a subset and its σ can be seen before anything is computed."));
+    this.element = h("div", { className: "preview" }, h("div", { className: "tools" }, button("Preview the grid", () => this.look(), { className: "main" }), h("span", { className: "faint" }, "click shows the subset there")), this.viewer.element, this.facts);
+    this.found = null;
+    this.chosen = null;
+  }
+
+  async open() {
+    const { images } = await ask("drawing", { file: this.app.file });
+    if (images) this.viewer.open(await ask("photograph", { file: this.app.file, stage: images }));
+  }
+
+  leave() {
+    this.viewer.leave();
+  }
+
+  async look() {
+    fill(this.facts, h("p", { className: "faint" }, "laying out the grid; the first time takes longer …"));
+    try {
+      this.found = await ask("preview", { file: this.app.file, stage: this.stage, edits: this.edits() });
+      const { points, is_valid: valid } = this.found;
+      this.chosen = points[Math.max(0, valid.indexOf(true, Math.floor(points.length / 2)))];
+      this.tell();
+    } catch (error) {
+      this.found = null;
+      fill(this.facts, h("p", { className: "problem" }, error.message));
+    }
+    this.viewer.draw();
+  }
+
+  tell() {
+    const { count, valid, sigma_px: sigma, noise_grey: noise, noise_source: source, speckle_px: speckle, advice, subset_size: size } = this.found;
+    const rows = [
+      ["points", `${valid.toLocaleString("en")} of ${count.toLocaleString("en")} can be followed`],
+      ["σ of a displacement by noise", `x ${sigma[0].toPrecision(2)} px, y ${sigma[1].toPrecision(2)} px (median)`],
+      ["noise", `${noise.toPrecision(2)} grey levels, ${source}`],
+      ["speckles", speckle === null ? "none" : `${speckle.toPrecision(2)} px, ${(size / speckle).toFixed(1)} along a subset's side`],
+    ];
+    fill(this.facts, h("table", {}, h("tbody", {}, rows.map(([name, value]) => h("tr", {}, h("th", {}, name), h("td", {}, value))))),
+      h("ul", {}, advice.map(([good, words]) => h("li", { className: good ? "" : "problem" }, words))),
+      this.found.as_taken ? null : h("p", { className: "faint" }, "The grid lies in the rectified image, so it is not drawn here."));
+  }
+
+  draw() {
+    const found = this.found;
+    if (!found || !found.as_taken) return fill(this.viewer.marks);
+    const path = { true: [], false: [] };
+    found.points.forEach((place, k) => {
+      const [x, y] = this.viewer.toScreen(place);
+      path[found.is_valid[k]].push(`M${x.toFixed(1)} ${y.toFixed(1)}h0`);
+    });
+    const parts = [["good", path.true], ["lost", path.false]].map(([look, marks]) =>
+      s("path", { class: `grid ${look}`, d: marks.join(""), "stroke-width": 2 * DOT, "stroke-linecap": "round" }));
+    if (this.chosen) {
+      const half = found.subset_size / 2;
+      const [x0, y0] = this.viewer.toScreen([this.chosen[0] - half, this.chosen[1] - half]);
+      const side = found.subset_size * this.viewer.scale;
+      parts.push(...["under", "over"].map((look) => s("rect", { class: `subset ${look}`, x: x0, y: y0, width: side, height: side })));
+    }
+    return fill(this.viewer.marks, parts);
+  }
+
+  down(event) {
+    if (this.viewer.pinch(event, true)) return;
+    this.viewer.element.setPointerCapture(event.pointerId);
+    this.press = { at: this.viewer.at(event), moved: false };
+  }
+
+  move(event) {
+    if (this.viewer.pinch(event) || !this.press) return;
+    const at = this.viewer.at(event);
+    if (!this.press.moved && Math.hypot(at[0] - this.press.at[0], at[1] - this.press.at[1]) < 4) return;
+    this.viewer.panBy(at[0] - this.press.at[0], at[1] - this.press.at[1]);
+    this.press = { at, moved: true };
+  }
+
+  up(event) {
+    this.viewer.pinch(event, false);
+    if (this.press && !this.press.moved && this.found) {
+      const place = this.viewer.toPhotograph(this.viewer.at(event));
+      const gap = ([x, y]) => Math.hypot(x - place[0], y - place[1]);
+      this.chosen = this.found.points.reduce((best, one) => (gap(one) < gap(best) ? one : best), this.found.points[0]);
+      this.viewer.draw();
+    }
+    this.press = null;
+  }
+}

@@ -1,0 +1,177 @@
+// The screen "settings": what a stage does, its parameters, what a change would compute, and a preview of the grid.
+
+import { ask } from "./api.js";
+import { button, duration, empty, fill, h } from "./dom.js";
+import { GridPreview } from "./preview.js";
+
+export const title = "Settings";
+
+export async function show(place, app) {
+  if (!app.file) {
+    fill(place, empty(title, "There is no pipeline file yet. Begin with the folder: it proposes one.", button("Go to the folder", () => app.go("folder"), { className: "main" })));
+    return null;
+  }
+  if (!app.detail) return overview(place, app);
+  const screen = new StageScreen(place, app, app.detail);
+  await screen.open();
+  return screen;
+}
+
+/** All stages, and what a run would compute of each and why. */
+async function overview(place, app) {
+  const page = h("div", { className: "page" }, h("h1", {}, "Stages and settings"),
+    h("p", { className: "faint" }, "Choose a stage to see and change its settings. The file stays as you wrote it; comments and order are kept."),
+    h("p", { className: "faint" }, "looking at what is stored …"));
+  fill(place, page);
+  const states = await app.plan();
+  page.lastChild.remove();
+  page.append(planTable(app, states, app.planProblem));
+  return null;
+}
+
+/** A table of what a run would compute. */
+function planTable(app, states, problem) {
+  if (!states) return h("p", { className: "problem" }, problem);
+  return h("div", { className: "card scroll" }, h("table", {},
+    h("thead", {}, h("tr", {}, ["stage", "does", "stored", "to compute", "because"].map((word, k) => h("th", { className: k === 2 || k === 3 ? "number" : "" }, word)))),
+    h("tbody", {}, app.document.stages.map((stage) => {
+      const counts = states.stages[stage.name] ?? { hit: 0, run: 0, pending: 0, reasons: [] };
+      return h("tr", {}, h("td", {}, h("a", { href: `#settings/${encodeURIComponent(stage.name)}` }, stage.name)), h("td", {}, stage.title),
+        h("td", { className: "number" }, String(counts.hit)), h("td", { className: "number" }, String(counts.run + counts.pending)),
+        h("td", { className: "faint" }, because(counts.reasons)));
+    }))), h("p", {}, expected(states)), states.warnings.map((words) => h("p", { className: "problem" }, words)));
+}
+
+/** The two most frequent reasons. */
+function because(reasons) {
+  const words = reasons.slice(0, 2).map(([one, times]) => (times > 1 ? `${one} (${times} ×)` : one));
+  return words.join("; ") + (reasons.length > 2 ? "; …" : "");
+}
+
+/** How long a run would take, in a sentence. */
+export function expected(states) {
+  const { run, pending } = states.counts;
+  if (!run && !pending) return "Everything is computed.";
+  const tasks = `${run + pending} ${run + pending === 1 ? "task" : "tasks"} to compute`;
+  if (states.seconds === null) return `${tasks}; how long that takes is known after the first run.`;
+  const { workers } = states;
+  return `${tasks}, about ${duration(states.seconds / workers)} with ${workers} ${workers === 1 ? "worker" : "workers"}, by the times of the last run.`;
+}
+
+class StageScreen {
+  constructor(place, app, name) {
+    Object.assign(this, { place, app, name });
+    this.texts = new Map(); // parameter or input → text as typed; "" takes the key away
+  }
+
+  async open() {
+    const { app, name } = this;
+    this.stage = await ask("parameters", { file: app.file, stage: name });
+    const [first, ...more] = this.stage.about;
+    this.pending = h("div", { className: "pending", "aria-live": "polite" });
+    const usual = this.stage.parameters.filter((one) => one.affects === "result").sort((one, other) => other.given - one.given);
+    const others = this.stage.parameters.filter((one) => one.affects !== "result");
+    const own = h("div", { className: "page" },
+      h("p", {}, h("a", { href: "#settings" }, "All stages")),
+      h("h1", {}, `${name}: ${this.stage.title}`),
+      h("p", {}, first), more.length ? h("details", {}, h("summary", {}, "More on this stage"), more.map((part) => h("p", {}, part))) : null,
+      this.pending,
+      this.stage.inputs.length ? h("div", { className: "card" }, h("h2", {}, "Takes"), this.stage.inputs.map((one) => this.input(one))) : null,
+      h("div", { className: "card" }, h("h2", {}, "Parameters"), usual.length ? usual.map((one) => this.parameter(one)) : h("p", { className: "faint" }, "none")),
+      others.length ? h("details", { className: "card" }, h("summary", {}, "Speed and files; these change no result"), others.map((one) => this.parameter(one))) : null);
+    if (this.stage.stage === "correlate") {
+      this.preview = new GridPreview(app, name, () => this.edits());
+      fill(this.place, h("div", { className: "halves" }, own, this.preview.element));
+      await this.preview.open();
+    } else fill(this.place, own);
+  }
+
+  leave() {
+    this.preview?.leave();
+  }
+
+  /** One parameter: name, a field for its value, unit, sentence, limits. */
+  parameter(one) {
+    const limits = [one.allowed, one.default === "null" ? "" : `default ${one.default}`].filter(Boolean).join("; ");
+    const field = one.choices ? this.choice(one) : this.field(one);
+    return h("label", { className: one.given ? "parameter given" : "parameter" },
+      h("span", { className: "key" }, one.name),
+      h("span", { className: "value" }, field, one.unit ? h("span", { className: "unit" }, one.unit) : null),
+      h("span", { className: "about" }, one.words, h("span", { className: "faint" }, ` (${limits})`)));
+  }
+
+  field(one) {
+    return h("input", { type: "text", value: one.value === "null" ? "" : one.value, spellcheck: false, autocomplete: "off", onchange: (event) => this.type(one, event.target.value) });
+  }
+
+  choice(one) {
+    const values = one.choices.includes(one.value) ? one.choices : [...one.choices, one.value];
+    return h("select", { onchange: (event) => this.type(one, event.target.value) },
+      values.map((value) => h("option", { value, selected: value === one.value }, value === "null" ? "none" : value)));
+  }
+
+  input(one) {
+    const automatic = one.given ? "the only one that fits" : `${one.value ?? "none"}, by itself`;
+    return h("label", { className: "parameter" }, h("span", { className: "key" }, one.name),
+      h("span", { className: "value" }, h("select", { onchange: (event) => this.type(one, event.target.value) },
+        h("option", { value: "", selected: !one.given }, automatic),
+        one.fitting.map((name) => h("option", { value: name, selected: one.given && name === one.value }, name)),
+        one.optional ? h("option", { value: "null", selected: one.given && one.value === null }, "none") : null)),
+      h("span", { className: "about" }, `${one.kinds.join(" or ")}${one.optional ? ", optional" : ""}`));
+  }
+
+  type(one, text) {
+    const before = one.given ? one.value ?? "null" : "";
+    if (text === before || (!one.given && text === (one.value === "null" ? "" : one.value))) this.texts.delete(one.name);
+    else this.texts.set(one.name, text);
+    this.weigh();
+  }
+
+  edits() {
+    return [...this.texts].map(([name, text]) => ({ place: ["stages", this.name, name], text }));
+  }
+
+  /** What the typed values would compute. */
+  async weigh() {
+    const edits = this.edits();
+    if (!edits.length) return fill(this.pending);
+    fill(this.pending, h("div", { className: "card" }, "looking at what would be computed …"));
+    try {
+      const plan = await ask("edit", { file: this.app.file, edits, dry: true });
+      this.offer(plan);
+    } catch (error) {
+      fill(this.pending, h("div", { className: "card bad" }, h("p", { className: "problem" }, error.message), this.discard()));
+    }
+    return null;
+  }
+
+  offer(plan) {
+    const again = Object.values(plan.stages).filter((one) => one.run + one.pending).map((one) => `${one.name} ${one.run + one.pending}`);
+    fill(this.pending, h("div", { className: "card offer" },
+      h("h2", {}, "What would be computed"), h("p", { className: "would" }, again.length ? again.join(", ") : "nothing: all of it is stored"), h("p", { className: "faint" }, expected(plan)),
+      h("div", { className: "row" }, button("Save to the file", () => this.save(), { className: "main" }), this.discard())));
+  }
+
+  discard() {
+    return button("Discard", () => { this.texts.clear(); this.app.go("settings", this.name); this.again(); });
+  }
+
+  async again() {
+    this.leave();
+    fill(this.place);
+    await this.open();
+  }
+
+  async save() {
+    const words = [...this.texts.keys()].map((name) => `${this.name}.${name}`).join(", ");
+    try {
+      await ask("edit", { file: this.app.file, digest: this.app.document.digest, edits: this.edits(), words });
+      this.texts.clear();
+      await this.app.changed();
+      await this.again();
+      this.app.say(`saved: ${words}`);
+    } catch (error) {
+      await this.app.fail(error);
+    }
+  }
+}

@@ -1,0 +1,60 @@
+"""The command app prints a link, serves until Ctrl-C, and leaves runs alone."""
+
+from __future__ import annotations
+
+import signal
+import subprocess
+import sys
+import time
+import urllib.error
+import urllib.request
+
+import pytest
+from app_serving import FILE, small_test
+from small import dicflow
+
+from dicflow.app.project import open_project
+from dicflow.app.runs import Runs
+
+pytestmark = pytest.mark.slow
+
+
+def test_it_prints_its_link_and_ends_with_ctrl_c(tmp_path):
+    path = small_test(tmp_path / "test")
+    command = [sys.executable, "-m", "dicflow", "app", path, "--no-browser"]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as process:
+        link = process.stdout.readline().strip()
+        assert link.startswith("http://127.0.0.1:")
+        with urllib.request.urlopen(link, timeout=30) as page:
+            assert page.status == 200
+        with pytest.raises(urllib.error.HTTPError) as refused:
+            urllib.request.urlopen(link.partition("?")[0], timeout=30)
+        assert refused.value.code == 403
+        refused.value.close()
+        process.send_signal(signal.SIGINT)
+        _, said = process.communicate(timeout=30)
+    assert process.returncode == 0
+    assert said.strip() == "open this link, which is for you alone; Ctrl-C ends the app, and runs go on"
+
+
+def test_runs_go_on_without_the_app(tmp_path):
+    path = small_test(tmp_path / "test", steps=20)
+    lines = [
+        "from pathlib import Path",
+        "from dicflow.app.project import open_project",
+        "from dicflow.app.runs import Runs",
+        f"Runs(open_project(Path({str(path)!r}))).start({FILE!r})",
+    ]
+    starter = "; ".join(lines)
+    subprocess.run([sys.executable, "-c", starter], check=True)
+    known = Runs(open_project(path))
+    start = time.monotonic()
+    while known.watch(FILE)["state"] != "done":
+        assert time.monotonic() - start < 120
+        time.sleep(0.2)
+
+
+def test_what_cannot_be_opened_is_refused(tmp_path, monkeypatch):
+    dicflow("app", tmp_path / "none", "--no-browser").refuses(2, "no such folder or file")
+    monkeypatch.setattr("importlib.util.find_spec", lambda name: None)
+    dicflow("app", tmp_path, "--no-browser").refuses(2, "pip install 'dicflow[app]'")

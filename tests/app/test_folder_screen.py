@@ -1,0 +1,102 @@
+"""A folder of photographs becomes a pipeline file as 'dicflow init' makes it, and bad photographs are left out."""
+
+from __future__ import annotations
+
+import shutil
+from pathlib import Path
+
+import pytest
+from app_browser import opened_page
+from app_serving import FILE, served, small_test
+from small import dicflow
+
+from dicflow.app.folder import found_in, make_pipeline
+from dicflow.app.project import open_project
+from dicflow.errors import ConfigurationError
+from dicflow.io.configuration import read
+from dicflow.pipeline import Pipeline
+
+pytestmark = pytest.mark.slow
+SAMPLES = Path(__file__).resolve().parents[2] / "data_samples"
+
+
+@pytest.fixture
+def messy(tmp_path):
+    """Photographs of a strip and of boards, and one that belongs nowhere."""
+    for name in ("photos", "boards"):
+        shutil.copytree(SAMPLES / name, tmp_path / "messy" / name)
+    (tmp_path / "messy" / "photos" / "left" / "step_07.png").unlink()
+    shutil.copy(SAMPLES / "photos" / "left" / "step_00.png", tmp_path / "messy" / "setup.png")
+    return tmp_path / "messy"
+
+
+def test_series_have_the_roles_that_init_would_give_them(messy):
+    found = found_in(open_project(messy))
+    roles = {one["pattern"]: (len(one["names"]), one["shows"], one["role"]) for one in found["series"]}
+    assert roles["photos/left/*.png"] == (7, "specimen", "left")
+    assert roles["photos/right/*.png"] == (8, "specimen", "right")
+    assert roles["boards/left/*.png"] == (12, "board", "left_boards")
+    assert roles["boards/right/*.png"] == (12, "board", "right_boards")
+    assert "setup.png" in [*found["single"], *(name for one in found["series"] for name in one["names"])]
+
+
+def test_the_file_is_that_of_init(tmp_path):
+    for name in ("app", "init"):
+        for part in ("photos", "boards"):
+            shutil.copytree(SAMPLES / part, tmp_path / name / "test" / part)
+    project = open_project(tmp_path / "app" / "test")
+    roles = [{"name": one["names"][0], "role": one["role"]} for one in found_in(project)["series"]]
+    made = make_pipeline(project, roles, "14.5 mm")
+    assert dicflow("init", tmp_path / "init" / "test", "--square", "14.5 mm").code == 0
+    expected = (tmp_path / "init" / "test" / FILE).read_text()
+    assert project.path(FILE).read_text() == expected
+    assert any("specimen: 8 pairs" in line for line in made["said"])
+    with pytest.raises(ConfigurationError, match="exists"):
+        make_pipeline(project, roles, "")
+
+
+def test_a_folder_is_sorted_with_the_mouse(messy):
+    with served(messy) as app, opened_page(app) as someone:
+        page = someone.page
+        page.wait_for_selector(".series select", timeout=60_000)
+        assert page.locator(".series img").count() >= 12
+        assert "1 without a partner" in page.inner_text("table.narrow")
+        someone.until("[...document.querySelectorAll('.series img')].every((one) => one.naturalWidth > 0)")
+        page.get_by_label("what photos/right/*.png is").select_option("left")
+        page.get_by_label("what photos/left/*.png is").select_option("right")
+        page.get_by_label("what boards/right/*.png is").select_option("left_boards")
+        page.get_by_label("what boards/left/*.png is").select_option("right_boards")
+        page.fill("#square", "14.5 mm")
+        assert someone.overlaps() == []
+        page.get_by_role("button", name="Make the pipeline file").click()
+        page.wait_for_selector("#messages .error", timeout=60_000)
+        assert "unpaired" in page.inner_text("#messages .error") or "partner" in page.inner_text("#messages .error")
+        (messy / "photos" / "right" / "step_07.png").unlink()
+        page.get_by_role("button", name="Make the pipeline file").click()
+        page.wait_for_selector("section.region .viewer", timeout=60_000)
+    stages = read(messy / FILE).data["stages"]
+    assert (stages["photos"]["left"], stages["photos"]["right"]) == ("photos/right/*.png", "photos/left/*.png")
+    assert (stages["boards"]["left"], stages["boards"]["right"]) == ("boards/right/*.png", "boards/left/*.png")
+    assert stages["rig"]["square"] == "14.5 mm"
+
+
+def test_bad_photographs_are_left_out_and_come_back(tmp_path):
+    path = small_test(tmp_path / "test", steps=12)
+    before = path.read_bytes()
+    with served(path.parent) as app, opened_page(app) as someone:
+        someone.go("folder")
+        page = someone.page
+        page.wait_for_selector(".pair")
+        assert page.locator(".pair").count() == 12
+        for name in ("step_0003", "step_0010"):
+            page.locator(".pair", has_text=name).locator("input").check()
+        page.get_by_role("button", name="Leave out 2").click()
+        someone.said("left out: step_0003, step_0010")
+        kept = [f"left/step_{k:04}.png" for k in range(12) if k not in (3, 10)]
+        assert read(path).data["stages"]["photos"]["left"] == kept
+        assert list(Pipeline.load(path).graph.steps["photos"]) == [Path(name).stem for name in kept]
+        assert b"# the specimen" in path.read_bytes()
+        someone.until("document.querySelectorAll('.pair').length === 10")
+        page.keyboard.press("Control+z")
+        someone.said("taken back")
+        assert path.read_bytes() == before

@@ -1,0 +1,131 @@
+"""Runs are processes of their own: started, watched, stopped and gone on with, whoever started them."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+import time
+
+import pytest
+from app_browser import opened_page
+from app_serving import FILE, served, small_test
+
+from dicflow.app.project import open_project
+from dicflow.app.runs import Runs
+from dicflow.engine.journal import runs
+from dicflow.engine.store import Store
+from dicflow.errors import ConfigurationError
+from dicflow.pipeline import Pipeline
+
+pytestmark = pytest.mark.slow
+
+
+def ended(watch, state="done", patience_s=120.0):
+    """Watch a run until it has ended."""
+    start = time.monotonic()
+    while (found := watch())["state"] in ("starting", "running", "none"):
+        assert time.monotonic() - start < patience_s, found
+        time.sleep(0.1)
+    assert found["state"] == state, found
+    return found
+
+
+def test_a_run_is_started_and_watched_to_its_end(tmp_path):
+    path = small_test(tmp_path / "test", steps=3)
+    with served(path.parent) as app, opened_page(app) as someone:
+        someone.go("run")
+        assert someone.page.inner_text("h1") == "Not run yet"
+        someone.page.get_by_role("button", name="Start", exact=True).click()
+        someone.said("started")
+        someone.page.wait_for_selector("h1.state.done", timeout=120_000)
+        found = app.found("watch", file=FILE)
+        plan = Pipeline.load(path).plan()
+        assert plan.counts["run"] == plan.counts["pending"] == 0
+        assert {name: row["all"] for name, row in found["stages"].items()} == {
+            stage: sum(counts.values()) for stage, counts in plan.by_stage().items()
+        }
+        assert all(row["computed"] == row["all"] for row in found["stages"].values())
+        assert (newest := runs(Store.open(path.parent / ".dicflow"))[0]).id == found["run"]
+        assert newest.id in someone.page.inner_text("section.run")
+        someone.page.wait_for_selector('#sidebar a.hit[href="#settings/total"]')
+        assert someone.overlaps() == []
+
+
+def test_a_run_is_stopped_and_gone_on_with(tmp_path):
+    project = open_project(small_test(tmp_path / "test", steps=60, size=(400, 300)).parent)
+    known = Runs(project)
+    known.start(FILE)
+    with pytest.raises(ConfigurationError, match="under way"):
+        known.start(FILE)
+    start = time.monotonic()
+    while not any(row["computed"] for row in known.watch(FILE).get("stages", {}).values()):
+        assert time.monotonic() - start < 120
+        time.sleep(0.05)
+    known.stop(FILE)
+    stopped = ended(lambda: known.watch(FILE), "stopped")
+    done = sum(row["computed"] for row in stopped["stages"].values())
+    known.start(FILE)
+    found = ended(lambda: known.watch(FILE))
+    assert found["run"] != stopped["run"]
+    assert sum(row["hit"] for row in found["stages"].values()) >= done > 0
+
+
+def test_a_run_of_a_terminal_is_seen_and_stopped(tmp_path):
+    path = small_test(tmp_path / "test", steps=60, size=(400, 300))
+    known = Runs(open_project(path))
+    assert known.watch(FILE)["state"] == "none"
+    with pytest.raises(ConfigurationError, match="no run"):
+        known.stop(FILE)
+    process = subprocess.Popen([sys.executable, "-m", "dicflow", "run", path], stderr=subprocess.DEVNULL)
+    start = time.monotonic()
+    while not any(row["computed"] for row in known.watch(FILE).get("stages", {}).values()):
+        assert time.monotonic() - start < 120
+        time.sleep(0.05)
+    known.stop(FILE)
+    assert process.wait(120) != 0
+    assert known.watch(FILE)["state"] == "stopped"
+
+
+def test_what_failed_is_said_as_the_command_line_says_it(tmp_path):
+    path = small_test(tmp_path / "test")
+    path.write_text(path.read_text().replace("subset_size: 21", "subset_size: 5"))
+    command = subprocess.run([sys.executable, "-m", "dicflow", "run", path], capture_output=True, text=True)
+    assert command.returncode == 1
+    with served(path.parent) as app, opened_page(app) as someone:
+        someone.go("run")
+        someone.page.wait_for_selector("h1.state.failed")
+        (said,) = app.found("watch", file=FILE)["failures"]
+        assert said["text"] in command.stderr
+        assert said["text"] in someone.page.inner_text(".card.bad")
+        someone.page.wait_for_selector('#sidebar a.failed[href="#settings/correlation"]')
+
+
+def test_a_run_that_cannot_begin_says_why(tmp_path):
+    path = small_test(tmp_path / "test")
+    (path.parent / "left" / "step_0001.png").write_bytes(b"no photograph")
+    known = Runs(open_project(path))
+    known.start(FILE)
+    start = time.monotonic()
+    while not (message := known.watch(FILE)["message"]):
+        assert time.monotonic() - start < 60
+        time.sleep(0.1)
+    assert "step_0001.png" in message
+    assert "Traceback" not in message
+
+
+def test_runs_are_listed_pinned_and_cleaned_up(tmp_path):
+    path = small_test(tmp_path / "test")
+    ids = [Pipeline.load(path).run(scheduler="sync").outcome.run_id for _ in range(2)]
+    with served(path.parent) as app, opened_page(app) as someone:
+        someone.go("run")
+        page = someone.page
+        page.wait_for_selector(f"text={ids[1]}")
+        row = page.locator("tr", has_text=ids[0])
+        row.locator("button").click()
+        page.wait_for_selector("button[aria-pressed=true]")
+        assert {run["id"]: run["pin"] for run in app.found("runs", file=FILE)} == {ids[0]: "", ids[1]: None}
+        files = [path for path in (path.parent / ".dicflow").rglob("*") if path.is_file()]
+        assert app.found("disk", file=FILE) == sum(file.stat().st_size for file in files)
+        page.click("text=What would go?")
+        page.wait_for_selector("text=would free 0.0 MB: 0 products, 0 runs")
+        page.wait_for_selector("text=MB on the disk")

@@ -1,0 +1,141 @@
+"""Settings: what would be computed is the plan, and a preview is what the run gives."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from app_browser import opened_page
+from app_serving import FILE, served, small_test
+
+from dicflow.app import previews
+from dicflow.app.project import open_project
+from dicflow.engine.journal import latest
+from dicflow.io.configuration import read
+from dicflow.kinds.correlation import Correlation
+from dicflow.pipeline import Pipeline
+
+pytestmark = pytest.mark.slow
+
+
+@pytest.fixture(scope="module")
+def measured(tmp_path_factory):
+    """A small test that has been measured."""
+    path = small_test(tmp_path_factory.mktemp("measured") / "test", steps=3)
+    assert Pipeline.load(path).run(scheduler="sync").outcome.ok
+    return path
+
+
+def missing(plan):
+    return {stage: counts["run"] + counts["pending"] for stage, counts in plan.by_stage().items() if not counts["hit"]}
+
+
+def test_parameters_have_words_limits_units_and_what_is_given(measured):
+    with served(measured.parent) as app:
+        found = app.found("parameters", file=FILE, stage="correlation")
+    by_name = {one["name"]: one for one in found["parameters"]}
+    assert by_name["subset_size"]["words"] == "side of the squares that are compared; odd"
+    assert by_name["subset_size"]["unit"] == "px"
+    assert by_name["subset_size"]["allowed"] == "whole number, at least 5"
+    assert (by_name["subset_size"]["value"], by_name["subset_size"]["default"]) == ("21", "31")
+    assert by_name["subset_size"]["given"]
+    assert by_name["interpolation"]["choices"] == ["bicubic", "biquintic"]
+    assert by_name["threads"]["affects"] == "speed"
+    assert {one["name"]: one["value"] for one in found["inputs"]} == {
+        "images": "photos", "region": "region", "matches": None,
+    }  # fmt: skip
+
+
+def test_a_change_shows_what_it_computes_and_is_saved_and_taken_back(measured):
+    before = measured.read_bytes()
+    with served(measured.parent) as app, opened_page(app) as someone:
+        page = someone.page
+        page.click('#sidebar a[href="#settings/total"]')
+        field = page.locator("label.parameter", has_text="window").first.locator("input")
+        field.fill("50 px")
+        page.keyboard.press("Tab")
+        would = page.locator(".would").inner_text()
+        plan = Pipeline.load(measured, settings=["total.window=50 px"]).plan()
+        assert would == ", ".join(f"{stage} {count}" for stage, count in missing(plan).items())
+        assert missing(plan) == {"total": 2}
+        assert measured.read_bytes() == before
+        page.click("text=Save to the file")
+        someone.said("saved: total.window")
+        assert measured.read_bytes() == before.replace(b"window: 40 px", b"window: 50 px")
+        page.wait_for_selector('#sidebar a.run[href="#settings/total"]')
+        page.keyboard.press("Control+z")
+        someone.said("taken back: total.window")
+        assert measured.read_bytes() == before
+        page.wait_for_selector('#sidebar a.hit[href="#settings/total"]')
+
+
+def test_a_wrong_value_is_refused_in_the_words_of_the_command_line(measured):
+    with served(measured.parent) as app, opened_page(app) as someone:
+        page = someone.page
+        page.click('#sidebar a[href="#settings/correlation"]')
+        page.locator("label.parameter", has_text="subset_size").locator("input").fill("22")
+        page.keyboard.press("Tab")
+        page.wait_for_selector(".pending .problem")
+        said = page.inner_text(".pending .problem")
+    assert "correlation.subset_size: 22 is even; use an odd number (23 is the next)" in said
+    assert read(measured).data["stages"]["correlation"]["subset_size"] == 21
+
+
+def test_the_preview_is_the_product_of_the_first_step(measured):
+    result = Pipeline.load(measured).result()
+    first, second = (Correlation.read(result.product("correlation", step)) for step in (0, 1))
+    found = previews.grid_preview(open_project(measured), FILE, measured.read_text(), "correlation")
+    assert found["valid"] == (first["status"] == 0).sum()
+    assert np.abs(np.array(found["points"])[found["is_valid"]] - first["xy"][first["status"] == 0]).max() < 0.006
+    variance = (second["covariance"] + second["template"])[second["status"] == 0][:, [0, 2]]
+    sigma = np.sqrt(np.median(variance, axis=0))
+    moved = (second["xy"] - first["xy"])[second["status"] == 0]
+    scatter = np.median(np.abs(moved), axis=0) / 0.6745  # of a normal distribution: subsets at the edge scatter more
+    assert found["noise_grey"] == pytest.approx(3.0, rel=0.15)
+    assert np.abs(found["sigma_px"] / sigma - 1.0).max() < 0.1
+    assert np.abs(found["sigma_px"] / scatter - 1.0).max() < 0.25
+    other = measured.read_text().replace("step_size: 5", "step_size: 10")
+    coarse = previews.grid_preview(open_project(measured), FILE, other, "correlation")
+    assert coarse["count"] < found["count"] / 3
+
+
+def test_the_grid_is_drawn_on_the_speckles(measured):
+    with served(measured.parent) as app, opened_page(app) as someone:
+        page = someone.page
+        page.click('#sidebar a[href="#settings/correlation"]')
+        page.click("text=Preview the grid")
+        page.wait_for_selector(".grid.good[d^=M]", timeout=60_000, state="attached")
+        assert "can be followed" in page.inner_text(".facts")
+        x, y = someone.at((100, 75))
+        page.mouse.click(x, y)
+        page.wait_for_timeout(300)
+        box = page.locator(".subset.over").bounding_box()
+        scale = page.evaluate("document.querySelector('.viewer').viewer.scale")
+        assert box["width"] == pytest.approx(21 * scale, abs=3)
+        assert abs(box["x"] + box["width"] / 2 - x) <= 3 * scale + 2
+        assert someone.overlaps() == []
+
+
+def test_the_expected_time_is_that_of_the_last_run(measured):
+    pipeline = Pipeline.load(measured)
+    last = {name: pipeline.store.record(entry["key"]) for name, entry in latest(pipeline.store, "pipeline").items()}
+    seconds = sum(record.made["stage_s"] for name, record in last.items() if name.startswith("total/"))
+    with served(measured.parent) as app:
+        edits = [{"place": ["stages", "total", "window"], "text": "60 px"}]
+        found = app.found("edit", file=FILE, edits=edits, dry=True)
+        assert app.found("plan", file=FILE)["seconds"] == 0
+    assert found["seconds"] == pytest.approx(seconds, rel=1e-6)
+
+
+def test_a_file_that_is_not_valid_is_mended_in_the_page(tmp_path):
+    path = small_test(tmp_path / "test")
+    good = path.read_text()
+    path.write_text(good.replace("subset_size: 21", "subset_size: 22"))
+    with served(path) as app, opened_page(app) as someone:
+        page = someone.page
+        page.wait_for_selector(".problems li")
+        assert "correlation.subset_size: 22 is even" in page.inner_text(".problems")
+        assert someone.overlaps() == []
+        page.locator("textarea").fill(good)
+        page.get_by_role("button", name="Save").click()
+        page.wait_for_selector("section.region .viewer")
+    assert path.read_text() == good

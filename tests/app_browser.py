@@ -1,0 +1,112 @@
+"""The app in headless Chromium by Playwright, and a mouse that moves as a person's."""
+
+from __future__ import annotations
+
+import shutil
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from typing import Any
+
+import pytest
+from app_serving import Served
+
+__all__ = ["Person", "opened_page"]
+
+FLAGS = (
+    "--headless", "--no-sandbox", "--disable-gpu", "--disable-quic", "--no-first-run",
+    "--disable-background-networking", "--disable-component-update", "--disable-sync",
+)  # fmt: skip
+OVERLAPS = """
+() => {
+  const walker = document.createTreeWalker(document.body, NodeFilter.SHOW_TEXT);
+  const texts = [];
+  for (let node = walker.nextNode(); node; node = walker.nextNode()) {
+    const around = node.parentElement;
+    if (!node.data.trim() || around.closest("svg, option, script, noscript, .skip, #messages")) continue;
+    const range = document.createRange();
+    range.selectNodeContents(node);
+    for (const box of range.getClientRects()) {
+      const at = document.elementFromPoint(box.x + box.width / 2, box.y + box.height / 2);
+      if (box.width > 1 && at && around.contains(at)) texts.push([node.data.trim(), box]);
+    }
+  }
+  const found = [];
+  texts.forEach(([one, a], k) => texts.slice(k + 1).forEach(([other, b]) => {
+    const wide = Math.min(a.right, b.right) - Math.max(a.left, b.left);
+    const high = Math.min(a.bottom, b.bottom) - Math.max(a.top, b.top);
+    if (wide > 2 && high > 4) found.push([one, other]);
+  }));
+  return found;
+}
+"""
+
+
+class Person:
+    """Somebody at the page: moves the mouse in small steps, types, and sees photographs at places in px."""
+
+    def __init__(self, page: Any) -> None:
+        self.page = page
+        self.errors: list[str] = []
+        page.on("pageerror", lambda error: self.errors.append(str(error)))
+
+    def go(self, screen: str) -> None:
+        """Go to a screen by its link."""
+        self.page.click(f'#sidebar a[href="#{screen}"]')
+        self.page.wait_for_selector(f"section.screen.{screen}")
+
+    def at(self, place: Sequence[float]) -> tuple[float, float]:
+        """Where a place of the photograph lies on the screen."""
+        x, y = self.page.evaluate(
+            "([x, y]) => { const v = document.querySelector('.viewer'); const b = v.getBoundingClientRect();"
+            " const [a, c] = v.viewer.toScreen([x, y]); return [a + b.left, c + b.top]; }", list(place),
+        )  # fmt: skip
+        return x, y
+
+    def click(self, place: Sequence[float]) -> None:
+        """Click on a place of the photograph."""
+        self.page.mouse.move(*self.at(place), steps=8)
+        self.page.mouse.down()
+        self.page.mouse.up()
+
+    def drag(self, start: Sequence[float], end: Sequence[float]) -> None:
+        """Drag from one place of the photograph to another."""
+        self.page.mouse.move(*self.at(start), steps=8)
+        self.page.mouse.down()
+        self.page.mouse.move(*self.at(end), steps=12)
+        self.page.mouse.up()
+
+    def said(self, words: str) -> None:
+        """Wait for a message, and close it."""
+        message = self.page.locator("#messages .message", has_text=words)
+        message.first.wait_for()
+        message.first.locator("button").click()
+
+    def until(self, condition: str) -> None:
+        """Wait until a condition in JavaScript holds; the page's own policy forbids to evaluate text inside it."""
+        for _ in range(600):
+            if self.page.evaluate(condition):
+                return
+            self.page.wait_for_timeout(100)
+        raise AssertionError(condition)
+
+    def overlaps(self) -> list[list[str]]:
+        """Pairs of texts that lie upon one another."""
+        return self.page.evaluate(OVERLAPS)
+
+
+@contextmanager
+def opened_page(app: Served, width: int = 1280, height: int = 800, **options: Any) -> Iterator[Person]:
+    """The app's page; the test is skipped without Playwright or Chromium."""
+    playwright = pytest.importorskip("playwright.sync_api", reason="needs Playwright, of the extra dev")
+    program = shutil.which("chromium")
+    if program is None:
+        pytest.skip("needs the program chromium")
+    with playwright.sync_playwright() as driver:
+        browser = driver.chromium.launch(executable_path=program, args=list(FLAGS))
+        page = browser.new_page(viewport={"width": width, "height": height}, **options)
+        person = Person(page)
+        page.goto(app.gate.link)
+        page.wait_for_selector("body[data-ready]")
+        yield person
+        assert person.errors == []
+        browser.close()
