@@ -323,7 +323,7 @@ def test_show_of_what_is_not_there(given, product, code, words):
 
 def test_export_gives_the_products_numbers(given, pipeline, measured, tmp_path):
     result = Pipeline.load(pipeline).result()
-    answer = dicflow("export", *given, "total", "--output", tmp_path)
+    answer = dicflow("export", *given, "total", "--output", tmp_path, "--digits", 17)
     assert answer.out.split() == [str(tmp_path / f"total_step_0{number}.csv") for number in (1, 2)]
     total = result.product("total", "step_02")
     text = (tmp_path / "total_step_02.csv").read_text()

@@ -208,7 +208,7 @@ def test_a_section_of_another_package_is_in_its_place_and_changes_with_its_code(
     run(site, pipeline)
     page = pipeline.parent / "results" / "toy" / "report.html"
     titles = re.findall("<h2>(.*)</h2>", page.read_text())
-    assert titles == ["Summary", "Calibration", "Brightness of the photographs", "Settings", "Provenance"]
+    assert titles == ["Summary", "Calibration", "Brightness of the photographs", "Settings", "Methods", "Provenance"]
     assert "<p>2 steps</p>" in page.read_text()
     (site.folder / "toys/section.py").write_text(SECTION.replace("steps</p>", "photographs</p>"))
     site.dicflow("report", pipeline)

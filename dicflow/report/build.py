@@ -24,7 +24,6 @@ from dicflow.report.rendering import assets, render
 from dicflow.report.sections import SECTIONS, Entry, entries
 from dicflow.report.summary import summary
 from dicflow.report.words import date
-from dicflow.views.logo import logo_png
 from dicflow.views.source_digest import source_digest
 
 __all__ = ["write_report"]
@@ -130,8 +129,12 @@ def _built(entry: Entry, context: Context, problems: list[str]) -> Section | Non
 def _logo(pipeline: Pipeline) -> tuple[bytes, list[str]]:
     """The logo as PNG, empty without any; and the message if it cannot be used."""
     name = pipeline.facts.logo
+    if name is None:
+        return b"", []
+    from dicflow.views.logo import logo_png
+
     try:
-        return (b"" if name is None else logo_png(pipeline.path.parent, name)), []
+        return logo_png(pipeline.path.parent, name), []
     except InputError as error:
         return b"", [f"report, head: {error}"]
 
