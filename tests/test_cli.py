@@ -173,7 +173,7 @@ def test_a_wrong_command_ends_with_2(arguments, words):
 
 
 def test_a_scheduler_that_is_not_there(own, tmp_path):
-    run(own, tmp_path, "--scheduler", "slurm").refuses(2, "unknown scheduler 'slurm'; use processes, threads")
+    run(own, tmp_path, "--scheduler", "slurm").refuses(2, "unknown scheduler 'slurm'; use auto, processes, threads")
 
 
 def test_help_and_version_load_nothing_heavy():
