@@ -195,3 +195,48 @@ def test_two_cameras_show_both_photographs_and_a_surface(name, tmp_path):
         page.locator(".x-choice").get_by_role("button", name="Surface").first.click()
         someone.until(f"{EXPLORER}.frame.places.some(Number.isFinite) && !{EXPLORER}.frame.isFlat")
         assert someone.overlaps() == []
+
+
+def test_points_and_lines_are_kept_as_probes_where_the_material_lay_at_first(tmp_path):
+    path = measured(tmp_path / "test", steps=3)
+    with served(path) as app, opened_page(app) as someone:
+        screen(app, someone)
+        page = someone.page
+        result = Pipeline.load(path).result()
+        step = result.steps("total")[page.evaluate(f"{EXPLORER}.scene.step")]
+        name = page.evaluate(f"{EXPLORER}.quantity.name")
+        total = result.product("total", step)
+        rows, cols = total["U"].shape
+        k = (rows // 2) * cols + cols // 2
+        box = page.locator(".x-stage").bounding_box()
+        x, y = page.evaluate(f"{EXPLORER}.stage.shownAt({k})")
+        page.mouse.move(box["x"] + x - 30, box["y"] + y - 30)
+        page.mouse.move(box["x"] + x, box["y"] + y, steps=6)
+        page.mouse.down()
+        page.mouse.up()
+        page.get_by_role("button", name="Keep the point as a probe").click()
+        someone.said("saved: point_1")
+        page.get_by_role("button", name="Line", exact=True).click()
+        page.get_by_role("button", name="Keep it as an extensometer").click()
+        someone.said("saved: extensometer_1")
+        line = np.array(page.evaluate(f"{EXPLORER}.scene.line"))
+        assert someone.overlaps() == []
+        kept = Pipeline.load(path).document.data["stages"]["probes"]
+        at_first = total["xy_reference"].reshape(-1, 2)[k]
+        assert np.abs(np.array(kept["points"]["point_1"]) - at_first).max() <= 0.006
+        moved = np.array([np.nanmean(total[one]) for one in "UV"])
+        assert np.abs(np.array(kept["extensometers"]["extensometer_1"]) + moved - line).max() < 0.1
+        assert dicflow("run", path, "--scheduler", "sync").code == 0
+        page.get_by_role("button", name="Read again").click()
+        someone.until(f"{EXPLORER}.manifest.curves.length === 2")
+        curves = {one["name"]: one for one in opened(app)["manifest"]["curves"]}
+        probes = Pipeline.load(path).result().product("probes")
+        assert curves["point_1"]["quantity"] == name
+        assert np.array_equal(curves["point_1"]["values"], probes[name][0])
+        assert np.array_equal(curves["extensometer_1"]["values"], probes["strain"][0])
+        number = curves["point_1"]["numbers"].index(page.evaluate(f"{EXPLORER}.scene.step") + 1)
+        spread = np.nanmax(total[name]) - np.nanmin(total[name])
+        assert abs(curves["point_1"]["values"][number] - total[name].ravel()[k]) < 2e-3 * spread
+        page.keyboard.press("Control+z")
+        someone.said("taken back: probes")
+        assert "extensometers" not in Pipeline.load(path).document.data["stages"]["probes"]

@@ -4,6 +4,7 @@ import { mountExplorer } from "/explorer/view.js";
 import { fetchedSource } from "/explorer/source.js";
 import { ask } from "./api.js";
 import { button, empty, fill, h } from "./dom.js";
+import { keep, keepable } from "./keep.js";
 
 export const title = "Explore";
 const FIRST_STEPS = 6; // are shown at once, while more are read
@@ -25,7 +26,9 @@ class ExploreScreen {
   constructor(place, app) {
     Object.assign(this, { place, app, explorer: null, found: null, isLeft: false, isTouched: false, wasRunning: false, variant: Number(app.detail) || 0, most: USUAL_STEPS });
     this.tools = h("div", { className: "tools", role: "toolbar", "aria-label": "Result" });
+    this.keeps = h("span", { className: "keeps" });
     this.field = h("div", { className: "field" });
+    for (const event of ["explorer-change", "explorer-chosen"]) this.field.addEventListener(event, () => this.offer());
     fill(place, this.tools, this.field);
     this.turn = Promise.resolve();
   }
@@ -53,7 +56,8 @@ class ExploreScreen {
     const { file } = this.app;
     const found = await ask("explore", { file, variant: this.variant, steps });
     if (this.isLeft) return;
-    const isOther = !this.found || this.found.view !== found.view;
+    const told = ({ view, manifest }) => JSON.stringify([view, manifest]);
+    const isOther = !this.found || told(this.found) !== told(found);
     this.found = found;
     this.bar();
     if (!found.manifest) this.nothing();
@@ -89,7 +93,18 @@ class ExploreScreen {
       h("span", { className: "shown faint" }, `${shown} of ${found.steps} steps`),
       isUsual && button("Show all steps", () => { this.most = ALL_STEPS; this.inTurn(() => this.read(this.most)); }),
       button("Read again", () => this.inTurn(() => this.read(this.most))),
+      this.keeps,
       found.notes.map((note) => h("span", { className: "note" }, note)));
+  }
+
+  /** Buttons for what can be kept of the points and the line that are shown. */
+  offer() {
+    if (this.explorer) fill(this.keeps, keepable(this.explorer).map((one) => button(one.words, () => this.inTurn(() => this.keep(one)))));
+  }
+
+  async keep(one) {
+    const names = await keep(this.app, one);
+    this.app.say(`saved: ${names.join(", ")}; the next run gives their values`);
   }
 
   choose(variant) {
