@@ -20,6 +20,7 @@ setup: $(READY) ## make the virtual environment in .venv, and compile the kernel
 
 quickstart: $(READY) ## measure the specimen in data_samples and say where the maps are
 	$(BIN)/dicflow run pipelines/quickstart.yaml --data data_samples
+	@echo 'in the browser: $(BIN)/dicflow app pipelines/quickstart.yaml --data data_samples'
 
 test: $(READY)  ## run the tests
 	$(BIN)/python -m pytest

@@ -42,7 +42,7 @@ import json, sys, time
 from pathlib import Path
 import numpy as np
 import pyvale.dic as dic
-folder, size, subset, step, margin, threads = Path(sys.argv[1]), *map(int, sys.argv[2:])
+folder, shape, (size, subset, step, margin, threads) = Path(sys.argv[1]), sys.argv[2], map(int, sys.argv[3:])
 reference, deformed = (np.load(folder / f"{name}.npy") for name in ("reference", "deformed"))
 mask = np.zeros((size, size), dtype=bool)
 reach = margin - subset // 2
@@ -50,13 +50,17 @@ mask[reach : size - reach, reach : size - reach] = True
 start = time.perf_counter()
 dic.calculate_2d(reference, deformed, mask, [size // 2, size // 2], subset_size=subset, subset_step=step,
                  num_threads=threads, max_displacement=16, method="SINGLEWINDOW_RG", output_basepath=folder,
-                 output_prefix="peer_", print_level=0)
+                 output_prefix="peer_", print_level=0, shape_function=shape)
 seconds = time.perf_counter() - start
 lines = next(folder.glob("peer_*.csv")).read_text().splitlines()[1:]
 values = np.array([[float(cell) for cell in line.split(",")[:4]] for line in lines])
 np.save(folder / "peer.npy", values)
 print(json.dumps({"seconds": seconds}))
 """
+
+
+PEER_SHAPES = {"affine": "AFFINE", "quadratic": "QUAD"}
+"""Names of shape functions in the other program."""
 
 
 class Speed(NamedTuple):
@@ -71,13 +75,21 @@ class Speed(NamedTuple):
 
 def pair() -> tuple[np.ndarray, np.ndarray]:
     """The two images, rendered at the first call."""
-    folder = WORK / "speed"
-    if not (folder / "deformed.npy").is_file():
-        folder.mkdir(parents=True, exist_ok=True)
-        images = planar_pair((SIZE, SIZE), TRUTH, noise=2.0, seed=1)
-        np.save(folder / "reference.npy", images.reference)
-        np.save(folder / "deformed.npy", images.deformed)
-    return np.load(folder / "reference.npy"), np.load(folder / "deformed.npy")
+    return _image("reference", TRUTH), _image("deformed", TRUTH)
+
+
+def another() -> np.ndarray:
+    """A third image, moved otherwise."""
+    return _image("other", np.linalg.inv(TRUTH))
+
+
+def _image(name: str, motion: np.ndarray) -> np.ndarray:
+    path = WORK / "speed" / f"{name}.npy"
+    if not path.is_file():
+        path.parent.mkdir(parents=True, exist_ok=True)
+        images = planar_pair((SIZE, SIZE), motion, noise=2.0, seed=1)
+        np.save(path, images.reference if name == "reference" else images.deformed)
+    return np.asarray(np.load(path))
 
 
 def errors(points: np.ndarray, places: np.ndarray) -> tuple[float, float]:
@@ -115,7 +127,7 @@ def peer(images: tuple[np.ndarray, np.ndarray]) -> Speed | None:
     if not PEER.is_file():
         return None
     numbers = [str(number) for number in (SIZE, SUBSET, STEP, MARGIN, THREADS)]
-    command = [str(PEER), "-c", PEER_SCRIPT, str(WORK / "speed"), *numbers]
+    command = [str(PEER), "-c", PEER_SCRIPT, str(WORK / "speed"), PEER_SHAPES["affine"], *numbers]
     said = subprocess.run(command, capture_output=True, text=True, check=True, cwd=WORK).stdout
     seconds = json.loads(said.strip().splitlines()[-1])["seconds"]
     values = np.load(WORK / "speed" / "peer.npy")

@@ -37,8 +37,8 @@ stages:
   points: {{stage: correlate, images: photos, subset_size: {subset}, step_size: {step}, shape_function: {shape}}}
 """
 REPEATS = 3
-SERIES = 6
-"""Photographs of the series whose further steps are timed."""
+SERIES = (5, 9)
+"""Photographs of two series; the longer one tells what a further photograph costs."""
 
 
 class Library(NamedTuple):
@@ -69,13 +69,14 @@ def library(images: tuple[np.ndarray, np.ndarray], shape: str) -> Library:
 
 
 def photographs(shape: str, count: int) -> Path:
-    """A folder with a pipeline and so many photographs, the first and the second one in turn."""
-    folder, images = fresh(f"run_{shape}_{count}"), speckles.pair()
+    """A folder with a pipeline and so many photographs: the first one, then two others in turn."""
+    folder, images = fresh(f"run_{shape}_{count}"), (*speckles.pair(), speckles.another())
     folder.mkdir()
-    cv2.imwrite(str(folder / "step_00.png"), images[0])
-    cv2.imwrite(str(folder / "step_01.png"), images[1])
-    for step in range(2, count):
-        os.link(folder / f"step_{step % 2:02}.png", folder / f"step_{step:02}.png")
+    for step in range(count):
+        if step < len(images):
+            cv2.imwrite(str(folder / f"step_{step:02}.png"), images[step])
+        else:
+            os.link(folder / f"step_{step - 2:02}.png", folder / f"step_{step:02}.png")
     end = speckles.SIZE - speckles.MARGIN - 1
     ring = [[speckles.MARGIN, speckles.MARGIN], [end, speckles.MARGIN], [end, end], [speckles.MARGIN, end]]
     outline = {"type": "Polygon", "coordinates": [[*ring, ring[0]]]}
@@ -93,10 +94,11 @@ def run(folder: Path) -> float:
     return _process([DICFLOW, "run", str(folder / "pipeline.yaml")])
 
 
-def peer() -> float:
-    """Seconds of the other program's whole process."""
+def peer(shape: str) -> float:
+    """Seconds of the other program's whole process with the same shape function."""
     numbers = (speckles.SIZE, speckles.SUBSET, speckles.STEP, speckles.MARGIN, speckles.THREADS)
-    return _process([str(speckles.PEER), "-c", speckles.PEER_SCRIPT, str(WORK / "speed"), *map(str, numbers)])
+    settings = [str(WORK / "speed"), speckles.PEER_SHAPES[shape], *map(str, numbers)]
+    return _process([str(speckles.PEER), "-c", speckles.PEER_SCRIPT, *settings])
 
 
 def _process(command: list[str]) -> float:
@@ -117,7 +119,7 @@ def waits() -> Iterator[Figure]:
         for _ in range(REPEATS):
             calls.append(library(images, shape))
             ours.append(run(folder))
-            theirs += [peer()] if has_peer else []
+            theirs += [peer(shape)] if has_peer else []
         best = min(calls)
         process = float(np.median(ours))
         yield Figure(f"{name}: search and correlation, points per second", best.points / best.seconds, unit="1/s")
@@ -131,7 +133,8 @@ def waits() -> Iterator[Figure]:
         if has_peer:
             yield Figure("  pyvale's process", float(np.median(theirs)), unit="s")
             yield Figure("  dicflow run / pyvale's process", process / float(np.median(theirs)), 0.15)
-        further = (run(photographs(shape, SERIES)) - process) / (SERIES - 2)
+        short, long = (min(run(photographs(shape, count)) for _ in range(2)) for count in SERIES)
+        further = (long - short) / (SERIES[1] - SERIES[0])
         yield Figure("  a further photograph of a series", further, unit="s")
         yield Figure("  the same / its search", further / best.search_s, 1.3)
 

@@ -165,10 +165,11 @@ def _neighbours(source: Array, points: Array, seen: Seen | None) -> tuple[Array,
     vanishes. Distances are NaN where fewer than 3 count.
     """
     count = min(NEIGHBOURS + 1, len(source))
+    tree = cKDTree(source, compact_nodes=False, balanced_tree=False)
     if seen is None:
-        distance, near = cKDTree(source).query(points, k=np.arange(1, count + 1))
+        distance, near = tree.query(points, k=np.arange(1, count + 1))
         return distance, near
-    distance, near = cKDTree(source).query(points, k=np.arange(1, min(_CANDIDATES * count, len(source)) + 1))
+    distance, near = tree.query(points, k=np.arange(1, min(_CANDIDATES * count, len(source)) + 1))
     counts = seen(np.arange(len(points))[:, None], near)
     order = np.argsort(~counts, axis=1, kind="stable")[:, :count]
     distance, near, counts = (np.take_along_axis(table, order, axis=1) for table in (distance, near, counts))
