@@ -18,7 +18,6 @@ pytestmark = pytest.mark.slow
 def folder(tmp_path_factory):
     """A small test that the command line has measured."""
     path = small_test(tmp_path_factory.mktemp("results") / "test", steps=3)
-    path.write_text(path.read_text() + "  maps: {stage: maps, quantities: [eyy]}\n")
     assert dicflow("run", path, "--scheduler", "sync").code == 0
     return path.parent
 
