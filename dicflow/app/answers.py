@@ -3,17 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from concurrent.futures import ProcessPoolExecutor
-from concurrent.futures.process import BrokenProcessPool
-from multiprocessing import get_context
+from contextlib import suppress
 from typing import Any
 
-from dicflow.app import calibrations, document, drawing, folder, pictures, previews, results, stages, versions
+from dicflow.app import calibrations, document, drawing, explored, folder, pictures, previews, results, stages, versions
 from dicflow.app.plans import plan_of
 from dicflow.app.project import Project
 from dicflow.app.runs import Runs
-from dicflow.engine.workers import ignore_interrupts, prepare
-from dicflow.errors import ConfigurationError, WorkerError
+from dicflow.app.workers import Worker
+from dicflow.errors import ConfigurationError, InputError
 
 __all__ = ["ANSWERS", "Asked", "Desk"]
 
@@ -25,38 +23,37 @@ _WORKS = 30
 
 
 class Desk:
-    """What answers need beside the question: the project, its runs, and a process for heavy work."""
+    """What answers need beside the question: the project, its runs, and processes for heavy work and for fields."""
 
     def __init__(self, project: Project) -> None:
         self.project = project
         self.runs = Runs(project)
         self.series: tuple[int, Any] | None = None
-        self._pool = _pool()
+        self.opened: dict[str, explored.Asked] = {}
+        self._heavy, self.fields = Worker(_WORKS), Worker()
 
     def work(self, call: Callable[..., Any], *arguments: Any) -> Any:
         """The value of a function of a module, called in another process, which loads what it needs.
 
         Raises WorkerError if that process dies.
         """
-        try:
-            return self._pool.submit(call, *arguments).result()
-        except BrokenProcessPool as error:
-            self._pool = _pool()
-            raise WorkerError("the process that prepares this was killed; probably out of memory") from error
+        return self._heavy.do(call, *arguments)
+
+    def field(self, name: str) -> bytes:
+        """A blob or a photograph of a result that the page has opened. Raises InputError for any other name."""
+        place = explored.place_of(self.project, name)
+        with suppress(OSError):
+            return place.read_bytes()
+        asked = self.opened.get(place.parent.name)
+        if asked is None:
+            raise InputError(place.parent.name, "is not open", "reload the page")
+        self.fields.do(explored.make, self.project, asked, name)
+        return place.read_bytes()
 
     def close(self) -> None:
-        """End the process for heavy work."""
-        self._pool.shutdown(wait=False, cancel_futures=True)
-
-
-def _pool() -> ProcessPoolExecutor:
-    """One process, which starts with its first work."""
-    return ProcessPoolExecutor(1, get_context("spawn"), initializer=_ready, max_tasks_per_child=_WORKS)
-
-
-def _ready() -> None:
-    ignore_interrupts()
-    prepare()
+        """End the processes."""
+        self._heavy.close()
+        self.fields.close()
 
 
 def _project(desk: Desk, asked: Asked) -> Any:
@@ -228,8 +225,16 @@ def _clean(desk: Desk, asked: Asked) -> Any:
     return desk.runs.clean(str(asked["file"]), int(asked["keep"]), bool(asked.get("delete")))
 
 
-def _maps(desk: Desk, asked: Asked) -> Any:
-    return results.maps_of(desk.project, str(asked["file"]))
+def _explore(desk: Desk, asked: Asked) -> Any:
+    """A result for the explorer; its blobs and photographs are asked for by name."""
+    wanted = explored.Asked(str(asked["file"]), int(asked.get("variant", 0)), int(asked["steps"]))
+    found = desk.fields.do(explored.opened, desk.project, wanted)
+    desk.opened[found["view"]] = wanted
+    return found
+
+
+def _written(desk: Desk, asked: Asked) -> Any:
+    return {"report": results.has_report(desk.project, str(asked["file"]))}
 
 
 def _formats(desk: Desk, asked: Asked) -> Any:
@@ -270,7 +275,8 @@ ANSWERS: Mapping[str, Callable[[Desk, Asked], Any]] = {
     "watch": _watch,
     "runs": _runs,
     "disk": _disk,
-    "maps": _maps,
+    "explore": _explore,
+    "written": _written,
     "formats": _formats,
     "export": _export,
     "report": _report,

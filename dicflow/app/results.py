@@ -1,8 +1,7 @@
-"""What a measurement came to: its maps, its report, and files for other programs."""
+"""What a measurement came to: its report, and files for other programs."""
 
 from __future__ import annotations
 
-import re
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -10,16 +9,14 @@ from typing import Any
 from dicflow.app.project import Project
 from dicflow.errors import ConfigurationError, InputError
 from dicflow.pipeline import Pipeline, Result
-from dicflow.views.published import Published
 
-__all__ = ["REPORT_POLICY", "export_files", "export_formats", "map_picture", "maps_of", "report_page", "write_report"]
+__all__ = ["REPORT_POLICY", "export_files", "export_formats", "has_report", "report_page", "write_report"]
 
 REPORT_POLICY = (
     "sandbox allow-scripts allow-popups allow-downloads; default-src 'none'; script-src 'unsafe-inline'; "
     "style-src 'unsafe-inline'; img-src data: blob:; font-src data:; connect-src data: blob:; frame-ancestors 'none'"
 )
 """The report is a page of its own, which can ask the app nothing."""
-_MAP = re.compile(r"(?P<folder>.+)/(?P<quantity>[^/]+)/(?P<step>[^/]+)\.png")
 
 
 def _folder(project: Project, pipeline: Pipeline) -> Path:
@@ -27,26 +24,9 @@ def _folder(project: Project, pipeline: Pipeline) -> Path:
     return project.path(f"results/{pipeline.name}")
 
 
-def maps_of(project: Project, name: str) -> dict[str, Any]:
-    """``maps`` of the last run, each with ``folder``, ``quantity`` and ``steps`` → file; ``report``: if it is there."""
-    pipeline = project.pipeline(name)
-    folder = _folder(project, pipeline)
-    found: dict[tuple[str, str], dict[str, str]] = {}
-    for file in Published(folder).listed:
-        if match := _MAP.fullmatch(file):
-            found.setdefault((match["folder"], match["quantity"]), {})[match["step"]] = file
-    rows = [{"folder": key[0], "quantity": key[1], "steps": steps} for key, steps in found.items()]
-    return {"maps": rows, "report": (folder / "report.html").is_file()}
-
-
-def map_picture(project: Project, name: str, file: str) -> bytes:
-    """A map that dicflow wrote and nobody has changed since. Raises InputError for anything else."""
-    content = None
-    if _MAP.fullmatch(file):
-        content = Published(_folder(project, project.pipeline(name))).content(file)
-    if content is None:
-        raise InputError(file[:80], "is no map of the last run", "run it again")
-    return content
+def has_report(project: Project, name: str) -> bool:
+    """Whether the report is written."""
+    return (_folder(project, project.pipeline(name)) / "report.html").is_file()
 
 
 def report_page(project: Project, name: str) -> bytes:

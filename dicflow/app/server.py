@@ -22,7 +22,7 @@ from tornado.web import Application, HTTPError, RequestHandler
 from dicflow.app.answers import ANSWERS, Desk
 from dicflow.app.pictures import picture_path, thumbnail
 from dicflow.app.project import Project
-from dicflow.app.results import REPORT_POLICY, map_picture, report_page
+from dicflow.app.results import REPORT_POLICY, report_page
 from dicflow.app.safety import HEADERS, Gate, Refused
 from dicflow.app.versions import Conflict
 from dicflow.errors import DicflowError
@@ -33,6 +33,7 @@ __all__ = ["application", "serve"]
 _LARGEST_BYTES = 5_000_000
 """Of a question."""
 _TYPES = {".html": "text/html", ".js": "text/javascript", ".css": "text/css", ".svg": "image/svg+xml"}
+_OWNERS = {"static": "dicflow.app", "explorer": "dicflow.explorer"}
 _THREADS = 8
 
 
@@ -80,12 +81,12 @@ class _Page(_Handler):
 
 
 class _Static(_Handler):
-    """Scripts and styles of the app."""
+    """Scripts and styles of the app, and of the explorer."""
 
-    def get(self, name: str) -> None:
+    def get(self, owner: str, name: str) -> None:
         suffix = Path(name).suffix
         try:
-            content = _static(name)
+            content = _static(name, _OWNERS[owner])
         except OSError as error:
             raise HTTPError(404) from error
         self.set_header("Content-Type", f"{_TYPES.get(suffix, 'application/octet-stream')}; charset=utf-8")
@@ -138,21 +139,31 @@ class _Picture(_Handler):
         return None
 
 
-class _Result(_Handler):
-    """A map by its name, or the report, which is let in as a page of another origin."""
+class _Field(_Handler):
+    """Blobs and photographs of a result, by names that follow from their content."""
 
     async def get(self, name: str) -> None:
-        project, file = self.desk.project, self.get_query_argument("file", "")
         try:
-            if name == "map":
-                content = await self.in_thread(map_picture, project, file, self.get_query_argument("name", ""))
-            else:
-                content = await self.in_thread(report_page, project, file)
+            content = await self.in_thread(self.desk.field, name)
+        except (DicflowError, OSError) as error:
+            return self.refuse(422, str(error))
+        picture = name.endswith(("_left", "_right"))
+        self.set_header("Content-Type", "image/jpeg" if picture else "application/octet-stream")
+        self.set_header("Cache-Control", "private, max-age=31536000, immutable")
+        self.finish(content)
+        return None
+
+
+class _Report(_Handler):
+    """The report, which is let in as a page of another origin."""
+
+    async def get(self) -> None:
+        try:
+            content = await self.in_thread(report_page, self.desk.project, self.get_query_argument("file", ""))
         except DicflowError as error:
             return self.refuse(422, str(error))
-        if name == "report":
-            self.set_header("Content-Security-Policy", REPORT_POLICY)
-        self.set_header("Content-Type", "image/png" if name == "map" else "text/html; charset=utf-8")
+        self.set_header("Content-Security-Policy", REPORT_POLICY)
+        self.set_header("Content-Type", "text/html; charset=utf-8")
         self.set_header("Cache-Control", "no-cache")
         self.finish(content)
         return None
@@ -164,9 +175,9 @@ def _raised() -> Any:
     return sys.exc_info()
 
 
-def _static(name: str) -> bytes:
-    """A file of the folder ``static``. Raises OSError."""
-    return (files("dicflow.app") / "static" / name).read_bytes()
+def _static(name: str, package: str = "dicflow.app") -> bytes:
+    """A file of the folder ``static`` of a package. Raises OSError."""
+    return (files(package) / "static" / name).read_bytes()
 
 
 def application(desk: Desk, gate: Gate) -> Application:
@@ -175,9 +186,10 @@ def application(desk: Desk, gate: Gate) -> Application:
     return Application(
         [
             (r"/", _Page, given),
-            (r"/static/([a-z_]+\.(?:js|css|svg))", _Static, given),
+            (r"/(static|explorer)/([a-z_]+\.(?:js|css|svg))", _Static, given),
             (r"/ask/([a-z_]+)", _Question, given),
-            (r"/(map|report)", _Result, given),
+            (r"/report", _Report, given),
+            (r"/field/([a-z0-9_/]+)", _Field, given),
             (r"/picture/([a-z0-9_./]+)", _Picture, given),
         ],
         default_handler_class=_Missing,

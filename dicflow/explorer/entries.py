@@ -4,52 +4,66 @@ from __future__ import annotations
 
 import inspect
 import itertools
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
+from typing import NamedTuple
 
 from dicflow.core.status import Status
-from dicflow.explorer.content import Keep, Selection, first_blob
 from dicflow.explorer.fields import QuantityFacts
 from dicflow.explorer.manifest import Crop, FirstFacts, QuantityEntry, Reason, StepEntry
-from dicflow.explorer.photographs import Photographs
 from dicflow.explorer.reading import Reading
 from dicflow.explorer.survey import valid_share
 from dicflow.views.colours import REASON_COLOURS
 from dicflow.views.crops import Crop as PhotographCrop
 
-__all__ = ["crop_entry", "first_entry", "left_out", "quantity_entry", "reasons", "step_entry"]
-
-Name = Callable[[bytes], str]
-"""Takes a blob into the page and returns its name."""
+__all__ = ["Contents", "crop_entry", "first_entry", "quantity_entry", "reasons", "step_entry"]
 
 
-def step_entry(
-    reading: Reading, step: str, stride: int, blobs: Mapping[str, bytes], photographs: Photographs, name: Name
-) -> StepEntry:
+class Contents(NamedTuple):
+    """What a page shows of a reading, by the names under which it gets the numbers and photographs.
+
+    steps, quantities : names
+    stride : every how manieth row and column
+    fields : step → key → name of a blob; a step that was not measured is absent
+    first : name of the places at the first step, None if they are unknown
+    photographs : step → side → name of a JPEG
+    crops : side → part of the photographs
+    left_out : sentences on what had to be left out
+    """
+
+    steps: Sequence[str]
+    quantities: Sequence[str]
+    stride: int
+    fields: Mapping[str, Mapping[str, str]]
+    first: str | None
+    photographs: Mapping[str, Mapping[str, str]]
+    crops: Mapping[str, PhotographCrop]
+    left_out: Sequence[str]
+
+
+def step_entry(reading: Reading, step: str, shown: Contents) -> StepEntry:
     """A step; without blobs if it was not measured."""
     one = reading.surveys.get(step)
     rows, cols = (0, 0) if one is None else one["shape"]
     return StepEntry(
         name=step,
         number=reading.result.number(reading.source.stage, step),
-        shape=(-(-rows // stride), -(-cols // stride)),
-        blobs={key: name(blob) for key, blob in blobs.items()},
-        photos=_photos(photographs, step, name),
+        shape=(-(-rows // shown.stride), -(-cols // shown.stride)),
+        blobs=dict(shown.fields.get(step, {})),
+        photos=dict(shown.photographs.get(step, {})),
         counts={} if one is None else one["counts"],
         valid=None if one is None else valid_share(one),
     )
 
 
-def first_entry(
-    reading: Reading, chosen: Selection, photographs: Photographs, name: Name, keep: Keep
-) -> FirstFacts | None:
+def first_entry(reading: Reading, shown: Contents) -> FirstFacts | None:
     """The first step; None if the points have no place there."""
-    blob = first_blob(reading.source, reading.scales, chosen.stride, keep)
-    if blob is None or reading.first is None:
+    if shown.first is None or reading.first is None:
         return None
     stage = reading.source.photographs
     step = "first step" if stage is None else reading.result.steps(stage)[0]
-    rows, cols = (-(-side // chosen.stride) for side in reading.first)
-    return FirstFacts(name=step, place=name(blob), shape=(rows, cols), photos=_photos(photographs, step, name))
+    rows, cols = (-(-side // shown.stride) for side in reading.first)
+    photographs = dict(shown.photographs.get(step, {}))
+    return FirstFacts(name=step, place=shown.first, shape=(rows, cols), photos=photographs)
 
 
 def quantity_entry(reading: Reading, facts: QuantityFacts, steps: Sequence[StepEntry]) -> QuantityEntry:
@@ -89,23 +103,3 @@ def crop_entry(crop: PhotographCrop) -> Crop:
     """The part of a photograph in its own pixels."""
     width, height = crop.size
     return Crop(origin=crop.origin, size=(width / crop.scale, height / crop.scale))
-
-
-def left_out(reading: Reading, chosen: Selection, photographs: Photographs) -> list[str]:
-    """What a page had to leave out, in sentences."""
-    dropped = [facts.symbol for facts in reading.quantities if facts.name not in chosen.quantities]
-    sentences = []
-    if dropped:
-        sentences.append(f"left out to keep this file small: {', '.join(dropped)}")
-    if chosen.stride > 1:
-        sentences.append("every second point of every second row is shown, to keep this file small")
-    measured = sum(map(reading.source.has, reading.source.steps))
-    if len(chosen.steps) < measured:
-        sentences.append(f"{len(chosen.steps)} of {measured} steps are shown, to keep this file small")
-    if reading.source.photographs is not None and not photographs.pictures:
-        sentences.append("photographs are left out: they are neither in the store nor in their folder, or too many")
-    return sentences
-
-
-def _photos(photographs: Photographs, step: str, name: Name) -> dict[str, str]:
-    return {side: name(found[step]) for side, found in photographs.pictures.items() if step in found}

@@ -5,21 +5,17 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import NamedTuple
 
-from dicflow.explorer.cameras import camera_facts
-from dicflow.explorer.content import Keep, Selection, select, step_blobs
-from dicflow.explorer.curves import loads, probe_curves
-from dicflow.explorer.entries import crop_entry, first_entry, left_out, quantity_entry, reasons, step_entry
-from dicflow.explorer.manifest import Manifest, QuantityEntry
-from dicflow.explorer.packing import LINEAR_CODES, LinearScale, blob_name
-from dicflow.explorer.photographs import Photographs, Series
+from dicflow.explorer.content import Keep, Selection, first_blob, select, step_blobs
+from dicflow.explorer.described import manifest_of
+from dicflow.explorer.entries import Contents
+from dicflow.explorer.manifest import Manifest
+from dicflow.explorer.packing import blob_name
+from dicflow.explorer.photographs import Photographs, Series, boxes_of
 from dicflow.explorer.reading import Reading, read_result
 from dicflow.pipeline.result import Result
-from dicflow.views.colours import palette
-from dicflow.views.crops import Box
 
 __all__ = ["Packed", "pack", "packed_result"]
 
-_PALETTES = ("viridis", "RdBu_r", "cividis", "magma", "turbo", "Greys_r")
 _PHOTOGRAPHS = 0.3
 """Largest share of the budget for photographs."""
 _BASE64 = 4 / 3
@@ -51,7 +47,8 @@ def pack(reading: Reading, title: str, keep: Keep, budget_bytes: float) -> Packe
     rest = budget - sum(len(one) for found in photographs.pictures.values() for one in found.values())
     chosen = _selection(reading, rest, keep, chosen.steps)
     blobs: dict[str, bytes] = {}
-    return Packed(_manifest(reading, title, chosen, photographs, blobs, keep), blobs)
+    shown = _contents(reading, chosen, photographs, blobs, keep)
+    return Packed(manifest_of(reading, title, shown, keep), blobs)
 
 
 def _selection(reading: Reading, budget_bytes: float, keep: Keep, steps: Sequence[str] | None = None) -> Selection:
@@ -69,59 +66,48 @@ def _photographs(reading: Reading, chosen: Selection, budget_bytes: float, keep:
     names = reading.result.steps(stage)
     first = names[:1] if reading.first is not None else ()
     steps = list(dict.fromkeys([*first, *(step for step in chosen.steps if step in names)]))
-    boxes = {side: _box(scales) for side, scales in reading.scales.places.items() if side != "space"}
-    return Series(reading.result, stage, steps, keep).fitting(boxes, budget_bytes)
+    return Series(reading.result, stage, steps, keep).fitting(boxes_of(reading.scales), budget_bytes)
 
 
-def _box(scales: Sequence[LinearScale]) -> Box:
-    """The part of a photograph in which all places lie."""
-    (x0, x1), (y0, y1) = ((one.low, one.low + one.quantum * (LINEAR_CODES - 1)) for one in scales)
-    return Box(x0, y0, x1, y1)
+def _left_out(reading: Reading, chosen: Selection, photographs: Photographs) -> list[str]:
+    """What a page had to leave out, in sentences."""
+    dropped = [facts.symbol for facts in reading.quantities if facts.name not in chosen.quantities]
+    sentences = []
+    if dropped:
+        sentences.append(f"left out to keep this file small: {', '.join(dropped)}")
+    if chosen.stride > 1:
+        sentences.append("every second point of every second row is shown, to keep this file small")
+    measured = sum(map(reading.source.has, reading.source.steps))
+    if len(chosen.steps) < measured:
+        sentences.append(f"{len(chosen.steps)} of {measured} steps are shown, to keep this file small")
+    if reading.source.photographs is not None and not photographs.pictures:
+        sentences.append("photographs are left out: they are neither in the store nor in their folder, or too many")
+    return sentences
 
 
-def _manifest(
-    reading: Reading,
-    title: str,
-    chosen: Selection,
-    photographs: Photographs,
-    blobs: dict[str, bytes],
-    keep: Keep,
-) -> Manifest:
-    """The manifest. blobs : takes what it names"""
+def _contents(
+    reading: Reading, chosen: Selection, photographs: Photographs, blobs: dict[str, bytes], keep: Keep
+) -> Contents:
+    """What is shown. blobs : takes what it names"""
 
     def name(blob: bytes) -> str:
         found = blob_name(blob)
         blobs[found] = blob
         return found
 
-    source, (quantity, step) = reading.source, reading.main
-    shown = list(reading.steps) if len(chosen.steps) == len(reading.surveys) else list(chosen.steps)
-    made = {one: step_blobs(source, one, reading.scales, chosen, keep) for one in chosen.steps}
-    steps = [step_entry(reading, one, chosen.stride, made.get(one, {}), photographs, name) for one in shown]
-    quantities = [quantity_entry(reading, one, steps) for one in reading.quantities if one.name in chosen.quantities]
-    return Manifest(
-        title=title,
-        stage=source.stage,
-        form=source.form,
-        unit=source.unit,
-        follows=source.follows,
-        directions=source.directions,
-        main=(quantity, shown.index(step) if step in shown else len(shown) - 1),
-        steps=steps,
-        first=first_entry(reading, chosen, photographs, name, keep),
-        quantities=quantities,
-        reasons=reasons(),
-        places={place: [(one.low, one.quantum) for one in found] for place, found in reading.scales.places.items()},
-        crops={side: crop_entry(crop) for side, crop in photographs.crops.items()},
-        cameras=camera_facts(reading.result, source, step, keep),
-        palettes=_palettes(quantities, keep),
-        curves=probe_curves(reading.result, quantity, keep),
-        load=loads(reading.result, [entry["number"] for entry in steps]),
-        left_out=left_out(reading, chosen, photographs),
+    made = {one: step_blobs(reading.source, one, reading.scales, chosen, keep) for one in chosen.steps}
+    first = first_blob(reading.source, reading.scales, chosen.stride, keep)
+    pictures: dict[str, dict[str, str]] = {}
+    for side, found in photographs.pictures.items():
+        for step, picture in found.items():
+            pictures.setdefault(step, {})[side] = name(picture)
+    return Contents(
+        steps=list(reading.steps) if len(chosen.steps) == len(reading.surveys) else list(chosen.steps),
+        quantities=chosen.quantities,
+        stride=chosen.stride,
+        fields={one: {key: name(blob) for key, blob in found.items()} for one, found in made.items()},
+        first=None if first is None else name(first),
+        photographs=pictures,
+        crops=photographs.crops,
+        left_out=_left_out(reading, chosen, photographs),
     )
-
-
-def _palettes(quantities: Sequence[QuantityEntry], keep: Keep) -> dict[str, str]:
-    """The colour maps of the quantities, and a few more to choose from."""
-    names = dict.fromkeys([*(one["colours"] for one in quantities), *_PALETTES])
-    return {name: keep(["palette", name], lambda: palette(name, 256).tobytes()).hex() for name in names}  # noqa: B023

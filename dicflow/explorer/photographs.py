@@ -10,11 +10,13 @@ from typing import NamedTuple
 from dicflow.engine.product import Product
 from dicflow.errors import DicflowError
 from dicflow.explorer.content import Keep
+from dicflow.explorer.packing import LINEAR_CODES, LinearScale
+from dicflow.explorer.survey import Scales
 from dicflow.kinds.images import Images
 from dicflow.pipeline.result import Result
 from dicflow.views.crops import Box, Crop, crop_around, photo_jpeg
 
-__all__ = ["Photographs", "Series"]
+__all__ = ["Photographs", "Series", "boxes_of"]
 
 _SIZES_PX = (1600, 1280, 1000, 800, 640, 500, 400, 300, 200)
 
@@ -28,6 +30,16 @@ class Photographs(NamedTuple):
 
     crops: Mapping[str, Crop]
     pictures: Mapping[str, Mapping[str, bytes]]
+
+
+def boxes_of(scales: Scales) -> dict[str, Box]:
+    """The part of each photograph in which all places lie."""
+    return {side: _box(found) for side, found in scales.places.items() if side != "space"}
+
+
+def _box(scales: Sequence[LinearScale]) -> Box:
+    (x0, x1), (y0, y1) = ((one.low, one.low + one.quantum * (LINEAR_CODES - 1)) for one in scales)
+    return Box(x0, y0, x1, y1)
 
 
 class Series:
@@ -45,20 +57,24 @@ class Series:
 
         boxes : side → part of the photograph in which its points lie at all steps [px]
         """
-        shapes = self._shapes(boxes)
         for longest in _SIZES_PX:
-            crops = {side: crop_around([boxes[side]], shape[::-1], longest) for side, shape in shapes.items()}  # type: ignore[arg-type]
-            trial = sum(map(len, self._pictures(self._steps[-1], crops).values())) if crops else 0
+            crops = self.crops(boxes, longest)
+            trial = sum(map(len, self.pictures(self._steps[-1], crops).values())) if crops else 0
             if trial * len(self._steps) <= budget_bytes:
                 break
         else:
             return Photographs({}, {})
-        made = {step: self._pictures(step, crops) for step in self._steps}
+        made = {step: self.pictures(step, crops) for step in self._steps}
         pictures = {side: {step: one[side] for step, one in made.items() if side in one} for side in crops}
         return Photographs(
             {side: crop for side, crop in crops.items() if pictures[side]},
             {side: found for side, found in pictures.items() if found},
         )
+
+    def crops(self, boxes: Mapping[str, Box], longest: int = _SIZES_PX[0]) -> dict[str, Crop]:
+        """The parts around boxes, whose longer side is at most so many pixels; empty if the photographs are unknown."""
+        shapes = self._shapes(boxes)
+        return {side: crop_around([boxes[side]], shape[::-1], longest) for side, shape in shapes.items()}  # type: ignore[arg-type]
 
     def _shapes(self, sides: Iterable[str]) -> dict[str, tuple[int, ...]]:
         """Rows and columns of the photographs by side; empty if they are unknown."""
@@ -68,7 +84,7 @@ class Series:
             return {}
         return {side: arrays[side].shape for side in sides if side in arrays}
 
-    def _pictures(self, step: str, crops: Mapping[str, Crop]) -> dict[str, bytes]:
+    def pictures(self, step: str, crops: Mapping[str, Crop]) -> dict[str, bytes]:
         """Photographs of a step by side, none where neither store nor folder has them; read at most once."""
 
         @cache

@@ -69,6 +69,12 @@ class Result:
         """Names of the stages in the file."""
         return tuple(self._instances[0])
 
+    def variant(self, number: int) -> Result:
+        """One variant alone. Raises ConfigurationError for a number that does not exist."""
+        self._check_variant(number)
+        alone = ([self._instances[number]], [self.values[number]])
+        return Result(self.graph, self._store, self._refs, *alone, self.outcome, self.notes)
+
     def steps(self, stage: str, variant: int = 0) -> tuple[str, ...]:
         """Names of the steps of a stage; empty for one that runs once. Variants may have photographs of their own."""
         return self.graph.steps[self._instance(stage, variant)]
@@ -181,9 +187,12 @@ class Result:
         module, _, name = _VIEW.partition(":")
         return getattr(importlib.import_module(module), name)(self)
 
-    def _instance(self, stage: str, variant: int) -> str:
+    def _check_variant(self, variant: int) -> None:
         if not 0 <= variant < len(self._instances):
             raise ConfigurationError(f"no variant {variant}; the sweep has 0 … {len(self._instances) - 1}")
+
+    def _instance(self, stage: str, variant: int) -> str:
+        self._check_variant(variant)
         if stage not in self._instances[variant]:
             near = difflib.get_close_matches(stage, self.stages, n=1)
             hint = f", did you mean '{near[0]}'?" if near else ""

@@ -1,4 +1,4 @@
-"""Maps, report and files are those that the command line writes, and nothing else is served."""
+"""Report and files are those that the command line writes, and nothing else is served."""
 
 from __future__ import annotations
 
@@ -16,42 +16,10 @@ pytestmark = pytest.mark.slow
 
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory):
-    """A small test that the command line has measured, with maps of one quantity."""
+    """A small test that the command line has measured."""
     path = small_test(tmp_path_factory.mktemp("results") / "test", steps=3)
-    path.write_text(path.read_text() + "  maps: {stage: maps, quantities: [eyy]}\n")
     assert dicflow("run", path, "--scheduler", "sync").code == 0
     return path.parent
-
-
-def test_maps_are_shown_step_by_step_with_the_keyboard(folder):
-    with served(folder) as app, opened_page(app) as someone:
-        someone.go("explore")
-        page = someone.page
-        someone.until("document.querySelector('img.map').naturalWidth > 0")
-        assert "step_0002, 2 of 2" in page.inner_text(".tools")
-        page.keyboard.press("ArrowLeft")
-        assert "step_0001, 1 of 2" in page.inner_text(".tools")
-        shown = page.get_attribute("img.map", "src")
-        served_map = app.own("GET", shown).body
-        page.keyboard.press(" ")
-        page.get_by_role("button", name="Pause").click()
-        assert someone.overlaps() == []
-    assert served_map == (folder / "results/pipeline/maps/eyy/step_0001.png").read_bytes()
-
-
-def test_only_maps_that_dicflow_wrote_are_served(folder):
-    (folder / "results/pipeline/maps/eyy/own.png").write_bytes(b"mine")
-    with served(folder) as app:
-        for name in (
-            "maps/eyy/own.png",
-            "../../pipeline.yaml",
-            "probes.csv",
-            "/etc/passwd",
-            "maps/../../../left/x.png",
-        ):
-            answer = app.own("GET", f"/map?file={FILE}&name={name}")
-            assert answer.status == 422
-            assert "is no map" in answer.json["message"]
 
 
 def test_the_report_opens_as_a_page_that_can_ask_the_app_nothing(folder):

@@ -44,7 +44,7 @@ def test_a_student_measures_a_strip(tmp_path):
         page.get_by_role("button", name="Start", exact=True).click()
         page.wait_for_selector("h1.state.done")
         someone.go("explore")
-        someone.until("document.querySelector('img.map').naturalWidth > 0")
+        someone.until("document.querySelector('.fields')?.explorer.firstDrawn > 0")
         someone.go("calibration")
         page.wait_for_selector(".pairs-table")
         assert "12 of 12 pairs" in page.inner_text(".verdict")

@@ -1,88 +1,145 @@
-// The screen "explore": the maps of the last run, large, step by step.
+// The screen "explore": the fields of a result in the explorer, also while a run makes them.
 
+import { mountExplorer } from "/explorer/view.js";
+import { fetchedSource } from "/explorer/source.js";
 import { ask } from "./api.js";
 import { button, empty, fill, h } from "./dom.js";
+import { keep, keepable } from "./keep.js";
 
 export const title = "Explore";
-const PLAY_MS = 250;
+const FIRST_STEPS = 6; // are shown at once, while more are read
+const USUAL_STEPS = 400;
+const ALL_STEPS = 1e6;
+const LOOK_MS = 4000;
 
 export async function show(place, app) {
   if (!app.file) {
     fill(place, empty(title, "There is no pipeline file yet. Begin with the folder: it proposes one.", button("Go to the folder", () => app.go("folder"), { className: "main" })));
     return null;
   }
-  const { maps } = await ask("maps", { file: app.file });
-  if (!maps.length) {
-    fill(place, empty(title, "There are no maps yet. A run writes them.", button("Go to the run", () => app.go("run"), { className: "main" })));
-    return null;
-  }
-  return new Explorer(place, app, maps);
+  const screen = new ExploreScreen(place, app);
+  await screen.begin();
+  return screen;
 }
 
-class Explorer {
-  constructor(place, app, maps) {
-    Object.assign(this, { app, maps });
-    this.map = maps.find((one) => app.detail === `${one.folder}/${one.quantity}`) ?? maps.find((one) => one.quantity === "eyy") ?? maps[0];
-    this.step = Object.keys(this.map.steps).length - 1;
-    this.tools = h("div", { className: "tools" });
-    this.picture = h("img", { className: "map" });
-    this.element = h("div", { className: "explore", tabIndex: 0, role: "application", "aria-label": "Map. Left and right arrows go from step to step, space plays.", onkeydown: (event) => this.key(event) }, this.picture);
-    fill(place, this.tools, this.element);
-    this.draw();
-    this.element.focus();
+class ExploreScreen {
+  constructor(place, app) {
+    Object.assign(this, { place, app, explorer: null, found: null, isLeft: false, isTouched: false, wasRunning: false, variant: Number(app.detail) || 0, most: USUAL_STEPS });
+    this.tools = h("div", { className: "tools", role: "toolbar", "aria-label": "Result" });
+    this.keeps = h("span", { className: "keeps" });
+    this.field = h("div", { className: "field" });
+    for (const event of ["explorer-change", "explorer-chosen"]) this.field.addEventListener(event, () => this.offer());
+    fill(place, this.tools, this.field);
+    this.turn = Promise.resolve();
+  }
+
+  async begin() {
+    await this.read(FIRST_STEPS);
+    this.wait();
+    if (this.found.steps > FIRST_STEPS) this.inTurn(() => this.read(this.most));
   }
 
   leave() {
-    clearInterval(this.playing);
+    this.isLeft = true;
+    clearTimeout(this.timer);
+    this.explorer?.play(false);
   }
 
-  draw() {
-    const steps = Object.keys(this.map.steps);
-    const name = steps[this.step];
-    const label = (one) => (new Set(this.maps.map((other) => other.folder)).size > 1 ? `${one.folder}: ${one.quantity}` : one.quantity);
+  /** Do things one after the other, so that the last answer is the one that is shown. */
+  inTurn(act) {
+    this.turn = this.turn.then(act).catch((error) => this.isLeft || this.app.fail(error));
+    return this.turn;
+  }
+
+  /** Read the result, and show it if it is another one than before. */
+  async read(steps) {
+    const { file } = this.app;
+    const found = await ask("explore", { file, variant: this.variant, steps });
+    if (this.isLeft) return;
+    const told = ({ view, manifest }) => JSON.stringify([view, manifest]);
+    const isOther = !this.found || told(this.found) !== told(found);
+    this.found = found;
+    this.bar();
+    if (!found.manifest) this.nothing();
+    else if (isOther) await this.mount(found);
+  }
+
+  nothing() {
+    this.explorer = null;
+    fill(this.field, empty(title, "No step has fields yet. A run measures them.", button("Go to the run", () => this.app.go("run"), { className: "main" })));
+  }
+
+  /** Show a result with the scene of the one before. */
+  async mount({ view, manifest }) {
+    const old = this.explorer;
+    old?.play(false);
+    const element = h("div", { className: "fields" });
+    const explorer = mountExplorer(element, fetchedSource(manifest, (name) => new URL(`/field/${view}/${name}`, location).href));
+    this.explorer = explorer;
+    fill(this.field, element);
+    for (const way of ["pointerdown", "keydown"]) element.addEventListener(way, () => { this.isTouched = true; });
+    if (old && this.isTouched) await carry(old, explorer);
+    await explorer.ready;
+  }
+
+  /** The variant, how many steps are shown, and to read the result again. */
+  bar() {
+    const { found, variant } = this;
+    const words = (one, k) => Object.entries(one).map(([name, value]) => `${name} = ${value}`).join(", ") || `variant ${k}`;
+    const shown = found.manifest ? found.manifest.steps.filter((one) => one.blobs.status).length : 0;
+    const isUsual = this.most === USUAL_STEPS && found.steps > USUAL_STEPS && shown >= USUAL_STEPS;
     fill(this.tools,
-      h("label", {}, "quantity ", h("select", { onchange: (event) => this.choose(Number(event.target.value)) }, this.maps.map((one, k) => h("option", { value: k, selected: one === this.map }, label(one))))),
-      button("◀", () => this.go(-1), { "aria-label": "Earlier step" }),
-      h("input", { type: "range", min: 0, max: steps.length - 1, value: String(this.step), "aria-label": "step", oninput: (event) => { this.step = Number(event.target.value); this.show(); } }),
-      button("▶", () => this.go(1), { "aria-label": "Later step" }),
-      button(this.playing ? "Pause" : "Play", () => this.play()),
-      h("span", { className: "step" }, `${name}, ${this.step + 1} of ${steps.length}`));
-    this.show();
+      found.variants.length > 1 && h("label", {}, "variant ", h("select", { onchange: (event) => this.choose(Number(event.target.value)) }, found.variants.map((one, k) => h("option", { value: k, selected: k === variant }, words(one, k))))),
+      h("span", { className: "shown faint" }, `${shown} of ${found.steps} steps`),
+      isUsual && button("Show all steps", () => { this.most = ALL_STEPS; this.inTurn(() => this.read(this.most)); }),
+      button("Read again", () => this.inTurn(() => this.read(this.most))),
+      this.keeps,
+      found.notes.map((note) => h("span", { className: "note" }, note)));
   }
 
-  show() {
-    const steps = Object.keys(this.map.steps);
-    const name = steps[this.step];
-    this.picture.src = `/map?file=${encodeURIComponent(this.app.file)}&name=${encodeURIComponent(this.map.steps[name])}`;
-    this.picture.alt = `${this.map.quantity} at ${name}`;
-    const shown = this.tools.querySelector(".step");
-    if (shown) shown.textContent = `${name}, ${this.step + 1} of ${steps.length}`;
-    const range = this.tools.querySelector("input");
-    if (range) range.value = String(this.step);
+  /** Buttons for what can be kept of the points and the line that are shown. */
+  offer() {
+    if (this.explorer) fill(this.keeps, keepable(this.explorer).map((one) => button(one.words, () => this.inTurn(() => this.keep(one)))));
   }
 
-  choose(number) {
-    this.map = this.maps[number];
-    this.step = Math.min(this.step, Object.keys(this.map.steps).length - 1);
-    this.draw();
+  async keep(one) {
+    const names = await keep(this.app, one);
+    this.app.say(`saved: ${names.join(", ")}; the next run gives their values`);
   }
 
-  go(way) {
-    const count = Object.keys(this.map.steps).length;
-    this.step = (this.step + way + count) % count;
-    this.show();
+  choose(variant) {
+    [this.variant, this.isTouched] = [variant, true];
+    return this.inTurn(() => this.read(this.most));
   }
 
-  play() {
-    clearInterval(this.playing);
-    this.playing = this.playing ? null : setInterval(() => this.go(1), PLAY_MS);
-    this.draw();
+  /** Read again while a run goes on, and once more when it has ended. */
+  wait() {
+    this.timer = setTimeout(async () => {
+      try {
+        const { state } = await ask("watch", { file: this.app.file });
+        const isRunning = state === "running" || state === "starting";
+        if (isRunning || this.wasRunning) await this.inTurn(() => this.read(this.most));
+        this.wasRunning = isRunning;
+      } catch { /* said when something is asked for next */ }
+      if (!this.isLeft) this.wait();
+    }, LOOK_MS);
   }
+}
 
-  key(event) {
-    const acts = { ArrowLeft: () => this.go(-1), ArrowRight: () => this.go(1), " ": () => this.play() };
-    if (!acts[event.key]) return;
-    event.preventDefault();
-    acts[event.key]();
-  }
+/** Carry the scene of one explorer over to another: what is shown by its name, ranges that were typed, and points. */
+async function carry(old, explorer) {
+  const { scene, manifest, quantity } = old;
+  const [from, to] = [manifest.steps, explorer.manifest.steps];
+  const place = (list, name) => list.findIndex((one) => one.name === name);
+  const step = place(to, from[scene.step].name);
+  const number = place(explorer.manifest.quantities, quantity.name);
+  const camera = scene.camera in explorer.cameras ? scene.camera : explorer.scene.camera;
+  const { line, over, opacity, tool, reasons, directions, rig, colours } = scene;
+  const named = { ...(step >= 0 ? { step } : {}), ...(number >= 0 ? { quantity: number } : {}) };
+  explorer.ranges = new Map(old.ranges);
+  await explorer.change({ ...named, camera });
+  await explorer.change({ over, opacity, tool, reasons, directions, rig, line, ...(number === explorer.scene.quantity ? { colours } : {}) });
+  const [rows, cols] = from[scene.step].shape;
+  const now = explorer.manifest.steps[explorer.scene.step].shape;
+  if (now[0] === rows && now[1] === cols) for (const point of old.points) await explorer.pick(point.index);
 }

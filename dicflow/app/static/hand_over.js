@@ -15,7 +15,7 @@ export async function show(place, app) {
     fill(place, empty(title, "Nothing is measured yet. After a run there is a report, and files for other programs.", button("Go to the run", () => app.go("run"), { className: "main" })));
     return null;
   }
-  const { report } = await ask("maps", { file: app.file });
+  const { report } = await ask("written", { file: app.file });
   fill(place, h("div", { className: "page" }, h("h1", {}, title), reportCard(app, report), exportCard(app, formats, stages)));
   return null;
 }

@@ -230,7 +230,7 @@ export class Transport {
   constructor(host) {
     this.host = host;
     const { steps } = host.manifest;
-    this.play = html("button", { type: "button", class: "x-play", onclick: () => host.play(!host.playing) });
+    this.play = html("button", { type: "button", class: "x-play", "aria-label": "Play", onclick: () => host.play(!host.playing) });
     this.slider = html("input", {
       type: "range",
       min: 0,

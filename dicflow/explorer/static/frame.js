@@ -112,6 +112,18 @@ export class Frame {
     return found.points.reduce((sum, k, j) => sum + found.weights[j] * valueOf(this.quantity, this.codes[k]), 0);
   }
 
+  /** Where the material at a place of the left photograph lay at the first step; null where that is unknown. */
+  firstAt(x, y) {
+    const found = trianglesAt(this.buckets, this.rows, this.cols, this.known, x, y, 1.5 * this.spacing);
+    if (!found || !this.first || this.scene.camera !== "left") return null;
+    return [0, 1].map((part) => found.points.reduce((sum, k, j) => sum + found.weights[j] * this.first[3 * k + part], 0));
+  }
+
+  /** Where a point lay at the first step [px]; null where that is unknown. */
+  firstOf(k) {
+    return this.first ? [this.first[3 * k], this.first[3 * k + 1]] : null;
+  }
+
   /** Least and largest value of this step without the outermost half per cent at either end; null without values. */
   get range() {
     return this._once("range", () => {

@@ -200,14 +200,19 @@ class Explorer {
     const chosen = this.points.find((one) => one.index === k);
     if (chosen) return this.drop(chosen);
     this.points = [...this.points.slice(-5), { ...this.frame.point(k), colour: this.side.nextColour() }];
-    this.redraw();
-    return this.side.showCurve();
+    return this._chosen();
   }
 
   /** Drops a chosen point. */
   drop(point) {
     this.points = this.points.filter((one) => one !== point);
+    return this._chosen();
+  }
+
+  // Other points are chosen.
+  _chosen() {
     this.redraw();
+    this.element.dispatchEvent(new CustomEvent("explorer-chosen", { bubbles: true }));
     return this.side.showCurve();
   }
 
@@ -216,6 +221,7 @@ class Explorer {
     this.scene.line = ends;
     this.stage.mark();
     this.side.showProfile();
+    this.element.dispatchEvent(new CustomEvent("explorer-chosen", { bubbles: true }));
   }
 
   /** The elements that say what is known of a point. */

@@ -1,0 +1,111 @@
+"""Results for the explorer of the page: read, and packed step by step, in a process of its own.
+
+What is made is kept in a folder under a key that follows from the products, so that it is read from there afterwards.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import os
+import re
+import shutil
+from functools import cache
+from pathlib import Path
+from typing import Any, NamedTuple
+
+from dicflow.app.project import Project
+from dicflow.errors import InputError
+from dicflow.explorer.on_demand import OnDemand
+from dicflow.explorer.reading import read_result
+from dicflow.io.files import write_whole
+from dicflow.pipeline import Pipeline, Result
+from dicflow.report.pieces import Pieces
+from dicflow.views.source_digest import source_digest
+
+__all__ = ["Asked", "make", "opened", "place_of"]
+
+_KEPT = 2
+"""Results that stay open, as two are seen side by side."""
+_KEPT_ON_DISK = 8
+"""Results whose blobs and photographs are kept."""
+_NAME = re.compile(r"[0-9a-f]{32}/(first|[0-9]{1,6}_[0-9]{1,3}|(first|[0-9]{1,6})_(left|right))")
+_LAYERS = ("core", "explorer", "kinds", "views")
+
+
+class Asked(NamedTuple):
+    """Which result is asked for.
+
+    file : the pipeline file; variant : of its sweep
+    most_steps : that are shown, evenly from the first to the last
+    """
+
+    file: str
+    variant: int
+    most_steps: int
+
+
+def place_of(project: Project, name: str) -> Path:
+    """Where a blob or photograph is kept. Raises InputError for any other name."""
+    if not _NAME.fullmatch(name):
+        raise InputError(name[:80], "is no part of a result", "reload the page")
+    return project.own_folder / "fields" / name
+
+
+def opened(project: Project, asked: Asked) -> dict[str, Any]:
+    """A result for the page: the newest products of the settings, also while a run makes them.
+
+    ``view``: key of what its manifest names, ``manifest``: None if no step has fields; ``variants``: values of each;
+    ``steps``: how many steps have fields; ``notes``: sentences on where the products come from.
+    """
+    pipeline = Pipeline.load(project.path(asked.file), data=project.data, store=project.store)  # with new photographs
+    result = pipeline.result()
+    variants = [{name: str(value) for name, value in one.items()} for one in result.values]
+    found: dict[str, Any] = {"view": "", "manifest": None, "variants": variants, "steps": 0, "notes": [*result.notes]}
+    view = _view(project, result.variant(asked.variant), pipeline.title, asked.most_steps)
+    if view is None:
+        return found
+    key = hashlib.sha256(f"{_code()} {view.key}".encode()).hexdigest()[:32]
+    _views.pop(key, None)
+    _views[key] = view
+    while len(_views) > _KEPT:
+        del _views[next(iter(_views))]
+    _drop_oldest(project.own_folder / "fields", key)
+    return {**found, "view": key, "manifest": view.manifest(), "steps": view.measured}
+
+
+def _drop_oldest(folder: Path, key: str) -> None:
+    """Delete what was made of results that were opened long ago. key : of the one that is opened"""
+    (folder / key).mkdir(parents=True, exist_ok=True)
+    os.utime(folder / key)
+    others = [one for one in folder.iterdir() if re.fullmatch(r"[0-9a-f]{32}", one.name)]
+    for one in sorted(others, key=lambda place: place.stat().st_mtime)[:-_KEPT_ON_DISK]:
+        shutil.rmtree(one, ignore_errors=True)
+
+
+_views: dict[str, OnDemand] = {}
+"""Results that are open in this process by key, the last used one last."""
+
+
+def _view(project: Project, result: Result, title: str, most_steps: int) -> OnDemand | None:
+    keep = Pieces(project.own_folder / "fields" / "surveys", _code()).get
+    reading = read_result(result, keep, most_steps)
+    return None if reading is None else OnDemand(reading, title, lambda _sources, make: make())
+
+
+def make(project: Project, asked: Asked, name: str) -> None:
+    """Make a blob or a photograph, and all that is made along with it. Raises InputError if the result has changed."""
+    place = place_of(project, name)
+    if place.is_file():
+        return
+    key = place.parent.name
+    if key not in _views:
+        opened(project, asked)
+    if key not in _views:
+        raise InputError(asked.file, "has other results by now", "open the screen again")
+    for one, content in _views[key].made(place.name).items():
+        write_whole(place.parent / one, content)
+
+
+@cache
+def _code() -> str:
+    return source_digest(*_LAYERS)

@@ -1,0 +1,47 @@
+"""Processes of their own for work that loads numerics."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from concurrent.futures import ProcessPoolExecutor
+from concurrent.futures.process import BrokenProcessPool
+from multiprocessing import get_context
+from typing import Any
+
+from dicflow.engine.workers import ignore_interrupts, prepare
+from dicflow.errors import WorkerError
+
+__all__ = ["Worker"]
+
+
+class Worker:
+    """One process, which starts with its first work.
+
+    works : pieces of work after which it is renewed, with its memory; None for never
+    """
+
+    def __init__(self, works: int | None = None) -> None:
+        self._works = works
+        self._pool = self._made()
+
+    def do(self, call: Callable[..., Any], *arguments: Any) -> Any:
+        """The value of a function of a module, called in the process. Raises WorkerError if that process dies."""
+        pool = self._pool
+        try:
+            return pool.submit(call, *arguments).result()
+        except BrokenProcessPool as error:
+            if pool is self._pool:
+                self._pool = self._made()
+            raise WorkerError("the process that prepares this was killed; probably out of memory") from error
+
+    def close(self) -> None:
+        """End the process."""
+        self._pool.shutdown(wait=False, cancel_futures=True)
+
+    def _made(self) -> ProcessPoolExecutor:
+        return ProcessPoolExecutor(1, get_context("spawn"), initializer=_ready, max_tasks_per_child=self._works)
+
+
+def _ready() -> None:
+    ignore_interrupts()
+    prepare()
