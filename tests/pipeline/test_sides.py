@@ -88,9 +88,9 @@ def test_a_shifted_table_with_sigma(pipeline, measured):
     assert any("unit" in note for note in found.notes)
 
 
-@pytest.mark.parametrize("form", ["csv", "matchid", "challenge"])
-def test_an_exported_table_differs_by_its_digits_alone(form, pipeline, measured, tmp_path):
-    """Places of nine digits; steep triangles at the edge make the most of the last one."""
+@pytest.mark.parametrize(("form", "mean"), [("csv", 1e-4), ("matchid", 1e-6), ("challenge", 1e-6)])
+def test_an_exported_table_differs_by_its_digits_alone(form, mean, pipeline, measured, tmp_path):
+    """Places of six digits in a CSV, of nine else; steep triangles at the edge make the most of the last one."""
     result = Pipeline.load(pipeline).result()
     step = result.steps("total")[-1]
     (table,) = export(result, tmp_path, Selection("total", step), to=form)
@@ -99,8 +99,8 @@ def test_an_exported_table_differs_by_its_digits_alone(form, pipeline, measured,
     (guessed,) = set(compare(*sides).notes) - set(found.notes)
     assert step in guessed
     assert {"U", "V", "W", "exx", "eyy"} <= {one.quantity for one in found.differences}
-    assert max(abs(one.agreement.mean) for one in found.differences) < 1e-6
-    assert max(one.agreement.largest for one in found.differences) < 1e-4
+    assert max(abs(one.agreement.mean) for one in found.differences) < mean
+    assert max(one.agreement.largest for one in found.differences) < 100.0 * mean
 
 
 def test_a_coarser_table_is_compared_at_its_own_points(pipeline, measured):
