@@ -6,7 +6,8 @@ import asyncio
 import http.client
 import json
 import threading
-from collections.abc import Iterator, Mapping
+import time
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -21,7 +22,7 @@ from dicflow.app.project import open_project
 from dicflow.app.safety import Gate
 from dicflow.app.server import application
 
-__all__ = ["FILE", "Answer", "Served", "served", "small_test"]
+__all__ = ["FILE", "Answer", "Served", "served", "small_test", "until"]
 
 FILE = "pipeline.yaml"
 _TEXT = """# a test
@@ -124,3 +125,12 @@ def small_test(folder: Path, steps: int = 2, size: tuple[int, int] = (200, 150))
         Image.fromarray(grey).save(folder / "left" / f"step_{step:04}.png")
     (folder / FILE).write_text(_TEXT)
     return folder / FILE
+
+
+def until(condition: Callable[[], Any], patience_s: float = 120.0) -> Any:
+    """Wait for a condition, and return its first true value."""
+    end = time.monotonic() + patience_s
+    while not (found := condition()):
+        assert time.monotonic() < end, condition
+        time.sleep(0.05)
+    return found

@@ -106,7 +106,7 @@ def _relative(project: Project, name: str) -> str:
 
 
 def _choice(found: Survey, roles: Mapping[str, str]) -> Choice:
-    """What ``dicflow init`` is told so that it takes these series. roles : by the first file of a series"""
+    """Arguments of ``dicflow init`` for these series. roles : by the first file of a series"""
     patterns: dict[str, list[str]] = {role: [] for role in ROLES}
     for one in (one for group in found.subjects for one in group):
         patterns[roles.get(str(one.files[0]), "")] += patterns_of(one.files, found.paths)

@@ -232,7 +232,7 @@ async def _serve(project: Project, say: Callable[[str], None], opens: bool, port
     if opens:
         webbrowser.open(gate.link)
     ended = asyncio.Event()
-    with suppress(NotImplementedError, RuntimeError):
+    with suppress(NotImplementedError, RuntimeError):  # on Windows, or outside the main thread: Ctrl-C raises
         asyncio.get_running_loop().add_signal_handler(signal.SIGINT, ended.set)
     await ended.wait()
     server.stop()

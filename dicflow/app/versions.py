@@ -54,7 +54,7 @@ def change(project: Project, seen: Mapping[str, str], new: Mapping[str, bytes], 
 
 
 def undo(project: Project, seen: Mapping[str, str]) -> str:
-    """Take back the last change and return its words, "" where there is none. Raises Conflict as :func:`change`."""
+    """Take back the last change and return its words, "" without any. Raises Conflict as :func:`change`."""
     history = _History(project)
     history.meet(seen)
     return history.step(-1)

@@ -167,7 +167,7 @@ class _Flow:
         return stage
 
     def _end_compiling(self, future: Future[float]) -> None:
-        """Release the stage. A worker that died of it dies again in a task, which is told then."""
+        """Release the stage. A worker that died of it dies again in a task, which reports it."""
         self._compiling = None
         lost = isinstance(future.exception(), WorkerLost)
         self._options.compilation.ended(self._release_first(), 0.0 if lost else future.result())

@@ -1,4 +1,4 @@
-"""A run under way: how it is run, what has come of its tasks, and who is told of it."""
+"""A run under way: how it is run, what has come of its tasks, and its listener."""
 
 from __future__ import annotations
 
@@ -114,7 +114,7 @@ class Running:
         return expected_cpu_s(self.plan, self.store, name, _WORTH_WORKERS_S) < _WORTH_WORKERS_S
 
     def compilation(self) -> Compilation:
-        """What is to compile for the stages that will run, and what is told of it."""
+        """What is to compile for the stages that will run, and who listens."""
         entries = (entry.task for entry in self.plan.entries.values() if entry.state != "hit")
         nodes = {task.stage: task.node for task in entries}
         calls = self.options.uncompiled(nodes) if self.options.uncompiled is not None else {}

@@ -251,8 +251,8 @@ class ShapeFields:
         return None
 
     def at_first(self) -> Array:
-        """Never asked for."""
-        raise NotImplementedError
+        """Places of the points in the left photograph of the first step."""
+        return self.read(self.steps[0]).places["left"]
 
     def _of_cloud(self, cloud: Cloud) -> StepFields:
         stride = max(1, int(np.ceil(np.sqrt(cloud["status"].size / _MOST_POINTS))))

@@ -117,7 +117,7 @@ class Total(Kind):
 
     @property
     def last(self) -> Total | None:
-        """The total of the last step with displacements: this one, or one before; None if there is none yet."""
+        """The total of the last step with displacements: this one, or one before; None if unknown yet."""
         if not self.product.attrs.get("lost"):
             return self
         kept = {

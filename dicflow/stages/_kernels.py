@@ -11,7 +11,6 @@ from functools import partial
 
 from dicflow.engine.kernel_cache import kernel_mark
 from dicflow.engine.node import Node
-from dicflow.stages.match import Match
 
 __all__ = ["KERNELS", "compile_kernels", "get_ready", "uncompiled"]
 
@@ -51,9 +50,8 @@ def _is_missing(name: str) -> bool:
 
 def _used(node: Node) -> Sequence[str]:
     """Names of the kernels that a stage surely uses."""
-    if isinstance(node, Match):
-        return [*(["motion"] if node.guided or node.refine else []), *(["refinement"] if node.refine else [])]
-    return _USED.get(node.stage, ())
+    found: Sequence[str] = getattr(node, "kernels", None) or _USED.get(node.stage, ())
+    return found
 
 
 def _correlation() -> None:

@@ -45,6 +45,11 @@ class Match(Node):
     window: Odd = parameter(21, "side of the window that refinement compares; odd", unit="px", ge=7)
     min_correlation: float = parameter(0.6, "correlation of the two windows, at least", ge=-1, le=1)
 
+    @property
+    def kernels(self) -> list[str]:
+        """Names of the kernels that it uses, for compiling them ahead."""
+        return [*(["motion"] if self.guided or self.refine else []), *(["refinement"] if self.refine else [])]
+
     def run(self, features: Product, features_before: Product, images: Product, images_before: Product) -> Product:
         from dicflow.core.matching.steps import Sight, match_steps
 

@@ -15,7 +15,7 @@ _ROUNDING = 1e-6
 
 
 def cells_at_pixels(places: Array, size: tuple[int, int]) -> NDArray[np.int32]:
-    """Number of the cell at the centre of each pixel, −1 where there is none.
+    """Number of the cell at the centre of each pixel, −1 outside all cells.
 
     places : (row, col, 2) of the grid's points in the picture [px], centres of pixels at integers; a cell with an
         unknown corner is left out

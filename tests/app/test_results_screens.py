@@ -41,7 +41,7 @@ def test_the_report_opens_as_a_page_that_can_ask_the_app_nothing(folder):
 
 
 def test_files_are_those_of_export(folder, tmp_path):
-    assert dicflow("export", folder / FILE, "--output", tmp_path / "told").code == 0
+    assert dicflow("export", folder / FILE, "--output", tmp_path / "direct").code == 0
     with served(folder) as app, opened_page(app) as someone:
         someone.go("hand_over")
         page = someone.page
@@ -54,10 +54,10 @@ def test_files_are_those_of_export(folder, tmp_path):
         assert "exists; add --force" in page.inner_text(".card .problem")
         assert app.ask("export", file=FILE, format="csv", folder="../out").status == 422
         assert app.ask("export", file=FILE, format="nothing", folder="x").status == 422
-    told = {path.name: hashlib.sha256(path.read_bytes()).hexdigest() for path in (tmp_path / "told").iterdir()}
+    direct = {path.name: hashlib.sha256(path.read_bytes()).hexdigest() for path in (tmp_path / "direct").iterdir()}
     written = {path.name: hashlib.sha256(path.read_bytes()).hexdigest() for path in (folder / "export").iterdir()}
-    assert written == told
-    assert sorted(shown) == sorted(f"export/{name}" for name in told)
+    assert written == direct
+    assert sorted(shown) == sorted(f"export/{name}" for name in direct)
 
 
 def test_the_title_and_the_report_are_written(folder):

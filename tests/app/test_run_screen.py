@@ -4,11 +4,10 @@ from __future__ import annotations
 
 import subprocess
 import sys
-import time
 
 import pytest
 from app_browser import opened_page
-from app_serving import FILE, served, small_test
+from app_serving import FILE, served, small_test, until
 
 from dicflow.app.project import open_project
 from dicflow.app.runs import Runs
@@ -22,10 +21,9 @@ pytestmark = pytest.mark.slow
 
 def ended(watch, state="done", patience_s=120.0):
     """Watch a run until it has ended."""
-    start = time.monotonic()
-    while (found := watch())["state"] in ("starting", "running", "none"):
-        assert time.monotonic() - start < patience_s, found
-        time.sleep(0.1)
+    found = until(
+        lambda: found if (found := watch())["state"] not in ("starting", "running", "none") else None, patience_s
+    )
     assert found["state"] == state, found
     return found
 
@@ -57,10 +55,7 @@ def test_a_run_is_stopped_and_gone_on_with(tmp_path):
     known.start(FILE)
     with pytest.raises(ConfigurationError, match="under way"):
         known.start(FILE)
-    start = time.monotonic()
-    while not any(row["computed"] for row in known.watch(FILE).get("stages", {}).values()):
-        assert time.monotonic() - start < 120
-        time.sleep(0.05)
+    until(lambda: any(row["computed"] for row in known.watch(FILE).get("stages", {}).values()))
     known.stop(FILE)
     stopped = ended(lambda: known.watch(FILE), "stopped")
     done = sum(row["computed"] for row in stopped["stages"].values())
@@ -77,10 +72,7 @@ def test_a_run_of_a_terminal_is_seen_and_stopped(tmp_path):
     with pytest.raises(ConfigurationError, match="no run"):
         known.stop(FILE)
     process = subprocess.Popen([sys.executable, "-m", "dicflow", "run", path], stderr=subprocess.DEVNULL)
-    start = time.monotonic()
-    while not any(row["computed"] for row in known.watch(FILE).get("stages", {}).values()):
-        assert time.monotonic() - start < 120
-        time.sleep(0.05)
+    until(lambda: any(row["computed"] for row in known.watch(FILE).get("stages", {}).values()))
     known.stop(FILE)
     assert process.wait(120) != 0
     assert known.watch(FILE)["state"] == "stopped"
@@ -105,10 +97,7 @@ def test_a_run_that_cannot_begin_says_why(tmp_path):
     (path.parent / "left" / "step_0001.png").write_bytes(b"no photograph")
     known = Runs(open_project(path))
     known.start(FILE)
-    start = time.monotonic()
-    while not (message := known.watch(FILE)["message"]):
-        assert time.monotonic() - start < 60
-        time.sleep(0.1)
+    message = until(lambda: known.watch(FILE)["message"], 60.0)
     assert "step_0001.png" in message
     assert "Traceback" not in message
 

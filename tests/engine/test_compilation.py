@@ -50,7 +50,7 @@ def test_a_stage_is_compiled_once_before_its_first_task(folder, store, workers):
 
 
 def test_other_stages_go_on_while_one_worker_compiles(folder, store):
-    """The call ends only after a task of another stage has: without that it would wait in vain."""
+    """The call ends only after a task of another stage has: without that it would wait for ever."""
     calls, read = Calls("scale"), threading.Event()
     waited = []
     calls.compile = lambda stage: waited.append(read.wait(60.0))

@@ -1,4 +1,4 @@
-"""A page on paper: whichever browser there is, and a sentence where there is none."""
+"""A page on paper: by any browser, and a message without one."""
 
 import re
 import sys

@@ -56,8 +56,8 @@ class ExploreScreen {
     const { file } = this.app;
     const found = await ask("explore", { file, variant: this.variant, steps });
     if (this.isLeft) return;
-    const told = ({ view, manifest }) => JSON.stringify([view, manifest]);
-    const isOther = !this.found || told(this.found) !== told(found);
+    const facts = ({ view, manifest }) => JSON.stringify([view, manifest]);
+    const isOther = !this.found || facts(this.found) !== facts(found);
     this.found = found;
     this.bar();
     if (!found.manifest) this.nothing();

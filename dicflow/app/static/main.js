@@ -119,11 +119,11 @@ function problems(own) {
   const text = h("textarea", { className: "text", value: app.document.text, spellcheck: false, "aria-label": app.file });
   fill(own, h("div", { className: "page" }, h("h1", {}, `${app.file} is not valid`),
     h("ul", { className: "problems" }, app.document.problems.map((line) => h("li", {}, line))),
-    h("p", {}, "Mend it here or in an editor, or undo the last change."),
+    h("p", {}, "Correct it here or in an editor, or undo the last change."),
     text, h("div", { className: "row" }, button("Save", () => rewrite(text.value), { className: "main" }), button("Read again", () => changed(true)))));
 }
 
-/** Write the text of a file that is mended by hand. */
+/** Write the text of a file that is corrected by hand. */
 async function rewrite(text) {
   try {
     await ask("rewrite", { file: app.file, digest: app.document.digest, text });

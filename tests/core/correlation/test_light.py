@@ -38,7 +38,7 @@ def test_slow_light_explains_its_residuals_and_moves_nothing_more():
 
 @pytest.mark.parametrize("shift", [0.05, -0.1])
 def test_the_shift_of_the_place_beside_the_light(shift):
-    """Gauss-Newton leads back to the true place, whatever the light."""
+    """Gauss-Newton leads back to the true place, under any light."""
     fit = fitted(PATTERN * (1.0 + 0.002 * X) + 0.01 * Y**2, shift)
     found, _ = light_shift(fit, np.array([True]), SIZE)
     assert found[0] == pytest.approx(abs(shift), rel=0.1)
