@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from functools import cached_property, lru_cache
-from typing import Any, Literal, NamedTuple, Protocol
+from typing import Any, Literal, NamedTuple, Protocol, TypedDict
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,19 +19,35 @@ from dicflow.kinds.total import Total
 from dicflow.pipeline.places import Places, to_left_photograph
 from dicflow.pipeline.result import Result
 
-__all__ = ["FieldSource", "Form", "QuantityFacts", "ShapeFields", "StepFields", "TotalFields", "field_source"]
+__all__ = ["FieldFacts", "FieldSource", "QuantityFacts", "ShapeFields", "StepFields", "TotalFields", "field_source"]
 
 Array = NDArray[Any]
-Form = Literal["deformation", "shape"]
 _ROUTES = ("status", "way", "way_right")
 _DEVIATIONS = ("sigma_", "calibration_")
-_KEPT_STEPS = 24
-"""Steps whose arrays stay in memory, since they are read twice."""
+_KEPT_BYTES = 60e6
+"""Memory for the arrays of the steps that were read last, since they are read twice."""
 _MOST_POINTS = 60_000
 """Of a shape; a cloud has a point per pixel, and more than these are not seen."""
 
 
-class QuantityFacts(NamedTuple):
+class FieldFacts(TypedDict):
+    """What is known of fields before their numbers.
+
+    stage : whose fields these are
+    form : "deformation", or "shape" for places without displacement
+    unit : of lengths
+    follows : whether a point is the same material at every step
+    directions : whether x and y of strains are the "material"'s or "global"; "" if x is not the photograph's
+    """
+
+    stage: str
+    form: Literal["deformation", "shape"]
+    unit: str
+    follows: bool
+    directions: Literal["material", "global", ""]
+
+
+class QuantityFacts(TypedDict):
     """What a page says of a quantity.
 
     name : of its array
@@ -69,22 +85,13 @@ class StepFields(NamedTuple):
 class FieldSource(Protocol):
     """Fields of one stage of a result.
 
-    stage : its name
-    form : displacement and strain, or places alone
     steps : names of all its steps
     photographs : the stage of the photographs in which points are placed; None if unknown
-    unit : of lengths
-    follows : whether a point is the same material at every step
-    directions : whether x and y of strains are the material's or global; "" if x is not that of the photograph
     """
 
-    stage: str
-    form: Form
+    facts: FieldFacts
     steps: Sequence[str]
     photographs: str | None
-    unit: str
-    follows: bool
-    directions: Literal["material", "global", ""]
 
     def quantities(self) -> Sequence[QuantityFacts]:
         """All quantities."""
@@ -97,6 +104,9 @@ class FieldSource(Protocol):
 
     def read(self, step: str) -> StepFields:
         """The fields of a step."""
+
+    def at_point(self, step: str, quantity: str, index: int) -> tuple[float, float]:
+        """Value of a quantity at a point, by its number in the grid, and its standard deviation; NaN if unknown."""
 
     def first_sources(self) -> list[str] | None:
         """Digests of all that places at the first step are made of; None if they are unknown."""
@@ -121,18 +131,23 @@ def field_source(result: Result, variant: int = 0) -> FieldSource | None:
 class TotalFields:
     """Fields of displacement and strain."""
 
-    form: Form = "deformation"
-
     def __init__(self, result: Result, stage: str, variant: int = 0) -> None:
-        self._result, self._variant, self.stage = result, variant, stage
+        self._result, self._variant, self._stage = result, variant, stage
         self.steps: Sequence[str] = result.steps(stage, variant)
         self._places = Places(result, variant)
         self.photographs: str | None = self._places.photographs
         first = self._total(next(step for step in self.steps if self.has(step)))
-        self._example, self.unit, self.follows = first, first.unit, first.follows_material
-        turned = bool(result.stages_of("frame")) or not self.follows
-        self.directions: Literal["material", "global", ""] = "" if turned else first.directions
-        self._kept = lru_cache(_KEPT_STEPS)(self._read)
+        turned = bool(result.stages_of("frame")) or not first.follows_material
+        self._example = first
+        self.facts = FieldFacts(
+            stage=stage,
+            form="deformation",
+            unit=first.unit,
+            follows=first.follows_material,
+            directions="" if turned else first.directions,
+        )
+        size = 8 * first["status"].size * (len(list(first.fields)) + 7)  # 7: in space and in both photographs
+        self._kept = lru_cache(max(1, int(_KEPT_BYTES / size)))(self._read)
 
     def quantities(self) -> Sequence[QuantityFacts]:
         """Those of the table in its order, then all other fields."""
@@ -144,11 +159,11 @@ class TotalFields:
 
     def has(self, step: str) -> bool:
         """Whether the step was measured."""
-        return self._result.has(self.stage, step, self._variant)
+        return self._result.has(self._stage, step, self._variant)
 
     def sources(self, step: str) -> list[str]:
         """Digests of the total, of the right camera's points, and of the rig that carries places into photographs."""
-        found = [self._result.digest(self.stage, step, self._variant), *self._rig]
+        found = [self._result.digest(self._stage, step, self._variant), *self._rig]
         if self._right is not None:
             found.append(self._result.digest(self._right, step, self._variant))
         return found
@@ -159,7 +174,7 @@ class TotalFields:
 
     def _read(self, step: str) -> StepFields:
         total = self._total(step)
-        names = [quantity.name for quantity in self.quantities() if quantity.name in total]
+        names = [quantity["name"] for quantity in self.quantities() if quantity["name"] in total]
         sigmas, shares = ({name: total[p + name] for name in names if p + name in total} for p in _DEVIATIONS)
         places = {"left": self._places.at_step(total)}
         if total.in_space:
@@ -169,9 +184,14 @@ class TotalFields:
             places["right"] = np.where(np.isfinite(places["space"][..., :1]), right, np.nan)
         return StepFields({name: total[name] for name in names}, sigmas, shares, total["status"], places)
 
+    def at_point(self, step: str, quantity: str, index: int) -> tuple[float, float]:
+        """Value and standard deviation at a point; no other array is read."""
+        total = self._total(step)
+        return _number(total, quantity, index), _number(total, f"sigma_{quantity}", index)
+
     def first_sources(self) -> list[str] | None:
         """Digests of the grid and of the rig; None where each step has a grid of its own."""
-        if not self.follows or self._places.grid is None:
+        if not self.facts["follows"] or self._places.grid is None:
             return None
         return [self._result.digest(self._places.grid, 0, self._variant), *self._rig]
 
@@ -192,32 +212,36 @@ class TotalFields:
     def _right(self) -> str | None:
         """The stage with places in the right photograph; points in space are made again when they are read."""
         try:
-            points = self._result.source(self.stage, "points", self._variant)
+            points = self._result.source(self._stage, "points", self._variant)
             return self._result.source(points, "stereo", self._variant)
         except KeyError:
             return None
 
     def _total(self, step: str) -> Total:
-        return Total.read(self._result.product(self.stage, step, self._variant))
+        return Total.read(self._result.product(self._stage, step, self._variant))
 
     def _facts(self, name: str) -> QuantityFacts:
         quantity, total = of_field(name), self._example
         if quantity is None:
-            return QuantityFacts(name, name.upper(), total.caption(name), total.unit_of(name), False, "")
+            symbol, signed, positive = name.upper(), False, ""
+        else:
+            symbol, signed, positive = quantity.symbol, is_signed(name), quantity.positive
         return QuantityFacts(
-            name, quantity.symbol, total.caption(name), total.unit_of(name), is_signed(name), quantity.positive
+            name=name,
+            symbol=symbol,
+            title=total.caption(name),
+            unit=total.unit_of(name),
+            signed=signed,
+            positive=positive,
         )
 
 
 class ShapeFields:
     """Places in space of a test without deformation: the depth and the coordinates of its points."""
 
-    form: Form = "shape"
-    follows, unit = True, "mm"
-    directions: Literal["material", "global", ""] = ""
-
     def __init__(self, result: Result, stage: str, variant: int = 0) -> None:
-        self._result, self._variant, self.stage = result, variant, stage
+        self._result, self._variant, self._stage = result, variant, stage
+        self.facts = FieldFacts(stage=stage, form="shape", unit="mm", follows=True, directions="")
         self.steps: Sequence[str] = result.steps(stage, variant)
         self.photographs: str | None = next(iter(result.stages_of("images")), None)
         with suppress(IndexError, KeyError):  # without a region
@@ -226,25 +250,33 @@ class ShapeFields:
     def quantities(self) -> Sequence[QuantityFacts]:
         """Depth first, then X and Y, in the left camera's frame."""
         words = {"Z": "depth Z", "X": "place X", "Y": "place Y"}
-        return [QuantityFacts(name, name, title, "mm", False, "") for name, title in words.items()]
+        return [
+            QuantityFacts(name=name, symbol=name, title=title, unit="mm", signed=False, positive="")
+            for name, title in words.items()
+        ]
 
     def has(self, step: str) -> bool:
         """Whether the step was measured."""
-        return self._result.has(self.stage, step, self._variant)
+        return self._result.has(self._stage, step, self._variant)
 
     def sources(self, step: str) -> list[str]:
         """Digests of the points and of all rigs."""
         rigs = [stage for stage in self._result.stages_of("rig") if self._result.has(stage, None, self._variant)]
         found = [self._result.digest(stage, None, self._variant) for stage in rigs]
-        return [self._result.digest(self.stage, step, self._variant), *found]
+        return [self._result.digest(self._stage, step, self._variant), *found]
 
     def read(self, step: str) -> StepFields:
         """The fields of a step."""
-        product = self._result.product(self.stage, step, self._variant)
+        product = self._result.product(self._stage, step, self._variant)
         if product.kind == "cloud":
             return self._of_cloud(Cloud.read(product))
-        followed = self._result.source(self.stage, "correlation", self._variant)
+        followed = self._result.source(self._stage, "correlation", self._variant)
         return _of_points(Points.read(product), self._result.product(followed, step, self._variant)["xy"])
+
+    def at_point(self, step: str, quantity: str, index: int) -> tuple[float, float]:
+        """Value and standard deviation at a point."""
+        fields = self.read(step)
+        return _number(fields.values, quantity, index), _number(fields.sigmas, quantity, index)
 
     def first_sources(self) -> list[str] | None:
         """None: a shape is shown at its own step."""
@@ -275,6 +307,11 @@ class ShapeFields:
             mapping = to_left_photograph("rectified", rig)
             return None if mapping is None else np.asarray(mapping(pixels))
         return None
+
+
+def _number(arrays: Mapping[str, Array] | Total, name: str, index: int) -> float:
+    """A number of an array by its place in the flat array; NaN where there is none."""
+    return float(arrays[name].flat[index]) if name in arrays and index < arrays[name].size else np.nan
 
 
 def _of_points(points: Points, left: Array) -> StepFields:

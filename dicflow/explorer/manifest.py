@@ -10,29 +10,22 @@ from __future__ import annotations
 from typing import TypedDict
 
 from dicflow.explorer.curves import Curve
-from dicflow.explorer.fields import Form
+from dicflow.explorer.fields import FieldFacts, QuantityFacts
 
 __all__ = ["CameraFacts", "Crop", "FirstFacts", "Manifest", "QuantityEntry", "Reason", "StepEntry"]
 
 Scale = tuple[float, float]
 
 
-class QuantityEntry(TypedDict):
-    """A quantity.
+class QuantityEntry(QuantityFacts):
+    """A quantity, its scales, colours and means.
 
-    name, symbol, title, unit, signed, positive : as in :class:`dicflow.explorer.fields.QuantityFacts`
     scale : low and quantum of its values
     sigma, share : low and ratio of its standard deviation and of the calibration's share in it; None if unknown
     range, colours : values between which the colours run, and the name of their map
     means : of each step, mean over the points and their standard deviation about it; None if unknown
     """
 
-    name: str
-    symbol: str
-    title: str
-    unit: str
-    signed: bool
-    positive: str
     scale: Scale
     sigma: Scale | None
     share: Scale | None
@@ -94,14 +87,10 @@ class CameraFacts(TypedDict):
     corners: list[list[float]]
 
 
-class Manifest(TypedDict):
+class Manifest(FieldFacts):
     """All that a page shows, but for the numbers.
 
-    title : of the pipeline; stage : whose fields these are
-    form : "deformation", or "shape" for places without displacement
-    unit : of lengths
-    follows : whether a point is the same material at every step
-    directions : whether x and y of strains are the "material"'s or "global"; "" if x is not the photograph's
+    title : of the pipeline
     main : name of the quantity, and place of the step in ``steps``, that are shown first
     places : place → scale of each component
     crops : "left", "right" → part of the photographs
@@ -113,11 +102,6 @@ class Manifest(TypedDict):
     """
 
     title: str
-    stage: str
-    form: Form
-    unit: str
-    follows: bool
-    directions: str
     main: tuple[str, int]
     steps: list[StepEntry]
     first: FirstFacts | None

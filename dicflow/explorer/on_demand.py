@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import json
+import math
 from collections.abc import Iterable, Mapping
 from functools import cached_property
 
@@ -31,8 +32,9 @@ class OnDemand:
 
     def __init__(self, reading: Reading, title: str, keep: Keep) -> None:
         self._reading, self._title, self._keep = reading, title, keep
+        self.source = reading.source
         self._steps = list(reading.steps)
-        self._selection = Selection([facts.name for facts in reading.quantities], 1, self._steps)
+        self._selection = Selection([facts["name"] for facts in reading.quantities], 1, self._steps)
 
     @cached_property
     def key(self) -> str:
@@ -73,6 +75,21 @@ class OnDemand:
         if name not in found:
             raise InputError(name[:40], "is not there", "its photograph may have been moved; read the result again")
         return found
+
+    def curve(self, quantity: str, index: int) -> dict[str, list[float | None]]:
+        """Readings of a point at all steps that are shown, ``values`` and ``sigmas``; None if unknown.
+
+        index : of the point in the grid, row by row
+        Raises InputError for a quantity or a point that is not there.
+        """
+        source = self._reading.source
+        if quantity not in self._reading.scales.values or index < 0:
+            raise InputError(quantity[:40], "is not there", "read the result again")
+        there = [
+            source.at_point(s, quantity, index) if s in self._reading.surveys else (math.nan,) * 2 for s in self._steps
+        ]
+        values, sigmas = zip(*there, strict=True)
+        return {"values": [_known_number(one) for one in values], "sigmas": [_known_number(one) for one in sigmas]}
 
     @cached_property
     def _keys(self) -> list[str]:
@@ -149,6 +166,10 @@ class OnDemand:
         if self._reading.source.photographs is not None and not self._photographed:
             sentences.append("photographs are missing: they are neither in the store nor in their folder")
         return sentences
+
+
+def _known_number(value: float) -> float | None:
+    return value if math.isfinite(value) else None
 
 
 def _known(one: StepSurvey) -> set[str]:

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from dicflow.core.status import Status
-from dicflow.explorer.fields import QuantityFacts, StepFields
+from dicflow.explorer.fields import FieldFacts, QuantityFacts, StepFields
 from dicflow.explorer.reading import Reading
 from dicflow.explorer.survey import extents, scales_of, survey
 
@@ -20,18 +20,21 @@ class Waves:
     rows, cols : of the grid; count : of steps
     """
 
-    stage, form, photographs, unit, follows, directions = "total", "deformation", None, "mm", True, "material"
+    facts = FieldFacts(stage="total", form="deformation", unit="mm", follows=True, directions="material")
+    photographs = None
 
     def __init__(self, rows: int = 30, cols: int = 40, count: int = 4) -> None:
         self.rows, self.cols = rows, cols
         self.steps = [f"step_{number:03d}" for number in range(1, count + 1)]
 
     def quantities(self) -> list[QuantityFacts]:
-        return [
-            QuantityFacts("exx", "εxx", "engineering strain εxx, VSG 40 px", "1", True, "longer"),
-            QuantityFacts("W", "W", "displacement W", "mm", True, "towards larger Z"),
-            QuantityFacts("<b>", "<b>", "</script><b>a name of a plug-in", "1", False, ""),
+        names = ("name", "symbol", "title", "unit", "signed", "positive")
+        rows = [
+            ("exx", "εxx", "engineering strain εxx, VSG 40 px", "1", True, "longer"),
+            ("W", "W", "displacement W", "mm", True, "towards larger Z"),
+            ("<b>", "<b>", "</script><b>a name of a plug-in", "1", False, ""),
         ]
+        return [QuantityFacts(**dict(zip(names, row, strict=True))) for row in rows]
 
     def has(self, step: str) -> bool:
         return step in self.steps

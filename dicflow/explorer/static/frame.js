@@ -158,6 +158,7 @@ export function boxOf(places) {
 export async function curveOf(fields, scene, picked) {
   const { manifest } = fields;
   const quantity = manifest.quantities[scene.quantity];
+  if (fields.source.curve && manifest.follows) return fields.curve(quantity, picked.index);
   const found = await Promise.all(
     manifest.steps.map(async (step) => {
       if (!step.blobs.status) return [NaN, NaN];
