@@ -6,11 +6,11 @@ from collections.abc import Callable, Mapping
 from contextlib import suppress
 from typing import Any
 
-from dicflow.app import calibrations, document, drawing, explored, folder, pictures, previews, results, stages, versions
+from dicflow.app import document, drawing, explored, folder, pictures, results, stages, versions
 from dicflow.app.plans import plan_of
 from dicflow.app.project import Project
 from dicflow.app.runs import Runs
-from dicflow.app.workers import Worker
+from dicflow.app.workers import Worker, named
 from dicflow.errors import ConfigurationError, InputError
 
 __all__ = ["ANSWERS", "Asked", "Desk"]
@@ -32,23 +32,26 @@ class Desk:
         self.opened: dict[str, explored.Asked] = {}
         self._heavy, self.fields = Worker(_WORKS), Worker()
 
-    def work(self, call: Callable[..., Any], *arguments: Any) -> Any:
-        """The value of a function of a module, called in another process, which loads what it needs.
+    def work(self, name: str, *arguments: Any) -> Any:
+        """The value of ``module.function`` of the app, called in another process, which alone loads what it needs.
 
         Raises WorkerError if that process dies.
         """
-        return self._heavy.do(call, *arguments)
+        return self._heavy.do(named, name, *arguments)
 
     def field(self, name: str) -> bytes:
         """A blob or a photograph of a result that the page has opened. Raises InputError for any other name."""
         place = explored.place_of(self.project, name)
         with suppress(OSError):
             return place.read_bytes()
-        asked = self.opened.get(place.parent.name)
-        if asked is None:
-            raise InputError(place.parent.name, "is not open", "reload the page")
-        self.fields.do(explored.make, self.project, asked, name)
+        self.fields.do(explored.make, self.project, self.view(place.parent.name), name)
         return place.read_bytes()
+
+    def view(self, key: str) -> explored.Asked:
+        """What an open result was asked for as. Raises InputError for one that the page has not opened."""
+        if key not in self.opened:
+            raise InputError(key[:32], "is not open", "reload the page")
+        return self.opened[key]
 
     def close(self) -> None:
         """End the processes."""
@@ -134,7 +137,7 @@ def _drawing(desk: Desk, asked: Asked) -> Any:
 
 
 def _proposed(desk: Desk, asked: Asked) -> Any:
-    return desk.work(previews.proposed_region, desk.project, str(asked["file"]), str(asked["stage"]))
+    return desk.work("previews.proposed_region", desk.project, str(asked["file"]), str(asked["stage"]))
 
 
 def _preview(desk: Desk, asked: Asked) -> Any:
@@ -143,7 +146,7 @@ def _preview(desk: Desk, asked: Asked) -> Any:
     text = document.read_pipeline(desk.project, name).text
     if asked.get("edits"):
         text = document.edited(text, str(desk.project.path(name)), document.edits_of(asked["edits"]))
-    return desk.work(previews.grid_preview, desk.project, name, text, str(asked["stage"]))
+    return desk.work("previews.grid_preview", desk.project, name, text, str(asked["stage"]))
 
 
 def _draw(desk: Desk, asked: Asked) -> Any:
@@ -160,21 +163,37 @@ def _series(desk: Desk, asked: Asked) -> Any:
     """What the folder holds; looked at again once a photograph has come, gone or changed."""
     now = folder.listing(desk.project)
     if desk.series is None or desk.series[0] != now:
-        desk.series = now, desk.work(folder.found_in, desk.project)
+        desk.series = now, desk.work("series.found_in", desk.project)
     return desk.series[1]
 
 
 def _make(desk: Desk, asked: Asked) -> Any:
-    return desk.work(folder.make_pipeline, desk.project, asked["roles"], str(asked.get("square", "")))
+    return desk.work("series.make_pipeline", desk.project, asked["roles"], str(asked.get("square", "")))
 
 
 def _calibration(desk: Desk, asked: Asked) -> Any:
-    """The rig; with ``without``, names of pairs of the boards, as it would be without them."""
+    """The rig; with ``rig``, as it would be without pairs and corners that were chosen."""
     name, text = str(asked["file"]), document.read_pipeline(desk.project, str(asked["file"])).text
-    if asked.get("without"):
-        edits = folder.edits_to_leave_out(desk.project, name, str(asked["boards"]), list(asked["without"]))
-        text = document.edited(text, str(desk.project.path(name)), edits)
-    return desk.work(calibrations.calibration_of, desk.project, name, text)
+    if asked.get("rig"):
+        text = document.edited(text, str(desk.project.path(name)), _choice(desk, asked))
+    return desk.work("calibrations.calibration_of", desk.project, name, text)
+
+
+def _choice(desk: Desk, asked: Asked) -> list[document.Edit]:
+    return folder.edits_of_choice(
+        desk.project,
+        str(asked["file"]),
+        str(asked["boards"]),
+        list(asked.get("without", ())),
+        str(asked["rig"]),
+        asked.get("corners"),
+    )
+
+
+def _leave_out_of_rig(desk: Desk, asked: Asked) -> Any:
+    """Write which pairs and corners a calibration leaves out."""
+    words = f"{asked['rig']}: {asked['words']}"
+    return {"problems": document.edit(desk.project, asked["file"], str(asked["digest"]), _choice(desk, asked), words)}
 
 
 def _pairs(desk: Desk, asked: Asked) -> Any:
@@ -233,6 +252,20 @@ def _explore(desk: Desk, asked: Asked) -> Any:
     return found
 
 
+def _survey(desk: Desk, asked: Asked) -> Any:
+    """Look at steps of an open result for a moment."""
+    key = str(asked["view"])
+    wanted = (key, int(asked["steps"]), int(asked["start"]))
+    return desk.fields.do(explored.survey, desk.project, desk.view(key), *wanted)
+
+
+def _curve(desk: Desk, asked: Asked) -> Any:
+    """Readings of a point of an open result."""
+    key = str(asked["view"])
+    wanted = (key, str(asked["quantity"]), int(asked["point"]))
+    return desk.fields.do(explored.curve, desk.project, desk.view(key), *wanted)
+
+
 def _written(desk: Desk, asked: Asked) -> Any:
     return {"report": results.has_report(desk.project, str(asked["file"]))}
 
@@ -241,12 +274,20 @@ def _formats(desk: Desk, asked: Asked) -> Any:
     return results.export_formats(desk.project, str(asked["file"]))
 
 
+def _facts(desk: Desk, asked: Asked) -> Any:
+    return results.facts_of(desk.project, str(asked["file"]))
+
+
+def _resolution(desk: Desk, asked: Asked) -> Any:
+    return desk.work("results.resolution_of", desk.project, str(asked["file"]))
+
+
 def _export(desk: Desk, asked: Asked) -> Any:
-    return desk.work(results.export_files, desk.project, str(asked["file"]), asked)
+    return desk.work("results.export_files", desk.project, str(asked["file"]), asked)
 
 
 def _report(desk: Desk, asked: Asked) -> Any:
-    return desk.work(results.write_report, desk.project, str(asked["file"]))
+    return desk.work("results.write_report", desk.project, str(asked["file"]))
 
 
 ANSWERS: Mapping[str, Callable[[Desk, Asked], Any]] = {
@@ -266,6 +307,7 @@ ANSWERS: Mapping[str, Callable[[Desk, Asked], Any]] = {
     "series": _series,
     "make": _make,
     "calibration": _calibration,
+    "leave_out_of_rig": _leave_out_of_rig,
     "pairs": _pairs,
     "leave_out": _leave_out,
     "parameters": _parameters,
@@ -276,8 +318,12 @@ ANSWERS: Mapping[str, Callable[[Desk, Asked], Any]] = {
     "runs": _runs,
     "disk": _disk,
     "explore": _explore,
+    "survey": _survey,
+    "curve": _curve,
     "written": _written,
     "formats": _formats,
+    "facts": _facts,
+    "resolution": _resolution,
     "export": _export,
     "report": _report,
     "pin": _pin,

@@ -5,13 +5,20 @@ from __future__ import annotations
 from collections.abc import Callable
 from concurrent.futures import ProcessPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
+from importlib import import_module
 from multiprocessing import get_context
 from typing import Any
 
 from dicflow.engine.workers import ignore_interrupts, prepare
 from dicflow.errors import WorkerError
 
-__all__ = ["Worker"]
+__all__ = ["Worker", "named"]
+
+
+def named(name: str, *arguments: Any) -> Any:
+    """The value of ``module.function`` of this package, which only the process that calls it then loads."""
+    module, _, function = name.partition(".")
+    return getattr(import_module(f"{__package__}.{module}"), function)(*arguments)
 
 
 class Worker:

@@ -36,7 +36,16 @@ class ExploreScreen {
   async begin() {
     await this.read(FIRST_STEPS);
     this.wait();
-    if (this.found.steps > FIRST_STEPS) this.inTurn(() => this.read(this.most));
+    if (this.found.steps > FIRST_STEPS) this.inTurn(() => this.readMore());
+  }
+
+  /** Read more steps, bit by bit, so that what is shown already can be used meanwhile. */
+  async readMore() {
+    const { view } = this.found;
+    for (let [next, count] = [0, 1]; !this.isLeft && next < count;) {
+      ({ next, count } = await ask("survey", { view, steps: this.most, start: next }));
+    }
+    if (!this.isLeft) await this.read(this.most);
   }
 
   leave() {
@@ -74,7 +83,8 @@ class ExploreScreen {
     const old = this.explorer;
     old?.play(false);
     const element = h("div", { className: "fields" });
-    const explorer = mountExplorer(element, fetchedSource(manifest, (name) => new URL(`/field/${view}/${name}`, location).href));
+    const curve = (quantity, point) => ask("curve", { view, quantity, point });
+    const explorer = mountExplorer(element, fetchedSource(manifest, (name) => new URL(`/field/${view}/${name}`, location).href, curve));
     this.explorer = explorer;
     fill(this.field, element);
     for (const way of ["pointerdown", "keydown"]) element.addEventListener(way, () => { this.isTouched = true; });
@@ -91,7 +101,7 @@ class ExploreScreen {
     fill(this.tools,
       found.variants.length > 1 && h("label", {}, "variant ", h("select", { onchange: (event) => this.choose(Number(event.target.value)) }, found.variants.map((one, k) => h("option", { value: k, selected: k === variant }, words(one, k))))),
       h("span", { className: "shown faint" }, `${shown} of ${found.steps} steps`),
-      isUsual && button("Show all steps", () => { this.most = ALL_STEPS; this.inTurn(() => this.read(this.most)); }),
+      isUsual && button("Show all steps", () => { this.most = ALL_STEPS; this.inTurn(() => this.readMore()); }),
       button("Read again", () => this.inTurn(() => this.read(this.most))),
       this.keeps,
       found.notes.map((note) => h("span", { className: "note" }, note)));
