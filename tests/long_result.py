@@ -24,7 +24,7 @@ from typing import ClassVar, Literal
 
 import numpy as np
 
-from dicflow.engine.node import Node, Port, Scope
+from dicflow.engine.node import Keep, Node, Port, Scope, keeping
 from dicflow.kinds.total import Total, TotalFacts
 
 STRAINS = ("exx", "eyy", "gxy", "e1", "e2")
@@ -37,6 +37,7 @@ class Waves(Node):
     takes: ClassVar = {{"images": Port("images")}}
     gives: ClassVar = "total"
     stage: Literal["waves"] = "waves"
+    keep: Keep = keeping("always")
 
     def run(self, images):
         number = int(images["left"][0, 0])

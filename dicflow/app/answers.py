@@ -23,14 +23,19 @@ _WORKS = 30
 
 
 class Desk:
-    """What answers need beside the question: the project, its runs, and processes for heavy work and for fields."""
+    """What answers need beside the question: the project, its runs, and processes for heavy work, for fields, and for
+    the photographs under them, so that no field waits for a photograph."""
 
     def __init__(self, project: Project) -> None:
         self.project = project
         self.runs = Runs(project)
         self.series: tuple[int, Any] | None = None
         self.opened: dict[str, explored.Asked] = {}
-        self._heavy, self.fields = Worker(_WORKS), Worker()
+        self._heavy, self.fields, self._photographs = Worker(_WORKS), Worker(), Worker()
+
+    def begin(self) -> None:
+        """Start the process that reads fields, so that they are soon there when they are asked for."""
+        self.fields.begin("explored")
 
     def work(self, name: str, *arguments: Any) -> Any:
         """The value of ``module.function`` of the app, called in another process, which alone loads what it needs.
@@ -44,7 +49,8 @@ class Desk:
         place = explored.place_of(self.project, name)
         with suppress(OSError):
             return place.read_bytes()
-        self.fields.do(explored.make, self.project, self.view(place.parent.name), name)
+        process = self._photographs if explored.is_photograph(name) else self.fields
+        process.do(explored.make, self.project, self.view(place.parent.name), name)
         return place.read_bytes()
 
     def view(self, key: str) -> explored.Asked:
@@ -55,8 +61,8 @@ class Desk:
 
     def close(self) -> None:
         """End the processes."""
-        self._heavy.close()
-        self.fields.close()
+        for process in (self._heavy, self.fields, self._photographs):
+            process.close()
 
 
 def _project(desk: Desk, asked: Asked) -> Any:
@@ -279,6 +285,9 @@ def _facts(desk: Desk, asked: Asked) -> Any:
 
 
 def _resolution(desk: Desk, asked: Asked) -> Any:
+    """Noise against resolution of a sweep; None for a pipeline with one variant."""
+    if len(desk.project.pipeline(str(asked["file"])).instances) < 2:
+        return None
     return desk.work("results.resolution_of", desk.project, str(asked["file"]))
 
 

@@ -23,7 +23,7 @@ from dicflow.pipeline import Pipeline, Result
 from dicflow.report.pieces import Pieces
 from dicflow.views.source_digest import source_digest
 
-__all__ = ["Asked", "curve", "make", "opened", "place_of", "survey"]
+__all__ = ["Asked", "curve", "is_photograph", "make", "opened", "place_of", "survey"]
 
 _KEPT = 2
 """Results that stay open, as two are seen side by side."""
@@ -52,6 +52,11 @@ def place_of(project: Project, name: str) -> Path:
     if not _NAME.fullmatch(name):
         raise InputError(name[:80], "is no part of a result", "reload the page")
     return project.own_folder / "fields" / name
+
+
+def is_photograph(name: str) -> bool:
+    """Whether a name is that of a photograph, rather than of a blob."""
+    return name.endswith(("_left", "_right"))
 
 
 def opened(project: Project, asked: Asked) -> dict[str, Any]:

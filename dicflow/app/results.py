@@ -71,15 +71,13 @@ def resolution_of(project: Project, name: str) -> dict[str, Any]:
 
     ``chart``: SVG, None where all variants have one gauge or nothing is measured; ``unit`` of the gauge; ``measured``:
     whether σ was measured where nothing deforms; ``variants``: each with its ``name``, ``side`` of the gauge and
-    ``sigma`` by symbol of the strain, None if unknown; empty without a sweep.
+    ``sigma`` by symbol of the strain, None if unknown.
     """
     from dicflow.kinds.quantities import QUANTITIES
     from dicflow.report.resolution import resolution_chart, resolutions
     from dicflow.views.variant_names import variant_names
 
     result = project.pipeline(name).result()
-    if len(result.values) < 2:
-        return {"chart": None, "unit": "", "measured": False, "variants": []}
     found, names = resolutions(result), variant_names(result.values)
     known = [one for one in found if one is not None]
     variants = [

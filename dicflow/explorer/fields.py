@@ -24,7 +24,7 @@ __all__ = ["FieldFacts", "FieldSource", "QuantityFacts", "ShapeFields", "StepFie
 Array = NDArray[Any]
 _ROUTES = ("status", "way", "way_right")
 _DEVIATIONS = ("sigma_", "calibration_")
-_KEPT_BYTES = 60e6
+_KEPT_BYTES = 30e6
 """Memory for the arrays of the steps that were read last, since they are read twice."""
 _MOST_POINTS = 60_000
 """Of a shape; a cloud has a point per pixel, and more than these are not seen."""

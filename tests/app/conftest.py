@@ -21,7 +21,7 @@ def pytest_runtest_teardown(item: pytest.Item, nextitem: pytest.Item | None) -> 
 
 @pytest.fixture(scope="session")
 def small_result(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """The pipeline file of a small test of four steps that the command line has measured; to be copied for changes."""
-    path = small_test(tmp_path_factory.mktemp("small_result") / "test", steps=4)
+    """The pipeline file of a small test of three steps that the command line has measured; to be copied for changes."""
+    path = small_test(tmp_path_factory.mktemp("small_result") / "test", steps=3)
     assert dicflow("run", path, "--scheduler", "sync").code == 0
     return path

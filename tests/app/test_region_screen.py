@@ -214,16 +214,6 @@ def test_zoom_keeps_the_place_under_the_pointer(person):
     assert person.overlaps() == []
 
 
-@pytest.mark.parametrize("size", [(1280, 800), (1920, 1080), (390, 844)])
-def test_no_texts_overlap(folder, size):
-    with served(folder) as app, opened_page(app, *size) as someone:
-        someone.go("region")
-        someone.page.click(".path-name")
-        assert someone.overlaps() == []
-        fits = someone.page.evaluate("document.documentElement.scrollWidth <= innerWidth")
-        assert fits
-
-
 def test_names_that_are_html_stay_text(folder):
     path = folder / FILE
     evil = "<img src=x onerror=document.body.dataset.evil=1>"

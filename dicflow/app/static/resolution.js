@@ -6,12 +6,11 @@ import { fill, h, picture } from "./dom.js";
 /** A card with the chart and its numbers, which comes once it is known; nothing for a pipeline without a sweep. */
 export function resolutionCard(app) {
   const place = h("div", {});
-  ask("resolution", { file: app.file }).then((found) => draw(place, found), (error) => fill(place, h("p", { className: "problem" }, error.message)));
+  ask("resolution", { file: app.file }).then((found) => found && draw(place, found), (error) => fill(place, h("p", { className: "problem" }, error.message)));
   return place;
 }
 
 function draw(place, { chart, unit, measured, variants }) {
-  if (!variants.length) return;
   const symbols = [...new Set(variants.flatMap((one) => Object.keys(one.sigma)))];
   fill(place, h("div", { className: "card" }, h("h2", {}, "Noise against resolution"),
     h("p", { className: "faint" }, symbols.length
