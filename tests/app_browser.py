@@ -18,7 +18,7 @@ PICTURES = Path(__file__).resolve().parents[1] / "build" / "app"
 
 FLAGS = (
     "--headless", "--no-sandbox", "--disable-gpu", "--disable-quic", "--no-first-run",
-    "--disable-background-networking", "--disable-component-update", "--disable-sync",
+    "--disable-background-networking", "--disable-component-update", "--disable-sync", "--disable-dev-shm-usage",
 )  # fmt: skip
 OVERLAPS = """
 () => {
@@ -136,6 +136,8 @@ def _browser() -> Any:
     program = shutil.which("chromium")
     if program is None:
         pytest.skip("needs the program chromium")
+    if _running and not _running[1].is_connected():  # it died under an earlier test
+        close_browser()
     if not _running:
         driver = playwright.sync_playwright().start()
         _running.extend([driver, driver.chromium.launch(executable_path=program, args=list(FLAGS))])

@@ -195,8 +195,8 @@ def _is_plain(text: str) -> bool:
 def _insert(data: Any, part: Any, value: Any) -> None:
     """A new key where no comment between others comes to stand before it: a stage before the last one, a parameter
     behind the first where a comment behind the last one belongs to what follows. A new section has a line per key."""
-    if "stages" in data and isinstance(value, dict):
-        value.fa.set_block_style()
+    if "stages" in data and (style := getattr(value, "fa", None)) is not None:
+        style.set_block_style()
     if data.fa.flow_style() or len(data) < 2 or "stages" in data:
         data[part] = value
     elif isinstance(value, dict) and "stage" in value:

@@ -114,7 +114,7 @@ class Calibrate(Node):
 
         if unknown := [name for name in self.leave_out if name not in names]:
             raise StageError(f"leave_out names {', '.join(unknown)}, which is no pair; pairs: {', '.join(names)}")
-        marks = []
+        marks: list[dict[str, np.ndarray]] = []
         for name, board in zip(names, boards, strict=True):
             marks.append({side: np.array(board[side]) for side in _SIDES})
             for side, places in self.leave_out.get(name, {}).items():

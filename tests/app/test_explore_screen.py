@@ -14,7 +14,7 @@ from dicflow.core.probes.weights import point_probe, value_of
 from dicflow.explorer.packing import LinearScale, LogScale, unpacked
 from dicflow.kinds.total import Total
 from dicflow.pipeline import Pipeline
-from tests.explorer.test_results import PAIR, POINTS, SAMPLES
+from tests.explorer.test_results import PAIR, POINTS, ROOT, SAMPLES
 
 pytestmark = pytest.mark.slow
 
@@ -203,13 +203,12 @@ def test_only_parts_of_opened_results_are_served(file):
 
 
 @pytest.mark.parametrize("form", ["deformation", "shape"])
-def test_two_cameras_show_both_photographs_and_a_surface(form, copied, tmp_path):
+def test_two_cameras_show_both_photographs_and_a_surface(form, tmp_path):
     """A pair alone shows its shape."""
-    path = copied.rename(copied.with_name(FILE))
-    if form == "shape":
-        path = shutil.copytree(SAMPLES, tmp_path / "test") / FILE
-        path.write_text(PAIR + POINTS)
-        assert dicflow("run", path, "--scheduler", "sync").code == 0
+    path = shutil.copytree(SAMPLES, tmp_path / "test") / FILE
+    quickstart = (ROOT / "pipelines" / "quickstart.yaml").read_text()
+    path.write_text(quickstart if form == "deformation" else PAIR + POINTS)
+    assert dicflow("run", path, "--scheduler", "sync").code == 0
     with served(path) as app, opened_page(app) as someone:
         screen(app, someone)
         page = someone.page
