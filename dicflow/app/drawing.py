@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Mapping, Sequence
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -124,7 +125,7 @@ def write_region(project: Project, name: str, stage: str, drawn: Mapping[str, An
     text, _ = read_pipeline(project, name)
     entry = project.candidate(name, text).document.data["stages"][stage]
     path = project.path(_region_file(project, entry, stage))
-    is_file = os.access(path if path.exists() else path.parent, os.W_OK)
+    is_file = _can_be_written(path)
     given = path.relative_to(project.data_folder.resolve()).as_posix()
     wanted = {"file": given} if is_file else _inline(polygons, cuts)
     place = ("stages", stage)
@@ -134,6 +135,10 @@ def write_region(project: Project, name: str, stage: str, drawn: Mapping[str, An
     if edits:
         new[name] = _checked(project, name, text, edits).encode()
     change(project, seen, new, f"region {stage}")
+
+
+def _can_be_written(path: Path) -> bool:
+    return os.access(path if path.exists() else path.parent, os.W_OK)
 
 
 def _inline(polygons: Sequence[Polygon], cuts: Sequence[np.ndarray]) -> dict[str, Any]:

@@ -170,7 +170,9 @@ def test_where_the_photographs_cannot_be_written_the_region_stands_in_the_pipeli
     before = path.read_bytes()
     data.chmod(0o555)
     if os.geteuid() == 0:  # who may write everywhere
-        monkeypatch.setattr("dicflow.app.drawing.os.access", lambda place, _: bool(place.stat().st_mode & 0o200))
+        monkeypatch.setattr(
+            "dicflow.app.drawing._can_be_written", lambda path: bool(path.parent.stat().st_mode & 0o200)
+        )
     try:
         with served(path, data) as app, opened_page(app) as someone:
             someone.go("region")
