@@ -39,9 +39,6 @@ _OUTLINE_STEPS = 4
 _MAX_STRIPES_SHARE = 0.5
 """Share of the region that may show stripes."""
 _SHAPES = {"auto": "affine, or where these would be biased quadratic,", "affine": "affine", "quadratic": "quadratic"}
-_QUADRATIC_VARIANCE = 3.5
-"""Variance of the place of a quadratic subset over that of an affine one, of white noise and an even pattern:
-1 + 5/4 + 5/4."""
 
 
 class _First(NamedTuple):
@@ -246,15 +243,15 @@ class Correlate(SubsetSearch):
 
     def _shape(self, found: FoundPoints, search: Search) -> tuple[ShapeFunction, np.ndarray]:
         """The shape function that found points need, and what it leaves out (row, col, 2) [px]."""
-        from dicflow.core.surfaces.shape_bias import affine_suffices, shape_bias
+        from dicflow.core.surfaces.shape_bias import PlacesOfSubsets, affine_suffices, as_of_affine, shape_bias
 
         used: Any = search.subset.shape_function
-        variance = (found.covariance + found.template_covariance)[..., ::2]
-        bias = partial(shape_bias, found.warp[..., 0], variance, self.subset_size, self.step_size)
+        measured = PlacesOfSubsets(found.warp[..., 0], (found.covariance + found.template_covariance)[..., ::2])
         wanted = used if self.shape_function == "auto" else self.shape_function
         if self.shape_function == "auto":
-            wanted = "affine" if affine_suffices(bias("affine"), _of_affine(variance, used)) else "quadratic"
-        return wanted, bias(wanted)
+            affine = measured if used == "affine" else as_of_affine(measured, self.subset_size, self.step_size)
+            wanted = "affine" if affine_suffices(affine, self.subset_size, self.step_size) else "quadratic"
+        return wanted, shape_bias(measured, self.subset_size, self.step_size, wanted)
 
     def _grid(self, shape_function: str) -> SubsetGrid:
         return SubsetGrid(self.step_size, self.subset_size, shape_function)
@@ -352,11 +349,6 @@ def _summary(found: FoundPoints, noise: Noise, overexposed: float) -> dict[str, 
         "noise_grey": noise.grey,
         "overexposed_share": overexposed if np.isfinite(overexposed) else None,
     }
-
-
-def _of_affine(variance: np.ndarray, shape_function: str) -> np.ndarray:
-    """The variance (row, col, 2) that affine subsets would have, of places found with a shape function."""
-    return variance if shape_function == "affine" else variance / _QUADRATIC_VARIANCE
 
 
 def _left_photograph(images: Product) -> Photograph:

@@ -108,10 +108,13 @@ def test_fixed_subsets_say_what_they_leave_out():
     assert np.nanmedian(found["bias"][..., 0]) == pytest.approx(abs(np.nanmean(away)), rel=0.2)
 
 
-def test_lost_points_are_found_via_a_reference_step_of_another_shape():
-    """The pattern changes by half at the third step, which is curved; the second one serves as the reference."""
-    transforms = [np.eye(3), np.eye(3), perspective(2e-4)]
-    images = series(transforms, changed=[0.0, 0.5, 0.8], noise=1.0)
+def test_a_reference_step_of_another_shape():
+    """The pattern changes from step to step, and the last motion is curved."""
+    transforms = [*(translation((3.0 * k, 1.5 * k)) for k in range(5)), translation((15.0, 7.5)) @ perspective(2e-4)]
+    images = series(transforms, changed=[0.0, 0.15, 0.3, 0.45, 0.6, 0.75])
     steps = follow(images, step_size=14)
-    assert (steps[2]["way"] == 2).any()
-    assert steps[2]["warp"].shape[-1] == {"affine": 3, "quadratic": 6}[steps[2].attrs["shape_function"]]
+    last = steps[5]
+    assert last.attrs["shape_function"] == "quadratic"
+    chained = last["way"] == 2
+    assert chained.sum() > 0.9 * (steps[0]["status"] == Status.VALID).sum()
+    assert np.abs(np.nanmean(error(steps[0], last, transforms[5])[chained], axis=0)).max() < 0.05
