@@ -20,7 +20,7 @@ from dicflow.pipeline import Result
 from tests.bars import Figure
 from tests.scenes_in_space import SCENES, scene
 from tests.scenes_in_space.files import measured_result
-from tests.scenes_in_space.scene import Scene
+from tests.scenes_in_space.specimen import Scene
 from tests.scenes_in_space.truth import material_of, rim_distance, truth
 
 __all__ = ["Measured", "Row", "measured", "row", "scenes"]

@@ -6,7 +6,7 @@ from dicflow.core.cameras.camera import to_right
 from tests.scenes_in_space import SCENES, scene
 from tests.scenes_in_space.cameras import LEFT, RIG, RIGHT, SIZE, project
 from tests.scenes_in_space.rendering import clean, interpolated, material_at, material_table
-from tests.scenes_in_space.scene import turned
+from tests.scenes_in_space.specimen import turned
 from tests.scenes_in_space.truth import Material, material_of, rim_distance, ring_in_photograph, truth
 
 

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import importlib
 
-from tests.scenes_in_space.scene import Scene
+from tests.scenes_in_space.specimen import Scene
 
 __all__ = ["SCENES", "scene"]
 

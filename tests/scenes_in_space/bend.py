@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from tests.scenes_in_space.scene import Part, Scene, bounds, rectangle
+from tests.scenes_in_space.specimen import Part, Scene, bounds, rectangle
 
 _RADIUS_MM = 28.0
 _HALF_WIDTH = _RADIUS_MM * np.pi / 4.0

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from tests.scenes_in_space.scene import Part, Scene, bounds, circle
+from tests.scenes_in_space.specimen import Part, Scene, bounds, circle
 
 _RADIUS = 27.0
 

@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 
 from dicflow.core.cameras.camera import Camera, Rig
-from tests.scenes_in_space.scene import turned
+from tests.scenes_in_space.specimen import turned
 
 __all__ = ["FIELD_MM", "LEFT", "MM_PX", "RIG", "RIGHT", "SIZE", "View", "project"]
 

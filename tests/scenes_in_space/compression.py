@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from tests.scenes_in_space.scene import Part, Scene, bounds, rectangle
+from tests.scenes_in_space.specimen import Part, Scene, bounds, rectangle
 
 _HALF_WIDTH, _HALF_HEIGHT, _STEPS = 20.0, 30.0, 8
 

@@ -14,16 +14,16 @@ from dicflow.io.rig import write_rig
 from dicflow.pipeline import Pipeline, Result
 from tests import scenes_in_space
 from tests.figures import WORK, made
-from tests.scenes_in_space import cameras, pattern, rendering
-from tests.scenes_in_space import scene as scene_module
 from tests.scenes_in_space.cameras import LEFT, RIG
 from tests.scenes_in_space.rendering import photographs
-from tests.scenes_in_space.scene import Scene
+from tests.scenes_in_space.specimen import Scene
 from tests.scenes_in_space.truth import ring_in_photograph
 
 __all__ = ["measured_result", "write_scene"]
 
-PIPELINE = """\
+_SHARED = ("cameras", "pattern", "rendering", "specimen", "gentle", "strip")
+"""Modules that the photographs of scenes depend on."""
+_PIPELINE = """\
 dicflow: 1
 stages:
   photos: {{stage: images, left: "left_*.{ending}", right: "right_*.{ending}"}}
@@ -75,7 +75,7 @@ def _pipeline_text(scene: Scene) -> str:
         return ring_in_photograph(scene, ring).round(3).tolist()
 
     x, y, _ = LEFT.rotation.T.tolist()
-    return PIPELINE.format(
+    return _PIPELINE.format(
         ending=_ending(scene),
         outline=corners(scene.outline),
         holes=[corners(ring) for ring in scene.holes],
@@ -87,7 +87,6 @@ def _pipeline_text(scene: Scene) -> str:
 
 def _digest(name: str) -> str:
     """Digest of the source of a scene, and of what renders it."""
-    shared = [scenes_in_space, cameras, pattern, rendering, scene_module]
-    folder = Path(scenes_in_space.__file__).parent
-    sources = [Path(module.__file__) for module in shared] + [folder / f"{name}.py", folder / "gentle.py"]
-    return hashlib.sha256(b"".join(path.read_bytes() for path in sources)).hexdigest()[:12]
+    modules = (*_SHARED, name)
+    sources = [Path(__file__).with_name(f"{module}.py").read_bytes() for module in modules]
+    return hashlib.sha256(b"".join(sources)).hexdigest()[:12]

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from tests.scenes_in_space.scene import Part, Scene, bounds, circle, rectangle
+from tests.scenes_in_space.specimen import Part, Scene, bounds, circle, rectangle
 
 _RADIUS, _WIDER = 2.5, 3.05
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from tests.scenes_in_space.scene import Part, Place, Scene, bounds, rectangle, turned
+from tests.scenes_in_space.specimen import Part, Place, Scene, bounds, rectangle, turned
 
 _HALF_WIDTH, _HALF_HEIGHT = 34.0, 28.0
 _MEETING_X, _CRACK_Y, _SLOPE = -4.0, -8.0, 0.35

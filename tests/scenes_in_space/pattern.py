@@ -11,7 +11,7 @@ _PERIOD = 512
 """Cells after which the pattern repeats itself, far beyond any specimen."""
 _CELL = 1.15
 """Side of a cell over the mean diameter of a disc: 45 % of the area is dark."""
-_EDGE = 0.35
+_EDGE = 0.6
 """Width of a disc's edge over the mean diameter."""
 
 

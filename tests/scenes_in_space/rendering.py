@@ -14,7 +14,7 @@ from scipy.spatial import cKDTree
 
 from tests.scenes_in_space.cameras import LEFT, MM_PX, RIGHT, SIZE, View, project
 from tests.scenes_in_space.pattern import light_of_speckles
-from tests.scenes_in_space.scene import Part, Scene
+from tests.scenes_in_space.specimen import Part, Scene
 
 __all__ = ["clean", "interpolated", "material_at", "material_table", "photographs"]
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from tests.scenes_in_space.scene import Part, Scene, bounds, rectangle
+from tests.scenes_in_space.specimen import Part, Scene, bounds, rectangle
 
 _HALF_MM, _SHEAR, _INCLINATION = 2.0, 0.4, 0.4
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from tests.scenes_in_space.scene import Part, Scene, bounds, rectangle
+from tests.scenes_in_space.specimen import Part, Scene, bounds, rectangle
 
 _HALF_WIDTH, _HALF_LENGTH, _GRIP_MM = 14.0, 15.0, 5.0
 _REACH_MM = 2.5

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from tests.scenes_in_space.scene import Part, Scene, bounds, rectangle, turned
+from tests.scenes_in_space.specimen import Part, Scene, bounds, rectangle, turned
 
 
 def _place(material: np.ndarray, load: float) -> np.ndarray:

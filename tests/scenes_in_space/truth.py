@@ -9,7 +9,7 @@ import numpy as np
 
 from tests.scenes_in_space.cameras import LEFT, SIZE, project
 from tests.scenes_in_space.rendering import material_at
-from tests.scenes_in_space.scene import Scene
+from tests.scenes_in_space.specimen import Scene
 
 __all__ = ["Material", "material_of", "places", "rim_distance", "ring_in_photograph", "truth"]
 
