@@ -135,20 +135,19 @@ def print_step(name: str, step: int, points: Measured) -> None:
         parts = [row(points, quantity), row(points.of(points.on_rim), quantity)]
         text = "".join(
             f"{r.points:8}{r.valid:7.1f}{r.within_1:7.1f}{r.within_2:6.1f}{r.beyond_3:7.2f}"
-            f"{r.stated:9.4g}{r.bias:9.3g}{r.rms:9.4g}"
+            f"{r.stated:10.4g}{r.bias:10.3g}{r.rms:10.4g}"
             for r in parts
         )
         print(f"{name:<15}{step:>3} {quantity:<4}{text}", flush=True)
 
 
-HEADING = f"{'scene':<15}{'step':>4}    " + f"{'points':>8}{'valid':>7}{'1u':>7}{'2u':>6}{'> 3u':>7}" + (
-    f"{'u':>9}{'bias':>9}{'rms':>9}" + f"{'rims':>8}{'valid':>7}{'1u':>7}{'2u':>6}{'> 3u':>7}{'u':>9}{'bias':>9}{'rms':>9}"
-)
+_COLUMNS = f"{'valid':>7}{'1u':>7}{'2u':>6}{'> 3u':>7}{'u':>10}{'bias':>10}{'rms':>10}"
+_HEADING = f"{'scene':<15}step     {'points':>7}{_COLUMNS}{'rims':>8}{_COLUMNS}"
 
 
 def scenes(names: Sequence[str] = SCENES, settings: Sequence[str] = ()) -> Iterator[Figure]:
     """Print the table, and give the figures of every scene's last step."""
-    print(f"\nscenes in space; u as stated, errors in µm and µε\n{HEADING}")
+    print(f"\nscenes in space; u as stated, errors in µm and µε\n{_HEADING}")
     for name in names:
         for step, points in measured(name, settings):
             print_step(name, step, points)

@@ -12,7 +12,7 @@ from tests.scenes_in_space.specimen import Scene
 __all__ = ["SCENES", "scene"]
 
 SCENES = (
-    "gentle", "tilt", "bend", "strip", "hole", "crack", "blur", "compression", "leap", "light", "sensor",
+    "gentle", "tilt", "nod", "bend", "strip", "hole", "crack", "blur", "compression", "leap", "light", "sensor",
     "meeting_cracks", "bead", "twist", "bulge", "fastener", "shear_band",
 )  # fmt: skip
 """Names of all scenes."""

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from tests.scenes_in_space.specimen import Part, Place, Scene, bounds, rectangle
+from tests.scenes_in_space.specimen import Part, Place, Scene, rectangle
 
 _TIP_MM, _HALF_WIDTH, _HALF_HEIGHT = 10.0, 34.0, 28.0
 

@@ -1,4 +1,4 @@
-"""A scene as a user has it: files of photographs, of the rig and of a pipeline with the settings of ``dicflow init``."""
+"""A scene as a user has it: files of photographs, rig and pipeline, with the settings that ``dicflow init`` writes."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from tests.scenes_in_space.truth import ring_in_photograph
 
 __all__ = ["measured_result", "write_scene"]
 
-_SHARED = ("cameras", "pattern", "rendering", "specimen", "gentle", "strip")
+_SHARED = ("cameras", "pattern", "rendering", "specimen", "gentle", "strip", "tilt")
 """Modules that the photographs of scenes depend on."""
 _PIPELINE = """\
 dicflow: 1

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import itertools
 
+import cv2
 import numpy as np
 from numba import njit
 from scipy.spatial import cKDTree
@@ -16,7 +17,7 @@ from tests.scenes_in_space.cameras import LEFT, MM_PX, RIGHT, SIZE, View, projec
 from tests.scenes_in_space.pattern import light_of_speckles
 from tests.scenes_in_space.specimen import Part, Scene
 
-__all__ = ["clean", "interpolated", "material_at", "material_table", "photographs"]
+__all__ = ["clean", "interpolated", "material_at", "material_table", "photographs", "seen_box"]
 
 PAPER, INK, BACKGROUND = 190.0, 40.0, 65.0
 _NODE_PX, _BEFORE = 2, 2
@@ -57,14 +58,26 @@ def _seen(scene: Scene, tables: list[np.ndarray], dx: float, dy: float) -> np.nd
     """Grey levels (row, col) at one place in every pixel: those of the nearest part."""
     grey, depth = np.full(SIZE[::-1], BACKGROUND), np.full(SIZE[::-1], np.inf)
     for part, table in zip(scene.parts, tables, strict=True):
-        found = interpolated(table, dx, dy, *SIZE)
-        front = part.holds(found[..., :2]) & (found[..., 2] < depth)
-        depth[front] = found[front, 2]
-        if part.grey is None:
-            grey[front] = INK + (PAPER - INK) * light_of_speckles(found[front, :2], scene.speckle)
-        else:
-            grey[front] = part.grey
+        x0, x1, y0, y1 = box = seen_box(table)
+        here = np.s_[y0:y1, x0:x1]
+        found = interpolated(table, dx, dy, box)
+        front = part.holds(found[..., :2]) & (found[..., 2] < depth[here])
+        depth[here][front] = found[front, 2]
+        grey[here][front] = _grey(scene, part, found[front, :2])
     return grey
+
+
+def _grey(scene: Scene, part: Part, material: np.ndarray) -> np.ndarray | float:
+    """Grey levels (n,) of material points (n, 2)."""
+    return INK + (PAPER - INK) * light_of_speckles(material, scene.speckle) if part.grey is None else part.grey
+
+
+def seen_box(table: np.ndarray) -> tuple[int, int, int, int]:
+    """Pixels x0 ≤ x < x1, y0 ≤ y < y1 of the photograph in which a part is seen."""
+    x, y, width, height = cv2.boundingRect(np.isfinite(table[..., 0]).astype(np.uint8))
+    low = _NODE_PX * (np.array([x, y]) - _BEFORE)
+    (x0, y0), (x1, y1) = np.clip([low, low + _NODE_PX * np.array([width, height])], 0, SIZE).tolist()
+    return x0, x1, y0, y1
 
 
 def material_at(view: View, part: Part, load: float, pixels: np.ndarray) -> np.ndarray:
@@ -121,15 +134,16 @@ def _cubic(t):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, nogil=True)
-def interpolated(table, dx, dy, width, height):  # type: ignore[no-untyped-def]
-    """Values (height, width, 3) of a table at a place in every pixel."""
-    out = np.empty((height, width, 3))
-    for v in range(height):
-        y = (v + dy) / _NODE_PX + _BEFORE
+def interpolated(table, dx, dy, box):  # type: ignore[no-untyped-def]
+    """Values (row, col, 3) of a table at a place in every pixel of a box x0 ≤ x < x1, y0 ≤ y < y1."""
+    x0, x1, y0, y1 = box
+    out = np.empty((y1 - y0, x1 - x0, 3))
+    for v in range(y1 - y0):
+        y = (v + y0 + dy) / _NODE_PX + _BEFORE
         i = int(np.floor(y))
         by = _cubic(y - i)
-        for u in range(width):
-            x = (u + dx) / _NODE_PX + _BEFORE
+        for u in range(x1 - x0):
+            x = (u + x0 + dx) / _NODE_PX + _BEFORE
             j = int(np.floor(x))
             bx = _cubic(x - j)
             for c in range(3):

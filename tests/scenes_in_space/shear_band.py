@@ -13,9 +13,7 @@ def _place(material: np.ndarray, load: float) -> np.ndarray:
     x, y = material[..., 0], material[..., 1]
     across = y * np.cos(_INCLINATION) - x * np.sin(_INCLINATION)
     slip = load * _SHEAR * _HALF_MM * np.tanh(across / _HALF_MM)
-    return np.stack(
-        [x + slip * np.cos(_INCLINATION), y + slip * np.sin(_INCLINATION), 0.2 * load + 0.0 * x], axis=-1
-    )
+    return np.stack([x + slip * np.cos(_INCLINATION), y + slip * np.sin(_INCLINATION), 0.2 * load + 0.0 * x], axis=-1)
 
 
 SCENE = Scene((0.0, 0.25, 0.5, 1.0), (Part(_place, bounds(32.0, 26.0)),), rectangle(-32.0, -26.0, 32.0, 26.0))

@@ -6,8 +6,8 @@ import numpy as np
 
 from tests.scenes_in_space.specimen import Part, Scene, bounds, rectangle
 
-_HALF_WIDTH, _HALF_LENGTH, _GRIP_MM = 14.0, 15.0, 5.0
-_REACH_MM = 2.5
+_HALF_WIDTH, _HALF_LENGTH, _GRIP_MM = 10.0, 15.0, 5.0
+_REACH_MM = 6.0
 """Distance from a grip over which its hindrance fades."""
 _STEPS = 8
 
