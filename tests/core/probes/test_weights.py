@@ -17,7 +17,7 @@ from dicflow.core.probes.weights import (
     strain_correlation,
     value_of,
 )
-from dicflow.core.strain.deformation_gradient import ErrorShare, surface_gradient
+from dicflow.core.strain.deformation_gradient import ErrorShare, measured_surface, surface_gradient
 from dicflow.core.uncertainty.overlap import independent, overlap
 from tests.noise import point_errors
 
@@ -103,7 +103,7 @@ def test_sigma_of_a_mean_strain_is_the_scatter():
     means = {"exx": [], "eyy": [], "gxy": []}
     for _ in range(200):
         noisy = flat + point_errors(rng, SHAPE, 1e-4 * np.diag([1.0, 1.0, 0.0]), SUBSET, STEP)
-        found = surface_gradient(flat, noisy, [ErrorShare(covariance, rho)], (7, 7), 2)
+        found = surface_gradient(measured_surface(flat, noisy, [ErrorShare(covariance, rho)]), (7, 7), 2)
         change = found.gradient - np.eye(2)
         fields = (change[..., 0, 0], change[..., 1, 1], change[..., 0, 1] + change[..., 1, 0])
         for collected, field in zip(means.values(), fields, strict=True):
