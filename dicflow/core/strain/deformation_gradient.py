@@ -23,8 +23,8 @@ import numpy as np
 from dicflow.core.arrays import Array, Index, Mask
 from dicflow.core.parts import Parts, single_part
 from dicflow.core.strain.surface_strain import deformation_gradient, jacobian, tangent_basis
-from dicflow.core.strain.window_fits import WindowedPoints, places_of
-from dicflow.core.tensors import inverse, on_grid
+from dicflow.core.strain.window_fits import WindowedPoints
+from dicflow.core.tensors import inverse
 from dicflow.core.uncertainty.covariance import displacement_covariance
 from dicflow.core.uncertainty.overlap import Overlap
 
@@ -35,7 +35,6 @@ __all__ = [
     "gradient_response",
     "measured_surface",
     "pixel_size_mm",
-    "surface_gradient",
     "vsg_px",
 ]
 
@@ -143,16 +142,6 @@ def measured_surface(
     values = np.where(known[..., None], both - centre, 0.0)
     parts = single_part(reference[..., :2]) if parts is None else parts
     return MeasuredSurface(WindowedPoints(values, weights, sigma, parts, min_share), errors)
-
-
-def surface_gradient(surface: MeasuredSurface, window: tuple[int, int], degree: int) -> SurfaceGradient:
-    """Deformation gradients of all points.
-
-    window : (rows, cols), odd numbers of points
-    degree : of the polynomials, 1 or more
-    """
-    known = surface.known
-    return SurfaceGradient(*(on_grid(values, known) for values in surface.gradient(places_of(known), window, degree)))
 
 
 def pixel_size_mm(reference: Array, step_size: float) -> Array:

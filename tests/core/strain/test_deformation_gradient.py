@@ -9,10 +9,11 @@ from dicflow.core.strain.deformation_gradient import (
     gradient_response,
     measured_surface,
     pixel_size_mm,
-    surface_gradient,
     vsg_px,
 )
+from dicflow.core.strain.degree_choice import chosen_gradient
 from dicflow.core.strain.measures import GradientMeasures, deformation_measures
+from dicflow.core.strain.remaining_bias import WindowFit
 from dicflow.core.strain.surface_strain import deformation_gradient, tangent_basis
 from dicflow.core.uncertainty.covariance import MeasuredPoints, joint_covariance
 from dicflow.core.uncertainty.overlap import independent, overlap
@@ -24,12 +25,13 @@ MM_PX = 0.05
 Y, X = np.mgrid[: SHAPE[0], : SHAPE[1]] * STEP * MM_PX
 PLANE = np.stack([X, Y, 500.0 + 0.0 * X], axis=-1)
 TILTED = np.stack([X, Y, 500.0 + 0.6 * X - 0.4 * Y], axis=-1)
+FIT = WindowFit((7, 7), 1)
 EXACT = np.broadcast_to(1e-6 * np.eye(6), (*SHAPE, 6, 6))
 
 
 def gradient_of(reference, deformed, window=(7, 7), degree=1, covariance=EXACT, rho=None, **options):
     surface = measured_surface(reference, deformed, [ErrorShare(covariance, rho or independent())], **options)
-    return surface_gradient(surface, window, degree)
+    return chosen_gradient(surface, [WindowFit(window, degree)]).surface
 
 
 def stretched(reference, gradient):
@@ -162,7 +164,7 @@ def test_shares_of_either_shape_function_add_up():
         for part, shape_function in ((1e-6 * root @ root.T, "affine"), (1e-6 * np.eye(6), "quadratic"))
     ]
     both, first, second = (
-        surface_gradient(measured_surface(TILTED, 1.1 * TILTED, part), (7, 7), 1).covariance
+        chosen_gradient(measured_surface(TILTED, 1.1 * TILTED, part), [FIT]).surface.covariance
         for part in (shares, shares[:1], shares[1:])
     )
     assert np.allclose(both, first + second, rtol=1e-9, equal_nan=True)

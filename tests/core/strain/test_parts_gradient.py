@@ -3,10 +3,12 @@
 import numpy as np
 
 from dicflow.core.parts import Parts, cut_segments, single_part
-from dicflow.core.strain.deformation_gradient import ErrorShare, measured_surface, surface_gradient
+from dicflow.core.strain.deformation_gradient import ErrorShare, measured_surface
+from dicflow.core.strain.degree_choice import chosen_gradient
+from dicflow.core.strain.remaining_bias import WindowFit
 from dicflow.core.uncertainty.overlap import overlap
 
-STEP, WINDOW = 5.0, (5, 5)
+STEP = 5.0
 COL, ROW = np.meshgrid(np.arange(16.0), np.arange(14.0))
 PLACES = STEP * np.stack([COL, ROW], axis=-1)
 REFERENCE = np.pad(PLACES, [(0, 0), (0, 0), (0, 1)])
@@ -23,7 +25,7 @@ def opened(stretches, gap):
 
 
 def gradient_of(reference, deformed, parts=None):
-    return surface_gradient(measured_surface(reference, deformed, ERRORS, parts), WINDOW, 1)
+    return chosen_gradient(measured_surface(reference, deformed, ERRORS, parts), [WindowFit((5, 5), 1)]).surface
 
 
 def exact(gradient, xx, yy=1.0):
