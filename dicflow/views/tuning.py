@@ -1,0 +1,134 @@
+"""What a sweep over settings found, as a picture and as tables."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.ticker import FuncFormatter, NullFormatter
+
+from dicflow.tuning.choice import pareto_front
+from dicflow.tuning.trials import Trial
+from dicflow.tuning.tune import Tuning
+
+__all__ = ["setting_words", "shown_trials", "trial_columns", "trial_row", "tuning_figure"]
+
+_COLOURS = {"affine": "#3b82b5", "quadratic": "#d95f02"}
+_MARKS = {"present": ("D", "#1a1a1a", 8), "recommended": ("*", "#c2185b", 17)}
+
+
+def tuning_figure(tuning: Tuning) -> Figure:
+    """Noise, and noise with bias, over the side of the virtual strain gauge, for all settings.
+
+    The Pareto front of the noise is a line; the present and the recommended setting are marked.
+    """
+    figure = Figure(figsize=(9.6, 4.8), dpi=110, layout="constrained")
+    left, right = figure.subplots(1, 2, sharex=True, sharey=True)
+    _panel(left, tuning, "noise", [trial.noise for trial in tuning.tried])
+    _panel(right, tuning, "noise and bias together", [trial.error for trial in tuning.tried])
+    front = pareto_front(tuning.tried)
+    left.plot(
+        [one.gauge.side_px for one in front], [one.noise for one in front], "-", color="0.35", lw=1, zorder=1,
+        label="Pareto front",
+    )  # fmt: skip
+    figure.legend(*left.get_legend_handles_labels(), loc="outside lower center", ncols=5, fontsize=9, frameon=False)
+    figure.suptitle(_title(tuning), fontsize=11)
+    return figure
+
+
+def _panel(axes: Axes, tuning: Tuning, title: str, heights: Sequence[float]) -> None:
+    sides = np.array([trial.gauge.side_px for trial in tuning.tried])
+    values = 1e6 * np.array(heights)
+    for shape, colour in _COLOURS.items():
+        own = np.array([trial.setting.shape_function == shape for trial in tuning.tried])
+        if own.any():
+            axes.plot(sides[own], values[own], "o", ms=4, alpha=0.65, mew=0, color=colour, label=f"{shape} subsets")
+    for name, trial in (("present", tuning.present), ("recommended", tuning.choice.trial)):
+        if trial is not None:
+            mark, colour, size = _MARKS[name]
+            height = values[tuning.tried.index(trial)]
+            axes.plot(trial.gauge.side_px, height, mark, ms=size, mfc="none" if name == "present" else colour,
+                      mec=colour, mew=1.6, ls="none", zorder=4, label=f"{name} setting")  # fmt: skip
+    axes.set(xscale="log", yscale="log", title=title, xlabel="virtual strain gauge [px]")
+    axes.set_ylabel("σ of εxx and εyy [µε]" if title == "noise" else "")
+    axes.grid(which="both", color="0.92")
+    _plain_ticks(axes)
+    _millimetres(axes, tuning.tried)
+
+
+def _plain_ticks(axes: Axes) -> None:
+    """Numbers without powers of ten, at 1, 2 and 5."""
+    for axis in (axes.xaxis, axes.yaxis):
+        low, high = axis.get_view_interval()
+        decades = np.arange(np.floor(np.log10(low)), np.ceil(np.log10(high)) + 1)
+        ticks = [tick for tick in (10.0 ** decades[:, None] * [1, 2, 5]).ravel() if low <= tick <= high]
+        axis.set_ticks(ticks)
+        axis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
+        axis.set_minor_formatter(NullFormatter())
+
+
+def _millimetres(axes: Axes, tried: Sequence[Trial]) -> None:
+    """A second scale above, if the gauge is known in mm."""
+    sizes = [trial.gauge.side_mm / trial.gauge.side_px for trial in tried if trial.gauge.side_mm is not None]
+    if sizes:
+        size = float(np.median(sizes))
+        above = axes.secondary_xaxis("top", functions=(lambda px: px * size, lambda mm: mm / size))
+        above.set_xlabel("[mm]", fontsize=8)
+        above.xaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
+        above.xaxis.set_minor_formatter(NullFormatter())
+        above.tick_params(labelsize=8)
+
+
+def _title(tuning: Tuning) -> str:
+    kind = "predicted" if tuning.steps.still is None else f"measured at step {tuning.steps.still}"
+    return f"{len(tuning.tried)} settings at step {tuning.steps.deformed}; noise {kind}"
+
+
+def shown_trials(tuning: Tuning) -> list[tuple[str, Trial]]:
+    """Mark and trial of those worth a line: the present setting, the Pareto front and the recommended one."""
+    named = {id(tuning.present): "present", id(tuning.choice.trial): "recommended"}
+    if tuning.present is not None and tuning.present is tuning.choice.trial:
+        named[id(tuning.present)] = "present, recommended"
+    shown = {id(trial): trial for trial in pareto_front(tuning.tried)}
+    shown |= {id(trial): trial for trial in (tuning.present, tuning.choice.trial) if trial is not None}
+    ordered = sorted(shown.values(), key=lambda trial: trial.gauge.side_px)
+    return [(named.get(id(trial), ""), trial) for trial in ordered]
+
+
+def trial_columns(tuning: Tuning) -> tuple[str, ...]:
+    """Titles of a table of trials."""
+    return tuple(_cells("", tuning.tried[0]))
+
+
+def trial_row(mark: str, trial: Trial) -> tuple[object, ...]:
+    """One trial under :func:`trial_columns`, strains in µε."""
+    return tuple(_cells(mark, trial).values())
+
+
+def _cells(mark: str, trial: Trial) -> dict[str, object]:
+    setting = trial.setting
+    return {
+        "subset [px]": setting.subset_size,
+        "step [px]": setting.step_size,
+        "subsets": str(setting.shape_function),
+        "window [px]": setting.window_points * setting.step_size,
+        "VSG [px]": trial.gauge.side_px,
+        **({} if trial.gauge.side_mm is None else {"VSG [mm]": trial.gauge.side_mm}),
+        "predicted noise [µε]": 1e6 * trial.predicted,
+        **({} if trial.measured is None else {"measured noise [µε]": 1e6 * trial.measured}),
+        "bias [µε]": 1e6 * trial.bias,
+        "error [µε]": 1e6 * trial.error,
+        "points": trial.points,
+        "mark": mark,
+    }
+
+
+def setting_words(trial: Trial) -> str:
+    """``subset 21 px, step 5 px, affine, window 45 px``."""
+    setting = trial.setting
+    return (
+        f"subset {setting.subset_size} px, step {setting.step_size} px, {setting.shape_function}, "
+        f"window {setting.window_points * setting.step_size} px"
+    )
