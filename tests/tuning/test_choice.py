@@ -76,8 +76,9 @@ def test_the_front_falls_and_leaves_out_what_is_worse():
     assert pareto_front(TRIED) == [SMALL, MIDDLE, LARGE]
 
 
-def test_measured_noise_counts_rather_than_predicted():
+def test_the_larger_of_measured_and_predicted_noise_counts():
     assert MIDDLE._replace(measured=4e-4).error == pytest.approx((16e-8 + 2.25e-8) ** 0.5)
+    assert MIDDLE._replace(measured=1e-4).noise == MIDDLE.predicted
 
 
 def test_strains_for_people():

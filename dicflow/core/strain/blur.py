@@ -3,10 +3,13 @@
 The field is thought of as waves of a few periods along and across each strain, with unknown powers P ≥ 0. A gauge keeps
 the share T of a wave, so two gauges differ in the mean square by
 
-    D₁₂ = v₁₂ + Σ |T₁ − T₂|² P,    v₁₂ = σ₁² + σ₂² − 2 ρ₁₂ σ₁ σ₂,
+    D₁₂ = a v₁₂ + Σ |T₁ − T₂|² P,    v₁₂ = σ₁² + σ₂² − 2 ρ₁₂ σ₁ σ₂,
 
-where ρ is the correlation of their errors. Non-negative least squares over all pairs give P (Lawson & Hanson 1974,
-Solving least squares problems, ch. 23), and with it the bias of each gauge against the field itself, b² = Σ |1 − T|² P.
+where ρ is the correlation of their errors, and a = 1 if σ is right. Weighted least squares over all pairs give P and a,
+neither of them negative (Lawson & Hanson 1974, Solving least squares problems, ch. 23). A wave is believed only as far as
+it explains more than one standard deviation of the differences: the sum of the powers, each in its own such unit, is
+penalised (the lasso of Tibshirani 1996, J. R. Stat. Soc. B 58:267). With P the bias of a gauge against the field itself
+is b² = Σ |1 − T|² P.
 """
 
 from __future__ import annotations
@@ -22,10 +25,13 @@ from dicflow.core.strain.gauge_kernel import kept_of_waves, noise_correlation
 __all__ = ["difference_by_noise", "estimated_bias", "mean_square_differences"]
 
 _PERIODS_PER_OCTAVE = 2
-_LONGEST = 6.0
-"""Longest period of a wave, in sides of the largest gauge."""
+_SHORTEST, _LONGEST = 2.0, 6.0
+"""Shortest and longest period of a wave, in sides of the smallest and of the largest gauge."""
 _MODEL_ERROR = 0.1
-"""Of a difference beyond noise, relative: gauges at a rim are one-sided, and waves lie in all directions."""
+"""Of a difference, relative: gauges at a rim are one-sided, and waves lie in all directions."""
+_INDEPENDENT = 10.0
+"""So many differences of independent scatter all pairs are worth."""
+_RIDGE = 1e-9
 
 
 def mean_square_differences(strains: Array) -> Array:
@@ -51,17 +57,30 @@ def estimated_bias(differences: Array, by_noise: Array, kernels: Sequence[Array]
     periods = _periods(sides.min(), sides.max())
     kept = np.stack([kept_of_waves(kernel, periods).ravel() for kernel in kernels])
     first, second = np.triu_indices(len(kernels), 1)
-    beyond = (differences - by_noise)[first, second]
+    measured, noise = differences[first, second], by_noise[first, second]
     times = 2.0 * area_px / np.minimum(sides[first], sides[second]) ** 2
-    scatter = by_noise[first, second] * np.sqrt(2.0 / np.maximum(times, 1.0))
-    weight = 1.0 / np.hypot(scatter, _MODEL_ERROR * differences[first, second]).clip(1e-30)
-    design = (kept[first] - kept[second]) ** 2 * weight[:, None]
-    scale = np.linalg.norm(design, axis=0).clip(1e-30)
-    power, _ = nnls(design / scale, beyond * weight)
-    return np.asarray(np.sqrt((1.0 - kept) ** 2 @ (power / scale)))
+    scatter = np.hypot(noise * np.sqrt(2.0 / np.maximum(times, 1.0)), _MODEL_ERROR * measured)
+    weight = np.sqrt(_INDEPENDENT / len(first)) / np.maximum(scatter, 1e-30)
+    design = np.column_stack([(kept[first] - kept[second]) ** 2, noise]) * weight[:, None]
+    power = _believed(design, measured * weight)
+    return np.asarray(np.sqrt((1.0 - kept) ** 2 @ power))
+
+
+def _believed(design: Array, measured: Array) -> Array:
+    """Powers P of the waves: the least |A P − D|² + 2 Σ |A's column| P, without the last column's penalty.
+
+    design, measured : A (pair, wave and noise) and D (pair,), over their scatter
+    """
+    scale = np.maximum(np.linalg.norm(design, axis=0), 1e-30)
+    scaled = design / scale
+    penalty = np.append(np.ones(len(scale) - 1), 0.0)
+    root = np.linalg.cholesky(scaled.T @ scaled + _RIDGE * np.eye(len(scale)))
+    found, _ = nnls(root.T, np.linalg.solve(root, scaled.T @ measured - penalty))
+    return np.asarray((found / scale)[:-1])
 
 
 def _periods(smallest: float, largest: float) -> Array:
     """Periods of waves that some gauges keep better than others [px]."""
-    octaves = np.log2(_LONGEST * largest / smallest)
-    return np.asarray(smallest * 2.0 ** (np.arange(octaves * _PERIODS_PER_OCTAVE + 1) / _PERIODS_PER_OCTAVE))
+    shortest = _SHORTEST * smallest
+    octaves = np.log2(_LONGEST * largest / shortest)
+    return np.asarray(shortest * 2.0 ** (np.arange(octaves * _PERIODS_PER_OCTAVE + 1) / _PERIODS_PER_OCTAVE))
