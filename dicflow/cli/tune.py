@@ -42,9 +42,9 @@ def tune(
     output: Output = None,
     workers: Annotated[int, typer.Option(min=1, help="workers at once; default: one per core")] = os.cpu_count() or 1,
 ) -> None:
-    """Choose subset, step, shape function and window by a sweep over a few steps.
+    """Recommend subset, step and window, tried at a few steps.
 
-    Without --resolve and --noise the setting of least error, noise and bias together.
+    Without --resolve and --noise it is the setting of least error, noise and bias together.
 
     \b
     dicflow tune pipeline.yaml
@@ -78,9 +78,13 @@ def _measured(pipeline: Pipeline, console: Console, workers: int) -> Result:
     from dicflow.views.console import Progress, joined_variants
 
     with Progress(console) as shown:
-        return pipeline.run(
+        result = pipeline.run(
             on_event=lambda event: shown.on_event(joined_variants(event)), workers=workers, keep_going=True
         )
+    if result.outcome is not None and result.outcome.interrupted:
+        console.print("interrupted; finished tasks are kept, and the same command continues", style="yellow")
+        raise typer.Exit(130)
+    return result
 
 
 def _print_begun(console: Console, begun: Begun, workers: int) -> None:
@@ -130,7 +134,8 @@ def _print_found(console: Console, found: Tuning, files: list[Path]) -> None:
                 f"bias {strain_text(trial.bias)}, together {strain_text(trial.error)}",
                 soft_wrap=True,
             )
-    because = f"because: {found.choice.reason}, of {len(found.tried)} settings"
+    lost = f"; {found.left_out} more lose points" if found.left_out else ""
+    because = f"because: {found.choice.reason}, of {len(found.tried)} settings{lost}"
     console.print(because if found.choice.trial is not None else found.choice.reason, soft_wrap=True)
     for file in files:
         console.print(str(file), soft_wrap=True)

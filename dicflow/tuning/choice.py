@@ -58,11 +58,7 @@ def choose(trials: Sequence[Trial], wish: Wish) -> Choice:
 
     With a gauge given, the setting of least noise in such a gauge; with a noise given, that of the smallest gauge; with
     both or neither, that of the least error, noise and bias together.
-
-    Raises ConfigurationError for a gauge in mm of one camera.
     """
-    if wish.side is not None and wish.unit == "mm" and any(one.gauge.side_mm is None for one in trials):
-        raise ConfigurationError("--resolve in mm needs two cameras; one camera measures in px, such as '40 px'")
     small = [one for one in trials if wish.side is None or wish.side_of(one) <= wish.side]
     if not small:
         return Choice(None, f"no gauge is as small: {_smallest(trials, wish)}")

@@ -22,6 +22,7 @@ class Tuned(NamedTuple):
 
     photographs, correlation, total : names of the stages
     needed : names of all stages that the total needs, itself included
+    in_space : whether two cameras measure
     present : the settings of the file
     window_px : of the strain, as the file has it
     """
@@ -30,6 +31,7 @@ class Tuned(NamedTuple):
     correlation: str
     total: str
     needed: frozenset[str]
+    in_space: bool
     present: GaugeSetting
     window_px: float
 
@@ -70,7 +72,8 @@ def tuned_stages(pipeline: Pipeline) -> Tuned:
     assert isinstance(search, Correlate)
     window, _ = odd_window((strain.window, strain.window), search.step_size)
     present = GaugeSetting(search.subset_size, search.step_size, search.shape_function, window, strain.degree)
-    return Tuned(photographs, correlation, total, frozenset(needed), present, strain.window)
+    in_space = wired[wired[total].inputs["points"]].node.gives == "points"
+    return Tuned(photographs, correlation, total, frozenset(needed), in_space, present, strain.window)
 
 
 def reduced(pipeline: Pipeline, tuned: Tuned, settings: Sequence[GaugeSetting], steps: Sequence[str]) -> Pipeline:

@@ -6,7 +6,7 @@ import math
 from collections.abc import Callable, Iterator, Sequence
 from typing import NamedTuple
 
-from dicflow.errors import StageError
+from dicflow.errors import ConfigurationError, StageError
 from dicflow.kinds.correlation import Correlation
 from dicflow.kinds.points import Points
 from dicflow.pipeline import Pipeline, Result
@@ -31,8 +31,9 @@ class Begun(NamedTuple):
 class Tuning(NamedTuple):
     """What came of a sweep.
 
-    tried : all settings that lose no points; present : that of the file, None if it loses points
-    left_out : number of settings that lose points or failed
+    tried : all settings that lose few points
+    present : that of the file; None if it loses points
+    left_out : number of settings that lose points
     warnings : whole sentences
     """
 
@@ -53,6 +54,8 @@ def tune(pipeline: Pipeline, wish: Wish, run: Run, begin: Callable[[Begun], None
     Raises ConfigurationError for a pipeline or wish that cannot be met, StageError if the photographs cannot.
     """
     tuned = tuned_stages(pipeline)
+    if wish.unit == "mm" and not tuned.in_space:
+        raise ConfigurationError("--resolve in mm needs two cameras; one camera measures in px, such as '40 px'")
     steps = choose_steps(pipeline, tuned, run)
     present = reduced(pipeline, tuned, [tuned.present], steps.names)
     measured = run(present)
@@ -62,7 +65,7 @@ def tune(pipeline: Pipeline, wish: Wish, run: Run, begin: Callable[[Begun], None
     tried = trials(run(sweep), tuned.total, settings, steps)
     own = next((trial for trial in tried if trial.setting == tuned.present), None)
     choice = choose(tried, wish)
-    warnings = [*(measured.outcome.warnings if measured.outcome else ()), *_warnings(tried, steps, choice, wish)]
+    warnings = [*(measured.outcome.warnings if measured.outcome else ()), *_warnings(tried, own, steps, choice, wish)]
     return Tuning(tuned, steps, tried, own, len(settings) - len(tried), choice, warnings)
 
 
@@ -76,7 +79,11 @@ def _region(result: Result, tuned: Tuned, steps: ChosenSteps) -> Region:
     return Region(speckle, tuned.present.step_size * math.sqrt(Points.read(product).points_in_region))
 
 
-def _warnings(tried: Sequence[Trial], steps: ChosenSteps, choice: Choice, wish: Wish) -> Iterator[str]:
+def _warnings(
+    tried: Sequence[Trial], present: Trial | None, steps: ChosenSteps, choice: Choice, wish: Wish
+) -> Iterator[str]:
+    if present is None:
+        yield "the present setting loses points that others find, so it is not among those compared"
     best = choice.trial
     if best is None:
         return

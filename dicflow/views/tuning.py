@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
+from matplotlib.axis import Axis
 from matplotlib.figure import Figure
-from matplotlib.ticker import FuncFormatter, NullFormatter
+from matplotlib.ticker import FixedLocator, FuncFormatter, NullLocator
+from numpy.typing import NDArray
 
 from dicflow.tuning.choice import pareto_front
 from dicflow.tuning.trials import Trial
@@ -16,7 +19,10 @@ from dicflow.tuning.tune import Tuning
 __all__ = ["setting_words", "shown_trials", "trial_columns", "trial_row", "tuning_figure"]
 
 _COLOURS = {"affine": "#3b82b5", "quadratic": "#d95f02"}
-_MARKS = {"present": ("D", "#1a1a1a", 8), "recommended": ("*", "#c2185b", 17)}
+_MARKS: Mapping[str, Mapping[str, Any]] = {
+    "present": {"marker": "D", "mec": "#1a1a1a", "ms": 9},
+    "recommended": {"marker": "*", "mec": "#c2185b", "ms": 18},
+}
 
 
 def tuning_figure(tuning: Tuning) -> Figure:
@@ -26,47 +32,50 @@ def tuning_figure(tuning: Tuning) -> Figure:
     """
     figure = Figure(figsize=(9.6, 4.8), dpi=110, layout="constrained")
     left, right = figure.subplots(1, 2, sharex=True, sharey=True)
-    _panel(left, tuning, "noise", [trial.noise for trial in tuning.tried])
-    _panel(right, tuning, "noise and bias together", [trial.error for trial in tuning.tried])
     front = pareto_front(tuning.tried)
-    left.plot(
-        [one.gauge.side_px for one in front], [one.noise for one in front], "-", color="0.35", lw=1, zorder=1,
-        label="Pareto front",
-    )  # fmt: skip
+    sides, noise = _sides(front), 1e6 * np.array([trial.noise for trial in front])
+    left.plot(sides, noise, color="0.35", lw=1, zorder=1, label="Pareto front")
+    _marks(left, tuning, [trial.noise for trial in tuning.tried])
+    _marks(right, tuning, [trial.error for trial in tuning.tried])
+    for axes, title in ((left, "noise"), (right, "noise and bias together")):
+        axes.set(xscale="log", yscale="log", title=title, xlabel="virtual strain gauge [px]")
+        axes.grid(which="both", color="0.92")
+        _plain_ticks(axes.xaxis, axes.get_xlim())
+        _plain_ticks(axes.yaxis, axes.get_ylim())
+        _millimetres(axes, tuning.tried)
+    left.set_ylabel("εxx and εyy, root mean square [µε]")
     figure.legend(*left.get_legend_handles_labels(), loc="outside lower center", ncols=5, fontsize=9, frameon=False)
     figure.suptitle(_title(tuning), fontsize=11)
     return figure
 
 
-def _panel(axes: Axes, tuning: Tuning, title: str, heights: Sequence[float]) -> None:
-    sides = np.array([trial.gauge.side_px for trial in tuning.tried])
-    values = 1e6 * np.array(heights)
+def _marks(axes: Axes, tuning: Tuning, heights: Sequence[float]) -> None:
+    """A dot for each setting, the present and the recommended one marked. heights : strains [-]"""
+    sides, values = _sides(tuning.tried), 1e6 * np.array(heights)
     for shape, colour in _COLOURS.items():
         own = np.array([trial.setting.shape_function == shape for trial in tuning.tried])
         if own.any():
             axes.plot(sides[own], values[own], "o", ms=4, alpha=0.65, mew=0, color=colour, label=f"{shape} subsets")
     for name, trial in (("present", tuning.present), ("recommended", tuning.choice.trial)):
         if trial is not None:
-            mark, colour, size = _MARKS[name]
-            height = values[tuning.tried.index(trial)]
-            axes.plot(trial.gauge.side_px, height, mark, ms=size, mfc="none" if name == "present" else colour,
-                      mec=colour, mew=1.6, ls="none", zorder=4, label=f"{name} setting")  # fmt: skip
-    axes.set(xscale="log", yscale="log", title=title, xlabel="virtual strain gauge [px]")
-    axes.set_ylabel("σ of εxx and εyy [µε]" if title == "noise" else "")
-    axes.grid(which="both", color="0.92")
-    _plain_ticks(axes)
-    _millimetres(axes, tuning.tried)
+            place = tuning.tried.index(trial)
+            label = f"{name} setting"
+            axes.plot(
+                sides[place], values[place], ls="none", mfc="none", mew=1.6, zorder=4, label=label, **_MARKS[name]
+            )
 
 
-def _plain_ticks(axes: Axes) -> None:
+def _sides(trials: Sequence[Trial]) -> NDArray[np.float64]:
+    return np.array([trial.gauge.side_px for trial in trials])
+
+
+def _plain_ticks(axis: Axis, limits: tuple[float, float]) -> None:
     """Numbers without powers of ten, at 1, 2 and 5."""
-    for axis in (axes.xaxis, axes.yaxis):
-        low, high = axis.get_view_interval()
-        decades = np.arange(np.floor(np.log10(low)), np.ceil(np.log10(high)) + 1)
-        ticks = [tick for tick in (10.0 ** decades[:, None] * [1, 2, 5]).ravel() if low <= tick <= high]
-        axis.set_ticks(ticks)
-        axis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
-        axis.set_minor_formatter(NullFormatter())
+    decades = 10.0 ** np.arange(np.floor(np.log10(limits[0])), np.ceil(np.log10(limits[1])) + 1)
+    ticks = np.outer(decades, [1, 2, 5]).ravel()
+    axis.set_major_locator(FixedLocator([tick for tick in ticks if limits[0] <= tick <= limits[1]]))
+    axis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
+    axis.set_minor_locator(NullLocator())
 
 
 def _millimetres(axes: Axes, tried: Sequence[Trial]) -> None:
@@ -75,9 +84,9 @@ def _millimetres(axes: Axes, tried: Sequence[Trial]) -> None:
     if sizes:
         size = float(np.median(sizes))
         above = axes.secondary_xaxis("top", functions=(lambda px: px * size, lambda mm: mm / size))
+        low, high = axes.get_xlim()
+        _plain_ticks(above.xaxis, (low * size, high * size))
         above.set_xlabel("[mm]", fontsize=8)
-        above.xaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
-        above.xaxis.set_minor_formatter(NullFormatter())
         above.tick_params(labelsize=8)
 
 

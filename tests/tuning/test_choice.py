@@ -11,10 +11,10 @@ from dicflow.tuning.choice import Wish, choose, pareto_front, strain_text, wish
 from dicflow.tuning.trials import Trial
 
 
-def trial(side, noise, bias, points=1000, mm=True):
+def trial(side, noise, bias, points=1000):
     """A gauge of a side [px], of 0.1 mm each; strains in µε."""
     setting = GaugeSetting(21, 5, "affine", int(side) // 5, 1)
-    return Trial(setting, Gauge(side, 0.1 * side if mm else None), 1e-6 * noise, None, 1e-6 * bias, points)
+    return Trial(setting, Gauge(side, 0.1 * side), 1e-6 * noise, None, 1e-6 * bias, points)
 
 
 SMALL, MIDDLE, LARGE = trial(20, 900, 10), trial(40, 300, 150), trial(80, 90, 800)
@@ -59,11 +59,6 @@ def test_a_noise_below_all():
     impossible = choose(TRIED, wish(None, "50 µε"))
     assert impossible.trial is None
     assert "90 µε" in impossible.reason
-
-
-def test_one_camera_has_no_millimetres():
-    with pytest.raises(ConfigurationError, match="px"):
-        choose([trial(20, 900, 10, mm=False)], wish("3 mm", None))
 
 
 @pytest.mark.parametrize(("resolve", "noise"), [("3", None), ("-3 mm", None), ("3 s", None), (None, "x"), (None, "0")])

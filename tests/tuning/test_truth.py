@@ -15,10 +15,8 @@ NEAR = 1.15
 
 SCENES = {
     "uniform strain": (uniform(0.01), 4.0, True),
-    "uniform strain, nothing at rest": (uniform(0.01), 4.0, False),
     "a band of strain": (band(0.03, 25.0), 3.0, True),
-    "a band of strain, nothing at rest": (band(0.03, 25.0), 3.0, False),
-    "a narrow band of strain": (band(0.05, 10.0), 2.0, False),
+    "a narrow band of strain, nothing at rest": (band(0.05, 10.0), 2.0, False),
 }
 
 
@@ -70,5 +68,5 @@ def test_estimated_errors_are_those_of_the_truth(measured):
 @pytest.mark.slow
 def test_the_step_at_rest_is_found(measured):
     name, scene = measured
-    assert scene.found.steps.still == (None if "nothing" in name or "narrow" in name else "step_1")
+    assert scene.found.steps.still == (None if "nothing at rest" in name else "step_1")
     assert scene.found.steps.deformed == ("step_1" if scene.found.steps.still is None else "step_2")

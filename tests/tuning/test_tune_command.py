@@ -59,9 +59,15 @@ def test_wishes_that_cannot_be_read(tmp_path, option):
     dicflow("tune", path, *option).refuses(2, option[0], "such as")
 
 
+def test_one_camera_has_no_millimetres(tmp_path):
+    path = tmp_path / "p.yaml"
+    path.write_text(PIPELINE)
+    dicflow("tune", path, "--resolve", "3 mm").refuses(2, "--resolve", "40 px")
+
+
 @pytest.mark.slow
 def test_it_says_what_it_does_and_recommends(tuned):
-    path, answer = tuned
+    _, answer = tuned
     assert answer.code == 0, answer.err
     assert "step_0 first, step_1 at rest, step_2 of largest strain" in answer.err
     count = int(next(line for line in answer.err.splitlines() if " settings, about " in line).split()[0])
@@ -108,6 +114,14 @@ def test_wishes_are_met(own):
     least = min(noise(row) for row in cells(own) if float(row["VSG [px]"]) <= 60.0)
     assert float(recommended(own)["VSG [px]"]) <= 60.0
     assert noise(recommended(own)) <= 1.03 * least
+
+
+@pytest.mark.slow
+def test_a_gauge_that_blurs_is_pointed_out_at_the_end(own):
+    answer = dicflow("tune", own, "--workers", 1, "--noise", "80 µε")
+    assert answer.code == 0, answer.err
+    assert float(recommended(own)["bias [µε]"]) > 2.0 * noise(recommended(own))
+    assert "blurs the strains" in answer.err.splitlines()[-1]
 
 
 @pytest.mark.slow

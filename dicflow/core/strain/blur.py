@@ -6,8 +6,8 @@ the share T of a wave, so two gauges differ in the mean square by
     D₁₂ = a v₁₂ + Σ |T₁ − T₂|² P,    v₁₂ = σ₁² + σ₂² − 2 ρ₁₂ σ₁ σ₂,
 
 where ρ is the correlation of their errors, and a = 1 if σ is right. Weighted least squares over all pairs give P and a,
-neither of them negative (Lawson & Hanson 1974, Solving least squares problems, ch. 23). A wave is believed only as far as
-it explains more than one standard deviation of the differences: the sum of the powers, each in its own such unit, is
+neither of them negative (Lawson & Hanson 1974, Solving least squares problems, ch. 23). A wave is believed only as far
+as it explains more than one standard deviation of the differences: the sum of the powers, each in its own such unit, is
 penalised (the lasso of Tibshirani 1996, J. R. Stat. Soc. B 58:267). With P the bias of a gauge against the field itself
 is b² = Σ |1 − T|² P.
 """

@@ -57,11 +57,17 @@ def noise_correlation(kernels: Sequence[Array]) -> Array:
 
     White noise of the photograph gives two gauges the covariance Σ K₁ K₂.
     """
-    side = max(kernel.shape[0] for kernel in kernels)
-    padded = np.stack([np.pad(kernel, (side - kernel.shape[0]) // 2).ravel() for kernel in kernels])
-    product = padded @ padded.T
+    product = np.array([[_common(first, second) for second in kernels] for first in kernels])
     norm = np.sqrt(np.diagonal(product))
     return np.asarray(product / np.outer(norm, norm))
+
+
+def _common(first: Array, second: Array) -> float:
+    """Σ K₁ K₂ of two kernels about one point."""
+    small, large = sorted((first, second), key=len)
+    edge = (len(large) - len(small)) // 2
+    inner = slice(edge, edge + len(small))
+    return float((small * large[inner, inner]).sum())
 
 
 def kept_of_waves(kernel: Array, periods: Array) -> Array:
