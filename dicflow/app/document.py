@@ -8,15 +8,13 @@ from typing import Any, NamedTuple
 from dicflow.app.project import Project
 from dicflow.app.versions import MISSING, change, digest_of
 from dicflow.errors import ConfigurationError
-from dicflow.io.configuration import parse, parse_value
+from dicflow.io.configuration import MAX_BYTES, parse, parse_value
 from dicflow.io.edited_yaml import REMOVED, Edit, edited
 from dicflow.io.text import read_text
 from dicflow.pipeline.sweep import variants
 from dicflow.pipeline.wiring import wire
 
 __all__ = ["Text", "edit", "edits_of", "problems", "read_pipeline"]
-
-_MOST_BYTES = 2_000_000
 
 
 class Text(NamedTuple):
@@ -30,7 +28,7 @@ def read_pipeline(project: Project, name: str) -> Text:
     """The text of a pipeline file. Raises InputError if it cannot be read."""
     path = project.path(name)
     digest = digest_of(project, name)
-    return Text(read_text(path, "a pipeline file", _MOST_BYTES) if digest != MISSING else "", digest)
+    return Text(read_text(path, "a pipeline file", MAX_BYTES) if digest != MISSING else "", digest)
 
 
 def problems(text: str, source: str) -> list[str]:

@@ -56,6 +56,7 @@ def tune(
     from dicflow.io.edited_yaml import require_editor
     from dicflow.tuning.choice import wish
     from dicflow.tuning.tune import tune as tuned
+    from dicflow.tuning.written import write_settings
     from dicflow.views.console import consoles
 
     wished = wish(resolve, noise)
@@ -67,7 +68,9 @@ def tune(
     found = tuned(loaded, wished, measure, lambda begun: _print_begun(progress, begun, workers))
     _print_found(out, found, _write_files(found, results_folder(loaded, output) / "tune"))
     if found.choice.trial is not None and apply:
-        _apply(out, loaded, found)
+        changed = write_settings(loaded.path, found.tuned, found.choice.trial.setting)
+        said = ", ".join(f"{name}: {value}" for name, value in changed.items())
+        out.print(f"written to {loaded.path.name}: {said or 'nothing, it has these settings'}", soft_wrap=True)
     for warning in found.warnings:
         progress.print(f"warning: {warning}", style="yellow", soft_wrap=True)
     raise typer.Exit(0 if found.choice.trial is not None else 1)
@@ -139,23 +142,3 @@ def _print_found(console: Console, found: Tuning, files: list[Path]) -> None:
     console.print(because if found.choice.trial is not None else found.choice.reason, soft_wrap=True)
     for file in files:
         console.print(str(file), soft_wrap=True)
-
-
-def _apply(console: Console, pipeline: Pipeline, found: Tuning) -> None:
-    """Write the recommended settings to the pipeline's file."""
-    from dicflow.io.configuration import parse
-    from dicflow.io.edited_yaml import Edit, edited
-    from dicflow.io.files import write_whole
-    from dicflow.io.text import read_text
-    from dicflow.pipeline.wiring import wire
-
-    assert found.choice.trial is not None
-    text, source = read_text(pipeline.path, "a pipeline file"), str(pipeline.path)
-    values = found.tuned.values(found.choice.trial.setting)
-    present = found.tuned.values(found.tuned.present)
-    changed = {name: value for name, value in values.items() if value != present[name]}
-    new = edited(text, source, [Edit(("stages", *name.split(".")), value) for name, value in changed.items()])
-    wire(parse(new, source))
-    write_whole(pipeline.path, new.encode())
-    said = ", ".join(f"{name}: {value}" for name, value in changed.items()) or "nothing, it has these settings"
-    console.print(f"written to {pipeline.path.name}: {said}", soft_wrap=True)

@@ -32,7 +32,7 @@ def expected_cpu_s(present: Pipeline, sweep: Pipeline, tuned: Tuned, settings: S
             setting_of.setdefault(instance, setting)
     missing = [entry.task for entry in sweep.plan("ignore").entries.values() if entry.state != "hit"]
     return sum(
-        spent[(task.node.stage, task.step)] * _relative(task.node.stage, setting_of[task.stage], points)  # type: ignore[attr-defined]
+        spent[(task.node.stage, task.step)] * _relative(task.node.stage, setting_of[task.stage], points)
         for task in missing
     )
 
@@ -43,7 +43,7 @@ def _spent(present: Pipeline) -> Mapping[tuple[str, str | None], float]:
     for entry in present.plan("ignore").entries.values():
         record = present.store.record(entry.key) if entry.key is not None else None
         if record is not None:
-            found[(entry.task.node.stage, entry.task.step)] = record.made.get("stage_cpu_s", 0.0)  # type: ignore[attr-defined]
+            found[(entry.task.node.stage, entry.task.step)] = record.made.get("stage_cpu_s", 0.0)
     return found
 
 

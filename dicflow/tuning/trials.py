@@ -115,7 +115,10 @@ def _common(fields: Sequence[_Fields]) -> list[_Fields]:
     known = np.all([np.isfinite(part).all(axis=0) for part in every], axis=0)
     if known.sum() < _FEWEST_POINTS:
         raise StageError(f"only {known.sum()} points are common to all settings; measure a larger region")
-    return [_Fields(*(None if part is None else part[:, known] for part in one)) for one in fields]
+    return [
+        _Fields(one.strains[:, known], one.sigma[:, known], None if one.still is None else one.still[:, known])
+        for one in fields
+    ]
 
 
 def _root_mean_square(values: np.ndarray) -> float:

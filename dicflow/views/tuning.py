@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -83,7 +84,7 @@ def _millimetres(axes: Axes, tried: Sequence[Trial]) -> None:
     sizes = [trial.gauge.side_mm / trial.gauge.side_px for trial in tried if trial.gauge.side_mm is not None]
     if sizes:
         size = float(np.median(sizes))
-        above = axes.secondary_xaxis("top", functions=(lambda px: px * size, lambda mm: mm / size))
+        above = axes.secondary_xaxis("top", functions=(partial(np.multiply, size), partial(np.multiply, 1.0 / size)))
         low, high = axes.get_xlim()
         _plain_ticks(above.xaxis, (low * size, high * size))
         above.set_xlabel("[mm]", fontsize=8)

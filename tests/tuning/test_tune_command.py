@@ -89,7 +89,8 @@ def test_the_files_show_every_setting(tuned):
         assert float(row["VSG [px]"]) == side
         assert float(row["measured noise [µε]"]) > 0.0
     picture = path.parent / "results" / "pipeline" / "tune" / "noise_over_resolution.png"
-    assert min(Image.open(picture).size) > 400
+    with Image.open(picture) as image:
+        assert min(image.size) > 400
 
 
 @pytest.mark.slow
