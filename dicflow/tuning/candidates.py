@@ -6,7 +6,6 @@ import math
 from typing import NamedTuple
 
 from dicflow.core.strain.gauge_kernel import GaugeSetting
-from dicflow.core.uncertainty.overlap import ShapeFunction
 
 __all__ = ["Region", "candidates"]
 
@@ -14,7 +13,6 @@ _SPECKLES = (3.0, 4.3, 6.0, 8.5)
 """Along the side of a subset; three are the least that the field recommends."""
 _PER_SUBSET = (4, 2)
 """Steps in a subset."""
-_SHAPES: tuple[ShapeFunction, ...] = ("affine", "quadratic")
 _SMALLEST_SUBSET, _SMALLEST_STEP = 9, 2
 _WINDOW_POINTS = (3, 41)
 _MOST_POINTS = 40_000
@@ -38,7 +36,8 @@ class Region(NamedTuple):
 def candidates(present: GaugeSetting, region: Region) -> list[GaugeSetting]:
     """Settings around the speckles of the pattern, the present one first.
 
-    Subsets by speckles, steps by subsets, and windows that give each of them about the same ladder of gauges, √2 apart.
+    Subsets by speckles, with the shape function of the file and quadratic; steps by subsets, and windows that give each
+    of them about the same ladder of gauges, √2 apart.
     """
     found = {present: None}
     least_step = max(_SMALLEST_STEP, math.ceil(region.side_px / math.sqrt(_MOST_POINTS)))
@@ -51,8 +50,8 @@ def candidates(present: GaugeSetting, region: Region) -> list[GaugeSetting]:
         for step in sorted(steps):
             windows = {_window_points(gauge, size, step, present.degree) for gauge in ladder} - {None}
             for window in sorted(filter(None, windows)):
-                for shape in _SHAPES:
-                    found[GaugeSetting(size, step, shape, window, present.degree)] = None
+                for usual in (present, present._replace(shape_function="quadratic")):
+                    found[usual._replace(subset_size=size, step_size=step, window_points=window)] = None
     return list(found)
 
 

@@ -9,12 +9,15 @@ from typing import NamedTuple
 import numpy as np
 from scipy.ndimage import map_coordinates
 
+from dicflow.core.arrays import Array
 from dicflow.core.strain.blur import difference_by_noise, estimated_bias, mean_square_differences
 from dicflow.core.strain.gauge_kernel import GaugeSetting, gauge_kernel
 from dicflow.errors import StageError
+from dicflow.kinds.correlation import Correlation
 from dicflow.kinds.kind import summary_of
 from dicflow.kinds.total import Gauge, Total
 from dicflow.pipeline import Result
+from dicflow.tuning.stages import Tuned
 from dicflow.tuning.steps import NORMAL_STRAINS, ChosenSteps
 
 __all__ = ["Trial", "trials"]
@@ -59,11 +62,12 @@ class _Fields(NamedTuple):
     still: np.ndarray | None
 
 
-def trials(result: Result, stage: str, settings: Sequence[GaugeSetting], steps: ChosenSteps) -> list[Trial]:
+def trials(result: Result, tuned: Tuned, settings: Sequence[GaugeSetting], steps: ChosenSteps) -> list[Trial]:
     """Of the settings that lose no points; the variants of the result are those of the settings.
 
     Raises StageError where too few points are common to all.
     """
+    stage = tuned.total
     there = [k for k in range(len(settings)) if all(result.has(stage, step, k) for step in steps.names[1:])]
     totals = {k: Total.read(result.product(stage, steps.deformed, k)) for k in there}
     shares = {k: float(summary_of(total.product)["valid_share"]) for k, total in totals.items()}
@@ -76,15 +80,25 @@ def trials(result: Result, stage: str, settings: Sequence[GaugeSetting], steps: 
     fields = _common([_fields(totals[k], still[k], places) for k in kept])
     points = [int(totals[k].known().sum()) for k in kept]
     gauges = [gauge for k in kept if (gauge := totals[k].gauge) is not None]
-    return _judged([settings[k] for k in kept], gauges, fields, points)
+    kernels = [gauge_kernel(_as_used(result, tuned, settings[k], steps.deformed, k)) for k in kept]
+    return _judged([settings[k] for k in kept], gauges, fields, points, kernels)
+
+
+def _as_used(result: Result, tuned: Tuned, setting: GaugeSetting, step: str, variant: int) -> GaugeSetting:
+    """The setting with the shape function that a step was searched with."""
+    found = Correlation.read(result.product(tuned.correlation, step, variant))
+    return setting._replace(shape_function=found.shape_function)
 
 
 def _judged(
-    settings: Sequence[GaugeSetting], gauges: Sequence[Gauge], fields: Sequence[_Fields], points: Sequence[int]
+    settings: Sequence[GaugeSetting],
+    gauges: Sequence[Gauge],
+    fields: Sequence[_Fields],
+    points: Sequence[int],
+    kernels: Sequence[Array],
 ) -> list[Trial]:
     predicted = np.array([_root_mean_square(one.sigma) for one in fields])
     measured = [None if one.still is None else float(one.still.std(axis=1).mean()) for one in fields]
-    kernels = [gauge_kernel(setting) for setting in settings]
     differences = mean_square_differences(np.stack([one.strains.ravel() for one in fields]))
     by_noise = difference_by_noise(predicted, kernels)
     area = max(count * setting.step_size**2 for count, setting in zip(points, settings, strict=True))

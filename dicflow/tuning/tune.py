@@ -62,7 +62,7 @@ def tune(pipeline: Pipeline, wish: Wish, run: Run, begin: Callable[[Begun], None
     settings = candidates(tuned.present, _region(measured, tuned, steps))
     sweep = reduced(pipeline, tuned, settings, steps.names)
     begin(Begun(steps, len(settings), expected_cpu_s(present, sweep, tuned, settings)))
-    tried = trials(run(sweep), tuned.total, settings, steps)
+    tried = trials(run(sweep), tuned, settings, steps)
     own = next((trial for trial in tried if trial.setting == tuned.present), None)
     choice = choose(tried, wish)
     warnings = [*(measured.outcome.warnings if measured.outcome else ()), *_warnings(tried, own, steps, choice, wish)]

@@ -19,7 +19,7 @@ from dicflow.tuning.tune import Tuning
 
 __all__ = ["setting_words", "shown_trials", "trial_columns", "trial_row", "tuning_figure"]
 
-_COLOURS = {"affine": "#3b82b5", "quadratic": "#d95f02"}
+_COLOURS = {"auto": "#4d9a3a", "affine": "#3b82b5", "quadratic": "#d95f02"}
 _MARKS: Mapping[str, Mapping[str, Any]] = {
     "present": {"marker": "D", "mec": "#1a1a1a", "ms": 9},
     "recommended": {"marker": "*", "mec": "#c2185b", "ms": 18},

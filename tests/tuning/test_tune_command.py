@@ -73,7 +73,7 @@ def test_it_says_what_it_does_and_recommends(tuned):
     count = int(next(line for line in answer.err.splitlines() if " settings, about " in line).split()[0])
     assert 30 < count < 200
     lines = answer.out.splitlines()
-    assert any(line.startswith("present: subset 31 px, step 7 px, affine, window 49 px: VSG 73 px") for line in lines)
+    assert any(line.startswith("present: subset 31 px, step 7 px, auto, window 49 px: VSG 73 px") for line in lines)
     assert any(line.startswith("recommended: ") for line in lines)
     assert "VSG [px]" in lines[0]
 
@@ -103,7 +103,7 @@ def test_apply_writes_the_file_with_its_comments_and_the_run_finds_products(own)
     stages = Pipeline.load(own).document.data["stages"]
     assert stages["correlation"]["subset_size"] == int(row["subset [px]"])
     assert stages["correlation"]["step_size"] == int(row["step [px]"])
-    assert stages["correlation"].get("shape_function", "affine") == row["subsets"]
+    assert stages["correlation"].get("shape_function", "auto") == row["subsets"]
     assert stages["total"]["window"] == f"{row['window [px]']} px"
     plan = Pipeline.load(own).plan()
     assert plan.by_stage()["total"]["hit"] == 2

@@ -8,7 +8,7 @@ that a setting does to small deformations: what it keeps of a wave, and which er
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import NamedTuple
+from typing import Literal, NamedTuple
 
 import numpy as np
 from scipy.signal import fftconvolve
@@ -25,13 +25,14 @@ class GaugeSetting(NamedTuple):
     """What makes a virtual strain gauge.
 
     subset_size, step_size : side of a subset, and distance of the points [px]
+    shape_function : of the subsets; "auto" is the program's choice at each step
     window_points : side of the window of a strain [points], odd
     degree : of the polynomial in the window
     """
 
     subset_size: int
     step_size: int
-    shape_function: ShapeFunction
+    shape_function: ShapeFunction | Literal["auto"]
     window_points: int
     degree: int
 
@@ -42,7 +43,12 @@ class GaugeSetting(NamedTuple):
 
 
 def gauge_kernel(setting: GaugeSetting) -> Array:
-    """K (rows, cols) for the slope along the columns, of a square gauge [1/px]."""
+    """K (rows, cols) for the slope along the columns, of a square gauge [1/px].
+
+    Raises ValueError for the shape function "auto", which is known at a step alone.
+    """
+    if setting.shape_function == "auto":
+        raise ValueError("a kernel needs the shape function of a step: affine or quadratic")
     points, step = setting.window_points, setting.step_size
     factors, terms = slope_weights(np.ones((points, points)), (points, points), setting.degree)
     middle = points // 2
