@@ -71,18 +71,22 @@ def tuned_stages(pipeline: Pipeline) -> Tuned:
     assert isinstance(strain, Deformation)
     assert isinstance(search, Correlate)
     window, _ = odd_window((strain.window, strain.window), search.step_size)
-    present = GaugeSetting(search.subset_size, search.step_size, search.shape_function, window, strain.degree)
+    degree = 1 if strain.degree == "auto" else strain.degree
+    present = GaugeSetting(search.subset_size, search.step_size, search.shape_function, window, degree)
     in_space = wired[wired[total].inputs["points"]].node.gives == "points"
     return Tuned(photographs, correlation, total, frozenset(needed), in_space, present, strain.window)
 
 
 def reduced(pipeline: Pipeline, tuned: Tuned, settings: Sequence[GaugeSetting], steps: Sequence[str]) -> Pipeline:
-    """The pipeline up to its strain, at a few steps, with one variant per setting and the same store."""
+    """The pipeline up to its strain, at a few steps, with one variant per setting and the same store.
+
+    Their strains are of one degree everywhere, that of planes where the file leaves it open: gauges of different degrees
+    do not compare.
+    """
     data: Mapping[str, Any] = pipeline.document.data
     stages = {name: entry for name, entry in data["stages"].items() if name in tuned.needed}
-    document = pipeline.document._replace(
-        data={"stages": stages, "sweep": {"list": [tuned.values(setting) for setting in settings]}}
-    )
+    variants = [{**tuned.values(setting), f"{tuned.total}.degree": setting.degree} for setting in settings]
+    document = pipeline.document._replace(data={"stages": stages, "sweep": {"list": variants}})
     path = pipeline.path.with_stem(f"{pipeline.name}.tune")
     return replace(pipeline, path=path, document=document, only={tuned.photographs: tuple(steps)})
 
