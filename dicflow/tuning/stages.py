@@ -80,8 +80,8 @@ def tuned_stages(pipeline: Pipeline) -> Tuned:
 def reduced(pipeline: Pipeline, tuned: Tuned, settings: Sequence[GaugeSetting], steps: Sequence[str]) -> Pipeline:
     """The pipeline up to its strain, at a few steps, with one variant per setting and the same store.
 
-    Their strains are of one degree everywhere, that of planes where the file leaves it open: gauges of different degrees
-    do not compare.
+    Their strains are of one degree everywhere, that of planes where the file leaves it open: gauges of different
+    degrees do not compare.
     """
     data: Mapping[str, Any] = pipeline.document.data
     stages = {name: entry for name, entry in data["stages"].items() if name in tuned.needed}
