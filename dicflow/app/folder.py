@@ -7,11 +7,12 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path, PurePosixPath
 from typing import Any
 
-from dicflow.app.document import REMOVED, Edit, edited, problems, read_pipeline
+from dicflow.app.document import problems, read_pipeline
 from dicflow.app.project import Project
 from dicflow.app.versions import change
 from dicflow.engine.files import FilePart
 from dicflow.errors import ConfigurationError
+from dicflow.io.edited_yaml import REMOVED, Edit, edited
 from dicflow.start.patterns import patterns_of
 
 __all__ = ["edits_of_choice", "edits_to_leave_out", "leave_out", "listing", "pairs_of"]
