@@ -64,4 +64,4 @@ def _ready() -> None:
     limit_threads()
     keep_kernels()
     hold_to_one_thread()
-    cache.limit = _CACHE_BYTES
+    cache.hold_to(_CACHE_BYTES)
