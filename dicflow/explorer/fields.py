@@ -22,7 +22,7 @@ from dicflow.pipeline.result import Result
 __all__ = ["FieldSource", "Form", "QuantityFacts", "ShapeFields", "StepFields", "TotalFields", "field_source"]
 
 Array = NDArray[Any]
-Form = Literal["deformation", "shape"]
+Form = Literal["deformation", "shape", "difference"]
 _ROUTES = ("status", "way", "way_right")
 _DEVIATIONS = ("sigma_", "calibration_")
 _KEPT_STEPS = 24
@@ -70,7 +70,7 @@ class FieldSource(Protocol):
     """Fields of one stage of a result.
 
     stage : its name
-    form : displacement and strain, or places alone
+    form : displacement and strain, places alone, or the difference of two results
     steps : names of all its steps
     photographs : the stage of the photographs in which points are placed; None if unknown
     unit : of lengths

@@ -98,7 +98,7 @@ class Manifest(TypedDict):
     """All that a page shows, but for the numbers.
 
     title : of the pipeline; stage : whose fields these are
-    form : "deformation", or "shape" for places without displacement
+    form : "deformation", "shape" for places without displacement, "difference" of two results
     unit : of lengths
     follows : whether a point is the same material at every step
     directions : whether x and y of strains are the "material"'s or "global"; "" if x is not the photograph's

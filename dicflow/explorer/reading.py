@@ -14,10 +14,10 @@ from dicflow.explorer.survey import Scales, StepSurvey, extents, scales_of, surv
 from dicflow.kinds.maps import Maps, joined_range
 from dicflow.kinds.quantities import REPORTED
 from dicflow.pipeline.result import Result
-from dicflow.views.colours import Look, look
+from dicflow.views.colours import DIVERGING, Look, look
 from dicflow.views.figures import maps_of
 
-__all__ = ["Reading", "read_result"]
+__all__ = ["Reading", "read_result", "read_source"]
 
 _MOST_STEPS = 400
 """Steps that are looked at for one page, evenly from the first to the last."""
@@ -64,7 +64,11 @@ class Reading(NamedTuple):
         return [name for name in dict.fromkeys(order) if name in known]
 
     def look(self, facts: QuantityFacts) -> Look:
-        """Colours of a quantity: those of the maps where they draw it."""
+        """Colours of a quantity: those of the maps where they draw it, of a difference about zero."""
+        if self.source.form == "difference":
+            low, high = joined_range(one["colours"].get(facts.name) for one in self.surveys.values())
+            largest = max(abs(low), abs(high))
+            return look(facts.name, facts.title, facts.unit, -largest, largest, DIVERGING)
         if self.maps is not None and facts.name in self.maps.quantities:
             (low, high), choice = self.maps.quantities[facts.name].range, self.maps.colour_map
         else:
@@ -76,8 +80,11 @@ class Reading(NamedTuple):
 def read_result(result: Result, keep: Keep, most_steps: int = _MOST_STEPS) -> Reading | None:
     """One reading of all steps, or of so many from the first to the last; None if no step has fields."""
     source = field_source(result)
-    if source is None:
-        return None
+    return None if source is None else read_source(result, source, keep, most_steps)
+
+
+def read_source(result: Result, source: FieldSource, keep: Keep, most_steps: int) -> Reading | None:
+    """The same of chosen fields. result : has the photographs"""
     steps = spread(source.steps, most_steps)
     surveys = {step: _surveyed(source, step, keep) for step in steps if source.has(step)}
     first = _first(source, keep)
@@ -86,7 +93,8 @@ def read_result(result: Result, keep: Keep, most_steps: int = _MOST_STEPS) -> Re
     if not quantities:
         return None
     grid = None if first is None else first["shape"]
-    return Reading(result, source, steps, surveys, scales, grid, quantities, maps_of(result, source.stage))
+    maps = None if source.form == "difference" else maps_of(result, source.stage)
+    return Reading(result, source, steps, surveys, scales, grid, quantities, maps)
 
 
 def _surveyed(source: FieldSource, step: str, keep: Keep) -> StepSurvey:

@@ -7,8 +7,8 @@ import { button, empty, fill, h } from "./dom.js";
 import { keep, keepable } from "./keep.js";
 
 export const title = "Explore";
-const FIRST_STEPS = 6; // are shown at once, while more are read
-const USUAL_STEPS = 400;
+export const FIRST_STEPS = 6; // are shown at once, while more are read
+export const USUAL_STEPS = 400;
 const ALL_STEPS = 1e6;
 const LOOK_MS = 4000;
 
@@ -93,6 +93,7 @@ class ExploreScreen {
       h("span", { className: "shown faint" }, `${shown} of ${found.steps} steps`),
       isUsual && button("Show all steps", () => { this.most = ALL_STEPS; this.inTurn(() => this.read(this.most)); }),
       button("Read again", () => this.inTurn(() => this.read(this.most))),
+      button("Compare", () => this.app.go("compare"), { title: "Beside an earlier run, another variant or file" }),
       this.keeps,
       found.notes.map((note) => h("span", { className: "note" }, note)));
   }
@@ -127,7 +128,7 @@ class ExploreScreen {
 }
 
 /** Carry the scene of one explorer over to another: what is shown by its name, ranges that were typed, and points. */
-async function carry(old, explorer) {
+export async function carry(old, explorer) {
   const { scene, manifest, quantity } = old;
   const [from, to] = [manifest.steps, explorer.manifest.steps];
   const place = (list, name) => list.findIndex((one) => one.name === name);

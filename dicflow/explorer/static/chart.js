@@ -8,7 +8,7 @@ const LEFT = 62,
   TOP = 12,
   BOTTOM = 40;
 
-/** A chart that fills an element. pick : called with the x of the point that was clicked, if given */
+/** A chart that fills an element. pick : called with the series and number of the point that was clicked, if given */
 export class Chart {
   constructor(element, pick) {
     Object.assign(this, { element, pick, content: null });
@@ -22,7 +22,7 @@ export class Chart {
     new ResizeObserver(() => this.draw()).observe(element);
   }
 
-  /** Shows series: { name, colour, x, y, error (half the band, or null) }, NaN is a gap. */
+  /** Shows series: { name, colour, x, y, error (half the band, or null), dashed }, NaN is a gap. */
   show(content) {
     this.content = content;
     this.draw();
@@ -87,7 +87,7 @@ export class Chart {
 
   click(event) {
     const found = this.nearest(event);
-    if (found && this.pick) this.pick(found.series.x[found.k], found.k);
+    if (found && this.pick) this.pick(found.series, found.k);
   }
 }
 
@@ -155,6 +155,7 @@ function* curve(series, toX, toY) {
       stroke: series.colour,
       "stroke-width": 2,
       "stroke-linejoin": "round",
+      ...(series.dashed ? { "stroke-dasharray": "5 4" } : {}),
     });
   }
   if (series.x.length <= 60) {
