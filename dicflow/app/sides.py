@@ -13,6 +13,7 @@ from dicflow.engine.journal import RunInfo, runs
 from dicflow.engine.store import Store
 from dicflow.errors import ConfigurationError, DicflowError
 from dicflow.pipeline import Pipeline
+from dicflow.pipeline.registry import node_class
 from dicflow.pipeline.resolved import resolved_of
 
 __all__ = ["sides_of"]
@@ -61,4 +62,13 @@ def _changes(run: RunInfo, now: Mapping[str, Any]) -> list[dict[str, str]] | Non
     except (DicflowError, KeyError):
         return None
     changes = changes_of(before, now, ("the run", "the file")) or ()
-    return [{"name": change.name, "text": change.text} for change in changes]
+    return [{"name": change.name, "text": f"{change.text}{_unit(change.name, now)}"} for change in changes]
+
+
+def _unit(name: str, settings: Mapping[str, Any]) -> str:
+    """Unit of a parameter behind its value; empty without one."""
+    stage, _, parameter = name.partition(".")
+    if stage not in settings:
+        return ""
+    facts = node_class(settings[stage]["stage"]).model_json_schema()["properties"].get(parameter, {})
+    return f" {facts['unit']}" if facts.get("unit") else ""

@@ -20,6 +20,17 @@ pytestmark = pytest.mark.slow
 ONE, OTHER = (f"document.querySelector('.pair .side{k}.fields').explorer" for k in (0, 1))
 
 
+CHART_OVERLAPS = """
+() => [...document.querySelectorAll(".x-chart svg")].flatMap((svg) => {
+  const texts = [...svg.querySelectorAll("text")].map((text) => [text.textContent, text.getBoundingClientRect()]);
+  const wide = (a, b) => Math.min(a.right, b.right) - Math.max(a.left, b.left);
+  const high = (a, b) => Math.min(a.bottom, b.bottom) - Math.max(a.top, b.top);
+  return texts.flatMap(([one, a], k) =>
+    texts.slice(k + 1).filter(([, b]) => wide(a, b) > 1 && high(a, b) > 2).map(([other]) => [one, other]));
+})
+"""
+
+
 @pytest.fixture(scope="module")
 def quickstart(tmp_path_factory):
     """The quick start, measured with a window of 40 px, then with one of 60 px."""
@@ -71,6 +82,12 @@ def point_at(someone, k, side=0):
     someone.page.mouse.move(box["x"] + x - 40, box["y"] + y - 30)
     someone.page.mouse.move(box["x"] + x, box["y"] + y, steps=8)
     return box["x"] + x, box["y"] + y
+
+
+def views(page):
+    """Middle and scale of what either side shows."""
+    found = page.evaluate(f"[{ONE}.stage.view, {OTHER}.stage.view]")
+    return [[*one["middle"], one["scale"]] for one in found]
 
 
 def figures(someone):
@@ -131,16 +148,16 @@ def test_step_quantity_range_zoom_points_and_line_are_linked(quickstart):
             someone.until(f"[{ONE}, {OTHER}].every((one) => one.frame.step === one.manifest.steps[1])")
         page.keyboard.press("+")
         page.keyboard.press("+")
-        views = page.evaluate(f"[{ONE}.stage.view, {OTHER}.stage.view]")
-        assert views[0] == pytest.approx(views[1])
+        zoomed = views(page)
+        assert zoomed[0] == pytest.approx(zoomed[1])
         box = stages[0].bounding_box()
         page.mouse.move(box["x"] + 200, box["y"] + 100, steps=4)
         page.mouse.down()
         page.mouse.move(box["x"] + 230, box["y"] + 140, steps=6)
         page.mouse.up()
-        moved = page.evaluate(f"[{ONE}.stage.view, {OTHER}.stage.view]")
+        moved = views(page)
         assert moved[0] == pytest.approx(moved[1])
-        assert moved[0]["middle"] != pytest.approx(views[0]["middle"])
+        assert np.subtract(zoomed[0], moved[0])[:2] * moved[0][2] == pytest.approx([30, 40])
         page.keyboard.press("0")
         names = page.evaluate(f"{ONE}.manifest.quantities.map((one) => one.name)")
         page.locator(".side0 .x-quantity").select_option(str(names.index("V")))
@@ -394,6 +411,7 @@ def test_no_texts_overlap_at_any_size(quickstart, size, dark):
         for _ in range(2):
             assert page.evaluate("document.documentElement.scrollWidth <= innerWidth")
             assert someone.overlaps() == []
+            assert page.evaluate(CHART_OVERLAPS) == []
             for axis in page.locator(".x-curve:visible .x-name").all_inner_texts():
                 assert axis in ("step", "load [g]") or re.fullmatch(r".* \[.+\]", axis), axis
             page.get_by_role("button", name="Difference").click()

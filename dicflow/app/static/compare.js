@@ -117,11 +117,10 @@ class CompareScreen {
       return;
     }
     if (!this.two.element.isConnected) fill(this.body, this.two.element);
-    const titles = this.names.map((name, k) => [h("span", { className: "badge" }, name), ` ${this.words(this.chosen[k])}`]);
     const [first, second] = this.names;
-    const difference = this.isChange ? `${second} − ${first}` : `${first} − ${second}`;
-    if (isMap) titles[1] = [h("span", { className: "badge" }, difference)];
-    await this.two.show(found, { titles, names: this.names, isChange: this.isChange, shares: !isMap });
+    const names = isMap ? [first, this.isChange ? `${second} − ${first}` : `${first} − ${second}`] : this.names;
+    const titles = names.map((name, k) => [h("span", { className: "badge" }, name), isMap && k ? "" : ` ${this.words(this.chosen[k])}`]);
+    await this.two.show(found, { titles, names, isChange: this.isChange, shares: !isMap });
   }
 
   missing({ manifest, problem, notes }, k) {
@@ -160,7 +159,7 @@ class CompareScreen {
     const option = (key, words) => h("option", { value: key, selected: key === value }, words);
     const isListed = !side.run || runs.some(({ run }) => run === side.run);
     const select = h("select", { "aria-label": name, onchange: (event) => this.pick(k, event.target.value) },
-      h("optgroup", { label: "now" }, files.map(({ file, title: words }) => option(`file ${file}`, `${words} (${file})`))),
+      h("optgroup", { label: "now" }, files.map(({ file, title: words }) => option(`file ${file}`, `${file} · ${words}`))),
       h("optgroup", { label: "earlier runs" }, runs.map((run) => option(`run ${run.run}`, runWords(run, this.app.file))), !isListed && option(value, side.run)));
     return h("label", { className: "side" }, h("span", { className: "badge" }, name), select, this.variants(k));
   }

@@ -72,8 +72,7 @@ export class TwoFields {
   /** Say what both read; the explorer under the pointer comes first. */
   read(explorer, k) {
     if (explorer === this.link.led) return;
-    const found = k < 0 ? null : this.link.difference(explorer, k);
-    this.figures.textContent = found?.sentence ?? REST;
+    this.figures.textContent = (k >= 0 && this.link.sentence(explorer, k)) || REST;
   }
 }
 

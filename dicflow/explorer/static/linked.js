@@ -197,23 +197,40 @@ export class Link {
     this.led = null;
   }
 
-  /** The difference at a point of one: { value, text, sentence with what both read }; null where one reads nothing. */
-  difference(from, k) {
+  // What both read at a point of one, in their order; null where one of them shows something else.
+  _readings(from, k) {
     const to = this.ends.find((one) => one !== from);
-    if (!this.shares || !this.matching || !from.frame || !to.frame) return null;
-    if (this.ends.some((one) => this.lacks.get(one))) return null;
+    if (!this.matching || !from.frame || !to.frame || this.ends.some((one) => this.lacks.get(one))) return null;
     const readings = [from.frame.point(k), this.matching.reading(from, to, k)];
-    if (to === this.ends[0]) readings.reverse();
-    const [one, other] = this.isChange ? [readings[1], readings[0]] : readings;
-    const value = one.value - other.value;
+    return from === this.ends[0] ? readings : readings.reverse();
+  }
+
+  /** The difference at a point of one: { value, text }, with no more digits than are certain; null where it is unknown. */
+  difference(from, k) {
+    const readings = this.shares ? this._readings(from, k) : null;
+    if (!readings) return null;
+    const [subtrahend, minuend] = this.isChange ? [0, 1] : [1, 0];
+    const value = readings[minuend].value - readings[subtrahend].value;
     if (!Number.isFinite(value)) return null;
-    const { symbol, unit, scale } = from.quantity;
-    const error = Math.min(...readings.map(({ sigma }) => sigma).filter((sigma) => sigma > 0));
-    const decimals = decimalsFor(Number.isFinite(error) ? error : scale[1]);
-    const [minuend, subtrahend] = this.isChange ? [...this.names].reverse() : this.names;
-    const text = `${minuend} − ${subtrahend} ${fixed(value, decimals)}${unitText(unit)}`;
-    const both = readings.map((each, j) => `${this.names[j]} ${withError(each.value, each.sigma, unit, scale[1])}`);
-    return { value, text, sentence: `${symbol}: ${both.join(", ")}; ${text} (${this.matching.words})` };
+    const rounding = this.ends.reduce((sum, { quantity }) => sum + quantity.scale[1] / 2, 0);
+    const sigmas = readings.map(({ sigma }) => sigma).filter((sigma) => sigma > 0);
+    const bySigma = sigmas.length ? decimalsFor(Math.min(...sigmas)) : Infinity;
+    const decimals = Math.min(bySigma, decimalsFor(10 * rounding));
+    const names = `${this.names[minuend]} − ${this.names[subtrahend]}`;
+    return { value, text: `${names} ${fixed(value, decimals)}${unitText(from.quantity.unit)}` };
+  }
+
+  /** What both read at a point of one, and the difference, as a sentence; empty where one reads nothing. */
+  sentence(from, k) {
+    const readings = this._readings(from, k);
+    if (!readings || !readings.every(({ value }) => Number.isFinite(value))) return "";
+    const both = readings.map(({ value, sigma }, j) => {
+      const { unit, scale } = this.ends[j].quantity;
+      return `${this.names[j]} ${withError(value, sigma, unit, scale[1])}`;
+    });
+    const difference = this.difference(from, k);
+    const rest = difference ? `; ${difference.text} (${this.matching.words})` : "";
+    return `${this.ends[0].quantity.symbol}: ${both.join(", ")}${rest}`;
   }
 }
 
