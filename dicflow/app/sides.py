@@ -10,6 +10,7 @@ from dicflow.app.project import Project
 from dicflow.comparison.difference import changes_of
 from dicflow.comparison.sides import settings_of
 from dicflow.engine.journal import RunInfo, runs
+from dicflow.engine.keys import Change, shown
 from dicflow.engine.store import Store
 from dicflow.errors import ConfigurationError, DicflowError
 from dicflow.pipeline import Pipeline
@@ -26,7 +27,7 @@ def sides_of(project: Project, name: str) -> dict[str, Any]:
 
     ``files``: valid pipeline files in the folder, ``file`` and ``title``; ``runs``: of the store, newest first, each
     with ``run``, ``pipeline``, ``started`` and ``changes``: from its settings to those that the file has now, ``name``
-    as ``stage.parameter`` and ``text``; None where its settings are unknown.
+    as ``stage.parameter``, ``text`` (before and after), and ``was``, as a run is described; None if they are unknown.
     """
     pipeline = project.pipeline(name)
     return {"files": list(_files(project)), "runs": list(_runs(pipeline))}
@@ -62,7 +63,15 @@ def _changes(run: RunInfo, now: Mapping[str, Any]) -> list[dict[str, str]] | Non
     except (DicflowError, KeyError):
         return None
     changes = changes_of(before, now, ("the run", "the file")) or ()
-    return [{"name": change.name, "text": f"{change.text}{_unit(change.name, now)}"} for change in changes]
+    return [_described(change, _unit(change.name, now)) for change in changes]
+
+
+def _described(change: Change, unit: str) -> dict[str, str]:
+    """A change as the page says it: of the settings, and of a run that had others."""
+    if change.what != "parameter":
+        return {"name": change.name, "text": change.text, "was": change.text}
+    was = f"{change.name} {shown(change.old)}{unit} (now {shown(change.new)}{unit})"
+    return {"name": change.name, "text": f"{change.text}{unit}", "was": was}
 
 
 def _unit(name: str, settings: Mapping[str, Any]) -> str:

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections import OrderedDict
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
-from functools import cached_property, lru_cache
+from functools import cached_property
 from typing import Any, Literal, NamedTuple, Protocol
 
 import numpy as np
@@ -26,7 +27,7 @@ Form = Literal["deformation", "shape", "difference"]
 _ROUTES = ("status", "way", "way_right")
 _DEVIATIONS = ("sigma_", "calibration_")
 _KEPT_STEPS = 24
-"""Steps whose arrays stay in memory, since they are read twice."""
+"""Steps of all results whose arrays stay in memory, since they are read twice, and again for a difference."""
 _MOST_POINTS = 60_000
 """Of a shape; a cloud has a point per pixel, and more than these are not seen."""
 
@@ -132,7 +133,6 @@ class TotalFields:
         self._example, self.unit, self.follows = first, first.unit, first.follows_material
         turned = bool(result.stages_of("frame")) or not self.follows
         self.directions: Literal["material", "global", ""] = "" if turned else first.directions
-        self._kept = lru_cache(_KEPT_STEPS)(self._read)
 
     def quantities(self) -> Sequence[QuantityFacts]:
         """Those of the table in its order, then all other fields."""
@@ -155,7 +155,7 @@ class TotalFields:
 
     def read(self, step: str) -> StepFields:
         """The fields of a step."""
-        return self._kept(step)
+        return _kept(self.sources(step), lambda: self._read(step))
 
     def _read(self, step: str) -> StepFields:
         total = self._total(step)
@@ -207,6 +207,20 @@ class TotalFields:
         return QuantityFacts(
             name, quantity.symbol, total.caption(name), total.unit_of(name), is_signed(name), quantity.positive
         )
+
+
+_read_last: OrderedDict[tuple[str, ...], StepFields] = OrderedDict()
+"""Fields by the digests of what they are made of, those that were used last at the end."""
+
+
+def _kept(sources: Sequence[str], make: Callable[[], StepFields]) -> StepFields:
+    """Fields that were read before, or that are made now. They are shared: nobody changes them."""
+    key = tuple(sources)
+    found = _read_last.pop(key, None) or make()
+    _read_last[key] = found
+    while len(_read_last) > _KEPT_STEPS:
+        _read_last.popitem(last=False)
+    return found
 
 
 class ShapeFields:

@@ -17,12 +17,12 @@ export async function show(place, app) {
   return screen;
 }
 
-/** A day and time as people say them, and what was changed since. run : of the answer to "sides" */
-export function runWords({ run, pipeline, started, changes }, file) {
-  const when = new Date(started * 1000).toLocaleString();
-  if (file !== undefined && pipeline !== stem(file)) return `${when} · ${pipeline}`;
-  if (!changes) return `${when} · settings unknown, run ${run}`;
-  return `${when} · ${changes.length ? listed(changes.map(({ text }) => text)) : "settings as now"}`;
+/** What was other in an earlier run than it is now, and when it was. run : of the answer to "sides" */
+function runWords({ run, pipeline, started, changes }, file) {
+  const when = new Date(started * 1000).toLocaleString([], { dateStyle: "short", timeStyle: "medium" });
+  if (pipeline !== stem(file)) return `${pipeline} · ${when}`;
+  if (!changes) return `run ${run}, settings unknown · ${when}`;
+  return `${changes.length ? listed(changes.map(({ was }) => was)) : "settings as now"} · ${when}`;
 }
 
 const stem = (file) => file.replace(/\.ya?ml$/i, "");
@@ -132,7 +132,7 @@ class CompareScreen {
   /** A side in words. */
   words({ file, run, variant }) {
     const past = this.sides.runs.find((one) => one.run === run);
-    const name = past ? `run of ${runWords(past, this.app.file)}` : run ? `run ${run}` : `${file}, now`;
+    const name = past ? `run with ${runWords(past, this.app.file)}` : run ? `run ${run}` : `${file}, now`;
     const values = this.found?.[this.chosen.findIndex((one) => one.file === file && one.run === run && one.variant === variant)]?.variants[variant] ?? {};
     return [name, ...Object.entries(values).map(([key, value]) => `${key} = ${value}`)].join(", ");
   }

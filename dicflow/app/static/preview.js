@@ -57,7 +57,7 @@ export class GridPreview {
     const columns = this.isChange ? [this.saved, this.found] : [this.found];
     const rows = columns.map(factsOf);
     const head = this.isChange ? h("thead", {}, h("tr", {}, ["", "before", "after"].map((word) => h("th", {}, word)))) : null;
-    fill(this.facts, h("table", {}, head, h("tbody", {}, Object.keys(rows[0]).map((name) => h("tr", {}, h("th", {}, name), rows.map((one) => h("td", {}, one[name])))))),
+    fill(this.facts, h("table", { className: this.isChange ? "both" : "" }, head, h("tbody", {}, Object.keys(rows[0]).map((name) => h("tr", {}, h("th", {}, name), rows.map((one) => h("td", {}, one[name])))))),
       h("ul", {}, advice.map(([good, words]) => h("li", { className: good ? "" : "problem" }, words))),
       this.found.as_taken ? null : h("p", { className: "faint" }, "The grid lies in the rectified image, so it is not drawn here."));
   }
@@ -74,7 +74,7 @@ export class GridPreview {
       s("path", { class: `grid ${look}`, d: marks.join(""), "stroke-width": 2 * DOT, "stroke-linecap": "round" }));
     if (this.chosen) {
       parts.push(...this.subset(found.subset_size, "under"), ...this.subset(found.subset_size, "over"));
-      if (this.isChange) parts.push(...this.subset(this.saved.subset_size, "before"));
+      if (this.isChange) parts.push(...this.subset(this.saved.subset_size, "under"), ...this.subset(this.saved.subset_size, "before"));
     }
     return fill(this.viewer.marks, parts);
   }

@@ -44,7 +44,7 @@ export class Chart {
       series.flatMap((one) => [...one.y].flatMap((value, k) => band(one, value, k))),
       0.06,
     );
-    const ticks = roundTicks(y[0], y[1], (height - TOP - BOTTOM) / 44);
+    const ticks = twoTicks(y[0], y[1], (height - TOP - BOTTOM) / 44);
     const left = Math.max(LEAST_LEFT, NAME + LETTER * Math.max(...ticks.map(({ text }) => text.length)));
     const toX = (value) => left + ((value - x[0]) / (x[1] - x[0])) * (width - left - RIGHT);
     const toY = (value) => height - BOTTOM - ((value - y[0]) / (y[1] - y[0])) * (height - TOP - BOTTOM);
@@ -93,6 +93,12 @@ export class Chart {
     const found = this.nearest(event);
     if (found && this.pick) this.pick(found.series, found.k);
   }
+}
+
+// At least two, since one number gives no scale.
+function twoTicks(low, high, about) {
+  const found = roundTicks(low, high, about);
+  return found.length > 1 ? found : roundTicks(low, high, 2 * about);
 }
 
 function band(series, value, k) {
