@@ -342,7 +342,7 @@ def test_variants_and_other_files_are_chosen_by_keys_alone(small):
         shown(someone)
         assert "total.window = 60 px" in page.inner_text(".caption.side1")
         page.get_by_label("B", exact=True).focus()
-        page.keyboard.type("other")
+        page.keyboard.type("other.yaml")
         page.keyboard.press("Enter")
         someone.until("document.querySelector('.caption.side1').textContent.includes('other.yaml')")
         shown(someone)

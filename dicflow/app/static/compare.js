@@ -46,6 +46,7 @@ class CompareScreen {
     const other = past ? { ...ours, run: past } : await this.proposed(ours);
     if (!other) return this.nothing();
     this.chosen = this.isChange ? [other, ours] : [ours, other];
+    this.choices();
     this.bar();
     fill(this.body, h("p", { className: "faint" }, "reading both results …"));
     await this.read(FIRST_STEPS);
@@ -85,12 +86,13 @@ class CompareScreen {
 
   /** Read both, or one and the difference, and show them if they are others than before. */
   async read(steps) {
+    const { chosen } = this;
     const found = [];
-    for (const side of this.chosen) found.push(await this.opened({ ...side, steps }));
+    for (const side of chosen) found.push(await this.opened({ ...side, steps }));
     const [one, other] = this.isChange ? [1, 0] : [0, 1];
     const map = this.isMap && found.every(({ manifest }) => manifest)
-      ? await this.opened({ ...this.chosen[one], minus: this.chosen[other], steps }) : null;
-    if (this.isLeft) return;
+      ? await this.opened({ ...chosen[one], minus: chosen[other], steps }) : null;
+    if (this.isLeft || chosen !== this.chosen) return;
     this.found = found;
     this.problem = map?.problem ?? "";
     this.bar();
@@ -108,7 +110,7 @@ class CompareScreen {
   }
 
   async mount(found, isMap) {
-    const facts = JSON.stringify([found.map(({ view, manifest }) => [view, manifest]), isMap, this.names]);
+    const facts = JSON.stringify([this.chosen, found.map(({ view, manifest }) => [view, manifest]), isMap, this.names]);
     if (facts === this.shown) return;
     this.shown = facts;
     if (found.some(({ manifest }) => !manifest)) {
@@ -132,16 +134,37 @@ class CompareScreen {
   /** A side in words. */
   words({ file, run, variant }) {
     const past = this.sides.runs.find((one) => one.run === run);
-    const name = past ? `run with ${runWords(past, this.app.file)}` : run ? `run ${run}` : `${file}, now`;
+    const name = past ? `run: ${runWords(past, this.app.file)}` : run ? `run ${run}` : `${file}, now`;
     const values = this.found?.[this.chosen.findIndex((one) => one.file === file && one.run === run && one.variant === variant)]?.variants[variant] ?? {};
     return [name, ...Object.entries(values).map(([key, value]) => `${key} = ${value}`)].join(", ");
   }
 
+  /** Selects that stay, so that keys go on where they are while results are read; what else stands there is drawn anew. */
+  choices() {
+    const { files, runs } = this.sides;
+    const unlisted = this.chosen.map(({ run }) => run).filter((run) => run && !runs.some((one) => one.run === run));
+    const option = (value, words) => h("option", { value }, words);
+    this.selects = [0, 1].map((k) => h("select", { onchange: (event) => this.pick(k, event.target.value) },
+      h("optgroup", { label: "now" }, files.map(({ file, title: words }) => option(`file ${file}`, `${file} · ${words}`))),
+      h("optgroup", { label: "earlier runs" }, runs.map((run) => option(`run ${run.run}`, runWords(run, this.app.file))), unlisted.map((run) => option(`run ${run}`, run)))));
+    this.badges = [0, 1].map(() => h("span", { className: "badge" }));
+    this.variants = [0, 1].map(() => h("span", { className: "variants" }));
+    this.rest = h("span", { className: "rest" });
+    fill(this.tools, [0, 1].map((k) => h("span", { className: "side" }, this.badges[k], this.selects[k], this.variants[k])), this.rest);
+  }
+
   /** Which two, whether the second or the difference is shown, and what is missing. */
   bar() {
+    this.names.forEach((name, k) => {
+      const { file, run } = this.chosen[k];
+      fill(this.badges[k], name);
+      this.selects[k].setAttribute("aria-label", name);
+      this.selects[k].value = run ? `run ${run}` : `file ${file}`;
+      if (this.found) refill(this.variants[k], this.variant(k));
+    });
     const notes = (this.found ?? []).flatMap(({ notes: each }, k) => each.map((note) => `${this.names[k]}: ${note}`));
     const shown = this.found?.[0]?.manifest?.steps.filter((one) => one.blobs.status);
-    refill(this.tools, [0, 1].map((k) => this.choice(k)),
+    refill(this.rest,
       button("Swap", () => this.choose([this.chosen[1], this.chosen[0]]), { title: "Exchange both sides" }),
       h("span", { className: "group", role: "group", "aria-label": "right side" },
         button(this.names[1], () => this.map(false), { "aria-pressed": String(!this.isMap) }),
@@ -151,21 +174,8 @@ class CompareScreen {
       [this.isMap && this.problem, ...notes].filter(Boolean).map((note) => h("span", { className: "note" }, note)));
   }
 
-  choice(k) {
-    const side = this.chosen[k];
-    const { files, runs } = this.sides;
-    const name = this.names[k];
-    const value = side.run ? `run ${side.run}` : `file ${side.file}`;
-    const option = (key, words) => h("option", { value: key, selected: key === value }, words);
-    const isListed = !side.run || runs.some(({ run }) => run === side.run);
-    const select = h("select", { "aria-label": name, onchange: (event) => this.pick(k, event.target.value) },
-      h("optgroup", { label: "now" }, files.map(({ file, title: words }) => option(`file ${file}`, `${file} · ${words}`))),
-      h("optgroup", { label: "earlier runs" }, runs.map((run) => option(`run ${run.run}`, runWords(run, this.app.file))), !isListed && option(value, side.run)));
-    return h("label", { className: "side" }, h("span", { className: "badge" }, name), select, this.variants(k));
-  }
-
-  variants(k) {
-    const variants = this.found?.[k]?.variants ?? [];
+  variant(k) {
+    const { variants } = this.found[k];
     if (variants.length < 2) return null;
     const words = (one) => Object.entries(one).map(([name, value]) => `${name} = ${value}`).join(", ");
     return h("select", { "aria-label": `variant of ${this.names[k]}`, onchange: (event) => this.put(k, { ...this.chosen[k], variant: Number(event.target.value) }) },
@@ -183,7 +193,7 @@ class CompareScreen {
 
   /** Other sides are no longer before and after. */
   choose(sides) {
-    [this.chosen, this.isChange, this.found] = [sides, false, null];
+    [this.chosen, this.isChange] = [sides, false];
     return this.again();
   }
 
@@ -192,8 +202,10 @@ class CompareScreen {
     return this.again();
   }
 
+  /** Read what is chosen by the time that earlier reading has ended. */
   again() {
     this.bar();
-    return this.inTurn(() => this.read(USUAL_STEPS));
+    const asked = (this.asked = (this.asked ?? 0) + 1);
+    return this.inTurn(() => asked === this.asked && this.read(USUAL_STEPS));
   }
 }
