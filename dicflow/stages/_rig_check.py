@@ -89,7 +89,7 @@ def bump_warnings(rig: CalibratedRig, points: Correlation, found: FoundPoints) -
     from dicflow.core.cameras.relative_orientation import MIN_POINTS, MatchedPoints, refine_rig
     from dicflow.core.cameras.rig_misfit import MEND
 
-    apart = slice(None, None, -(-points.grid.subset_size // points.grid.step_size))
+    apart = slice(None, None, max(1, round(points.grid.subset_size / points.grid.step_size)))
     values = points["xy"], found.warp[..., 0], points["template"], found.covariance
     left, right, *errors = (part[apart, apart].reshape(-1, part.shape[-1]) for part in values)
     known = np.isfinite(np.concatenate([left, right, *errors], axis=-1)).all(axis=-1)
@@ -97,7 +97,10 @@ def bump_warnings(rig: CalibratedRig, points: Correlation, found: FoundPoints) -
     before = np.nanmedian(epipolar_distance(rig.cameras, *matched[:2])) if known.any() else 0.0
     if before < _MIN_BUMP_PX or known.sum() < MIN_POINTS:
         return []
-    refined = refine_rig(rig.cameras, rig.covariance, matched)
+    try:
+        refined = refine_rig(rig.cameras, rig.covariance, matched)
+    except ValueError:  # points behind the cameras
+        return []
     after = np.nanmedian(epipolar_distance(refined.rig, *matched[:2]))
     if after * _MIN_BUMP_RATIO > before or refined.gain < _MIN_BUMP_GAIN:
         return []

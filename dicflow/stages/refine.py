@@ -76,7 +76,10 @@ class Refine(Node):
                 f"only {len(points.left)} points of the left photographs are found in the right ones, and {MIN_POINTS} "
                 "are needed; check that both show the specimen at one moment, or take a smaller subset_size"
             )
-        refined = refine_rig(cameras, calibrated.covariance, points, self.turn, self.free)
+        try:
+            refined = refine_rig(cameras, calibrated.covariance, points, self.turn, self.free)
+        except ValueError as error:
+            raise StageError(f"the rig cannot be mended: {error}") from error
         found = _Found(cameras, refined, points, motion_since(cameras, refined), len(steps))
         covariance = refined.covariance
         return calibrated.refined(

@@ -158,7 +158,7 @@ def refine_rig(
     turn_deg : least τ, how far a camera may have turned where the points do not show it [deg]
     freed : of "focal_length" and "principal_point", what has changed besides
 
-    Raises ValueError for fewer than MIN_POINTS points.
+    Raises ValueError for fewer than MIN_POINTS points, and where most are not in front of both cameras.
     """
     if len(points.left) < MIN_POINTS:
         raise ValueError(f"a rig needs {MIN_POINTS} matched points, found {len(points.left)}")
@@ -298,6 +298,8 @@ def _residuals(rig: Rig, points: MatchedPoints) -> tuple[Array, Array]:
     measured = np.concatenate([points.left, points.right], axis=-1)
     error = measured - np.concatenate([project(rig.left, found), project(rig.right, to_right(rig, found))], axis=-1)
     known = np.isfinite(error).all(axis=-1)
+    if 2 * np.count_nonzero(known) < len(known):
+        raise ValueError("fewer than half of the matched points lie in front of both cameras; check left and right")
     by_point, by_rig = reprojection_slopes(rig, np.where(known[:, None], found, [0.0, 0.0, 1.0]))
     normal = np.linalg.svd(by_point)[0][..., 3]
     sigma = np.sqrt(_variance_along(normal, points))

@@ -154,7 +154,10 @@ def _moved(rig: Rig, matched: Matched) -> tuple[list[_Explanation], float]:
     if matched.sizes != (rig.left.size, rig.right.size) or len(matched.left) < MIN_POINTS:
         return [], 0.0
     equal = np.tile([1.0, 0.0, 1.0], (len(matched.left), 1))
-    refined = refine_rig(rig, None, MatchedPoints(matched.left, matched.right, equal, equal))
+    try:
+        refined = refine_rig(rig, None, MatchedPoints(matched.left, matched.right, equal, equal))
+    except ValueError:
+        return [], 0.0
     turn_deg = refined.apparent_turn_deg
     if turn_deg > _MAX_TURN_DEG:
         return [], turn_deg

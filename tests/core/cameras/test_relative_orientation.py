@@ -24,7 +24,7 @@ STEPS = {"flat": lambda x: 400.0 + 0.0 * x, "curved": lambda x: 400.0 + 8.0 * np
 TURN = np.radians(0.1)
 
 
-def surface(generator, shape="curved", count=400):
+def surface(generator, shape="curved", count=200):
     """Places (count, 3) in the left camera's frame that fill four fifths of its photograph."""
     pixels = generator.uniform([64.0, 48.0], [576.0, 432.0], (count, 2))
     x, y = undistort(RIG.left, pixels).T
@@ -73,7 +73,7 @@ def over_sigma(refined, places):
     return errors / np.sqrt(np.sum(np.square(changes), axis=0))
 
 
-def draws(count, shape="curved", points=400, size=1.0, **options):
+def draws(count, shape="curved", points=200, size=1.0, **options):
     """Normalised errors (count, n, 6) at 25 places after bumps of any direction."""
     found = []
     for seed in range(count):
@@ -118,8 +118,8 @@ def test_the_length_of_the_baseline_stays_as_uncertain_as_the_motion_across_it()
     ids=["curved", "flat", "larger bumps", "wrong matches", "few points", "few on a plane"],
 )
 def test_errors_of_places_and_motions_have_their_stated_size(shape, options):
-    """Over bumps in any direction. Places of one draw share their error, so 48 draws scatter by 7 %."""
-    found = draws(48, shape, **options)
+    """Over bumps in any direction. Places of one draw share their error, so 32 draws scatter by 8 %."""
+    found = draws(32, shape, **options)
     within = (found < 1.0).mean(axis=(0, 1)), (found < 2.0).mean(axis=(0, 1))
     assert (within[0] > 0.48).all()
     assert (within[1] > 0.85).all()
@@ -142,7 +142,7 @@ def test_the_covariance_is_the_scatter_over_noise():
     """Of one motion and noise drawn anew: what the noise leaves of the directions that the points show."""
     generator = np.random.default_rng(3)
     places, before = surface(generator), bumped(generator)
-    found = [refine_rig(before, None, matched(places, generator)) for _ in range(40)]
+    found = [refine_rig(before, None, matched(places, generator)) for _ in range(30)]
     directions = np.linalg.eigh(found[0].covariance[18:, 18:] / np.outer(*2 * [[1e-3] * 3 + [0.4] * 3]))[1][:, :3]
     scaled = directions / np.array([1e-3] * 3 + [0.4] * 3)[:, None]
     turns = [motion_vector(before, one.rig) @ scaled for one in found]
@@ -170,8 +170,8 @@ def test_wrong_matches_do_not_count():
     sigma = np.sqrt(np.diag(clean.covariance)[18:])
     assert (np.abs(motion_vector(clean.rig, wrong.rig)) < sigma).all()
     far = np.abs(wrong.residual) > 5.0
-    assert far[:20].mean() > 0.9
-    assert not far[20:].any()
+    assert far[:10].mean() > 0.8
+    assert not far[10:].any()
 
 
 def test_errors_in_common_to_neighbours_count_once():
