@@ -12,6 +12,7 @@ from dicflow.core.cameras.rig_parameters import rig_after_step
 from dicflow.core.cameras.triangulate import triangulate
 from dicflow.core.synthetic.deformation import position
 from dicflow.core.synthetic.trace import material_at
+from dicflow.core.tensors import symmetric
 from dicflow.engine.product import Product
 from dicflow.io.rig import write_rig
 from dicflow.kinds.rig import CalibratedRig
@@ -43,14 +44,14 @@ stages:
 """
 MENDED = """\
 stages:
-  photos: {{stage: images, left: "{left}", right: "{right}"}}
+  photos: {{stage: images, left: {left}, right: {right}}}
   calibrated: {{stage: rig_file, file: {file}}}
   region: {{stage: region{region}}}
   correlation: {{stage: correlate, step_size: {step}}}
 {mended}\
   stereo: {{stage: stereo}}
   points: {{stage: triangulate}}
-  total: {{stage: deformation}}
+  total: {{stage: deformation, points: points}}
 """
 MEND = "  mended: {stage: refine}\n"
 
@@ -77,7 +78,7 @@ def rendered() -> Iterator[Figure]:
     worst = []
     for name, bump in BUMPS.items():
         before = bumped(rig.cameras, *bump)
-        result = run_text(f"bump_{name.replace(' ', '_')}", _text(name, before, rig.covariance), folder)
+        result = run_text("bumped", _text(name, before, rig.covariance), folder)
         found = Measured(*map(np.concatenate, zip(*_steps(result), strict=True)))
         worst.append(_print(name, _unmended(result, before), found))
         print(f"{'':12}{CalibratedRig.read(result.product('mended')).verdict}")
@@ -90,7 +91,7 @@ def _text(name: str, rig: Rig, covariance: np.ndarray | None) -> str:
     file = WORK / f"bump_{name.replace(' ', '_')}.json"
     write_rig(file, rig, covariance)
     region = f", rectangle: {list(scene.REGION)}"
-    sides = {"left": "photos/left/*.png", "right": "photos/right/*.png"}
+    sides = {"left": '"photos/left/*.png"', "right": '"photos/right/*.png"'}
     return MENDED.format(**sides, file=file, region=region, step=24, mended=MEND)
 
 
@@ -114,13 +115,21 @@ def _truth(places: np.ndarray, step: int) -> np.ndarray:
 
 
 def _errors(total: Product, truth: np.ndarray) -> Measured:
-    values, noise, calibration = (
-        np.stack([total[f"{prefix}{name}"] for name in QUANTITIES], axis=-1)
-        for prefix in ("", "sigma_", "calibration_")
-    )
-    errors, sigma = values - truth, np.hypot(noise, calibration)
+    errors = values(total) - truth
+    noise = np.sqrt(np.diagonal(symmetric(total["covariance"])[..., :3, :3], axis1=-2, axis2=-1))
+    noise = np.concatenate([noise, _stacked(total, "sigma_")], axis=-1)
+    sigma = np.hypot(noise, np.concatenate([total["calibration_xyz"], _stacked(total, "calibration_")], axis=-1))
     known = np.isfinite(errors + sigma).all(axis=-1)
     return Measured(errors[known], sigma[known])
+
+
+def values(total: Product) -> np.ndarray:
+    """X, Y, Z, U, V, W (row, col, 6) of a total [mm]."""
+    return np.concatenate([total["xyz"], _stacked(total, "")], axis=-1)
+
+
+def _stacked(total: Product, prefix: str) -> np.ndarray:
+    return np.stack([total[f"{prefix}{name}"] for name in "UVW"], axis=-1)
 
 
 def _unmended(result: Result, rig: Rig) -> np.ndarray:
@@ -147,19 +156,24 @@ def d_specimen() -> Iterator[Figure]:
     """A real steel part with a real rig, turned by 0.1° about each axis, against the rig as it is."""
     folder = SHARED / "d_specimen"
     given = MENDED.format(
-        left="left/*.tif", right="right/*.tif", file="reference/points_0273_rig.yaml", region="", step=14, mended=""
+        left="[left/GT4-0000_0.tif, left/GT4-0273_0.tif]",
+        right="[right/GT4-0000_1.tif, right/GT4-0273_1.tif]",
+        file="reference/points_0273_rig.yaml",
+        region="",
+        step=14,
+        mended="",
     )
-    reference = run_text("d_rig", given, folder)
+    reference = run_text("d_bumped", given, folder)
     rig = CalibratedRig.read(reference.product("calibrated"))
-    true = reference.product("total", -1)
+    true = values(reference.product("total", -1))
     print("\nd specimen with its rig turned: difference from the rig as it is, and σ stated [µm]")
     worst = []
     for name, bump in BUMPS.items():
         file = WORK / f"d_{name.replace(' ', '_')}.json"
         write_rig(file, bumped(rig.cameras, *bump))
         text = given.replace("reference/points_0273_rig.yaml", str(file)).replace("  stereo:", f"{MEND}  stereo:")
-        result = run_text(f"d_{name.replace(' ', '_')}", text, folder)
-        found = _errors(result.product("total", -1), np.stack([true[quantity] for quantity in QUANTITIES], axis=-1))
+        result = run_text("d_bumped", text, folder)
+        found = _errors(result.product("total", -1), true)
         worst.append(_print(name, np.full(6, np.nan), found))
         print(f"{'':12}{CalibratedRig.read(result.product('mended')).verdict}")
     for quantity, ratio in zip(QUANTITIES, np.max(worst, axis=0), strict=True):

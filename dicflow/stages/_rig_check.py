@@ -25,7 +25,7 @@ _FOUND_SHARE = 0.5
 _MIN_MISFIT_PX = 1.0
 """Median distance of features from their epipolar lines up to which a rig fits."""
 
-_MIN_BUMP_PX, _MIN_BUMP_RATIO, _MIN_BUMP_GAIN = 0.1, 3.0, 10.0
+_MIN_BUMP_PX, _MIN_BUMP_RATIO, _MIN_BUMP_GAIN = 0.2, 3.0, 10.0
 """Median distance of measured points from their epipolar lines, its ratio to that of a mended rig, and logarithm of the
 evidence for a motion of the cameras, from which they are said to have been bumped."""
 

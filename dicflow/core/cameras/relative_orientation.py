@@ -13,7 +13,8 @@ of a motion of the cameras since then: a turn about any axis by τ, and a shift 
 as far. τ is averaged over its evidence (MacKay 1992, "Bayesian interpolation"), and is at least what a bump may do
 without notice: a motion that the points do not show leaves no trace in the rest. What they do not show stays as
 calibrated, with this uncertainty. The length of the baseline is always of that kind: with twice as long a one, all
-points are as near to their lines.
+points are as near to their lines. Coefficients of the distortion that were not estimated are as uncertain as real
+lenses make them: decentring by a tenth of a pixel in the corners looks as a turn does.
 """
 
 from __future__ import annotations
@@ -54,6 +55,10 @@ _POSE = slice(2 * PARAMETERS_PER_CAMERA, len(PARAMETERS))
 _TURN = slice(_POSE.start, _POSE.start + 3)
 _FREED = {"focal_length": ((0, 1),), "principal_point": ((2,), (3,))}
 """Parameters of each camera that change together."""
+_DISTORTION_POWERS = {4: 3, 5: 5, 6: 2, 7: 2, 8: 7}
+"""Coefficient of the distortion → power of the distance from the middle with which it moves a point."""
+_UNMODELLED_PX = 0.1
+"""Standard deviation of the shift in the corner of a photograph by a coefficient that was not estimated."""
 _FREED_SHARE = 0.02
 """Standard deviation of a change of what is freed, over the focal length."""
 _CAUCHY = 2.385
@@ -154,7 +159,7 @@ def refine_rig(
 ) -> Refined:
     """Mend a rig.
 
-    covariance : (24, 24) — of its parameters; None where it is unknown, then lenses and focal lengths are exact
+    covariance : (24, 24) — of its parameters; None where unknown, then focal lengths and principal points are exact
     turn_deg : least τ, how far a camera may have turned where the points do not show it [deg]
     freed : of "focal_length" and "principal_point", what has changed besides
 
@@ -163,7 +168,8 @@ def refine_rig(
     if len(points.left) < MIN_POINTS:
         raise ValueError(f"a rig needs {MIN_POINTS} matched points, found {len(points.left)}")
     size = len(PARAMETERS)
-    known = np.hstack([error_modes(np.zeros((size, size)) if covariance is None else covariance), _freed(rig, freed)])
+    calibration = np.zeros((size, size)) if covariance is None else covariance
+    known = np.hstack([error_modes(calibration), _unmodelled(rig, calibration), _freed(rig, freed)])
     moved, blocks = _unit_motion(rig, points), _blocks(points.left)
     motion, step = _FIRST_TURN, np.zeros(size)
     for _ in range(_ROUNDS):
@@ -338,6 +344,19 @@ def _unit_motion(rig: Rig, points: MatchedPoints) -> Array:
     return modes
 
 
+def _unmodelled(rig: Rig, covariance: Array) -> Array:
+    """Modes (24, m) of the distortion of real lenses by coefficients that a calibration takes as exact."""
+    modes = []
+    for k, camera in enumerate((rig.left, rig.right)):
+        corner = np.hypot(*camera.size) / 2.0 / camera.matrix[0, 0]
+        for place, power in _DISTORTION_POWERS.items():
+            if covariance[k * PARAMETERS_PER_CAMERA + place, k * PARAMETERS_PER_CAMERA + place] == 0.0:
+                mode = np.zeros(len(PARAMETERS))
+                mode[k * PARAMETERS_PER_CAMERA + place] = _UNMODELLED_PX / camera.matrix[0, 0] / corner**power
+                modes.append(mode)
+    return _columns(modes)
+
+
 def _freed(rig: Rig, freed: Sequence[str]) -> Array:
     """Modes (24, m) of the changes of what is freed."""
     modes = []
@@ -346,6 +365,10 @@ def _freed(rig: Rig, freed: Sequence[str]) -> Array:
             mode = np.zeros(len(PARAMETERS))
             mode[[k * PARAMETERS_PER_CAMERA + place for place in group]] = _FREED_SHARE * camera.matrix[0, 0]
             modes.append(mode)
+    return _columns(modes)
+
+
+def _columns(modes: list[Array]) -> Array:
     return np.stack(modes, axis=-1) if modes else np.zeros((len(PARAMETERS), 0))
 
 

