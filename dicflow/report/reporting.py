@@ -90,7 +90,10 @@ class _Facts:
         }
         total = self.product("total")
         rigs = [stage for stage in self.result.stages_of("rig") if self.result.has(stage)]
-        self.rig, self.figures = _rig(context, rigs[-1]) if rigs else (None, {})
+        self.rig: CalibratedRig | None = None
+        self.figures: Mapping[str, Any] = {}
+        if rigs:
+            self.rig, self.figures = _rig(context, rigs[-1])
         self.total = None if total is None else Total.read(total)
         self.cameras = cameras(context, rigs[-1]) if rigs else None
         self.photograph = self._photograph()

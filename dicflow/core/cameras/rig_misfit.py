@@ -188,16 +188,17 @@ def _scaled(rig: Rig, matched: Matched, swapped: bool) -> Iterator[_Explanation]
 def _turned(rig: Rig, matched: Matched) -> Iterator[_Explanation]:
     """Photographs turned by 180°, of one or both cameras."""
     for sides in (("left",), ("right",), _SIDES):
-        points = [
+        left, right = (
             np.subtract(size, 1.0) - xy if side in sides else xy
             for side, xy, size in zip(_SIDES, (matched.left, matched.right), matched.sizes, strict=True)
-        ]
+        )
         named = " and ".join(sides)
         yield _Explanation(
             f"the {named} photographs look turned by 180°",
             f"turn the {named} photographs, or those of the board, by 180°",
             rig,
-            *points,
+            left,
+            right,
         )
 
 
