@@ -1,4 +1,7 @@
-"""Jobs in the order in which they can begin."""
+"""Jobs in the order in which they can begin; at the end of a run, those with most behind them first.
+
+So the workers have something to do until the last product.
+"""
 
 from __future__ import annotations
 
@@ -11,12 +14,14 @@ __all__ = ["JobQueue"]
 
 _AHEAD = 2000
 """So many jobs may wait for a producer while jobs after them begin; a chained stage may be so far behind the others."""
+_END = 32
+"""With so many jobs left the end of the run is near."""
 _STAGE = "stage "
 """Before the name of a stage that is waited for; no task's name begins so."""
 
 
 class JobQueue:
-    """Takes jobs one by one and gives those that can begin, the first ones first.
+    """Takes jobs one by one and gives those that can begin, the first ones first, until the end is near.
 
     jobs : every job after those it takes from
     outcomes : of all tasks that have ended
@@ -41,10 +46,10 @@ class JobQueue:
 
     def pop(self) -> tuple[int, Job] | None:
         """Rank and job of the first that can begin; None where none can before another task ends."""
-        while not self._ready and self._waiting_count < _AHEAD:
+        while self._wants_more():
             entry = next(self._jobs, None)
             if entry is None:
-                return None
+                return self._pop_at_the_end()
             self._place(entry)
         return heapq.heappop(self._ready) if self._ready else None
 
@@ -62,6 +67,25 @@ class JobQueue:
     def waiting(self) -> list[tuple[int, Job]]:
         """Rank and job of all that wait for a producer."""
         return [entry for entries in self._waiting.values() for entry in entries]
+
+    def _wants_more(self) -> bool:
+        """Whether to look at another job, for one that can begin or for the end."""
+        left = len(self._ready) + self._waiting_count
+        return self._waiting_count < _AHEAD and (not self._ready or left < _END)
+
+    def _pop_at_the_end(self) -> tuple[int, Job] | None:
+        """Of the jobs that can begin the one that most jobs wait for, one after the other."""
+        if not self._ready:
+            return None
+        chosen = min(self._ready, key=lambda entry: (-self._behind(entry[1]), entry[0]))
+        self._ready.remove(chosen)
+        heapq.heapify(self._ready)
+        return chosen
+
+    def _behind(self, job: Job) -> int:
+        """Length of the longest chain of jobs that wait for this one."""
+        waiting = self._waiting.get(job.task.name, [])
+        return max((1 + self._behind(other) for _, other in waiting), default=0)
 
     def _place(self, entry: tuple[int, Job]) -> None:
         missing = self._missing(entry[1])

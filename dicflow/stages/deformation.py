@@ -77,7 +77,7 @@ class Deformation(Node):
         "frame": Port("frame", optional=True),
     }
     gives: ClassVar = "total"
-    impl_version: ClassVar = 5
+    impl_version: ClassVar = 6
 
     stage: Literal["deformation"] = "deformation"
     keep: Keep = keeping("always")
@@ -108,7 +108,7 @@ class Deformation(Node):
         from dicflow.core.cameras.frames import LEFT_CAMERA, compose_frames
         from dicflow.core.strain.parts_gradient import gradient_of_parts
         from dicflow.core.tensors import upper_triangle
-        from dicflow.core.uncertainty.covariance import joint_covariance, points_in_frame
+        from dicflow.core.uncertainty.covariance import joint_covariance, points_in_frame, with_errors
 
         axes = LEFT_CAMERA if frame is None else ResultFrame.read(frame).axes
         step = Points.read(points)
@@ -118,7 +118,8 @@ class Deformation(Node):
         motion = self._motion(before, after)
         along = _moving_frame(motion)
         after = points_in_frame(after, along)
-        covariance = joint_covariance(after, before, first.template)
+        before = with_errors(before, after.sensitivity.shape[-1])
+        covariance = joint_covariance(after, before, step.template)
         errors = _errors_by_shape(covariance, step, first, (axes, along))
         window = self._window(first)
         surface = gradient_of_parts(
@@ -274,12 +275,12 @@ def _errors_by_shape(
     from dicflow.core.uncertainty.overlap import overlap
 
     grid = (first.grid.subset_size, first.grid.step_size)
-    own: Any = first.left_shape_function
-    other: Any = first.grid.shape_function
+    own: Any = step.left_shape_function
+    other: Any = step.grid.shape_function
     if own == other:
         return {own: ErrorShare(covariance, overlap(*grid, own))}
     after, before = (points_in_frame(points.measured_by_left(), frames[0]) for points in (step, first))
-    left = joint_covariance(points_in_frame(after, frames[1]), before, first.template[..., :2, :2])
+    left = joint_covariance(points_in_frame(after, frames[1]), before, step.template[..., :2, :2])
     return {own: ErrorShare(left, overlap(*grid, own)), other: ErrorShare(covariance - left, overlap(*grid, other))}
 
 

@@ -9,6 +9,7 @@ from pydantic import AfterValidator, BaseModel, BeforeValidator, ConfigDict, Fie
 
 from dicflow.engine.node import At, InputFile, Node, Port, Scope, parameter
 from dicflow.engine.product import Product
+from dicflow.engine.share import free_threads
 from dicflow.errors import StageError
 from dicflow.kinds.images import Images
 from dicflow.kinds.region import Region as RegionProduct
@@ -233,7 +234,7 @@ def _background(photographs: Images, early: Iterable[Images], texture: Texture) 
 
     hidden = _hidden(photographs, texture)
     seen = speckled_points(texture) & ~hidden
-    still = still_background(photographs.left, (later.left for later in early), seen)
+    still = still_background(photographs.left, [later.left for later in early], seen, free_threads())
     return hidden if still is None else hidden | still
 
 

@@ -194,6 +194,17 @@ def test_a_queue_gives_what_can_begin_in_order(folder):
     assert popped(queue) == ["clip/step_02", "clip/step_05"]
 
 
+def test_near_the_end_a_queue_gives_those_with_most_behind_them(folder, monkeypatch):
+    """The reading of three steps, each clipped, comes before clips whose readings have ended."""
+    outcomes = {"read/step_01": None}
+    jobs = [job for job in jobs_of(clipped(folder, 1.0)) if job.task.name not in outcomes]
+    first = ["clip/step_01", "read/step_02"]
+    monkeypatch.setattr(job_queue, "_END", 1)
+    assert popped(JobQueue(iter(jobs), outcomes))[:2] == sorted(first, key=[job.task.name for job in jobs].index)
+    monkeypatch.undo()
+    assert popped(JobQueue(iter(jobs), outcomes)) == [*(f"read/step_0{n}" for n in range(2, 7)), "clip/step_01"]
+
+
 def test_a_queue_looks_ahead_so_far(folder, monkeypatch):
     monkeypatch.setattr(job_queue, "_AHEAD", 3)
     queue = JobQueue(iter(jobs_of(clipped(folder, 1.0))), {})

@@ -24,6 +24,7 @@ from dicflow.core.correlation.subsets import Subset
 from dicflow.core.correlation.template import Template
 from dicflow.core.photographs.interpolate import Spline
 from dicflow.core.tensors import upper_triangle
+from dicflow.core.threads import over
 
 __all__ = ["PlaceCovariances", "misfit_covariance", "place_covariances"]
 
@@ -51,7 +52,14 @@ class PlaceCovariances(NamedTuple):
 
 
 def misfit_covariance(
-    reference: Template, target: Spline, centres: Array, warp: Array, subset: Subset, unit: Array, noise: Array
+    reference: Template,
+    target: Spline,
+    centres: Array,
+    warp: Array,
+    subset: Subset,
+    unit: Array,
+    noise: Array,
+    threads: int = 1,
 ) -> Array:
     """Covariance (rows, cols, 3) of the places of a grid of subsets by misfit beyond the noise [px² of the template].
 
@@ -66,7 +74,7 @@ def misfit_covariance(
     rows, cols = centres[::stride, ::stride].shape[:2]
     sampled = [part[::stride, ::stride].reshape(-1, *part.shape[2:]) for part in (centres, warp, noise)]
     whole_pixels = np.nan_to_num(sampled[0]).astype(np.int64)
-    residual, white = place_covariances(reference, target, whole_pixels, sampled[1], subset)
+    residual, white = place_covariances(reference, target, whole_pixels, sampled[1], subset, threads)
     scale = np.sqrt(np.diagonal(white, axis1=1, axis2=2))
     excess = (residual - sampled[2][:, None, None] * white) / (scale[:, :, None] * scale[:, None])
     doubled_error = 2.0 * _standard_error(excess)
@@ -96,7 +104,7 @@ def _smooth(values: Array) -> Array:
 
 
 def place_covariances(
-    reference: Template, target: Spline, centres: Index, warp: Array, subset: Subset
+    reference: Template, target: Spline, centres: Index, warp: Array, subset: Subset, threads: int = 1
 ) -> PlaceCovariances:
     """Covariances of the places of subsets, by their residuals and for white noise.
 
@@ -107,8 +115,11 @@ def place_covariances(
     limits = np.array(reference.grey.shape[::-1]) - half
     inside = np.asarray((centres >= half) & (centres < limits)).all(axis=1)
     whole = np.flatnonzero(inside & np.isfinite(warp).all(axis=(1, 2)))
-    for part in np.array_split(whole, max(1, len(whole) // _CHUNK)) if len(whole) else ():
+
+    def compute(part: Index) -> None:
         found.residual[part], found.noise[part] = _inside(reference, target, centres[part], warp[part], subset)
+
+    over(threads, compute, np.array_split(whole, max(1, len(whole) // _CHUNK)) if len(whole) else ())
     return found
 
 

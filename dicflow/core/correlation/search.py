@@ -184,7 +184,8 @@ def judge(
     if search.counts_misfit:
         unit, variance = 0.5 * congruent(inverse(slope), field.covariance), search.noise**2 * (1.0 + target_noise)
         common = np.where((edge_variance > 0.0)[..., None, None], np.nan, field.warp)
-        misfit = misfit_covariance(*pair, centres - reference.origin, common, search.subset, unit, variance)
+        places = centres - reference.origin
+        misfit = misfit_covariance(*pair, places, common, search.subset, unit, variance, search.threads)
         covariance = covariance + congruent(slope, misfit + edge_variance[..., None] * np.array([1.0, 0.0, 1.0]))
     warp = chained(reference.warp, field.warp, centres)
     routes = np.where(field.status == Status.VALID, route, 0).astype(np.uint8)

@@ -10,7 +10,7 @@ background.
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import cv2
@@ -22,6 +22,7 @@ from dicflow.core.matching.features import detect
 from dicflow.core.matching.pairs import agreeing_matches, local_motion, match_features
 from dicflow.core.photographs.grey import reduced, scale_for, to_8bit
 from dicflow.core.photographs.texture import speckle_size
+from dicflow.core.threads import over
 
 __all__ = ["MIN_MOTION_PX", "Motion", "estimate_motion", "still_background", "still_part"]
 
@@ -86,19 +87,24 @@ class _Borders(NamedTuple):
     inward: Array
 
 
-def still_background(first: Grey, later: Iterable[Grey], textured: Mask) -> Mask | None:
+def still_background(first: Grey, later: Sequence[Grey], textured: Mask, threads: int = 1) -> Mask | None:
     """Points of the pattern that are background, (rows, cols) bool; None where the motion is too small to tell.
 
     first : (height, width); a large photograph, and one of a coarse pattern, is reduced first
     later : photographs of this size, of which the first with enough motion counts
+    threads : so many of them are looked at at once
     textured : (rows, cols) — points that show a pattern, on a grid over the whole photograph
     """
     scale = _working_scale(first, textured)
     before = reduced(to_8bit(first), scale)
     size = len(range(0, before.shape[1], _GRID_PX)), len(range(0, before.shape[0], _GRID_PX))
     seen = cv2.resize(textured.astype(np.uint8), size, interpolation=cv2.INTER_NEAREST) > 0
-    motions = (estimate_motion(before, reduced(to_8bit(image), scale), seen) for image in later)
-    found = next((part for part in (still_part(motion, seen) for motion in motions) if part is not None), None)
+
+    def still(image: Grey) -> Mask | None:
+        return still_part(estimate_motion(before, reduced(to_8bit(image), scale), seen), seen)
+
+    at_once = (over(threads, still, later[k : k + threads]) for k in range(0, len(later), threads))
+    found = next((part for parts in at_once for part in parts if part is not None), None)
     if found is None:
         return None
     wide = cv2.dilate(found.astype(np.uint8), _SQUARE) if scale < 1.0 else found.astype(np.uint8)
@@ -112,31 +118,27 @@ def estimate_motion(first: Bytes, later: Bytes, textured: Mask) -> Motion:
 
     textured : points that show a pattern
     """
-    rows, cols = (np.arange(0, side, _GRID_PX, dtype=np.float32) for side in first.shape)
-    places = np.stack(np.meshgrid(cols, rows), axis=-1)
-    motion = _dense_motion(first, later, places, None)
+    motion = _dense_motion(first, later, None)
     lost = textured & ~motion.known
     inner = cv2.erode(lost.astype(np.uint8), _SQUARE)  # a band along the edges is always lost
     if np.count_nonzero(inner) > _MAX_LOST_SHARE * np.count_nonzero(textured):
-        again = _dense_motion(first, later, places, _motion_of_features(first, later, places, lost))
+        again = _dense_motion(first, later, _motion_of_features(first, later, lost))
         better = again.known & ~motion.known
         motion = Motion(np.where(better[..., None], again.shift, motion.shift), motion.known | again.known)
     return motion
 
 
-def _dense_motion(before: Bytes, after: Bytes, places: Image, start: Image | None) -> Motion:
-    """Motion at places (rows, cols, 2), from a start (height, width, 2) at every pixel [px]."""
+def _dense_motion(before: Bytes, after: Bytes, start: Image | None) -> Motion:
+    """Motion on the grid, from a start (height, width, 2) at every pixel [px]."""
     search = cv2.DISOpticalFlow.create(cv2.DISOPTICAL_FLOW_PRESET_MEDIUM)
     search.setUseSpatialPropagation(False)  # its result depends on the number of threads
     flow = search.calc(before, after, start)
-    y, x = np.mgrid[: before.shape[0], : before.shape[1]].astype(np.float32)
-    moved = cv2.remap(after, x + flow[..., 0], y + flow[..., 1], cv2.INTER_LINEAR)
-    agree = (_local_correlation(before, moved) >= _MIN_CORRELATION).astype(np.float32)
-    shift = cv2.remap(flow, places, None, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
-    return Motion(shift, cv2.remap(agree, places, None, cv2.INTER_NEAREST, borderMode=cv2.BORDER_REPLICATE) > 0.5)
+    rows, cols = (np.arange(side, dtype=np.float32) for side in before.shape)
+    moved = cv2.remap(after, cols + flow[..., 0], rows[:, None] + flow[..., 1], cv2.INTER_LINEAR)
+    return Motion(flow[::_GRID_PX, ::_GRID_PX], _local_correlation(before, moved) >= _MIN_CORRELATION)
 
 
-def _motion_of_features(before: Bytes, after: Bytes, places: Image, lost: Mask) -> Image | None:
+def _motion_of_features(before: Bytes, after: Bytes, lost: Mask) -> Image | None:
     """Motion (height, width, 2) at every pixel, interpolated from features in the lost part; None with too few."""
     one, other = (detect(image, _DETECTOR, upright=False, max_features=_MAX_FEATURES) for image in (before, after))
     found = match_features(one, other)
@@ -147,7 +149,8 @@ def _motion_of_features(before: Bytes, after: Bytes, places: Image, lost: Mask) 
     keep = agreeing_matches(source, target)
     if np.count_nonzero(keep) < _MIN_NEIGHBOURS:
         return None
-    coarse = places.reshape(-1, 2).astype(float)
+    places = np.stack(np.meshgrid(*(np.arange(0.0, side, _GRID_PX) for side in before.shape[::-1])), axis=-1)
+    coarse = places.reshape(-1, 2)
     motion = local_motion(source[keep], target[keep], coarse).position - coarse
     size = before.shape[::-1]
     return np.asarray(cv2.resize(motion.reshape(places.shape).astype(np.float32), size, interpolation=cv2.INTER_LINEAR))
@@ -276,8 +279,11 @@ def _working_scale(image: Grey, textured: Mask) -> float:
 
 
 def _local_correlation(one: Bytes, other: Bytes) -> Image:
-    """Zero-mean normalised cross-correlation of the windows around each pixel of two images."""
+    """Zero-mean normalised cross-correlation of the windows of two images around each point of the grid."""
     a, b = one.astype(np.float32), other.astype(np.float32)
-    mean_a, mean_b, ab, aa, bb = (cv2.blur(values, (_WINDOW_PX, _WINDOW_PX)) for values in (a, b, a * b, a * a, b * b))
+    products = (a, b, a * b, a * a, b * b)
+    mean_a, mean_b, ab, aa, bb = (
+        cv2.blur(values, (_WINDOW_PX, _WINDOW_PX))[::_GRID_PX, ::_GRID_PX] for values in products
+    )
     size = np.sqrt(np.maximum(aa - mean_a**2, 1e-3) * np.maximum(bb - mean_b**2, 1e-3))
     return np.asarray((ab - mean_a * mean_b) / size)

@@ -15,7 +15,7 @@ from typing import Any, NamedTuple
 import cv2
 import numpy as np
 
-from dicflow.core.arrays import Array, Grey, Image, Index, Mask
+from dicflow.core.arrays import Array, Bytes, Grey, Image, Index, Mask
 from dicflow.core.matching.pairs import agreeing_matches, local_motion
 
 __all__ = ["Peak", "correlation_peak", "fft_matches"]
@@ -202,11 +202,24 @@ def _window_centres(usable: Mask, side: int, count: int) -> Array:
     Where not even half of any window is usable, the centre of the one with most usable pixels.
     """
     left, top, width, height = cv2.boundingRect(usable.view(np.uint8))
-    part = usable[top : top + height, left : left + width].astype(np.float32)
-    share = cv2.blur(part, (side, side), borderType=cv2.BORDER_CONSTANT)
+    part = usable[top : top + height, left : left + width].astype(np.uint8)
     step = max(side // 2, int(np.sqrt(part.sum() / count)))
-    rows, cols = np.nonzero(share[step // 2 :: step, step // 2 :: step] >= 0.5)
+    share = _window_shares(part, side, step)
+    rows, cols = np.nonzero(share >= 0.5)
     if len(rows) == 0:
+        share = cv2.blur(part.astype(np.float32), (side, side), borderType=cv2.BORDER_CONSTANT)
         y, x = np.unravel_index(int(share.argmax()), share.shape)
         return np.array([[left + x, top + y]], dtype=np.float64)
     return np.asarray(np.stack([cols, rows], axis=-1).astype(np.float64) * step + step // 2 + (left, top))
+
+
+def _window_shares(usable: Bytes, side: int, step: int) -> Array:
+    """Usable share of the windows around the middles of squares of ``step`` px."""
+    sums = cv2.integral(usable)
+    edges = [
+        [np.clip(np.arange(step // 2, length, step) + offset, 0, length) for offset in (-(side // 2), side - side // 2)]
+        for length in usable.shape
+    ]
+    (top, bottom), (left, right) = edges
+    inside = sums[np.ix_(bottom, right)] - sums[np.ix_(top, right)] - sums[np.ix_(bottom, left)]
+    return np.asarray((inside + sums[np.ix_(top, left)]) / side**2)
