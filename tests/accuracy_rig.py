@@ -143,12 +143,13 @@ def _unmended(result: Result, rig: Rig) -> np.ndarray:
     return np.sqrt(np.nanmean(errors**2, axis=(0, 1)))
 
 
-def _print(name: str, before: np.ndarray, found: Measured) -> np.ndarray:
+def _print(name: str, before: np.ndarray | None, found: Measured) -> np.ndarray:
     """Print a bump; returns the errors over their σ, root mean squares (6,) of both."""
     after, stated = (np.sqrt((part**2).mean(axis=0)) for part in found)
     print(f"{name:12}{'':8}" + "".join(f"{quantity:>9}" for quantity in QUANTITIES))
     for label, values in (("before", before), ("mended", after), ("σ", stated)):
-        print(f"{'':12}{label:8}" + "".join(f"{1e3 * value:9.1f}" for value in values))
+        if values is not None:
+            print(f"{'':12}{label:8}" + "".join(f"{1e3 * value:9.1f}" for value in values))
     return np.asarray(after / stated)
 
 
@@ -168,13 +169,14 @@ def d_specimen() -> Iterator[Figure]:
     true = values(reference.product("total", -1))
     print("\nd specimen with its rig turned: difference from the rig as it is, and σ stated [µm]")
     worst = []
-    for name, bump in BUMPS.items():
+    for name in ("none", "about x", "about y", "about z"):
+        bump = BUMPS[name]
         file = WORK / f"d_{name.replace(' ', '_')}.json"
         write_rig(file, bumped(rig.cameras, *bump))
         text = given.replace("reference/points_0273_rig.yaml", str(file)).replace("  stereo:", f"{MEND}  stereo:")
         result = run_text("d_bumped", text, folder)
         found = _errors(result.product("total", -1), true)
-        worst.append(_print(name, np.full(6, np.nan), found))
+        worst.append(_print(name, None, found))
         print(f"{'':12}{CalibratedRig.read(result.product('mended')).verdict}")
     for quantity, ratio in zip(QUANTITIES, np.max(worst, axis=0), strict=True):
         yield Figure(f"d specimen, rig turned: largest difference in {quantity} over its σ", float(ratio), 2.0)

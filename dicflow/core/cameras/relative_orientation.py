@@ -14,7 +14,8 @@ as far. τ is averaged over its evidence (MacKay 1992, "Bayesian interpolation")
 without notice: a motion that the points do not show leaves no trace in the rest. What they do not show stays as
 calibrated, with this uncertainty. The length of the baseline is always of that kind: with twice as long a one, all
 points are as near to their lines. Coefficients of the distortion that were not estimated are as uncertain as real
-lenses make them: decentring by a tenth of a pixel in the corners looks as a turn does.
+lenses make them, since decentring by a tenth of a pixel in the corners looks as a turn does. They stay as they are:
+what they do along the lines the points do not show (the consider parameters of Schmidt 1966).
 """
 
 from __future__ import annotations
@@ -169,7 +170,8 @@ def refine_rig(
         raise ValueError(f"a rig needs {MIN_POINTS} matched points, found {len(points.left)}")
     size = len(PARAMETERS)
     calibration = np.zeros((size, size)) if covariance is None else covariance
-    known = np.hstack([error_modes(calibration), _unmodelled(rig, calibration), _freed(rig, freed)])
+    lenses = _unmodelled(rig, calibration)
+    known = np.hstack([error_modes(calibration), lenses, _freed(rig, freed)])
     moved, blocks = _unit_motion(rig, points), _blocks(points.left)
     motion, step = _FIRST_TURN, np.zeros(size)
     for _ in range(_ROUNDS):
@@ -180,15 +182,19 @@ def refine_rig(
             break
     modes = np.hstack([known, motion * moved])
     fit, step = _fitted(rig, points, blocks, modes, step)
+    apparent_turn = _apparent_turn(fit, step, motion)
+    kept = np.flatnonzero(lenses.any(axis=1))
+    prior, covariance = modes @ modes.T, _posterior(_decomposed(fit, modes))
+    step[kept], covariance[np.ix_(kept, kept)] = 0.0, prior[np.ix_(kept, kept)]
     return Refined(
-        fit.rig,
-        _posterior(_decomposed(fit, modes)),
-        modes @ modes.T,
+        rig_after_step(rig, step),
+        covariance,
+        prior,
         motion,
         float(evidence.max() - evidence[0]),
         float(np.sqrt(fit.variance)),
         fit.residual,
-        float(np.degrees(np.linalg.norm(_apparent_turn(fit, step, motion)))),
+        float(np.degrees(np.linalg.norm(apparent_turn))),
     )
 
 
