@@ -126,6 +126,6 @@ def test_the_stereo_stage_says_that_a_camera_was_bumped():
         stereo(bumped(turn=(TURN, 0, 0)))
     product = stereo(bumped(turn=(0.03 * TURN, 0, 0)))
     (warning,) = product.warnings
-    assert "as after a bump" in warning
+    assert "as after a turn of the right camera by 0.0031°" in warning
     assert "{stage: refine, images: photos, rig: rig}" in warning
     assert not stereo(RIG).warnings
