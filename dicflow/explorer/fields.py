@@ -281,7 +281,7 @@ class ShapeFields:
 
     def _carried(self, pixels: Array) -> Array | None:
         """Pixels of the rectified left image in the left photograph; None without a rig."""
-        for stage in self._result.stages_of("rig"):
+        for stage in reversed(self._result.stages_of("rig")):
             try:
                 rig = CalibratedRig.read(self._result.product(stage, None, self._variant)).cameras
             except DicflowError:
