@@ -17,6 +17,7 @@ from dicflow.pipeline import Result
 from tests import accuracy_photographs, accuracy_scenes, accuracy_stereo
 from tests.accuracy_coverage import coverage
 from tests.accuracy_planar import planar
+from tests.accuracy_rig import bumped_rigs
 from tests.accuracy_rigid import rigid_motions
 from tests.bars import Figure
 from tests.data_folder import SHARED
@@ -170,6 +171,7 @@ def main() -> int:
         *detectors(),
         *planar(),
         *rigid_motions(),
+        *bumped_rigs(),
         *coverage(),
         *accuracy_stereo.replicas(),
         *accuracy_scenes.scenes(),

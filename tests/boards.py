@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
+from dicflow.core.calibration.bundle import LensModel, covariance
+from dicflow.core.calibration.poses import fitted_boards
 from dicflow.core.calibration.targets import board_points
 from dicflow.core.cameras.camera import Camera, Rig, project, rotation_matrix, to_right
 
@@ -34,12 +36,18 @@ def swapped(rig: Rig) -> Rig:
 
 
 def board_corners(
-    rig: Rig, count: int = 12, seed: int = 3, board: np.ndarray | None = None, bend_mm: np.ndarray | float = 0.0
+    rig: Rig,
+    count: int = 12,
+    seed: int = 3,
+    board: np.ndarray | None = None,
+    bend_mm: np.ndarray | float = 0.0,
+    reach: float = 1.0,
 ) -> tuple[np.ndarray, np.ndarray]:
     """Corners (count, m, 2) of boards in all places and tilts, as both cameras see them [px].
 
     board : (m, 3) — the marks of another target [mm]
     bend_mm : sagitta of a cylinder along the rows, of each board or of all
+    reach : how far from the middle the boards stand, over 20 mm
     """
     generator = np.random.default_rng(seed)
     board = board_points(SIZE, SQUARE_MM) if board is None else board
@@ -48,11 +56,22 @@ def board_corners(
     left, right = [], []
     for bend in np.broadcast_to(bend_mm, count):
         turn = rotation_matrix(generator.uniform([-0.5, -0.5, -0.3], [0.5, 0.5, 0.3]))
-        place = generator.uniform([-20.0, -15.0, 380.0], [20.0, 15.0, 430.0])
+        place = generator.uniform([-20.0 * reach, -15.0 * reach, 380.0], [20.0 * reach, 15.0 * reach, 430.0])
         points = (board + bend * bow) @ turn.T + place
         left.append(project(rig.left, points))
         right.append(project(rig.right, to_right(rig, points)))
     return np.stack(left), np.stack(right)
+
+
+def calibration_covariance(rig: Rig, scale: float = 1.0, noise_px: float = 0.05, count: int = 20) -> np.ndarray:
+    """Covariance (24, 24) of a rig calibrated with boards whose corners have noise. scale : of the boards"""
+    board = scale * board_points(SIZE, SQUARE_MM)
+    board = board - board.mean(axis=0)
+    corners = board_corners(rig, count, board=board, reach=scale)
+    bundle = fitted_boards(rig, board, *corners)
+    generator = np.random.default_rng(0)
+    noisy = [xy + generator.normal(0.0, noise_px, xy.shape) for xy in corners]
+    return covariance(bundle, board, *noisy, LensModel(2, tangential=True))
 
 
 def board_photograph(

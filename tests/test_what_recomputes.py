@@ -23,12 +23,12 @@ THESIS = {
 RECOMPUTES = {
     "core.calibration": "calibrate corners",
     "core.cameras": "accumulate calibrate compare deformation disparity frame maps noise_floor probes reconstruct "
-    "rectify region rig_file stereo triangulate undistort",
-    "core.correlation": "correlate match stereo track triangulate",
-    "core.matching": "calibrate corners correlate disparity displacement features match region stereo track "
+    "rectify refine region rig_file stereo triangulate undistort",
+    "core.correlation": "correlate match refine stereo track triangulate",
+    "core.matching": "calibrate corners correlate disparity displacement features match refine region stereo track "
     "triangulate",
-    "core.photographs": "compare corners correlate disparity displacement features images probes reconstruct region "
-    "stereo track triangulate",
+    "core.photographs": "compare corners correlate disparity displacement features images probes reconstruct refine "
+    "region stereo track triangulate",
     "core.probes": "frame probes",
     "core.strain": "accumulate deformation probes strain",
     "core.surfaces": "accumulate compare deformation displacement fill probes reconstruct smooth strain surface",

@@ -6,7 +6,7 @@ from collections.abc import Callable, Mapping
 from contextlib import suppress
 from typing import Any
 
-from dicflow.app import document, drawing, explored, folder, pictures, results, stages, versions
+from dicflow.app import document, drawing, explored, folder, pictures, results, sides, stages, versions
 from dicflow.app.plans import plan_of
 from dicflow.app.project import Project
 from dicflow.app.runs import Runs
@@ -252,11 +252,16 @@ def _clean(desk: Desk, asked: Asked) -> Any:
 
 
 def _explore(desk: Desk, asked: Asked) -> Any:
-    """A result for the explorer; its blobs and photographs are asked for by name."""
-    wanted = explored.Asked(str(asked["file"]), int(asked.get("variant", 0)), int(asked["steps"]))
+    """A result for the explorer, or a difference; its blobs and photographs are asked for by name."""
+    minus = None if asked.get("minus") is None else _side(asked["minus"])
+    wanted = explored.Asked(_side(asked), minus, int(asked["steps"]))
     found = desk.fields.do(explored.opened, desk.project, wanted)
     desk.opened[found["view"]] = wanted
     return found
+
+
+def _side(asked: Asked) -> explored.Side:
+    return explored.Side(str(asked["file"]), int(asked.get("variant", 0)), str(asked.get("run", "")))
 
 
 def _survey(desk: Desk, asked: Asked) -> Any:
@@ -271,6 +276,10 @@ def _curve(desk: Desk, asked: Asked) -> Any:
     key = str(asked["view"])
     wanted = (key, str(asked["quantity"]), int(asked["point"]))
     return desk.fields.do(explored.curve, desk.project, desk.view(key), *wanted)
+
+
+def _sides(desk: Desk, asked: Asked) -> Any:
+    return sides.sides_of(desk.project, str(asked["file"]))
 
 
 def _written(desk: Desk, asked: Asked) -> Any:
@@ -330,6 +339,7 @@ ANSWERS: Mapping[str, Callable[[Desk, Asked], Any]] = {
     "explore": _explore,
     "survey": _survey,
     "curve": _curve,
+    "sides": _sides,
     "written": _written,
     "formats": _formats,
     "facts": _facts,

@@ -42,7 +42,7 @@ def calibration_of(project: Project, name: str, text: str) -> dict[str, Any]:
     rigs = [stage for stage, instance in names.items() if graph.stages[instance].node.gives == "rig"]
     if not rigs:
         raise ConfigurationError("this pipeline has no calibration: it measures with one camera, in pixels")
-    stage = rigs[-1]
+    stage = next((name for name in rigs if "corners" in graph.stages[names[name]].node.takes), rigs[-1])
     maker = Maker(graph, pipeline.plan("ignore"), pipeline.store)
     rig = CalibratedRig.read(maker.product(names[stage]))
     known: dict[str, Any] = {"stage": stage, "verdict": rig.verdict, "summary": dict(rig.summary)}

@@ -16,17 +16,19 @@ from dicflow.app.kept import keep_newest
 from dicflow.app.project import Project
 from dicflow.errors import InputError
 from dicflow.explorer.content import Keep, spread
+from dicflow.explorer.differences import DifferenceFields, obstacle
+from dicflow.explorer.fields import FieldSource, field_source
 from dicflow.explorer.on_demand import OnDemand
-from dicflow.explorer.reading import read_result, surveyed
+from dicflow.explorer.reading import read_source, surveyed
 from dicflow.io.files import write_whole
 from dicflow.pipeline import Pipeline, Result
 from dicflow.report.pieces import Pieces
 from dicflow.views.source_digest import source_digest
 
-__all__ = ["Asked", "curve", "is_photograph", "make", "opened", "place_of", "survey"]
+__all__ = ["Asked", "Side", "curve", "is_photograph", "make", "opened", "place_of", "survey"]
 
-_KEPT = 2
-"""Results that stay open, as two are seen side by side."""
+_KEPT = 3
+"""Results that stay open, as two are seen side by side, and their difference."""
 _KEPT_ON_DISK = 8
 """Results whose blobs and photographs are kept."""
 _MOMENT_S = 0.06
@@ -35,15 +37,27 @@ _NAME = re.compile(r"[0-9a-f]{32}/(first|[0-9]{1,6}_[0-9]{1,3}|(first|[0-9]{1,6}
 _LAYERS = ("core", "explorer", "kinds", "views")
 
 
-class Asked(NamedTuple):
-    """Which result is asked for.
+class Side(NamedTuple):
+    """A result by the names that a page gives.
 
-    file : the pipeline file; variant : of its sweep
-    most_steps : that are shown, evenly from the first to the last
+    file : a pipeline file; variant : of its sweep
+    run : id of an earlier run in its store, of any pipeline; "" for what the settings of the file give now
     """
 
     file: str
-    variant: int
+    variant: int = 0
+    run: str = ""
+
+
+class Asked(NamedTuple):
+    """Which fields are asked for.
+
+    minus : what is subtracted, point by point; None for nothing
+    most_steps : that are shown, evenly from the first to the last
+    """
+
+    side: Side
+    minus: Side | None
     most_steps: int
 
 
@@ -60,16 +74,20 @@ def is_photograph(name: str) -> bool:
 
 
 def opened(project: Project, asked: Asked) -> dict[str, Any]:
-    """A result for the page: the newest products of the settings, also while a run makes them.
+    """A result for the page: the newest products of the settings, also while a run makes them, or those of a run.
 
-    ``view``: key of what its manifest names, ``manifest``: None if no step has fields; ``variants``: values of each;
-    ``steps``: how many steps have fields; ``notes``: sentences on where the products come from.
+    ``view``: key of what its manifest names, ``manifest``: None if there are no fields; ``variants``: values of each;
+    ``steps``: how many steps have fields; ``notes``: sentences on where the products come from; ``problem``: why two
+    results have no difference.
     """
-    pipeline = Pipeline.load(project.path(asked.file), data=project.data, store=project.store)  # with new photographs
-    result = pipeline.result()
+    result, title = _result(project, asked.side)
     variants = [{name: str(value) for name, value in one.items()} for one in result.values]
     found: dict[str, Any] = {"view": "", "manifest": None, "variants": variants, "steps": 0, "notes": [*result.notes]}
-    view = _view(project, result.variant(asked.variant), pipeline.title, asked.most_steps)
+    result = result.variant(asked.side.variant)
+    source = field_source(result)
+    if source is not None and asked.minus is not None:
+        source, found["problem"] = _difference(project, source, asked.minus)
+    view = None if source is None else _view(project, result, source, title, asked.most_steps)
     if view is None:
         return found
     key = hashlib.sha256(f"{_code()} {view.key}".encode()).hexdigest()[:32]
@@ -83,12 +101,29 @@ def opened(project: Project, asked: Asked) -> dict[str, Any]:
     return {**found, "view": key, "manifest": view.manifest(), "steps": view.measured}
 
 
+def _result(project: Project, side: Side) -> tuple[Result, str]:
+    """All variants of a result, and the title of its pipeline."""
+    pipeline = Pipeline.load(project.path(side.file), data=project.data, store=project.store)  # with new photographs
+    if side.run:
+        return pipeline.past_result(side.run), pipeline.title
+    return pipeline.result(), pipeline.title
+
+
+def _difference(project: Project, source: FieldSource, minus: Side) -> tuple[FieldSource | None, str]:
+    """Fields minus those of another result; None and the reason where they have no difference."""
+    other = field_source(_result(project, minus)[0].variant(minus.variant))
+    if other is None:
+        return None, "One of them has no fields."
+    problem = obstacle(source, other)
+    return None if problem else DifferenceFields(source, other), problem
+
+
 _views: dict[str, OnDemand] = {}
 """Results that are open in this process by key, the last used one last."""
 
 
-def _view(project: Project, result: Result, title: str, most_steps: int) -> OnDemand | None:
-    reading = read_result(result, _surveys(project), most_steps)
+def _view(project: Project, result: Result, source: FieldSource, title: str, most_steps: int) -> OnDemand | None:
+    reading = read_source(result, source, _surveys(project), most_steps)
     return None if reading is None else OnDemand(reading, title, lambda _sources, make: make())
 
 
@@ -131,7 +166,7 @@ def _open(project: Project, asked: Asked, key: str) -> OnDemand:
     if key not in _views:
         opened(project, asked)
     if key not in _views:
-        raise InputError(asked.file, "has other results by now", "open the screen again")
+        raise InputError(asked.side.file, "has other results by now", "open the screen again")
     return _views[key]
 
 

@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 
     from dicflow.core.uncertainty.agreement import Agreement
 
-__all__ = ["Comparison", "Difference", "compare"]
+__all__ = ["Comparison", "Difference", "changes_of", "compare"]
 
 _SAME_PLACE_PX = 1e-6
 
@@ -90,7 +90,7 @@ def compare(a: Side, b: Side, steps: Sequence[str] = (), quantities: Sequence[st
         names = _quantities(one, other, quantities)
         found += list(_differences(step, one, other, names))
         notes |= dict.fromkeys(_notes(one, other, names))
-    return Comparison(a.label, b.label, _changes(a.settings, b.settings), tuple(found), tuple(notes))
+    return Comparison(a.label, b.label, changes_of(a.settings, b.settings), tuple(found), tuple(notes))
 
 
 def _steps(a: Side, b: Side, selected: Sequence[str]) -> tuple[str, ...]:
@@ -198,13 +198,15 @@ def _notes(a: Field, b: Field, names: Sequence[str]) -> Iterator[str]:
         yield f"Only {'A' if have_sigma[0] else 'B'} has a σ; the share outside uses that one alone."
 
 
-def _changes(a: Mapping[str, Any] | None, b: Mapping[str, Any] | None) -> tuple[Change, ...] | None:
-    """Differences of the settings; a stage that only one side has is one entry."""
+def changes_of(
+    a: Mapping[str, Any] | None, b: Mapping[str, Any] | None, names: tuple[str, str] = ("A", "B")
+) -> tuple[Change, ...] | None:
+    """Differences of the settings; a stage that only one side has is one entry. names : of the sides"""
     if a is None or b is None:
         return None
     alone = [
-        Change("stage", f"stage {name} ({side[name]['stage']}) only in {letter}")
-        for letter, side, other in (("A", a, b), ("B", b, a))
+        Change("stage", f"stage {name} ({side[name]['stage']}) only in {owner}")
+        for owner, side, other in ((names[0], a, b), (names[1], b, a))
         for name in side
         if name not in other
     ]

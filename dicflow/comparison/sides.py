@@ -22,14 +22,14 @@ from dicflow.kinds.track import Track
 from dicflow.pipeline.pipeline import Pipeline
 from dicflow.pipeline.places import to_left_photograph
 from dicflow.pipeline.recipes import run_refs
-from dicflow.pipeline.resolved import kept_settings
+from dicflow.pipeline.resolved import instances_of, kept_settings
 
 if TYPE_CHECKING:
     import numpy as np
 
     from dicflow.io.points_table import PointTable
 
-__all__ = ["Field", "MeasuredSide", "Side", "TableSide", "open_sides"]
+__all__ = ["Field", "MeasuredSide", "Side", "TableSide", "open_sides", "settings_of"]
 
 _NUMBERED = re.compile(r"(.+)#(\d+)")
 Names = tuple[str, str | None]
@@ -210,7 +210,7 @@ def _parted(text: str) -> tuple[str, int]:
 
 def _pipeline_side(text: str, variant: int, pipeline: Pipeline) -> MeasuredSide:
     result, resolved = pipeline.result(), pipeline.resolved()
-    settings = _settings(text, resolved, variant)
+    settings = settings_of(text, resolved, variant)
     tasks = [(stage, step) for stage in result.stages for step in result.steps(stage) or (None,)]
     refs = {
         (stage, step): result.ref(stage, step, variant) for stage, step in tasks if result.has(stage, step, variant)
@@ -222,8 +222,8 @@ def _pipeline_side(text: str, variant: int, pipeline: Pipeline) -> MeasuredSide:
 def _run_side(text: str, name: str, variant: int, store: Store) -> MeasuredSide:
     run: RunInfo = find_run(store, name)
     resolved = kept_settings(run)
-    settings = _settings(text, resolved, variant)
-    instances = _instances(resolved)[variant]
+    settings = settings_of(text, resolved, variant)
+    instances = instances_of(resolved)[variant]
     tasks = [(*task.partition("/")[::2], ref) for task, ref in run_refs(store, run).items()]
     refs = {
         (stage, step or None): ref
@@ -251,14 +251,9 @@ def _stage_of(store: Store, refs: Mapping[Names, Ref], kind: str) -> str | None:
     return None
 
 
-def _instances(resolved: Mapping[str, Any]) -> list[Mapping[str, str]]:
-    """Per variant the stage of the graph for each stage of the file, also of runs that did not keep it."""
-    return list(resolved.get("instances") or [{name: name for name in resolved["stages"] if "@" not in name}])
-
-
-def _settings(text: str, resolved: Mapping[str, Any], variant: int) -> dict[str, Any]:
+def settings_of(text: str, resolved: Mapping[str, Any], variant: int) -> dict[str, Any]:
     """Parameters and inputs of a variant's stages, all by their names in the file."""
-    variants = _instances(resolved)
+    variants = instances_of(resolved)
     if not 0 <= variant < len(variants):
         raise ConfigurationError(
             f"{text}: there are {len(variants)} variants, counted from 1; write one of them behind #"

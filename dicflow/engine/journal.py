@@ -264,7 +264,9 @@ def find_run(store: Store, name: str = "latest", pipeline: str | None = None) ->
     for run in runs(store):
         if name in ("latest", run.id) and pipeline in (None, run.pipeline):
             return run
-    raise StoreError(f"{store.path}: unknown run '{name}'; 'dicflow pin STORE' lists all runs")
+    raise StoreError(
+        f"{store.path}: unknown run '{name}'; it was cleaned up or is elsewhere, 'dicflow pin STORE' lists all runs"
+    )
 
 
 def latest(store: Store, pipeline: str) -> dict[str, Entry]:

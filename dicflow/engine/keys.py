@@ -11,7 +11,7 @@ from dicflow.engine.hashing import canonical_json, digest_bytes, digest_json
 from dicflow.engine.node import Node
 from dicflow.engine.references import Ref, RefInput
 
-__all__ = ["Change", "differences", "input_digests", "key_maker", "key_of", "key_parts", "parameters"]
+__all__ = ["Change", "differences", "input_digests", "key_maker", "key_of", "key_parts", "parameters", "shown"]
 
 
 @dataclass(frozen=True)
@@ -27,7 +27,7 @@ class Change:
     def text(self) -> str:
         """The change as a text."""
         if self.what in ("parameter", "version"):
-            return f"{self.name}: {_shown(self.old)} → {_shown(self.new)}"
+            return f"{self.name}: {shown(self.old)} → {shown(self.new)}"
         if self.what in ("input", "file"):
             verb = "is new" if self.old is None else "is no longer given" if self.new is None else "changed"
             return f"{self.what} {self.name} {verb}"
@@ -121,6 +121,7 @@ def _affects_result(extra: Any) -> bool:
     return not isinstance(extra, dict) or extra.get("affects", "result") == "result"
 
 
-def _shown(value: Any) -> str:
+def shown(value: Any) -> str:
+    """A value of a parameter as a text that is not too long."""
     text = "none" if value is None else str(value)
     return text if len(text) <= 60 else f"{text[:57]}…"

@@ -23,7 +23,7 @@ __all__ = ["camera_facts"]
 
 def camera_facts(result: Result, source: FieldSource, step: str, keep: Keep) -> list[CameraFacts]:
     """The left and the right camera; empty without a rig, or with one camera."""
-    stage = next((stage for stage in result.stages_of("rig") if result.has(stage)), None)
+    stage = next((stage for stage in reversed(result.stages_of("rig")) if result.has(stage)), None)
     if stage is None or source.facts["unit"] != "mm":
         return []
     made = keep(["cameras", result.digest(stage), *source.sources(step)], lambda: _both(result, stage, source, step))

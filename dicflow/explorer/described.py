@@ -34,7 +34,7 @@ def manifest_of(reading: Reading, title: str, shown: Contents, keep: Keep) -> Ma
         crops={side: crop_entry(crop) for side, crop in shown.crops.items()},
         cameras=camera_facts(reading.result, source, step, keep),
         palettes=_palettes(quantities, keep),
-        curves=probe_curves(reading.result, quantity, keep),
+        curves=[] if source.facts["form"] == "difference" else probe_curves(reading.result, quantity, keep),
         load=loads(reading.result, [entry["number"] for entry in steps]),
         left_out=list(shown.left_out),
     )

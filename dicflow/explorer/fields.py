@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections import OrderedDict
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
-from functools import cached_property, lru_cache
+from functools import cached_property
 from typing import Any, Literal, NamedTuple, Protocol, TypedDict
 
 import numpy as np
@@ -24,8 +25,8 @@ __all__ = ["FieldFacts", "FieldSource", "QuantityFacts", "ShapeFields", "StepFie
 Array = NDArray[Any]
 _ROUTES = ("status", "way", "way_right")
 _DEVIATIONS = ("sigma_", "calibration_")
-_KEPT_BYTES = 30e6
-"""Memory for the arrays of the steps that were read last, since they are read twice."""
+_KEPT_BYTES = 30_000_000
+"""Memory for steps of all results that were read last, since they are read twice, and again for a difference."""
 _MOST_POINTS = 60_000
 """Of a shape; a cloud has a point per pixel, and more than these are not seen."""
 
@@ -34,14 +35,14 @@ class FieldFacts(TypedDict):
     """What is known of fields before their numbers.
 
     stage : whose fields these are
-    form : "deformation", or "shape" for places without displacement
+    form : "deformation", "shape" for places without displacement, "difference" of two results
     unit : of lengths
     follows : whether a point is the same material at every step
     directions : whether x and y of strains are the "material"'s or "global"; "" if x is not the photograph's
     """
 
     stage: str
-    form: Literal["deformation", "shape"]
+    form: Literal["deformation", "shape", "difference"]
     unit: str
     follows: bool
     directions: Literal["material", "global", ""]
@@ -146,8 +147,6 @@ class TotalFields:
             follows=first.follows_material,
             directions="" if turned else first.directions,
         )
-        size = 8 * first["status"].size * (len(list(first.fields)) + 7)  # 7: in space and in both photographs
-        self._kept = lru_cache(max(1, int(_KEPT_BYTES / size)))(self._read)
 
     def quantities(self) -> Sequence[QuantityFacts]:
         """Those of the table in its order, then all other fields."""
@@ -170,7 +169,7 @@ class TotalFields:
 
     def read(self, step: str) -> StepFields:
         """The fields of a step."""
-        return self._kept(step)
+        return _kept(self.sources(step), lambda: self._read(step))
 
     def _read(self, step: str) -> StepFields:
         total = self._total(step)
@@ -236,6 +235,26 @@ class TotalFields:
         )
 
 
+_read_last: OrderedDict[tuple[str, ...], StepFields] = OrderedDict()
+"""Fields by the digests of what they are made of, those that were used last at the end."""
+
+
+def _kept(sources: Sequence[str], make: Callable[[], StepFields]) -> StepFields:
+    """Fields that were read before, or that are made now. They are shared: nobody changes them."""
+    key = tuple(sources)
+    found = _read_last.pop(key, None) or make()
+    _read_last[key] = found
+    while len(_read_last) > 1 and sum(map(_size, _read_last.values())) > _KEPT_BYTES:
+        _read_last.popitem(last=False)
+    return found
+
+
+def _size(fields: StepFields) -> int:
+    """Memory of the arrays of a step [bytes]."""
+    numbers = (fields.values, fields.sigmas, fields.shares, fields.places)
+    return fields.status.nbytes + sum(array.nbytes for found in numbers for array in found.values())
+
+
 class ShapeFields:
     """Places in space of a test without deformation: the depth and the coordinates of its points."""
 
@@ -299,7 +318,7 @@ class ShapeFields:
 
     def _carried(self, pixels: Array) -> Array | None:
         """Pixels of the rectified left image in the left photograph; None without a rig."""
-        for stage in self._result.stages_of("rig"):
+        for stage in reversed(self._result.stages_of("rig")):
             try:
                 rig = CalibratedRig.read(self._result.product(stage, None, self._variant)).cameras
             except DicflowError:

@@ -14,10 +14,10 @@ from dicflow.explorer.survey import Scales, StepSurvey, extents, scales_of, surv
 from dicflow.kinds.maps import Maps, joined_range
 from dicflow.kinds.quantities import REPORTED
 from dicflow.pipeline.result import Result
-from dicflow.views.colours import Look, look
+from dicflow.views.colours import DIVERGING, Look, look
 from dicflow.views.figures import maps_of
 
-__all__ = ["Reading", "read_result", "surveyed"]
+__all__ = ["Reading", "read_result", "read_source", "surveyed"]
 
 _MOST_STEPS = 400
 """Steps that are looked at for one page, evenly from the first to the last."""
@@ -64,21 +64,27 @@ class Reading(NamedTuple):
         return [name for name in dict.fromkeys(order) if name in known]
 
     def look(self, facts: QuantityFacts) -> Look:
-        """Colours of a quantity: those of the maps where they draw it."""
+        """Colours of a quantity: those of the maps where they draw it, of a difference about zero."""
         name = facts["name"]
         if self.maps is not None and name in self.maps.quantities:
             (low, high), choice = self.maps.quantities[name].range, self.maps.colour_map
         else:
             low, high = joined_range(one["colours"].get(name) for one in self.surveys.values())
             choice = "auto"
+        if self.source.facts["form"] == "difference":
+            high = max(abs(low), abs(high))
+            low, choice = -high, DIVERGING
         return look(name, facts["title"], facts["unit"], low, high, choice)
 
 
 def read_result(result: Result, keep: Keep, most_steps: int = _MOST_STEPS) -> Reading | None:
     """One reading of all steps, or of so many from the first to the last; None if no step has fields."""
     source = field_source(result)
-    if source is None:
-        return None
+    return None if source is None else read_source(result, source, keep, most_steps)
+
+
+def read_source(result: Result, source: FieldSource, keep: Keep, most_steps: int) -> Reading | None:
+    """The same of chosen fields. result : has the photographs"""
     steps = spread(source.steps, most_steps)
     surveys = {step: surveyed(source, step, keep) for step in steps if source.has(step)}
     first = _first(source, keep)
@@ -87,7 +93,8 @@ def read_result(result: Result, keep: Keep, most_steps: int = _MOST_STEPS) -> Re
     if not quantities:
         return None
     grid = None if first is None else first["shape"]
-    return Reading(result, source, steps, surveys, scales, grid, quantities, maps_of(result, source.facts["stage"]))
+    maps = None if source.facts["form"] == "difference" else maps_of(result, source.facts["stage"])
+    return Reading(result, source, steps, surveys, scales, grid, quantities, maps)
 
 
 def surveyed(source: FieldSource, step: str, keep: Keep) -> StepSurvey:

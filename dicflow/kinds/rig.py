@@ -99,6 +99,21 @@ class CalibratedRig(Kind):
         found: Mapping[str, float] = self.product.attrs.get("coverage", {})
         return found
 
+    def refined(
+        self,
+        rig: Rig,
+        covariance: np.ndarray,
+        verdict: str,
+        summary: Mapping[str, float | int],
+        warnings: Sequence[str] = (),
+    ) -> Product:
+        """The product of this rig after it was mended; parameters as for :meth:`write`."""
+        found = CalibratedRig.write(
+            rig, verdict, summary, covariance=covariance, program=self.program, warnings=warnings
+        )
+        offset = {"offset": self.product.attrs["offset"]} if "offset" in self.product.attrs else {}
+        return Product("rig", {}, {**found.attrs, **offset})
+
     def with_windows(self, rig: Rig, offset: Mapping[str, Sequence[float]]) -> Product:
         """The product for windows of the cameras' sensors.
 

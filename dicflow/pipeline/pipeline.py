@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import itertools
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
@@ -11,13 +10,12 @@ from typing import TYPE_CHECKING, Any
 
 from dicflow.engine.files import FilePart
 from dicflow.engine.graph import Graph, StageSpec, expand
-from dicflow.engine.journal import Event, RunInfo, runs
+from dicflow.engine.journal import Event, RunInfo, find_run, runs
 from dicflow.engine.plan import CodePolicy, Plan, make_plan
 from dicflow.engine.store import Store
-from dicflow.errors import ConfigurationError, InputError, StoreError
+from dicflow.errors import ConfigurationError, InputError
 from dicflow.io.configuration import Document, read
-from dicflow.io.text import printable
-from dicflow.pipeline.recipes import run_refs
+from dicflow.pipeline.past import past_result
 from dicflow.pipeline.report_facts import ReportFacts, report_facts
 from dicflow.pipeline.resolved import kept_settings, resolved_of
 from dicflow.pipeline.result import Result
@@ -192,6 +190,20 @@ class Pipeline:
         refs = {name: entry.ref for name, entry in plan.entries.items() if entry.ref is not None}
         return self._result(refs, None)
 
+    def past_result(self, run: str) -> Result:
+        """The products of an earlier run in this store, of any pipeline and with any settings; nothing is computed.
+
+        run : its id
+        Products that were not kept are made again when they are read, also from photographs that are still there.
+        ``notes`` says what is gone. Raises StoreError for a run that is unknown, or that this version cannot read.
+        """
+        try:
+            found = list(self.result().refs.values())
+        except InputError:
+            found = []
+        known = {ref.digest: ref for ref in found if not ref.lost}
+        return past_result(self.store, find_run(self.store, run), known)
+
     def last_run(self) -> RunInfo | None:
         """The newest run with the same stages and settings; None before the first."""
         ours = self.resolved()
@@ -207,12 +219,10 @@ class Pipeline:
         resolved = {} if run is None else kept_settings(run)
         if run is None or not {"steps", "data"} <= resolved.keys():
             raise error
-        _check_steps(self.store.path, resolved["steps"])
-        graph = expand(self._instances[1], resolved["steps"])
-        values = [dict(variant.values) for variant in self.variants]
+        found = past_result(self.store, run)
         source = f"run {run.id} of the files in '{resolved['data']}'"
         note = f"This is what {source} left in the store, without photographs; a file cannot be used: {error}."
-        return Result(graph, self.store, run_refs(self.store, run), self.instances, values, None, [note])
+        return found.noted(note)
 
     def resolved(self) -> dict[str, Any]:
         """The pipeline with every default written out, as a run keeps it.
@@ -252,11 +262,3 @@ def _is_alike(run: RunInfo, ours: Mapping[str, Any]) -> bool:
     """Whether a run had these stages and settings, and its files are whole."""
     found = resolved_of(run)
     return found is not None and all(found[name] == ours[name] for name in _SETTINGS) and run.is_whole
-
-
-def _check_steps(store: Path, steps: Mapping[str, Sequence[str]]) -> None:
-    """Refuse names of steps that a store gives and no photograph can have: files are named after them."""
-    for name in itertools.chain.from_iterable(steps.values()):
-        if name in ("", "..") or Path(name).name != name:
-            problem = f"a run of it names a step '{printable(name)}'"
-            raise StoreError(str(store), problem, "do not use this store, or measure again with the photographs")

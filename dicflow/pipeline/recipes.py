@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from functools import cache
 from typing import Any
 
@@ -18,13 +19,14 @@ from dicflow.pipeline.registry import node_class
 __all__ = ["run_refs"]
 
 
-def run_refs(store: Store, run: RunInfo) -> dict[str, Ref]:
+def run_refs(store: Store, run: RunInfo, known: Mapping[str, Ref] | None = None) -> dict[str, Ref]:
     """Task → product of everything that a run found or made.
 
+    known : digest → reference of a product that can be made again
     A product that was not kept can be made again from kept ones while the code is unchanged and no photograph is
     needed: records hold the digests of files, not their paths. Otherwise its reference is marked as lost.
     """
-    index = run.index
+    index, known = run.index, known or {}
     sources = Sources(kept_sources() or store.files)
     owners = {entry["digest"]: (task, entry["key"]) for task, entry in index.items()}
 
@@ -33,6 +35,8 @@ def run_refs(store: Store, run: RunInfo) -> dict[str, Ref]:
         manifest = store.manifest(digest)
         if manifest is not None and manifest.kept:
             return Ref(digest)
+        if manifest is not None and digest in known:
+            return known[digest]
         found = recipe(*owners[digest]) if manifest is not None and digest in owners else None
         return Ref(digest, found, lost=found is None)
 

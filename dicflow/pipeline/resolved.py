@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import Any
 
 from dicflow.engine.journal import RunInfo
 from dicflow.engine.stored_json import anything, fields, is_text, list_of, mapping_of
 from dicflow.errors import StoreError
 
-__all__ = ["kept_settings", "resolved_of"]
+__all__ = ["instances_of", "kept_settings", "resolved_of"]
 
 _STAGE = mapping_of(anything)
 _NAMES = mapping_of(is_text)
@@ -31,3 +32,8 @@ def kept_settings(run: RunInfo) -> dict[str, Any]:
         path = run.folder / "pipeline.json"
         raise StoreError(f"{path}: is damaged, so the settings of this run are unknown; name another run")
     return found
+
+
+def instances_of(resolved: Mapping[str, Any]) -> list[Mapping[str, str]]:
+    """Per variant the stage of the graph for each stage of the file, also of runs that did not keep it."""
+    return list(resolved.get("instances") or [{name: name for name in resolved["stages"] if "@" not in name}])

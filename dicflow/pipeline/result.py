@@ -75,6 +75,16 @@ class Result:
         alone = ([self._instances[number]], [self.values[number]])
         return Result(self.graph, self._store, self._refs, *alone, self.outcome, self.notes)
 
+    def noted(self, note: str) -> Result:
+        """The same with one more sentence about where the products come from."""
+        notes = (*self.notes, note)
+        return Result(self.graph, self._store, self._refs, self._instances, self.values, self.outcome, notes)
+
+    @property
+    def refs(self) -> Mapping[str, Ref]:
+        """Task → reference of its product, for all products in the store."""
+        return self._refs
+
     def steps(self, stage: str, variant: int = 0) -> tuple[str, ...]:
         """Names of the steps of a stage; empty for one that runs once. Variants may have photographs of their own."""
         return self.graph.steps[self._instance(stage, variant)]

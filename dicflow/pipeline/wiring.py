@@ -127,6 +127,7 @@ def _inputs(
 ) -> dict[str, str]:
     """Port → stage for every input that is named or can be only one.
 
+    A stage that takes a product and gives one of the same kind, as a mended rig, stands for it in all other stages.
     ``cloud_before``, ``cloud_first`` and ``cloud_early`` are by default joined to the stage of ``cloud``, and a port of
     another one to what that one's stage takes.
     """
@@ -185,12 +186,27 @@ def _producer(
         else:
             problem = f"no stage '{given}'{nearest(given, nodes)}"
         problems.append(f"{where}: {name}.{port_name}: {problem}; {_suggestion(fitting, kinds)}")
-    elif len(fitting) == 1:
-        return fitting[0]
+    elif len(last := _last_of_chain(document, fitting, nodes)) == 1:
+        return last[0]
     elif fitting or (not port.optional and len(nodes) == len(document.data["stages"])):
         none = ", or null for none" if port.optional else ""
         problems.append(f"{where}: {name}.{port_name}: needs {kinds}; {_suggestion(fitting, kinds)}{none}")
     return None
+
+
+def _last_of_chain(document: Document, fitting: list[str], nodes: Mapping[str, Node]) -> list[str]:
+    """The stages whose product no other of them takes to give one of the same kind."""
+    replaced = {source for name in fitting for source in _replaced(document, name, nodes)}
+    return [name for name in fitting if name not in replaced]
+
+
+def _replaced(document: Document, name: str, nodes: Mapping[str, Node]) -> list[str]:
+    """The stages whose products a stage takes to give one of the same kind: those that it names, or the only one."""
+    kind, entry = nodes[name].gives, document.data["stages"][name]
+    ports = [port_name for port_name, port in nodes[name].takes.items() if kind in port.kinds and not port.own]
+    named = [entry[port_name] for port_name in ports if isinstance(entry.get(port_name), str)]
+    others = [other for other, node in nodes.items() if node.gives == kind and other != name]
+    return named or (others if ports and len(others) == 1 else [])
 
 
 def _suggestion(fitting: list[str], kinds: str) -> str:

@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     from dicflow.core.cameras.camera import Camera, Rig
     from dicflow.report.drawing import Drawing, Shape
 
-__all__ = ["PLACE", "TITLE", "calibration"]
+__all__ = ["PLACE", "TITLE", "calibrated_stage", "calibration"]
 
 PLACE = 10
 TITLE = "Calibration"
@@ -51,19 +51,30 @@ def calibration(context: Context) -> Section | None:
     stage = rigs[-1]
     if not result.has(stage):
         return Section("calibration", TITLE, Markup("<p>The cameras are not calibrated yet.</p>"))
-    rig = CalibratedRig.read(result.product(stage))
-    limit: float | None = getattr(_node(context, stage), "max_error_px", None)
+    calibrated = calibrated_stage(context, stage)
+    rig, used = (CalibratedRig.read(result.product(name)) for name in (calibrated, stage))
+    limit: float | None = getattr(_node(context, calibrated), "max_error_px", None)
     body = render(
         "calibration.html",
         verdict=rig.verdict,
-        facts=_facts(rig, getattr(_node(context, stage), "square", None)),
+        mended="" if calibrated == stage else used.verdict,
+        facts=_facts(rig, used.summary, getattr(_node(context, calibrated), "square", None)),
         pairs=_pairs(rig.pairs),
         limit=limit,
-        figures=_figures(rig.summary),
-        drawings=_drawings(context, stage),
+        figures=_figures(used.summary),
+        drawings=_drawings(context, calibrated),
         rectified=_rectified(context, stage),
     )
-    return Section("calibration", TITLE, body, _warnings(rig), (context.pipeline.instances[0][stage],))
+    shown = {calibrated: rig, stage: used}
+    warnings = tuple(warning for one in shown.values() for warning in _warnings(one))
+    return Section("calibration", TITLE, body, warnings, tuple(context.pipeline.instances[0][name] for name in shown))
+
+
+def calibrated_stage(context: Context, stage: str) -> str:
+    """The stage of the rig as it was calibrated, before it was mended."""
+    while "rig" in _node(context, stage).takes:
+        stage = context.result.source(stage, "rig")
+    return stage
 
 
 def _node(context: Context, stage: str) -> Any:
@@ -75,13 +86,21 @@ def _warnings(rig: CalibratedRig) -> tuple[str, ...]:
     return (*doubtful, *(f"Calibration: {one}." for one in rig.warnings if one != f"the calibration is {rig.verdict}"))
 
 
-def _facts(rig: CalibratedRig, square_mm: float | None) -> list[tuple[str, str, str]]:
-    """Name, value and remark of the key figures."""
+def _facts(rig: CalibratedRig, used: Mapping[str, float], square_mm: float | None) -> list[tuple[str, str, str]]:
+    """Name, value and remark of the key figures.
+
+    rig : as calibrated; used : figures of the rig that the other stages take
+    """
     found = rig.summary
     facts = [
-        ("Baseline", f"{number(found['baseline_mm'], 5)} mm", _more_or_less(found, "baseline_mm", "mm")),
-        ("Angle", f"{number(found['angle_deg'])}°", _more_or_less(found, "angle_deg", "°")),
+        ("Baseline", f"{number(used['baseline_mm'], 5)} mm", _more_or_less(used, "baseline_mm", "mm")),
+        ("Angle", f"{number(used['angle_deg'])}°", _more_or_less(used, "angle_deg", "°")),
     ]
+    if "apparent_turn_deg" in used:
+        before = (
+            f"before {number(used['distance_before_px'], 2)} px, as after a turn by {used['apparent_turn_deg']:.2g}°"
+        )
+        facts.append(("Points off their epipolar lines", f"{number(used['distance_px'], 2)} px", before))
     if "rms_px" not in found:
         return facts
     sides = f"left {number(found['left_rms_px'], 2)} px, right {number(found['right_rms_px'], 2)} px"
@@ -110,7 +129,7 @@ def _figures(found: Mapping[str, float]) -> list[list[str]]:
             f"{title} [{unit}]",
             number(found[key], 6),
             number(found[f"sigma_{key}"], 2),
-            number(found[f"spread_{key}"], 2),
+            number(found[f"spread_{key}"], 2) if f"spread_{key}" in found else "",
         ]
         for title, key, unit in _FIGURES
         if f"sigma_{key}" in found

@@ -21,6 +21,7 @@ from dicflow.kinds.region import Region
 from dicflow.kinds.rig import CalibratedRig
 from dicflow.kinds.total import Total, named_with_unit
 from dicflow.pipeline.result import ArrayFacts, Result
+from dicflow.report.calibration import calibrated_stage
 from dicflow.report.context import Context
 from dicflow.report.measured import cameras, pattern, stand_off_mm
 
@@ -87,11 +88,13 @@ class _Facts:
             resolved["stages"][instance]["stage"]: resolved["stages"][instance]
             for instance in resolved["instances"][0].values()
         }
-        rig, total = self.product("rig"), self.product("total")
-        self.rig = None if rig is None else CalibratedRig.read(rig)
-        self.figures: Mapping[str, Any] = {} if self.rig is None else self.rig.summary
-        self.total = None if total is None else Total.read(total)
+        total = self.product("total")
         rigs = [stage for stage in self.result.stages_of("rig") if self.result.has(stage)]
+        self.rig: CalibratedRig | None = None
+        self.figures: Mapping[str, Any] = {}
+        if rigs:
+            self.rig, self.figures = _rig(context, rigs[-1])
+        self.total = None if total is None else Total.read(total)
         self.cameras = cameras(context, rigs[-1]) if rigs else None
         self.photograph = self._photograph()
         self.pattern = pattern(context) or {}
@@ -173,6 +176,17 @@ def _cameras(facts: _Facts) -> _Rows:
     yield "image acquisition rate", facts.stated.rate, "Hz, or when each photograph was taken"
     yield "lighting", facts.stated.light, "kind and place of the lamps, polarisers"
     yield "number of steps", _steps(facts.result), ""
+
+
+def _rig(context: Context, stage: str) -> tuple[CalibratedRig, Mapping[str, Any]]:
+    """The rig as it was calibrated, and its figures as far as it was not mended, with those of the mended one.
+
+    stage : of the rig that the other stages take
+    """
+    calibrated, used = (
+        CalibratedRig.read(context.result.product(name)) for name in (calibrated_stage(context, stage), stage)
+    )
+    return calibrated, {**calibrated.summary, **used.summary}
 
 
 def _stereo_system(facts: _Facts) -> _Rows:

@@ -47,6 +47,7 @@ REFERENCES = {
     "Computer Vision 60 (2004) 91–110",
     "lucas1981": "B. D. Lucas and T. Kanade, An iterative image registration technique with an application to stereo "
     "vision, International Joint Conference on Artificial Intelligence (1981) 674–679",
+    "mackay1992": "D. J. C. MacKay, Bayesian interpolation, Neural Computation 4 (1992) 415–447",
     "orb2011": "E. Rublee, V. Rabaud, K. Konolige and G. Bradski, ORB: an efficient alternative to SIFT or SURF, "
     "International Conference on Computer Vision (2011) 2564–2571",
     "pan2008": "B. Pan, H. Xie, Z. Wang, K. Qian and Z. Wang, Study on subset size selection in digital image "

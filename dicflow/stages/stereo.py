@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal, NamedTuple
 
 from pydantic import Field
@@ -14,7 +15,7 @@ from dicflow.kinds.images import Images
 from dicflow.kinds.rig import CalibratedRig
 from dicflow.kinds.stereo import Stereo as StereoPoints
 from dicflow.stages._lost import lost_status, lost_warning
-from dicflow.stages._rig_check import check_found, check_sizes, misfit
+from dicflow.stages._rig_check import bump_warnings, check_found, check_sizes, misfit
 from dicflow.stages._subsets import ShapeFunction, SubsetSearch, photograph_of
 
 if TYPE_CHECKING:
@@ -110,7 +111,8 @@ class Stereo(SubsetSearch):
         **before: Product | None,
     ) -> Product:
         """``before`` has the remaining ports, empty at the first step."""
-        cameras = CalibratedRig.read(rig).cameras
+        calibrated = CalibratedRig.read(rig)
+        cameras = calibrated.cameras
         view = _View(
             Images.read(images),
             Images.read(images_first),
@@ -120,22 +122,23 @@ class Stereo(SubsetSearch):
         check_sizes(cameras, view.images, view.points["xy"])
         earlier = _previous(**before)
         if earlier is None:
-            return self._first_step(cameras, view)
+            return self._first_step(calibrated, view)
         stereo_first = before.get("stereo_first")
         if self.match == "first_step" and stereo_first is not None:
             return self._followed(cameras, view, earlier, StereoPoints.read(stereo_first))
         return self._next_step(cameras, view, earlier)
 
-    def _first_step(self, cameras: Rig, view: _View) -> Product:
+    def _first_step(self, rig: CalibratedRig, view: _View) -> Product:
         """The points matched at the first step; the order of left and right and the pattern are checked."""
         from dicflow.core.correlation.across import inherited_covariance
 
+        cameras = rig.cameras
         starts = _starts_from_epipolar_lines(cameras, view)
         _check_pattern(view.images.right, starts[..., 0])
         ratio = _noise_ratio(view, starts)
         found, search = self._matched(view, starts, ratio)
         check_found(cameras, view.images, view.points, found, self.max_epipolar)
-        product = self._product(cameras, view, found, ratio)
+        product = self._product(cameras, view, found, ratio, bump_warnings(rig, view.points, found))
         if self.match == "every_step":
             return product
         found = found._replace(inherited_covariance=inherited_covariance(found, search))
@@ -195,7 +198,9 @@ class Stereo(SubsetSearch):
         target = target_spline(right, search)
         return follow_across(first, reference_step, view.points["way"], target, starts, search), search
 
-    def _product(self, cameras: Rig, view: _View, found: FoundPoints, noise_ratio: float) -> Product:
+    def _product(
+        self, cameras: Rig, view: _View, found: FoundPoints, noise_ratio: float, warnings: Sequence[str] = ()
+    ) -> Product:
         import numpy as np
 
         from dicflow.core.cameras.epipolar import epipolar_distance
@@ -216,7 +221,9 @@ class Stereo(SubsetSearch):
         }
         facts: dict[str, Any] = {"interpolation": self.interpolation, "match": self.match, "summary": summary}
         if not kept.any() and left_found:
-            facts["warnings"] = [lost_warning(view.images.right, "right", _CHECK_RIGHT)]
+            warnings = [lost_warning(view.images.right, "right", _CHECK_RIGHT), *warnings]
+        if warnings:
+            facts["warnings"] = list(warnings)
         grid = SubsetGrid(left.grid.step_size, left.grid.subset_size, self.shape_function)
         return StereoPoints.write(found, apart, status, grid, noise_ratio, facts)
 

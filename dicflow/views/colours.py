@@ -14,7 +14,7 @@ from dicflow.errors import ConfigurationError
 from dicflow.kinds.quantities import is_signed
 from dicflow.views.colour_tables import TABLES
 
-__all__ = ["REASON_COLOURS", "Look", "look", "palette"]
+__all__ = ["DIVERGING", "REASON_COLOURS", "Look", "look", "palette"]
 
 SEQUENTIAL, DIVERGING = "viridis", "RdBu_r"
 _SIGNED = 0.1

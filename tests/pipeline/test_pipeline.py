@@ -16,7 +16,7 @@ import dicflow
 from dicflow.engine.execute import dask_graph
 from dicflow.errors import ConfigurationError, DicflowError, StoreError
 from dicflow.pipeline import Pipeline
-from dicflow.pipeline.pipeline import _check_steps
+from dicflow.pipeline.past import check_steps
 from dicflow.stages._kernels import get_ready
 
 
@@ -286,5 +286,5 @@ def test_steps_are_counted(result):
 @pytest.mark.parametrize("name", ["../x", "a/b", "/etc/passwd", "..", ""])
 def test_steps_that_a_store_names_are_names_of_files(name):
     with pytest.raises(StoreError, match=r"names a step .*; do not use this store"):
-        _check_steps(Path("store"), {"photos": ["step_01", name]})
-    _check_steps(Path("store"), {"photos": ["step_01", "a b.c", "..a"]})
+        check_steps(Path("store"), {"photos": ["step_01", name]})
+    check_steps(Path("store"), {"photos": ["step_01", "a b.c", "..a"]})

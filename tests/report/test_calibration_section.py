@@ -135,7 +135,7 @@ def test_a_rig_from_a_file_has_cameras_and_its_warnings(loaded, section):
     read = rig_of(**attrs | {"verdict": "read from a file"})
     assert module._warnings(read) == ("Calibration: it has no size.",)
     found = {"baseline_mm": 100.0, "angle_deg": 14.25}
-    assert [name for name, *_ in module._facts(rig_of(summary=found, pairs=[]), None)] == ["Baseline", "Angle"]
+    assert [name for name, *_ in module._facts(rig_of(summary=found, pairs=[]), found, None)] == ["Baseline", "Angle"]
     assert section.warnings == module._warnings(CalibratedRig.read(loaded.result().product("rig")))
 
 
@@ -173,3 +173,18 @@ def test_shapes_are_drawn_to_scale_and_upwards():
 )
 def test_ticks_are_round(low, high, least, texts):
     assert [text for _, text in ticks(low, high, least)] == texts
+
+
+def test_a_mended_rig_is_shown_beside_the_calibration(copied, tmp_path):
+    """With the verdict of both, pairs and boards of the calibration, and the figures of the rig that is used."""
+    text = copied.read_text().replace("  region:", "  mended: {stage: refine, images: photos}\n  region:")
+    copied.write_text(text)
+    loaded = Pipeline.load(copied)
+    assert loaded.run(scheduler="sync", workers=1).outcome.ok
+    rig, mended = (CalibratedRig.read(loaded.result().product(stage)) for stage in ("rig", "mended"))
+    body = html.unescape(calibration(context_of(loaded, tmp_path)).body)
+    assert rig.verdict[1:] in body
+    assert mended.verdict[1:] in body
+    assert body.count('class="bar left"') == sum("left_px" in pair for pair in rig.pairs)
+    assert "Points off their epipolar lines" in body
+    assert loaded.result().source("pair", "rig") == "mended"

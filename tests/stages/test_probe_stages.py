@@ -8,9 +8,8 @@ from measured_points import RIG, SHAPE, STEP_SIZE, first_points, grid_px, points
 from pydantic import ValidationError
 
 from dicflow.core.cameras.camera import rotation_matrix
-from dicflow.core.cameras.rig_parameters import rig_after_step
+from dicflow.core.cameras.rig_parameters import error_modes, rig_after_step
 from dicflow.core.cameras.triangulate import triangulate
-from dicflow.core.strain.calibration_error import error_modes
 from dicflow.engine.product import Product
 from dicflow.errors import StageError
 from dicflow.kinds.rig import rig_to_json

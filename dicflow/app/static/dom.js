@@ -42,6 +42,14 @@ export function fill(element, ...children) {
   return element;
 }
 
+/** The same, and the focus stays on what has the name of the one that had it. */
+export function refill(element, ...children) {
+  const name = (one) => one.getAttribute("aria-label") ?? one.textContent;
+  const focused = element.contains(document.activeElement) ? name(document.activeElement) : null;
+  fill(element, ...children);
+  if (focused !== null) [...element.querySelectorAll("button, select, input, a")].find((one) => name(one) === focused)?.focus();
+}
+
 /** A button with words, and perhaps a key that is shown beside them. */
 export function button(words, onclick, properties = {}) {
   return h("button", { type: "button", onclick, ...properties }, words);

@@ -7,8 +7,8 @@ import { button, empty, fill, h } from "./dom.js";
 import { keep, keepable } from "./keep.js";
 
 export const title = "Explore";
-const FIRST_STEPS = 6; // are shown at once, while more are read
-const USUAL_STEPS = 400;
+export const FIRST_STEPS = 6; // are shown at once, while more are read
+export const USUAL_STEPS = 400;
 const ALL_STEPS = 1e6;
 const LOOK_MS = 4000;
 
@@ -39,12 +39,8 @@ class ExploreScreen {
     if (this.found.steps > FIRST_STEPS) this.inTurn(() => this.readMore());
   }
 
-  /** Read more steps, bit by bit, so that what is shown already can be used meanwhile. */
   async readMore() {
-    const { view } = this.found;
-    for (let [next, count] = [0, 1]; !this.isLeft && next < count;) {
-      ({ next, count } = await ask("survey", { view, steps: this.most, start: next }));
-    }
+    await survey(this, this.found.view, this.most);
     if (!this.isLeft) await this.read(this.most);
   }
 
@@ -83,8 +79,7 @@ class ExploreScreen {
     const old = this.explorer;
     old?.play(false);
     const element = h("div", { className: "fields" });
-    const curve = (quantity, point) => ask("curve", { view, quantity, point });
-    const explorer = mountExplorer(element, fetchedSource(manifest, (name) => new URL(`/field/${view}/${name}`, location).href, curve));
+    const explorer = mountExplorer(element, sourceOf(view, manifest));
     this.explorer = explorer;
     fill(this.field, element);
     for (const way of ["pointerdown", "keydown"]) element.addEventListener(way, () => { this.isTouched = true; });
@@ -103,6 +98,7 @@ class ExploreScreen {
       h("span", { className: "shown faint" }, `${shown} of ${found.steps} steps`),
       isUsual && button("Show all steps", () => { this.most = ALL_STEPS; this.inTurn(() => this.readMore()); }),
       button("Read again", () => this.inTurn(() => this.read(this.most))),
+      button("Compare", () => this.app.go("compare"), { title: "Beside an earlier run, another variant or file" }),
       this.keeps,
       found.notes.map((note) => h("span", { className: "note" }, note)));
   }
@@ -136,8 +132,21 @@ class ExploreScreen {
   }
 }
 
+/** Look at more steps of a result, bit by bit, so that what is shown already can be used meanwhile. */
+export async function survey(screen, view, steps) {
+  for (let [next, count] = [0, 1]; !screen.isLeft && next < count;) {
+    ({ next, count } = await ask("survey", { view, steps, start: next }));
+  }
+}
+
+/** The numbers and photographs of an answer to "explore". */
+export function sourceOf(view, manifest) {
+  const curve = (quantity, point) => ask("curve", { view, quantity, point });
+  return fetchedSource(manifest, (name) => new URL(`/field/${view}/${name}`, location).href, curve);
+}
+
 /** Carry the scene of one explorer over to another: what is shown by its name, ranges that were typed, and points. */
-async function carry(old, explorer) {
+export async function carry(old, explorer) {
   const { scene, manifest, quantity } = old;
   const [from, to] = [manifest.steps, explorer.manifest.steps];
   const place = (list, name) => list.findIndex((one) => one.name === name);

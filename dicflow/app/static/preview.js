@@ -18,6 +18,7 @@ export class GridPreview {
     this.facts = h("div", { className: "facts" }, h("p", { className: "faint" }, "The grid, a subset and its σ can be seen before anything is computed."));
     this.element = h("div", { className: "preview" }, h("div", { className: "tools" }, button("Preview the grid", () => this.look(), { className: "main" }), h("span", { className: "faint" }, "click shows the subset there")), this.viewer.element, this.facts);
     this.found = null;
+    this.saved = null;
     this.chosen = null;
   }
 
@@ -33,7 +34,9 @@ export class GridPreview {
   async look() {
     fill(this.facts, h("p", { className: "faint" }, "laying out the grid; the first time takes longer …"));
     try {
-      this.found = await ask("preview", { file: this.app.file, stage: this.stage, edits: this.edits() });
+      const edits = this.edits();
+      this.found = await this.preview(edits);
+      this.saved = edits.length ? this.saved ?? await this.preview([]).catch(() => null) : this.found;
       const { points, is_valid: valid } = this.found;
       this.chosen = points[Math.max(0, valid.indexOf(true, Math.floor(points.length / 2)))];
       this.tell();
@@ -44,15 +47,17 @@ export class GridPreview {
     this.viewer.draw();
   }
 
+  preview(edits) {
+    return ask("preview", { file: this.app.file, stage: this.stage, edits });
+  }
+
+  /** What the grid is like; with values that are not saved, beside what it is like without them. */
   tell() {
-    const { count, valid, sigma_px: sigma, noise_grey: noise, noise_source: source, speckle_px: speckle, advice, subset_size: size } = this.found;
-    const rows = [
-      ["points", `${valid.toLocaleString("en")} of ${count.toLocaleString("en")} can be followed`],
-      ["σ of a displacement by noise", `x ${sigma[0].toPrecision(2)} px, y ${sigma[1].toPrecision(2)} px (median)`],
-      ["noise", `${noise.toPrecision(2)} grey levels, ${source}`],
-      ["speckles", speckle === null ? "none" : `${speckle.toPrecision(2)} px, ${(size / speckle).toFixed(1)} along a subset's side`],
-    ];
-    fill(this.facts, h("table", {}, h("tbody", {}, rows.map(([name, value]) => h("tr", {}, h("th", {}, name), h("td", {}, value))))),
+    const { advice } = this.found;
+    const columns = this.isChange ? [this.saved, this.found] : [this.found];
+    const rows = columns.map(factsOf);
+    const head = this.isChange ? h("thead", {}, h("tr", {}, ["", "before", "after"].map((word) => h("th", {}, word)))) : null;
+    fill(this.facts, h("table", { className: this.isChange ? "both" : "" }, head, h("tbody", {}, Object.keys(rows[0]).map((name) => h("tr", {}, h("th", {}, name), rows.map((one) => h("td", {}, one[name])))))),
       h("ul", {}, advice.map(([good, words]) => h("li", { className: good ? "" : "problem" }, words))),
       this.found.as_taken ? null : h("p", { className: "faint" }, "The grid lies in the rectified image, so it is not drawn here."));
   }
@@ -68,12 +73,21 @@ export class GridPreview {
     const parts = [["good", path.true], ["lost", path.false]].map(([look, marks]) =>
       s("path", { class: `grid ${look}`, d: marks.join(""), "stroke-width": 2 * DOT, "stroke-linecap": "round" }));
     if (this.chosen) {
-      const half = found.subset_size / 2;
-      const [x0, y0] = this.viewer.toScreen([this.chosen[0] - half, this.chosen[1] - half]);
-      const side = found.subset_size * this.viewer.scale;
-      parts.push(...["under", "over"].map((look) => s("rect", { class: `subset ${look}`, x: x0, y: y0, width: side, height: side })));
+      parts.push(...this.subset(found.subset_size, "under"), ...this.subset(found.subset_size, "over"));
+      if (this.isChange) parts.push(...this.subset(this.saved.subset_size, "under"), ...this.subset(this.saved.subset_size, "before"));
     }
     return fill(this.viewer.marks, parts);
+  }
+
+  /** Whether values are previewed that are not saved. */
+  get isChange() {
+    return Boolean(this.saved) && this.found !== this.saved;
+  }
+
+  subset(size, look) {
+    const [x, y] = this.viewer.toScreen([this.chosen[0] - size / 2, this.chosen[1] - size / 2]);
+    const side = size * this.viewer.scale;
+    return [s("rect", { class: `subset ${look}`, x, y, width: side, height: side })];
   }
 
   down(event) {
@@ -100,4 +114,14 @@ export class GridPreview {
     }
     this.press = null;
   }
+}
+
+/** Facts of a grid by their names. */
+function factsOf({ count, valid, sigma_px: sigma, noise_grey: noise, noise_source: source, speckle_px: speckle, subset_size: size }) {
+  return {
+    points: `${valid.toLocaleString("en")} of ${count.toLocaleString("en")} can be followed`,
+    "σ of a displacement by noise": `x ${sigma[0].toPrecision(2)} px, y ${sigma[1].toPrecision(2)} px (median)`,
+    noise: `${noise.toPrecision(2)} grey levels, ${source}`,
+    speckles: speckle === null ? "none" : `${speckle.toPrecision(2)} px, ${(size / speckle).toFixed(1)} along a subset's side`,
+  };
 }

@@ -135,7 +135,7 @@ class RunScreen {
     const pinned = run.pin !== null && run.pin !== undefined;
     return h("tr", {}, h("td", { className: "id" }, run.id), h("td", {}, run.pipeline), h("td", {}, new Date(run.started * 1000).toLocaleString()),
       h("td", { className: "number" }, String(run.counts.computed ?? "·")), h("td", { className: "number" }, String(run.counts.failed || "·")),
-      h("td", {}, button(pinned ? "Pinned" : "Pin", () => this.pin(run, pinned), { "aria-pressed": String(pinned), title: pinned ? `${run.pin || "kept"}; click takes the pin away` : "keep its products when the store is cleaned up" })));
+      h("td", { className: "acts" }, h("a", { href: `#compare/${encodeURIComponent(`with=${run.id}`)}`, "aria-label": `Compare run ${run.id}` }, "Compare"), button(pinned ? "Pinned" : "Pin", () => this.pin(run, pinned), { "aria-pressed": String(pinned), title: pinned ? `${run.pin || "kept"}; click takes the pin away` : "keep its products when the store is cleaned up" })));
   }
 
   async pin(run, pinned) {

@@ -70,13 +70,14 @@ class StageScreen {
     this.stage = await ask("parameters", { file: app.file, stage: name });
     const [first, ...more] = this.stage.about;
     this.pending = h("div", { className: "pending", "aria-live": "polite" });
+    this.past = h("div", {});
     const usual = this.stage.parameters.filter((one) => one.affects === "result").sort((one, other) => other.given - one.given);
     const others = this.stage.parameters.filter((one) => one.affects !== "result");
     const own = h("div", { className: "page" },
       h("p", {}, h("a", { href: "#settings" }, "All stages")),
       h("h1", {}, `${name}: ${this.stage.title}`),
       h("p", {}, first), more.length ? h("details", {}, h("summary", {}, "More on this stage"), more.map((part) => h("p", {}, part))) : null,
-      this.pending,
+      this.pending, this.past,
       this.stage.inputs.length ? h("div", { className: "card" }, h("h2", {}, "Takes"), this.stage.inputs.map((one) => this.input(one))) : null,
       h("div", { className: "card" }, h("h2", {}, "Parameters"), usual.length ? usual.map((one) => this.parameter(one)) : h("p", { className: "faint" }, "none")),
       others.length ? h("details", { className: "card" }, h("summary", {}, "Speed and files; these change no result"), others.map((one) => this.parameter(one))) : null);
@@ -85,6 +86,29 @@ class StageScreen {
       fill(this.place, h("div", { className: "halves" }, own, this.preview.element));
       await this.preview.open();
     } else fill(this.place, own);
+    this.lookBack();
+  }
+
+  /** The newest run in which this stage had other settings, to be seen beside what it gives now. */
+  async lookBack() {
+    const { runs } = await ask("sides", { file: this.app.file });
+    const stem = this.app.file.replace(/\.ya?ml$/i, "");
+    const before = runs.find(({ pipeline, changes }) => pipeline === stem && changes?.some((one) => this.concerns(one)));
+    if (!before) return;
+    const counts = this.app.states?.stages[this.name];
+    const others = before.changes.filter((one) => !this.concerns(one));
+    fill(this.past, h("div", { className: "card" }, h("h2", {}, "Before and after"),
+      h("ul", {}, before.changes.filter((one) => this.concerns(one)).map(({ text }) => h("li", { className: "change" }, text))),
+      others.length ? h("p", { className: "faint" }, `Changed since then too: ${others.map(({ text }) => text).join(", ")}.`) : null,
+      h("p", { className: "faint" }, `Before: the run of ${new Date(before.started * 1000).toLocaleString()}.`, counts?.run || counts?.pending ? " After: not computed yet, the next run gives it." : ""),
+      h("div", { className: "row" }, button("See both side by side", () => this.app.go("compare", `before=${before.run}`)))));
+  }
+
+  /** Whether a change is one of this stage that affects its results. */
+  concerns({ name }) {
+    const [stage, parameter] = name.split(".");
+    const found = this.stage.parameters.find((one) => one.name === parameter);
+    return stage === this.name && (found ? found.affects === "result" : parameter === "inputs");
   }
 
   leave() {

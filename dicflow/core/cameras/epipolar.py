@@ -12,13 +12,18 @@ from numpy.typing import ArrayLike
 from dicflow.core.arrays import Array
 from dicflow.core.cameras.camera import Camera, Rig, homogeneous, undistort
 
-__all__ = ["epipolar_distance", "essential_matrix", "fundamental_matrix", "signed_epipolar_distance"]
+__all__ = ["cross_matrix", "epipolar_distance", "essential_matrix", "fundamental_matrix", "signed_epipolar_distance"]
 
 
 def essential_matrix(rig: Rig) -> Array:
     """E = [T]× R (3, 3), for normalised coordinates."""
-    x, y, z = rig.translation
-    return np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]]) @ rig.rotation
+    return cross_matrix(rig.translation) @ rig.rotation
+
+
+def cross_matrix(vector: ArrayLike) -> Array:
+    """[v]× (3, 3) of a vector v (3,), with [v]× w = v × w."""
+    x, y, z = np.asarray(vector, dtype=float)
+    return np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
 
 
 def fundamental_matrix(rig: Rig) -> Array:

@@ -1,14 +1,16 @@
 """Why a rig does not fit photographs, from the distances of matched points from their epipolar lines.
 
 Explanations are tried from the simplest to the most involved: left and right exchanged, photographs scaled or turned by
-180°, a window of the sensor shifted in one or both cameras. The first under which the points lie about as near to their
-lines as under any other, and in front of both cameras, is given.
+180°, a camera that was turned and shifted a little, a window of the sensor shifted in one or both cameras. The first
+under which the points lie about as near to their lines as under any other, and in front of both cameras, is given. A
+small turn and a shifted window look much the same: where both explain the points, both are named, a turn by a fifth of
+a degree or less first.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
-from typing import NamedTuple
+from typing import Literal, NamedTuple
 
 import numpy as np
 
@@ -16,8 +18,16 @@ from dicflow.core.arrays import Array
 from dicflow.core.cameras.camera import Rig, resized
 from dicflow.core.cameras.epipolar import signed_epipolar_distance
 from dicflow.core.cameras.geometry_check import distance_and_share_in_front
+from dicflow.core.cameras.relative_orientation import MIN_POINTS, MatchedPoints, refine_rig
 
-__all__ = ["Matched", "Misfit", "explain_misfit"]
+__all__ = ["MEND", "Matched", "Misfit", "explain_misfit"]
+
+MEND = (
+    "mend the rig from the photographs: add the line 'mended: {stage: refine, images: photos, rig: rig}' to the "
+    "stages, with the names that the photographs and the rig have there; a stage that names its rig must name the "
+    "mended one"
+)
+"""How a rig is mended whose cameras have moved."""
 
 Size = tuple[int, int]
 
@@ -35,6 +45,8 @@ _OUTLIER_SIGMAS, _MIN_OUTLIER_PX = 3.0, 0.1
 _PRIOR_PX, _PRIOR_NOISE_PX = 300.0, 1.0
 """Shifts that the points do not determine stay near the middle, with this standard deviation."""
 _MAX_SIGMA_PX = 10.0
+_MAX_TURN_DEG, _LIKELY_TURN_DEG = 5.0, 0.2
+"""Turn of a camera that may be an explanation, and up to which it is likelier than a shifted window."""
 _SIDES = ("left", "right")
 
 
@@ -75,13 +87,17 @@ class Misfit(NamedTuple):
 
 
 class _Explanation(NamedTuple):
-    """A rig and points that would fit each other, if the cause holds."""
+    """A rig and points that would fit each other, if the cause holds.
+
+    moves : what was moved
+    """
 
     cause: str
     remedy: str
     rig: Rig
     left: Array
     right: Array
+    moves: Literal["", "camera", "window"] = ""
 
 
 def explain_misfit(rig: Rig, matched: Matched, limit_px: float) -> Misfit | None:
@@ -96,23 +112,25 @@ def explain_misfit(rig: Rig, matched: Matched, limit_px: float) -> Misfit | None
     if not known.any() or (of_size and distance <= limit_px and in_front > _MIN_SHARE_IN_FRONT):
         return None
     bound = distance / _MIN_GAIN if of_size and in_front > _MIN_SHARE_IN_FRONT else np.inf
-    chosen, explained = _simplest(list(_explanations(rig, matched)), min(bound, max(_MAX_FITTING_PX, limit_px)))
-    if chosen is None:
+    fitting = _fitting(list(_explanations(rig, matched)), min(bound, max(_MAX_FITTING_PX, limit_px)))
+    if not fitting:
         cause = "neither exchanged nor scaled, turned or shifted photographs explain this"
         remedy = "use the calibration of these cameras as they stood; calibrate anew if they were moved or refocused"
         return Misfit(int(known.sum()), distance, np.nan, cause, remedy)
-    return Misfit(int(known.sum()), distance, explained, chosen.cause, chosen.remedy)
+    chosen, explained = fitting[0]
+    others = [one for one, _ in fitting if {one.moves, chosen.moves} == {"camera", "window"}][:1]
+    cause = ", or ".join(one.cause for one in (chosen, *others))
+    remedy = "; or ".join(one.remedy for one in (chosen, *others))
+    return Misfit(int(known.sum()), distance, explained, cause, remedy)
 
 
-def _simplest(explanations: list[_Explanation], bound_px: float) -> tuple[_Explanation | None, float]:
-    """The first explanation that is about as good as the best one, and its distance."""
+def _fitting(explanations: list[_Explanation], bound_px: float) -> list[tuple[_Explanation, float]]:
+    """The explanations that are about as good as the best one, with their distances."""
     figures = [distance_and_share_in_front(one.rig, one.left, one.right) for one in explanations]
     distances = [distance if share > _MIN_SHARE_IN_FRONT else np.inf for distance, share in figures]
     limit = max(_MAX_RATIO * min(distances, default=np.inf), _NOISE_PX)
-    for one, distance in zip(explanations, distances, strict=True):
-        if distance <= min(limit, bound_px):
-            return one, distance
-    return None, np.nan
+    pairs = zip(explanations, distances, strict=True)
+    return [(one, distance) for one, distance in pairs if distance <= min(limit, bound_px)]
 
 
 def _explanations(rig: Rig, matched: Matched) -> Iterator[_Explanation]:
@@ -126,7 +144,26 @@ def _explanations(rig: Rig, matched: Matched) -> Iterator[_Explanation]:
     for swapped in (False, True):
         order = Matched(right, left, (photographed[1], photographed[0])) if swapped else matched
         yield from _scaled(rig, order, swapped)
-    yield from _shifted(rig, matched)
+    moved, turn_deg = _moved(rig, matched)
+    shifted = list(_shifted(rig, matched))
+    yield from (*moved, *shifted) if turn_deg <= _LIKELY_TURN_DEG else (*shifted, *moved)
+
+
+def _moved(rig: Rig, matched: Matched) -> tuple[list[_Explanation], float]:
+    """A camera that was turned and shifted since the calibration, and the angle [deg]; no explanation above 5°."""
+    if matched.sizes != (rig.left.size, rig.right.size) or len(matched.left) < MIN_POINTS:
+        return [], 0.0
+    equal = np.tile([1.0, 0.0, 1.0], (len(matched.left), 1))
+    try:
+        refined = refine_rig(rig, None, MatchedPoints(matched.left, matched.right, equal, equal))
+    except ValueError:
+        return [], 0.0
+    turn_deg = refined.apparent_turn_deg
+    if turn_deg > _MAX_TURN_DEG:
+        return [], turn_deg
+    cause = f"a turn of the right camera by {turn_deg:.2g}° since the calibration, as after a bump, explains this"
+    explanation = _Explanation(cause, MEND, refined.rig, matched.left, matched.right, "camera")
+    return [explanation], turn_deg
 
 
 def _scaled(rig: Rig, matched: Matched, swapped: bool) -> Iterator[_Explanation]:
@@ -151,16 +188,17 @@ def _scaled(rig: Rig, matched: Matched, swapped: bool) -> Iterator[_Explanation]
 def _turned(rig: Rig, matched: Matched) -> Iterator[_Explanation]:
     """Photographs turned by 180°, of one or both cameras."""
     for sides in (("left",), ("right",), _SIDES):
-        points = [
+        left, right = (
             np.subtract(size, 1.0) - xy if side in sides else xy
             for side, xy, size in zip(_SIDES, (matched.left, matched.right), matched.sizes, strict=True)
-        ]
+        )
         named = " and ".join(sides)
         yield _Explanation(
             f"the {named} photographs look turned by 180°",
             f"turn the {named} photographs, or those of the board, by 180°",
             rig,
-            *points,
+            left,
+            right,
         )
 
 
@@ -237,6 +275,7 @@ def _shift(
         rig,
         matched.left + shift[0],
         matched.right + shift[1],
+        "window",
     )
 
 

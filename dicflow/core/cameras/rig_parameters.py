@@ -7,6 +7,7 @@ rotation is parametrised by a step from its current value, so that the parametri
 from __future__ import annotations
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from dicflow.core.arrays import Array
 from dicflow.core.cameras.camera import (
@@ -24,6 +25,7 @@ __all__ = [
     "KEY_FIGURES",
     "PARAMETERS",
     "PARAMETERS_PER_CAMERA",
+    "error_modes",
     "key_figure_sigmas",
     "key_figures",
     "pose_slopes",
@@ -43,6 +45,8 @@ PARAMETERS = (
 KEY_FIGURES = ("left_fx_px", "left_fy_px", "right_fx_px", "right_fy_px", "baseline_mm", "angle_deg")
 """Names of a rig's focal lengths, baseline and stereo angle, see :func:`key_figures`."""
 _FOCAL_LENGTH_INDICES = (0, 1, PARAMETERS_PER_CAMERA, PARAMETERS_PER_CAMERA + 1)
+_MIN_EIGENVALUE = 1e-9
+"""Of the correlation matrix of the rig's parameters; modes with a smaller one are dropped."""
 
 
 def rig_after_step(rig: Rig, step: Array) -> Rig:
@@ -122,3 +126,13 @@ def key_figure_sigmas(rig: Rig, covariance: Array) -> Array:
     axis = rotation_vector(rig.rotation)
     slopes[5, -6:-3] = np.degrees(axis / max(float(np.linalg.norm(axis)), 1e-12))
     return np.asarray(np.sqrt(np.einsum("fp,pq,fq->f", slopes, covariance, slopes)))
+
+
+def error_modes(covariance: ArrayLike) -> Array:
+    """Modes M (p, m) of a covariance C (p, p), with M Mᵀ = C: independent errors of unit variance."""
+    full = np.asarray(covariance, dtype=np.float64)
+    scale = np.sqrt(np.diagonal(full))
+    units = np.where(scale > 0.0, scale, 1.0)
+    strengths, directions = np.linalg.eigh(full / np.outer(units, units))
+    kept = strengths > _MIN_EIGENVALUE
+    return np.asarray(scale[:, None] * directions[:, kept] * np.sqrt(strengths[kept]))

@@ -23,7 +23,7 @@ from numpy.typing import ArrayLike
 from dicflow.core.arrays import Array, Mask
 from dicflow.core.cameras.camera import Rig
 from dicflow.core.cameras.frames import Frame
-from dicflow.core.cameras.rig_parameters import reprojection_slopes
+from dicflow.core.cameras.rig_parameters import error_modes, reprojection_slopes
 from dicflow.core.strain.deformation_gradient import gradient_response
 from dicflow.core.strain.measures import GradientMeasures
 from dicflow.core.strain.surface_strain import deformation_gradient
@@ -31,7 +31,6 @@ from dicflow.core.strain.surface_strain import deformation_gradient
 __all__ = [
     "MotionError",
     "RigError",
-    "error_modes",
     "field_changes",
     "motion_error",
     "nearest_on_grid",
@@ -43,8 +42,6 @@ __all__ = [
 ]
 
 
-_MIN_EIGENVALUE = 1e-9
-"""Of the correlation matrix of the rig's parameters; modes with a smaller one are dropped."""
 _MIN_POINTS = 2000
 _MIN_POINTS_ACROSS = 12
 """Points that a thinned grid keeps, in all and along its shorter side."""
@@ -60,16 +57,6 @@ def point_sensitivity(rig: Rig, points: ArrayLike) -> Array:
     by_point, by_rig = reprojection_slopes(rig, np.asarray(points, dtype=float))
     transposed = np.swapaxes(by_point, -1, -2)
     return np.asarray(-np.linalg.solve(transposed @ by_point, transposed @ by_rig))
-
-
-def error_modes(covariance: ArrayLike) -> Array:
-    """Modes M (p, m) of a covariance C (p, p), with M Mᵀ = C: independent errors of unit variance."""
-    full = np.asarray(covariance, dtype=np.float64)
-    scale = np.sqrt(np.diagonal(full))
-    units = np.where(scale > 0.0, scale, 1.0)
-    strengths, directions = np.linalg.eigh(full / np.outer(units, units))
-    kept = strengths > _MIN_EIGENVALUE
-    return np.asarray(scale[:, None] * directions[:, kept] * np.sqrt(strengths[kept]))
 
 
 class MotionError(NamedTuple):

@@ -3,12 +3,14 @@
 import { roundTicks } from "./numbers.js";
 import { html, svg } from "./page.js";
 
-const LEFT = 62,
+const LEAST_LEFT = 62,
+  NAME = 36,
+  LETTER = 7,
   RIGHT = 14,
   TOP = 12,
   BOTTOM = 40;
 
-/** A chart that fills an element. pick : called with the x of the point that was clicked, if given */
+/** A chart that fills an element. pick : called with the series and number of the point that was clicked, if given */
 export class Chart {
   constructor(element, pick) {
     Object.assign(this, { element, pick, content: null });
@@ -22,7 +24,7 @@ export class Chart {
     new ResizeObserver(() => this.draw()).observe(element);
   }
 
-  /** Shows series: { name, colour, x, y, error (half the band, or null) }, NaN is a gap. */
+  /** Shows series: { name, colour, x, y, error (half the band, or null), dashed }, NaN is a gap. */
   show(content) {
     this.content = content;
     this.draw();
@@ -42,10 +44,12 @@ export class Chart {
       series.flatMap((one) => [...one.y].flatMap((value, k) => band(one, value, k))),
       0.06,
     );
-    const toX = (value) => LEFT + ((value - x[0]) / (x[1] - x[0])) * (width - LEFT - RIGHT);
+    const ticks = twoTicks(y[0], y[1], (height - TOP - BOTTOM) / 44);
+    const left = Math.max(LEAST_LEFT, NAME + LETTER * Math.max(...ticks.map(({ text }) => text.length)));
+    const toX = (value) => left + ((value - x[0]) / (x[1] - x[0])) * (width - left - RIGHT);
     const toY = (value) => height - BOTTOM - ((value - y[0]) / (y[1] - y[0])) * (height - TOP - BOTTOM);
-    this.scale = { toX, toY, width, height };
-    const parts = [...axes(x, y, this.scale, xAxis, yAxis)];
+    this.scale = { toX, toY, left, width, height };
+    const parts = [...axes(x, ticks, this.scale, xAxis, yAxis)];
     if (mark !== null && mark >= x[0] && mark <= x[1]) {
       parts.push(svg("line", { class: "x-mark", x1: toX(mark), x2: toX(mark), y1: TOP, y2: height - BOTTOM }));
     }
@@ -87,8 +91,14 @@ export class Chart {
 
   click(event) {
     const found = this.nearest(event);
-    if (found && this.pick) this.pick(found.series.x[found.k], found.k);
+    if (found && this.pick) this.pick(found.series, found.k);
   }
+}
+
+// At least two, since one number gives no scale.
+function twoTicks(low, high, about) {
+  const found = roundTicks(low, high, about);
+  return found.length > 1 ? found : roundTicks(low, high, 2 * about);
 }
 
 function band(series, value, k) {
@@ -105,12 +115,13 @@ function span(values, margin) {
   return [low - margin * (high - low), high + margin * (high - low)];
 }
 
-function* axes(x, y, { toX, toY, width, height }, xAxis, yAxis) {
-  for (const { value, text } of roundTicks(y[0], y[1], (height - TOP - BOTTOM) / 44)) {
-    yield svg("line", { class: "x-rule", x1: LEFT, x2: width - RIGHT, y1: toY(value), y2: toY(value) });
-    yield svg("text", { x: LEFT - 8, y: toY(value) + 4, "text-anchor": "end" }, text);
+function* axes(x, ticks, { toX, toY, left, width, height }, xAxis, yAxis) {
+  for (const { value, text } of ticks) {
+    yield svg("line", { class: "x-rule", x1: left, x2: width - RIGHT, y1: toY(value), y2: toY(value) });
+    yield svg("text", { x: left - 8, y: toY(value) + 4, "text-anchor": "end" }, text);
   }
-  for (const { value, text } of roundTicks(x[0], x[1], (width - LEFT - RIGHT) / 70)) {
+  const about = (width - left - RIGHT) / 70;
+  for (const { value, text } of roundTicks(x[0], x[1], xAxis.whole ? Math.min(about, x[1] - x[0]) : about)) {
     if (xAxis.whole && value !== Math.round(value)) continue;
     yield svg("line", {
       class: "x-tick",
@@ -121,10 +132,10 @@ function* axes(x, y, { toX, toY, width, height }, xAxis, yAxis) {
     });
     yield svg("text", { x: toX(value), y: height - BOTTOM + 17, "text-anchor": "middle" }, text);
   }
-  yield svg("line", { class: "x-axis", x1: LEFT, x2: width - RIGHT, y1: height - BOTTOM, y2: height - BOTTOM });
+  yield svg("line", { class: "x-axis", x1: left, x2: width - RIGHT, y1: height - BOTTOM, y2: height - BOTTOM });
   yield svg(
     "text",
-    { class: "x-name", x: (LEFT + width - RIGHT) / 2, y: height - 5, "text-anchor": "middle" },
+    { class: "x-name", x: (left + width - RIGHT) / 2, y: height - 5, "text-anchor": "middle" },
     xAxis.text,
   );
   const middle = (TOP + height - BOTTOM) / 2;
@@ -155,6 +166,7 @@ function* curve(series, toX, toY) {
       stroke: series.colour,
       "stroke-width": 2,
       "stroke-linejoin": "round",
+      ...(series.dashed ? { "stroke-dasharray": "5 4" } : {}),
     });
   }
   if (series.x.length <= 60) {

@@ -6,8 +6,21 @@ import { axisText, capital } from "./numbers.js";
 export const COLOURS = ["#d1495b", "#2a7f9e", "#e09f3e", "#5a8f3c", "#7d5ba6", "#3d405b"];
 const ACCENT = "var(--x-accent)";
 
-/** Promise of series { name, colour, symbol, unit, numbers of the steps, y, error }. */
+/** Promise of series { name, what, colour, symbol, unit, numbers of the steps, y, error }, also of a companion. */
 export async function seriesOf(host) {
+  const own = await ownSeries(host);
+  if (!host.companion) return own;
+  const { explorer, names } = host.companion;
+  const others = (await ownSeries(explorer)).map((one) => ({
+    ...one,
+    name: `${names[1]}: ${one.name}`,
+    colour: one.colour === ACCENT ? COLOURS[0] : one.colour,
+    dashed: true,
+  }));
+  return [...own.map((one) => ({ ...one, name: `${names[0]}: ${one.name}` })), ...others];
+}
+
+async function ownSeries(host) {
   const { manifest, quantity, points } = host;
   const { symbol, unit } = quantity;
   const numbers = manifest.steps.map((step) => step.number);
@@ -15,13 +28,15 @@ export async function seriesOf(host) {
     const curves = await Promise.all(points.map((one) => curveOf(host.fields, host.scene, one)));
     return curves.map(({ values, sigmas }, k) => {
       const { row, col, colour } = points[k];
-      return { name: `point ${row}, ${col}`, colour, symbol, unit, numbers, y: values, error: sigmas };
+      const name = `point ${row}, ${col}`;
+      return { name, what: name, colour, symbol, unit, numbers, y: values, error: sigmas };
     });
   }
   const probes = manifest.curves.filter((one) => belongs(one, quantity, manifest.main[0]));
   if (probes.length) return probes.map((one, k) => ofProbe(one, k ? COLOURS[(k - 1) % COLOURS.length] : ACCENT));
   const part = (k) => quantity.means.map((pair) => (pair ? pair[k] : NaN));
-  return [{ name: "mean of the field ± spread", colour: ACCENT, symbol, unit, numbers, y: part(0), error: part(1) }];
+  const name = "mean of the field ± spread";
+  return [{ name, what: name, colour: ACCENT, symbol, unit, numbers, y: part(0), error: part(1) }];
 }
 
 // An extensometer belongs to the main quantity, since it measures the same strain.
@@ -31,13 +46,14 @@ function belongs(probe, quantity, main) {
 
 function ofProbe({ title, quantity, unit, numbers, values, sigmas }, colour) {
   const number = (value) => (value === null ? NaN : value);
-  return { name: title, colour, symbol: quantity, unit, numbers, y: values.map(number), error: sigmas.map(number) };
+  const facts = { name: title, what: title, colour, symbol: quantity, unit, numbers };
+  return { ...facts, y: values.map(number), error: sigmas.map(number) };
 }
 
 /** The heading of a chart of series. */
 export function titleOf({ points, quantity }, series) {
   if (points.length) return `${quantity.symbol} at ${points.length === 1 ? "the point" : "points"}`;
-  return series.length === 1 ? capital(series[0].name) : "Probes";
+  return series.every((one) => one.what === series[0].what) ? capital(series[0].what) : "Probes";
 }
 
 /** Places in the manifest of steps by their numbers; undefined for one that is not there. */
@@ -58,7 +74,8 @@ export function nameOf(manifest, number) {
 
 /** The series as a table: one row per step, each value with its error. */
 export function tableOf(manifest, series) {
-  const { numbers } = series[0];
+  const numbers = [...new Set(series.flatMap((one) => one.numbers))].sort((one, other) => one - other);
+  const at = (one, part, number) => one[part][one.numbers.indexOf(number)] ?? NaN;
   const loads = manifest.load ? loadsOf(manifest, numbers) : null;
   return {
     columns: [
@@ -69,7 +86,7 @@ export function tableOf(manifest, series) {
     rows: numbers.map((number, k) => [
       nameOf(manifest, number),
       ...(loads ? [loads[k]] : []),
-      ...series.flatMap((one) => [one.y[k], one.error[k]]),
+      ...series.flatMap((one) => [at(one, "y", number), at(one, "error", number)]),
     ]),
   };
 }

@@ -20,7 +20,9 @@ export class Side {
     this.along = "step";
     this.axis.element.hidden = !host.manifest.load;
     this.title = html("h3", {});
-    this.curve = new Chart(html("div", {}), (_, k) => host.change({ step: this.stepAt[k] ?? host.scene.step }));
+    this.curve = new Chart(html("div", {}), ({ numbers }, k) =>
+      host.change({ step: placesOf(host.manifest, [numbers[k]])[0] ?? host.scene.step }),
+    );
     this.chips = html("div", { class: "x-chips" });
     this.profileTitle = html("h3", {});
     this.profile = new Chart(html("div", {}));
@@ -35,7 +37,7 @@ export class Side {
     );
     this.profileBox = html(
       "section",
-      { class: "x-block", hidden: true },
+      { class: "x-block x-profile", hidden: true },
       html(
         "div",
         { class: "x-block-head" },
@@ -65,7 +67,7 @@ export class Side {
       { class: "x-side" },
       html(
         "section",
-        { class: "x-block", hidden: host.manifest.steps.length < 2 },
+        { class: "x-block x-curve", hidden: host.manifest.steps.length < 2 },
         html(
           "div",
           { class: "x-block-head" },
@@ -94,6 +96,12 @@ export class Side {
     await this.showCurve();
   }
 
+  /** Shows the charts again, as of a companion that shows something else now. */
+  showCharts() {
+    this.showProfile();
+    return this.showCurve();
+  }
+
   async showCurve() {
     const { host } = this;
     const { manifest, quantity, scene } = host;
@@ -102,7 +110,6 @@ export class Side {
     if (asked !== this.asked) return;
     const byLoad = this.along === "load" && Boolean(manifest.load);
     for (const one of series) one.x = byLoad ? loadsOf(manifest, one.numbers) : one.numbers;
-    this.stepAt = placesOf(manifest, series[0].numbers);
     this.title.textContent = titleOf(host, series);
     const now = [manifest.steps[scene.step].number];
     this.curve.show({
@@ -111,7 +118,9 @@ export class Side {
       xAxis: byLoad ? { text: axisText("load", manifest.load[0]) } : { text: "step", whole: true },
       yAxis: { text: axisText(series[0].symbol, series[0].unit) },
       mark: (byLoad ? loadsOf(manifest, now) : now)[0],
-      text: (one, k) => `${nameOf(manifest, one.numbers[k])}: ${withError(one.y[k], one.error[k], one.unit)}`,
+      text: (one, k) => `${nameOf(manifest, one.numbers[k])}: ${withError(one.y[k], one.error[k], one.unit)}${
+        host.companion ? `, ${one.name}` : ""
+      }`,
     });
     this.curveTable = tableOf(manifest, series);
     this.showChips();
@@ -132,7 +141,13 @@ export class Side {
         ),
       );
     const hint = html("span", { class: "x-hint" }, "Click points of the field for their curves.");
-    this.chips.replaceChildren(...(host.points.length ? host.points.map(chip) : [hint]));
+    this.chips.replaceChildren(...(host.points.length ? host.points.map(chip) : [hint]), ...this.key());
+  }
+
+  /** What the lines of a companion look like. */
+  key() {
+    const names = this.host.companion?.names;
+    return names ? [html("span", { class: "x-hint" }, `Solid: ${names[0]}. Dashed: ${names[1]}.`)] : [];
   }
 
   /** The colour of the next chosen point. */
@@ -146,13 +161,14 @@ export class Side {
     const { frame, quantity, scene } = host;
     this.profileBox.hidden = !scene.line || scene.camera === "space";
     if (this.profileBox.hidden || !frame) return;
-    const { at, values } = profileOf(frame, scene.line);
+    const series = this.profiles();
+    const { x: at, y: values } = series[0];
     this.profileTitle.textContent = `${quantity.symbol} along the line`;
     scene.line.flat().forEach((value, k) => {
       if (document.activeElement !== this.ends[k]) this.ends[k].value = fixed(value, 1);
     });
     this.profile.show({
-      series: [{ name: "profile", colour: "var(--x-accent)", x: at, y: values, error: null }],
+      series,
       label: `${quantity.symbol} along the line`,
       xAxis: { text: "distance [px]" },
       yAxis: { text: axisText(quantity.symbol, quantity.unit) },
@@ -160,9 +176,21 @@ export class Side {
       text: (one, k) => `${fixed(one.x[k], 1)} px: ${withError(one.y[k], NaN, quantity.unit, quantity.scale[1])}`,
     });
     this.profileTable = {
-      columns: ["distance [px]", axisText(quantity.symbol, quantity.unit)],
-      rows: at.map((one, k) => [one, values[k]]),
+      columns: ["distance [px]", ...series.map((one) => `${one.name} ${axisText(quantity.symbol, quantity.unit)}`.trim())],
+      rows: at.map((one, k) => [one, ...series.map(({ y }) => y[k])]),
     };
+  }
+
+  /** Profiles along the line, also of a companion. */
+  profiles() {
+    const { frame, scene, companion } = this.host;
+    const one = (shown, facts) => {
+      const { at, values } = profileOf(shown, scene.line);
+      return { x: at, y: values, error: null, ...facts };
+    };
+    const own = one(frame, { name: companion?.names[0] ?? "", colour: "var(--x-accent)" });
+    const other = companion?.explorer.frame;
+    return other ? [own, one(other, { name: companion.names[1], colour: COLOURS[0], dashed: true })] : [own];
   }
 
   moveEnd(k, input) {

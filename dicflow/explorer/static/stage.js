@@ -54,8 +54,7 @@ export class Stage {
     if (!width || !height) return;
     [this.canvas.width, this.canvas.height] = [Math.round(width * ratio), Math.round(height * ratio)];
     this.overlay.setAttribute("viewBox", `0 0 ${width} ${height}`);
-    this.fitted = "";
-    this.draw();
+    this.reset();
   }
 
   /** On paper the picture keeps its pixels and is scaled as a whole, since nothing is drawn once a page is laid out. */
@@ -71,6 +70,23 @@ export class Stage {
   /** Shows everything again in the middle. */
   reset() {
     this.fitted = "";
+    this.draw();
+    this.host.moved();
+  }
+
+  /** The part that is shown, for another picture: of a plane its middle and scale [CSS px per px], else how it is turned. */
+  get view() {
+    if (!this.isFlat) return { turn: { ...this.turntable } };
+    const [width, height] = this.size;
+    return { middle: this.window.toPlace(width / 2, height / 2), scale: this.window.scale };
+  }
+
+  set view({ turn, middle, scale }) {
+    const [width, height] = this.size;
+    this._fit();
+    if (turn && !this.isFlat) Object.assign(this.turntable, turn);
+    if (middle && this.isFlat)
+      Object.assign(this.window, { scale, x: width / 2 - scale * middle[0], y: height / 2 - scale * middle[1] });
     this.draw();
   }
 
@@ -248,6 +264,7 @@ export class Stage {
     if (this.isFlat) this.window.zoom(factor, px, py);
     else this.turntable.zoom(factor);
     this.draw();
+    this.host.moved();
   }
 
   _down(event) {
@@ -277,6 +294,7 @@ export class Stage {
     this.pointers.set(event.pointerId, [x, y]);
     this.hover(-1);
     this.draw();
+    this.host.moved();
   }
 
   _pinch(id, after) {

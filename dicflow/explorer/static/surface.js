@@ -54,6 +54,8 @@ export class SurfaceView {
 
   line() {}
 
+  moved() {}
+
   /** Shows the step of the explorer; hidden while its large picture is the surface. */
   async show() {
     this.element.hidden = this.explorer.scene.camera === "space";

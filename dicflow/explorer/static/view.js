@@ -44,6 +44,7 @@ class Explorer {
     this.frames = new Map();
     this.colourTables = new Map();
     this.frame = null;
+    this.companion = null;
     this.playing = 0;
     this.stage = new Stage(this);
     this.toolbar = new Toolbar(this);
@@ -138,7 +139,12 @@ class Explorer {
     if (changes.tool === "line" && !this.scene.line) this.scene.line = this._middleLine();
     Object.assign(this.scene, changes);
     this.ready = this._refresh();
+    this._say("explorer-scene");
     return this.ready;
+  }
+
+  _say(event, detail = {}) {
+    this.element.dispatchEvent(new CustomEvent(event, { bubbles: true, detail }));
   }
 
   // Across the middle of the points, so that a line can be had without a pointer.
@@ -159,6 +165,7 @@ class Explorer {
     else this.ranges.delete(this.quantity.name);
     this.redraw();
     this.legend.show();
+    this._say("explorer-range");
   }
 
   /** Draws all pictures again. */
@@ -192,7 +199,7 @@ class Explorer {
     this.legend.show();
     this.firstDrawn ??= performance.now();
     await this.side.show();
-    this.element.dispatchEvent(new CustomEvent("explorer-change", { bubbles: true, detail: { ...this.scene } }));
+    this._say("explorer-change", { ...this.scene });
   }
 
   /** Chooses a point of the frame, so that its curve is shown; a chosen one is dropped. */
@@ -209,10 +216,16 @@ class Explorer {
     return this._chosen();
   }
 
+  /** Chooses other points. points : { index, colour } of each */
+  choose(points) {
+    this.points = this.frame ? points.map(({ index, colour }) => ({ ...this.frame.point(index), colour })) : [];
+    return this._chosen();
+  }
+
   // Other points are chosen.
   _chosen() {
     this.redraw();
-    this.element.dispatchEvent(new CustomEvent("explorer-chosen", { bubbles: true }));
+    this._say("explorer-chosen");
     return this.side.showCurve();
   }
 
@@ -221,12 +234,17 @@ class Explorer {
     this.scene.line = ends;
     this.stage.mark();
     this.side.showProfile();
-    this.element.dispatchEvent(new CustomEvent("explorer-chosen", { bubbles: true }));
+    this._say("explorer-chosen");
   }
 
   /** The elements that say what is known of a point. */
   reading(k) {
-    return this.readingOf(this.frame, k);
+    return [...this.readingOf(this.frame, k), ...this.further(k).map((text) => html("span", {}, text))];
+  }
+
+  /** Sentences that stand below what is known of a point; a link to another explorer gives them. */
+  further() {
+    return [];
   }
 
   /** The same of another frame. */
@@ -268,6 +286,12 @@ class Explorer {
   /** What the pointer rests on; −1 for nothing. */
   hovered(k) {
     this.legend.point(k < 0 || !this.frame ? NaN : this.frame.point(k).value);
+    this._say("explorer-hover", { index: k });
+  }
+
+  /** The picture was zoomed, moved or turned by a person. */
+  moved() {
+    this._say("explorer-moved");
   }
 
   /** Plays the steps, from the first again after the last, or stops. */
@@ -282,7 +306,8 @@ class Explorer {
     const started = performance.now();
     this.playing = setTimeout(
       async () => {
-        await this.change({ step: (this.scene.step + 1) % this.manifest.steps.length });
+        const drawn = this.change({ step: (this.scene.step + 1) % this.manifest.steps.length });
+        await Promise.all([drawn, this.companion?.explorer.ready]);
         if (this.playing) this._next();
       },
       Math.max(0, PLAY_MS - (performance.now() - started)),
@@ -330,7 +355,7 @@ class Explorer {
 
   _cancel() {
     this.play(false);
-    this.points = [];
+    this.choose([]);
     this.change({ line: null });
   }
 

@@ -4,11 +4,10 @@ from boards import board_corners, verged_rig
 
 from dicflow.core.cameras.camera import project, rotation_matrix, to_right
 from dicflow.core.cameras.frames import LEFT_CAMERA, axes_frame, into_frame
-from dicflow.core.cameras.rig_parameters import PARAMETERS, rig_after_step
+from dicflow.core.cameras.rig_parameters import PARAMETERS, error_modes, rig_after_step
 from dicflow.core.cameras.rigid import co_moving_frame, rigid_motion
 from dicflow.core.cameras.triangulate import triangulate
 from dicflow.core.strain.calibration_error import (
-    error_modes,
     field_changes,
     nearest_on_grid,
     place_changes,
