@@ -22,7 +22,7 @@ class Other(Waves):
 
     def quantities(self):
         exx, w, _ = super().quantities()
-        return [exx._replace(title="engineering strain εxx, VSG 60 px"), w, exx._replace(name="angle", unit="deg")]
+        return [exx | {"title": "engineering strain εxx, VSG 60 px"}, w, exx | {"name": "angle", "unit": "deg"}]
 
     def read(self, step):
         found = Waves().read(step)
@@ -66,7 +66,7 @@ def test_values_are_those_of_one_minus_the_other(difference):
 
 
 def test_quantities_are_those_of_both_and_no_angles(difference):
-    titles = {one.name: (one.symbol, one.title, one.signed) for one in difference.quantities()}
+    titles = {one["name"]: (one["symbol"], one["title"], one["signed"]) for one in difference.quantities()}
     assert titles == {
         "exx": (
             "Δεxx",
@@ -118,5 +118,5 @@ def test_nothing_in_common_is_said():
     late, bare = Waves(), Waves()
     late.steps = [f"late_{step}" for step in late.steps]
     assert "No step" in obstacle(Waves(), late)
-    bare.quantities = lambda: [one._replace(unit="px") for one in Waves().quantities()]
+    bare.quantities = lambda: [one | {"unit": "px"} for one in Waves().quantities()]
     assert "No quantity" in obstacle(Waves(), bare)
