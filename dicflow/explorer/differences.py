@@ -33,7 +33,7 @@ def obstacle(one: FieldSource, other: FieldSource) -> str:
 class DifferenceFields:
     """One result minus another whose points are the same ones. Places and photographs are those of the first.
 
-    There is no standard deviation: two results of the same photographs share most of the noise.
+    There is no uncertainty: two results of the same photographs share most of the noise.
     """
 
     def __init__(self, one: FieldSource, other: FieldSource) -> None:
@@ -61,10 +61,10 @@ class DifferenceFields:
         names = [name for name in self._common if name in one.values and name in other.values]
         values = {name: one.values[name].astype(float) - other.values[name] for name in names}
         status = np.where(one.status <= Status.FILLED, other.status, one.status)
-        return StepFields(values, {}, {}, status, one.places)
+        return StepFields(values, {}, status, one.places)
 
     def at_point(self, step: str, quantity: str, index: int) -> tuple[float, float]:
-        """Difference at a point; its standard deviation is unknown."""
+        """Difference at a point; its uncertainty is unknown."""
         one, other = (source.at_point(step, quantity, index)[0] for source in (self._one, self._other))
         return one - other, np.nan
 

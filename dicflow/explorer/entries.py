@@ -69,14 +69,13 @@ def first_entry(reading: Reading, shown: Contents) -> FirstFacts | None:
 def quantity_entry(reading: Reading, facts: QuantityFacts, steps: Sequence[StepEntry]) -> QuantityEntry:
     """A quantity with its scales, colours and means."""
     scales, look = reading.scales, reading.look(facts)
-    sigma, share = scales.sigmas.get(facts["name"]), scales.shares.get(facts["name"])
     value = scales.values[facts["name"]]
+    errors = {part: found[facts["name"]] for part, found in scales.errors.items() if facts["name"] in found}
     found = [reading.surveys.get(entry["name"]) for entry in steps]
     return QuantityEntry(
         **facts,
         scale=(value.low, value.quantum),
-        sigma=None if sigma is None else (sigma.low, sigma.ratio),
-        share=None if share is None else (share.low, share.ratio),
+        errors={part: (one.low, one.ratio) for part, one in errors.items()},
         range=look.range,
         colours=look.table,
         means=[None if one is None else one["means"].get(facts["name"]) for one in found],

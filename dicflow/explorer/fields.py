@@ -14,17 +14,28 @@ from numpy.typing import NDArray
 from dicflow.errors import DicflowError
 from dicflow.kinds.cloud import Cloud
 from dicflow.kinds.points import Points
-from dicflow.kinds.quantities import QUANTITIES, is_signed, of_field
+from dicflow.kinds.quantities import ERRORS, QUANTITIES, is_signed, of_field
 from dicflow.kinds.rig import CalibratedRig
 from dicflow.kinds.total import Total
 from dicflow.pipeline.places import Places, to_left_photograph
 from dicflow.pipeline.result import Result
 
-__all__ = ["FieldFacts", "FieldSource", "QuantityFacts", "ShapeFields", "StepFields", "TotalFields", "field_source"]
+__all__ = [
+    "ERROR_PARTS",
+    "FieldFacts",
+    "FieldSource",
+    "QuantityFacts",
+    "ShapeFields",
+    "StepFields",
+    "TotalFields",
+    "field_source",
+]
 
 Array = NDArray[Any]
 _ROUTES = ("status", "way", "way_right")
-_DEVIATIONS = ("sigma_", "calibration_")
+ERROR_PARTS = {"u": "u_", "sigma": "sigma_", "bias": "bias_", "share": "calibration_"}
+"""What is known of the error of a value, and how names of its arrays begin in a total: combined standard uncertainty,
+standard deviation by noise, that of the bias that remains, and the calibration's share beside them."""
 _KEPT_BYTES = 30_000_000
 """Memory for steps of all results that were read last, since they are read twice, and again for a difference."""
 _MOST_POINTS = 60_000
@@ -70,15 +81,15 @@ class QuantityFacts(TypedDict):
 class StepFields(NamedTuple):
     """The points of one step.
 
-    values, sigmas, shares : quantity → (row, col) values, their standard deviations by noise, and the calibration's
-        share beside them; NaN if unknown
+    values : quantity → (row, col); NaN if unknown
+    errors : each of ``ERROR_PARTS`` → quantity → (row, col); NaN if unknown. Without a bias there is no "u", which is
+        "sigma" then
     status : (row, col) — valid, filled, or why a value is unknown
     places : "left" and "right" (row, col, 2) in the photographs [px], "space" (row, col, 3)
     """
 
     values: Mapping[str, Array]
-    sigmas: Mapping[str, Array]
-    shares: Mapping[str, Array]
+    errors: Mapping[str, Mapping[str, Array]]
     status: Array
     places: Mapping[str, Array]
 
@@ -107,7 +118,7 @@ class FieldSource(Protocol):
         """The fields of a step."""
 
     def at_point(self, step: str, quantity: str, index: int) -> tuple[float, float]:
-        """Value of a quantity at a point, by its number in the grid, and its standard deviation; NaN if unknown."""
+        """Value of a quantity at a point, by its number in the grid, and its standard uncertainty; NaN if unknown."""
 
     def first_sources(self) -> list[str] | None:
         """Digests of all that places at the first step are made of; None if they are unknown."""
@@ -151,7 +162,7 @@ class TotalFields:
     def quantities(self) -> Sequence[QuantityFacts]:
         """Those of the table in its order, then all other fields."""
         flat = () if self._example.in_space else ("W",)
-        names = [name for name in self._example.fields if not name.startswith(_DEVIATIONS)]
+        names = [name for name in self._example.fields if not name.startswith(tuple(ERRORS))]
         names = [name for name in names if name not in (*_ROUTES, *flat)]
         order = [*(name for name in QUANTITIES if name in names), *(name for name in names if name not in QUANTITIES)]
         return [self._facts(name) for name in order]
@@ -174,19 +185,19 @@ class TotalFields:
     def _read(self, step: str) -> StepFields:
         total = self._total(step)
         names = [quantity["name"] for quantity in self.quantities() if quantity["name"] in total]
-        sigmas, shares = ({name: total[p + name] for name in names if p + name in total} for p in _DEVIATIONS)
         places = {"left": self._places.at_step(total)}
         if total.in_space:
             places["space"] = total["xyz"]
         if self._right is not None:
             right = self._result.product(self._right, step, self._variant)["xy"]
             places["right"] = np.where(np.isfinite(places["space"][..., :1]), right, np.nan)
-        return StepFields({name: total[name] for name in names}, sigmas, shares, total["status"], places)
+        return StepFields({name: total[name] for name in names}, _errors(total, names), total["status"], places)
 
     def at_point(self, step: str, quantity: str, index: int) -> tuple[float, float]:
-        """Value and standard deviation at a point; no other array is read."""
+        """Value and standard uncertainty at a point; no other array is read."""
         total = self._total(step)
-        return _number(total, quantity, index), _number(total, f"sigma_{quantity}", index)
+        error = next((p + quantity for p in ("u_", "sigma_") if p + quantity in total), "")
+        return _number(total, quantity, index), _number(total, error, index)
 
     def first_sources(self) -> list[str] | None:
         """Digests of the grid and of the rig; None where each step has a grid of its own."""
@@ -251,7 +262,7 @@ def _kept(sources: Sequence[str], make: Callable[[], StepFields]) -> StepFields:
 
 def _size(fields: StepFields) -> int:
     """Memory of the arrays of a step [bytes]."""
-    numbers = (fields.values, fields.sigmas, fields.shares, fields.places)
+    numbers = (fields.values, fields.places, *fields.errors.values())
     return fields.status.nbytes + sum(array.nbytes for found in numbers for array in found.values())
 
 
@@ -293,9 +304,9 @@ class ShapeFields:
         return _of_points(Points.read(product), self._result.product(followed, step, self._variant)["xy"])
 
     def at_point(self, step: str, quantity: str, index: int) -> tuple[float, float]:
-        """Value and standard deviation at a point."""
+        """Value and standard uncertainty at a point."""
         fields = self.read(step)
-        return _number(fields.values, quantity, index), _number(fields.sigmas, quantity, index)
+        return _number(fields.values, quantity, index), _number(fields.errors.get("sigma", {}), quantity, index)
 
     def first_sources(self) -> list[str] | None:
         """None: a shape is shown at its own step."""
@@ -314,7 +325,7 @@ class ShapeFields:
         places: dict[str, Array] = {"space": xyz}
         if (carried := self._carried(pixels)) is not None:
             places["left"] = carried
-        return StepFields(_coordinates(xyz), {}, {}, status, places)
+        return StepFields(_coordinates(xyz), {}, status, places)
 
     def _carried(self, pixels: Array) -> Array | None:
         """Pixels of the rectified left image in the left photograph; None without a rig."""
@@ -328,6 +339,15 @@ class ShapeFields:
         return None
 
 
+def _errors(total: Total, names: Sequence[str]) -> dict[str, dict[str, Array]]:
+    """What is known of the errors of quantities, by part and name."""
+    biased = [name for name in names if f"bias_{name}" in total]
+    return {
+        part: {name: total[prefix + name] for name in (biased if part == "u" else names) if prefix + name in total}
+        for part, prefix in ERROR_PARTS.items()
+    }
+
+
 def _number(arrays: Mapping[str, Array] | Total, name: str, index: int) -> float:
     """A number of an array by its place in the flat array; NaN where there is none."""
     return float(arrays[name].flat[index]) if name in arrays and index < arrays[name].size else np.nan
@@ -339,7 +359,7 @@ def _of_points(points: Points, left: Array) -> StepFields:
     variances = {"X": covariance[..., 0], "Y": covariance[..., 3], "Z": covariance[..., 5]}
     sigmas = {name: np.sqrt(np.maximum(variance, 0.0)) for name, variance in variances.items()}
     places = {"left": left, "right": points["xy_right"], "space": xyz}
-    return StepFields(_coordinates(xyz), sigmas, {}, points["status"], places)
+    return StepFields(_coordinates(xyz), {"sigma": sigmas}, points["status"], places)
 
 
 def _coordinates(xyz: Array) -> dict[str, Array]:

@@ -77,7 +77,7 @@ class OnDemand:
         return found
 
     def curve(self, quantity: str, index: int) -> dict[str, list[float | None]]:
-        """Readings of a point at all steps that are shown, ``values`` and ``sigmas``; None if unknown.
+        """Readings of a point at all steps that are shown, ``values`` and ``errors``; None if unknown.
 
         index : of the point in the grid, row by row
         Raises InputError for a quantity or a point that is not there.
@@ -88,14 +88,14 @@ class OnDemand:
         there = [
             source.at_point(s, quantity, index) if s in self._reading.surveys else (math.nan,) * 2 for s in self._steps
         ]
-        values, sigmas = zip(*there, strict=True)
-        return {"values": [_known_number(one) for one in values], "sigmas": [_known_number(one) for one in sigmas]}
+        values, errors = zip(*there, strict=True)
+        return {"values": [_known_number(one) for one in values], "errors": [_known_number(one) for one in errors]}
 
     @cached_property
     def _keys(self) -> list[str]:
         """Keys of the blobs that a step may have."""
         scales = self._reading.scales
-        tables = {"value": scales.values, "sigma": scales.sigmas, "share": scales.shares, "place": scales.places}
+        tables: dict[str, Iterable[str]] = {"value": scales.values, **scales.errors, "place": scales.places}
         return ["status", *(key_of(part, name) for part, table in tables.items() for name in table)]
 
     def _names(self, step: str) -> dict[str, str]:
@@ -174,10 +174,5 @@ def _known_number(value: float) -> float | None:
 
 def _known(one: StepSurvey) -> set[str]:
     """Keys of the blobs with any number in them."""
-    parts: dict[str, Iterable[str]] = {
-        "value": one["values"],
-        "sigma": one["sigmas"],
-        "share": one["shares"],
-        "place": one["places"],
-    }
+    parts: dict[str, Iterable[str]] = {"value": one["values"], **one["errors"], "place": one["places"]}
     return {"status", *(key_of(part, name) for part, found in parts.items() for name in found)}

@@ -59,11 +59,11 @@ def test_blobs_are_the_fields_of_the_products_within_the_stated_rounding(file):
                 scale, name = LinearScale(*quantity["scale"]), quantity["name"]
                 values = scale.values(blob(app, found, step, f"value/{name}"))
                 assert np.allclose(values, total[name], rtol=1e-12, atol=0.5001 * scale.quantum, equal_nan=True)
-                if quantity["sigma"]:
-                    sigmas = LogScale(*quantity["sigma"]).values(blob(app, found, step, f"sigma/{name}"))
-                    bar = np.sqrt(quantity["sigma"][1]) - 0.999
-                    assert np.allclose(sigmas, total[f"sigma_{name}"], rtol=bar, equal_nan=True)
-        assert sum(1 for one in found["manifest"]["quantities"] if one["sigma"]) >= 5
+                for part in quantity["errors"].keys() & {"u", "sigma"}:
+                    scale = LogScale(*quantity["errors"][part])
+                    errors = scale.values(blob(app, found, step, f"{part}/{name}"))
+                    assert np.allclose(errors, total[f"{part}_{name}"], rtol=scale.error + 1e-3, equal_nan=True)
+        assert sum(1 for one in found["manifest"]["quantities"] if one["errors"].keys() >= {"u", "sigma"}) >= 5
 
 
 def test_the_pointer_reads_the_value_of_the_product(file):
@@ -87,7 +87,7 @@ def test_the_pointer_reads_the_value_of_the_product(file):
 
 
 def test_a_curve_is_that_of_the_products(file):
-    """At every step the exact number of the product, with its σ."""
+    """At every step the exact number of the product, with its uncertainty."""
     result = Pipeline.load(file).result()
     with served(file) as app, opened_page(app) as someone:
         screen(app, someone)
@@ -105,7 +105,7 @@ def test_a_curve_is_that_of_the_products(file):
         someone.until(f"{EXPLORER}.points.length === 1")
         curve = page.evaluate(f"{EXPLORER}.fields.curve({EXPLORER}.quantity, {k})")
         assert curve["values"] == [float(total[name].flat[k]) for total in totals]
-        assert curve["sigmas"] == [float(total[f"sigma_{name}"].flat[k]) for total in totals]
+        assert curve["errors"] == [float(total.uncertainty(name).flat[k]) for total in totals]
         view = opened(app)["view"]
         lost = np.flatnonzero(np.isnan(totals[0][name]))
         if lost.size:

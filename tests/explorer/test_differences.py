@@ -62,7 +62,7 @@ def test_values_are_those_of_one_minus_the_other(difference):
         assert (found.status[5, 5], found.status[1, 0]) == (Status.MISFIT, Status.HIDDEN)
         np.testing.assert_array_equal(found.values["W"][known], 0.0)
         np.testing.assert_array_equal(found.places["left"], one.places["left"])
-        assert (found.sigmas, found.shares) == ({}, {})
+        assert found.errors == {}
 
 
 def test_quantities_are_those_of_both_and_no_angles(difference):

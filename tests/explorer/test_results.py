@@ -13,6 +13,7 @@ from PIL import Image
 
 from dicflow.core.cameras.camera import project
 from dicflow.core.status import Status
+from dicflow.explorer.fields import ERROR_PARTS
 from dicflow.explorer.pack import packed_result
 from dicflow.explorer.packing import LinearScale, LogScale, unpacked
 from dicflow.explorer.page import NOTEBOOK_PAGE, fragment
@@ -89,11 +90,12 @@ def test_every_value_sigma_and_reason_of_the_quick_start(quickstart, packed):
             back, truth = scale.values(array(packed, step, f"value/{name}")), product[name]
             assert (np.isnan(back) == np.isnan(truth)).all()
             assert np.nanmax(np.abs(back - truth)) <= scale.quantum / 2 * (1 + 1e-6)
-            if quantity["sigma"]:
-                deviation = LogScale(*quantity["sigma"])
-                back, truth = deviation.values(array(packed, step, f"sigma/{name}")), product[f"sigma_{name}"]
-                assert (np.isnan(back) == np.isnan(truth)).all()
-                assert np.nanmax(np.abs(back / truth - 1)) <= deviation.error * (1 + 1e-4)
+            for part, scale in quantity["errors"].items():
+                error = LogScale(*scale)
+                if f"{part}/{name}" in step["blobs"]:
+                    back, truth = error.values(array(packed, step, f"{part}/{name}")), product[ERROR_PARTS[part] + name]
+                    assert (np.isnan(back) == ~(truth > 0)).all()
+                    assert np.nanmax(np.abs(back / truth - 1)) <= error.error * (1 + 1e-4)
         assert (array(packed, step, "status") == product["status"]).all()
 
 
@@ -118,7 +120,7 @@ def test_the_main_view_the_probe_and_the_loads(quickstart, packed):
     (curve,) = manifest["curves"]
     assert (curve["name"], curve["quantity"], curve["unit"]) == ("length", "strain", "1")
     np.testing.assert_allclose(curve["values"], quickstart.product("probes")["strain"][0])
-    np.testing.assert_allclose(curve["sigmas"], quickstart.product("probes")["sigma_strain"][0])
+    np.testing.assert_allclose(curve["errors"], quickstart.product("probes")["sigma_strain"][0])
     assert manifest["load"][0] == "g"
     np.testing.assert_allclose(manifest["load"][1], quickstart.product("comparison")["load_g"][1:])
 

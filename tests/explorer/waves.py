@@ -61,9 +61,10 @@ class Waves:
         here = np.where(lost[..., None], np.nan, first + np.array([0.0, 2.0 * number]))
         space = np.where(lost[..., None], np.nan, np.stack([40 * x, 30 * y, 500 + 20 * x * x], axis=-1))
         sigma = np.where(lost, np.nan, 1e-4 * (1 + x + 3 * y)).astype(np.float32)
-        return StepFields(
-            {"exx": exx, "W": w, "<b>": x}, {"exx": sigma}, {"exx": 2 * sigma}, status, {"left": here, "space": space}
-        )
+        bias = np.where(lost, np.nan, 1e-5 + 4e-4 * x)
+        parts = {"u": np.hypot(sigma, bias), "sigma": sigma, "bias": bias, "share": 2 * sigma}
+        errors = {part: {"exx": numbers} for part, numbers in parts.items()}
+        return StepFields({"exx": exx, "W": w, "<b>": x}, errors, status, {"left": here, "space": space})
 
 
 class Bare:

@@ -1,7 +1,7 @@
 // Manifest and numbers of a result: from texts inside the page, or by fetch from a server.
 //
 // A source is { manifest, bytes(name), picture(name) }: bytes gives a promise of the Uint8Array of a blob, picture the
-// address of a photograph for an <img>. It may have curve(quantity, index), a promise of { values, sigmas } of a point
+// address of a photograph for an <img>. It may have curve(quantity, index), a promise of { values, errors } of a point
 // at all steps, null where unknown, which then need not be read for a curve.
 
 /** A source whose blobs stand in the page. texts : name → base64 */
@@ -83,11 +83,11 @@ export class Fields {
   /** Promise of the readings of a point at all steps, by a source that gives them. */
   async curve(quantity, index) {
     const number = (value) => (value === null ? NaN : value);
-    const { values, sigmas } = await this._made(`${quantity.name} at ${index}`, async () => {
+    const { values, errors } = await this._made(`${quantity.name} at ${index}`, async () => {
       const found = await this.source.curve(quantity.name, index);
       return { ...found, byteLength: 16 * found.values.length };
     });
-    return { values: values.map(number), sigmas: sigmas.map(number) };
+    return { values: values.map(number), errors: errors.map(number) };
   }
 
   /** Promise of the codes of a step's blob, null where the step has none. */
