@@ -105,7 +105,7 @@ def test_a_curve_is_that_of_the_products(file):
         someone.until(f"{EXPLORER}.points.length === 1")
         curve = page.evaluate(f"{EXPLORER}.fields.curve({EXPLORER}.quantity, {k})")
         assert curve["values"] == [float(total[name].flat[k]) for total in totals]
-        assert curve["errors"] == [float(total.uncertainty(name).flat[k]) for total in totals]
+        assert curve["errors"] == [float(total[f"u_{name}"].flat[k]) for total in totals]
         view = opened(app)["view"]
         lost = np.flatnonzero(np.isnan(totals[0][name]))
         if lost.size:

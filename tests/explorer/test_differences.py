@@ -65,6 +65,18 @@ def test_values_are_those_of_one_minus_the_other(difference):
         assert found.errors == {}
 
 
+def test_a_point_reads_the_difference_without_an_uncertainty(difference):
+    step, k = difference.steps[1], 15 * 40 + 20
+    value, error = difference.at_point(step, "exx", k)
+    assert value == pytest.approx(difference.read(step).values["exx"].flat[k], rel=1e-12)
+    assert value != 0.0
+    assert np.isnan(error)
+
+
+def test_facts_are_those_of_the_first_but_for_form_and_directions(difference):
+    assert difference.facts == {**Waves.facts, "form": "difference", "directions": ""}
+
+
 def test_quantities_are_those_of_both_and_no_angles(difference):
     titles = {one["name"]: (one["symbol"], one["title"], one["signed"]) for one in difference.quantities()}
     assert titles == {

@@ -49,6 +49,11 @@ class Waves:
         row, col = np.mgrid[0 : self.rows, 0 : self.cols].astype(float)
         return np.stack([100.0 + 10.0 * col, 50.0 + 10.0 * row], axis=-1)
 
+    def at_point(self, step: str, quantity: str, index: int) -> tuple[float, float]:
+        fields = self.read(step)
+        error = fields.errors["u"].get(quantity, np.full(self.rows * self.cols, np.nan))
+        return float(fields.values[quantity].flat[index]), float(error.flat[index])
+
     def read(self, step: str) -> StepFields:
         number = self.steps.index(step) + 1
         first = self.at_first()
