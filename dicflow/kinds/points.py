@@ -158,7 +158,7 @@ class Points(Kind):
         """Covariance matrices (row, col, d, d) of the errors of the template [px²]."""
         from dicflow.core.tensors import symmetric
 
-        return symmetric(self["template"])
+        return symmetric(self["template_own" if "template_own" in self else "template"])
 
     @property
     def bias(self) -> np.ndarray | None:

@@ -29,12 +29,12 @@ def errors_by_shape(
     from dicflow.core.uncertainty.overlap import overlap
 
     grid = (first.grid.subset_size, first.grid.step_size)
-    own: Any = first.left_shape_function
-    other: Any = first.grid.shape_function
+    own: Any = step.left_shape_function
+    other: Any = step.grid.shape_function
     if own == other:
         return {own: ErrorShare(covariance, overlap(*grid, own))}
     after, before = (points_in_frame(points.measured_by_left(), frames[0]) for points in (step, first))
-    left = joint_covariance(points_in_frame(after, frames[1]), before, first.template[..., :2, :2])
+    left = joint_covariance(points_in_frame(after, frames[1]), before, step.template[..., :2, :2])
     return {own: ErrorShare(left, overlap(*grid, own)), other: ErrorShare(covariance - left, overlap(*grid, other))}
 
 

@@ -121,7 +121,7 @@ class Deformation(Node):
         from dicflow.core.strain.deformation_gradient import measured_surface
         from dicflow.core.strain.degree_choice import candidate_fits, chosen_gradient
         from dicflow.core.tensors import upper_triangle
-        from dicflow.core.uncertainty.covariance import joint_covariance, points_in_frame
+        from dicflow.core.uncertainty.covariance import joint_covariance, points_in_frame, with_errors
 
         axes = LEFT_CAMERA if frame is None else ResultFrame.read(frame).axes
         step = Points.read(points)
@@ -131,7 +131,8 @@ class Deformation(Node):
         motion = self._motion(before, after)
         along = _moving_frame(motion)
         after = points_in_frame(after, along)
-        covariance = joint_covariance(after, before, first.template)
+        before = with_errors(before, after.sensitivity.shape[-1])
+        covariance = joint_covariance(after, before, step.template)
         errors = errors_by_shape(covariance, step, first, (axes, along))
         measured = measured_surface(before.xyz, after.xyz, [*errors.values()], first.parts, self.min_share)
         chosen = chosen_gradient(measured, candidate_fits(self._window(first), self.degree))

@@ -16,7 +16,14 @@ from dicflow.core.arrays import Array, Codes, Grey, Mask
 from dicflow.core.correlation.chain import uncancelled_noise
 from dicflow.core.correlation.edges import usual_residual
 from dicflow.core.correlation.partners import starting_warps
-from dicflow.core.correlation.points import VIA_REFERENCE_STEP, FoundPoints, ReferencePhotograph, cropped, merged
+from dicflow.core.correlation.points import (
+    VIA_REFERENCE_STEP,
+    FoundPoints,
+    ReferencePhotograph,
+    cropped,
+    merged,
+    with_terms,
+)
 from dicflow.core.correlation.search import Search, find_points
 from dicflow.core.correlation.seed import ACCEPTED_CORRELATION, BLUR_PX, window_correlation
 from dicflow.core.correlation.warp import TERMS
@@ -98,13 +105,10 @@ def inherited_covariance(matched: FoundPoints, search: Search) -> Array:
 
 def _selected(reference: ReferencePhotograph, selected: Mask, search: Search) -> ReferencePhotograph:
     """Selected points of a reference photograph, with exact places and warps of the search's shape."""
-    terms = TERMS[search.subset.shape_function]
-    warp = np.zeros((*reference.warp.shape[:-1], terms))
-    shared = min(terms, reference.warp.shape[-1])
-    warp[..., :shared] = reference.warp[..., :shared]
+    shaped = with_terms(reference, TERMS[search.subset.shape_function])
     points = np.where(selected[..., None], reference.points, np.nan)
     exact = np.zeros(reference.inherited_covariance.shape)
-    return cropped(reference._replace(points=points, warp=warp, inherited_covariance=exact), search.subset.size)
+    return cropped(shaped._replace(points=points, inherited_covariance=exact), search.subset.size)
 
 
 def starts_from_previous_step(left: PointsInStep, left_before: PointsInStep, right_before: PointsInStep) -> Array:
