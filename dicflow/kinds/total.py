@@ -227,7 +227,10 @@ class Total(Kind):
 
     def bias(self, name: str) -> np.ndarray:
         """Standard deviation (row, col) of the bias that remains in a quantity; 0 where it was not estimated."""
-        return self[f"bias_{name}"] if f"bias_{name}" in self else 0.0 * self[f"sigma_{name}"]
+        import numpy as np
+
+        known = f"bias_{name}" in self
+        return np.nan_to_num(self[f"bias_{name}"]) if known else np.zeros_like(self[f"sigma_{name}"])
 
     def uncertainty(self, name: str) -> np.ndarray:
         """Combined standard uncertainty (row, col) of a quantity: by noise and the bias that remains."""

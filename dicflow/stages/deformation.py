@@ -314,11 +314,12 @@ def _displacements(before: MeasuredPoints, after: MeasuredPoints, covariance: np
 
 
 def _combined(fields: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
-    """Combined uncertainty of each quantity that has a standard deviation."""
+    """Combined uncertainty of each quantity that has a standard deviation; this itself where the bias is unknown."""
     import numpy as np
 
     names = [name.removeprefix("sigma_") for name in fields if name.startswith("sigma_")]
-    return {f"u_{name}": np.hypot(fields[f"sigma_{name}"], fields.get(f"bias_{name}", 0.0)) for name in names}
+    biases = {name: np.nan_to_num(fields.get(f"bias_{name}", 0.0)) for name in names}
+    return {f"u_{name}": np.hypot(fields[f"sigma_{name}"], biases[name]) for name in names}
 
 
 def _degrees(degree: np.ndarray) -> dict[str, Any]:

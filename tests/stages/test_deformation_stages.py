@@ -312,6 +312,9 @@ def test_the_bias_of_places_is_that_of_displacements():
     for name, expected in {"U": 0.02, "V": 0.01, "W": 0.0}.items():
         np.testing.assert_allclose(result[f"bias_{name}"], expected, atol=1e-9)
         np.testing.assert_allclose(result[f"u_{name}"], np.hypot(result[f"sigma_{name}"], expected), rtol=1e-6)
+    unknown = {**biased.variables, "bias": _spread(np.full((3, 2), np.nan))}
+    alone = Deformation().run(points=Product("points", unknown, step.attrs), points_first=first_points(FLAT))
+    np.testing.assert_array_equal(alone["u_U"], alone["sigma_U"])
     flat = correlation(grid_px(), np.eye(2))
     flat = Product("correlation", {**flat.variables, "bias": _spread(np.array([0.1, 0.3]))}, flat.attrs)
     plane = Deformation().run(points=flat, points_first=correlation(grid_px(), np.eye(2)))
