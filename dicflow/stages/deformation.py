@@ -359,7 +359,7 @@ def sentence(stage: Deformation, product: Product | None) -> str:
     measure, side = strain_measure(stage.measure), f"{stage.window:g}"
     cited = "" if measure.name == "engineering" else " [seth1961, hill1968]"
     along = {"material": "the directions of the material", "global": "the directions of the coordinate system"}
-    degree = "1 to 3, at each point the first whose estimated bias is below a third of its standard deviation,"
+    degree = "1 to 3, at each point the first whose estimated bias is at most a quarter of its standard deviation,"
     degree = degree if stage.degree == "auto" else f"{stage.degree}"
     text = (
         f"The deformation gradient of the surface since the first step was computed from polynomials of degree "
