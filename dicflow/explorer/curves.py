@@ -70,7 +70,7 @@ def _curves(table: ProbeTable, quantity: str) -> Iterator[Curve]:
 
 
 def _curve(table: ProbeTable, name: str, quantity: str, index: int, title: str) -> Curve:
-    values, sigmas = table[quantity][index].tolist(), table[f"sigma_{quantity}"][index].tolist()
+    values, sigmas = table[quantity][index].tolist(), table[f"u_{quantity}"][index].tolist()
     return Curve(
         name=name,
         quantity=quantity,

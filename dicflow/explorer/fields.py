@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from dicflow.errors import DicflowError
 from dicflow.kinds.cloud import Cloud
 from dicflow.kinds.points import Points
-from dicflow.kinds.quantities import QUANTITIES, is_signed, of_field
+from dicflow.kinds.quantities import ERRORS, QUANTITIES, is_signed, of_field
 from dicflow.kinds.rig import CalibratedRig
 from dicflow.kinds.total import Total
 from dicflow.pipeline.places import Places, to_left_photograph
@@ -25,7 +25,6 @@ __all__ = ["FieldSource", "Form", "QuantityFacts", "ShapeFields", "StepFields", 
 Array = NDArray[Any]
 Form = Literal["deformation", "shape", "difference"]
 _ROUTES = ("status", "way", "way_right")
-_DEVIATIONS = ("sigma_", "calibration_")
 _KEPT_STEPS = 24
 """Steps of all results whose arrays stay in memory, since they are read twice, and again for a difference."""
 _MOST_POINTS = 60_000
@@ -54,8 +53,8 @@ class QuantityFacts(NamedTuple):
 class StepFields(NamedTuple):
     """The points of one step.
 
-    values, sigmas, shares : quantity → (row, col) values, their standard deviations by noise, and the calibration's
-        share beside them; NaN if unknown
+    values, sigmas, shares : quantity → (row, col) values, their combined uncertainties u, and the calibration's share
+        beside them; NaN if unknown
     status : (row, col) — valid, filled, or why a value is unknown
     places : "left" and "right" (row, col, 2) in the photographs [px], "space" (row, col, 3)
     """
@@ -137,7 +136,7 @@ class TotalFields:
     def quantities(self) -> Sequence[QuantityFacts]:
         """Those of the table in its order, then all other fields."""
         flat = () if self._example.in_space else ("W",)
-        names = [name for name in self._example.fields if not name.startswith(_DEVIATIONS)]
+        names = [name for name in self._example.fields if not name.startswith(tuple(ERRORS))]
         names = [name for name in names if name not in (*_ROUTES, *flat)]
         order = [*(name for name in QUANTITIES if name in names), *(name for name in names if name not in QUANTITIES)]
         return [self._facts(name) for name in order]
@@ -160,7 +159,9 @@ class TotalFields:
     def _read(self, step: str) -> StepFields:
         total = self._total(step)
         names = [quantity.name for quantity in self.quantities() if quantity.name in total]
-        sigmas, shares = ({name: total[p + name] for name in names if p + name in total} for p in _DEVIATIONS)
+        sigmas, shares = (
+            {name: total[p + name] for name in names if p + name in total} for p in ("u_", "calibration_")
+        )
         places = {"left": self._places.at_step(total)}
         if total.in_space:
             places["space"] = total["xyz"]

@@ -441,3 +441,26 @@ def _reference_rig(folder):
         for n in (1, 2)
     ]
     return Rig(*cameras, file.getNode("R").mat(), file.getNode("T").mat().ravel())
+
+
+def test_a_bias_of_the_left_places_moves_the_points_as_both_places_do(results, left):
+    """Subsets are off by the same part of the material in both photographs: against shifted places."""
+    stereo, step = results[1][0], left[1]
+    bias = np.broadcast_to([0.01, 0.02], step["xy"].shape)
+    across = stereo["gradient"] @ np.linalg.inv(step["gradient"])
+
+    def run(shift):
+        arrays = {"xy": step["xy"] + shift, "bias": bias}
+        moved = {name: Variable(("row", "col", "a"), values) for name, values in arrays.items()}
+        right = {"xy": Variable(("row", "col", "a"), stereo["xy"] + across @ shift)}
+        return Triangulate().run(
+            correlation=Product("correlation", {**step.variables, **moved}, step.attrs),
+            correlation_first=left[0],
+            stereo=Product("stereo", {**stereo.variables, **right}, stereo.attrs),
+            rig=rig_product(),
+        )
+
+    exact = run(np.zeros(2))
+    for axis in range(2):
+        moved = run(0.01 * (axis + 1) * np.eye(2)[axis])["xyz"] - exact["xyz"]
+        np.testing.assert_allclose(exact["bias"][..., axis], moved, rtol=2e-2, atol=2e-6)

@@ -219,7 +219,7 @@ export class Side {
       );
     const rows = manifest.reasons.filter(({ code }) => code > 0 && step.counts[code]).map(row);
     const rounding = `${brief(quantity.scale[1] / 2, 2)}${unitText(quantity.unit)}`;
-    const sigma = quantity.sigma ? `, σ by ${brief(100 * (Math.sqrt(quantity.sigma[1]) - 1), 2)} %` : "";
+    const sigma = quantity.sigma ? `, uncertainties by ${brief(100 * (Math.sqrt(quantity.sigma[1]) - 1), 2)} %` : "";
     const notes = [
       `Values are rounded by at most ${rounding}${sigma}.`,
       ...manifest.left_out.map((one) => `${capital(one)}.`),
