@@ -15,6 +15,7 @@ from dicflow.kinds.images import Images
 from dicflow.kinds.matches import Matches
 from dicflow.kinds.region import Region
 from dicflow.stages._lost import lost_status, lost_warning
+from dicflow.stages._pattern import pattern_of_region, repetition_facts, repetition_of_region
 from dicflow.stages._subsets import ShapeFunction, SubsetSearch, photograph_of
 
 if TYPE_CHECKING:
@@ -28,16 +29,12 @@ if TYPE_CHECKING:
     from dicflow.core.parts import Parts
     from dicflow.core.photographs.exposure import Photograph
     from dicflow.core.photographs.noise import Noise
-    from dicflow.core.photographs.pattern import Pattern
     from dicflow.core.photographs.polygon import Polygon
-    from dicflow.core.photographs.repetition import Repetition
 
 __all__ = ["Correlate", "sentence"]
 
 _OUTLINE_STEPS = 4
 """Material steps between the points of the carried outline."""
-_MAX_STRIPES_SHARE = 0.5
-"""Share of the region that may show stripes."""
 _SHAPES = {"auto": "affine, or where these would be biased quadratic,", "affine": "affine", "quadratic": "quadratic"}
 
 
@@ -152,9 +149,9 @@ class Correlate(SubsetSearch):
 
         pattern, noise, repeats = at_once(
             self.thread_count,
-            partial(_pattern, image.grey, first.region, self.subset_size),
+            partial(pattern_of_region, image.grey, first.region, self.subset_size),
             partial(self._first_noise, image.grey, first.measured),
-            partial(_repetition, image.grey, first.measured),
+            partial(repetition_of_region, image.grey, first.measured),
         )
         shape: ShapeFunction = "affine" if self.shape_function == "auto" else self.shape_function
         search = self._search(noise.grey, first, shape)
@@ -173,7 +170,7 @@ class Correlate(SubsetSearch):
             self._grid(shape),
             facts={
                 **self._facts(exact, noise, image, first.outline),
-                **_repetition_facts(repeats),
+                **repetition_facts(repeats),
                 "pattern": pattern._asdict(),
             },
         )
@@ -353,41 +350,6 @@ def _summary(found: FoundPoints, noise: Noise, overexposed: float) -> dict[str, 
 
 def _left_photograph(images: Product) -> Photograph:
     return photograph_of(Images.read(images), "left")
-
-
-def _pattern(image: np.ndarray, usable: np.ndarray, subset_size: int) -> Pattern:
-    """The pattern of the first photograph. Raises StageError unless it distinguishes subsets."""
-    from dicflow.core.photographs.pattern import checked_pattern
-
-    try:
-        return checked_pattern(image, usable, subset_size, "the first left photograph")
-    except ValueError as error:
-        raise StageError(str(error)) from error
-
-
-def _repetition(image: np.ndarray, region: np.ndarray) -> Repetition:
-    """How the pattern repeats itself. Raises StageError for stripes."""
-    from dicflow.core.photographs.repetition import repetition
-
-    found = repetition(image, region)
-    if found.stripes_share > _MAX_STRIPES_SHARE:
-        raise StageError(
-            f"{found.stripes_share:.0%} of the region shows stripes in the first left photograph, and a displacement "
-            "along them cannot be measured; apply random speckles"
-        )
-    return found
-
-
-def _repetition_facts(found: Repetition) -> dict[str, Any]:
-    """Attributes of a pattern that repeats itself; empty for any other."""
-    if not found.share > 0.0:
-        return {}
-    text = (
-        f"the pattern repeats every {found.period_px:.1f} px in {found.share:.0%} of the region: a displacement beyond "
-        f"{0.5 * found.period_px:.1f} px from one step to the next looks the same as a shorter one; apply random "
-        "speckles, or photograph smaller steps"
-    )
-    return {"period_px": found.period_px, "repeating_share": found.share, "warnings": [text]}
 
 
 def _all_lost(found: FoundPoints, image: np.ndarray) -> tuple[FoundPoints, dict[str, Any]]:
