@@ -91,14 +91,31 @@ def _errors(found: Triangulated, left: Correlation, right: Stereo) -> PointError
     by_place, by_other, by_both = (point_covariance(slopes, covariance) for slopes, covariance in shares)
     own, alone = by_place + by_other + by_both, by_place + by_both
     sensitivity = np.where(first[..., None], by_right, by_left + by_right)
+    bias = _bias(found, left, right)
     left_richer = left.shape_function != left.first_shape_function
     right_richer = right.grid.shape_function != left.first_shape_function
     if not (left_richer or right_richer):
-        return PointErrors(own, alone, sensitivity, left["template"])
+        return PointErrors(own, alone, sensitivity, left["template"], bias)
     richer = _own_template(left) if left_richer else right["template"]
     added = left_richer * by_left + right_richer * by_right
     both = np.concatenate([sensitivity, np.where(chained[..., None], 0.0, added)], axis=-1)
-    return PointErrors(own, alone, both, _two_errors(left["template"], richer))
+    return PointErrors(own, alone, both, _two_errors(left["template"], richer), bias)
+
+
+def _bias(found: Triangulated, left: Correlation, right: Stereo) -> np.ndarray | None:
+    """Motion (row, col, 3, 2) of the points by the bias of the left places along x and y [mm]; None if unknown.
+
+    Subsets of one shape function are off by the same part of the material in both photographs.
+    """
+    from dicflow.core.tensors import inverse
+
+    if "bias" not in left:
+        return None
+    slopes: np.ndarray = found.by_left
+    if not _differ(left, right):
+        slopes = slopes + found.by_right @ right["gradient"] @ inverse(left["gradient"])
+    bias: np.ndarray = slopes * left["bias"][..., None, :]
+    return bias
 
 
 def _differ(left: Correlation, right: Stereo) -> bool:
