@@ -90,8 +90,8 @@ class Correlate(SubsetSearch):
     first photograph; if too many are lost, with that of a reference step, and from there once more with the first.
     Points that leave the frame lose their value and are searched for again when they return.
 
-    ``shape_function: auto`` takes affine subsets, and quadratic ones at steps where affine ones would be wrong by more
-    than a third of their standard deviation in more than 1 % of the points.
+    ``shape_function: auto`` takes affine subsets, and quadratic ones at steps where affine ones would clearly be wrong
+    by more than a third of their standard deviation in more than 3 % of the points.
     """
 
     title: ClassVar = "correlate in time"
@@ -246,12 +246,12 @@ class Correlate(SubsetSearch):
         measured = PlacesOfSubsets(found.warp[..., 0], (found.covariance + found.template_covariance)[..., ::2])
         grid = self.subset_size, self.step_size
         if self.shape_function != "auto":
-            return used, shape_bias(measured, *grid, used)
+            return used, shape_bias(measured, *grid, used).deviation
         affine = measured if used == "affine" else as_of_affine(measured, *grid)
         bias = shape_bias(affine, *grid, "affine")
         if affine_suffices(bias, affine.variance):
-            return "affine", bias
-        return "quadratic", shape_bias(measured, *grid, "quadratic")
+            return "affine", bias.deviation
+        return "quadratic", shape_bias(measured, *grid, "quadratic").deviation
 
     def _grid(self, shape_function: str) -> SubsetGrid:
         return SubsetGrid(self.step_size, self.subset_size, shape_function)
