@@ -86,7 +86,7 @@ class Correlate(SubsetSearch):
         "correlation_before": Port("correlation", at=At.PREVIOUS, own=True),
     }
     gives: ClassVar = "correlation"
-    impl_version: ClassVar = 6
+    impl_version: ClassVar = 7
 
     stage: Literal["correlate"] = "correlate"
     subset_size: Odd = parameter(31, "side of the squares that are compared; odd", unit="px", ge=5)

@@ -88,7 +88,7 @@ class Stereo(SubsetSearch):
             "gaussian", "min_share", "max_iterations", "tolerance", "smoothing", "misfit", "reference",
         )
     }  # fmt: skip
-    impl_version: ClassVar = 6
+    impl_version: ClassVar = 7
 
     stage: Literal["stereo"] = "stereo"
     match: Literal["every_step", "first_step"] = parameter(
@@ -198,16 +198,18 @@ class Stereo(SubsetSearch):
         import numpy as np
 
         from dicflow.core.cameras.epipolar import epipolar_distance
-        from dicflow.core.correlation.across import overexposed_share
+        from dicflow.core.correlation.across import overexposed_share, why_lost
         from dicflow.core.status import Status
 
         left, places = view.points, found.warp[..., 0]
         apart = epipolar_distance(cameras, left["xy"], places)
-        status = _status(left["status"], found.status)
+        grid = np.where(np.isfinite(left["xy"]), view.points_first["xy"], np.nan)
+        reasons = why_lost(found, grid, view.images_first.left, view.images.right, view.points_first.parts)
+        status = np.where(left["status"] > Status.FILLED, left["status"], reasons).astype(np.uint8)
         status[(status == Status.VALID) & ~(apart <= self.max_epipolar)] = Status.EPIPOLAR
         kept, left_found = status == Status.VALID, bool((left["status"] <= Status.FILLED).any())
         if not kept.any() and left_found:
-            status = lost_status(status, view.images.right, (Status.HIDDEN,))
+            status = lost_status(status, view.images.right, (Status.HIDDEN, Status.NO_MATCH))
         share = overexposed_share(view.images.right, places)
         summary = {
             **_summary(left["status"], status, apart[kept], found.iterations[kept]),
@@ -216,8 +218,8 @@ class Stereo(SubsetSearch):
         facts: dict[str, Any] = {"interpolation": self.interpolation, "match": self.match, "summary": summary}
         if not kept.any() and left_found:
             facts["warnings"] = [lost_warning(view.images.right, "right", _CHECK_RIGHT)]
-        grid = SubsetGrid(left.grid.step_size, left.grid.subset_size, self.shape_function)
-        return StereoPoints.write(found, apart, status, grid, noise_ratio, facts)
+        subsets = SubsetGrid(left.grid.step_size, left.grid.subset_size, self.shape_function)
+        return StereoPoints.write(found, apart, status, subsets, noise_ratio, facts)
 
 
 def _previous(
@@ -295,16 +297,6 @@ def _starts_from_epipolar_lines(cameras: Rig, view: _View) -> np.ndarray:
         reason = misfit(cameras, view.images, places, 0.0) or "use the calibration of these cameras"
         raise StageError(f"the rig cannot be rectified: {error}; {reason}") from error
     return starting_warps(view.points["warp"], *right_of_left(partners, places))
-
-
-def _status(left: np.ndarray, right: np.ndarray) -> np.ndarray:
-    """Status of points (row, col): the left photograph's reason first, then the right one's."""
-    import numpy as np
-
-    from dicflow.core.status import Status
-
-    hidden = np.isin(right, (Status.OUTSIDE, Status.UNTRACKED, Status.NOT_CONVERGED))
-    return np.where(left > Status.FILLED, left, np.where(hidden, Status.HIDDEN, right)).astype(np.uint8)
 
 
 def _summary(left: np.ndarray, status: np.ndarray, apart: np.ndarray, iterations: np.ndarray) -> dict[str, float]:

@@ -52,10 +52,13 @@ def check(found, transform, points, slope=0.06):
         translation((0.3, -0.4)),
         translation((110.0, -105.0)),
         about_middle(np.diag([0.88, 1.3])),
+        about_middle(np.diag([0.8, 1.6])),
+        about_middle(np.diag([0.75, 1.8])),
+        about_middle(np.diag([0.8, 1.6])) @ turned(20.0),
         turned(170.0),
         translation((60.0, 30.0)) @ turned(4.0),
     ],
-    ids=["rest", "far", "stretch", "turned", "both"],
+    ids=["rest", "far", "stretch", "stretch by 60 %", "stretch by 80 %", "stretched and turned", "turned", "both"],
 )
 def test_starts_without_matches(transform):
     pair = planar_pair((340, 340), transform, noise=2.0)
