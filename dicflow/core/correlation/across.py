@@ -192,7 +192,7 @@ def why_lost(found: FoundPoints, points: Array, left: Grey, right: Grey, parts: 
         with np.errstate(invalid="ignore"):
             inside = ((motion[..., 0] >= 0.0) & (motion[..., 0] <= np.array(right.shape[::-1]) - 1.0)).all(axis=1)
         known = np.isfinite(motion[:, 0, 0])
-        shown = np.nan_to_num(window_correlations(*smooth, points[lost], motion)) >= _SHOWN_CORRELATION
+        shown = np.nan_to_num(window_correlations(smooth[0], smooth[1], points[lost], motion)) >= _SHOWN_CORRELATION
         why = np.where(status[lost] == Status.LOW_CORRELATION, Status.LOW_CORRELATION, Status.NO_MATCH)
         why[known & ~shown] = Status.HIDDEN
         why[known & ~inside] = Status.OUTSIDE

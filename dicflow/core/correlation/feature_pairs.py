@@ -49,7 +49,7 @@ def _ways() -> Iterator[_Way]:
     for size in _STRETCHES:
         for angle in np.pi * np.arange(_DIRECTIONS) / _DIRECTIONS:
             axis = np.array([np.cos(angle), np.sin(angle)])
-            yield _Way(upright=True, stretch=np.eye(2) + (size - 1.0) * np.outer(axis, axis))
+            yield _Way(stretch=np.eye(2) + (size - 1.0) * np.outer(axis, axis))
 
 
 class FeatureSearch:

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
+import cv2
 import numpy as np
 from numba import njit
 
@@ -25,13 +26,15 @@ __all__ = ["Sides", "find_jumps", "predicted_by_sides"]
 
 _DIRECTIONS = np.array([[1.0, 0.0], [0.0, 1.0], [0.7071, 0.7071], [0.7071, -0.7071]])
 """Normals (row, col) of the lines."""
+_HALF_WIDTH = 2.1
+"""Distance from the normal up to which points of a side count [points]."""
 _MIN_POINTS = 4
 """Points that each side needs."""
-_FREE_PX, _SPREADS = 0.1, 3.0
+_FREE_PX, _SPREADS = 0.03, 1.5
 """Pixels, and sums of the median deviations of both sides, above which their difference is a jump."""
 _BEYOND = 2
 """Points of the grid beyond a subset's side that still count."""
-_NEAR_PX, _SIGMAS = 0.05, 3.0
+_NEAR_PX, _SIGMAS = 0.01, 3.0
 """Pixels and standard deviations by the residual, whose sum a place beside a jump may differ from its own side."""
 _VALID = int(Status.VALID)
 
@@ -60,22 +63,45 @@ class Sides(NamedTuple):
 def find_jumps(edges: Edges, centres: Array, field: Field, parts: Parts, subset: Subset) -> Edges:
     """The edges of a field, with those of them where the motion jumps as DISCONTINUITY.
 
-    A point beside a jump whose place is that of neither side is lost too.
+    A point beside a jump whose place is that of neither side is lost too, or less certain where the jump is too small
+    to tell. From there the jump is followed, as long as it goes on.
     """
-    clean = (field.status == Status.VALID) & (edges.reason == Status.VALID) & (edges.variance == 0.0)
-    points = np.argwhere((field.status == Status.VALID) & ~clean)
-    if not len(points):
-        return edges
-    status = np.where(clean, np.uint8(Status.VALID), np.uint8(Status.MISFIT))
-    sides = predicted_by_sides(points, status, field.warp, centres, parts, _reach(centres, subset.size))
-    at, reason = tuple(points.T), edges.reason.copy()
+    reach, found = _reach(centres, subset.size), edges
+    measured = field.status == Status.VALID
+    suspect = measured & ((edges.reason != Status.VALID) | (edges.variance > 0.0))
+    clean, tested = measured & ~suspect, np.zeros_like(suspect)
+    while suspect.any():
+        tested |= suspect
+        points = np.argwhere(suspect)
+        sides = predicted_by_sides(points, _code(clean), field.warp, centres, parts, reach)
+        found = _with_sides(found, sides, points, field)
+        jumps = found.reason == Status.DISCONTINUITY
+        clean &= ~jumps
+        suspect = measured & _within(jumps, reach) & ~tested
+    return found
+
+
+def _code(clean: Mask) -> Codes:
+    return np.where(clean, np.uint8(Status.VALID), np.uint8(Status.MISFIT))
+
+
+def _with_sides(edges: Edges, sides: Sides, points: Index, field: Field) -> Edges:
+    """The edges with what the sides say of points (n, 2)."""
+    at, reason, variance = tuple(points.T), edges.reason.copy(), edges.variance.copy()
     residual = field.znssd[at] * field.texture[at][:, 0]
-    sigma = np.sqrt(0.5 * residual * (field.covariance[at][:, 0] + field.covariance[at][:, 2]))
-    between = sides.away(field.warp[at][..., 0]) > _NEAR_PX + _SIGMAS * sigma
-    reason[at] = np.where(
-        sides.jump & (between | (reason[at] != Status.VALID)), np.uint8(Status.DISCONTINUITY), reason[at]
-    )
-    return Edges(reason, np.where(reason == Status.VALID, edges.variance, 0.0))
+    noise = np.sqrt(0.5 * residual * (field.covariance[at][:, 0] + field.covariance[at][:, 2]))
+    away = np.nan_to_num(sides.away(field.warp[at][..., 0]))
+    between = away > _NEAR_PX + _SIGMAS * noise
+    lost = sides.jump & (between | (reason[at] != Status.VALID))
+    reason[at] = np.where(lost, np.uint8(Status.DISCONTINUITY), reason[at])
+    variance[at] = np.where(reason[at] == Status.VALID, np.maximum(variance[at], np.where(between, away**2, 0.0)), 0.0)
+    return Edges(reason, variance)
+
+
+def _within(mask: Mask, reach: int) -> Mask:
+    """The mask grown by so many points in all directions."""
+    square = np.ones((2 * reach + 1,) * 2, dtype=np.uint8)
+    return np.asarray(cv2.dilate(mask.astype(np.uint8), square) > 0, dtype=np.bool_)
 
 
 def _reach(centres: Array, size: int) -> int:
@@ -116,7 +142,9 @@ def _compare(
         largest = -1.0
         for d in range(len(_DIRECTIONS)):
             for n in range(count):
+                beside = abs(away[n, 1] * _DIRECTIONS[d, 0] - away[n, 0] * _DIRECTIONS[d, 1])
                 side[n] = away[n, 0] * _DIRECTIONS[d, 0] + away[n, 1] * _DIRECTIONS[d, 1]
+                side[n] = side[n] if beside < _HALF_WIDTH else 0.0
             total = _medians(values, terms, side[:count], scratch, middles)
             jump = np.hypot(middles[1, 0] - middles[0, 0], middles[1, 1] - middles[0, 1])
             if jump / (_FREE_PX + total) > largest:
@@ -132,7 +160,7 @@ def _medians(values: Array, terms: int, side: Array, scratch: Array, middles: Ar
         for axis in range(2):
             count = 0
             for n in range(len(side)):
-                if (side[n] < -0.1) if s == 0 else (side[n] > 0.1):
+                if side[n] < -0.1 if s == 0 else side[n] > 0.1:
                     scratch[count] = values[axis * terms, n]
                     count += 1
             if count < _MIN_POINTS:
