@@ -213,17 +213,20 @@ class Correlate(SubsetSearch):
     def _measured_noise(self, noise: Noise, correlation: CorrelatedField, first: _First, image: np.ndarray) -> Noise:
         """The noise, measured in the first photograph and this one."""
         from dicflow.core.correlation.edges import residual_variance
-        from dicflow.core.photographs.noise import noise_from_pair
+        from dicflow.core.photographs.noise import interpolated_variance, noise_from_pair
         from dicflow.core.status import Status
 
         field = correlation.field
         valid = field.status == Status.VALID
+        residual = residual_variance(field)[valid] / correlation.damping.residual(
+            interpolated_variance(self.spline_degree)
+        )
         return noise_from_pair(
             noise,
             first.image.grey,
             image,
             first.measured,
-            (correlation.centres[valid], field.warp[valid][..., 0], residual_variance(field)[valid]),
+            (correlation.centres[valid], field.warp[valid][..., 0], residual),
             degree=self.spline_degree,
             smoothing_px=self.smoothing,
         )

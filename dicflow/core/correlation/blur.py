@@ -14,9 +14,8 @@ import numpy as np
 
 from dicflow.core.arrays import Array, Image, Mask
 from dicflow.core.correlation.warp import apply_warp
-from dicflow.core.photographs.footprint import blurred, missing_blurs
+from dicflow.core.photographs.footprint import blurred, missing_blurs, white_noise_share
 from dicflow.core.photographs.interpolate import Spline, spline
-from dicflow.core.photographs.noise import smoothed_noise
 from dicflow.core.photographs.sharpness import blur_difference
 
 __all__ = ["Damping", "equally_sharp"]
@@ -30,15 +29,22 @@ _NEGLIGIBLE_PX2, _MIN_SIGNIFICANCE, _MAX_PX2 = 0.15, 4.0, 36.0
 
 
 class Damping(NamedTuple):
-    """Effect of the noise of template and target on a place after blurring, over that without: ratios of variances."""
+    """What a blur does to the noise of the photograph that it is applied to: ratios of variances, 1 without a blur.
+
+    template, target : of the place of a subset by the noise of each
+    template_grey, target_grey : of the noise itself
+    excess : of the place by the noise of the template, beyond that with the subset before the blur
+    """
 
     template: float = 1.0
     target: float = 1.0
+    template_grey: float = 1.0
+    target_grey: float = 1.0
+    excess: float = 0.0
 
-    @property
-    def none(self) -> bool:
-        """Whether neither photograph was blurred for its focus."""
-        return self == (1.0, 1.0)
+    def residual(self, ratio: float) -> float:
+        """Variance of the residual over that without a blur. ratio : of the noise of the target to the template's"""
+        return (self.template_grey + ratio * self.target_grey) / (1.0 + ratio)
 
 
 def equally_sharp(
@@ -58,12 +64,29 @@ def equally_sharp(
     variance = _missing_variance(image, target.image, places, warps)
     if variance == 0.0:
         return image, target, Damping()
-    size = float(np.sqrt(abs(variance)))
-    if variance > 0.0:
-        damping = Damping(template=smoothed_noise(1.0, image, region, size) ** 2)
-        return blurred(image, variance * np.eye(2)), target, damping
-    damping = Damping(target=smoothed_noise(1.0, target.image, np.ones(target.image.shape, dtype=bool), size) ** 2)
-    return image, _blurred_spline(target, -variance * slope @ slope.T), damping
+    covariance = variance * np.eye(2) if variance > 0.0 else -variance * slope @ slope.T
+    grey = white_noise_share(covariance)
+    if variance < 0.0:
+        softer = _blurred_spline(target, covariance)
+        damping = Damping(target=_damped(softer.image, covariance), target_grey=grey)
+        return image, softer, damping
+    soft = blurred(image, covariance)
+    place, slopes = _damped(soft, covariance, region), _slope_energy(soft, region) / _slope_energy(image, region)
+    return soft, target, Damping(place, template_grey=grey, excess=max(0.0, place - slopes))
+
+
+def _damped(soft: Image, covariance: Array, region: Mask | None = None) -> float:
+    """Variance of the place of subsets of a blurred image by its blurred noise, over that by white noise.
+
+    Noise n moves a subset by H⁻¹ Σ J n; after a blur K that is H⁻¹ Σ (K J) n with the slopes J of the blurred image.
+    """
+    return _slope_energy(blurred(soft, covariance), region) / _slope_energy(soft, region)
+
+
+def _slope_energy(image: Image, region: Mask | None = None) -> float:
+    """Mean square of the slope of an image [grey levels² per px²]."""
+    square = sum(cv2.Sobel(image, cv2.CV_32F, *axis, ksize=1, scale=0.5) ** 2 for axis in ((1, 0), (0, 1)))
+    return float(np.mean(square if region is None else square[region]))  # type: ignore[index]
 
 
 def _blurred_spline(target: Spline, covariance: Array | None) -> Spline:

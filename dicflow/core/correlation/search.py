@@ -190,7 +190,7 @@ def judge(
         inherited = inherited + (damping.template * remaining)[..., None] * noise
     ratio = damping.target * search.target_noise_ratio**2
     target_noise = ratio * interpolated_noise_ratio(slope, search.degree)
-    covariance = inherited + target_noise[..., None] * noise
+    covariance = inherited + (target_noise + damping.excess)[..., None] * noise
     if search.counts_misfit:
         unit, variance = (
             0.5 * congruent(inverse(slope), field.covariance),
