@@ -97,11 +97,10 @@ def _blurred_spline(target: Spline, covariance: Array | None) -> Spline:
 def _missing_variance(image: Image, target: Image, places: Array, warps: Array) -> float:
     """Variance of the Gaussian that blurs the template's photograph like the target [px²]; negative if the target is
     the sharper one, 0 if neither is."""
-    chosen = np.linspace(0, len(places) - 1, min(4 * _WINDOWS, len(places))).astype(int)
+    chosen = np.linspace(0, len(places) - 1, min(_WINDOWS, len(places))).astype(int)
     found = [w for w in (_windows(image, target, places[k], warps[k]) for k in chosen) if w is not None]
     if len(found) < _MIN_WINDOWS:
         return 0.0
-    found = found[:: 1 + (len(found) - 1) // _WINDOWS]
     sharp, moved, beside = (np.stack(part).astype(np.float64) for part in zip(*found, strict=True))
     variance, error = blur_difference(sharp, moved, beside)
     if abs(variance) < max(_NEGLIGIBLE_PX2, _MIN_SIGNIFICANCE * error):

@@ -30,11 +30,11 @@ _HALF_WIDTH = 2.1
 """Distance from the normal up to which points of a side count [points]."""
 _MIN_POINTS = 4
 """Points that each side needs."""
-_FREE_PX, _SPREADS = 0.03, 1.5
+_FREE_PX, _SPREADS = 0.1, 3.0
 """Pixels, and sums of the median deviations of both sides, above which their difference is a jump."""
 _BEYOND = 2
 """Points of the grid beyond a subset's side that still count."""
-_NEAR_PX, _SIGMAS = 0.01, 3.0
+_NEAR_PX, _SIGMAS = 0.005, 2.0
 """Pixels and standard deviations by the residual, whose sum a place beside a jump may differ from its own side."""
 _VALID = int(Status.VALID)
 
