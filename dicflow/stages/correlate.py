@@ -160,13 +160,15 @@ class Correlate(SubsetSearch):
         from dicflow.core.correlation.course import next_course
         from dicflow.core.correlation.material import follow_step, search_directly
         from dicflow.core.correlation.search import first_photograph
+        from dicflow.core.status import Status
 
         course, status, template = previous.points.course, previous.points["status"], previous.points["template"]
         lost = np.asarray(np.isnan(course.place).any(axis=-1))
         grid = np.where(lost[..., None], np.nan, first.parts.places)
         reference_step, last = previous.points.reference_step, previous.points.as_reference(previous.image)
         before = noise = previous.points.noise
-        search = self._search(before.grey, first)._replace(reach_px=previous.points.reach_px)
+        jumps = np.asarray(status == Status.DISCONTINUITY)
+        search = self._search(before.grey, first)._replace(reach_px=previous.points.reach_px, jumps=jumps)
         start = first_photograph(first.image, first.region, grid, search)
         direct = search_directly(start, reference_step, last, image, search, pairs)
         if not before.is_final:

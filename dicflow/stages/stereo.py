@@ -174,7 +174,10 @@ class Stereo(SubsetSearch):
 
     def _search(self, view: _View, noise: float) -> Search:
         """noise : of the templates' photographs after the low pass [grey levels]"""
-        return self.search(view.points.grid.subset_size, noise)._replace(parts=view.points_first.parts)
+        from dicflow.core.status import Status
+
+        search, points = self.search(view.points.grid.subset_size, noise), view.points
+        return search._replace(parts=view.points_first.parts, jumps=points["status"] == Status.DISCONTINUITY)
 
     def _matched(self, view: _View, starts: np.ndarray, noise_ratio: float) -> tuple[FoundPoints, Search]:
         """The points of the left photograph, found in the right one from starting warps (row, col, 2, 3)."""

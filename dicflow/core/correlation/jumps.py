@@ -60,20 +60,26 @@ class Sides(NamedTuple):
         return np.asarray(np.linalg.norm(self.place - place[:, None], axis=2).min(axis=1))
 
 
-def find_jumps(edges: Edges, centres: Array, field: Field, parts: Parts, subset: Subset) -> Edges:
+def find_jumps(
+    edges: Edges, centres: Array, field: Field, parts: Parts, subset: Subset, known: Mask | None = None
+) -> Edges:
     """The edges of a field, with those of them where the motion jumps as DISCONTINUITY.
 
     A point beside a jump whose place is that of neither side is lost too, or less certain where the jump is too small
     to tell. From there the jump is followed, as long as it goes on.
+
+    known : (rows, cols) bool — points at which the motion jumps in another photograph; None without any
     """
-    reach, found = _reach(centres, subset.size), edges
+    reach, found, warp = _reach(centres, subset.size), edges, np.ascontiguousarray(field.warp[..., :3])
     measured = field.status == Status.VALID
     suspect = measured & ((edges.reason != Status.VALID) | (edges.variance > 0.0))
     clean, tested = measured & ~suspect, np.zeros_like(suspect)
+    if known is not None:
+        suspect |= measured & _within(known, reach)
     while suspect.any():
         tested |= suspect
         points = np.argwhere(suspect)
-        sides = predicted_by_sides(points, _code(clean), field.warp, centres, parts, reach)
+        sides = predicted_by_sides(points, _code(clean), warp, centres, parts, reach)
         found = _with_sides(found, sides, points, field)
         jumps = found.reason == Status.DISCONTINUITY
         clean &= ~jumps
@@ -106,14 +112,16 @@ def _within(mask: Mask, reach: int) -> Mask:
 
 def _reach(centres: Array, size: int) -> int:
     """Points of the grid within a subset's side, and two more."""
-    step = np.nanmedian(np.linalg.norm(np.diff(centres, axis=1), axis=-1)) if centres.shape[1] > 1 else np.inf
-    return _BEYOND + (int(np.ceil(size / step)) if np.isfinite(step) and step > 0.0 else 0)
+    apart = np.linalg.norm(np.diff(centres, axis=1), axis=-1)
+    apart = apart[apart > 0.0]
+    return _BEYOND + (int(np.ceil(size / np.median(apart))) if len(apart) else 0)
 
 
 def predicted_by_sides(points: Index, status: Codes, warp: Array, grid: Array, parts: Parts, reach: int) -> Sides:
     """What the valid points on either side of points (n, 2) of a grid predict.
 
-    status : (rows, cols); warp : (rows, cols, 2, 3 or 6); grid : (rows, cols, 2) — centres of the subsets [px]
+    status : (rows, cols); warp : (rows, cols, 2, 3) — the second derivatives of a subset carry too much noise that far
+    grid : (rows, cols, 2) — centres of the subsets [px]
     reach : how many points away they are at most along both axes of the grid
     """
     found = Sides(np.full((len(points), 2, 2), np.nan), np.full(len(points), np.nan))

@@ -56,6 +56,7 @@ class Search(NamedTuple):
     counts_misfit : whether residuals beyond the noise add to the covariance
     parts : of the grid; None for a single one
     reach_px : longest motion from a step to the next; half the period of a pattern that repeats itself
+    jumps : (rows, cols) bool — points at which the motion jumps in another photograph; None without any
     """
 
     subset: Subset
@@ -68,6 +69,7 @@ class Search(NamedTuple):
     counts_misfit: bool = False
     parts: Parts | None = None
     reach_px: float = np.inf
+    jumps: Mask | None = None
 
 
 def first_photograph(image: Photograph, region: Mask, grid: Array, search: Search) -> ReferencePhotograph:
@@ -217,9 +219,8 @@ def _without_edges(correlation: CorrelatedField, places: Array, search: Search, 
     usual = min(usual, usual_residual(residual_variance(field)))
     usual = max(usual, noise_variance) if np.isfinite(usual) else noise_variance
     edges = find_edges(*pair, places, field, search.subset, usual)
-    edges = find_jumps(
-        edges, places, field, single_part(places) if search.parts is None else search.parts, search.subset
-    )
+    parts = single_part(places) if search.parts is None else search.parts
+    edges = find_jumps(edges, places, field, parts, search.subset, search.jumps)
     lost = edges.reason != Status.VALID
     status = np.where(lost, edges.reason, field.status)
     warp, place = (
