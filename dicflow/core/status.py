@@ -47,7 +47,7 @@ class Status(IntEnum):
     OUTLIER = 17
     """Its motion does not agree with that of its neighbours."""
     DISCONTINUITY = 18
-    """Its subset holds two motions, those of the points on its two sides: a crack, or the border of a part."""
+    """The points on its two sides move apart: a crack, the border of a part, or strain that changes too fast."""
     UNEVEN_LIGHT = 19
     """The light changes across its subset: the edge of a shadow or of a reflection."""
     BLURRED = 20

@@ -25,7 +25,7 @@ from dicflow.core.correlation.points import (
     merged,
     part_masks,
 )
-from dicflow.core.correlation.search import Search, find_points
+from dicflow.core.correlation.search import UNEXPLAINED, Search, find_points
 from dicflow.core.correlation.seed import ACCEPTED_CORRELATION, BLUR_PX, window_correlation, window_correlations
 from dicflow.core.correlation.warp import TERMS
 from dicflow.core.parts import Parts
@@ -55,7 +55,8 @@ _MIN_SHARE_WITH_START = 0.5
 
 _SHOWN_CORRELATION = 0.3
 """Least correlation of windows that show the same, however badly they fit."""
-_UNEXPLAINED = (Status.UNTRACKED, Status.NOT_CONVERGED, Status.LOW_CORRELATION)
+_KNOWN_REASONS = (Status.LOW_CORRELATION, Status.BLURRED)
+"""Codes that stay where the points around say no more; others become NO_MATCH."""
 
 
 class PointsInStep(NamedTuple):
@@ -185,7 +186,7 @@ def why_lost(found: FoundPoints, points: Array, left: Grey, right: Grey, parts: 
     status = found.status.copy()
     smooth = [cv2.GaussianBlur(image.astype(np.float32), (0, 0), BLUR_PX) for image in (left, right)]
     for part in part_masks(points, parts):
-        lost = part & np.isin(found.status, _UNEXPLAINED)
+        lost = part & np.isin(found.status, (*UNEXPLAINED, Status.BLURRED))
         if not lost.any():
             continue
         motion = carried_motion(found, np.where(part[..., None], points, np.nan), points[lost])
@@ -193,7 +194,7 @@ def why_lost(found: FoundPoints, points: Array, left: Grey, right: Grey, parts: 
             inside = ((motion[..., 0] >= 0.0) & (motion[..., 0] <= np.array(right.shape[::-1]) - 1.0)).all(axis=1)
         known = np.isfinite(motion[:, 0, 0])
         shown = np.nan_to_num(window_correlations(smooth[0], smooth[1], points[lost], motion)) >= _SHOWN_CORRELATION
-        why = np.where(status[lost] == Status.LOW_CORRELATION, Status.LOW_CORRELATION, Status.NO_MATCH)
+        why = np.where(np.isin(status[lost], _KNOWN_REASONS), status[lost], np.uint8(Status.NO_MATCH))
         why[known & ~shown] = Status.HIDDEN
         why[known & ~inside] = Status.OUTSIDE
         status[lost] = why

@@ -31,6 +31,7 @@ _NEGLIGIBLE_PX2, _MIN_SIGNIFICANCE, _MAX_PX2 = 0.15, 4.0, 36.0
 class Damping(NamedTuple):
     """What a blur does to the noise of the photograph that it is applied to: ratios of variances, 1 without a blur.
 
+    blur : variance of the Gaussian [px²]
     template, target : of the place of a subset by the noise of each
     template_grey, target_grey : of the noise itself
     excess : of the place by the noise of the template, beyond that with the subset before the blur
@@ -41,6 +42,7 @@ class Damping(NamedTuple):
     template_grey: float = 1.0
     target_grey: float = 1.0
     excess: float = 0.0
+    blur: float = 0.0
 
     def residual(self, ratio: float) -> float:
         """Variance of the residual over that without a blur. ratio : of the noise of the target to the template's"""
@@ -68,11 +70,10 @@ def equally_sharp(
     grey = white_noise_share(covariance)
     if variance < 0.0:
         softer = _blurred_spline(target, covariance)
-        damping = Damping(target=_damped(softer.image, covariance), target_grey=grey)
-        return image, softer, damping
+        return image, softer, Damping(target=_damped(softer.image, covariance), target_grey=grey, blur=-variance)
     soft = blurred(image, covariance)
     place, slopes = _damped(soft, covariance, region), _slope_energy(soft, region) / _slope_energy(image, region)
-    return soft, target, Damping(place, template_grey=grey, excess=max(0.0, place - slopes))
+    return soft, target, Damping(place, template_grey=grey, excess=max(0.0, place - slopes), blur=variance)
 
 
 def _damped(soft: Image, covariance: Array, region: Mask | None = None) -> float:

@@ -34,8 +34,9 @@ _FREE_PX, _SPREADS = 0.1, 3.0
 """Pixels, and sums of the median deviations of both sides, above which their difference is a jump."""
 _BEYOND = 2
 """Points of the grid beyond a subset's side that still count."""
-_NEAR_PX, _SIGMAS = 0.005, 2.0
-"""Pixels and standard deviations by the residual, whose sum a place beside a jump may differ from its own side."""
+_NEAR_PX, _SIGMAS, _LOST_PX, _LOST_SIGMAS = 0.005, 2.0, 0.02, 4.0
+"""Pixels and standard deviations by the residual, whose sum a place beside a jump may differ from its own side, and up
+to which it is less certain rather than lost."""
 _VALID = int(Status.VALID)
 
 
@@ -98,7 +99,7 @@ def _with_sides(edges: Edges, sides: Sides, points: Index, field: Field) -> Edge
     noise = np.sqrt(0.5 * residual * (field.covariance[at][:, 0] + field.covariance[at][:, 2]))
     away = np.nan_to_num(sides.away(field.warp[at][..., 0]))
     between = away > _NEAR_PX + _SIGMAS * noise
-    lost = sides.jump & (between | (reason[at] != Status.VALID))
+    lost = sides.jump & ((away > _LOST_PX + _LOST_SIGMAS * noise) | (reason[at] != Status.VALID))
     reason[at] = np.where(lost, np.uint8(Status.DISCONTINUITY), reason[at])
     variance[at] = np.where(reason[at] == Status.VALID, np.maximum(variance[at], np.where(between, away**2, 0.0)), 0.0)
     return Edges(reason, variance)

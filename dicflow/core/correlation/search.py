@@ -32,6 +32,7 @@ from dicflow.core.status import Status
 from dicflow.core.tensors import congruent, inverse
 
 __all__ = [
+    "UNEXPLAINED",
     "CorrelatedField",
     "Search",
     "correlate_points",
@@ -41,6 +42,12 @@ __all__ = [
     "points_in_first_photograph",
     "target_spline",
 ]
+
+
+UNEXPLAINED = (Status.UNTRACKED, Status.NOT_CONVERGED, Status.LOW_CORRELATION)
+"""Codes of lost points for which the search knows no reason."""
+_STRONG_BLUR_PX2 = 1.0
+"""Variance of the blur of one photograph against the other from which it is the reason [px²]."""
 
 
 class Search(NamedTuple):
@@ -223,6 +230,8 @@ def _without_edges(correlation: CorrelatedField, places: Array, search: Search, 
     edges = find_jumps(edges, places, field, parts, search.subset, search.jumps)
     lost = edges.reason != Status.VALID
     status = np.where(lost, edges.reason, field.status)
+    if correlation.damping.blur >= _STRONG_BLUR_PX2:
+        status[np.isin(status, UNEXPLAINED)] = Status.BLURRED
     warp, place = (
         np.where(lost.reshape(lost.shape + (1,) * (values.ndim - 2)), np.nan, values)
         for values in (field.warp, field.covariance)
