@@ -87,7 +87,7 @@ def _damped(soft: Image, covariance: Array, region: Mask | None = None) -> float
 def _slope_energy(image: Image, region: Mask | None = None) -> float:
     """Mean square of the slope of an image [grey levels² per px²]."""
     square = sum(cv2.Sobel(image, cv2.CV_32F, *axis, ksize=1, scale=0.5) ** 2 for axis in ((1, 0), (0, 1)))
-    return float(np.mean(square if region is None else square[region]))  # type: ignore[index]
+    return float(np.mean(square if region is None else square[region]))
 
 
 def _blurred_spline(target: Spline, covariance: Array | None) -> Spline:
