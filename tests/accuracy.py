@@ -14,7 +14,7 @@ import numpy as np
 from dicflow.core.cameras.camera import rotation_angle_deg
 from dicflow.kinds.rig import rig_from_json
 from dicflow.pipeline import Result
-from tests import accuracy_photographs, accuracy_stereo
+from tests import accuracy_photographs, accuracy_scenes, accuracy_stereo
 from tests.accuracy_coverage import coverage
 from tests.accuracy_planar import planar
 from tests.accuracy_rigid import rigid_motions
@@ -172,6 +172,7 @@ def main() -> int:
         *rigid_motions(),
         *coverage(),
         *accuracy_stereo.replicas(),
+        *accuracy_scenes.scenes(),
     ]
     if SHARED.is_dir():
         for real in (d_specimen, board_photographs, sample3, necking):

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple
+from typing import TYPE_CHECKING, Any, ClassVar, Literal, NamedTuple
 
 from dicflow.engine.product import Product, Variable
 from dicflow.kinds.kind import GRID, Kind, Layout, laid_out, warned_if_lost
@@ -33,11 +33,13 @@ _LAYOUTS = {
     "status": Layout(GRID, "1", "valid, or why the place is unknown"),
     "covariance": Layout(_SYMMETRIC, "px²", "covariance of the place (xx, xy, yy)"),
     "template": Layout(_SYMMETRIC, "px²", "covariance of the place by the noise of the template"),
+    "template_own": Layout(_SYMMETRIC, "px²", "the same with the shape function of this step, if it is another one"),
     "passed": Layout(_SYMMETRIC, "px²", "share of reference steps in the covariance"),
     "slope": Layout(_GRADIENT, "1", "gradient of the motion from the reference photograph"),
     "course": Layout(_VECTOR, "px", "place, or the place expected by the last motion"),
     "motion": Layout(_VECTOR, "px", "last known motion of a step"),
     "part": Layout(GRID, "1", "number of the part of the region; a single part if missing"),
+    "bias": Layout(_VECTOR, "px", "what the shape function leaves out of the place, as a standard deviation"),
     "way": Layout(GRID, "1", "route: 0 no value or the first photograph, 1 direct, 2 via a reference step"),
 }
 _PERIOD = ("period_px", "repeating_share")
@@ -232,6 +234,28 @@ class Correlation(FollowedPoints):
             "correlation", {**laid_out(_LAYOUTS, values), **variables}, {**attrs, **(facts or {}), **step_attrs}
         )
         return warned_if_lost(product)
+
+    def with_shape_errors(self, bias: np.ndarray, template_own: np.ndarray | None, parts: Parts) -> Product:
+        """The product with what its shape function does, and the parts of its grid.
+
+        bias : (row, col, 2) — standard deviation of what it leaves out [px]
+        template_own : (row, col, 3) — covariance of the places by the noise of the template, if this is not the shape
+            function of the first step [px²]
+        """
+        values = {"bias": bias.astype("f4"), **({} if template_own is None else {"template_own": template_own})}
+        variables = {**self.product.variables, **laid_out(_LAYOUTS, values)}
+        return type(self)(Product(self.product.kind, variables, self.product.attrs)).with_parts(parts)
+
+    @property
+    def shape_function(self) -> Literal["affine", "quadratic"]:
+        """The shape function of the subsets at this step."""
+        found: Literal["affine", "quadratic"] = self.product.attrs["shape_function"]
+        return found
+
+    @property
+    def first_shape_function(self) -> Literal["affine", "quadratic"]:
+        """The shape function at the first step, to which ``template`` belongs."""
+        return "affine" if "template_own" in self else self.shape_function
 
     @property
     def noise(self) -> Noise:

@@ -28,6 +28,7 @@ _LAYOUTS = {
     "sensitivity": Layout((*GRID, "component", "error"), "mm/px", "motion per error of the template"),
     "reprojection": Layout(GRID, "px", "reprojection error"),
     "template": Layout((*GRID, "error_pair"), "px²", "covariance of the template's error"),
+    "bias": Layout((*GRID, "component", "image_component"), "mm", "remaining bias, by that of the place along x and y"),
     "znssd": Layout(GRID, "1", "ZNSSD, the larger one of both photographs"),
     "status": Layout(GRID, "1", "valid, or why the place is unknown"),
 }
@@ -40,6 +41,8 @@ class PointErrors(NamedTuple):
     left : (row, col, 3, 3) — share of the left photographs in it [mm²]
     sensitivity : (row, col, 3, 2) — motion of a point per error of the template [mm/px]
     template : (row, col, 3) — covariance of this error, xx, xy, yy [px²]
+    bias : (row, col, 3, 2) — motion by one standard deviation of the bias that the left place has along x, and along
+        y [mm]; None if unknown
 
     Where the shape functions left and right differ the template has two such errors: (row, col, 3, 4) and
     (row, col, 10), the upper triangle of the covariance of both.
@@ -49,6 +52,7 @@ class PointErrors(NamedTuple):
     left: np.ndarray
     sensitivity: np.ndarray
     template: np.ndarray
+    bias: np.ndarray | None = None
 
 
 class Points(Kind):
@@ -94,6 +98,7 @@ class Points(Kind):
             "epipolar": stereo.product.variables["epipolar"],
             "template": _LAYOUTS["template"](errors.template),
             "znssd": _LAYOUTS["znssd"](worse),
+            **({} if errors.bias is None else {"bias": _LAYOUTS["bias"](errors.bias.astype(np.float32))}),
             "way": correlation.product.variables["way"],
             "way_right": stereo.product.variables["way"],
             "status": _LAYOUTS["status"](status),
@@ -153,7 +158,17 @@ class Points(Kind):
         """Covariance matrices (row, col, d, d) of the errors of the template [px²]."""
         from dicflow.core.tensors import symmetric
 
-        return symmetric(self["template"])
+        return symmetric(self["template_own" if "template_own" in self else "template"])
+
+    @property
+    def bias(self) -> np.ndarray | None:
+        """Motion (row, col, 3, 2) by one standard deviation of the place's bias along x and y; None if unknown."""
+        import numpy as np
+
+        if "bias" not in self:
+            return None
+        found = self["bias"].astype(np.float64)
+        return found if self.in_space else np.pad(found[..., None] * np.eye(2), [(0, 0), (0, 0), (0, 1), (0, 0)])
 
     @property
     def points_in_region(self) -> int:

@@ -21,6 +21,7 @@ if TYPE_CHECKING:
 __all__ = [
     "BASIC",
     "DISPLACEMENTS",
+    "ERRORS",
     "LENGTH",
     "MEASURES",
     "QUANTITIES",
@@ -45,8 +46,14 @@ LENGTH = "length"
 
 Use = Literal["probes", "noise_floor", "report", "sweep"]
 
-_PREFIXES = ("sigma_", "calibration_")
-"""Of the arrays that hold a quantity's standard deviation, and the calibration's share in it."""
+ERRORS = {
+    "sigma_": "σ of the {title}",
+    "bias_": "remaining bias of the {title}",
+    "u_": "uncertainty u of the {title}",
+    "calibration_": "calibration's share in σ of the {title}",
+}
+"""What arrays of these prefixes hold of a quantity: standard deviation by noise, standard deviation of the bias that
+remains, both combined, and the calibration's share beside them."""
 
 
 @dataclass(frozen=True)
@@ -260,8 +267,8 @@ def _loaded(place: str) -> Any:
 
 
 def of_field(name: str) -> Quantity | None:
-    """The quantity whose value, σ or calibration's share an array holds; None for any other array."""
-    for prefix in _PREFIXES:
+    """The quantity whose value or error an array holds; None for any other array."""
+    for prefix in ERRORS:
         name = name.removeprefix(prefix)
     if name in QUANTITIES or name not in _PLUGINS.names():
         return QUANTITIES.get(name)

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any, ClassVar, Literal, NamedTuple
 from dicflow.engine.product import Product, Variable
 from dicflow.kinds.frame import frame_from_json, frame_to_json
 from dicflow.kinds.kind import GRID, STATUS, Kind, Layout
-from dicflow.kinds.quantities import BASIC, of_field, strain_function
+from dicflow.kinds.quantities import BASIC, ERRORS, of_field, strain_function
 
 if TYPE_CHECKING:
     import numpy as np
@@ -20,6 +20,7 @@ if TYPE_CHECKING:
     from dicflow.core.uncertainty.overlap import ShapeFunction
 
 __all__ = [
+    "DEGREE",
     "Gauge",
     "Total",
     "TotalFacts",
@@ -32,7 +33,6 @@ __all__ = [
 
 Definition = Literal["precise", "material", "thesis"]
 
-_SHARES = {"sigma_": "σ of the {title}", "calibration_": "calibration's share in σ of the {title}"}
 _PLACES = {
     "xyz": Layout((*GRID, "component"), "{unit}", "place"),
     "xyz_reference": Layout((*GRID, "component"), "{unit}", "place at the first step"),
@@ -44,6 +44,7 @@ _PLACES = {
     ),
     "calibration_xyz": Layout((*GRID, "component"), "{unit}", "calibration's share in σ of the place"),
 }
+DEGREE = Layout(GRID, "1", "degree of the polynomial of the strain")
 _LAST = "last_"
 """Begins the names of arrays, and of their axes, that hold the last total with displacements."""
 _SINGLE = ("covariance", "calibration_xyz")
@@ -195,7 +196,7 @@ class Total(Kind):
 
     @property
     def degree(self) -> int:
-        """Degree of the polynomial in the window; only with uncertainty."""
+        """Degree of the polynomial in the window, of most points; only with uncertainty."""
         return int(self.product.attrs["degree"])
 
     @property
@@ -224,6 +225,10 @@ class Total(Kind):
         """Standard deviation (row, col) of a quantity by the noise of the photographs."""
         return self[f"sigma_{name}"]
 
+    def uncertainty(self, name: str) -> np.ndarray:
+        """Combined standard uncertainty (row, col) of a quantity: by noise and the bias that remains."""
+        return self[f"u_{name}"]
+
     def unit_of(self, name: str) -> str:
         """Unit of an array."""
         return self.product.variables[name].units
@@ -249,20 +254,20 @@ class Total(Kind):
 
 
 def _variable(name: str, values: np.ndarray, facts: TotalFacts) -> Variable:
-    """One array with its axes, unit and title; deviations in single precision."""
+    """One array with its axes, unit and title; errors in single precision."""
     import numpy as np
 
-    single = name in _SINGLE or name.startswith(tuple(_SHARES))
+    single = name in _SINGLE or name.startswith(tuple(ERRORS))
     values = values.astype(np.float32) if single else values
     if name in _PLACES:
         layout = _PLACES[name]
         return layout._replace(units=layout.units.format(unit=facts.unit))(values)
-    prefix = next((prefix for prefix in _SHARES if name.startswith(prefix)), "")
+    prefix = next((prefix for prefix in ERRORS if name.startswith(prefix)), "")
     base = name.removeprefix(prefix)
     quantity = of_field(base)
     units = "1" if quantity is None else quantity.unit_in(facts.unit)
     title = facts.titles.get(base) or (base if quantity is None else quantity.title)
-    return Variable(GRID, values, units, _SHARES[prefix].format(title=title) if prefix else title)
+    return Variable(GRID, values, units, ERRORS[prefix].format(title=title) if prefix else title)
 
 
 def gradient_measures(total: Total) -> GradientMeasures:

@@ -232,7 +232,8 @@ def _correlation(facts: _Facts) -> _Rows:
     if not chosen:
         return
     right = f"{stereo['shape_function']} from left to right" if stereo else ""
-    shape = f"{chosen['shape_function']} in time" + (f", {right}" if right else "")
+    in_time = chosen["shape_function"].replace("auto", "affine, quadratic at steps that need it,")
+    shape = f"{in_time} in time" + (f", {right}" if right else "")
     reference = chosen["reference"]
     start = "features and their matches" if facts.of("match") else "cross-correlation"
     yield "image filter", _filter(chosen["smoothing"]), ""

@@ -115,10 +115,14 @@ def _polynomials() -> None:
 def _strain() -> None:
     import numpy as np
 
-    from dicflow.core.strain.deformation_gradient import slope_covariances
+    from dicflow.core.strain.deformation_gradient import ErrorShare, measured_surface
+    from dicflow.core.strain.degree_choice import candidate_fits, chosen_gradient
     from dicflow.core.uncertainty.overlap import overlap
 
-    slope_covariances(np.ones((5, 5)), np.ones((5, 5)), [overlap(11, 5.0)], (3, 3), 1)
+    row, col = np.mgrid[:5, :5].astype(float)
+    plane = np.stack([col, row, 0.0 * row], axis=-1)
+    errors = [ErrorShare(np.broadcast_to(np.eye(6), (5, 5, 6, 6)), overlap(11, 5.0))]
+    chosen_gradient(measured_surface(plane, plane, errors), candidate_fits((3, 3), 1))
 
 
 def _disparity() -> None:

@@ -48,7 +48,6 @@ class ReferenceUpdate(BaseModel):
 class SubsetSearch(Node):
     """How the subset of a point is searched in another photograph."""
 
-    shape_function: ShapeFunction = parameter("affine", "how a subset may deform")
     interpolation: Literal["bicubic", "biquintic"] = parameter("biquintic", "spline between the pixels")
     gaussian: Pixels = parameter(
         0.0, "standard deviation of the weight of a subset's pixels; 0 for equal ones", unit="px", ge=0
@@ -87,7 +86,7 @@ class SubsetSearch(Node):
         """Threads that share the points."""
         return free_threads() if self.threads == "auto" else self.threads
 
-    def search(self, subset_size: int, noise: float) -> Search:
+    def search(self, subset_size: int, noise: float, shape_function: ShapeFunction) -> Search:
         """The search for subsets.
 
         subset_size : side of a subset [px]
@@ -96,9 +95,7 @@ class SubsetSearch(Node):
         from dicflow.core.correlation.search import Search
         from dicflow.core.correlation.subsets import Subset
 
-        subset = Subset(
-            subset_size, self.shape_function, self.gaussian, self.min_share, self.max_iterations, self.tolerance
-        )
+        subset = Subset(subset_size, shape_function, self.gaussian, self.min_share, self.max_iterations, self.tolerance)
         return Search(
             subset,
             self.spline_degree,

@@ -15,29 +15,27 @@ from dicflow.kinds.images import Images
 from dicflow.kinds.matches import Matches
 from dicflow.kinds.region import Region
 from dicflow.stages._lost import lost_status, lost_warning
-from dicflow.stages._subsets import SubsetSearch, photograph_of
+from dicflow.stages._pattern import pattern_of_region, repetition_facts, repetition_of_region
+from dicflow.stages._subsets import ShapeFunction, SubsetSearch, photograph_of
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
     import numpy as np
 
-    from dicflow.core.correlation.points import FoundPoints
+    from dicflow.core.correlation.points import FoundPoints, ReferencePhotograph
     from dicflow.core.correlation.search import CorrelatedField, Search
     from dicflow.core.correlation.seed import Pairs
     from dicflow.core.parts import Parts
     from dicflow.core.photographs.exposure import Photograph
     from dicflow.core.photographs.noise import Noise
-    from dicflow.core.photographs.pattern import Pattern
     from dicflow.core.photographs.polygon import Polygon
-    from dicflow.core.photographs.repetition import Repetition
 
 __all__ = ["Correlate", "sentence"]
 
 _OUTLINE_STEPS = 4
 """Material steps between the points of the carried outline."""
-_MAX_STRIPES_SHARE = 0.5
-"""Share of the region that may show stripes."""
+_SHAPES = {"auto": "affine, or where these would be biased quadratic,", "affine": "affine", "quadratic": "quadratic"}
 
 
 class _First(NamedTuple):
@@ -66,6 +64,24 @@ class _Previous(NamedTuple):
     points: Correlation
 
 
+class _Searched(NamedTuple):
+    """The points found at a step.
+
+    noise : of the photographs
+    template : (row, col, 3) — covariance of the places by the noise of the template, with the shape function of the
+        first step [px²]
+    reference : the reference step for the next photograph
+    bias : (row, col, 2) — standard deviation of what the shape function leaves out [px]
+    """
+
+    found: FoundPoints
+    search: Search
+    noise: Noise
+    template: np.ndarray
+    reference: ReferencePhotograph | None
+    bias: np.ndarray
+
+
 class Correlate(SubsetSearch):
     """Find a grid of subsets of the first left photograph in the left photograph of every step.
 
@@ -73,6 +89,9 @@ class Correlate(SubsetSearch):
     cross-correlation where these fail, and from found neighbours. Each point is searched for with its subset of the
     first photograph; if too many are lost, with that of a reference step, and from there once more with the first.
     Points that leave the frame lose their value and are searched for again when they return.
+
+    ``shape_function: auto`` takes affine subsets, and quadratic ones at steps where affine ones would be wrong by more
+    than a third of their standard deviation in more than 1 % of the points.
     """
 
     title: ClassVar = "correlate in time"
@@ -86,9 +105,12 @@ class Correlate(SubsetSearch):
         "correlation_before": Port("correlation", at=At.PREVIOUS, own=True),
     }
     gives: ClassVar = "correlation"
-    impl_version: ClassVar = 7
+    impl_version: ClassVar = 8
 
     stage: Literal["correlate"] = "correlate"
+    shape_function: Literal["auto"] | ShapeFunction = parameter(
+        "auto", "how a subset may deform; auto takes affine subsets, and quadratic ones at steps that need them"
+    )
     subset_size: Odd = parameter(31, "side of the squares that are compared; odd", unit="px", ge=5)
     step_size: int = parameter(7, "distance of the points in the first photograph", unit="px", ge=1)
     noise: Literal["auto"] | Annotated[float, Field(gt=0)] = parameter(
@@ -127,11 +149,12 @@ class Correlate(SubsetSearch):
 
         pattern, noise, repeats = at_once(
             self.thread_count,
-            partial(_pattern, image.grey, first.region, self.subset_size),
+            partial(pattern_of_region, image.grey, first.region, self.subset_size),
             partial(self._first_noise, image.grey, first.measured),
-            partial(_repetition, image.grey, first.measured),
+            partial(repetition_of_region, image.grey, first.measured),
         )
-        search = self._search(noise.grey, first)
+        shape: ShapeFunction = "affine" if self.shape_function == "auto" else self.shape_function
+        search = self._search(noise.grey, first, shape)
         start = first_photograph(image, first.region, first.parts.places, search)
         found = points_in_first_photograph(start, search)
         if not found.valid.any():
@@ -144,10 +167,10 @@ class Correlate(SubsetSearch):
             found.covariance,
             (noise, search.noise),
             first.outline,
-            self._grid(),
+            self._grid(shape),
             facts={
                 **self._facts(exact, noise, image, first.outline),
-                **_repetition_facts(repeats),
+                **repetition_facts(repeats),
                 "pattern": pattern._asdict(),
             },
         )
@@ -158,47 +181,83 @@ class Correlate(SubsetSearch):
         import numpy as np
 
         from dicflow.core.correlation.course import next_course
-        from dicflow.core.correlation.material import follow_step, search_directly
+
+        before = previous.points
+        course, lost = before.course, np.asarray(np.isnan(before.course.place).any(axis=-1))
+        searched = self._searched(image, first, previous, pairs, lost)
+        found = searched.found
+        found = found._replace(status=np.where(lost, before["status"], found.status))
+        found, said = (found, {}) if found.valid.any() else _all_lost(found, image.grey)
+        polygons = before.outline(first.outline, found, first.parts)
+        product = Correlation.write(
+            found,
+            next_course(course, before["xy"], found.warp[..., 0]),
+            searched.template,
+            (searched.noise, searched.search.noise),
+            polygons,
+            self._grid(searched.search.subset.shape_function),
+            searched.reference,
+            {**self._facts(found, searched.noise, image, polygons), **before.period_facts, **said},
+        )
+        richer = searched.search.subset.shape_function != before.first_shape_function
+        own = found.template_covariance if richer else None
+        return Correlation.read(product).with_shape_errors(searched.bias, own, first.parts)
+
+    def _searched(
+        self, image: Photograph, first: _First, previous: _Previous, pairs: Pairs | None, lost: np.ndarray
+    ) -> _Searched:
+        """The points that were not lost for good (row, col), with the shape function that they need."""
+        import numpy as np
+
+        from dicflow.core.correlation.material import follow_step, search_again, search_directly
         from dicflow.core.correlation.search import first_photograph
         from dicflow.core.status import Status
 
-        course, status, template = previous.points.course, previous.points["status"], previous.points["template"]
-        lost = np.asarray(np.isnan(course.place).any(axis=-1))
+        points = previous.points
         grid = np.where(lost[..., None], np.nan, first.parts.places)
-        reference_step, last = previous.points.reference_step, previous.points.as_reference(previous.image)
-        before = noise = previous.points.noise
-        jumps = np.asarray(status == Status.DISCONTINUITY)
-        search = self._search(before.grey, first)._replace(reach_px=previous.points.reach_px, jumps=jumps)
+        reference_step, last = points.reference_step, points.as_reference(previous.image)
+        before = noise = points.noise
+        search = self._search(before.grey, first, self._usual_shape(points))._replace(reach_px=points.reach_px)
+        search = search._replace(jumps=points["status"] == Status.DISCONTINUITY)
         start = first_photograph(first.image, first.region, grid, search)
         direct = search_directly(start, reference_step, last, image, search, pairs)
+        template = points["template"]
         if not before.is_final:
             noise = self._measured_noise(before, direct.correlation, first, image.grey)
             search = search._replace(noise=self._level(noise.grey, first))
             template = (noise.grey / before.grey) ** 2 * template
-        found, reference = follow_step(
-            start, reference_step, direct, search, self.reference.updating(), course.expected
-        )
-        found = found._replace(status=np.where(lost, status, found.status))
-        found, said = (found, {}) if found.valid.any() else _all_lost(found, image.grey)
-        polygons = previous.points.outline(first.outline, found, first.parts)
-        product = Correlation.write(
-            found,
-            next_course(course, last.points, found.warp[..., 0]),
-            template,
-            (noise, search.noise),
-            polygons,
-            self._grid(),
-            reference,
-            {**self._facts(found, noise, image, polygons), **previous.points.period_facts, **said},
-        )
-        return Correlation.read(product).with_parts(first.parts)
+        updating, expected = self.reference.updating(), points.course.expected
+        found, reference = follow_step(start, reference_step, direct, search, updating, expected)
+        shape, bias = self._shape(found, search)
+        if shape != search.subset.shape_function:
+            search = search._replace(subset=search.subset._replace(shape_function=shape))
+            start = first_photograph(first.image, first.region, grid, search)
+            direct = search_again(start, direct, found, search)
+            found, reference = follow_step(start, reference_step, direct, search, updating, expected)
+        return _Searched(found, search, noise, template, reference, bias)
 
-    def _grid(self) -> SubsetGrid:
-        return SubsetGrid(self.step_size, self.subset_size, self.shape_function)
+    def _usual_shape(self, points: Correlation) -> ShapeFunction:
+        """The shape function with which a step is searched: as at the previous step, if it is not given."""
+        return points.shape_function if self.shape_function == "auto" else self.shape_function
 
-    def _search(self, noise: float, first: _First) -> Search:
+    def _shape(self, found: FoundPoints, search: Search) -> tuple[ShapeFunction, np.ndarray]:
+        """The shape function that found points need, and what it leaves out (row, col, 2) [px]."""
+        from dicflow.core.surfaces.shape_bias import PlacesOfSubsets, affine_suffices, as_of_affine, shape_bias
+
+        used: Any = search.subset.shape_function
+        measured = PlacesOfSubsets(found.warp[..., 0], (found.covariance + found.template_covariance)[..., ::2])
+        wanted = used if self.shape_function == "auto" else self.shape_function
+        if self.shape_function == "auto":
+            affine = measured if used == "affine" else as_of_affine(measured, self.subset_size, self.step_size)
+            wanted = "affine" if affine_suffices(affine, self.subset_size, self.step_size) else "quadratic"
+        return wanted, shape_bias(measured, self.subset_size, self.step_size, wanted)
+
+    def _grid(self, shape_function: str) -> SubsetGrid:
+        return SubsetGrid(self.step_size, self.subset_size, shape_function)
+
+    def _search(self, noise: float, first: _First, shape_function: ShapeFunction) -> Search:
         """noise : of the photographs [grey levels]"""
-        return self.search(self.subset_size, self._level(noise, first))._replace(parts=first.parts)
+        return self.search(self.subset_size, self._level(noise, first), shape_function)._replace(parts=first.parts)
 
     def _level(self, noise: float, first: _First) -> float:
         """The noise after the low pass [grey levels]. noise : before it"""
@@ -298,41 +357,6 @@ def _left_photograph(images: Product) -> Photograph:
     return photograph_of(Images.read(images), "left")
 
 
-def _pattern(image: np.ndarray, usable: np.ndarray, subset_size: int) -> Pattern:
-    """The pattern of the first photograph. Raises StageError unless it distinguishes subsets."""
-    from dicflow.core.photographs.pattern import checked_pattern
-
-    try:
-        return checked_pattern(image, usable, subset_size, "the first left photograph")
-    except ValueError as error:
-        raise StageError(str(error)) from error
-
-
-def _repetition(image: np.ndarray, region: np.ndarray) -> Repetition:
-    """How the pattern repeats itself. Raises StageError for stripes."""
-    from dicflow.core.photographs.repetition import repetition
-
-    found = repetition(image, region)
-    if found.stripes_share > _MAX_STRIPES_SHARE:
-        raise StageError(
-            f"{found.stripes_share:.0%} of the region shows stripes in the first left photograph, and a displacement "
-            "along them cannot be measured; apply random speckles"
-        )
-    return found
-
-
-def _repetition_facts(found: Repetition) -> dict[str, Any]:
-    """Attributes of a pattern that repeats itself; empty for any other."""
-    if not found.share > 0.0:
-        return {}
-    text = (
-        f"the pattern repeats every {found.period_px:.1f} px in {found.share:.0%} of the region: a displacement beyond "
-        f"{0.5 * found.period_px:.1f} px from one step to the next looks the same as a shorter one; apply random "
-        "speckles, or photograph smaller steps"
-    )
-    return {"period_px": found.period_px, "repeating_share": found.share, "warnings": [text]}
-
-
 def _all_lost(found: FoundPoints, image: np.ndarray) -> tuple[FoundPoints, dict[str, Any]]:
     """Points that were all lost, with the reason, and the attribute with the warning."""
     from dicflow.core.status import Status
@@ -351,8 +375,8 @@ def sentence(stage: Correlate, product: Product | None) -> str:
         f"Subsets of {size} × {size} px{weight} of the first photograph, at a step size of {stage.step_size} px, were "
         f"found in the photograph of every step{low_pass} by inverse compositional Gauss-Newton iterations "
         f"[baker2004, pan2013] on the zero-mean normalised sum of squared differences (ZNSSD), with "
-        f"{stage.shape_function} shape functions and {degree} B-splines as the interpolant [unser1999]; points with a "
-        f"ZNSSD above {stage.max_znssd:g} were discarded."
+        f"{_SHAPES[stage.shape_function]} shape functions and {degree} B-splines as the interpolant [unser1999]; "
+        f"points with a ZNSSD above {stage.max_znssd:g} were discarded."
     )
     if stage.reference.update != "never":
         text += " Where too many points were lost, a later photograph served as an intermediate reference."

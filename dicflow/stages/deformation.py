@@ -24,7 +24,16 @@ from dicflow.kinds.quantities import (
     strain_measure,
 )
 from dicflow.kinds.rig import CalibratedRig
-from dicflow.kinds.total import Total, TotalFacts, field_means, frames_to_json, named_with_unit, rigid_motion_to_json
+from dicflow.kinds.total import (
+    DEGREE,
+    Total,
+    TotalFacts,
+    field_means,
+    frames_to_json,
+    named_with_unit,
+    rigid_motion_to_json,
+)
+from dicflow.stages._point_errors import bias_of_places, errors_by_shape, variance_shares
 
 if TYPE_CHECKING:
     import numpy as np
@@ -32,6 +41,7 @@ if TYPE_CHECKING:
     from dicflow.core.cameras.frames import Frame
     from dicflow.core.cameras.rigid import RigidMotion
     from dicflow.core.strain.deformation_gradient import ErrorShare, SurfaceGradient
+    from dicflow.core.strain.degree_choice import ChosenGradient
     from dicflow.core.strain.measures import GradientMeasures
     from dicflow.core.uncertainty.covariance import MeasuredPoints
     from dicflow.core.uncertainty.overlap import ShapeFunction
@@ -64,8 +74,9 @@ class Deformation(Node):
     """Displacement of every point from its place at the first step, and the deformation of the surface around it.
 
     The deformation gradient comes from least-squares fits over a window, in the tangent planes of the surface at both
-    steps. Each value has a standard deviation by the noise of the photographs and, if the uncertainty of the rig
-    is known, the calibration's share. With one camera everything lies in the plane of the photograph.
+    steps. Each value has a standard deviation by the noise of the photographs, an estimate of the bias that remains,
+    both combined as its uncertainty u, and, if the uncertainty of the rig is known, the calibration's share. With one
+    camera everything lies in the plane of the photograph.
     """
 
     title: ClassVar = "displacement and strain"
@@ -77,13 +88,14 @@ class Deformation(Node):
         "frame": Port("frame", optional=True),
     }
     gives: ClassVar = "total"
-    impl_version: ClassVar = 5
+    impl_version: ClassVar = 6
 
     stage: Literal["deformation"] = "deformation"
     keep: Keep = keeping("always")
     window: Annotated[Pixels, Field(gt=0)] = parameter(50.0, "side of the square window of a strain", unit="px")
-    degree: int = parameter(
-        1, "of the polynomial in the window; 3 or 5 resolves shorter waves at equal noise, in a larger one", ge=1, le=5
+    degree: Annotated[int, Field(ge=1, le=5)] | Literal["auto"] = parameter(
+        "auto",
+        "of the polynomial in the window, 1 to 5; auto: 1, and up to 3 at points where its bias would count beside σ",
     )
     min_share: float = parameter(0.25, "share of the window's points that must be measured", ge=0, le=1)
     measure: Annotated[str, AfterValidator(_known_measure)] = parameter(
@@ -106,9 +118,10 @@ class Deformation(Node):
     ) -> Product:
         """``points_first`` are those of the first step."""
         from dicflow.core.cameras.frames import LEFT_CAMERA, compose_frames
-        from dicflow.core.strain.parts_gradient import gradient_of_parts
+        from dicflow.core.strain.deformation_gradient import measured_surface
+        from dicflow.core.strain.degree_choice import candidate_fits, chosen_gradient
         from dicflow.core.tensors import upper_triangle
-        from dicflow.core.uncertainty.covariance import joint_covariance, points_in_frame
+        from dicflow.core.uncertainty.covariance import joint_covariance, points_in_frame, with_errors
 
         axes = LEFT_CAMERA if frame is None else ResultFrame.read(frame).axes
         step = Points.read(points)
@@ -118,19 +131,21 @@ class Deformation(Node):
         motion = self._motion(before, after)
         along = _moving_frame(motion)
         after = points_in_frame(after, along)
-        covariance = joint_covariance(after, before, first.template)
-        errors = _errors_by_shape(covariance, step, first, (axes, along))
-        window = self._window(first)
-        surface = gradient_of_parts(
-            first.parts, before.xyz, after.xyz, [*errors.values()], window, self.degree, self.min_share
-        )
+        before = with_errors(before, after.sensitivity.shape[-1])
+        covariance = joint_covariance(after, before, step.template)
+        errors = errors_by_shape(covariance, step, first, (axes, along))
+        measured = measured_surface(before.xyz, after.xyz, [*errors.values()], first.parts, self.min_share)
+        chosen = chosen_gradient(measured, candidate_fits(self._window(first), self.degree))
+        surface = chosen.surface
         frames = (compose_frames(along, axes), axes)
-        fields = {**_displacements(before, after, covariance), **self._strains(surface)}
+        bias = bias_of_places(step, frames[0].rotation)
+        fields = {**_displacements(before, after, covariance), **bias, **self._strains(chosen)}
+        fields |= _combined(fields)
         if rig is not None:
             fields |= self._calibration(CalibratedRig.read(rig), (after.xyz, before.xyz), frames, surface)
         fields |= {"xyz": after.xyz, "xyz_reference": before.xyz, "gradient": surface.gradient}
         fields["covariance"] = upper_triangle(covariance)
-        return self._product(fields, errors, (step, first), _Motion(motion, frames))
+        return self._product(fields, errors, (step, first), _Motion(motion, frames), chosen.degree)
 
     def _window(self, points: Points) -> tuple[int, int]:
         """Rows and columns of the window of a strain [points]."""
@@ -152,16 +167,23 @@ class Deformation(Node):
         except ValueError as error:
             raise StageError(f"{error}; look at the points of this step, or use rigid: false") from error
 
-    def _strains(self, surface: SurfaceGradient) -> dict[str, np.ndarray]:
-        """All quantities of the deformation gradient, and σ of each."""
+    def _strains(self, chosen: ChosenGradient) -> dict[str, np.ndarray]:
+        """All quantities of the deformation gradient, σ and remaining bias of each."""
         import numpy as np
 
         from dicflow.core.tensors import on_grid
+        from dicflow.core.uncertainty.covariance import sigma_along
 
-        known = np.asarray(np.isfinite(surface.gradient).all(axis=(-1, -2)))
-        gradient, measures = surface.gradient[known], self._measures()
-        deviations = measures.sigmas(gradient, surface.covariance[known])
-        found = {**measures.values(gradient), **{f"sigma_{name}": part for name, part in deviations.items()}}
+        known = np.asarray(np.isfinite(chosen.surface.gradient).all(axis=(-1, -2)))
+        gradient, measures = chosen.surface.gradient[known], self._measures()
+        found = measures.values(gradient)
+        derivatives = measures.derivatives(gradient)
+        biased = np.trace(chosen.bias[known], axis1=-2, axis2=-1) > 0.0
+        bias = np.zeros(derivatives.shape[:2])
+        bias[biased] = sigma_along(chosen.bias[known][biased][:, None], derivatives[biased])
+        sigma = sigma_along(chosen.surface.covariance[known][:, None], derivatives)
+        for prefix, deviations in (("sigma_", sigma), ("bias_", bias)):
+            found |= {f"{prefix}{name}": part for name, part in zip(measures.names, deviations.T, strict=True)}
         return {name: on_grid(values, known) for name, values in found.items()}
 
     def _measures(self) -> GradientMeasures:
@@ -213,6 +235,7 @@ class Deformation(Node):
         errors: Mapping[ShapeFunction, ErrorShare],
         steps: tuple[Points, Points],
         motion: _Motion,
+        degree: np.ndarray,
     ) -> Product:
         import numpy as np
 
@@ -221,19 +244,24 @@ class Deformation(Node):
         step, first = steps
         moved, strained = np.isfinite(fields["U"]), np.isfinite(fields["exx"])
         reasons = _consistent_status(np.maximum(step["status"], first["status"]), moved)
-        status = fitted_status(moved, strained, reasons, self._window(first), self.degree)
+        status = fitted_status(
+            moved, strained, reasons, self._window(first), 1 if self.degree == "auto" else self.degree
+        )
         fields = {**fields, "xy": step["xy"], "xy_reference": first["xy"]}
         fields = {name: known_or_nan(moved & strained, values) for name, values in fields.items()}
         share = (moved & strained).sum() / max(1, first.points_in_region)
         means = field_means(fields, step.unit)
         further = {
             **self._facts(fields, first, step.unit),
-            "shape_shares": _variance_shares(errors),
+            **_degrees(degree[moved & strained]),
+            "shape_shares": variance_shares(errors),
             "rigid": rigid_motion_to_json(motion.removed),
             "frames": frames_to_json(motion.frames),
             "summary": {"valid_share": float(share), **means, **_median_sigmas(fields, step.unit)},
         }
         beside = {name: step.product.variables[name] for name in ("way", "way_right", "znssd") if name in step}
+        if self.degree == "auto":
+            beside["degree"] = DEGREE(np.where(moved & strained, degree, np.uint8(0)))
         return Total.write(fields, status, TotalFacts("precise", step.unit, self._titles(), further), beside)
 
     def _titles(self) -> dict[str, str]:
@@ -254,50 +282,11 @@ class Deformation(Node):
         return {
             "measure": self.measure,
             "directions": self.directions,
-            "degree": self.degree,
             "window_points": list(window),
             **grid._asdict(),
             "vsg_px": gauge,
             "vsg_mm": float(gauge * np.median(size)) if unit == "mm" and size.size else None,
         }
-
-
-def _errors_by_shape(
-    covariance: np.ndarray, step: Points, first: Points, frames: tuple[Frame, Frame]
-) -> dict[ShapeFunction, ErrorShare]:
-    """The covariance of the points at both steps by the shape function of the subsets that cause it.
-
-    frames : that of the results, and the one that moves with the removed motion
-    """
-    from dicflow.core.strain.deformation_gradient import ErrorShare
-    from dicflow.core.uncertainty.covariance import joint_covariance, points_in_frame
-    from dicflow.core.uncertainty.overlap import overlap
-
-    grid = (first.grid.subset_size, first.grid.step_size)
-    own: Any = first.left_shape_function
-    other: Any = first.grid.shape_function
-    if own == other:
-        return {own: ErrorShare(covariance, overlap(*grid, own))}
-    after, before = (points_in_frame(points.measured_by_left(), frames[0]) for points in (step, first))
-    left = joint_covariance(points_in_frame(after, frames[1]), before, first.template[..., :2, :2])
-    return {own: ErrorShare(left, overlap(*grid, own)), other: ErrorShare(covariance - left, overlap(*grid, other))}
-
-
-def _variance_shares(errors: Mapping[ShapeFunction, ErrorShare]) -> dict[str, list[float]]:
-    """Shares of each shape function in the variance of U, V and W, means over the points."""
-    import numpy as np
-
-    from dicflow.core.uncertainty.covariance import displacement_covariance
-
-    if len(errors) == 1:
-        return {name: [1.0, 1.0, 1.0] for name in errors}
-    variances = np.stack(
-        [np.diagonal(displacement_covariance(part.covariance), axis1=-2, axis2=-1) for part in errors.values()]
-    )
-    known = (variances.sum(axis=0) > 0.0).all(axis=-1)
-    shares = variances[:, known] / variances[:, known].sum(axis=0)
-    means = shares.mean(axis=1) if known.any() else np.full((len(errors), 3), 1.0 / len(errors))
-    return {name: part.tolist() for name, part in zip(errors, means, strict=True)}
 
 
 def _moving_frame(motion: RigidMotion | None) -> Frame:
@@ -324,6 +313,23 @@ def _displacements(before: MeasuredPoints, after: MeasuredPoints, covariance: np
     }
 
 
+def _combined(fields: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
+    """Combined uncertainty of each quantity that has a standard deviation."""
+    import numpy as np
+
+    names = [name.removeprefix("sigma_") for name in fields if name.startswith("sigma_")]
+    return {f"u_{name}": np.hypot(fields[f"sigma_{name}"], fields.get(f"bias_{name}", 0.0)) for name in names}
+
+
+def _degrees(degree: np.ndarray) -> dict[str, Any]:
+    """The degree of most points, and the share of points of each."""
+    import numpy as np
+
+    found, counts = np.unique(degree, return_counts=True)
+    shares = {str(one): float(count / counts.sum()) for one, count in zip(found, counts, strict=True)}
+    return {"degree": int(found[counts.argmax()]) if len(found) else 1, "degree_shares": shares}
+
+
 def _consistent_status(status: np.ndarray, known: np.ndarray) -> np.ndarray:
     """Status that agrees with the values: valid or filled if known, else a reason."""
     import numpy as np
@@ -348,9 +354,11 @@ def sentence(stage: Deformation, product: Product | None) -> str:
     measure, side = strain_measure(stage.measure), f"{stage.window:g}"
     cited = "" if measure.name == "engineering" else " [seth1961, hill1968]"
     along = {"material": "the directions of the material", "global": "the directions of the coordinate system"}
+    degree = "1 to 3, at each point the first whose estimated bias is below a third of its standard deviation,"
+    degree = degree if stage.degree == "auto" else f"{stage.degree}"
     text = (
         f"The deformation gradient of the surface since the first step was computed from polynomials of degree "
-        f"{stage.degree} fitted to the points in windows of {side} × {side} px [savitzky1964]; the measure "
+        f"{degree} fitted to the points in windows of {side} × {side} px [savitzky1964]; the measure "
         f"of strain is {measure.title}{cited}, in {along[stage.directions]}."
     )
     if stage.rigid:

@@ -176,8 +176,9 @@ class Stereo(SubsetSearch):
         """noise : of the templates' photographs after the low pass [grey levels]"""
         from dicflow.core.status import Status
 
-        search, points = self.search(view.points.grid.subset_size, noise), view.points
-        return search._replace(parts=view.points_first.parts, jumps=points["status"] == Status.DISCONTINUITY)
+        found = self.search(view.points.grid.subset_size, noise, self.shape_function)
+        jumps = view.points["status"] == Status.DISCONTINUITY
+        return found._replace(parts=view.points_first.parts, jumps=jumps)
 
     def _matched(self, view: _View, starts: np.ndarray, noise_ratio: float) -> tuple[FoundPoints, Search]:
         """The points of the left photograph, found in the right one from starting warps (row, col, 2, 3)."""

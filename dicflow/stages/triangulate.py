@@ -37,7 +37,7 @@ class Triangulate(Node):
         "rig": Port("rig"),
     }
     gives: ClassVar = "points"
-    impl_version: ClassVar = 6
+    impl_version: ClassVar = 7
 
     stage: Literal["triangulate"] = "triangulate"
 
@@ -67,8 +67,9 @@ def _errors(found: Triangulated, left: Correlation, right: Stereo) -> PointError
     At the first step the left place is the point itself, without error. If both places were found via one reference
     step, its inherited covariance is common to both photographs, which are correlated with one template.
 
-    A richer shape function in the right photograph is more sensitive to the template's noise. Since the other one's
-    estimate is efficient, the additional error is independent of it: a second error, of the right place alone.
+    A richer shape function than that of the first left photograph is more sensitive to the template's noise. Since the
+    other one's estimate is efficient, the additional error is independent of it: a second error, of the places with
+    that shape function.
     """
     import numpy as np
 
@@ -81,7 +82,7 @@ def _errors(found: Triangulated, left: Correlation, right: Stereo) -> PointError
     first = (left["way"] == 0)[..., None]
     chained = ((right["way"] > 1) & right.matched_at_every_step)[..., None]
     common = np.where(chained, congruent(inverse(left["gradient"]), left["passed"]), 0.0)
-    ratio = _variance(left["template"]) / _variance(right["template"]) if _differ(left, right) else 1.0
+    ratio = _variance(_own_template(left)) / _variance(right["template"]) if _differ(left, right) else 1.0
     shares = (
         (by_left, of_left - common),
         (by_right, np.where(chained, 2.0 - ratio, 1.0) * of_right),
@@ -90,15 +91,41 @@ def _errors(found: Triangulated, left: Correlation, right: Stereo) -> PointError
     by_place, by_other, by_both = (point_covariance(slopes, covariance) for slopes, covariance in shares)
     own, alone = by_place + by_other + by_both, by_place + by_both
     sensitivity = np.where(first[..., None], by_right, by_left + by_right)
+    bias = _bias(found, left, right)
+    left_richer = left.shape_function != left.first_shape_function
+    right_richer = right.grid.shape_function != left.first_shape_function
+    if not (left_richer or right_richer):
+        return PointErrors(own, alone, sensitivity, left["template"], bias)
+    richer = _own_template(left) if left_richer else right["template"]
+    added = left_richer * by_left + right_richer * by_right
+    both = np.concatenate([sensitivity, np.where(chained[..., None], 0.0, added)], axis=-1)
+    return PointErrors(own, alone, both, _two_errors(left["template"], richer), bias)
+
+
+def _bias(found: Triangulated, left: Correlation, right: Stereo) -> np.ndarray | None:
+    """Motion (row, col, 3, 2) of the points by the bias of the left places along x and y [mm]; None if unknown.
+
+    Subsets of one shape function are off by the same part of the material in both photographs.
+    """
+    from dicflow.core.tensors import inverse
+
+    if "bias" not in left:
+        return None
+    slopes: np.ndarray = found.by_left
     if not _differ(left, right):
-        return PointErrors(own, alone, sensitivity, left["template"])
-    added = np.where(chained[..., None], 0.0, by_right)
-    return PointErrors(own, alone, np.concatenate([sensitivity, added], axis=-1), _two_errors(left, right))
+        slopes = slopes + found.by_right @ right["gradient"] @ inverse(left["gradient"])
+    bias: np.ndarray = slopes * left["bias"][..., None, :]
+    return bias
 
 
 def _differ(left: Correlation, right: Stereo) -> bool:
-    """Whether the shape functions left and right differ."""
-    return left.grid.shape_function != right.grid.shape_function
+    """Whether the shape functions left and right differ at a step."""
+    return left.shape_function != right.grid.shape_function
+
+
+def _own_template(left: Correlation) -> np.ndarray:
+    """Covariance (row, col, 3) of the left places by the noise of the template, with their shape function [px²]."""
+    return left["template_own" if "template_own" in left else "template"]
 
 
 def _variance(covariance: np.ndarray) -> Any:
@@ -106,16 +133,18 @@ def _variance(covariance: np.ndarray) -> Any:
     return covariance[..., :1] + covariance[..., 2:]
 
 
-def _two_errors(left: Correlation, right: Stereo) -> np.ndarray:
-    """Covariance (row, col, 10) of the template's error and of the addition by the right shape function [px²]."""
+def _two_errors(template: np.ndarray, richer: np.ndarray) -> np.ndarray:
+    """Covariance (row, col, 10) of the template's error and of the addition by a richer shape function [px²].
+
+    template, richer : (row, col, 3) — covariances of the error with either
+    """
     import numpy as np
 
     from dicflow.core.tensors import symmetric, upper_triangle
 
-    template = left["template"]
     both = np.zeros((*template.shape[:2], 4, 4))
     both[..., :2, :2] = symmetric(template)
-    both[..., 2:, 2:] = symmetric(_positive(right["template"] - template))
+    both[..., 2:, 2:] = symmetric(_positive(richer - template))
     return upper_triangle(both)
 
 

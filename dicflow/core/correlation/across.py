@@ -24,6 +24,7 @@ from dicflow.core.correlation.points import (
     cropped,
     merged,
     part_masks,
+    with_terms,
 )
 from dicflow.core.correlation.search import UNEXPLAINED, Search, find_points
 from dicflow.core.correlation.seed import ACCEPTED_CORRELATION, BLUR_PX, window_correlation, window_correlations
@@ -115,13 +116,10 @@ def inherited_covariance(matched: FoundPoints, search: Search) -> Array:
 
 def _selected(reference: ReferencePhotograph, selected: Mask, search: Search) -> ReferencePhotograph:
     """Selected points of a reference photograph, with exact places and warps of the search's shape."""
-    terms = TERMS[search.subset.shape_function]
-    warp = np.zeros((*reference.warp.shape[:-1], terms))
-    shared = min(terms, reference.warp.shape[-1])
-    warp[..., :shared] = reference.warp[..., :shared]
+    shaped = with_terms(reference, TERMS[search.subset.shape_function])
     points = np.where(selected[..., None], reference.points, np.nan)
     exact = np.zeros(reference.inherited_covariance.shape)
-    return cropped(reference._replace(points=points, warp=warp, inherited_covariance=exact), search.subset.size)
+    return cropped(shaped._replace(points=points, inherited_covariance=exact), search.subset.size)
 
 
 def starts_from_previous_step(left: PointsInStep, left_before: PointsInStep, right_before: PointsInStep) -> Array:

@@ -25,6 +25,7 @@ from dicflow.core.correlation.points import (
     cropped,
     merged,
     part_masks,
+    with_terms,
 )
 from dicflow.core.correlation.search import (
     CorrelatedField,
@@ -41,7 +42,7 @@ from dicflow.core.photographs.interpolate import Spline
 from dicflow.core.status import Status
 from dicflow.core.threads import at_once
 
-__all__ = ["DirectSearch", "Updating", "follow_step", "search_directly"]
+__all__ = ["DirectSearch", "Updating", "follow_step", "search_again", "search_directly"]
 
 
 class Updating(NamedTuple):
@@ -94,6 +95,12 @@ def search_directly(
     with_starts = partial(_starting_warps, references, image.grey, matches, search)
     target, starts = at_once(search.threads, with_target, with_starts)
     return DirectSearch(previous, target, starts, correlate_points(first, target, starts, search))
+
+
+def search_again(first: ReferencePhotograph, direct: DirectSearch, found: FoundPoints, search: Search) -> DirectSearch:
+    """The same photograph, searched from where the points were found, with another shape function."""
+    starts = np.where(np.isfinite(found.warp[..., :3]), found.warp[..., :3], direct.starts)
+    return direct._replace(starts=starts, correlation=correlate_points(first, direct.target, starts, search))
 
 
 def follow_step(
@@ -198,6 +205,7 @@ def _find_lost(
     """
     size, missing = search.subset.size, ~(found.valid | np.isin(found.status, AT_EDGES))[..., None]
     usual = usual_residual(found.residual)
+    reference_step = with_terms(reference_step, found.warp.shape[-1])
     part = cropped(reference_step._replace(points=np.where(missing, reference_step.points, np.nan)), size)
     through = find_points(part, direct.target, direct.starts, search, VIA_REFERENCE_STEP, usual)
     again = cropped(first._replace(points=np.where(through.valid[..., None], first.points, np.nan)), size)

@@ -40,12 +40,25 @@ _MAX_ROW_DIFFERENCE = 2
 _MIN_CORRELATION = 0.45
 _MIN_CORRELATION_LEAD = 0.15
 """Lead of a partner's correlation over that of the next best place; with less it is ambiguous."""
-_WIDTH_FACTORS = (1.0, 0.85, 1.18)
-"""Widths of windows in the right image over those in the left one, as of surfaces askew to the cameras."""
 _SUFFICIENT_SHARE = 0.6
-"""Share of points with a partner at which no further width is tried."""
+"""Share of points with a partner at which no further look is tried."""
 _SCOUT_STRIDE = 6
 """Every so many points are searched for in the whole row, the others at depths between theirs."""
+
+
+class _Look(NamedTuple):
+    """How a window of the left image looks in the right one.
+
+    width : over that in the left image, of surfaces turned about the vertical
+    shear : columns per row, of surfaces turned about the horizontal
+    """
+
+    width: float = 1.0
+    shear: float = 0.0
+
+
+_LOOKS = tuple(_Look(*both) for both in ((1, 0), (0.85, 0), (1.18, 0), (1, 0.25), (1, -0.25), (1, 0.5), (1, -0.5)))
+"""Looks that are tried in turn while too few points have a partner."""
 
 
 class Partners(NamedTuple):
@@ -73,7 +86,7 @@ def find_partners(rig: Rig, left: Grey, right: Grey, points: Array, window_px: f
     points : (n, 2) — raw pixels of the left one; those with NaN are left out
     window_px : side of the windows that are compared [px]
 
-    Where few are found, windows of other widths are compared too.
+    Where few are found, windows of other looks are compared too, as of surfaces askew to the cameras.
     Raises ValueError where the rig cannot be rectified.
     """
     points = points[np.isfinite(points).all(axis=1)]
@@ -84,11 +97,11 @@ def find_partners(rig: Rig, left: Grey, right: Grey, points: Array, window_px: f
     places[:, 1] -= top
     view = _rectified_view(rig, strip, left, right, scale)
     found = np.full(points.shape, np.nan)
-    for width_factor in _WIDTH_FACTORS:
+    for look in _LOOKS:
         missing = np.isnan(found[:, 0])
         if missing.mean() <= 1.0 - _SUFFICIENT_SHARE:
             break
-        found[missing] = _matched_places(view, places[missing], half, width_factor)
+        found[missing] = _matched_places(view, places[missing], half, look)
     known = np.isfinite(found).all(axis=1)
     points = points[known]
     partners = rectified_to_raw(found[known], rig.right, strip.rotation_right, strip.matrix_right)
@@ -157,23 +170,23 @@ def _rectified_view(rig: Rig, strip: Rectification, left: Grey, right: Grey, sca
     return _View(*views, covered(rig.left, strip.rotation_left, strip.matrix_left, strip.size))
 
 
-def _matched_places(view: _View, places: Array, half: int, width_factor: float) -> Array:
+def _matched_places(view: _View, places: Array, half: int, look: _Look) -> Array:
     """Partners (n, 2) of places: of scouts in the whole row, and of the others at offsets about those of the scouts."""
     found, width = np.full(places.shape, np.nan), view.left.shape[1]
     scouts = np.zeros(len(places), dtype=bool)
     scouts[::_SCOUT_STRIDE] = True
-    found[scouts] = [_partner(view, place, half, width_factor, (-width, width)) for place in places[scouts]]
+    found[scouts] = [_partner(view, place, half, look, (-width, width)) for place in places[scouts]]
     offsets = np.sort((found - places)[np.isfinite(found[:, 0]), 0])
     limits = (-width, width)
     if len(offsets) >= MIN_PARTNERS:
         low, high = offsets[len(offsets) // 10], offsets[-1 - len(offsets) // 10]
         spare = 4.0 * half + high - low
         limits = int(low - spare), int(high + spare)
-    found[~scouts] = [_partner(view, place, half, width_factor, limits) for place in places[~scouts]]
+    found[~scouts] = [_partner(view, place, half, look, limits) for place in places[~scouts]]
     return found
 
 
-def _partner(view: _View, place: Array, half: int, width_factor: float, limits: tuple[int, int]) -> tuple[float, float]:
+def _partner(view: _View, place: Array, half: int, look: _Look, limits: tuple[int, int]) -> tuple[float, float]:
     """The place of the right image that fits a place of the left one best; NaN where no place clearly does.
 
     limits : smallest and largest x in the right image minus x in the left one
@@ -182,17 +195,15 @@ def _partner(view: _View, place: Array, half: int, width_factor: float, limits: 
     if not np.isfinite(place).all():
         return unknown
     x, y = np.rint(place).astype(int)
-    wide, high = round(half / width_factor), half + _MAX_ROW_DIFFERENCE
+    wide, high = int(np.ceil(half * (1.0 / look.width + abs(look.shear)))), half + _MAX_ROW_DIFFERENCE
     rows, cols = view.left.shape
     if not (wide <= x < cols - wide and high <= y < rows - high):
         return unknown
     around = slice(y - half, y + half + 1), slice(x - wide, x + wide + 1)
     first, last = max(0, x + limits[0] - half), min(cols, x + limits[1] + half + 1)
-    side = 2 * half + 1
-    if not view.covered[around].all() or last - first < side:
+    if not view.covered[around].all() or last - first < 2 * half + 1:
         return unknown
-    window = view.left[around]
-    template = window if wide == half else cv2.resize(window, (side, side), interpolation=cv2.INTER_AREA)
+    template = _as_seen_right(view.left[around], half, look)
     fit = cv2.matchTemplate(view.right[y - high : y + high + 1, first:last], template, cv2.TM_CCOEFF_NORMED)
     fit[~(np.abs(fit) <= 1.0)] = -1.0  # where the image has no contrast
     row, col = np.unravel_index(fit.argmax(), fit.shape)
@@ -202,3 +213,12 @@ def _partner(view: _View, place: Array, half: int, width_factor: float, limits: 
         return unknown
     offset = place - (x, y)
     return float(first + col + half + offset[0]), float(row - _MAX_ROW_DIFFERENCE + y + offset[1])
+
+
+def _as_seen_right(window: Image, half: int, look: _Look) -> Image:
+    """The middle of a window (2 half + 1, ≥ 2 half + 1) of the left image as it looks in the right one, a square."""
+    side, wide = 2 * half + 1, window.shape[1] // 2
+    scale, shear = 1.0 / look.width, -look.shear
+    to_window = np.array([[scale, shear, wide - (scale + shear) * half], [0.0, 1.0, 0.0]])
+    flags = cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP
+    return np.asarray(cv2.warpAffine(window, to_window, (side, side), flags=flags, borderMode=cv2.BORDER_REPLICATE))

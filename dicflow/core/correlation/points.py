@@ -30,6 +30,7 @@ __all__ = [
     "cropped",
     "merged",
     "part_masks",
+    "with_terms",
 ]
 
 DIRECT, VIA_REFERENCE_STEP = 1, 2
@@ -111,6 +112,14 @@ def cropped(reference: ReferencePhotograph, subset_size: int) -> ReferencePhotog
     origin = reference.origin[0] + x0, reference.origin[1] + y0
     image = Photograph._make(None if values is None else values[part] for values in reference.image)
     return reference._replace(image=image, region=reference.region[part], origin=origin)
+
+
+def with_terms(reference: ReferencePhotograph, terms: int) -> ReferencePhotograph:
+    """The reference photograph with warps of so many terms: further ones are 0, those of a poorer shape are dropped."""
+    warp = np.zeros((*reference.warp.shape[:-1], terms))
+    shared = min(terms, reference.warp.shape[-1])
+    warp[..., :shared] = reference.warp[..., :shared]
+    return reference._replace(warp=warp)
 
 
 def merged(found: FoundPoints, better: FoundPoints) -> FoundPoints:

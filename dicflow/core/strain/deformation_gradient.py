@@ -19,27 +19,28 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 
-from dicflow.core.arrays import Array, Mask
-from dicflow.core.kernels import INNER
+from dicflow.core.arrays import Array, Index, Mask
+from dicflow.core.parts import Parts, single_part
 from dicflow.core.strain.surface_strain import deformation_gradient, jacobian, tangent_basis
-from dicflow.core.surfaces.filters import slope_weights
-from dicflow.core.tensors import inverse, on_grid
+from dicflow.core.strain.window_fits import WindowedPoints
+from dicflow.core.tensors import inverse
 from dicflow.core.uncertainty.covariance import displacement_covariance
 from dicflow.core.uncertainty.overlap import Overlap
 
 __all__ = [
     "ErrorShare",
+    "MeasuredSurface",
     "SurfaceGradient",
     "gradient_response",
+    "measured_surface",
     "pixel_size_mm",
-    "slope_covariances",
-    "surface_gradient",
     "vsg_px",
 ]
 
 
+_CHUNK = 4000
+"""Windows that are fitted at once."""
 _QUARTER_TURN = np.array([[0.0, 1.0], [-1.0, 0.0]])
 
 
@@ -79,41 +80,68 @@ def vsg_px(window_points: int, step_size: float, subset_size: float) -> float:
     return (window_points - 1) * step_size + subset_size
 
 
-def surface_gradient(
-    reference: Array,
-    deformed: Array,
-    errors: Sequence[ErrorShare],
-    window: tuple[int, int],
-    degree: int,
-    min_share: float = 0.25,
-    wanted: Mask | None = None,
-) -> SurfaceGradient:
-    """Deformation gradient between two states of a surface.
+class MeasuredSurface(NamedTuple):
+    """A surface in two states, as windows of its points are fitted.
+
+    points : values (row, col, 6) are the places at the step and in the reference state
+    errors : independent shares that add up to the errors of the points
+    """
+
+    points: WindowedPoints
+    errors: Sequence[ErrorShare]
+
+    @property
+    def known(self) -> Mask:
+        """(row, col) — the points that count."""
+        return np.asarray(self.points.weights > 0.0)
+
+    def gradient(self, at: Index, window: tuple[int, int], degree: int) -> SurfaceGradient:
+        """Deformation gradients (n, …) at rows and columns (n, 2), by polynomials in a window (high, wide) [points]."""
+        chunks = np.array_split(at, max(1, -(-len(at) // _CHUNK)))
+        found = [self.gradient_by(part, self.points.slope_weights(part, window, degree)) for part in chunks]
+        return SurfaceGradient(*(np.concatenate(field) for field in zip(*found, strict=True)))
+
+    def gradient_by(self, at: Index, weights: Array) -> SurfaceGradient:
+        """The same by the weights (n, 2, high, wide) of the points in both slopes."""
+        slopes = np.swapaxes(self.points.sums(at, weights), -1, -2)
+        before, after = slopes[:, 3:], slopes[:, :3]
+        response = gradient_response(before, after)
+        return SurfaceGradient(deformation_gradient(before, after), self.covariance_by(at, weights, response), response)
+
+    def covariance_by(self, at: Index, weights: Array, response: Array) -> Array:
+        """Covariance (n, 4, 4) of the gradient, or of a change of it, by the weights in the slopes."""
+        with np.errstate(invalid="ignore"):
+            parts = [
+                _gradient_covariance(
+                    response, self.points.variances(at, weights, share.rho), share.covariance[at[:, 0], at[:, 1]]
+                )
+                for share in self.errors
+            ]
+        return np.asarray(np.sum(parts, axis=0))
+
+
+def measured_surface(
+    reference: Array, deformed: Array, errors: Sequence[ErrorShare], parts: Parts | None = None, min_share: float = 0.25
+) -> MeasuredSurface:
+    """A surface from its points in both states.
 
     reference, deformed : (row, col, 3) — the points of a regular material grid [mm]; of a plane in the image
         the third coordinate is 0 [px]
-    errors : independent shares that add up to the errors of the points; a point without covariance does not count
-    window : (rows, cols), odd numbers of points
-    degree : of the polynomials, 1 or more
+    errors : a point without covariance does not count
+    parts : of the grid, each of which moves on its own; None for a single one
     min_share : share of a window's points that must have a value
-    wanted : (row, col) bool — points to compute, n of them; the fields are (n, …) then. None for all
     """
     whole = np.sum([share.covariance for share in errors], axis=0)
     sigma = np.sqrt(np.trace(displacement_covariance(whole), axis1=-2, axis2=-1))
     known = np.asarray(np.isfinite(reference + deformed).all(axis=-1) & np.isfinite(sigma))
-    at = known if wanted is None else wanted
-    before, after = (np.where(known[..., None], points, np.nan) for points in (reference, deformed))
-    weights = np.where(known, 1.0 / np.maximum(sigma, 1e-12) ** 2, 0.0)
+    sigma = np.where(known, np.maximum(sigma, 1e-12), 0.0)
+    weights = np.where(known, 1.0 / np.where(known, sigma, 1.0) ** 2, 0.0)
     weights /= max(float(weights.max(initial=0.0)), 1e-300)
-    before, after = (jacobian(points, window, degree, weights, min_share)[at] for points in (before, after))
-    response, scatter = gradient_response(before, after), np.where(known, sigma, 0.0)
-    slopes = slope_covariances(weights, scatter, [share.rho for share in errors], window, degree, at)
-    parts = [
-        _gradient_covariance(response, slope[at], share.covariance[at])
-        for slope, share in zip(slopes, errors, strict=True)
-    ]
-    found = SurfaceGradient(deformation_gradient(before, after), np.sum(parts, axis=0), response)
-    return found if wanted is not None else SurfaceGradient(*(on_grid(values, known) for values in found))
+    both = np.concatenate([deformed, reference], axis=-1)
+    centre = both[known].mean(axis=0) if known.any() else 0.0
+    values = np.where(known[..., None], both - centre, 0.0)
+    parts = single_part(reference[..., :2]) if parts is None else parts
+    return MeasuredSurface(WindowedPoints(values, weights, sigma, parts, min_share), errors)
 
 
 def pixel_size_mm(reference: Array, step_size: float) -> Array:
@@ -125,107 +153,6 @@ def pixel_size_mm(reference: Array, step_size: float) -> Array:
     across = jacobian(reference, (3, 3), 1)
     area = np.linalg.norm(np.cross(across[..., 0], across[..., 1]), axis=-1)
     return np.asarray(np.sqrt(area) / step_size)
-
-
-def slope_covariances(
-    weights: Array,
-    sigma: Array,
-    rhos: Sequence[Overlap],
-    window: tuple[int, int],
-    degree: int,
-    wanted: Mask | None = None,
-) -> list[Array]:
-    """Q (row, col, 2, 2): covariance of a fit's slopes per column and per row, for unit variance at the point itself.
-
-    weights, sigma : (row, col) — of each point, 0 where it is missing
-    rhos : correlations of the errors of two points, each of which gives one Q
-    wanted : (row, col) bool — points that get one; None for all
-    """
-    factors, terms = slope_weights(weights, window, degree)
-    if wanted is not None:
-        factors[~wanted] = np.nan
-    pad = [(side // 2, side // 2) for side in window]
-    scaled, variance = np.pad(weights * sigma, pad), np.where(sigma > 0.0, sigma, np.nan)[..., None, None] ** 2
-    with np.errstate(invalid="ignore", divide="ignore"):
-        return [
-            _slope_covariance(factors, terms, scaled, _band(rho.down, window[0]), _band(rho.across, window[1]))
-            / variance
-            for rho in rhos
-        ]
-
-
-def _band(lags: Array, side: int) -> Array:
-    """Matrices (term, side, side) of a function of |i − j|, (term, lag)."""
-    apart = np.abs(np.subtract.outer(np.arange(side), np.arange(side)))
-    padded = np.pad(lags, ((0, 0), (0, max(0, side - lags.shape[1]))))
-    return np.ascontiguousarray(padded[:, apart])
-
-
-@njit(cache=True, nogil=True)
-def _slope_covariance(factors: Array, terms: Array, scaled: Array, down: Array, across: Array) -> Array:
-    """Σₜ wₐ : (downₜ w_b acrossₜ) for the weights w of both slopes a, b; (row, col, 2, 2).
-
-    factors, terms : (row, col, 2, term) and (term, high, wide) — see
-        :func:`~dicflow.core.surfaces.filters.slope_weights`
-    scaled : (row, col) weight times σ, padded by half a window on each side
-    down, across : (term, high, high) and (term, wide, wide) — correlation of the points of a window
-    """
-    rows, cols = factors.shape[:2]
-    high, wide = terms.shape[1:]
-    result = np.full((rows, cols, 2, 2), np.nan)
-    weights = np.empty((2, high, wide))
-    half = np.empty((high, wide))
-    full = np.empty((high, wide))
-    for row in range(rows):
-        for col in range(cols):
-            if not np.isfinite(factors[row, col, 0, 0]):
-                continue
-            _clear(result[row, col])
-            _window_weights(factors[row, col], terms, scaled[row : row + high, col : col + wide], weights)
-            for term in range(down.shape[0]):
-                for a in range(2):
-                    _product(down[term], weights[a], half)
-                    _product(half, across[term], full)
-                    for b in range(a + 1):
-                        total = 0.0
-                        for i in range(high):
-                            for j in range(wide):
-                                total += full[i, j] * weights[b, i, j]
-                        result[row, col, a, b] += total
-            result[row, col, 0, 1] = result[row, col, 1, 0]
-    return result
-
-
-@njit(**INNER)
-def _window_weights(factors: Array, terms: Array, scaled: Array, weights: Array) -> None:
-    """Set the weights (2, high, wide) of both slopes in one window."""
-    for slope in range(2):
-        _clear(weights[slope])
-        for term in range(terms.shape[0]):
-            factor = factors[slope, term]
-            for i in range(scaled.shape[0]):
-                for j in range(scaled.shape[1]):
-                    weights[slope, i, j] += factor * terms[term, i, j] * scaled[i, j]
-
-
-@njit(**INNER)
-def _clear(matrix: Array) -> None:
-    """Set all elements to zero."""
-    for i in range(matrix.shape[0]):
-        for j in range(matrix.shape[1]):
-            matrix[i, j] = 0.0
-
-
-@njit(**INNER)
-def _product(first: Array, second: Array, result: Array) -> None:
-    """Set the matrix product, summed along the rows of the second so that it vectorises."""
-    _clear(result)
-    for i in range(first.shape[0]):
-        for k in range(first.shape[1]):
-            factor = first[i, k]
-            if factor != 0.0:
-                for j in range(second.shape[1]):
-                    result[i, j] += factor * second[k, j]
 
 
 def gradient_response(before: Array, after: Array) -> Array:

@@ -87,13 +87,6 @@ class Tiles:
         tiles = np.where(own, values[self._rows, self._cols], np.nan)
         return np.asarray(tiles.reshape(-1, *tiles.shape[2:]), dtype=np.float64)
 
-    @property
-    def is_centre(self) -> Mask:
-        """Which points of a field of tiles are their centres."""
-        mask = np.zeros((self._own.shape[0] * self._own.shape[1], self._own.shape[2]), dtype=np.bool_)
-        mask[self._middle] = True
-        return mask
-
     def centres_of(self, values: Array) -> Array:
         """The values (n, …) of a field of tiles at the centres."""
         return np.asarray(values[self._middle])

@@ -24,6 +24,7 @@ __all__ = [
     "joint_covariance",
     "points_in_frame",
     "sigma_along",
+    "with_errors",
 ]
 
 
@@ -35,7 +36,7 @@ class MeasuredPoints(NamedTuple):
 
     xyz : (..., 3) [mm]
     step_covariance : (..., 3, 3) — by the noise of the photographs of the step [mm²]
-    sensitivity : (..., 3, 2) — S, motion of the point per template error, with the sign changed [mm/px]
+    sensitivity : (..., 3, d) — S, motion of the point per template error, with the sign changed [mm/px]
     """
 
     xyz: Array
@@ -53,10 +54,17 @@ def points_in_frame(points: MeasuredPoints, frame: Frame) -> MeasuredPoints:
     )
 
 
+def with_errors(points: MeasuredPoints, count: int) -> MeasuredPoints:
+    """The points with sensitivities (..., 3, count); further errors of the template do not move them."""
+    missing = count - points.sensitivity.shape[-1]
+    pad = [(0, 0)] * (points.sensitivity.ndim - 1) + [(0, max(missing, 0))]
+    return points._replace(sensitivity=np.pad(points.sensitivity, pad))
+
+
 def joint_covariance(deformed: MeasuredPoints, reference: MeasuredPoints, template: Array) -> Array:
     """Joint covariance of a point at a step and at the reference state.
 
-    template : (..., 2, 2) — T, covariance of the template's error [px²]
+    template : (..., d, d) — T, covariance of the template's errors [px²]
     Returns (..., 6, 6), the point at the step first [mm²].
     """
     both = np.concatenate([deformed.sensitivity, reference.sensitivity], axis=-2)

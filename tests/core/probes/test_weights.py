@@ -17,7 +17,9 @@ from dicflow.core.probes.weights import (
     strain_correlation,
     value_of,
 )
-from dicflow.core.strain.deformation_gradient import ErrorShare, surface_gradient
+from dicflow.core.strain.deformation_gradient import ErrorShare, measured_surface
+from dicflow.core.strain.degree_choice import chosen_gradient
+from dicflow.core.strain.remaining_bias import WindowFit
 from dicflow.core.uncertainty.overlap import independent, overlap
 from tests.noise import point_errors
 
@@ -96,14 +98,14 @@ def test_sigma_is_the_scatter(shape_function):
 @pytest.mark.slow
 def test_sigma_of_a_mean_strain_is_the_scatter():
     """Strains share their windows' points; the area lies a window away from the edges."""
-    rho, rng = overlap(SUBSET, STEP), np.random.default_rng(2)
+    rho, rng, fit = overlap(SUBSET, STEP), np.random.default_rng(2), WindowFit((7, 7), 2)
     flat = np.concatenate([GRID, 0 * X[..., None]], axis=-1)
     covariance = np.broadcast_to(1e-4 * np.diag([1.0, 1, 0, 0, 0, 0]), (*SHAPE, 6, 6))
     area = area_probe((abs(X - 137) < 13) & (abs(Y - 97) < 20), ALL)
     means = {"exx": [], "eyy": [], "gxy": []}
     for _ in range(200):
         noisy = flat + point_errors(rng, SHAPE, 1e-4 * np.diag([1.0, 1.0, 0.0]), SUBSET, STEP)
-        found = surface_gradient(flat, noisy, [ErrorShare(covariance, rho)], (7, 7), 2)
+        found = chosen_gradient(measured_surface(flat, noisy, [ErrorShare(covariance, rho)]), [fit]).surface
         change = found.gradient - np.eye(2)
         fields = (change[..., 0, 0], change[..., 1, 1], change[..., 0, 1] + change[..., 1, 0])
         for collected, field in zip(means.values(), fields, strict=True):

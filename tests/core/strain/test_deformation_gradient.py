@@ -7,12 +7,13 @@ from dicflow.core.cameras.camera import rotation_matrix
 from dicflow.core.strain.deformation_gradient import (
     ErrorShare,
     gradient_response,
+    measured_surface,
     pixel_size_mm,
-    slope_covariances,
-    surface_gradient,
     vsg_px,
 )
+from dicflow.core.strain.degree_choice import chosen_gradient
 from dicflow.core.strain.measures import GradientMeasures, deformation_measures
+from dicflow.core.strain.remaining_bias import WindowFit
 from dicflow.core.strain.surface_strain import deformation_gradient, tangent_basis
 from dicflow.core.uncertainty.covariance import MeasuredPoints, joint_covariance
 from dicflow.core.uncertainty.overlap import independent, overlap
@@ -24,13 +25,13 @@ MM_PX = 0.05
 Y, X = np.mgrid[: SHAPE[0], : SHAPE[1]] * STEP * MM_PX
 PLANE = np.stack([X, Y, 500.0 + 0.0 * X], axis=-1)
 TILTED = np.stack([X, Y, 500.0 + 0.6 * X - 0.4 * Y], axis=-1)
+FIT = WindowFit((7, 7), 1)
 EXACT = np.broadcast_to(1e-6 * np.eye(6), (*SHAPE, 6, 6))
 
 
 def gradient_of(reference, deformed, window=(7, 7), degree=1, covariance=EXACT, rho=None, **options):
-    return surface_gradient(
-        reference, deformed, [ErrorShare(covariance, rho or independent())], window, degree, **options
-    )
+    surface = measured_surface(reference, deformed, [ErrorShare(covariance, rho or independent())], **options)
+    return chosen_gradient(surface, [WindowFit(window, degree)]).surface
 
 
 def stretched(reference, gradient):
@@ -100,29 +101,6 @@ def test_uncertain_points_count_less():
     assert error < 1e-9 < np.abs(gradient_of(PLANE, rough).gradient[18, 15] - np.eye(2)).max()
 
 
-def test_slopes_of_independent_points_have_the_textbook_variance():
-    """σ² / Σ x² of a full window of a line, and of the parabola too, since x is orthogonal to 1, x² and y²."""
-    ones = np.ones(SHAPE)
-    for degree in (1, 2):
-        found = slope_covariances(ones, 2.0 * ones, [independent()], (7, 5), degree)[0][20, 15]
-        assert np.allclose(found, np.diag([1 / (7 * 10), 1 / (5 * 28)]))
-
-
-def test_slopes_near_an_edge_are_exact_too():
-    """Against the quadratic form with all pairs of a window that an edge and a hole cut."""
-    rng = np.random.default_rng(5)
-    weights, sigmas = rng.uniform(0.5, 1.5, SHAPE), rng.uniform(0.5, 1.5, SHAPE)
-    weights[3, 2] = sigmas[3, 2] = 0.0
-    rho = overlap(21, STEP, "quadratic")
-    row, col = (grid.ravel() for grid in np.mgrid[0:5, 0:6])
-    design = np.stack([np.ones(30), col - 2, row - 1, (col - 2) ** 2, (col - 2) * (row - 1), (row - 1) ** 2], axis=1)
-    w, s = weights[row, col], sigmas[row, col]
-    operator = (np.linalg.inv(design.T @ (w[:, None] * design)) @ design.T * w)[1:3]
-    joint = rho.at(row[:, None] - row, col[:, None] - col)
-    expected = (operator * s) @ joint @ (operator * s).T / sigmas[1, 2] ** 2
-    assert np.allclose(slope_covariances(weights, sigmas, [rho], (7, 7), 2)[0][1, 2], expected, rtol=1e-9)
-
-
 def test_the_response_is_the_derivative():
     """Against differences of the gradient itself, for a surface that tilts and stretches much."""
     before = np.array([[1.0, 0.1], [0.2, 0.9], [0.5, -0.3]]) * 0.25
@@ -186,12 +164,11 @@ def test_shares_of_either_shape_function_add_up():
         for part, shape_function in ((1e-6 * root @ root.T, "affine"), (1e-6 * np.eye(6), "quadratic"))
     ]
     both, first, second = (
-        surface_gradient(TILTED, 1.1 * TILTED, part, (7, 7), 1).covariance for part in (shares, shares[:1], shares[1:])
+        chosen_gradient(measured_surface(TILTED, 1.1 * TILTED, part), [FIT]).surface.covariance
+        for part in (shares, shares[:1], shares[1:])
     )
     assert np.allclose(both, first + second, rtol=1e-9, equal_nan=True)
-    joint = surface_gradient(
-        TILTED, 1.1 * TILTED, [ErrorShare(sum(s.covariance for s in shares), shares[0].rho)], (7, 7), 1
-    )
+    joint = gradient_of(TILTED, 1.1 * TILTED, covariance=sum(share.covariance for share in shares), rho=shares[0].rho)
     assert not np.allclose(both, joint.covariance, rtol=0.05, equal_nan=True)
 
 

@@ -3,11 +3,12 @@
 import numpy as np
 
 from dicflow.core.parts import Parts, cut_segments, single_part
-from dicflow.core.strain.deformation_gradient import ErrorShare, surface_gradient
-from dicflow.core.strain.parts_gradient import gradient_of_parts
+from dicflow.core.strain.deformation_gradient import ErrorShare, measured_surface
+from dicflow.core.strain.degree_choice import chosen_gradient
+from dicflow.core.strain.remaining_bias import WindowFit
 from dicflow.core.uncertainty.overlap import overlap
 
-STEP, WINDOW = 5.0, (5, 5)
+STEP = 5.0
 COL, ROW = np.meshgrid(np.arange(16.0), np.arange(14.0))
 PLACES = STEP * np.stack([COL, ROW], axis=-1)
 REFERENCE = np.pad(PLACES, [(0, 0), (0, 0), (0, 1)])
@@ -23,6 +24,10 @@ def opened(stretches, gap):
     return moved
 
 
+def gradient_of(reference, deformed, parts=None):
+    return chosen_gradient(measured_surface(reference, deformed, ERRORS, parts), [WindowFit((5, 5), 1)]).surface
+
+
 def exact(gradient, xx, yy=1.0):
     np.testing.assert_allclose(gradient[..., 0, 0], xx, atol=1e-9)
     np.testing.assert_allclose(gradient[..., 1, 1], yy, atol=1e-9)
@@ -30,12 +35,12 @@ def exact(gradient, xx, yy=1.0):
 
 def test_parts_are_measured_each_on_its_own():
     parts = Parts(np.where(BELOW, 2, 1).astype(np.int32), PLACES, np.zeros((0, 4)))
-    found = gradient_of_parts(parts, REFERENCE, opened((1.02, 0.97), 4.0), ERRORS, WINDOW, 1)
+    found = gradient_of(REFERENCE, opened((1.02, 0.97), 4.0), parts)
     exact(found.gradient[~BELOW], 1.02)
     exact(found.gradient[BELOW], 0.97)
-    mixed = surface_gradient(REFERENCE, opened((1.02, 0.97), 4.0), ERRORS, WINDOW, 1)
+    mixed = gradient_of(REFERENCE, opened((1.02, 0.97), 4.0))
     assert mixed.gradient[6, :, 1, 1].min() > 1.1
-    upper = surface_gradient(np.where(BELOW[..., None], np.nan, REFERENCE), REFERENCE, ERRORS, WINDOW, 1)
+    upper = gradient_of(np.where(BELOW[..., None], np.nan, REFERENCE), REFERENCE)
     np.testing.assert_allclose(found.covariance[6, 8], upper.covariance[6, 8], rtol=0.1, atol=1e-12)
 
 
@@ -43,14 +48,14 @@ def test_a_cut_that_ends_inside():
     """Left of its tip each side has a window of its own; far right of it the windows are whole."""
     cut = cut_segments([np.array([[-10.0, 32.5], [37.5, 32.5]])])
     parts = single_part(PLACES)._replace(cuts=cut)
-    found = gradient_of_parts(parts, REFERENCE, opened((1.0, 1.0), 4.0), ERRORS, WINDOW, 1)
+    found = gradient_of(REFERENCE, opened((1.0, 1.0), 4.0), parts)
     exact(found.gradient[:, :5], 1.0)
-    whole = surface_gradient(REFERENCE, opened((1.0, 1.0), 4.0), ERRORS, WINDOW, 1)
+    whole = gradient_of(REFERENCE, opened((1.0, 1.0), 4.0))
     np.testing.assert_allclose(found.gradient[:, 12:], whole.gradient[:, 12:], atol=1e-9)
 
 
 def test_a_single_part_is_measured_as_ever():
-    one = gradient_of_parts(single_part(PLACES), REFERENCE, opened((1.0, 1.0), 4.0), ERRORS, WINDOW, 1)
-    other = surface_gradient(REFERENCE, opened((1.0, 1.0), 4.0), ERRORS, WINDOW, 1)
+    one = gradient_of(REFERENCE, opened((1.0, 1.0), 4.0), single_part(PLACES))
+    other = gradient_of(REFERENCE, opened((1.0, 1.0), 4.0))
     for a, b in zip(one, other, strict=True):
         np.testing.assert_array_equal(a, b)

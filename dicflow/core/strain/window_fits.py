@@ -1,0 +1,296 @@
+"""Slopes of polynomials that are fitted to the points of a window, as weighted sums of these points.
+
+A window belongs to the point at its centre. It holds the points that are connected with it inside the window: of its
+part of the grid, and not behind lost points that form a gap, such as a crack that has opened. Every slope is a sum
+Σₙ wₙ Xₙ over the window, so that a difference of two fits is one too, and its covariance is that of a point times
+Q = Σₙₘ wₙ ρₙₘ wₘ, where ρ is the correlation of points whose subsets overlap.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numba import njit
+
+from dicflow.core.arrays import Array, Index, Mask
+from dicflow.core.cholesky import factorise, solve
+from dicflow.core.kernels import INNER
+from dicflow.core.parts import Parts, are_apart
+from dicflow.core.uncertainty.overlap import Overlap
+
+__all__ = ["WindowedPoints", "places_of", "polynomial_terms", "terms_of_degree", "widened"]
+
+
+_MIN_PIVOT_SHARE = 1e-9
+"""Least pivot as a share of its diagonal element; below it the points do not determine the polynomial."""
+_MIN_POINTS_PER_TERM = 1.5
+
+
+class WindowedPoints(NamedTuple):
+    """Points of a grid, whose windows are fitted.
+
+    values : (row, col, k) — of each point; 0 where it is missing
+    weights : (row, col) — of each point in the fits; 0 where it is missing
+    sigma : (row, col) — standard deviation of its errors; 0 where it is missing
+    parts : of the grid
+    min_share : share of a window's points that must have a value; at least 1.5 per term of a polynomial in any case
+    """
+
+    values: Array
+    weights: Array
+    sigma: Array
+    parts: Parts
+    min_share: float
+
+    def slope_weights(self, at: Index, window: tuple[int, int], degree: int) -> Array:
+        """Weights (n, 2, high, wide) of the points of a window in its slopes per column and per row.
+
+        at : (n, 2) — row and column of the centres
+        window : (high, wide), odd numbers of points
+        degree : of the polynomials, 1 or more
+        Where the window has too few points for the degree the weights are NaN.
+        """
+        functionals = np.zeros((1, 2, terms_of_degree(degree)))
+        functionals[0, 0, 2], functionals[0, 1, 1] = 2.0 / (window[1] + 1.0), 2.0 / (window[0] + 1.0)
+        return self.functional_weights(at, window, functionals)
+
+    def functional_weights(self, at: Index, window: tuple[int, int], functionals: Array) -> Array:
+        """Weights (n, m, high, wide) of the points in linear functionals of the fitted polynomials.
+
+        functionals : (n or 1, m, terms) — coefficients of the :func:`polynomial_terms` in each
+        """
+        count = functionals.shape[-1]
+        terms = polynomial_terms(window, count)
+        needed = max(_MIN_POINTS_PER_TERM * count, self.min_share * window[0] * window[1])
+        return np.asarray(_fit_weights(self.weights, self.parts, at, terms, np.ascontiguousarray(functionals), needed))
+
+    def sums(self, at: Index, weights: Array) -> Array:
+        """Sums (n, m, k) of the values with weights (n, m, high, wide)."""
+        return np.asarray(_sums(_padded(self.values, weights), at, weights))
+
+    def variances(self, at: Index, weights: Array, rho: Overlap) -> Array:
+        """Covariances (n, m, m) of such sums for unit variance at the centre."""
+        high, wide = weights.shape[2:]
+        forms = _forms(
+            _padded(self.sigma[..., None], weights)[..., 0],
+            at,
+            weights,
+            _band(rho.down, high),
+            _band(rho.across, wide),
+        )
+        return np.asarray(forms / self.sigma[at[:, 0], at[:, 1]][:, None, None] ** 2)
+
+
+def places_of(known: Mask) -> Index:
+    """Rows and columns (n, 2) of the known points of a grid."""
+    return np.ascontiguousarray(np.argwhere(known))
+
+
+def terms_of_degree(degree: int) -> int:
+    """Number of terms of a polynomial in two variables."""
+    return (degree + 1) * (degree + 2) // 2
+
+
+def polynomial_terms(window: tuple[int, int], count: int) -> Array:
+    """The first terms 1, y, x, y², y x, x², … at the points of a window, (count, high, wide); x, y = ±1 beyond it."""
+    down, across = (2.0 * np.arange(-(side // 2), side // 2 + 1) / (side + 1.0) for side in window)
+    powers = [(total - b, b) for total in range(count) for b in range(total + 1)][:count]
+    return np.stack([np.outer(down**a, across**b) for a, b in powers])
+
+
+def widened(weights: Array, window: tuple[int, int]) -> Array:
+    """Weights (n, m, high, wide) as those of a wider window, whose further points do not count."""
+    high, wide = ((side - own) // 2 for side, own in zip(window, weights.shape[2:], strict=True))
+    return np.pad(weights, [(0, 0), (0, 0), (high, high), (wide, wide)])
+
+
+def _padded(field: Array, weights: Array) -> Array:
+    """A field (row, col, k) with half a window of zeros around it."""
+    high, wide = (side // 2 for side in weights.shape[2:])
+    return np.pad(field, [(high, high), (wide, wide), (0, 0)])
+
+
+def _band(lags: Array, side: int) -> Array:
+    """Matrices (term, side, side) of a function of |i − j|, (term, lag)."""
+    apart = np.abs(np.subtract.outer(np.arange(side), np.arange(side)))
+    padded = np.pad(lags, ((0, 0), (0, max(0, side - lags.shape[1]))))
+    return np.ascontiguousarray(padded[:, apart])
+
+
+@njit(cache=True, nogil=True)
+def _fit_weights(weights: Array, parts: Parts, at: Index, terms: Array, functionals: Array, needed: float) -> Array:
+    """See :meth:`WindowedPoints.functional_weights`; needed : least number of points."""
+    size, high, wide = terms.shape
+    wanted = functionals.shape[1]
+    result = np.full((len(at), wanted, high, wide), np.nan)
+    own = np.empty((high, wide))
+    reached = np.empty((high * wide, 2), dtype=np.int64)
+    matrix = np.empty((size, size))
+    vector = np.empty(size)
+    for n in range(len(at)):
+        count = _connected_weights(weights, parts, at[n], own, reached)
+        if count < needed - 0.5:
+            continue
+        _normal_matrix(own, terms, reached[:count], matrix)
+        if not factorise(matrix, _MIN_PIVOT_SHARE):
+            continue
+        for m in range(wanted):
+            for i in range(size):
+                vector[i] = functionals[n if len(functionals) > 1 else 0, m, i]
+            solve(matrix, vector)
+            _weighted_terms(own, terms, vector, result[n, m])
+    return result
+
+
+@njit(**INNER)
+def _connected_weights(weights: Array, parts: Parts, centre: Index, own: Array, reached: Index) -> int:
+    """Set the weights (high, wide) of the points of a window that are connected with its centre, 0 for others.
+
+    reached : (high · wide, 2) — set to the places of these points in the window. Returns their number.
+    """
+    high, wide = own.shape
+    top, left = centre[0] - high // 2, centre[1] - wide // 2
+    count: int = _all_weights(weights, parts, centre, own, reached)
+    if count > 0:
+        return count
+    for i in range(high):
+        for j in range(wide):
+            own[i, j] = 0.0
+    own[high // 2, wide // 2] = weights[centre[0], centre[1]]
+    reached[0, 0], reached[0, 1] = high // 2, wide // 2
+    count, done = 1, 0
+    while done < count:
+        row, col = reached[done, 0], reached[done, 1]
+        done += 1
+        for i in range(max(row - 1, 0), min(row + 2, high)):
+            for j in range(max(col - 1, 0), min(col + 2, wide)):
+                a, b = top + i, left + j
+                if own[i, j] != 0.0 or not (0 <= a < weights.shape[0] and 0 <= b < weights.shape[1]):
+                    continue
+                if weights[a, b] == 0.0 or are_apart(parts, centre[0], centre[1], a, b):
+                    continue
+                own[i, j] = weights[a, b]
+                reached[count, 0], reached[count, 1] = i, j
+                count += 1
+    return count
+
+
+@njit(**INNER)
+def _all_weights(weights: Array, parts: Parts, centre: Index, own: Array, reached: Index) -> int:
+    """The same for a window without missing points and other parts; returns 0 for any other window."""
+    high, wide = own.shape
+    top, left = centre[0] - high // 2, centre[1] - wide // 2
+    part = parts.number[centre[0], centre[1]]
+    if len(parts.cuts) > 0:
+        return 0
+    count = 0
+    for i in range(high):
+        for j in range(wide):
+            a, b = top + i, left + j
+            own[i, j] = 0.0
+            if not (0 <= a < weights.shape[0] and 0 <= b < weights.shape[1]):
+                continue
+            if weights[a, b] == 0.0 or parts.number[a, b] != part:
+                return 0
+            own[i, j] = weights[a, b]
+            reached[count, 0], reached[count, 1] = i, j
+            count += 1
+    return count
+
+
+@njit(**INNER)
+def _normal_matrix(own: Array, terms: Array, reached: Index, matrix: Array) -> None:
+    """Set the lower triangle of the normal matrix of a fit."""
+    for i in range(len(matrix)):
+        for j in range(i + 1):
+            matrix[i, j] = 0.0
+    for n in range(len(reached)):
+        row, col = reached[n, 0], reached[n, 1]
+        for i in range(len(matrix)):
+            scaled = own[row, col] * terms[i, row, col]
+            for j in range(i + 1):
+                matrix[i, j] += scaled * terms[j, row, col]
+
+
+@njit(**INNER)
+def _weighted_terms(own: Array, terms: Array, vector: Array, result: Array) -> None:
+    """Set wₙ Σᵢ vᵢ tᵢₙ over a window."""
+    for row in range(own.shape[0]):
+        for col in range(own.shape[1]):
+            result[row, col] = 0.0
+    for i in range(len(vector)):
+        for row in range(own.shape[0]):
+            for col in range(own.shape[1]):
+                result[row, col] += vector[i] * terms[i, row, col] * own[row, col]
+
+
+@njit(cache=True, nogil=True)
+def _sums(values: Array, at: Index, weights: Array) -> Array:
+    """Sums (n, m, k) over windows of padded values (row, col, k)."""
+    wanted, high, wide = weights.shape[1:]
+    result = np.zeros((len(at), wanted, values.shape[2]))
+    for n in range(len(at)):
+        for m in range(wanted):
+            for i in range(high):
+                for j in range(wide):
+                    for k in range(values.shape[2]):
+                        result[n, m, k] += weights[n, m, i, j] * values[at[n, 0] + i, at[n, 1] + j, k]
+    return result
+
+
+@njit(cache=True, nogil=True)
+def _forms(sigma: Array, at: Index, weights: Array, down: Array, across: Array) -> Array:
+    """Quadratic forms (n, m, m) of weights (n, m, high, wide): Σₜ wₐ : (downₜ w_b acrossₜ), with w times padded sigma.
+
+    down, across : (term, high, high) and (term, wide, wide) — correlation of the points of a window
+    """
+    wanted, high, wide = weights.shape[1:]
+    result = np.full((len(at), wanted, wanted), np.nan)
+    scaled = np.empty((wanted, high, wide))
+    half = np.empty((high, wide))
+    full = np.empty((high, wide))
+    for n in range(len(at)):
+        if np.isnan(weights[n, 0, high // 2, wide // 2]):
+            continue
+        _scaled_weights(weights[n], sigma, at[n], scaled)
+        result[n] = 0.0
+        for term in range(len(down)):
+            for a in range(wanted):
+                _product(down[term], scaled[a], half)
+                _product(half, across[term], full)
+                for b in range(wanted):
+                    result[n, a, b] += _scalar_product(full, scaled[b])
+    return result
+
+
+@njit(**INNER)
+def _scaled_weights(weights: Array, sigma: Array, corner: Index, scaled: Array) -> None:
+    """Set weights (m, high, wide) times the sigma of their points. corner : of the window in the padded field"""
+    for m in range(weights.shape[0]):
+        for i in range(weights.shape[1]):
+            for j in range(weights.shape[2]):
+                scaled[m, i, j] = weights[m, i, j] * sigma[corner[0] + i, corner[1] + j]
+
+
+@njit(**INNER)
+def _scalar_product(first: Array, second: Array) -> float:
+    """Sum of the products of the elements."""
+    total = 0.0
+    for i in range(first.shape[0]):
+        for j in range(first.shape[1]):
+            total += first[i, j] * second[i, j]
+    return total
+
+
+@njit(**INNER)
+def _product(first: Array, second: Array, result: Array) -> None:
+    """Set the matrix product, summed along the rows of the second so that it vectorises."""
+    for i in range(first.shape[0]):
+        for j in range(second.shape[1]):
+            result[i, j] = 0.0
+        for k in range(first.shape[1]):
+            factor = first[i, k]
+            if factor != 0.0:
+                for j in range(second.shape[1]):
+                    result[i, j] += factor * second[k, j]

@@ -1,0 +1,98 @@
+"""What subsets do not follow: the bias of measured places by their shape function.
+
+A subset of side h with an affine shape function measures, at its centre, the least-squares plane through the motion of
+its pixels, and one with a quadratic shape function the parabola (Schreier and Sutton 2002, Exp. Mech. 42:303). What the
+plane or parabola leaves out, the same fit to the measured points in a window of side L > h leaves out once more, only
+more of it: with M the mean square of the offsets along one side, M_L/M_h times the bias for planes, and (M_L/M_h)²
+times for parabolas. So the bias is the difference of this fit and the measured place, over that factor.
+"""
+
+from __future__ import annotations
+
+from typing import Literal, NamedTuple
+
+import cv2
+import numpy as np
+
+from dicflow.core.arrays import Array, Mask
+from dicflow.core.surfaces.filters import local_polynomial
+
+__all__ = ["PlacesOfSubsets", "affine_suffices", "as_of_affine", "shape_bias"]
+
+
+_MIN_WINDOW = 7
+"""Least side of a window [points]."""
+_REACH = 2.2
+"""Side of a window over that of a subset: small enough for short waves, and so large that noise hardly counts."""
+_NEIGHBOUR_SIGMA = 2.0
+"""Standard deviation of the weights of neighbours over which the bias is averaged [points]."""
+_SHARE_OF_SIGMA = 1.0 / 3.0
+"""Bias over σ from which an affine shape function does not suffice."""
+_MAX_BIASED = 0.01
+"""Share of the points that may have such a bias."""
+_QUADRATIC_VARIANCE = 1.0 + 5.0 / 4.0 + 5.0 / 4.0
+"""Variance of the place of a quadratic subset over that of an affine one, of white noise and an even pattern."""
+
+
+class PlacesOfSubsets(NamedTuple):
+    """Where subsets of a grid were found in a photograph.
+
+    places : (rows, cols, 2) [px]; NaN where unknown
+    variance : (rows, cols, 2) — by noise [px²]
+    """
+
+    places: Array
+    variance: Array
+
+
+def shape_bias(
+    found: PlacesOfSubsets, subset_size: int, step_size: int, shape_function: Literal["affine", "quadratic"]
+) -> Array:
+    """Bias of places by a shape function as a standard deviation (rows, cols, 2) [px]; NaN where no place is known.
+
+    subset_size, step_size : side of the subsets, distance of the points in the first photograph [px]
+
+    It is the root mean square over the neighbours, less what noise alone gives.
+    """
+    degree = {"affine": 1, "quadratic": 2}[shape_function]
+    side = max(_MIN_WINDOW, _odd(_REACH * subset_size / step_size))
+    ratio = (step_size**2 * (side**2 - 1) / (subset_size**2 - 1)) ** degree
+    fit = local_polynomial(found.places, (side, side), degree)
+    bias = (fit.value - found.places) / ratio
+    noise = found.variance * np.clip(1.0 - fit.leverage, 0.0, 1.0)[..., None] / ratio**2
+    known = np.asarray(np.isfinite(found.places).all(axis=-1))
+    excess = np.maximum(_neighbours_mean(bias**2 - noise, known), 0.0)
+    return np.where(known[..., None], np.sqrt(excess), np.nan)
+
+
+def affine_suffices(found: PlacesOfSubsets, subset_size: int, step_size: int) -> bool:
+    """Whether the bias of affine subsets is small against their noise nearly everywhere."""
+    bias = shape_bias(found, subset_size, step_size, "affine")
+    known = np.asarray(np.isfinite(bias + found.variance).all(axis=-1))
+    if not known.any():
+        return True
+    biased = (bias[known] ** 2 > _SHARE_OF_SIGMA**2 * found.variance[known]).any(axis=-1)
+    return bool(biased.mean() <= _MAX_BIASED)
+
+
+def as_of_affine(found: PlacesOfSubsets, subset_size: int, step_size: int) -> PlacesOfSubsets:
+    """The places of quadratic subsets as affine ones would have them: smoothed by planes over the side of a subset."""
+    side = max(3, _odd(subset_size / step_size))
+    smooth = local_polynomial(found.places, (side, side), 1).value
+    known = np.asarray(np.isfinite(found.places).all(axis=-1))
+    return PlacesOfSubsets(np.where(known[..., None], smooth, np.nan), found.variance / _QUADRATIC_VARIANCE)
+
+
+def _odd(side: float) -> int:
+    return 2 * int(side / 2.0) + 1
+
+
+def _neighbours_mean(values: Array, known: Mask) -> Array:
+    """Means of values (rows, cols, 2) over the known ones around each point; 0 where there are none."""
+    counts = np.asarray(np.isfinite(values).all(axis=-1) & known)
+    filled = np.where(counts[..., None], values, 0.0)
+    total, share = (
+        cv2.GaussianBlur(part, (0, 0), _NEIGHBOUR_SIGMA, borderType=cv2.BORDER_CONSTANT)
+        for part in (filled, counts.astype(np.float64))
+    )
+    return np.asarray(np.where(share[..., None] > 1e-6, total / np.maximum(share[..., None], 1e-6), 0.0))

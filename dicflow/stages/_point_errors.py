@@ -1,0 +1,66 @@
+"""Errors of the points of two steps, as the deformation between them inherits them."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import TYPE_CHECKING, Any
+
+from dicflow.kinds.points import Points
+
+if TYPE_CHECKING:
+    import numpy as np
+
+    from dicflow.core.cameras.frames import Frame
+    from dicflow.core.strain.deformation_gradient import ErrorShare
+    from dicflow.core.uncertainty.overlap import ShapeFunction
+
+__all__ = ["bias_of_places", "errors_by_shape", "variance_shares"]
+
+
+def errors_by_shape(
+    covariance: np.ndarray, step: Points, first: Points, frames: tuple[Frame, Frame]
+) -> dict[ShapeFunction, ErrorShare]:
+    """The covariance of the points at both steps by the shape function of the subsets that cause it.
+
+    frames : that of the results, and the one that moves with the removed motion
+    """
+    from dicflow.core.strain.deformation_gradient import ErrorShare
+    from dicflow.core.uncertainty.covariance import joint_covariance, points_in_frame
+    from dicflow.core.uncertainty.overlap import overlap
+
+    grid = (first.grid.subset_size, first.grid.step_size)
+    own: Any = step.left_shape_function
+    other: Any = step.grid.shape_function
+    if own == other:
+        return {own: ErrorShare(covariance, overlap(*grid, own))}
+    after, before = (points_in_frame(points.measured_by_left(), frames[0]) for points in (step, first))
+    left = joint_covariance(points_in_frame(after, frames[1]), before, step.template[..., :2, :2])
+    return {own: ErrorShare(left, overlap(*grid, own)), other: ErrorShare(covariance - left, overlap(*grid, other))}
+
+
+def variance_shares(errors: Mapping[ShapeFunction, ErrorShare]) -> dict[str, list[float]]:
+    """Shares of each shape function in the variance of U, V and W, means over the points."""
+    import numpy as np
+
+    from dicflow.core.uncertainty.covariance import displacement_covariance
+
+    if len(errors) == 1:
+        return {name: [1.0, 1.0, 1.0] for name in errors}
+    variances = np.stack(
+        [np.diagonal(displacement_covariance(part.covariance), axis1=-2, axis2=-1) for part in errors.values()]
+    )
+    known = (variances.sum(axis=0) > 0.0).all(axis=-1)
+    shares = variances[:, known] / variances[:, known].sum(axis=0)
+    means = shares.mean(axis=1) if known.any() else np.full((len(errors), 3), 1.0 / len(errors))
+    return {name: part.tolist() for name, part in zip(errors, means, strict=True)}
+
+
+def bias_of_places(step: Points, turn: np.ndarray) -> dict[str, np.ndarray]:
+    """Remaining bias of U, V and W by the shape functions; empty if unknown. turn : into the frame of the result"""
+    import numpy as np
+
+    bias = step.bias
+    if bias is None:
+        return {}
+    deviations = np.linalg.norm(turn @ bias, axis=-1)
+    return {f"bias_{name}": deviations[..., axis] for axis, name in enumerate("UVW")}

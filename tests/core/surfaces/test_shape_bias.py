@@ -1,0 +1,78 @@
+import cv2
+import numpy as np
+import pytest
+
+from dicflow.core.surfaces.shape_bias import PlacesOfSubsets, affine_suffices, as_of_affine, shape_bias
+from tests.noise import subset_kernel
+
+SUBSET, STEP, SIGMA = 31, 7, 0.006
+X, Y = np.meshgrid(*(STEP * np.arange(count, dtype=float) for count in (100, 110)))
+OFFSETS = np.arange(SUBSET) - SUBSET // 2
+INSIDE = (slice(20, -20), slice(20, -20), 0)
+VARIANCE = np.full((*X.shape, 2), SIGMA**2)
+NO_NOISE = np.zeros((*X.shape, 2))
+
+
+def left_out(shape_function, length):
+    """Share of a wave of this length [px] that a subset leaves out, by a least-squares fit to it at its crest."""
+    degree = {"affine": 1, "quadratic": 2}[shape_function]
+    return 1.0 - np.polynomial.Polynomial.fit(OFFSETS, np.cos(2.0 * np.pi * OFFSETS / length), degree)(0.0)
+
+
+def measured(motion):
+    return np.stack([X + motion, Y], axis=-1)
+
+
+@pytest.mark.parametrize("shape_function", ["affine", "quadratic"])
+@pytest.mark.parametrize(("length", "tolerance"), [(800.0, 0.12), (400.0, 0.12), (200.0, 0.15)])
+def test_the_bias_of_a_wave(shape_function, length, tolerance):
+    share = left_out(shape_function, length)
+    places = measured((1.0 - share) * 0.5 * np.sin(2.0 * np.pi * X / length))
+    found = shape_bias(PlacesOfSubsets(places, NO_NOISE), SUBSET, STEP, shape_function)[INSIDE]
+    assert np.sqrt(np.mean(found**2)) == pytest.approx(0.5 * share / np.sqrt(2.0), rel=tolerance)
+
+
+@pytest.mark.parametrize("shape_function", ["affine", "quadratic"])
+def test_an_affine_motion_has_no_bias(shape_function):
+    found = shape_bias(PlacesOfSubsets(measured(3.0 + 0.2 * X - 0.1 * Y), NO_NOISE), SUBSET, STEP, shape_function)
+    assert np.nanmax(found) < 1e-6
+
+
+def noise(seed, shape_function="affine"):
+    """Noise of places of overlapping subsets, of variance SIGMA² for affine ones."""
+    white = np.random.default_rng(seed).standard_normal((2, STEP * len(X) + 40, STEP * len(X[0]) + 40))
+    kernel = subset_kernel(SUBSET, shape_function, normalised=False)
+    fields = [cv2.filter2D(part, -1, kernel)[20:-20:STEP, 20:-20:STEP] for part in white]
+    return SIGMA * SUBSET * np.stack(fields, axis=-1)
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_noise_alone_asks_for_nothing(seed):
+    found = PlacesOfSubsets(measured(0.01 * X) + noise(seed), VARIANCE)
+    assert np.median(shape_bias(found, SUBSET, STEP, "affine")) < 0.05 * SIGMA
+    assert affine_suffices(found, SUBSET, STEP)
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_noise_of_quadratic_subsets_asks_for_nothing(seed):
+    found = PlacesOfSubsets(measured(0.01 * X) + noise(seed, "quadratic"), 3.5 * VARIANCE)
+    assert affine_suffices(as_of_affine(found, SUBSET, STEP), SUBSET, STEP)
+
+
+@pytest.mark.parametrize(("over_sigma", "suffices"), [(0.15, True), (0.7, False)])
+def test_a_curved_motion_asks_for_quadratic_subsets(over_sigma, suffices):
+    """A constant curvature c gives affine subsets a bias of c (h² − 1) / 24."""
+    curvature = over_sigma * SIGMA * 24.0 / (SUBSET**2 - 1)
+    found = PlacesOfSubsets(measured(0.5 * curvature * X**2) + noise(0), VARIANCE)
+    assert affine_suffices(found, SUBSET, STEP) is suffices
+    quadratic = PlacesOfSubsets(measured(0.5 * curvature * X**2) + noise(0, "quadratic"), 3.5 * VARIANCE)
+    assert affine_suffices(as_of_affine(quadratic, SUBSET, STEP), SUBSET, STEP) is suffices
+
+
+def test_lost_points_have_no_bias_and_leave_the_others_theirs():
+    places = measured(0.5 * 1e-5 * X**2)
+    places[40:60, 50:52] = np.nan
+    found = shape_bias(PlacesOfSubsets(places, NO_NOISE), SUBSET, STEP, "affine")
+    assert np.array_equal(np.isnan(found), np.isnan(places))
+    np.testing.assert_allclose(found[20:-20, 20:34, 0], 1e-5 * (SUBSET**2 - 1) / 24.0, rtol=1e-3)
+    assert affine_suffices(PlacesOfSubsets(np.full_like(places, np.nan), NO_NOISE), SUBSET, STEP)
