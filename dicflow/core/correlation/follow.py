@@ -27,7 +27,7 @@ from dicflow.core.parts import Parts, are_apart, single_part
 from dicflow.core.photographs.interpolate import Spline
 from dicflow.core.status import Status
 
-__all__ = ["Field", "correlate_field"]
+__all__ = ["Field", "correlate_field", "sigma_by_residual"]
 
 
 _STRIDES = (8, 4, 2, 1)
@@ -57,6 +57,12 @@ class Field(NamedTuple):
     status: Codes
     covariance: Array
     texture: Array
+
+
+def sigma_by_residual(field: Field, at: tuple[Index, ...]) -> Array:
+    """Standard deviations (n,) of the places of points of a field by white noise as strong as their residual [px]."""
+    residual = np.maximum(field.znssd[at], 0.0) * field.texture[at][:, 0]
+    return np.asarray(np.sqrt(0.5 * residual * (field.covariance[at][:, 0] + field.covariance[at][:, 2])))
 
 
 def correlate_field(
@@ -176,9 +182,9 @@ class _FieldSearch:
         predicted = predicted_by_neighbours(
             np.argwhere(field.status == Status.VALID), field.status, field.warp, self.grid, self.parts
         )
-        residual = field.znssd[at] * field.texture[at][:, 0]
-        sigma = np.sqrt(0.5 * residual * (field.covariance[at][:, 0] + field.covariance[at][:, 2]))
-        rows, cols = (index[disagreeing(field.warp[at][..., 0], sigma, predicted)] for index in at)
+        rows, cols = (
+            index[disagreeing(field.warp[at][..., 0], sigma_by_residual(field, at), predicted)] for index in at
+        )
         field.status[rows, cols] = Status.OUTLIER
         field.warp[rows, cols], field.covariance[rows, cols] = np.nan, np.nan
 

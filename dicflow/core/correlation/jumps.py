@@ -15,7 +15,7 @@ from numba import njit
 
 from dicflow.core.arrays import Array, Codes, Index, Mask
 from dicflow.core.correlation.edges import Edges
-from dicflow.core.correlation.follow import Field
+from dicflow.core.correlation.follow import Field, sigma_by_residual
 from dicflow.core.correlation.subsets import Subset
 from dicflow.core.correlation.warp import set_recentred
 from dicflow.core.parts import Parts, are_apart
@@ -95,8 +95,7 @@ def _code(clean: Mask) -> Codes:
 def _with_sides(edges: Edges, sides: Sides, points: Index, field: Field) -> Edges:
     """The edges with what the sides say of points (n, 2)."""
     at, reason, variance = tuple(points.T), edges.reason.copy(), edges.variance.copy()
-    residual = field.znssd[at] * field.texture[at][:, 0]
-    noise = np.sqrt(0.5 * residual * (field.covariance[at][:, 0] + field.covariance[at][:, 2]))
+    noise = sigma_by_residual(field, at)
     away = np.nan_to_num(sides.away(field.warp[at][..., 0]))
     between = away > _NEAR_PX + _SIGMAS * noise
     lost = sides.jump & ((away > _LOST_PX + _LOST_SIGMAS * noise) | (reason[at] != Status.VALID))
