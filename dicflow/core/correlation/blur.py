@@ -21,7 +21,7 @@ from dicflow.core.photographs.sharpness import blur_difference
 __all__ = ["Damping", "equally_sharp"]
 
 
-_WINDOWS, _SIDE = 64, 48
+_WINDOWS, _SIDE = 32, 48
 """Windows whose spectra are compared, at most, and their side [px]."""
 _MIN_WINDOWS = 4
 _NEGLIGIBLE_PX2, _MIN_SIGNIFICANCE, _MAX_PX2 = 0.15, 4.0, 36.0

@@ -16,6 +16,7 @@ from numba import njit
 
 from dicflow.core.arrays import Array, Codes, Index, Mask
 from dicflow.core.correlation.warp import set_recentred
+from dicflow.core.kernels import INNER
 from dicflow.core.parts import Parts, are_apart
 from dicflow.core.status import Status
 
@@ -47,6 +48,7 @@ def predicted_by_neighbours(points: Index, status: Codes, warp: Array, grid: Arr
     """Warps of points (n, 2) of a grid by the valid ones of their neighbours in the same part.
 
     status : (rows, cols); warp : (rows, cols, 2, 3 or 6); grid : (rows, cols, 2) — centres of the subsets [px]
+    NaN also for points with a place that most neighbours predict to within a tenth of a pixel.
     """
     found = Prediction(np.full((len(points), *warp.shape[2:]), np.nan), np.full((len(points), 2), np.nan))
     _take_medians(np.ascontiguousarray(points), status, warp, grid, parts, found.warp, found.spread)
@@ -79,7 +81,7 @@ def _take_medians(
                     x, y = grid[i, j, 0] - grid[a, b, 0], grid[i, j, 1] - grid[a, b, 1]
                     set_recentred(warp[a, b], x, y, values, count)
                     count += 1
-        if count >= _MIN_NEIGHBOURS:
+        if count >= _MIN_NEIGHBOURS and not _agree(values[0, :count], values[terms, :count], warp[i, j, :, 0]):
             for m in range(2 * terms):
                 out[k, m // terms, m % terms] = np.median(values[m, :count])
             for axis in range(2):
@@ -87,3 +89,13 @@ def _take_medians(
                 for n in range(count):
                     place[n] = abs(place[n] - out[k, axis, 0])
                 spread[k, axis] = np.median(place[:count])
+
+
+@njit(**INNER)
+def _agree(x: Array, y: Array, place: Array) -> bool:
+    """Whether most predictions x, y (n,) are close to a place (2,), so that their medians are; False for NaN."""
+    near_x, near_y = 0, 0
+    for n in range(len(x)):
+        near_x += abs(x[n] - place[0]) < _FREE_PX
+        near_y += abs(y[n] - place[1]) < _FREE_PX
+    return 2 * min(near_x, near_y) > len(x) + 1
