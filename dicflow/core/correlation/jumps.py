@@ -28,7 +28,7 @@ _DIRECTIONS = np.array([[1.0, 0.0], [0.0, 1.0], [0.7071, 0.7071], [0.7071, -0.70
 """Normals (row, col) of the lines."""
 _HALF_WIDTH = 2.1
 """Distance from the normal up to which points of a side count [points]."""
-_MIN_POINTS = 4
+_MIN_POINTS = 6
 """Points that each side needs."""
 _FREE_PX, _SPREADS = 0.1, 3.0
 """Pixels, and sums of the median deviations of both sides, above which their difference is a jump."""
@@ -36,7 +36,8 @@ _BEYOND = 2
 """Points of the grid beyond a subset's side that still count."""
 _NEAR_PX, _SIGMAS, _LOST_PX, _LOST_SIGMAS = 0.005, 2.0, 0.02, 4.0
 """Pixels and standard deviations by the residual, whose sum a place beside a jump may differ from its own side, and up
-to which it is less certain rather than lost."""
+to which it is less certain rather than lost; the predictions of a single side of a bent field lie as far off as they
+scatter."""
 _VALID = int(Status.VALID)
 
 
@@ -98,7 +99,7 @@ def _with_sides(edges: Edges, sides: Sides, points: Index, field: Field) -> Edge
     noise = sigma_by_residual(field, at)
     away = np.nan_to_num(sides.away(field.warp[at][..., 0]))
     between = away > _NEAR_PX + _SIGMAS * noise
-    lost = sides.jump & ((away > _LOST_PX + _LOST_SIGMAS * noise) | (reason[at] != Status.VALID))
+    lost = sides.jump & ((away > _LOST_PX + _LOST_SIGMAS * noise + sides.spread) | (reason[at] != Status.VALID))
     reason[at] = np.where(lost, np.uint8(Status.DISCONTINUITY), reason[at])
     variance[at] = np.where(reason[at] == Status.VALID, np.maximum(variance[at], np.where(between, away**2, 0.0)), 0.0)
     return Edges(reason, variance)
