@@ -27,6 +27,7 @@ LAYERS = (
     "pipeline",
     "comparison",
     "start",
+    "tuning",
     "synth",
     "views",
     "explorer",
@@ -70,7 +71,7 @@ ONLY_IN: Mapping[str, Set[str]] = {
     "pydantic": {"engine", "stages", "pipeline"},
     "typer": {"cli"},
     "rich": {"cli", "views"},
-    "ruamel": {"app"},
+    "ruamel": {"io"},
     "tornado": {"app"},
 }
 """The layers that import a library."""

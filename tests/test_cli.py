@@ -22,7 +22,7 @@ from tests.io.photograph_files import png
 
 SAMPLE = ROOT / "pipelines" / "thesis_quickstart.yaml"
 COMMANDS = ("run", "plan", "why", "graph", "ls", "show", "report", "export", "compare", "gc", "verify", "pin")
-COMMANDS += ("stages", "schema", "init", "doctor")
+COMMANDS += ("stages", "schema", "init", "doctor", "tune")
 RIG_ALONE = """\
 stages:
   boards: {stage: images, left: boards/left/*.png, right: boards/right/*.png}

@@ -12,6 +12,7 @@ from dicflow.app.project import Project
 from dicflow.app.runs import Runs
 from dicflow.app.workers import Worker
 from dicflow.errors import ConfigurationError, InputError
+from dicflow.io.edited_yaml import edited
 
 __all__ = ["ANSWERS", "Asked", "Desk"]
 
@@ -87,7 +88,7 @@ def _edit(desk: Desk, asked: Asked) -> Any:
     """Write edits; ``dry`` only says what a run would then compute."""
     name, edits = str(asked["file"]), document.edits_of(asked["edits"])
     if asked.get("dry"):
-        text = document.edited(document.read_pipeline(desk.project, name).text, name, edits)
+        text = edited(document.read_pipeline(desk.project, name).text, name, edits)
         return plan_of(desk.project.candidate(name, text))
     return {"problems": document.edit(desk.project, name, asked["digest"], edits, str(asked["words"]))}
 
@@ -142,7 +143,7 @@ def _preview(desk: Desk, asked: Asked) -> Any:
     name = str(asked["file"])
     text = document.read_pipeline(desk.project, name).text
     if asked.get("edits"):
-        text = document.edited(text, str(desk.project.path(name)), document.edits_of(asked["edits"]))
+        text = edited(text, str(desk.project.path(name)), document.edits_of(asked["edits"]))
     return desk.work(previews.grid_preview, desk.project, name, text, str(asked["stage"]))
 
 
@@ -173,7 +174,7 @@ def _calibration(desk: Desk, asked: Asked) -> Any:
     name, text = str(asked["file"]), document.read_pipeline(desk.project, str(asked["file"])).text
     if asked.get("without"):
         edits = folder.edits_to_leave_out(desk.project, name, str(asked["boards"]), list(asked["without"]))
-        text = document.edited(text, str(desk.project.path(name)), edits)
+        text = edited(text, str(desk.project.path(name)), edits)
     return desk.work(calibrations.calibration_of, desk.project, name, text)
 
 

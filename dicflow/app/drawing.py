@@ -7,11 +7,12 @@ from typing import Any
 
 import numpy as np
 
-from dicflow.app.document import REMOVED, Edit, edited, problems, read_pipeline
+from dicflow.app.document import problems, read_pipeline
 from dicflow.app.project import Project
 from dicflow.app.versions import change, digest_of
 from dicflow.core.photographs.polygon import Polygon
 from dicflow.errors import ConfigurationError
+from dicflow.io.edited_yaml import REMOVED, Edit, edited
 from dicflow.io.region import geojson_text, is_geojson, read_geojson
 from dicflow.kinds.region import polygons_to_json
 from dicflow.pipeline import Pipeline

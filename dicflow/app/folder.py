@@ -7,11 +7,12 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path, PurePosixPath
 from typing import Any
 
-from dicflow.app.document import Edit, edited, problems, read_pipeline
+from dicflow.app.document import problems, read_pipeline
 from dicflow.app.project import Project
 from dicflow.app.versions import MISSING, change
 from dicflow.engine.files import FilePart
 from dicflow.errors import ConfigurationError
+from dicflow.io.edited_yaml import Edit, edited
 from dicflow.start.choice import Candidate, Choice
 from dicflow.start.first_file import OPEN, pipeline_text
 from dicflow.start.folder import Survey, look, survey

@@ -29,9 +29,9 @@ def app(
     dicflow app experiment
     dicflow app pipeline.yaml --no-browser
     """
-    from dicflow.app.document import require_editor
     from dicflow.app.project import open_project
     from dicflow.app.server import serve
+    from dicflow.io.edited_yaml import require_editor
 
     require_editor()
     project = open_project(path, data, store)

@@ -15,6 +15,7 @@ from dicflow.cli.measure import plan, run, why
 from dicflow.cli.products import graph, list_products, show
 from dicflow.cli.store import gc, pin, verify
 from dicflow.cli.tools import doctor, init, schema, stages, synth, warm
+from dicflow.cli.tune import tune
 
 __all__ = ["app"]
 
@@ -30,6 +31,7 @@ COMMANDS: dict[str, Callable[..., None]] = {
     "run": run,
     "plan": plan,
     "why": why,
+    "tune": tune,
     "graph": graph,
     "ls": list_products,
     "show": show,

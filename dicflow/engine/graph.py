@@ -39,12 +39,14 @@ class StageSpec:
     inputs : port → name of the stage that gives it
     folder : where the relative paths among its parameters start
     where : position in the pipeline file, put in front of messages
+    only : names of the steps to keep, of a stage that starts a series; all if empty
     """
 
     node: Node
     inputs: Mapping[str, str] = field(default_factory=dict)
     folder: Path = Path()
     where: str = ""
+    only: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True, slots=True)
@@ -253,7 +255,7 @@ def _series_of(name: str, stages: Mapping[str, StageSpec], series: Mapping[str, 
     except InputError as error:
         raise InputError(f"{spec.where}: {name}: {error}" if spec.where else f"{name}: {error}") from error
     if own is not None:
-        return _Series(name, own)
+        return _Series(name, {step: own[step] for step in spec.only} if spec.only else own)
     outer = _outer_inputs(name, spec)
     found = {one.start: one for source in outer.values() if (one := series[source]) is not None}
     following = [port for port in outer if spec.node.takes[port].at in (At.SAME, At.PREVIOUS)]

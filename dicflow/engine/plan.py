@@ -166,6 +166,8 @@ def _left_out(graph: Graph) -> Iterator[str]:
     """What each series of steps says of files that are not in it."""
     for series, steps in graph.files.items():
         spec = graph.stages[series]
+        if spec.only:
+            continue
         yield from (f"{series}: {sentence}" for sentence in spec.node.left_out(spec.folder, steps))
 
 

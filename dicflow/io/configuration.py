@@ -13,12 +13,12 @@ from dicflow.errors import ConfigurationError, InputError
 from dicflow.io.text import printable, read_text
 from dicflow.io.yaml_text import MAX_DEPTH, MAX_NODES, TOO_DEEP, compose, position
 
-__all__ = ["Document", "Place", "parse", "parse_value", "read"]
+__all__ = ["MAX_BYTES", "Document", "Place", "parse", "parse_value", "read"]
 
 Place = tuple[str | int, ...]
 """Keys and indices that lead from the top of a document to a value."""
 
-_MAX_BYTES = 2_000_000
+MAX_BYTES = 2_000_000
 _MAX_DIGITS = 100
 _LARGEST = 2**63
 _QUOTED = ("'", '"', "|", ">")
@@ -68,7 +68,7 @@ class Document(NamedTuple):
 def read(path: Path) -> Document:
     """Parse a pipeline file. Raises ConfigurationError with the place if it is missing or not YAML."""
     try:
-        text = read_text(path, "a pipeline file", _MAX_BYTES)
+        text = read_text(path, "a pipeline file", MAX_BYTES)
     except InputError as error:
         where, problem, remedy = error.args
         if isinstance(error.__cause__, OSError):

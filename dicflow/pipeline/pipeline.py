@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -42,12 +42,14 @@ class Pipeline:
     document : its content
     folder : where relative paths of photographs and tables start
     store_folder : where products are kept; both absolute, since workers may have another working directory
+    only : names of the steps to keep, by the stage that starts their series; all steps of others
     """
 
     path: Path
     document: Document
     folder: Path
     store_folder: Path
+    only: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
 
     @classmethod
     def load(
@@ -115,7 +117,8 @@ class Pipeline:
                 identity = (stage, entry.node.model_dump_json(), tuple(sorted(inputs.items())))
                 if identity not in known:
                     known[identity] = stage if stage not in specs else f"{stage}@{number}"
-                    specs[known[identity]] = StageSpec(entry.node, inputs, self.folder, entry.where)
+                    only = self.only.get(stage, ())
+                    specs[known[identity]] = StageSpec(entry.node, inputs, self.folder, entry.where, only)
                 names[-1][stage] = known[identity]
         return names, specs
 

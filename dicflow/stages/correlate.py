@@ -246,11 +246,14 @@ class Correlate(SubsetSearch):
 
         used: Any = search.subset.shape_function
         measured = PlacesOfSubsets(found.warp[..., 0], (found.covariance + found.template_covariance)[..., ::2])
-        wanted = used if self.shape_function == "auto" else self.shape_function
-        if self.shape_function == "auto":
-            affine = measured if used == "affine" else as_of_affine(measured, self.subset_size, self.step_size)
-            wanted = "affine" if affine_suffices(affine, self.subset_size, self.step_size) else "quadratic"
-        return wanted, shape_bias(measured, self.subset_size, self.step_size, wanted)
+        grid = self.subset_size, self.step_size
+        if self.shape_function != "auto":
+            return used, shape_bias(measured, *grid, used)
+        affine = measured if used == "affine" else as_of_affine(measured, *grid)
+        bias = shape_bias(affine, *grid, "affine")
+        if affine_suffices(bias, affine.variance):
+            return "affine", bias
+        return "quadratic", shape_bias(measured, *grid, "quadratic")
 
     def _grid(self, shape_function: str) -> SubsetGrid:
         return SubsetGrid(self.step_size, self.subset_size, shape_function)

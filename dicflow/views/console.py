@@ -8,6 +8,7 @@ import sys
 import time
 from collections import Counter, defaultdict
 from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import replace
 from typing import IO, Any
 
 import numpy as np
@@ -23,7 +24,16 @@ from dicflow.errors import ConfigurationError
 from dicflow.pipeline.result import Result
 from dicflow.views.plain_text import plain, plain_line
 
-__all__ = ["Progress", "consoles", "plan_table", "product_tables", "products_table", "simple_table", "why_lines"]
+__all__ = [
+    "Progress",
+    "consoles",
+    "joined_variants",
+    "plan_table",
+    "product_tables",
+    "products_table",
+    "simple_table",
+    "why_lines",
+]
 
 _FILE_WIDTH = 240
 
@@ -121,6 +131,14 @@ class Progress:
         if not done or done >= to_do:
             return f"{elapsed:.0f} s"
         return f"{elapsed:.0f} s, about {elapsed * (to_do - done) / done:.0f} s left"
+
+
+def joined_variants(event: Event) -> Event:
+    """An event of a sweep with all variants of a stage under the stage's own name."""
+    counts: dict[str, Counter[str]] = defaultdict(Counter)
+    for stage, found in event.stages.items():
+        counts[stage.partition("@")[0]].update(found)
+    return replace(event, stage=event.stage.partition("@")[0], stages=counts)
 
 
 def plan_table(plan: Plan) -> Table:

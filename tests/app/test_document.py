@@ -11,10 +11,11 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from dicflow.app import versions
-from dicflow.app.document import REMOVED, Edit, edit, edited, edits_of, problems, read_pipeline
+from dicflow.app.document import edit, edits_of, problems, read_pipeline
 from dicflow.app.project import open_project
 from dicflow.errors import ConfigurationError
 from dicflow.io.configuration import parse
+from dicflow.io.edited_yaml import REMOVED, Edit, edited
 from dicflow.pipeline import Pipeline
 
 ROOT = Path(__file__).resolve().parents[2]

@@ -1,6 +1,7 @@
 """Pages of a file in the plan: each has a key of its own, by its contents."""
 
 import os
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -67,3 +68,25 @@ def test_a_search_outside_of_the_allowed_folders_is_not_begun(folder, monkeypatc
     (folder / "p.yaml").write_text(PIPELINE.replace("*.tif", "/**/*.tif"))
     with pytest.raises(InputError, match=r"photos: / lies outside the folder of p\.yaml"):
         _ = Pipeline.load(folder / "p.yaml").graph
+
+
+def test_a_few_steps_of_a_test_are_its_own_products(folder):
+    whole = Pipeline.load(folder / "p.yaml")
+    whole.run(scheduler="sync")
+    few = replace(whole, only={"photos": ("s_001", "s_003")})
+    assert few.graph.steps == {"photos": ("s_001", "s_003")}
+    plan = few.plan()
+    assert {name: entry.state for name, entry in plan.entries.items()} == {"photos/s_001": "hit", "photos/s_003": "hit"}
+
+
+def test_photographs_of_other_steps_are_not_said_to_lack_a_partner(tmp_path):
+    for side, count in (("l", 3), ("r", 2)):
+        for number in range(count):
+            Image.fromarray(PAGES[number]).save(tmp_path / f"{side}_{number}.png")
+    text = 'stages:\n  photos: {stage: images, left: "l_*.png", right: "r_*.png", unpaired: skip}\n'
+    (tmp_path / "p.yaml").write_text(text)
+    pipeline = Pipeline.load(tmp_path / "p.yaml")
+    assert any("no partner" in warning for warning in pipeline.plan().warnings)
+    few = replace(pipeline, only={"photos": ("l_0", "l_1")}).plan()
+    assert len(few.entries) == 2
+    assert not any("no partner" in warning for warning in few.warnings)

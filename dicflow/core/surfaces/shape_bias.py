@@ -65,13 +65,15 @@ def shape_bias(
     return np.where(known[..., None], np.sqrt(excess), np.nan)
 
 
-def affine_suffices(found: PlacesOfSubsets, subset_size: int, step_size: int) -> bool:
-    """Whether the bias of affine subsets is small against their noise nearly everywhere."""
-    bias = shape_bias(found, subset_size, step_size, "affine")
-    known = np.asarray(np.isfinite(bias + found.variance).all(axis=-1))
+def affine_suffices(bias: Array, variance: Array) -> bool:
+    """Whether the bias of affine subsets is small against their noise nearly everywhere.
+
+    bias : (rows, cols, 2) — by :func:`shape_bias` [px]; variance : (rows, cols, 2) — of the places by noise [px²]
+    """
+    known = np.asarray(np.isfinite(bias + variance).all(axis=-1))
     if not known.any():
         return True
-    biased = (bias[known] ** 2 > _SHARE_OF_SIGMA**2 * found.variance[known]).any(axis=-1)
+    biased = (bias[known] ** 2 > _SHARE_OF_SIGMA**2 * variance[known]).any(axis=-1)
     return bool(biased.mean() <= _MAX_BIASED)
 
 

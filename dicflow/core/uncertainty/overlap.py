@@ -16,7 +16,7 @@ import numpy as np
 
 from dicflow.core.arrays import Array, Index
 
-__all__ = ["Overlap", "ShapeFunction", "independent", "mixed", "overlap"]
+__all__ = ["Overlap", "ShapeFunction", "independent", "mixed", "overlap", "subset_weights"]
 
 ShapeFunction = Literal["affine", "quadratic"]
 
@@ -57,6 +57,14 @@ def overlap(subset_size: int, step_size: float, shape_function: ShapeFunction = 
     crossed, parabolic = _correlation(half, one, lags), _correlation(half, half, lags)
     scale = 2.0 * (parabolic[0] * plain[0] + crossed[0] ** 2)
     return Overlap(np.stack([parabolic, 2.0 * crossed, plain]) / scale, np.stack([plain, crossed, parabolic]))
+
+
+def subset_weights(subset_size: int, shape_function: ShapeFunction = "affine") -> Array:
+    """Weights k (rows, cols) of a subset's pixels in its place; their sum is 1."""
+    if shape_function == "affine":
+        return np.full((subset_size, subset_size), 1.0 / subset_size**2)
+    half = _half_parabola(subset_size)
+    return np.asarray(np.add.outer(half, half))
 
 
 def mixed(parts: Sequence[tuple[float, Overlap]]) -> Overlap:

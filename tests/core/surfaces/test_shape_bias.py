@@ -19,6 +19,10 @@ def left_out(shape_function, length):
     return 1.0 - np.polynomial.Polynomial.fit(OFFSETS, np.cos(2.0 * np.pi * OFFSETS / length), degree)(0.0)
 
 
+def suffices(found):
+    return affine_suffices(shape_bias(found, SUBSET, STEP, "affine"), found.variance)
+
+
 def measured(motion):
     return np.stack([X + motion, Y], axis=-1)
 
@@ -50,23 +54,23 @@ def noise(seed, shape_function="affine"):
 def test_noise_alone_asks_for_nothing(seed):
     found = PlacesOfSubsets(measured(0.01 * X) + noise(seed), VARIANCE)
     assert np.median(shape_bias(found, SUBSET, STEP, "affine")) < 0.05 * SIGMA
-    assert affine_suffices(found, SUBSET, STEP)
+    assert suffices(found)
 
 
 @pytest.mark.parametrize("seed", range(5))
 def test_noise_of_quadratic_subsets_asks_for_nothing(seed):
     found = PlacesOfSubsets(measured(0.01 * X) + noise(seed, "quadratic"), 3.5 * VARIANCE)
-    assert affine_suffices(as_of_affine(found, SUBSET, STEP), SUBSET, STEP)
+    assert suffices(as_of_affine(found, SUBSET, STEP))
 
 
-@pytest.mark.parametrize(("over_sigma", "suffices"), [(0.15, True), (0.7, False)])
-def test_a_curved_motion_asks_for_quadratic_subsets(over_sigma, suffices):
+@pytest.mark.parametrize(("over_sigma", "enough"), [(0.15, True), (0.7, False)])
+def test_a_curved_motion_asks_for_quadratic_subsets(over_sigma, enough):
     """A constant curvature c gives affine subsets a bias of c (h² − 1) / 24."""
     curvature = over_sigma * SIGMA * 24.0 / (SUBSET**2 - 1)
     found = PlacesOfSubsets(measured(0.5 * curvature * X**2) + noise(0), VARIANCE)
-    assert affine_suffices(found, SUBSET, STEP) is suffices
+    assert suffices(found) is enough
     quadratic = PlacesOfSubsets(measured(0.5 * curvature * X**2) + noise(0, "quadratic"), 3.5 * VARIANCE)
-    assert affine_suffices(as_of_affine(quadratic, SUBSET, STEP), SUBSET, STEP) is suffices
+    assert suffices(as_of_affine(quadratic, SUBSET, STEP)) is enough
 
 
 def test_lost_points_have_no_bias_and_leave_the_others_theirs():
@@ -75,4 +79,4 @@ def test_lost_points_have_no_bias_and_leave_the_others_theirs():
     found = shape_bias(PlacesOfSubsets(places, NO_NOISE), SUBSET, STEP, "affine")
     assert np.array_equal(np.isnan(found), np.isnan(places))
     np.testing.assert_allclose(found[20:-20, 20:34, 0], 1e-5 * (SUBSET**2 - 1) / 24.0, rtol=1e-3)
-    assert affine_suffices(PlacesOfSubsets(np.full_like(places, np.nan), NO_NOISE), SUBSET, STEP)
+    assert suffices(PlacesOfSubsets(np.full_like(places, np.nan), NO_NOISE))
