@@ -67,11 +67,16 @@ class ShapeBias(NamedTuple):
 
 
 def shape_bias(
-    found: PlacesOfSubsets, subset_size: int, step_size: int, shape_function: Literal["affine", "quadratic"]
+    found: PlacesOfSubsets,
+    subset_size: int,
+    step_size: int,
+    shape_function: Literal["affine", "quadratic"],
+    disturbed: Mask | None = None,
 ) -> ShapeBias:
     """Bias of places by a shape function.
 
     subset_size, step_size : side of the subsets, distance of the points in the first photograph [px]
+    disturbed : (rows, cols) — points beside a crack or border; what the windows that hold one show does not count
     """
     degree = {"affine": 1, "quadratic": 2}[shape_function]
     side = max(_MIN_WINDOW, _odd(_REACH * subset_size / step_size))
@@ -80,7 +85,8 @@ def shape_bias(
     bias = (fit.value - found.places) / ratio
     noise = found.variance * np.clip(1.0 - fit.leverage, 0.0, 1.0)[..., None] / ratio**2
     known = np.asarray(np.isfinite(found.places).all(axis=-1))[..., None]
-    square = _neighbours_mean(bias**2 - noise, known[..., 0], _NEIGHBOUR_SIGMA * side)
+    counts = known[..., 0] if disturbed is None else known[..., 0] & ~_within(disturbed, side)
+    square = _neighbours_mean(bias**2 - noise, counts, _NEIGHBOUR_SIGMA * side)
     return ShapeBias(np.where(known, square, np.nan), np.where(known, noise, np.nan))
 
 
@@ -108,6 +114,11 @@ def as_of_affine(found: PlacesOfSubsets, subset_size: int, step_size: int) -> Pl
 
 def _odd(side: float) -> int:
     return 2 * int(side / 2.0) + 1
+
+
+def _within(disturbed: Mask, side: int) -> Mask:
+    """Points (rows, cols) with a disturbed one in the window of a side around them."""
+    return np.asarray(cv2.dilate(disturbed.astype(np.uint8), np.ones((side, side), np.uint8)) > 0)
 
 
 def _neighbours_mean(values: Array, known: Mask, sigma: float) -> Array:

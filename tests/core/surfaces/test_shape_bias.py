@@ -82,3 +82,10 @@ def test_lost_points_have_no_bias_and_leave_the_others_theirs():
     assert np.array_equal(np.isnan(found), np.isnan(places))
     np.testing.assert_allclose(found[20:-20, 20:30, 0], 1e-5 * (SUBSET**2 - 1) / 24.0, rtol=1e-3)
     assert suffices(PlacesOfSubsets(np.full_like(places, np.nan), NO_NOISE))
+
+
+def test_a_crack_says_nothing_of_the_shape_of_other_subsets():
+    opened = PlacesOfSubsets(measured(np.where(X > 350.0, 0.5, 0.0)) + noise(0), VARIANCE)
+    beside = np.abs(X - 353.5) < STEP
+    assert affine_suffices(shape_bias(opened, SUBSET, STEP, "affine", beside), VARIANCE)
+    assert not affine_suffices(shape_bias(opened, SUBSET, STEP, "affine"), VARIANCE)
