@@ -57,6 +57,10 @@ class Sides(NamedTuple):
         size = np.linalg.norm(self.place[:, 1] - self.place[:, 0], axis=1)
         return np.asarray(size > _FREE_PX + _SPREADS * self.spread)
 
+    def enclose(self, place: Array) -> Mask:
+        """Which places (n, 2) lie between both predictions; curved motion puts both on one side of the place."""
+        return np.asarray(((self.place[:, 0] - place) * (self.place[:, 1] - place)).sum(axis=1) < 0.0)
+
     def away(self, place: Array) -> Array:
         """Distances (n,) of places (n, 2) from the nearer prediction [px]."""
         return np.asarray(np.linalg.norm(self.place - place[:, None], axis=2).min(axis=1))
@@ -97,8 +101,9 @@ def _with_sides(edges: Edges, sides: Sides, points: Index, field: Field) -> Edge
     """The edges with what the sides say of points (n, 2)."""
     at, reason, variance = tuple(points.T), edges.reason.copy(), edges.variance.copy()
     noise = sigma_by_residual(field, at)
-    away = np.nan_to_num(sides.away(field.warp[at][..., 0]))
-    between = away > _NEAR_PX + _SIGMAS * noise
+    place = field.warp[at][..., 0]
+    away = np.nan_to_num(sides.away(place))
+    between = (away > _NEAR_PX + _SIGMAS * noise) & sides.enclose(place)
     lost = sides.jump & ((away > _LOST_PX + _LOST_SIGMAS * noise + sides.spread) | (reason[at] != Status.VALID))
     reason[at] = np.where(lost, np.uint8(Status.DISCONTINUITY), reason[at])
     variance[at] = np.where(reason[at] == Status.VALID, np.maximum(variance[at], np.where(between, away**2, 0.0)), 0.0)
