@@ -226,11 +226,8 @@ def _pattern(facts: _Facts) -> _Rows:
         _speckles(facts.pattern.get("size_px"), facts.scale),
         "measured in the first photograph",
     )
-    yield (
-        "mean intensity gradient",
-        _text(facts.pattern.get("gradient"), "{:.1f} grey levels of 255 per px"),
-        "measured",
-    )
+    gradient = _text(facts.pattern.get("gradient"), "{:.1f} grey levels of 255 per px")
+    yield "mean intensity gradient", gradient, "measured"
     area = None if region is None else Region.read(region).area_px
     yield "region of interest", _text(area, "{:.0f} px²"), "measured"
 

@@ -23,7 +23,7 @@ def needed_shape(found: FoundPoints, used: str, grid_px: tuple[int, int], parts:
     from dicflow.core.surfaces.shape_bias import affine_suffices, as_of_affine, shape_bias
 
     places = _places(found) if used == "affine" else as_of_affine(_places(found), *grid_px)
-    bias = shape_bias(places, *grid_px, "affine", _disturbed(found, parts))
+    bias = shape_bias(places, *grid_px, "affine", parts, _jumps(found))
     return "affine" if affine_suffices(bias, places.variance) else "quadratic"
 
 
@@ -31,7 +31,7 @@ def left_out(found: FoundPoints, shape_function: Any, grid_px: tuple[int, int], 
     """What a shape function leaves out of the places, as a standard deviation (row, col, 2) [px]."""
     from dicflow.core.surfaces.shape_bias import shape_bias
 
-    return shape_bias(_places(found), *grid_px, shape_function, _disturbed(found, parts)).deviation
+    return shape_bias(_places(found), *grid_px, shape_function, parts, _jumps(found)).deviation
 
 
 def _places(found: FoundPoints) -> PlacesOfSubsets:
@@ -40,12 +40,10 @@ def _places(found: FoundPoints) -> PlacesOfSubsets:
     return PlacesOfSubsets(found.warp[..., 0], (found.covariance + found.template_covariance)[..., ::2])
 
 
-def _disturbed(found: FoundPoints, parts: Parts) -> np.ndarray:
-    """Points (row, col) beside a border or jump."""
+def _jumps(found: FoundPoints) -> np.ndarray:
+    """Points (row, col) beside which the motion may jump."""
     import numpy as np
 
-    from dicflow.core.parts import beside_borders
     from dicflow.core.status import Status
 
-    jumps = np.isin(found.status, (Status.DISCONTINUITY, Status.MISFIT, Status.OUTLIER))
-    return np.asarray(jumps | beside_borders(parts))
+    return np.asarray(np.isin(found.status, (Status.DISCONTINUITY, Status.MISFIT, Status.OUTLIER)))

@@ -15,6 +15,7 @@ import cv2
 import numpy as np
 
 from dicflow.core.arrays import Array, Mask
+from dicflow.core.parts import Parts, beside_borders
 from dicflow.core.surfaces.filters import local_polynomial
 
 __all__ = ["PlacesOfSubsets", "ShapeBias", "affine_suffices", "as_of_affine", "shape_bias"]
@@ -71,13 +72,35 @@ def shape_bias(
     subset_size: int,
     step_size: int,
     shape_function: Literal["affine", "quadratic"],
-    disturbed: Mask | None = None,
+    parts: Parts | None = None,
+    jumps: Mask | None = None,
 ) -> ShapeBias:
     """Bias of places by a shape function.
 
     subset_size, step_size : side of the subsets, distance of the points in the first photograph [px]
-    disturbed : (rows, cols) — points beside a crack or border; what the windows that hold one show does not count
+    parts : of the grid, each of which moves on its own; None for a single one
+    jumps : (rows, cols) — points beside a crack; what the windows that hold one show does not count, nor across a cut
     """
+    if parts is None or parts.is_single:
+        return _of_part(found, subset_size, step_size, shape_function, jumps)
+    disturbed = beside_borders(parts) if jumps is None else beside_borders(parts) | jumps
+    whole = ShapeBias(np.full(found.places.shape, np.nan), np.full(found.places.shape, np.nan))
+    for number in range(1, int(parts.number.max()) + 1):
+        here = (parts.number == number)[..., None]
+        alone = found._replace(places=np.where(here, found.places, np.nan))
+        of_part = _of_part(alone, subset_size, step_size, shape_function, disturbed)
+        whole = ShapeBias(*(np.where(here, new, old) for new, old in zip(of_part, whole, strict=True)))
+    return whole
+
+
+def _of_part(
+    found: PlacesOfSubsets,
+    subset_size: int,
+    step_size: int,
+    shape_function: Literal["affine", "quadratic"],
+    disturbed: Mask | None,
+) -> ShapeBias:
+    """The same for points that move as one, but for disturbed ones."""
     degree = {"affine": 1, "quadratic": 2}[shape_function]
     side = max(_MIN_WINDOW, _odd(_REACH * subset_size / step_size))
     ratio = (step_size**2 * (side**2 - 1) / (subset_size**2 - 1)) ** degree

@@ -2,6 +2,7 @@ import cv2
 import numpy as np
 import pytest
 
+from dicflow.core.parts import Parts
 from dicflow.core.surfaces.shape_bias import PlacesOfSubsets, affine_suffices, as_of_affine, shape_bias
 from tests.noise import subset_kernel
 
@@ -87,5 +88,12 @@ def test_lost_points_have_no_bias_and_leave_the_others_theirs():
 def test_a_crack_says_nothing_of_the_shape_of_other_subsets():
     opened = PlacesOfSubsets(measured(np.where(X > 350.0, 0.5, 0.0)) + noise(0), VARIANCE)
     beside = np.abs(X - 353.5) < STEP
-    assert affine_suffices(shape_bias(opened, SUBSET, STEP, "affine", beside), VARIANCE)
+    assert affine_suffices(shape_bias(opened, SUBSET, STEP, "affine", jumps=beside), VARIANCE)
     assert not affine_suffices(shape_bias(opened, SUBSET, STEP, "affine"), VARIANCE)
+
+
+def test_parts_are_asked_one_by_one():
+    number = np.where(X > 350.0, 2, 1).astype(np.int32)
+    opened = PlacesOfSubsets(measured(np.where(number == 2, 0.5, 0.0)) + noise(0), VARIANCE)
+    parts = Parts(number, np.stack([X, Y], axis=-1), np.zeros((0, 4)))
+    assert affine_suffices(shape_bias(opened, SUBSET, STEP, "affine", parts), VARIANCE)
