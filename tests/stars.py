@@ -7,6 +7,7 @@ reference. Only the rows that subsets of the middle row hold are rendered.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import NamedTuple
 
 import cv2
@@ -16,7 +17,7 @@ from dicflow.core.correlation.subsets import Correlated, Subset, correlate
 from dicflow.core.correlation.template import template
 from dicflow.core.correlation.warp import identity
 from dicflow.core.photographs.interpolate import Spline, slopes, spline
-from dicflow.core.surfaces.filters import local_polynomial
+from dicflow.core.surfaces.filters import LocalFit, local_polynomial
 from dicflow.core.synthetic.motion import render_pattern, speckle_pattern, star, star_period, strain_star
 from dicflow.core.synthetic.render import GreyLevels, add_noise_and_round
 from tests.noise import subset_kernel
@@ -28,13 +29,17 @@ DEGREE, KEPT = 12, 0.9
 
 
 class Setting(NamedTuple):
-    """A subset, and for strains the square of points that a polynomial fits; one point takes the warp's slope."""
+    """A subset, and the square of points that a polynomial fits for strains or to smooth; one point is left as it is.
+
+    gaussian : standard deviation of the weight of a subset's pixels [px]; 0 for equal ones
+    """
 
     shape_function: str
     size: int
     window: int = 1
     step: int = 4
     degree: int = 1
+    gaussian: float = 0.0
 
     @property
     def gauge_px(self) -> int:
@@ -79,15 +84,15 @@ def regenerated(seed: int, dots: Dots = FINE) -> Images:
     return Images(*rounded, noisy, MIDDLE)
 
 
-def columns(setting: Setting, every: int = 2) -> np.ndarray:
+def columns(setting: Setting, every: int = 2, width: int = WIDTH) -> np.ndarray:
     """Columns of the middle row whose points have whole subsets."""
     margin = setting.gauge_px // 2 + 3
-    return np.arange(margin, WIDTH - margin, every)
+    return np.arange(margin, width - margin, every)
 
 
 def middle_row(reference: np.ndarray, target: Spline, middle: int, setting: Setting, every: int = 2) -> MiddleRow:
     """v along the middle row of stars that move by less than a pixel."""
-    x = columns(setting, every)
+    x = columns(setting, every, reference.shape[1])
     centres = np.stack([x, np.full_like(x, middle)], axis=-1).astype(float)
     result = found(reference, target, centres, setting)
     return MiddleRow(result.warp[:, 1, 0] - middle, result.covariance[:, 2])
@@ -95,24 +100,36 @@ def middle_row(reference: np.ndarray, target: Spline, middle: int, setting: Sett
 
 def middle_strain(reference: np.ndarray, target: Spline, middle: int, setting: Setting) -> np.ndarray:
     """∂v/∂y along the middle row: of the warp, or of a polynomial through the v of a window of points."""
-    x, half = columns(setting, setting.step), setting.window // 2
-    if half == 0:
+    if setting.window == 1:
+        x = columns(setting, setting.step, reference.shape[1])
         centres = np.stack([x, np.full_like(x, middle)], axis=-1).astype(float)
         return found(reference, target, centres, setting).warp[:, 1, 2] - 1.0
-    offsets = np.arange(-half, half + 1)
-    wide = np.concatenate([x[0] + setting.step * offsets[:half], x, x[-1] + setting.step * offsets[half + 1 :]])
-    centres = np.stack(np.meshgrid(wide, middle + setting.step * offsets), axis=-1).astype(float)
-    v = (
-        found(reference, target, centres.reshape(-1, 2), setting).warp[:, 1, 0].reshape(centres.shape[:2])
-        - centres[..., 1]
-    )
-    slope = local_polynomial(v, (setting.window, setting.window), setting.degree).d_row / setting.step
-    return slope[half, half:-half]
+    return middle_fit(reference, target, middle, setting).d_row / setting.step
+
+
+def smoothed_row(reference: np.ndarray, target: Spline, middle: int, setting: Setting) -> np.ndarray:
+    """v along the middle row: of the warp, or of a polynomial through the v of a window of points."""
+    if setting.window == 1:
+        return middle_row(reference, target, middle, setting, setting.step).v
+    return middle_fit(reference, target, middle, setting).value
+
+
+def middle_fit(reference: np.ndarray, target: Spline, middle: int, setting: Setting) -> LocalFit:
+    """Polynomials through the v of windows around the points of the middle row."""
+    x, half = columns(setting, setting.step, reference.shape[1]), setting.window // 2
+    offsets = setting.step * np.arange(-half, half + 1)
+    wide = np.concatenate([x[0] + offsets[:half], x, x[-1] + offsets[half + 1 :]])
+    centres = np.stack(np.meshgrid(wide, middle + offsets), axis=-1).astype(float)
+    warp = found(reference, target, centres.reshape(-1, 2), setting).warp
+    v = warp[:, 1, 0].reshape(centres.shape[:2]) - centres[..., 1]
+    fit = local_polynomial(v, (setting.window, setting.window), setting.degree)
+    return LocalFit._make(values[half, half:-half] for values in fit)
 
 
 def found(reference: np.ndarray, target: Spline, centres: np.ndarray, setting: Setting) -> Correlated:
     """Subsets that hardly move."""
-    subset, start = Subset(setting.size, setting.shape_function), identity(centres, setting.shape_function)
+    subset = Subset(setting.size, setting.shape_function, setting.gaussian)
+    start = identity(centres, setting.shape_function)
     return correlate(template(spline(reference)), target, centres, start, subset)
 
 
@@ -154,11 +171,16 @@ def transfer_of_pattern(reference: np.ndarray, middle: int, setting: Setting, x:
     return np.array(transfer)
 
 
-def resolution(x: np.ndarray, transfer: np.ndarray) -> float:
-    """l10 [px]."""
-    known = np.isfinite(transfer)
-    fit = np.polynomial.Polynomial.fit(x[known], transfer[known], DEGREE)
+def resolution(x: np.ndarray, transfer: np.ndarray, period: Callable = star_period) -> float:
+    """l10 [px]; period : of the star's waves at columns x [px]"""
+    fit = smooth_transfer(x, transfer)
     fine = np.arange(x[0], x[-1], 0.1)
     above = fit(fine) >= KEPT
     first = int(np.argmax(~above[:-1] & above[1:]))
-    return float(star_period(fine[first]))
+    return float(period(fine[first]))
+
+
+def smooth_transfer(x: np.ndarray, transfer: np.ndarray) -> np.polynomial.Polynomial:
+    """The polynomial through a transfer at columns x; NaN is left out."""
+    known = np.isfinite(transfer)
+    return np.polynomial.Polynomial.fit(x[known], transfer[known], DEGREE)

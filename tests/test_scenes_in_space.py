@@ -3,11 +3,22 @@ import pytest
 
 from dicflow.core.cameras.camera import project as project_in_camera
 from dicflow.core.cameras.camera import to_right
-from tests.scenes_in_space import SCENES, scene
+from dicflow.pipeline import Pipeline
+from tests.measured_scenes import measured_step
+from tests.scenes_in_space import SCENES, gentle, scene
 from tests.scenes_in_space.cameras import LEFT, RIG, RIGHT, SIZE, project
+from tests.scenes_in_space.files import write_scene
 from tests.scenes_in_space.rendering import clean, interpolated, material_at, material_table, seen_box
-from tests.scenes_in_space.specimen import turned
-from tests.scenes_in_space.truth import Material, material_of, rim_distance, ring_in_photograph, truth
+from tests.scenes_in_space.specimen import bounds, rectangle, turned
+from tests.scenes_in_space.truth import (
+    Material,
+    crack_distance,
+    gauge_strain,
+    material_of,
+    rim_distance,
+    ring_in_photograph,
+    truth,
+)
 
 
 def inner_pixels(count):
@@ -112,3 +123,37 @@ def test_photographs_show_speckles_before_a_background_and_a_part_in_front():
     assert grey[middle[0, 1], middle[0, 0]] == pytest.approx(95.0)
     speckled = grey[middle[1, 1] - 40 : middle[1, 1] + 40, middle[1, 0] - 40 : middle[1, 0] + 40]
     assert speckled.std() > 35.0
+
+
+@pytest.mark.slow
+def test_without_noise_a_scene_is_measured_as_its_truth_says(tmp_path):
+    """Away from rims all errors are below what noise of two grey levels causes there, and a third of it in the mean."""
+    half_width, half_height = 11.0, 9.0
+    sheet = gentle.SCENE.parts[0]._replace(bounds=bounds(half_width, half_height))
+    small = gentle.SCENE._replace(
+        loads=(0.0, 0.02), parts=(sheet,), outline=rectangle(-half_width, -half_height, half_width, half_height)
+    )
+    write_scene(tmp_path, small, noisy=False)
+    points = measured_step(small, Pipeline.load(tmp_path / "pipeline.yaml").run(), 1)
+    inner = points.of(~points.on_rim)
+    assert len(inner.status) > 450
+    assert inner.valid.all()
+    caused_by_noise = {"U": 3.4e-4, "V": 2.8e-4, "W": 1.5e-3, "exx": 8.5e-5, "eyy": 8.3e-5, "gxy": 1.2e-4}
+    for quantity, noise in caused_by_noise.items():
+        error = inner.error[quantity]
+        assert np.abs(error).max() < noise
+        assert np.sqrt(np.mean(error**2)) < noise / 3.0
+        assert abs(np.median(error)) < noise / 10.0
+
+
+def test_a_square_reaches_a_crack_from_the_distance_of_its_half_side():
+    selected = scene("crack")
+    before, tip = ring_in_photograph(selected, np.array([[-20.0, 0.0], [10.0, 0.0]]))
+    away = crack_distance(selected, np.array([before, before + np.array([0.0, 20.0]), tip + np.array([30.0, 25.0])]))
+    assert away == pytest.approx([0.0, 20.0, 30.0], abs=1.5)
+
+
+def test_an_extensometer_along_a_strip_measures_its_stretch():
+    selected = scene("strip")
+    gauge = np.array([[0.0, -10.0], [0.0, 10.0]])
+    assert gauge_strain(selected, gauge, 8) == pytest.approx(1.19, abs=1e-9)

@@ -15,7 +15,7 @@ from numba import njit
 from dicflow.core.arrays import Array, Counts, Mask
 from dicflow.core.kernels import INNER
 
-__all__ = ["Parts", "are_apart", "cut_segments", "grid_parts", "islands", "sees", "single_part"]
+__all__ = ["Parts", "are_apart", "beside_borders", "cut_segments", "grid_parts", "islands", "sees", "single_part"]
 
 
 class Parts(NamedTuple):
@@ -90,6 +90,26 @@ def are_apart(parts: Parts, i: int, j: int, a: int, b: int) -> bool:
         if _cross(parts.places[i, j], parts.places[a, b], parts.cuts[k]):
             return True
     return False
+
+
+def beside_borders(parts: Parts) -> Mask:
+    """Points (rows, cols) with a neighbour on the grid in another part or beyond a cut."""
+    beside = np.zeros(parts.number.shape, dtype=np.bool_)
+    if not parts.is_single:
+        _mark_borders(parts, beside)
+    return beside
+
+
+@njit(cache=True, nogil=True)
+def _mark_borders(parts: Parts, beside: Mask) -> None:
+    rows, cols = parts.number.shape
+    for i in range(rows):
+        for j in range(cols):
+            for down, right in ((0, 1), (1, 0)):
+                a, b = i + down, j + right
+                inside = a < rows and b < cols and parts.number[i, j] > 0 and parts.number[a, b] > 0
+                if inside and are_apart(parts, i, j, a, b):
+                    beside[i, j] = beside[a, b] = True
 
 
 @njit(cache=True, nogil=True)

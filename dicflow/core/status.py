@@ -43,7 +43,15 @@ class Status(IntEnum):
     OVEREXPOSED = 15
     """Too large a part of its subset is clipped to white or black, or hidden, in one of the photographs."""
     MISFIT = 16
-    """The grey levels of its subset fit no single motion: a crack, or the edge of a shadow or reflection."""
+    """The grey levels of its subset fit no single motion: something in front of it, lost paint, or a reflection."""
+    OUTLIER = 17
+    """Its motion does not agree with that of its neighbours."""
+    DISCONTINUITY = 18
+    """The points on its two sides move apart: a crack, the border of a part, or strain that changes too fast."""
+    UNEVEN_LIGHT = 19
+    """The light changes across its subset: the edge of a shadow or of a reflection."""
+    BLURRED = 20
+    """The photograph is too blurred there for the pattern to be found."""
 
     @property
     def label(self) -> str:

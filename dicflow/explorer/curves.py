@@ -24,7 +24,7 @@ class Curve(TypedDict):
     title : in words
     unit : of its values
     numbers : of the steps; the first one has 0
-    values, errors : readings and their standard deviations; None if unknown
+    values, errors : readings and their combined standard uncertainties; None if unknown
     """
 
     name: str
@@ -70,7 +70,7 @@ def _curves(table: ProbeTable, quantity: str) -> Iterator[Curve]:
 
 
 def _curve(table: ProbeTable, name: str, quantity: str, index: int, title: str) -> Curve:
-    values, sigmas = table[quantity][index].tolist(), table[f"sigma_{quantity}"][index].tolist()
+    values, errors = table[quantity][index].tolist(), table[f"u_{quantity}"][index].tolist()
     return Curve(
         name=name,
         quantity=quantity,
@@ -78,7 +78,7 @@ def _curve(table: ProbeTable, name: str, quantity: str, index: int, title: str) 
         unit=unit_of(quantity, table.unit),
         numbers=list(range(len(values))),
         values=[_known(value) for value in values],
-        errors=[_known(value) for value in sigmas],
+        errors=[_known(value) for value in errors],
     )
 
 

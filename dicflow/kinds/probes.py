@@ -2,17 +2,33 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
-from typing import TYPE_CHECKING, Any, ClassVar
+from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple
 
 from dicflow.engine.product import Product, Variable
 from dicflow.errors import StageError
 from dicflow.kinds.kind import Table
+from dicflow.kinds.quantities import ERRORS
 
 if TYPE_CHECKING:
     import numpy as np
 
-__all__ = ["ProbeTable", "gauge_facts"]
+__all__ = ["ProbeTable", "Reading", "gauge_facts"]
+
+
+class Reading(NamedTuple):
+    """A value, its standard deviation by noise, its remaining bias, and the calibration's share; NaN if unknown."""
+
+    value: float
+    sigma: float
+    bias: float
+    calibration: float
+
+    def parts(self) -> dict[str, float]:
+        """The numbers by the prefixes of their names; u combines noise and bias."""
+        errors = (self.sigma, self.bias, math.hypot(self.sigma, self.bias), self.calibration)
+        return dict(zip(("", *ERRORS), (self.value, *errors), strict=True))
 
 
 class ProbeTable(Table):

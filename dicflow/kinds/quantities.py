@@ -27,6 +27,7 @@ __all__ = [
     "QUANTITIES",
     "REPORTED",
     "STRAINS",
+    "UNCERTAINTY",
     "Quantity",
     "StrainMeasure",
     "further_quantity",
@@ -46,10 +47,13 @@ LENGTH = "length"
 
 Use = Literal["probes", "noise_floor", "report", "sweep"]
 
+UNCERTAINTY = "uncertainty u"
+"""Name of the combined standard uncertainty, by noise and the bias that remains."""
+
 ERRORS = {
     "sigma_": "σ of the {title}",
     "bias_": "remaining bias of the {title}",
-    "u_": "uncertainty u of the {title}",
+    "u_": f"{UNCERTAINTY} of the {{title}}",
     "calibration_": "calibration's share in σ of the {title}",
 }
 """What arrays of these prefixes hold of a quantity: standard deviation by noise, standard deviation of the bias that

@@ -225,6 +225,13 @@ class Total(Kind):
         """Standard deviation (row, col) of a quantity by the noise of the photographs."""
         return self[f"sigma_{name}"]
 
+    def bias(self, name: str) -> np.ndarray:
+        """Standard deviation (row, col) of the bias that remains in a quantity; 0 where it was not estimated."""
+        import numpy as np
+
+        known = f"bias_{name}" in self
+        return np.nan_to_num(self[f"bias_{name}"]) if known else np.zeros_like(self[f"sigma_{name}"])
+
     def uncertainty(self, name: str) -> np.ndarray:
         """Combined standard uncertainty (row, col) of a quantity: by noise and the bias that remains."""
         return self[f"u_{name}"]

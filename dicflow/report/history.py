@@ -10,7 +10,7 @@ from dicflow.core.status import Status
 from dicflow.kinds.comparison import Comparison
 from dicflow.kinds.kind import summary_of
 from dicflow.kinds.probes import ProbeTable
-from dicflow.kinds.quantities import QUANTITIES
+from dicflow.kinds.quantities import QUANTITIES, UNCERTAINTY
 from dicflow.pipeline import Result
 from dicflow.report.context import Context
 
@@ -113,13 +113,13 @@ def _other_length(first: Mapping[str, Any]) -> str:
 
 
 def _extensometers(result: Result) -> dict[str, tuple[float | None, ...]]:
-    """Length and strain of each extensometer, σ beside it."""
+    """Length and strain of each extensometer, its uncertainty u beside it."""
     for stage in result.stages_of("probes"):
         if not result.has(stage):
             continue
         table = ProbeTable.read(result.product(stage))
         rows = [row for row in table.rows if row["kind"] == "extensometer"]
-        keys = [key for key in (rows[0] if rows else {}) if key.removeprefix("sigma_").startswith(("length", "strain"))]
+        keys = [key for key in (rows[0] if rows else {}) if key.removeprefix("u_").startswith(("length", "strain"))]
         return {
             f"{name} · {key}": tuple(row[key] for row in rows if row["probe"] == name)
             for name in table.extensometers
@@ -164,7 +164,7 @@ def _column(key: str) -> Column:
     ending, bare = _ending(key), _bare(key)
     if bare.startswith("mean_"):
         return Column(key, f"mean {_symbol(bare[5:])}", _UNITS.get(ending, "1"))
-    title = _TITLES.get(key) or _TITLES.get(bare) or bare.replace("sigma_", "σ of the ").replace("_", " ")
+    title = _TITLES.get(key) or _TITLES.get(bare) or bare.replace("u_", f"{UNCERTAINTY} of the ").replace("_", " ")
     return Column(key, title, _UNITS.get(ending, "1"))
 
 

@@ -45,9 +45,9 @@ class _Figure(NamedTuple):
     key: str
 
 
-_MILLIMETRES = _Panel("Standard deviation of the displacement, median over the points", "σ [mm]")
-_PIXELS = _MILLIMETRES._replace(axis="σ [px]")
-_STRAIN = _Panel("Standard deviation of the strain, median over the points", "σ [–]")
+_MILLIMETRES = _Panel("Uncertainty u of the displacement, median over the points", "u [mm]")
+_PIXELS = _MILLIMETRES._replace(axis="u [px]")
+_STRAIN = _Panel("Uncertainty u of the strain, median over the points", "u [–]")
 _MISFIT = _Panel("Misfit of the grey levels, median over the points", "ZNSSD [–]")
 _DISTANCES = _Panel("Epipolar distance and reprojection error, root mean square", "distance [px]")
 _ITERATIONS = _Panel("Iterations of the correlation", "iterations [–]")
@@ -57,9 +57,9 @@ _DISPARITY = _Panel("Share of pixels with a disparity", "share [–]")
 _SURFACE = _Panel("Distance of the surface from its points, root mean square", "RMSE [mm]")
 
 _FIGURES = (
-    *(_Figure(_MILLIMETRES, name, "total", f"sigma_{name}_mm") for name in DISPLACEMENTS),
-    *(_Figure(_PIXELS, name, "total", f"sigma_{name}_px") for name in "UV"),
-    *(_Figure(_STRAIN, QUANTITIES[name].symbol, "total", f"sigma_{name}") for name in STRAINS),
+    *(_Figure(_MILLIMETRES, name, "total", f"u_{name}_mm") for name in DISPLACEMENTS),
+    *(_Figure(_PIXELS, name, "total", f"u_{name}_px") for name in "UV"),
+    *(_Figure(_STRAIN, QUANTITIES[name].symbol, "total", f"u_{name}") for name in STRAINS),
     _Figure(_MISFIT, "left", "correlation", "znssd"),
     _Figure(_DISTANCES, "epipolar", "stereo", "epipolar_px"),
     _Figure(_DISTANCES, "reprojection", "points", "reprojection_px"),

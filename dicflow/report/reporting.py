@@ -16,7 +16,7 @@ from dicflow.kinds.correlation import Correlation
 from dicflow.kinds.images import Images
 from dicflow.kinds.kind import summary_of
 from dicflow.kinds.noise_floor import NoiseFloorTable
-from dicflow.kinds.quantities import BASIC, STRAINS, strain_measure, unit_of
+from dicflow.kinds.quantities import BASIC, STRAINS, UNCERTAINTY, strain_measure, unit_of
 from dicflow.kinds.region import Region
 from dicflow.kinds.rig import CalibratedRig
 from dicflow.kinds.total import Total, named_with_unit
@@ -226,11 +226,8 @@ def _pattern(facts: _Facts) -> _Rows:
         _speckles(facts.pattern.get("size_px"), facts.scale),
         "measured in the first photograph",
     )
-    yield (
-        "mean intensity gradient",
-        _text(facts.pattern.get("gradient"), "{:.1f} grey levels of 255 per px"),
-        "measured",
-    )
+    gradient = _text(facts.pattern.get("gradient"), "{:.1f} grey levels of 255 per px")
+    yield "mean intensity gradient", gradient, "measured"
     area = None if region is None else Region.read(region).area_px
     yield "region of interest", _text(area, "{:.0f} px²"), "measured"
 
@@ -317,11 +314,12 @@ def _uncertainty(facts: _Facts) -> _Rows:
     for name in BASIC:
         own = unit_of(name, unit)
         rows = [row for row in noise if row["quantity"] == name]
-        predicted = summary.get(f"sigma_{named_with_unit(name, unit)}")
+        predicted = summary.get(f"u_{named_with_unit(name, unit)}")
         if rows:
             yield f"noise floor of {name}", _floor(rows, own), "measured where nothing deforms"
         elif predicted is not None:
-            yield f"σ of {name}", _with_unit(predicted, own), "predicted from image noise: median of the last step"
+            remark = "by noise and the bias that remains: median of the last step"
+            yield f"{UNCERTAINTY} of {name}", _with_unit(predicted, own), remark
     if not noise:
         hint = "photograph the unmoved specimen and add a stage noise_floor"
         yield "noise floor and bias of every quantity", None, hint

@@ -59,12 +59,14 @@ def _correlation() -> None:
     import numpy as np
 
     from dicflow.core.correlation.follow import correlate_field
+    from dicflow.core.correlation.jumps import predicted_by_sides
     from dicflow.core.correlation.light import light_shift
     from dicflow.core.correlation.residuals import residuals
     from dicflow.core.correlation.subsets import Subset, describe
     from dicflow.core.correlation.template import template
     from dicflow.core.correlation.uneven import uneven_variance
     from dicflow.core.correlation.warp import identity
+    from dicflow.core.parts import single_part
     from dicflow.core.photographs.interpolate import interpolate, spline
 
     photograph = spline(np.random.default_rng(0).integers(0, 255, (_SIDE, _SIDE)).astype(np.uint8))
@@ -73,7 +75,9 @@ def _correlation() -> None:
     starts = np.full((2, 2, 2, 3), np.nan)
     starts[0, 0] = [[20.0, 1.0, 0.0], [20.0, 0.0, 1.0]]
     describe(reference, None, grid.reshape(-1, 2), Subset(11))
-    correlate_field(reference, photograph, grid, starts, Subset(11))
+    found = correlate_field(reference, photograph, grid, starts, Subset(11))
+    one = np.zeros((1, 2), dtype=np.int64)
+    predicted_by_sides(one, found.status, found.warp, grid, single_part(grid), 1)
     centres = grid.reshape(-1, 2).astype(np.int64)
     fit = residuals(reference, photograph, centres, identity(centres), Subset(11))
     uneven_variance(fit, 11)

@@ -16,6 +16,7 @@ from dicflow.kinds.matches import Matches
 from dicflow.kinds.region import Region
 from dicflow.stages._lost import lost_status, lost_warning
 from dicflow.stages._pattern import pattern_of_region, repetition_facts, repetition_of_region
+from dicflow.stages._shape import left_out, needed_shape
 from dicflow.stages._subsets import ShapeFunction, SubsetSearch, photograph_of
 
 if TYPE_CHECKING:
@@ -90,8 +91,8 @@ class Correlate(SubsetSearch):
     first photograph; if too many are lost, with that of a reference step, and from there once more with the first.
     Points that leave the frame lose their value and are searched for again when they return.
 
-    ``shape_function: auto`` takes affine subsets, and quadratic ones at steps where affine ones would be wrong by more
-    than a third of their standard deviation in more than 1 % of the points.
+    ``shape_function: auto`` takes affine subsets, and quadratic ones at steps where affine ones would clearly be wrong
+    by more than a third of their standard deviation in more than 3 % of the points.
     """
 
     title: ClassVar = "correlate in time"
@@ -105,7 +106,7 @@ class Correlate(SubsetSearch):
         "correlation_before": Port("correlation", at=At.PREVIOUS, own=True),
     }
     gives: ClassVar = "correlation"
-    impl_version: ClassVar = 7
+    impl_version: ClassVar = 8
 
     stage: Literal["correlate"] = "correlate"
     shape_function: Literal["auto"] | ShapeFunction = parameter(
@@ -211,12 +212,14 @@ class Correlate(SubsetSearch):
 
         from dicflow.core.correlation.material import follow_step, search_again, search_directly
         from dicflow.core.correlation.search import first_photograph
+        from dicflow.core.status import Status
 
         points = previous.points
         grid = np.where(lost[..., None], np.nan, first.parts.places)
         reference_step, last = points.reference_step, points.as_reference(previous.image)
         before = noise = points.noise
         search = self._search(before.grey, first, self._usual_shape(points))._replace(reach_px=points.reach_px)
+        search = search._replace(jumps=points["status"] == Status.DISCONTINUITY)
         start = first_photograph(first.image, first.region, grid, search)
         direct = search_directly(start, reference_step, last, image, search, pairs)
         template = points["template"]
@@ -226,32 +229,18 @@ class Correlate(SubsetSearch):
             template = (noise.grey / before.grey) ** 2 * template
         updating, expected = self.reference.updating(), points.course.expected
         found, reference = follow_step(start, reference_step, direct, search, updating, expected)
-        shape, bias = self._shape(found, search)
-        if shape != search.subset.shape_function:
+        used, grid_px = search.subset.shape_function, (self.subset_size, self.step_size)
+        shape = needed_shape(found, used, grid_px, first.parts) if self.shape_function == "auto" else used
+        if shape != used:
             search = search._replace(subset=search.subset._replace(shape_function=shape))
             start = first_photograph(first.image, first.region, grid, search)
             direct = search_again(start, direct, found, search)
             found, reference = follow_step(start, reference_step, direct, search, updating, expected)
-        return _Searched(found, search, noise, template, reference, bias)
+        return _Searched(found, search, noise, template, reference, left_out(found, shape, grid_px, first.parts))
 
     def _usual_shape(self, points: Correlation) -> ShapeFunction:
         """The shape function with which a step is searched: as at the previous step, if it is not given."""
         return points.shape_function if self.shape_function == "auto" else self.shape_function
-
-    def _shape(self, found: FoundPoints, search: Search) -> tuple[ShapeFunction, np.ndarray]:
-        """The shape function that found points need, and what it leaves out (row, col, 2) [px]."""
-        from dicflow.core.surfaces.shape_bias import PlacesOfSubsets, affine_suffices, as_of_affine, shape_bias
-
-        used: Any = search.subset.shape_function
-        measured = PlacesOfSubsets(found.warp[..., 0], (found.covariance + found.template_covariance)[..., ::2])
-        grid = self.subset_size, self.step_size
-        if self.shape_function != "auto":
-            return used, shape_bias(measured, *grid, used)
-        affine = measured if used == "affine" else as_of_affine(measured, *grid)
-        bias = shape_bias(affine, *grid, "affine")
-        if affine_suffices(bias, affine.variance):
-            return "affine", bias
-        return "quadratic", shape_bias(measured, *grid, "quadratic")
 
     def _grid(self, shape_function: str) -> SubsetGrid:
         return SubsetGrid(self.step_size, self.subset_size, shape_function)
@@ -275,17 +264,20 @@ class Correlate(SubsetSearch):
     def _measured_noise(self, noise: Noise, correlation: CorrelatedField, first: _First, image: np.ndarray) -> Noise:
         """The noise, measured in the first photograph and this one."""
         from dicflow.core.correlation.edges import residual_variance
-        from dicflow.core.photographs.noise import noise_from_pair
+        from dicflow.core.photographs.noise import interpolated_variance, noise_from_pair
         from dicflow.core.status import Status
 
         field = correlation.field
         valid = field.status == Status.VALID
+        residual = residual_variance(field)[valid] / correlation.damping.residual(
+            interpolated_variance(self.spline_degree)
+        )
         return noise_from_pair(
             noise,
             first.image.grey,
             image,
             first.measured,
-            (correlation.centres[valid], field.warp[valid][..., 0], residual_variance(field)[valid]),
+            (correlation.centres[valid], field.warp[valid][..., 0], residual),
             degree=self.spline_degree,
             smoothing_px=self.smoothing,
         )

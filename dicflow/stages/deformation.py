@@ -257,7 +257,7 @@ class Deformation(Node):
             "shape_shares": variance_shares(errors),
             "rigid": rigid_motion_to_json(motion.removed),
             "frames": frames_to_json(motion.frames),
-            "summary": {"valid_share": float(share), **means, **_median_sigmas(fields, step.unit)},
+            "summary": {"valid_share": float(share), **means, **_median_errors(fields, step.unit)},
         }
         beside = {name: step.product.variables[name] for name in ("way", "way_right", "znssd") if name in step}
         if self.degree == "auto":
@@ -314,11 +314,12 @@ def _displacements(before: MeasuredPoints, after: MeasuredPoints, covariance: np
 
 
 def _combined(fields: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
-    """Combined uncertainty of each quantity that has a standard deviation."""
+    """Combined uncertainty of each quantity that has a standard deviation; this itself where the bias is unknown."""
     import numpy as np
 
     names = [name.removeprefix("sigma_") for name in fields if name.startswith("sigma_")]
-    return {f"u_{name}": np.hypot(fields[f"sigma_{name}"], fields.get(f"bias_{name}", 0.0)) for name in names}
+    biases = {name: np.nan_to_num(fields.get(f"bias_{name}", 0.0)) for name in names}
+    return {f"u_{name}": np.hypot(fields[f"sigma_{name}"], biases[name]) for name in names}
 
 
 def _degrees(degree: np.ndarray) -> dict[str, Any]:
@@ -340,13 +341,17 @@ def _consistent_status(status: np.ndarray, known: np.ndarray) -> np.ndarray:
     return np.asarray(reasons, dtype=np.uint8)
 
 
-def _median_sigmas(fields: Mapping[str, np.ndarray], unit: str) -> dict[str, float]:
-    """Median σ of displacements and strains; a quantity without values is absent."""
+def _median_errors(fields: Mapping[str, np.ndarray], unit: str) -> dict[str, float]:
+    """Median σ and u of displacements and strains; a quantity without values is absent."""
     import numpy as np
 
-    names = {name: f"sigma_{name}" for name in BASIC}
-    known = {name: fields[sigma][np.isfinite(fields[sigma])] for name, sigma in names.items()}
-    return {f"sigma_{named_with_unit(name, unit)}": float(np.median(part)) for name, part in known.items() if part.size}
+    found = {}
+    for prefix in ("sigma_", "u_"):
+        for name in BASIC:
+            known = fields[f"{prefix}{name}"][np.isfinite(fields[f"{prefix}{name}"])]
+            if known.size:
+                found[f"{prefix}{named_with_unit(name, unit)}"] = float(np.median(known))
+    return found
 
 
 def sentence(stage: Deformation, product: Product | None) -> str:
@@ -354,7 +359,7 @@ def sentence(stage: Deformation, product: Product | None) -> str:
     measure, side = strain_measure(stage.measure), f"{stage.window:g}"
     cited = "" if measure.name == "engineering" else " [seth1961, hill1968]"
     along = {"material": "the directions of the material", "global": "the directions of the coordinate system"}
-    degree = "1 to 3, at each point the first whose estimated bias is below a third of its standard deviation,"
+    degree = "1 to 3, at each point the first whose estimated bias is at most a quarter of its standard deviation,"
     degree = degree if stage.degree == "auto" else f"{stage.degree}"
     text = (
         f"The deformation gradient of the surface since the first step was computed from polynomials of degree "
@@ -367,11 +372,11 @@ def sentence(stage: Deformation, product: Product | None) -> str:
 
 
 def _figures_sentence(total: Total) -> str:
-    """The gauge, and σ at a step."""
+    """The gauge, and the uncertainties at a step."""
     gauge, summary = total.gauge, summary_of(total.product)
     text = "" if gauge is None else f" The virtual strain gauge measures {gauge.size} [idics2018]."
     names = {name: named_with_unit(name, total.unit) for name in BASIC}
-    known = {name: summary.get(f"sigma_{named}") for name, named in names.items()}
+    known = {name: summary.get(f"u_{named}") for name, named in names.items()}
     figures = [
         f"{value:.2g}{'' if (unit := QUANTITIES[name].unit_in(total.unit)) == '1' else f' {unit}'} for {name}"
         for name, value in known.items()
@@ -380,4 +385,4 @@ def _figures_sentence(total: Total) -> str:
     if not figures:
         return text
     said = ", ".join(figures)
-    return f"{text} The median standard deviations predicted from the image noise were {said} at the last step."
+    return f"{text} The median standard uncertainties, by image noise and remaining bias, were {said} at the last step."

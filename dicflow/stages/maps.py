@@ -13,7 +13,7 @@ from dicflow.errors import StageError
 from dicflow.kinds.comparison import Comparison
 from dicflow.kinds.maps import MapQuantity, Positions, colour_range, joined_range
 from dicflow.kinds.maps import Maps as MapsProduct
-from dicflow.kinds.quantities import QUANTITIES, of_field
+from dicflow.kinds.quantities import ERRORS, QUANTITIES, of_field
 from dicflow.kinds.total import Total
 
 if TYPE_CHECKING:
@@ -24,8 +24,8 @@ __all__ = ["Maps"]
 
 def _field(name: str) -> str:
     if of_field(name) is None:
-        known = ", ".join(f"'{field}'" for field in QUANTITIES)
-        raise ValueError(f"must be {known}, or sigma_ or calibration_ and one of them")
+        known, prefixes = ", ".join(f"'{field}'" for field in QUANTITIES), ", ".join(ERRORS)
+        raise ValueError(f"must be {known}, or one of {prefixes} before one of them")
     return name
 
 
@@ -56,7 +56,7 @@ class Maps(Node):
     quantities: tuple[Quantity, ...] = parameter(
         ("U", "V", "exx", "eyy", "gxy"),
         "what to draw: U, V, W (displacement), exx, eyy, gxy (strain), further fields of the total by name, or the "
-        "uncertainty of one: sigma_exx",
+        "uncertainty of one: u_exx",
         min_length=1,
     )
     configuration: Literal["deformed", "reference"] = parameter(

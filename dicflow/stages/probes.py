@@ -11,8 +11,8 @@ from pydantic import BeforeValidator, Field, model_validator
 from dicflow.engine.node import At, Node, Port, Scope, parameter
 from dicflow.engine.product import Product, Variable
 from dicflow.errors import StageError
-from dicflow.kinds.probes import ProbeTable, gauge_facts
-from dicflow.kinds.quantities import QUANTITIES, unit_of
+from dicflow.kinds.probes import ProbeTable, Reading, gauge_facts
+from dicflow.kinds.quantities import ERRORS, QUANTITIES, unit_of
 from dicflow.kinds.rig import CalibratedRig
 from dicflow.kinds.total import Total, gradient_measures
 
@@ -30,11 +30,10 @@ Line = tuple[Place, Place]
 Ring = Annotated[tuple[Place, ...], Field(min_length=3)]
 Quantity = Literal["U", "V", "W", "exx", "eyy", "gxy"]
 
-Readings = dict[str, tuple[float, float, float]]
-"""Value, standard deviation and the calibration's share in it by quantity; NaN if unknown."""
+Readings = dict[str, Reading]
+"""Reading by quantity."""
 
-_UNKNOWN = (math.nan, math.nan, math.nan)
-_PARTS = {"": "{}", "sigma_": "σ of {}", "calibration_": "calibration's share in σ of {}"}
+_UNKNOWN = Reading(math.nan, math.nan, math.nan, math.nan)
 _SAMPLES = 101
 _AREA_SAMPLES = 200
 _LENGTHS = ("length", "elongation", "strain")
@@ -54,8 +53,9 @@ class Probes(Node):
     A point's value is that of the parabola through the points around it, a line's the mean over it, an area's the mean
     of its points. An extensometer is the straight distance in space of two points: its length, the elongation since
     the first step, and elongation per first length. Each has its standard deviation, from those of the points and from
-    how much the subsets and windows of neighbours overlap, and beside it the calibration's share, if the uncertainty of
-    the rig is known. A place belongs to the material and moves with it.
+    how much the subsets and windows of neighbours overlap, the bias that remains, which the points of a mean share,
+    both combined as its uncertainty u, and beside it the calibration's share, if the uncertainty of the rig is known.
+    A place belongs to the material and moves with it.
     """
 
     title: ClassVar = "probes"
@@ -101,7 +101,9 @@ class Probes(Node):
         readings.insert(0, _at_first_step(readings))
         self._check_measured(readings)
         facts = gauge_facts(total[0])
-        parts = list(_PARTS)[: 2 if cameras is None or cameras.covariance is None else 3]
+        parts = ["", *ERRORS]
+        if cameras is None or cameras.covariance is None:
+            parts.remove("calibration_")
         rows = [
             {"probe": name, "kind": kind, "step": step, **_columns(reading[name], facts["unit"], parts)}
             for kind, names in self._kinds().items()
@@ -179,12 +181,15 @@ class Probes(Node):
         variables: dict[str, Variable] = {}
         for dim, (names, quantities) in groups.items():
             for quantity in quantities if names else ():
-                found = np.array([[reading[name][quantity] for reading in readings] for name in names])
+                found = [[reading[name][quantity].parts() for reading in readings] for name in names]
                 variables |= {
                     f"{part}{quantity}": Variable(
-                        (dim, "step"), found[..., k], unit_of(quantity, unit), _PARTS[part].format(quantity)
+                        (dim, "step"),
+                        np.array([[one[part] for one in line] for line in found]),
+                        unit_of(quantity, unit),
+                        ERRORS[part].format(title=quantity) if part else quantity,
                     )
-                    for k, part in enumerate(parts)
+                    for part in parts
                 }
         return variables
 
@@ -251,7 +256,7 @@ class _Step:
 
         parts : probes at the places over which it is a mean
         """
-        from dicflow.core.probes.weights import sigma_of, value_of
+        from dicflow.core.probes.weights import bias_of, sigma_of, value_of
 
         if probe is None:
             return dict.fromkeys(quantities, _UNKNOWN)
@@ -262,9 +267,10 @@ class _Step:
         }
         shares = self.error.mean_sigmas([part for part in parts if part is not None]) if self.error is not None else {}
         return {
-            name: (
+            name: Reading(
                 float(value_of(probe, self.total[name])),
                 sigma_of(probe, self.total.sigma(name), correlations[name]),
+                bias_of(probe, self.total.bias(name)),
                 shares.get(name, math.nan),
             )
             for name in quantities
@@ -272,7 +278,9 @@ class _Step:
 
     def extension(self, line: Line) -> Readings:
         """Lengths between two places."""
-        from dicflow.core.probes.weights import difference, extension, value_of
+        import numpy as np
+
+        from dicflow.core.probes.weights import difference, extension, extension_bias, value_of
 
         first, second = (self.at(place) for place in line)
         if first is None or second is None:
@@ -280,8 +288,12 @@ class _Step:
         places = (self.total["xyz"], self.total["xyz_reference"])
         along = value_of(difference(first, second), places[0]) ** 2 * self._variances(first)
         found = extension((first, second), *places, self.covariance, self.rho(along))._asdict()
+        bias = extension_bias((first, second), *places, np.stack([self.total.bias(name) for name in "UVW"], axis=-1))
         shares = self.error.length_sigmas(first, second) if self.error is not None else [math.nan] * len(found)
-        return {name: (*pair, float(share)) for (name, pair), share in zip(found.items(), shares, strict=True)}
+        return {
+            name: Reading(pair[0], pair[1], one, float(share))
+            for (name, pair), one, share in zip(found.items(), bias, shares, strict=True)
+        }
 
     def rho(self, weights: Any) -> Overlap:
         """Correlation of the errors of neighbours in a quantity that depends on U, V and W with these weights (3,)."""
@@ -343,11 +355,11 @@ def _samples(line: Line) -> np.ndarray:
 
 def _at_first_step(readings: list[dict[str, Readings]]) -> dict[str, Readings]:
     """Readings at the first step: zero, and the lengths themselves."""
-    zero = (0.0, 0.0, 0.0)
+    zero = Reading(0.0, 0.0, 0.0, 0.0)
 
     def first(name: str) -> Readings:
         lengths = (reading[name]["first"] for reading in readings)
-        length = next((length for length in lengths if math.isfinite(length[0])), _UNKNOWN)
+        length = next((length for length in lengths if math.isfinite(length.value)), _UNKNOWN)
         return {"length": length, "elongation": zero, "strain": zero}
 
     return {
@@ -356,13 +368,14 @@ def _at_first_step(readings: list[dict[str, Readings]]) -> dict[str, Readings]:
 
 
 def _columns(readings: Readings, unit: str, parts: Sequence[str]) -> dict[str, float | None]:
-    """A row of the table: each value with its σ and the calibration's share in it, named with their unit."""
+    """A row of the table: each value with its errors, named with their unit."""
     row: dict[str, float | None] = {}
     for quantity, found in readings.items():
         if quantity != "first":
             ending = "" if unit_of(quantity, unit) == "1" else f"_{unit}"
-            for part, value in zip(parts, found, strict=False):
-                row[f"{part}{quantity}{ending}"] = value if math.isfinite(value) else None
+            for part, value in found.parts().items():
+                if part in parts:
+                    row[f"{part}{quantity}{ending}"] = value if math.isfinite(value) else None
     return row
 
 
@@ -372,6 +385,6 @@ def _summary(readings: list[dict[str, Readings]]) -> dict[str, float]:
     for name, values in readings[0].items():
         if "strain" in values:
             found = (reading[name]["strain"] for reading in reversed(readings))
-            strain, sigma, _ = next(reading for reading in found if math.isfinite(reading[0]))
-            summary |= {f"{name}_strain": strain, f"{name}_sigma_strain": sigma}
+            strain = next(reading for reading in found if math.isfinite(reading.value))
+            summary |= {f"{name}_strain": strain.value, f"{name}_sigma_strain": strain.sigma}
     return summary

@@ -89,7 +89,7 @@ class Stereo(SubsetSearch):
             "gaussian", "min_share", "max_iterations", "tolerance", "smoothing", "misfit", "reference",
         )
     }  # fmt: skip
-    impl_version: ClassVar = 6
+    impl_version: ClassVar = 7
 
     stage: Literal["stereo"] = "stereo"
     match: Literal["every_step", "first_step"] = parameter(
@@ -177,8 +177,11 @@ class Stereo(SubsetSearch):
 
     def _search(self, view: _View, noise: float) -> Search:
         """noise : of the templates' photographs after the low pass [grey levels]"""
+        from dicflow.core.status import Status
+
         found = self.search(view.points.grid.subset_size, noise, self.shape_function)
-        return found._replace(parts=view.points_first.parts)
+        jumps = view.points["status"] == Status.DISCONTINUITY
+        return found._replace(parts=view.points_first.parts, jumps=jumps)
 
     def _matched(self, view: _View, starts: np.ndarray, noise_ratio: float) -> tuple[FoundPoints, Search]:
         """The points of the left photograph, found in the right one from starting warps (row, col, 2, 3)."""
@@ -204,16 +207,18 @@ class Stereo(SubsetSearch):
         import numpy as np
 
         from dicflow.core.cameras.epipolar import epipolar_distance
-        from dicflow.core.correlation.across import overexposed_share
+        from dicflow.core.correlation.across import overexposed_share, why_lost
         from dicflow.core.status import Status
 
         left, places = view.points, found.warp[..., 0]
         apart = epipolar_distance(cameras, left["xy"], places)
-        status = _status(left["status"], found.status)
+        grid = np.where(np.isfinite(left["xy"]), view.points_first["xy"], np.nan)
+        reasons = why_lost(found, grid, view.images_first.left, view.images.right, view.points_first.parts)
+        status = np.where(left["status"] > Status.FILLED, left["status"], reasons).astype(np.uint8)
         status[(status == Status.VALID) & ~(apart <= self.max_epipolar)] = Status.EPIPOLAR
         kept, left_found = status == Status.VALID, bool((left["status"] <= Status.FILLED).any())
         if not kept.any() and left_found:
-            status = lost_status(status, view.images.right, (Status.HIDDEN,))
+            status = lost_status(status, view.images.right, (Status.HIDDEN, Status.NO_MATCH))
         share = overexposed_share(view.images.right, places)
         summary = {
             **_summary(left["status"], status, apart[kept], found.iterations[kept]),
@@ -224,8 +229,8 @@ class Stereo(SubsetSearch):
             warnings = [lost_warning(view.images.right, "right", _CHECK_RIGHT), *warnings]
         if warnings:
             facts["warnings"] = list(warnings)
-        grid = SubsetGrid(left.grid.step_size, left.grid.subset_size, self.shape_function)
-        return StereoPoints.write(found, apart, status, grid, noise_ratio, facts)
+        subsets = SubsetGrid(left.grid.step_size, left.grid.subset_size, self.shape_function)
+        return StereoPoints.write(found, apart, status, subsets, noise_ratio, facts)
 
 
 def _previous(
@@ -303,16 +308,6 @@ def _starts_from_epipolar_lines(cameras: Rig, view: _View) -> np.ndarray:
         reason = misfit(cameras, view.images, places, 0.0) or "use the calibration of these cameras"
         raise StageError(f"the rig cannot be rectified: {error}; {reason}") from error
     return starting_warps(view.points["warp"], *right_of_left(partners, places))
-
-
-def _status(left: np.ndarray, right: np.ndarray) -> np.ndarray:
-    """Status of points (row, col): the left photograph's reason first, then the right one's."""
-    import numpy as np
-
-    from dicflow.core.status import Status
-
-    hidden = np.isin(right, (Status.OUTSIDE, Status.UNTRACKED, Status.NOT_CONVERGED))
-    return np.where(left > Status.FILLED, left, np.where(hidden, Status.HIDDEN, right)).astype(np.uint8)
 
 
 def _summary(left: np.ndarray, status: np.ndarray, apart: np.ndarray, iterations: np.ndarray) -> dict[str, float]:

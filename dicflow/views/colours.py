@@ -36,6 +36,10 @@ REASON_COLOURS = {
     Status.CUT_SUBSET: "#a6cee3",
     Status.OVEREXPOSED: "#bcf60c",
     Status.MISFIT: "#808000",
+    Status.OUTLIER: "#f032e6",
+    Status.DISCONTINUITY: "#5b3256",
+    Status.UNEVEN_LIGHT: "#ffe119",
+    Status.BLURRED: "#aaffc3",
 }
 """Colour of each status of a point without a measured value."""
 

@@ -148,7 +148,7 @@ def test_the_main_view_the_probe_and_the_loads(quickstart, packed):
     (curve,) = manifest["curves"]
     assert (curve["name"], curve["quantity"], curve["unit"]) == ("length", "strain", "1")
     np.testing.assert_allclose(curve["values"], quickstart.product("probes")["strain"][0])
-    np.testing.assert_allclose(curve["errors"], quickstart.product("probes")["sigma_strain"][0])
+    np.testing.assert_allclose(curve["errors"], quickstart.product("probes")["u_strain"][0])
     assert manifest["load"][0] == "g"
     np.testing.assert_allclose(manifest["load"][1], quickstart.product("comparison")["load_g"][1:])
 

@@ -37,6 +37,9 @@ stages:
   frame: {{stage: frame, method: axes, x: {x}, y: {y}, origin: {origin}}}
   total: {{stage: deformation, points: points, window: 50 px}}
 """
+_PROBES = """\
+  probes: {{stage: probes, total: total, extensometers: {gauges}}}
+"""
 
 
 def measured_result(name: str, settings: Sequence[str] = ()) -> Result | None:
@@ -75,13 +78,15 @@ def _pipeline_text(scene: Scene) -> str:
         return ring_in_photograph(scene, ring).round(3).tolist()
 
     x, y, _ = LEFT.rotation.T.tolist()
-    return _PIPELINE.format(
+    gauges = {name: corners(line) for name, line in scene.gauges.items()}
+    return (_PIPELINE + _PROBES * bool(gauges)).format(
         ending=_ending(scene),
         outline=corners(scene.outline),
         holes=[corners(ring) for ring in scene.holes],
         x=x,
         y=y,
         origin=LEFT.translation.tolist(),
+        gauges=gauges,
     )
 
 

@@ -6,7 +6,8 @@ photographs. A material point is a pair of numbers [mm]. A load is any number th
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
+from types import MappingProxyType
 from typing import NamedTuple
 
 import numpy as np
@@ -57,6 +58,7 @@ class Scene(NamedTuple):
     parts : of the specimen, and of what stands in front of it
     outline, holes : rings (n, 2) of the region to measure [mm of material]
     cracks : lines (n, 2) inside it where parts come apart [mm of material]
+    gauges : extensometers by name, two points (2, 2) of the first part [mm of material]
     reported : the steps of which figures are printed; all later ones if empty
     speckle : mean diameter of a speckle [mm of material]
     look : light and lens
@@ -69,6 +71,7 @@ class Scene(NamedTuple):
     outline: np.ndarray
     holes: tuple[np.ndarray, ...] = ()
     cracks: tuple[np.ndarray, ...] = ()
+    gauges: Mapping[str, np.ndarray] = MappingProxyType({})
     reported: tuple[int, ...] = ()
     speckle: float = 0.5
     look: Look = still

@@ -33,6 +33,10 @@ SCENE = Scene(
     tuple(2.19 ** (step / _STEPS) for step in range(_STEPS + 1)),
     (Part(_place, bounds(_HALF_WIDTH, _HALF_LENGTH)), _grip(-1), _grip(1)),
     rectangle(-_HALF_WIDTH, -_HALF_LENGTH, _HALF_WIDTH, _HALF_LENGTH),
+    gauges={
+        "the long extensometer": np.array([[0.0, -10.0], [0.0, 10.0]]),
+        "the short extensometer": np.array([[3.0, -4.0], [2.0, 5.0]]),
+    },
     reported=(_STEPS // 2, _STEPS),
     speckle=0.45,
     jpeg=92,

@@ -11,7 +11,16 @@ from tests.scenes_in_space.cameras import LEFT, SIZE, project
 from tests.scenes_in_space.rendering import material_at
 from tests.scenes_in_space.specimen import Scene
 
-__all__ = ["Material", "material_of", "places", "rim_distance", "ring_in_photograph", "truth"]
+__all__ = [
+    "Material",
+    "crack_distance",
+    "gauge_strain",
+    "material_of",
+    "places",
+    "rim_distance",
+    "ring_in_photograph",
+    "truth",
+]
 
 _STEP_MM = 1e-3
 _SUBPIXEL_BITS = 4
@@ -91,12 +100,31 @@ def ring_in_photograph(scene: Scene, ring: np.ndarray) -> np.ndarray:
 
 def rim_distance(scene: Scene, pixels: np.ndarray) -> np.ndarray:
     """Distances (n,) of pixels (n, 2) to the nearest edge, hole or crack of the region [px]."""
+    away = _away(scene, [scene.outline, *scene.holes], list(scene.cracks))
+    return _at(cv2.distanceTransform(away, cv2.DIST_L2, cv2.DIST_MASK_PRECISE), pixels)
+
+
+def crack_distance(scene: Scene, pixels: np.ndarray) -> np.ndarray:
+    """Distances (n,) of pixels (n, 2) to the nearest crack [px]: the half side of the square that reaches it."""
+    away = _away(scene, [], list(scene.cracks))
+    return _at(cv2.distanceTransform(away, cv2.DIST_C, cv2.DIST_MASK_3), pixels)
+
+
+def _away(scene: Scene, rings: list[np.ndarray], lines: list[np.ndarray]) -> np.ndarray:
+    """A photograph, 0 where rings and open lines of material are drawn."""
     drawn = np.full(SIZE[::-1], 255, dtype=np.uint8)
-    for line, closed in [(scene.outline, True), *((hole, True) for hole in scene.holes)] + [
-        (crack, False) for crack in scene.cracks
-    ]:
+    for line, closed in [*((ring, True) for ring in rings), *((line, False) for line in lines)]:
         fixed = np.rint(ring_in_photograph(scene, line) * 2**_SUBPIXEL_BITS).astype(np.int32)
         cv2.polylines(drawn, [fixed], closed, 0, shift=_SUBPIXEL_BITS)
-    away = cv2.distanceTransform(drawn, cv2.DIST_L2, cv2.DIST_MASK_PRECISE)
+    return drawn
+
+
+def _at(image: np.ndarray, pixels: np.ndarray) -> np.ndarray:
     x, y = np.rint(pixels).astype(int).T
-    return away[y, x]
+    return np.asarray(image[y, x])
+
+
+def gauge_strain(scene: Scene, gauge: np.ndarray, step: int) -> float:
+    """Engineering strain since the first step of the straight line between two points (2, 2) of the first part."""
+    first, last = (np.linalg.norm(np.diff(scene.parts[0].place(gauge, scene.loads[k]), axis=0)) for k in (0, step))
+    return float(last / first - 1.0)

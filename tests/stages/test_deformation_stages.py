@@ -264,3 +264,64 @@ def test_what_maps_reports_and_exports_read_is_at_hand():
     """However quickly it could be made again."""
     assert is_kept(Deformation(), arrays=60, nbytes=10**8, seconds=0.0, depth=1)
     assert not is_kept(Deformation(keep="never"), arrays=60, nbytes=10**8, seconds=0.0, depth=1)
+
+
+def test_uncertainty_combines_noise_and_bias():
+    """u² = σ² + bias² for all quantities; a wave that degree 1 cannot follow has a bias, a homogeneous field none."""
+    rng, wave = np.random.default_rng(4), FLAT.copy()
+    wave[..., 0] += 0.01 * np.sin(2.0 * np.pi * FLAT[..., 0] / 5.0)
+    step, first = points(wave, rng), first_points(FLAT, rng)
+    result = Deformation(degree=1).run(points=step, points_first=first)
+    for name in ("exx", "gxy", "e1", "von_mises", "U"):
+        bias = 0.0 if name == "U" else result[f"bias_{name}"]
+        np.testing.assert_allclose(result[f"u_{name}"], np.hypot(result[f"sigma_{name}"], bias), rtol=1e-6)
+    exact = Deformation(degree=1).run(points=points(wave), points_first=first_points(FLAT))
+    error = exact["exx"] - 0.01 * 2.0 * np.pi / 5.0 * np.cos(2.0 * np.pi * FLAT[..., 0] / 5.0)
+    inside = (slice(5, -5), slice(5, -5))
+    stated = np.sqrt(np.mean(result["bias_exx"][inside] ** 2))
+    assert stated == pytest.approx(np.sqrt(np.mean(error[inside] ** 2)), rel=0.3)
+    assert result.variables["u_exx"].long_name.startswith("uncertainty u of the engineering strain")
+    assert result.variables["bias_exx"].values.dtype == np.float32
+    even = Deformation(degree=1).run(points=points(1.01 * FLAT, rng), points_first=first)
+    assert np.median(even["bias_exx"]) == 0.0
+    assert "degree" not in even
+
+
+def test_the_degree_is_stated():
+    rng, wave = np.random.default_rng(4), FLAT.copy()
+    wave[..., 0] += 0.01 * np.sin(2.0 * np.pi * FLAT[..., 0] / 5.0)
+    result = Deformation().run(points=points(wave, rng), points_first=first_points(FLAT, rng))
+    assert result["degree"].dtype == np.uint8
+    found, counts = np.unique(result["degree"], return_counts=True)
+    assert result.attrs["degree_shares"] == {
+        str(k): pytest.approx(n / counts.sum()) for k, n in zip(found, counts, strict=True)
+    }
+    assert result.attrs["degree"] == found[counts.argmax()] > 1
+    error = np.abs(result["exx"] - 0.01 * 2.0 * np.pi / 5.0 * np.cos(2.0 * np.pi * FLAT[..., 0] / 5.0))
+    assert (error < 2.0 * result["u_exx"]).mean() == pytest.approx(0.954, abs=0.04)
+
+
+def test_the_bias_of_places_is_that_of_displacements():
+    """Turned with the frame in space; in the plane of one photograph as it is."""
+    moved = np.array([[0.01, 0.0], [0.0, 0.02], [0.0, 0.0]])
+    step = points(1.01 * FLAT)
+    biased = Product("points", {**step.variables, "bias": _spread(moved)}, step.attrs)
+    axis = np.array([[0.0, 1.0, 0.0], [-1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
+    frame = Product("frame", attrs={"rotation": axis.tolist(), "origin_mm": [0.0, 0.0, 0.0]})
+    result = Deformation().run(points=biased, points_first=first_points(FLAT), frame=frame)
+    for name, expected in {"U": 0.02, "V": 0.01, "W": 0.0}.items():
+        np.testing.assert_allclose(result[f"bias_{name}"], expected, atol=1e-9)
+        np.testing.assert_allclose(result[f"u_{name}"], np.hypot(result[f"sigma_{name}"], expected), rtol=1e-6)
+    unknown = {**biased.variables, "bias": _spread(np.full((3, 2), np.nan))}
+    alone = Deformation().run(points=Product("points", unknown, step.attrs), points_first=first_points(FLAT))
+    np.testing.assert_array_equal(alone["u_U"], alone["sigma_U"])
+    flat = correlation(grid_px(), np.eye(2))
+    flat = Product("correlation", {**flat.variables, "bias": _spread(np.array([0.1, 0.3]))}, flat.attrs)
+    plane = Deformation().run(points=flat, points_first=correlation(grid_px(), np.eye(2)))
+    np.testing.assert_allclose([plane["bias_U"][3, 4], plane["bias_V"][3, 4], plane["bias_W"][3, 4]], [0.1, 0.3, 0.0])
+
+
+def _spread(values):
+    """One array at every point."""
+    dims = ("row", "col", "component", "image_component")[: 2 + values.ndim]
+    return Variable(dims, np.broadcast_to(values, (*SHAPE, *values.shape)))

@@ -77,7 +77,7 @@ def test_rows_are_a_table(perfect):
     assert last["strain"] == pytest.approx(1.3)
     assert set(last) == {
         *("probe", "kind", "step", "length_mm", "elongation_mm", "strain"),
-        *("sigma_length_mm", "sigma_elongation_mm", "sigma_strain"),
+        *(f"{part}_{name}" for part in ("sigma", "bias", "u") for name in ("length_mm", "elongation_mm", "strain")),
     }
     assert result.attrs["summary"]["E_strain"] == pytest.approx(1.3)
     assert result.attrs["vsg_px"] == perfect[0].attrs["vsg_px"]

@@ -174,8 +174,9 @@ def test_what_the_right_camera_does_not_see_is_hidden(pairs, left):
     stereo, points = measured([(left_image, covered)], left[:1])[0]
     seen = right_truth(MATERIAL, REST)[..., 0]
     assert (points["status"][seen > 236.0] == Status.VALID).all()
-    lost = points["status"][seen < 215.0]
-    assert np.isin(lost, (Status.HIDDEN, Status.LOW_CORRELATION)).all()
+    reasons = Status.HIDDEN, Status.LOW_CORRELATION
+    assert np.isin(points["status"][seen < 200.0], reasons).all()
+    assert np.isin(points["status"][seen < 215.0], (*reasons, Status.NO_MATCH)).all()
     assert np.isnan(points["xyz"][seen < 215.0]).all()
     assert np.isnan(stereo["xy"][seen < 215.0]).all()
     shares = points.attrs["reasons"]
@@ -207,7 +208,7 @@ def test_points_off_their_epipolar_lines_do_not_count(pairs, left):
     moved, part = np.roll(pairs[0][1], 2, axis=0), pairs[0][1].copy()
     part[:, :280] = moved[:, :280]
     stereo, points = measured([(pairs[0][0], part)], left[:1])[0]
-    off = right_truth(MATERIAL, REST)[..., 0] < 260.0
+    off = right_truth(MATERIAL, REST)[..., 0] < 250.0
     assert 0.2 < off.mean() < 0.5
     assert (stereo["status"][off] == Status.EPIPOLAR).all()
     np.testing.assert_allclose(stereo["epipolar"][off], 2.0, atol=0.1)
@@ -441,3 +442,26 @@ def _reference_rig(folder):
         for n in (1, 2)
     ]
     return Rig(*cameras, file.getNode("R").mat(), file.getNode("T").mat().ravel())
+
+
+def test_a_bias_of_the_left_places_moves_the_points_as_both_places_do(results, left):
+    """Subsets are off by the same part of the material in both photographs: against shifted places."""
+    stereo, step = results[1][0], left[1]
+    bias = np.broadcast_to([0.01, 0.02], step["xy"].shape)
+    across = stereo["gradient"] @ np.linalg.inv(step["gradient"])
+
+    def run(shift):
+        arrays = {"xy": step["xy"] + shift, "bias": bias}
+        moved = {name: Variable(("row", "col", "a"), values) for name, values in arrays.items()}
+        right = {"xy": Variable(("row", "col", "a"), stereo["xy"] + across @ shift)}
+        return Triangulate().run(
+            correlation=Product("correlation", {**step.variables, **moved}, step.attrs),
+            correlation_first=left[0],
+            stereo=Product("stereo", {**stereo.variables, **right}, stereo.attrs),
+            rig=rig_product(),
+        )
+
+    exact = run(np.zeros(2))
+    for axis in range(2):
+        moved = run(0.01 * (axis + 1) * np.eye(2)[axis])["xyz"] - exact["xyz"]
+        np.testing.assert_allclose(exact["bias"][..., axis], moved, rtol=2e-2, atol=2e-6)

@@ -20,16 +20,20 @@ from dicflow.core.correlation.points import (
     VIA_REFERENCE_STEP,
     FoundPoints,
     ReferencePhotograph,
+    carried_motion,
     cropped,
     merged,
+    part_masks,
     with_terms,
 )
-from dicflow.core.correlation.search import Search, find_points
-from dicflow.core.correlation.seed import ACCEPTED_CORRELATION, BLUR_PX, window_correlation
+from dicflow.core.correlation.search import UNEXPLAINED, Search, find_points
+from dicflow.core.correlation.seed import ACCEPTED_CORRELATION, BLUR_PX, window_correlation, window_correlations
 from dicflow.core.correlation.warp import TERMS
+from dicflow.core.parts import Parts
 from dicflow.core.photographs.interpolate import Spline
 from dicflow.core.photographs.noise import image_noise, interpolated_noise_ratio
 from dicflow.core.photographs.texture import saturation_level
+from dicflow.core.status import Status
 from dicflow.core.tensors import congruent, inverse
 
 __all__ = [
@@ -42,11 +46,18 @@ __all__ = [
     "overexposed_share",
     "starts_agree",
     "starts_from_previous_step",
+    "why_lost",
 ]
 
 
 _MIN_SHARE_WITH_START = 0.5
 """Share of the points that must have a starting warp."""
+
+
+_SHOWN_CORRELATION = 0.3
+"""Least correlation of windows that show the same, however badly they fit."""
+_KNOWN_REASONS = (Status.LOW_CORRELATION, Status.BLURRED)
+"""Codes that stay where the points around say no more; others become NO_MATCH."""
 
 
 class PointsInStep(NamedTuple):
@@ -162,6 +173,30 @@ def noise_ratio(left: Grey, right: Grey, places: Array, places_right: Array) -> 
     views = (left, places), (right, places_right)
     levels = [image_noise(image, grid_mask(image.shape, np.where(known[..., None], at, np.nan))) for image, at in views]
     return float(np.clip(levels[1] / levels[0], 0.1, 10.0)) if min(levels) > 0.0 else 1.0
+
+
+def why_lost(found: FoundPoints, points: Array, left: Grey, right: Grey, parts: Parts) -> Codes:
+    """Status (row, col) of points: of lost ones, where the points around them say so, OUTSIDE or HIDDEN.
+
+    points : (row, col, 2) — in the left photograph that the warps start from; NaN outside the region [px]
+    Hidden are points in whose place the right photograph shows something else.
+    """
+    status = found.status.copy()
+    smooth = [cv2.GaussianBlur(image.astype(np.float32), (0, 0), BLUR_PX) for image in (left, right)]
+    for part in part_masks(points, parts):
+        lost = part & np.isin(found.status, (*UNEXPLAINED, Status.BLURRED))
+        if not lost.any():
+            continue
+        motion = carried_motion(found, np.where(part[..., None], points, np.nan), points[lost])
+        with np.errstate(invalid="ignore"):
+            inside = ((motion[..., 0] >= 0.0) & (motion[..., 0] <= np.array(right.shape[::-1]) - 1.0)).all(axis=1)
+        known = np.isfinite(motion[:, 0, 0])
+        shown = np.nan_to_num(window_correlations(smooth[0], smooth[1], points[lost], motion)) >= _SHOWN_CORRELATION
+        why = np.where(np.isin(status[lost], _KNOWN_REASONS), status[lost], np.uint8(Status.NO_MATCH))
+        why[known & ~shown] = Status.HIDDEN
+        why[known & ~inside] = Status.OUTSIDE
+        status[lost] = why
+    return status
 
 
 def grid_mask(shape: tuple[int, ...], places: Array) -> Mask:

@@ -19,7 +19,7 @@ from typing import NamedTuple
 import cv2
 import numpy as np
 
-from dicflow.core.arrays import Array, Index, Mask
+from dicflow.core.arrays import Array, Codes, Index, Mask
 from dicflow.core.correlation.follow import Field
 from dicflow.core.correlation.light import light_shift
 from dicflow.core.correlation.residuals import residuals
@@ -27,10 +27,13 @@ from dicflow.core.correlation.subsets import Subset
 from dicflow.core.correlation.template import Template
 from dicflow.core.correlation.uneven import uneven_variance
 from dicflow.core.photographs.interpolate import Spline
+from dicflow.core.status import Status
 
-__all__ = ["Edges", "find_edges", "residual_variance", "usual_residual"]
+__all__ = ["AT_EDGES", "Edges", "find_edges", "residual_variance", "usual_residual"]
 
 
+AT_EDGES = (Status.MISFIT, Status.UNEVEN_LIGHT, Status.DISCONTINUITY)
+"""Reasons of points that are lost at edges."""
 _SUSPECT_RATIO, _SUSPECT_MISFIT_PX = 1.2, 0.03
 """Variance of the residual over the usual one, and misfit, above which parts of a subset are left out."""
 _USUAL_QUANTILE, _LEAST_QUANTILE, _SUSPECT_SPREAD = 0.25, 0.05, 2.5
@@ -58,11 +61,11 @@ _CHUNK = 64
 class Edges(NamedTuple):
     """What the residuals of a grid of subsets (rows, cols) tell.
 
-    lost : bool — whether the subset holds two motions, or an edge of light
+    reason : uint8 — MISFIT, UNEVEN_LIGHT or DISCONTINUITY where the point is lost for it, else VALID
     variance : further variance of the place along each axis [px²]; 0 where the residual is usual
     """
 
-    lost: Mask
+    reason: Codes
     variance: Array
 
 
@@ -89,20 +92,21 @@ def find_edges(
     with np.errstate(invalid="ignore", divide="ignore"):
         ratio, excess = residual / usual, np.maximum(residual - usual, 0.0)
         misfit = np.sqrt(2.0 * excess / field.texture[..., 1])
-        lost = (ratio > _LOST_RATIO) & (misfit > _LOST_MISFIT_PX)
-        suspect = (residual / local > _unusual_ratio(residual / local)) & (misfit > _SUSPECT_MISFIT_PX) & ~lost
+        unfit = (ratio > _LOST_RATIO) & (misfit > _LOST_MISFIT_PX)
+        suspect = (residual / local > _unusual_ratio(residual / local)) & (misfit > _SUSPECT_MISFIT_PX) & ~unfit
         near_light = (ratio > _LIGHT_RATIO) & (misfit > _LIGHT_MISFIT_PX)
     by_noise = 0.5 * np.maximum(residual - local, 0.0) * (field.covariance[..., 0] + field.covariance[..., 2])
-    variance = np.where(suspect, by_noise, 0.0)
+    variance, dazzled = np.where(suspect, by_noise, 0.0), np.zeros_like(unfit)
     for at in _chunks(suspect):
         fit = residuals(reference, target, centres[at].astype(np.int64), field.warp[at], subset)
         variance[at] = np.maximum(variance[at], uneven_variance(fit, subset.size))
         shift, share = light_shift(fit, near_light[at], subset.size)
         for max_shift, max_share in _LIGHT_LIMITS:
-            lost[at] |= (shift > max_shift) & (share > max_share)
+            dazzled[at] |= (shift > max_shift) & (share > max_share)
         variance[at] += np.where(share > _LIGHT_LIMITS[0][1], shift**2, 0.0)
-    lost |= variance > _LOST_SIGMA_PX**2
-    return Edges(lost, np.where(lost, 0.0, variance))
+    unfit |= (variance > _LOST_SIGMA_PX**2) & ~dazzled
+    reason = np.where(unfit, Status.MISFIT, np.where(dazzled, Status.UNEVEN_LIGHT, Status.VALID)).astype(np.uint8)
+    return Edges(reason, np.where(unfit | dazzled, 0.0, variance))
 
 
 def _quantile(residual: Array, share: float, unknown: float) -> float:

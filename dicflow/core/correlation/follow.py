@@ -3,7 +3,8 @@
 First a coarse grid is correlated: points with a start, and from there outwards wave after wave of their neighbours
 (after Pan, Applied Optics 48, 2009, who takes points one by one; here the points of a wave are independent of each
 other, so that threads can share them). Then come grids of half the spacing, started in the same way; on each, points
-without a value are tried again from the points found around them.
+without a value are tried again from the points found around them. At last, points that do not move as their neighbours
+do, and lost ones, are searched for once more from where their neighbours predict them.
 """
 
 from __future__ import annotations
@@ -17,6 +18,7 @@ from numba import njit
 from scipy.spatial import cKDTree
 
 from dicflow.core.arrays import Array, Codes, Index, Iterations, Mask
+from dicflow.core.correlation.neighbours import disagreeing, predicted_by_neighbours
 from dicflow.core.correlation.subsets import Correlated, Subset, correlate
 from dicflow.core.correlation.template import Template
 from dicflow.core.correlation.warp import TERMS, recentred
@@ -25,12 +27,12 @@ from dicflow.core.parts import Parts, are_apart, single_part
 from dicflow.core.photographs.interpolate import Spline
 from dicflow.core.status import Status
 
-__all__ = ["Field", "correlate_field"]
+__all__ = ["Field", "correlate_field", "sigma_by_residual"]
 
 
 _STRIDES = (8, 4, 2, 1)
 """Spacings of the grids [points]."""
-_MAX_TRIES = 3
+_MAX_TRIES, _MAX_REPAIRS = 3, 3
 _MIN_RATIOS, _CONTRACTION_QUANTILE = 20, 0.95
 """Points that fix the contraction, and the quantile of theirs that it is."""
 _ZNSSD_OFFSET = 1e-3
@@ -55,6 +57,12 @@ class Field(NamedTuple):
     status: Codes
     covariance: Array
     texture: Array
+
+
+def sigma_by_residual(field: Field, at: tuple[Index, ...]) -> Array:
+    """Standard deviations (n,) of the places of points of a field by white noise as strong as their residual [px]."""
+    residual = np.maximum(field.znssd[at], 0.0) * field.texture[at][:, 0]
+    return np.asarray(np.sqrt(0.5 * residual * (field.covariance[at][:, 0] + field.covariance[at][:, 2])))
 
 
 def correlate_field(
@@ -92,6 +100,7 @@ def correlate_field(
     for stride in _STRIDES:
         search.fill(stride, starts)
         search.update_contraction()
+    search.repair()
     return search.field
 
 
@@ -153,6 +162,31 @@ class _FieldSearch:
         found = self._without_bad_fits(found)
         for name, kept in self.field._asdict().items():
             kept[rows, cols] = getattr(found, name)
+
+    def repair(self) -> None:
+        """Find lost points and outliers from what their neighbours predict, as long as that finds any."""
+        self.lose_outliers()
+        for _ in range(_MAX_REPAIRS):
+            status = self.field.status
+            inside = np.isfinite(self.grid[..., 0])
+            points = np.argwhere(inside & (status != Status.VALID) & ~np.isin(status, _FINAL_STATUSES))
+            predicted = predicted_by_neighbours(points, status, self.field.warp, self.grid, self.parts)
+            self.correlate_points(points, predicted.warp)
+            self.lose_outliers()
+            if not (self.field.status[tuple(points.T)] == Status.VALID).any():
+                break
+
+    def lose_outliers(self) -> None:
+        """Take their value from points that do not move as their neighbours do."""
+        field, at = self.field, np.nonzero(self.field.status == Status.VALID)
+        predicted = predicted_by_neighbours(
+            np.argwhere(field.status == Status.VALID), field.status, field.warp, self.grid, self.parts
+        )
+        rows, cols = (
+            index[disagreeing(field.warp[at][..., 0], sigma_by_residual(field, at), predicted)] for index in at
+        )
+        field.status[rows, cols] = Status.OUTLIER
+        field.warp[rows, cols], field.covariance[rows, cols] = np.nan, np.nan
 
     def update_contraction(self) -> None:
         """Estimate the contraction once, from the points so far, as soon as there are enough."""

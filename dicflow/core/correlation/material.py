@@ -15,7 +15,7 @@ import numpy as np
 
 from dicflow.core.arrays import Array, Grey, Mask
 from dicflow.core.correlation.chain import chained
-from dicflow.core.correlation.edges import usual_residual
+from dicflow.core.correlation.edges import AT_EDGES, usual_residual
 from dicflow.core.correlation.points import (
     MIN_POINTS_FOR_MOTION,
     VIA_REFERENCE_STEP,
@@ -162,7 +162,7 @@ def _shows_motion(photograph: ReferencePhotograph) -> bool:
 def _lost_points(found: FoundPoints, previous: ReferencePhotograph) -> Mask:
     """Points that have a value at the previous step, and may be found at this one with another reference photograph."""
     known = np.isfinite(previous.points).all(axis=-1)
-    return np.asarray(known & ~found.valid & ~np.isin(found.status, (Status.OUTSIDE, Status.MISFIT)), dtype=np.bool_)
+    return np.asarray(known & ~found.valid & ~np.isin(found.status, (Status.OUTSIDE, *AT_EDGES)), dtype=np.bool_)
 
 
 def _too_many_lost(found: FoundPoints, previous: ReferencePhotograph, updating: Updating) -> bool:
@@ -203,7 +203,7 @@ def _find_lost(
 
     Those with two motions in their subset stay lost: the errors of small steps would add up.
     """
-    size, missing = search.subset.size, ~(found.valid | (found.status == Status.MISFIT))[..., None]
+    size, missing = search.subset.size, ~(found.valid | np.isin(found.status, AT_EDGES))[..., None]
     usual = usual_residual(found.residual)
     reference_step = with_terms(reference_step, found.warp.shape[-1])
     part = cropped(reference_step._replace(points=np.where(missing, reference_step.points, np.nan)), size)

@@ -57,7 +57,8 @@ class _Look(NamedTuple):
     shear: float = 0.0
 
 
-_LOOKS = tuple(_Look(*both) for both in ((1, 0), (0.85, 0), (1.18, 0), (1, 0.25), (1, -0.25), (1, 0.5), (1, -0.5)))
+_LOOKS = (*(_Look(width) for width in (1.0, 0.85, 1.18)), *(_Look(shear=shear) for shear in (0.25, -0.25, 0.5, -0.5)))
+_LOOKS += (_Look(0.7), _Look(1.4))
 """Looks that are tried in turn while too few points have a partner."""
 
 

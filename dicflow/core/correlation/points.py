@@ -10,6 +10,7 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from dicflow.core.arrays import Array, Codes, Iterations, Mask
+from dicflow.core.correlation.warp import warp_from_gradient
 from dicflow.core.matching.pairs import local_motion
 from dicflow.core.parts import Parts, sees
 from dicflow.core.photographs.exposure import Photograph
@@ -23,6 +24,7 @@ __all__ = [
     "VIA_REFERENCE_STEP",
     "FoundPoints",
     "ReferencePhotograph",
+    "carried_motion",
     "carried_outline",
     "carried_points",
     "cropped",
@@ -132,10 +134,15 @@ def carried_points(found: FoundPoints, grid: Array, points: Array) -> Array:
     grid : (rows, cols, 2) — the material points in the first photograph; NaN for those that do not count
     Returns NaN with too few valid material points.
     """
+    return carried_motion(found, grid, points)[..., 0]
+
+
+def carried_motion(found: FoundPoints, grid: Array, points: Array) -> Array:
+    """Affine warps (n, 2, 3) of points (n, 2) of the first photograph, as :func:`carried_points`."""
     valid = found.valid & np.isfinite(grid).all(axis=-1)
     if valid.sum() < MIN_POINTS_FOR_MOTION or len(points) == 0:
-        return np.full(points.shape, np.nan)
-    return local_motion(grid[valid], found.warp[valid][..., 0], points).position
+        return np.full((*points.shape, 3), np.nan)
+    return warp_from_gradient(*local_motion(grid[valid], found.warp[valid][..., 0], points))
 
 
 def carried_outline(

@@ -8,9 +8,11 @@ import cv2
 import numpy as np
 
 from dicflow.core.arrays import Array, Grey, Image, Mask
+from dicflow.core.correlation.blur import Damping, equally_sharp
 from dicflow.core.correlation.chain import chained, uncancelled_noise
 from dicflow.core.correlation.edges import find_edges, residual_variance, usual_residual
 from dicflow.core.correlation.follow import Field, correlate_field
+from dicflow.core.correlation.jumps import find_jumps
 from dicflow.core.correlation.misfit import misfit_covariance
 from dicflow.core.correlation.points import (
     DIRECT,
@@ -22,15 +24,15 @@ from dicflow.core.correlation.points import (
 from dicflow.core.correlation.subsets import Subset, describe
 from dicflow.core.correlation.template import Template, template
 from dicflow.core.correlation.warp import gradient, identity, warp_from_gradient
-from dicflow.core.parts import Parts
+from dicflow.core.parts import Parts, single_part
 from dicflow.core.photographs.exposure import Photograph
-from dicflow.core.photographs.footprint import blurred, missing_blurs
 from dicflow.core.photographs.interpolate import Spline, spline
 from dicflow.core.photographs.noise import interpolated_noise_ratio
 from dicflow.core.status import Status
 from dicflow.core.tensors import congruent, inverse
 
 __all__ = [
+    "UNEXPLAINED",
     "CorrelatedField",
     "Search",
     "correlate_points",
@@ -40,6 +42,12 @@ __all__ = [
     "points_in_first_photograph",
     "target_spline",
 ]
+
+
+UNEXPLAINED = (Status.UNTRACKED, Status.NOT_CONVERGED, Status.LOW_CORRELATION)
+"""Codes of lost points for which the search knows no reason."""
+_STRONG_BLUR_PX2 = 1.0
+"""Variance of the blur of one photograph against the other from which it is the reason [px²]."""
 
 
 class Search(NamedTuple):
@@ -55,6 +63,7 @@ class Search(NamedTuple):
     counts_misfit : whether residuals beyond the noise add to the covariance
     parts : of the grid; None for a single one
     reach_px : longest motion from a step to the next; half the period of a pattern that repeats itself
+    jumps : (rows, cols) bool — points at which the motion jumps in another photograph; None without any
     """
 
     subset: Subset
@@ -67,6 +76,7 @@ class Search(NamedTuple):
     counts_misfit: bool = False
     parts: Parts | None = None
     reach_px: float = np.inf
+    jumps: Mask | None = None
 
 
 def first_photograph(image: Photograph, region: Mask, grid: Array, search: Search) -> ReferencePhotograph:
@@ -112,12 +122,14 @@ class CorrelatedField(NamedTuple):
     template, target : the photographs, equally sharp
     centres : (rows, cols, 2) — of the subsets, whole pixels of the reference photograph
     field : with warps of the subsets from the reference photograph
+    damping : of the noise of both, by a blur that made them equally sharp
     """
 
     template: Template
     target: Spline
     centres: Array
     field: Field
+    damping: Damping = Damping()
 
 
 def find_points(
@@ -141,20 +153,26 @@ def correlate_points(reference: ReferencePhotograph, target: Spline, starts: Arr
 
     starts : (rows, cols, 2, 3) — from the first photograph to the target
     """
-    slope = _motion_gradients(reference, starts)
-    pair = _match_blur(reference, target, slope, search)
-    centres = np.rint(reference.points)
+    slope, centres = _motion_gradients(reference, starts), np.rint(reference.points)
     place = starts[..., 0] + np.einsum("...ij,...j->...i", slope, centres - reference.points)
+    warps, places = warp_from_gradient(place, slope), centres - reference.origin
+    known = np.isfinite(warps).all(axis=(-2, -1)) & np.isfinite(places).all(axis=-1)
+    image = _smoothed(reference.image.grey, search)
+    image, target, damping = equally_sharp(
+        image, reference.region, target, places[known], warps[known], search.smoothing_px
+    )
+    sharp = spline(image, search.degree, reference.image.measured)
+    pair = template(sharp, reference.region, search.threads), target
     field = correlate_field(
         *pair,
-        centres - reference.origin,
-        warp_from_gradient(place, slope),
+        places,
+        warps,
         search.subset,
         max_znssd=search.max_znssd,
         threads=search.threads,
         parts=search.parts,
     )
-    return CorrelatedField(*pair, centres, field)
+    return CorrelatedField(*pair, centres, field, damping)
 
 
 def judge(
@@ -169,45 +187,56 @@ def judge(
     route : VIA_REFERENCE_STEP counts the noise of the reference photograph too
     usual : variance of the residual in a larger field of the same target; infinite if unknown [grey levels²]
 
-    Points at edges are lost with the status MISFIT.
+    Points at edges are lost with the status that says why: MISFIT, UNEVEN_LIGHT or DISCONTINUITY.
     """
-    pair, centres = (correlation.template, correlation.target), correlation.centres
-    field, edge_variance = _without_edges(correlation.field, pair, centres - reference.origin, search, usual)
+    pair, centres, damping = (correlation.template, correlation.target), correlation.centres, correlation.damping
+    field, edge_variance = _without_edges(correlation, centres - reference.origin, search, usual)
     noise = 0.5 * search.noise**2 * field.covariance
     slope = gradient(field.warp, reference.points - centres)
     inherited = congruent(slope, reference.inherited_covariance)
     if route == VIA_REFERENCE_STEP:
         remaining = uncancelled_noise(reference.slope, field.warp.shape[-1], search.degree)
-        inherited = inherited + remaining[..., None] * noise
-    target_noise = search.target_noise_ratio**2 * interpolated_noise_ratio(slope, search.degree)
-    covariance = inherited + target_noise[..., None] * noise
+        inherited = inherited + (damping.template * remaining)[..., None] * noise
+    ratio = damping.target * search.target_noise_ratio**2
+    target_noise = ratio * interpolated_noise_ratio(slope, search.degree)
+    covariance = inherited + (target_noise + damping.excess)[..., None] * noise
     if search.counts_misfit:
-        unit, variance = 0.5 * congruent(inverse(slope), field.covariance), search.noise**2 * (1.0 + target_noise)
+        unit, variance = (
+            0.5 * congruent(inverse(slope), field.covariance),
+            search.noise**2 * (damping.template + target_noise),
+        )
         common = np.where((edge_variance > 0.0)[..., None, None], np.nan, field.warp)
         places = centres - reference.origin
         misfit = misfit_covariance(*pair, places, common, search.subset, unit, variance, search.threads)
         covariance = covariance + congruent(slope, misfit + edge_variance[..., None] * np.array([1.0, 0.0, 1.0]))
     warp = chained(reference.warp, field.warp, centres)
     routes = np.where(field.status == Status.VALID, route, 0).astype(np.uint8)
-    by_template = congruent(inverse(warp[..., 1:3]), noise)
+    by_template = congruent(inverse(warp[..., 1:3]), damping.template * noise)
     fit = field.znssd, field.iterations, field.status
     return FoundPoints(warp, *fit, covariance, routes, by_template, inherited, slope, residual_variance(field))
 
 
-def _without_edges(
-    field: Field, pair: tuple[Template, Spline], centres: Array, search: Search, usual: float
-) -> tuple[Field, Array]:
-    """The field without subsets at edges, and the further variance (rows, cols) of those near them [px²]."""
+def _without_edges(correlation: CorrelatedField, places: Array, search: Search, usual: float) -> tuple[Field, Array]:
+    """The field without subsets at edges, and the further variance (rows, cols) of those near them [px²].
+
+    places : (rows, cols, 2) — of the subsets in the template
+    """
+    field, pair = correlation.field, (correlation.template, correlation.target)
     noise_variance = search.noise**2 * (1.0 + search.target_noise_ratio**2)
     usual = min(usual, usual_residual(residual_variance(field)))
     usual = max(usual, noise_variance) if np.isfinite(usual) else noise_variance
-    lost, variance = find_edges(*pair, centres, field, search.subset, usual)
-    status = np.where(lost, np.uint8(Status.MISFIT), field.status)
+    edges = find_edges(*pair, places, field, search.subset, usual)
+    parts = single_part(places) if search.parts is None else search.parts
+    edges = find_jumps(edges, places, field, parts, search.subset, search.jumps)
+    lost = edges.reason != Status.VALID
+    status = np.where(lost, edges.reason, field.status)
+    if correlation.damping.blur >= _STRONG_BLUR_PX2:
+        status[np.isin(status, UNEXPLAINED)] = Status.BLURRED
     warp, place = (
         np.where(lost.reshape(lost.shape + (1,) * (values.ndim - 2)), np.nan, values)
         for values in (field.warp, field.covariance)
     )
-    return field._replace(status=status, warp=warp, covariance=place), variance
+    return field._replace(status=status, warp=warp, covariance=place), edges.variance
 
 
 def _smoothed(image: Grey, search: Search) -> Image:
@@ -215,26 +244,6 @@ def _smoothed(image: Grey, search: Search) -> Image:
     if search.smoothing_px > 0.0:
         grey = np.asarray(cv2.GaussianBlur(grey, (0, 0), search.smoothing_px), dtype=np.float32)
     return grey
-
-
-def _match_blur(
-    reference: ReferencePhotograph, target: Spline, slope: Array, search: Search
-) -> tuple[Template, Spline]:
-    """The template and the target, one of them blurred so that both show the material equally sharp on average.
-
-    slope : (rows, cols, 2, 2) — gradients of the motion from one to the other
-    """
-    image, known = _smoothed(reference.image.grey, search), slope[np.isfinite(slope).all(axis=(-2, -1))]
-    if len(known):
-        blurs = missing_blurs(np.median(known, axis=0), search.smoothing_px)
-        image = blurred(image, blurs.template)
-        target = (
-            target
-            if blurs.target is None
-            else spline(blurred(target.image, blurs.target), search.degree, target.measured)
-        )
-    sharp = spline(image, search.degree, reference.image.measured)
-    return template(sharp, reference.region, search.threads), target
 
 
 def _motion_gradients(reference: ReferencePhotograph, starts: Array) -> Array:

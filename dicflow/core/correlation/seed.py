@@ -2,32 +2,29 @@
 
 Each connected part of the grid is treated alone. Sources of its motion are tried in turn, and the first that the grey
 levels confirm is taken: feature matches of an earlier stage; no motion; cross-correlation of the part as a whole;
-cross-correlation of many windows; features with an orientation of their own, detected here. Moving least squares
-interpolate the motion, and its gradient, from scattered places to the grid.
+cross-correlation of many windows; features detected here, one way after another. Moving least squares interpolate the
+motion, and its gradient, from scattered places to the grid.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
-from functools import partial
-from typing import NamedTuple
+from collections.abc import Iterable, Iterator
+from itertools import islice
 
 import cv2
 import numpy as np
 from scipy.spatial import cKDTree
 
 from dicflow.core.arrays import Array, Grey, Index, Mask
+from dicflow.core.correlation.feature_pairs import MIN_PAIRS, FeatureSearch, Pairs, feature_pairs
 from dicflow.core.correlation.warp import apply_warp, identity, recentred, warp_from_gradient
-from dicflow.core.matching.features import detect
 from dicflow.core.matching.fft_search import fft_matches
-from dicflow.core.matching.pairs import agreeing_matches, guided_matches, local_motion, match_features
+from dicflow.core.matching.pairs import agreeing_matches, local_motion
 from dicflow.core.parts import Parts, islands
 
-__all__ = ["Pairs", "epipolar_pairs", "feature_pairs", "seed_warps", "window_correlation"]
+__all__ = ["Pairs", "epipolar_pairs", "feature_pairs", "seed_warps", "window_correlation", "window_correlations"]
 
 
-MIN_PAIRS = 6
-"""With fewer pairs, the motion is unknown."""
 CELL_PX = 12.0
 """Side of the cells of which each keeps one pair: close pairs give noisy gradients [px]."""
 MAX_REACH = 2.0
@@ -40,17 +37,10 @@ BLUR_PX = 1.5
 """Smoothing before the comparison, so that a start a pixel or two away still correlates [px]."""
 ACCEPTED_CORRELATION, MIN_CORRELATION = 0.6, 0.3
 """Median correlation of those windows at which no further source is tried, and the least for any."""
+MIN_SEARCHED_SHARE = 0.1
+"""Share of the points that a part needs for more ways of finding features than one: they search whole photographs."""
 MAX_EPIPOLAR_PX, MIN_EPIPOLAR_SHARE, MIN_EPIPOLAR_PAIRS = 3.0, 0.6, 30
 """Distance of a pair from the epipolar lines that most share, least share of such pairs, and their least number."""
-FEATURE_BORDER_PX = 64
-"""Border around the points in which features are detected too [px]."""
-
-
-class Pairs(NamedTuple):
-    """Places in a reference photograph and in a target that show the same, (n, 2) each [px]."""
-
-    source: Array
-    target: Array
 
 
 def seed_warps(
@@ -75,7 +65,7 @@ def seed_warps(
     """
     warps = np.full((*points.shape, 3), np.nan)
     numbered = islands(np.asarray(np.isfinite(points).all(axis=-1)), parts)
-    features = _Lazy(partial(feature_pairs, reference, target, points))
+    features = FeatureSearch(reference, target, points) if numbered.any() else ()
     images = np.asarray(reference, dtype=np.float32), np.asarray(target, dtype=np.float32)
     blurred = cv2.GaussianBlur(images[0], (0, 0), BLUR_PX), cv2.GaussianBlur(images[1], (0, 0), BLUR_PX)
     for island in range(1, numbered.max(initial=0) + 1):
@@ -96,26 +86,13 @@ def seed_warps(
     return warps
 
 
-class _Lazy:
-    """Pairs that are computed once, when first needed."""
-
-    def __init__(self, compute: Callable[[], Pairs]) -> None:
-        self._compute = compute
-        self._pairs: Pairs | None = None
-
-    def __call__(self) -> Pairs:
-        if self._pairs is None:
-            self._pairs = self._compute()
-        return self._pairs
-
-
 def _candidate_warps(
     reference: Grey,
     target: Grey,
     points: Array,
     in_part: Mask,
     matches: Pairs | None,
-    features: Callable[[], Pairs],
+    features: Iterable[Pairs],
     origin: tuple[int, int],
 ) -> Iterator[Array]:
     """Warps (n, 2, 3) of the points of one part, from one source after the other."""
@@ -126,7 +103,9 @@ def _candidate_warps(
     footprint = _footprint(points, in_part, reference.shape)
     yield _warps_from_pairs(Pairs(*fft_matches(reference, target, footprint)), centres)
     yield _warps_from_pairs(Pairs(*fft_matches(reference, target, footprint, separate_windows=True)), centres)
-    yield _warps_from_pairs(_pairs_of_part(features(), points, in_part), centres)
+    thorough = in_part.sum() >= MIN_SEARCHED_SHARE * np.isfinite(points[..., 0]).sum()
+    for found in features if thorough else islice(features, 1):
+        yield _warps_from_pairs(_pairs_of_part(found, points, in_part), centres)
 
 
 def _square(image: Grey, centre: tuple[int, int], half: int) -> Grey | None:
@@ -169,21 +148,32 @@ def window_correlation(reference: Grey, target: Grey, centres: Array, warps: Arr
     chosen = known[np.linspace(0, len(known) - 1, min(SAMPLED_POINTS, len(known))).astype(int)]
     if len(chosen) == 0:
         return -1.0
+    found = window_correlations(reference, target, centres[chosen], warps[chosen])
+    seen = np.isfinite(found)
+    return float(np.median(found[seen])) if seen.mean() >= 0.1 else -1.0
+
+
+def window_correlations(reference: Grey, target: Grey, centres: Array, warps: Array) -> Array:
+    """Correlations (n,), −1 … 1, of small windows around points with those where warps put them.
+
+    centres : (n, 2) [px]; warps : (n, 2, 3)
+    NaN for windows of which less than half lies in both images.
+    """
     side = np.arange(-HALF_WINDOW_PX, HALF_WINDOW_PX + 1.0)
     offsets = np.stack(np.meshgrid(side, side), axis=-1).reshape(-1, 2)
-    at = apply_warp(warps[chosen][:, None], offsets)
-    f, g = _grey_at(reference, centres[chosen][:, None] + offsets), _grey_at(target, at)
+    at = apply_warp(warps[:, None], offsets)
+    f, g = _grey_at(reference, centres[:, None] + offsets), _grey_at(target, at)
     seen = np.isfinite(f) & np.isfinite(g)
-    enough = seen.mean(axis=1) >= 0.5
-    if enough.mean() < 0.1:
-        return -1.0
-    return float(np.median(_correlation(f[enough], g[enough], seen[enough])))
+    return np.where(seen.mean(axis=1) >= 0.5, _correlation(f, g, seen), np.nan)
 
 
 def _correlation(f: Array, g: Array, seen: Mask) -> Array:
     """Zero-mean normalised cross-correlation of rows over the pixels seen in both; 0 for a flat row."""
     count = seen.sum(axis=1, keepdims=True)
-    f, g = (np.where(seen, v - np.where(seen, v, 0.0).sum(axis=1, keepdims=True) / count, 0.0) for v in (f, g))
+    f, g = (
+        np.where(seen, v - np.where(seen, v, 0.0).sum(axis=1, keepdims=True) / np.maximum(count, 1), 0.0)
+        for v in (f, g)
+    )
     size = np.sqrt((f * f).sum(axis=1) * (g * g).sum(axis=1))
     return np.asarray((f * g).sum(axis=1) / np.where(size > 0.0, size, 1.0))
 
@@ -250,28 +240,6 @@ def _footprint(points: Array, in_part: Mask, shape: tuple[int, ...]) -> Mask:
     inside = (x >= 0) & (x < shape[1]) & (y >= 0) & (y < shape[0])
     covered[y[inside], x[inside]] = 1
     return np.asarray(cv2.dilate(covered, np.ones((2 * spacing + 1,) * 2, dtype=np.uint8)) > 0)
-
-
-def feature_pairs(reference: Grey, target: Grey, points: Array) -> Pairs:
-    """Matches of features with orientations of their own around points (i, j, 2), with false ones among them.
-
-    SIFT: Lowe, Int. J. Computer Vision 60, 2004.
-    """
-    known = points[np.isfinite(points).all(axis=-1)]
-    low, high = known.min(axis=0) - FEATURE_BORDER_PX, known.max(axis=0) + FEATURE_BORDER_PX
-    corner, end = np.maximum(low, 0).astype(int), np.minimum(high, reference.shape[::-1]).astype(int)
-    if (end <= corner).any():
-        return Pairs(np.zeros((0, 2)), np.zeros((0, 2)))
-    box = int(corner[0]), int(corner[1]), int(end[0]), int(end[1])
-    before, after = detect(reference, "SIFT", box=box, upright=False), detect(target, "SIFT", upright=False)
-    found = match_features(before, after)
-    source, moved = before.xy[found[:, 0]].astype(float), after.xy[found[:, 1]].astype(float)
-    keep = agreeing_matches(source, moved)
-    if keep.sum() >= MIN_PAIRS:
-        predicted = local_motion(source[keep], moved[keep], before.xy.astype(float)).position
-        found = guided_matches(before, after, predicted)
-        source, moved = before.xy[found[:, 0]].astype(float), after.xy[found[:, 1]].astype(float)
-    return Pairs(source, moved)
 
 
 def epipolar_pairs(left: Grey, right: Grey, points: Array) -> Pairs:

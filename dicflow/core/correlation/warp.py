@@ -11,10 +11,21 @@ from typing import Literal
 
 import numpy as np
 import numpy.typing as npt
+from numba import njit
 
 from dicflow.core.arrays import Array
+from dicflow.core.kernels import INNER
 
-__all__ = ["TERMS", "ShapeFunction", "apply_warp", "gradient", "identity", "recentred", "warp_from_gradient"]
+__all__ = [
+    "TERMS",
+    "ShapeFunction",
+    "apply_warp",
+    "gradient",
+    "identity",
+    "recentred",
+    "set_recentred",
+    "warp_from_gradient",
+]
 
 ShapeFunction = Literal["affine", "quadratic"]
 
@@ -67,3 +78,18 @@ def recentred(warp: Array, offset: npt.ArrayLike) -> Array:
     result = np.broadcast_to(warp, (*place.shape, warp.shape[-1])).copy()
     result[..., 0], result[..., 1:3] = place, gradient(warp, offset)
     return result
+
+
+@njit(**INNER)
+def set_recentred(warp: Array, x: float, y: float, values: Array, n: int) -> None:
+    """Set column n of ``values`` (2 m, …) to the coefficients (2, m) of a warp, taken about (x, y) from its centre."""
+    terms = warp.shape[1]
+    for axis in range(2):
+        c, first = warp[axis], axis * terms
+        place, by_x, by_y = c[0] + c[1] * x + c[2] * y, c[1], c[2]
+        if terms == 6:
+            place += c[3] * x * x + c[4] * x * y + c[5] * y * y
+            by_x, by_y = by_x + 2.0 * c[3] * x + c[4] * y, by_y + c[4] * x + 2.0 * c[5] * y
+            for m in range(3, 6):
+                values[first + m, n] = c[m]
+        values[first, n], values[first + 1, n], values[first + 2, n] = place, by_x, by_y

@@ -15,14 +15,15 @@ import numpy as np
 
 from dicflow.core.arrays import Array, Image
 
-__all__ = ["Blurs", "blurred", "missing_blurs"]
+__all__ = ["Blurs", "blurred", "missing_blurs", "white_noise_share"]
 
 
 NEGLIGIBLE_VARIANCE_PX2 = 0.02
 """Variance below which a blur is not applied: that of a stretch by a tenth."""
 _MAX_STRETCH = 5.0
 """Larger stretches are treated as this one, so that the kernel is large enough for the blur."""
-_KERNEL_RADIUS_PX = 6
+_KERNEL_RADIUS_PX, _KERNEL_SIGMAS = 6, 4.0
+"""Least radius of a kernel, and in standard deviations of a large blur."""
 _PIXEL_VARIANCE_PX2 = 1.0 / 12.0
 
 
@@ -56,8 +57,18 @@ def blurred(image: Image, covariance: Array | None) -> Image:
     """An image after a Gaussian filter of a covariance (2, 2) [px²], exact below the Nyquist frequency."""
     if covariance is None:
         return image
-    frequency = np.fft.fftfreq(2 * _KERNEL_RADIUS_PX + 1)
+    kernel = _kernel(covariance)
+    return np.asarray(cv2.filter2D(image, -1, kernel, borderType=cv2.BORDER_REFLECT_101), dtype=np.float32)
+
+
+def white_noise_share(covariance: Array) -> float:
+    """Variance of white noise after a Gaussian filter of a covariance (2, 2) [px²], over that before."""
+    return float((_kernel(covariance) ** 2).sum())
+
+
+def _kernel(covariance: Array) -> Array:
+    largest = float(np.sqrt(np.linalg.eigvalsh(covariance)[-1]))
+    frequency = np.fft.fftfreq(2 * max(_KERNEL_RADIUS_PX, int(np.ceil(_KERNEL_SIGMAS * largest))) + 1)
     pairs = np.stack(np.meshgrid(frequency, frequency), axis=-1)
     transfer = np.exp(-2.0 * np.pi**2 * np.einsum("ijk,kl,ijl->ij", pairs, covariance, pairs))
-    kernel = np.fft.fftshift(np.fft.ifft2(transfer).real)
-    return np.asarray(cv2.filter2D(image, -1, kernel, borderType=cv2.BORDER_REFLECT_101), dtype=np.float32)
+    return np.asarray(np.fft.fftshift(np.fft.ifft2(transfer).real))

@@ -15,6 +15,7 @@ __all__ = [
     "Noise",
     "image_noise",
     "interpolated_noise_ratio",
+    "interpolated_variance",
     "noise_from_pair",
     "noise_of_first_photograph",
     "pair_noise",
@@ -138,6 +139,11 @@ def residual_noise(variance: Array, degree: int) -> float:
     the light add to it, so this is an upper bound.
     """
     return float(np.sqrt(np.median(variance) / (1.0 + _INTERPOLATED_VARIANCE[degree]))) if len(variance) else np.nan
+
+
+def interpolated_variance(degree: int) -> float:
+    """Mean variance of white noise after interpolation with a spline of degree 3 or 5, over that before."""
+    return _INTERPOLATED_VARIANCE[degree]
 
 
 def interpolated_noise_ratio(slope: Array, degree: int) -> Array:

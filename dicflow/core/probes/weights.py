@@ -23,9 +23,11 @@ __all__ = [
     "Extension",
     "Probe",
     "area_probe",
+    "bias_of",
     "complete_mean",
     "difference",
     "extension",
+    "extension_bias",
     "length_slopes",
     "mean_probe",
     "point_probe",
@@ -159,6 +161,11 @@ def sigma_of(probe: Probe, sigma: NDArray[np.floating], correlation: ErrorCorrel
     return float(np.sqrt(max(float(scaled @ rho @ scaled), 0.0)))
 
 
+def bias_of(probe: Probe, bias: NDArray[np.floating]) -> float:
+    """Standard deviation of the bias of a probe's value, from that of its points (row, col), which they share."""
+    return float(np.abs(probe.weights) @ bias[probe.rows, probe.cols])
+
+
 def _sigma_of_many(probe: Probe, scaled: Array, correlation: ErrorCorrelation) -> float:
     """The same, summed over distances instead of pairs: ρ times the autocorrelation of weight times σ."""
     row, col = probe.rows - probe.rows.min(), probe.cols - probe.cols.min()
@@ -223,6 +230,17 @@ def extension(
     values = (first, length, length - first, length / first - 1.0)
     sigmas = (sigma_of(between, sigma_along(covariance, slope), correlation) for slope in length_slopes(after, before))
     return Extension(*zip(values, sigmas, strict=True))
+
+
+def extension_bias(ends: tuple[Probe, Probe], deformed: Array, reference: Array, bias: Array) -> list[float]:
+    """Standard deviations of the bias of an :class:`Extension`'s values by that of the displacements of both ends.
+
+    bias : (row, col, 3) — of U, V and W [mm]; that of one end is independent of the other's
+    """
+    between = difference(*ends)
+    slopes = length_slopes(value_of(between, deformed), value_of(between, reference))[:, :3]
+    squares = sum(np.square([bias_of(end, bias[..., axis]) for axis in range(3)]) for end in ends)
+    return [float(value) for value in np.sqrt(slopes**2 @ squares)]
 
 
 def length_slopes(after: Array, before: Array) -> Array:

@@ -1,9 +1,10 @@
 """The polynomials of each point's strain, chosen by the data.
 
-A polynomial of too low a degree has a bias, one of too high a degree much noise. At each point the first fit is chosen
-whose bias (:mod:`dicflow.core.strain.remaining_bias`) is small beside its noise: of degree 1, 2 and 3 in the window,
-and of degree 3 in a smaller one. In a whole window the slopes of degree 2 are those of degree 1; at rims they are not.
-If no bias is small, the highest degree is chosen, in the window with the smaller sum of both variances.
+A polynomial of too low a degree has a bias b (:mod:`dicflow.core.strain.remaining_bias`), one of too high a degree much
+noise σ. Candidates are those of degree 1, 2 and 3 in the window, and of degree 3 in a smaller one. The first counts
+whose bias is at most σ / 4 in each component of the gradient; without one, that with the least sum of σ² + (4 b)². So
+a bias is removed if the variance grows by less than sixteen times its square. In a whole window the slopes of degree 2
+are those of degree 1; at rims they are not.
 """
 
 from __future__ import annotations
@@ -13,7 +14,7 @@ from typing import Literal, NamedTuple
 
 import numpy as np
 
-from dicflow.core.arrays import Array, Codes, Mask
+from dicflow.core.arrays import Array, Codes, Index
 from dicflow.core.strain.deformation_gradient import MeasuredSurface, SurfaceGradient
 from dicflow.core.strain.remaining_bias import CUBIC, WindowFit, relative_bias
 from dicflow.core.strain.window_fits import places_of, terms_of_degree
@@ -21,8 +22,8 @@ from dicflow.core.strain.window_fits import places_of, terms_of_degree
 __all__ = ["ChosenGradient", "candidate_fits", "chosen_gradient"]
 
 
-_MAX_BIAS = 1.0 / 3.0
-"""Bias of a component of the gradient that a fit may have [its σ]."""
+_WEIGHT = 16.0
+"""Of the square of a bias beside σ²: neighbours share a bias, and it may be larger than its estimate."""
 _SMALLER = 0.7
 """Side of the smaller window in sides of the window."""
 
@@ -39,11 +40,6 @@ class ChosenGradient(NamedTuple):
     bias: Array
     degree: Codes
 
-    @property
-    def known(self) -> Mask:
-        """(row, col) — the points with a gradient."""
-        return self.degree > 0
-
 
 def candidate_fits(window: tuple[int, int], degree: int | Literal["auto"]) -> list[WindowFit]:
     """The fits among which is chosen, those of less noise first; a single one for a degree that is given."""
@@ -55,19 +51,15 @@ def candidate_fits(window: tuple[int, int], degree: int | Literal["auto"]) -> li
 
 
 def chosen_gradient(surface: MeasuredSurface, fits: Sequence[WindowFit]) -> ChosenGradient:
-    """Deformation gradients by the first fit at each point whose bias is small beside its noise."""
-    chosen = _unknown(surface.known.shape)
-    left, biased = surface.known, []
+    """Deformation gradients by the first fit at each point whose bias is small beside its noise, or by the best one."""
+    chosen, least = _unknown(surface.known.shape), np.full(surface.known.shape, np.inf)
+    left = surface.known
     for fit in fits:
-        relative = relative_bias(surface, fit, left)
-        small = np.diagonal(relative, axis1=-2, axis2=-1).max(axis=-1) <= _MAX_BIAS**2
-        _take(chosen, surface, fit, relative, left & small)
-        biased.append((fit, relative))
-        left = left & ~chosen.known
         if not left.any():
-            return chosen
-    for fit, relative in reversed(biased):
-        _take(chosen, surface, fit, relative, left)
+            break
+        relative = relative_bias(surface, fit, left)
+        _take_better(chosen, least, surface, fit, relative, places_of(left))
+        left = left & (_WEIGHT * np.diagonal(relative, axis1=-2, axis2=-1).max(axis=-1) > 1.0)
     return chosen
 
 
@@ -78,22 +70,17 @@ def _unknown(shape: tuple[int, ...]) -> ChosenGradient:
     return ChosenGradient(SurfaceGradient(*surface), bias, np.zeros(shape, dtype=np.uint8))
 
 
-def _take(chosen: ChosenGradient, surface: MeasuredSurface, fit: WindowFit, relative: Array, wanted: Mask) -> None:
-    """Set the gradients of some points by a fit, where it is known and better than one of at least its degree."""
-    at = places_of(wanted)
-    if len(at) == 0:
-        return
+def _take_better(
+    chosen: ChosenGradient, least: Array, surface: MeasuredSurface, fit: WindowFit, relative: Array, at: Index
+) -> None:
+    """Set the gradients at rows and columns (n, 2) where a fit is better than those before. least : their sums"""
     found = surface.gradient(at, *fit)
     sigma = np.sqrt(np.diagonal(found.covariance, axis1=-2, axis2=-1))
-    rows, cols = at.T
-    bias = relative[rows, cols] * sigma[:, :, None] * sigma[:, None]
-    before = chosen.surface.covariance[rows, cols] + chosen.bias[rows, cols]
-    better = _trace(found.covariance + bias) < np.nan_to_num(_trace(before), nan=np.inf)
-    taken = np.isfinite(_trace(bias)) & (chosen.degree[rows, cols] <= fit.degree) & better
+    bias = relative[at[:, 0], at[:, 1]] * sigma[:, :, None] * sigma[:, None]
+    total = np.trace(found.covariance + _WEIGHT * bias, axis1=-2, axis2=-1)
+    better = total < least[at[:, 0], at[:, 1]]
+    rows, cols = at[better].T
+    least[rows, cols] = total[better]
     for field, values in zip((*chosen.surface, chosen.bias), (*found, bias), strict=True):
-        field[rows[taken], cols[taken]] = values[taken]
-    chosen.degree[rows[taken], cols[taken]] = fit.degree
-
-
-def _trace(matrices: Array) -> Array:
-    return np.asarray(np.trace(matrices, axis1=-2, axis2=-1))
+        field[rows, cols] = values[better]
+    chosen.degree[rows, cols] = fit.degree

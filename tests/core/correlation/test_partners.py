@@ -3,6 +3,10 @@ import pytest
 from stereo_scene import REGION, REST, RIG, State, clean, material, photographs, right_truth
 
 from dicflow.core.correlation.partners import MIN_PARTNERS, Partners, find_partners, right_of_left, starting_warps
+from tests import scenes_in_space
+from tests.scenes_in_space import cameras
+from tests.scenes_in_space.rendering import photographs as photographs_of_scene
+from tests.scenes_in_space.specimen import bounds
 
 pytestmark = pytest.mark.slow
 
@@ -36,6 +40,21 @@ def test_partners_are_right_to_a_pixel_and_their_map_is_smoother(state):
     assert np.median(np.linalg.norm(position - truth, axis=1)) < 0.5
     ahead, back = (right_truth(material(inner + np.array([sign, 0.0]), state), state) for sign in (1.0, -1.0))
     assert np.abs(slope[:, :, 0] - (ahead - back) / 2.0).max() < 0.06
+
+
+@pytest.mark.parametrize("turn_deg", [-45.0, 45.0])
+@pytest.mark.parametrize("axis", ["tilt", "nod"])
+def test_partners_of_a_plate_turned_far_about_either_axis(axis, turn_deg):
+    """Seen from 57.5° by one camera, it is 1.57 times as wide to the other one."""
+    selected = scenes_in_space.scene(axis)
+    plate = selected.parts[0]._replace(bounds=bounds(12.0, 9.0))
+    left, right = photographs_of_scene(selected._replace(loads=(turn_deg,), parts=(plate,)), 0)
+    material = np.stack(np.meshgrid(np.linspace(-9.0, 9.0, 12), np.linspace(-6.0, 6.0, 9)), axis=-1).reshape(-1, 2)
+    seen, partners = (cameras.project(view, plate.place(material, turn_deg)) for view in (cameras.LEFT, cameras.RIGHT))
+    found = find_partners(cameras.RIG, left, right, seen)
+    assert len(found.left) > 0.8 * len(seen)
+    nearest = np.linalg.norm(found.left[:, None] - seen, axis=2).argmin(axis=1)
+    assert np.median(np.linalg.norm(found.right - partners[nearest], axis=1)) < 0.7
 
 
 def test_points_outside_the_right_photograph_have_no_partner():

@@ -65,6 +65,28 @@ def test_starts_without_matches(transform):
     check(seed_warps(pair.reference, pair.deformed, points), transform, points)
 
 
+@pytest.mark.parametrize(
+    "transform",
+    [
+        about_middle(np.diag([0.8, 1.6])),
+        about_middle(np.diag([0.75, 1.8])),
+        turned(20.0) @ about_middle(np.diag([0.8, 1.6])),
+        turned(20.0) @ about_middle([[1.2, 0.4], [0.4, 1.2]]),
+    ],
+    ids=["60 %", "80 %", "60 % and a turn", "60 % along a diagonal, and a turn"],
+)
+def test_starts_of_one_large_step_without_matches(transform):
+    """Subsets of 31 px find their place from such starts."""
+    pair = planar_pair((340, 340), transform, noise=2.0)
+    points = grid_with_a_hole()
+    inside = apply_transform(transform, points.reshape(-1, 2)).reshape(points.shape)
+    points[(np.abs(inside - MIDDLE) > 165.0).any(axis=-1)] = np.nan
+    found = seed_warps(pair.reference, pair.deformed, points)
+    error = np.abs(found - truth(transform, points))[np.isfinite(points).all(axis=-1)]
+    assert np.quantile(error[..., 0], 0.95) < 1.5
+    assert np.quantile(error[..., 1:], 0.95) < 0.1
+
+
 def test_half_of_the_matches_may_be_false():
     transform = translation((40.0, 10.0)) @ about_middle([[1.1, 0.05], [-0.05, 0.95]])
     pair = planar_pair((340, 340), transform, noise=2.0)

@@ -1,0 +1,127 @@
+"""Template and target made equally sharp before their subsets are compared.
+
+A stretch changes how much of the material a pixel covers, which follows from the motion. Focus, depth of field and
+motion during the exposure change too, which the spectra of both photographs tell. The sharper one is blurred: without
+that, its edges pull the subsets.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import cv2
+import numpy as np
+
+from dicflow.core.arrays import Array, Image, Mask
+from dicflow.core.correlation.warp import apply_warp
+from dicflow.core.photographs.footprint import blurred, missing_blurs, white_noise_share
+from dicflow.core.photographs.interpolate import Spline, spline
+from dicflow.core.photographs.sharpness import blur_difference
+
+__all__ = ["Damping", "equally_sharp"]
+
+
+_WINDOWS, _SIDE = 32, 48
+"""Windows whose spectra are compared, at most, and their side [px]."""
+_MIN_WINDOWS = 4
+_NEGLIGIBLE_PX2, _MIN_SIGNIFICANCE, _MAX_PX2 = 0.15, 4.0, 36.0
+"""Variance of a blur up to which it is left alone, that in standard errors, and the largest that is made up for."""
+
+
+class Damping(NamedTuple):
+    """What a blur does to the noise of the photograph that it is applied to: ratios of variances, 1 without a blur.
+
+    blur : variance of the Gaussian [px²]
+    template, target : of the place of a subset by the noise of each
+    template_grey, target_grey : of the noise itself
+    excess : of the place by the noise of the template, beyond that with the subset before the blur
+    """
+
+    template: float = 1.0
+    target: float = 1.0
+    template_grey: float = 1.0
+    target_grey: float = 1.0
+    excess: float = 0.0
+    blur: float = 0.0
+
+    def residual(self, ratio: float) -> float:
+        """Variance of the residual over that without a blur. ratio : of the noise of the target to the template's"""
+        return (self.template_grey + ratio * self.target_grey) / (1.0 + ratio)
+
+
+def equally_sharp(
+    image: Image, region: Mask, target: Spline, places: Array, warps: Array, smoothing_px: float
+) -> tuple[Image, Spline, Damping]:
+    """The template's photograph and the target, one of them blurred so that both show the material equally sharp.
+
+    image : (h, w) — photograph with the subsets; region : (h, w) — its pixels that count
+    places : (n, 2) — centres of subsets in it; warps : (n, 2, 3) — approximately, to the target
+    smoothing_px : standard deviation of the Gaussian that has been applied to both
+    """
+    if not len(places):
+        return image, target, Damping()
+    slope = np.median(warps[..., 1:3], axis=0)
+    blurs = missing_blurs(slope, smoothing_px)
+    image, target = blurred(image, blurs.template), _blurred_spline(target, blurs.target)
+    variance = _missing_variance(image, target.image, places, warps)
+    if variance == 0.0:
+        return image, target, Damping()
+    covariance = variance * np.eye(2) if variance > 0.0 else -variance * slope @ slope.T
+    grey = white_noise_share(covariance)
+    if variance < 0.0:
+        softer = _blurred_spline(target, covariance)
+        return image, softer, Damping(target=_damped(softer.image, covariance), target_grey=grey, blur=-variance)
+    soft = blurred(image, covariance)
+    place, slopes = _damped(soft, covariance, region), _slope_energy(soft, region) / _slope_energy(image, region)
+    return soft, target, Damping(place, template_grey=grey, excess=max(0.0, place - slopes), blur=variance)
+
+
+def _damped(soft: Image, covariance: Array, region: Mask | None = None) -> float:
+    """Variance of the place of subsets of a blurred image by its blurred noise, over that by white noise.
+
+    Noise n moves a subset by H⁻¹ Σ J n; after a blur K that is H⁻¹ Σ (K J) n with the slopes J of the blurred image.
+    """
+    return _slope_energy(blurred(soft, covariance), region) / _slope_energy(soft, region)
+
+
+def _slope_energy(image: Image, region: Mask | None = None) -> float:
+    """Mean square of the slope of an image [grey levels² per px²]."""
+    square = sum(cv2.Sobel(image, cv2.CV_32F, *axis, ksize=1, scale=0.5) ** 2 for axis in ((1, 0), (0, 1)))
+    return float(np.mean(square if region is None else square[region]))
+
+
+def _blurred_spline(target: Spline, covariance: Array | None) -> Spline:
+    """The target after a Gaussian filter."""
+    return target if covariance is None else spline(blurred(target.image, covariance), target.degree, target.measured)
+
+
+def _missing_variance(image: Image, target: Image, places: Array, warps: Array) -> float:
+    """Variance of the Gaussian that blurs the template's photograph like the target [px²]; negative if the target is
+    the sharper one, 0 if neither is."""
+    chosen = np.linspace(0, len(places) - 1, min(_WINDOWS, len(places))).astype(int)
+    found = [w for w in (_windows(image, target, places[k], warps[k]) for k in chosen) if w is not None]
+    if len(found) < _MIN_WINDOWS:
+        return 0.0
+    sharp, moved, beside = (np.stack(part).astype(np.float64) for part in zip(*found, strict=True))
+    variance, error = blur_difference(sharp, moved, beside)
+    if abs(variance) < max(_NEGLIGIBLE_PX2, _MIN_SIGNIFICANCE * error):
+        return 0.0
+    return float(np.clip(variance, -_MAX_PX2, _MAX_PX2))
+
+
+def _windows(image: Image, target: Image, place: Array, warp: Array) -> tuple[Image, Image, Image] | None:
+    """The window around a place, the target resampled to show the same, and the target's own; None at a border."""
+    side = np.arange(_SIDE) - _SIDE // 2
+    offsets = np.stack(np.meshgrid(side, side), axis=-1)
+    at = apply_warp(warp, offsets).astype(np.float32)
+    own, other = (_square(grey, np.rint(middle)) for grey, middle in ((image, place), (target, warp[:, 0])))
+    if own is None or other is None or at.min() < 0.0 or (at.max(axis=(0, 1)) > np.array(target.shape[::-1]) - 1).any():
+        return None
+    return own, np.asarray(cv2.remap(target, at, None, cv2.INTER_LANCZOS4)), other
+
+
+def _square(image: Image, middle: Array) -> Image | None:
+    """The pixels around a place (x, y); None where the image does not hold all of them."""
+    x, y = (int(value) - _SIDE // 2 for value in middle)
+    inside = x >= 0 and y >= 0 and x + _SIDE <= image.shape[1] and y + _SIDE <= image.shape[0]
+    return image[y : y + _SIDE, x : x + _SIDE] if inside else None

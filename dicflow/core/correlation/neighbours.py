@@ -1,0 +1,101 @@
+"""Whether the place of a point agrees with those of the points around it.
+
+Each neighbour predicts the place by its own warp, so that the motion's gradient is accounted for. Half of the
+predictions may be wrong: their median tells where the point should be, their median deviation from it how well they
+know (after the normalised median test of Westerweel and Scarano, Experiments in Fluids 39, 2005). A subset that has
+locked onto something else, on the rim of a part or beside a gap, differs from them by more than they differ from each
+other and more than noise explains.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numba import njit
+
+from dicflow.core.arrays import Array, Codes, Index, Mask
+from dicflow.core.correlation.warp import set_recentred
+from dicflow.core.kernels import INNER
+from dicflow.core.parts import Parts, are_apart
+from dicflow.core.status import Status
+
+__all__ = ["Prediction", "disagreeing", "predicted_by_neighbours"]
+
+
+_REACH = 2
+"""Neighbours of a point are at most so many points away along both axes of the grid."""
+_MIN_NEIGHBOURS = 5
+"""With fewer, half of them may be wrong by chance, and nothing is said of the point."""
+_SPREADS, _SIGMAS, _FREE_PX = 4.0, 5.0, 0.1
+"""Median deviations of the predictions, standard deviations by the residual, and pixels, whose sum a point may differ
+from its neighbours. Curved motion at a rim differs by some hundredths of a pixel."""
+_VALID = int(Status.VALID)
+
+
+class Prediction(NamedTuple):
+    """What the neighbours of n points say of them.
+
+    warp : (n, 2, 3 or 6) — medians of their warps about the point; NaN with too few neighbours
+    spread : (n, 2) — median deviations of the places from the median [px]
+    """
+
+    warp: Array
+    spread: Array
+
+
+def predicted_by_neighbours(points: Index, status: Codes, warp: Array, grid: Array, parts: Parts) -> Prediction:
+    """Warps of points (n, 2) of a grid by the valid ones of their neighbours in the same part.
+
+    status : (rows, cols); warp : (rows, cols, 2, 3 or 6); grid : (rows, cols, 2) — centres of the subsets [px]
+    NaN also for points with a place that most neighbours predict to within a tenth of a pixel.
+    """
+    found = Prediction(np.full((len(points), *warp.shape[2:]), np.nan), np.full((len(points), 2), np.nan))
+    _take_medians(np.ascontiguousarray(points), status, warp, grid, parts, found.warp, found.spread)
+    return found
+
+
+def disagreeing(place: Array, sigma: Array, predicted: Prediction) -> Mask:
+    """Which places (n, 2) of points differ from what is predicted.
+
+    sigma : (n,) — standard deviations of the places by their residuals [px]
+    """
+    away = np.abs(predicted.warp[..., 0] - place)
+    allowed = _FREE_PX + _SIGMAS * sigma[:, None] + _SPREADS * predicted.spread
+    return np.asarray((away > allowed).any(axis=1))
+
+
+@njit(cache=True, nogil=True)
+def _take_medians(
+    points: Index, status: Codes, warp: Array, grid: Array, parts: Parts, out: Array, spread: Array
+) -> None:
+    """The loop of :func:`predicted_by_neighbours` over points, into ``out`` and ``spread``."""
+    rows, cols = status.shape
+    terms, most = warp.shape[3], (2 * _REACH + 1) ** 2
+    values = np.empty((2 * terms, most))
+    for k in range(len(points)):
+        i, j, count = points[k, 0], points[k, 1], 0
+        for a in range(max(0, i - _REACH), min(rows, i + _REACH + 1)):
+            for b in range(max(0, j - _REACH), min(cols, j + _REACH + 1)):
+                if (a != i or b != j) and status[a, b] == _VALID and not are_apart(parts, i, j, a, b):
+                    x, y = grid[i, j, 0] - grid[a, b, 0], grid[i, j, 1] - grid[a, b, 1]
+                    set_recentred(warp[a, b], x, y, values, count)
+                    count += 1
+        if count >= _MIN_NEIGHBOURS and not _agree(values[0, :count], values[terms, :count], warp[i, j, :, 0]):
+            for m in range(2 * terms):
+                out[k, m // terms, m % terms] = np.median(values[m, :count])
+            for axis in range(2):
+                place = values[axis * terms]
+                for n in range(count):
+                    place[n] = abs(place[n] - out[k, axis, 0])
+                spread[k, axis] = np.median(place[:count])
+
+
+@njit(**INNER)
+def _agree(x: Array, y: Array, place: Array) -> bool:
+    """Whether most predictions x, y (n,) are close to a place (2,), so that their medians are; False for NaN."""
+    near_x, near_y = 0, 0
+    for n in range(len(x)):
+        near_x += abs(x[n] - place[0]) < _FREE_PX
+        near_y += abs(y[n] - place[1]) < _FREE_PX
+    return 2 * min(near_x, near_y) > len(x) + 1
