@@ -31,7 +31,8 @@ RECOMPUTES = {
     "region stereo track triangulate",
     "core.probes": "frame probes",
     "core.strain": "accumulate deformation probes strain",
-    "core.surfaces": "accumulate compare deformation displacement fill probes reconstruct smooth strain surface",
+    "core.surfaces": "accumulate compare correlate deformation displacement fill probes reconstruct smooth "
+    "strain surface",
     "core.uncertainty": "deformation frame noise_floor probes triangulate",
     "io.calibrations": "rig_file",
     "io.caliper": "compare",
