@@ -16,11 +16,14 @@ from dataclasses import dataclass
 from functools import cache
 from importlib.abc import InspectLoader
 from importlib.util import find_spec
+from threading import Lock
 from typing import Any, NamedTuple
 
 from dicflow.errors import ConfigurationError
 
-__all__ = ["Member", "Registry", "nearest"]
+__all__ = ["Member", "Registry", "nearest", "syntax_tree"]
+
+_parsing = Lock()
 
 
 class Member(NamedTuple):
@@ -174,7 +177,19 @@ def _source_or_empty(member: Member) -> str:
 
 @cache
 def _tree(module: str) -> ast.Module:
-    return ast.parse(_source(module))
+    return syntax_tree(_source(module), module)
+
+
+def syntax_tree(source: str | bytes, name: str) -> ast.Module:
+    """The syntax tree of Python code. Raises SyntaxError.
+
+    One thread at a time makes one: CPython 3.11 counts the depth of a tree once for all threads, and raises SystemError
+    where another one counts meanwhile.
+
+    name : of the file or module, as errors name it
+    """
+    with _parsing:
+        return ast.parse(source, name)
 
 
 def _declares(module: str, name: str) -> bool:

@@ -5,16 +5,20 @@ from __future__ import annotations
 import shutil
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
+from pathlib import Path
 from typing import Any
 
 import pytest
 from app_serving import Served
 
-__all__ = ["Person", "opened_page"]
+__all__ = ["FLAGS", "Person", "close_browser", "opened_page"]
+
+PICTURES = Path(__file__).resolve().parents[1] / "build" / "app"
+"""For a person's eyes."""
 
 FLAGS = (
     "--headless", "--no-sandbox", "--disable-gpu", "--disable-quic", "--no-first-run",
-    "--disable-background-networking", "--disable-component-update", "--disable-sync",
+    "--disable-background-networking", "--disable-component-update", "--disable-sync", "--disable-dev-shm-usage",
 )  # fmt: skip
 OVERLAPS = """
 () => {
@@ -89,24 +93,61 @@ class Person:
             self.page.wait_for_timeout(100)
         raise AssertionError(condition)
 
+    def tab(self) -> Person:
+        """The same person at another tab of the browser, on the same screen."""
+        page = self.page.context.new_page()
+        other = Person(page)
+        page.goto(self.page.url)
+        page.wait_for_selector("body[data-ready]")
+        return other
+
+    def picture(self, name: str) -> None:
+        """Keep a picture of the window."""
+        PICTURES.mkdir(parents=True, exist_ok=True)
+        self.page.screenshot(path=str(PICTURES / f"{name}.png"))
+
     def overlaps(self) -> list[list[str]]:
         """Pairs of texts that lie upon one another."""
         return self.page.evaluate(OVERLAPS)
 
 
+_running: list[Any] = []
+"""The driver and its browser, while tests of the app's page go on."""
+
+
 @contextmanager
 def opened_page(app: Served, width: int = 1280, height: int = 800, **options: Any) -> Iterator[Person]:
-    """The app's page; the test is skipped without Playwright or Chromium."""
-    playwright = pytest.importorskip("playwright.sync_api", reason="needs Playwright, of the extra dev")
-    program = shutil.which("chromium")
-    if program is None:
-        pytest.skip("needs the program chromium")
-    with playwright.sync_playwright() as driver:
-        browser = driver.chromium.launch(executable_path=program, args=list(FLAGS))
-        page = browser.new_page(viewport={"width": width, "height": height}, **options)
+    """The app's page, in a session of its own; the test is skipped without Playwright or Chromium."""
+    session = _browser().new_context(viewport={"width": width, "height": height}, **options)
+    try:
+        page = session.new_page()
         person = Person(page)
         page.goto(app.gate.link)
         page.wait_for_selector("body[data-ready]")
         yield person
         assert person.errors == []
+    finally:
+        session.close()
+
+
+def _browser() -> Any:
+    """The browser of all tests; it starts with the first."""
+    playwright = pytest.importorskip("playwright.sync_api", reason="needs Playwright, of the extra dev")
+    program = shutil.which("chromium")
+    if program is None:
+        pytest.skip("needs the program chromium")
+    if _running and not _running[1].is_connected():  # it died under an earlier test
+        close_browser()
+    if not _running:
+        driver = playwright.sync_playwright().start()
+        _running.extend([driver, driver.chromium.launch(executable_path=program, args=list(FLAGS))])
+    return _running[1]
+
+
+def close_browser() -> None:
+    """End the browser; its driver has an event loop, which would be in the way of other tests."""
+    if _running:
+        driver, browser = _running
+        _running.clear()
         browser.close()
+        driver.stop()

@@ -6,25 +6,13 @@ from collections.abc import Callable, Mapping
 from contextlib import suppress
 from typing import Any
 
-from dicflow.app import (
-    calibrations,
-    document,
-    drawing,
-    explored,
-    folder,
-    pictures,
-    previews,
-    results,
-    sides,
-    stages,
-    versions,
-)
+from dicflow.app import document, drawing, explored, folder, pictures, results, sides, stages, versions
 from dicflow.app.plans import plan_of
 from dicflow.app.project import Project
 from dicflow.app.runs import Runs
-from dicflow.app.workers import Worker
+from dicflow.app.workers import Worker, named
 from dicflow.errors import ConfigurationError, InputError
-from dicflow.io.edited_yaml import edited
+from dicflow.io.edited_yaml import Edit, edited
 
 __all__ = ["ANSWERS", "Asked", "Desk"]
 
@@ -36,37 +24,46 @@ _WORKS = 30
 
 
 class Desk:
-    """What answers need beside the question: the project, its runs, and processes for heavy work and for fields."""
+    """What answers need beside the question: the project, its runs, and processes for heavy work, for fields, and for
+    the photographs under them, so that no field waits for a photograph."""
 
     def __init__(self, project: Project) -> None:
         self.project = project
         self.runs = Runs(project)
         self.series: tuple[int, Any] | None = None
         self.opened: dict[str, explored.Asked] = {}
-        self._heavy, self.fields = Worker(_WORKS), Worker()
+        self._heavy, self.fields, self._photographs = Worker(_WORKS), Worker(), Worker()
 
-    def work(self, call: Callable[..., Any], *arguments: Any) -> Any:
-        """The value of a function of a module, called in another process, which loads what it needs.
+    def begin(self) -> None:
+        """Start the process that reads fields, so that they are soon there when they are asked for."""
+        self.fields.begin("explored")
+
+    def work(self, name: str, *arguments: Any) -> Any:
+        """The value of ``module.function`` of the app, called in another process, which alone loads what it needs.
 
         Raises WorkerError if that process dies.
         """
-        return self._heavy.do(call, *arguments)
+        return self._heavy.do(named, name, *arguments)
 
     def field(self, name: str) -> bytes:
         """A blob or a photograph of a result that the page has opened. Raises InputError for any other name."""
         place = explored.place_of(self.project, name)
         with suppress(OSError):
             return place.read_bytes()
-        asked = self.opened.get(place.parent.name)
-        if asked is None:
-            raise InputError(place.parent.name, "is not open", "reload the page")
-        self.fields.do(explored.make, self.project, asked, name)
+        process = self._photographs if explored.is_photograph(name) else self.fields
+        process.do(explored.make, self.project, self.view(place.parent.name), name)
         return place.read_bytes()
+
+    def view(self, key: str) -> explored.Asked:
+        """What an open result was asked for as. Raises InputError for one that the page has not opened."""
+        if key not in self.opened:
+            raise InputError(key[:32], "is not open", "reload the page")
+        return self.opened[key]
 
     def close(self) -> None:
         """End the processes."""
-        self._heavy.close()
-        self.fields.close()
+        for process in (self._heavy, self.fields, self._photographs):
+            process.close()
 
 
 def _project(desk: Desk, asked: Asked) -> Any:
@@ -147,7 +144,7 @@ def _drawing(desk: Desk, asked: Asked) -> Any:
 
 
 def _proposed(desk: Desk, asked: Asked) -> Any:
-    return desk.work(previews.proposed_region, desk.project, str(asked["file"]), str(asked["stage"]))
+    return desk.work("previews.proposed_region", desk.project, str(asked["file"]), str(asked["stage"]))
 
 
 def _preview(desk: Desk, asked: Asked) -> Any:
@@ -156,7 +153,7 @@ def _preview(desk: Desk, asked: Asked) -> Any:
     text = document.read_pipeline(desk.project, name).text
     if asked.get("edits"):
         text = edited(text, str(desk.project.path(name)), document.edits_of(asked["edits"]))
-    return desk.work(previews.grid_preview, desk.project, name, text, str(asked["stage"]))
+    return desk.work("previews.grid_preview", desk.project, name, text, str(asked["stage"]))
 
 
 def _draw(desk: Desk, asked: Asked) -> Any:
@@ -173,21 +170,37 @@ def _series(desk: Desk, asked: Asked) -> Any:
     """What the folder holds; looked at again once a photograph has come, gone or changed."""
     now = folder.listing(desk.project)
     if desk.series is None or desk.series[0] != now:
-        desk.series = now, desk.work(folder.found_in, desk.project)
+        desk.series = now, desk.work("series.found_in", desk.project)
     return desk.series[1]
 
 
 def _make(desk: Desk, asked: Asked) -> Any:
-    return desk.work(folder.make_pipeline, desk.project, asked["roles"], str(asked.get("square", "")))
+    return desk.work("series.make_pipeline", desk.project, asked["roles"], str(asked.get("square", "")))
 
 
 def _calibration(desk: Desk, asked: Asked) -> Any:
-    """The rig; with ``without``, names of pairs of the boards, as it would be without them."""
+    """The rig; with ``rig``, as it would be without pairs and corners that were chosen."""
     name, text = str(asked["file"]), document.read_pipeline(desk.project, str(asked["file"])).text
-    if asked.get("without"):
-        edits = folder.edits_to_leave_out(desk.project, name, str(asked["boards"]), list(asked["without"]))
-        text = edited(text, str(desk.project.path(name)), edits)
-    return desk.work(calibrations.calibration_of, desk.project, name, text)
+    if asked.get("rig"):
+        text = edited(text, str(desk.project.path(name)), _choice(desk, asked))
+    return desk.work("calibrations.calibration_of", desk.project, name, text)
+
+
+def _choice(desk: Desk, asked: Asked) -> list[Edit]:
+    return folder.edits_of_choice(
+        desk.project,
+        str(asked["file"]),
+        str(asked["boards"]),
+        list(asked.get("without", ())),
+        str(asked["rig"]),
+        asked.get("corners"),
+    )
+
+
+def _leave_out_of_rig(desk: Desk, asked: Asked) -> Any:
+    """Write which pairs and corners a calibration leaves out."""
+    words = f"{asked['rig']}: {asked['words']}"
+    return {"problems": document.edit(desk.project, asked["file"], str(asked["digest"]), _choice(desk, asked), words)}
 
 
 def _pairs(desk: Desk, asked: Asked) -> Any:
@@ -251,6 +264,20 @@ def _side(asked: Asked) -> explored.Side:
     return explored.Side(str(asked["file"]), int(asked.get("variant", 0)), str(asked.get("run", "")))
 
 
+def _survey(desk: Desk, asked: Asked) -> Any:
+    """Look at steps of an open result for a moment."""
+    key = str(asked["view"])
+    wanted = (key, int(asked["steps"]), int(asked["start"]))
+    return desk.fields.do(explored.survey, desk.project, desk.view(key), *wanted)
+
+
+def _curve(desk: Desk, asked: Asked) -> Any:
+    """Readings of a point of an open result."""
+    key = str(asked["view"])
+    wanted = (key, str(asked["quantity"]), int(asked["point"]))
+    return desk.fields.do(explored.curve, desk.project, desk.view(key), *wanted)
+
+
 def _sides(desk: Desk, asked: Asked) -> Any:
     return sides.sides_of(desk.project, str(asked["file"]))
 
@@ -263,12 +290,23 @@ def _formats(desk: Desk, asked: Asked) -> Any:
     return results.export_formats(desk.project, str(asked["file"]))
 
 
+def _facts(desk: Desk, asked: Asked) -> Any:
+    return results.facts_of(desk.project, str(asked["file"]))
+
+
+def _resolution(desk: Desk, asked: Asked) -> Any:
+    """Noise against resolution of a sweep; None for a pipeline with one variant."""
+    if len(desk.project.pipeline(str(asked["file"])).instances) < 2:
+        return None
+    return desk.work("results.resolution_of", desk.project, str(asked["file"]))
+
+
 def _export(desk: Desk, asked: Asked) -> Any:
-    return desk.work(results.export_files, desk.project, str(asked["file"]), asked)
+    return desk.work("results.export_files", desk.project, str(asked["file"]), asked)
 
 
 def _report(desk: Desk, asked: Asked) -> Any:
-    return desk.work(results.write_report, desk.project, str(asked["file"]))
+    return desk.work("results.write_report", desk.project, str(asked["file"]))
 
 
 ANSWERS: Mapping[str, Callable[[Desk, Asked], Any]] = {
@@ -288,6 +326,7 @@ ANSWERS: Mapping[str, Callable[[Desk, Asked], Any]] = {
     "series": _series,
     "make": _make,
     "calibration": _calibration,
+    "leave_out_of_rig": _leave_out_of_rig,
     "pairs": _pairs,
     "leave_out": _leave_out,
     "parameters": _parameters,
@@ -298,9 +337,13 @@ ANSWERS: Mapping[str, Callable[[Desk, Asked], Any]] = {
     "runs": _runs,
     "disk": _disk,
     "explore": _explore,
+    "survey": _survey,
+    "curve": _curve,
     "sides": _sides,
     "written": _written,
     "formats": _formats,
+    "facts": _facts,
+    "resolution": _resolution,
     "export": _export,
     "report": _report,
     "pin": _pin,

@@ -30,9 +30,10 @@ def calibration_of(project: Project, name: str, text: str) -> dict[str, Any]:
     """The rig of a pipeline file with a text that may not be saved; solved here where the store has it not.
 
     ``stage``, ``boards`` (the stage of the boards' photographs, None for a rig from a file), ``verdict``, ``summary``;
-    ``pairs``: each with ``name``, ``used``, errors [px] or ``reason``, and for left and right the ``marks`` [px] and
-    their ``residuals``, reprojected minus observed [px]; ``empty``: left and right → ninths of the frame where the
-    board must still be shown; ``limit_px``: the error above which a pair is dropped.
+    ``pairs``: each with ``name``, ``used``, errors [px] or ``reason``, and for left and right the ``marks`` [px],
+    their ``residuals``, reprojected minus observed [px], and ``gross``: which of them the stage has left out by itself;
+    ``left_out``: the corners that the file leaves out; ``empty``: left and right → ninths of the frame where the board
+    must still be shown; ``limit_px``: the error above which a pair is dropped.
     Raises the error with which the stage would fail.
     """
     pipeline = project.candidate(name, text)
@@ -56,6 +57,7 @@ def calibration_of(project: Project, name: str, text: str) -> dict[str, Any]:
         **known,
         "boards": back[graph.stages[corners].inputs["images"]],
         "limit_px": node.max_error_px,
+        "left_out": node.leave_out,
         "pairs": _pairs(rig, boards, _target(boards[0], node.square)),
         "empty": _empty(rig, boards),
     }
@@ -75,33 +77,54 @@ def _pairs(rig: CalibratedRig, boards: Sequence[BoardMarks], target: Target) -> 
     if not seen:
         return pairs
     marks = {side: np.stack([boards[k][side] for k in seen]) for side in _SIDES}
-    errors = _residuals(rig, target, marks, np.array([bool(pairs[k].get("turned")) for k in seen]))
+    out = {side: np.stack([_at(marks[side][n], _out(pairs[k], side)) for n, k in enumerate(seen)]) for side in _SIDES}
+    errors = _residuals(rig, target, marks, out, np.array([bool(pairs[k].get("turned")) for k in seen]))
     for number, k in enumerate(seen):
         for camera, side in enumerate(_SIDES):
             shown = np.isfinite(marks[side][number, :, 0])
+            gross = _at(marks[side][number], [place[:2] for place in pairs[k].get("gross", {}).get(side, ())])
             pairs[k][side] = {
                 "marks": marks[side][number][shown].round(_DIGITS).tolist(),
                 "residuals": errors[number][camera][shown].round(_DIGITS).tolist(),
+                "gross": gross[shown].tolist(),
             }
     return pairs
 
 
+def _out(pair: Mapping[str, Any], side: str) -> list[Sequence[float]]:
+    """Places [px] of the corners of a photograph that the rig was solved without."""
+    return [place[:2] for key in ("left_out", "gross") for place in pair.get(key, {}).get(side, ())]
+
+
+def _at(marks: np.ndarray, places: Sequence[Sequence[float]]) -> np.ndarray:
+    """Which marks (m, 2) lie at some places [px]."""
+    found = np.zeros(len(marks), dtype=bool)
+    found[[int(np.nanargmin(np.hypot(*(marks - place).T))) for place in places]] = True
+    return found
+
+
 def _residuals(
-    rig: CalibratedRig, target: Target, marks: Mapping[str, np.ndarray], turned: np.ndarray
+    rig: CalibratedRig,
+    target: Target,
+    marks: Mapping[str, np.ndarray],
+    out: Mapping[str, np.ndarray],
+    turned: np.ndarray,
 ) -> list[np.ndarray]:
     """Residuals (2, m, 2) of each pair, left and right [px].
 
+    marks : (n, m, 2) by side; out : (n, m), those that have no part in where the boards stood
     turned : pairs whose right marks were detected in the order of the board turned in its plane; of these orders the
         one that fits best counts
     """
     found: list[np.ndarray] = [np.full((2, *target.points[:, :2].shape), np.inf)] * len(turned)
+    kept = {side: np.where(out[side][..., None], np.nan, marks[side]) for side in _SIDES}
     for number, order in enumerate(target.orders):
         chosen = np.flatnonzero(turned | (number == 0))
-        left, right = marks["left"][chosen], marks["right"][chosen][:, order]
-        errors = residuals(fitted_boards(rig.cameras, target.points, left, right), target.points, left, right)
+        boards = fitted_boards(rig.cameras, target.points, kept["left"][chosen], kept["right"][chosen][:, order])
+        errors = residuals(boards, target.points, marks["left"][chosen], marks["right"][chosen][:, order])
         errors[:, 1] = errors[:, 1][:, np.argsort(order)]
         for k, error in zip(chosen, errors, strict=True):
-            if np.nanmean(np.abs(error)) < np.nanmean(np.abs(found[k])):
+            if np.nanmedian(np.abs(error)) < np.nanmedian(np.abs(found[k])):
                 found[k] = error
     return found
 

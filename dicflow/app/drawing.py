@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Mapping, Sequence
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -112,6 +114,8 @@ def _region_file(project: Project, entry: Mapping[str, Any], stage: str) -> str:
 def write_region(project: Project, name: str, stage: str, drawn: Mapping[str, Any], seen: Mapping[str, str]) -> None:
     """Write a drawing to the stage's GeoJSON file, and let the pipeline read that file.
 
+    Where the folder of the photographs cannot be written, the drawing stands in the pipeline file itself.
+
     drawn : ``polygons``, each ``exterior`` and ``holes``, and ``cuts`` [px]
     seen : digest of the pipeline file and of the region's file as the page has them
     Raises ConfigurationError for a drawing without a polygon, and Conflict if a file has changed meanwhile.
@@ -121,16 +125,27 @@ def write_region(project: Project, name: str, stage: str, drawn: Mapping[str, An
     _check(polygons, cuts)
     text, _ = read_pipeline(project, name)
     entry = project.candidate(name, text).document.data["stages"][stage]
-    file = _region_file(project, entry, stage)
-    path = project.path(file)
-    edits = [Edit(("stages", stage, key), REMOVED) for key in _SOURCES if key in entry and key != "file"]
+    path = project.path(_region_file(project, entry, stage))
+    is_file = _can_be_written(path)
     given = path.relative_to(project.data_folder.resolve()).as_posix()
-    if entry.get("file") != given:
-        edits.append(Edit(("stages", stage, "file"), given))
-    new = {file: geojson_text(polygons, cuts).encode()}
+    wanted = {"file": given} if is_file else _inline(polygons, cuts)
+    place = ("stages", stage)
+    edits = [Edit((*place, key), REMOVED) for key in _SOURCES if key in entry and key not in wanted]
+    edits += [Edit((*place, key), value) for key, value in wanted.items() if entry.get(key) != value]
+    new = {project.name_of(path): geojson_text(polygons, cuts).encode()} if is_file else {}
     if edits:
         new[name] = _checked(project, name, text, edits).encode()
     change(project, seen, new, f"region {stage}")
+
+
+def _can_be_written(path: Path) -> bool:
+    return os.access(path if path.exists() else path.parent, os.W_OK)
+
+
+def _inline(polygons: Sequence[Polygon], cuts: Sequence[np.ndarray]) -> dict[str, Any]:
+    """A drawing as parameters of the stage."""
+    lines = {"cut": [line.round(_DECIMALS).tolist() for line in cuts]} if cuts else {}
+    return {"polygons": polygons_to_json(polygons, _DECIMALS), **lines}
 
 
 def _check(polygons: Sequence[Polygon], cuts: Sequence[np.ndarray]) -> None:

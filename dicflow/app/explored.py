@@ -6,30 +6,33 @@ What is made is kept in a folder under a key that follows from the products, so 
 from __future__ import annotations
 
 import hashlib
-import os
 import re
-import shutil
+import time
 from functools import cache
 from pathlib import Path
 from typing import Any, NamedTuple
 
+from dicflow.app.kept import keep_newest
 from dicflow.app.project import Project
 from dicflow.errors import InputError
+from dicflow.explorer.content import Keep, spread
 from dicflow.explorer.differences import DifferenceFields, obstacle
 from dicflow.explorer.fields import FieldSource, field_source
 from dicflow.explorer.on_demand import OnDemand
-from dicflow.explorer.reading import read_source
+from dicflow.explorer.reading import read_source, surveyed
 from dicflow.io.files import write_whole
 from dicflow.pipeline import Pipeline, Result
 from dicflow.report.pieces import Pieces
 from dicflow.views.source_digest import source_digest
 
-__all__ = ["Asked", "Side", "make", "opened", "place_of"]
+__all__ = ["Asked", "Side", "curve", "is_photograph", "make", "opened", "place_of", "survey"]
 
 _KEPT = 3
 """Results that stay open, as two are seen side by side, and their difference."""
 _KEPT_ON_DISK = 8
 """Results whose blobs and photographs are kept."""
+_MOMENT_S = 0.06
+"""Time for which steps are looked at before other questions are answered."""
 _NAME = re.compile(r"[0-9a-f]{32}/(first|[0-9]{1,6}_[0-9]{1,3}|(first|[0-9]{1,6})_(left|right))")
 _LAYERS = ("core", "explorer", "kinds", "views")
 
@@ -65,6 +68,11 @@ def place_of(project: Project, name: str) -> Path:
     return project.own_folder / "fields" / name
 
 
+def is_photograph(name: str) -> bool:
+    """Whether a name is that of a photograph, rather than of a blob."""
+    return name.endswith(("_left", "_right"))
+
+
 def opened(project: Project, asked: Asked) -> dict[str, Any]:
     """A result for the page: the newest products of the settings, also while a run makes them, or those of a run.
 
@@ -87,7 +95,9 @@ def opened(project: Project, asked: Asked) -> dict[str, Any]:
     _views[key] = view
     while len(_views) > _KEPT:
         del _views[next(iter(_views))]
-    _drop_oldest(project.own_folder / "fields", key)
+    folder = project.own_folder / "fields" / key
+    folder.mkdir(parents=True, exist_ok=True)
+    keep_newest(folder, _KEPT_ON_DISK)
     return {**found, "view": key, "manifest": view.manifest(), "steps": view.measured}
 
 
@@ -108,22 +118,12 @@ def _difference(project: Project, source: FieldSource, minus: Side) -> tuple[Fie
     return None if problem else DifferenceFields(source, other), problem
 
 
-def _drop_oldest(folder: Path, key: str) -> None:
-    """Delete what was made of results that were opened long ago. key : of the one that is opened"""
-    (folder / key).mkdir(parents=True, exist_ok=True)
-    os.utime(folder / key)
-    others = [one for one in folder.iterdir() if re.fullmatch(r"[0-9a-f]{32}", one.name)]
-    for one in sorted(others, key=lambda place: place.stat().st_mtime)[:-_KEPT_ON_DISK]:
-        shutil.rmtree(one, ignore_errors=True)
-
-
 _views: dict[str, OnDemand] = {}
 """Results that are open in this process by key, the last used one last."""
 
 
 def _view(project: Project, result: Result, source: FieldSource, title: str, most_steps: int) -> OnDemand | None:
-    keep = Pieces(project.own_folder / "fields" / "surveys", _code()).get
-    reading = read_source(result, source, keep, most_steps)
+    reading = read_source(result, source, _surveys(project), most_steps)
     return None if reading is None else OnDemand(reading, title, lambda _sources, make: make())
 
 
@@ -132,13 +132,42 @@ def make(project: Project, asked: Asked, name: str) -> None:
     place = place_of(project, name)
     if place.is_file():
         return
-    key = place.parent.name
+    for one, content in _open(project, asked, place.parent.name).made(place.name).items():
+        write_whole(place.parent / one, content)
+
+
+def curve(project: Project, asked: Asked, key: str, quantity: str, index: int) -> dict[str, Any]:
+    """Readings of a point of an open result, as :meth:`OnDemand.curve` gives them. Raises InputError as it does."""
+    return _open(project, asked, key).curve(quantity, index)
+
+
+def survey(project: Project, asked: Asked, key: str, most_steps: int, start: int) -> dict[str, int]:
+    """Look at steps of an open result for a moment, so that it can soon be opened with more of them.
+
+    start : number of the step to begin with, among those that are then shown
+    Returns the ``next`` one, and how many there are.
+    """
+    source, keep = _open(project, asked, key).source, _surveys(project)
+    steps = spread(source.steps, most_steps)
+    end = time.monotonic() + _MOMENT_S
+    while start < len(steps) and time.monotonic() < end:
+        if source.has(steps[start]):
+            surveyed(source, steps[start], keep)
+        start += 1
+    return {"next": start, "count": len(steps)}
+
+
+def _surveys(project: Project) -> Keep:
+    return Pieces(project.own_folder / "fields" / "surveys", _code()).get
+
+
+def _open(project: Project, asked: Asked, key: str) -> OnDemand:
+    """A result by its key, opened again where it was closed. Raises InputError if it has changed."""
     if key not in _views:
         opened(project, asked)
     if key not in _views:
         raise InputError(asked.side.file, "has other results by now", "open the screen again")
-    for one, content in _views[key].made(place.name).items():
-        write_whole(place.parent / one, content)
+    return _views[key]
 
 
 @cache

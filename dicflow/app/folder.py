@@ -1,4 +1,4 @@
-"""The folder's photographs: series and proposed roles, the first pipeline file, and pairs that are left out."""
+"""Pairs of photographs, and what a person leaves out of them: whole pairs, and single corners of boards."""
 
 from __future__ import annotations
 
@@ -9,59 +9,16 @@ from typing import Any
 
 from dicflow.app.document import problems, read_pipeline
 from dicflow.app.project import Project
-from dicflow.app.versions import MISSING, change
+from dicflow.app.versions import change
 from dicflow.engine.files import FilePart
 from dicflow.errors import ConfigurationError
-from dicflow.io.edited_yaml import Edit, edited
-from dicflow.start.choice import Candidate, Choice
-from dicflow.start.first_file import OPEN, pipeline_text
-from dicflow.start.folder import Survey, look, survey
-from dicflow.start.layouts import Series
-from dicflow.start.patterns import listed, patterns_of
+from dicflow.io.edited_yaml import REMOVED, Edit, edited
+from dicflow.start.patterns import patterns_of
 
-__all__ = ["ROLES", "edits_to_leave_out", "found_in", "leave_out", "listing", "make_pipeline", "pairs_of"]
+__all__ = ["edits_of_choice", "edits_to_leave_out", "leave_out", "listing", "pairs_of"]
 
-ROLES = {
-    "left": "specimen, left camera",
-    "right": "specimen, right camera",
-    "left_boards": "board, left camera",
-    "right_boards": "board, right camera",
-    "": "left out",
-}
-"""What a series of photographs can be."""
-_FILE = "pipeline.yaml"
-_SORTS = ("specimen", "board", "named like boards, but no board is recognised", "cannot be read")
-
-
-def found_in(project: Project) -> dict[str, Any]:
-    """The series in the project's folder of photographs, each with the role that is proposed.
-
-    ``series``: each with ``names`` of its files for the project, its ``pattern``, what it ``shows``, and ``role``;
-    ``reason``: why the proposal is not certain, "" if it is; ``calibration``: a file with the rig; ``single``: names
-    that fit no series.
-    Raises InputError if the folder holds no photographs of a specimen.
-    """
-    folder = project.data_folder
-    found = survey(folder, Choice())
-    used = _roles(found.candidates[0]) if found.candidates else {}
-    rows = [
-        {
-            "names": [project.name_of(folder / path) for path in one.files],
-            "pattern": listed(patterns_of(one.files, found.paths)),
-            "shows": shows,
-            "role": used.get(one, ""),
-        }
-        for shows, group in zip(_SORTS, found.subjects, strict=True)
-        for one in group
-    ]
-    in_series = {path for group in found.subjects for one in group for path in one.files}
-    return {
-        "series": rows,
-        "roles": ROLES,
-        "reason": found.undecided.reason if found.undecided is not None else "",
-        "calibration": found.calibration,
-        "single": sorted(str(path) for path in set(found.paths) - in_series),
-    }
+Corners = Mapping[str, Mapping[str, Sequence[Sequence[float]]]]
+"""Single corners that are left out: pair → left or right → places [px]."""
 
 
 def listing(project: Project) -> int:
@@ -71,53 +28,6 @@ def listing(project: Project) -> int:
         folders[:] = [name for name in folders if not name.startswith(".")]
         found += [(folder, name, os.lstat(os.path.join(folder, name)).st_mtime_ns) for name in sorted(names)]
     return hash(tuple(found))
-
-
-def _roles(candidate: Candidate) -> dict[Series | None, str]:
-    boards = candidate.boards
-    return {
-        candidate.left: "left",
-        candidate.right: "right",
-        **({boards.left: "left_boards", boards.right: "right_boards"} if boards else {}),
-    }
-
-
-def make_pipeline(project: Project, roles: Sequence[Mapping[str, Any]], square: str) -> dict[str, Any]:
-    """Write pipeline.yaml as ``dicflow init`` does, for series with the roles that a person gave them.
-
-    roles : for each series its first file for the project, ``name``, and its ``role``
-    square : side of the board's squares, such as "14.5 mm"; "" leaves it to be filled in
-    Returns the ``file``, and ``said``: what was found.
-    Raises ConfigurationError if the roles do not give a measurement, or if the file exists.
-    """
-    folder = project.data_folder
-    choice = _choice(survey(folder, Choice()), {_relative(project, one["name"]): str(one["role"]) for one in roles})
-    said: list[str] = []
-    text = pipeline_text(
-        look(folder, choice, ["dicflow", "init", str(folder)], said.append), square or None, Path(_FILE)
-    )
-    if (project.folder / _FILE).exists():
-        raise ConfigurationError(f"{_FILE} exists; open it, or rename it first")
-    change(project, {_FILE: MISSING}, {_FILE: text.encode()}, f"{_FILE} made")
-    return {"file": _FILE, "said": said, "open": OPEN in text}
-
-
-def _relative(project: Project, name: str) -> str:
-    return project.path(name).relative_to(project.data_folder.resolve()).as_posix()
-
-
-def _choice(found: Survey, roles: Mapping[str, str]) -> Choice:
-    """Arguments of ``dicflow init`` for these series. roles : by the first file of a series"""
-    patterns: dict[str, list[str]] = {role: [] for role in ROLES}
-    for one in (one for group in found.subjects for one in group):
-        patterns[roles.get(str(one.files[0]), "")] += patterns_of(one.files, found.paths)
-    if not patterns["left"]:
-        raise ConfigurationError("no photographs of the specimen by the left camera; say which series they are")
-    boards = tuple(patterns["left_boards"] + patterns["right_boards"])
-    left = tuple(patterns["left"] + patterns["left_boards"])
-    if not patterns["right"]:
-        return Choice(left, (), boards, one_camera=True)
-    return Choice(left, tuple(patterns["right"] + patterns["right_boards"]), boards)
 
 
 def pairs_of(project: Project, name: str, stage: str) -> dict[str, Any]:
@@ -164,3 +74,25 @@ def leave_out(project: Project, name: str, stage: str, out: Sequence[str], seen:
     if left := problems(new, source):
         raise ConfigurationError("\n".join(left))
     change(project, {name: seen}, {name: new.encode()}, f"{stage}: without {', '.join(out)[:80]}")
+
+
+def edits_of_choice(
+    project: Project, name: str, boards: str, without: Sequence[str], rig: str, corners: Corners | None
+) -> list[Edit]:
+    """Edits that leave pairs and single corners out of a calibration.
+
+    boards : stage of the photographs, of which the pairs ``without`` go; rig : stage that calibrates
+    corners : all that are to be left out; None leaves the file's as they are
+    """
+    edits = edits_to_leave_out(project, name, boards, without) if without else []
+    given = getattr(project.pipeline(name).graph.stages[project.pipeline(name).instances[0][rig]].node, "leave_out", {})
+    wanted = {pair: _named_sides(sides) for pair, sides in (given if corners is None else corners).items()}
+    kept = {pair: sides for pair, sides in wanted.items() if sides and pair not in without}
+    if kept != {pair: _named_sides(sides) for pair, sides in given.items()}:
+        edits.append(Edit(("stages", rig, "leave_out"), kept or REMOVED))
+    return edits
+
+
+def _named_sides(sides: Mapping[str, Sequence[Sequence[float]]]) -> dict[str, list[list[float]]]:
+    """Places as they stand in the file, of the sides that have any."""
+    return {side: [[float(value) for value in place] for place in places] for side, places in sides.items() if places}

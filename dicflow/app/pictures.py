@@ -14,6 +14,7 @@ from typing import Any
 
 import numpy as np
 
+from dicflow.app.kept import keep_newest
 from dicflow.app.project import Project
 from dicflow.core.photographs.grey import reduced, scale_for, to_8bit
 from dicflow.engine.files import FilePart, stamp
@@ -33,6 +34,8 @@ _THUMBNAIL_PIXELS = 60_000
 _NAME = re.compile(r"[0-9a-f]{32}/(info\.json|[0-9]/[0-9]{1,3}_[0-9]{1,3}\.jpg)|thumbnails/[0-9a-f]{32}\.jpg")
 _ONE = threading.Lock()
 """One photograph is decoded at a time, which bounds the memory."""
+_MOST_PHOTOGRAPHS, _MOST_THUMBNAILS = 100, 4000
+"""Photographs whose tiles are kept, about 5 MB for each of 12 megapixels, and thumbnails of 3 kB."""
 
 
 def picture_path(project: Project, name: str) -> Path:
@@ -63,12 +66,13 @@ def shown(project: Project, pipeline: Pipeline, stage: str, step: str | None, si
     node = pipeline.graph.stages[stage].node
     key = _key([str(place), *stamp(place), str(file), getattr(node, "orientation", None)])
     folder = project.own_folder / "pictures" / key
-    size = _sizes.get(key) or (_size(folder) if (folder / "info.json").is_file() else None)
+    size = (_sizes.get(key) or _size(folder)) if (folder / "info.json").is_file() else None
     if size is None:
         with _ONE:
             product = node.run(left=file)
             size = _write_tiles(folder, to_8bit(Images.read(product).left))
     _sizes[key] = size
+    keep_newest(folder, _MOST_PHOTOGRAPHS)
     return {"key": key, "width": size[0], "height": size[1], "levels": _levels(size), "tile": TILE, "step": step}
 
 
@@ -86,6 +90,7 @@ def thumbnail(project: Project, name: str) -> Path:
         grey = to_8bit(photograph.grey)
         small = turned_upright(reduced(grey, scale_for(grey, _THUMBNAIL_PIXELS)), photograph.orientation)
         write_whole(target, _jpeg(small))
+        keep_newest(target, _MOST_THUMBNAILS)
     return target
 
 

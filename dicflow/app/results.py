@@ -9,14 +9,26 @@ from typing import Any
 from dicflow.app.project import Project
 from dicflow.errors import ConfigurationError, InputError
 from dicflow.pipeline import Pipeline, Result
+from dicflow.pipeline.report_facts import ReportFacts
 
-__all__ = ["REPORT_POLICY", "export_files", "export_formats", "has_report", "report_page", "write_report"]
+__all__ = [
+    "REPORT_POLICY",
+    "export_files",
+    "export_formats",
+    "facts_of",
+    "has_report",
+    "report_page",
+    "resolution_of",
+    "write_report",
+]
 
 REPORT_POLICY = (
     "sandbox allow-scripts allow-popups allow-downloads; default-src 'none'; script-src 'unsafe-inline'; "
     "style-src 'unsafe-inline'; img-src data: blob:; font-src data:; connect-src data: blob:; frame-ancestors 'none'"
 )
 """The report is a page of its own, which can ask the app nothing."""
+_LOGOS = (".png", ".jpg", ".jpeg")
+_MOST_LOGOS = 50
 
 
 def _folder(project: Project, pipeline: Pipeline) -> Path:
@@ -36,6 +48,52 @@ def report_page(project: Project, name: str) -> bytes:
         return path.read_bytes()
     except OSError as error:
         raise InputError(str(path), "is not written yet", "run the test, or write the report") from error
+
+
+def facts_of(project: Project, name: str) -> dict[str, Any]:
+    """What the report states and no photograph shows: the section ``report`` of a pipeline file.
+
+    ``facts``: each with ``name``, ``words`` on what belongs there, and ``value``, "" where it is not given; ``logos``:
+    files beside the pipeline file that can be the logo.
+    """
+    pipeline = project.pipeline(name)
+    given = pipeline.facts
+    facts = [
+        {"name": fact, "words": field.description, "value": getattr(given, fact) or ""}
+        for fact, field in ReportFacts.model_fields.items()
+    ]
+    beside = sorted(one.name for one in pipeline.path.parent.iterdir() if one.suffix.lower() in _LOGOS)
+    return {"facts": facts, "logos": beside[:_MOST_LOGOS]}
+
+
+def resolution_of(project: Project, name: str) -> dict[str, Any]:
+    """Noise against resolution of the variants of a sweep, as its report has it.
+
+    ``chart``: SVG, None where all variants have one gauge or nothing is measured; ``unit`` of the gauge; ``measured``:
+    whether σ was measured where nothing deforms; ``variants``: each with its ``name``, ``side`` of the gauge and
+    ``sigma`` by symbol of the strain, None if unknown.
+    """
+    from dicflow.kinds.quantities import QUANTITIES
+    from dicflow.report.resolution import resolution_chart, resolutions
+    from dicflow.views.variant_names import variant_names
+
+    result = project.pipeline(name).result()
+    found, names = resolutions(result), variant_names(result.values)
+    known = [one for one in found if one is not None]
+    variants = [
+        {
+            "name": label,
+            "side": None if one is None else one.side,
+            "sigma": {} if one is None else {QUANTITIES[name].symbol: sigma for name, sigma in one.sigma.items()},
+        }
+        for label, one in zip(names, found, strict=True)
+    ]
+    return {
+        "chart": resolution_chart(found, names),
+        "unit": known[0].unit if known else "",
+        "measured": any(one.measured for one in known),
+        "variants": variants,
+    }
 
 
 def write_report(project: Project, name: str) -> dict[str, Any]:

@@ -20,6 +20,7 @@ from tornado.netutil import bind_sockets
 from tornado.web import Application, HTTPError, RequestHandler
 
 from dicflow.app.answers import ANSWERS, Desk
+from dicflow.app.explored import is_photograph
 from dicflow.app.pictures import picture_path, thumbnail
 from dicflow.app.project import Project
 from dicflow.app.results import REPORT_POLICY, report_page
@@ -147,8 +148,7 @@ class _Field(_Handler):
             content = await self.in_thread(self.desk.field, name)
         except (DicflowError, OSError) as error:
             return self.refuse(422, str(error))
-        picture = name.endswith(("_left", "_right"))
-        self.set_header("Content-Type", "image/jpeg" if picture else "application/octet-stream")
+        self.set_header("Content-Type", "image/jpeg" if is_photograph(name) else "application/octet-stream")
         self.set_header("Cache-Control", "private, max-age=31536000, immutable")
         self.finish(content)
         return None
@@ -229,6 +229,7 @@ async def _serve(project: Project, say: Callable[[str], None], opens: bool, port
     server = HTTPServer(application(desk, gate), max_body_size=_LARGEST_BYTES)
     server.add_sockets(sockets)
     say(gate.link)
+    desk.begin()
     if opens:
         webbrowser.open(gate.link)
     ended = asyncio.Event()

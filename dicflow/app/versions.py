@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import hashlib
 import json
+import threading
 from collections.abc import Mapping
 from contextlib import suppress
 from typing import Any
@@ -23,6 +24,8 @@ MISSING = ""
 _MOST = 1000
 """Changes that can be undone."""
 _ELSEWHERE = "changed by another program"
+_TURN = threading.Lock()
+"""One change at a time, so that no two tabs pass the check before either has written."""
 
 Entry = dict[str, Any]
 """``words``, and ``files``: name → [digest before, digest after]."""
@@ -45,26 +48,30 @@ def change(project: Project, seen: Mapping[str, str], new: Mapping[str, bytes], 
     words : what the change is, for the list of changes
     Raises Conflict where a file has changed meanwhile; nothing is written then.
     """
-    history = _History(project)
-    history.meet({name: seen.get(name, MISSING) for name in new})
-    files = {name: [seen.get(name, MISSING), history.keep(content)] for name, content in new.items()}
-    if changed := {name: pair for name, pair in files.items() if pair[0] != pair[1]}:
-        history.write({name: pair[1] for name, pair in changed.items()})
-        history.add({"words": words, "files": changed})
+    with _TURN:
+        history = _History(project)
+        history.meet({name: seen.get(name, MISSING) for name in new})
+        files = {name: [seen.get(name, MISSING), history.keep(content)] for name, content in new.items()}
+        if changed := {name: pair for name, pair in files.items() if pair[0] != pair[1]}:
+            history.write({name: pair[1] for name, pair in changed.items()})
+            history.add({"words": words, "files": changed})
 
 
 def undo(project: Project, seen: Mapping[str, str]) -> str:
     """Take back the last change and return its words, "" without any. Raises Conflict as :func:`change`."""
-    history = _History(project)
-    history.meet(seen)
-    return history.step(-1)
+    return _stepped(project, seen, -1)
 
 
 def redo(project: Project, seen: Mapping[str, str]) -> str:
     """Make the change again that was taken back last."""
-    history = _History(project)
-    history.meet(seen)
-    return history.step(1)
+    return _stepped(project, seen, 1)
+
+
+def _stepped(project: Project, seen: Mapping[str, str], way: int) -> str:
+    with _TURN:
+        history = _History(project)
+        history.meet(seen)
+        return history.step(way)
 
 
 def can(project: Project) -> dict[str, str]:

@@ -5,13 +5,25 @@ from __future__ import annotations
 from collections.abc import Callable
 from concurrent.futures import ProcessPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
+from importlib import import_module
 from multiprocessing import get_context
 from typing import Any
 
-from dicflow.engine.workers import ignore_interrupts, prepare
+from dicflow.engine.kernel_cache import keep_kernels
+from dicflow.engine.references import cache
+from dicflow.engine.workers import hold_to_one_thread, ignore_interrupts, limit_threads
 from dicflow.errors import WorkerError
 
-__all__ = ["Worker"]
+__all__ = ["Worker", "named"]
+
+_CACHE_BYTES = 16_000_000
+"""Of products that are made again when they are read, such as photographs."""
+
+
+def named(name: str, *arguments: Any) -> Any:
+    """The value of ``module.function`` of this package, which only the process that calls it then loads."""
+    module, _, function = name.partition(".")
+    return getattr(import_module(f"{__package__}.{module}"), function)(*arguments)
 
 
 class Worker:
@@ -23,6 +35,10 @@ class Worker:
     def __init__(self, works: int | None = None) -> None:
         self._works = works
         self._pool = self._made()
+
+    def begin(self, module: str) -> None:
+        """Start the process, and let it load a module of this package, without waiting for it."""
+        self._pool.submit(import_module, f"{__package__}.{module}")
 
     def do(self, call: Callable[..., Any], *arguments: Any) -> Any:
         """The value of a function of a module, called in the process. Raises WorkerError if that process dies."""
@@ -43,5 +59,9 @@ class Worker:
 
 
 def _ready() -> None:
+    """Unlike a worker of a run, it soon gives memory back and keeps few products, since it waits most of the time."""
     ignore_interrupts()
-    prepare()
+    limit_threads()
+    keep_kernels()
+    hold_to_one_thread()
+    cache.hold_to(_CACHE_BYTES)

@@ -122,6 +122,10 @@ class ProductCache:
         self._size = 0
         self._lock = threading.Lock()
 
+    def hold_to(self, limit: int) -> None:
+        """Remember no more than so many bytes from now on."""
+        self.limit = limit
+
     def get(self, digest: str) -> Product | None:
         """The product; None if it is not in the cache."""
         with self._lock:

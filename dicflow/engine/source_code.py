@@ -13,6 +13,7 @@ from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
 
+from dicflow.discovery import syntax_tree
 from dicflow.engine.bare_code import BareCode
 from dicflow.engine.hashing import digest_json
 from dicflow.engine.syntax import Definition, Globals, Import, Origin, Target, assigned, bound, called, counting, dotted
@@ -33,7 +34,7 @@ def code_of(path: Path, module: str) -> dict[str, Any]:
 
     Raises SyntaxError for what is no Python.
     """
-    tree = ast.parse(path.read_bytes(), str(path))
+    tree = syntax_tree(path.read_bytes(), str(path))
     source = _Module(tree.body, Origin(module, path.name == "__init__.py"))
     return {
         "definitions": {name: source.definition(name) for name in source.definitions},

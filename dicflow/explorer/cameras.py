@@ -24,7 +24,7 @@ __all__ = ["camera_facts"]
 def camera_facts(result: Result, source: FieldSource, step: str, keep: Keep) -> list[CameraFacts]:
     """The left and the right camera; empty without a rig, or with one camera."""
     stage = next((stage for stage in reversed(result.stages_of("rig")) if result.has(stage)), None)
-    if stage is None or source.unit != "mm":
+    if stage is None or source.facts["unit"] != "mm":
         return []
     made = keep(["cameras", result.digest(stage), *source.sources(step)], lambda: _both(result, stage, source, step))
     found: list[CameraFacts] = json.loads(made)
@@ -45,7 +45,7 @@ def _frame(result: Result, source: FieldSource, step: str) -> Frame:
     """The frame of the places at a step, in the left camera's."""
     from dicflow.core.cameras.frames import LEFT_CAMERA
 
-    product = result.product(source.stage, step)
+    product = result.product(source.facts["stage"], step)
     total = Total.read(product) if product.kind == "total" else None
     return total.frames[0] if total is not None and total.has_uncertainty else LEFT_CAMERA
 

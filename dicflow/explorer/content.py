@@ -8,8 +8,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from dicflow.explorer.fields import FieldSource, StepFields
-from dicflow.explorer.packing import LinearScale, packed
+from dicflow.explorer.fields import ERROR_PARTS, FieldSource, StepFields
+from dicflow.explorer.packing import LinearScale, LogScale, packed
 from dicflow.explorer.survey import Scales
 
 __all__ = ["Keep", "Selection", "first_blob", "key_of", "select", "step_blobs"]
@@ -37,14 +37,14 @@ class Selection(NamedTuple):
 
 
 def key_of(part: str, name: str) -> str:
-    """Key of a blob of a step: part "value", "sigma", "share" or "place"."""
+    """Key of a blob of a step: part "value", "place", or one of ``ERROR_PARTS``."""
     return f"{part}/{name}"
 
 
 def step_blobs(source: FieldSource, step: str, scales: Scales, chosen: Selection, keep: Keep) -> dict[str, bytes]:
-    """Blobs of a step by key: each quantity's values, σ and share, the status, and the places."""
+    """Blobs of a step by key: each quantity's values and errors, the status, and the places."""
     names = [*chosen.quantities]
-    facts = json.dumps([scales.values, scales.sigmas, scales.shares, scales.places, names, chosen.stride])
+    facts = json.dumps([scales.values, scales.errors, scales.places, names, chosen.stride])
     made = keep(
         ["packed fields", facts, *source.sources(step)], lambda: _joined(_blobs(source.read(step), scales, chosen))
     )
@@ -69,9 +69,7 @@ def select(
     importance : quantities, the most important first
     """
     sizes = {key: len(blob) * _MARGIN for key, blob in blobs.items()}
-    each = {
-        name: sum(sizes.get(key_of(part, name), 0.0) for part in ("value", "sigma", "share")) for name in importance
-    }
+    each = {name: sum(sizes.get(key_of(part, name), 0.0) for part in ("value", *ERROR_PARTS)) for name in importance}
     places = sum(sizes.values()) - sum(each.values())
     for stride in (1, 2):
         room = budget_bytes / max(1, len(steps)) * stride**2
@@ -106,15 +104,12 @@ def _blobs(fields: StepFields, scales: Scales, chosen: Selection) -> dict[str, b
     for name, values in fields.places.items():
         if name in scales.places:
             found[key_of("place", name)] = _packed_places(values[thin], scales.places[name])
+    numbers: dict[str, Mapping[str, Any]] = {"value": fields.values, **fields.errors}
+    tables: dict[str, Mapping[str, LinearScale | LogScale]] = {"value": scales.values, **scales.errors}
     for name in chosen.quantities:
-        parts = (
-            ("value", fields.values, scales.values),
-            ("sigma", fields.sigmas, scales.sigmas),
-            ("share", fields.shares, scales.shares),
-        )
-        for part, arrays, table in parts:
-            if name in arrays and name in table:
-                found[key_of(part, name)] = packed(table[name].codes(arrays[name][thin]))
+        for part, arrays in numbers.items():
+            if name in arrays and name in tables[part]:
+                found[key_of(part, name)] = packed(tables[part][name].codes(arrays[name][thin]))
     return found
 
 

@@ -24,7 +24,7 @@ class Curve(TypedDict):
     title : in words
     unit : of its values
     numbers : of the steps; the first one has 0
-    values, sigmas : None if unknown
+    values, errors : readings and their standard deviations; None if unknown
     """
 
     name: str
@@ -33,7 +33,7 @@ class Curve(TypedDict):
     unit: str
     numbers: list[int]
     values: list[float | None]
-    sigmas: list[float | None]
+    errors: list[float | None]
 
 
 def probe_curves(result: Result, quantity: str, keep: Keep, variant: int = 0) -> list[Curve]:
@@ -78,7 +78,7 @@ def _curve(table: ProbeTable, name: str, quantity: str, index: int, title: str) 
         unit=unit_of(quantity, table.unit),
         numbers=list(range(len(values))),
         values=[_known(value) for value in values],
-        sigmas=[_known(value) for value in sigmas],
+        errors=[_known(value) for value in sigmas],
     )
 
 

@@ -21,14 +21,10 @@ def manifest_of(reading: Reading, title: str, shown: Contents, keep: Keep) -> Ma
     """All that a page shows, but for the numbers. title : of the pipeline"""
     source, (quantity, step) = reading.source, reading.main
     steps = [step_entry(reading, one, shown) for one in shown.steps]
-    quantities = [quantity_entry(reading, one, steps) for one in reading.quantities if one.name in shown.quantities]
+    quantities = [quantity_entry(reading, one, steps) for one in reading.quantities if one["name"] in shown.quantities]
     return Manifest(
         title=title,
-        stage=source.stage,
-        form=source.form,
-        unit=source.unit,
-        follows=source.follows,
-        directions=source.directions,
+        **source.facts,
         main=(quantity, shown.steps.index(step) if step in shown.steps else len(shown.steps) - 1),
         steps=steps,
         first=first_entry(reading, shown),
@@ -38,7 +34,7 @@ def manifest_of(reading: Reading, title: str, shown: Contents, keep: Keep) -> Ma
         crops={side: crop_entry(crop) for side, crop in shown.crops.items()},
         cameras=camera_facts(reading.result, source, step, keep),
         palettes=_palettes(quantities, keep),
-        curves=[] if source.form == "difference" else probe_curves(reading.result, quantity, keep),
+        curves=[] if source.facts["form"] == "difference" else probe_curves(reading.result, quantity, keep),
         load=loads(reading.result, [entry["number"] for entry in steps]),
         left_out=list(shown.left_out),
     )

@@ -46,7 +46,7 @@ def step_entry(reading: Reading, step: str, shown: Contents) -> StepEntry:
     rows, cols = (0, 0) if one is None else one["shape"]
     return StepEntry(
         name=step,
-        number=reading.result.number(reading.source.stage, step),
+        number=reading.result.number(reading.source.facts["stage"], step),
         shape=(-(-rows // shown.stride), -(-cols // shown.stride)),
         blobs=dict(shown.fields.get(step, {})),
         photos=dict(shown.photographs.get(step, {})),
@@ -69,22 +69,16 @@ def first_entry(reading: Reading, shown: Contents) -> FirstFacts | None:
 def quantity_entry(reading: Reading, facts: QuantityFacts, steps: Sequence[StepEntry]) -> QuantityEntry:
     """A quantity with its scales, colours and means."""
     scales, look = reading.scales, reading.look(facts)
-    sigma, share = scales.sigmas.get(facts.name), scales.shares.get(facts.name)
-    value = scales.values[facts.name]
+    value = scales.values[facts["name"]]
+    errors = {part: found[facts["name"]] for part, found in scales.errors.items() if facts["name"] in found}
     found = [reading.surveys.get(entry["name"]) for entry in steps]
     return QuantityEntry(
-        name=facts.name,
-        symbol=facts.symbol,
-        title=facts.title,
-        unit=facts.unit,
-        signed=facts.signed,
-        positive=facts.positive,
+        **facts,
         scale=(value.low, value.quantum),
-        sigma=None if sigma is None else (sigma.low, sigma.ratio),
-        share=None if share is None else (share.low, share.ratio),
+        errors={part: (one.low, one.ratio) for part, one in errors.items()},
         range=look.range,
         colours=look.table,
-        means=[None if one is None else one["means"].get(facts.name) for one in found],
+        means=[None if one is None else one["means"].get(facts["name"]) for one in found],
     )
 
 

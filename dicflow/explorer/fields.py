@@ -6,7 +6,7 @@ from collections import OrderedDict
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from functools import cached_property
-from typing import Any, Literal, NamedTuple, Protocol
+from typing import Any, Literal, NamedTuple, Protocol, TypedDict
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,18 +20,46 @@ from dicflow.kinds.total import Total
 from dicflow.pipeline.places import Places, to_left_photograph
 from dicflow.pipeline.result import Result
 
-__all__ = ["FieldSource", "Form", "QuantityFacts", "ShapeFields", "StepFields", "TotalFields", "field_source"]
+__all__ = [
+    "ERROR_PARTS",
+    "FieldFacts",
+    "FieldSource",
+    "QuantityFacts",
+    "ShapeFields",
+    "StepFields",
+    "TotalFields",
+    "field_source",
+]
 
 Array = NDArray[Any]
-Form = Literal["deformation", "shape", "difference"]
 _ROUTES = ("status", "way", "way_right")
-_KEPT_STEPS = 24
-"""Steps of all results whose arrays stay in memory, since they are read twice, and again for a difference."""
+ERROR_PARTS = {"u": "u_", "sigma": "sigma_", "bias": "bias_", "share": "calibration_"}
+"""What is known of the error of a value, and how names of its arrays begin in a total: combined standard uncertainty,
+standard deviation by noise, that of the bias that remains, and the calibration's share beside them."""
+_KEPT_BYTES = 30_000_000
+"""Memory for steps of all results that were read last, since they are read twice, and again for a difference."""
 _MOST_POINTS = 60_000
 """Of a shape; a cloud has a point per pixel, and more than these are not seen."""
 
 
-class QuantityFacts(NamedTuple):
+class FieldFacts(TypedDict):
+    """What is known of fields before their numbers.
+
+    stage : whose fields these are
+    form : "deformation", "shape" for places without displacement, "difference" of two results
+    unit : of lengths
+    follows : whether a point is the same material at every step
+    directions : whether x and y of strains are the "material"'s or "global"; "" if x is not the photograph's
+    """
+
+    stage: str
+    form: Literal["deformation", "shape", "difference"]
+    unit: str
+    follows: bool
+    directions: Literal["material", "global", ""]
+
+
+class QuantityFacts(TypedDict):
     """What a page says of a quantity.
 
     name : of its array
@@ -53,15 +81,15 @@ class QuantityFacts(NamedTuple):
 class StepFields(NamedTuple):
     """The points of one step.
 
-    values, sigmas, shares : quantity → (row, col) values, their combined uncertainties u, and the calibration's share
-        beside them; NaN if unknown
+    values : quantity → (row, col); NaN if unknown
+    errors : each of ``ERROR_PARTS`` → quantity → (row, col); NaN if unknown. Without a bias there is no "u", which is
+        "sigma" then
     status : (row, col) — valid, filled, or why a value is unknown
     places : "left" and "right" (row, col, 2) in the photographs [px], "space" (row, col, 3)
     """
 
     values: Mapping[str, Array]
-    sigmas: Mapping[str, Array]
-    shares: Mapping[str, Array]
+    errors: Mapping[str, Mapping[str, Array]]
     status: Array
     places: Mapping[str, Array]
 
@@ -69,22 +97,13 @@ class StepFields(NamedTuple):
 class FieldSource(Protocol):
     """Fields of one stage of a result.
 
-    stage : its name
-    form : displacement and strain, places alone, or the difference of two results
     steps : names of all its steps
     photographs : the stage of the photographs in which points are placed; None if unknown
-    unit : of lengths
-    follows : whether a point is the same material at every step
-    directions : whether x and y of strains are the material's or global; "" if x is not that of the photograph
     """
 
-    stage: str
-    form: Form
+    facts: FieldFacts
     steps: Sequence[str]
     photographs: str | None
-    unit: str
-    follows: bool
-    directions: Literal["material", "global", ""]
 
     def quantities(self) -> Sequence[QuantityFacts]:
         """All quantities."""
@@ -97,6 +116,9 @@ class FieldSource(Protocol):
 
     def read(self, step: str) -> StepFields:
         """The fields of a step."""
+
+    def at_point(self, step: str, quantity: str, index: int) -> tuple[float, float]:
+        """Value of a quantity at a point, by its number in the grid, and its standard uncertainty; NaN if unknown."""
 
     def first_sources(self) -> list[str] | None:
         """Digests of all that places at the first step are made of; None if they are unknown."""
@@ -121,17 +143,21 @@ def field_source(result: Result, variant: int = 0) -> FieldSource | None:
 class TotalFields:
     """Fields of displacement and strain."""
 
-    form: Form = "deformation"
-
     def __init__(self, result: Result, stage: str, variant: int = 0) -> None:
-        self._result, self._variant, self.stage = result, variant, stage
+        self._result, self._variant, self._stage = result, variant, stage
         self.steps: Sequence[str] = result.steps(stage, variant)
         self._places = Places(result, variant)
         self.photographs: str | None = self._places.photographs
         first = self._total(next(step for step in self.steps if self.has(step)))
-        self._example, self.unit, self.follows = first, first.unit, first.follows_material
-        turned = bool(result.stages_of("frame")) or not self.follows
-        self.directions: Literal["material", "global", ""] = "" if turned else first.directions
+        turned = bool(result.stages_of("frame")) or not first.follows_material
+        self._example = first
+        self.facts = FieldFacts(
+            stage=stage,
+            form="deformation",
+            unit=first.unit,
+            follows=first.follows_material,
+            directions="" if turned else first.directions,
+        )
 
     def quantities(self) -> Sequence[QuantityFacts]:
         """Those of the table in its order, then all other fields."""
@@ -143,11 +169,11 @@ class TotalFields:
 
     def has(self, step: str) -> bool:
         """Whether the step was measured."""
-        return self._result.has(self.stage, step, self._variant)
+        return self._result.has(self._stage, step, self._variant)
 
     def sources(self, step: str) -> list[str]:
         """Digests of the total, of the right camera's points, and of the rig that carries places into photographs."""
-        found = [self._result.digest(self.stage, step, self._variant), *self._rig]
+        found = [self._result.digest(self._stage, step, self._variant), *self._rig]
         if self._right is not None:
             found.append(self._result.digest(self._right, step, self._variant))
         return found
@@ -158,21 +184,24 @@ class TotalFields:
 
     def _read(self, step: str) -> StepFields:
         total = self._total(step)
-        names = [quantity.name for quantity in self.quantities() if quantity.name in total]
-        sigmas, shares = (
-            {name: total[p + name] for name in names if p + name in total} for p in ("u_", "calibration_")
-        )
+        names = [quantity["name"] for quantity in self.quantities() if quantity["name"] in total]
         places = {"left": self._places.at_step(total)}
         if total.in_space:
             places["space"] = total["xyz"]
         if self._right is not None:
             right = self._result.product(self._right, step, self._variant)["xy"]
             places["right"] = np.where(np.isfinite(places["space"][..., :1]), right, np.nan)
-        return StepFields({name: total[name] for name in names}, sigmas, shares, total["status"], places)
+        return StepFields({name: total[name] for name in names}, _errors(total, names), total["status"], places)
+
+    def at_point(self, step: str, quantity: str, index: int) -> tuple[float, float]:
+        """Value and standard uncertainty at a point; no other array is read."""
+        total = self._total(step)
+        error = next((p + quantity for p in ("u_", "sigma_") if p + quantity in total), "")
+        return _number(total, quantity, index), _number(total, error, index)
 
     def first_sources(self) -> list[str] | None:
         """Digests of the grid and of the rig; None where each step has a grid of its own."""
-        if not self.follows or self._places.grid is None:
+        if not self.facts["follows"] or self._places.grid is None:
             return None
         return [self._result.digest(self._places.grid, 0, self._variant), *self._rig]
 
@@ -193,20 +222,27 @@ class TotalFields:
     def _right(self) -> str | None:
         """The stage with places in the right photograph; points in space are made again when they are read."""
         try:
-            points = self._result.source(self.stage, "points", self._variant)
+            points = self._result.source(self._stage, "points", self._variant)
             return self._result.source(points, "stereo", self._variant)
         except KeyError:
             return None
 
     def _total(self, step: str) -> Total:
-        return Total.read(self._result.product(self.stage, step, self._variant))
+        return Total.read(self._result.product(self._stage, step, self._variant))
 
     def _facts(self, name: str) -> QuantityFacts:
         quantity, total = of_field(name), self._example
         if quantity is None:
-            return QuantityFacts(name, name.upper(), total.caption(name), total.unit_of(name), False, "")
+            symbol, signed, positive = name.upper(), False, ""
+        else:
+            symbol, signed, positive = quantity.symbol, is_signed(name), quantity.positive
         return QuantityFacts(
-            name, quantity.symbol, total.caption(name), total.unit_of(name), is_signed(name), quantity.positive
+            name=name,
+            symbol=symbol,
+            title=total.caption(name),
+            unit=total.unit_of(name),
+            signed=signed,
+            positive=positive,
         )
 
 
@@ -219,20 +255,23 @@ def _kept(sources: Sequence[str], make: Callable[[], StepFields]) -> StepFields:
     key = tuple(sources)
     found = _read_last.pop(key, None) or make()
     _read_last[key] = found
-    while len(_read_last) > _KEPT_STEPS:
+    while len(_read_last) > 1 and sum(map(_size, _read_last.values())) > _KEPT_BYTES:
         _read_last.popitem(last=False)
     return found
+
+
+def _size(fields: StepFields) -> int:
+    """Memory of the arrays of a step [bytes]."""
+    numbers = (fields.values, fields.places, *fields.errors.values())
+    return fields.status.nbytes + sum(array.nbytes for found in numbers for array in found.values())
 
 
 class ShapeFields:
     """Places in space of a test without deformation: the depth and the coordinates of its points."""
 
-    form: Form = "shape"
-    follows, unit = True, "mm"
-    directions: Literal["material", "global", ""] = ""
-
     def __init__(self, result: Result, stage: str, variant: int = 0) -> None:
-        self._result, self._variant, self.stage = result, variant, stage
+        self._result, self._variant, self._stage = result, variant, stage
+        self.facts = FieldFacts(stage=stage, form="shape", unit="mm", follows=True, directions="")
         self.steps: Sequence[str] = result.steps(stage, variant)
         self.photographs: str | None = next(iter(result.stages_of("images")), None)
         with suppress(IndexError, KeyError):  # without a region
@@ -241,25 +280,33 @@ class ShapeFields:
     def quantities(self) -> Sequence[QuantityFacts]:
         """Depth first, then X and Y, in the left camera's frame."""
         words = {"Z": "depth Z", "X": "place X", "Y": "place Y"}
-        return [QuantityFacts(name, name, title, "mm", False, "") for name, title in words.items()]
+        return [
+            QuantityFacts(name=name, symbol=name, title=title, unit="mm", signed=False, positive="")
+            for name, title in words.items()
+        ]
 
     def has(self, step: str) -> bool:
         """Whether the step was measured."""
-        return self._result.has(self.stage, step, self._variant)
+        return self._result.has(self._stage, step, self._variant)
 
     def sources(self, step: str) -> list[str]:
         """Digests of the points and of all rigs."""
         rigs = [stage for stage in self._result.stages_of("rig") if self._result.has(stage, None, self._variant)]
         found = [self._result.digest(stage, None, self._variant) for stage in rigs]
-        return [self._result.digest(self.stage, step, self._variant), *found]
+        return [self._result.digest(self._stage, step, self._variant), *found]
 
     def read(self, step: str) -> StepFields:
         """The fields of a step."""
-        product = self._result.product(self.stage, step, self._variant)
+        product = self._result.product(self._stage, step, self._variant)
         if product.kind == "cloud":
             return self._of_cloud(Cloud.read(product))
-        followed = self._result.source(self.stage, "correlation", self._variant)
+        followed = self._result.source(self._stage, "correlation", self._variant)
         return _of_points(Points.read(product), self._result.product(followed, step, self._variant)["xy"])
+
+    def at_point(self, step: str, quantity: str, index: int) -> tuple[float, float]:
+        """Value and standard uncertainty at a point."""
+        fields = self.read(step)
+        return _number(fields.values, quantity, index), _number(fields.errors.get("sigma", {}), quantity, index)
 
     def first_sources(self) -> list[str] | None:
         """None: a shape is shown at its own step."""
@@ -278,7 +325,7 @@ class ShapeFields:
         places: dict[str, Array] = {"space": xyz}
         if (carried := self._carried(pixels)) is not None:
             places["left"] = carried
-        return StepFields(_coordinates(xyz), {}, {}, status, places)
+        return StepFields(_coordinates(xyz), {}, status, places)
 
     def _carried(self, pixels: Array) -> Array | None:
         """Pixels of the rectified left image in the left photograph; None without a rig."""
@@ -292,13 +339,27 @@ class ShapeFields:
         return None
 
 
+def _errors(total: Total, names: Sequence[str]) -> dict[str, dict[str, Array]]:
+    """What is known of the errors of quantities, by part and name."""
+    biased = [name for name in names if f"bias_{name}" in total]
+    return {
+        part: {name: total[prefix + name] for name in (biased if part == "u" else names) if prefix + name in total}
+        for part, prefix in ERROR_PARTS.items()
+    }
+
+
+def _number(arrays: Mapping[str, Array] | Total, name: str, index: int) -> float:
+    """A number of an array by its place in the flat array; NaN where there is none."""
+    return float(arrays[name].flat[index]) if name in arrays and index < arrays[name].size else np.nan
+
+
 def _of_points(points: Points, left: Array) -> StepFields:
     """Coordinates of measured points and their standard deviations. left : places (row, col, 2), also of lost ones"""
     xyz, covariance = points["xyz"], points["covariance"]
     variances = {"X": covariance[..., 0], "Y": covariance[..., 3], "Z": covariance[..., 5]}
     sigmas = {name: np.sqrt(np.maximum(variance, 0.0)) for name, variance in variances.items()}
     places = {"left": left, "right": points["xy_right"], "space": xyz}
-    return StepFields(_coordinates(xyz), sigmas, {}, points["status"], places)
+    return StepFields(_coordinates(xyz), {"sigma": sigmas}, points["status"], places)
 
 
 def _coordinates(xyz: Array) -> dict[str, Array]:

@@ -1,7 +1,7 @@
 """What the page reads first: plain JSON that says what is shown and which blob holds which numbers.
 
 Names of blobs are those of :func:`dicflow.explorer.packing.blob_name`. Numbers are codes: a scale ``[low, quantum]``
-gives the value low + (code − 1) quantum, that of a standard deviation, ``[low, ratio]``, low · ratio^(code − 1). Code 0
+gives the value low + (code − 1) quantum, that of an error, ``[low, ratio]``, low · ratio^(code − 1). Code 0
 is an unknown value.
 """
 
@@ -10,32 +10,25 @@ from __future__ import annotations
 from typing import TypedDict
 
 from dicflow.explorer.curves import Curve
-from dicflow.explorer.fields import Form
+from dicflow.explorer.fields import FieldFacts, QuantityFacts
 
 __all__ = ["CameraFacts", "Crop", "FirstFacts", "Manifest", "QuantityEntry", "Reason", "StepEntry"]
 
 Scale = tuple[float, float]
 
 
-class QuantityEntry(TypedDict):
-    """A quantity.
+class QuantityEntry(QuantityFacts):
+    """A quantity, its scales, colours and means.
 
-    name, symbol, title, unit, signed, positive : as in :class:`dicflow.explorer.fields.QuantityFacts`
     scale : low and quantum of its values
-    sigma, share : low and ratio of its standard deviation and of the calibration's share in it; None if unknown
+    errors : low and ratio of "u", its combined standard uncertainty, of "sigma", its standard deviation by noise, of
+        "bias", that of the bias that remains, and of "share", the calibration's share; those that are known
     range, colours : values between which the colours run, and the name of their map
     means : of each step, mean over the points and their standard deviation about it; None if unknown
     """
 
-    name: str
-    symbol: str
-    title: str
-    unit: str
-    signed: bool
-    positive: str
     scale: Scale
-    sigma: Scale | None
-    share: Scale | None
+    errors: dict[str, Scale]
     range: tuple[float, float]
     colours: str
     means: list[tuple[float, float] | None]
@@ -46,7 +39,8 @@ class StepEntry(TypedDict):
 
     name : of the step; number : in the test, 0 for the first photograph
     shape : rows and columns of the grid
-    blobs : "status", "value/NAME", "sigma/NAME", "share/NAME", "place/left", "place/right", "place/space" → blob
+    blobs : "status", "value/NAME", "place/left", "place/right", "place/space", and of errors "u/NAME", "sigma/NAME",
+        "bias/NAME", "share/NAME" → blob
     photos : "left", "right" → blob with a JPEG
     counts : status code → number of points
     valid : share of the points that have a value
@@ -94,14 +88,10 @@ class CameraFacts(TypedDict):
     corners: list[list[float]]
 
 
-class Manifest(TypedDict):
+class Manifest(FieldFacts):
     """All that a page shows, but for the numbers.
 
-    title : of the pipeline; stage : whose fields these are
-    form : "deformation", "shape" for places without displacement, "difference" of two results
-    unit : of lengths
-    follows : whether a point is the same material at every step
-    directions : whether x and y of strains are the "material"'s or "global"; "" if x is not the photograph's
+    title : of the pipeline
     main : name of the quantity, and place of the step in ``steps``, that are shown first
     places : place → scale of each component
     crops : "left", "right" → part of the photographs
@@ -113,11 +103,6 @@ class Manifest(TypedDict):
     """
 
     title: str
-    stage: str
-    form: Form
-    unit: str
-    follows: bool
-    directions: str
     main: tuple[str, int]
     steps: list[StepEntry]
     first: FirstFacts | None

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import json
+import math
 from collections.abc import Iterable, Mapping
 from functools import cached_property
 
@@ -31,8 +32,9 @@ class OnDemand:
 
     def __init__(self, reading: Reading, title: str, keep: Keep) -> None:
         self._reading, self._title, self._keep = reading, title, keep
+        self.source = reading.source
         self._steps = list(reading.steps)
-        self._selection = Selection([facts.name for facts in reading.quantities], 1, self._steps)
+        self._selection = Selection([facts["name"] for facts in reading.quantities], 1, self._steps)
 
     @cached_property
     def key(self) -> str:
@@ -74,11 +76,26 @@ class OnDemand:
             raise InputError(name[:40], "is not there", "its photograph may have been moved; read the result again")
         return found
 
+    def curve(self, quantity: str, index: int) -> dict[str, list[float | None]]:
+        """Readings of a point at all steps that are shown, ``values`` and ``errors``; None if unknown.
+
+        index : of the point in the grid, row by row
+        Raises InputError for a quantity or a point that is not there.
+        """
+        source = self._reading.source
+        if quantity not in self._reading.scales.values or index < 0:
+            raise InputError(quantity[:40], "is not there", "read the result again")
+        there = [
+            source.at_point(s, quantity, index) if s in self._reading.surveys else (math.nan,) * 2 for s in self._steps
+        ]
+        values, errors = zip(*there, strict=True)
+        return {"values": [_known_number(one) for one in values], "errors": [_known_number(one) for one in errors]}
+
     @cached_property
     def _keys(self) -> list[str]:
         """Keys of the blobs that a step may have."""
         scales = self._reading.scales
-        tables = {"value": scales.values, "sigma": scales.sigmas, "share": scales.shares, "place": scales.places}
+        tables: dict[str, Iterable[str]] = {"value": scales.values, **scales.errors, "place": scales.places}
         return ["status", *(key_of(part, name) for part, table in tables.items() for name in table)]
 
     def _names(self, step: str) -> dict[str, str]:
@@ -151,12 +168,11 @@ class OnDemand:
         return sentences
 
 
+def _known_number(value: float) -> float | None:
+    return value if math.isfinite(value) else None
+
+
 def _known(one: StepSurvey) -> set[str]:
     """Keys of the blobs with any number in them."""
-    parts: dict[str, Iterable[str]] = {
-        "value": one["values"],
-        "sigma": one["sigmas"],
-        "share": one["shares"],
-        "place": one["places"],
-    }
+    parts: dict[str, Iterable[str]] = {"value": one["values"], **one["errors"], "place": one["places"]}
     return {"status", *(key_of(part, name) for part, found in parts.items() for name in found)}

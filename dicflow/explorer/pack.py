@@ -71,7 +71,7 @@ def _photographs(reading: Reading, chosen: Selection, budget_bytes: float, keep:
 
 def _left_out(reading: Reading, chosen: Selection, photographs: Photographs) -> list[str]:
     """What a page had to leave out, in sentences."""
-    dropped = [facts.symbol for facts in reading.quantities if facts.name not in chosen.quantities]
+    dropped = [facts["symbol"] for facts in reading.quantities if facts["name"] not in chosen.quantities]
     sentences = []
     if dropped:
         sentences.append(f"left out to keep this file small: {', '.join(dropped)}")

@@ -17,7 +17,7 @@ from dicflow.pipeline.result import Result
 from dicflow.views.colours import DIVERGING, Look, look
 from dicflow.views.figures import maps_of
 
-__all__ = ["Reading", "read_result", "read_source"]
+__all__ = ["Reading", "read_result", "read_source", "surveyed"]
 
 _MOST_STEPS = 400
 """Steps that are looked at for one page, evenly from the first to the last."""
@@ -54,27 +54,27 @@ class Reading(NamedTuple):
             if found:
                 _size, name, step = max(found)
                 return name, step
-        return self.quantities[0].name, list(self.surveys)[-1]
+        return self.quantities[0]["name"], list(self.surveys)[-1]
 
     @property
     def importance(self) -> list[str]:
         """Quantities, the most important first: the main one, those of the maps, of reports, all others."""
-        known = [facts.name for facts in self.quantities]
+        known = [facts["name"] for facts in self.quantities]
         order = [self.main[0], *(self.maps.quantities if self.maps is not None else ()), *REPORTED, *known]
         return [name for name in dict.fromkeys(order) if name in known]
 
     def look(self, facts: QuantityFacts) -> Look:
         """Colours of a quantity: those of the maps where they draw it, of a difference about zero."""
-        if self.source.form == "difference":
-            low, high = joined_range(one["colours"].get(facts.name) for one in self.surveys.values())
-            largest = max(abs(low), abs(high))
-            return look(facts.name, facts.title, facts.unit, -largest, largest, DIVERGING)
-        if self.maps is not None and facts.name in self.maps.quantities:
-            (low, high), choice = self.maps.quantities[facts.name].range, self.maps.colour_map
+        name = facts["name"]
+        if self.maps is not None and name in self.maps.quantities:
+            (low, high), choice = self.maps.quantities[name].range, self.maps.colour_map
         else:
-            low, high = joined_range(one["colours"].get(facts.name) for one in self.surveys.values())
+            low, high = joined_range(one["colours"].get(name) for one in self.surveys.values())
             choice = "auto"
-        return look(facts.name, facts.title, facts.unit, low, high, choice)
+        if self.source.facts["form"] == "difference":
+            high = max(abs(low), abs(high))
+            low, choice = -high, DIVERGING
+        return look(name, facts["title"], facts["unit"], low, high, choice)
 
 
 def read_result(result: Result, keep: Keep, most_steps: int = _MOST_STEPS) -> Reading | None:
@@ -86,18 +86,18 @@ def read_result(result: Result, keep: Keep, most_steps: int = _MOST_STEPS) -> Re
 def read_source(result: Result, source: FieldSource, keep: Keep, most_steps: int) -> Reading | None:
     """The same of chosen fields. result : has the photographs"""
     steps = spread(source.steps, most_steps)
-    surveys = {step: _surveyed(source, step, keep) for step in steps if source.has(step)}
+    surveys = {step: surveyed(source, step, keep) for step in steps if source.has(step)}
     first = _first(source, keep)
     scales = scales_of([*surveys.values()], None if first is None else first["extents"])
-    quantities = [facts for facts in source.quantities() if facts.name in scales.values]
+    quantities = [facts for facts in source.quantities() if facts["name"] in scales.values]
     if not quantities:
         return None
     grid = None if first is None else first["shape"]
-    maps = None if source.form == "difference" else maps_of(result, source.stage)
+    maps = None if source.facts["form"] == "difference" else maps_of(result, source.facts["stage"])
     return Reading(result, source, steps, surveys, scales, grid, quantities, maps)
 
 
-def _surveyed(source: FieldSource, step: str, keep: Keep) -> StepSurvey:
+def surveyed(source: FieldSource, step: str, keep: Keep) -> StepSurvey:
     """Facts of a step, also from a piece that is kept."""
     first = source.first_sources()
 

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dicflow.core.status import Status
-from dicflow.explorer.fields import StepFields
+from dicflow.explorer.fields import ERROR_PARTS, StepFields
 from dicflow.explorer.packing import LinearScale, LogScale
 from dicflow.kinds.maps import colour_range
 
@@ -23,7 +23,8 @@ class StepSurvey(TypedDict):
     """Facts of one step, as JSON.
 
     shape : rows and columns of the grid
-    values, sigmas, shares : quantity → least and largest number; those of σ are positive
+    values : quantity → least and largest number
+    errors : each of ``ERROR_PARTS`` → quantity → least and largest positive number
     colours : quantity → range without outliers
     means : quantity → mean over the points, and their standard deviation about it
     places : place → least and largest number of each component
@@ -32,8 +33,7 @@ class StepSurvey(TypedDict):
 
     shape: tuple[int, int]
     values: dict[str, Extent]
-    sigmas: dict[str, Extent]
-    shares: dict[str, Extent]
+    errors: dict[str, dict[str, Extent]]
     colours: dict[str, Extent]
     means: dict[str, Extent]
     places: dict[str, list[Extent]]
@@ -41,11 +41,10 @@ class StepSurvey(TypedDict):
 
 
 class Scales(NamedTuple):
-    """How numbers of all steps become codes, by quantity and by place."""
+    """How numbers of all steps become codes, by quantity and by place; errors by each of ``ERROR_PARTS`` before."""
 
     values: Mapping[str, LinearScale]
-    sigmas: Mapping[str, LogScale]
-    shares: Mapping[str, LogScale]
+    errors: Mapping[str, Mapping[str, LogScale]]
     places: Mapping[str, Sequence[LinearScale]]
 
 
@@ -62,8 +61,7 @@ def survey(fields: StepFields, inside: Array | None) -> StepSurvey:
     return StepSurvey(
         shape=(fields.status.shape[0], fields.status.shape[1]),
         values={name: (float(values.min()), float(values.max())) for name, values in known.items()},
-        sigmas=_positive_extents(fields.sigmas),
-        shares=_positive_extents(fields.shares),
+        errors={part: _positive_extents(fields.errors.get(part, {})) for part in ERROR_PARTS},
         colours={name: found for name, values in known.items() if (found := colour_range(values))},
         means={name: (float(values.mean()), float(values.std())) for name, values in known.items()},
         places={name: extents(values) for name, values in fields.places.items() if np.isfinite(values).any()},
@@ -87,18 +85,16 @@ def extents(places: Array) -> list[Extent]:
 def scales_of(steps: Sequence[StepSurvey], first: Sequence[Extent] | None) -> Scales:
     """Scales over all steps. first : extents of the places at the first step"""
     values = {name: LinearScale.over(*extent) for name, extent in _joined(one["values"] for one in steps).items()}
-    sigmas, shares = (
-        {name: LogScale.over(*extent) for name, extent in _joined(one[part] for one in steps).items()}
-        for part in ("sigmas", "shares")
-    )
+    errors = {
+        part: {name: LogScale.over(*extent) for name, extent in _joined(one["errors"][part] for one in steps).items()}
+        for part in ERROR_PARTS
+    }
     places: dict[str, list[Extent]] = {}
     for one in [*(step["places"] for step in steps), {} if first is None else {"left": list(first)}]:
         for name, found in one.items():
             pairs = zip(places.get(name, found), found, strict=True)
             places[name] = [(min(a[0], b[0]), max(a[1], b[1])) for a, b in pairs]
-    return Scales(
-        values, sigmas, shares, {name: [LinearScale.over(*one) for one in found] for name, found in places.items()}
-    )
+    return Scales(values, errors, {name: [LinearScale.over(*one) for one in found] for name, found in places.items()})
 
 
 def _joined(steps: Iterable[Mapping[str, Extent]]) -> dict[str, Extent]:

@@ -22,6 +22,7 @@ _MOST_ON_A_LINE = 8
 """Names in a list."""
 _TO_FILL_IN = re.compile(r"^([^#\n]*\S)[ ]+# FILL IN the .*$", re.MULTILINE)
 
+_REMARKS = re.compile(r"\n((?:[ \t]*(?:#[^\n]*)?\n)*(?:[ \t]*#[^\n]*)?)\Z")
 _INDENTED = re.compile(r"^( +)[^ #\n]", re.MULTILINE)
 
 
@@ -48,17 +49,24 @@ def edited(text: str, source: str, edits: Sequence[Edit]) -> str:
     require_editor()
     wanted = copy.deepcopy(parse(text, source).data)
     yaml = _yaml(text)
-    tree = _loaded(yaml, text)
+    body, remarks = _parted(text)
+    tree = _loaded(yaml, body)
     before = _dumped(yaml, tree)
     for place, value in edits:
         _put(wanted, place, value, copy.deepcopy)
         _put(tree, place, value, _styled, insert=_insert)
     whole = _dumped(yaml, tree)
-    for after in (_only_changed(text, before, whole), whole):
-        after = _TO_FILL_IN.sub(partial(_without_marker, {place[-1] for place, _ in edits}), after)
+    for after in (_only_changed(body, before, whole), whole):
+        after = _TO_FILL_IN.sub(partial(_without_marker, {place[-1] for place, _ in edits}), after) + remarks
         if _holds(after, wanted):
             return after
     raise ConfigurationError(source, "this change cannot be written beside aliases or tags", "edit the file itself")
+
+
+def _parted(text: str) -> tuple[str, str]:
+    """The text, and the comments at its end, which stay there whatever is added before them."""
+    start = _REMARKS.search(text)
+    return (text, "") if start is None or not start[1] else (text[: start.start(1)], text[start.start(1) :])
 
 
 def _holds(text: str, wanted: Any) -> bool:
@@ -126,11 +134,22 @@ def _is_plain(text: str) -> bool:
 
 def _insert(data: Any, part: Any, value: Any) -> None:
     """A new key where no comment between others comes to stand before it: a stage before the last one, a parameter
-    behind the first, since a comment behind the last one belongs to what follows."""
+    behind the first where a comment behind the last one belongs to what follows. A new section has a line per key."""
+    if "stages" in data and (style := getattr(value, "fa", None)) is not None:
+        style.set_block_style()
     if data.fa.flow_style() or len(data) < 2 or "stages" in data:
         data[part] = value
+    elif isinstance(value, dict) and "stage" in value:
+        data.insert(len(data) - 1, part, value)
     else:
-        data.insert(len(data) - 1 if isinstance(value, dict) and "stage" in value else 1, part, value)
+        data.insert(len(data) if _ends_plainly(data) else 1, part, value)
+
+
+def _ends_plainly(data: Any) -> bool:
+    """Whether the last value of a mapping is on its key's line, without lines of comment behind it."""
+    last = next(reversed(data))
+    behind = (data.ca.items.get(last) or [None] * 3)[2]
+    return not isinstance(data[last], dict | list) and (behind is None or "#" not in behind.value.partition("\n")[2])
 
 
 def _without_marker(parts: set[Any], found: re.Match[str]) -> str:

@@ -38,7 +38,9 @@ class CalibratedRig(Kind):
 
         verdict : one sentence on how good it is
         covariance : (24, 24) — of :data:`~dicflow.core.cameras.rig_parameters.PARAMETERS`; None if unknown
-        pairs : for each pair of board photographs its name, whether it was used, and its errors [px]
+        pairs : for each pair of board photographs its name, whether it was used, its errors [px], and where it has
+            any single corners that are not used, ``left_out`` by the user: left and right → places [px], and
+            ``gross``: left and right → places and distances [px]
         coverage : share of each camera's frame that the boards cover
         program : the one that wrote the calibration; "" for a calibration by dicflow
         """

@@ -33,7 +33,7 @@ class ReportFacts(BaseModel):
     pattern: Words | None = Field(None, description="how the pattern was made: paint, print, stencil, …")
     camera: Words | None = Field(None, description="maker and model, sensor and its pixel size")
     lens: Words | None = Field(None, description="maker and model, focal length in mm, filters")
-    aperture: Words | None = Field(None, description="f-number, in quotes")
+    aperture: Words | None = Field(None, description="f-number, such as f/5.6")
     exposure: Words | None = Field(None, description="exposure time in ms, and how the cameras were triggered")
     rate: Words | None = Field(None, description="image acquisition rate in Hz, or when each photograph was taken")
     light: Words | None = Field(None, description="kind and place of the lamps, polarisers")

@@ -55,7 +55,7 @@ def verdict(manifest: Manifest, warnings: int, failures: int) -> Verdict:
     least = min((step["valid"] or 0.0 for step in measured), default=0.0)
     count = len(manifest["steps"])
     steps = f"{len(measured)} of {count} steps" if count > 1 else "the surface"
-    valid = ("at least " if len(measured) > 1 else "") + f"{percent(least)} of the points have a value"
+    valid = "all points have a value" if least == 1.0 else f"{_floor(least, len(measured))} of the points have a value"
     remark = {0: "", 1: " One warning is below."}.get(warnings, f" {warnings} warnings are below.")
     text = f"{_peak(manifest)}; {steps} measured, {valid}.{remark}"
     if failures or len(measured) < count:
@@ -63,6 +63,11 @@ def verdict(manifest: Manifest, warnings: int, failures: int) -> Verdict:
     if least < _FEW or warnings:
         return Verdict("warning", "Measured, with warnings" if warnings else "Measured, with gaps", text)
     return Verdict("good", "Measured", text)
+
+
+def _floor(share: float, steps: int) -> str:
+    """A share below one, rounded downwards; of several steps the least."""
+    return ("at least " if steps > 1 else "") + percent(math.floor(1000.0 * share) / 1000.0)
 
 
 def _peak(manifest: Manifest) -> str:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from typing import TYPE_CHECKING, Any, ClassVar, Literal
 
 from dicflow.engine.node import At, Millimetres, Node, Pixels, Port, Scope, parameter
@@ -21,6 +21,9 @@ if TYPE_CHECKING:
 
 __all__ = ["Calibrate", "sentence"]
 
+Side = Literal["left", "right"]
+Place = tuple[float, float]
+
 _GRID_ADVICE = "check its size, and show the whole grid with white around it to both cameras, evenly lit and sharp"
 _ADVICE = {
     "checkerboard": "show the whole board to both cameras, evenly lit and sharp",
@@ -29,6 +32,11 @@ _ADVICE = {
     "asymmetric_circles": _GRID_ADVICE,
 }
 """What to do if no pair shows the board."""
+_NEAR_PX = 5.0
+"""Distance from a place that is to be left out to its corner."""
+_MOST_NAMED = 5
+_DECIMALS = 3
+_SIDES: tuple[Side, Side] = ("left", "right")
 
 
 class Calibrate(Node):
@@ -38,6 +46,9 @@ class Calibrate(Node):
 
     Pairs above ``max_error_px`` are dropped one at a time, the worst first, and the rig is solved again. Left and
     right orders of the corners of a board that looks the same turned by 180° are reconciled.
+
+    Single corners that lie far off while the others of their photograph fit are left out: by more than 8 standard
+    deviations of the noise and more than ``max_error_px``, at most a tenth of a photograph. A warning names them.
     """
 
     title: ClassVar = "calibrate the rig"
@@ -47,7 +58,7 @@ class Calibrate(Node):
         "images": Port("images", at=At.FIRST, optional=True),
     }
     gives: ClassVar = "rig"
-    impl_version: ClassVar = 2
+    impl_version: ClassVar = 3
 
     stage: Literal["calibrate"] = "calibrate"
     square: Millimetres = parameter(
@@ -56,6 +67,9 @@ class Calibrate(Node):
     radial: Literal[2, 3] = parameter(2, "coefficients of radial distortion; 3 for wide angles")
     tangential: bool = parameter(False, "estimate the tangential distortion of a lens that is not centred, too")
     max_error_px: Pixels = parameter(0.5, "limit of a pair's mean reprojection error", unit="px", gt=0)
+    leave_out: dict[str, dict[Side, list[Place]]] = parameter(
+        {}, "single corners not to use, by their places in the photographs [px]; name of a pair: {left: [[x, y]]}"
+    )
     loss: Literal["squares", "huber", "cauchy"] = parameter(
         "squares", "how residuals count; huber and cauchy let single bad corners count less"
     )
@@ -73,22 +87,43 @@ class Calibrate(Node):
 
         boards = [BoardMarks.read(product) for product in corners]
         _check_sizes(boards)
-        target = _target(boards[0].board, self.square)
-        seen = [k for k, board in enumerate(boards) if _is_seen_by_both(board, target)]
+        target, names = _target(boards[0].board, self.square), _names(corners)
+        marks = self._marks(boards, names)
+        seen = [k for k, board in enumerate(boards) if board.is_found_by_both and _show_enough(marks[k], target)]
         if len(seen) < self.min_pairs:
             raise StageError(_too_few(boards, seen, self.min_pairs))
-        left, right = (np.stack([boards[k][side] for k in seen]) for side in ("left", "right"))
+        left, right = (np.stack([marks[k][side] for k in seen]) for side in ("left", "right"))
         model, sizes = LensModel(self.radial, self.tangential), boards[0].image_sizes
         calibration = calibrate_rig(
             left, right, target, (sizes["left"], sizes["right"]), model, self.max_error_px, self.min_pairs, self.loss
         )
-        pairs = _pairs(calibration, seen, _names(corners), [board.reason for board in boards])
-        return with_windows(self._product(calibration, pairs, (left, right)), self.offset, images)
+        pairs = _pairs(calibration, seen, names, [board.reason for board in boards])
+        for pair, board, own in zip(pairs, boards, marks, strict=True):
+            if left_out := _left_out(board, own):
+                pair["left_out"] = left_out
+        for k, off in zip(seen, calibration.gross_px, strict=True):
+            if gross := _gross(marks[k], off):
+                pairs[k]["gross"] = gross
+        out = np.isfinite(calibration.gross_px)[..., None].swapaxes(0, 1)
+        kept = [np.where(gone, np.nan, xy) for gone, xy in zip(out, (left, right), strict=True)]
+        return with_windows(self._product(calibration, pairs, kept), self.offset, images)
 
-    def _product(
-        self, calibration: Calibration, pairs: list[dict[str, Any]], corners: tuple[np.ndarray, np.ndarray]
-    ) -> Product:
-        """The rig, its covariance, the errors of each pair, and the verdict."""
+    def _marks(self, boards: Sequence[BoardMarks], names: Sequence[str]) -> list[dict[str, np.ndarray]]:
+        """Marks (m, 2) of each pair by side, NaN where they are not seen or not to be used."""
+        import numpy as np
+
+        if unknown := [name for name in self.leave_out if name not in names]:
+            raise StageError(f"leave_out names {', '.join(unknown)}, which is no pair; pairs: {', '.join(names)}")
+        marks: list[dict[str, np.ndarray]] = []
+        for name, board in zip(names, boards, strict=True):
+            marks.append({side: np.array(board[side]) for side in _SIDES})
+            for side, places in self.leave_out.get(name, {}).items():
+                out = [_nearest(board[side], place, f"{name}, {side}") for place in places]
+                marks[-1][side][out] = np.nan
+        return marks
+
+    def _product(self, calibration: Calibration, pairs: list[dict[str, Any]], corners: Sequence[np.ndarray]) -> Product:
+        """The rig, its covariance, the errors of each pair, and the verdict. corners : (n, m, 2) left and right"""
         from dicflow.core.calibration.coverage import covered_area, verdict
 
         cameras = calibration.rig.left, calibration.rig.right
@@ -101,6 +136,7 @@ class Calibrate(Node):
             covariance=calibration.widened_covariance,
             pairs=pairs,
             coverage=coverage,
+            warnings=_gross_warnings(pairs),
         )
 
 
@@ -128,14 +164,60 @@ def _target(board: Board, square_mm: float) -> Target:
     return (charuco_target if board.target == "charuco" else checkerboard_target)(board.size, square_mm)
 
 
-def _is_seen_by_both(board: BoardMarks, target: Target) -> bool:
-    """Whether both photographs show enough marks of the board to determine its pose."""
+def _show_enough(marks: Mapping[str, np.ndarray], target: Target) -> bool:
+    """Whether the marks of both photographs determine the pose of the board."""
     import numpy as np
 
     from dicflow.core.calibration.targets import determines_pose
 
-    sides = ("left", "right")
-    return board.is_found_by_both and all(determines_pose(target.points, np.isfinite(board[s][:, 0])) for s in sides)
+    return all(determines_pose(target.points, np.isfinite(xy[:, 0])) for xy in marks.values())
+
+
+def _nearest(marks: np.ndarray, place: tuple[float, float], where: str) -> int:
+    """Number of the mark at a place. Raises StageError where no mark is near. where : pair and side"""
+    import numpy as np
+
+    off = np.hypot(*(marks.reshape(-1, 2) - place).T)
+    if not (np.nan_to_num(off, nan=np.inf) <= _NEAR_PX).any():
+        raise StageError(f"leave_out: {where} has no corner within {_NEAR_PX:g} px of {list(place)}; give its place")
+    return int(np.nanargmin(off))
+
+
+def _left_out(board: BoardMarks, marks: Mapping[str, np.ndarray]) -> dict[str, list[list[float]]]:
+    """Left and right → places [px] of the marks that were seen and are not used."""
+    import numpy as np
+
+    out = {side: board[side][np.isfinite(board[side][:, 0]) & np.isnan(xy[:, 0])] for side, xy in marks.items()}
+    return {side: xy.round(_DECIMALS).tolist() for side, xy in out.items() if len(xy)}
+
+
+def _gross(marks: Mapping[str, np.ndarray], off_px: np.ndarray) -> dict[str, list[list[float]]]:
+    """Left and right → place and distance [px] of each gross mark. marks : (m, 2) each; off_px : (2, m)"""
+    import numpy as np
+
+    rows = {side: np.column_stack([marks[side], off]) for side, off in zip(_SIDES, off_px, strict=True)}
+    out = {side: found[np.isfinite(found[:, 2])] for side, found in rows.items()}
+    return {side: found.round(_DECIMALS).tolist() for side, found in out.items() if len(found)}
+
+
+def _gross_warnings(pairs: Sequence[Mapping[str, Any]]) -> list[str]:
+    """A sentence on gross corners, if there are any."""
+    named = list(_named(pairs))
+    if not named:
+        return []
+    more = f"; and {len(named) - _MOST_NAMED} more" if len(named) > _MOST_NAMED else ""
+    corners, are = ("1 corner", "is") if len(named) == 1 else (f"{len(named)} corners", "are")
+    return [
+        f"{corners} far off all others {are} left out: {'; '.join(named[:_MOST_NAMED])}{more}; look at the photographs"
+        " and name what is wrong under leave_out"
+    ]
+
+
+def _named(pairs: Sequence[Mapping[str, Any]]) -> Iterator[str]:
+    for pair in pairs:
+        for side, marks in pair.get("gross", {}).items():
+            for x, y, off in marks:
+                yield f"{pair['name']}, {side}, at ({x:.0f}, {y:.0f}) by {off:.1f} px"
 
 
 def _too_few(boards: Sequence[BoardMarks], seen: list[int], needed: int) -> str:

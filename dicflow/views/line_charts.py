@@ -118,7 +118,8 @@ def _chart(curves: Sequence[Curve], scale: _Scale, y_label: str) -> str:
     numbers = ticks_that_fit(*y_range, lambda share, _texts: share * _PLOT_HEIGHT >= 2 * _LETTER)
     left = max(_LINE + 12 + widest(numbers.texts, _LETTER), 10 + text_width(numbers.factor, _LETTER))
     keys = _key_places([curve.name for curve in curves], left) if len(curves) > 1 else []
-    plot = _Plot(left, _LINE + (keys[-1][1] if keys else 0), _WIDTH - left - _RIGHT, scale.range, y_range)
+    above = keys[-1][1] if keys else 0.6 * _LETTER * bool(numbers.factor)
+    plot = _Plot(left, _LINE + above, _WIDTH - left - _RIGHT, scale.range, y_range)
     coloured = list(zip(curves, cycle(_COLOURS), strict=False))
     parts = [
         *_beside(plot, numbers, y_label),
@@ -141,7 +142,7 @@ def _beside(plot: _Plot, numbers: Ticks, label: str) -> Iterator[str]:
         y = plot.bottom - share * _PLOT_HEIGHT
         yield _light(f"M{plot.left:.1f} {y:.1f}h{plot.width:.1f}")
         yield text_element(plot.left - 7, y + 0.35 * _LETTER, text, "end")
-    yield text_element(plot.left - 7, plot.top - 5, numbers.factor, "end")
+    yield text_element(plot.left - 7, plot.top - 0.9 * _LETTER, numbers.factor, "end")  # above a number at the top
     yield text_element(_LINE - 3, plot.top + _PLOT_HEIGHT / 2, label, upwards=True)
     axes = f"M{plot.left:.1f} {plot.top:.1f}V{plot.bottom:.1f}h{plot.width:.1f}"
     yield element("path", d=axes, fill="none", stroke="currentColor")

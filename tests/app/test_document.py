@@ -70,6 +70,21 @@ def test_a_reminder_goes_once_its_value_is_given():
     assert new == text.replace("square:  # FILL IN the side of one square", "square: 14.5 mm")
 
 
+@pytest.mark.parametrize("end", ["", "# end\n", "\n\n  # more\n# end", "  # x\n\n"])
+def test_a_section_stands_before_the_last_comments_and_goes_without_a_trace(end):
+    text = "stages:\n  a: {stage: images}\n  b: {stage: region, images: a}\n" + end
+    facts = {"specimen": 'strip "A": <b>', "camera": "two \\ cameras", "lens": "50", "light": "# lamps"}
+    new = text
+    for fact, words in facts.items():
+        new = edited(new, "p", [Edit(("report", fact), words)])
+    assert parse(new, "p").data["report"] == facts
+    assert list(parse(new, "p").data["report"]) == list(facts)
+    start = text.removesuffix(end)
+    assert new.startswith(f"{start}report:\n  specimen: ")
+    assert new.endswith(f'lamps"\n{end}')
+    assert edited(new, "p", [Edit(("report",), REMOVED)]) == text
+
+
 TEXTS = st.text(max_size=8, alphabet=st.characters(codec="utf-8", exclude_categories=["C"]))
 KEYS = st.from_regex(r"[a-z_]{1,6}", fullmatch=True)
 VALUES = st.recursive(

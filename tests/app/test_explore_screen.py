@@ -21,17 +21,10 @@ pytestmark = pytest.mark.slow
 EXPLORER = "document.querySelector('.fields').explorer"
 
 
-def measured(folder, steps=4, more="", change=lambda text: text):
-    """A small test of one camera that the command line has measured."""
-    path = small_test(folder, steps=steps)
-    path.write_text(change(path.read_text() + more))
-    assert dicflow("run", path, "--scheduler", "sync").code == 0
-    return path
-
-
 @pytest.fixture(scope="module")
-def file(tmp_path_factory):
-    return measured(tmp_path_factory.mktemp("explored") / "test")
+def file(small_result, tmp_path_factory):
+    """A small test of one camera that the command line has measured."""
+    return shutil.copytree(small_result.parent, tmp_path_factory.mktemp("explored") / "test") / FILE
 
 
 def opened(app, steps=400, **asked):
@@ -66,11 +59,11 @@ def test_blobs_are_the_fields_of_the_products_within_the_stated_rounding(file):
                 scale, name = LinearScale(*quantity["scale"]), quantity["name"]
                 values = scale.values(blob(app, found, step, f"value/{name}"))
                 assert np.allclose(values, total[name], rtol=1e-12, atol=0.5001 * scale.quantum, equal_nan=True)
-                if quantity["sigma"]:
-                    sigmas = LogScale(*quantity["sigma"]).values(blob(app, found, step, f"sigma/{name}"))
-                    bar = np.sqrt(quantity["sigma"][1]) - 0.999
-                    assert np.allclose(sigmas, total[f"sigma_{name}"], rtol=bar, equal_nan=True)
-        assert sum(1 for one in found["manifest"]["quantities"] if one["sigma"]) >= 5
+                for part in quantity["errors"].keys() & {"u", "sigma"}:
+                    scale = LogScale(*quantity["errors"][part])
+                    errors = scale.values(blob(app, found, step, f"{part}/{name}"))
+                    assert np.allclose(errors, total[f"{part}_{name}"], rtol=scale.error + 1e-3, equal_nan=True)
+        assert sum(1 for one in found["manifest"]["quantities"] if one["errors"].keys() >= {"u", "sigma"}) >= 5
 
 
 def test_the_pointer_reads_the_value_of_the_product(file):
@@ -93,6 +86,36 @@ def test_the_pointer_reads_the_value_of_the_product(file):
         assert someone.overlaps() == []
 
 
+def test_a_curve_is_that_of_the_products(file):
+    """At every step the exact number of the product, with its uncertainty."""
+    result = Pipeline.load(file).result()
+    with served(file) as app, opened_page(app) as someone:
+        screen(app, someone)
+        page = someone.page
+        name = page.evaluate(f"{EXPLORER}.quantity.name")
+        totals = [result.product("total", step) for step in result.steps("total")]
+        rows, cols = totals[0]["U"].shape
+        k = (rows // 2) * cols + cols // 4
+        x, y = page.evaluate(f"{EXPLORER}.stage.shownAt({k})")
+        box = page.locator(".x-stage").bounding_box()
+        page.mouse.move(box["x"] + x - 30, box["y"] + y - 30)
+        page.mouse.move(box["x"] + x, box["y"] + y, steps=6)
+        page.mouse.down()
+        page.mouse.up()
+        someone.until(f"{EXPLORER}.points.length === 1")
+        curve = page.evaluate(f"{EXPLORER}.fields.curve({EXPLORER}.quantity, {k})")
+        assert curve["values"] == [float(total[name].flat[k]) for total in totals]
+        assert curve["errors"] == [float(total[f"u_{name}"].flat[k]) for total in totals]
+        view = opened(app)["view"]
+        lost = np.flatnonzero(np.isnan(totals[0][name]))
+        if lost.size:
+            found = app.found("curve", view=view, quantity=name, point=int(lost[0]))
+            assert found["values"][0] is None
+        assert app.found("curve", view=view, quantity=name, point=10**6)["values"] == [None] * len(totals)
+        for wrong in ({"quantity": "nothing"}, {"point": -1}, {"view": "0" * 32}):
+            assert app.ask("curve", **{"view": view, "quantity": name, "point": 1, **wrong}).status == 422
+
+
 def test_the_keyboard_goes_from_step_to_step_and_photographs_lie_below(file):
     with served(file) as app, opened_page(app) as someone:
         screen(app, someone)
@@ -105,8 +128,8 @@ def test_the_keyboard_goes_from_step_to_step_and_photographs_lie_below(file):
         someone.until(f"{EXPLORER}.stage.photo.naturalWidth > 100")
 
 
-def test_photographs_that_are_elsewhere_are_said_to_be_missing(tmp_path):
-    path = measured(tmp_path / "test")
+def test_photographs_that_are_elsewhere_are_said_to_be_missing(small_result, tmp_path):
+    path = shutil.copytree(small_result.parent, tmp_path / "test") / FILE
     (path.parent / "left").rename(tmp_path / "elsewhere")
     with served(path) as app, opened_page(app) as someone:
         screen(app, someone)
@@ -117,8 +140,10 @@ def test_photographs_that_are_elsewhere_are_said_to_be_missing(tmp_path):
         assert someone.overlaps() == []
 
 
-def test_a_variant_of_a_sweep_is_chosen(tmp_path):
-    path = measured(tmp_path / "test", more="sweep: {grid: {total.window: [40 px, 60 px]}}\n")
+def test_a_variant_of_a_sweep_is_chosen(small_result, tmp_path):
+    path = shutil.copytree(small_result.parent, tmp_path / "test") / FILE
+    path.write_text(f"{path.read_text()}sweep: {{grid: {{total.window: [40 px, 60 px]}}}}\n")
+    assert dicflow("run", path, "--scheduler", "sync").code == 0
     result = Pipeline.load(path).result()
     with served(path) as app, opened_page(app) as someone:
         screen(app, someone)
@@ -177,18 +202,17 @@ def test_only_parts_of_opened_results_are_served(file):
         assert app.own("GET", "/explorer/page.py").status == 404
 
 
-@pytest.mark.parametrize("name", ["quickstart", "pair"])
-def test_two_cameras_show_both_photographs_and_a_surface(name, tmp_path):
+@pytest.mark.parametrize("form", ["deformation", "shape"])
+def test_two_cameras_show_both_photographs_and_a_surface(form, tmp_path):
     """A pair alone shows its shape."""
-    folder = tmp_path / "test"
-    shutil.copytree(SAMPLES, folder)
-    text = (ROOT / "pipelines" / "quickstart.yaml").read_text() if name == "quickstart" else PAIR + POINTS
-    (folder / FILE).write_text(text)
-    assert dicflow("run", folder / FILE, "--scheduler", "sync").code == 0
-    with served(folder) as app, opened_page(app) as someone:
+    path = shutil.copytree(SAMPLES, tmp_path / "test") / FILE
+    quickstart = (ROOT / "pipelines" / "quickstart.yaml").read_text()
+    path.write_text(quickstart if form == "deformation" else PAIR + POINTS)
+    assert dicflow("run", path, "--scheduler", "sync").code == 0
+    with served(path) as app, opened_page(app) as someone:
         screen(app, someone)
         page = someone.page
-        assert opened(app)["manifest"]["form"] == ("deformation" if name == "quickstart" else "shape")
+        assert opened(app)["manifest"]["form"] == form
         for camera in ("Right", "Left"):
             page.locator(".x-choice").get_by_role("button", name=camera).first.click()
             someone.until(
@@ -199,8 +223,8 @@ def test_two_cameras_show_both_photographs_and_a_surface(name, tmp_path):
         assert someone.overlaps() == []
 
 
-def test_points_and_lines_are_kept_as_probes_where_the_material_lay_at_first(tmp_path):
-    path = measured(tmp_path / "test", steps=3)
+def test_points_and_lines_are_kept_as_probes_where_the_material_lay_at_first(small_result, tmp_path):
+    path = shutil.copytree(small_result.parent, tmp_path / "test") / FILE
     with served(path) as app, opened_page(app) as someone:
         screen(app, someone)
         page = someone.page

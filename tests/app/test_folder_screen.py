@@ -10,8 +10,8 @@ from app_browser import opened_page
 from app_serving import FILE, served, small_test
 from small import dicflow
 
-from dicflow.app.folder import found_in, make_pipeline
 from dicflow.app.project import open_project
+from dicflow.app.series import found_in, make_pipeline
 from dicflow.errors import ConfigurationError
 from dicflow.io.configuration import read
 from dicflow.pipeline import Pipeline

@@ -72,6 +72,27 @@ def test_photographs_are_turned_as_they_are_measured(tmp_path):
         assert small.size == (150, 200)
 
 
+def test_pictures_that_were_not_looked_at_for_longest_are_deleted(tmp_path, monkeypatch):
+    monkeypatch.setattr(pictures, "_MOST_PHOTOGRAPHS", 3)
+    monkeypatch.setattr(pictures, "_MOST_THUMBNAILS", 2)
+    project = open_project(small_test(tmp_path / "test", steps=6))
+    pipeline, folder = project.pipeline(FILE), project.own_folder / "pictures"
+
+    def look(step):
+        return pictures.shown(project, pipeline, "photos", f"step_{step:04}", "left")["key"]
+
+    keys = [look(step) for step in (0, 1, 2)]
+    assert look(0) == keys[0]
+    keys += [look(3), look(4)]
+    assert {one.name for one in folder.iterdir()} == {keys[k] for k in (0, 3, 4)}
+    assert look(1) == keys[1]
+    assert (folder / keys[1] / "info.json").is_file()
+    for step in range(6):
+        pictures.thumbnail(project, f"left/step_{step:04}.png")
+    assert len(list((folder / "thumbnails").iterdir())) == 2
+    assert (folder / keys[1]).is_dir()
+
+
 def test_a_photograph_that_cannot_be_read_says_so(tmp_path):
     path = small_test(tmp_path / "test")
     (path.parent / "left" / "step_0000.png").write_bytes(b"\x89PNG\r\n\x1a\nbroken")

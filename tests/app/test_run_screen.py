@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import os
+import shutil
 import subprocess
 import sys
 
@@ -118,3 +120,34 @@ def test_runs_are_listed_pinned_and_cleaned_up(tmp_path):
         page.click("text=What would go?")
         page.wait_for_selector("text=would free 0.0 MB: 0 products, 0 runs")
         page.wait_for_selector("text=MB on the disk")
+
+
+def test_what_is_not_kept_is_deleted(small_result, tmp_path):
+    """Products of other settings go with their run; those of the pinned run stay, byte for byte."""
+    path = shutil.copytree(small_result.parent, tmp_path / "test") / FILE
+    store = path.parent / ".dicflow"
+    with served(path.parent) as app, opened_page(app) as someone:
+        (first,) = [run["id"] for run in app.found("runs", file=FILE)]
+        app.found("pin", file=FILE, run=first, note="the good one")
+        before = {one: one.read_bytes() for one in store.rglob("*") if one.is_file() and "objects" in one.parts}
+        path.write_text(path.read_text().replace("window: 40 px", "window: 60 px"))
+        assert Pipeline.load(path).run(scheduler="sync").outcome.ok
+        path.write_text(path.read_text().replace("window: 60 px", "window: 40 px"))
+        added = {one for one in store.rglob("*") if one.is_file() and "objects" in one.parts} - set(before)
+        assert added
+        for one in store.rglob("*"):  # what is young stays
+            os.utime(one, (1e9, 1e9))
+        someone.go("run")
+        page = someone.page
+        page.get_by_label("newest runs that keep their products").fill("0")
+        page.click("text=What would go?")
+        page.wait_for_selector("text=would free")
+        assert all(one.exists() for one in added)
+        someone.picture("clean_up_1280")
+        assert someone.overlaps() == []
+        page.click("text=Delete them")
+        someone.until("document.querySelectorAll('section.run td.id').length === 1")
+        assert page.inner_text("section.run td.id") == first
+        assert not any(one.exists() for one in added)
+        assert {one: one.read_bytes() for one in before} == before
+    assert Pipeline.load(path).plan().counts["run"] == 0

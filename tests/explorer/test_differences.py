@@ -22,7 +22,7 @@ class Other(Waves):
 
     def quantities(self):
         exx, w, _ = super().quantities()
-        return [exx._replace(title="engineering strain εxx, VSG 60 px"), w, exx._replace(name="angle", unit="deg")]
+        return [exx | {"title": "engineering strain εxx, VSG 60 px"}, w, exx | {"name": "angle", "unit": "deg"}]
 
     def read(self, step):
         found = Waves().read(step)
@@ -62,11 +62,23 @@ def test_values_are_those_of_one_minus_the_other(difference):
         assert (found.status[5, 5], found.status[1, 0]) == (Status.MISFIT, Status.HIDDEN)
         np.testing.assert_array_equal(found.values["W"][known], 0.0)
         np.testing.assert_array_equal(found.places["left"], one.places["left"])
-        assert (found.sigmas, found.shares) == ({}, {})
+        assert found.errors == {}
+
+
+def test_a_point_reads_the_difference_without_an_uncertainty(difference):
+    step, k = difference.steps[1], 15 * 40 + 20
+    value, error = difference.at_point(step, "exx", k)
+    assert value == pytest.approx(difference.read(step).values["exx"].flat[k], rel=1e-12)
+    assert value != 0.0
+    assert np.isnan(error)
+
+
+def test_facts_are_those_of_the_first_but_for_form_and_directions(difference):
+    assert difference.facts == {**Waves.facts, "form": "difference", "directions": ""}
 
 
 def test_quantities_are_those_of_both_and_no_angles(difference):
-    titles = {one.name: (one.symbol, one.title, one.signed) for one in difference.quantities()}
+    titles = {one["name"]: (one["symbol"], one["title"], one["signed"]) for one in difference.quantities()}
     assert titles == {
         "exx": (
             "Δεxx",
@@ -118,5 +130,5 @@ def test_nothing_in_common_is_said():
     late, bare = Waves(), Waves()
     late.steps = [f"late_{step}" for step in late.steps]
     assert "No step" in obstacle(Waves(), late)
-    bare.quantities = lambda: [one._replace(unit="px") for one in Waves().quantities()]
+    bare.quantities = lambda: [one | {"unit": "px"} for one in Waves().quantities()]
     assert "No quantity" in obstacle(Waves(), bare)

@@ -80,13 +80,15 @@ def test_every_number_in_the_page_is_within_half_a_quantum(seen, packed, waves):
         seen.js(f"explorer.change({{ step: {step} }})")
         points = seen.js(
             "[...explorer.frame.codes].map((_, k) => explorer.frame.point(k))"
-            ".map((one) => [one.value, one.sigma, one.share, one.status])"
+            ".map((one) => [one.value, one.status, one.error, one.u, one.sigma, one.bias, one.share])"
         )
-        value, sigma, share, status = np.array([[np.nan if part is None else part for part in one] for one in points]).T
+        numbers = np.array([[np.nan if part is None else part for part in one] for one in points]).T
+        value, status, error, *parts = numbers
         assert (np.isnan(value) == np.isnan(truth.values["exx"].ravel())).all()
         assert np.nanmax(np.abs(value - truth.values["exx"].ravel())) <= quantum(packed, "exx") / 2 * (1 + 1e-6)
-        assert np.nanmax(np.abs(sigma / truth.sigmas["exx"].ravel() - 1)) < 0.01
-        assert np.nanmax(np.abs(share / truth.shares["exx"].ravel() - 1)) < 0.01
+        for part, found in zip(("u", "sigma", "bias", "share"), parts, strict=True):
+            assert np.nanmax(np.abs(found / truth.errors[part]["exx"].ravel() - 1)) < 0.01
+        np.testing.assert_array_equal(error, parts[0])
         assert (status == truth.status.ravel()).all()
 
 
@@ -98,9 +100,11 @@ def test_the_pointer_reads_the_point_under_it(seen, waves, row, col):
     assert number(value) == pytest.approx(
         truth.values["exx"][row, col], abs=0.6 * 10.0 ** -len(value.partition(".")[2])
     )
-    assert number(error) == pytest.approx(truth.sigmas["exx"][row, col], rel=0.06)
+    assert number(error) == pytest.approx(truth.errors["u"]["exx"][row, col], rel=0.06)
+    for name, part in (("noise σ", "sigma"), ("bias", "bias"), ("calibration", "share")):
+        size = re.search(rf"{name} ± ([\d.e−]+)", text).group(1)
+        assert number(size) == pytest.approx(truth.errors[part]["exx"][row, col], rel=0.06)
     assert f"point {row}, {col}" in text
-    assert "calibration ±" in text
 
 
 def test_a_gap_says_its_reason_where_its_neighbours_have_moved_to(seen, waves):
@@ -120,7 +124,7 @@ def test_a_click_gives_the_curve_of_the_point(seen, packed, waves):
     assert len(series) == 1
     assert series[0][0] == [1, 2, 3, 4]
     np.testing.assert_allclose(series[0][1], [one.values["exx"][12, 30] for one in truth], atol=quantum(packed, "exx"))
-    np.testing.assert_allclose(series[0][2], [one.sigmas["exx"][12, 30] for one in truth], rtol=0.01)
+    np.testing.assert_allclose(series[0][2], [one.errors["u"]["exx"][12, 30] for one in truth], rtol=0.01)
     assert seen.page.locator(".x-chip").inner_text().startswith("point 12, 30")
     seen.page.locator(".x-chip button").click()
     assert seen.page.locator(".x-chip").count() == 0

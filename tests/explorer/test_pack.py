@@ -41,8 +41,9 @@ def test_values_deviations_and_reasons_are_those_of_the_product(place):
         assert (np.isnan(back) == np.isnan(expected)).all()
         assert np.nanmax(np.abs(back - expected)) <= scale.quantum / 2 * (1 + 1e-9)
     strain = found.manifest["quantities"][0]
-    for part, arrays in (("sigma", truth.sigmas), ("share", truth.shares)):
-        scale = LogScale(*strain[part])
+    assert [*truth.errors] == ["u", "sigma", "bias", "share"]
+    for part, arrays in truth.errors.items():
+        scale = LogScale(*strain["errors"][part])
         back = scale.values(numbers(found, step, f"{part}/exx"))
         assert (np.isnan(back) == np.isnan(arrays["exx"])).all()
         assert np.nanmax(np.abs(back / arrays["exx"] - 1)) <= scale.error * (1 + 1e-5)
@@ -131,9 +132,7 @@ def test_a_second_page_packs_nothing():
 def test_a_step_without_any_value_does_not_widen_the_scales():
     waves = Waves()
     whole = survey(waves.read(waves.steps[0]), None)
-    empty = survey(
-        waves.read(waves.steps[0])._replace(values={"exx": np.full((30, 40), np.nan)}, sigmas={}, shares={}), None
-    )
+    empty = survey(waves.read(waves.steps[0])._replace(values={"exx": np.full((30, 40), np.nan)}, errors={}), None)
     assert scales_of([whole, empty], None).values == scales_of([whole], None).values
 
 

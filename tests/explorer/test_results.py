@@ -13,9 +13,11 @@ from PIL import Image
 
 from dicflow.core.cameras.camera import project
 from dicflow.core.status import Status
+from dicflow.explorer.fields import ERROR_PARTS, field_source
 from dicflow.explorer.pack import packed_result
 from dicflow.explorer.packing import LinearScale, LogScale, unpacked
 from dicflow.explorer.page import NOTEBOOK_PAGE, fragment
+from dicflow.kinds.quantities import ERRORS
 from dicflow.kinds.rig import CalibratedRig
 from dicflow.pipeline import Pipeline
 from dicflow.report.answer import verdict
@@ -89,12 +91,40 @@ def test_every_value_sigma_and_reason_of_the_quick_start(quickstart, packed):
             back, truth = scale.values(array(packed, step, f"value/{name}")), product[name]
             assert (np.isnan(back) == np.isnan(truth)).all()
             assert np.nanmax(np.abs(back - truth)) <= scale.quantum / 2 * (1 + 1e-6)
-            if quantity["sigma"]:
-                deviation = LogScale(*quantity["sigma"])
-                back, truth = deviation.values(array(packed, step, f"sigma/{name}")), product[f"sigma_{name}"]
-                assert (np.isnan(back) == np.isnan(truth)).all()
-                assert np.nanmax(np.abs(back / truth - 1)) <= deviation.error * (1 + 1e-4)
+            for part, scale in quantity["errors"].items():
+                error = LogScale(*scale)
+                if f"{part}/{name}" in step["blobs"]:
+                    back, truth = error.values(array(packed, step, f"{part}/{name}")), product[ERROR_PARTS[part] + name]
+                    assert (np.isnan(back) == ~(truth > 0)).all()
+                    assert np.nanmax(np.abs(back / truth - 1)) <= error.error * (1 + 1e-4)
         assert (array(packed, step, "status") == product["status"]).all()
+
+
+def test_errors_are_parts_of_quantities_and_not_quantities(quickstart, packed):
+    quantities = {one["name"]: one for one in packed.manifest["quantities"]}
+    assert not [name for name in quantities if name.startswith(tuple(ERRORS))]
+    for name in ("U", "V", "W", "exx", "eyy"):
+        assert quantities[name]["errors"].keys() >= {"u", "sigma", "bias"}
+    fields, total = field_source(quickstart), quickstart.product("total", "step_03")
+    k = np.flatnonzero(np.isfinite(total["eyy"]))[100]
+    for name in ("U", "eyy"):
+        assert fields.at_point("step_03", name, k) == (total[name].flat[k], total[f"u_{name}"].flat[k])
+        assert (total[f"u_{name}"] > total[f"sigma_{name}"]).any()
+
+
+def test_fields_that_were_read_last_are_kept_within_a_limit(quickstart, monkeypatch):
+    one, another = field_source(quickstart), field_source(quickstart)
+    first, *others = [step for step in one.steps if one.has(step)]
+    found = one.read(first)
+    assert another.read(first) is found
+    arrays = [found.status, *found.values.values(), *found.places.values()]
+    arrays += [array for part in found.errors.values() for array in part.values()]
+    monkeypatch.setattr("dicflow.explorer.fields._KEPT_BYTES", 2 * sum(array.nbytes for array in arrays))
+    one.read(others[0])
+    assert another.read(first) is found
+    one.read(others[1])
+    one.read(others[0])
+    assert another.read(first) is not found
 
 
 def test_places_in_both_photographs_and_in_space(quickstart, packed):
@@ -118,7 +148,7 @@ def test_the_main_view_the_probe_and_the_loads(quickstart, packed):
     (curve,) = manifest["curves"]
     assert (curve["name"], curve["quantity"], curve["unit"]) == ("length", "strain", "1")
     np.testing.assert_allclose(curve["values"], quickstart.product("probes")["strain"][0])
-    np.testing.assert_allclose(curve["sigmas"], quickstart.product("probes")["u_strain"][0])
+    np.testing.assert_allclose(curve["errors"], quickstart.product("probes")["u_strain"][0])
     assert manifest["load"][0] == "g"
     np.testing.assert_allclose(manifest["load"][1], quickstart.product("comparison")["load_g"][1:])
 

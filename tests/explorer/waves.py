@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from dicflow.core.status import Status
-from dicflow.explorer.fields import QuantityFacts, StepFields
+from dicflow.explorer.fields import FieldFacts, QuantityFacts, StepFields
 from dicflow.explorer.reading import Reading
 from dicflow.explorer.survey import extents, scales_of, survey
 
@@ -20,18 +20,21 @@ class Waves:
     rows, cols : of the grid; count : of steps
     """
 
-    stage, form, photographs, unit, follows, directions = "total", "deformation", None, "mm", True, "material"
+    facts = FieldFacts(stage="total", form="deformation", unit="mm", follows=True, directions="material")
+    photographs = None
 
     def __init__(self, rows: int = 30, cols: int = 40, count: int = 4) -> None:
         self.rows, self.cols = rows, cols
         self.steps = [f"step_{number:03d}" for number in range(1, count + 1)]
 
     def quantities(self) -> list[QuantityFacts]:
-        return [
-            QuantityFacts("exx", "εxx", "engineering strain εxx, VSG 40 px", "1", True, "longer"),
-            QuantityFacts("W", "W", "displacement W", "mm", True, "towards larger Z"),
-            QuantityFacts("<b>", "<b>", "</script><b>a name of a plug-in", "1", False, ""),
+        names = ("name", "symbol", "title", "unit", "signed", "positive")
+        rows = [
+            ("exx", "εxx", "engineering strain εxx, VSG 40 px", "1", True, "longer"),
+            ("W", "W", "displacement W", "mm", True, "towards larger Z"),
+            ("<b>", "<b>", "</script><b>a name of a plug-in", "1", False, ""),
         ]
+        return [QuantityFacts(**dict(zip(names, row, strict=True))) for row in rows]
 
     def has(self, step: str) -> bool:
         return step in self.steps
@@ -46,6 +49,11 @@ class Waves:
         row, col = np.mgrid[0 : self.rows, 0 : self.cols].astype(float)
         return np.stack([100.0 + 10.0 * col, 50.0 + 10.0 * row], axis=-1)
 
+    def at_point(self, step: str, quantity: str, index: int) -> tuple[float, float]:
+        fields = self.read(step)
+        error = fields.errors["u"].get(quantity, np.full(self.rows * self.cols, np.nan))
+        return float(fields.values[quantity].flat[index]), float(error.flat[index])
+
     def read(self, step: str) -> StepFields:
         number = self.steps.index(step) + 1
         first = self.at_first()
@@ -58,9 +66,10 @@ class Waves:
         here = np.where(lost[..., None], np.nan, first + np.array([0.0, 2.0 * number]))
         space = np.where(lost[..., None], np.nan, np.stack([40 * x, 30 * y, 500 + 20 * x * x], axis=-1))
         sigma = np.where(lost, np.nan, 1e-4 * (1 + x + 3 * y)).astype(np.float32)
-        return StepFields(
-            {"exx": exx, "W": w, "<b>": x}, {"exx": sigma}, {"exx": 2 * sigma}, status, {"left": here, "space": space}
-        )
+        bias = np.where(lost, np.nan, 1e-5 + 4e-4 * x)
+        parts = {"u": np.hypot(sigma, bias), "sigma": sigma, "bias": bias, "share": 2 * sigma}
+        errors = {part: {"exx": numbers} for part, numbers in parts.items()}
+        return StepFields({"exx": exx, "W": w, "<b>": x}, errors, status, {"left": here, "space": space})
 
 
 class Bare:

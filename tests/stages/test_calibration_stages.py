@@ -208,3 +208,59 @@ def test_one_camera_is_not_enough(pairs):
     left = Product("corners", {"left": pairs[0].variables["left"]}, pairs[0].attrs)
     with pytest.raises(StageError, match="photographs of two cameras"):
         stage().run(corners=(left,) * 9)
+
+
+def noisy_pairs(pairs, shifts=()):
+    """Pairs with noise of 0.03 px; pair, side, corner and shift [px] of single corners."""
+    generator = np.random.default_rng(4)
+    marks = [{side: pair[side] + generator.normal(0.0, 0.03, (54, 2)) for side in ("left", "right")} for pair in pairs]
+    for number, side, corner, shift in shifts:
+        marks[number][side][corner] += shift
+    return marks
+
+
+def test_a_corner_is_left_out_by_its_place(pairs):
+    marks = noisy_pairs(pairs)
+    place = marks[3]["right"][20].copy()
+    said = {"pair 4": {"right": [(place + 2.0).tolist()]}}
+    product = stage(leave_out=said).run(corners=[corners(**one) for one in marks])
+    marks[3]["right"][20] = np.nan
+    expected = stage().run(corners=[corners(**one) for one in marks])
+    assert product.attrs["summary"] == pytest.approx(expected.attrs["summary"], rel=1e-7)
+    assert product.attrs["pairs"][3].pop("left_out") == {"right": [place.round(3).tolist()]}
+    for found, pair in zip(product.attrs["pairs"], expected.attrs["pairs"], strict=True):
+        errors = ("left_px", "right_px", "epipolar_px")
+        assert [found[name] for name in errors] == pytest.approx([pair[name] for name in errors], rel=1e-7)
+    assert product.warnings == ()
+    everything = stage().run(corners=[corners(**one) for one in noisy_pairs(pairs)]).attrs["summary"]
+    assert everything["baseline_mm"] != pytest.approx(product.attrs["summary"]["baseline_mm"], rel=1e-7)
+
+
+def test_a_corner_that_is_not_there_cannot_be_left_out(pairs):
+    with pytest.raises(StageError, match="pair 40, which is no pair; pairs: pair 1, "):
+        stage(leave_out={"pair 40": {"left": [[1, 2]]}}).run(corners=pairs)
+    with pytest.raises(StageError, match=r"pair 2, left has no corner within 5 px of \[1.0, 2.0\]"):
+        stage(leave_out={"pair 2": {"left": [[1, 2]]}}).run(corners=pairs)
+    with pytest.raises(ValidationError):
+        stage(leave_out={"pair 2": {"middle": [[1, 2]]}})
+
+
+def test_gross_corners_are_left_out_and_named_until_the_file_says_so(pairs):
+    shifts = [(2, "left", 7, (3.0, 0.0)), (8, "right", 50, (0.0, -20.0))]
+    marks = noisy_pairs(pairs, shifts)
+    boards = [corners(**one) for one in marks]
+    product = stage().run(corners=boards)
+    (x, y), (u, v) = marks[2]["left"][7], marks[8]["right"][50]
+    (warning,) = product.warnings
+    assert warning.startswith(
+        f"2 corners far off all others are left out: pair 3, left, at ({x:.0f}, {y:.0f}) by 3.0 px; "
+        f"pair 9, right, at ({u:.0f}, {v:.0f}) by 20.0 px"
+    )
+    (found,) = product.attrs["pairs"][8]["gross"]["right"]
+    np.testing.assert_allclose(found, [u, v, 20.0], atol=0.2)
+    assert all(pair["used"] for pair in product.attrs["pairs"])
+    known = {"pair 3": {"left": [[x, y]]}, "pair 9": {"right": [[u, v]]}}
+    silent = stage(leave_out=known).run(corners=boards)
+    assert silent.warnings == ()
+    np.testing.assert_allclose(silent.attrs["rig"]["translation_mm"], product.attrs["rig"]["translation_mm"], rtol=1e-6)
+    json.dumps(product.attrs, allow_nan=False)

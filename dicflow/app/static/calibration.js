@@ -7,6 +7,9 @@ import { Viewer } from "./viewer.js";
 export const title = "Calibration";
 const TIMES = [5, 20, 100, 500, 2000, 5000]; // how much longer residuals are drawn
 const LABEL = 130; // width of the words on a ninth [px]
+const NEAR = 12; // of a click to its corner [px of the screen]
+const SAME = 5; // of a place in the file to its corner [px], as the stage has it
+const LISTED = 6; // corners of a photograph, the worst first
 const LONG = 40; // wanted length of a usual residual [px of the photograph]
 const FIGURES = [
   ["rms_px", "reprojection error (RMS)", "px", 3], ["epipolar_px", "epipolar error (mean)", "px", 3], ["pairs_used", "pairs used", "", 0],
@@ -33,22 +36,28 @@ class CalibrationScreen {
     Object.assign(this, { place, app });
     this.viewer = new Viewer(() => this.draw());
     this.viewer.element.addEventListener("keydown", (event) => this.viewer.key(event));
-    let press = null;
+    let [press, moved] = [null, 0];
     const { element } = this.viewer;
-    element.addEventListener("pointerdown", (event) => { if (!this.viewer.pinch(event, true)) { element.setPointerCapture(event.pointerId); press = this.viewer.at(event); } });
+    element.addEventListener("pointerdown", (event) => { if (!this.viewer.pinch(event, true)) { element.setPointerCapture(event.pointerId); [press, moved] = [this.viewer.at(event), 0]; } });
     element.addEventListener("pointermove", (event) => {
       if (this.viewer.pinch(event) || !press) return;
       const at = this.viewer.at(event);
+      moved += Math.hypot(at[0] - press[0], at[1] - press[1]);
       this.viewer.panBy(at[0] - press[0], at[1] - press[1]);
       press = at;
     });
-    element.addEventListener("pointerup", (event) => { this.viewer.pinch(event, false); press = null; });
+    element.addEventListener("pointerup", (event) => {
+      this.viewer.pinch(event, false);
+      if (press && moved < 4) this.click(this.viewer.at(event));
+      press = null;
+    });
     [this.side, this.times, this.without] = ["left", TIMES[0], new Set()];
   }
 
   async open() {
     this.saved = await ask("calibration", { file: this.app.file });
     this.found = this.saved;
+    this.corners = structuredClone(this.saved.left_out ?? {});
     const wanted = LONG / (this.saved.summary.rms_px || 1);
     this.times = TIMES.findLast((times) => times <= wanted) ?? TIMES[0];
     this.chosen = this.sorted()[0]?.name;
@@ -92,7 +101,7 @@ class CalibrationScreen {
     fill(this.tools, h("div", { className: "group" }, side("left"), side("right")),
       h("label", {}, "residuals ", h("select", { onchange: (event) => { this.times = Number(event.target.value); this.viewer.draw(); } }, TIMES.map((times) => h("option", { value: times, selected: times === this.times }, `${times} ×`)))),
       button("Whole", () => this.viewer.fit()), h("span", { className: "faint" }, this.chosen ? `${this.chosen}, ${this.side}` : ""));
-    fill(this.list, this.verdict(), this.weigh(), this.figures(), this.table());
+    fill(this.list, this.verdict(), this.weigh(), this.figures(), this.table(), this.cornerTable());
   }
 
   verdict() {
@@ -111,10 +120,18 @@ class CalibrationScreen {
     return value === undefined ? "" : unit === "%" ? `${(100 * value).toFixed(0)} %` : `${value.toFixed(digits)} ${unit}`;
   }
 
+  /** What is ticked and not in the file yet, in words. */
+  get changes() {
+    const places = (sides) => JSON.stringify(["left", "right"].map((side) => sides?.[side] ?? []));
+    const { left_out: before } = this.saved;
+    const others = [...new Set([...Object.keys(before), ...Object.keys(this.corners)])].filter((name) => places(before[name]) !== places(this.corners[name]));
+    return [...this.without, ...others.filter((name) => !this.without.has(name)).map((name) => `corners of ${name}`)];
+  }
+
   weigh() {
-    if (!this.without.size) return h("p", { className: "faint" }, "Tick pairs to leave out, and solve again.");
-    const names = [...this.without].join(", ");
-    return h("div", { className: "card offer" }, h("p", {}, `Without ${names}`),
+    const { changes } = this;
+    if (!changes.length) return h("p", { className: "faint" }, "Tick pairs to leave out, or click single corners in the photograph, and solve again.");
+    return h("div", { className: "card offer" }, h("p", {}, `Without ${changes.join(", ")}`),
       h("div", { className: "row" }, button("Solve again", () => this.solve(), { className: this.found === this.saved ? "main" : "" }),
         this.found === this.saved ? null : button("Leave them out of the file", () => this.keep(), { className: "main" })));
   }
@@ -130,18 +147,63 @@ class CalibrationScreen {
         ["left_px", "right_px", "epipolar_px"].map((key) => h("td", { className: pair[key] > limit ? "number problem" : "number" }, shown(pair[key])))))));
   }
 
+  /** The corners of the photograph that fit worst, and those that are left out. */
+  cornerTable() {
+    const own = this.pair?.[this.side];
+    if (!own) return null;
+    const rows = own.marks.map((place, k) => ({ place, error: Math.hypot(...own.residuals[k]), isOut: this.outAt(place) >= 0, isGross: own.gross[k] }));
+    const shown = rows.sort((one, other) => other.error - one.error).filter((one, k) => k < LISTED || one.isOut || one.isGross);
+    return h("table", { className: "corners-table" }, h("caption", {}, `Corners of ${this.chosen}, ${this.side}, that fit worst`),
+      h("thead", {}, h("tr", {}, ["out", "x, y [px]", "residual [px]", ""].map((word, k) => h("th", { className: k === 1 || k === 2 ? "number" : "" }, word)))),
+      h("tbody", {}, shown.map(({ place, error, isOut, isGross }) => {
+        const where = place.map((value) => value.toFixed(1)).join(", ");
+        return h("tr", {}, h("td", {}, h("input", { type: "checkbox", "aria-label": `leave out the corner at ${where}`, checked: isOut, onchange: () => this.toggle(place) })),
+          h("td", { className: "number" }, where), h("td", { className: isGross ? "number problem" : "number" }, error.toFixed(3)), h("td", { className: "faint" }, isGross ? "gross: left out by itself" : ""));
+      })));
+  }
+
+  /** Number of the entry for a corner of the chosen photograph that is left out; −1 if it is used. */
+  outAt([x, y]) {
+    return (this.corners[this.chosen]?.[this.side] ?? []).findIndex((one) => Math.hypot(one[0] - x, one[1] - y) <= SAME);
+  }
+
+  /** Leave a corner of the chosen photograph out, or use it again. */
+  toggle(place) {
+    const sides = (this.corners[this.chosen] ??= {});
+    const list = (sides[this.side] ??= []);
+    const k = this.outAt(place);
+    if (k >= 0) list.splice(k, 1);
+    else list.push(place.map((value) => Number(value.toFixed(1))));
+    this.changed();
+  }
+
+  /** A click leaves out the corner that is near, or uses it again. */
+  click([x, y]) {
+    const near = (this.pair?.[this.side]?.marks ?? []).map((place) => ({ place, off: Math.hypot(...this.viewer.toScreen(place).map((value, k) => value - [x, y][k])) }));
+    const found = near.sort((one, other) => one.off - other.off)[0];
+    if (found && found.off <= NEAR) this.toggle(found.place);
+  }
+
   tick(name, isOut) {
     if (isOut) this.without.add(name);
     else this.without.delete(name);
+    this.changed();
+  }
+
+  changed() {
     this.found = this.saved;
     this.panel();
     this.viewer.draw();
   }
 
+  get choice() {
+    return { file: this.app.file, boards: this.saved.boards, rig: this.saved.stage, without: [...this.without], corners: this.corners };
+  }
+
   async solve() {
     this.app.say("solving again …");
     try {
-      this.found = await ask("calibration", { file: this.app.file, boards: this.saved.boards, without: [...this.without] });
+      this.found = await ask("calibration", this.choice);
     } catch (error) {
       await this.app.fail(error);
     }
@@ -150,9 +212,10 @@ class CalibrationScreen {
   }
 
   async keep() {
+    const words = `without ${this.changes.join(", ")}`;
     try {
-      await ask("leave_out", { file: this.app.file, stage: this.saved.boards, steps: [...this.without], digest: this.app.document.digest });
-      this.app.say(`left out: ${[...this.without].join(", ")}`);
+      await ask("leave_out_of_rig", { ...this.choice, digest: this.app.document.digest, words });
+      this.app.say(`saved: ${words}`);
       await this.app.changed(true);
     } catch (error) {
       await this.app.fail(error);
@@ -174,7 +237,9 @@ class CalibrationScreen {
     own?.marks.forEach((place, k) => {
       const [x, y] = at(place);
       const [u, v] = own.residuals[k].map((value) => value * this.times * this.viewer.scale);
-      parts.push(s("path", { class: "arrow under", d: `M${x} ${y}l${u} ${v}` }), s("path", { class: "arrow", d: `M${x} ${y}l${u} ${v}` }), s("circle", { class: "mark", cx: x, cy: y, r: 2.5 }));
+      const isOut = own.gross[k] || this.outAt(place) >= 0;
+      const cross = isOut ? ["under", "over"].map((look) => s("path", { class: `out ${look}`, d: `M${x - 5} ${y - 5}l10 10m0 -10l-10 10` })) : [s("circle", { class: "mark", cx: x, cy: y, r: 2.5 })];
+      parts.push(s("path", { class: "arrow under", d: `M${x} ${y}l${u} ${v}` }), s("path", { class: "arrow", d: `M${x} ${y}l${u} ${v}` }), ...cross);
     });
     fill(this.viewer.marks, parts);
   }

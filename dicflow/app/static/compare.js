@@ -2,7 +2,7 @@
 
 import { ask } from "./api.js";
 import { button, empty, fill, h, refill } from "./dom.js";
-import { FIRST_STEPS, USUAL_STEPS } from "./explore.js";
+import { FIRST_STEPS, USUAL_STEPS, survey } from "./explore.js";
 import { TwoFields } from "./two.js";
 
 export const title = "Compare";
@@ -50,7 +50,12 @@ class CompareScreen {
     this.bar();
     fill(this.body, h("p", { className: "faint" }, "reading both results …"));
     await this.read(FIRST_STEPS);
-    if (this.found?.some(({ steps }) => steps > FIRST_STEPS)) this.inTurn(() => this.read(USUAL_STEPS));
+    if (this.found?.some(({ steps }) => steps > FIRST_STEPS)) this.inTurn(() => this.readMore());
+  }
+
+  async readMore() {
+    for (const { view } of this.found) if (view) await survey(this, view, USUAL_STEPS);
+    if (!this.isLeft) await this.read(USUAL_STEPS);
   }
 
   nothing() {

@@ -23,6 +23,19 @@ export function s(tag, attributes = {}, ...children) {
   return element;
 }
 
+const DRAWN = ["svg", "g", "path", "circle", "rect", "text", "title"];
+
+/** A chart of the server as elements: shapes and texts alone, without anything that acts or loads. */
+export function picture(text) {
+  const copied = (node) => {
+    if (node.nodeType === Node.TEXT_NODE) return node.data;
+    if (!DRAWN.includes(node.localName)) return "";
+    const facts = [...node.attributes].filter(({ name }) => !/^(on|style|href|xlink)/.test(name));
+    return s(node.localName, Object.fromEntries(facts.map(({ name, value }) => [name, value])), ...[...node.childNodes].map(copied));
+  };
+  return copied(new DOMParser().parseFromString(text.replace("<svg ", `<svg xmlns="${SVG}" `), "image/svg+xml").documentElement);
+}
+
 /** Put other children into an element. */
 export function fill(element, ...children) {
   element.replaceChildren(...children.flat().filter((child) => child !== null && child !== undefined && child !== false));

@@ -36,7 +36,12 @@ class ExploreScreen {
   async begin() {
     await this.read(FIRST_STEPS);
     this.wait();
-    if (this.found.steps > FIRST_STEPS) this.inTurn(() => this.read(this.most));
+    if (this.found.steps > FIRST_STEPS) this.inTurn(() => this.readMore());
+  }
+
+  async readMore() {
+    await survey(this, this.found.view, this.most);
+    if (!this.isLeft) await this.read(this.most);
   }
 
   leave() {
@@ -74,7 +79,7 @@ class ExploreScreen {
     const old = this.explorer;
     old?.play(false);
     const element = h("div", { className: "fields" });
-    const explorer = mountExplorer(element, fetchedSource(manifest, (name) => new URL(`/field/${view}/${name}`, location).href));
+    const explorer = mountExplorer(element, sourceOf(view, manifest));
     this.explorer = explorer;
     fill(this.field, element);
     for (const way of ["pointerdown", "keydown"]) element.addEventListener(way, () => { this.isTouched = true; });
@@ -91,7 +96,7 @@ class ExploreScreen {
     fill(this.tools,
       found.variants.length > 1 && h("label", {}, "variant ", h("select", { onchange: (event) => this.choose(Number(event.target.value)) }, found.variants.map((one, k) => h("option", { value: k, selected: k === variant }, words(one, k))))),
       h("span", { className: "shown faint" }, `${shown} of ${found.steps} steps`),
-      isUsual && button("Show all steps", () => { this.most = ALL_STEPS; this.inTurn(() => this.read(this.most)); }),
+      isUsual && button("Show all steps", () => { this.most = ALL_STEPS; this.inTurn(() => this.readMore()); }),
       button("Read again", () => this.inTurn(() => this.read(this.most))),
       button("Compare", () => this.app.go("compare"), { title: "Beside an earlier run, another variant or file" }),
       this.keeps,
@@ -125,6 +130,19 @@ class ExploreScreen {
       if (!this.isLeft) this.wait();
     }, LOOK_MS);
   }
+}
+
+/** Look at more steps of a result, bit by bit, so that what is shown already can be used meanwhile. */
+export async function survey(screen, view, steps) {
+  for (let [next, count] = [0, 1]; !screen.isLeft && next < count;) {
+    ({ next, count } = await ask("survey", { view, steps, start: next }));
+  }
+}
+
+/** The numbers and photographs of an answer to "explore". */
+export function sourceOf(view, manifest) {
+  const curve = (quantity, point) => ask("curve", { view, quantity, point });
+  return fetchedSource(manifest, (name) => new URL(`/field/${view}/${name}`, location).href, curve);
 }
 
 /** Carry the scene of one explorer over to another: what is shown by its name, ranges that were typed, and points. */

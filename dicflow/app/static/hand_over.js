@@ -2,6 +2,7 @@
 
 import { ask } from "./api.js";
 import { button, empty, fill, h } from "./dom.js";
+import { factsCard } from "./facts.js";
 
 export const title = "Hand over";
 
@@ -11,13 +12,17 @@ export async function show(place, app) {
     return null;
   }
   const { formats, stages } = await ask("formats", { file: app.file });
-  if (!Object.keys(stages).length) {
-    fill(place, empty(title, "Nothing is measured yet. After a run there is a report, and files for other programs.", button("Go to the run", () => app.go("run"), { className: "main" })));
-    return null;
-  }
-  const { report } = await ask("written", { file: app.file });
-  fill(place, h("div", { className: "page" }, h("h1", {}, title), reportCard(app, report), exportCard(app, formats, stages)));
+  const facts = await factsCard(app);
+  const cards = Object.keys(stages).length
+    ? [reportCard(app, (await ask("written", { file: app.file })).report), facts, exportCard(app, formats, stages)]
+    : [nothing(app), facts];
+  fill(place, h("div", { className: "page" }, h("h1", {}, title), cards));
   return null;
+}
+
+function nothing(app) {
+  return h("div", { className: "card" }, h("p", {}, "Nothing is measured yet. After a run there is a report, and files for other programs."),
+    h("div", { className: "row" }, button("Go to the run", () => app.go("run"), { className: "main" })));
 }
 
 function reportCard(app, isThere) {

@@ -159,6 +159,6 @@ class RunScreen {
         await this.app.fail(error);
       }
     };
-    return h("div", { className: "row" }, "Clean up: keep the newest", keep, "runs of each pipeline, and those that are pinned", button("What would go?", () => clean(false)), answer);
+    return h("div", { className: "row" }, "Clean up: keep the newest", keep, "runs of each pipeline, those that are pinned, and what is less than an hour old", button("What would go?", () => clean(false)), answer);
   }
 }

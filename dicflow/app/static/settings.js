@@ -3,6 +3,7 @@
 import { ask } from "./api.js";
 import { button, duration, empty, fill, h } from "./dom.js";
 import { GridPreview } from "./preview.js";
+import { resolutionCard } from "./resolution.js";
 
 export const title = "Settings";
 
@@ -25,7 +26,7 @@ async function overview(place, app) {
   fill(place, page);
   const states = await app.plan();
   page.lastChild.remove();
-  page.append(planTable(app, states, app.planProblem));
+  page.append(planTable(app, states, app.planProblem), resolutionCard(app));
   return null;
 }
 

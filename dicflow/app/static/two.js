@@ -2,9 +2,8 @@
 
 import { Link } from "/explorer/linked.js";
 import { mountExplorer } from "/explorer/view.js";
-import { fetchedSource } from "/explorer/source.js";
 import { fill, h } from "./dom.js";
-import { carry } from "./explore.js";
+import { carry, sourceOf } from "./explore.js";
 
 const REST = "Point at a field to read both.";
 
@@ -74,8 +73,4 @@ export class TwoFields {
     if (explorer === this.link.led) return;
     this.figures.textContent = (k >= 0 && this.link.sentence(explorer, k)) || REST;
   }
-}
-
-function sourceOf(view, manifest) {
-  return fetchedSource(manifest, (name) => new URL(`/field/${view}/${name}`, location).href);
 }

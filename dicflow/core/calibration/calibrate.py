@@ -20,6 +20,7 @@ from dicflow.core.calibration.bundle import (
     residual_lengths,
     residuals,
 )
+from dicflow.core.calibration.gross import Gross, more_gross
 from dicflow.core.calibration.leave_out import LeaveOut, leave_out
 from dicflow.core.calibration.lens_model import DistortionTerm, unmodelled_distortion
 from dicflow.core.calibration.robust import Loss, LossKind, noise_sigma
@@ -73,6 +74,8 @@ class Calibration(NamedTuple):
     noise_px : standard deviation of one coordinate of a mark, estimated from the residuals
     leave_out : results of calibrations without some of the pairs used
     unmodelled : distortion that the lenses have and the model leaves out
+    gross_px : (n, 2, m) — of single marks that were left out, because they lie far off while the others of their
+        photographs fit, the distance of the reprojected mark, left and right, in the order given; NaN for all others
     """
 
     rig: Rig
@@ -86,6 +89,7 @@ class Calibration(NamedTuple):
     noise_px: float
     leave_out: LeaveOut
     unmodelled: tuple[DistortionTerm, ...]
+    gross_px: Array
 
     @property
     def disagreement(self) -> float:
@@ -113,14 +117,22 @@ class _Marks(NamedTuple):
     def select(self, pairs: Mask) -> _Marks:
         return _Marks(self.points, self.left[pairs], self.right[pairs])
 
+    def without(self, marks: Mask) -> _Marks:
+        """Without single marks (n, 2, m)."""
+        left, right = (
+            np.where(out[..., None], np.nan, xy) for out, xy in zip(marks.swapaxes(0, 1), self[1:], strict=True)
+        )
+        return _Marks(self.points, left, right)
+
 
 class _Solution(NamedTuple):
-    """An adjusted bundle of the pairs used (n,), its loss, and error_px as in Calibration."""
+    """An adjusted bundle of the pairs used (n,), its loss, error_px as in Calibration, and gross marks (n, 2, m)."""
 
     bundle: Bundle
     loss: Loss
     used: Mask
     error_px: Array
+    gross: Mask
 
 
 def calibrate_rig(
@@ -133,12 +145,12 @@ def calibrate_rig(
     min_pairs: int = 8,
     loss: LossKind = "squares",
 ) -> Calibration:
-    """Calibrate both cameras; while a pair exceeds the limit, drop the worst one and adjust again.
+    """Calibrate both cameras; leave out single gross marks, and while a pair exceeds the limit drop the worst one.
 
     left, right : (n, m, 2) — marks per pair [px], NaN where not seen; the right ones may be in another order
         (:func:`reconcile_orders`)
     image_sizes : (width, height) of the left and of the right photographs [px]
-    max_error_px : limit of a pair's mean reprojection error
+    max_error_px : limit of a pair's mean reprojection error; no mark with a smaller one is gross
     min_pairs : pairs are dropped only while more than this many remain
     loss : kind of loss; its scale is estimated from the residuals
     """
@@ -150,7 +162,11 @@ def calibrate_rig(
         Rig(views_left.camera, views_right.camera, rotation, translation), views_left.rotations, views_left.translations
     )
     solved = _adjust_and_drop(start, marks, model, loss, max_error_px, min_pairs)
-    return _calibration(solved, marks, model, order != 0)
+    off = np.full((len(left), 2, len(target.points)), np.nan)
+    off[solved.used] = np.linalg.norm(residuals(solved.bundle, *marks.select(solved.used)), axis=-1)
+    off[~solved.gross] = np.nan
+    np.put_along_axis(off[:, 1], target.orders[order], off[:, 1].copy(), axis=1)
+    return _calibration(solved, marks.without(solved.gross), model, order != 0, off)
 
 
 def calibrate_camera(points: Array, marks: Array, image_size: Size, model: LensModel) -> CameraCalibration:
@@ -241,23 +257,29 @@ def _best_hypothesis(agreeing: Index, turn: Array, spread: Array) -> int:
 def _adjust_and_drop(
     bundle: Bundle, marks: _Marks, model: LensModel, loss: LossKind, max_error_px: float, min_pairs: int
 ) -> _Solution:
-    """Adjust and drop the worst pair, until none exceeds the limit or only ``min_pairs`` remain."""
+    """Adjust without gross marks, and drop the worst pair until none exceeds the limit or ``min_pairs`` remain."""
     used = np.ones(len(marks.left), dtype=bool)
-    error_px = np.empty((len(used), 2))
+    error_px, gross = np.empty((len(used), 2)), Gross.none(len(used), len(marks.points))
     while True:
-        bundle, scaled_loss = adjust_with_scaled_loss(bundle, *marks.select(used), model, loss)
-        error_px[used] = _mean(np.linalg.norm(residuals(bundle, *marks.select(used)), axis=-1))
+        kept = marks.without(gross.marks).select(used)
+        bundle, scaled_loss = adjust_with_scaled_loss(bundle, *kept, model, loss)
+        lengths = np.full(gross.marks.shape, np.nan)
+        lengths[used] = np.linalg.norm(residuals(bundle, *kept), axis=-1)
+        if (found := more_gross(gross, lengths, max_error_px)) is not None:
+            gross = found
+            continue
+        error_px[used] = _mean(lengths[used])
         mean = error_px[used].mean(axis=1)
         worst = int(mean.argmax())
         if mean[worst] <= max_error_px or np.count_nonzero(used) <= min_pairs:
-            return _Solution(bundle, scaled_loss, used, error_px)
+            return _Solution(bundle, scaled_loss, used, error_px, gross.marks)
         used[np.flatnonzero(used)[worst]] = False
         bundle = Bundle(bundle.rig, np.delete(bundle.rotations, worst, 0), np.delete(bundle.translations, worst, 0))
 
 
-def _calibration(solved: _Solution, marks: _Marks, model: LensModel, turned: Mask) -> Calibration:
+def _calibration(solved: _Solution, marks: _Marks, model: LensModel, turned: Mask, gross_px: Array) -> Calibration:
     """The calibration of a solution: its errors, covariance and checks."""
-    bundle, loss, used, error_px = solved
+    bundle, loss, used, error_px, _ = solved
     kept = marks.select(used)
     error = residuals(bundle, *kept)
     tilt = np.full(len(used), np.nan)
@@ -274,6 +296,7 @@ def _calibration(solved: _Solution, marks: _Marks, model: LensModel, turned: Mas
         noise_px=noise_sigma(loss, residual_lengths(error), parameter_count(bundle, model)),
         leave_out=leave_out(bundle, *kept, model, loss),
         unmodelled=unmodelled_distortion(bundle, *kept, model, loss),
+        gross_px=gross_px,
     )
 
 

@@ -26,10 +26,10 @@ async function ownSeries(host) {
   const numbers = manifest.steps.map((step) => step.number);
   if (points.length) {
     const curves = await Promise.all(points.map((one) => curveOf(host.fields, host.scene, one)));
-    return curves.map(({ values, sigmas }, k) => {
+    return curves.map(({ values, errors }, k) => {
       const { row, col, colour } = points[k];
       const name = `point ${row}, ${col}`;
-      return { name, what: name, colour, symbol, unit, numbers, y: values, error: sigmas };
+      return { name, what: name, colour, symbol, unit, numbers, y: values, error: errors };
     });
   }
   const probes = manifest.curves.filter((one) => belongs(one, quantity, manifest.main[0]));
@@ -44,10 +44,10 @@ function belongs(probe, quantity, main) {
   return probe.quantity === quantity.name || (probe.quantity === "strain" && quantity.name === main);
 }
 
-function ofProbe({ title, quantity, unit, numbers, values, sigmas }, colour) {
+function ofProbe({ title, quantity, unit, numbers, values, errors }, colour) {
   const number = (value) => (value === null ? NaN : value);
   const facts = { name: title, what: title, colour, symbol: quantity, unit, numbers };
-  return { ...facts, y: values.map(number), error: sigmas.map(number) };
+  return { ...facts, y: values.map(number), error: errors.map(number) };
 }
 
 /** The heading of a chart of series. */

@@ -5,6 +5,23 @@ import { lostCells, spacing, wholeCells, withEstimates } from "./grid.js";
 import { Buckets, trianglesAt } from "./pick.js";
 import { deviationOf, valueOf } from "./source.js";
 
+const PARTS = ["u", "sigma", "bias", "share"];
+
+/** The part that is shown as ±: the combined standard uncertainty, or σ by noise where no bias is known beside it. */
+export function errorPart({ errors }) {
+  return errors.u ? "u" : "sigma";
+}
+
+function errorOf({ errors }, codes, part, k) {
+  return codes[part] ? deviationOf(errors[part], codes[part][k]) : NaN;
+}
+
+/** Promise of the codes of all parts of the error, by part. */
+async function errorCodes(fields, step, { name }) {
+  const found = await Promise.all(PARTS.map((part) => fields.codes(step, `${part}/${name}`)));
+  return Object.fromEntries(PARTS.map((part, k) => [part, found[k]]));
+}
+
 /** A step of a quantity at some places, ready to be drawn and asked. */
 export class Frame {
   /** Promise of the frame of a scene; null where the step was not measured. */
@@ -14,11 +31,10 @@ export class Frame {
     const quantity = manifest.quantities[scene.quantity];
     if (!step.blobs.status) return null;
     const over = scene.over === "first" && scene.camera === "left";
-    const [status, codes, sigma, share, places, first, space, here, angles] = await Promise.all([
+    const [status, codes, errors, places, first, space, here, angles] = await Promise.all([
       fields.codes(step, "status"),
       fields.codes(step, `value/${quantity.name}`),
-      fields.codes(step, `sigma/${quantity.name}`),
-      fields.codes(step, `share/${quantity.name}`),
+      errorCodes(fields, step, quantity),
       over ? fields.firstPlaces() : fields.places(step, scene.camera),
       fields.firstPlaces(),
       fields.places(step, "space"),
@@ -31,8 +47,7 @@ export class Frame {
       scene: { ...scene },
       status,
       codes,
-      sigma,
-      share,
+      errors,
       places,
       first,
       space,
@@ -89,7 +104,7 @@ export class Frame {
     return this.buckets.nearest(x, y, 1.5 * this.spacing);
   }
 
-  /** What is known of a point: value, σ, the calibration's share, its status and places. */
+  /** What is known of a point: value, its error and the parts of that, its status and places. */
   point(k) {
     const { quantity } = this;
     return {
@@ -97,8 +112,8 @@ export class Frame {
       row: Math.floor(k / this.cols),
       col: k % this.cols,
       value: valueOf(quantity, this.codes[k]),
-      sigma: this.sigma ? deviationOf(quantity.sigma, this.sigma[k]) : NaN,
-      share: this.share ? deviationOf(quantity.share, this.share[k]) : NaN,
+      error: errorOf(quantity, this.errors, errorPart(quantity), k),
+      ...Object.fromEntries(PARTS.map((part) => [part, errorOf(quantity, this.errors, part, k)])),
       status: this.status[k],
       place: [this.estimates[3 * k], this.estimates[3 * k + 1]],
       space: this.space && [this.space[3 * k], this.space[3 * k + 1], this.space[3 * k + 2]],
@@ -154,23 +169,25 @@ export function boxOf(places) {
   return low[0] <= high[0] ? { low, high } : null;
 }
 
-/** Readings of a material point, or of the point nearest to a place, at all steps: { values, sigmas }. */
+/** Readings of a material point, or of the point nearest to a place, at all steps: { values, errors }. */
 export async function curveOf(fields, scene, picked) {
   const { manifest } = fields;
   const quantity = manifest.quantities[scene.quantity];
+  if (fields.source.curve && manifest.follows) return fields.curve(quantity, picked.index);
+  const part = errorPart(quantity);
   const found = await Promise.all(
     manifest.steps.map(async (step) => {
       if (!step.blobs.status) return [NaN, NaN];
-      const [codes, sigma] = await Promise.all([
+      const [codes, errors] = await Promise.all([
         fields.codes(step, `value/${quantity.name}`),
-        fields.codes(step, `sigma/${quantity.name}`),
+        fields.codes(step, `${part}/${quantity.name}`),
       ]);
       const k = manifest.follows ? picked.index : await nearestIn(fields, step, picked.place);
       if (!codes || k < 0 || k >= codes.length) return [NaN, NaN];
-      return [valueOf(quantity, codes[k]), sigma ? deviationOf(quantity.sigma, sigma[k]) : NaN];
+      return [valueOf(quantity, codes[k]), errorOf(quantity, { [part]: errors }, part, k)];
     }),
   );
-  return { values: found.map(([value]) => value), sigmas: found.map(([, sigma]) => sigma) };
+  return { values: found.map(([value]) => value), errors: found.map(([, error]) => error) };
 }
 
 async function nearestIn(fields, step, [x, y]) {

@@ -43,14 +43,14 @@ class Matching {
     return from.frame.isFlat && to.frame.isFlat;
   }
 
-  /** Value and σ of another explorer at a point, by the triangle there if its points are other ones. */
+  /** Value and error of another explorer at a point, by the triangle there if its points are other ones. */
   reading(from, to, k) {
     if (this.isSame) return to.frame.point(k);
     const weighted = this._weighted(from, to, k);
-    if (!weighted) return { value: NaN, sigma: NaN };
+    if (!weighted) return { value: NaN, error: NaN };
     const { points, weights } = weighted;
     const mean = (part) => points.reduce((sum, one, j) => sum + weights[j] * to.frame.point(one)[part], 0);
-    return { value: mean("value"), sigma: mean("sigma") };
+    return { value: mean("value"), error: mean("error") };
   }
 
   _weighted(from, to, k) {
@@ -213,9 +213,9 @@ export class Link {
     const value = readings[minuend].value - readings[subtrahend].value;
     if (!Number.isFinite(value)) return null;
     const rounding = this.ends.reduce((sum, { quantity }) => sum + quantity.scale[1] / 2, 0);
-    const sigmas = readings.map(({ sigma }) => sigma).filter((sigma) => sigma > 0);
-    const bySigma = sigmas.length ? decimalsFor(Math.min(...sigmas)) : Infinity;
-    const decimals = Math.min(bySigma, decimalsFor(10 * rounding));
+    const errors = readings.map(({ error }) => error).filter((error) => error > 0);
+    const byError = errors.length ? decimalsFor(Math.min(...errors)) : Infinity;
+    const decimals = Math.min(byError, decimalsFor(10 * rounding));
     const names = `${this.names[minuend]} − ${this.names[subtrahend]}`;
     return { value, text: `${names} ${fixed(value, decimals)}${unitText(from.quantity.unit)}` };
   }
@@ -224,9 +224,9 @@ export class Link {
   sentence(from, k) {
     const readings = this._readings(from, k);
     if (!readings || !readings.every(({ value }) => Number.isFinite(value))) return "";
-    const both = readings.map(({ value, sigma }, j) => {
+    const both = readings.map(({ value, error }, j) => {
       const { unit, scale } = this.ends[j].quantity;
-      return `${this.names[j]} ${withError(value, sigma, unit, scale[1])}`;
+      return `${this.names[j]} ${withError(value, error, unit, scale[1])}`;
     });
     const difference = this.difference(from, k);
     const rest = difference ? `; ${difference.text} (${this.matching.words})` : "";

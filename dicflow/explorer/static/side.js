@@ -219,9 +219,10 @@ export class Side {
       );
     const rows = manifest.reasons.filter(({ code }) => code > 0 && step.counts[code]).map(row);
     const rounding = `${brief(quantity.scale[1] / 2, 2)}${unitText(quantity.unit)}`;
-    const sigma = quantity.sigma ? `, uncertainties by ${brief(100 * (Math.sqrt(quantity.sigma[1]) - 1), 2)} %` : "";
+    const ratio = Math.max(...Object.values(quantity.errors).map((scale) => scale[1]));
+    const errors = ratio > 0 ? `, their uncertainties by ${brief(100 * (Math.sqrt(ratio) - 1), 2)} %` : "";
     const notes = [
-      `Values are rounded by at most ${rounding}${sigma}.`,
+      `Values are rounded by at most ${rounding}${errors}.`,
       ...manifest.left_out.map((one) => `${capital(one)}.`),
     ];
     const valid = html("strong", {}, share((step.counts[0] || 0) + (step.counts[1] || 0)));

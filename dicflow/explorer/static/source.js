@@ -1,7 +1,8 @@
 // Manifest and numbers of a result: from texts inside the page, or by fetch from a server.
 //
 // A source is { manifest, bytes(name), picture(name) }: bytes gives a promise of the Uint8Array of a blob, picture the
-// address of a photograph for an <img>.
+// address of a photograph for an <img>. It may have curve(quantity, index), a promise of { values, errors } of a point
+// at all steps, null where unknown, which then need not be read for a curve.
 
 /** A source whose blobs stand in the page. texts : name → base64 */
 export function inlineSource(manifest, texts) {
@@ -12,14 +13,14 @@ export function inlineSource(manifest, texts) {
   };
 }
 
-/** A source that fetches blobs. address : name → URL */
-export function fetchedSource(manifest, address) {
+/** A source that fetches blobs. address : name → URL; curve : as above, if the server has it */
+export function fetchedSource(manifest, address, curve) {
   const bytes = async (name) => {
     const answer = await fetch(address(name));
     if (!answer.ok) throw new Error(`${answer.status} for ${name}`);
     return new Uint8Array(await answer.arrayBuffer());
   };
-  return { manifest, bytes, picture: address };
+  return { manifest, bytes, picture: address, curve };
 }
 
 async function inflated(bytes) {
@@ -77,6 +78,16 @@ export class Fields {
       () => this.kept.delete(key),
     );
     return entry.promise;
+  }
+
+  /** Promise of the readings of a point at all steps, by a source that gives them. */
+  async curve(quantity, index) {
+    const number = (value) => (value === null ? NaN : value);
+    const { values, errors } = await this._made(`${quantity.name} at ${index}`, async () => {
+      const found = await this.source.curve(quantity.name, index);
+      return { ...found, byteLength: 16 * found.values.length };
+    });
+    return { values: values.map(number), errors: errors.map(number) };
   }
 
   /** Promise of the codes of a step's blob, null where the step has none. */

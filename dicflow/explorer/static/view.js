@@ -255,10 +255,15 @@ class Explorer {
     const lines = [];
     if (Number.isFinite(one.value)) {
       lines.push(
-        html("strong", {}, `${quantity.symbol} ${withError(one.value, one.sigma, quantity.unit, quantity.scale[1])}`),
+        html("strong", {}, `${quantity.symbol} ${withError(one.value, one.error, quantity.unit, quantity.scale[1])}`),
       );
-      if (Number.isFinite(one.share))
-        lines.push(html("span", {}, `calibration ± ${brief(one.share, 2)}${unitText(quantity.unit)}`));
+      const parts = [
+        ["noise σ", quantity.errors.u ? one.sigma : NaN],
+        ["bias", one.bias],
+        ["calibration", one.share],
+      ].filter(([, size]) => Number.isFinite(size));
+      const sizes = parts.map(([name, size]) => `${name} ± ${brief(size, 2)}${unitText(quantity.unit)}`);
+      if (sizes.length) lines.push(html("span", {}, sizes.join(" · ")));
       if (one.status > 0) lines.push(html("span", {}, reason.sentence));
     } else
       lines.push(

@@ -179,12 +179,12 @@ def test_verdict_asks_for_a_third_coefficient_of_wide_lenses():
 
 
 def test_a_robust_loss_keeps_pairs_with_single_bad_corners(corners):
-    """One corner in each of three pairs is taken for its neighbour."""
+    """One corner in each of three pairs is taken for its neighbour, which is closer than the limit of gross ones."""
     left, right = (side + np.random.default_rng(3).normal(0.0, 0.05, side.shape) for side in corners)
     for pair, corner in ((2, 5), (6, 30), (9, 50)):
         left[pair, corner] = left[pair, corner + 1]
     squares, cauchy = (
-        calibrate_rig(left, right, BOARD, SIZES, FULL, max_error_px=5.0, loss=loss) for loss in ("squares", "cauchy")
+        calibrate_rig(left, right, BOARD, SIZES, FULL, max_error_px=99.0, loss=loss) for loss in ("squares", "cauchy")
     )
     away = [np.linalg.norm(found.rig.translation - RIG.translation) for found in (cauchy, squares)]
     assert away[0] < 0.2 * away[1]

@@ -1,0 +1,107 @@
+"""The folder's photographs as series with proposed roles, and the first pipeline file: work with numerics."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+from dicflow.app.project import Project
+from dicflow.app.versions import MISSING, change
+from dicflow.errors import ConfigurationError
+from dicflow.start.choice import Candidate, Choice
+from dicflow.start.first_file import OPEN, pipeline_text
+from dicflow.start.folder import Survey, look, survey
+from dicflow.start.layouts import Series
+from dicflow.start.patterns import listed, patterns_of
+
+__all__ = ["ROLES", "found_in", "make_pipeline"]
+
+ROLES = {
+    "left": "specimen, left camera",
+    "right": "specimen, right camera",
+    "left_boards": "board, left camera",
+    "right_boards": "board, right camera",
+    "": "left out",
+}
+"""What a series of photographs can be."""
+_FILE = "pipeline.yaml"
+_SORTS = ("specimen", "board", "named like boards, but no board is recognised", "cannot be read")
+
+
+def found_in(project: Project) -> dict[str, Any]:
+    """The series in the project's folder of photographs, each with the role that is proposed.
+
+    ``series``: each with ``names`` of its files for the project, its ``pattern``, what it ``shows``, and ``role``;
+    ``reason``: why the proposal is not certain, "" if it is; ``calibration``: a file with the rig; ``single``: names
+    that fit no series.
+    Raises InputError if the folder holds no photographs of a specimen.
+    """
+    folder = project.data_folder
+    found = survey(folder, Choice())
+    used = _roles(found.candidates[0]) if found.candidates else {}
+    rows = [
+        {
+            "names": [project.name_of(folder / path) for path in one.files],
+            "pattern": listed(patterns_of(one.files, found.paths)),
+            "shows": shows,
+            "role": used.get(one, ""),
+        }
+        for shows, group in zip(_SORTS, found.subjects, strict=True)
+        for one in group
+    ]
+    in_series = {path for group in found.subjects for one in group for path in one.files}
+    return {
+        "series": rows,
+        "roles": ROLES,
+        "reason": found.undecided.reason if found.undecided is not None else "",
+        "calibration": found.calibration,
+        "single": sorted(str(path) for path in set(found.paths) - in_series),
+    }
+
+
+def _roles(candidate: Candidate) -> dict[Series | None, str]:
+    boards = candidate.boards
+    return {
+        candidate.left: "left",
+        candidate.right: "right",
+        **({boards.left: "left_boards", boards.right: "right_boards"} if boards else {}),
+    }
+
+
+def make_pipeline(project: Project, roles: Sequence[Mapping[str, Any]], square: str) -> dict[str, Any]:
+    """Write pipeline.yaml as ``dicflow init`` does, for series with the roles that a person gave them.
+
+    roles : for each series its first file for the project, ``name``, and its ``role``
+    square : side of the board's squares, such as "14.5 mm"; "" leaves it to be filled in
+    Returns the ``file``, and ``said``: what was found.
+    Raises ConfigurationError if the roles do not give a measurement, or if the file exists.
+    """
+    folder = project.data_folder
+    choice = _choice(survey(folder, Choice()), {_relative(project, one["name"]): str(one["role"]) for one in roles})
+    said: list[str] = []
+    text = pipeline_text(
+        look(folder, choice, ["dicflow", "init", str(folder)], said.append), square or None, Path(_FILE)
+    )
+    if (project.folder / _FILE).exists():
+        raise ConfigurationError(f"{_FILE} exists; open it, or rename it first")
+    change(project, {_FILE: MISSING}, {_FILE: text.encode()}, f"{_FILE} made")
+    return {"file": _FILE, "said": said, "open": OPEN in text}
+
+
+def _relative(project: Project, name: str) -> str:
+    return project.path(name).relative_to(project.data_folder.resolve()).as_posix()
+
+
+def _choice(found: Survey, roles: Mapping[str, str]) -> Choice:
+    """Arguments of ``dicflow init`` for these series. roles : by the first file of a series"""
+    patterns: dict[str, list[str]] = {role: [] for role in ROLES}
+    for one in (one for group in found.subjects for one in group):
+        patterns[roles.get(str(one.files[0]), "")] += patterns_of(one.files, found.paths)
+    if not patterns["left"]:
+        raise ConfigurationError("no photographs of the specimen by the left camera; say which series they are")
+    boards = tuple(patterns["left_boards"] + patterns["right_boards"])
+    left = tuple(patterns["left"] + patterns["left_boards"])
+    if not patterns["right"]:
+        return Choice(left, (), boards, one_camera=True)
+    return Choice(left, tuple(patterns["right"] + patterns["right_boards"]), boards)
