@@ -20,8 +20,8 @@ __all__ = ["PlaceErrors", "independent_share"]
 
 
 _STEP_PX = 1e-3
-_MIN_POINTS = 100
-"""With fewer, the misfit counts as independent."""
+_MIN_POINTS, _ENOUGH_POINTS = 100, 3000
+"""With fewer, the misfit counts as independent; about so many are looked at."""
 _NORMAL = 1.4826
 """Standard deviation of a normal distribution over the median of its distances from 0."""
 
@@ -29,7 +29,7 @@ _NORMAL = 1.4826
 class PlaceErrors(NamedTuple):
     """Places in one photograph and their errors.
 
-    xy : (..., 2) [px]; noise, misfit : (..., 3) — covariances xx, xy, yy [px²]
+    xy : (row, col, 2) [px]; noise, misfit : (row, col, 3) — covariances xx, xy, yy [px²]
     """
 
     xy: Array
@@ -39,6 +39,7 @@ class PlaceErrors(NamedTuple):
 
 def independent_share(rig: Rig, left: PlaceErrors, right: PlaceErrors) -> float:
     """Share of the variance by misfit that is independent in both photographs, 0 to 1."""
+    left, right = _thinned(left), _thinned(right)
     distance = signed_epipolar_distance(rig, left.xy, right.xy)
     slopes = _slopes(rig, left.xy, right.xy)
     noise = _along(slopes[0], left.noise) + _along(slopes[1], right.noise)
@@ -51,6 +52,12 @@ def independent_share(rig: Rig, left: PlaceErrors, right: PlaceErrors) -> float:
     scaled = scatter**2 / (noise + misfit)[known]
     observed = _NORMAL**2 * float(np.median(scaled))
     return float(np.clip((observed - (1.0 - by_misfit)) / by_misfit, 0.0, 1.0))
+
+
+def _thinned(errors: PlaceErrors) -> PlaceErrors:
+    """Every so many points of a grid."""
+    stride = max(1, int(np.sqrt(errors.xy[..., 0].size / _ENOUGH_POINTS)))
+    return PlaceErrors._make(part[::stride, ::stride].reshape(-1, part.shape[-1]) for part in errors)
 
 
 def _slopes(rig: Rig, left: Array, right: Array) -> tuple[Array, Array]:
