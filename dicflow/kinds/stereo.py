@@ -24,6 +24,7 @@ _LAYOUTS = {
     "warp": Layout((*GRID, "component", "term"), "1", "warp of the subset"),
     "covariance": Layout((*GRID, "pair"), "px²", "covariance of the place by this photograph's noise"),
     "template": Layout((*GRID, "pair"), "px²", "covariance of the place by the noise of the template"),
+    "misfit": Layout((*GRID, "pair"), "px²", "share of the misfit of the subset in the covariance"),
     "znssd": Layout(GRID, "1", "ZNSSD"),
     "iterations": Layout(GRID, "1", "iterations"),
     "way": Layout(GRID, "1", "route: 0 no value, 1 direct from the first photograph, 2 via a reference step"),
@@ -68,6 +69,7 @@ class Stereo(FollowedPoints):
             "warp": found.warp,
             "covariance": found.covariance,
             "template": found.template_covariance,
+            "misfit": found.misfit.astype("f4"),
         }
         values = {name: known_or_nan(kept, array) for name, array in measured.items()}
         values |= {"znssd": found.znssd, "iterations": found.iterations, "way": found.route}

@@ -15,6 +15,7 @@ from dicflow.kinds.stereo import Stereo
 if TYPE_CHECKING:
     import numpy as np
 
+    from dicflow.core.cameras.camera import Rig
     from dicflow.core.cameras.triangulate import Triangulated
 
 __all__ = ["Triangulate", "sentence"]
@@ -37,7 +38,7 @@ class Triangulate(Node):
         "rig": Port("rig"),
     }
     gives: ClassVar = "points"
-    impl_version: ClassVar = 7
+    impl_version: ClassVar = 8
 
     stage: Literal["triangulate"] = "triangulate"
 
@@ -57,12 +58,28 @@ class Triangulate(Node):
         status = np.maximum(left["status"], right["status"])
         status[(status <= Status.FILLED) & ~np.isfinite(found.xyz).all(axis=-1)] = Status.EPIPOLAR
         inside = np.isfinite(Correlation.read(correlation_first)["xy"]).all(axis=-1)
-        errors = _errors(found, left, right)
+        errors = _errors(found, left, right, _common_misfit(cameras, left, right))
         return Points.write(found, errors, status, (left, right), _facts(found, errors, status, right, inside))
 
 
-def _errors(found: Triangulated, left: Correlation, right: Stereo) -> PointErrors:
+def _common_misfit(cameras: Rig, left: Correlation, right: Stereo) -> np.ndarray:
+    """Covariance (row, col, 3) by misfit that is common to both photographs [px² of the first left photograph]."""
+    import numpy as np
+
+    from dicflow.core.cameras.common_misfit import PlaceErrors, independent_share
+    from dicflow.core.tensors import congruent, inverse
+
+    views = [(one["xy"], one["covariance"], one["misfit"].astype(float)) for one in (left, right)]
+    share = independent_share(cameras, *(PlaceErrors(xy, total - misfit, misfit) for xy, total, misfit in views))
+    of_left, of_right = (congruent(inverse(one["gradient"]), one["misfit"].astype(float)) for one in (left, right))
+    smaller = np.where(_variance(of_left) < _variance(of_right), of_left, of_right)
+    return np.asarray((1.0 - share) * smaller)
+
+
+def _errors(found: Triangulated, left: Correlation, right: Stereo, misfit: np.ndarray) -> PointErrors:
     """Errors of the points by those in both photographs.
+
+    misfit : (row, col, 3) — covariance by it that is common to both [px² of the first left photograph]
 
     At the first step the left place is the point itself, without error. If both places were found via one reference
     step, its inherited covariance is common to both photographs, which are correlated with one template.
@@ -81,11 +98,11 @@ def _errors(found: Triangulated, left: Correlation, right: Stereo) -> PointError
     of_left = congruent(inverse(left["gradient"]), left["covariance"])
     first = (left["way"] == 0)[..., None]
     chained = ((right["way"] > 1) & right.matched_at_every_step)[..., None]
-    common = np.where(chained, congruent(inverse(left["gradient"]), left["passed"]), 0.0)
+    common = misfit + np.where(chained, congruent(inverse(left["gradient"]), left["passed"]), 0.0)
     ratio = _variance(_own_template(left)) / _variance(right["template"]) if _differ(left, right) else 1.0
     shares = (
         (by_left, of_left - common),
-        (by_right, np.where(chained, 2.0 - ratio, 1.0) * of_right),
+        (by_right, np.where(chained, 2.0 - ratio, 1.0) * of_right - misfit),
         (by_left + by_right, common),
     )
     by_place, by_other, by_both = (point_covariance(slopes, covariance) for slopes, covariance in shares)

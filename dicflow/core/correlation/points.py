@@ -81,6 +81,7 @@ class FoundPoints(NamedTuple):
     inherited_covariance : (..., 3) — share of reference steps in ``covariance`` [px²]
     slope : (..., 2, 2) — gradient of the motion from the reference photograph
     residual : (...) — variance of the difference of template and target [grey levels²]
+    misfit : (..., 3) — share of the misfit of subsets in ``covariance`` [px²]
     """
 
     warp: Array
@@ -93,6 +94,7 @@ class FoundPoints(NamedTuple):
     inherited_covariance: Array
     slope: Array
     residual: Array
+    misfit: Array
 
     @property
     def valid(self) -> Mask:

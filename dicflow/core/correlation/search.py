@@ -108,7 +108,8 @@ def points_in_first_photograph(first: ReferencePhotograph, search: Search) -> Fo
     warp = np.where((status == Status.VALID)[..., None, None], first.warp, np.nan)
     fit = znssd, np.zeros(inside.shape, dtype=np.int16), status
     route = np.zeros(inside.shape, dtype=np.uint8)
-    return FoundPoints(warp, *fit, covariance, route, covariance, 0.0 * covariance, warp[..., 1:3], 0.0 * znssd)
+    none = 0.0 * covariance
+    return FoundPoints(warp, *fit, covariance, route, covariance, none, warp[..., 1:3], 0.0 * znssd, none)
 
 
 def target_spline(image: Photograph, search: Search) -> Spline:
@@ -199,7 +200,7 @@ def judge(
         inherited = inherited + (damping.template * remaining)[..., None] * noise
     ratio = damping.target * search.target_noise_ratio**2
     target_noise = ratio * interpolated_noise_ratio(slope, search.degree)
-    covariance = inherited + (target_noise + damping.excess)[..., None] * noise
+    covariance, by_misfit = inherited + (target_noise + damping.excess)[..., None] * noise, 0.0 * noise
     if search.counts_misfit:
         unit, variance = (
             0.5 * congruent(inverse(slope), field.covariance),
@@ -208,12 +209,14 @@ def judge(
         common = np.where((edge_variance > 0.0)[..., None, None], np.nan, field.warp)
         places = centres - reference.origin
         misfit = misfit_covariance(*pair, places, common, search.subset, unit, variance, search.threads)
-        covariance = covariance + congruent(slope, misfit + edge_variance[..., None] * np.array([1.0, 0.0, 1.0]))
+        by_misfit = congruent(slope, misfit)
+        covariance = covariance + by_misfit + congruent(slope, edge_variance[..., None] * np.array([1.0, 0.0, 1.0]))
     warp = chained(reference.warp, field.warp, centres)
     routes = np.where(field.status == Status.VALID, route, 0).astype(np.uint8)
     by_template = congruent(inverse(warp[..., 1:3]), damping.template * noise)
     fit = field.znssd, field.iterations, field.status
-    return FoundPoints(warp, *fit, covariance, routes, by_template, inherited, slope, residual_variance(field))
+    residual = residual_variance(field)
+    return FoundPoints(warp, *fit, covariance, routes, by_template, inherited, slope, residual, by_misfit)
 
 
 def _without_edges(correlation: CorrelatedField, places: Array, search: Search, usual: float) -> tuple[Field, Array]:

@@ -1,0 +1,85 @@
+"""Whether the misfit of subsets is the same in both photographs of a step.
+
+Both are compared with one template. Where the pattern itself has changed, by large strain or a coarse template, both
+places are wrong by the same part of the material, and its place in space moves along the surface alone. A misfit of the
+photographs, as by sampling, differs from one to the other and shows in the distances from the epipolar lines. Their
+scatter beyond what noise explains, over what the misfit would make if it were independent, is the independent share.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from dicflow.core.arrays import Array
+from dicflow.core.cameras.camera import Rig
+from dicflow.core.cameras.epipolar import signed_epipolar_distance
+
+__all__ = ["PlaceErrors", "independent_share"]
+
+
+_STEP_PX = 1e-3
+_MIN_POINTS, _ENOUGH_POINTS = 100, 3000
+"""With fewer, the misfit counts as independent; about so many are looked at."""
+_NORMAL = 1.4826
+"""Standard deviation of a normal distribution over the median of its distances from 0."""
+
+
+class PlaceErrors(NamedTuple):
+    """Places in one photograph and their errors.
+
+    xy : (row, col, 2) [px]; noise, misfit : (row, col, 3) — covariances xx, xy, yy [px²]
+    """
+
+    xy: Array
+    noise: Array
+    misfit: Array
+
+
+def independent_share(rig: Rig, left: PlaceErrors, right: PlaceErrors) -> float:
+    """Share of the variance by misfit that is independent in both photographs, 0 to 1."""
+    left, right = _thinned(left), _thinned(right)
+    distance = signed_epipolar_distance(rig, left.xy, right.xy)
+    slopes = _slopes(rig, left.xy, right.xy)
+    noise = _along(slopes[0], left.noise) + _along(slopes[1], right.noise)
+    misfit = _along(slopes[0], left.misfit) + _along(slopes[1], right.misfit)
+    known = np.isfinite(distance + noise + misfit)
+    by_misfit = float(np.median((misfit / (noise + misfit))[known])) if known.any() else 0.0
+    if known.sum() < _MIN_POINTS or by_misfit <= 0.0:
+        return 1.0
+    scatter = _without_trend(distance[known], left.xy[known])
+    scaled = scatter**2 / (noise + misfit)[known]
+    observed = _NORMAL**2 * float(np.median(scaled))
+    return float(np.clip((observed - (1.0 - by_misfit)) / by_misfit, 0.0, 1.0))
+
+
+def _thinned(errors: PlaceErrors) -> PlaceErrors:
+    """Every so many points of a grid."""
+    stride = max(1, int(np.sqrt(errors.xy[..., 0].size / _ENOUGH_POINTS)))
+    return PlaceErrors._make(part[::stride, ::stride].reshape(-1, part.shape[-1]) for part in errors)
+
+
+def _slopes(rig: Rig, left: Array, right: Array) -> tuple[Array, Array]:
+    """Derivatives (..., 2) of the distance by the places in both photographs."""
+    steps = _STEP_PX * np.eye(2)
+
+    def along(axis: Array, shifted_left: bool) -> Array:
+        at = [(left + sign * axis * shifted_left, right + sign * axis * (not shifted_left)) for sign in (1.0, -1.0)]
+        return (signed_epipolar_distance(rig, *at[0]) - signed_epipolar_distance(rig, *at[1])) / (2.0 * _STEP_PX)
+
+    by_left, by_right = (np.stack([along(axis, side) for axis in steps], axis=-1) for side in (True, False))
+    return by_left, by_right
+
+
+def _along(slope: Array, covariance: Array) -> Array:
+    """Variance (...) of the distance by an error of a place."""
+    x, y = slope[..., 0], slope[..., 1]
+    return np.asarray(x * x * covariance[..., 0] + 2.0 * x * y * covariance[..., 1] + y * y * covariance[..., 2])
+
+
+def _without_trend(distance: Array, places: Array) -> Array:
+    """Distances (n,) less a cubic trend over the photograph, which the rig has made."""
+    x, y = ((places - places.mean(axis=0)) / np.maximum(places.std(axis=0), 1e-12)).T
+    terms = np.stack([x**a * y**b for a in range(4) for b in range(4 - a)], axis=-1)
+    return np.asarray(distance - terms @ np.linalg.lstsq(terms, distance, rcond=None)[0])
