@@ -77,6 +77,7 @@ def correlation(
         "way": np.full(len(flat), 0 if image is None else 1, np.uint8),
         "warp": warp,
         "passed": 0.0 * own,
+        "misfit": 0.0 * own,
         "slope": warp[:, :, 1:3],
     }
     variables = {

@@ -243,7 +243,7 @@ def _correlation(facts: _Facts) -> _Rows:
     if not chosen:
         return
     right = f"{stereo['shape_function']} from left to right" if stereo else ""
-    in_time = chosen["shape_function"].replace("auto", "affine, quadratic at steps that need it,")
+    in_time = chosen["shape_function"].replace("auto", "affine or, where needed, quadratic")
     shape = f"{in_time} in time" + (f", {right}" if right else "")
     reference = chosen["reference"]
     start = "features and their matches" if facts.of("match") else "cross-correlation"

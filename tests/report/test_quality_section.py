@@ -33,7 +33,7 @@ def test_figures_of_the_steps_are_those_of_the_products(loaded):
     assert residuals[0] is None
     assert panels[module._RESIDUAL] == {"residual": residuals}
     assert module._heading(module._RESIDUAL, "residual") == "Residual of the features that were followed: residual [px]"
-    assert module._heading(module._STRAIN, "eyy") == f"{module._STRAIN.title}: eyy, σ [–]"
+    assert module._heading(module._STRAIN, "eyy") == f"{module._STRAIN.title}: eyy, u [–]"
     assert set(panels[module._SURFACE]) == {"X", "Y", "Z"}
     assert module._rows(steps, panels)[0][:2] == [steps[0], "–"]
 

@@ -73,7 +73,10 @@ def test_the_correlation_is_listed_with_its_reference_and_gauge(pipeline, tmp_pa
     loaded = Pipeline.load(path, data=pipeline.parent, settings=["correlation.subset_size=33", "total.measure=hencky"])
     rows = rows_of(loaded, tmp_path)
     assert rows["subset size"].value == "33 px"
-    assert rows["subset shape function"].value == "affine in time, quadratic from left to right"
+    assert (
+        rows["subset shape function"].value
+        == "affine or, where needed, quadratic in time, quadratic from left to right"
+    )
     assert rows["matching criterion"].value.endswith("(ZNSSD)")
     assert rows["reference image"].value.startswith("the first photograph; another")
     assert rows["strain measure"].value == "Hencky strain: ln λ along the principal directions"

@@ -97,7 +97,9 @@ def test_cameras_that_stand_as_calibrated_stay():
     found = refined(RIG, turn=0.0)
     assert "no motion of the cameras" in found.verdict
     assert np.abs(over_sigma(found)).max() < 3.0
-    assert (np.diag(found.covariance) <= 1.2 * np.diag(COVARIANCE)).all()
+    before, after = np.diag(COVARIANCE), np.diag(found.covariance)
+    estimated = before > 0.0  # what was not, as a further term of the distortion, is allowed for
+    assert (after[estimated] <= before[estimated]).all()
 
 
 def test_without_an_uncertainty_of_the_calibration_that_of_the_orientation_is_stated():

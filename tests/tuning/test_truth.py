@@ -37,7 +37,7 @@ class Measured:
     def error_of(self, trial):
         """True root mean square error of εxx and εyy of one setting, over all its points."""
         result, tuned = self.results[-1], self.found.tuned
-        values = tuned.values(trial.setting)
+        values = {**tuned.values(trial.setting), f"{tuned.total}.degree": trial.setting.degree}
         total = Total.read(result.product(tuned.total, self.found.steps.deformed, result.values.index(values)))
         errors = np.stack([total["exx"], total["eyy"]]) - self.truth(total["xy_reference"])
         return float(np.sqrt(np.nanmean(errors**2)))

@@ -105,6 +105,7 @@ export function shortTitle(title, symbol) {
     .split(" = ")[0]
     .replace(/\s*\([^)]*\)/g, "")
     .replace(symbol, "")
+    .replace(/^[\s,]+/, "")
     .replace(/\s+/g, " ")
     .trim();
 }

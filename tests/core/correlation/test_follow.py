@@ -153,7 +153,12 @@ def test_status_of_subsets_that_fit_badly():
     hidden, clear = spot[row, col], ~spot[row, col]
     bad = found.status != Status.VALID
     assert bad[hidden].mean() > 0.7
-    assert set(np.unique(found.status[bad])) <= {Status.LOW_CORRELATION, Status.NOT_CONVERGED, Status.UNTRACKED}
+    assert set(np.unique(found.status[bad])) <= {
+        Status.LOW_CORRELATION,
+        Status.NOT_CONVERGED,
+        Status.UNTRACKED,
+        Status.OUTLIER,
+    }
     assert np.isnan(found.warp[bad]).all()
     assert np.isnan(found.covariance[bad]).all()
     assert bad[clear].mean() < 0.1
