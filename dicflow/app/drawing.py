@@ -150,7 +150,7 @@ def _inline(polygons: Sequence[Polygon], cuts: Sequence[np.ndarray]) -> dict[str
 
 def _check(polygons: Sequence[Polygon], cuts: Sequence[np.ndarray]) -> None:
     if not polygons:
-        raise ConfigurationError("the region has no polygon; draw its outline, or undo the deletion")
+        raise ConfigurationError("the region has no polygon then; draw the new outline before you delete the last one")
     rings = [ring for polygon in polygons for ring in polygon.rings]
     if any(len(ring) < 3 for ring in rings):
         raise ConfigurationError("an outline needs three corners or more; draw it again")

@@ -32,7 +32,8 @@ def find_photographs(folder: Path, patterns: str | Sequence[str], side: str) -> 
                 raise InputError(f"{side}: {_one_name(other, path, path.stem)}")
     if not by_stem:
         raise InputError(
-            f"{side}: no photograph matches {patterns!r} in {folder}; check the pattern, or start from 'dicflow init'"
+            f"{side}: no photograph matches {patterns!r} in {folder}; check the pattern, name the folder with --data, "
+            "or start from 'dicflow init'"
         )
     return {path.name: path for path in by_stem.values()}
 
