@@ -66,6 +66,8 @@ def test_a_folder_is_sorted_with_the_mouse(messy):
         page.get_by_label("what photos/left/*.png is").select_option("right")
         page.get_by_label("what boards/right/*.png is").select_option("left_boards")
         page.get_by_label("what boards/left/*.png is").select_option("right_boards")
+        page.get_by_role("button", name="Make the pipeline file").click()
+        someone.said("Measure one square of the board first")
         page.fill("#square", "14.5 mm")
         assert someone.overlaps() == []
         page.get_by_role("button", name="Make the pipeline file").click()

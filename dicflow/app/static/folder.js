@@ -24,6 +24,8 @@ export async function show(place, app) {
 
 const picture = (name, words) => h("img", { src: `/picture/thumbnail?path=${encodeURIComponent(name)}`, alt: words, title: words, loading: "lazy", decoding: "async" });
 
+const MAKE = "Make the pipeline file";
+
 /** No pipeline file yet: say which series is what. */
 async function series(page, app) {
   fill(page, h("h1", {}, "What the folder holds"), h("p", { className: "faint" }, "looking at the photographs …"));
@@ -34,9 +36,16 @@ async function series(page, app) {
     fill(page, empty("No photographs to measure", "", h("p", { className: "problem" }, error.message)));
     return null;
   }
-  const square = h("input", { id: "square", placeholder: "14.5 mm", size: 10 });
+  const square = h("input", { id: "square", placeholder: "such as 14.5 mm", size: 14 });
   const roles = found.series.map((one) => one.role);
   const make = async () => {
+    if (hasBoards() && !square.value.trim()) {
+      square.focus();
+      app.say("Measure one square of the board first, and type its side.");
+      return;
+    }
+    start.disabled = true;
+    start.textContent = "Making the pipeline file …";
     try {
       const made = await ask("make", { roles: found.series.map((one, k) => ({ name: one.names[0], role: roles[k] })), square: square.value.trim() });
       for (const line of made.said) app.say(line);
@@ -44,13 +53,17 @@ async function series(page, app) {
       app.go("region");
     } catch (error) {
       await app.fail(error);
+    } finally {
+      start.disabled = false;
+      start.textContent = MAKE;
     }
   };
+  const start = button(MAKE, make, { className: "main" });
   const hasBoards = () => roles.some((role) => role.endsWith("boards"));
   const foot = h("div", {});
   const drawFoot = () => fill(foot, counts(found, roles), h("div", { className: "row" },
     hasBoards() ? h("label", {}, "Side of one square of the board, measured: ", square) : null,
-    button("Make the pipeline file", make, { className: "main" })));
+    start));
   fill(page, h("h1", {}, "What the folder holds"),
     h("p", {}, "Say what each series of photographs is. The proposal comes from the names, and from what the photographs show."),
     found.reason ? h("p", { className: "problem" }, `Not certain: ${found.reason}. Look at the roles.`) : null,
