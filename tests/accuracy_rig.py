@@ -1,4 +1,4 @@
-"""Rigs whose cameras were bumped, mended from photographs: places and displacements against their uncertainty."""
+"""Rigs whose cameras were bumped, refined from photographs: places and displacements against their uncertainty."""
 
 from __future__ import annotations
 
@@ -42,18 +42,18 @@ stages:
   corners: {{stage: corners, size: [{scene.BOARD.columns - 1}, {scene.BOARD.rows - 1}]}}
   rig: {{stage: calibrate, square: {scene.BOARD.square} mm, tangential: true}}
 """
-MENDED = """\
+PIPELINE = """\
 stages:
   photos: {{stage: images, left: {left}, right: {right}}}
   calibrated: {{stage: rig_file, file: {file}}}
   region: {{stage: region{region}}}
   correlation: {{stage: correlate, step_size: {step}}}
-{mended}\
+{refined}\
   stereo: {{stage: stereo}}
   points: {{stage: triangulate}}
   total: {{stage: deformation, points: points}}
 """
-MEND = "  mended: {stage: refine}\n"
+REFINE = "  refined: {stage: refine}\n"
 
 
 class Measured(NamedTuple):
@@ -74,14 +74,14 @@ def rendered() -> Iterator[Figure]:
     """A plate before a rig that was calibrated with noisy boards before the right camera moved."""
     folder = made("rigid", scene.write_photographs)
     rig = CalibratedRig.read(run_text("rigid_boards", CALIBRATED, folder).product("rig"))
-    print("\nbumped rigs, rendered: root mean square error before and after mending, and σ stated [µm]")
+    print("\nbumped rigs, rendered: root mean square error before and after refining, and σ stated [µm]")
     worst = []
     for name, bump in BUMPS.items():
         before = bumped(rig.cameras, *bump)
         result = run_text("bumped", _text(name, before, rig.covariance), folder)
         found = Measured(*map(np.concatenate, zip(*_steps(result), strict=True)))
         worst.append(_print(name, _unmended(result, before), found))
-        print(f"{'':12}{CalibratedRig.read(result.product('mended')).verdict}")
+        print(f"{'':12}{CalibratedRig.read(result.product('refined')).verdict}")
     ratios = np.array(worst)
     for quantity, ratio in zip(QUANTITIES, ratios.max(axis=0), strict=True):
         yield Figure(f"bumped rig, rendered: largest error of {quantity} over its σ", float(ratio), 2.0)
@@ -92,7 +92,7 @@ def _text(name: str, rig: Rig, covariance: np.ndarray | None) -> str:
     write_rig(file, rig, covariance)
     region = f", rectangle: {list(scene.REGION)}"
     sides = {"left": '"photos/left/*.png"', "right": '"photos/right/*.png"'}
-    return MENDED.format(**sides, file=file, region=region, step=24, mended=MEND)
+    return PIPELINE.format(**sides, file=file, region=region, step=24, refined=REFINE)
 
 
 def bumped(rig: Rig, turn_deg: tuple[float, ...], shift: tuple[float, ...]) -> Rig:
@@ -147,7 +147,7 @@ def _print(name: str, before: np.ndarray | None, found: Measured) -> np.ndarray:
     """Print a bump; returns the errors over their σ, root mean squares (6,) of both."""
     after, stated = (np.sqrt((part**2).mean(axis=0)) for part in found)
     print(f"{name:12}{'':8}" + "".join(f"{quantity:>9}" for quantity in QUANTITIES))
-    for label, values in (("before", before), ("mended", after), ("σ", stated)):
+    for label, values in (("before", before), ("refined", after), ("σ", stated)):
         if values is not None:
             print(f"{'':12}{label:8}" + "".join(f"{1e3 * value:9.1f}" for value in values))
     return np.asarray(after / stated)
@@ -156,13 +156,13 @@ def _print(name: str, before: np.ndarray | None, found: Measured) -> np.ndarray:
 def d_specimen() -> Iterator[Figure]:
     """A real steel part with a real rig, turned by 0.1° about each axis, against the rig as it is."""
     folder = SHARED / "d_specimen"
-    given = MENDED.format(
+    given = PIPELINE.format(
         left="[left/GT4-0000_0.tif, left/GT4-0273_0.tif]",
         right="[right/GT4-0000_1.tif, right/GT4-0273_1.tif]",
         file="reference/points_0273_rig.yaml",
         region="",
         step=14,
-        mended="",
+        refined="",
     )
     reference = run_text("d_bumped", given, folder)
     rig = CalibratedRig.read(reference.product("calibrated"))
@@ -173,10 +173,10 @@ def d_specimen() -> Iterator[Figure]:
         bump = BUMPS[name]
         file = WORK / f"d_{name.replace(' ', '_')}.json"
         write_rig(file, bumped(rig.cameras, *bump))
-        text = given.replace("reference/points_0273_rig.yaml", str(file)).replace("  stereo:", f"{MEND}  stereo:")
+        text = given.replace("reference/points_0273_rig.yaml", str(file)).replace("  stereo:", f"{REFINE}  stereo:")
         result = run_text("d_bumped", text, folder)
         found = _errors(result.product("total", -1), true)
         worst.append(_print(name, None, found))
-        print(f"{'':12}{CalibratedRig.read(result.product('mended')).verdict}")
+        print(f"{'':12}{CalibratedRig.read(result.product('refined')).verdict}")
     for quantity, ratio in zip(QUANTITIES, np.max(worst, axis=0), strict=True):
         yield Figure(f"d specimen, rig turned: largest difference in {quantity} over its σ", float(ratio), 2.0)

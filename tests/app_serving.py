@@ -6,8 +6,7 @@ import asyncio
 import http.client
 import json
 import threading
-import time
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -22,7 +21,7 @@ from dicflow.app.project import open_project
 from dicflow.app.safety import Gate
 from dicflow.app.server import application
 
-__all__ = ["FILE", "Answer", "Served", "served", "small_test", "until"]
+__all__ = ["FILE", "Answer", "Served", "served", "small_test"]
 
 FILE = "pipeline.yaml"
 _TEXT = """# a test
@@ -125,12 +124,3 @@ def small_test(folder: Path, steps: int = 2, size: tuple[int, int] = (200, 150))
         Image.fromarray(grey).save(folder / "left" / f"step_{step:04}.png")
     (folder / FILE).write_text(_TEXT)
     return folder / FILE
-
-
-def until(condition: Callable[[], Any], patience_s: float = 120.0) -> Any:
-    """Wait for a condition, and return its first true value."""
-    end = time.monotonic() + patience_s
-    while not (found := condition()):
-        assert time.monotonic() < end, condition
-        time.sleep(0.05)
-    return found

@@ -7,7 +7,6 @@ import base64
 import json
 import shutil
 import subprocess
-import time
 import urllib.request
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
@@ -15,6 +14,8 @@ from pathlib import Path
 from typing import Any
 
 from tornado.websocket import WebSocketClientConnection, websocket_connect
+
+from tests.waiting import until
 
 __all__ = ["Page", "chromium", "opened"]
 
@@ -187,18 +188,16 @@ def opened(folder: Path) -> Iterator[Page]:
 
 def _address(folder: Path) -> str:
     """Where the browser's first tab is driven from."""
-    file, end = folder / "DevToolsActivePort", time.monotonic() + _PATIENCE_S
-    while not file.is_file() or "\n" not in file.read_text():
-        assert time.monotonic() < end, "the browser does not start"
-        time.sleep(0.05)
+    file = folder / "DevToolsActivePort"
+    until(lambda: file.is_file() and "\n" in file.read_text(), _PATIENCE_S)
     port = file.read_text().splitlines()[0]
-    while time.monotonic() < end:
-        with urllib.request.urlopen(f"http://127.0.0.1:{port}/json") as answer:
-            tabs = [tab for tab in json.load(answer) if tab["type"] == "page"]
-        if tabs:
-            return str(tabs[0]["webSocketDebuggerUrl"])
-        time.sleep(0.05)
-    raise AssertionError("the browser shows no page")
+    return str(until(lambda: _pages(port), _PATIENCE_S)[0]["webSocketDebuggerUrl"])
+
+
+def _pages(port: str) -> list[Any]:
+    """Tabs of the browser that show a page."""
+    with urllib.request.urlopen(f"http://127.0.0.1:{port}/json") as answer:
+        return [tab for tab in json.load(answer) if tab["type"] == "page"]
 
 
 async def _connected(address: str) -> WebSocketClientConnection:

@@ -103,7 +103,7 @@ def _edit(desk: Desk, asked: Asked) -> Any:
 
 
 def _rewrite(desk: Desk, asked: Asked) -> Any:
-    """Write the whole text of a pipeline file, as a person mends it; what is still wrong with it."""
+    """Write the whole text of a pipeline file, as a person edits it; what is still wrong with it."""
     name, text = str(asked["file"]), str(asked["text"])
     if not name.lower().endswith((".yaml", ".yml")):
         raise ConfigurationError(f"{name}: is no pipeline file; name one that ends in .yaml")

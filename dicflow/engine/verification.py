@@ -113,7 +113,7 @@ def _checks_of(store: Store, found: Found) -> Iterator[_Check]:
     elif found.part in _FORMS:
         yield _Check(what, path, partial(_form, path, _FORMS[found.part]), aside)
     elif found.part == "actions":
-        yield _Check(what, path, partial(_actions, store), partial(_mend_actions, store))
+        yield _Check(what, path, partial(_actions, store), partial(_repair_actions, store))
     elif found.part == "pins":
         yield _Check(what, path, partial(_form, path, PINS), None)
     elif found.part == "run":
@@ -159,7 +159,7 @@ def _disguised(path: Path) -> str:
     return f"{path}: something else stands in the place of a {'folder' if path.is_file() else 'file'}"
 
 
-def _mend_actions(store: Store) -> None:
+def _repair_actions(store: Store) -> None:
     with store.writing():
         store.index.keep_only(store.index.read().keys())
 

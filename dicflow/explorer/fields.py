@@ -349,7 +349,7 @@ def _errors(total: Total, names: Sequence[str]) -> dict[str, dict[str, Array]]:
 
 
 def _number(arrays: Mapping[str, Array] | Total, name: str, index: int) -> float:
-    """A number of an array by its place in the flat array; NaN where there is none."""
+    """A number of an array by its place in the flat array; NaN where it is unknown."""
     return float(arrays[name].flat[index]) if name in arrays and index < arrays[name].size else np.nan
 
 

@@ -64,7 +64,7 @@ def edited(text: str, source: str, edits: Sequence[Edit]) -> str:
 
 
 def _parted(text: str) -> tuple[str, str]:
-    """The text, and the comments at its end, which stay there whatever is added before them."""
+    """The text, and the comments at its end, which stay at the end when lines are added before them."""
     start = _REMARKS.search(text)
     return (text, "") if start is None or not start[1] else (text[: start.start(1)], text[start.start(1) :])
 

@@ -107,7 +107,7 @@ class CalibratedRig(Kind):
         summary: Mapping[str, float | int],
         warnings: Sequence[str] = (),
     ) -> Product:
-        """The product of this rig after it was mended; parameters as for :meth:`write`."""
+        """The product of this rig after it was refined; parameters as for :meth:`write`."""
         found = CalibratedRig.write(
             rig, verdict, summary, covariance=covariance, program=self.program, warnings=warnings
         )

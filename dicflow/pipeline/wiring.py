@@ -127,7 +127,7 @@ def _inputs(
 ) -> dict[str, str]:
     """Port → stage for every input that is named or can be only one.
 
-    A stage that takes a product and gives one of the same kind, as a mended rig, stands for it in all other stages.
+    A stage that takes a product and gives one of the same kind, as a refined rig, stands for it in all other stages.
     ``cloud_before``, ``cloud_first`` and ``cloud_early`` are by default joined to the stage of ``cloud``, and a port of
     another one to what that one's stage takes.
     """

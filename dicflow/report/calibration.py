@@ -57,7 +57,7 @@ def calibration(context: Context) -> Section | None:
     body = render(
         "calibration.html",
         verdict=rig.verdict,
-        mended="" if calibrated == stage else used.verdict,
+        refined="" if calibrated == stage else used.verdict,
         facts=_facts(rig, used.summary, getattr(_node(context, calibrated), "square", None)),
         pairs=_pairs(rig.pairs),
         limit=limit,
@@ -71,7 +71,7 @@ def calibration(context: Context) -> Section | None:
 
 
 def calibrated_stage(context: Context, stage: str) -> str:
-    """The stage of the rig as it was calibrated, before it was mended."""
+    """The stage of the rig as it was calibrated, before it was refined."""
     while "rig" in _node(context, stage).takes:
         stage = context.result.source(stage, "rig")
     return stage

@@ -179,7 +179,7 @@ def _cameras(facts: _Facts) -> _Rows:
 
 
 def _rig(context: Context, stage: str) -> tuple[CalibratedRig, Mapping[str, Any]]:
-    """The rig as it was calibrated, and its figures as far as it was not mended, with those of the mended one.
+    """The rig as it was calibrated, and its figures as far as it was not refined, with those of the refined one.
 
     stage : of the rig that the other stages take
     """

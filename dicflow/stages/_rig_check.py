@@ -26,7 +26,7 @@ _MIN_MISFIT_PX = 1.0
 """Median distance of features from their epipolar lines up to which a rig fits."""
 
 _MIN_BUMP_PX, _MIN_BUMP_RATIO, _MIN_BUMP_GAIN = 0.2, 3.0, 10.0
-"""Median distance of measured points from their epipolar lines, its ratio to that of a mended rig, and logarithm of the
+"""Median distance of measured points from their epipolar lines, its ratio to that of a refined rig, logarithm of the
 evidence for a motion of the cameras, from which they are said to have been bumped."""
 
 
@@ -87,7 +87,7 @@ def bump_warnings(rig: CalibratedRig, points: Correlation, found: FoundPoints) -
 
     from dicflow.core.cameras.epipolar import epipolar_distance
     from dicflow.core.cameras.relative_orientation import MIN_POINTS, MatchedPoints, refine_rig
-    from dicflow.core.cameras.rig_misfit import MEND
+    from dicflow.core.cameras.rig_misfit import REFINE
 
     apart = slice(None, None, max(1, round(points.grid.subset_size / points.grid.step_size)))
     values = points["xy"], found.warp[..., 0], points["template"], found.covariance
@@ -106,7 +106,7 @@ def bump_warnings(rig: CalibratedRig, points: Correlation, found: FoundPoints) -
         return []
     return [
         f"the points lie {before:.2g} px from their epipolar lines (median), as after a turn of the right camera by "
-        f"{refined.apparent_turn_deg:.2g}° since the calibration; {MEND}"
+        f"{refined.apparent_turn_deg:.2g}° since the calibration; {REFINE}"
     ]
 
 

@@ -15,8 +15,10 @@ if TYPE_CHECKING:
 __all__ = ["left_out", "needed_shape"]
 
 
-def needed_shape(found: FoundPoints, used: str, grid_px: tuple[int, int], parts: Parts) -> ShapeFunction:
-    """The shape function that points need, found with subsets of one.
+def needed_shape(
+    found: FoundPoints, used: str, grid_px: tuple[int, int], parts: Parts
+) -> tuple[ShapeFunction, np.ndarray | None]:
+    """The shape function that points need, found with subsets of one; and what it leaves out, if that is known by then.
 
     grid_px : side of the subsets, distance of the points
     """
@@ -24,7 +26,9 @@ def needed_shape(found: FoundPoints, used: str, grid_px: tuple[int, int], parts:
 
     places = _places(found) if used == "affine" else as_of_affine(_places(found), *grid_px)
     bias = shape_bias(places, *grid_px, "affine", parts, _jumps(found))
-    return "affine" if affine_suffices(bias, places.variance) else "quadratic"
+    if not affine_suffices(bias, places.variance):
+        return "quadratic", None
+    return "affine", bias.deviation if used == "affine" else None
 
 
 def left_out(found: FoundPoints, shape_function: Any, grid_px: tuple[int, int], parts: Parts) -> np.ndarray:

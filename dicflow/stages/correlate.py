@@ -230,13 +230,15 @@ class Correlate(SubsetSearch):
         updating, expected = self.reference.updating(), points.course.expected
         found, reference = follow_step(start, reference_step, direct, search, updating, expected)
         used, grid_px = search.subset.shape_function, (self.subset_size, self.step_size)
-        shape = needed_shape(found, used, grid_px, first.parts) if self.shape_function == "auto" else used
+        is_open = self.shape_function == "auto"
+        shape, bias = needed_shape(found, used, grid_px, first.parts) if is_open else (used, None)
         if shape != used:
             search = search._replace(subset=search.subset._replace(shape_function=shape))
             start = first_photograph(first.image, first.region, grid, search)
             direct = search_again(start, direct, found, search)
             found, reference = follow_step(start, reference_step, direct, search, updating, expected)
-        return _Searched(found, search, noise, template, reference, left_out(found, shape, grid_px, first.parts))
+        bias = left_out(found, shape, grid_px, first.parts) if bias is None else bias
+        return _Searched(found, search, noise, template, reference, bias)
 
     def _usual_shape(self, points: Correlation) -> ShapeFunction:
         """The shape function with which a step is searched: as at the previous step, if it is not given."""

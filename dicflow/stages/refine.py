@@ -26,22 +26,22 @@ _MOVED_GAIN = 6.0
 _WRONG_SIGMAS = 5.0
 _MAX_WRONG_SHARE = 0.3
 _MAX_MISFIT_PX = 0.1
-"""Median distance from the epipolar lines from which the mended rig is doubtful too."""
+"""Median distance from the epipolar lines from which the refined rig is doubtful too."""
 
 
 class Refine(Node):
-    """Mend a rig whose cameras have moved since the calibration, from the photographs of the specimen.
+    """Refine a rig whose cameras have moved since the calibration, from the photographs of the specimen.
 
     Points are matched between the left and the right photographs of the first step and of those that follow it by 1, 2,
-    4, 8 and 16. They show the relative orientation of the cameras: how far they are from their epipolar lines, whatever
-    their depths. What the points do not show stays as it was calibrated, above all the length of the baseline, and has
+    4, 8 and 16. They show the relative orientation of the cameras: how far they are from their epipolar lines, at
+    any depth. What the points do not show stays as it was calibrated, above all the length of the baseline, and has
     the uncertainty of the calibration and of a motion as large as the one that they show. Where ``free`` names them,
     focal lengths and principal points are estimated too.
 
-    Every other stage takes the mended rig, unless it names the calibrated one.
+    Every other stage takes the refined rig, unless it names the calibrated one.
     """
 
-    title: ClassVar = "mend the rig"
+    title: ClassVar = "refine the rig"
     scope: ClassVar = Scope.RIG
     takes: ClassVar = {
         "rig": Port("rig"),
@@ -79,7 +79,7 @@ class Refine(Node):
         try:
             refined = refine_rig(cameras, calibrated.covariance, points, self.turn, self.free)
         except ValueError as error:
-            raise StageError(f"the rig cannot be mended: {error}") from error
+            raise StageError(f"the rig cannot be refined: {error}") from error
         found = _Found(cameras, refined, points, motion_since(cameras, refined), len(steps))
         covariance = refined.covariance
         return calibrated.refined(
@@ -95,11 +95,11 @@ class Refine(Node):
         try:
             return pair_points(cameras, left, right, self.subset_size, free_threads())
         except ValueError as error:
-            raise StageError(f"the rig cannot be mended: {error}") from error
+            raise StageError(f"the rig cannot be refined: {error}") from error
 
 
 class _Found(NamedTuple):
-    """A mended rig with the points that it was mended from, and its motion since the calibration.
+    """A refined rig with the points that it was refined from, and its motion since the calibration.
 
     steps : pairs of photographs with the points
     """
@@ -143,8 +143,8 @@ class _Found(NamedTuple):
             else "which shows no motion of the cameras since the calibration"
         )
         return (
-            f"mended from {len(self.points.left):,} points of {pairs} of photographs: they were {before:.2g} px from "
-            f"their epipolar lines (median), {shown}, and are {after:.2g} px from those of the mended rig; its right "
+            f"refined from {len(self.points.left):,} points of {pairs} of photographs: they were {before:.2g} px from "
+            f"their epipolar lines (median), {shown}, and are {after:.2g} px from those of the refined rig; its right "
             f"camera stands turned by {turn:.2g}° ± {sigma_turn:.1g}° and shifted by {shift:.2g} mm ± "
             f"{sigma_shift:.1g} mm against the calibrated one; the photographs do not show "
             f"{', '.join(unseen_motions(self.refined))}"
@@ -174,11 +174,11 @@ class _Found(NamedTuple):
         found = []
         if self.distances[1] > _MAX_MISFIT_PX:
             found.append(
-                f"the mended rig leaves points {self.distances[1]:.2g} px from their epipolar lines (median); if a "
+                f"the refined rig leaves points {self.distances[1]:.2g} px from their epipolar lines (median); if a "
                 "lens was refocused or exchanged, set free: [focal_length, principal_point], or calibrate anew"
             )
         if self.wrong.mean() > _MAX_WRONG_SHARE:
-            found.append(f"{self.wrong.mean():.0%} of the points that mend the rig disagree with the others")
+            found.append(f"{self.wrong.mean():.0%} of the points that refine the rig disagree with the others")
         if not has_covariance:
             found.append(
                 "the calibration came without its uncertainty, so that the share of the calibration in σ counts the "

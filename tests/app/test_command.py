@@ -9,8 +9,9 @@ import urllib.error
 import urllib.request
 
 import pytest
-from app_serving import FILE, small_test, until
+from app_serving import FILE, small_test
 from small import dicflow
+from waiting import until
 
 from dicflow.app.project import open_project
 from dicflow.app.runs import Runs

@@ -126,7 +126,7 @@ def test_edits_are_refused_in_the_words_of_the_command_line(project, tmp_path):
     assert project.path(FILE).read_bytes() == before
 
 
-def test_a_wrong_file_can_be_mended_step_by_step(project):
+def test_a_wrong_file_can_be_edited_step_by_step(project):
     path = project.path(FILE)
     path.write_text(
         path.read_text().replace("subset_size: 21", "subset_size: 22").replace("step_size: 5", "step_size: 0")

@@ -9,7 +9,8 @@ import sys
 
 import pytest
 from app_browser import opened_page
-from app_serving import FILE, served, small_test, until
+from app_serving import FILE, served, small_test
+from waiting import until
 
 from dicflow.app.project import open_project
 from dicflow.app.runs import Runs

@@ -126,7 +126,7 @@ def test_the_expected_time_is_that_of_the_last_run(measured):
     assert found["seconds"] == pytest.approx(seconds, rel=1e-6)
 
 
-def test_a_file_that_is_not_valid_is_mended_in_the_page(tmp_path):
+def test_a_file_that_is_not_valid_is_edited_in_the_page(tmp_path):
     path = small_test(tmp_path / "test")
     good = path.read_text()
     path.write_text(good.replace("subset_size: 21", "subset_size: 22"))

@@ -1,4 +1,4 @@
-"""Two tabs and an editor change the same files: each is told of the others, and nothing of theirs is lost."""
+"""Two tabs and an editor change the same files: each sees the changes of the others, and nothing of theirs is lost."""
 
 from __future__ import annotations
 

@@ -255,7 +255,7 @@ def test_names_of_others_are_left_and_named(store, three, name):
     assert (store.path / name).exists()
 
 
-def test_whatever_a_killed_gc_leaves_the_next_one_takes(folder, store, three, monkeypatch):
+def test_the_next_gc_takes_what_a_killed_one_leaves(folder, store, three, monkeypatch):
     """It deletes first what names others, so that nothing is damaged at any moment."""
     for allowed in range(0, 40, 7):
         with monkeypatch.context() as patch:

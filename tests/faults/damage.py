@@ -75,7 +75,7 @@ def power_failures(folder: Path, count: int) -> Tally:
         with chain.by_index() if tally.tried % 2 else nullcontext():
             tally.attempt(lambda: _looked_through(store), "ends badly")
             tally.attempt(lambda: chain.finished_well(numbers, store, expected), "wrong product")
-        tally.attempt(lambda: _mended(store), "ends badly")
+        tally.attempt(lambda: _repaired(store), "ends badly")
         shutil.rmtree(store)
     return tally
 
@@ -103,7 +103,7 @@ def _use(tally: Tally, store: Path, numbers: Path, expected: chain.Expected, not
     tally.attempt(lambda: _looked_through(store), "ends badly", note)
     with chain.by_index() if tally.tried % 2 else nullcontext():
         tally.attempt(lambda: chain.finished_well(numbers, store, expected), "wrong product", note)
-    tally.attempt(lambda: _mended(store), "ends badly", note)
+    tally.attempt(lambda: _repaired(store), "ends badly", note)
 
 
 def _found(store: Path) -> list[str]:
@@ -123,7 +123,7 @@ def _looked_through(store: Path) -> list[str]:
     return []
 
 
-def _mended(store: Path) -> list[str]:
+def _repaired(store: Path) -> list[str]:
     """What is left after repair; of pins nobody else knows, so their file is left."""
     verify(Store.open(store), repair=True)
     return [found.reason for found in verify(Store.open(store)) if found.what != "pins.json"]

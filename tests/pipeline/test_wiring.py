@@ -52,17 +52,17 @@ def test_a_port_of_another_one_is_joined_to_what_that_ones_stage_takes():
 
 
 def test_a_stage_that_gives_what_it_takes_stands_for_it():
-    """A mended rig is that of all stages that name none; of two that mend one rig, or two chains, one must be named."""
-    mended = GOOD + "  mended: {stage: refine, images: photos}\n"
-    wired = _wire(mended)
-    assert wired["mended"].inputs == {"rig": "rig", "images": "photos", "images_early": "photos"}
-    assert wired["pair"].inputs == {"images": "photos", "rig": "mended"}
-    assert _wire(mended.replace("rectify, images", "rectify, rig: rig, images"))["pair"].inputs["rig"] == "rig"
-    again = mended.replace("refine,", "refine, rig: rig,") + "  twice: {stage: refine, rig: mended, images: photos}\n"
+    """A refined rig is that of stages that name none; of two that refine one rig, or two chains, one must be named."""
+    refined = GOOD + "  refined: {stage: refine, images: photos}\n"
+    wired = _wire(refined)
+    assert wired["refined"].inputs == {"rig": "rig", "images": "photos", "images_early": "photos"}
+    assert wired["pair"].inputs == {"images": "photos", "rig": "refined"}
+    assert _wire(refined.replace("rectify, images", "rectify, rig: rig, images"))["pair"].inputs["rig"] == "rig"
+    again = refined.replace("refine,", "refine, rig: rig,") + "  twice: {stage: refine, rig: refined, images: photos}\n"
     assert _wire(again)["pair"].inputs["rig"] == "twice"
     for other in ("stage: refine, rig: rig, images: photos", "stage: calibrate, square: 1 mm"):
         with pytest.raises(ConfigurationError, match=r"pair.rig: needs rig; name one of"):
-            _wire(mended.replace("refine,", "refine, rig: rig,") + f"  another: {{{other}}}\n")
+            _wire(refined.replace("refine,", "refine, rig: rig,") + f"  another: {{{other}}}\n")
 
 
 def test_a_port_is_joined_only_where_the_parameters_use_it():

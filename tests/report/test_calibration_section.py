@@ -175,16 +175,16 @@ def test_ticks_are_round(low, high, least, texts):
     assert [text for _, text in ticks(low, high, least)] == texts
 
 
-def test_a_mended_rig_is_shown_beside_the_calibration(copied, tmp_path):
+def test_a_refined_rig_is_shown_beside_the_calibration(copied, tmp_path):
     """With the verdict of both, pairs and boards of the calibration, and the figures of the rig that is used."""
-    text = copied.read_text().replace("  region:", "  mended: {stage: refine, images: photos}\n  region:")
+    text = copied.read_text().replace("  region:", "  refined: {stage: refine, images: photos}\n  region:")
     copied.write_text(text)
     loaded = Pipeline.load(copied)
     assert loaded.run(scheduler="sync", workers=1).outcome.ok
-    rig, mended = (CalibratedRig.read(loaded.result().product(stage)) for stage in ("rig", "mended"))
+    rig, refined = (CalibratedRig.read(loaded.result().product(stage)) for stage in ("rig", "refined"))
     body = html.unescape(calibration(context_of(loaded, tmp_path)).body)
     assert rig.verdict[1:] in body
-    assert mended.verdict[1:] in body
+    assert refined.verdict[1:] in body
     assert body.count('class="bar left"') == sum("left_px" in pair for pair in rig.pairs)
     assert "Points off their epipolar lines" in body
-    assert loaded.result().source("pair", "rig") == "mended"
+    assert loaded.result().source("pair", "rig") == "refined"

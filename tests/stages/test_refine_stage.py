@@ -1,4 +1,4 @@
-"""The rig mended from photographs of a specimen with exact truth, and from those of a real one."""
+"""The rig refined from photographs of a specimen with exact truth, and from those of a real one."""
 
 import numpy as np
 import pytest
@@ -108,7 +108,7 @@ def test_without_an_uncertainty_of_the_calibration_that_of_the_orientation_is_st
     assert any("without its uncertainty" in warning for warning in found.warnings)
 
 
-def test_photographs_of_different_things_mend_nothing():
+def test_photographs_of_different_things_refine_nothing():
     noise = np.random.default_rng(0).integers(0, 255, (2, 500, 600), dtype=np.uint8)
     with pytest.raises(StageError, match="points of the left photographs are found in the right ones"):
         Refine().run(rig=product(RIG), images=Images.write(*noise))

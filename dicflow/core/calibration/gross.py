@@ -45,7 +45,7 @@ def more_gross(before: Gross, lengths: Array, limit_px: float) -> Gross | None:
     """What is to be left out before the rig is adjusted again; None if nothing more is gross.
 
     lengths : (n, 2, m) — of the residuals [px]; NaN where a mark is not seen or was left out
-    limit_px : a shorter residual is not gross, whatever the noise
+    limit_px : a shorter residual is not gross, however small the noise is
     """
     found = _far(lengths, limit_px) & ~before.bad[..., None]
     if not found.any():

@@ -1,4 +1,4 @@
-"""The relative orientation of two cameras, mended from points that both photographs show.
+"""The relative orientation of two cameras, refined from points that both photographs show.
 
 A matched point has four coordinates and three unknowns, its place X. One combination of its reprojection errors e does
 not depend on the place: r = nᵀe with nᵀ ∂(pixels)/∂X = 0. It is the distance from the epipolar line, with distortion
@@ -91,9 +91,9 @@ class MatchedPoints(NamedTuple):
 
 
 class Refined(NamedTuple):
-    """A mended rig.
+    """A refined rig.
 
-    rig : the mended one
+    rig : the refined one
     covariance : (24, 24) — of its :data:`~dicflow.core.cameras.rig_parameters.PARAMETERS`
     prior : (24, 24) — the same without the points
     motion : τ, the standard deviation of the turns [rad]
@@ -158,7 +158,7 @@ def refine_rig(
     turn_deg: float = POSSIBLE_TURN_DEG,
     freed: Sequence[str] = (),
 ) -> Refined:
-    """Mend a rig.
+    """Refine a rig.
 
     covariance : (24, 24) — of its parameters; None where unknown, then focal lengths and principal points are exact
     turn_deg : least τ, how far a camera may have turned where the points do not show it [deg]
@@ -199,7 +199,7 @@ def refine_rig(
 
 
 def motion_since(calibrated: Rig, refined: Refined) -> Motion:
-    """The motion from a calibrated rig to a mended one, to first order of its errors."""
+    """The motion from a calibrated rig to a refined one, to first order of its errors."""
     rig, pose = refined.rig, refined.covariance[_POSE, _POSE]
     turn = rotation_vector(rig.rotation @ calibrated.rotation.T)
     centres = [-one.rotation.T @ one.translation for one in (rig, calibrated)]

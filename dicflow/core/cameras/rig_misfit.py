@@ -20,14 +20,14 @@ from dicflow.core.cameras.epipolar import signed_epipolar_distance
 from dicflow.core.cameras.geometry_check import distance_and_share_in_front
 from dicflow.core.cameras.relative_orientation import MIN_POINTS, MatchedPoints, refine_rig
 
-__all__ = ["MEND", "Matched", "Misfit", "explain_misfit"]
+__all__ = ["REFINE", "Matched", "Misfit", "explain_misfit"]
 
-MEND = (
-    "mend the rig from the photographs: add the line 'mended: {stage: refine, images: photos, rig: rig}' to the "
+REFINE = (
+    "refine the rig from the photographs: add the line 'refined: {stage: refine, images: photos, rig: rig}' to the "
     "stages, with the names that the photographs and the rig have there; a stage that names its rig must name the "
-    "mended one"
+    "refined one"
 )
-"""How a rig is mended whose cameras have moved."""
+"""How a rig is refined whose cameras have moved."""
 
 Size = tuple[int, int]
 
@@ -162,7 +162,7 @@ def _moved(rig: Rig, matched: Matched) -> tuple[list[_Explanation], float]:
     if turn_deg > _MAX_TURN_DEG:
         return [], turn_deg
     cause = f"a turn of the right camera by {turn_deg:.2g}° since the calibration, as after a bump, explains this"
-    explanation = _Explanation(cause, MEND, refined.rig, matched.left, matched.right, "camera")
+    explanation = _Explanation(cause, REFINE, refined.rig, matched.left, matched.right, "camera")
     return [explanation], turn_deg
 
 

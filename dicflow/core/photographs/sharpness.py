@@ -1,7 +1,7 @@
 """How much more one photograph is blurred than another, from the spectra of windows that show the same.
 
 A Gaussian of variance s² multiplies the power at the frequency k by exp(−4 π² s² k²). So the logarithm of the ratio of
-two power spectra falls by 4 π² s² with k², whatever the pattern is, and a change of contrast adds a constant. A shift
+two power spectra falls by 4 π² s² with k², for every pattern, and a change of contrast adds a constant. A shift
 of a few pixels changes no power. White noise adds a constant to a spectrum, which is the least power at the highest
 frequencies.
 """

@@ -1,4 +1,4 @@
-"""Rigs mended from matched points: exact points with noise, so the motion of the cameras is always known."""
+"""Rigs refined from matched points: exact points with noise, so the motion of the cameras is always known."""
 
 import numpy as np
 import pytest
