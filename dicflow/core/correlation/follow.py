@@ -15,7 +15,6 @@ from typing import NamedTuple
 import cv2
 import numpy as np
 from numba import njit
-from scipy.spatial import cKDTree
 
 from dicflow.core.arrays import Array, Codes, Index, Iterations, Mask
 from dicflow.core.correlation.neighbours import disagreeing, predicted_by_neighbours
@@ -23,6 +22,7 @@ from dicflow.core.correlation.subsets import Correlated, Subset, correlate
 from dicflow.core.correlation.template import Template
 from dicflow.core.correlation.warp import TERMS, recentred
 from dicflow.core.kernels import INNER
+from dicflow.core.nearest import nearest
 from dicflow.core.parts import Parts, are_apart, single_part
 from dicflow.core.photographs.interpolate import Spline
 from dicflow.core.status import Status
@@ -237,8 +237,8 @@ def _nearest(starts: Array, grid: Array, parts: Parts, points: Index, stride: in
     with_start = np.argwhere(np.isfinite(starts[..., 0, 0]))
     if not len(points) or not len(with_start):
         return warps
-    distance, index = cKDTree(with_start).query(points, p=np.inf, distance_upper_bound=stride / 2 + 1e-9)
-    known = np.isfinite(distance)
+    index = nearest(with_start, points)[1][:, 0]
+    known = np.abs(points - with_start[index]).max(axis=1) <= stride / 2
     here, there = tuple(points[known].T), tuple(with_start[index[known]].T)
     warps[known] = recentred(starts[there], grid[here] - grid[there])
     if not parts.is_single:
