@@ -38,23 +38,34 @@ def _find_nearest(places: Array, points: Array, distance: Array, index: Index) -
     if len(places) == 0:
         return
     low, side, size = _cells(places)
-    first, order = _sorted_into_cells(places, low, side, size)
+    first, order, ordered = _sorted_into_cells(places, low, side, size)
     last = distance.shape[1] - 1
     for n in range(len(points)):
         for k in range(last + 1):
             distance[n, k] = np.inf
-        row, col = _cell(points[n, 1], low[1], side, size[0]), _cell(points[n, 0], low[0], side, size[1])
-        reach = 0
-        while reach <= max(size[0], size[1]) and not distance[n, last] <= ((reach - 1) * side) ** 2:
+        x, y = (points[n, 0] - low[0]) / side, (points[n, 1] - low[1]) / side
+        row, col, reach = _cell(y, size[0]), _cell(x, size[1]), 0
+        while True:
             for i in range(max(row - reach, 0), min(row + reach + 1, size[0])):
                 step = 1 if abs(i - row) == reach else max(2 * reach, 1)
                 for j in range(col - reach, col + reach + 1, step):
                     if 0 <= j < size[1]:
-                        for m in range(first[i * size[1] + j], first[i * size[1] + j + 1]):
-                            _take_if_near(places, order[m], points[n], distance[n], index[n])
+                        cell = i * size[1] + j
+                        _take_nearer(ordered, first[cell], first[cell + 1], points[n], distance[n], index[n])
+            outside = side * min(_outside(x, col, reach, size[1]), _outside(y, row, reach, size[0]))
+            if distance[n, last] <= outside * outside:
+                break
             reach += 1
         for k in range(last + 1):
-            distance[n, k] = np.sqrt(distance[n, k])
+            distance[n, k], index[n, k] = np.sqrt(distance[n, k]), order[index[n, k]]
+
+
+@njit(**INNER)
+def _outside(place: float, cell: int, reach: int, size: int) -> float:
+    """Least distance along one axis from a place to cells farther than the reach, in cells; infinite without any."""
+    before = place - (cell - reach) if cell - reach > 0 else np.inf
+    after = (cell + reach + 1) - place if cell + reach + 1 < size else np.inf
+    return min(before, after)
 
 
 @njit(**INNER)
@@ -73,37 +84,39 @@ def _cells(places: Array) -> tuple[Array, float, tuple[int, int]]:
 
 
 @njit(**INNER)
-def _cell(place: float, low: float, side: float, size: int) -> int:
-    """Number of the cell of a coordinate, or of the one nearest to it."""
-    return int(min(max(np.floor((place - low) / side), 0.0), size - 1.0))
+def _cell(place: float, size: int) -> int:
+    """Number of the cell of a place along one axis, or of the one nearest to it. place : in cells"""
+    return int(min(max(np.floor(place), 0.0), size - 1.0))
 
 
 @njit(**INNER)
-def _sorted_into_cells(places: Array, low: Array, side: float, size: tuple[int, int]) -> tuple[Index, Index]:
-    """Where each cell begins (cell + 1,) in the numbers (m,) of the places, which are sorted by cell."""
+def _sorted_into_cells(places: Array, low: Array, side: float, size: tuple[int, int]) -> tuple[Index, Index, Array]:
+    """Where each cell begins (cell + 1,) in the places sorted by cell, their numbers (m,), and these places (m, 2)."""
     cell = np.empty(len(places), dtype=np.int64)
     first = np.zeros(size[0] * size[1] + 1, dtype=np.int64)
     for m in range(len(places)):
-        row, col = _cell(places[m, 1], low[1], side, size[0]), _cell(places[m, 0], low[0], side, size[1])
+        row, col = _cell((places[m, 1] - low[1]) / side, size[0]), _cell((places[m, 0] - low[0]) / side, size[1])
         cell[m] = row * size[1] + col
         first[cell[m] + 1] += 1
     for k in range(1, len(first)):
         first[k] += first[k - 1]
-    order, next_in = np.empty(len(places), dtype=np.int64), first.copy()
+    order, ordered, filled = np.empty(len(places), dtype=np.int64), np.empty(places.shape), first.copy()
     for m in range(len(places)):
-        order[next_in[cell[m]]] = m
-        next_in[cell[m]] += 1
-    return first, order
+        k = filled[cell[m]]
+        order[k], ordered[k, 0], ordered[k, 1] = m, places[m, 0], places[m, 1]
+        filled[cell[m]] += 1
+    return first, order, ordered
 
 
 @njit(**INNER)
-def _take_if_near(places: Array, m: int, point: Array, distance: Array, index: Index) -> None:
-    """Insert a place into the nearest ones so far, with squares of their distances, in their order."""
-    square = (places[m, 0] - point[0]) ** 2 + (places[m, 1] - point[1]) ** 2
-    k = len(distance) - 1
-    if not square < distance[k]:
-        return
-    while k > 0 and square < distance[k - 1]:
-        distance[k], index[k] = distance[k - 1], index[k - 1]
-        k -= 1
-    distance[k], index[k] = square, m
+def _take_nearer(places: Array, first: int, end: int, point: Array, distance: Array, index: Index) -> None:
+    """Insert some places into the nearest ones so far, with squares of their distances, in their order."""
+    last = len(distance) - 1
+    for m in range(first, end):
+        square = (places[m, 0] - point[0]) ** 2 + (places[m, 1] - point[1]) ** 2
+        if square < distance[last]:
+            k = last
+            while k > 0 and square < distance[k - 1]:
+                distance[k], index[k] = distance[k - 1], index[k - 1]
+                k -= 1
+            distance[k], index[k] = square, m
