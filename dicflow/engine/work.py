@@ -192,9 +192,10 @@ def _performed(job: Job, inputs: tuple[Outcome, ...], start: float) -> Outcome:
         warning = code_warning(store, task.stage, record, job.code, job.code_policy)
         return job.outcome("hit", ref=ref, key=key, warning=warning, warnings=record.warnings)
     product, times, stage_cpu_s = _run(job, store, recipe)
-    manifest = describe(product)
-    keep = is_kept(task.node, len(product.variables), manifest.nbytes, sum(times), recipe.depth, job.gathered)
-    manifest = store.put(product, manifest, keep)
+    with with_threads(job.threads):
+        manifest = describe(product)
+        keep = is_kept(task.node, len(product.variables), manifest.nbytes, sum(times), recipe.depth, job.gathered)
+        manifest = store.put(product, manifest, keep)
     products.put(manifest.digest, product, manifest.nbytes)
     ref = Ref(manifest.digest, None if manifest.kept else recipe)
     stage_s, remake_s = times
