@@ -118,6 +118,7 @@ class _Flow:
         self._queue = JobQueue(jobs, outcomes, held=self._uncompiled)
         self._compiling: dict[Future[float], tuple[str, str]] = {}
         self._running: dict[Future[Outcome], Job] = {}
+        self._free = 0
         self._lost: list[Job] = []
 
     def run(self) -> None:
@@ -142,7 +143,7 @@ class _Flow:
     def _ready(self, at_most: int) -> list[Job]:
         """The next jobs that can begin."""
         jobs: list[Job] = []
-        while len(jobs) < at_most and (entry := self._queue.pop()) is not None:
+        while len(jobs) < at_most and (entry := self._queue.pop(self._free)) is not None:
             jobs.append(entry[1])
         return jobs
 
@@ -180,9 +181,15 @@ class _Flow:
     def _submit(self, job: Job, deaths: int) -> None:
         """Begin a job. deaths : so many of its workers may die"""
         inputs = job.known_inputs(self._outcomes)
-        performed = partial(survive, deaths, self._call, perform)
+        performed = partial(survive, deaths, self._call_for(job), perform)
         future = self._threads.submit(_attempted, performed, self._options.retries, job, inputs)
         self._running[future] = job
+
+    def _call_for(self, job: Job) -> Callable[..., Any]:
+        """What calls a function in a worker, if possible in the one that has an input of the job in its memory."""
+        if self._options.processes is None:
+            return self._call
+        return partial(self._call, preferred=next(iter(job.workers(self._outcomes)), 0))
 
     def _take(self) -> None:
         """Wait for the next job to end, and take it in."""
@@ -205,6 +212,7 @@ class _Flow:
             self._end(job.outcome("failed", error=f"{job.task.name}: {KILLED}"))
 
     def _end(self, outcome: Outcome) -> None:
+        self._free = outcome.worker
         self._finished(outcome)
         self._queue.release(outcome.name)
 
