@@ -1,0 +1,36 @@
+"""Fields of errors at several steps: how much of them is common to the steps, and how much to neighbouring points."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from dicflow.core.arrays import Array
+
+__all__ = ["common_share", "smooth_part"]
+
+_DEGREE = 5
+
+
+def common_share(fields: ArrayLike) -> float:
+    """Share of the variance over the points that is one field for all steps, from the covariances between steps.
+
+    fields : (step, point), two steps or more
+    Noise of the first photographs alone, which every displacement contains, gives about a half.
+    """
+    covariance = np.cov(np.asarray(fields, dtype=np.float64), bias=True)
+    between = covariance[~np.eye(len(covariance), dtype=bool)]
+    return float(between.mean() / np.diagonal(covariance).mean())
+
+
+def smooth_part(fields: ArrayLike, places: ArrayLike) -> Array:
+    """The part (step, point) of fields that changes slowly over the points: a polynomial of degree 5.
+
+    fields : (step, point); places : (point, 2), in any unit
+    """
+    centred = np.asarray(places, dtype=np.float64)
+    centred = centred - centred.mean(axis=0)
+    x, y = (centred / np.abs(centred).max(axis=0).clip(1e-12)).T
+    design = np.stack([x**i * y**j for i in range(_DEGREE + 1) for j in range(_DEGREE + 1 - i)], axis=-1)
+    values = np.asarray(fields, dtype=np.float64)
+    return np.asarray((design @ np.linalg.lstsq(design, values.T, rcond=None)[0]).T)
