@@ -43,7 +43,13 @@ def answer(context: Context, sections: Sequence[Section]) -> Section | None:
         return None
     warnings = sum(len(section.warnings) for section in sections)
     line = verdict(found.manifest, warnings, _failures(context))
-    return Section("answer", "Result", render("answer.html", verdict=line, explorer=Markup(fragment(found))))
+    return Section(
+        "answer",
+        "Result",
+        render(
+            "answer.html", verdict=line, meaning=" ".join(found.manifest["meaning"]), explorer=Markup(fragment(found))
+        ),
+    )
 
 
 def verdict(manifest: Manifest, warnings: int, failures: int) -> Verdict:
