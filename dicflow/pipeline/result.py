@@ -17,6 +17,7 @@ from dicflow.engine.references import Ref, load
 from dicflow.engine.store import Store
 from dicflow.errors import ConfigurationError, DicflowError
 from dicflow.kinds.kind import summary_of
+from dicflow.kinds.status import STATUS_NAME, status_attributes
 
 if TYPE_CHECKING:
     import xarray
@@ -153,16 +154,17 @@ class Result:
         """One product as an xarray dataset; with ``chunks`` all steps, whose arrays dask reads when they are used.
 
         chunks : as in xarray: "auto" for one chunk per array and step, or lengths by dimension; only without a step
+        The status of points has ``flag_values`` and ``flag_meanings``.
         Raises ConfigurationError for chunks of one step, and if the shape of an array differs between steps.
         """
         if chunks is None:
-            return self.product(stage, step, variant).to_dataset()
+            return _with_flags(self.product(stage, step, variant).to_dataset())
         if step is not None:
             raise ConfigurationError("chunks are for all steps of a stage at once; leave out the step, or the chunks")
         refs = {name: self.ref(stage, name, variant) for name in self.steps(stage, variant)}
         if not refs:
             raise ConfigurationError(f"{stage} runs once and has no steps; leave out the chunks")
-        dataset = lazy_dataset(self._store, refs)
+        dataset = _with_flags(lazy_dataset(self._store, refs))
         return dataset if chunks == "auto" else dataset.chunk(chunks)
 
     def open(self, stage: str, step: str | int | None = None, variant: int = 0) -> zarr.Group:
@@ -229,6 +231,13 @@ class Result:
                 if finite:
                     columns[f"{stage}.{key}"] = sum(finite) / len(finite)
         return columns
+
+
+def _with_flags(dataset: xarray.Dataset) -> xarray.Dataset:
+    """A dataset whose status says what its codes mean."""
+    if STATUS_NAME in dataset:
+        dataset[STATUS_NAME].attrs.update(status_attributes())
+    return dataset
 
 
 def _listed(names: Sequence[str]) -> str:

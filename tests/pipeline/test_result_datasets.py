@@ -5,9 +5,11 @@ from __future__ import annotations
 import dask.array
 import numpy as np
 import pytest
+import xarray
 import zarr
 
 import dicflow
+from dicflow.core.status import Status
 from dicflow.engine import lazy
 from dicflow.engine.references import load
 from dicflow.errors import ConfigurationError
@@ -48,6 +50,18 @@ def test_all_steps_are_one_lazy_dataset(result, monkeypatch):
     assert len(read) == 1
     np.testing.assert_array_equal(last, result.product("total", -1)["U"])
     assert (whole.U.attrs["units"], whole.U.dims) == ("mm", ("step", "row", "col"))
+
+
+@pytest.mark.parametrize("chunks", [None, "auto"])
+def test_the_status_says_what_its_codes_mean(result, chunks, tmp_path):
+    """As conventions for climate and forecast data have it; it outlives a file of zarr's."""
+    whole = result.dataset("total", None if chunks else 0, chunks=chunks)[["status"]]
+    whole.drop_vars("step", errors="ignore").drop_attrs(deep=False).to_zarr(tmp_path / "total.zarr", consolidated=False)
+    for status in (whole.status, xarray.open_zarr(tmp_path / "total.zarr", consolidated=False).status):
+        values, meanings = np.asarray(status.attrs["flag_values"]), status.attrs["flag_meanings"].split()
+        assert values.tolist() == [*Status]
+        assert meanings[Status.TOO_FEW_NEIGHBOURS] == "too_few_neighbours"
+        assert set(np.unique(status)) <= set(values.tolist())
 
 
 def test_chunks_along_a_dimension(result):
