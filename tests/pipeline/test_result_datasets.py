@@ -78,3 +78,25 @@ def test_arrays_of_several_shapes_are_not_one_dataset(result):
 def test_chunks_are_for_stages_with_steps(result, stage, step):
     with pytest.raises(ConfigurationError, match="leave out"):
         result.dataset(stage, step, chunks="auto")
+
+
+def test_a_variant_has_its_name_of_the_command_line_or_an_index(copied):
+    swept = dicflow.Pipeline.load(copied, settings=["smooth.degree=1,2"]).result()
+    assert len(swept.values) == 2
+    names, indices = (
+        [swept.task("smooth", 0, name) for name in ("#1", "#2")],
+        [swept.task("smooth", 0, k) for k in (0, 1)],
+    )
+    assert names == indices
+    assert len(set(names)) == 2
+    assert swept.variant("#2").values == [swept.values[1]]
+    assert swept.source("strain", "increment", "#2") == "smooth"
+    for wrong, said in (
+        ("#3", "'#3'"),
+        ("#0", "'#0'"),
+        ("second", "'second'"),
+        (2, "with index 2"),
+        (-1, "with index -1"),
+    ):
+        with pytest.raises(ConfigurationError, match=f"no variant {said}: '#1' to '#2', or index 0 to 1"):
+            swept.product("rig", variant=wrong)
