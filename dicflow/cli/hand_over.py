@@ -118,17 +118,19 @@ def export(
     data: Data = None,
     store: StoreFolder = None,
     variant: VariantNumber = 1,
-    digits: Annotated[int, typer.Option(min=1, max=17, help="significant, of numbers in CSV; 17 for all")] = 6,
+    digits: Annotated[int, typer.Option(min=1, max=17, help="significant, of numbers in CSV and xlsx; 17 for all")] = 6,
     locale: Annotated[Locale, typer.Option(help="de: decimal commas and semicolons in CSV")] = Locale.en,
     force: Force = False,
 ) -> None:
     """Write a whole test, or one stage, for other programs.
 
-    Without a stage: every total, and beside it the tables, the region and the rig.
+    Without a stage: every total, and beside it the tables, the region and the rig; a workbook (xlsx) has the points of
+    one step, that of --step or of the largest strain.
 
     \b
     dicflow export pipeline.yaml
     dicflow export pipeline.yaml --format xlsx
+    dicflow export pipeline.yaml total --format xlsx
     dicflow export pipeline.yaml --format hdf5 --output exported
     dicflow export pipeline.yaml total --step step_03 --quantity eyy --format png
     dicflow export pipeline.yaml total --quantity eyy --format mp4
