@@ -62,6 +62,9 @@ def report(
     ] = None,
     workers: Annotated[int, typer.Option(min=1, help="drawn at once; default: one per core")] = os.cpu_count() or 1,
     pdf: Annotated[bool, typer.Option("--pdf", help="also as PDF, through Chromium, Chrome or Edge")] = False,
+    appendix: Annotated[
+        bool, typer.Option("--appendix", help="with --pdf: calibration, quality, provenance too")
+    ] = False,
     methods: Annotated[bool, typer.Option("--methods", help="print a methods paragraph for a paper instead")] = False,
 ) -> None:
     """Write the report of what the store holds; nothing is measured.
@@ -69,12 +72,15 @@ def report(
     \b
     dicflow report pipeline.yaml
     dicflow report pipeline.yaml --pdf
+    dicflow report pipeline.yaml --pdf --appendix
     dicflow report pipeline.yaml --methods
     """
     from dicflow.report.build import write_report
     from dicflow.report.paper import write_pdf
     from dicflow.report.paragraph import methods_paragraph
 
+    if appendix and not pdf:
+        raise ConfigurationError("--appendix prints more of a PDF; add --pdf")
     loaded = load(pipeline, data, store, settings)
     if methods:
         say(methods_paragraph(loaded, stored(loaded)))
@@ -83,7 +89,7 @@ def report(
     page = write_report(loaded, stored(loaded), folder, workers, partial(say, error=True))
     say(page)
     if pdf:
-        say(write_pdf(page))
+        say(write_pdf(page, appendix))
 
 
 class ExportCommand(TyperCommand):
