@@ -89,13 +89,16 @@ def _sentence(worst: Scatter, pattern: Pattern, steps: int, off_lines_px: float)
         f"{worst.ratio:.1f} times its stated σ"
     )
     is_common = pattern.common is not None and pattern.common >= _COMMON
-    if is_common:
-        text += f"; {percent(pattern.common)} of the variance is the same at all these steps, so that it comes from "
-        text += "the first photographs or from the rig"
-    if pattern.smooth >= _SMOOTH:
-        text += f"; {percent(pattern.smooth)} of it changes slowly over the specimen, and the points scatter by "
-        text += f"{pattern.rest:.1f} σ about that: it is no noise of single points"
-    return f"{text}. It may come from {_causes(pattern, is_common, off_lines_px)}."
+    return f"{text}; {_shape(pattern, is_common)}it may come from {_causes(pattern, is_common, off_lines_px)}."
+
+
+def _shape(pattern: Pattern, is_common: bool) -> str:
+    """How the scatter lies over points and steps; empty if it is noise of each step and point."""
+    alike = "the same at all these steps" if is_common else ""
+    if pattern.smooth < _SMOOTH:
+        return f"most of it is {alike}; " if alike else ""
+    slow = ", ".join(filter(None, (f"{percent(pattern.smooth)} of it is a slow change over the specimen", alike)))
+    return f"{slow}, about which the points scatter by {pattern.rest:.1f} σ, so that it is no noise of the points; "
 
 
 def _causes(pattern: Pattern, is_common: bool, off_lines_px: float) -> str:
@@ -104,10 +107,7 @@ def _causes(pattern: Pattern, is_common: bool, off_lines_px: float) -> str:
     causes = "vibration, warm air, or cameras that were not triggered together"
     if off_lines_px < _OFF_LINES_PX or not is_common:
         return causes
-    return (
-        f"a rig that does not fit, since the points lie {number(off_lines_px, 2)} px off their epipolar lines (a stage "
-        f"'refine' mends that), or from {causes}"
-    )
+    return f"a rig that does not fit (points lie {number(off_lines_px, 2)} px off their epipolar lines), {causes}"
 
 
 def _off_lines(result: Result, steps: Sequence[str]) -> float:

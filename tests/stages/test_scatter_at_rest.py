@@ -122,8 +122,8 @@ def test_the_report_warns_once_and_says_that_it_is_no_noise_of_points(waved, qui
     found = module._found(stored(waved), "total")
     assert found.steps == ("s0", "s1", "s2")
     assert found.warning.startswith("At rest (3 steps) V scatters by 0.00")
-    assert "it is no noise of single points" in found.warning
-    assert "the first photographs" in found.warning
+    assert "it is no noise of the points" in found.warning
+    assert "the same at all these steps" in found.warning
     assert "vibration" in found.warning
     marked = [row[0] for row in found.rows if row[-1]]
     assert "V [mm]" in marked
@@ -135,7 +135,7 @@ def test_scatter_from_point_to_point_has_other_causes():
     rough = 0.0025 * np.random.default_rng(9).normal(size=(*SHAPE, 1)) * [0.0, 1.0, 0.0]
     found = module._found(stored(at_rest(rough)), "total")
     assert "changes of the light" in found.warning
-    assert "no noise of single points" not in found.warning
+    assert "no noise of the points" not in found.warning
 
 
 def test_a_total_without_uncertainty_has_no_scatter():
