@@ -1,7 +1,7 @@
 """Make the pictures of docs/engineer.md and docs/programmer.md again: ``python -m tests.screenshots [FOLDER]``.
 
-A strip that is rendered, at rest three times and then stretched, with a cable before one corner at the end; measured, swept,
-and looked at in headless Chromium. The pictures go to FOLDER, default ``docs/pictures``.
+A strip is rendered, at rest three times and then stretched, with a cable before one corner at the end. It is measured,
+swept, and looked at in headless Chromium. The pictures go to FOLDER, default ``docs/pictures``.
 """
 
 from __future__ import annotations
@@ -9,8 +9,6 @@ from __future__ import annotations
 import base64
 import io
 import sys
-from collections.abc import Iterator
-from contextlib import contextmanager
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
@@ -19,14 +17,14 @@ import cv2
 import numpy as np
 from PIL import Image
 
+from dicflow.core.photographs.polygon import Polygon
 from dicflow.io.calibrations.opencv import opencv_text
+from dicflow.io.region import write_geojson
 from dicflow.pipeline import Pipeline
 from dicflow.report.build import write_report
 from dicflow.synth.experiment import Experiment, sample_experiment
 from dicflow.synth.folder import Photograph, photographs, take
 from dicflow.synth.truth import region_outline
-from dicflow.io.region import write_geojson
-from dicflow.core.photographs.polygon import Polygon
 from tests.browser import Page, opened
 
 PICTURES = Path(__file__).resolve().parents[1] / "docs" / "pictures"
@@ -36,6 +34,17 @@ PAPER = (794, 1123)
 STEPS = (0, 0, 0, 1, 2)
 """Steps of the sample that are photographed: at rest three times, then stretched."""
 COLOURS = 96
+LOST = """
+(() => {
+  const { explorer } = document.querySelector(".explorer");
+  const { frame, stage } = explorer;
+  const box = stage.element.getBoundingClientRect();
+  const reasons = explorer.manifest.reasons.filter(({ label }) => ["misfit", "low correlation", "no match"].includes(label));
+  const lost = [...frame.status].map((code, k) => [code, k]).filter(([code]) => reasons.some((one) => one.code === code));
+  return [lost.length, box.x, box.y];
+})()
+"""
+"""Place of a lost point in the window."""
 PIPELINE = """\
 dicflow: 1
 title: Latex strip, tension
@@ -106,12 +115,13 @@ def press(page: Page, text: str) -> None:
 
 
 def box_of(page: Page, script: str) -> dict[str, float]:
-    """Box of an element in the page, grown by a margin."""
-    found = page.evaluate(
-        f"(({{ x, y, width, height }}) => ({{ x: x + scrollX, y: y + scrollY, width, height }}))"
-        f"(({script}).getBoundingClientRect())"
+    """Box of an element in the whole page. script : gives the element"""
+    return dict(
+        page.evaluate(
+            "(({ x, y, width, height }) => ({ x: x + scrollX - 8, y: y + scrollY - 8, width: width + 16, "
+            f"height: height + 16 }}))(({script}).getBoundingClientRect())"
+        )
     )
-    return {key: float(value) for key, value in found.items()}
 
 
 def shot(page: Page, path: Path, box: dict[str, float] | None = None) -> None:
@@ -123,30 +133,46 @@ def shot(page: Page, path: Path, box: dict[str, float] | None = None) -> None:
     print(f"{path.name}: {path.stat().st_size / 1000:.0f} kB")
 
 
-def gap(page: Page, report: Path, folder: Path) -> None:
-    """The reason of a gap under the pointer."""
+def gap(page: Page, report: Path, path: Path) -> None:
+    """The reasons of the gaps, and the one under the pointer: a point whose subset the cable hides."""
     page.open(report)
     page.window(WIDTH, HEIGHT)
     page.explorer()
     press(page, "Gaps")
-    lost = page.evaluate(
-        "(() => { const { explorer } = document.querySelector('.explorer'); const { frame } = explorer;"
-        "const k = [...frame.status].findIndex((code, k) => code > 2 && frame.place(k)[0] > 0);"
-        "return k; })()"
-    )
-    print("lost point", lost)
-    shot(page, folder / "engineer_gap.png")
+    point_at(page, *page.evaluate(LOST))
+    shot(page, path)
 
 
-@contextmanager
-def on_paper(page: Page) -> Iterator[None]:
-    """The page as it is printed on A4."""
+def section(page: Page, report: Path, title: str, path: Path) -> None:
+    """A part of the report from its title on to the next one."""
+    page.open(report)
+    page.window(WIDTH, HEIGHT)
+    page.explorer()
+    start = f"[...document.querySelectorAll('h3')].find((one) => one.textContent === {title!r})"
+    end = f"(({start}).nextElementSibling.nextElementSibling)"
+    first, last = box_of(page, start), box_of(page, end)
+    shot(page, path, {**last, "y": first["y"], "height": last["y"] + last["height"] - first["y"]})
+
+
+def paper(page: Page, report: Path, path: Path) -> None:
+    """The first sheet as it is printed on A4."""
+    page.open(report)
+    page.window(WIDTH, HEIGHT)
+    page.explorer()
     page.evaluate("dispatchEvent(new Event('beforeprint'))")
+    page.send("Emulation.setEmulatedMedia", media="print")
     page.window(*PAPER)
     page.send("Emulation.setEmulatedMedia", media="print")
-    yield
+    shot(page, path, {"x": 0.0, "y": 0.0, "width": PAPER[0], "height": PAPER[1]})
     page.send("Emulation.setEmulatedMedia", media="")
-    page.evaluate("dispatchEvent(new Event('afterprint'))")
+
+
+def view(page: Page, html: Path, path: Path) -> None:
+    """What a notebook shows below ``result.view()``."""
+    page.open(html)
+    page.window(WIDTH, HEIGHT)
+    page.explorer()
+    shot(page, path)
 
 
 def main(arguments: list[str]) -> int:
@@ -156,7 +182,11 @@ def main(arguments: list[str]) -> int:
     with TemporaryDirectory() as made, TemporaryDirectory() as profile, opened(Path(profile)) as page:
         file = write_test(Path(made))
         report, swept = measured(file), measured(file, SWEEP)
-        gap(page, report, folder)
+        gap(page, report, folder / "engineer_gap.png")
+        section(page, report, "Scatter at rest", folder / "engineer_rest.png")
+        paper(page, report, folder / "engineer_page.png")
+        view(page, file.with_name("view.html"), folder / "programmer_view.png")
+        section(page, swept, "Noise against resolution", folder / "programmer_sweep.png")
     return 0
 
 

@@ -36,11 +36,13 @@ class AtRest(NamedTuple):
     steps : their names
     rows : quantity, scatter, stated σ, ratio, remark
     warning : a sentence; empty if the scatter is what is stated
+    probes : a sentence for each extensometer
     """
 
     steps: tuple[str, ...]
     rows: list[list[str]]
     warning: str
+    probes: list[str]
 
 
 def at_rest(context: Context) -> AtRest | None:
@@ -55,7 +57,7 @@ def at_rest(context: Context) -> AtRest | None:
     sources = [result.digest(*place) for place in places if result.has(*place)]
     kept = context.piece(["scatter at rest", *sources], lambda: json.dumps(_found(result, totals[-1])).encode())
     found = None if kept is None else json.loads(kept)
-    return None if found is None else AtRest(tuple(found[0]), found[1], found[2])
+    return None if found is None else AtRest(tuple(found[0]), *found[1:])
 
 
 def _found(result: Result, stage: str) -> AtRest | None:
@@ -70,7 +72,8 @@ def _found(result: Result, stage: str) -> AtRest | None:
     warning = ""
     if worst is not None:
         warning = _sentence(worst, pattern_at_rest(totals, worst.name), len(steps), _off_lines(result, steps))
-    return AtRest(tuple(steps), [_row(one) for one in [*fields, *probes]], warning)
+    said = [_probe_sentence(one, len(steps)) for one in probes]
+    return AtRest(tuple(steps), [_row(one) for one in [*fields, *probes]], warning, said)
 
 
 def _row(one: Scatter) -> list[str]:
@@ -78,6 +81,13 @@ def _row(one: Scatter) -> list[str]:
     unit = "–" if one.unit == "1" else one.unit
     remark = "more than chance allows" if one.exceeds else ""
     return [f"{name} [{unit}]", number(one.found, 3), number(one.stated, 3), f"{one.ratio:.2f}", remark]
+
+
+def _probe_sentence(one: Scatter, steps: int) -> str:
+    where = "1 step" if steps == 1 else f"{steps} steps"
+    more = ", more than chance allows" if one.exceeds else ""
+    figures = f"{number(one.found, 3)}, {one.ratio:.1f} times its stated σ"
+    return f"At rest ({where}) the {one.name} scatters by {figures}{more}."
 
 
 def _sentence(worst: Scatter, pattern: Pattern, steps: int, off_lines_px: float) -> str:

@@ -116,6 +116,9 @@ def test_an_extensometer_has_the_root_mean_square_of_its_strains():
     assert found.found == pytest.approx(np.sqrt(12.5) * 1e-4)
     assert found.ratio == pytest.approx(np.sqrt(12.5))
     assert found.exceeds
+    assert module._probe_sentence(found, 2) == (
+        "At rest (2 steps) the strain of E scatters by 3.5·10⁻⁴, 3.5 times its stated σ, more than chance allows."
+    )
 
 
 def test_the_report_warns_once_and_says_that_it_is_no_noise_of_points(waved, quiet):
