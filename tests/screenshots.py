@@ -28,20 +28,22 @@ from dicflow.synth.truth import region_outline
 from tests.browser import Page, opened
 
 PICTURES = Path(__file__).resolve().parents[1] / "docs" / "pictures"
-WIDTH, HEIGHT = 1100, 720
+WIDTH, HEIGHT = 1100, 900
 PAPER = (794, 1123)
 """A4 at 96 px per inch."""
 STEPS = (0, 0, 0, 1, 2)
 """Steps of the sample that are photographed: at rest three times, then stretched."""
-COLOURS = 96
+COLOURS = 192
 LOST = """
-(() => {
+(async () => {
   const { explorer } = document.querySelector(".explorer");
-  const { frame, stage } = explorer;
+  await explorer.ready;
+  const { frame, stage, manifest } = explorer;
+  const unknown = manifest.reasons.filter(({ code, label }) => code > 1 && label !== "outside").map(({ code }) => code);
+  const lost = [...frame.status.keys()].filter((k) => unknown.includes(frame.status[k]));
+  const [x, y] = stage.window.toPicture(...frame.firstOf(lost[lost.length >> 1]));
   const box = stage.element.getBoundingClientRect();
-  const reasons = explorer.manifest.reasons.filter(({ label }) => ["misfit", "low correlation", "no match"].includes(label));
-  const lost = [...frame.status].map((code, k) => [code, k]).filter(([code]) => reasons.some((one) => one.code === code));
-  return [lost.length, box.x, box.y];
+  return [box.x + x, box.y + y];
 })()
 """
 """Place of a lost point in the window."""
@@ -138,18 +140,20 @@ def gap(page: Page, report: Path, path: Path) -> None:
     page.open(report)
     page.window(WIDTH, HEIGHT)
     page.explorer()
+    press(page, "Undeformed")
     press(page, "Gaps")
+    page.evaluate("document.querySelector('.verdict').scrollIntoView()")
     point_at(page, *page.evaluate(LOST))
     shot(page, path)
 
 
-def section(page: Page, report: Path, title: str, path: Path) -> None:
-    """A part of the report from its title on to the next one."""
+def section(page: Page, report: Path, title: str, parts: int, path: Path) -> None:
+    """A title of the report with some elements below it."""
     page.open(report)
     page.window(WIDTH, HEIGHT)
     page.explorer()
     start = f"[...document.querySelectorAll('h3')].find((one) => one.textContent === {title!r})"
-    end = f"(({start}).nextElementSibling.nextElementSibling)"
+    end = f"({start}){'.nextElementSibling' * parts}"
     first, last = box_of(page, start), box_of(page, end)
     shot(page, path, {**last, "y": first["y"], "height": last["y"] + last["height"] - first["y"]})
 
@@ -183,10 +187,10 @@ def main(arguments: list[str]) -> int:
         file = write_test(Path(made))
         report, swept = measured(file), measured(file, SWEEP)
         gap(page, report, folder / "engineer_gap.png")
-        section(page, report, "Scatter at rest", folder / "engineer_rest.png")
+        section(page, report, "Scatter at rest", 2, folder / "engineer_rest.png")
         paper(page, report, folder / "engineer_page.png")
         view(page, file.with_name("view.html"), folder / "programmer_view.png")
-        section(page, swept, "Noise against resolution", folder / "programmer_sweep.png")
+        section(page, swept, "Noise against resolution", 1, folder / "programmer_sweep.png")
     return 0
 
 

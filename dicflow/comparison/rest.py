@@ -30,6 +30,8 @@ NORMAL_STRAINS = ("exx", "eyy")
 MOST_OVER_SIGMA = 1.5
 """Largest strain over its σ of a step at rest, root mean square."""
 _MOST_STEPS = 8
+_WIDTH_ERROR = 1.36
+"""Standard error of half the width of the middle 68 % over that of a standard deviation."""
 _READINGS = ("strain", "sigma_strain")
 _STANDARD_ERRORS = 3.0
 _MODEL = 0.2
@@ -37,10 +39,10 @@ _MODEL = 0.2
 
 
 class Scatter(NamedTuple):
-    """A quantity at the steps at rest, root mean squares over the steps.
+    """A quantity at the steps at rest; means over the steps, so that a few bad points do not count.
 
-    found : standard deviation over the points, without the motion of the whole specimen
-    stated : σ by the noise of the photographs
+    found : half the width of the middle 68 % of the points, without the motion of the whole specimen
+    stated : median σ by the noise of the photographs
     chance : relative standard error of ``found``, by the number of points whose subsets or gauges do not overlap
     """
 
@@ -97,6 +99,7 @@ def scatter_at_rest(totals: Sequence[Total]) -> list[Scatter]:
     """Scatter of displacements and strains, from the totals of steps at rest, which have uncertainties."""
     import numpy as np
 
+    from dicflow.core.uncertainty.scatter import half_width
     from dicflow.stages.noise_floor import fields_at_rest
 
     fields = [fields_at_rest(total) for total in totals]
@@ -104,8 +107,9 @@ def scatter_at_rest(totals: Sequence[Total]) -> list[Scatter]:
     found = []
     for name in (name for name in BASIC if name not in flat):
         values, sigmas = zip(*(one[name] for one in fields), strict=True)
-        scatter = math.sqrt(np.mean([one.var() for one in values]))
-        stated = math.sqrt(np.mean([np.mean(one.astype(float) ** 2) for one in sigmas]))
+        scatter, stated = (
+            float(np.mean([*map(middle, one)])) for middle, one in ((half_width, values), (np.median, sigmas))
+        )
         unit = QUANTITIES[name].unit_in(totals[0].unit)
         found.append(Scatter(name, unit, scatter, stated, _chance(totals[0], name)))
     return found
@@ -115,7 +119,7 @@ def pattern_at_rest(totals: Sequence[Total], name: str) -> Pattern:
     """The pattern of one quantity, at the points that have a value at all steps."""
     import numpy as np
 
-    from dicflow.core.uncertainty.scatter import common_share, smooth_part
+    from dicflow.core.uncertainty.scatter import common_share, half_width, smooth_part, without_outliers
     from dicflow.stages.noise_floor import fields_at_rest
 
     known = [np.isfinite(total["U"]) for total in totals]
@@ -124,12 +128,12 @@ def pattern_at_rest(totals: Sequence[Total], name: str) -> Pattern:
     values, sigmas = (
         np.stack([one[k][everywhere[mask]] for one, mask in zip(pairs, known, strict=True)]) for k in (0, 1)
     )
-    values = values - values.mean(axis=1, keepdims=True)
+    values = without_outliers(values)
     rough = values - smooth_part(values, totals[0]["xy_reference"][everywhere])
     return Pattern(
         common_share(values) if len(values) > 1 else None,
         float(1.0 - rough.var() / values.var()),
-        float(math.sqrt(rough.var() / np.mean(sigmas.astype(float) ** 2))),
+        half_width(rough) / float(np.median(sigmas)),
     )
 
 
@@ -160,7 +164,7 @@ def _is_at_rest(total: Total) -> bool:
 
 
 def _chance(total: Total, name: str) -> float:
-    """Relative standard error of a standard deviation over points that overlap."""
+    """Relative standard error of the width over points that overlap, by Gaussian errors."""
     side = total.subset_size if name in DISPLACEMENTS or total.gauge is None else total.gauge.side_px
     points = total.known().sum() * min(1.0, (total.step_size / side) ** 2)
-    return 1.0 / math.sqrt(2.0 * max(1.0, points))
+    return _WIDTH_ERROR / math.sqrt(2.0 * max(1.0, points))

@@ -7,9 +7,26 @@ from numpy.typing import ArrayLike
 
 from dicflow.core.arrays import Array
 
-__all__ = ["common_share", "smooth_part"]
+__all__ = ["common_share", "half_width", "smooth_part", "without_outliers"]
 
 _DEGREE = 5
+_MIDDLE = (15.865, 84.135)
+"""Percentiles within one standard deviation of a Gaussian distribution."""
+_OUTLIER = 4.0
+
+
+def half_width(values: ArrayLike) -> float:
+    """Half the width of the middle 68 % of values (...): their standard deviation if they are Gaussian."""
+    low, high = np.percentile(np.asarray(values, dtype=np.float64), _MIDDLE)
+    return float(high - low) / 2.0
+
+
+def without_outliers(fields: ArrayLike) -> Array:
+    """Fields (step, point) about the median of each step, cut off at four times their half width."""
+    values = np.asarray(fields, dtype=np.float64)
+    centred = values - np.median(values, axis=1, keepdims=True)
+    limits = np.array([[_OUTLIER * half_width(one)] for one in values])
+    return np.clip(centred, -limits, limits)
 
 
 def common_share(fields: ArrayLike) -> float:

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from dicflow.core.uncertainty.scatter import common_share, smooth_part
+from dicflow.core.uncertainty.scatter import common_share, half_width, smooth_part, without_outliers
 
 
 def grid(count=60):
@@ -28,3 +28,17 @@ def test_a_slow_mode_is_smooth_and_noise_is_not():
     assert left.var() / noise.var() == pytest.approx(
         1.0 - 21 / len(places), abs=0.005
     )  # 21 coefficients take their share
+
+
+def test_the_half_width_is_that_of_the_noise_and_not_of_outliers():
+    rng = np.random.default_rng(3)
+    noise = 2.5 * rng.normal(size=200_000) + 7.0
+    assert half_width(noise) == pytest.approx(2.5, rel=0.01)
+    noise[:2000] += 1e6
+    assert half_width(noise) == pytest.approx(2.5, rel=0.03)
+    assert np.abs(without_outliers([noise, -noise])).max() == pytest.approx(4 * half_width(noise))
+
+
+def test_the_half_width_is_less_certain_than_a_standard_deviation_by_a_third():
+    found = [half_width(one) for one in np.random.default_rng(4).normal(size=(2000, 500))]
+    assert np.std(found) / (1.0 / np.sqrt(2 * 500)) == pytest.approx(1.36, abs=0.06)
