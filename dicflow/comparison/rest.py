@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Mapping, Sequence
 from itertools import islice
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 from dicflow.kinds.kind import steps_of, summary_of
 from dicflow.kinds.probes import ProbeTable
@@ -13,11 +13,15 @@ from dicflow.kinds.quantities import BASIC, DISPLACEMENTS, QUANTITIES
 from dicflow.kinds.total import Total
 from dicflow.pipeline.result import Result
 
+if TYPE_CHECKING:
+    import numpy as np
+
 __all__ = [
     "MOST_OVER_SIGMA",
     "NORMAL_STRAINS",
     "Pattern",
     "Scatter",
+    "StillSteps",
     "pattern_at_rest",
     "probe_scatter",
     "scatter_at_rest",
@@ -95,14 +99,31 @@ def strain_over_sigma(total: Total) -> float:
     return float(np.sqrt(np.mean((strains[known] / sigma[known]) ** 2))) if known.any() else math.inf
 
 
-def scatter_at_rest(totals: Sequence[Total]) -> list[Scatter]:
-    """Scatter of displacements and strains, from the totals of steps at rest, which have uncertainties."""
+class StillSteps(NamedTuple):
+    """Steps at rest.
+
+    totals : of them, with uncertainties
+    fields : of each step, quantity → values (n,) without the motion of the whole specimen, and stated σ (n,)
+    """
+
+    totals: Sequence[Total]
+    fields: Sequence[Mapping[str, tuple[np.ndarray, np.ndarray]]]
+
+    @classmethod
+    def of(cls, totals: Sequence[Total]) -> StillSteps:
+        """The steps of some totals."""
+        from dicflow.stages.noise_floor import fields_at_rest
+
+        return cls(totals, [fields_at_rest(total) for total in totals])
+
+
+def scatter_at_rest(still: StillSteps) -> list[Scatter]:
+    """Scatter of displacements and strains."""
     import numpy as np
 
     from dicflow.core.uncertainty.scatter import half_width
-    from dicflow.stages.noise_floor import fields_at_rest
 
-    fields = [fields_at_rest(total) for total in totals]
+    totals, fields = still
     flat = () if totals[0].in_space else ("W",)
     found = []
     for name in (name for name in BASIC if name not in flat):
@@ -115,18 +136,17 @@ def scatter_at_rest(totals: Sequence[Total]) -> list[Scatter]:
     return found
 
 
-def pattern_at_rest(totals: Sequence[Total], name: str) -> Pattern:
+def pattern_at_rest(still: StillSteps, name: str) -> Pattern:
     """The pattern of one quantity, at the points that have a value at all steps."""
     import numpy as np
 
     from dicflow.core.uncertainty.scatter import common_share, half_width, smooth_part, without_outliers
-    from dicflow.stages.noise_floor import fields_at_rest
 
+    totals, fields = still
     known = [np.isfinite(total["U"]) for total in totals]
     everywhere = np.all(known, axis=0)
-    pairs = [fields_at_rest(total)[name] for total in totals]
     values, sigmas = (
-        np.stack([one[k][everywhere[mask]] for one, mask in zip(pairs, known, strict=True)]) for k in (0, 1)
+        np.stack([one[name][k][everywhere[mask]] for one, mask in zip(fields, known, strict=True)]) for k in (0, 1)
     )
     values = without_outliers(values)
     rough = values - smooth_part(values, totals[0]["xy_reference"][everywhere])

@@ -66,12 +66,14 @@ def _pictures(context: Context, stage: str, step: str, shown: Mapping[str, Quant
 def _drawn(context: Context, stage: str, step: str, shown: Mapping[str, QuantityEntry]) -> dict[str, str]:
     """Quantity → PNG as base64."""
     from dicflow.views.figures import look_of, maps_of, specimen_window
-    from dicflow.views.map_pictures import contact_sheet, map_levels
+    from dicflow.views.levels import field_levels
+    from dicflow.views.map_pictures import contact_sheet, map_cells, map_tile
 
     total, maps = Total.read(context.result.product(stage, step)), maps_of(context.result, stage)
     window = specimen_window(total, maps)
     looks = {name: look_of(total, name, maps) for name in shown}
-    maps_alone = {name: map_levels(total.product, look, window) for name, look in looks.items()}
+    cells = map_cells(total.product, window, map_tile(window))
+    maps_alone = {name: field_levels(total[name], cells, look) for name, look in looks.items()}
     return {
         name: b64encode(contact_sheet([levels], [""], looks[name], window, shown[name]["symbol"])).decode()
         for name, levels in maps_alone.items()

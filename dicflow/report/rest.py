@@ -9,6 +9,7 @@ from typing import NamedTuple
 from dicflow.comparison.rest import (
     Pattern,
     Scatter,
+    StillSteps,
     pattern_at_rest,
     probe_scatter,
     scatter_at_rest,
@@ -65,13 +66,14 @@ def _found(result: Result, stage: str) -> AtRest | None:
     totals = [Total.read(result.product(stage, step)) for step in steps]
     if not totals or not totals[0].has_uncertainty:
         return None
-    fields = scatter_at_rest(totals)
+    still = StillSteps.of(totals)
+    fields = scatter_at_rest(still)
     tables = [ProbeTable.read(result.product(name)) for name in result.stages_of("probes") if result.has(name)]
     probes = [one for table in tables for one in probe_scatter(table, steps)]
     worst = max((one for one in fields if one.exceeds), key=lambda one: one.ratio, default=None)
     warning = ""
     if worst is not None:
-        warning = _sentence(worst, pattern_at_rest(totals, worst.name), len(steps), _off_lines(result, steps))
+        warning = _sentence(worst, pattern_at_rest(still, worst.name), len(steps), _off_lines(result, steps))
     said = [_probe_sentence(one, len(steps)) for one in probes]
     return AtRest(tuple(steps), [_row(one) for one in [*fields, *probes]], warning, said)
 

@@ -6,7 +6,14 @@ import numpy as np
 import pytest
 from measured_points import SHAPE, first_points, points, sheet, template_errors
 
-from dicflow.comparison.rest import pattern_at_rest, probe_scatter, scatter_at_rest, steps_at_rest, strain_over_sigma
+from dicflow.comparison.rest import (
+    StillSteps,
+    pattern_at_rest,
+    probe_scatter,
+    scatter_at_rest,
+    steps_at_rest,
+    strain_over_sigma,
+)
 from dicflow.engine.product import Product
 from dicflow.kinds.noise_floor import NoiseFloorTable
 from dicflow.kinds.probes import ProbeTable
@@ -58,7 +65,7 @@ def stored(totals, noise=None):
 
 
 def test_noise_alone_scatters_as_stated(quiet):
-    found = scatter_at_rest(quiet)
+    found = scatter_at_rest(StillSteps.of(quiet))
     assert [one.name for one in found] == ["U", "V", "W", "exx", "eyy", "gxy"]
     assert [one.unit for one in found] == ["mm"] * 3 + ["1"] * 3
     for one in found:
@@ -68,18 +75,18 @@ def test_noise_alone_scatters_as_stated(quiet):
 
 
 def test_noise_alone_is_neither_smooth_nor_more_common_than_the_first_photographs(quiet):
-    found = pattern_at_rest(quiet, "W")
+    found = pattern_at_rest(StillSteps.of(quiet), "W")
     assert 0.2 < found.common < 0.75
     assert found.smooth < 0.5
     assert found.rest == pytest.approx(1.0, abs=0.25)
-    assert pattern_at_rest(quiet[:1], "W").common is None
+    assert pattern_at_rest(StillSteps.of(quiet[:1]), "W").common is None
 
 
 def test_a_mode_of_all_points_exceeds_and_is_recognised(waved):
-    found = {one.name: one for one in scatter_at_rest(waved)}
+    found = {one.name: one for one in scatter_at_rest(StillSteps.of(waved))}
     assert found["V"].exceeds
     assert not found["U"].exceeds
-    pattern = pattern_at_rest(waved, "V")
+    pattern = pattern_at_rest(StillSteps.of(waved), "V")
     assert pattern.common > 0.75
     assert pattern.smooth > 0.5
     assert pattern.rest == pytest.approx(1.0, abs=0.25)
@@ -87,7 +94,7 @@ def test_a_mode_of_all_points_exceeds_and_is_recognised(waved):
 
 def test_a_motion_of_the_whole_specimen_is_no_scatter(quiet):
     moved = at_rest(np.array([0.5, -0.3, 2.0]))
-    for one, other in zip(scatter_at_rest(moved), scatter_at_rest(quiet), strict=True):
+    for one, other in zip(scatter_at_rest(StillSteps.of(moved)), scatter_at_rest(StillSteps.of(quiet)), strict=True):
         assert one.found == pytest.approx(other.found, rel=1e-3)
 
 
