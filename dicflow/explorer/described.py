@@ -9,6 +9,7 @@ from dicflow.explorer.content import Keep
 from dicflow.explorer.curves import loads, probe_curves
 from dicflow.explorer.entries import Contents, crop_entry, first_entry, quantity_entry, reasons, step_entry
 from dicflow.explorer.manifest import Manifest, QuantityEntry
+from dicflow.explorer.meaning import meaning
 from dicflow.explorer.reading import Reading
 from dicflow.views.colours import palette
 
@@ -37,6 +38,7 @@ def manifest_of(reading: Reading, title: str, shown: Contents, keep: Keep) -> Ma
         curves=[] if source.facts["form"] == "difference" else probe_curves(reading.result, quantity, keep),
         load=loads(reading.result, [entry["number"] for entry in steps]),
         left_out=list(shown.left_out),
+        meaning=meaning(quantities, source.facts["unit"]),
     )
 
 

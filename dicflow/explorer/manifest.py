@@ -100,6 +100,7 @@ class Manifest(FieldFacts):
     curves : :class:`dicflow.explorer.curves.Curve` of the pipeline's probes
     load : unit and load of each step; None if unknown
     left_out : sentences on what had to be left out
+    meaning : sentences on what ± means; none without uncertainties
     """
 
     title: str
@@ -115,3 +116,4 @@ class Manifest(FieldFacts):
     curves: list[Curve]
     load: tuple[str, list[float | None]] | None
     left_out: list[str]
+    meaning: list[str]

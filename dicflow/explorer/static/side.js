@@ -230,6 +230,7 @@ export class Side {
     this.facts.replaceChildren(
       html("p", { class: "x-valid" }, ...(step.valid === null ? ["This step was not measured."] : measured)),
       html("ul", { class: "x-reasons" }, ...rows),
+      ...(manifest.meaning.length ? [html("p", { class: "x-hint x-meaning" }, manifest.meaning.join(" "))] : []),
       ...notes.map((one) => html("p", { class: "x-hint" }, one)),
     );
   }
