@@ -174,8 +174,13 @@ def _series(desk: Desk, asked: Asked) -> Any:
     return desk.series[1]
 
 
+def _pairings(desk: Desk, asked: Asked) -> Any:
+    return desk.work("series.pairings_of", desk.project, asked["roles"])
+
+
 def _make(desk: Desk, asked: Asked) -> Any:
-    return desk.work("series.make_pipeline", desk.project, asked["roles"], str(asked.get("square", "")))
+    wanted = (asked["roles"], str(asked.get("square", "")), asked.get("pair_by"))
+    return desk.work("series.make_pipeline", desk.project, *wanted)
 
 
 def _calibration(desk: Desk, asked: Asked) -> Any:
@@ -324,6 +329,7 @@ ANSWERS: Mapping[str, Callable[[Desk, Asked], Any]] = {
     "draw": _draw,
     "probe": _probe,
     "series": _series,
+    "pairings": _pairings,
     "make": _make,
     "calibration": _calibration,
     "leave_out_of_rig": _leave_out_of_rig,
