@@ -15,6 +15,7 @@ from dicflow.app.series import found_in, make_pipeline
 from dicflow.errors import ConfigurationError
 from dicflow.io.configuration import read
 from dicflow.pipeline import Pipeline
+from tests.phones import UNLIKE, taken_by_phones
 
 pytestmark = pytest.mark.slow
 SAMPLES = Path(__file__).resolve().parents[2] / "data_samples"
@@ -53,6 +54,60 @@ def test_the_file_is_that_of_init(tmp_path):
     assert any("specimen: 8 pairs" in line for line in made["said"])
     with pytest.raises(ConfigurationError, match="exists"):
         make_pipeline(project, roles, "")
+
+
+def test_ways_to_pair_two_phones_are_shown_with_their_first_and_last_pair(tmp_path):
+    """Unlike names and a clock that is an hour ahead; the right phone lacks the second photograph of the specimen."""
+    folder = taken_by_phones(tmp_path / "test", steps=4, boards=4, missing=(5,))
+    shutil.copy(folder / "IMG_2308.jpg", folder / "IMG_2308 (1).jpg")
+    with served(folder) as app, opened_page(app) as someone:
+        page = someone.page
+        page.wait_for_selector(".way", timeout=60_000)
+        assert "Copies of others, left out: IMG_2308 (1).jpg" in page.inner_text("section.folder")
+        assert page.locator(".series", has_text="iPhone 12").count() == 2
+        specimen, board = page.locator(".pairings fieldset").all()
+        assert specimen.locator(".way").count() == 1
+        words = specimen.inner_text()
+        assert "By the time taken 3 pairs" in words
+        assert "1 h 2 min ahead; without a partner, left out: IMG_2306.jpg" in words
+        assert "first: IMG_2305.jpg with DSC_0011.jpg" in words
+        assert "last: IMG_2308.jpg with DSC_0013.jpg" in words
+        assert board.locator(".way").count() == 2
+        board.get_by_label("Pair in order").check()
+        someone.until("[...document.querySelectorAll('.way img')].every((one) => one.naturalWidth > 0)")
+        specimen.scroll_into_view_if_needed()
+        someone.picture("pairs_1280")
+        assert someone.overlaps() == []
+        page.fill("#square", "14.5 mm")
+        page.get_by_role("button", name="Make the pipeline file").click()
+        page.wait_for_selector("section.region .viewer", timeout=60_000)
+    stages = read(folder / FILE).data["stages"]
+    assert stages["photos"]["left"] == [f"IMG_{k}.jpg" for k in (2305, 2307, 2308)]
+    assert stages["photos"]["right"] == [f"DSC_{k:04}.jpg" for k in (11, 12, 13)]
+    assert stages["boards"]["pair_by"] == "order"
+    assert list(Pipeline.load(folder / FILE).graph.steps["photos"]) == ["IMG_2305", "IMG_2307", "IMG_2308"]
+
+
+def test_without_times_pairs_in_order_must_be_chosen(tmp_path):
+    """A messenger has taken the metadata away, and one counter jumps."""
+    phones = tuple(phone._replace(model="") for phone in UNLIKE)
+    folder = taken_by_phones(tmp_path / "test", phones, steps=3, boards=3)
+    (folder / "DSC_0012.jpg").rename(folder / "DSC_0019.jpg")
+    with served(folder) as app, opened_page(app, 390, 844) as someone:
+        page = someone.page
+        page.wait_for_selector(".way", timeout=60_000)
+        assert "Not certain: 2 series of the specimen look alike" in page.inner_text("section.folder")
+        page.fill("#square", "14.5 mm")
+        page.get_by_role("button", name="Make the pipeline file").click()
+        someone.said("Choose what makes the pairs of the specimen first")
+        assert page.evaluate("document.activeElement.type") == "radio"
+        assert someone.overlaps() == []
+        page.keyboard.press("Space")
+        page.get_by_role("button", name="Make the pipeline file").click()
+        page.wait_for_selector("section.region .viewer", timeout=60_000)
+    photos = read(folder / FILE).data["stages"]["photos"]
+    assert photos["pair_by"] == "order"
+    assert {one for side in ("left", "right") for one in photos[side]} >= {"DSC_0019.jpg", "IMG_2306.jpg"}
 
 
 def test_a_folder_is_sorted_with_the_mouse(messy):
