@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import shutil
 from collections.abc import Sequence
 from datetime import datetime, timedelta
 from pathlib import Path
@@ -44,9 +43,11 @@ def taken_by_phones(
     steps: int = 8,
     boards: int = 12,
     missing: Sequence[int] = (),
+    samples: Path = SAMPLES,
 ) -> Path:
     """Write boards and then the specimen as both phones took them; the right one within half a second of the left one.
 
+    samples : photographs as ``dicflow synth sample`` makes them
     missing : numbers of photographs, from 0, that the right phone did not take; its counter goes on without them
     """
     folder.mkdir(parents=True, exist_ok=True)
@@ -59,9 +60,11 @@ def taken_by_phones(
             if side == "right" and k in missing:
                 continue
             when = moment + phone.ahead_s + (lags[k] if side == "right" else 0.0)
-            _write(SAMPLES / part / side / name, folder / phone.name.format(number), phone, when)
+            _write(samples / part / side / name, folder / phone.name.format(number), phone, when)
             number += 1
-    shutil.copy(SAMPLES / "caliper.csv", folder / "caliper.csv")
+    lines = (samples / "caliper.csv").read_text().splitlines(keepends=True)
+    head = next(k for k, line in enumerate(lines) if line.startswith("phase")) + 1
+    (folder / "caliper.csv").write_text("".join(lines[: head + steps]))
     return folder
 
 

@@ -176,11 +176,11 @@ def _series(desk: Desk, asked: Asked) -> Any:
 
 
 def _pairings(desk: Desk, asked: Asked) -> Any:
-    return desk.work("series.pairings_of", desk.project, asked["roles"])
+    return desk.work("series.pairings_of", desk.project, asked["series"])
 
 
 def _make(desk: Desk, asked: Asked) -> Any:
-    wanted = (asked["roles"], str(asked.get("square", "")), asked.get("pair_by"))
+    wanted = (asked["series"], str(asked.get("square", "")), asked.get("pair_by"))
     return desk.work("series.make_pipeline", desk.project, *wanted)
 
 

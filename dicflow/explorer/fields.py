@@ -208,15 +208,17 @@ class TotalFields:
         if not self._tells_photographs(step) or not (total["status"] == Status.OUTSIDE).any():
             return total["status"]
         inside = np.asarray(np.isfinite(self.at_first()).all(axis=-1))
-        stages = [(self._followed, step), (self._right, step), (self._right, 0)]
-        found = [
-            None if stage is None else self._result.product(stage, at, self._variant)["status"] for stage, at in stages
-        ]
-        return status_by_photograph(total["status"], inside, found[0], found[1], found[2])
+        left = self._result.product(self._followed, step, self._variant)["status"]
+        if self._right is None:
+            return status_by_photograph(total["status"], inside, left, None, None)
+        right, first = (self._result.product(self._right, at, self._variant)["status"] for at in (step, 0))
+        return status_by_photograph(total["status"], inside, left, right, first)
 
     def _tells_photographs(self, step: str) -> bool:
         """Whether the products are there that say which photograph a point has left."""
-        needed = [(self._followed, step), *([] if self._right is None else [(self._right, step), (self._right, 0)])]
+        needed: list[tuple[str, str | int]] = [(self._followed, step)]
+        if self._right is not None:
+            needed += [(self._right, step), (self._right, 0)]
         return bool(self._followed) and all(self._result.has(stage, at, self._variant) for stage, at in needed)
 
     @cached_property

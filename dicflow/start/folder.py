@@ -33,7 +33,7 @@ from dicflow.start.question import question
 from dicflow.start.sorting import copies_in, parted_by_counter
 from dicflow.start.ways import Way, chosen_way, possible_way
 
-__all__ = ["Caliper", "Found", "Photographs", "Survey", "look", "survey"]
+__all__ = ["Caliper", "Found", "Photographs", "Survey", "look", "photographs_in", "survey"]
 
 Say = Callable[[str], None]
 
@@ -62,12 +62,12 @@ class Photographs(NamedTuple):
     @property
     def pair_by(self) -> str:
         """What the stage of the photographs must know of it; empty for what it assumes."""
-        return "order" if self.way is not None and self.way.by != "name" else ""
+        return "order" if self.way is not None and self.way.is_listed else ""
 
     def __str__(self) -> str:
         if not self.right:
             return f"{len(self.steps)} photographs of one camera, {listed(self.left)}"
-        how = "" if self.way is None or self.way.by == "name" else f" {self.way.words}"
+        how = f" {self.way.words}" if self.way is not None and self.way.is_listed else ""
         return f"{len(self.steps)} pairs{how}, {listed(self.left)} and {listed(self.right)}"
 
 
@@ -123,7 +123,7 @@ def survey(folder: Path, choice: Choice, see: See | None = None) -> Survey:
     """
     if not folder.is_dir():
         raise InputError(f"{folder}: no such folder; name the folder that holds the photographs")
-    paths, facts = list(_photographs(folder)), Facts(folder)
+    paths, facts = photographs_in(folder), Facts(folder)
     copies = copies_in(folder, paths, facts.camera, facts.taken)
     series = _series(folder, [path for path in paths if path not in set(copies)], choice, facts)
     if steps := step_folders(series):
@@ -169,6 +169,14 @@ def look(folder: Path, choice: Choice, command: Sequence[str], say: Say) -> Foun
     if single:
         say(f"left out: {len(single)} photographs, {listed(list(map(str, single)))}: their names fit no series")
     return _with_places(folder, found, say)
+
+
+def photographs_in(folder: Path) -> list[PurePosixPath]:
+    """Paths, relative to a folder, of all photographs in it and below that may be measured.
+
+    Raises InputError for too many of them.
+    """
+    return list(_photographs(folder))
 
 
 def _photographs(folder: Path) -> Iterator[PurePosixPath]:
@@ -284,7 +292,7 @@ def _found_by(
         if right:
             way = chosen_way(left, right, facts.taken, by)
             named = way.patterns(left, right, paths)
-        given = {} if way is None or way.by == "name" else {"pair_by": "order"}
+        given = {"pair_by": "order"} if way is not None and way.is_listed else {}
         steps = _maker("images")(**named, **given).steps(folder) or {}
     except InputError as error:
         raise InputError(f"{folder / named['left'][0]}: {error}") from error

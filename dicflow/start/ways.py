@@ -40,6 +40,11 @@ class Way(NamedTuple):
     note: str = ""
 
     @property
+    def is_listed(self) -> bool:
+        """Whether the photographs must be listed in the order of the pairs, since their names do not tell these."""
+        return self.by != "name" or bool(self.alone)
+
+    @property
     def words(self) -> str:
         """What makes the pairs, and what a person should know of it."""
         return WAYS[self.by] + (f" ({self.note})" if self.note else "")
@@ -49,7 +54,7 @@ class Way(NamedTuple):
 
         left, right : the whole series; photographs : all that the folder holds
         """
-        sides = (left.files, right.files) if self.by == "name" else zip(*self.pairs, strict=True)
+        sides = zip(*self.pairs, strict=True) if self.is_listed else (left.files, right.files)
         return {side: patterns_of(files, photographs) for side, files in zip(("left", "right"), sides, strict=True)}
 
 
@@ -71,8 +76,17 @@ def chosen_way(left: Series, right: Series, taken: Taken, by: By | None) -> Way:
 
 
 def usual_way(left: Series, right: Series, ways: Sequence[Way]) -> Way | None:
-    """The surest of these ways, if nobody has to confirm it; else None."""
-    return next((way for way in ways if way.by != "order" or _counts_alike(left, right)), None)
+    """The surest of these ways that nobody has to confirm; None if there is none.
+
+    Names that leave a photograph alone must be confirmed, and so must the order, unless the counters run alike.
+    """
+    return next((way for way in ways if _is_sure(way, left, right)), None)
+
+
+def _is_sure(way: Way, left: Series, right: Series) -> bool:
+    if way.by == "name":
+        return not way.alone
+    return way.by == "taken" or _counts_alike(left, right)
 
 
 def possible_way(left: Series, right: Series, taken: Taken, by: By | None) -> By | None:
@@ -92,10 +106,22 @@ def _ways(left: Series, right: Series, taken: Taken) -> Iterator[Way]:
 def _by_name(left: Series, right: Series) -> Way | None:
     sides = [{path.name: path for path in one.files} for one in (left, right)]
     try:
-        found = pair_names(list(sides[0]), list(sides[1]))
+        found = pair_names(list(sides[0]), list(sides[1]), unpaired="skip")
     except InputError:
         return None
-    return Way("name", tuple((sides[0][a], sides[1][b]) for a, b in found.pairs))
+    if found.by == "order":
+        return None
+    return _with_alone("name", tuple((sides[0][a], sides[1][b]) for a, b in found.pairs), left, right)
+
+
+def _with_alone(
+    by: By, pairs: tuple[tuple[PurePosixPath, PurePosixPath], ...], left: Series, right: Series, note: str = ""
+) -> Way:
+    """A way with the files that have no partner, which its note names."""
+    paired = {path for pair in pairs for path in pair}
+    alone = tuple(path for path in (*left.files, *right.files) if path not in paired)
+    notes = [note, f"without a partner, left out: {_named(alone)}" if alone else ""]
+    return Way(by, pairs, alone, "; ".join(filter(None, notes)))
 
 
 def _by_time(left: Series, right: Series, taken: Taken) -> Way | None:
@@ -103,9 +129,9 @@ def _by_time(left: Series, right: Series, taken: Taken) -> Way | None:
     if clocks is None:
         return None
     pairs = tuple((left.files[i], right.files[j]) for i, j in clocks.pairs)
-    paired = {path for pair in pairs for path in pair}
-    alone = tuple(path for path in (*left.files, *right.files) if path not in paired)
-    return Way("taken", pairs, alone, _time_note(clocks.ahead_s, alone))
+    ahead = clocks.ahead_s
+    note = f"the right camera's clock is {_duration(abs(ahead))} {'ahead' if ahead > 0 else 'behind'}"
+    return _with_alone("taken", pairs, left, right, note)
 
 
 def _clocks(left: Series, right: Series, taken: Taken) -> Clocks | None:
@@ -123,12 +149,6 @@ def _known(times: Sequence[float | None]) -> list[float]:
     if len(known) < len(times):
         raise InputError("a photograph does not say when it was taken")
     return known
-
-
-def _time_note(ahead_s: float, alone: Sequence[PurePosixPath]) -> str:
-    clock = f"the right camera's clock is {_duration(abs(ahead_s))} {'ahead' if ahead_s > 0 else 'behind'}"
-    left_out = f"; without a partner, left out: {_named(alone)}" if alone else ""
-    return clock + left_out
 
 
 def _duration(seconds: float) -> str:
@@ -153,6 +173,12 @@ def _counts_alike(left: Series, right: Series) -> bool:
 def _refusal(left: Series, right: Series, ways: Sequence[Way], by: By | None) -> str:
     counts = f"{len(left.files)} left and {len(right.files)} right photographs"
     first, last = (f"{left.files[k].name} with {right.files[k].name}" for k in (0, -1))
+    named = next((way for way in ways if way.by == "name"), None)
+    if named is not None and by is None:
+        return (
+            f"{counts}; without a partner: {_named(named.alone)}; add the missing ones or move these away, or "
+            "--pair-by name leaves them out"
+        )
     if any(way.by == "order" for way in ways) and by is None:
         return (
             f"{counts}: neither names nor times tell which belong together; --pair-by order pairs {first} … {last}, "

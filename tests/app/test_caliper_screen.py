@@ -62,7 +62,7 @@ def test_curve_table_and_difference_are_seen(sample_result, size, scheme):
         assert f"{abs(worst['strain_error']):.5f} ± {worst['u_difference']:.5f}" in page.inner_text(".verdict")
         assert page.locator(".x-chart").count() == 2
         assert page.locator(".caliper tbody tr").count() == 16
-        names = page.locator(".x-name").all_inner_texts()
+        names = page.locator(".x-name").all_text_contents()
         assert names == ["load [g]", "strain [–]", "load [g]", "difference of the strains [–]"]
         someone.picture(f"caliper_{size[0]}_{scheme}")
         assert someone.overlaps() == []
@@ -153,5 +153,6 @@ def test_a_table_with_too_few_rows_is_said(tmp_path):
     (path.parent / "caliper.csv").write_text("phase,load_g,length_mm\nloading,0,60\n")
     with served(path) as app, opened_page(app) as someone:
         someone.go("caliper")
+        someone.page.wait_for_selector("section.caliper details .problem")
         assert "caliper.csv has 1 row, but there are 3 photographs" in someone.page.inner_text("section.caliper")
     assert dicflow("run", path, "--scheduler", "sync").code == 0

@@ -129,9 +129,10 @@ class CaliperScreen {
         h("td", {}, h("select", { "aria-label": `phase at ${step}`, onchange: (event) => { typed[k].phase = event.target.value; } }, PHASES.map((phase) => h("option", { value: phase, selected: typed[k].phase === phase }, phase)))),
         h("td", {}, field(typed[k], "load_g", "load", step)), h("td", {}, field(typed[k], "length_mm", "length", step))))));
     const words = found.lengths ? "Lengths of the caliper" : "Type the lengths of the caliper";
-    return h("details", { className: "card", open: !found.lengths }, h("summary", {}, words),
+    const fits = found.lengths?.length === found.steps.length;
+    return h("details", { className: "card", open: !fits }, h("summary", {}, words),
       h("p", { className: "faint" }, `They stand in ${found.file} beside the photographs, one row per photograph; the first is without load.`),
-      found.lengths && found.lengths.length !== found.steps.length ? h("p", { className: "problem" }, `${found.file} has ${found.lengths.length} ${found.lengths.length === 1 ? "row" : "rows"}, but there are ${found.steps.length} photographs.`) : null,
+      found.lengths && !fits ? h("p", { className: "problem" }, `${found.file} has ${found.lengths.length} ${found.lengths.length === 1 ? "row" : "rows"}, but there are ${found.steps.length} photographs.`) : null,
       own, h("div", { className: "row" }, button("Save the lengths", () => this.save(typed), { className: found.lengths ? "" : "main" })));
   }
 

@@ -21,7 +21,8 @@ export async function show(place, app) {
     fill(page, h("h1", {}, `${app.file} is not valid`), h("ul", { className: "problems" }, app.document.problems.map((line) => h("li", {}, line))));
     return null;
   }
-  return series(page, app);
+  series(page, app).catch((error) => app.fail(error));
+  return null;
 }
 
 const picture = (name, words) => h("img", { src: `/picture/thumbnail?path=${encodeURIComponent(name)}`, alt: words, title: words, loading: "lazy", decoding: "async" });
@@ -54,7 +55,7 @@ async function series(page, app) {
     start.disabled = true;
     start.textContent = "Making the pipeline file …";
     try {
-      const made = await ask("make", { roles: found.series.map((one, k) => ({ name: one.names[0], role: roles[k] })), square: square.value.trim(), pair_by: pairings.chosen });
+      const made = await ask("make", { series: found.series.map(({ names }, k) => ({ names, role: roles[k] })), square: square.value.trim(), pair_by: pairings.chosen });
       for (const line of made.said) app.say(line);
       await app.open(made.file);
       app.go("region");
@@ -69,8 +70,7 @@ async function series(page, app) {
   const hasBoards = () => roles.some((role) => role.endsWith("boards"));
   const foot = h("div", {});
   const pairings = new Pairings(picture);
-  const named = () => Object.fromEntries(Object.keys(found.roles).map((role) => [role, found.series.flatMap((one, k) => (roles[k] === role ? one.names : []))]));
-  const pair = () => pairings.look(named()).catch((error) => app.fail(error));
+  const pair = () => pairings.look(found.series.map(({ names }, k) => ({ names, role: roles[k] }))).catch((error) => app.fail(error));
   const drawFoot = () => fill(foot, counts(found, roles), h("div", { className: "row" },
     hasBoards() ? h("label", {}, "Side of one square of the board, measured: ", square) : null,
     start));

@@ -14,10 +14,10 @@ export class Pairings {
     this.element = h("div", { className: "pairings" });
   }
 
-  /** Look for the ways of other roles. names : role → photographs in their order */
-  async look(names) {
+  /** Look for the ways of other roles. series : the names of each, and its role */
+  async look(series) {
     const number = ++this.asked;
-    const found = await ask("pairings", { roles: names });
+    const found = await ask("pairings", { series });
     if (number !== this.asked) return;
     this.found = found;
     this.chosen = Object.fromEntries(found.map(({ subject, usual }) => [subject, usual]));
@@ -31,7 +31,7 @@ export class Pairings {
   }
 
   draw() {
-    fill(this.element, this.found.filter(({ ways }) => ways.length !== 1 || ways[0].by !== "name").map((one) => this.subject(one)));
+    fill(this.element, this.found.filter(({ ways, usual }) => usual !== "name").map((one) => this.subject(one)));
   }
 
   subject({ subject, ways, usual }) {
@@ -41,7 +41,7 @@ export class Pairings {
         "Neither names nor times tell which photographs belong together, and there are not as many left ones as right ones. Add those that are missing, or move those without a partner out of the folder."));
     }
     return h("fieldset", { className: "card" }, h("legend", {}, title),
-      usual ? null : h("p", { className: "problem" }, "Neither names nor times tell which photographs belong together. Look whether the first and the last pair show the same moment."),
+      usual ? null : h("p", { className: "problem" }, "Nothing is certain here. Look whether the first and the last pair show the same moment, and choose."),
       ways.map((way) => h("label", { className: "way" },
         h("input", { type: "radio", name: `pairs of the ${subject}`, checked: this.chosen[subject] === way.by, onchange: () => { this.chosen[subject] = way.by; } }),
         h("span", {}, h("strong", {}, TITLES[way.by]), ` ${way.pairs} pairs ${way.words}`,
