@@ -216,9 +216,8 @@ class TotalFields:
 
     def _tells_photographs(self, step: str) -> bool:
         """Whether the products are there that say which photograph a point has left."""
-        needed: list[tuple[str, str | int]] = [(self._followed, step)]
-        if self._right is not None:
-            needed += [(self._right, step), (self._right, 0)]
+        steps: list[str | int] = [] if self._right is None else [step, 0]
+        needed = [(self._followed, step), *((self._right or "", at) for at in steps)]
         return bool(self._followed) and all(self._result.has(stage, at, self._variant) for stage, at in needed)
 
     @cached_property
