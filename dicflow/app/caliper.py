@@ -121,8 +121,9 @@ def _uncertainty(result: Result, extensometer: str | None, count: int) -> np.nda
     table = ProbeTable.read(result.product(probes))
     if extensometer not in table.extensometers:
         return unknown
-    noise, share = (table.of_extensometer(extensometer, name) for name in ("u_strain", "calibration_strain"))
-    found = np.hypot(noise, np.nan_to_num(share))
+    found = table.of_extensometer(extensometer, "u_strain").copy()
+    if "calibration_strain" in table:
+        found = np.hypot(found, np.nan_to_num(table.of_extensometer(extensometer, "calibration_strain")))
     found[0] = 0.0
     return np.asarray(found)
 

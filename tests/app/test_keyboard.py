@@ -65,7 +65,7 @@ def places_an_extensometer(keys, path):
     keys.page.wait_for_timeout(400)
     keys.reach("", "div")
     keys.press("e", *["ArrowUp"] * 4, "Enter", *["ArrowDown"] * 8, "Enter")
-    keys.someone.until("document.querySelectorAll('.path-name').length === 2")
+    keys.page.wait_for_selector("text=saved: extensometer_1")
     top, bottom = read(path).data["stages"]["probes"]["extensometers"]["extensometer_1"]
     assert (top[0], bottom[1] - top[1]) == (bottom[0], pytest.approx(80.0, abs=0.1))
 
