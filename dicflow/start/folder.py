@@ -18,19 +18,22 @@ from dicflow.engine.node import Node
 from dicflow.engine.product import Product
 from dicflow.errors import ConfigurationError, DicflowError, InputError, StageError
 from dicflow.io.calibrations.read import parse_calibration
-from dicflow.io.images import SUFFIXES, counter_offset, pair_names, read_grey
+from dicflow.io.images import SUFFIXES, read_grey
 from dicflow.io.images.search import MOST_ENTRIES
 from dicflow.kinds.images import Images
 from dicflow.kinds.region import Region
 from dicflow.pipeline.registry import node_class
-from dicflow.start.choice import Candidate, Choice, Undecided, decide, is_named
+from dicflow.start.choice import By, Candidate, Choice, Undecided, decide, is_named
 from dicflow.start.contents import See, Subjects, board_in, subjects_of
+from dicflow.start.facts import Facts
 from dicflow.start.gauge import Gauge, gauge_over, in_8bit
 from dicflow.start.layouts import Series, series_of, step_folders
 from dicflow.start.patterns import listed, patterns_of
 from dicflow.start.question import question
+from dicflow.start.sorting import copies_in, parted_by_counter
+from dicflow.start.ways import Way, chosen_way, possible_way
 
-__all__ = ["Caliper", "Found", "Photographs", "Survey", "look", "survey"]
+__all__ = ["Caliper", "Found", "Photographs", "Survey", "look", "photographs_in", "survey"]
 
 Say = Callable[[str], None]
 
@@ -48,19 +51,24 @@ class Photographs(NamedTuple):
 
     left, right : patterns below the folder; right is empty for one camera
     steps : files of each step, as the stage of the photographs finds them
-    pair_by : what makes pairs; empty for what the stage assumes
+    way : what makes pairs; None for one camera
     """
 
     left: list[str]
     right: list[str]
     steps: Mapping[str, Mapping[str, Path | FilePart]]
-    pair_by: str = ""
+    way: Way | None = None
+
+    @property
+    def pair_by(self) -> str:
+        """What the stage of the photographs must know of it; empty for what it assumes."""
+        return "order" if self.way is not None and self.way.is_listed else ""
 
     def __str__(self) -> str:
         if not self.right:
             return f"{len(self.steps)} photographs of one camera, {listed(self.left)}"
-        order = " in their order, as their counters run alike but never agree" if self.pair_by else ""
-        return f"{len(self.steps)} pairs{order}, {listed(self.left)} and {listed(self.right)}"
+        how = f" {self.way.words}" if self.way is not None and self.way.is_listed else ""
+        return f"{len(self.steps)} pairs{how}, {listed(self.left)} and {listed(self.right)}"
 
 
 class Caliper(NamedTuple):
@@ -91,6 +99,7 @@ class Survey(NamedTuple):
     """The series in a folder, and which of them may be measured.
 
     paths : of all photographs, relative to the folder
+    copies : photographs that are there twice, which belong to no series
     subjects : the series by what they show
     candidates : what may be measured; the first is the most likely
     undecided : why the others are as likely; None where the first is certain
@@ -98,6 +107,7 @@ class Survey(NamedTuple):
     """
 
     paths: list[PurePosixPath]
+    copies: list[PurePosixPath]
     subjects: Subjects
     candidates: Sequence[Candidate]
     undecided: Undecided | None
@@ -113,8 +123,9 @@ def survey(folder: Path, choice: Choice, see: See | None = None) -> Survey:
     """
     if not folder.is_dir():
         raise InputError(f"{folder}: no such folder; name the folder that holds the photographs")
-    paths = list(_photographs(folder))
-    series = _series(folder, paths, choice)
+    paths, facts = photographs_in(folder), Facts(folder)
+    copies = copies_in(folder, paths, facts.camera, facts.taken)
+    series = _series(folder, [path for path in paths if path not in set(copies)], choice, facts)
     if steps := step_folders(series):
         raise InputError(
             f"{folder}: {len(steps)} folders hold one photograph each, as {steps[0].files[0]} and {steps[1].files[0]}, "
@@ -125,8 +136,8 @@ def survey(folder: Path, choice: Choice, see: See | None = None) -> Survey:
     try:
         chosen = decide(subjects.specimen, subjects.boards, choice, calibration is not None)
     except Undecided as undecided:
-        return Survey(paths, subjects, undecided.candidates, undecided, calibration)
-    return Survey(paths, subjects, [chosen], None, calibration)
+        return Survey(paths, copies, subjects, undecided.candidates, undecided, calibration)
+    return Survey(paths, copies, subjects, [chosen], None, calibration)
 
 
 def look(folder: Path, choice: Choice, command: Sequence[str], say: Say) -> Found:
@@ -138,11 +149,11 @@ def look(folder: Path, choice: Choice, command: Sequence[str], say: Say) -> Foun
     Raises InputError without photographs of a specimen, and ConfigurationError if the cameras are not certain.
     """
     see = _see(folder)
-    paths, subjects, candidates, undecided, calibration = survey(folder, choice, see)
+    paths, copies, subjects, candidates, undecided, calibration = survey(folder, choice, see)
     if undecided is not None:
         raise ConfigurationError(question(folder, undecided, command, paths, calibration is not None)) from undecided
     chosen = candidates[0]
-    found = _described(folder, chosen, paths, see)
+    found = _described(folder, chosen, paths, see, choice)
     say(f"specimen: {found.photos}")
     if chosen.right and calibration:
         found = found._replace(calibration=calibration)
@@ -152,10 +163,20 @@ def look(folder: Path, choice: Choice, command: Sequence[str], say: Say) -> Foun
     series = [one for group in subjects for one in group]
     for one, reason in _left_out(subjects, chosen):
         say(f"left out: {len(one.files)} photographs, {listed(patterns_of(one.files, paths))}{reason}")
-    single = sorted(set(paths) - {path for one in series for path in one.files})
+    if copies:
+        say(f"left out: {len(copies)} copies of photographs, {listed(list(map(str, copies)))}")
+    single = sorted(set(paths) - set(copies) - {path for one in series for path in one.files})
     if single:
         say(f"left out: {len(single)} photographs, {listed(list(map(str, single)))}: their names fit no series")
     return _with_places(folder, found, say)
+
+
+def photographs_in(folder: Path) -> list[PurePosixPath]:
+    """Paths, relative to a folder, of all photographs in it and below that may be measured.
+
+    Raises InputError for too many of them.
+    """
+    return list(_photographs(folder))
 
 
 def _photographs(folder: Path) -> Iterator[PurePosixPath]:
@@ -196,8 +217,8 @@ def _is_text(name: str) -> bool:
     return not any("\ud800" <= sign <= "\udfff" for sign in name)
 
 
-def _series(folder: Path, paths: Sequence[PurePosixPath], choice: Choice) -> list[Series]:
-    """The series, none of which lies on both sides of what the user named.
+def _series(folder: Path, paths: Sequence[PurePosixPath], choice: Choice, facts: Facts) -> list[Series]:
+    """The series, none of which is of two cameras, or lies on both sides of what the user named.
 
     Raises ConfigurationError if a pattern names no photograph.
     """
@@ -211,7 +232,8 @@ def _series(folder: Path, paths: Sequence[PurePosixPath], choice: Choice) -> lis
     for path in paths:
         named = tuple(is_named(path, patterns) for patterns in (choice.left, choice.right, choice.boards))
         groups.setdefault(named, []).append(path)
-    return [one for group in groups.values() for one in series_of(group)]
+    whole = [one for group in groups.values() for one in series_of(group, facts.label(set(paths)))]
+    return whole if choice.one_camera else [part for one in whole for part in parted_by_counter(one, facts.taken)]
 
 
 def _see(folder: Path) -> See:
@@ -245,13 +267,14 @@ def _left_out(subjects: Subjects, chosen: Candidate) -> Iterator[tuple[Series, s
         yield from ((one, reason) for one in group if one not in used)
 
 
-def _described(folder: Path, chosen: Candidate, paths: Sequence[PurePosixPath], see: See) -> Found:
-    photos = _found_by(folder, chosen.left, chosen.right, paths)
+def _described(folder: Path, chosen: Candidate, paths: Sequence[PurePosixPath], see: See, choice: Choice) -> Found:
+    facts = Facts(folder)
+    photos = _found_by(folder, chosen.left, chosen.right, paths, facts, choice.pair_by)
     if chosen.boards is None:
         return Found(photos)
-    both = (chosen.boards.left, chosen.boards.right)
+    both = chosen.boards.left, chosen.boards.right
     board = board_in(both, see)
-    boards = _found_by(folder, *both, paths)
+    boards = _found_by(folder, *both, paths, facts, possible_way(*both, facts.taken, choice.pair_boards_by))
     if board is None:
         raise InputError(
             f"{folder}: no checkerboard, ChArUco board or grid of circles is recognised in {boards}; "
@@ -260,31 +283,20 @@ def _described(folder: Path, chosen: Candidate, paths: Sequence[PurePosixPath], 
     return Found(photos, boards, board)
 
 
-def _found_by(folder: Path, left: Series, right: Series | None, paths: Sequence[PurePosixPath]) -> Photographs:
+def _found_by(
+    folder: Path, left: Series, right: Series | None, paths: Sequence[PurePosixPath], facts: Facts, by: By | None
+) -> Photographs:
     """The photographs as patterns, and the steps that the stage of the photographs makes of them."""
-    named = {"left": patterns_of(left.files, paths)}
-    way = {}
+    named, way = {"left": patterns_of(left.files, paths)}, None
     try:
         if right:
-            named["right"] = patterns_of(right.files, paths)
-            way = _pairing(left, right)
-        steps = _maker("images")(**named, **way).steps(folder) or {}
+            way = chosen_way(left, right, facts.taken, by)
+            named = way.patterns(left, right, paths)
+        given = {"pair_by": "order"} if way is not None and way.is_listed else {}
+        steps = _maker("images")(**named, **given).steps(folder) or {}
     except InputError as error:
         raise InputError(f"{folder / named['left'][0]}: {error}") from error
-    return Photographs(named["left"], named.get("right", []), steps, way.get("pair_by", ""))
-
-
-def _pairing(left: Series, right: Series) -> dict[str, str]:
-    """What pairs the photographs of two cameras where no names agree: the order, if their counters run alike."""
-    names, others = ([path.name for path in one.files] for one in (left, right))
-    try:
-        pair_names(names, others)
-    except InputError:
-        offset = counter_offset(names, others)
-        if offset is None or abs(offset) < len(left.files):
-            raise
-        return {"pair_by": "order"}
-    return {}
+    return Photographs(named["left"], named.get("right", []), steps, way)
 
 
 def _with_places(folder: Path, found: Found, say: Say) -> Found:
