@@ -23,12 +23,14 @@ _ORDERS = ("dmy", "mdy")
 class Clock(NamedTuple):
     """Times of all rows.
 
-    seconds : (row,) — since 1970 by the log's own clock, or since midnight without a date; NaN for an empty cell
-    has_date : whether the seconds count from 1970
+    seconds : (row,) — since 1970 by the log's own clock, since midnight, or since a start; NaN for an empty cell
+    has_date : whether they count from 1970
+    of_day : whether they count from midnight
     """
 
     seconds: np.ndarray
     has_date: bool
+    of_day: bool = False
 
 
 def is_clock(cell: str) -> bool:
@@ -54,7 +56,7 @@ def read_clocks(cells: Sequence[str], dates: Sequence[str] | None = None) -> Clo
     if days is None and dates is not None:
         days = read_dates([_DATES.fullmatch(cell.strip()) for cell in dates])
     if days is None:
-        return Clock(seconds + _DAY_S * _midnights(seconds), False)
+        return Clock(seconds + _DAY_S * _midnights(seconds), False, True)
     return Clock(seconds + _DAY_S * days, True)
 
 

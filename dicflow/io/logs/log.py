@@ -27,6 +27,8 @@ _ROLES: Mapping[str, tuple[str, re.Pattern[str]]] = {
 _TIME = re.compile(r"(?:.*\b)?(?:time|zeit|elapsed|timestamp|uhrzeit|temps|tiempo)(?:\b.*)?|t", re.I)
 _STEP = re.compile(r"(?:.*\b)?(?:step|image|picture|photo\w*|frame|bild|schritt|file|datei)(?:\b.*)?", re.I)
 _MOST = 1e12
+_CENTURY = (946_684_800.0, 4_102_444_800.0)
+"""Seconds from 1970 to the years 2000 and 2100."""
 _NAME = re.compile(r"[^a-z0-9]+")
 
 
@@ -264,7 +266,7 @@ class _Reader:
             seconds, unit = self.numbers("time", index, self.selection.units.get("time") or self.columns.units[index])
             if unit != "s":
                 raise self._unknown_unit(0, "time", unit)
-            clock = Clock(seconds, False)
+            clock = Clock(seconds, _is_since_1970(seconds))
         self._check_forwards(clock.seconds)
         return clock
 
@@ -278,6 +280,12 @@ class _Reader:
                 f"the time runs backwards, by {seconds[before] - seconds[row]:.4g} s",
                 "cut the log there into two, one for each test",
             )
+
+
+def _is_since_1970(seconds: np.ndarray) -> bool:
+    """Whether seconds are those of a computer's clock in this century."""
+    known = seconds[np.isfinite(seconds)]
+    return bool(known.size) and _CENTURY[0] <= known[0] <= _CENTURY[1]
 
 
 def _channel_name(title: str, unit: str, taken: Mapping[str, int]) -> str:

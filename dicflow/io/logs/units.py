@@ -64,10 +64,12 @@ _UNITS: dict[str, Unit] = {
 }
 _BY_CASE = {"MN": Unit("N", 1e6), "mN": Unit("N", 1e-3), "Mpa": Unit("MPa"), "G": Unit("N", 1e-3 * GRAVITY)}
 """Units whose capital letters matter, or that machines write in them."""
+_LONGEST = 200
+"""Characters of a title that may end in a unit."""
 _LETTERS = "NgsmK"
 """Units of one letter that need no brackets."""
 _BRACKETS = re.compile(r"(?P<title>[^\[(]*)[\[(](?P<unit>[^\])]{1,12})[\])]\s*")
-_BEHIND = re.compile(r"(?P<title>.*\S)(?:\s*[/,_]\s*|\s+in\s+|\s+)(?P<unit>[^\s/,_]{1,8}(?:/[^\s/,_]{1,4})?)\s*")
+_BEHIND = re.compile(r"(?P<title>.*?\S)(?:\s*[/,_]\s*|\s+in\s+|\s+)(?P<unit>[^\s/,_]{1,8}(?:/[^\s/,_]{1,4})?)\s*")
 
 
 def unit_named(text: str) -> Unit | None:
@@ -87,7 +89,7 @@ def known_units() -> str:
 
 def in_brackets(title: str) -> str:
     """What stands in brackets behind the title of a column, a unit or not; empty without brackets."""
-    match = _BRACKETS.fullmatch(title)
+    match = _BRACKETS.fullmatch(title[:_LONGEST])
     return match["unit"].strip() if match else ""
 
 
@@ -98,7 +100,7 @@ def without_unit(title: str) -> tuple[str, str]:
     (('Load', 'kN'), ('Weg', 'mm'), ('Zeit', 's'), ('Cycle', ''))
     """
     for pattern in (_BRACKETS, _BEHIND):
-        match = pattern.fullmatch(title)
+        match = pattern.fullmatch(title) if len(title) <= _LONGEST else None
         if match and unit_named(match["unit"]) and not (pattern is _BEHIND and _may_be_a_name(match["unit"])):
             return match["title"].strip(), match["unit"].strip()
     return title.strip(), ""

@@ -6,7 +6,11 @@ from collections.abc import Sequence
 
 import numpy as np
 
-__all__ = ["balance_log", "logger_log", "machine_log"]
+__all__ = ["START", "balance_log", "logger_log", "machine_log"]
+
+
+START = 1_773_310_500.0
+"""The quarter past ten on 12 March 2026 from which dated logs count [s since 1970]."""
 
 
 def machine_log(seconds: Sequence[float], newtons: Sequence[float], mm: Sequence[float]) -> bytes:
