@@ -77,6 +77,7 @@ ONLY_IN: Mapping[str, Set[str]] = {
 """The layers that import a library."""
 
 CHAPTERS: Mapping[str, Set[str]] = {
+    "channels": set(),
     "photographs": set(),
     "cameras": set(),
     "matching": {"photographs"},

@@ -94,7 +94,7 @@ def test_the_offset_is_found_by_the_motion(tmp_path, offset):
 def test_a_balances_lines_with_dates_need_no_offset(tmp_path):
     grams = 1000.0 * force(LOG) / 9.80665
     table = run(written(tmp_path, balance_log(LOG, grams)), photographs(start=START), u={"force": "1 g"})
-    inside = TIMES < LOG[-1]
+    inside = LOG[-1] > TIMES
     np.testing.assert_allclose(table.of("force").values[inside], force(TIMES)[inside], atol=2e-3)
     np.testing.assert_allclose(table.of("force").u[inside], 9.80665e-3)
     assert table.of("force").unit == "N"
@@ -125,7 +125,7 @@ def test_steps_after_the_end_of_the_log_have_no_value_and_a_warning(tmp_path):
     path = written(tmp_path, data)
     table = run(path, photographs(), offset=OFFSET)
     values, reasons = table.of("force").values, table.of("force").reasons
-    assert np.array_equal(np.isnan(values), TIMES + OFFSET > early[-1])
+    assert np.array_equal(np.isnan(values), early[-1] < TIMES + OFFSET)
     assert reasons[10] == ""
     assert "the log ends" in reasons[-1]
     assert any("log.csv" in text and "force" in text and "ends" in text for text in table.product.warnings)
@@ -175,7 +175,7 @@ def test_clocks_that_cannot_be_joined(tmp_path):
         run(path, photographs())
     with pytest.raises(StageError, match="no times"):
         run(path, undated(3), offset=0.0)
-    with pytest.raises(StageError, match="ends .* s before the first photograph"):
+    with pytest.raises(StageError, match=r"ends .* s before the first photograph"):
         run(path, photographs(), offset=1000.0)
     jumping = np.random.default_rng(1).random(LOG.size)
     path = written(tmp_path, machine_log(LOG, jumping, jumping))
@@ -190,5 +190,5 @@ def test_a_step_may_be_named_once(tmp_path):
 
 
 def test_an_uncertainty_needs_a_unit():
-    with pytest.raises(ValueError, match="0.5 N"):
+    with pytest.raises(ValueError, match="write a number and a unit"):
         Channels(file="a.csv", u={"force": "some"})
