@@ -91,12 +91,6 @@ class Images(Kind):
         return found
 
     @property
-    def time_s(self) -> float | None:
-        """When the photographs of the step were taken [s]; None if unknown."""
-        found: float | None = self.product.attrs.get("time_s")
-        return found
-
-    @property
     def has_right(self) -> bool:
         """Whether there are two cameras."""
         return "right" in self

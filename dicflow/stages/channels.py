@@ -231,7 +231,7 @@ def _step_clock(images: Sequence[Product]) -> StepClock | None:
 
     from dicflow.stages._joined_log import StepClock
 
-    times = [Images.read(product).time_s for product in images]
+    times = [Images.read(product).time for product in images]
     if all(time is None for time in times):
         return None
     seconds = np.array([np.nan if time is None else time for time in times])

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 from log_files import START, balance_log, logger_log, machine_log
@@ -42,8 +40,8 @@ def pattern(shift):
 def photographs(times=TIMES, start=0.0):
     noise = np.random.default_rng(5)
     images = [pattern(crosshead(t)) for t in times]
-    products = [Images.write(image + noise.normal(0.0, 1.0, image.shape).astype(np.float32)) for image in images]
-    return [replace(p, attrs={**p.attrs, "time_s": float(t + start)}) for p, t in zip(products, times, strict=True)]
+    noisy = [image + noise.normal(0.0, 1.0, image.shape).astype(np.float32) for image in images]
+    return [Images.write(image, time=float(t + start)) for image, t in zip(noisy, times, strict=True)]
 
 
 def undated(count):
