@@ -36,7 +36,7 @@ class Images(Node):
     title: ClassVar = "read photographs"
     scope: ClassVar = Scope.STEP
     gives: ClassVar = "images"
-    impl_version: ClassVar = 2
+    impl_version: ClassVar = 3
 
     stage: Literal["images"] = "images"
     left: str | list[str] = parameter(
@@ -115,14 +115,15 @@ class Images(Node):
         _check_depth(*(next(iter(camera.items())) for camera in cameras if camera))
 
     def run(self, left: Path | FilePart, right: Path | FilePart | None = None) -> Product:
-        from dicflow.io.images import read_photograph, turned_upright
+        from dicflow.io.images import read_photograph, time_taken, turned_upright
 
         photographs = {side: read_photograph(file) for side, file in (("left", left), ("right", right)) if file}
         turn = turned_upright if self.orientation == "upright" else lambda image, _: image
         grey = {side: turn(one.grey, one.orientation) for side, one in photographs.items()}
         counts = {s: turn(one.counts, one.orientation) for s, one in photographs.items() if one.counts is not None}
         notes = {side: note for side, one in photographs.items() if (note := self._note(one))}
-        return Photographs.write(grey["left"], grey.get("right"), counts=counts, notes=notes)
+        time = None if isinstance(left, FilePart) else time_taken(left)
+        return Photographs.write(grey["left"], grey.get("right"), counts=counts, notes=notes, time=time)
 
     def _note(self, photograph: Photograph) -> str:
         """Which way up the pixels count; empty without an orientation tag."""

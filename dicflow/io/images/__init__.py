@@ -8,6 +8,7 @@ from dicflow.io.images.pairing import Pairing, Unpaired, Way, counter_offset, na
 from dicflow.io.images.reading import Photograph, page_count, probe, read_grey, read_photograph
 from dicflow.io.images.search import search_start
 from dicflow.io.images.series import find_photographs, steps_of
+from dicflow.io.images.taken import time_taken
 
 __all__ = [
     "SUFFIXES",
@@ -26,6 +27,7 @@ __all__ = [
     "read_photograph",
     "search_start",
     "steps_of",
+    "time_taken",
     "turned_upright",
     "upright_size",
 ]
