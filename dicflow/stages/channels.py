@@ -113,6 +113,7 @@ class Channels(Node):
                 )
 
     def run(self, file_path: Path, images: Sequence[Product]) -> Product:
+        from dicflow.core.channels.phases import phases_of
         from dicflow.io.logs.log import read_log
 
         log = read_log(file_path, self._selection())
@@ -125,7 +126,7 @@ class Channels(Node):
         }
         channels = {**_time(joined), **channels, **self._rates(log, joined)}
         load = self._load(log)
-        phases = () if load is None else _phases(channels[load].values)
+        phases = () if load is None else phases_of(channels[load].values)
         facts = {"summary": _summary(channels, load, joined), "warnings": _warnings(log, channels, load, joined)}
         return ChannelTable.write(channels, steps, load, phases, facts)
 
@@ -194,7 +195,7 @@ class Channels(Node):
         if name not in self.u:
             return None
         absolute, share = _uncertainty(self.u[name])
-        return np.hypot(absolute + share * np.abs(values), np.nan_to_num(by_offset) + 0.0 * values)
+        return np.asarray(np.hypot(absolute + share * np.abs(values), np.nan_to_num(by_offset) + 0.0 * values))
 
     def _rates(self, log: Log, joined: JoinedRows) -> dict[str, Channel]:
         """Velocity of each length at the steps, and the nominal strain rate."""
@@ -205,9 +206,9 @@ class Channels(Node):
             if column.unit == "mm":
                 speed = _velocity(column.values, joined)
                 found[f"{name}_velocity"] = Channel(speed, "mm/s", f"velocity of {column.title}")
-                if self.length is not None and "strain_rate" not in found:
+                if self.length is not None and "nominal_strain_rate" not in found:
                     title = f"nominal strain rate, {column.title} over {self.length:g} mm"
-                    found["strain_rate"] = Channel(speed / self.length, "1/s", title)
+                    found["nominal_strain_rate"] = Channel(speed / self.length, "1/s", title)
         return found
 
 
@@ -285,12 +286,6 @@ def _time(joined: JoinedRows) -> dict[str, Channel]:
     return {"time": Channel(joined.at - joined.at[known][0], "s", "time")} if known.any() else {}
 
 
-def _phases(load: np.ndarray) -> list[str]:
-    from dicflow.core.channels.phases import is_loading
-
-    return ["loading" if loading else "unloading" for loading in is_loading(load)]
-
-
 def _row_reasons(log: Log, joined: JoinedRows, found: np.ndarray) -> list[str]:
     """Why a step has no value, where steps belong to rows."""
     import numpy as np
@@ -315,13 +310,16 @@ def _time_reasons(found: Joined, joined: JoinedRows) -> list[str]:
     assert joined.seconds is not None
     first, last = float(np.nanmin(joined.seconds)), float(np.nanmax(joined.seconds))
     texts = {
-        Missing.KNOWN: lambda at: "",
-        Missing.UNTIMED: lambda at: "the photograph has no time",
-        Missing.BEFORE: lambda at: f"the log begins {first - at:.3g} s after the step",
-        Missing.AFTER: lambda at: f"the log ends {at - last:.3g} s before the step",
-        Missing.GAP: lambda at: "the log has a gap at the step",
+        Missing.KNOWN: "",
+        Missing.UNTIMED: "the photograph has no time",
+        Missing.BEFORE: "the log begins {before:.3g} s after the step",
+        Missing.AFTER: "the log ends {after:.3g} s before the step",
+        Missing.GAP: "the log has a gap at the step",
     }
-    return [texts[Missing(int(code))](at) for code, at in zip(found.missing, joined.at, strict=True)]
+    return [
+        texts[Missing(int(code))].format(before=first - at, after=at - last)
+        for code, at in zip(found.missing, joined.at, strict=True)
+    ]
 
 
 def _summary(channels: Mapping[str, Channel], load: str | None, joined: JoinedRows) -> dict[str, float]:

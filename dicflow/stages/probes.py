@@ -11,6 +11,7 @@ from pydantic import BeforeValidator, Field, model_validator
 from dicflow.engine.node import At, Node, Port, Scope, parameter
 from dicflow.engine.product import Product, Variable
 from dicflow.errors import StageError
+from dicflow.kinds.channels import Channels
 from dicflow.kinds.probes import ProbeTable, Reading, gauge_facts
 from dicflow.kinds.quantities import ERRORS, QUANTITIES, unit_of
 from dicflow.kinds.rig import CalibratedRig
@@ -55,12 +56,17 @@ class Probes(Node):
     the first step, and elongation per first length. Each has its standard deviation, from those of the points and from
     how much the subsets and windows of neighbours overlap, the bias that remains, which the points of a mean share,
     both combined as its uncertainty u, and beside it the calibration's share, if the uncertainty of the rig is known.
-    A place belongs to the material and moves with it.
+    A place belongs to the material and moves with it. Channels of a machine stand beside the readings of each step;
+    with their times extensometers have a strain rate.
     """
 
     title: ClassVar = "probes"
     scope: ClassVar = Scope.TEST
-    takes: ClassVar = {"total": Port("total", at=At.ALL), "rig": Port("rig", optional=True)}
+    takes: ClassVar = {
+        "total": Port("total", at=At.ALL),
+        "rig": Port("rig", optional=True),
+        "channels": Port("channels", optional=True),
+    }
     gives: ClassVar = "probes"
 
     stage: Literal["probes"] = "probes"
@@ -86,7 +92,7 @@ class Probes(Node):
             raise ValueError(f"each name stands for one probe, but {', '.join(twice)} for several")
         return self
 
-    def run(self, total: Sequence[Product], rig: Product | None = None) -> Product:
+    def run(self, total: Sequence[Product], rig: Product | None = None, channels: Product | None = None) -> Product:
         if not len(total):
             raise StageError("expected two or more steps, found one; give more photographs")
         steps: list[str] = ["reference", *getattr(total, "steps", map(str, range(1, len(total) + 1)))]
@@ -112,6 +118,8 @@ class Probes(Node):
         ]
         variables = self._variables(readings, facts["unit"], parts)
         variables |= self._profile_variables(profiles, facts["unit"])
+        if channels is not None:
+            variables |= _beside(Channels.read(channels), steps, list(self.extensometers), variables, rows)
         return ProbeTable.write(variables, steps, self._kinds(), rows, {**facts, "summary": _summary(readings)})
 
     def _kinds(self) -> dict[str, list[str]]:
@@ -377,6 +385,36 @@ def _columns(readings: Readings, unit: str, parts: Sequence[str]) -> dict[str, f
                 if part in parts:
                     row[f"{part}{quantity}{ending}"] = value if math.isfinite(value) else None
     return row
+
+
+def _beside(
+    channels: Channels,
+    steps: Sequence[str],
+    extensometers: Sequence[str],
+    variables: Mapping[str, Variable],
+    rows: Sequence[dict[str, Any]],
+) -> dict[str, Variable]:
+    """Channels at the steps, (step,), and the strain rates of extensometers, (extensometer, step), also in the rows."""
+    import numpy as np
+
+    from dicflow.core.channels.join import rates
+
+    columns, place = channels.columns_at(steps), {step: index for index, step in enumerate(steps)}
+    for row in rows:
+        row |= {column: values[place[row["step"]]] for column, values in columns.items()}
+    found = {
+        f"channel_{column}": Variable(("step",), np.array(values, dtype=float), channel.unit, channel.title)
+        for (column, values), channel in zip(columns.items(), map(channels.of, channels.names), strict=True)
+    }
+    if "time_s" in columns and extensometers:
+        seconds = np.array(columns["time_s"], dtype=float)
+        rate = np.stack([rates(seconds, strain) for strain in variables["strain"].values])
+        found["strain_rate"] = Variable(("extensometer", "step"), rate, "1/s", "strain rate")
+        for row in rows:
+            if row["kind"] == "extensometer":
+                value = float(rate[extensometers.index(row["probe"]), place[row["step"]]])
+                row["strain_rate_per_s"] = value if math.isfinite(value) else None
+    return found
 
 
 def _summary(readings: list[dict[str, Readings]]) -> dict[str, float]:

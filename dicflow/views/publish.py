@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 
 __all__ = ["publish"]
 
-_TABLES = ("comparison", "probes", "noise")
+_TABLES = ("comparison", "probes", "channels", "noise")
 
 
 def publish(result: Result, folder: Path, workers: int = 1) -> list[Path]:

@@ -5,9 +5,14 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["is_loading"]
+__all__ = ["is_loading", "phases_of"]
 
 _SHARE = 0.02
+
+
+def phases_of(load: NDArray[np.float64]) -> tuple[str, ...]:
+    """Loading or unloading for each step, by :func:`is_loading`."""
+    return tuple("loading" if loading else "unloading" for loading in is_loading(load))
 
 
 def is_loading(load: NDArray[np.float64]) -> NDArray[np.bool_]:
