@@ -25,8 +25,8 @@ def is_loading(load: NDArray[np.float64]) -> NDArray[np.bool_]:
     known = np.flatnonzero(np.isfinite(load))
     rising = np.ones(load.shape, dtype=bool)
     if known.size:
-        for turn, rises in _turns(load[known], _SHARE * float(np.ptp(load[known]))):
-            rising[known[turn] + 1 if turn else 0 :] = rises
+        for number, (turn, rises) in enumerate(_turns(load[known], _SHARE * float(np.ptp(load[known])))):
+            rising[known[turn + 1] if number else 0 :] = rises
     return rising
 
 
@@ -36,8 +36,8 @@ def _turns(load: NDArray[np.float64], least: float) -> list[tuple[int, bool]]:
     low = high = 0
     rises: bool | None = None
     for index, value in enumerate(load):
-        low = index if value < load[low] else low
-        high = index if value > load[high] else high
+        low = index if value <= load[low] else low
+        high = index if value >= load[high] else high
         if rises is not True and value > load[low] + least:
             turns, rises = [*turns, (low, True)], True
             high = index
