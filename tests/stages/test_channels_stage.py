@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from log_files import START, balance_log, logger_log, machine_log
 
 from dicflow.errors import InputError, StageError
 from dicflow.kinds.channels import Channels as Table
 from dicflow.kinds.images import Images
 from dicflow.stages.channels import Channels
+from tests.log_files import START, balance_log, logger_log, machine_log
 
 OFFSET = 12.4
 """What the log's clock shows more than that of the photographs [s]."""

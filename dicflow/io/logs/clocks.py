@@ -18,6 +18,7 @@ _ZONE = r"\s*(?:Z|UTC|[+-]\d{2}:?\d{2})?"
 _DATES = re.compile(_DATE, re.ASCII)
 _CLOCKS = re.compile(rf"(?:{_DATE}(?:[T_,;]\s*|\s+))?{_TIME}{_ZONE}", re.ASCII)
 _ORDERS = ("dmy", "mdy")
+_YEARS = range(1970, 2100)
 
 
 class Clock(NamedTuple):
@@ -100,6 +101,8 @@ def _day(match: re.Match[str], order: str) -> int | None:
     else:
         year = c if c > 99 else 2000 + c
         day, month = (a, b) if order == "dmy" else (b, a)
+    if year not in _YEARS:
+        return None
     try:
         return datetime.date(year, month, day).toordinal() - _EPOCH
     except ValueError:

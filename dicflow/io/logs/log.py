@@ -26,7 +26,8 @@ _ROLES: Mapping[str, tuple[str, re.Pattern[str]]] = {
 """Name of a channel → unit, and words in the titles of columns that mean it."""
 _TIME = re.compile(r"(?:.*\b)?(?:time|zeit|elapsed|timestamp|uhrzeit|temps|tiempo)(?:\b.*)?|t", re.I)
 _STEP = re.compile(r"(?:.*\b)?(?:step|image|picture|photo\w*|frame|bild|schritt|file|datei)(?:\b.*)?", re.I)
-_MOST = 1e12
+_MOST, _MOST_S = 1e9, 5e9
+"""Of a value in the unit of its channel, and of a time [s]."""
 _CENTURY = (946_684_800.0, 4_102_444_800.0)
 """Seconds from 1970 to the years 2000 and 2100."""
 _NAME = re.compile(r"[^a-z0-9]+")
@@ -214,16 +215,18 @@ class _Reader:
             if MISSING.fullmatch(cell):
                 continue
             number, own = number_and_unit(cell) or ("", "")
-            value = self.style.read(number)
-            if value is None or abs(value) > _MOST:
+            value, unit = self.style.read(number), unit_named(own or given)
+            if value is None:
                 raise InputError(
                     self.where(row), f"{name} is '{printable(cell)}', expected a number", "correct the cell"
                 )
-            unit = unit_named(own or given)
             if unit is None:
                 raise self._unknown_unit(row, name, own or given)
             names.add(unit.name)
             values[row] = unit.factor * value + unit.shift
+            if abs(values[row]) > (_MOST_S if unit.name == "s" else _MOST):
+                problem = f"{name} is '{printable(cell)}', more than {_MOST:,.0f} {unit.name}"
+                raise InputError(self.where(row), problem, "correct the cell, or its unit")
         if len(names) > 1:
             raise InputError(
                 str(self.path), f"{name} has values in {' and in '.join(sorted(names))}", "choose a column"
