@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import replace
 from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal, NamedTuple
 
 from pydantic import AfterValidator, Field
@@ -24,6 +25,7 @@ from dicflow.kinds.quantities import (
     strain_measure,
 )
 from dicflow.kinds.rig import CalibratedRig
+from dicflow.kinds.scale import Scale
 from dicflow.kinds.total import (
     DEGREE,
     Total,
@@ -76,7 +78,7 @@ class Deformation(Node):
     The deformation gradient comes from least-squares fits over a window, in the tangent planes of the surface at both
     steps. Each value has a standard deviation by the noise of the photographs, an estimate of the bias that remains,
     both combined as its uncertainty u, and, if the uncertainty of the rig is known, the calibration's share. With one
-    camera everything lies in the plane of the photograph.
+    camera everything lies in the plane of the photograph, in pixels, or in millimetres if its scale is known.
     """
 
     title: ClassVar = "displacement and strain"
@@ -86,6 +88,7 @@ class Deformation(Node):
         "points_first": Port("points", "correlation", at=At.FIRST),
         "rig": Port("rig", optional=True),
         "frame": Port("frame", optional=True),
+        "scale": Port("scale", optional=True),
     }
     gives: ClassVar = "total"
     impl_version: ClassVar = 6
@@ -114,7 +117,12 @@ class Deformation(Node):
         return tuple(filter(None, [strain_measure(self.measure).function, *quantities]))
 
     def run(
-        self, points: Product, points_first: Product, rig: Product | None = None, frame: Product | None = None
+        self,
+        points: Product,
+        points_first: Product,
+        rig: Product | None = None,
+        frame: Product | None = None,
+        scale: Product | None = None,
     ) -> Product:
         """``points_first`` are those of the first step."""
         from dicflow.core.cameras.frames import LEFT_CAMERA, compose_frames
@@ -124,8 +132,8 @@ class Deformation(Node):
         from dicflow.core.uncertainty.covariance import joint_covariance, points_in_frame, with_errors
 
         axes = LEFT_CAMERA if frame is None else ResultFrame.read(frame).axes
-        step = Points.read(points)
-        first = Points.read(points_first).with_noise_of(step)
+        step = _in_unit(Points.read(points), scale)
+        first = _in_unit(Points.read(points_first), scale).with_noise_of(step)
         before = points_in_frame(first.measured_at_first_step(), axes)
         after = points_in_frame(step.measured(), axes)
         motion = self._motion(before, after)
@@ -143,9 +151,12 @@ class Deformation(Node):
         fields |= _combined(fields)
         if rig is not None:
             fields |= self._calibration(CalibratedRig.read(rig), (after.xyz, before.xyz), frames, surface)
+        if scale is not None:
+            fields |= self._by_scale(Scale.read(scale).relative_u, fields, after.xyz)
         fields |= {"xyz": after.xyz, "xyz_reference": before.xyz, "gradient": surface.gradient}
         fields["covariance"] = upper_triangle(covariance)
-        return self._product(fields, errors, (step, first), _Motion(motion, frames), chosen.degree)
+        product = self._product(fields, errors, (step, first), _Motion(motion, frames), chosen.degree)
+        return product if scale is None else replace(product, attrs={**product.attrs, "scale": Scale.read(scale).facts})
 
     def _window(self, points: Points) -> tuple[int, int]:
         """Rows and columns of the window of a strain [points]."""
@@ -229,6 +240,18 @@ class Deformation(Node):
         place = np.stack([found.pop(name) for name in "XYZ"], axis=-1)
         return {"calibration_xyz": place, **{f"calibration_{name}": share for name, share in found.items()}}
 
+    def _by_scale(self, relative: float, fields: Mapping[str, np.ndarray], xyz: np.ndarray) -> dict[str, np.ndarray]:
+        """The share of one camera's scale in σ: of places and displacements in proportion to them, of strains none.
+
+        relative : standard uncertainty of the scale over the scale
+        """
+        import numpy as np
+
+        quantities = {name: one for name, one in self._quantities().items() if one.calibrated and name in fields}
+        shares = {name: relative if one.is_displacement else 0.0 for name, one in quantities.items()}
+        found = {f"calibration_{name}": share * np.abs(fields[name]) for name, share in shares.items()}
+        return {"calibration_xyz": relative * np.abs(xyz), **found}
+
     def _product(
         self,
         fields: dict[str, np.ndarray],
@@ -287,6 +310,17 @@ class Deformation(Node):
             "vsg_px": gauge,
             "vsg_mm": float(gauge * np.median(size)) if unit == "mm" and size.size else None,
         }
+
+
+def _in_unit(points: Points, scale: Product | None) -> Points:
+    """The points, in millimetres with a scale. Raises StageError for a scale of points in space."""
+    if scale is None:
+        return points
+    if points.in_space:
+        raise StageError(
+            "a scale is for one camera, but two measured these points in mm; remove the stage of the scale"
+        )
+    return points.in_mm(Scale.read(scale).mm_per_px)
 
 
 def _moving_frame(motion: RigidMotion | None) -> Frame:

@@ -21,6 +21,7 @@ if TYPE_CHECKING:
     import numpy as np
 
     from dicflow.core.probes.probe_error import ProbeError
+    from dicflow.core.probes.scale_error import ScaleError
     from dicflow.core.probes.weights import ErrorCorrelation, Probe
     from dicflow.core.uncertainty.overlap import Overlap
 
@@ -108,7 +109,7 @@ class Probes(Node):
         self._check_measured(readings)
         facts = gauge_facts(total[0])
         parts = ["", *ERRORS]
-        if cameras is None or cameras.covariance is None:
+        if Total.read(total[0]).relative_u_of_scale is None and (cameras is None or cameras.covariance is None):
             parts.remove("calibration_")
         rows = [
             {"probe": name, "kind": kind, "step": step, **_columns(reading[name], facts["unit"], parts)}
@@ -245,7 +246,7 @@ class _Step:
         self.grid = total["xy_reference"]
         if unit == "mm":
             if total.gauge is None or total.gauge.side_mm is None:
-                raise StageError("places in mm need two cameras; give them in px, with unit: px")
+                raise StageError("places in mm need two cameras or a scale; give them in px, with unit: px")
             self.grid = total["xyz_reference"][..., :2]
             self.spacing *= total.gauge.side_mm / total.gauge.side_px
         self.covariance = symmetric(total["covariance"])
@@ -331,13 +332,17 @@ class _Step:
         }
 
 
-def _probe_error(total: Total, rig: CalibratedRig | None) -> ProbeError | None:
-    """Calibration uncertainty of a total's points; None if unknown."""
+def _probe_error(total: Total, rig: CalibratedRig | None) -> ProbeError | ScaleError | None:
+    """Calibration uncertainty of a total's points, or that of one camera's scale; None if unknown."""
     import numpy as np
 
     from dicflow.core.probes.probe_error import ProbeError
+    from dicflow.core.probes.scale_error import ScaleError
     from dicflow.core.strain.calibration_error import rig_error, thinned_grid
 
+    if total.relative_u_of_scale is not None:
+        displacements = {name: total[name] for name in "UVW"}
+        return ScaleError(total.relative_u_of_scale, total["xyz"], total["xyz_reference"], displacements)
     if rig is None or rig.covariance is None or not total.in_space:
         return None
     after, before = total["xyz"], total["xyz_reference"]
