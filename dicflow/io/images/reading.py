@@ -1,5 +1,7 @@
 """Grey levels of photographs: PNG, TIFF, JPEG and BMP with 8 or 16 bits, colour or grey, with or without opacity.
 
+Frames of videos are read in the same way.
+
 The check of a photograph and the stage that uses it call :func:`read_photograph`. Its first bytes say which format a
 file has; a file of another format is handed to no library.
 """
@@ -19,13 +21,15 @@ from dicflow.engine.files import FilePart, Stamp, stamp
 from dicflow.engine.hashing import digest_array, digest_json
 from dicflow.engine.whole_file import read_file
 from dicflow.errors import InputError
-from dicflow.io.images.formats import Format, format_of
+from dicflow.io.images.formats import Format, format_of, is_video
 from dicflow.io.images.libraries import library, opencv, opened, pillow
 from dicflow.io.images.metadata import jpeg_segments
 from dicflow.io.images.orientation import exif_orientation
 from dicflow.io.images.png import animation, without_metadata
 from dicflow.io.images.quiet import quiet
 from dicflow.io.images.tiff import Page, Tiff
+from dicflow.io.images.video import video_of
+from dicflow.io.images.video_stream import read_frame
 
 if TYPE_CHECKING:
     from PIL.ImageFile import ImageFile
@@ -77,7 +81,7 @@ def read_photograph(file: Path | FilePart) -> Photograph:
 
 
 def page_count(path: Path) -> int:
-    """The number of photographs in a file: pages of a TIFF, frames of an animated PNG, else 1.
+    """The number of photographs in a file: pages of a TIFF, frames of a video or an animated PNG, else 1.
 
     1 also for a file that cannot be used, which :func:`read_photograph` refuses.
     """
@@ -86,6 +90,8 @@ def page_count(path: Path) -> int:
             form = format_of(file)
             if form == "TIFF":
                 return len(Tiff(file).photographs())
+            if form == "video":
+                return len(video_of(path).times)
             return animation(file).frames if form == "PNG" else 1
     except (InputError, OSError, ValueError):
         return 1
@@ -95,10 +101,16 @@ def probe(file: Path | FilePart) -> dict[str, Any]:
     """Width and height [px], bits per grey level, orientation and mosaic of a photograph as the sensor lies.
 
     ``mosaic`` is the pattern of colour filters that the grey levels show, None for a usual photograph; a page of a file
-    has the ``digest`` of its contents too. Raises InputError as :func:`read_photograph` does.
+    has the ``digest`` of its contents too, but no frame of a video, which would have to be decoded for it. Raises
+    InputError as :func:`read_photograph` does.
     """
     from dicflow.core.photographs.mosaic import colour_filters
 
+    path = file.path if isinstance(file, FilePart) else file
+    if is_video(path):
+        video = video_of(path)
+        size = {"width": video.width, "height": video.height, "bits": 8}
+        return {**size, "orientation": video.orientation, "mosaic": None}
     grey, orientation, counts = read_photograph(file)
     height, width = grey.shape
     facts = {
@@ -231,7 +243,17 @@ def _bmp(path: Path, number: int) -> _Samples:
         return _Samples(_by_opencv(data), 1, opacity)
 
 
-_READERS: Mapping[Format, Callable[[Path, int], _Samples]] = {"PNG": _png, "TIFF": _tiff, "JPEG": _jpeg, "BMP": _bmp}
+def _video(path: Path, number: int) -> _Samples:
+    return _Samples(read_frame(path, number).grey, video_of(path).orientation)
+
+
+_READERS: Mapping[Format, Callable[[Path, int], _Samples]] = {
+    "PNG": _png,
+    "TIFF": _tiff,
+    "JPEG": _jpeg,
+    "BMP": _bmp,
+    "video": _video,
+}
 """Format → reader of a page of a file. All raise InputError without the file's name, ValueError for damage, OSError."""
 
 
