@@ -77,7 +77,8 @@ def joined_by_time(log: Log, clock: StepClock | None, offset: float | None, move
     """The steps' times by the log's clock.
 
     offset : of the log's clock; None for clocks that show the same date and time
-    moves : change of the picture from step to step (step − 1,), to find the offset by; None if it is given
+    moves : change of the picture from step to step, in the order of their times (step − 1,), to find the offset by;
+        None if it is given
     Raises StageError if the clocks cannot be joined.
     """
     if log.clock is None:
@@ -159,7 +160,7 @@ def _found_offset(log: Log, at: np.ndarray, moves: np.ndarray, seconds: np.ndarr
         raise StageError("a photograph has no time, so that the offset cannot be found; give offset in seconds")
     known = np.isfinite(values) & np.isfinite(seconds)
     try:
-        found = find_offset(at, moves, seconds[known], values[known])
+        found = find_offset(np.sort(at), moves, seconds[known], values[known])
     except ValueError as error:
         raise StageError(f"{log.where}: the offset cannot be found: {error}; give offset in seconds") from error
     if not found.is_clear:

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any, ClassVar, Literal, NamedTuple
 
 from pydantic import field_validator
 
-from dicflow.engine.node import At, InputFile, Millimetres, Node, Port, Scope, parameter
+from dicflow.engine.node import At, InputFile, Millimetres, Node, Port, Scope, Seconds, parameter
 from dicflow.engine.product import Product
 from dicflow.errors import InputError
 from dicflow.kinds.channels import Channel
@@ -68,7 +68,7 @@ class Channels(Node):
         "how rows belong to steps; absent: by name if the log has names of steps, by time if both have times, "
         "else by order",
     )
-    offset: float | Literal["auto"] | None = parameter(
+    offset: Literal["auto"] | Seconds | None = parameter(
         None,
         "what the log's clock shows more than that of the photographs, or auto to find it by the motion; absent: 0, "
         "for clocks with dates",
@@ -113,7 +113,6 @@ class Channels(Node):
                 )
 
     def run(self, file_path: Path, images: Sequence[Product]) -> Product:
-        from dicflow.core.channels.phases import phases_of
         from dicflow.io.logs.log import read_log
 
         log = read_log(file_path, self._selection())
@@ -126,7 +125,7 @@ class Channels(Node):
         }
         channels = {**_time(joined), **channels, **self._rates(log, joined)}
         load = self._load(log)
-        phases = () if load is None else phases_of(channels[load].values)
+        phases = () if load is None else _phases(channels[load].values, joined.at)
         facts = {"summary": _summary(channels, load, joined), "warnings": _warnings(log, channels, load, joined)}
         return ChannelTable.write(channels, steps, load, phases, facts)
 
@@ -168,7 +167,7 @@ class Channels(Node):
         clock = _step_clock(images)
         if way is None and self.offset is None and (log.clock is None or clock is None):
             return joined_by_order(log, steps)
-        moves = _moves(images) if self.offset == "auto" else None
+        moves = _moves(images, clock) if self.offset == "auto" and clock is not None else None
         offset = None if self.offset == "auto" else self.offset
         return joined_by_time(log, clock, offset, moves)
 
@@ -243,15 +242,15 @@ _DATES_FROM = 1e8
 """Seconds above which a time counts from 1970, rather than from the start of a test."""
 
 
-def _moves(images: Sequence[Product]) -> np.ndarray:
-    """Change of the picture from step to step (step − 1,), in grey levels."""
+def _moves(images: Sequence[Product], clock: StepClock) -> np.ndarray:
+    """Change of the picture from step to step, in the order of their times (step − 1,), in grey levels."""
     import numpy as np
 
     from dicflow.core.channels.offset import change
 
     found, before = [], None
-    for product in images:
-        grey = Images.read(product).left
+    for step in np.argsort(clock.seconds, kind="stable"):
+        grey = Images.read(images[step]).left
         if before is not None:
             found.append(change(before, grey))
         before = grey
@@ -284,6 +283,18 @@ def _time(joined: JoinedRows) -> dict[str, Channel]:
 
     known = np.isfinite(joined.at)
     return {"time": Channel(joined.at - joined.at[known][0], "s", "time")} if known.any() else {}
+
+
+def _phases(load: np.ndarray, at: np.ndarray) -> list[str]:
+    """Loading or unloading at each step, in the order of their times where these are known."""
+    import numpy as np
+
+    from dicflow.core.channels.phases import is_loading
+
+    order = np.argsort(at, kind="stable")
+    loading = np.empty(len(load), dtype=bool)
+    loading[order] = is_loading(load[order])
+    return ["loading" if one else "unloading" for one in loading]
 
 
 def _row_reasons(log: Log, joined: JoinedRows, found: np.ndarray) -> list[str]:

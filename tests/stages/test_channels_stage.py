@@ -89,6 +89,17 @@ def test_the_offset_is_found_by_the_motion(tmp_path, offset):
     )
 
 
+def test_steps_may_stand_in_another_order_than_their_times(tmp_path):
+    """A later photograph is the reference, and first: the same offset, force and phase at each."""
+    path = written(tmp_path, machine_log(LOG, force(LOG - OFFSET), crosshead(LOG - OFFSET)))
+    images = photographs()
+    order = [30, *range(30), *range(31, 60)]
+    usual, other = (run(path, chosen, offset="auto") for chosen in (images, [images[k] for k in order]))
+    assert other.summary["offset_s"] == usual.summary["offset_s"]
+    np.testing.assert_array_equal(other.of("force").values, usual.of("force").values[order])
+    assert list(other.phases) == [usual.phases[k] for k in order]
+
+
 def test_a_balances_lines_with_dates_need_no_offset(tmp_path):
     grams = 1000.0 * force(LOG) / 9.80665
     table = run(written(tmp_path, balance_log(LOG, grams)), photographs(start=START), u={"force": "1 g"})
