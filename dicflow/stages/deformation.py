@@ -36,6 +36,7 @@ from dicflow.kinds.total import (
     rigid_motion_to_json,
 )
 from dicflow.stages._point_errors import bias_of_places, errors_by_shape, variance_shares
+from dicflow.stages._scaled import in_unit, scale_shares
 
 if TYPE_CHECKING:
     import numpy as np
@@ -132,8 +133,8 @@ class Deformation(Node):
         from dicflow.core.uncertainty.covariance import joint_covariance, points_in_frame, with_errors
 
         axes = LEFT_CAMERA if frame is None else ResultFrame.read(frame).axes
-        step = _in_unit(Points.read(points), scale)
-        first = _in_unit(Points.read(points_first), scale).with_noise_of(step)
+        step = in_unit(Points.read(points), scale)
+        first = in_unit(Points.read(points_first), scale).with_noise_of(step)
         before = points_in_frame(first.measured_at_first_step(), axes)
         after = points_in_frame(step.measured(), axes)
         motion = self._motion(before, after)
@@ -149,10 +150,10 @@ class Deformation(Node):
         bias = bias_of_places(step, frames[0].rotation)
         fields = {**_displacements(before, after, covariance), **bias, **self._strains(chosen)}
         fields |= _combined(fields)
-        if rig is not None:
-            fields |= self._calibration(CalibratedRig.read(rig), (after.xyz, before.xyz), frames, surface)
         if scale is not None:
-            fields |= self._by_scale(Scale.read(scale).relative_u, fields, after.xyz)
+            fields |= scale_shares(Scale.read(scale).relative_u, self._quantities(), fields, after.xyz)
+        elif rig is not None:
+            fields |= self._calibration(CalibratedRig.read(rig), (after.xyz, before.xyz), frames, surface)
         fields |= {"xyz": after.xyz, "xyz_reference": before.xyz, "gradient": surface.gradient}
         fields["covariance"] = upper_triangle(covariance)
         product = self._product(fields, errors, (step, first), _Motion(motion, frames), chosen.degree)
@@ -240,18 +241,6 @@ class Deformation(Node):
         place = np.stack([found.pop(name) for name in "XYZ"], axis=-1)
         return {"calibration_xyz": place, **{f"calibration_{name}": share for name, share in found.items()}}
 
-    def _by_scale(self, relative: float, fields: Mapping[str, np.ndarray], xyz: np.ndarray) -> dict[str, np.ndarray]:
-        """The share of one camera's scale in σ: of places and displacements in proportion to them, of strains none.
-
-        relative : standard uncertainty of the scale over the scale
-        """
-        import numpy as np
-
-        quantities = {name: one for name, one in self._quantities().items() if one.calibrated and name in fields}
-        shares = {name: relative if one.is_displacement else 0.0 for name, one in quantities.items()}
-        found = {f"calibration_{name}": share * np.abs(fields[name]) for name, share in shares.items()}
-        return {"calibration_xyz": relative * np.abs(xyz), **found}
-
     def _product(
         self,
         fields: dict[str, np.ndarray],
@@ -310,17 +299,6 @@ class Deformation(Node):
             "vsg_px": gauge,
             "vsg_mm": float(gauge * np.median(size)) if unit == "mm" and size.size else None,
         }
-
-
-def _in_unit(points: Points, scale: Product | None) -> Points:
-    """The points, in millimetres with a scale. Raises StageError for a scale of points in space."""
-    if scale is None:
-        return points
-    if points.in_space:
-        raise StageError(
-            "a scale is for one camera, but two measured these points in mm; remove the stage of the scale"
-        )
-    return points.in_mm(Scale.read(scale).mm_per_px)
 
 
 def _moving_frame(motion: RigidMotion | None) -> Frame:

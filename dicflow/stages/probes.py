@@ -16,12 +16,11 @@ from dicflow.kinds.probes import ProbeTable, Reading, gauge_facts
 from dicflow.kinds.quantities import ERRORS, QUANTITIES, unit_of
 from dicflow.kinds.rig import CalibratedRig
 from dicflow.kinds.total import Total, gradient_measures
+from dicflow.stages._probed import beside, probe_error
 
 if TYPE_CHECKING:
     import numpy as np
 
-    from dicflow.core.probes.probe_error import ProbeError
-    from dicflow.core.probes.scale_error import ScaleError
     from dicflow.core.probes.weights import ErrorCorrelation, Probe
     from dicflow.core.uncertainty.overlap import Overlap
 
@@ -120,7 +119,7 @@ class Probes(Node):
         variables = self._variables(readings, facts["unit"], parts)
         variables |= self._profile_variables(profiles, facts["unit"])
         if channels is not None:
-            variables |= _beside(Channels.read(channels), steps, list(self.extensometers), variables, rows)
+            variables |= beside(Channels.read(channels), steps, list(self.extensometers), variables, rows)
         return ProbeTable.write(variables, steps, self._kinds(), rows, {**facts, "summary": _summary(readings)})
 
     def _kinds(self) -> dict[str, list[str]]:
@@ -252,7 +251,7 @@ class _Step:
         self.covariance = symmetric(total["covariance"])
         self.gradient = total["gradient"]
         self.slopes = jacobian(total["xyz_reference"], (3, 3), 1)
-        self.error = _probe_error(total, rig)
+        self.error = probe_error(total, rig)
 
     def at(self, place: Any) -> Probe | None:
         """The probe at a place."""
@@ -332,26 +331,6 @@ class _Step:
         }
 
 
-def _probe_error(total: Total, rig: CalibratedRig | None) -> ProbeError | ScaleError | None:
-    """Calibration uncertainty of a total's points, or that of one camera's scale; None if unknown."""
-    import numpy as np
-
-    from dicflow.core.probes.probe_error import ProbeError
-    from dicflow.core.probes.scale_error import ScaleError
-    from dicflow.core.strain.calibration_error import rig_error, thinned_grid
-
-    if total.relative_u_of_scale is not None:
-        displacements = {name: total[name] for name in "UVW"}
-        return ScaleError(total.relative_u_of_scale, total["xyz"], total["xyz_reference"], displacements)
-    if rig is None or rig.covariance is None or not total.in_space:
-        return None
-    after, before = total["xyz"], total["xyz_reference"]
-    part = thinned_grid(np.isfinite(after + before).all(axis=-1))
-    fitted = (after[part], before[part]) if total.rigid_motion_removed else None
-    error = rig_error(rig.cameras, rig.covariance, total.frames, fitted)
-    return ProbeError.with_plane_slopes(error, after, before, gradient_measures(total))
-
-
 def _array(places: Any) -> np.ndarray:
     import numpy as np
 
@@ -390,36 +369,6 @@ def _columns(readings: Readings, unit: str, parts: Sequence[str]) -> dict[str, f
                 if part in parts:
                     row[f"{part}{quantity}{ending}"] = value if math.isfinite(value) else None
     return row
-
-
-def _beside(
-    channels: Channels,
-    steps: Sequence[str],
-    extensometers: Sequence[str],
-    variables: Mapping[str, Variable],
-    rows: Sequence[dict[str, Any]],
-) -> dict[str, Variable]:
-    """Channels at the steps, (step,), and the strain rates of extensometers, (extensometer, step), also in the rows."""
-    import numpy as np
-
-    from dicflow.core.channels.join import rates
-
-    columns, place = channels.columns_at(steps), {step: index for index, step in enumerate(steps)}
-    for row in rows:
-        row |= {column: values[place[row["step"]]] for column, values in columns.items()}
-    found = {
-        f"channel_{column}": Variable(("step",), np.array(values, dtype=float), channel.unit, channel.title)
-        for (column, values), channel in zip(columns.items(), map(channels.of, channels.names), strict=True)
-    }
-    if "time_s" in columns and extensometers:
-        seconds = np.array(columns["time_s"], dtype=float)
-        rate = np.stack([rates(seconds, strain) for strain in variables["strain"].values])
-        found["strain_rate"] = Variable(("extensometer", "step"), rate, "1/s", "strain rate")
-        for row in rows:
-            if row["kind"] == "extensometer":
-                value = float(rate[extensometers.index(row["probe"]), place[row["step"]]])
-                row["strain_rate_per_s"] = value if math.isfinite(value) else None
-    return found
 
 
 def _summary(readings: list[dict[str, Readings]]) -> dict[str, float]:
