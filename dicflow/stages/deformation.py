@@ -152,7 +152,7 @@ class Deformation(Node):
         fields |= _combined(fields)
         if scale is not None:
             fields |= scale_shares(Scale.read(scale).relative_u, self._quantities(), fields, after.xyz)
-        elif rig is not None:
+        elif rig is not None and step.in_space:
             fields |= self._calibration(CalibratedRig.read(rig), (after.xyz, before.xyz), frames, surface)
         fields |= {"xyz": after.xyz, "xyz_reference": before.xyz, "gradient": surface.gradient}
         fields["covariance"] = upper_triangle(covariance)

@@ -70,6 +70,14 @@ def test_the_scale_is_a_share_of_lengths_and_none_of_strains():
     assert "calibration_U" not in totals()[1]
 
 
+def test_a_rig_says_nothing_of_places_in_pixels():
+    """One camera's photographs may lack their distortion by a rig; the shares of its uncertainty are for space."""
+    known = CalibratedRig.write(RIG, "given", {}, covariance=1e-8 * np.eye(24))
+    first = correlation(grid_px(), np.eye(2))
+    total = Deformation().run(points=first, points_first=first, rig=known)
+    assert not [name for name in total.variables if name.startswith("calibration")]
+
+
 def test_probes_have_the_share_of_the_scale():
     scale = Scale(**KNOWN).run(images=PHOTOGRAPH)
     probes = Probes(extensometers={"E": ENDS}, points={"P": (350.0, 300.0)}).run(total=totals(scale))
