@@ -78,6 +78,7 @@ ONLY_IN: Mapping[str, Set[str]] = {
 
 CHAPTERS: Mapping[str, Set[str]] = {
     "photographs": set(),
+    "motion": set(),
     "cameras": set(),
     "matching": {"photographs"},
     "calibration": {"cameras", "matching", "photographs"},
