@@ -79,6 +79,7 @@ ONLY_IN: Mapping[str, Set[str]] = {
 CHAPTERS: Mapping[str, Set[str]] = {
     "channels": set(),
     "photographs": set(),
+    "motion": set(),
     "cameras": set(),
     "matching": {"photographs"},
     "calibration": {"cameras", "matching", "photographs"},

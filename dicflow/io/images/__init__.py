@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dicflow.io.images.formats import SUFFIXES, VIDEO_SUFFIXES, is_video
+from dicflow.io.images.formats import ALL_SUFFIXES, RAW_SUFFIXES, is_video
 from dicflow.io.images.moments import moment_of, read_times
 from dicflow.io.images.orientation import orientation_sentence, turned_upright, upright_size
 from dicflow.io.images.pairing import Pairing, Unpaired, Way, counter_offset, natural_key, pair_names
@@ -14,8 +14,8 @@ from dicflow.io.images.taken import time_taken
 from dicflow.io.images.video import video_of
 
 __all__ = [
-    "SUFFIXES",
-    "VIDEO_SUFFIXES",
+    "ALL_SUFFIXES",
+    "RAW_SUFFIXES",
     "Pairing",
     "Photograph",
     "Selection",

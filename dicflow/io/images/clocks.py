@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+from functools import lru_cache
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from dicflow.engine.files import FilePart
+from dicflow.engine.files import FilePart, Stamp, stamp
 from dicflow.errors import InputError
 from dicflow.io.images.surveys import survey_of
 from dicflow.io.images.video import Video, video_of
@@ -26,6 +27,12 @@ def joined_clocks(left: Path, right: Path) -> Joined:
     Found from the motion of the picture, or from a change of the light that both saw, whichever says it more exactly.
     Raises InputError where neither does, or a video cannot be read.
     """
+    return _joined(left, right, (stamp(left), stamp(right)))
+
+
+@lru_cache(maxsize=8)
+def _joined(left: Path, right: Path, unchanged: tuple[Stamp, Stamp]) -> Joined:
+    """The same, found once. unchanged : the stamps of the files"""
     from dicflow.core.motion.clocks import join_clocks
 
     videos = video_of(left), video_of(right)

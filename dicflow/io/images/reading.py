@@ -21,6 +21,7 @@ from dicflow.engine.files import FilePart, Stamp, stamp
 from dicflow.engine.hashing import digest_array, digest_json
 from dicflow.engine.whole_file import read_file
 from dicflow.errors import InputError
+from dicflow.io.images.extras import read_heic, read_raw
 from dicflow.io.images.formats import Format, format_of, is_video
 from dicflow.io.images.libraries import library, opencv, opened, pillow
 from dicflow.io.images.metadata import jpeg_segments
@@ -89,7 +90,8 @@ def page_count(path: Path) -> int:
         with _open(path) as file:
             form = format_of(file)
             if form == "TIFF":
-                return len(Tiff(file).photographs())
+                tiff = Tiff(file)
+                return 1 if tiff.is_raw() else len(tiff.photographs())
             if form == "video":
                 return len(video_of(path).times)
             return animation(file).frames if form == "PNG" else 1
@@ -147,6 +149,8 @@ class _Samples(NamedTuple):
 
 
 def _tiff(path: Path, number: int) -> _Samples:
+    if _is_raw(path, stamp(path)):
+        return _raw(path, number)
     pages = _pages(path, stamp(path))
     with path.open("rb") as file:
         tiff = Tiff(file)
@@ -171,6 +175,13 @@ def _tiff(path: Path, number: int) -> _Samples:
         if tiles[0][3][0] == "L":  # grey levels of 8 bits, which OpenCV expands to colour and back
             return _Samples(np.array(image), orientation)
     return _Samples(_by_opencv(data), orientation)
+
+
+@lru_cache(maxsize=4)
+def _is_raw(path: Path, unchanged: Stamp) -> bool:
+    """Whether a file with the form of TIFF is a camera's raw file, looked up once. unchanged : the stamp of the file"""
+    with path.open("rb") as file:
+        return Tiff(file).is_raw()
 
 
 @lru_cache(maxsize=4)
@@ -243,6 +254,14 @@ def _bmp(path: Path, number: int) -> _Samples:
         return _Samples(_by_opencv(data), 1, opacity)
 
 
+def _heic(path: Path, number: int) -> _Samples:
+    return _Samples(*read_heic(path))
+
+
+def _raw(path: Path, number: int) -> _Samples:
+    return _Samples(*read_raw(path))
+
+
 def _video(path: Path, number: int) -> _Samples:
     return _Samples(read_frame(path, number).grey, video_of(path).orientation)
 
@@ -252,6 +271,8 @@ _READERS: Mapping[Format, Callable[[Path, int], _Samples]] = {
     "TIFF": _tiff,
     "JPEG": _jpeg,
     "BMP": _bmp,
+    "HEIC": _heic,
+    "raw": _raw,
     "video": _video,
 }
 """Format → reader of a page of a file. All raise InputError without the file's name, ValueError for damage, OSError."""

@@ -12,7 +12,7 @@ from pathlib import Path
 from dicflow.engine.files import FilePart
 from dicflow.errors import InputError
 from dicflow.io.images.clocks import joined_clocks, joined_sentence
-from dicflow.io.images.formats import SUFFIXES, VIDEO_SUFFIXES, is_video
+from dicflow.io.images.formats import RAW_SUFFIXES, SUFFIXES, VIDEO_SUFFIXES, is_video
 from dicflow.io.images.frame_pairs import FramePair, lag_sentence, length_sentence, pair_frames
 from dicflow.io.images.pairing import Unpaired, Way, natural_key, pair_names
 from dicflow.io.images.reading import page_count
@@ -21,6 +21,8 @@ from dicflow.io.images.video import video_of
 
 __all__ = ["find_photographs", "steps_of", "video_sentences"]
 
+_TIERS = (SUFFIXES, RAW_SUFFIXES, VIDEO_SUFFIXES)
+"""Suffixes that a pattern finds; the later ones only where it finds no earlier ones."""
 _DIGITS = 3
 """Least digits of the number of a page in the name of its step."""
 
@@ -152,7 +154,7 @@ def _matching(folder: Path, pattern: str, side: str) -> list[Path]:
             )
         return [start]
     found = find_files(start, parts)
-    photographs = _with_suffix(found, SUFFIXES) or _with_suffix(found, VIDEO_SUFFIXES)
+    photographs = next(filter(None, (_with_suffix(found, suffixes) for suffixes in _TIERS)), [])
     if found and not photographs:
         raise InputError(
             f"{side}: {pattern!r} matches {found[0].name}{_more(len(found) - 1)}, but no PNG, TIFF, JPEG or BMP, and "
