@@ -24,8 +24,6 @@ if TYPE_CHECKING:
 
 __all__ = ["Channels", "sentence"]
 
-_RESERVED = ("time", "step")
-
 
 class _Uncertainty(NamedTuple):
     """Of a channel, in its unit, or a share of each value."""
@@ -136,18 +134,19 @@ class Channels(Node):
 
     def _check_names(self, log: Log) -> None:
         """Raise InputError for a load, unit or uncertainty of a channel that the log does not have."""
-        for parameter_name, names in (("load", (self.load,)), ("u", self.u), ("units", self.units)):
-            for name in names:
-                if (
-                    name is not None
-                    and name not in log.columns
-                    and not (parameter_name == "units" and name in _RESERVED)
-                ):
-                    known = ", ".join(log.columns) or "none"
-                    problem = f"has no channel '{name}', which {parameter_name} names"
-                    raise InputError(log.where, problem, f"its channels are: {known}; name its column under columns")
+        from dicflow.io.logs.log import RESERVED
+
         if not log.columns:
             raise InputError(log.where, "has no column with a known unit", "name them under columns, and their units")
+        known = ", ".join(log.columns)
+        given = {"load": filter(None, [self.load]), "u": self.u, "units": set(self.units).difference(RESERVED)}
+        for parameter_name, names in given.items():
+            for name in names:
+                if name not in log.columns:
+                    problem = f"has no channel '{name}', which {parameter_name} names"
+                    raise InputError(log.where, problem, f"its channels are: {known}; name its column under columns")
+        if self.load is not None and (unit := log.columns[self.load].unit) != "N":
+            raise InputError(log.where, f"the load, {self.load}, is in {unit}", "expected a force or a weight")
 
     def _load(self, log: Log) -> str | None:
         """Name of the channel with the load; None if there is none, or several and none is called force."""

@@ -5,9 +5,11 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from dicflow.errors import InputError, StageError
+from dicflow.errors import ConfigurationError, InputError, StageError
+from dicflow.io.configuration import parse
 from dicflow.kinds.channels import Channels as Table
 from dicflow.kinds.images import Images
+from dicflow.pipeline.wiring import wire
 from dicflow.stages.channels import Channels
 from tests.log_files import START, balance_log, logger_log, machine_log
 
@@ -156,6 +158,8 @@ def test_by_order_and_by_name(tmp_path):
     [
         ("time [s],force [N]\n0,1\n1,2\n", {"columns": {"force": "Load"}}, "no column 'Load'.*time, force"),
         ("time [s],force [N]\n0,1\n1,2\n", {"load": "torque"}, "no channel 'torque', which load names.*force"),
+        ("time [s],weg [mm]\n0,1\n1,2\n", {"load": "crosshead"}, "the load, crosshead, is in mm"),
+        ("time [s],cycle\n0,1\n1,2\n", {}, "no column with a known unit"),
         ("time [s],force [Nx]\n0,1\n1,2\n", {"columns": {"force": "force [Nx]"}}, "csv:2.*unknown unit 'Nx'.*units"),
         ("time [s],force\n0,1\n1,2\n", {"columns": {"force": "force"}}, "csv:2.*force has no unit"),
         ("time [s],force [N],force [N]\n0,1,2\n1,2,2\n", {"columns": {"force": "force"}}, "2 columns 'force'.*2, 3"),
@@ -196,6 +200,14 @@ def test_a_step_may_be_named_once(tmp_path):
     path = written(tmp_path, "image,load (kg)\n2,3.5\n0,1.5\n2,1.5\n")
     with pytest.raises(StageError, match="csv:4: names step '2' again"):
         run(path, undated(3))
+
+
+def test_a_pipeline_with_two_logs_says_which_one_is_meant():
+    stages = "{photos: {stage: images, left: a.png}, machine: {stage: channels, file: log.csv}, "
+    stages += "balance: {stage: channels, file: log.csv}, total: {stage: deformation, points: null}, "
+    text = f"stages: {stages} probes: {{stage: probes, points: {{P: [1, 1]}}}}}}"
+    with pytest.raises(ConfigurationError, match=r"probes\.channels: needs channels; name one of machine, balance"):
+        wire(parse(text, "pipeline.yaml"))
 
 
 def test_an_uncertainty_needs_a_unit():

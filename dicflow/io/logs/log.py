@@ -16,7 +16,7 @@ from dicflow.io.logs.numbers import MISSING, NumberStyle, number_and_unit, style
 from dicflow.io.logs.units import in_brackets, known_units, unit_named, without_unit
 from dicflow.io.text import printable
 
-__all__ = ["Log", "LogColumn", "Selection", "read_log"]
+__all__ = ["RESERVED", "Log", "LogColumn", "Selection", "read_log"]
 
 _ROLES: Mapping[str, tuple[str, re.Pattern[str]]] = {
     "force": ("N", re.compile(r"force|load|kraft|last|weight|mass|gewicht|masse|charge|carga|forza", re.I)),
@@ -26,6 +26,8 @@ _ROLES: Mapping[str, tuple[str, re.Pattern[str]]] = {
 """Name of a channel → unit, and words in the titles of columns that mean it."""
 _TIME = re.compile(r"(?:.*\b)?(?:time|zeit|elapsed|timestamp|uhrzeit|temps|tiempo)(?:\b.*)?|t", re.I)
 _STEP = re.compile(r"(?:.*\b)?(?:step|image|picture|photo\w*|frame|bild|schritt|file|datei)(?:\b.*)?", re.I)
+RESERVED = ("time", "step")
+"""Names of the columns with the rows' times, and with the steps' names."""
 _MOST, _MOST_S = 1e9, 5e9
 """Of a value in the unit of its channel, and of a time [s]."""
 _CENTURY = (946_684_800.0, 4_102_444_800.0)
@@ -299,7 +301,7 @@ def _channel_name(title: str, unit: str, taken: Mapping[str, int]) -> str:
         plain if plain and plain[0].isalpha() else f"channel_{plain}" if plain else _BY_UNIT.get(unit, "value")
     )
     name, number = base, 2
-    while name in taken:
+    while name in taken or name in RESERVED:
         name, number = f"{base}_{number}", number + 1
     return name
 
