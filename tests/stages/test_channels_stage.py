@@ -120,6 +120,15 @@ def test_a_loggers_decimal_commas_and_a_clock_that_is_off(tmp_path):
     assert table.of("temperature").unit == "°C"
 
 
+def test_times_of_day_belong_to_the_day_of_the_first_photograph(tmp_path):
+    rows = [f"10:{15 + int(t) // 60:02d}:{t % 60:06.3f},{force(t - OFFSET):.5f}" for t in LOG]
+    path = written(tmp_path, "\n".join(["Time,Force [N]", *rows]))
+    table = run(path, photographs(start=START), offset=OFFSET)
+    np.testing.assert_allclose(table.of("force").values, force(TIMES), atol=2e-3)
+    later = run(path, photographs(start=0.0), offset=OFFSET)
+    np.testing.assert_allclose(later.of("force").values, force(TIMES), atol=2e-3)
+
+
 def test_the_uncertainty_of_the_offset_counts_where_the_load_changes(tmp_path):
     data = machine_log(LOG, force(LOG - OFFSET), crosshead(LOG - OFFSET))
     table = run(written(tmp_path, data), photographs(), offset="auto", u={"force": "0.5 %"})
