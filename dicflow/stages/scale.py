@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, ClassVar, Literal, Self
+from typing import TYPE_CHECKING, Annotated, ClassVar, Literal, Self
 
-from pydantic import model_validator
+from pydantic import Field, model_validator
 
 from dicflow.engine.node import At, Millimetres, Node, Pixels, Port, Scope, parameter
 from dicflow.engine.product import Product
@@ -24,7 +24,8 @@ if TYPE_CHECKING:
 
 __all__ = ["Scale", "sentence"]
 
-Place = tuple[float, float]
+Coordinate = Annotated[float, Field(ge=-0.5)]
+Place = tuple[Coordinate, Coordinate]
 
 _MOST_VARIATION = 0.005
 
@@ -95,7 +96,7 @@ class Scale(Node):
         assert self.ends is not None
         width, height = photographs.size
         for x, y in self.ends:
-            if not (-0.5 <= x <= width - 0.5 and -0.5 <= y <= height - 0.5):
+            if x > width - 0.5 or y > height - 0.5:
                 raise StageError(f"an end of the length, [{x:g}, {y:g}], lies outside the {width} × {height} px")
         return scale_of_length(self.ends, self.length, self.u_length, self.u_end)
 
