@@ -7,6 +7,7 @@ import shlex
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from functools import cache
 from pathlib import Path, PurePosixPath
+from types import MappingProxyType
 from typing import Any, NamedTuple
 
 from dicflow.core.calibration.board import Board
@@ -18,7 +19,7 @@ from dicflow.engine.node import Node
 from dicflow.engine.product import Product
 from dicflow.errors import ConfigurationError, DicflowError, InputError, StageError
 from dicflow.io.calibrations.read import parse_calibration
-from dicflow.io.images import SUFFIXES, read_grey
+from dicflow.io.images import ALL_SUFFIXES, is_video, read_grey, video_of
 from dicflow.io.images.search import MOST_ENTRIES
 from dicflow.kinds.images import Images
 from dicflow.kinds.region import Region
@@ -44,6 +45,10 @@ _TABLE_SUFFIXES = frozenset({".csv", ".txt", ".tsv"})
 _MAX_BYTES = 1_000_000
 """Size of a table or a calibration."""
 _QUICK_PIXELS = 600_000
+_LOOKS_AT_VIDEO = (0.25, 0.5, 0.75)
+"""Where in a video a board is looked for, as shares of its frames."""
+_MOST_STEPS, _BOARDS = 300, 30
+"""Frames of a test that are measured at first, and of a board's video that are used."""
 
 
 class Photographs(NamedTuple):
@@ -52,17 +57,19 @@ class Photographs(NamedTuple):
     left, right : patterns below the folder; right is empty for one camera
     steps : files of each step, as the stage of the photographs finds them
     way : what makes pairs; None for one camera
+    frames : how the clocks of two videos are joined, and which of their frames are used; empty for photographs
     """
 
     left: list[str]
     right: list[str]
     steps: Mapping[str, Mapping[str, Path | FilePart]]
     way: Way | None = None
+    frames: Mapping[str, Any] = MappingProxyType({})
 
     @property
-    def pair_by(self) -> str:
-        """What the stage of the photographs must know of it; empty for what it assumes."""
-        return "order" if self.way is not None and self.way.is_listed else ""
+    def parameters(self) -> dict[str, Any]:
+        """What the stage of the photographs must know beside the patterns."""
+        return {**_listed(self.way), **self.frames}
 
     def __str__(self) -> str:
         if not self.right:
@@ -186,7 +193,7 @@ def _photographs(folder: Path) -> Iterator[PurePosixPath]:
         entries = _visible(waiting.pop())
         visited += len(entries)
         for entry in entries:
-            if PurePosixPath(entry.name).suffix.lower() in SUFFIXES and not entry.is_dir():
+            if PurePosixPath(entry.name).suffix.lower() in ALL_SUFFIXES and not entry.is_dir():
                 count += 1
                 yield _named(Path(entry.path).relative_to(folder))
         if count > _MAX_PHOTOGRAPHS or visited > MOST_ENTRIES:
@@ -239,10 +246,19 @@ def _series(folder: Path, paths: Sequence[PurePosixPath], choice: Choice, facts:
 def _see(folder: Path) -> See:
     @cache
     def see(path: PurePosixPath, thorough: bool = False) -> Board | None:
-        image = read_grey(folder / path)
-        return identify_board(image if thorough else in_8bit(image, _QUICK_PIXELS), thorough)
+        images = (read_grey(file) for file in _frames_to_see(folder / path))
+        boards = (identify_board(one if thorough else in_8bit(one, _QUICK_PIXELS), thorough) for one in images)
+        return next((board for board in boards if board is not None), None)
 
     return see
+
+
+def _frames_to_see(path: Path) -> list[Path | FilePart]:
+    """A photograph itself, or a few frames of a video."""
+    if not is_video(path):
+        return [path]
+    last = len(video_of(path).times)
+    return [FilePart(path, max(round(share * last), 1)) for share in _LOOKS_AT_VIDEO]
 
 
 def _subjects(folder: Path, series: Sequence[Series], choice: Choice, see: See) -> Subjects:
@@ -255,7 +271,7 @@ def _subjects(folder: Path, series: Sequence[Series], choice: Choice, see: See) 
     if subjects.specimen:
         return subjects
     counts = ", ".join(f"{one.folder}: {len(one.files)}" for one in subjects.boards)
-    instead = f"only those of a board ({counts})" if counts else f"expected {', '.join(SUFFIXES)} in it or below"
+    instead = f"only those of a board ({counts})" if counts else f"expected {', '.join(ALL_SUFFIXES)} in it or below"
     raise InputError(f"{folder}: no photographs of a specimen found, {instead}; name the folder that holds them")
 
 
@@ -274,7 +290,8 @@ def _described(folder: Path, chosen: Candidate, paths: Sequence[PurePosixPath], 
         return Found(photos)
     both = chosen.boards.left, chosen.boards.right
     board = board_in(both, see)
-    boards = _found_by(folder, *both, paths, facts, possible_way(*both, facts.taken, choice.pair_boards_by))
+    way = possible_way(*both, facts.taken, choice.pair_boards_by)
+    boards = _found_by(folder, *both, paths, facts, way, {"sharpest": _BOARDS})
     if board is None:
         raise InputError(
             f"{folder}: no checkerboard, ChArUco board or grid of circles is recognised in {boards}; "
@@ -284,19 +301,42 @@ def _described(folder: Path, chosen: Candidate, paths: Sequence[PurePosixPath], 
 
 
 def _found_by(
-    folder: Path, left: Series, right: Series | None, paths: Sequence[PurePosixPath], facts: Facts, by: By | None
+    folder: Path,
+    left: Series,
+    right: Series | None,
+    paths: Sequence[PurePosixPath],
+    facts: Facts,
+    by: By | None,
+    select: Mapping[str, int] | None = None,
 ) -> Photographs:
-    """The photographs as patterns, and the steps that the stage of the photographs makes of them."""
+    """The photographs as patterns, and the steps that the stage of the photographs makes of them.
+
+    select : which frames of a video are used; None for a few hundred at most
+    """
     named, way = {"left": patterns_of(left.files, paths)}, None
+    frames: dict[str, Any] = {}
     try:
         if right:
             way = chosen_way(left, right, facts.taken, by)
             named = way.patterns(left, right, paths)
-        given = {"pair_by": "order"} if way is not None and way.is_listed else {}
-        steps = _maker("images")(**named, **given).steps(folder) or {}
+        if is_video(folder / left.files[0]):
+            frames = _of_videos([folder / one.files[0] for one in (left, right) if one], select)
+        steps = _maker("images")(**named, **_listed(way), **frames).steps(folder) or {}
     except InputError as error:
         raise InputError(f"{folder / named['left'][0]}: {error}") from error
-    return Photographs(named["left"], named.get("right", []), steps, way)
+    return Photographs(named["left"], named.get("right", []), steps, way, frames)
+
+
+def _listed(way: Way | None) -> dict[str, str]:
+    """What the stage of the photographs must know of a way to make pairs; empty for what it assumes."""
+    return {"pair_by": "order"} if way is not None and way.is_listed else {}
+
+
+def _of_videos(files: Sequence[Path], select: Mapping[str, int] | None) -> dict[str, Any]:
+    """How two clocks are joined, and which frames of a video are used: not all of a long one."""
+    every = -(-min(len(video_of(file).times) for file in files) // _MOST_STEPS)
+    way: dict[str, Any] = {"offset": "auto"} if len(files) > 1 else {}
+    return way | {"select": dict(select or {"every": every})}
 
 
 def _with_places(folder: Path, found: Found, say: Say) -> Found:

@@ -189,7 +189,7 @@ def test_every_format_has_its_module():
 
 
 def test_what_is_written_beside_a_whole_test():
-    assert beside() == {"csv": ("comparison", "probes", "noise"), "geojson": ("region",), "json": ("rig",)}
+    assert beside() == {"csv": ("comparison", "probes", "channels", "noise"), "geojson": ("region",), "json": ("rig",)}
 
 
 FORMULAS = ("=cmd|' /C calc'!A0", "+1+1", "-a", "@SUM(A1)", "\t=1", "a\r=1", "x, y", "-1.5", "'=1")

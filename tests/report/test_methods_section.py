@@ -16,7 +16,13 @@ from tests.browser import chromium, opened
 from tests.pages import Page, context_of
 
 SILENT = {"images", "region", "probes", "compare", "maps"}
-REQUIRED = {"calibrate": {"square": 1.0}, "corners": {"size": (9, 6)}, "rig_file": {"file": "rig.json"}}
+REQUIRED = {
+    "calibrate": {"square": 1.0},
+    "channels": {"file": "log.csv"},
+    "corners": {"size": (9, 6)},
+    "rig_file": {"file": "rig.json"},
+    "scale": {"square": 1.0},
+}
 
 
 def sentence_of(kind, **parameters):
