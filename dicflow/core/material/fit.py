@@ -9,7 +9,7 @@ import numpy as np
 from scipy.optimize import least_squares, nnls
 from scipy.stats import chi2, norm, t
 
-from dicflow.core.arrays import Array
+from dicflow.core.arrays import Array, Mask
 from dicflow.core.material.models import Model
 from dicflow.core.material.response import nominal_stress, stress_by_constants, stress_by_stretch
 
@@ -19,6 +19,8 @@ _LEAST_SHARE = 0.05
 """Errors in proportion to the stress are at least those of this share of the largest stress."""
 _SEARCHES = 4
 """Searches with each combination of signs."""
+_MOST_STEPS = 100
+"""Steps of one search."""
 _ROUNDS = 3
 """Fits with weights from the slope of the one before."""
 
@@ -164,35 +166,54 @@ def _minima(model: Model, curves: Sequence[Curve], sigma: Array) -> list[tuple[f
     """χ² and constants where the searches ended, the best first."""
     starts: dict[tuple[float, ...], list[tuple[float, Array]]] = {}
     for shape in model.shapes(largest_invariant(curves)):
-        start = _start(model, curves, sigma, shape)
-        starts.setdefault(tuple(np.sign(shape)), []).append(start)
-    chosen = [c for group in starts.values() for _, c in sorted(group, key=lambda pair: pair[0])[:_SEARCHES]]
-    found = [_refined(model, curves, sigma, c) for c in chosen]
+        cost = float(np.sum(_best_with(model, curves, sigma, shape)[1] ** 2))
+        starts.setdefault(tuple(np.sign(shape)), []).append((cost, shape))
+    chosen = [shape for group in starts.values() for _, shape in sorted(group, key=lambda pair: pair[0])[:_SEARCHES]]
+    found = [_refined(model, curves, sigma, _searched(model, curves, sigma, shape)) for shape in chosen]
     return sorted(((cost, c) for c, cost in found), key=lambda pair: pair[0])
 
 
-def _start(model: Model, curves: Sequence[Curve], sigma: Array, shape: Array) -> tuple[float, Array]:
-    """χ² and constants with the best factors for a shape, within the limits."""
-    linear = np.array([one.is_stress for one in model.constants])
-    c = np.ones(len(linear))
-    c[~linear] = shape
-    least, most = model.limits(shape, largest_invariant(curves))
-    design = _jacobian(model, c, curves)[:, linear] / sigma[:, None]
+def _searched(model: Model, curves: Sequence[Curve], sigma: Array, shape: Array) -> Array:
+    """Constants at the minimum over all shapes that a search from one finds, each with its best factors."""
+    if shape.size:
+        least, most = (limit[_numbers(model)] for limit in model.limits(shape, largest_invariant(curves)))
+        shape = least_squares(
+            lambda x: _best_with(model, curves, sigma, x)[1],
+            np.clip(shape, least, most),
+            bounds=(least, most),
+            x_scale=np.abs(shape),
+            max_nfev=_MOST_STEPS,
+        ).x
+    return _best_with(model, curves, sigma, shape)[0]
+
+
+def _best_with(model: Model, curves: Sequence[Curve], sigma: Array, shape: Array) -> tuple[Array, Array]:
+    """The constants with the best factors for a shape, within the limits, and their weighted residuals."""
+    numbers = _numbers(model)
+    c = np.ones(len(numbers))
+    c[numbers] = shape
+    least, most = (limit[~numbers] for limit in model.limits(shape, largest_invariant(curves)))
+    design = _jacobian(model, c, curves)[:, ~numbers] / sigma[:, None]
     measured = np.concatenate([curve.stress for curve in curves]) / sigma
-    if np.isinf(least[linear]).all() and np.isinf(most[linear]).all():
-        c[linear] = np.linalg.lstsq(design, measured, rcond=None)[0]
-        return float(np.sum((design @ c[linear] - measured) ** 2)), c
-    sign = np.where(most[linear] <= 0.0, -1.0, 1.0)
-    factors, residual = nnls(design * sign, measured)
-    c[linear] = sign * np.maximum(factors, 1e-9 * max(1e-12, factors.max()))
-    return float(residual**2), c
+    size = np.linalg.norm(design, axis=0)
+    if np.isinf(least).all() and np.isinf(most).all():
+        factors = np.linalg.lstsq(design / size, measured, rcond=None)[0] / size
+    else:
+        sign = np.where(most <= 0.0, -1.0, 1.0)
+        factors = sign * nnls(design * (sign / size), measured)[0] / size
+    c[~numbers] = factors
+    return c, design @ factors - measured
+
+
+def _numbers(model: Model) -> Mask:
+    """The constants that are pure numbers, (p,); stresses are linear in all others."""
+    return np.array([not one.is_stress for one in model.constants])
 
 
 def _refined(model: Model, curves: Sequence[Curve], sigma: Array, c: Array) -> tuple[Array, float]:
     """Constants at the minimum that a search from ``c`` finds, and χ² there."""
     measured = np.concatenate([curve.stress for curve in curves])
-    linear = np.array([one.is_stress for one in model.constants])
-    least, most = model.limits(c[~linear], largest_invariant(curves))
+    least, most = model.limits(c[_numbers(model)], largest_invariant(curves))
     with np.errstate(over="ignore", invalid="ignore"):
         found = least_squares(
             lambda x: np.nan_to_num((_stresses(model, x, curves) - measured) / sigma, nan=1e9, posinf=1e9, neginf=-1e9),
@@ -200,8 +221,7 @@ def _refined(model: Model, curves: Sequence[Curve], sigma: Array, c: Array) -> t
             lambda x: np.nan_to_num(_jacobian(model, x, curves) / sigma[:, None]),
             bounds=(least, most),
             x_scale="jac",
-            xtol=1e-12,
-            ftol=1e-12,
+            max_nfev=_MOST_STEPS,
         )
     return found.x, float(2.0 * found.cost)
 
@@ -209,8 +229,7 @@ def _refined(model: Model, curves: Sequence[Curve], sigma: Array, c: Array) -> t
 def _simplest(model: Model, minima: Sequence[tuple[float, Array]], points: int) -> tuple[Array, Array]:
     """Of the minima that are as good as the best within the noise, the one with the smallest pure numbers; others."""
     freedom = points - len(model.constants)
-    numbers = np.array([not one.is_stress for one in model.constants])
-    least = minima[0][0]
+    numbers, least = _numbers(model), minima[0][0]
     alike = [c for cost, c in minima if cost <= least * (1.0 + 1.0 / freedom) + 1e-12]
     best = min(alike, key=lambda c: float(np.abs(c[numbers]).max(initial=0.0)))
     others = [c for c in alike if _differ(c, best)]
@@ -228,8 +247,7 @@ def _fitted(model: Model, curves: Sequence[Curve], sigma: Sequence[Array], c: Ar
     sensitivity = _jacobian(model, c, curves) / every[:, None]
     residuals = _stresses(model, c, curves) - np.concatenate([curve.stress for curve in curves])
     chi_squared, freedom = float(np.sum((residuals / every) ** 2)), len(every) - len(c)
-    linear = np.array([one.is_stress for one in model.constants])
-    least, most = model.limits(c[~linear], largest_invariant(curves))
+    least, most = model.limits(c[_numbers(model)], largest_invariant(curves))
     at_limit = _is_near(c, least) | _is_near(c, most)
     is_known = all(curve.u_stress is not None for curve in curves)
     is_misfit = bool(is_known and chi_squared > chi2.ppf(0.95, freedom))

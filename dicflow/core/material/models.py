@@ -165,7 +165,7 @@ def _yeoh(title: str, formula: str, count: int) -> FirstInvariant:
 _GENT = FirstInvariant(
     title="Gent",
     formula="W = −μ Jm/2 ln(1 − (I1 − 3)/Jm)",
-    constants=(Constant("mu", least=0.0), Constant("Jm", False, 0.0, 1e6)),
+    constants=(Constant("mu", least=0.0), Constant("Jm", False, 0.0, 1e4)),
     is_linear=False,
     f=lambda c, i1: -c[0] * c[1] / 2.0 * np.log1p(-(i1 - 3.0) / c[1]),
     first=lambda c, i1: c[0] * c[1] / 2.0 / (c[1] - i1 + 3.0),
@@ -199,7 +199,7 @@ def _arruda_boyce_by_constant(c: Array, invariant: Array) -> Array:
 _ARRUDA_BOYCE = FirstInvariant(
     title="Arruda–Boyce",
     formula="W = μ Σ aᵢ (I1ⁱ − 3ⁱ) / λm^(2i−2), aᵢ = 1/2, 1/20, 11/1050, 19/7000, 519/673750",
-    constants=(Constant("mu", least=0.0), Constant("lambda_m", False, 0.3, 1e3)),
+    constants=(Constant("mu", least=0.0), Constant("lambda_m", False, 0.3, 50.0)),
     is_linear=False,
     f=lambda c, i1: _arruda_boyce(c, i1, 0),
     first=lambda c, i1: _arruda_boyce(c, i1, 1),
@@ -255,12 +255,12 @@ class Powers:
     def limits(self, shape: Array, largest: float) -> tuple[Array, Array]:
         """Each exponent keeps its sign, and its factor has the same: μₖ αₖ > 0."""
         least, most = _limits(self.constants)
-        positive = np.repeat(shape > 0.0, 2)
-        return np.where(positive, 0.0, least), np.where(positive, most, 0.0)
+        positive, nearest = np.repeat(shape > 0.0, 2), np.tile([0.0, LEAST_EXPONENT], self.count)
+        return np.where(positive, nearest, least), np.where(positive, most, -nearest)
 
 
-MOST_EXPONENT = 25.0
-"""Largest exponent of Ogden's model in a fit."""
+LEAST_EXPONENT, MOST_EXPONENT = 0.02, 25.0
+"""Limits of the size of Ogden's exponents in a fit."""
 _EXPONENTS = (-16.0, -8.0, -4.0, -2.0, -1.0, 0.6, 1.0, 1.6, 2.5, 4.0, 6.0, 9.0, 14.0)
 """Exponents at which searches begin."""
 
