@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Callable
 from typing import NamedTuple
 
@@ -94,7 +95,7 @@ def work_along(stretch: Array, stress: Array) -> float:
         return 0.0
     place = np.cumsum(np.append(0.0, steps[steps > 0.0]))
     along = PchipInterpolator(place, stretch[keep])
-    fine = np.concatenate([np.linspace(a, b, _PARTS, endpoint=False) for a, b in zip(place, place[1:], strict=False)])
+    fine = np.concatenate([np.linspace(a, b, _PARTS, endpoint=False) for a, b in itertools.pairwise(place)])
     fine = np.append(fine, place[-1])
     x, y = along(fine), PchipInterpolator(place, stress[keep])(fine)
     return float(np.sum((y[1:] + y[:-1]) / 2.0 * np.diff(x)))
