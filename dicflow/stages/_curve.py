@@ -77,8 +77,8 @@ def _check(found: Measured, known: np.ndarray, mode: str) -> None:
         raise StageError(f"the {same} is the same at all {len(stretch)} steps; look at its column")
     if np.corrcoef(stretch, stress)[0, 1] <= 0.0:
         raise StageError(
-            "the load runs against the stretch: the more load, the shorter the specimen; look at the order of the rows, "
-            "at the sign of the load, and at the direction of the stretch"
+            "the load runs against the stretch: the more load, the shorter the specimen; look at the order of rows, "
+            "the sign of the load, and the direction of the stretch"
         )
 
 
@@ -190,6 +190,6 @@ def _summary(found: Measured, known: np.ndarray, common: tuple[float, float]) ->
 def _notes(summary: Mapping[str, float]) -> Iterator[str]:
     if "set_under_load" in summary:
         yield (
-            "the last step is still under load: the loop's area is that above its stretch, and the set is measured from "
-            "loading at the same stress; measure the unloaded specimen last"
+            "the last step is still under load: the loop's area is that above its stretch, and the set is measured "
+            "from loading at the same stress; measure the unloaded specimen last"
         )

@@ -20,8 +20,8 @@ class Curve(Node):
 
     Columns: ``stretch``, ``strain`` or ``strain_pct``; ``nominal_stress_MPa`` or ``true_stress_MPa``, also in Pa, kPa,
     N/mm2 and psi. True stress is made nominal by P = σ / λ, since volume is kept. The uncertainty of single points is
-    read from columns such as ``u_nominal_stress_MPa`` and ``u_stretch``, or given here for all. Where neither says it, a
-    fit weights all points by their stress, and takes the scatter about the curve for the uncertainty.
+    read from columns such as ``u_nominal_stress_MPa`` and ``u_stretch``, or given here for all. Where neither says it,
+    a fit weights all points by their stress, and takes the scatter about the curve for the uncertainty.
     """
 
     title: ClassVar = "read a stress–stretch curve"

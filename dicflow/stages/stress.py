@@ -42,8 +42,8 @@ class Stress(Node):
 
     Nominal stress is load per first section, P = F / (w t); true stress is P λ, since rubber keeps its volume. The load
     comes from ``channels``, or as masses from the caliper's table: F = m g. The stretch is that of a probe, an
-    extensometer or an area, else the caliper's length over its first one. An area also gives the stretch across the load,
-    and with it Poisson's and Hencky's ratio.
+    extensometer or an area, else the caliper's length over its first one. An area also gives the stretch across the
+    load, and with it Poisson's and Hencky's ratio.
 
     The uncertainty of width and thickness scales every stress alike, and that of the first length every stretch. These
     **common** shares are kept apart from the **independent** ones of single readings: they do not average out.
@@ -92,8 +92,8 @@ class Stress(Node):
         stretch = self._stretch(caliper, probes)
         if len(load.values) != len(stretch.values):
             raise StageError(
-                f"{len(load.values)} loads for {len(stretch.values)} stretches; give one of each per step, the first for "
-                "the unloaded specimen"
+                f"{len(load.values)} loads for {len(stretch.values)} stretches; give one of each per step, the first "
+                "for the unloaded specimen"
             )
         area = self.width * self.thickness
         measured = Measured(

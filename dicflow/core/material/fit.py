@@ -6,11 +6,12 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
-from scipy.optimize import least_squares, nnls
+from scipy.optimize import brentq, least_squares, nnls
 from scipy.stats import chi2, norm, t
 
-from dicflow.core.arrays import Array, Mask
+from dicflow.core.arrays import Array, Index, Mask
 from dicflow.core.material.models import Model
+from dicflow.core.material.modes import MODES, principal_stretches
 from dicflow.core.material.response import nominal_stress, stress_by_constants, stress_by_stretch
 
 __all__ = ["Curve", "Fit", "fit", "largest_invariant", "relative_errors"]
@@ -22,7 +23,11 @@ _SEARCHES = 4
 _MOST_STEPS = 100
 """Steps of one search."""
 _ROUNDS = 3
-"""Fits with weights from the slope of the one before."""
+"""Fits with weights from the slope and the scatter of the one before."""
+_ROUGH, _LEAST_SCATTER = 0.02, 1e-9
+"""Scatter during the search, and the least one that is not 0."""
+_SAME = 0.01
+"""Relative difference of stresses up to which two predictions are the same."""
 
 
 class Curve(NamedTuple):
@@ -53,13 +58,12 @@ class Fit(NamedTuple):
     independent, common : (p, p) — covariance by the errors of single points, and by those that all points share
     factor : half the width of an interval of 95 % in standard deviations of the independent share
     errors : of each curve, predicted minus measured nominal stress, (n,)
-    chi2 : weighted sum of squares; in units of the variances if these are known
-    misfit_ratio : χ² per degree of freedom; 1 where the residuals are as large as u, NaN if u is unknown
-    is_misfit : whether the residuals are larger than u explains (5 % level)
+    scatter : of the points about the model beyond their uncertainty, relative to the stress; all of it where u is unknown
+    misfit_ratio : χ² per degree of freedom without that scatter; NaN if the uncertainty of the points is unknown
     aicc : Akaike's criterion, corrected for few points; comparable between models of the same curves
     condition : of the weighted sensitivities, each constant in units of its own size
     at_limit : (p,) bool — constants that stopped at a limit of the search; they have no uncertainty
-    others : (m, p) — other minima that fit as well, within the noise
+    others : (m, p) — other minima that are as good within the scatter, and predict other stresses
     """
 
     constants: Array
@@ -67,12 +71,11 @@ class Fit(NamedTuple):
     common: Array
     factor: float
     errors: tuple[Array, ...]
-    chi2: float
+    scatter: float
     misfit_ratio: float
-    is_misfit: bool
     aicc: float
     condition: float
-    at_limit: Array
+    at_limit: Mask
     others: Array
 
     @property
@@ -96,31 +99,31 @@ class Fit(NamedTuple):
         """Half the width of the interval of 95 % of what has this gradient (..., p) by the constants."""
         independent = np.einsum("...i,ij,...j->...", gradient, self.independent, gradient)
         common = np.einsum("...i,ij,...j->...", gradient, self.common, gradient)
-        return np.asarray(np.sqrt(self.factor**2 * independent + _NORMAL**2 * common))
+        return np.sqrt(np.maximum(0.0, self.factor**2 * independent + _NORMAL**2 * common))
 
 
 _NORMAL = float(norm.ppf(0.975))
 
 
 def fit(model: Model, curves: Sequence[Curve]) -> Fit:
-    """Fit by least squares, each point weighted by its uncertainty, or by its stress where that is unknown.
+    """Fit by least squares; a point's variance is u², that of the stretch times the slope squared, and a scatter.
 
-    Searches begin at many shapes: for each, the constants in units of stress follow linearly, and the best shapes of
-    each combination of signs are refined by Levenberg's and Marquardt's method within limits. Of minima that do not
-    differ by more than the noise, the one with the smallest pure numbers is taken. Errors of the stretch count with the
-    slope of the fitted curve.
+    The scatter is in proportion to the stress, and just as large as makes χ² the number of degrees of freedom; 0 where
+    u explains the residuals (5 % level). Searches begin at many shapes: for each, the constants in units of stress
+    follow linearly, and the best shapes of each combination of signs are refined within limits. Of minima that do not
+    differ by more than the scatter, the one with the smallest pure numbers is taken.
     Raises ValueError if there are not more points than constants.
     """
     points, count = sum(len(curve.stress) for curve in curves), len(model.constants)
     if points <= count:
         raise ValueError(f"{points} points for {count} constants; more points than constants are needed")
-    sigma = [_sigma(curve) for curve in curves]
-    minima = _minima(model, curves, np.concatenate(sigma))
-    best, others = _simplest(model, minima, points)
-    for _ in range(_ROUNDS if any(curve.u_stretch is not None for curve in curves) else 0):
-        sigma = [_with_stretch(model, best, curve, one) for curve, one in zip(curves, map(_sigma, curves), strict=True)]
-        best = _refined(model, curves, np.concatenate(sigma), best)[0]
-    return _fitted(model, curves, sigma, best, others)
+    rough = np.concatenate([_sigma(curve, 0.0, _ROUGH) for curve in curves])
+    best, others = _simplest(model, curves, _minima(model, curves, rough))
+    scatter = _scatter(model, best, curves)
+    for _ in range(_ROUNDS):
+        best = _refined(model, curves, _sigmas(model, best, curves, scatter), best)[0]
+        scatter = _scatter(model, best, curves)
+    return _fitted(model, curves, scatter, best)._replace(others=others)
 
 
 def relative_errors(fitted: Sequence[Array], curves: Sequence[Curve]) -> list[float]:
@@ -141,17 +144,43 @@ def _scale(curve: Curve) -> Array:
     return np.asarray(np.maximum(size, _LEAST_SHARE * size.max()))
 
 
-def _sigma(curve: Curve) -> Array:
-    """Standard deviation of the stress at each point, (n,); in proportion to the stress if unknown."""
-    return _scale(curve) if curve.u_stress is None else curve.u_stress
+def _sigma(curve: Curve, slope: Array | float, scatter: float) -> Array:
+    """Standard deviation of the stress at each point, (n,). slope : dP/dλ, (n,)"""
+    u_stress = 0.0 if curve.u_stress is None else curve.u_stress
+    u_stretch = 0.0 if curve.u_stretch is None else curve.u_stretch
+    return np.sqrt(u_stress**2 + (slope * u_stretch) ** 2 + (scatter * _scale(curve)) ** 2)
 
 
-def _with_stretch(model: Model, c: Array, curve: Curve, sigma: Array) -> Array:
-    """The standard deviations of the stress, with those of the stretch by the slope of the curve."""
-    if curve.u_stretch is None:
-        return sigma
-    slope = stress_by_stretch(model, c, curve.mode, curve.stretches)
-    return np.hypot(sigma, slope * curve.u_stretch)
+def _sigmas(model: Model, c: Array, curves: Sequence[Curve], scatter: float) -> Array:
+    """Standard deviations of all points of all curves, (n,)."""
+    slopes = [stress_by_stretch(model, c, curve.mode, curve.stretches) for curve in curves]
+    return np.concatenate([_sigma(curve, slope, scatter) for curve, slope in zip(curves, slopes, strict=True)])
+
+
+def _is_known(curves: Sequence[Curve]) -> bool:
+    """Whether the uncertainty of all points is known."""
+    return all(curve.u_stress is not None for curve in curves)
+
+
+def _scatter(model: Model, c: Array, curves: Sequence[Curve]) -> float:
+    """Scatter beyond the uncertainty of the points, relative to the stress: with it χ² is the degrees of freedom."""
+    residuals = _stresses(model, c, curves) - _measured(curves)
+    freedom, size = len(residuals) - len(c), np.concatenate([_scale(curve) for curve in curves])
+    if not _is_known(curves):
+        return float(np.sqrt(np.sum((residuals / size) ** 2) / freedom)) or _LEAST_SCATTER
+    known = _sigmas(model, c, curves, 0.0)
+    if np.sum((residuals / known) ** 2) <= chi2.ppf(0.95, freedom):
+        return 0.0
+
+    def excess(log: float) -> float:
+        return float(np.sum(residuals**2 / (known**2 + (np.exp(log) * size) ** 2)) - freedom)
+
+    most = 0.5 * float(np.log(np.sum((residuals / size) ** 2) / freedom + 1e-300)) + 0.01
+    return float(np.exp(brentq(excess, np.log(_LEAST_SCATTER), most))) if excess(np.log(_LEAST_SCATTER)) > 0.0 else 0.0
+
+
+def _measured(curves: Sequence[Curve]) -> Array:
+    return np.concatenate([curve.stress for curve in curves])
 
 
 def _stresses(model: Model, c: Array, curves: Sequence[Curve]) -> Array:
@@ -194,7 +223,7 @@ def _best_with(model: Model, curves: Sequence[Curve], sigma: Array, shape: Array
     c[numbers] = shape
     least, most = (limit[~numbers] for limit in model.limits(shape, largest_invariant(curves)))
     design = _jacobian(model, c, curves)[:, ~numbers] / sigma[:, None]
-    measured = np.concatenate([curve.stress for curve in curves]) / sigma
+    measured = _measured(curves) / sigma
     size = np.linalg.norm(design, axis=0)
     if np.isinf(least).all() and np.isinf(most).all():
         factors = np.linalg.lstsq(design / size, measured, rcond=None)[0] / size
@@ -212,7 +241,7 @@ def _numbers(model: Model) -> Mask:
 
 def _refined(model: Model, curves: Sequence[Curve], sigma: Array, c: Array) -> tuple[Array, float]:
     """Constants at the minimum that a search from ``c`` finds, and χ² there."""
-    measured = np.concatenate([curve.stress for curve in curves])
+    measured = _measured(curves)
     least, most = model.limits(c[_numbers(model)], largest_invariant(curves))
     with np.errstate(over="ignore", invalid="ignore"):
         found = least_squares(
@@ -226,48 +255,57 @@ def _refined(model: Model, curves: Sequence[Curve], sigma: Array, c: Array) -> t
     return found.x, float(2.0 * found.cost)
 
 
-def _simplest(model: Model, minima: Sequence[tuple[float, Array]], points: int) -> tuple[Array, Array]:
-    """Of the minima that are as good as the best within the noise, the one with the smallest pure numbers; others."""
-    freedom = points - len(model.constants)
-    numbers, least = _numbers(model), minima[0][0]
+def _simplest(model: Model, curves: Sequence[Curve], minima: Sequence[tuple[float, Array]]) -> tuple[Array, Array]:
+    """Of the minima that are as good as the best within the scatter, that with the smallest pure numbers; others."""
+    freedom, numbers, least = len(_measured(curves)) - len(model.constants), _numbers(model), minima[0][0]
     alike = [c for cost, c in minima if cost <= least * (1.0 + 1.0 / freedom) + 1e-12]
     best = min(alike, key=lambda c: float(np.abs(c[numbers]).max(initial=0.0)))
-    others = [c for c in alike if _differ(c, best)]
+    others: list[Array] = []
+    for c in alike:
+        if all(_differ(model, curves, c, known) for known in (best, *others)):
+            others.append(c)
     return best, np.array(others).reshape(-1, len(model.constants))
 
 
-def _differ(one: Array, other: Array) -> bool:
-    """Whether two minima are different ones; the order of a model's terms does not count."""
-    return not np.allclose(np.sort(one), np.sort(other), rtol=0.02, atol=1e-6 * float(np.abs(other).max()))
+def _differ(model: Model, curves: Sequence[Curve], one: Array, other: Array) -> bool:
+    """Whether two sets of constants predict different stresses in some mode, within the largest I1 of the curves."""
+    largest = largest_invariant(curves)
+    for mode in MODES:
+        stretch = np.linspace(1.05, 10.0, 400)
+        stretches = principal_stretches(mode, stretch)
+        inside = stretches[(stretches**2).sum(axis=-1) - 3.0 <= largest][::20]
+        first, second = (nominal_stress(model, c, inside) for c in (one, other))
+        if (np.abs(first - second) > _SAME * np.abs(first + second) / 2.0).any():
+            return True
+    return False
 
 
-def _fitted(model: Model, curves: Sequence[Curve], sigma: Sequence[Array], c: Array, others: Array) -> Fit:
+def _fitted(model: Model, curves: Sequence[Curve], scatter: float, c: Array) -> Fit:
     """The fit with its uncertainty at constants ``c``, where the search ended."""
-    every = np.concatenate(sigma)
-    sensitivity = _jacobian(model, c, curves) / every[:, None]
-    residuals = _stresses(model, c, curves) - np.concatenate([curve.stress for curve in curves])
-    chi_squared, freedom = float(np.sum((residuals / every) ** 2)), len(every) - len(c)
+    sigma, residuals = _sigmas(model, c, curves, scatter), _stresses(model, c, curves) - _measured(curves)
+    sensitivity, freedom = _jacobian(model, c, curves) / sigma[:, None], len(sigma) - len(c)
     least, most = model.limits(c[_numbers(model)], largest_invariant(curves))
     at_limit = _is_near(c, least) | _is_near(c, most)
-    is_known = all(curve.u_stress is not None for curve in curves)
-    is_misfit = bool(is_known and chi_squared > chi2.ppf(0.95, freedom))
     solver = _solver(sensitivity, at_limit)
-    variance = chi_squared / freedom if is_misfit or not is_known else 1.0
-    ends = np.cumsum([len(one) for one in sigma])[:-1]
+    bare = _sigmas(model, c, curves, 0.0) if _is_known(curves) else np.full(len(sigma), np.nan)
     return Fit(
         constants=c,
-        independent=_masked(solver @ solver.T * variance, at_limit),
-        common=_masked(_common(model, c, curves, solver / every), at_limit),
-        factor=float(t.ppf(0.975, freedom)) if is_misfit or not is_known else _NORMAL,
-        errors=tuple(np.split(residuals, ends)),
-        chi2=chi_squared,
-        misfit_ratio=chi_squared / freedom if is_known else np.nan,
-        is_misfit=is_misfit,
-        aicc=_aicc(chi_squared, every, len(c)),
+        independent=solver @ solver.T,
+        common=_common(model, c, curves, solver / sigma),
+        factor=float(t.ppf(0.975, freedom)) if scatter else _NORMAL,
+        errors=tuple(np.split(residuals, _ends(curves))),
+        scatter=scatter,
+        misfit_ratio=float(np.sum((residuals / bare) ** 2) / freedom),
+        aicc=_aicc(float(np.sum((residuals / sigma) ** 2)), sigma, len(c)),
         condition=float(np.linalg.cond(sensitivity[:, ~at_limit] * c[~at_limit])),
         at_limit=at_limit,
-        others=others,
+        others=np.zeros((0, len(c))),
     )
+
+
+def _ends(curves: Sequence[Curve]) -> Index:
+    """Where the curves but the first begin among all points."""
+    return np.cumsum([len(curve.stress) for curve in curves])[:-1]
 
 
 def _is_near(c: Array, limit: Array) -> Array:
@@ -284,21 +322,16 @@ def _solver(sensitivity: Array, at_limit: Array) -> Array:
 
 
 def _common(model: Model, c: Array, curves: Sequence[Curve], by_stress: Array) -> Array:
-    """Covariance of the constants by errors that all points of a curve share, (p, p). by_stress : ∂c/∂P, (p, n)"""
-    ends = np.cumsum([len(curve.stress) for curve in curves])[:-1]
-    found = np.zeros((len(c), len(c)))
-    for curve, part in zip(curves, np.split(by_stress, ends, axis=1), strict=True):
-        slope = stress_by_stretch(model, c, curve.mode, curve.stretches)
-        shift = part @ np.stack(
-            [curve.stress * curve.common_stress, slope * curve.stretches[:, 0] * curve.common_stretch], axis=1
-        )
-        found += shift @ shift.T
-    return found
+    """Covariance of the constants by errors that points share, (p, p). by_stress : ∂c/∂P, (p, n)
 
-
-def _masked(covariance: Array, at_limit: Array) -> Array:
-    """Zero in the rows and columns of constants at a limit."""
-    return np.where(at_limit[:, None] | at_limit[None, :], 0.0, covariance)
+    That of the stress is one error for all curves, as the thickness of one sheet; that of the stretch, which comes from
+    the first length, is one for each.
+    """
+    parts = np.split(by_stress, _ends(curves), axis=1)
+    slopes = [stress_by_stretch(model, c, curve.mode, curve.stretches) * curve.stretches[:, 0] for curve in curves]
+    by_length = [part @ slope * curve.common_stretch for curve, part, slope in zip(curves, parts, slopes, strict=True)]
+    by_section = sum(part @ curve.stress * curve.common_stress for curve, part in zip(curves, parts, strict=True))
+    return np.asarray(sum(np.outer(shift, shift) for shift in (*by_length, by_section)))
 
 
 def _aicc(chi_squared: float, sigma: Array, constants: int) -> float:

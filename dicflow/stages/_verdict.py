@@ -1,0 +1,151 @@
+"""What tests of a material say, and what they cannot say, in sentences."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from typing import TYPE_CHECKING
+
+from dicflow.kinds.material import FittedCurve, FittedModel
+
+if TYPE_CHECKING:
+    from dicflow.core.material.fit import Curve
+
+__all__ = ["verdict"]
+
+_ALIKE, _ALIKE_LEAST = 2.0, 0.02
+"""Residuals up to so many times those of the best model count as alike, and up to this share of the stress."""
+_WIDE = 0.05
+"""Half the range of predictions of models that fit alike, relative to their mean, from which it matters."""
+_WELL, _BADLY = 0.05, 0.15
+"""Errors of predictions, relative to the stress."""
+_MODES = {
+    "uniaxial": "uniaxial tension",
+    "planar": "planar tension (pure shear)",
+    "equibiaxial": "equibiaxial tension",
+    "biaxial": "biaxial tension",
+}
+_MISSING = {
+    "planar": "a wide specimen between long grips, such as 60 × 60 mm or wider than high",
+    "uniaxial": "a narrow strip, such as 60 × 20 mm",
+    "equibiaxial": "an equibiaxial test, such as a balloon",
+}
+
+
+def verdict(
+    fitted: Sequence[FittedModel],
+    curves: Sequence[FittedCurve],
+    refused: Mapping[str, str],
+    points: Sequence[Curve],
+) -> tuple[list[str], list[str]]:
+    """Sentences about the best model and about what the tests cannot tell, and those of them that warn.
+
+    fitted : the best first
+    """
+    best, alike = fitted[0], _fitting_alike(fitted)
+    found = [(_best(best, curves), False)]
+    found += [(text, True) for text in _unstable(fitted, best)]
+    found += [(text, True) for text in _untold_modes(alike, curves, points)]
+    found += [(text, best is model) for model in alike for text in _untold_constants(model)]
+    found += [(text, False) for text in _predictions(fitted, curves)]
+    found += [(text, True) for text in _misfit(best)]
+    found += [(text, False) for text in _common(curves)]
+    found += [(f"{name} was not fitted: {reason}.", False) for name, reason in refused.items()]
+    return [text for text, _ in found], [text.rstrip(".") for text, warns in found if warns]
+
+
+def _fitting_alike(fitted: Sequence[FittedModel]) -> list[FittedModel]:
+    """The best model and those with nearly as small residuals."""
+    least = min(model.rms_all for model in fitted)
+    most = max(_ALIKE * least, _ALIKE_LEAST)
+    return [model for model in fitted if model is fitted[0] or model.rms_all <= most]
+
+
+def _best(best: FittedModel, curves: Sequence[FittedCurve]) -> str:
+    names = ", ".join(f"{curve.name} ({curve.mode}, {curve.points} points)" for curve in curves)
+    modulus, half = best.shear_modulus
+    return (
+        f"{best.title} describes {names} best: residuals of {_percent(best.rms_all)} (rms), initial shear modulus "
+        f"{modulus:.4g} ± {half:.2g} MPa."
+    )
+
+
+def _unstable(fitted: Sequence[FittedModel], best: FittedModel) -> Iterator[str]:
+    for model in fitted:
+        if model.unstable and (model is best or model.rms_all <= 0.1):
+            where = ", ".join(f"{_MODES[mode]} from stretch {stretch:.2f}" for mode, stretch in model.unstable.items())
+            yield f"{model.title} with these constants is unstable in {where}; do not compute with it there."
+
+
+def _untold_modes(
+    alike: Sequence[FittedModel], curves: Sequence[FittedCurve], points: Sequence[Curve]
+) -> Iterator[str]:
+    """Modes in which models that fit alike differ, and the tests that would tell."""
+    import numpy as np
+
+    from dicflow.core.material.models import MODELS
+    from dicflow.core.material.prediction import spread_of
+
+    sets = [(MODELS[model.name], np.array(c)) for model in alike for c in (model.values, *model.others)]
+    measured = {curve.mode for curve in curves}
+    wide = [one for one in spread_of(sets, points) if one.percent > 100.0 * _WIDE]
+    for one in wide:
+        names = ", ".join(model.title for model in alike)
+        how_many = f"{len(sets)} sets of constants" if len(sets) > len(alike) else f"{len(sets)} models"
+        advice = "" if one.mode in measured else f"; add {_MISSING[one.mode]}"
+        yield (
+            f"{how_many} fit alike ({names}) but differ by ±{one.percent:.0f} % in {_MODES[one.mode]} at stretch "
+            f"{one.stretch:.2f}: these tests cannot tell which holds there{advice}."
+        )
+    if len(measured) == 1 and len(alike) == 1 and "biaxial" not in measured:
+        mode = next(iter(measured))
+        other = "planar" if mode != "planar" else "uniaxial"
+        yield (
+            f"All tests are in {_MODES[mode]}: a good fit there says nothing about other modes, and no prediction "
+            f"could be checked; add {_MISSING[other]}."
+        )
+
+
+def _untold_constants(model: FittedModel) -> Iterator[str]:
+    """Constants that the tests do not tell."""
+    for one, other, rho in model.unsure[:2]:
+        yield f"{model.title}: these tests cannot tell {one} from {other} (correlation {rho:+.2f})."
+    if limits := [one.name for one in model.constants if one.at_limit]:
+        yield f"{model.title}: the tests do not show {' and '.join(limits)}, which stopped at a limit of the search."
+    if unsure := [one.name for one in model.constants if not one.at_limit and not one.is_certain]:
+        yield f"{model.title}: the interval of 95 % of {' and '.join(unsure)} contains 0."
+    if model.others:
+        yield f"{model.title}: {len(model.others)} other sets of constants fit as well within the scatter."
+
+
+def _predictions(fitted: Sequence[FittedModel], curves: Sequence[FittedCurve]) -> Iterator[str]:
+    """How well each test is predicted by the others."""
+    for index, curve in enumerate(curves):
+        known = [(model.left_out[index], model) for model in fitted if model.left_out[index] is not None]
+        if not known:
+            continue
+        error, model = min(known, key=lambda pair: pair[0] or 0.0)
+        word = "well" if error < _WELL else "fairly" if error < _BADLY else "badly"
+        worst, bad = max(known, key=lambda pair: pair[0] or 0.0)
+        text = f"Left out, {curve.name} ({curve.mode}) is predicted {word}, within {_percent(error)} by {model.title}"
+        yield text + (f", and {_percent(worst)} by {bad.title}." if bad is not model else ".")
+
+
+def _misfit(best: FittedModel) -> Iterator[str]:
+    if best.misfit_ratio is not None and best.scatter:
+        yield (
+            f"The points scatter about {best.title} by {_percent(best.scatter)} of the stress beyond their uncertainty: "
+            "the specimens differ, or the material is not such a model; the intervals contain this scatter."
+        )
+
+
+def _common(curves: Sequence[FittedCurve]) -> Iterator[str]:
+    if largest := max(curve.common for curve in curves):
+        yield (
+            f"Up to {_percent(largest)} of every stress is a common uncertainty of section and load (68 %): it scales "
+            "the constants in MPa and is part of their intervals, but not of the scatter about the curve."
+        )
+
+
+def _percent(share: float) -> str:
+    percent = 100.0 * share
+    return f"{percent:.1f} %" if percent < 10.0 else f"{percent:.0f} %" if percent < 1000.0 else "more than 1000 %"
