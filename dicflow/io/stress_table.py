@@ -47,7 +47,7 @@ class StressTable(NamedTuple):
 class _Column(NamedTuple):
     """A column: its place, and factor and offset that make the quantity of it."""
 
-    index: int
+    place: int
     factor: float = 1.0
     offset: float = 0.0
 
@@ -58,7 +58,9 @@ def read_stresses(path: Path) -> StressTable:
     strain, stress, is_true = _strain_column(table.where, table.names), *_stress_column(table.where, table.names)
     columns = {"stretch": strain, "stress": stress, **_further(table.names, strain, is_true)}
     phase = table.names.index("phase") if "phase" in table.names else None
-    numbers, rows, phases = Numbers(), [], []
+    numbers = Numbers()
+    rows: list[list[float]] = []
+    phases: list[str] = []
     for where, cells in table.rows:
         if len(rows) >= _MOST_ROWS:
             raise InputError(where, f"has more than {_MOST_ROWS:,} rows", "leave points out")
@@ -108,7 +110,7 @@ def _further(names: Sequence[str], strain: _Column, is_true: bool) -> dict[str, 
     found = {}
     if "lateral_stretch" in names:
         found["lateral"] = _Column(names.index("lateral_stretch"))
-    if (u_strain := f"u_{names[strain.index]}") in names:
+    if (u_strain := f"u_{names[strain.place]}") in names:
         found["u_stretch"] = _Column(names.index(u_strain), strain.factor)
     for unit, factor in _UNITS.items():
         if (name := f"u_{_STRESSES[is_true]}_{unit}") in names:
@@ -117,7 +119,7 @@ def _further(names: Sequence[str], strain: _Column, is_true: bool) -> dict[str, 
 
 
 def _number(numbers: Numbers, where: str, names: Sequence[str], cells: Sequence[str], column: _Column) -> float:
-    value = numbers.read(where, names[column.index], cells[column.index], -_MOST_STRESS, _MOST_STRESS)
+    value = numbers.read(where, names[column.place], cells[column.place], -_MOST_STRESS, _MOST_STRESS)
     return value * column.factor + column.offset
 
 

@@ -45,7 +45,7 @@ class FittedModel(NamedTuple):
     rms : of the residuals, relative to the stress, by curve
     left_out : error by which the fit to the other curves predicts each one, relative to the stress; None if unknown
     rms_all : of the residuals of all points
-    scatter : of the points about the model beyond their uncertainty, relative to the stress; all of it if u is unknown
+    scatter : of the points about the model beyond their uncertainty, relative to the stress; all if u is unknown
     misfit_ratio : χ² per degree of freedom without that scatter; None if the uncertainty of the points is unknown
     shear_modulus, young_modulus : without deformation, each with half its interval of 95 % [MPa]
     unstable : mode → stretch from which it is unstable, within the largest measured stretch and 10 % beyond

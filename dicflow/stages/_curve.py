@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from typing import TYPE_CHECKING, NamedTuple
 
 from dicflow.engine.product import Product
@@ -119,8 +119,8 @@ def _moduli(found: Measured, known: np.ndarray) -> dict[str, np.ndarray]:
     moduli = {}
     for name, function in (("secant_modulus", secant_modulus), ("tangent_modulus", tangent_modulus)):
 
-        def modulus(x: np.ndarray, function: object = function) -> np.ndarray:
-            return function(*np.split(x, 2))  # type: ignore[operator]
+        def modulus(x: np.ndarray, function: Callable[..., np.ndarray] = function) -> np.ndarray:
+            return function(*np.split(x, 2))
 
         moduli[name] = _spread(modulus(values), known)
         if found.u_nominal is not None:
@@ -188,6 +188,8 @@ def _summary(found: Measured, known: np.ndarray, common: tuple[float, float]) ->
 
 
 def _notes(summary: Mapping[str, float]) -> Iterator[str]:
+    if summary.get("loop_work_mJ_mm3", 0.0) < -2.0 * summary.get("u_loop_work_mJ_mm3", 0.0):
+        yield "unloading lies above loading: the specimen was shorter at the same load; look at the lengths and loads"
     if "set_under_load" in summary:
         yield (
             "the last step is still under load: the loop's area is that above its stretch, and the set is measured "

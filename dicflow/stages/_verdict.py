@@ -9,15 +9,20 @@ from dicflow.kinds.material import FittedCurve, FittedModel
 
 if TYPE_CHECKING:
     from dicflow.core.material.fit import Curve
+    from dicflow.core.material.prediction import Guess
 
 __all__ = ["verdict"]
 
 _ALIKE, _ALIKE_LEAST = 2.0, 0.02
 """Residuals up to so many times those of the best model count as alike, and up to this share of the stress."""
-_WIDE = 0.05
+_WIDE = 0.1
 """Half the range of predictions of models that fit alike, relative to their mean, from which it matters."""
-_WELL, _BADLY = 0.05, 0.15
-"""Errors of predictions, relative to the stress."""
+_UNLIKELY = 10.0
+"""AICc above the least one from which a model is excluded."""
+_DISCUSSED = 3
+"""Models whose constants are discussed."""
+_BADLY = 0.15
+"""Error of a prediction, relative to the stress, from which the tests contradict one another."""
 _MODES = {
     "uniaxial": "uniaxial tension",
     "planar": "planar tension (pure shear)",
@@ -45,8 +50,8 @@ def verdict(
     found = [(_best(best, curves), False)]
     found += [(text, True) for text in _unstable(fitted, best)]
     found += [(text, True) for text in _untold_modes(alike, curves, points)]
-    found += [(text, best is model) for model in alike for text in _untold_constants(model)]
-    found += [(text, False) for text in _predictions(fitted, curves)]
+    found += [(text, best is model) for model in alike[:_DISCUSSED] for text in _untold_constants(model)]
+    found += [(text, "every model" in text) for text in _predictions(fitted, curves)]
     found += [(text, True) for text in _misfit(best)]
     found += [(text, False) for text in _common(curves)]
     found += [(f"{name} was not fitted: {reason}.", False) for name, reason in refused.items()]
@@ -54,10 +59,9 @@ def verdict(
 
 
 def _fitting_alike(fitted: Sequence[FittedModel]) -> list[FittedModel]:
-    """The best model and those with nearly as small residuals."""
-    least = min(model.rms_all for model in fitted)
-    most = max(_ALIKE * least, _ALIKE_LEAST)
-    return [model for model in fitted if model is fitted[0] or model.rms_all <= most]
+    """The best model and those stable ones with nearly as small residuals."""
+    most = max(_ALIKE * min(model.rms_all for model in fitted), _ALIKE_LEAST)
+    return [model for model in fitted if model is fitted[0] or (model.rms_all <= most and not model.unstable)]
 
 
 def _best(best: FittedModel, curves: Sequence[FittedCurve]) -> str:
@@ -80,29 +84,43 @@ def _untold_modes(
     alike: Sequence[FittedModel], curves: Sequence[FittedCurve], points: Sequence[Curve]
 ) -> Iterator[str]:
     """Modes in which models that fit alike differ, and the tests that would tell."""
-    import numpy as np
-
-    from dicflow.core.material.models import MODELS
     from dicflow.core.material.prediction import spread_of
 
-    sets = [(MODELS[model.name], np.array(c)) for model in alike for c in (model.values, *model.others)]
     measured = {curve.mode for curve in curves}
-    wide = [one for one in spread_of(sets, points) if one.percent > 100.0 * _WIDE]
-    for one in wide:
-        names = ", ".join(model.title for model in alike)
-        how_many = f"{len(sets)} sets of constants" if len(sets) > len(alike) else f"{len(sets)} models"
-        advice = "" if one.mode in measured else f"; add {_MISSING[one.mode]}"
-        yield (
-            f"{how_many} fit alike ({names}) but differ by ±{one.percent:.0f} % in {_MODES[one.mode]} at stretch "
-            f"{one.stretch:.2f}: these tests cannot tell which holds there{advice}."
+    wide = [one for one in spread_of(_guesses(alike), points) if one.percent > 100.0 * _WIDE]
+    if wide:
+        where = " and ".join(
+            f"±{_percent(one.percent / 100.0)} in {_MODES[one.mode]} at {one.stretch:.2f}" for one in wide
         )
-    if len(measured) == 1 and len(alike) == 1 and "biaxial" not in measured:
+        missing = [_MISSING[one.mode] for one in wide if one.mode not in measured]
+        advice = f"; add {' or '.join(missing)}" if missing else ""
+        names = ", ".join(model.title for model in alike)
+        which = f"Models that fit alike ({names})" if len(alike) > 1 else f"Constants of {names} that fit alike"
+        yield f"{which} predict stresses that differ by {where}: these tests cannot tell which holds there{advice}."
+    elif len(measured) == 1 and "biaxial" not in measured:
         mode = next(iter(measured))
         other = "planar" if mode != "planar" else "uniaxial"
         yield (
-            f"All tests are in {_MODES[mode]}: a good fit there says nothing about other modes, and no prediction "
-            f"could be checked; add {_MISSING[other]}."
+            f"All tests are in {_MODES[mode]}: no prediction of another mode could be checked; add {_MISSING[other]}."
         )
+
+
+def _guesses(alike: Sequence[FittedModel]) -> list[Guess]:
+    """All constants that fit alike; with their covariance those that AICc does not exclude."""
+    import numpy as np
+
+    from dicflow.core.material.models import MODELS
+    from dicflow.core.material.prediction import Guess
+
+    least = min((model.aicc for model in alike if model.aicc is not None), default=0.0)
+    found = []
+    for model in alike:
+        likely = model.aicc is not None and model.aicc <= least + _UNLIKELY
+        zero = np.zeros((len(model.constants),) * 2)
+        covariance = np.array(model.covariance) if likely else zero
+        found.append(Guess(MODELS[model.name], np.array(model.values), covariance))
+        found += [Guess(MODELS[model.name], np.array(c), zero) for c in model.others]
+    return found
 
 
 def _untold_constants(model: FittedModel) -> Iterator[str]:
@@ -110,7 +128,7 @@ def _untold_constants(model: FittedModel) -> Iterator[str]:
     for one, other, rho in model.unsure[:2]:
         yield f"{model.title}: these tests cannot tell {one} from {other} (correlation {rho:+.2f})."
     if limits := [one.name for one in model.constants if one.at_limit]:
-        yield f"{model.title}: the tests do not show {' and '.join(limits)}, which stopped at a limit of the search."
+        yield f"{model.title}: the tests do not need {', '.join(limits)}, which stopped at a limit of the search."
     if unsure := [one.name for one in model.constants if not one.at_limit and not one.is_certain]:
         yield f"{model.title}: the interval of 95 % of {' and '.join(unsure)} contains 0."
     if model.others:
@@ -120,20 +138,24 @@ def _untold_constants(model: FittedModel) -> Iterator[str]:
 def _predictions(fitted: Sequence[FittedModel], curves: Sequence[FittedCurve]) -> Iterator[str]:
     """How well each test is predicted by the others."""
     for index, curve in enumerate(curves):
-        known = [(model.left_out[index], model) for model in fitted if model.left_out[index] is not None]
+        known = [(error, model.title) for model in fitted if (error := model.left_out[index]) is not None]
         if not known:
             continue
-        error, model = min(known, key=lambda pair: pair[0] or 0.0)
-        word = "well" if error < _WELL else "fairly" if error < _BADLY else "badly"
-        worst, bad = max(known, key=lambda pair: pair[0] or 0.0)
-        text = f"Left out, {curve.name} ({curve.mode}) is predicted {word}, within {_percent(error)} by {model.title}"
-        yield text + (f", and {_percent(worst)} by {bad.title}." if bad is not model else ".")
+        (error, title), (worst, bad) = min(known), max(known)
+        if error >= _BADLY:
+            yield (
+                f"Left out, {curve.name} ({curve.mode}) is predicted badly by every model, within {_percent(error)} at "
+                f"best ({title}): look at its mode, section, first length and slack."
+            )
+            continue
+        text = f"Left out, {curve.name} ({curve.mode}) is predicted within {_percent(error)} by {title}"
+        yield text + (f", and within {_percent(worst)} by {bad}." if bad != title else ".")
 
 
 def _misfit(best: FittedModel) -> Iterator[str]:
     if best.misfit_ratio is not None and best.scatter:
         yield (
-            f"The points scatter about {best.title} by {_percent(best.scatter)} of the stress beyond their uncertainty: "
+            f"Points scatter about {best.title} by {_percent(best.scatter)} of the stress beyond their uncertainty: "
             "the specimens differ, or the material is not such a model; the intervals contain this scatter."
         )
 

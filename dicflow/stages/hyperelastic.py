@@ -59,7 +59,8 @@ class Hyperelastic(Node):
 
         names = tuple(getattr(curves, "steps", map(str, range(1, len(curves) + 1))))
         chosen = [self._curve(name, StressCurve.read(curve)) for name, curve in zip(names, curves, strict=True)]
-        fitted, refused = [], {}
+        fitted: list[FittedModel] = []
+        refused: dict[str, str] = {}
         for name in dict.fromkeys(self.models):
             try:
                 fitted.append(_fitted(name, MODELS[name], chosen))

@@ -126,8 +126,8 @@ class Stress(Node):
         if not factor:
             known = ", ".join([*_TO_NEWTON, *_MASSES])
             raise StageError(f"the load '{table.load}' has the unit '{found.unit}'; expected one of {known}")
-        u = None if found.u is None else found.u * factor
-        return table.steps, table.phases, _Series(found.values * factor, u)
+        errors = None if found.u is None else found.u * factor
+        return table.steps, table.phases, _Series(found.values * factor, errors)
 
     def _stretch(self, caliper: Caliper | None, probes: Product | None) -> _Series:
         import numpy as np

@@ -58,7 +58,7 @@ class Fit(NamedTuple):
     independent, common : (p, p) — covariance by the errors of single points, and by those that all points share
     factor : half the width of an interval of 95 % in standard deviations of the independent share
     errors : of each curve, predicted minus measured nominal stress, (n,)
-    scatter : of the points about the model beyond their uncertainty, relative to the stress; all of it where u is unknown
+    scatter : of the points about the model beyond their uncertainty, relative to the stress; all where u is unknown
     misfit_ratio : χ² per degree of freedom without that scatter; NaN if the uncertainty of the points is unknown
     aicc : Akaike's criterion, corrected for few points; comparable between models of the same curves
     condition : of the weighted sensitivities, each constant in units of its own size
@@ -99,7 +99,7 @@ class Fit(NamedTuple):
         """Half the width of the interval of 95 % of what has this gradient (..., p) by the constants."""
         independent = np.einsum("...i,ij,...j->...", gradient, self.independent, gradient)
         common = np.einsum("...i,ij,...j->...", gradient, self.common, gradient)
-        return np.sqrt(np.maximum(0.0, self.factor**2 * independent + _NORMAL**2 * common))
+        return np.asarray(np.sqrt(np.maximum(0.0, self.factor**2 * independent + _NORMAL**2 * common)))
 
 
 _NORMAL = float(norm.ppf(0.975))
@@ -148,7 +148,7 @@ def _sigma(curve: Curve, slope: Array | float, scatter: float) -> Array:
     """Standard deviation of the stress at each point, (n,). slope : dP/dλ, (n,)"""
     u_stress = 0.0 if curve.u_stress is None else curve.u_stress
     u_stretch = 0.0 if curve.u_stretch is None else curve.u_stretch
-    return np.sqrt(u_stress**2 + (slope * u_stretch) ** 2 + (scatter * _scale(curve)) ** 2)
+    return np.asarray(np.sqrt(u_stress**2 + (slope * u_stretch) ** 2 + (scatter * _scale(curve)) ** 2))
 
 
 def _sigmas(model: Model, c: Array, curves: Sequence[Curve], scatter: float) -> Array:
@@ -308,12 +308,13 @@ def _ends(curves: Sequence[Curve]) -> Index:
     return np.cumsum([len(curve.stress) for curve in curves])[:-1]
 
 
-def _is_near(c: Array, limit: Array) -> Array:
+def _is_near(c: Array, limit: Array) -> Mask:
     """Constants at a limit that is not infinite; a stress factor near 0 too."""
-    return np.isfinite(limit) & (np.abs(c - limit) <= 1e-4 * np.maximum(np.abs(limit), 1e-6 * np.abs(c).max()))
+    near = np.abs(c - limit) <= 1e-4 * np.maximum(np.abs(limit), 1e-6 * np.abs(c).max())
+    return np.asarray(np.isfinite(limit) & near)
 
 
-def _solver(sensitivity: Array, at_limit: Array) -> Array:
+def _solver(sensitivity: Array, at_limit: Mask) -> Array:
     """(JᵀJ)⁻¹Jᵀ of the weighted sensitivities (n, p), without the constants at a limit, whose rows are 0; (p, n)."""
     found = np.zeros(sensitivity.T.shape)
     size = np.linalg.norm(sensitivity[:, ~at_limit], axis=0)

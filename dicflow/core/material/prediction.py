@@ -2,19 +2,20 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
 
 from dicflow.core.arrays import Array
-from dicflow.core.material.fit import Curve, Fit, fit, relative_errors
+from dicflow.core.material.fit import Curve, Fit, fit, largest_invariant, relative_errors
 from dicflow.core.material.models import Model
 from dicflow.core.material.modes import MODES, principal_stretches
 from dicflow.core.material.response import nominal_stress, stress_by_constants
 from dicflow.core.material.stability import is_stable
 
-__all__ = ["Spread", "errors_of", "leave_one_out", "predicted", "spread_of", "stable_within", "unsure_pairs"]
+__all__ = ["Guess", "Spread", "errors_of", "leave_one_out", "predicted", "spread_of", "stable_within", "unsure_pairs"]
 
 _BEYOND = 0.1
 """Share of the measured range by which stability is looked for beyond it."""
@@ -23,8 +24,16 @@ _CLOSELY = 0.95
 """Correlation from which two constants count as not separated."""
 
 
+class Guess(NamedTuple):
+    """Constants of a model that may be right, (p,), and their covariance (p, p)."""
+
+    model: Model
+    constants: Array
+    covariance: Array
+
+
 class Spread(NamedTuple):
-    """How far models that fit alike differ in a mode at one stretch, in percent of their mean."""
+    """How far guesses differ in a mode at one stretch: half their range, in percent of their mean."""
 
     mode: str
     stretch: float
@@ -77,19 +86,27 @@ def unsure_pairs(model: Model, found: Fit) -> list[tuple[str, str, float]]:
     return sorted((pair for pair in pairs if abs(pair[2]) >= _CLOSELY), key=lambda pair: -abs(pair[2]))
 
 
-def spread_of(fits: Sequence[tuple[Model, Array]], curves: Sequence[Curve]) -> list[Spread]:
-    """Half the range of predictions of several fits, by mode, at the largest stretch that the tests allow there.
+def spread_of(guesses: Sequence[Guess], curves: Sequence[Curve]) -> list[Spread]:
+    """Half the range of what several guesses predict, by mode, at the largest stretch that the tests allow there.
 
-    That stretch is the one with the largest I1 of all curves, so that no mode is extrapolated further than another.
+    That stretch has the largest I1 of all curves, so that no mode is extrapolated further than another. The range
+    contains the intervals of 95 % of the guesses.
     """
-    largest = max(float((curve.stretches**2).sum(axis=-1).max()) for curve in curves)
+    largest, most = largest_invariant(curves), max(float(curve.stretches[:, 0].max()) for curve in curves)
     found = []
     for mode in MODES:
-        stretch = np.linspace(1.0, max(float(curve.stretches[:, 0].max()) for curve in curves), 400)
-        inside = (principal_stretches(mode, stretch) ** 2).sum(axis=-1) <= largest
-        end = float(stretch[inside][-1])
-        with np.errstate(over="ignore", invalid="ignore"):
-            stresses = [nominal_stress(model, c, principal_stretches(mode, np.array(end))) for model, c in fits]
-        percent = 50.0 * float(np.ptp(stresses)) / max(abs(float(np.mean(stresses))), 1e-300)
-        found.append(Spread(mode, end, percent))
+        stretches = principal_stretches(mode, np.linspace(1.0, most, 400))
+        end = stretches[(stretches**2).sum(axis=-1) - 3.0 <= largest][-1]
+        ends = np.array([_interval(guess, end) for guess in guesses])
+        percent = 50.0 * float(ends[:, 1].max() - ends[:, 0].min()) / max(abs(float(ends.mean())), 1e-300)
+        found.append(Spread(mode, float(end[0]), percent))
     return found
+
+
+def _interval(guess: Guess, stretches: Array) -> tuple[float, float]:
+    """Ends of the interval of 95 % of the nominal stress at principal stretches (3,)."""
+    with np.errstate(over="ignore", invalid="ignore"):
+        stress = float(nominal_stress(guess.model, guess.constants, stretches))
+        gradient = stress_by_constants(guess.model, guess.constants, stretches)
+        half = 2.0 * math.sqrt(max(0.0, float(gradient @ guess.covariance @ gradient)))
+    return stress - half, stress + half
