@@ -1,3 +1,5 @@
+import itertools
+
 import numpy as np
 import pytest
 
@@ -36,7 +38,7 @@ def test_work_of_loading_is_the_energy():
 def test_work_goes_with_the_square_of_the_spacing_or_better():
     exact = energy(np.array([2.3]))[0]
     errors = [abs(work_along(x := np.linspace(1, 2.3, n), loading(x)) - exact) for n in (6, 11, 21, 41)]
-    assert all(finer < coarser / 4 for coarser, finer in zip(errors, errors[1:], strict=False))
+    assert all(finer < coarser / 4 for coarser, finer in itertools.pairwise(errors))
 
 
 @pytest.mark.parametrize("count", [7, 9, 13])

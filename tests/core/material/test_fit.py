@@ -60,9 +60,7 @@ def test_errors_of_stretch_and_section_are_in_the_intervals():
             u_stretch = np.full(12, 0.004)
             measured = exact.stretches[:, 0] + u_stretch * rng.standard_normal(12)
             stretches = principal_stretches(mode, measured)
-            curves.append(
-                exact._replace(stretches=stretches, stress=exact.stress * thickness, u_stretch=u_stretch)
-            )
+            curves.append(exact._replace(stretches=stretches, stress=exact.stress * thickness, u_stretch=u_stretch))
         found = fit(MODELS["mooney_rivlin"], curves)
         inside.append(np.abs(found.constants - truth) <= found.half_width)
     np.testing.assert_allclose(np.mean(inside, axis=0), 0.95, atol=0.038)
@@ -145,4 +143,4 @@ def test_spread_is_that_of_the_guesses():
     guesses = [Guess(MODELS["neo_hooke"], np.array([c]), none) for c in (0.18, 0.22)]
     for one in spread_of(guesses, curves):
         assert one.percent == pytest.approx(10.0)
-    assert [one.stretch for one in spread_of(guesses, curves)][0] == pytest.approx(2.4)
+    assert next(one.stretch for one in spread_of(guesses, curves)) == pytest.approx(2.4)
