@@ -19,6 +19,8 @@ _WIDE = 0.1
 """Half the range of predictions of models that fit alike, relative to their mean, from which it matters."""
 _UNLIKELY = 10.0
 """AICc above the least one from which a model is excluded."""
+_UNCERTAIN = 0.3
+"""Half an interval of 95 %, relative to the constant, from which a constant counts as uncertain."""
 _DISCUSSED = 3
 """Models whose constants are discussed."""
 _BADLY = 0.15
@@ -125,14 +127,18 @@ def _guesses(alike: Sequence[FittedModel]) -> list[Guess]:
 
 def _untold_constants(model: FittedModel) -> Iterator[str]:
     """Constants that the tests do not tell."""
-    for one, other, rho in model.unsure[:2]:
-        yield f"{model.title}: these tests cannot tell {one} from {other} (correlation {rho:+.2f})."
+    uncertain = {one.name for one in model.constants if one.half_width > _UNCERTAIN * abs(one.value)}
+    for one, other, rho in model.unsure:
+        if uncertain & {one, other}:
+            yield f"{model.title}: these tests cannot tell {one} from {other} (correlation {rho:+.2f})."
     if limits := [one.name for one in model.constants if one.at_limit]:
         yield f"{model.title}: the tests do not need {', '.join(limits)}, which stopped at a limit of the search."
     if unsure := [one.name for one in model.constants if not one.at_limit and not one.is_certain]:
         yield f"{model.title}: the interval of 95 % of {' and '.join(unsure)} contains 0."
     if model.others:
-        yield f"{model.title}: {len(model.others)} other sets of constants fit as well within the scatter."
+        count = len(model.others)
+        fit = "1 other set of constants fits" if count == 1 else f"{count} other sets of constants fit"
+        yield f"{model.title}: {fit} as well within the scatter."
 
 
 def _predictions(fitted: Sequence[FittedModel], curves: Sequence[FittedCurve]) -> Iterator[str]:

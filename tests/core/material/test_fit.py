@@ -30,6 +30,7 @@ def test_exact_curves_give_back_their_constants(name):
     assert found.scatter == 0.0
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["neo_hooke", "mooney_rivlin", "yeoh", "ogden_1", "gent", "arruda_boyce"])
 def test_intervals_hold_the_truth_in_95_of_100_draws(name):
     """300 draws: of a binomial count with 95 %, 99.7 % lie within ± 3.8 %."""
