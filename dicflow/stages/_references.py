@@ -37,6 +37,8 @@ REFERENCES = {
     "holland1977": "P. W. Holland and R. E. Welsch, Robust regression using iteratively reweighted least-squares, "
     "Communications in Statistics – Theory and Methods 6 (1977) 813–827",
     "huber1981": "P. J. Huber, Robust Statistics, Wiley (1981)",
+    "hurvich1989": "C. M. Hurvich and C.-L. Tsai, Regression and time series model selection in small samples, "
+    "Biometrika 76 (1989) 297–307",
     "idics2018": "E. M. C. Jones and M. A. Iadicola (eds.), A Good Practices Guide for Digital Image Correlation, "
     "International Digital Image Correlation Society (2018)",
     "kabsch1976": "W. Kabsch, A solution for the best rotation to relate two sets of vectors, Acta Crystallographica "
@@ -48,6 +50,8 @@ REFERENCES = {
     "lucas1981": "B. D. Lucas and T. Kanade, An iterative image registration technique with an application to stereo "
     "vision, International Joint Conference on Artificial Intelligence (1981) 674–679",
     "mackay1992": "D. J. C. MacKay, Bayesian interpolation, Neural Computation 4 (1992) 415–447",
+    "ogden2004": "R. W. Ogden, G. Saccomandi and I. Sgura, Fitting hyperelastic models to experimental data, "
+    "Computational Mechanics 34 (2004) 484–502",
     "orb2011": "E. Rublee, V. Rabaud, K. Konolige and G. Bradski, ORB: an efficient alternative to SIFT or SURF, "
     "International Conference on Computer Vision (2011) 2564–2571",
     "pan2008": "B. Pan, H. Xie, Z. Wang, K. Qian and Z. Wang, Study on subset size selection in digital image "

@@ -204,7 +204,8 @@ def _summary(fitted: Sequence[FittedModel]) -> Mapping[str, float]:
 
 def sentence(stage: Hyperelastic, product: Product | None) -> str:
     """The stage in a methods paragraph."""
-    text = "Hyperelastic models were fitted to nominal stress by weighted least squares and compared by AICc"
+    text = "Hyperelastic models were fitted to nominal stress by weighted least squares [ogden2004]"
+    text += " and compared by Akaike's corrected criterion [hurvich1989]"
     if product is None:
         return f"{text}."
     found = Material.read(product)
