@@ -128,9 +128,9 @@ def _guesses(alike: Sequence[FittedModel]) -> list[Guess]:
 def _untold_constants(model: FittedModel) -> Iterator[str]:
     """Constants that the tests do not tell."""
     uncertain = {one.name for one in model.constants if one.half_width > _UNCERTAIN * abs(one.value)}
-    for one, other, rho in model.unsure:
-        if uncertain & {one, other}:
-            yield f"{model.title}: these tests cannot tell {one} from {other} (correlation {rho:+.2f})."
+    if pairs := [pair for pair in model.unsure if uncertain & set(pair[:2])]:
+        one, other, rho = pairs[0]
+        yield f"{model.title}: these tests cannot tell {one} from {other} (correlation {rho:+.2f})."
     if limits := [one.name for one in model.constants if one.at_limit]:
         yield f"{model.title}: the tests do not need {', '.join(limits)}, which stopped at a limit of the search."
     if unsure := [one.name for one in model.constants if not one.at_limit and not one.is_certain]:
