@@ -28,6 +28,7 @@ NEEDED = {
     "probes": {"points": {"a": (1, 1)}},
     "curve": {"file": "x", "mode": "uniaxial"},
     "stress": {"width": 20, "thickness": 0.2, "u_thickness": 0.005},
+    "virtual_fields": {"width": 20, "thickness": 0.2, "u_thickness": 0.005},
 }
 AFTER = {"computed": 0, "failed": 0, "skipped": 0}
 

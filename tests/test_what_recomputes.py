@@ -25,7 +25,7 @@ RECOMPUTES = {
     "core.cameras": "accumulate calibrate compare deformation disparity frame maps noise_floor probes reconstruct "
     "rectify refine region rig_file stereo triangulate undistort",
     "core.correlation": "correlate match refine stereo track triangulate",
-    "core.material": "curve hyperelastic stress",
+    "core.material": "curve hyperelastic stress virtual_fields",
     "core.matching": "calibrate corners correlate disparity displacement features match refine region stereo track "
     "triangulate",
     "core.photographs": "compare corners correlate disparity displacement features images probes reconstruct refine "

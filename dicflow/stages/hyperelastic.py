@@ -101,13 +101,14 @@ def _fitted(name: str, model: Model, curves: Sequence[Curve]) -> FittedModel:
     import numpy as np
 
     from dicflow.core.material.fit import fit, relative_errors
-    from dicflow.core.material.prediction import leave_one_out, stable_within, unsure_pairs
+    from dicflow.core.material.prediction import leave_one_out, shear_gradient, stable_within, unsure_pairs
 
     found = fit(model, curves)
     rms = relative_errors(found.errors, curves)
     counts = np.array([len(curve.stress) for curve in curves])
     left_out = leave_one_out(model, curves) if len(curves) > 1 else [math.nan] * len(curves)
-    shear, half = _shear_modulus(model, found)
+    shear = model.shear_modulus(found.constants)
+    half = float(found.half_width_of(shear_gradient(model, found.constants)))
     return FittedModel(
         name=name,
         title=model.title,
@@ -125,7 +126,7 @@ def _fitted(name: str, model: Model, curves: Sequence[Curve]) -> FittedModel:
         shear_modulus=(shear, half),
         young_modulus=(3.0 * shear, 3.0 * half),
         unstable=stable_within(model, found.constants, curves),
-        unsure=unsure_pairs(model, found),
+        unsure=unsure_pairs(model, found.correlation),
         others=found.others.tolist(),
     )
 
@@ -151,17 +152,6 @@ def _constants(model: Model, found: Fit) -> list[FittedConstant]:
         )
         for index, constant in enumerate(model.constants)
     ]
-
-
-def _shear_modulus(model: Model, found: Fit) -> tuple[float, float]:
-    """Initial shear modulus and half its interval of 95 %, by the differences that small changes of constants make."""
-    import numpy as np
-
-    c = found.constants
-    steps = 1e-6 * np.maximum(np.abs(c), 1e-9)
-    moved = [model.shear_modulus(c + step * unit) for step, unit in zip(steps, np.eye(len(c)), strict=True)]
-    gradient = (np.array(moved) - model.shear_modulus(c)) / steps
-    return model.shear_modulus(c), float(found.half_width_of(gradient))
 
 
 def _points(curves: Sequence[Curve], fitted: Sequence[FittedModel]) -> dict[str, Variable]:

@@ -22,6 +22,7 @@ REQUIRED = {
     "rig_file": {"file": "rig.json"},
     "curve": {"file": "a.csv", "mode": "uniaxial"},
     "stress": {"width": 20.0, "thickness": 0.2, "u_thickness": 0.005},
+    "virtual_fields": {"width": 20.0, "thickness": 0.2, "u_thickness": 0.005},
 }
 
 

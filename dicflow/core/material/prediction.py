@@ -15,7 +15,17 @@ from dicflow.core.material.modes import MODES, principal_stretches
 from dicflow.core.material.response import nominal_stress, stress_by_constants
 from dicflow.core.material.stability import is_stable
 
-__all__ = ["Guess", "Spread", "errors_of", "leave_one_out", "predicted", "spread_of", "stable_within", "unsure_pairs"]
+__all__ = [
+    "Guess",
+    "Spread",
+    "errors_of",
+    "leave_one_out",
+    "predicted",
+    "shear_gradient",
+    "spread_of",
+    "stable_within",
+    "unsure_pairs",
+]
 
 _BEYOND = 0.1
 """Share of the measured range by which stability is looked for beyond it."""
@@ -79,10 +89,20 @@ def stable_within(model: Model, c: Array, curves: Sequence[Curve], beyond: float
     return found
 
 
-def unsure_pairs(model: Model, found: Fit) -> list[tuple[str, str, float]]:
-    """Names and correlation of constants that the tests do not tell apart, the closest pair first."""
-    names, rho = [one.name for one in model.constants], found.correlation
-    pairs = [(names[i], names[j], float(rho[i, j])) for i in range(len(names)) for j in range(i)]
+def shear_gradient(model: Model, c: Array) -> Array:
+    """Derivatives of the initial shear modulus by the constants (p,), by small changes of each."""
+    steps = 1e-6 * np.maximum(np.abs(c), 1e-9)
+    moved = [model.shear_modulus(c + step * unit) for step, unit in zip(steps, np.eye(len(c)), strict=True)]
+    return np.asarray((np.array(moved) - model.shear_modulus(c)) / steps)
+
+
+def unsure_pairs(model: Model, correlation: Array) -> list[tuple[str, str, float]]:
+    """Names and correlation of constants that tests do not tell apart, the closest pair first.
+
+    correlation : of the constants, (p, p); NaN for those at a limit
+    """
+    names = [one.name for one in model.constants]
+    pairs = [(names[i], names[j], float(correlation[i, j])) for i in range(len(names)) for j in range(i)]
     return sorted((pair for pair in pairs if abs(pair[2]) >= _CLOSELY), key=lambda pair: -abs(pair[2]))
 
 

@@ -15,6 +15,7 @@ from typing import NamedTuple
 
 import numpy as np
 from scipy.optimize import least_squares
+from scipy.stats import chi2
 
 from dicflow.core.arrays import Array
 from dicflow.core.material.membrane import sheet_stress, sheet_stress_by_constants
@@ -34,7 +35,7 @@ __all__ = [
 
 _ROUNDS = 2
 """Searches, each with weights at the constants of the one before."""
-_LEAST_VARIANCE = 1e-12
+_LEAST_VARIANCE = 1e-8
 """Variance of a sum of virtual works, relative to that of the noisiest one, that counts as noise at least."""
 _STEP = 1e-5
 """Change of a gradient for differences."""
@@ -85,6 +86,17 @@ class FieldFit(NamedTuple):
     common: Array
     residuals: tuple[Array, ...]
 
+    @property
+    def covariance(self) -> Array:
+        """Of the constants, both shares together, (p, p)."""
+        return self.independent + self.common
+
+    @property
+    def correlation(self) -> Array:
+        """Of the constants by the independent share, (p, p)."""
+        scale = np.sqrt(np.diag(self.independent))
+        return np.asarray(self.independent / np.outer(scale, scale))
+
 
 def uniform(sheet: Sheet) -> VirtualField:
     """u* = (0, Y / L), by which the mean of P_yy carries the force."""
@@ -101,41 +113,42 @@ def balance(model: Model, c: Array, sheet: Sheet) -> Array:
         return np.asarray(np.where(sheet.forces == 0.0, np.nan, work / sheet.forces))
 
 
-def piecewise_fields(sheet: Sheet, columns: int, rows: int) -> list[VirtualField]:
-    """Bilinear virtual displacements on a mesh of so many cells over the sheet.
+def piecewise_fields(sheet: Sheet, columns: Array, rows: Array) -> list[VirtualField]:
+    """Bilinear virtual displacements on a mesh over the sheet.
 
     One field for each component of each node between the grips, and one that moves the whole pulled grip along Y.
+    columns, rows : where the lines of the mesh lie along X and Y, from 0 to the width and the length; they should lie
+        between the points, so that the areas of these sum up each cell
     """
     shapes = _shapes(sheet, columns, rows)
     fields = []
-    for row in range(1, rows):
-        for column in range(columns + 1):
+    for row in range(1, len(rows) - 1):
+        for column in range(len(columns)):
             for axis in (0, 1):
                 gradient = np.zeros((len(sheet.areas), 2, 2))
                 gradient[:, axis] = shapes[row, column]
                 fields.append(VirtualField(gradient, 0.0))
     grip = np.zeros((len(sheet.areas), 2, 2))
-    grip[:, 1] = shapes[rows].sum(axis=0)
+    grip[:, 1] = shapes[-1].sum(axis=0)
     return [VirtualField(grip, 1.0), *fields]
 
 
-def _shapes(sheet: Sheet, columns: int, rows: int) -> Array:
+def _shapes(sheet: Sheet, columns: Array, rows: Array) -> Array:
     """Gradients of the bilinear shape functions at the points, (row, column, n, 2)."""
-    across, by_x = _hats(sheet.places[:, 0] / sheet.width, columns)
-    along, by_y = _hats(sheet.places[:, 1] / sheet.length, rows)
-    first = along[:, None, :] * by_x[None, :, :] / sheet.width
-    second = by_y[:, None, :] * across[None, :, :] / sheet.length
-    return np.stack([first, second], axis=-1)
+    across, by_x = _hats(sheet.places[:, 0], columns)
+    along, by_y = _hats(sheet.places[:, 1], rows)
+    return np.stack([along[:, None, :] * by_x[None, :, :], by_y[:, None, :] * across[None, :, :]], axis=-1)
 
 
-def _hats(share: Array, cells: int) -> tuple[Array, Array]:
-    """Hat functions over 0 … 1 and their slopes at shares (n,), (cells + 1, n) each."""
-    offset = np.clip(share, 0.0, 1.0) * cells - np.arange(cells + 1)[:, None]
-    inside = (offset > -1.0) & (offset <= 1.0)
-    cell = np.minimum(np.floor(np.clip(share, 0.0, 1.0) * cells), cells - 1)
-    slope = np.where(np.arange(cells + 1)[:, None] == cell, -1.0, 0.0)
-    slope = np.where(np.arange(cells + 1)[:, None] == cell + 1, 1.0, slope)
-    return np.where(inside, 1.0 - np.abs(offset), 0.0), slope * cells
+def _hats(places: Array, lines: Array) -> tuple[Array, Array]:
+    """Hat functions of the lines of a mesh and their slopes at places (n,), (line, n) each."""
+    cell = np.clip(np.searchsorted(lines, places, side="right") - 1, 0, len(lines) - 2)
+    side = np.diff(lines)[cell]
+    share, points = (places - lines[cell]) / side, np.arange(len(places))
+    values, slopes = np.zeros((2, len(lines), len(places)))
+    values[cell, points], values[cell + 1, points] = 1.0 - share, share
+    slopes[cell, points], slopes[cell + 1, points] = -1.0 / side, 1.0 / side
+    return values, slopes
 
 
 def sensitive_fields(model: Model, c: Array, sheet: Sheet, basis: Sequence[VirtualField]) -> list[VirtualField]:
@@ -163,7 +176,8 @@ def constants_of(
     """Constants by weighted least squares over all steps and virtual fields of one or several specimens.
 
     The virtual works of one step are weighted by the inverse of their covariance, since they share the noise of the
-    points; where no noise is known, alike, and the residuals give the variance.
+    points; where the noise of gradients is unknown, alike. Where residuals are larger than the noise explains (5 %
+    level), or nothing is known of it, they give the variance.
     fields : of each sheet
     start : constants (p,) from which Gauss and Newton's search begins
     Raises ValueError if there are not more equations than constants.
@@ -184,9 +198,14 @@ def constants_of(
     solver = np.linalg.pinv(_all(whiteners, [system.slopes(model, c) for system in systems]))
     residuals = [system.residuals(model, c) for system in systems]
     left = _all(whiteners, residuals)
-    variance = 1.0 if all(system.is_noisy for system in systems) else float(left @ left) / (equations - len(c))
+    variance = _variance(float(left @ left), equations - len(c), all(system.is_noisy for system in systems))
     shift = solver @ _all(whiteners, [system.by_thickness() for system in systems])
     return FieldFit(c, solver @ solver.T * variance, np.outer(shift, shift), tuple(residuals))
+
+
+def _variance(squares: float, freedom: int, is_known: bool) -> float:
+    """Variance of weighted residuals by their sum of squares; 1 where the known noise explains them."""
+    return 1.0 if is_known and squares <= chi2.ppf(0.95, freedom) else squares / freedom
 
 
 def _all(whiteners: Sequence[Array], parts: Sequence[Array]) -> Array:
@@ -207,8 +226,8 @@ class _System:
 
     @property
     def is_noisy(self) -> bool:
-        """Whether some noise is known."""
-        return self.sheet.u_gradient > 0.0 or self.sheet.u_force > 0.0
+        """Whether the noise of the gradients is known."""
+        return self.sheet.u_gradient > 0.0
 
     def residuals(self, model: Model, c: Array) -> Array:
         """Work of the stresses less that of the forces, (step, field) [N]."""

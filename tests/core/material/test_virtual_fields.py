@@ -101,6 +101,11 @@ def sheets():
     return found
 
 
+def lines(sheet, columns, rows):
+    """Lines of a mesh of equal cells."""
+    return np.linspace(0.0, sheet.width, columns + 1), np.linspace(0.0, sheet.length, rows + 1)
+
+
 @pytest.mark.parametrize("name", SIZES)
 def test_the_mean_stress_carries_the_force_whatever_the_section_does(sheets, name):
     assert np.ptp(sheets[name].gradients[-1, :, 0, 0]) > 0.05
@@ -112,13 +117,16 @@ def test_virtual_fields_on_the_elements_mesh_give_the_constants(sheets, name):
     """The mesh of the virtual fields is one of the elements', so that equilibrium holds for them exactly."""
     sheet = sheets[name]
     cells = {"strip": (2, 6), "square": (4, 4), "wide": (6, 2)}[name]
-    found = constants_of(MOONEY, [sheet], [piecewise_fields(sheet, *cells)], np.array([0.1, 0.1]))
+    found = constants_of(MOONEY, [sheet], [piecewise_fields(sheet, *lines(sheet, *cells))], np.array([0.1, 0.1]))
     np.testing.assert_allclose(found.constants, TRUTH, rtol=1e-5)
 
 
 def test_three_shapes_by_fields_that_follow_the_sensitivity(sheets):
     listed = list(sheets.values())
-    bases = [piecewise_fields(sheet, *cells) for sheet, cells in zip(listed, ((2, 6), (4, 4), (6, 2)), strict=True)]
+    bases = [
+        piecewise_fields(sheet, *lines(sheet, *cells))
+        for sheet, cells in zip(listed, ((2, 6), (4, 4), (6, 2)), strict=True)
+    ]
     start = np.array([0.15, 0.05])
     fields = [sensitive_fields(MOONEY, start, *pair) for pair in zip(listed, bases, strict=True)]
     found = constants_of(MOONEY, listed, fields, start)
@@ -138,7 +146,10 @@ def test_intervals_hold_the_truth(sheets):
     """100 draws of three shapes with noise and one thickness; of a count with 95 %, 99.7 % are within ± 6.5 %."""
     rng, inside = np.random.default_rng(3), []
     listed = list(sheets.values())
-    fields = [piecewise_fields(sheet, *cells) for sheet, cells in zip(listed, ((1, 3), (2, 2), (3, 1)), strict=True)]
+    fields = [
+        piecewise_fields(sheet, *lines(sheet, *cells))
+        for sheet, cells in zip(listed, ((1, 3), (2, 2), (3, 1)), strict=True)
+    ]
     for _ in range(100):
         thickness = 1.0 + 0.024 * rng.standard_normal()
         drawn = [noisy(sheet, rng, thickness) for sheet in listed]
@@ -150,7 +161,7 @@ def test_intervals_hold_the_truth(sheets):
 
 def test_the_thickness_scales_all_constants_alike(sheets):
     sheet = noisy(sheets["square"], np.random.default_rng(1))
-    found = constants_of(MOONEY, [sheet], [piecewise_fields(sheet, 2, 2)], np.array([0.15, 0.05]))
+    found = constants_of(MOONEY, [sheet], [piecewise_fields(sheet, *lines(sheet, 2, 2))], np.array([0.15, 0.05]))
     np.testing.assert_allclose(np.sqrt(np.diag(found.common)), 0.024 * np.abs(found.constants), rtol=0.02)
 
 
