@@ -58,8 +58,8 @@ REFERENCES = {
     "correlation for speckle patterns, Optics Express 16 (2008) 7037–7048",
     "pan2013": "B. Pan, K. Li and W. Tong, Fast, robust and accurate digital image correlation calculation without "
     "redundant computations, Experimental Mechanics 53 (2013) 1277–1289",
-    "pierron2012": "F. Pierron and M. Grédiac, The Virtual Fields Method: Extracting Constitutive Mechanical Parameters "
-    "from Full-field Deformation Measurements, Springer (2012)",
+    "pierron2012": "F. Pierron and M. Grédiac, The Virtual Fields Method: Extracting Constitutive Mechanical "
+    "Parameters from Full-field Deformation Measurements, Springer (2012)",
     "savitzky1964": "A. Savitzky and M. J. E. Golay, Smoothing and differentiation of data by simplified least squares "
     "procedures, Analytical Chemistry 36 (1964) 1627–1639",
     "seth1961": "B. R. Seth, Generalized strain measure with applications to physical problems, MRC Technical Summary "
