@@ -22,6 +22,9 @@ REQUIRED = {
     "corners": {"size": (9, 6)},
     "rig_file": {"file": "rig.json"},
     "scale": {"square": 1.0},
+    "curve": {"file": "a.csv", "mode": "uniaxial"},
+    "stress": {"width": 20.0, "thickness": 0.2, "u_thickness": 0.005},
+    "virtual_fields": {"width": 20.0, "thickness": 0.2, "u_thickness": 0.005},
 }
 
 
