@@ -43,6 +43,7 @@ if TYPE_CHECKING:
     from dicflow.core.strain.deformation_gradient import ErrorShare, SurfaceGradient
     from dicflow.core.strain.degree_choice import ChosenGradient
     from dicflow.core.strain.measures import GradientMeasures
+    from dicflow.core.strain.unseen_jumps import GridOfSubsets
     from dicflow.core.uncertainty.covariance import MeasuredPoints
     from dicflow.core.uncertainty.overlap import ShapeFunction
 
@@ -120,6 +121,7 @@ class Deformation(Node):
         from dicflow.core.cameras.frames import LEFT_CAMERA, compose_frames
         from dicflow.core.strain.deformation_gradient import measured_surface
         from dicflow.core.strain.degree_choice import candidate_fits, chosen_gradient
+        from dicflow.core.strain.unseen_jumps import unseen_jumps
         from dicflow.core.tensors import upper_triangle
         from dicflow.core.uncertainty.covariance import joint_covariance, points_in_frame, with_errors
 
@@ -135,10 +137,11 @@ class Deformation(Node):
         covariance = joint_covariance(after, before, step.template)
         errors = errors_by_shape(covariance, step, first, (axes, along))
         measured = measured_surface(before.xyz, after.xyz, [*errors.values()], first.parts, self.min_share)
-        chosen = chosen_gradient(measured, candidate_fits(self._window(first), self.degree))
+        jumps = unseen_jumps(measured, *self._jumps(step, first))
+        chosen = chosen_gradient(measured, candidate_fits(self._window(first), self.degree), jumps)
         surface = chosen.surface
         frames = (compose_frames(along, axes), axes)
-        bias = bias_of_places(step, frames[0].rotation)
+        bias = bias_of_places(step, frames[0].rotation, jumps)
         fields = {**_displacements(before, after, covariance), **bias, **self._strains(chosen)}
         fields |= _combined(fields)
         if rig is not None:
@@ -152,6 +155,15 @@ class Deformation(Node):
         from dicflow.core.surfaces.filters import odd_window
 
         return odd_window((self.window, self.window), points.grid.step_size)
+
+    def _jumps(self, step: Points, first: Points) -> tuple[np.ndarray, GridOfSubsets, int]:
+        """Points at which a jump was found, the grid of subsets, and the side of the window [points]."""
+        from dicflow.core.status import Status
+        from dicflow.core.strain.unseen_jumps import GridOfSubsets
+
+        lost = step["status"] == Status.DISCONTINUITY
+        grid = GridOfSubsets(first.grid.subset_size, first.grid.step_size, step.left_shape_function)
+        return lost, grid, max(self._window(first))
 
     def _motion(self, before: MeasuredPoints, after: MeasuredPoints) -> RigidMotion | None:
         """The rigid-body motion to remove; None if it stays in, or no point is left."""

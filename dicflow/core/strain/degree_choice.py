@@ -14,9 +14,10 @@ from typing import Literal, NamedTuple
 
 import numpy as np
 
-from dicflow.core.arrays import Array, Codes, Index
+from dicflow.core.arrays import Array, Codes, Index, Mask
 from dicflow.core.strain.deformation_gradient import MeasuredSurface, SurfaceGradient
 from dicflow.core.strain.remaining_bias import CUBIC, WindowFit, relative_bias
+from dicflow.core.strain.unseen_jumps import UnseenJumps
 from dicflow.core.strain.window_fits import places_of, terms_of_degree
 
 __all__ = ["ChosenGradient", "candidate_fits", "chosen_gradient"]
@@ -50,17 +51,39 @@ def candidate_fits(window: tuple[int, int], degree: int | Literal["auto"]) -> li
     return [*(WindowFit(window, one) for one in range(1, CUBIC + 1)), *smaller]
 
 
-def chosen_gradient(surface: MeasuredSurface, fits: Sequence[WindowFit]) -> ChosenGradient:
-    """Deformation gradients by the first fit at each point whose bias is small beside its noise, or by the best one."""
+def chosen_gradient(
+    surface: MeasuredSurface, fits: Sequence[WindowFit], jumps: UnseenJumps | None = None
+) -> ChosenGradient:
+    """Deformation gradients by the first fit at each point whose bias is small beside its noise, or by the best one.
+
+    jumps : across which the windows reach; None without any
+    """
     chosen, least = _unknown(surface.known.shape), np.full(surface.known.shape, np.inf)
     left = surface.known
     for fit in fits:
         if not left.any():
             break
         relative = relative_bias(surface, fit, left)
+        if jumps is not None:
+            relative = _with_jumps(relative, jumps, surface, fit, left)
         _take_better(chosen, least, surface, fit, relative, places_of(left))
         left = left & (_WEIGHT * np.diagonal(relative, axis1=-2, axis2=-1).max(axis=-1) > 1.0)
     return chosen
+
+
+def _with_jumps(
+    relative: Array, jumps: UnseenJumps, surface: MeasuredSurface, fit: WindowFit, wanted: Mask
+) -> Array:
+    """Second moments (row, col, 4, 4) of a bias in units of σ, with that by jumps where it is the larger one."""
+    at = places_of(wanted & (jumps.jump != 0.0).any(axis=-1))
+    weights = surface.points.slope_weights(at, *fit)
+    found, slopes = surface.gradient_by(at, weights), jumps.of_slopes(at, weights)
+    bias = np.einsum("nfai,nkai->nkf", found.response[..., :3], slopes)
+    bias /= np.sqrt(np.diagonal(found.covariance, axis1=-2, axis2=-1))[:, None]
+    moments, larger = np.einsum("nkf,nkg->nfg", bias, bias), relative.copy()
+    more = np.trace(moments, axis1=-2, axis2=-1) > np.trace(relative[at[:, 0], at[:, 1]], axis1=-2, axis2=-1)
+    larger[tuple(at[more].T)] = moments[more]
+    return larger
 
 
 def _unknown(shape: tuple[int, ...]) -> ChosenGradient:

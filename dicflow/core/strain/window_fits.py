@@ -170,10 +170,18 @@ def _connected_weights(weights: Array, parts: Parts, centre: Index, own: Array, 
                     continue
                 if weights[a, b] == 0.0 or are_apart(parts, centre[0], centre[1], a, b):
                     continue
+                if not _is_further(i - high // 2, j - wide // 2, row - high // 2, col - wide // 2):
+                    continue
                 own[i, j] = weights[a, b]
                 reached[count, 0], reached[count, 1] = i, j
                 count += 1
     return count
+
+
+@njit(**INNER)
+def _is_further(i: int, j: int, row: int, col: int) -> bool:
+    """Whether a point at (i, j) from the centre is further away on the grid than one at (row, col)."""
+    return max(abs(i), abs(j)) > max(abs(row), abs(col))
 
 
 @njit(**INNER)
