@@ -64,25 +64,25 @@ def chosen_gradient(
         if not left.any():
             break
         relative = relative_bias(surface, fit, left)
+        better = _take_better(chosen, least, surface, fit, relative, places_of(left))
         if jumps is not None:
-            relative = _with_jumps(relative, jumps, surface, fit, left)
-        _take_better(chosen, least, surface, fit, relative, places_of(left))
+            chosen.bias[tuple(better.T)] = _with_jumps(chosen.bias[tuple(better.T)], jumps, surface, fit, better)
         left = left & (_WEIGHT * np.diagonal(relative, axis1=-2, axis2=-1).max(axis=-1) > 1.0)
     return chosen
 
 
-def _with_jumps(
-    relative: Array, jumps: UnseenJumps, surface: MeasuredSurface, fit: WindowFit, wanted: Mask
-) -> Array:
-    """Second moments (row, col, 4, 4) of a bias in units of σ, with that by jumps where it is the larger one."""
-    at = places_of(wanted & (jumps.jump != 0.0).any(axis=-1))
-    weights = surface.points.slope_weights(at, *fit)
-    found, slopes = surface.gradient_by(at, weights), jumps.of_slopes(at, weights)
-    bias = np.einsum("nfai,nkai->nkf", found.response[..., :3], slopes)
-    bias /= np.sqrt(np.diagonal(found.covariance, axis1=-2, axis2=-1))[:, None]
-    moments, larger = np.einsum("nkf,nkg->nfg", bias, bias), relative.copy()
-    more = np.trace(moments, axis1=-2, axis2=-1) > np.trace(relative[at[:, 0], at[:, 1]], axis1=-2, axis2=-1)
-    larger[tuple(at[more].T)] = moments[more]
+def _with_jumps(bias: Array, jumps: UnseenJumps, surface: MeasuredSurface, fit: WindowFit, at: Index) -> Array:
+    """Second moments (n, 4, 4) of the bias of a fit at rows and columns (n, 2), with that by jumps where it is larger."""
+    crossed = np.flatnonzero((jumps.jump[at[:, 0], at[:, 1]] != 0.0).any(axis=-1))
+    if not len(crossed):
+        return bias
+    here, larger = at[crossed], bias.copy()
+    weights = surface.points.slope_weights(here, *fit)
+    response = surface.gradient_by(here, weights).response
+    shares = np.einsum("nfai,nkai->nkf", response[..., :3], jumps.of_slopes(here, weights))
+    moments = np.einsum("nkf,nkg->nfg", shares, shares)
+    more = np.trace(moments, axis1=-2, axis2=-1) > np.trace(bias[crossed], axis1=-2, axis2=-1)
+    larger[crossed[more]] = moments[more]
     return larger
 
 
@@ -95,8 +95,11 @@ def _unknown(shape: tuple[int, ...]) -> ChosenGradient:
 
 def _take_better(
     chosen: ChosenGradient, least: Array, surface: MeasuredSurface, fit: WindowFit, relative: Array, at: Index
-) -> None:
-    """Set the gradients at rows and columns (n, 2) where a fit is better than those before. least : their sums"""
+) -> Index:
+    """Set the gradients at rows and columns (n, 2) where a fit is better than those before; returns these.
+
+    least : the sums of variance and bias, of those before
+    """
     found = surface.gradient(at, *fit)
     sigma = np.sqrt(np.diagonal(found.covariance, axis1=-2, axis2=-1))
     bias = relative[at[:, 0], at[:, 1]] * sigma[:, :, None] * sigma[:, None]
@@ -107,3 +110,4 @@ def _take_better(
     for field, values in zip((*chosen.surface, chosen.bias), (*found, bias), strict=True):
         field[rows, cols] = values[better]
     chosen.degree[rows, cols] = fit.degree
+    return at[better]

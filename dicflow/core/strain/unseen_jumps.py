@@ -21,7 +21,7 @@ from numpy.lib.stride_tricks import sliding_window_view
 
 from dicflow.core.arrays import Array, Codes, Index, Mask
 from dicflow.core.parts import beside_borders
-from dicflow.core.strain.deformation_gradient import MeasuredSurface
+from dicflow.core.strain.deformation_gradient import ErrorShare, MeasuredSurface
 from dicflow.core.strain.window_fits import places_of
 from dicflow.core.uncertainty.covariance import displacement_covariance
 from dicflow.core.uncertainty.overlap import Overlap, ShapeFunction, subset_weights
@@ -38,6 +38,8 @@ _DEPTH, _WIDTH = 1.6, 0.7
 _DEGREE, _MIN_POINTS_PER_TERM, _MAX_CONDITION = 3, 1.5, 1e7
 _SIGMAS = 6.0
 """Significance above which a jump counts: on rendered photographs noise reaches it in one of 10,000 points."""
+_OF_BAND = 1.0 / 3.0**0.5
+"""Share of a ridge of strain that is wrong where it may be a narrow band as well: as likely none as all of it."""
 _BESIDE = 1.5
 """Distance from a line up to which points lie on it [points]."""
 
@@ -103,8 +105,7 @@ class UnseenJumps(NamedTuple):
     jump : (row, col, 3) [mm]; 0 far from all lines
     direction : (row, col) — number of the normal of its line
     distance : (row, col) — of the point from the line, along its normal [points]
-    is_crack : (row, col) — where the line goes on from lost points; a crack's jump may change by its own size along the
-        side of a window
+    is_crack : (row, col) — where the line goes on from lost points; a crack's jump may vanish within half a window
     subsets : of the grid; window : side of the window [points]
     """
 
@@ -136,8 +137,10 @@ class UnseenJumps(NamedTuple):
             distance = self.distance[rows, cols][here, None, None]
             rise = self.subsets.profile(distance + np.add.outer(normal[0] * row, normal[1] * col), normal)
             wrong = (rise - np.where(distance < 0.0, -0.5, 0.5)) * np.add.outer(normal[1] * row, -normal[0] * col)
-            shares[here] = np.einsum("naij,knij->nka", weights[here], np.stack([rise, wrong / self.window]))
-        shares[:, 1] *= self.is_crack[rows, cols][:, None]
+            shares[here] = np.einsum("naij,knij->nka", weights[here], np.stack([rise, wrong / (0.5 * self.window)]))
+        is_crack = self.is_crack[rows, cols][:, None]
+        shares[:, 0] *= np.where(is_crack, 1.0, _OF_BAND)
+        shares[:, 1] *= is_crack
         return np.asarray(shares[..., None] * self.jump[rows, cols][:, None, None])
 
 
@@ -162,6 +165,7 @@ def _jumps(surface: MeasuredSurface, lost: Mask, subsets: GridOfSubsets) -> _Jum
     whole = surface.known & ~beside_borders(surface.points.parts)
     reach = int(np.ceil(_DEPTH * subsets.side))
     near = _grown(lost, np.ones((2 * reach + 1,) * 2)) & surface.known
+    surface = surface._replace(errors=_least_around(surface, reach))
     for number, fit in enumerate(_fits(subsets)):
         square = fit.on_square(np.ones((1, len(fit.places))))[0]
         complete = (_summed(whole.astype(np.float64), square) > len(fit.places) - 0.5) & surface.known
@@ -170,6 +174,14 @@ def _jumps(surface: MeasuredSurface, lost: Mask, subsets: GridOfSubsets) -> _Jum
         _take(best, at, found, _covariance(surface, at, fit.weights), number)
         _take_partial(best, surface, places_of(near & ~complete), fit, number)
     return best
+
+
+def _least_around(surface: MeasuredSurface, reach: int) -> list[ErrorShare]:
+    """Errors of the points, as large as the least ones around: those beside a jump are uncertain by the jump itself."""
+    sigma = np.where(surface.known, surface.points.sigma, np.inf)
+    least = cv2.erode(sigma, np.ones((reach + 1,) * 2, dtype=np.uint8))
+    share = np.where(surface.known, least / sigma, 1.0)[..., None, None] ** 2
+    return [error._replace(covariance=share * error.covariance) for error in surface.errors]
 
 
 def _fits(subsets: GridOfSubsets) -> Iterator[_Fit]:
@@ -295,10 +307,10 @@ def _nearest(jumps: _Jumps, counts: Mask, is_crack: Mask, subsets: GridOfSubsets
             normal = _NORMALS[number]
             distance = normal @ (a, b)
             along = normal[:, 1] * a - normal[:, 0] * b
-            ok = (np.abs(along) <= _BESIDE) & (np.abs(distance) < reach) & (moved >= 0).all(1) & (moved < shape).all(1)
+            ok = (np.abs(along) <= 0.5 * window) & (np.abs(distance) < reach) & (moved >= 0).all(1) & (moved < shape).all(1)
             r, c = moved[ok].T
             q = tuple(places[ok].T)
-            value = size[q] * (1 - np.abs(distance[ok]) / reach)
+            value = size[q] * (1.0 - np.hypot(distance[ok], along[ok]) / (reach + window))
             better = value > most[r, c]
             r, c, q = r[better], c[better], tuple(i[better] for i in q)
             most[r, c] = value[better]
