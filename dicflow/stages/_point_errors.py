@@ -68,5 +68,6 @@ def bias_of_places(step: Points, turn: np.ndarray, jumps: UnseenJumps | None) ->
         return {}
     deviations = np.linalg.norm(turn @ bias, axis=-1)
     if jumps is not None:
-        deviations = np.hypot(deviations, jumps.of_places())
+        between = jumps.of_places()
+        deviations = np.where(between > 0.0, np.hypot(np.nan_to_num(deviations), between), deviations)
     return {f"bias_{name}": deviations[..., axis] for axis, name in enumerate("UVW")}

@@ -43,7 +43,7 @@ if TYPE_CHECKING:
     from dicflow.core.strain.deformation_gradient import ErrorShare, SurfaceGradient
     from dicflow.core.strain.degree_choice import ChosenGradient
     from dicflow.core.strain.measures import GradientMeasures
-    from dicflow.core.strain.unseen_jumps import GridOfSubsets
+    from dicflow.core.strain.small_jumps import GridOfSubsets
     from dicflow.core.uncertainty.covariance import MeasuredPoints
     from dicflow.core.uncertainty.overlap import ShapeFunction
 
@@ -159,7 +159,7 @@ class Deformation(Node):
     def _jumps(self, step: Points, first: Points) -> tuple[np.ndarray, GridOfSubsets, int]:
         """Points at which a jump was found, the grid of subsets, and the side of the window [points]."""
         from dicflow.core.status import Status
-        from dicflow.core.strain.unseen_jumps import GridOfSubsets
+        from dicflow.core.strain.small_jumps import GridOfSubsets
 
         lost = step["status"] == Status.DISCONTINUITY
         grid = GridOfSubsets(first.grid.subset_size, first.grid.step_size, step.left_shape_function)

@@ -9,6 +9,11 @@ Their sums within blocks of pixels estimate the covariance for any such correlat
 (White, Econometrica 48, 1980; for blocks, Liang and Zeger, Biometrika 73, 1986). Bell-shaped windows replace the blocks
 here, because residuals that cancel between blocks, as after a change of contrast or focus, would count at sharp edges.
 The sum is scaled so that white noise gives its own covariance in spite of the parameters that were fitted.
+
+A pattern that is a little sharper in one photograph leaves second derivatives of the grey levels f, along one
+direction more than along another after a stretch. These move no place: f_x f_xx, f_x f_xy and f_x f_yy are made of
+derivatives, as of f_x² / 2, whose sums over a subset depend on its rim alone. Sums within windows would count, so that
+this part is taken out of the residuals.
 """
 
 from __future__ import annotations
@@ -131,7 +136,19 @@ def _inside(reference: Template, target: Spline, centres: Index, warp: Array, su
     for brightness in (np.ones_like(f), f):
         part = _weighted_mean(jacobian * brightness, weight) / _weighted_mean(brightness * brightness, weight)
         jacobian = jacobian - part[..., None] * brightness
+    residual = _without_blur(fit, residual, weight, subset.size)
     return _sandwich(jacobian, weight, residual, _windows(subset.size))
+
+
+def _without_blur(fit: Residuals, residual: Array, weight: Array, size: int) -> Array:
+    """Residuals (n, pixel) without the part that second derivatives of the grey levels explain, by least squares."""
+    by_x, by_y = (part.reshape(-1, size, size) for part in (fit.by_x, fit.by_y))
+    terms = np.stack([np.gradient(by_x, axis=2), np.gradient(by_x, axis=1), np.gradient(by_y, axis=1)], axis=1)
+    terms = terms.reshape(len(residual), 3, -1)
+    weighted = terms * weight[:, None]
+    normal = weighted @ np.swapaxes(terms, -1, -2)
+    factors = np.linalg.pinv(normal, hermitian=True) @ (weighted @ residual[..., None])
+    return np.asarray(residual - (factors * terms).sum(axis=1))
 
 
 def _weighted_mean(values: Array, weight: Array) -> Array:

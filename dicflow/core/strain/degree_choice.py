@@ -14,9 +14,9 @@ from typing import Literal, NamedTuple
 
 import numpy as np
 
-from dicflow.core.arrays import Array, Codes, Index, Mask
+from dicflow.core.arrays import Array, Codes, Index
 from dicflow.core.strain.deformation_gradient import MeasuredSurface, SurfaceGradient
-from dicflow.core.strain.remaining_bias import CUBIC, WindowFit, relative_bias
+from dicflow.core.strain.remaining_bias import CUBIC, RelativeBias, WindowFit, relative_bias
 from dicflow.core.strain.unseen_jumps import UnseenJumps
 from dicflow.core.strain.window_fits import places_of, terms_of_degree
 
@@ -67,12 +67,12 @@ def chosen_gradient(
         better = _take_better(chosen, least, surface, fit, relative, places_of(left))
         if jumps is not None:
             chosen.bias[tuple(better.T)] = _with_jumps(chosen.bias[tuple(better.T)], jumps, surface, fit, better)
-        left = left & (_WEIGHT * np.diagonal(relative, axis1=-2, axis2=-1).max(axis=-1) > 1.0)
+        left = left & (_WEIGHT * np.diagonal(relative.near, axis1=-2, axis2=-1).max(axis=-1) > 1.0)
     return chosen
 
 
 def _with_jumps(bias: Array, jumps: UnseenJumps, surface: MeasuredSurface, fit: WindowFit, at: Index) -> Array:
-    """Second moments (n, 4, 4) of the bias of a fit at rows and columns (n, 2), with that by jumps where it is larger."""
+    """Second moments (n, 4, 4) of the bias of a fit at rows and columns (n, 2), that by jumps if it is larger."""
     crossed = np.flatnonzero((jumps.jump[at[:, 0], at[:, 1]] != 0.0).any(axis=-1))
     if not len(crossed):
         return bias
@@ -94,7 +94,7 @@ def _unknown(shape: tuple[int, ...]) -> ChosenGradient:
 
 
 def _take_better(
-    chosen: ChosenGradient, least: Array, surface: MeasuredSurface, fit: WindowFit, relative: Array, at: Index
+    chosen: ChosenGradient, least: Array, surface: MeasuredSurface, fit: WindowFit, relative: RelativeBias, at: Index
 ) -> Index:
     """Set the gradients at rows and columns (n, 2) where a fit is better than those before; returns these.
 
@@ -102,8 +102,9 @@ def _take_better(
     """
     found = surface.gradient(at, *fit)
     sigma = np.sqrt(np.diagonal(found.covariance, axis1=-2, axis2=-1))
-    bias = relative[at[:, 0], at[:, 1]] * sigma[:, :, None] * sigma[:, None]
-    total = np.trace(found.covariance + _WEIGHT * bias, axis1=-2, axis2=-1)
+    scale = sigma[:, :, None] * sigma[:, None]
+    near, bias = (scale * moments[at[:, 0], at[:, 1]] for moments in relative)
+    total = np.trace(found.covariance + _WEIGHT * near, axis1=-2, axis2=-1)
     better = total < least[at[:, 0], at[:, 1]]
     rows, cols = at[better].T
     least[rows, cols] = total[better]
