@@ -33,8 +33,8 @@ _STANDARD_ERRORS = 4.0
 """Standard errors by which the mean of changes must exceed that of noise."""
 _REACH, _FAR = 0.6, 2.5
 """Standard deviations of the weights in means of squares, and of changes, over neighbours [sides of the window]."""
-_MEAN_SIGMAS = 2.5
-"""Standard errors that a mean of changes must exceed."""
+_MEAN_SIGMAS, _ALONE_SIGMAS = 2.5, 3.5
+"""Standard errors that a mean of changes must exceed, and above which a single change is no part of it."""
 _AREA = 0.8
 """Area over which the errors of changes are correlated, Σ ρ² over all distances [squares of the window's side]."""
 _NEGLIGIBLE = 1e-3
@@ -205,8 +205,12 @@ def _mean_excess(samples: _Samples, places: Index, bias: Array, covariance: Arra
 
 
 def _square_of_mean(samples: _Samples, places: Index, bias: Array, covariance: Array) -> Array:
-    """Square of the mean of δF over several windows, less its variance, where it stands out; (row, col, 4, 4)."""
+    """Square of the mean of δF over several windows, less its variance, where it stands out; (row, col, 4, 4).
+
+    What stands out alone is no part of it: it belongs to its neighbours.
+    """
     places, bias, noise, weight = _weighted(places, bias, covariance)
+    weight[(bias**2 > _ALONE_SIGMAS**2 * noise).any(axis=1)] = 0.0
     weights, products, variances = (
         samples.cells(places, values) for values in (weight, weight * bias, weight**2 * noise)
     )
