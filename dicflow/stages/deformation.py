@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal, NamedTuple
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal, NamedTuple, cast
 
 from pydantic import AfterValidator, Field
 
@@ -161,8 +161,8 @@ class Deformation(Node):
         from dicflow.core.status import Status
         from dicflow.core.strain.small_jumps import GridOfSubsets
 
-        lost = step["status"] == Status.DISCONTINUITY
-        grid = GridOfSubsets(first.grid.subset_size, first.grid.step_size, step.left_shape_function)
+        lost, shape_function = step["status"] == Status.DISCONTINUITY, cast(Any, step.left_shape_function)
+        grid = GridOfSubsets(first.grid.subset_size, first.grid.step_size, shape_function)
         return lost, grid, max(self._window(first))
 
     def _motion(self, before: MeasuredPoints, after: MeasuredPoints) -> RigidMotion | None:

@@ -111,4 +111,4 @@ def _take_better(
     for field, values in zip((*chosen.surface, chosen.bias), (*found, bias), strict=True):
         field[rows, cols] = values[better]
     chosen.degree[rows, cols] = fit.degree
-    return at[better]
+    return np.ascontiguousarray(at[better])

@@ -85,7 +85,8 @@ class _Fit(NamedTuple):
     @property
     def weights(self) -> Array:
         """Weights (side, side) of the points in J where all of them are known."""
-        return self.on_square(np.linalg.pinv(self.terms.T)[:1])[0]
+        in_jump = np.asarray(np.linalg.pinv(self.terms.T), dtype=np.float64)[:1]
+        return np.asarray(self.on_square(in_jump)[0])
 
     def on_square(self, values: Array) -> Array:
         """Values (k, n) of the points that count as squares (k, side, side), 0 elsewhere."""
@@ -108,7 +109,7 @@ def jumps_at_points(surface: MeasuredSurface, lost: Mask, subsets: GridOfSubsets
     points = surface.points
     values = points.values[..., :3] - points.values[..., 3:]
     whole = (surface.known & ~beside_borders(points.parts)).astype(np.float64)
-    near = grown(lost, np.ones((2 * subsets.reach + 1,) * 2)) & surface.known
+    near = grown(lost, np.ones((2 * subsets.reach + 1,) * 2, dtype=np.uint8)) & surface.known
     certain = surface._replace(errors=_least_around(surface, subsets.reach))
     for fit in _fits(subsets):
         square = fit.on_square(np.ones((1, len(fit.places))))[0]
@@ -121,9 +122,9 @@ def jumps_at_points(surface: MeasuredSurface, lost: Mask, subsets: GridOfSubsets
     return best
 
 
-def grown(mask: Mask, by: Array) -> Mask:
+def grown(mask: Mask, by: Codes) -> Mask:
     """The mask grown by a set of points (side, side)."""
-    return np.asarray(cv2.dilate(mask.astype(np.uint8), by.astype(np.uint8)) > 0, dtype=np.bool_)
+    return np.asarray(cv2.dilate(mask.astype(np.uint8), by) > 0, dtype=np.bool_)
 
 
 def _least_around(surface: MeasuredSurface, reach: int) -> list[ErrorShare]:
@@ -167,7 +168,8 @@ def _by_some_points(surface: MeasuredSurface, at: Index, fit: _Fit) -> tuple[Ind
     """Where the known points tell, of rows and columns (n, 2): these (m, 2), jumps (m, 3), covariances (m, 3, 3)."""
     points = surface.points
     own = points.parts.number[at[:, 0], at[:, 1]]
-    weights = np.where(fit.around(points.parts.number, at) == own[:, None], fit.around(points.weights, at), 0.0)
+    part = fit.around(points.parts.number.astype(np.float64), at)
+    weights = np.where(part == own[:, None], fit.around(points.weights, at), 0.0)
     weights /= np.maximum(weights.max(axis=1, keepdims=True, initial=0.0), 1e-300)
     normal = (fit.terms * weights[:, None]) @ fit.terms.T
     firm = np.linalg.cond(normal) < _MAX_CONDITION
