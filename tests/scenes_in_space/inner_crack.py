@@ -19,9 +19,9 @@ def _side(sign: int) -> Place:
         root = np.sqrt(z - _HALF_MM) * np.sqrt(z + _HALF_MM)
         between = np.abs(x) < _HALF_MM
         root = np.where(between, sign * 1j * np.sqrt(_HALF_MM**2 - z * z), root)
-        stress = z * root.conj() / (np.abs(root) ** 2 + _BLUNT_MM**2)
-        along = 0.5 * (_KAPPA - 1.0) * root.real - y * stress.imag
-        across = 0.5 * (_KAPPA + 1.0) * root.imag - y * stress.real
+        stress, blunt = z * root.conj(), root.real**2 + root.imag**2 + _BLUNT_MM**2
+        along = 0.5 * (_KAPPA - 1.0) * root.real - y * stress.imag / blunt
+        across = 0.5 * (_KAPPA + 1.0) * root.imag - y * stress.real / blunt
         moved = material + load * _LOAD * np.stack([along, across], axis=-1) @ _AXES
         return np.concatenate([moved, np.full_like(moved[..., :1], 0.1 * load)], axis=-1)
 
