@@ -26,6 +26,7 @@ from dicflow.kinds.quantities import (
 from dicflow.kinds.rig import CalibratedRig
 from dicflow.kinds.total import (
     DEGREE,
+    VSG,
     Total,
     TotalFacts,
     field_means,
@@ -148,7 +149,7 @@ class Deformation(Node):
             fields |= self._calibration(CalibratedRig.read(rig), (after.xyz, before.xyz), frames, surface)
         fields |= {"xyz": after.xyz, "xyz_reference": before.xyz, "gradient": surface.gradient}
         fields["covariance"] = upper_triangle(covariance)
-        return self._product(fields, errors, (step, first), _Motion(motion, frames), chosen.degree)
+        return self._product(fields, errors, (step, first), _Motion(motion, frames), chosen)
 
     def _window(self, points: Points) -> tuple[int, int]:
         """Rows and columns of the window of a strain [points]."""
@@ -247,7 +248,7 @@ class Deformation(Node):
         errors: Mapping[ShapeFunction, ErrorShare],
         steps: tuple[Points, Points],
         motion: _Motion,
-        degree: np.ndarray,
+        chosen: ChosenGradient,
     ) -> Product:
         import numpy as np
 
@@ -265,7 +266,8 @@ class Deformation(Node):
         means = field_means(fields, step.unit)
         further = {
             **self._facts(fields, first, step.unit),
-            **_degrees(degree[moved & strained]),
+            **_degrees(chosen.degree[moved & strained]),
+            "window_shares": _shares(chosen.window[moved & strained]),
             "shape_shares": variance_shares(errors),
             "rigid": rigid_motion_to_json(motion.removed),
             "frames": frames_to_json(motion.frames),
@@ -273,7 +275,8 @@ class Deformation(Node):
         }
         beside = {name: step.product.variables[name] for name in ("way", "way_right", "znssd") if name in step}
         if self.degree == "auto":
-            beside["degree"] = DEGREE(np.where(moved & strained, degree, np.uint8(0)))
+            beside["degree"] = DEGREE(np.where(moved & strained, chosen.degree, np.uint8(0)))
+            beside["vsg"] = VSG(known_or_nan(moved & strained, _gauges(chosen, first)))
         return Total.write(fields, status, TotalFacts("precise", step.unit, self._titles(), further), beside)
 
     def _titles(self) -> dict[str, str]:
@@ -336,11 +339,26 @@ def _combined(fields: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
 
 def _degrees(degree: np.ndarray) -> dict[str, Any]:
     """The degree of most points, and the share of points of each."""
+    shares = _shares(degree)
+    return {"degree": int(max(shares, key=lambda one: shares[one])) if shares else 1, "degree_shares": shares}
+
+
+def _shares(values: np.ndarray) -> dict[str, float]:
+    """The share of points of each value."""
     import numpy as np
 
-    found, counts = np.unique(degree, return_counts=True)
-    shares = {str(one): float(count / counts.sum()) for one, count in zip(found, counts, strict=True)}
-    return {"degree": int(found[counts.argmax()]) if len(found) else 1, "degree_shares": shares}
+    found, counts = np.unique(values, return_counts=True)
+    return {str(one): float(count / counts.sum()) for one, count in zip(found, counts, strict=True)}
+
+
+def _gauges(chosen: ChosenGradient, first: Points) -> np.ndarray:
+    """Sides of the virtual strain gauges (row, col) [px]."""
+    import numpy as np
+
+    from dicflow.core.strain.deformation_gradient import vsg_px
+
+    sides = [vsg_px(points, first.grid.step_size, first.grid.subset_size) for points in range(chosen.window.max() + 1)]
+    return np.array(sides, dtype=np.float32)[chosen.window]
 
 
 def _consistent_status(status: np.ndarray, known: np.ndarray) -> np.ndarray:
@@ -383,10 +401,20 @@ def sentence(stage: Deformation, product: Product | None) -> str:
     return text if product is None else text + _figures_sentence(Total.read(product))
 
 
+def _smaller(total: Total) -> str:
+    """The gauge where the window is smaller, and at how many points that is; empty without any."""
+    from dicflow.core.strain.deformation_gradient import vsg_px
+
+    side, shares = total.window_points[0], total.product.attrs.get("window_shares", {})
+    others = [(int(points), share) for points, share in shares.items() if int(points) < side]
+    said = [f"{vsg_px(n, total.step_size, total.subset_size):g} px at {share:.1%} of the points" for n, share in others]
+    return "".join(f", {words}" for words in said)
+
+
 def _figures_sentence(total: Total) -> str:
     """The gauge, and the uncertainties at a step."""
     gauge, summary = total.gauge, summary_of(total.product)
-    text = "" if gauge is None else f" The virtual strain gauge measures {gauge.size} [idics2018]."
+    text = "" if gauge is None else f" The virtual strain gauge measures {gauge.size} [idics2018]{_smaller(total)}."
     names = {name: named_with_unit(name, total.unit) for name in BASIC}
     known = {name: summary.get(f"u_{named}") for name, named in names.items()}
     figures = [

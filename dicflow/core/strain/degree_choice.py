@@ -14,7 +14,7 @@ from typing import Literal, NamedTuple
 
 import numpy as np
 
-from dicflow.core.arrays import Array, Codes, Index
+from dicflow.core.arrays import Array, Codes, Counts, Index
 from dicflow.core.strain.deformation_gradient import MeasuredSurface, SurfaceGradient
 from dicflow.core.strain.remaining_bias import CUBIC, RelativeBias, WindowFit, relative_bias
 from dicflow.core.strain.unseen_jumps import UnseenJumps
@@ -35,11 +35,13 @@ class ChosenGradient(NamedTuple):
     surface : NaN where the point or too much of its window is missing
     bias : (row, col, 4, 4) — second moments of the systematic error that remains in F₁₁, F₁₂, F₂₁, F₂₂ [-]
     degree : (row, col) — of the polynomial; 0 where unknown
+    window : (row, col) — rows of its window [points]; 0 where unknown
     """
 
     surface: SurfaceGradient
     bias: Array
     degree: Codes
+    window: Counts
 
 
 def candidate_fits(window: tuple[int, int], degree: int | Literal["auto"]) -> list[WindowFit]:
@@ -90,7 +92,8 @@ def _unknown(shape: tuple[int, ...]) -> ChosenGradient:
     """Unknown gradients of a grid."""
     sides = ((2, 2), (4, 4), (4, 2, 6), (4, 4))
     *surface, bias = (np.full((*shape, *side), np.nan) for side in sides)
-    return ChosenGradient(SurfaceGradient(*surface), bias, np.zeros(shape, dtype=np.uint8))
+    degree, window = np.zeros(shape, dtype=np.uint8), np.zeros(shape, dtype=np.int32)
+    return ChosenGradient(SurfaceGradient(*surface), bias, degree, window)
 
 
 def _take_better(
@@ -110,5 +113,5 @@ def _take_better(
     least[rows, cols] = total[better]
     for field, values in zip((*chosen.surface, chosen.bias), (*found, bias), strict=True):
         field[rows, cols] = values[better]
-    chosen.degree[rows, cols] = fit.degree
+    chosen.degree[rows, cols], chosen.window[rows, cols] = fit.degree, fit.window[0]
     return np.ascontiguousarray(at[better])

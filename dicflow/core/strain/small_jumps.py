@@ -131,7 +131,7 @@ def _least_around(surface: MeasuredSurface, reach: int) -> list[ErrorShare]:
     """Errors of the points, as large as the least ones around: those beside a jump are uncertain by the jump itself."""
     sigma = np.where(surface.known, surface.points.sigma, np.inf)
     least = cv2.erode(sigma, np.ones((reach + 1,) * 2, dtype=np.uint8))
-    share = np.where(surface.known, least / sigma, 1.0)[..., None, None] ** 2
+    share = np.divide(least, sigma, out=np.ones_like(sigma), where=surface.known)[..., None, None] ** 2
     return [error._replace(covariance=share * error.covariance) for error in surface.errors]
 
 
