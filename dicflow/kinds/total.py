@@ -21,6 +21,7 @@ if TYPE_CHECKING:
 
 __all__ = [
     "DEGREE",
+    "VSG",
     "Gauge",
     "Total",
     "TotalFacts",
@@ -45,6 +46,7 @@ _PLACES = {
     "calibration_xyz": Layout((*GRID, "component"), "{unit}", "calibration's share in σ of the place"),
 }
 DEGREE = Layout(GRID, "1", "degree of the polynomial of the strain")
+VSG = Layout(GRID, "px", "side of the virtual strain gauge")
 _LAST = "last_"
 """Begins the names of arrays, and of their axes, that hold the last total with displacements."""
 _SINGLE = ("covariance", "calibration_xyz")

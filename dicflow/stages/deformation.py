@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import replace
-from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal, NamedTuple
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal, NamedTuple, cast
 
 from pydantic import AfterValidator, Field
 
@@ -28,6 +28,7 @@ from dicflow.kinds.rig import CalibratedRig
 from dicflow.kinds.scale import Scale
 from dicflow.kinds.total import (
     DEGREE,
+    VSG,
     Total,
     TotalFacts,
     field_means,
@@ -46,6 +47,7 @@ if TYPE_CHECKING:
     from dicflow.core.strain.deformation_gradient import ErrorShare, SurfaceGradient
     from dicflow.core.strain.degree_choice import ChosenGradient
     from dicflow.core.strain.measures import GradientMeasures
+    from dicflow.core.strain.small_jumps import GridOfSubsets
     from dicflow.core.uncertainty.covariance import MeasuredPoints
     from dicflow.core.uncertainty.overlap import ShapeFunction
 
@@ -129,6 +131,7 @@ class Deformation(Node):
         from dicflow.core.cameras.frames import LEFT_CAMERA, compose_frames
         from dicflow.core.strain.deformation_gradient import measured_surface
         from dicflow.core.strain.degree_choice import candidate_fits, chosen_gradient
+        from dicflow.core.strain.unseen_jumps import unseen_jumps
         from dicflow.core.tensors import upper_triangle
         from dicflow.core.uncertainty.covariance import joint_covariance, points_in_frame, with_errors
 
@@ -144,10 +147,11 @@ class Deformation(Node):
         covariance = joint_covariance(after, before, step.template)
         errors = errors_by_shape(covariance, step, first, (axes, along))
         measured = measured_surface(before.xyz, after.xyz, [*errors.values()], first.parts, self.min_share)
-        chosen = chosen_gradient(measured, candidate_fits(self._window(first), self.degree))
+        jumps = unseen_jumps(measured, *self._jumps(step, first))
+        chosen = chosen_gradient(measured, candidate_fits(self._window(first), self.degree), jumps)
         surface = chosen.surface
         frames = (compose_frames(along, axes), axes)
-        bias = bias_of_places(step, frames[0].rotation)
+        bias = bias_of_places(step, frames[0].rotation, jumps)
         fields = {**_displacements(before, after, covariance), **bias, **self._strains(chosen)}
         fields |= _combined(fields)
         if scale is not None:
@@ -156,7 +160,7 @@ class Deformation(Node):
             fields |= self._calibration(CalibratedRig.read(rig), (after.xyz, before.xyz), frames, surface)
         fields |= {"xyz": after.xyz, "xyz_reference": before.xyz, "gradient": surface.gradient}
         fields["covariance"] = upper_triangle(covariance)
-        product = self._product(fields, errors, (step, first), _Motion(motion, frames), chosen.degree)
+        product = self._product(fields, errors, (step, first), _Motion(motion, frames), chosen)
         return product if scale is None else replace(product, attrs={**product.attrs, "scale": Scale.read(scale).facts})
 
     def _window(self, points: Points) -> tuple[int, int]:
@@ -164,6 +168,15 @@ class Deformation(Node):
         from dicflow.core.surfaces.filters import odd_window
 
         return odd_window((self.window, self.window), points.grid.step_size)
+
+    def _jumps(self, step: Points, first: Points) -> tuple[np.ndarray, GridOfSubsets, int]:
+        """Points at which a jump was found, the grid of subsets, and the side of the window [points]."""
+        from dicflow.core.status import Status
+        from dicflow.core.strain.small_jumps import GridOfSubsets
+
+        lost, shape_function = step["status"] == Status.DISCONTINUITY, cast(Any, step.left_shape_function)
+        grid = GridOfSubsets(first.grid.subset_size, first.grid.step_size, shape_function)
+        return lost, grid, max(self._window(first))
 
     def _motion(self, before: MeasuredPoints, after: MeasuredPoints) -> RigidMotion | None:
         """The rigid-body motion to remove; None if it stays in, or no point is left."""
@@ -247,7 +260,7 @@ class Deformation(Node):
         errors: Mapping[ShapeFunction, ErrorShare],
         steps: tuple[Points, Points],
         motion: _Motion,
-        degree: np.ndarray,
+        chosen: ChosenGradient,
     ) -> Product:
         import numpy as np
 
@@ -265,7 +278,8 @@ class Deformation(Node):
         means = field_means(fields, step.unit)
         further = {
             **self._facts(fields, first, step.unit),
-            **_degrees(degree[moved & strained]),
+            **_degrees(chosen.degree[moved & strained]),
+            "window_shares": _shares(chosen.window[moved & strained]),
             "shape_shares": variance_shares(errors),
             "rigid": rigid_motion_to_json(motion.removed),
             "frames": frames_to_json(motion.frames),
@@ -273,7 +287,8 @@ class Deformation(Node):
         }
         beside = {name: step.product.variables[name] for name in ("way", "way_right", "znssd") if name in step}
         if self.degree == "auto":
-            beside["degree"] = DEGREE(np.where(moved & strained, degree, np.uint8(0)))
+            beside["degree"] = DEGREE(np.where(moved & strained, chosen.degree, np.uint8(0)))
+            beside["vsg"] = VSG(known_or_nan(moved & strained, _gauges(chosen, first)))
         return Total.write(fields, status, TotalFacts("precise", step.unit, self._titles(), further), beside)
 
     def _titles(self) -> dict[str, str]:
@@ -336,11 +351,26 @@ def _combined(fields: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
 
 def _degrees(degree: np.ndarray) -> dict[str, Any]:
     """The degree of most points, and the share of points of each."""
+    shares = _shares(degree)
+    return {"degree": int(max(shares, key=lambda one: shares[one])) if shares else 1, "degree_shares": shares}
+
+
+def _shares(values: np.ndarray) -> dict[str, float]:
+    """The share of points of each value."""
     import numpy as np
 
-    found, counts = np.unique(degree, return_counts=True)
-    shares = {str(one): float(count / counts.sum()) for one, count in zip(found, counts, strict=True)}
-    return {"degree": int(found[counts.argmax()]) if len(found) else 1, "degree_shares": shares}
+    found, counts = np.unique(values, return_counts=True)
+    return {str(one): float(count / counts.sum()) for one, count in zip(found, counts, strict=True)}
+
+
+def _gauges(chosen: ChosenGradient, first: Points) -> np.ndarray:
+    """Sides of the virtual strain gauges (row, col) [px]."""
+    import numpy as np
+
+    from dicflow.core.strain.deformation_gradient import vsg_px
+
+    sides = [vsg_px(points, first.grid.step_size, first.grid.subset_size) for points in range(chosen.window.max() + 1)]
+    return np.array(sides, dtype=np.float32)[chosen.window]
 
 
 def _consistent_status(status: np.ndarray, known: np.ndarray) -> np.ndarray:
@@ -383,10 +413,20 @@ def sentence(stage: Deformation, product: Product | None) -> str:
     return text if product is None else text + _figures_sentence(Total.read(product))
 
 
+def _smaller(total: Total) -> str:
+    """The gauge where the window is smaller, and at how many points that is; empty without any."""
+    from dicflow.core.strain.deformation_gradient import vsg_px
+
+    side, shares = total.window_points[0], total.product.attrs.get("window_shares", {})
+    others = [(int(points), share) for points, share in shares.items() if int(points) < side]
+    said = [f"{vsg_px(n, total.step_size, total.subset_size):g} px at {share:.1%} of the points" for n, share in others]
+    return "".join(f", {words}" for words in said)
+
+
 def _figures_sentence(total: Total) -> str:
     """The gauge, and the uncertainties at a step."""
     gauge, summary = total.gauge, summary_of(total.product)
-    text = "" if gauge is None else f" The virtual strain gauge measures {gauge.size} [idics2018]."
+    text = "" if gauge is None else f" The virtual strain gauge measures {gauge.size} [idics2018]{_smaller(total)}."
     names = {name: named_with_unit(name, total.unit) for name in BASIC}
     known = {name: summary.get(f"u_{named}") for name, named in names.items()}
     figures = [
