@@ -118,6 +118,16 @@ class Total(Kind):
         attrs = {**self.product.attrs, "lost": True}
         return replace(self.product, variables={**self.product.variables, **variables}, attrs=attrs)
 
+    def with_scale(self, facts: Mapping[str, Any]) -> Product:
+        """The product of one camera in millimetres. facts : of the scale"""
+        return replace(self.product, attrs={**self.product.attrs, "scale": dict(facts)})
+
+    @property
+    def window_shares(self) -> Mapping[str, float]:
+        """Side of the window in points, as text → share of the points; empty where all have the same."""
+        found: Mapping[str, float] = self.product.attrs.get("window_shares", {})
+        return found
+
     @property
     def last(self) -> Total | None:
         """The total of the last step with displacements: this one, or one before; None if unknown yet."""

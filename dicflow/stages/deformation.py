@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import replace
 from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal, NamedTuple, cast
 
 from pydantic import AfterValidator, Field
@@ -36,6 +35,7 @@ from dicflow.kinds.total import (
     named_with_unit,
     rigid_motion_to_json,
 )
+from dicflow.stages._deformed import combined, consistent_status, degrees, displacements, median_errors, shares
 from dicflow.stages._point_errors import bias_of_places, errors_by_shape, variance_shares
 from dicflow.stages._scaled import in_unit, scale_shares
 
@@ -152,8 +152,8 @@ class Deformation(Node):
         surface = chosen.surface
         frames = (compose_frames(along, axes), axes)
         bias = bias_of_places(step, frames[0].rotation, jumps)
-        fields = {**_displacements(before, after, covariance), **bias, **self._strains(chosen)}
-        fields |= _combined(fields)
+        fields = {**displacements(before, after, covariance), **bias, **self._strains(chosen)}
+        fields |= combined(fields)
         if scale is not None:
             fields |= scale_shares(Scale.read(scale).relative_u, self._quantities(), fields, after.xyz)
         elif rig is not None and step.in_space:
@@ -161,7 +161,7 @@ class Deformation(Node):
         fields |= {"xyz": after.xyz, "xyz_reference": before.xyz, "gradient": surface.gradient}
         fields["covariance"] = upper_triangle(covariance)
         product = self._product(fields, errors, (step, first), _Motion(motion, frames), chosen)
-        return product if scale is None else replace(product, attrs={**product.attrs, "scale": Scale.read(scale).facts})
+        return product if scale is None else Total.read(product).with_scale(Scale.read(scale).facts)
 
     def _window(self, points: Points) -> tuple[int, int]:
         """Rows and columns of the window of a strain [points]."""
@@ -268,7 +268,7 @@ class Deformation(Node):
 
         step, first = steps
         moved, strained = np.isfinite(fields["U"]), np.isfinite(fields["exx"])
-        reasons = _consistent_status(np.maximum(step["status"], first["status"]), moved)
+        reasons = consistent_status(np.maximum(step["status"], first["status"]), moved)
         status = fitted_status(
             moved, strained, reasons, self._window(first), 1 if self.degree == "auto" else self.degree
         )
@@ -278,12 +278,12 @@ class Deformation(Node):
         means = field_means(fields, step.unit)
         further = {
             **self._facts(fields, first, step.unit),
-            **_degrees(chosen.degree[moved & strained]),
-            "window_shares": _shares(chosen.window[moved & strained]),
+            **degrees(chosen.degree[moved & strained]),
+            "window_shares": shares(chosen.window[moved & strained]),
             "shape_shares": variance_shares(errors),
             "rigid": rigid_motion_to_json(motion.removed),
             "frames": frames_to_json(motion.frames),
-            "summary": {"valid_share": float(share), **means, **_median_errors(fields, step.unit)},
+            "summary": {"valid_share": float(share), **means, **median_errors(fields, step.unit)},
         }
         beside = {name: step.product.variables[name] for name in ("way", "way_right", "znssd") if name in step}
         if self.degree == "auto":
@@ -324,45 +324,6 @@ def _moving_frame(motion: RigidMotion | None) -> Frame:
     return LEFT_CAMERA if motion is None else co_moving_frame(motion)
 
 
-def _displacements(before: MeasuredPoints, after: MeasuredPoints, covariance: np.ndarray) -> dict[str, np.ndarray]:
-    """U, V and W, and σ of each."""
-    import numpy as np
-
-    from dicflow.core.uncertainty.covariance import displacement_covariance
-
-    values = after.xyz - before.xyz
-    values[np.isnan(values).any(axis=-1)] = np.nan
-    variances = np.diagonal(displacement_covariance(covariance), axis1=-2, axis2=-1)
-    deviations = np.sqrt(np.maximum(variances, 0.0))
-    return {
-        **{name: values[..., axis] for axis, name in enumerate("UVW")},
-        **{f"sigma_{name}": deviations[..., axis] for axis, name in enumerate("UVW")},
-    }
-
-
-def _combined(fields: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
-    """Combined uncertainty of each quantity that has a standard deviation; this itself where the bias is unknown."""
-    import numpy as np
-
-    names = [name.removeprefix("sigma_") for name in fields if name.startswith("sigma_")]
-    biases = {name: np.nan_to_num(fields.get(f"bias_{name}", 0.0)) for name in names}
-    return {f"u_{name}": np.hypot(fields[f"sigma_{name}"], biases[name]) for name in names}
-
-
-def _degrees(degree: np.ndarray) -> dict[str, Any]:
-    """The degree of most points, and the share of points of each."""
-    shares = _shares(degree)
-    return {"degree": int(max(shares, key=lambda one: shares[one])) if shares else 1, "degree_shares": shares}
-
-
-def _shares(values: np.ndarray) -> dict[str, float]:
-    """The share of points of each value."""
-    import numpy as np
-
-    found, counts = np.unique(values, return_counts=True)
-    return {str(one): float(count / counts.sum()) for one, count in zip(found, counts, strict=True)}
-
-
 def _gauges(chosen: ChosenGradient, first: Points) -> np.ndarray:
     """Sides of the virtual strain gauges (row, col) [px]."""
     import numpy as np
@@ -371,29 +332,6 @@ def _gauges(chosen: ChosenGradient, first: Points) -> np.ndarray:
 
     sides = [vsg_px(points, first.grid.step_size, first.grid.subset_size) for points in range(chosen.window.max() + 1)]
     return np.array(sides, dtype=np.float32)[chosen.window]
-
-
-def _consistent_status(status: np.ndarray, known: np.ndarray) -> np.ndarray:
-    """Status that agrees with the values: valid or filled if known, else a reason."""
-    import numpy as np
-
-    from dicflow.core.status import Status
-
-    reasons = np.where(known, np.minimum(status, Status.FILLED), np.maximum(status, Status.OUTSIDE))
-    return np.asarray(reasons, dtype=np.uint8)
-
-
-def _median_errors(fields: Mapping[str, np.ndarray], unit: str) -> dict[str, float]:
-    """Median σ and u of displacements and strains; a quantity without values is absent."""
-    import numpy as np
-
-    found = {}
-    for prefix in ("sigma_", "u_"):
-        for name in BASIC:
-            known = fields[f"{prefix}{name}"][np.isfinite(fields[f"{prefix}{name}"])]
-            if known.size:
-                found[f"{prefix}{named_with_unit(name, unit)}"] = float(np.median(known))
-    return found
 
 
 def sentence(stage: Deformation, product: Product | None) -> str:
@@ -417,7 +355,7 @@ def _smaller(total: Total) -> str:
     """The gauge where the window is smaller, and at how many points that is; empty without any."""
     from dicflow.core.strain.deformation_gradient import vsg_px
 
-    side, shares = total.window_points[0], total.product.attrs.get("window_shares", {})
+    side, shares = total.window_points[0], total.window_shares
     others = [(int(points), share) for points, share in shares.items() if int(points) < side]
     said = [f"{vsg_px(n, total.step_size, total.subset_size):g} px at {share:.1%} of the points" for n, share in others]
     return "".join(f", {words}" for words in said)

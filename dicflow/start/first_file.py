@@ -10,7 +10,8 @@ from typing import Any
 from dicflow.core.calibration.board import Board
 from dicflow.io.configuration import parse
 from dicflow.pipeline.wiring import wire
-from dicflow.start.folder import Found, Photographs
+from dicflow.start.folder import Found
+from dicflow.start.photographs import Photographs
 
 __all__ = ["OPEN", "pipeline_text"]
 

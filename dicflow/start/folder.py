@@ -4,10 +4,9 @@ from __future__ import annotations
 
 import os
 import shlex
-from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterator, Sequence
 from functools import cache
 from pathlib import Path, PurePosixPath
-from types import MappingProxyType
 from typing import Any, NamedTuple
 
 from dicflow.core.calibration.board import Board
@@ -15,7 +14,6 @@ from dicflow.core.calibration.identify import identify_board
 from dicflow.core.photographs.polygon import Polygon
 from dicflow.engine.files import FilePart
 from dicflow.engine.graph import EARLY_STEPS
-from dicflow.engine.node import Node
 from dicflow.engine.product import Product
 from dicflow.errors import ConfigurationError, DicflowError, InputError, StageError
 from dicflow.io.calibrations.read import parse_calibration
@@ -23,16 +21,16 @@ from dicflow.io.images import ALL_SUFFIXES, is_video, read_grey, video_of
 from dicflow.io.images.search import MOST_ENTRIES
 from dicflow.kinds.images import Images
 from dicflow.kinds.region import Region
-from dicflow.pipeline.registry import node_class
-from dicflow.start.choice import By, Candidate, Choice, Undecided, decide, is_named
+from dicflow.start.choice import Candidate, Choice, Undecided, decide, is_named
 from dicflow.start.contents import See, Subjects, board_in, subjects_of
 from dicflow.start.facts import Facts
 from dicflow.start.gauge import Gauge, gauge_over, in_8bit
 from dicflow.start.layouts import Series, series_of, step_folders
 from dicflow.start.patterns import listed, patterns_of
+from dicflow.start.photographs import Photographs, maker, photographs_of
 from dicflow.start.question import question
 from dicflow.start.sorting import copies_in, parted_by_counter
-from dicflow.start.ways import Way, chosen_way, possible_way
+from dicflow.start.ways import possible_way
 
 __all__ = ["Caliper", "Found", "Photographs", "Survey", "look", "photographs_in", "survey"]
 
@@ -47,35 +45,8 @@ _MAX_BYTES = 1_000_000
 _QUICK_PIXELS = 600_000
 _LOOKS_AT_VIDEO = (0.25, 0.5, 0.75)
 """Where in a video a board is looked for, as shares of its frames."""
-_MOST_STEPS, _BOARDS = 300, 30
-"""Frames of a test that are measured at first, and of a board's video that are used."""
-
-
-class Photographs(NamedTuple):
-    """Photographs of one subject.
-
-    left, right : patterns below the folder; right is empty for one camera
-    steps : files of each step, as the stage of the photographs finds them
-    way : what makes pairs; None for one camera
-    frames : how the clocks of two videos are joined, and which of their frames are used; empty for photographs
-    """
-
-    left: list[str]
-    right: list[str]
-    steps: Mapping[str, Mapping[str, Path | FilePart]]
-    way: Way | None = None
-    frames: Mapping[str, Any] = MappingProxyType({})
-
-    @property
-    def parameters(self) -> dict[str, Any]:
-        """What the stage of the photographs must know beside the patterns."""
-        return {**_listed(self.way), **self.frames}
-
-    def __str__(self) -> str:
-        if not self.right:
-            return f"{len(self.steps)} photographs of one camera, {listed(self.left)}"
-        how = f" {self.way.words}" if self.way is not None and self.way.is_listed else ""
-        return f"{len(self.steps)} pairs{how}, {listed(self.left)} and {listed(self.right)}"
+_BOARDS = 30
+"""Frames of a board's video that are used."""
 
 
 class Caliper(NamedTuple):
@@ -285,58 +256,19 @@ def _left_out(subjects: Subjects, chosen: Candidate) -> Iterator[tuple[Series, s
 
 def _described(folder: Path, chosen: Candidate, paths: Sequence[PurePosixPath], see: See, choice: Choice) -> Found:
     facts = Facts(folder)
-    photos = _found_by(folder, chosen.left, chosen.right, paths, facts, choice.pair_by)
+    photos = photographs_of(folder, chosen.left, chosen.right, paths, facts, choice.pair_by)
     if chosen.boards is None:
         return Found(photos)
     both = chosen.boards.left, chosen.boards.right
     board = board_in(both, see)
     way = possible_way(*both, facts.taken, choice.pair_boards_by)
-    boards = _found_by(folder, *both, paths, facts, way, {"sharpest": _BOARDS})
+    boards = photographs_of(folder, *both, paths, facts, way, {"sharpest": _BOARDS})
     if board is None:
         raise InputError(
             f"{folder}: no checkerboard, ChArUco board or grid of circles is recognised in {boards}; "
             "name others with --boards"
         )
     return Found(photos, boards, board)
-
-
-def _found_by(
-    folder: Path,
-    left: Series,
-    right: Series | None,
-    paths: Sequence[PurePosixPath],
-    facts: Facts,
-    by: By | None,
-    select: Mapping[str, int] | None = None,
-) -> Photographs:
-    """The photographs as patterns, and the steps that the stage of the photographs makes of them.
-
-    select : which frames of a video are used; None for a few hundred at most
-    """
-    named, way = {"left": patterns_of(left.files, paths)}, None
-    frames: dict[str, Any] = {}
-    try:
-        if right:
-            way = chosen_way(left, right, facts.taken, by)
-            named = way.patterns(left, right, paths)
-        if is_video(folder / left.files[0]):
-            frames = _of_videos([folder / one.files[0] for one in (left, right) if one], select)
-        steps = _maker("images")(**named, **_listed(way), **frames).steps(folder) or {}
-    except InputError as error:
-        raise InputError(f"{folder / named['left'][0]}: {error}") from error
-    return Photographs(named["left"], named.get("right", []), steps, way, frames)
-
-
-def _listed(way: Way | None) -> dict[str, str]:
-    """What the stage of the photographs must know of a way to make pairs; empty for what it assumes."""
-    return {"pair_by": "order"} if way is not None and way.is_listed else {}
-
-
-def _of_videos(files: Sequence[Path], select: Mapping[str, int] | None) -> dict[str, Any]:
-    """How two clocks are joined, and which frames of a video are used: not all of a long one."""
-    every = -(-min(len(video_of(file).times) for file in files) // _MOST_STEPS)
-    way: dict[str, Any] = {"offset": "auto"} if len(files) > 1 else {}
-    return way | {"select": dict(select or {"every": every})}
 
 
 def _with_places(folder: Path, found: Found, say: Say) -> Found:
@@ -362,15 +294,15 @@ def _with_places(folder: Path, found: Found, say: Say) -> Found:
 
 def _read(file: Path | FilePart) -> Product:
     """A photograph as the stage of the photographs reads it."""
-    return _maker("images")(left="*").run(left=file)
+    return maker("images")(left="*").run(left=file)
 
 
 def _polygons(folder: Path, first: Product, left: Sequence[Path | FilePart], region: str | None) -> list[Polygon]:
     """The region that the pipeline measures."""
     if region:
-        product = _maker("region")(file=region).run(images=first, file_path=folder / region)
+        product = maker("region")(file=region).run(images=first, file_path=folder / region)
     else:
-        product = _maker("region")().run(images=first, images_early=_Early(left))
+        product = maker("region")().run(images=first, images_early=_Early(left))
     return Region.read(product).polygons
 
 
@@ -406,7 +338,7 @@ def _small_files(folder: Path, suffixes: Collection[str]) -> list[Path]:
 
 def _caliper(folder: Path, steps: int) -> Caliper | None:
     """The first table in the folder that holds a caliper's lengths, and whether it fits the steps."""
-    node = _maker("compare")
+    node = maker("compare")
     for path in sorted(_small_files(folder, _TABLE_SUFFIXES), key=lambda path: "caliper" not in path.name.lower()):
         try:
             rows = node(caliper=path.name).check(path)["rows"]
@@ -416,8 +348,3 @@ def _caliper(folder: Path, steps: int) -> Caliper | None:
             continue
         return Caliper(path.name, "" if rows == steps else f"{rows} rows, but {steps} steps; write one row per step")
     return None
-
-
-def _maker(stage: str) -> Callable[..., Node]:
-    """The node of a stage as a function of its parameters."""
-    return node_class(stage)
