@@ -19,7 +19,7 @@ from dicflow.engine.node import Node
 from dicflow.engine.product import Product
 from dicflow.errors import ConfigurationError, DicflowError, InputError, StageError
 from dicflow.io.calibrations.read import parse_calibration
-from dicflow.io.images import ALL_SUFFIXES, counter_offset, is_video, pair_names, read_grey, video_of
+from dicflow.io.images import ALL_SUFFIXES, counter_offset, pair_names, read_grey
 from dicflow.io.images.search import MOST_ENTRIES
 from dicflow.kinds.images import Images
 from dicflow.kinds.region import Region
@@ -30,6 +30,7 @@ from dicflow.start.gauge import Gauge, gauge_over, in_8bit
 from dicflow.start.layouts import Series, series_of, step_folders
 from dicflow.start.patterns import listed, patterns_of
 from dicflow.start.question import question
+from dicflow.start.videos import SHARPEST, UNKNOWN_OFFSET, frames_to_see, video_parameters
 
 __all__ = ["Caliper", "Found", "Photographs", "Survey", "look", "survey"]
 
@@ -42,10 +43,6 @@ _TABLE_SUFFIXES = frozenset({".csv", ".txt", ".tsv"})
 _MAX_BYTES = 1_000_000
 """Size of a table or a calibration."""
 _QUICK_PIXELS = 600_000
-_LOOKS_AT_VIDEO = (0.25, 0.5, 0.75)
-"""Where in a video a board is looked for, as shares of its frames."""
-_MOST_STEPS, _BOARDS = 300, 30
-"""Frames of a test that are measured at first, and of a board's video that are used."""
 
 
 class Photographs(NamedTuple):
@@ -65,6 +62,10 @@ class Photographs(NamedTuple):
         if not self.right:
             return f"{len(self.steps)} photographs of one camera, {listed(self.left)}"
         order = " in their order, as their counters run alike but never agree" if "pair_by" in self.way else ""
+        if self.way.get("offset") == UNKNOWN_OFFSET:
+            order = (
+                " as if both cameras had begun at once, since nothing that both saw joins their clocks; correct offset"
+            )
         return f"{len(self.steps)} pairs{order}, {listed(self.left)} and {listed(self.right)}"
 
 
@@ -222,19 +223,11 @@ def _series(folder: Path, paths: Sequence[PurePosixPath], choice: Choice) -> lis
 def _see(folder: Path) -> See:
     @cache
     def see(path: PurePosixPath, thorough: bool = False) -> Board | None:
-        images = (read_grey(file) for file in _frames_to_see(folder / path))
+        images = (read_grey(file) for file in frames_to_see(folder / path))
         boards = (identify_board(one if thorough else in_8bit(one, _QUICK_PIXELS), thorough) for one in images)
         return next((board for board in boards if board is not None), None)
 
     return see
-
-
-def _frames_to_see(path: Path) -> list[Path | FilePart]:
-    """A photograph itself, or a few frames of a video."""
-    if not is_video(path):
-        return [path]
-    last = len(video_of(path).times)
-    return [FilePart(path, max(round(share * last), 1)) for share in _LOOKS_AT_VIDEO]
 
 
 def _subjects(folder: Path, series: Sequence[Series], choice: Choice, see: See) -> Subjects:
@@ -265,7 +258,7 @@ def _described(folder: Path, chosen: Candidate, paths: Sequence[PurePosixPath], 
         return Found(photos)
     both = (chosen.boards.left, chosen.boards.right)
     board = board_in(both, see)
-    boards = _found_by(folder, *both, paths, {"sharpest": _BOARDS})
+    boards = _found_by(folder, *both, paths, SHARPEST)
     if board is None:
         raise InputError(
             f"{folder}: no checkerboard, ChArUco board or grid of circles is recognised in {boards}; "
@@ -291,19 +284,11 @@ def _found_by(
         if right:
             named["right"] = patterns_of(right.files, paths)
             way = _pairing(left, right)
-        if is_video(folder / left.files[0]):
-            way |= _of_videos([folder / one.files[0] for one in (left, right) if one], select)
+        way |= video_parameters([folder / one.files[0] for one in (left, right) if one], select)
         steps = _maker("images")(**named, **way).steps(folder) or {}
     except InputError as error:
         raise InputError(f"{folder / named['left'][0]}: {error}") from error
     return Photographs(named["left"], named.get("right", []), steps, way)
-
-
-def _of_videos(files: Sequence[Path], select: Mapping[str, int] | None) -> dict[str, Any]:
-    """How two clocks are joined, and which frames of a video are used: not all of a long one."""
-    every = -(-min(len(video_of(file).times) for file in files) // _MOST_STEPS)
-    way: dict[str, Any] = {"offset": "auto"} if len(files) > 1 else {}
-    return way | {"select": dict(select or {"every": every})}
 
 
 def _pairing(left: Series, right: Series) -> dict[str, str]:
