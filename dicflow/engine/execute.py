@@ -127,7 +127,9 @@ def _workers(options: Options, graph: Graph, store: Store) -> Iterator[WorkerPro
     if options.dashboard or not (is_auto or options.scheduler == "processes") or (is_auto and has_few_tasks(graph)):
         yield None
         return
-    with WorkerProcesses(options.workers, options.worker_setup) as processes:
+    nodes = {task.stage: task.node for task in graph.tasks.values()}
+    ahead = options.ahead(nodes) if options.ahead is not None else ()
+    with WorkerProcesses(options.workers, options.worker_setup, ahead) as processes:
         if store.is_new:
             processes.start()
         yield processes

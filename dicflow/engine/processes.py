@@ -13,7 +13,7 @@ import signal
 import sys
 import threading
 import time
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import suppress
 from functools import partial
@@ -56,11 +56,15 @@ class WorkerProcesses:
 
     count : processes at most; each is started when there is work for it, or by :meth:`start`
     setup : called once in every worker
+    ahead : calls that each worker makes while it waits for work, one after the other, such as loading libraries
     """
 
-    def __init__(self, count: int, setup: Callable[[], None] | None = None) -> None:
+    def __init__(
+        self, count: int, setup: Callable[[], None] | None = None, ahead: Sequence[Callable[[], None]] = ()
+    ) -> None:
         self.count = count
         self._setup = setup
+        self._ahead = ahead
         self._unstarted = count
         self._places = count
         self._idle: SimpleQueue[_Worker | None] = SimpleQueue()
@@ -190,7 +194,7 @@ class WorkerProcesses:
             if self._closed:
                 return None
             try:
-                worker = _Worker(self._setup)
+                worker = _Worker(self._setup, self._ahead)
             except Exception as error:
                 self._problem = f": {error}"
                 return None
@@ -219,9 +223,9 @@ def survive(deaths: int, call: Callable[..., T], *arguments: Any) -> T:
 class _Worker:
     """A process and this end of its pipe."""
 
-    def __init__(self, setup: Callable[[], None] | None) -> None:
+    def __init__(self, setup: Callable[[], None] | None, ahead: Sequence[Callable[[], None]]) -> None:
         self._pipe, there = _SPAWN.Pipe()
-        self.process = _SPAWN.Process(target=_serve, args=(there, setup), name=_NAME, daemon=True)
+        self.process = _SPAWN.Process(target=_serve, args=(there, setup, ahead), name=_NAME, daemon=True)
         try:
             self.process.start()
         finally:
@@ -254,7 +258,7 @@ class _Worker:
             self.process.join(_END_S)
 
 
-def _serve(pipe: Connection, setup: Callable[[], None] | None) -> None:
+def _serve(pipe: Connection, setup: Callable[[], None] | None, ahead: Sequence[Callable[[], None]]) -> None:
     """What a worker does until its pipe is closed."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # the main process lets the workers finish
     with suppress(ValueError):  # with this, locks that libraries make leave no names behind when a worker is killed
@@ -263,7 +267,7 @@ def _serve(pipe: Connection, setup: Callable[[], None] | None) -> None:
     prepare(setup)
     pipe.send(True)
     with suppress(EOFError, OSError):
-        with_room(partial(_answer_all, pipe))
+        with_room(partial(_answer_all, pipe, ahead))
     _leave()
 
 
@@ -275,9 +279,13 @@ def _leave() -> None:
     os._exit(0)
 
 
-def _answer_all(pipe: Connection) -> None:
+def _answer_all(pipe: Connection, ahead: Sequence[Callable[[], None]]) -> None:
     """Answer requests with whether they succeeded, value or error, and processor time. Raises EOFError at the end."""
+    to_do = iter(ahead)
     while True:
+        while not pipe.poll() and (call := next(to_do, None)) is not None:
+            with suppress(Exception):  # what goes wrong shows again in a task, which has a place for errors
+                call()
         request, before = pipe.recv_bytes(), time.process_time()
         pipe.send((*_answer(request), time.process_time() - before))
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 
@@ -40,6 +40,7 @@ class Options:
     worker_setup : called once in every worker, a function of a module
     uncompiled : gives for stages that will run by name the functions of modules that compile what each of them needs,
         where that is not compiled yet
+    ahead : gives for all stages by name what workers do while they wait for work
     linger : called when all is done, before workers and dashboard end
     """
 
@@ -52,6 +53,7 @@ class Options:
     on_event: Callable[[Event], None] | None = None
     worker_setup: Callable[[], None] | None = None
     uncompiled: Callable[[Mapping[str, Node]], Mapping[str, Callable[[], None]]] | None = None
+    ahead: Callable[[Mapping[str, Node]], Sequence[Callable[[], None]]] | None = None
     linger: Callable[[], None] | None = None
 
 

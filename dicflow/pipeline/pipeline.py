@@ -168,9 +168,9 @@ class Pipeline:
         A script calls it under ``if __name__ == "__main__":``, since worker processes import the script again.
         """
         from dicflow.engine.execute import Options, run
-        from dicflow.stages._kernels import get_ready, uncompiled
+        from dicflow.stages._kernels import ahead, get_ready, uncompiled
 
-        chosen = Options(**{"worker_setup": get_ready, "uncompiled": uncompiled, **options})
+        chosen = Options(**{"worker_setup": get_ready, "uncompiled": uncompiled, "ahead": ahead, **options})
         steps = {stage: list(files) for stage, files in self.graph.files.items()}
         resolved = {**self.resolved(), "steps": steps, "data": self.folder.name}
         outcome = run(self.graph, self.store, pipeline=self.name, resolved=resolved, options=chosen)

@@ -12,7 +12,7 @@ from functools import partial
 from dicflow.engine.kernel_cache import kernel_mark
 from dicflow.engine.node import Node
 
-__all__ = ["KERNELS", "compile_kernels", "get_ready", "uncompiled"]
+__all__ = ["KERNELS", "ahead", "compile_kernels", "get_ready", "uncompiled"]
 
 _SIDE = 48
 """Side of the photograph that kernels are tried on [px]."""
@@ -29,6 +29,12 @@ def uncompiled(nodes: Mapping[str, Node]) -> dict[str, Callable[[], None]]:
     """For each stage by name whose kernels are not kept yet, a call that compiles them; empty where none are kept."""
     missing = {name: [kernel for kernel in _used(node) if _is_missing(kernel)] for name, node in nodes.items()}
     return {name: partial(compile_kernels, kernels) for name, kernels in missing.items() if kernels}
+
+
+def ahead(nodes: Mapping[str, Node]) -> list[Callable[[], None]]:
+    """What loads the kernels of stages, of those that are kept."""
+    used = dict.fromkeys(kernel for node in nodes.values() for kernel in _used(node))
+    return [KERNELS[kernel] for kernel in used if not _is_missing(kernel)]
 
 
 def compile_kernels(names: Sequence[str]) -> None:

@@ -15,14 +15,14 @@ from typing import NamedTuple
 import cv2
 import numpy as np
 from numba import njit
-from scipy.spatial import cKDTree
 
 from dicflow.core.arrays import Array, Codes, Index, Iterations, Mask
-from dicflow.core.correlation.neighbours import disagreeing, predicted_by_neighbours
+from dicflow.core.correlation.neighbours import Prediction, disagreeing, influenced, predicted_by_neighbours
 from dicflow.core.correlation.subsets import Correlated, Subset, correlate
 from dicflow.core.correlation.template import Template
 from dicflow.core.correlation.warp import TERMS, recentred
 from dicflow.core.kernels import INNER
+from dicflow.core.nearest import nearest
 from dicflow.core.parts import Parts, are_apart, single_part
 from dicflow.core.photographs.interpolate import Spline
 from dicflow.core.status import Status
@@ -96,6 +96,7 @@ def correlate_field(
         threads,
         _untracked_field(grid, subset),
         np.zeros(grid.shape[:2]),
+        np.ones(grid.shape[:2], dtype=bool),
     )
     for stride in _STRIDES:
         search.fill(stride, starts)
@@ -109,6 +110,7 @@ class _FieldSearch:
     """A search that fills ``field``.
 
     tries : (rows, cols) — how often each point was searched for
+    changed : (rows, cols) — points that were searched for, or lost, since outliers were last looked for
     ratios : last increment over the one before, of the points so far
     contraction : estimate from ``ratios`` for the next points, 1 until there are enough
     """
@@ -122,6 +124,7 @@ class _FieldSearch:
     threads: int
     field: Field
     tries: Array
+    changed: Mask
     ratios: list[Array] = dataclasses.field(default_factory=list)
     contraction: float = 1.0
 
@@ -159,6 +162,7 @@ class _FieldSearch:
         )
         self.ratios.append(found.contraction[np.isfinite(found.contraction)])
         self.tries[rows, cols] += 1
+        self.changed[rows, cols] = True
         found = self._without_bad_fits(found)
         for name, kept in self.field._asdict().items():
             kept[rows, cols] = getattr(found, name)
@@ -170,7 +174,7 @@ class _FieldSearch:
             status = self.field.status
             inside = np.isfinite(self.grid[..., 0])
             points = np.argwhere(inside & (status != Status.VALID) & ~np.isin(status, _FINAL_STATUSES))
-            predicted = predicted_by_neighbours(points, status, self.field.warp, self.grid, self.parts)
+            predicted = self.predicted(points)
             self.correlate_points(points, predicted.warp)
             self.lose_outliers()
             if not (self.field.status[tuple(points.T)] == Status.VALID).any():
@@ -178,15 +182,18 @@ class _FieldSearch:
 
     def lose_outliers(self) -> None:
         """Take their value from points that do not move as their neighbours do."""
-        field, at = self.field, np.nonzero(self.field.status == Status.VALID)
-        predicted = predicted_by_neighbours(
-            np.argwhere(field.status == Status.VALID), field.status, field.warp, self.grid, self.parts
-        )
-        rows, cols = (
-            index[disagreeing(field.warp[at][..., 0], sigma_by_residual(field, at), predicted)] for index in at
-        )
+        field, at = self.field, np.nonzero((self.field.status == Status.VALID) & influenced(self.changed))
+        away = disagreeing(field.warp[at][..., 0], sigma_by_residual(field, at), self.predicted(np.stack(at, axis=1)))
+        rows, cols = (index[away] for index in at)
         field.status[rows, cols] = Status.OUTLIER
         field.warp[rows, cols], field.covariance[rows, cols] = np.nan, np.nan
+        self.changed[:] = False
+        self.changed[rows, cols] = True
+
+    def predicted(self, points: Index) -> Prediction:
+        """What the neighbours of points (n, 2) say of them."""
+        field = self.field
+        return predicted_by_neighbours(points, field.status, field.warp, self.grid, self.parts, self.threads)
 
     def update_contraction(self) -> None:
         """Estimate the contraction once, from the points so far, as soon as there are enough."""
@@ -237,8 +244,8 @@ def _nearest(starts: Array, grid: Array, parts: Parts, points: Index, stride: in
     with_start = np.argwhere(np.isfinite(starts[..., 0, 0]))
     if not len(points) or not len(with_start):
         return warps
-    distance, index = cKDTree(with_start).query(points, p=np.inf, distance_upper_bound=stride / 2 + 1e-9)
-    known = np.isfinite(distance)
+    index = nearest(with_start, points)[1][:, 0]
+    known = np.abs(points - with_start[index]).max(axis=1) <= stride / 2
     here, there = tuple(points[known].T), tuple(with_start[index[known]].T)
     warps[known] = recentred(starts[there], grid[here] - grid[there])
     if not parts.is_single:

@@ -11,6 +11,7 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
+import cv2
 import numpy as np
 from numba import njit
 
@@ -19,12 +20,15 @@ from dicflow.core.correlation.warp import set_recentred
 from dicflow.core.kernels import INNER
 from dicflow.core.parts import Parts, are_apart
 from dicflow.core.status import Status
+from dicflow.core.threads import over
 
-__all__ = ["Prediction", "disagreeing", "predicted_by_neighbours"]
+__all__ = ["Prediction", "disagreeing", "influenced", "predicted_by_neighbours"]
 
 
 _REACH = 2
 """Neighbours of a point are at most so many points away along both axes of the grid."""
+_CHUNK = 4096
+"""Points that one thread takes at a time."""
 _MIN_NEIGHBOURS = 5
 """With fewer, half of them may be wrong by chance, and nothing is said of the point."""
 _SPREADS, _SIGMAS, _FREE_PX = 4.0, 5.0, 0.1
@@ -44,15 +48,28 @@ class Prediction(NamedTuple):
     spread: Array
 
 
-def predicted_by_neighbours(points: Index, status: Codes, warp: Array, grid: Array, parts: Parts) -> Prediction:
+def predicted_by_neighbours(
+    points: Index, status: Codes, warp: Array, grid: Array, parts: Parts, threads: int = 1
+) -> Prediction:
     """Warps of points (n, 2) of a grid by the valid ones of their neighbours in the same part.
 
     status : (rows, cols); warp : (rows, cols, 2, 3 or 6); grid : (rows, cols, 2) — centres of the subsets [px]
     NaN also for points with a place that most neighbours predict to within a tenth of a pixel.
     """
     found = Prediction(np.full((len(points), *warp.shape[2:]), np.nan), np.full((len(points), 2), np.nan))
-    _take_medians(np.ascontiguousarray(points), status, warp, grid, parts, found.warp, found.spread)
+    points = np.ascontiguousarray(points)
+
+    def take(some: slice) -> None:
+        _take_medians(points[some], status, warp, grid, parts, found.warp[some], found.spread[some])
+
+    over(threads, take, (slice(first, first + _CHUNK) for first in range(0, len(points), _CHUNK)))
     return found
+
+
+def influenced(changed: Mask) -> Mask:
+    """Points (rows, cols) of which the changed ones, or their predictions by these, may differ from before."""
+    square = np.ones((2 * _REACH + 1,) * 2, dtype=np.uint8)
+    return np.asarray(cv2.dilate(changed.astype(np.uint8), square) > 0, dtype=np.bool_)
 
 
 def disagreeing(place: Array, sigma: Array, predicted: Prediction) -> Mask:

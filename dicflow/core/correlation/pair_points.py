@@ -8,7 +8,6 @@ pixels, the errors of the points are independent, as far as noise causes them.
 from __future__ import annotations
 
 import numpy as np
-from scipy.spatial import cKDTree
 
 from dicflow.core.arrays import Array, Grey
 from dicflow.core.cameras.camera import Rig
@@ -19,6 +18,7 @@ from dicflow.core.correlation.search import Search, correlate_points, first_phot
 from dicflow.core.correlation.seed import MIN_EPIPOLAR_PAIRS, Pairs, feature_pairs, seed_warps
 from dicflow.core.correlation.subsets import Subset
 from dicflow.core.matching.pairs import agreeing_matches
+from dicflow.core.nearest import nearest
 from dicflow.core.photographs.exposure import Photograph
 from dicflow.core.photographs.noise import ROUNDING_NOISE, residual_noise
 from dicflow.core.status import Status
@@ -44,7 +44,7 @@ def pair_points(rig: Rig, left: Photograph, right: Photograph, subset_size: int,
     pairs = _pairs(rig, left.grey, right.grey, grid, subset_size)
     if len(pairs.source) == 0:
         return MatchedPoints(*np.zeros((2, 0, 2)), *np.zeros((2, 0, 3)))
-    far = cKDTree(pairs.source).query(grid)[0] > _REACH * subset_size
+    far = nearest(pairs.source, grid)[0][:, 0] > _REACH * subset_size
     grid[far] = np.nan
     starts = seed_warps(left.grey, right.grey, grid, pairs)
     search = Search(Subset(subset_size, "quadratic"), threads=threads, counts_misfit=True)

@@ -7,11 +7,11 @@ from functools import partial
 from typing import Any, NamedTuple
 
 import numpy as np
-from scipy.spatial import cKDTree
 
 from dicflow.core.arrays import Array, Codes, Iterations, Mask
 from dicflow.core.correlation.warp import warp_from_gradient
 from dicflow.core.matching.pairs import local_motion
+from dicflow.core.nearest import nearest
 from dicflow.core.parts import Parts, sees
 from dicflow.core.photographs.exposure import Photograph
 from dicflow.core.photographs.polygon import Polygon
@@ -173,8 +173,7 @@ def _carried_ring(found: FoundPoints, places: Array, cuts: Array, ring: Array) -
     if len(cuts) == 0 or np.isnan(carried).any():
         return carried
     source, target = places[valid], found.warp[valid][..., 0]
-    _, nearest = cKDTree(source).query(ring, k=np.arange(1, min(_NEAR_CORNER, len(source)) + 1))
-    for k, near in enumerate(nearest):
+    for k, near in enumerate(nearest(source, ring, min(_NEAR_CORNER, len(source)))[1]):
         own = near[sees(ring[k], source[near], cuts)]
         if MIN_POINTS_FOR_MOTION <= len(own) < len(near):
             carried[k] = local_motion(source[own], target[own], ring[k : k + 1]).position[0]

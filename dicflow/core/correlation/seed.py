@@ -13,13 +13,13 @@ from itertools import islice
 
 import cv2
 import numpy as np
-from scipy.spatial import cKDTree
 
 from dicflow.core.arrays import Array, Grey, Index, Mask
 from dicflow.core.correlation.feature_pairs import MIN_PAIRS, FeatureSearch, Pairs, feature_pairs
 from dicflow.core.correlation.warp import apply_warp, identity, recentred, warp_from_gradient
 from dicflow.core.matching.fft_search import fft_matches
 from dicflow.core.matching.pairs import agreeing_matches, local_motion
+from dicflow.core.nearest import nearest
 from dicflow.core.parts import Parts, islands
 
 __all__ = ["Pairs", "epipolar_pairs", "feature_pairs", "seed_warps", "window_correlation", "window_correlations"]
@@ -191,8 +191,8 @@ def _pairs_of_part(pairs: Pairs, points: Array, in_part: Mask) -> Pairs:
     known = np.isfinite(points).all(axis=-1)
     if len(source) == 0:
         return pairs
-    distance, nearest = cKDTree(points[known]).query(source)
-    here = in_part[known][nearest] & (distance <= 2.0 * _spacing(points))
+    distance, index = nearest(points[known], source)
+    here = (in_part[known][index] & (distance <= 2.0 * _spacing(points)))[:, 0]
     source, target = source[here], target[here]
     keep = agreeing_matches(source, target)
     return Pairs(source[keep], target[keep])
@@ -210,10 +210,9 @@ def _warps_from_pairs(pairs: Pairs, centres: Array) -> Array:
     chosen, cell = _one_per_cell(centres)
     some = centres[chosen]
     warps = warp_from_gradient(*local_motion(*pairs, some))
-    tree = cKDTree(pairs.source)
     neighbours = min(len(pairs.source), 24)
-    usual_distance = float(np.median(tree.query(pairs.source, k=[neighbours])[0]))
-    warps[tree.query(some)[0] > MAX_REACH * usual_distance] = np.nan
+    usual_distance = float(np.median(nearest(pairs.source, pairs.source, neighbours)[0][:, -1]))
+    warps[nearest(pairs.source, some)[0][:, 0] > MAX_REACH * usual_distance] = np.nan
     return recentred(warps[cell], centres - some[cell])
 
 

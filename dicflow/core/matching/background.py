@@ -15,11 +15,11 @@ from typing import NamedTuple
 
 import cv2
 import numpy as np
-from scipy.spatial import cKDTree
 
-from dicflow.core.arrays import Array, Bytes, Grey, Image, Mask
+from dicflow.core.arrays import Array, Bytes, Grey, Image, Index, Mask
 from dicflow.core.matching.features import detect
 from dicflow.core.matching.pairs import agreeing_matches, local_motion, match_features
+from dicflow.core.nearest import nearest
 from dicflow.core.photographs.grey import reduced, scale_for, to_8bit
 from dicflow.core.photographs.texture import speckle_size
 from dicflow.core.threads import over
@@ -82,7 +82,7 @@ class _Borders(NamedTuple):
     inward : (n, 2) — direction to the moving part
     """
 
-    places: Array
+    places: Index
     jumps: Mask
     inward: Array
 
@@ -207,8 +207,8 @@ def _without_outliers(borders: _Borders) -> _Borders:
     """The borders, each point of the sort of most points around it; a few jumps along a long border are errors."""
     if not len(borders.places):
         return borders
-    near = cKDTree(borders.places).query_ball_point(borders.places, _REACH)
-    jumps = np.array([borders.jumps[others].mean() > 0.5 for others in near])
+    votes = _sums_around(borders.places, np.where(borders.jumps, 1.0, -1.0)[None], _REACH)[0]
+    jumps = votes > 0.5  # they are whole numbers, but for rounding
     return borders._replace(jumps=jumps & (jumps.mean() >= _MIN_SHARE_OF_JUMPS))
 
 
@@ -218,14 +218,14 @@ def _is_behind(borders: _Borders, shape: tuple[int, ...]) -> Mask:
     The latter may also be nearer, by a little, for points on the outer side of the straight continuation of a border
     with a jump: the wall beside the still end of a specimen.
     """
-    points = np.stack(np.meshgrid(np.arange(shape[0]), np.arange(shape[1]), indexing="ij"), axis=-1)
+    points = np.stack(np.meshgrid(*map(np.arange, shape), indexing="ij"), axis=-1).astype(np.float64)
     jumps, smooth = borders.places[borders.jumps], borders.places[~borders.jumps]
     if not len(jumps):
         return np.zeros(shape, dtype=bool)
-    distance, nearest = cKDTree(jumps).query(points)
-    normals = _normals(jumps, borders.inward[borders.jumps])[nearest]
-    outside = np.sum((points - jumps[nearest]) * normals, axis=-1) <= 1.0
-    to_smooth = cKDTree(smooth).query(points)[0] if len(smooth) else np.inf
+    distance, index = (table.reshape(shape) for table in nearest(jumps, points.reshape(-1, 2)))
+    normals = _normals(jumps, borders.inward[borders.jumps])[index]
+    outside = np.sum((points - jumps[index]) * normals, axis=-1) <= 1.0
+    to_smooth = nearest(smooth, points.reshape(-1, 2))[0].reshape(shape) if len(smooth) else np.inf
     return np.asarray((distance <= to_smooth) | (outside & (distance <= to_smooth + _MAX_DETOUR)))
 
 
@@ -238,12 +238,23 @@ def _apart(still: Mask, borders: _Borders, least: float) -> Mask:
     return np.asarray(apart[parts])
 
 
-def _normals(places: Array, inward: Array) -> Array:
+def _normals(places: Index, inward: Array) -> Array:
     """Unit normals (n, 2) of a border at its points, towards the side of ``inward`` (n, 2)."""
-    near = cKDTree(places).query_ball_point(places, _NORMAL_REACH)
-    spread = np.stack([np.cov(places[others].T) if len(others) > 2 else np.eye(2) for others in near])
-    normal = np.linalg.eigh(spread)[1][..., 0]
+    i, j = (places - places.mean(axis=0)).T
+    sums = _sums_around(places, np.stack([np.ones(len(i)), i, j, i * i, i * j, j * j]), _NORMAL_REACH)
+    count, (mean_i, mean_j, ii, ij, jj) = sums[0], sums[1:] / sums[0]
+    spread = np.stack([ii - mean_i**2, ij - mean_i * mean_j, ij - mean_i * mean_j, jj - mean_j**2], axis=-1)
+    normal = np.linalg.eigh(np.where(count[:, None] > 2, spread, np.eye(2).ravel()).reshape(-1, 2, 2))[1][..., 0]
     return np.asarray(normal * np.where(np.sum(normal * inward, axis=-1) < 0.0, -1.0, 1.0)[:, None])
+
+
+def _sums_around(places: Index, values: Array, reach: int) -> Array:
+    """Sums (k, n) of the values (k, n) of points at different places (n, 2), over those around each, in grid steps."""
+    at = tuple(places.T)
+    grid = np.zeros((len(values), *(places.max(axis=0) + 1)))
+    grid[:, *at] = values
+    disc = (np.hypot(*np.mgrid[-reach : reach + 1, -reach : reach + 1]) <= reach).astype(np.float64)
+    return np.stack([cv2.filter2D(plane, -1, disc, borderType=cv2.BORDER_CONSTANT)[at] for plane in grid])
 
 
 def _extrapolated(offsets: Array, shifts: Array) -> Array:

@@ -8,11 +8,11 @@ from typing import NamedTuple
 import cv2
 import numpy as np
 from numba import njit
-from scipy.spatial import cKDTree
 
 from dicflow.core.arrays import Array, Index, Mask
 from dicflow.core.matching.features import Descriptors, Features
 from dicflow.core.matching.transform import MINIMUM_PAIRS, apply_transform, msac
+from dicflow.core.nearest import nearest
 
 __all__ = [
     "LocalMotion",
@@ -76,8 +76,9 @@ def guided_matches(
     if len(reference.xy) == 0 or len(deformed.xy) == 0:
         return np.zeros((0, 2), dtype=np.intp)
     known = np.isfinite(predicted).all(axis=1)
-    candidate = np.full((len(predicted), CANDIDATES), len(deformed.xy))
-    candidate[known] = cKDTree(deformed.xy).query(predicted[known], k=CANDIDATES, distance_upper_bound=radius_px)[1]
+    candidate = np.full((len(predicted), min(CANDIDATES, len(deformed.xy))), len(deformed.xy))
+    distance, near = nearest(deformed.xy.astype(float), predicted[known], candidate.shape[1])
+    candidate[known] = np.where(distance < radius_px, near, len(deformed.xy))
     row, column = np.nonzero(candidate < len(deformed.xy))
     partner = candidate[row, column]
     distance = _distances(reference.descriptors[row], deformed.descriptors[partner])
@@ -112,7 +113,7 @@ def consistent_matches(source: Array, target: Array, *, tolerance_px: float = 2.
     for _ in range(2):
         if keep.sum() <= NEIGHBOURS:
             break
-        _, near = cKDTree(source[keep]).query(source, k=NEIGHBOURS + 1)
+        _, near = nearest(source[keep], source, NEIGHBOURS + 1)
         around = deviation[keep][near[:, 1:]]
         usual = np.median(around, axis=1)
         spread = np.median(np.linalg.norm(around - usual[:, None], axis=2), axis=1)
@@ -165,14 +166,13 @@ def _neighbours(source: Array, points: Array, seen: Seen | None) -> tuple[Array,
     vanishes. Distances are NaN where fewer than 3 count.
     """
     count = min(NEIGHBOURS + 1, len(source))
-    tree = cKDTree(source, compact_nodes=False, balanced_tree=False)
     if seen is None:
-        distance, near = tree.query(points, k=np.arange(1, count + 1))
-        return distance, near
-    distance, near = tree.query(points, k=np.arange(1, min(_CANDIDATES * count, len(source)) + 1))
+        return nearest(source, points, count)
+    distance, near = nearest(source, points, min(_CANDIDATES * count, len(source)))
     counts = seen(np.arange(len(points))[:, None], near)
     order = np.argsort(~counts, axis=1, kind="stable")[:, :count]
-    distance, near, counts = (np.take_along_axis(table, order, axis=1) for table in (distance, near, counts))
+    counts = np.take_along_axis(counts, order, axis=1)
+    distance, near = np.take_along_axis(distance, order, axis=1), np.take_along_axis(near, order, axis=1)
     farthest = np.where(counts, distance, 0.0).max(axis=1, keepdims=True)
     farthest[counts.sum(axis=1) < _MIN_SEEN] = np.nan
     return np.where(counts, distance, farthest) + 0.0 * farthest, near

@@ -71,13 +71,12 @@ class WindowedPoints(NamedTuple):
 
     def variances(self, at: Index, weights: Array, rho: Overlap) -> Array:
         """Covariances (n, m, m) of such sums for unit variance at the centre."""
-        high, wide = weights.shape[2:]
         forms = _forms(
             _padded(self.sigma[..., None], weights)[..., 0],
             at,
             weights,
-            _band(rho.down, high),
-            _band(rho.across, wide),
+            rho.down,
+            rho.across,
         )
         return np.asarray(forms / self.sigma[at[:, 0], at[:, 1]][:, None, None] ** 2)
 
@@ -109,13 +108,6 @@ def _padded(field: Array, weights: Array) -> Array:
     """A field (row, col, k) with half a window of zeros around it."""
     high, wide = (side // 2 for side in weights.shape[2:])
     return np.pad(field, [(high, high), (wide, wide), (0, 0)])
-
-
-def _band(lags: Array, side: int) -> Array:
-    """Matrices (term, side, side) of a function of |i − j|, (term, lag)."""
-    apart = np.abs(np.subtract.outer(np.arange(side), np.arange(side)))
-    padded = np.pad(lags, ((0, 0), (0, max(0, side - lags.shape[1]))))
-    return np.ascontiguousarray(padded[:, apart])
 
 
 @njit(cache=True, nogil=True)
@@ -241,56 +233,68 @@ def _sums(values: Array, at: Index, weights: Array) -> Array:
 
 @njit(cache=True, nogil=True)
 def _forms(sigma: Array, at: Index, weights: Array, down: Array, across: Array) -> Array:
-    """Quadratic forms (n, m, m) of weights (n, m, high, wide): Σₜ wₐ : (downₜ w_b acrossₜ), with w times padded sigma.
+    """Quadratic forms (n, m, m) of weights (n, m, high, wide), times the padded sigma, with a correlation of points.
 
-    down, across : (term, high, high) and (term, wide, wide) — correlation of the points of a window
+    down, across : (term, lag) — factors of the correlation along columns and rows, for points so many apart
+
+    A window is laid out row after row with zeros between, so that sums along rows and columns are long loops.
     """
     wanted, high, wide = weights.shape[1:]
+    pitch = wide + across.shape[1] - 1
     result = np.full((len(at), wanted, wanted), np.nan)
-    scaled = np.empty((wanted, high, wide))
-    half = np.empty((high, wide))
-    full = np.empty((high, wide))
+    scaled = np.zeros((wanted, high * pitch))
+    half, full = np.empty(high * pitch), np.empty(high * pitch)
     for n in range(len(at)):
         if np.isnan(weights[n, 0, high // 2, wide // 2]):
             continue
-        _scaled_weights(weights[n], sigma, at[n], scaled)
-        result[n] = 0.0
+        _lay_out(weights[n], sigma, at[n], scaled)
+        for a in range(wanted):
+            for b in range(a + 1):
+                result[n, a, b] = 0.0
         for term in range(len(down)):
             for a in range(wanted):
-                _product(down[term], scaled[a], half)
-                _product(half, across[term], full)
-                for b in range(wanted):
+                _correlate(scaled[a], down[term], pitch, half)
+                _correlate(half, across[term], 1, full)
+                for b in range(a + 1):
                     result[n, a, b] += _scalar_product(full, scaled[b])
+        for a in range(wanted):
+            for b in range(a):
+                result[n, b, a] = result[n, a, b]
     return result
 
 
 @njit(**INNER)
-def _scaled_weights(weights: Array, sigma: Array, corner: Index, scaled: Array) -> None:
+def _lay_out(weights: Array, sigma: Array, corner: Index, scaled: Array) -> None:
     """Set weights (m, high, wide) times the sigma of their points. corner : of the window in the padded field"""
+    pitch = scaled.shape[1] // weights.shape[1]
     for m in range(weights.shape[0]):
         for i in range(weights.shape[1]):
             for j in range(weights.shape[2]):
-                scaled[m, i, j] = weights[m, i, j] * sigma[corner[0] + i, corner[1] + j]
+                scaled[m, i * pitch + j] = weights[m, i, j] * sigma[corner[0] + i, corner[1] + j]
 
 
 @njit(**INNER)
+def _correlate(values: Array, lags: Array, stride: int, result: Array) -> None:
+    """Set the sums over the values (n,) around each, weighted by their distance in strides."""
+    for k in range(len(values)):
+        result[k] = lags[0] * values[k]
+    for lag in range(1, len(lags)):
+        away, factor = lag * stride, lags[lag]
+        _add(result, factor, values[away:])
+        _add(result[away:], factor, values)
+
+
+@njit(**INNER)
+def _add(result: Array, factor: float, values: Array) -> None:
+    """Add values times a factor, as far as both arrays reach."""
+    for k in range(min(len(result), len(values))):
+        result[k] += factor * values[k]
+
+
+@njit(fastmath={"reassoc"}, **INNER)
 def _scalar_product(first: Array, second: Array) -> float:
-    """Sum of the products of the elements."""
+    """Sum of the products of the elements, in an order that vectorises."""
     total = 0.0
-    for i in range(first.shape[0]):
-        for j in range(first.shape[1]):
-            total += first[i, j] * second[i, j]
+    for k in range(len(first)):
+        total += first[k] * second[k]
     return total
-
-
-@njit(**INNER)
-def _product(first: Array, second: Array, result: Array) -> None:
-    """Set the matrix product, summed along the rows of the second so that it vectorises."""
-    for i in range(first.shape[0]):
-        for j in range(second.shape[1]):
-            result[i, j] = 0.0
-        for k in range(first.shape[1]):
-            factor = first[i, k]
-            if factor != 0.0:
-                for j in range(second.shape[1]):
-                    result[i, j] += factor * second[k, j]
