@@ -75,7 +75,8 @@ def _video(path: Path, unchanged: Stamp) -> Video:
             found = _decoded(path)  # an edit leaves frames out, or they cannot be decoded
         said = complaint(heard())
     if not found:
-        raise InputError("a video without frames; copy it again from the camera, or leave it out")
+        why = said and f" ({said})"
+        raise InputError(f"no frame of the video can be decoded{why}; copy it again from the camera, or leave it out")
     times = tuple(time for time, _ in found)
     keys = tuple(k for k, (_, is_key) in enumerate(found, start=1) if is_key)
     return Video(*_size(path), times, keys, said)
