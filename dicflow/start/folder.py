@@ -17,7 +17,7 @@ from dicflow.engine.graph import EARLY_STEPS
 from dicflow.engine.product import Product
 from dicflow.errors import ConfigurationError, DicflowError, InputError, StageError
 from dicflow.io.calibrations.read import parse_calibration
-from dicflow.io.images import ALL_SUFFIXES, is_video, read_grey, video_of
+from dicflow.io.images import ALL_SUFFIXES, read_grey
 from dicflow.io.images.search import MOST_ENTRIES
 from dicflow.kinds.images import Images
 from dicflow.kinds.region import Region
@@ -30,6 +30,7 @@ from dicflow.start.patterns import listed, patterns_of
 from dicflow.start.photographs import Photographs, maker, photographs_of
 from dicflow.start.question import question
 from dicflow.start.sorting import copies_in, parted_by_counter
+from dicflow.start.videos import SHARPEST, frames_to_see
 from dicflow.start.ways import possible_way
 
 __all__ = ["Caliper", "Found", "Photographs", "Survey", "look", "photographs_in", "survey"]
@@ -43,10 +44,6 @@ _TABLE_SUFFIXES = frozenset({".csv", ".txt", ".tsv"})
 _MAX_BYTES = 1_000_000
 """Size of a table or a calibration."""
 _QUICK_PIXELS = 600_000
-_LOOKS_AT_VIDEO = (0.25, 0.5, 0.75)
-"""Where in a video a board is looked for, as shares of its frames."""
-_BOARDS = 30
-"""Frames of a board's video that are used."""
 
 
 class Caliper(NamedTuple):
@@ -217,19 +214,11 @@ def _series(folder: Path, paths: Sequence[PurePosixPath], choice: Choice, facts:
 def _see(folder: Path) -> See:
     @cache
     def see(path: PurePosixPath, thorough: bool = False) -> Board | None:
-        images = (read_grey(file) for file in _frames_to_see(folder / path))
+        images = (read_grey(file) for file in frames_to_see(folder / path))
         boards = (identify_board(one if thorough else in_8bit(one, _QUICK_PIXELS), thorough) for one in images)
         return next((board for board in boards if board is not None), None)
 
     return see
-
-
-def _frames_to_see(path: Path) -> list[Path | FilePart]:
-    """A photograph itself, or a few frames of a video."""
-    if not is_video(path):
-        return [path]
-    last = len(video_of(path).times)
-    return [FilePart(path, max(round(share * last), 1)) for share in _LOOKS_AT_VIDEO]
 
 
 def _subjects(folder: Path, series: Sequence[Series], choice: Choice, see: See) -> Subjects:
@@ -262,7 +251,7 @@ def _described(folder: Path, chosen: Candidate, paths: Sequence[PurePosixPath], 
     both = chosen.boards.left, chosen.boards.right
     board = board_in(both, see)
     way = possible_way(*both, facts.taken, choice.pair_boards_by)
-    boards = photographs_of(folder, *both, paths, facts, way, {"sharpest": _BOARDS})
+    boards = photographs_of(folder, *both, paths, facts, way, SHARPEST)
     if board is None:
         raise InputError(
             f"{folder}: no checkerboard, ChArUco board or grid of circles is recognised in {boards}; "

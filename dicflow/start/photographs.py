@@ -10,18 +10,15 @@ from typing import Any, NamedTuple
 from dicflow.engine.files import FilePart
 from dicflow.engine.node import Node
 from dicflow.errors import InputError
-from dicflow.io.images import is_video, video_of
 from dicflow.pipeline.registry import node_class
 from dicflow.start.choice import By
 from dicflow.start.facts import Facts
 from dicflow.start.layouts import Series
 from dicflow.start.patterns import listed, patterns_of
+from dicflow.start.videos import UNKNOWN_OFFSET, video_parameters
 from dicflow.start.ways import Way, chosen_way
 
 __all__ = ["Photographs", "maker", "photographs_of"]
-
-_MOST_STEPS = 300
-"""Frames of a test's video that are measured at first."""
 
 
 class Photographs(NamedTuple):
@@ -48,6 +45,10 @@ class Photographs(NamedTuple):
         if not self.right:
             return f"{len(self.steps)} photographs of one camera, {listed(self.left)}"
         how = f" {self.way.words}" if self.way is not None and self.way.is_listed else ""
+        if self.frames.get("offset") == UNKNOWN_OFFSET:
+            how = (
+                " as if both cameras had begun at once, since nothing that both saw joins their clocks; correct offset"
+            )
         return f"{len(self.steps)} pairs{how}, {listed(self.left)} and {listed(self.right)}"
 
 
@@ -70,8 +71,7 @@ def photographs_of(
         if right:
             way = chosen_way(left, right, facts.taken, by)
             named = way.patterns(left, right, paths)
-        if is_video(folder / left.files[0]):
-            frames = _of_videos([folder / one.files[0] for one in (left, right) if one], select)
+        frames = video_parameters([folder / one.files[0] for one in (left, right) if one], select)
         steps = maker("images")(**named, **_listed(way), **frames).steps(folder) or {}
     except InputError as error:
         raise InputError(f"{folder / named['left'][0]}: {error}") from error
@@ -81,13 +81,6 @@ def photographs_of(
 def _listed(way: Way | None) -> dict[str, str]:
     """What the stage of the photographs must know of a way to make pairs; empty for what it assumes."""
     return {"pair_by": "order"} if way is not None and way.is_listed else {}
-
-
-def _of_videos(files: Sequence[Path], select: Mapping[str, int] | None) -> dict[str, Any]:
-    """How two clocks are joined, and which frames of a video are used: not all of a long one."""
-    every = -(-min(len(video_of(file).times) for file in files) // _MOST_STEPS)
-    way: dict[str, Any] = {"offset": "auto"} if len(files) > 1 else {}
-    return way | {"select": dict(select or {"every": every})}
 
 
 def maker(stage: str) -> Callable[..., Node]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dicflow.io.images.clocks import joined_clocks
 from dicflow.io.images.formats import ALL_SUFFIXES, RAW_SUFFIXES, is_video
 from dicflow.io.images.moments import moment_of, read_times
 from dicflow.io.images.orientation import orientation_sentence, turned_upright, upright_size
@@ -25,6 +26,7 @@ __all__ = [
     "counter_offset",
     "find_photographs",
     "is_video",
+    "joined_clocks",
     "moment_of",
     "natural_key",
     "orientation_sentence",
