@@ -242,6 +242,7 @@ def _compute(state: Running, run_id: str, processes: WorkerProcesses | None) -> 
         options.worker_setup,
         processes,
         state.compilation(),
+        state.ahead(),
     )
     if options.scheduler == "auto" and state.is_short():
         opened = replace(opened, processes=None)

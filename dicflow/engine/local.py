@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import threading
 import time
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import FIRST_COMPLETED, Future, ThreadPoolExecutor, wait
 from contextlib import contextmanager, suppress
 from dataclasses import replace
@@ -24,6 +25,7 @@ __all__ = ["in_process", "in_processes"]
 def in_process(options: BackendOptions) -> Iterator[Backend]:
     """A backend that runs jobs in this process: one worker in the calling thread, more in threads."""
     prepare(options.setup)
+    threading.Thread(target=_all_called, args=(options.ahead,), daemon=True).start()
     yield _InTurn(options) if options.workers == 1 else _AtOnce(options, _here)
 
 
@@ -32,6 +34,13 @@ def in_processes(options: BackendOptions) -> Iterator[Backend]:
     """A backend that runs jobs in the worker processes of the run."""
     assert options.processes is not None
     yield _AtOnce(options, options.processes.call)
+
+
+def _all_called(calls: Sequence[Callable[[], None]]) -> None:
+    """Make calls in turn; what goes wrong shows again in a task, which has a place for errors."""
+    for call in calls:
+        with suppress(Exception):
+            call()
 
 
 def _here(function: Callable[..., Any], *arguments: Any) -> Any:

@@ -117,10 +117,18 @@ class Running:
 
     def compilation(self) -> Compilation:
         """What is to compile for the stages that will run, and who listens."""
-        entries = (entry.task for entry in self.plan.entries.values() if entry.state != "hit")
-        nodes = {task.stage: task.node for task in entries}
+        nodes = self._nodes()
         pieces = self.options.uncompiled(nodes) if self.options.uncompiled is not None else {}
         return Compilation(pieces, lambda: not self.stopped, self._compiling, self._compiled)
+
+    def ahead(self) -> Sequence[Callable[[], None]]:
+        """What is done while there is nothing to do yet."""
+        return self.options.ahead(self._nodes()) if self.options.ahead is not None else ()
+
+    def _nodes(self) -> dict[str, Node]:
+        """The stages that will run, by name."""
+        entries = (entry.task for entry in self.plan.entries.values() if entry.state != "hit")
+        return {task.stage: task.node for task in entries}
 
     def _compiling(self, stage: str) -> None:
         self.report(Event("compiling", stage=stage))

@@ -7,7 +7,7 @@ dask and no plug-in is imported before a scheduler is opened.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import AbstractContextManager
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Protocol
@@ -67,6 +67,7 @@ class BackendOptions:
     retries : how often a task that raised an error other than a DicflowError is tried again
     setup : called once in every worker
     processes : worker processes of the caller, which outlive the backend; None to start own ones
+    ahead : what workers do while they wait for work
     compilation : a scheduler may ignore it; then each worker compiles what it uses
     """
 
@@ -79,6 +80,7 @@ class BackendOptions:
     setup: Callable[[], None] | None = None
     processes: WorkerProcesses | None = None
     compilation: Compilation = field(default_factory=Compilation)
+    ahead: Sequence[Callable[[], None]] = ()
 
 
 @dataclass(frozen=True)

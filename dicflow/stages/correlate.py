@@ -148,16 +148,19 @@ class Correlate(SubsetSearch):
         from dicflow.core.correlation.search import first_photograph, points_in_first_photograph
         from dicflow.core.threads import at_once
 
-        pattern, noise, repeats = at_once(
+        shape: ShapeFunction = "affine" if self.shape_function == "auto" else self.shape_function
+        search = self.search(self.subset_size, 1.0, shape)._replace(parts=first.parts)
+        start = first_photograph(image, first.region, first.parts.places, search)
+        pattern, of_unit_noise, noise, repeats = at_once(
             self.thread_count,
             partial(pattern_of_region, image.grey, first.region, self.subset_size),
+            partial(points_in_first_photograph, start, search),
             partial(self._first_noise, image.grey, first.measured),
             partial(repetition_of_region, image.grey, first.measured),
         )
-        shape: ShapeFunction = "affine" if self.shape_function == "auto" else self.shape_function
-        search = self._search(noise.grey, first, shape)
-        start = first_photograph(image, first.region, first.parts.places, search)
-        found = points_in_first_photograph(start, search)
+        level = self._level(noise.grey, first)
+        covariance = level**2 * of_unit_noise.covariance
+        found = of_unit_noise._replace(covariance=covariance, template_covariance=covariance)
         if not found.valid.any():
             raise StageError(self._no_subset(first.region, found.status))
         exact = found._replace(covariance=0.0 * found.covariance)
@@ -166,7 +169,7 @@ class Correlate(SubsetSearch):
             exact,
             Course(place, 0.0 * place),
             found.covariance,
-            (noise, search.noise),
+            (noise, level),
             first.outline,
             self._grid(shape),
             facts={

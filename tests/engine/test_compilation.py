@@ -110,6 +110,23 @@ def test_what_cannot_be_compiled_ahead_is_left_to_the_task(folder, store):
     assert run(chain(folder), store, options=calls.options(2)).ok
 
 
+@pytest.mark.parametrize("workers", [1, 2])
+def test_what_the_stages_of_a_run_use_is_loaded_while_it_waits_and_may_fail(folder, store, workers):
+    loaded, asked = threading.Event(), []
+
+    def fail():
+        raise OSError("no library")
+
+    def ahead(nodes):
+        asked.append(set(nodes))
+        return [fail, loaded.set]
+
+    for graph in (chain(folder), chain(folder), chain(folder, factor=3.0)):
+        assert run(graph, store, options=Options("threads", workers, ahead=ahead)).ok
+    assert loaded.wait(60.0)
+    assert [len(stages) for stages in asked] == [6, 4]
+
+
 def test_nothing_is_compiled_for_what_is_stored(folder, store):
     run_sync(chain(folder), store)
     calls = Calls("scale")
