@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 from dicflow.engine.graph import Graph
 from dicflow.engine.lazy import lazy_dataset, open_group
-from dicflow.engine.node import Scope
+from dicflow.engine.node import Node, Scope
 from dicflow.engine.product import Product
 from dicflow.engine.references import Ref, load
 from dicflow.engine.store import Store
@@ -106,6 +106,10 @@ class Result:
     def kind(self, stage: str) -> str:
         """The kind of product that a stage gives."""
         return self.graph.stages[self._instance(stage, 0)].node.gives
+
+    def node(self, stage: str, variant: int = 0) -> Node:
+        """The stage with its parameters."""
+        return self.graph.stages[self._instance(stage, variant)].node
 
     @property
     def store_folder(self) -> Path:

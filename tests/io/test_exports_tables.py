@@ -182,14 +182,32 @@ def test_two_products_never_share_a_file(tmp_path):
 
 
 def test_every_format_has_its_module():
-    names = ["challenge", "csv", "geojson", "hdf5", "json", "mat", "matchid", "npz", "opencv", "vtu", "xlsx"]
+    names = [
+        "challenge",
+        "csv",
+        "geojson",
+        "hdf5",
+        "json",
+        "mat",
+        "matchid",
+        "material",
+        "npz",
+        "opencv",
+        "vtu",
+        "xlsx",
+    ]
     assert list(FORMATS.names()) == names
     for name in names:
         assert {"DESCRIPTION", "KINDS", "write"} <= set(FORMATS.load(name).__all__)
 
 
 def test_what_is_written_beside_a_whole_test():
-    assert beside() == {"csv": ("comparison", "probes", "noise"), "geojson": ("region",), "json": ("rig",)}
+    assert beside() == {
+        "csv": ("comparison", "probes", "channels", "noise", "curve", "material"),
+        "geojson": ("region",),
+        "json": ("rig",),
+        "material": ("material",),
+    }
 
 
 FORMULAS = ("=cmd|' /C calc'!A0", "+1+1", "-a", "@SUM(A1)", "\t=1", "a\r=1", "x, y", "-1.5", "'=1")

@@ -23,7 +23,7 @@ from dicflow.kinds.status import STATUS_NAME
 __all__ = ["DESCRIPTION", "KINDS", "ONE_STEP", "write"]
 
 DESCRIPTION = "a workbook with one sheet per table (needs dicflow[xlsx])"
-KINDS = ("total", "probes", "comparison", "noise")
+KINDS = ("total", "probes", "comparison", "channels", "noise")
 ONE_STEP = True
 _MOST_ROWS = 1_048_576
 _LONGEST_NAME = 31
