@@ -92,17 +92,18 @@ def measured(seed: int, correlate: Correlate) -> Measured:
     after = correlate.run(
         images=stretched, images_first=rest, images_before=rest, region=REGION, correlation_before=before
     )
+    right_first, right = (_right(images, rest, step, before) for images, step in ((rest, before), (stretched, after)))
     points_first, points = (
-        _points(images, rest, step, before) for images, step in ((rest, before), (stretched, after))
+        Triangulate().run(correlation=step, correlation_first=before, stereo=stereo, stereo_first=right_first, rig=RIG)
+        for step, stereo in ((before, right_first), (after, right))
     )
     total = Deformation().run(points=points, points_first=points_first)
     return Measured(before["xy"], total, after.attrs["noise_grey"])
 
 
-def _points(images: Product, images_first: Product, correlation: Product, correlation_first: Product) -> Product:
+def _right(images: Product, images_first: Product, correlation: Product, correlation_first: Product) -> Product:
     first = {"images_first": images_first, "correlation_first": correlation_first}
-    stereo = Stereo().run(images=images, correlation=correlation, rig=RIG, **first)
-    return Triangulate().run(correlation=correlation, correlation_first=correlation_first, stereo=stereo, rig=RIG)
+    return Stereo().run(images=images, correlation=correlation, rig=RIG, **first)
 
 
 def _images(left: np.ndarray, right: np.ndarray) -> Product:

@@ -26,6 +26,8 @@ PLACE = 5
 TITLE = "Variants of the sweep"
 
 _FIELDS = tuple(name for name, quantity in QUANTITIES.items() if "sweep" in quantity.uses)
+_ON_PAPER = tuple(f"{part}_{name}" for part in ("mean", "sigma", "u") for name in ("exx", "eyy"))
+"""Scalars of a total that a sheet of paper has room for."""
 _MOST_OPEN = 9
 """Panels of means that are shown unasked where there are no fields; more are folded away."""
 _ALIKE, _ALIKE_DRAWN = 1e-9, 1e-4
@@ -50,6 +52,7 @@ def sweep(context: Context) -> Section | None:
         chart=Markup(chart) if (chart := resolution_chart(found, labels)) is not None else None,
         measured=any(one is not None and one.measured for one in found),
         columns=_columns(result, differing, found),
+        off_paper=set(differing) - set(_on_paper(differing)),
         rows=_rows(result, table, differing, found),
         differs=bool(differing),
         equal=[[name, _shown(table[0].get(name))] for name in scalars if name not in differing],
@@ -63,6 +66,12 @@ def sweep(context: Context) -> Section | None:
         f"Variant #{place} of the sweep has nothing in the store; run the pipeline again." for place in empty
     )
     return Section("sweep", TITLE, body, warnings)
+
+
+def _on_paper(names: Sequence[str]) -> Sequence[str]:
+    """Scalars that a sheet of paper shows: those of the strains, else the first ones."""
+    of_strains = [name for name in names if name.partition(".")[2] in _ON_PAPER]
+    return of_strains or names[: len(_ON_PAPER)]
 
 
 class Cell(NamedTuple):

@@ -25,7 +25,9 @@ class Triangulate(Node):
     """The points that best explain both photographs, with covariance and status.
 
     Both places are found with one template, whose noise moves a point along the surface; the noise of the photographs
-    themselves moves it in depth too. ``way`` and ``way_right`` hold the routes by which the left and the right place
+    themselves moves it in depth too. Both photographs have the same weights at all steps, by the errors at the first
+    one: where a rig does not fit exactly, the rays of a point miss each other, and the place between them must not
+    depend on the noise of the step. ``way`` and ``way_right`` hold the routes by which the left and the right place
     were found: directly from the first photograph, or via a reference step.
     """
 
@@ -35,6 +37,7 @@ class Triangulate(Node):
         "correlation": Port("correlation"),
         "correlation_first": Port("correlation", at=At.FIRST),
         "stereo": Port("stereo"),
+        "stereo_first": Port("stereo", at=At.FIRST),
         "rig": Port("rig"),
     }
     gives: ClassVar = "points"
@@ -42,8 +45,15 @@ class Triangulate(Node):
 
     stage: Literal["triangulate"] = "triangulate"
 
-    def run(self, correlation: Product, correlation_first: Product, stereo: Product, rig: Product) -> Product:
-        """``correlation_first`` is that of the first step."""
+    def run(
+        self,
+        correlation: Product,
+        correlation_first: Product,
+        stereo: Product,
+        stereo_first: Product,
+        rig: Product,
+    ) -> Product:
+        """``correlation_first`` and ``stereo_first`` are those of the first step."""
         import numpy as np
 
         from dicflow.core.cameras.triangulate import triangulate
@@ -52,9 +62,8 @@ class Triangulate(Node):
         left, right = Correlation.read(correlation), Stereo.read(stereo)
         cameras = CalibratedRig.read(rig).cameras
         check_size("left", cameras.left.size, left.image_size)
-        first = (left["way"] == 0)[..., None]
-        errors_left = np.where(first, left["template"], left["covariance"])
-        found = triangulate(cameras, left["xy"], right["xy"], errors_left, right["covariance"])
+        weights = Correlation.read(correlation_first)["template"], Stereo.read(stereo_first)["covariance"]
+        found = triangulate(cameras, left["xy"], right["xy"], *weights)
         status = np.maximum(left["status"], right["status"])
         status[(status <= Status.FILLED) & ~np.isfinite(found.xyz).all(axis=-1)] = Status.EPIPOLAR
         inside = np.isfinite(Correlation.read(correlation_first)["xy"]).all(axis=-1)

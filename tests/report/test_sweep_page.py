@@ -6,6 +6,7 @@ from pathlib import Path
 import pytest
 from markupsafe import Markup
 
+from dicflow.report import sweep as module
 from dicflow.report.context import Section
 from dicflow.report.rendering import assets, render
 from dicflow.report.resolution import resolution_chart, resolutions
@@ -117,3 +118,16 @@ def test_a_link_unfolds_what_it_leads_to(page):
         "document.querySelector('nav a[href=\"#other\"]').click(), new Promise((done) => setTimeout(done, 200))"
     )
     assert page.evaluate(is_open)
+
+
+def test_paper_has_the_strains_of_the_variants_else_the_first_scalars():
+    names = ["stereo.points", "total.mean_eyy", "total.u_exx", "total.valid_share"]
+    assert module._on_paper(names) == ["total.mean_eyy", "total.u_exx"]
+    assert module._on_paper(names[:1]) == ["stereo.points"]
+
+
+def test_titles_of_columns_are_printed(page):
+    page.send("Emulation.setEmulatedMedia", media="print")
+    shown = page.evaluate("[...document.querySelectorAll('.sortable th button')].map((one) => one.offsetWidth > 0)")
+    page.send("Emulation.setEmulatedMedia", media="")
+    assert all(shown)

@@ -73,10 +73,22 @@ def measured(pairs, left, rig=None, **parameters):
             stereo_first=results[0][0] if k else None,
             stereo_before=last[1],
         )
-        points = Triangulate().run(correlation=step, correlation_first=left[0], stereo=stereo, rig=rig)
+        first = {"correlation_first": left[0], "stereo_first": results[0][0] if k else stereo}
+        points = Triangulate().run(correlation=step, stereo=stereo, rig=rig, **first)
         last = step, stereo
         results.append((stereo, points))
     return results
+
+
+def triangulated(correlation, stereo, left, results, rig=RIG):
+    """Points of a step whose first step is that of some results."""
+    return Triangulate().run(
+        correlation=correlation,
+        correlation_first=left[0],
+        stereo=stereo,
+        stereo_first=results[0][0],
+        rig=rig_product(rig),
+    )
 
 
 @pytest.fixture(scope="module")
@@ -292,7 +304,7 @@ def test_a_rig_for_another_image_size(pairs, left, results):
     with pytest.raises(StageError, match=r"300 × 250 .* 600 × 500 "):
         measured(pairs[:1], left[:1], rig=rig_product(small))
     with pytest.raises(StageError, match=r"300 × 250 .* 600 × 500 "):
-        Triangulate().run(correlation=left[0], correlation_first=left[0], stereo=results[0][0], rig=rig_product(small))
+        triangulated(left[0], results[0][0], left, results, small)
 
 
 def test_a_right_camera_of_another_size_changes_nothing(pairs, left, results):
@@ -381,12 +393,8 @@ def test_what_the_way_through_a_later_reference_adds_is_common_to_both_photograp
     def run(shift_left, shift_right):
         moved_left = chained | {"xy": Variable(("row", "col", "a"), step["xy"] + shift_left)}
         moved_right = right | {"xy": Variable(("row", "col", "a"), stereo["xy"] + shift_right)}
-        return Triangulate().run(
-            correlation=Product("correlation", moved_left, step.attrs),
-            correlation_first=left[0],
-            stereo=Product("stereo", moved_right, stereo.attrs),
-            rig=rig_product(),
-        )
+        moved = Product("correlation", moved_left, step.attrs), Product("stereo", moved_right, stereo.attrs)
+        return triangulated(*moved, left, results)
 
     exact = run(0.0, 0.0)
     factor = np.linalg.inv(np.linalg.cholesky(symmetric(exact["covariance"])))
@@ -454,14 +462,27 @@ def test_a_bias_of_the_left_places_moves_the_points_as_both_places_do(results, l
         arrays = {"xy": step["xy"] + shift, "bias": bias}
         moved = {name: Variable(("row", "col", "a"), values) for name, values in arrays.items()}
         right = {"xy": Variable(("row", "col", "a"), stereo["xy"] + across @ shift)}
-        return Triangulate().run(
-            correlation=Product("correlation", {**step.variables, **moved}, step.attrs),
-            correlation_first=left[0],
-            stereo=Product("stereo", {**stereo.variables, **right}, stereo.attrs),
-            rig=rig_product(),
-        )
+        found = Product("correlation", {**step.variables, **moved}, step.attrs)
+        return triangulated(found, Product("stereo", {**stereo.variables, **right}, stereo.attrs), left, results)
 
     exact = run(np.zeros(2))
     for axis in range(2):
         moved = run(0.01 * (axis + 1) * np.eye(2)[axis])["xyz"] - exact["xyz"]
         np.testing.assert_allclose(exact["bias"][..., axis], moved, rtol=2e-2, atol=2e-6)
+
+
+def test_rays_that_miss_each_other_alike_at_all_steps_do_not_move_the_points(results, left):
+    """A rig that does not fit is not taken for a displacement where the noise differs from step to step."""
+
+    def shifted(product, noisier=1.0):
+        arrays = {
+            "xy": Variable(("row", "col", "a"), product["xy"] + [0.0, 0.1]),
+            "covariance": Variable(("row", "col", "a"), noisier * product["covariance"]),
+        }
+        return Product("stereo", {**product.variables, **arrays}, product.attrs)
+
+    first, rest = shifted(results[0][0]), shifted(results[0][0], 16.0)
+    before, after = (triangulated(left[0], one, left, [(first, None)])["xyz"] for one in (first, rest))
+    fitting = triangulated(left[0], results[0][0], left, results)["xyz"]
+    assert np.nanmax(np.abs(before - fitting)) > 1e-3
+    np.testing.assert_allclose(after, before, rtol=0, atol=1e-9)

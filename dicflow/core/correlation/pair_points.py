@@ -44,7 +44,7 @@ def pair_points(rig: Rig, left: Photograph, right: Photograph, subset_size: int,
     pairs = _pairs(rig, left.grey, right.grey, grid, subset_size)
     if len(pairs.source) == 0:
         return MatchedPoints(*np.zeros((2, 0, 2)), *np.zeros((2, 0, 3)))
-    far = nearest(pairs.source, grid)[0][:, 0] > _REACH * subset_size
+    far = nearest(pairs.source, grid.reshape(-1, 2))[0].reshape(grid.shape[:2]) > _REACH * subset_size
     grid[far] = np.nan
     starts = seed_warps(left.grey, right.grey, grid, pairs)
     search = Search(Subset(subset_size, "quadratic"), threads=threads, counts_misfit=True)
