@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import shutil
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
@@ -105,6 +106,11 @@ class Person:
         """Keep a picture of the window."""
         PICTURES.mkdir(parents=True, exist_ok=True)
         self.page.screenshot(path=str(PICTURES / f"{name}.png"))
+
+    def axes_without_unit(self) -> list[str]:
+        """Names of axes that have neither a unit nor count steps."""
+        names = self.page.evaluate("[...document.querySelectorAll('.x-name')].map((one) => one.textContent)")
+        return [name for name in names if not re.search(r"\[.+\]$", name) and not name.startswith("step")]
 
     def overlaps(self) -> list[list[str]]:
         """Pairs of texts that lie upon one another."""

@@ -79,7 +79,7 @@ def pairings_of(project: Project, series: Sequence[Mapping[str, Any]]) -> list[d
     """Ways to pair the photographs of two cameras, for each subject that both have taken.
 
     series : of each the ``names`` of its photographs for the project, in their order, and its ``role``
-    Returns for each ``subject`` its ``ways``, each with ``by``, ``words``, the number of ``pairs``, and the ``first``
+    Returns for each ``subject`` its ``ways``, each with ``by``, ``note``, the number of ``pairs``, and the ``first``
     and ``last`` of them as names; and ``usual``: the way that needs nobody to confirm it, None if there is none.
     """
     facts, found = Facts(project.data_folder), []
@@ -104,7 +104,7 @@ def _shown(project: Project, way: Way) -> dict[str, Any]:
         end: [project.name_of(project.data_folder / path) for path in way.pairs[k]]
         for end, k in (("first", 0), ("last", -1))
     }
-    return {"by": way.by, "words": way.words, "pairs": len(way.pairs), **ends}
+    return {"by": way.by, "note": way.note, "pairs": len(way.pairs), **ends}
 
 
 def make_pipeline(

@@ -11,7 +11,6 @@ from typing import Any, Literal, NamedTuple, Protocol, TypedDict
 import numpy as np
 from numpy.typing import NDArray
 
-from dicflow.core.status import Status
 from dicflow.errors import DicflowError
 from dicflow.explorer.outside import status_by_photograph
 from dicflow.kinds.cloud import Cloud
@@ -182,9 +181,7 @@ class TotalFields:
         found = [self._result.digest(self._stage, step, self._variant), *self._rig]
         if self._right is not None:
             found.append(self._result.digest(self._right, step, self._variant))
-        if self._tells_photographs(step):
-            found.append(self._result.digest(self._followed, step, self._variant))
-        return found
+        return [*found, *(self._result.digest(*one, self._variant) for one in self._seen(step)[:1])]
 
     def read(self, step: str) -> StepFields:
         """The fields of a step."""
@@ -205,26 +202,22 @@ class TotalFields:
 
     def _status(self, total: Total, step: str) -> Array:
         """The status of each point; of one outside, which photograph it has left, where that is known."""
-        if not self._tells_photographs(step) or not (total["status"] == Status.OUTSIDE).any():
-            return total["status"]
-        inside = np.asarray(np.isfinite(self.at_first()).all(axis=-1))
-        left = self._result.product(self._followed, step, self._variant)["status"]
-        if self._right is None:
-            return status_by_photograph(total["status"], inside, left, None, None)
-        right, first = (self._result.product(self._right, at, self._variant)["status"] for at in (step, 0))
-        return status_by_photograph(total["status"], inside, left, right, first)
+        found = [self._result.product(*one, self._variant)["status"] for one in self._seen(step)]
+        return status_by_photograph(total["status"], self._inside, *found) if found else total["status"]
 
-    def _tells_photographs(self, step: str) -> bool:
-        """Whether the products are there that say which photograph a point has left."""
-        steps: list[str | int] = [] if self._right is None else [step, 0]
-        needed = [(self._followed, step), *((self._right or "", at) for at in steps)]
-        return bool(self._followed) and all(self._result.has(stage, at, self._variant) for stage, at in needed)
+    def _seen(self, step: str) -> list[tuple[str, str | int]]:
+        """Stage and step of points in the left photograph, in the right one, and there at first; none if one lacks."""
+        grid = self._places.grid
+        if grid is None or not self.facts["follows"] or self._result.kind(grid) != "correlation":
+            return []
+        right: list[tuple[str, str | int]] = [] if self._right is None else [(self._right, step), (self._right, 0)]
+        needed = [(grid, step), *right]
+        return needed if all(self._result.has(*one, self._variant) for one in needed) else []
 
     @cached_property
-    def _followed(self) -> str:
-        """The stage that follows the points in the left photographs; "" for one of another kind."""
-        grid = self._places.grid
-        return grid if grid is not None and self.facts["follows"] and self._result.kind(grid) == "correlation" else ""
+    def _inside(self) -> Array:
+        """Points (row, col) of the region."""
+        return np.asarray(np.isfinite(self.at_first()).all(axis=-1))
 
     def at_point(self, step: str, quantity: str, index: int) -> tuple[float, float]:
         """Value and standard uncertainty at a point; no other array is read."""

@@ -39,7 +39,9 @@ _PHOTOGRAPHS = {Outside.LEFT: "left", Outside.RIGHT: "right", Outside.FIRST_RIGH
 _COLOURS = {Outside.LEFT: "#8c8c8c", Outside.RIGHT: "#c5b0d5", Outside.FIRST_RIGHT: "#c49c94"}
 
 
-def status_by_photograph(status: Array, inside: Array, left: Array, right: Array | None, first: Array | None) -> Array:
+def status_by_photograph(
+    status: Array, inside: Array, left: Array, right: Array | None = None, first: Array | None = None
+) -> Array:
     """The status of a total (row, col), with codes of :class:`Outside` for points that have left a photograph.
 
     inside : (row, col) bool — points of the region

@@ -52,6 +52,7 @@ def way(folder: Path, pictures: Path) -> None:
             someone.said("saved: the proposed region")
             _drawn(someone, "e", MARKS)
             someone.said("saved: extensometer_1")
+            _alone(someone)
             _keep(someone, pictures / "first_test_3_region.png")
         with _timed("run"):
             someone.go("run")
@@ -87,8 +88,13 @@ def _results(someone: Person, pictures: Path) -> None:
     someone.said("saved: extensometer of the comparison")
     page.get_by_role("button", name="Compute the comparison").click()
     page.wait_for_selector(".x-chart polyline")
-    page.wait_for_selector("#messages .message", state="detached")
+    _alone(someone)
     _keep(someone, pictures / "first_test_7_caliper.png")
+
+
+def _alone(someone: Person) -> None:
+    """Wait until no message covers the screen."""
+    someone.until("!document.querySelector('#messages .message')")
 
 
 def _drawn(someone: Person, key: str, places: Sequence[tuple[int, int]]) -> None:

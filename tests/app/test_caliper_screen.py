@@ -64,6 +64,7 @@ def test_curve_table_and_difference_are_seen(sample_result, size, scheme):
         assert page.locator(".caliper tbody tr").count() == 16
         names = page.locator(".x-name").all_text_contents()
         assert names == ["load [g]", "strain [–]", "load [g]", "difference of the strains [–]"]
+        assert someone.axes_without_unit() == []
         someone.picture(f"caliper_{size[0]}_{scheme}")
         assert someone.overlaps() == []
         assert page.evaluate("document.documentElement.scrollWidth <= innerWidth")

@@ -75,7 +75,7 @@ def test_ways_to_pair_two_phones_are_shown_with_their_first_and_last_pair(tmp_pa
         specimen, board = page.locator(".pairings fieldset").all()
         assert specimen.locator(".way").count() == 1
         words = specimen.inner_text()
-        assert "By the time taken 3 pairs" in words
+        assert "By the time taken: 3 pairs" in words
         assert "1 h 2 min ahead; without a partner, left out: IMG_2306.jpg" in words
         assert "first: IMG_2305.jpg with DSC_0011.jpg" in words
         assert "last: IMG_2308.jpg with DSC_0013.jpg" in words
@@ -134,7 +134,7 @@ def test_a_folder_is_sorted_with_the_mouse(messy):
         assert someone.overlaps() == []
         page.get_by_role("button", name="Make the pipeline file").click()
         someone.said("Choose what makes the pairs of the specimen first")
-        assert "3 pairs by the numbers and words in their names" in page.inner_text(".way")
+        assert "By the names: 3 pairs" in page.inner_text(".way")
         assert "without a partner, left out: step_03.png" in page.inner_text(".way")
         page.get_by_label("By the names").check()
         page.get_by_role("button", name="Make the pipeline file").click()

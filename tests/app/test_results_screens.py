@@ -183,6 +183,7 @@ def test_no_screen_overflows_and_no_texts_overlap(folder, sweep, size, scheme):
                 someone.page.wait_for_timeout(150)
                 someone.picture(f"{path.parent.parent.name[:5]}_{screen}_{size[0]}_{scheme}")
                 assert someone.overlaps() == [], screen
+                assert someone.axes_without_unit() == [], screen
                 assert someone.page.evaluate("document.documentElement.scrollWidth <= innerWidth"), screen
 
 

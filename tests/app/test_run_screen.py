@@ -22,15 +22,6 @@ from dicflow.pipeline import Pipeline
 pytestmark = pytest.mark.slow
 
 
-def ended(watch, state="done", patience_s=120.0):
-    """Watch a run until it has ended."""
-    found = until(
-        lambda: found if (found := watch())["state"] not in ("starting", "running", "none") else None, patience_s
-    )
-    assert found["state"] == state, found
-    return found
-
-
 def test_a_run_is_started_and_watched_to_its_end(tmp_path):
     path = small_test(tmp_path / "test", steps=3)
     with served(path.parent) as app, opened_page(app) as someone:
@@ -53,17 +44,23 @@ def test_a_run_is_started_and_watched_to_its_end(tmp_path):
 
 
 def test_a_run_is_stopped_and_gone_on_with(tmp_path):
-    project = open_project(small_test(tmp_path / "test", steps=24, size=(300, 220)).parent)
-    known = Runs(project)
-    known.start(FILE)
-    with pytest.raises(ConfigurationError, match="under way"):
-        known.start(FILE)
-    until(lambda: any(row["computed"] for row in known.watch(FILE).get("stages", {}).values()))
-    known.stop(FILE)
-    stopped = ended(lambda: known.watch(FILE), "stopped")
-    done = sum(row["computed"] for row in stopped["stages"].values())
-    known.start(FILE)
-    found = ended(lambda: known.watch(FILE))
+    path = small_test(tmp_path / "test", steps=40, size=(300, 220))
+    with served(path) as app, opened_page(app) as someone:
+        page = someone.page
+        page.set_default_timeout(120_000)
+        someone.go("run")
+        page.get_by_role("button", name="Start", exact=True).click()
+        page.wait_for_selector("h1.state.running")
+        until(lambda: any(row["computed"] for row in app.found("watch", file=FILE).get("stages", {}).values()))
+        again = app.ask("start", file=FILE)
+        assert (again.status, "under way" in again.json["message"]) == (422, True)
+        page.get_by_role("button", name="Stop").click()
+        page.wait_for_selector("h1.state.stopped")
+        stopped = app.found("watch", file=FILE)
+        done = sum(row["computed"] for row in stopped["stages"].values())
+        page.get_by_role("button", name="Go on").click()
+        page.wait_for_selector("h1.state.done")
+        found = app.found("watch", file=FILE)
     assert found["run"] != stopped["run"]
     assert sum(row["hit"] for row in found["stages"].values()) >= done > 0
 

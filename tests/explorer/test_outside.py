@@ -3,10 +3,14 @@
 from __future__ import annotations
 
 import numpy as np
+import pytest
+from PIL import Image
 
 from dicflow.core.status import Status
 from dicflow.explorer.entries import reasons
+from dicflow.explorer.fields import field_source
 from dicflow.explorer.outside import Outside, status_by_photograph
+from dicflow.pipeline import Pipeline
 
 VALID, OUT, LOST = int(Status.VALID), int(Status.OUTSIDE), int(Status.UNTRACKED)
 
@@ -38,3 +42,29 @@ def test_every_code_has_words_and_a_colour():
     assert all(one["sentence"].endswith(".") for one in found.values())
     assert all(found[code]["colour"].startswith("#") for code in Outside)
     assert len({found[code]["colour"] for code in found if code}) == len(found) - 2, "left keeps the colour of outside"
+
+
+@pytest.mark.slow
+def test_points_that_move_out_of_the_photograph_say_which(tmp_path):
+    """Speckles that move to the left by 40 px: the points of the first columns are gone."""
+    rng = np.random.default_rng(4)
+    coarse = rng.integers(0, 256, (40, 80), dtype=np.uint8)
+    speckles = np.asarray(Image.fromarray(coarse).resize((320, 160), Image.Resampling.BICUBIC))
+    (tmp_path / "left").mkdir()
+    for step in range(2):
+        Image.fromarray(speckles[:, 40 * step : 40 * step + 240]).save(tmp_path / "left" / f"step_{step}.png")
+    (tmp_path / "p.yaml").write_text(
+        'dicflow: 1\nstages:\n  photos: {stage: images, left: "left/*.png"}\n'
+        "  region: {stage: region, images: photos, rectangle: [15, 20, 220, 140]}\n"
+        "  correlation: {stage: correlate, images: photos, subset_size: 21, step_size: 5}\n"
+        "  total: {stage: deformation, points: correlation, window: 40 px}\n"
+    )
+    result = Pipeline.load(tmp_path / "p.yaml").run(scheduler="sync")
+    source = field_source(result)
+    assert source is not None
+    status, total = source.read("step_1").status, result.product("total", "step_1")["status"]
+    gone = status == Outside.LEFT
+    assert gone.any()
+    assert (total[gone] == OUT).all()
+    assert (status[~gone] == total[~gone]).all()
+    assert source.at_first()[gone][:, 0].max() < 40.0 + 21.0

@@ -69,7 +69,7 @@ class CaliperScreen {
     this.charts = h("div", { className: "explorer" });
     const axis = h("label", {}, "over ", h("select", { onchange: (event) => { this.along = event.target.value; this.curve(); } }, ["load", "step"].map((value) => h("option", { value, selected: value === this.along }, value))));
     return h("div", { className: "card" }, h("div", { className: "row" }, h("h2", {}, "Strain"), axis), this.charts,
-      h("p", { className: "faint" }, "Solid with band: dicflow ± its standard uncertainty. Dashed: the caliper. Difference: dicflow − caliper, with its standard uncertainty as band."),
+      h("p", { className: "faint" }, "Solid: dicflow. Dashed: the caliper. Difference: dicflow − caliper. Bars and bands are ± the standard uncertainty."),
       h("div", { className: "scroll" }, this.table()));
   }
 

@@ -56,7 +56,7 @@ async function series(page, app) {
     start.textContent = "Making the pipeline file …";
     try {
       const made = await ask("make", { series: found.series.map(({ names }, k) => ({ names, role: roles[k] })), square: square.value.trim(), pair_by: pairings.chosen });
-      for (const line of made.said) app.say(line);
+      app.say(made.said.join("\n"));
       await app.open(made.file);
       app.go("region");
     } catch (error) {

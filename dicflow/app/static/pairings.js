@@ -44,7 +44,7 @@ export class Pairings {
       usual ? null : h("p", { className: "problem" }, "Nothing is certain here. Look whether the first and the last pair show the same moment, and choose."),
       ways.map((way) => h("label", { className: "way" },
         h("input", { type: "radio", name: `pairs of the ${subject}`, checked: this.chosen[subject] === way.by, onchange: () => { this.chosen[subject] = way.by; } }),
-        h("span", {}, h("strong", {}, TITLES[way.by]), ` ${way.pairs} pairs ${way.words}`,
+        h("span", {}, h("strong", {}, TITLES[way.by]), `: ${way.pairs} pairs${way.note ? `; ${way.note}` : ""}`,
           h("span", { className: "ends" }, this.end("first", way.first), this.end("last", way.last))))));
   }
 

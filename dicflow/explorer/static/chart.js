@@ -146,6 +146,14 @@ function* axes(x, ticks, { toX, toY, left, width, height }, xAxis, yAxis) {
   );
 }
 
+// A band would cross itself where the curve comes back.
+function* bars(series, points, toX, toY) {
+  for (const k of points) {
+    const [low, high] = band(series, series.y[k], k);
+    if (high > low) yield svg("line", { x1: toX(series.x[k]), x2: toX(series.x[k]), y1: toY(low), y2: toY(high), stroke: series.colour, class: "x-error" });
+  }
+}
+
 function* curve(series, toX, toY) {
   const runs = [];
   for (let k = 0; k < series.x.length; k++) {
@@ -153,8 +161,10 @@ function* curve(series, toX, toY) {
     if (k && runs.length && runs.at(-1).at(-1) === k - 1) runs.at(-1).push(k);
     else runs.push([k]);
   }
+  const isRising = runs.flat().every((k, place, all) => !place || series.x[k] >= series.x[all[place - 1]]);
+  if (series.error && !isRising) yield* bars(series, runs.flat(), toX, toY);
   for (const run of runs) {
-    if (series.error && run.length > 1) {
+    if (series.error && isRising && run.length > 1) {
       const upper = run.map((k) => `${toX(series.x[k])},${toY(band(series, series.y[k], k)[1])}`);
       const lower = run.map((k) => `${toX(series.x[k])},${toY(band(series, series.y[k], k)[0])}`).reverse();
       yield svg("polygon", { points: [...upper, ...lower].join(" "), fill: series.colour, class: "x-band" });
