@@ -28,7 +28,9 @@ __all__ = [
     "Scope",
     "Seconds",
     "keeping",
+    "numbered_port",
     "parameter",
+    "port_of",
 ]
 
 
@@ -74,6 +76,8 @@ class Port:
     optional : the stage also works without it and then gets None
     own : the producer is this stage itself, at another step
     of : another port; unless named, the producer is what the stage joined to that port takes by the same name
+    several : a pipeline may name a list of stages, by default all that fit; with ``At.ALL``, whose tuple has the
+        products of all of them, under ``.steps`` the name of the step or of a stage that runs once
     """
 
     kinds: tuple[str, ...]
@@ -81,13 +85,33 @@ class Port:
     optional: bool = False
     own: bool = False
     of: str = ""
+    several: bool = False
 
-    def __init__(self, *kinds: str, at: At = At.SAME, optional: bool = False, own: bool = False, of: str = "") -> None:
+    def __init__(
+        self,
+        *kinds: str,
+        at: At = At.SAME,
+        optional: bool = False,
+        own: bool = False,
+        of: str = "",
+        several: bool = False,
+    ) -> None:
         object.__setattr__(self, "kinds", kinds)
         object.__setattr__(self, "at", at)
         object.__setattr__(self, "optional", optional)
         object.__setattr__(self, "own", own)
         object.__setattr__(self, "of", of)
+        object.__setattr__(self, "several", several)
+
+
+def numbered_port(port: str, number: int) -> str:
+    """Name under which a stage keeps one of several stages joined to a port: ``curves``, ``curves[1]`` …"""
+    return f"{port}[{number}]" if number else port
+
+
+def port_of(name: str) -> str:
+    """The port of a name that :func:`numbered_port` gave."""
+    return name.partition("[")[0]
 
 
 Affects = Literal["result", "speed", "report"]

@@ -11,7 +11,7 @@ from dicflow.io.images.reading import Photograph, page_count, probe, read_grey, 
 from dicflow.io.images.search import search_start
 from dicflow.io.images.selection import Selection, selected
 from dicflow.io.images.series import find_photographs, steps_of, video_sentences
-from dicflow.io.images.taken import time_taken
+from dicflow.io.images.taken import camera_model, time_taken
 from dicflow.io.images.video import video_of
 
 __all__ = [
@@ -22,6 +22,7 @@ __all__ = [
     "Selection",
     "Unpaired",
     "Way",
+    "camera_model",
     "counter_offset",
     "find_photographs",
     "is_video",
