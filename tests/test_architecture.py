@@ -77,7 +77,9 @@ ONLY_IN: Mapping[str, Set[str]] = {
 """The layers that import a library."""
 
 CHAPTERS: Mapping[str, Set[str]] = {
+    "channels": set(),
     "photographs": set(),
+    "motion": set(),
     "cameras": set(),
     "matching": {"photographs"},
     "calibration": {"cameras", "matching", "photographs"},

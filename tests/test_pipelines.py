@@ -101,6 +101,21 @@ def test_planar_strain_follows_the_caliper(store):
     assert result.product("comparison").attrs["summary"]["max_strain_error_pct"] < 2.0
 
 
+def test_one_camera_in_millimetres_over_the_load(store):
+    """Lengths of the caliper within the scale's uncertainty, and what perspective adds: 0.5 % of the strain."""
+    result = _run("one_camera", SAMPLES, store)
+    rows = result.product("probes").attrs["rows"]
+    imposed = np.array([60.0, 69.05, 82.05, 101.85, 122.85, 106.45, 88.0, 74.55]) / 60.0
+    strain, length = (np.array([row[name] for row in rows]) for name in ("strain", "length_mm"))
+    share = np.array([row["calibration_length_mm"] for row in rows])
+    np.testing.assert_allclose(strain, imposed - 1.0, rtol=5e-3)
+    assert np.all(np.abs(length - 60.0 * 321.0 / 348.1 * imposed) < 2.0 * share + 5e-3 * length)
+    grams = np.array([0.0, 118.53, 268.53, 418.53, 568.53, 218.53, 118.53, 68.53])
+    np.testing.assert_allclose([row["force_N"] for row in rows], grams * 9.80665e-3)
+    phases = result.product("load").attrs["phases"]
+    assert phases == ["loading"] * 5 + ["unloading"] * 3
+
+
 def test_polynomial_degree_sse_never_grows(store):
     result = _run("polynomial_degree", SAMPLES, store, FIRST_STEPS)
     for step in result.steps("surface"):

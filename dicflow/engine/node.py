@@ -26,6 +26,7 @@ __all__ = [
     "Pixels",
     "Port",
     "Scope",
+    "Seconds",
     "keeping",
     "numbered_port",
     "parameter",
@@ -138,6 +139,8 @@ Pixels = Annotated[float, BeforeValidator(quantity("px"))]
 """A length in the image; a bare number is in px."""
 Degrees = Annotated[float, BeforeValidator(quantity("deg"))]
 """An angle; a bare number is in degrees, text may say ``"0.1 rad"``."""
+Seconds = Annotated[float, BeforeValidator(quantity("s"))]
+"""A time; a bare number is in seconds, text may say ``"5 min"``."""
 Odd = Annotated[int, AfterValidator(_odd)]
 """The side of a window with a pixel in its middle."""
 InputFile = Annotated[str, Field(json_schema_extra={"file": True})]
@@ -195,7 +198,7 @@ class Node(BaseModel):
         return None
 
     def left_out(self, folder: Path, steps: Mapping[str, Mapping[str, Path | FilePart]]) -> tuple[str, ...]:
-        """Sentences about files that :meth:`steps` found and left out, for the warnings of a run.
+        """Sentences about files that :meth:`steps` found and left out, or joined, for the warnings of a run.
 
         steps : what it returned
         """
@@ -204,7 +207,8 @@ class Node(BaseModel):
     def check(self, path: Path | FilePart) -> dict[str, Any]:
         """Facts about one file, found before anything runs and kept while the file is unchanged.
 
-        Of a part of a file the fact ``digest`` is that of its contents, which enters the key.
+        Of a part of a file the fact ``digest``, if given, is that of its contents and enters the key; otherwise the
+        contents of the whole file and the number of the part do.
         Raises InputError that names the file if it cannot be used.
         """
         return {}

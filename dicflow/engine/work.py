@@ -19,7 +19,7 @@ from pathlib import Path
 from typing import Any
 
 from dicflow.engine.action_index import action_of
-from dicflow.engine.files import FilePart, stamp
+from dicflow.engine.files import FilePart, part_digest, stamp
 from dicflow.engine.fingerprint import Fingerprint
 from dicflow.engine.graph import Task, TaskInput
 from dicflow.engine.hashing import digest_file
@@ -258,10 +258,15 @@ def _has_changed(node: Node, file: Path | FilePart, known: FileStamp) -> bool:
     if stamp(file) == known.stamp:
         return False
     try:
-        digest = node.check(file)["digest"] if isinstance(file, FilePart) else digest_file(file)
+        digest = _part_digest(node, file) if isinstance(file, FilePart) else digest_file(file)
     except (OSError, InputError):
         return True
     return bool(digest != known.digest)
+
+
+def _part_digest(node: Node, part: FilePart) -> str:
+    digest: str | None = node.check(part).get("digest")
+    return digest or part_digest(digest_file(part.path), part.number)
 
 
 def _provenance(job: Job, done: Outcome, manifest: Manifest) -> dict[str, Any]:

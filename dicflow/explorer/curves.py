@@ -8,6 +8,7 @@ from collections.abc import Iterator, Sequence
 from typing import TypedDict
 
 from dicflow.explorer.content import Keep
+from dicflow.kinds.channels import Channels
 from dicflow.kinds.comparison import Comparison
 from dicflow.kinds.probes import ProbeTable
 from dicflow.kinds.quantities import unit_of
@@ -48,13 +49,23 @@ def probe_curves(result: Result, quantity: str, keep: Keep, variant: int = 0) ->
 
 
 def loads(result: Result, numbers: Sequence[int], variant: int = 0) -> tuple[str, list[float | None]] | None:
-    """Unit and load of steps by their numbers; None if the test has no table of loads."""
+    """Unit and load of steps by their numbers, of the comparison or else of a machine's log; None without either."""
     for stage in result.stages_of("comparison"):
         if result.has(stage, None, variant):
             rows = Comparison.read(result.product(stage, None, variant)).rows
             found = [rows[number].get("load_g") if number < len(rows) else None for number in numbers]
             return ("g", found) if any(value is not None for value in found) else None
+    for stage in result.stages_of("channels"):
+        if result.has(stage, None, variant):
+            table = Channels.read(result.product(stage, None, variant))
+            if table.has_load:
+                load = table.of(table.load)
+                return load.unit, [_json_number(load.values[number]) for number in numbers]
     return None
+
+
+def _json_number(value: float) -> float | None:
+    return float(value) if math.isfinite(value) else None
 
 
 def _json(table: ProbeTable, quantity: str) -> bytes:

@@ -13,7 +13,7 @@ from dicflow.kinds.kind import Table, steps_of
 if TYPE_CHECKING:
     import numpy as np
 
-__all__ = ["Channel", "Channels"]
+__all__ = ["Channel", "Channels", "named_with_unit"]
 
 
 class Channel(NamedTuple):
@@ -108,6 +108,25 @@ class Channels(Table):
         """Of each step, loading or unloading; empty if unknown."""
         return tuple(self.product.attrs["phases"])
 
+    def columns_at(self, steps: Sequence[str]) -> dict[str, list[float | None]]:
+        """Column → value at each of some steps, None where unknown; a column is a channel with its unit.
+
+        steps : names; "reference" is the first step
+        """
+        rows = self._rows_by_step()
+        columns = [named_with_unit(name, self.product.variables[name].units) for name in self.names]
+        return {column: [rows.get(step, {}).get(column) for step in steps] for column in columns}
+
+    def phases_at(self, steps: Sequence[str]) -> Sequence[str]:
+        """Loading or unloading at each of some steps, named as for :meth:`columns_at`; empty if unknown for one."""
+        rows = self._rows_by_step()
+        found = [rows.get(step, {}).get("phase") for step in steps]
+        return [phase for phase in found if phase] if all(found) else []
+
+    def _rows_by_step(self) -> dict[str, Mapping[str, Any]]:
+        rows = {row["step"]: row for row in self.rows}
+        return {"reference": rows[self.steps[0]], **rows} if rows else {}
+
     def of(self, name: str) -> Channel:
         """One channel. Raises StageError for an unknown name."""
         if name not in self.names:
@@ -121,7 +140,11 @@ class Channels(Table):
 
 def named_with_unit(name: str, unit: str) -> str:
     """Name of a column: the channel's, with the unit at its end."""
-    return name if unit == "1" else f"{name}_{unit}"
+    return name if unit == "1" else f"{name}_{_ENDINGS.get(unit, unit)}"
+
+
+_ENDINGS = {"°C": "degC", "mm/s": "mm_per_s", "1/s": "per_s"}
+"""Units that stand otherwise in the name of a column."""
 
 
 def _rows(channels: Mapping[str, Channel], steps: Sequence[str], phases: Sequence[str]) -> list[dict[str, Any]]:

@@ -142,13 +142,19 @@ class Total(Kind):
 
     @property
     def unit(self) -> str:
-        """Unit of displacements and places: mm, or px with one camera."""
+        """Unit of displacements and places: mm, or px with one camera and no scale."""
         return str(self.product.attrs["unit"])
 
     @property
     def in_space(self) -> bool:
         """Whether two cameras measured it."""
-        return self.unit == "mm"
+        return self.unit == "mm" and "scale" not in self.product.attrs
+
+    @property
+    def relative_u_of_scale(self) -> float | None:
+        """Relative standard uncertainty of all lengths by the scale of one camera; None without a scale."""
+        found: float | None = self.product.attrs.get("scale", {}).get("relative_u")
+        return found
 
     @property
     def measure(self) -> str:

@@ -159,16 +159,17 @@ def _rows(history: History) -> list[list[str]]:
 
 
 def _chart(context: Context, history: History) -> Markup | None:
-    """The plots of the table over load, or over the steps."""
-    values = {key: history.values[key] for key in ("load_g", *history.drawn) if key in history.values}
+    """The plots of the table over load or time, or over the steps."""
+    values = {key: history.values[key] for key in (history.axis, *history.drawn) if key in history.values}
     if not values:
         return None
-    sources = ["history", repr((history.steps, history.phases, values))]
+    label = next((f"{column.title} [{column.unit}]" for column in history.columns if column.key == history.axis), "")
+    sources = ["history", repr((history.steps, history.phases, values, label))]
 
     def drawn() -> bytes:
-        from dicflow.views.load_curve import load_curves
+        from dicflow.views.load_curve import Axis, load_curves
 
-        return "\n".join(load_curves(history.steps, history.phases, values)).encode()
+        return "\n".join(load_curves(history.steps, history.phases, values, Axis(history.axis, label))).encode()
 
     return Markup(context.pieces.get(sources, drawn).decode())
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import replace
 from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal, NamedTuple
 
 from pydantic import AfterValidator, Field
@@ -24,6 +25,7 @@ from dicflow.kinds.quantities import (
     strain_measure,
 )
 from dicflow.kinds.rig import CalibratedRig
+from dicflow.kinds.scale import Scale
 from dicflow.kinds.total import (
     DEGREE,
     Total,
@@ -34,6 +36,7 @@ from dicflow.kinds.total import (
     rigid_motion_to_json,
 )
 from dicflow.stages._point_errors import bias_of_places, errors_by_shape, variance_shares
+from dicflow.stages._scaled import in_unit, scale_shares
 
 if TYPE_CHECKING:
     import numpy as np
@@ -76,7 +79,7 @@ class Deformation(Node):
     The deformation gradient comes from least-squares fits over a window, in the tangent planes of the surface at both
     steps. Each value has a standard deviation by the noise of the photographs, an estimate of the bias that remains,
     both combined as its uncertainty u, and, if the uncertainty of the rig is known, the calibration's share. With one
-    camera everything lies in the plane of the photograph.
+    camera everything lies in the plane of the photograph, in pixels, or in millimetres if its scale is known.
     """
 
     title: ClassVar = "displacement and strain"
@@ -86,6 +89,7 @@ class Deformation(Node):
         "points_first": Port("points", "correlation", at=At.FIRST),
         "rig": Port("rig", optional=True),
         "frame": Port("frame", optional=True),
+        "scale": Port("scale", optional=True),
     }
     gives: ClassVar = "total"
     impl_version: ClassVar = 6
@@ -114,7 +118,12 @@ class Deformation(Node):
         return tuple(filter(None, [strain_measure(self.measure).function, *quantities]))
 
     def run(
-        self, points: Product, points_first: Product, rig: Product | None = None, frame: Product | None = None
+        self,
+        points: Product,
+        points_first: Product,
+        rig: Product | None = None,
+        frame: Product | None = None,
+        scale: Product | None = None,
     ) -> Product:
         """``points_first`` are those of the first step."""
         from dicflow.core.cameras.frames import LEFT_CAMERA, compose_frames
@@ -124,8 +133,8 @@ class Deformation(Node):
         from dicflow.core.uncertainty.covariance import joint_covariance, points_in_frame, with_errors
 
         axes = LEFT_CAMERA if frame is None else ResultFrame.read(frame).axes
-        step = Points.read(points)
-        first = Points.read(points_first).with_noise_of(step)
+        step = in_unit(Points.read(points), scale)
+        first = in_unit(Points.read(points_first), scale).with_noise_of(step)
         before = points_in_frame(first.measured_at_first_step(), axes)
         after = points_in_frame(step.measured(), axes)
         motion = self._motion(before, after)
@@ -141,11 +150,14 @@ class Deformation(Node):
         bias = bias_of_places(step, frames[0].rotation)
         fields = {**_displacements(before, after, covariance), **bias, **self._strains(chosen)}
         fields |= _combined(fields)
-        if rig is not None:
+        if scale is not None:
+            fields |= scale_shares(Scale.read(scale).relative_u, self._quantities(), fields, after.xyz)
+        elif rig is not None and step.in_space:
             fields |= self._calibration(CalibratedRig.read(rig), (after.xyz, before.xyz), frames, surface)
         fields |= {"xyz": after.xyz, "xyz_reference": before.xyz, "gradient": surface.gradient}
         fields["covariance"] = upper_triangle(covariance)
-        return self._product(fields, errors, (step, first), _Motion(motion, frames), chosen.degree)
+        product = self._product(fields, errors, (step, first), _Motion(motion, frames), chosen.degree)
+        return product if scale is None else replace(product, attrs={**product.attrs, "scale": Scale.read(scale).facts})
 
     def _window(self, points: Points) -> tuple[int, int]:
         """Rows and columns of the window of a strain [points]."""

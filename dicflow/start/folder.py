@@ -7,6 +7,7 @@ import shlex
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from functools import cache
 from pathlib import Path, PurePosixPath
+from types import MappingProxyType
 from typing import Any, NamedTuple
 
 from dicflow.core.calibration.board import Board
@@ -18,7 +19,7 @@ from dicflow.engine.node import Node
 from dicflow.engine.product import Product
 from dicflow.errors import ConfigurationError, DicflowError, InputError, StageError
 from dicflow.io.calibrations.read import parse_calibration
-from dicflow.io.images import SUFFIXES, counter_offset, pair_names, read_grey
+from dicflow.io.images import ALL_SUFFIXES, counter_offset, is_video, pair_names, read_grey, video_of
 from dicflow.io.images.search import MOST_ENTRIES
 from dicflow.kinds.images import Images
 from dicflow.kinds.region import Region
@@ -41,6 +42,10 @@ _TABLE_SUFFIXES = frozenset({".csv", ".txt", ".tsv"})
 _MAX_BYTES = 1_000_000
 """Size of a table or a calibration."""
 _QUICK_PIXELS = 600_000
+_LOOKS_AT_VIDEO = (0.25, 0.5, 0.75)
+"""Where in a video a board is looked for, as shares of its frames."""
+_MOST_STEPS, _BOARDS = 300, 30
+"""Frames of a test that are measured at first, and of a board's video that are used."""
 
 
 class Photographs(NamedTuple):
@@ -48,18 +53,18 @@ class Photographs(NamedTuple):
 
     left, right : patterns below the folder; right is empty for one camera
     steps : files of each step, as the stage of the photographs finds them
-    pair_by : what makes pairs; empty for what the stage assumes
+    way : further parameters of the stage: how pairs are made, which frames of videos are used
     """
 
     left: list[str]
     right: list[str]
     steps: Mapping[str, Mapping[str, Path | FilePart]]
-    pair_by: str = ""
+    way: Mapping[str, Any] = MappingProxyType({})
 
     def __str__(self) -> str:
         if not self.right:
             return f"{len(self.steps)} photographs of one camera, {listed(self.left)}"
-        order = " in their order, as their counters run alike but never agree" if self.pair_by else ""
+        order = " in their order, as their counters run alike but never agree" if "pair_by" in self.way else ""
         return f"{len(self.steps)} pairs{order}, {listed(self.left)} and {listed(self.right)}"
 
 
@@ -165,7 +170,7 @@ def _photographs(folder: Path) -> Iterator[PurePosixPath]:
         entries = _visible(waiting.pop())
         visited += len(entries)
         for entry in entries:
-            if PurePosixPath(entry.name).suffix.lower() in SUFFIXES and not entry.is_dir():
+            if PurePosixPath(entry.name).suffix.lower() in ALL_SUFFIXES and not entry.is_dir():
                 count += 1
                 yield _named(Path(entry.path).relative_to(folder))
         if count > _MAX_PHOTOGRAPHS or visited > MOST_ENTRIES:
@@ -217,10 +222,19 @@ def _series(folder: Path, paths: Sequence[PurePosixPath], choice: Choice) -> lis
 def _see(folder: Path) -> See:
     @cache
     def see(path: PurePosixPath, thorough: bool = False) -> Board | None:
-        image = read_grey(folder / path)
-        return identify_board(image if thorough else in_8bit(image, _QUICK_PIXELS), thorough)
+        images = (read_grey(file) for file in _frames_to_see(folder / path))
+        boards = (identify_board(one if thorough else in_8bit(one, _QUICK_PIXELS), thorough) for one in images)
+        return next((board for board in boards if board is not None), None)
 
     return see
+
+
+def _frames_to_see(path: Path) -> list[Path | FilePart]:
+    """A photograph itself, or a few frames of a video."""
+    if not is_video(path):
+        return [path]
+    last = len(video_of(path).times)
+    return [FilePart(path, max(round(share * last), 1)) for share in _LOOKS_AT_VIDEO]
 
 
 def _subjects(folder: Path, series: Sequence[Series], choice: Choice, see: See) -> Subjects:
@@ -233,7 +247,7 @@ def _subjects(folder: Path, series: Sequence[Series], choice: Choice, see: See) 
     if subjects.specimen:
         return subjects
     counts = ", ".join(f"{one.folder}: {len(one.files)}" for one in subjects.boards)
-    instead = f"only those of a board ({counts})" if counts else f"expected {', '.join(SUFFIXES)} in it or below"
+    instead = f"only those of a board ({counts})" if counts else f"expected {', '.join(ALL_SUFFIXES)} in it or below"
     raise InputError(f"{folder}: no photographs of a specimen found, {instead}; name the folder that holds them")
 
 
@@ -251,7 +265,7 @@ def _described(folder: Path, chosen: Candidate, paths: Sequence[PurePosixPath], 
         return Found(photos)
     both = (chosen.boards.left, chosen.boards.right)
     board = board_in(both, see)
-    boards = _found_by(folder, *both, paths)
+    boards = _found_by(folder, *both, paths, {"sharpest": _BOARDS})
     if board is None:
         raise InputError(
             f"{folder}: no checkerboard, ChArUco board or grid of circles is recognised in {boards}; "
@@ -260,18 +274,36 @@ def _described(folder: Path, chosen: Candidate, paths: Sequence[PurePosixPath], 
     return Found(photos, boards, board)
 
 
-def _found_by(folder: Path, left: Series, right: Series | None, paths: Sequence[PurePosixPath]) -> Photographs:
-    """The photographs as patterns, and the steps that the stage of the photographs makes of them."""
+def _found_by(
+    folder: Path,
+    left: Series,
+    right: Series | None,
+    paths: Sequence[PurePosixPath],
+    select: Mapping[str, int] | None = None,
+) -> Photographs:
+    """The photographs as patterns, and the steps that the stage of the photographs makes of them.
+
+    select : which frames of a video are used; None for a few hundred at most
+    """
     named = {"left": patterns_of(left.files, paths)}
-    way = {}
+    way: dict[str, Any] = {}
     try:
         if right:
             named["right"] = patterns_of(right.files, paths)
             way = _pairing(left, right)
+        if is_video(folder / left.files[0]):
+            way |= _of_videos([folder / one.files[0] for one in (left, right) if one], select)
         steps = _maker("images")(**named, **way).steps(folder) or {}
     except InputError as error:
         raise InputError(f"{folder / named['left'][0]}: {error}") from error
-    return Photographs(named["left"], named.get("right", []), steps, way.get("pair_by", ""))
+    return Photographs(named["left"], named.get("right", []), steps, way)
+
+
+def _of_videos(files: Sequence[Path], select: Mapping[str, int] | None) -> dict[str, Any]:
+    """How two clocks are joined, and which frames of a video are used: not all of a long one."""
+    every = -(-min(len(video_of(file).times) for file in files) // _MOST_STEPS)
+    way: dict[str, Any] = {"offset": "auto"} if len(files) > 1 else {}
+    return way | {"select": dict(select or {"every": every})}
 
 
 def _pairing(left: Series, right: Series) -> dict[str, str]:

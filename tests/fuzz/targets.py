@@ -28,6 +28,7 @@ from dicflow.io.caliper import read_caliper
 from dicflow.io.configuration import parse
 from dicflow.io.images import page_count, probe
 from dicflow.io.images.png import chunks
+from dicflow.io.logs.log import read_log
 from dicflow.io.points_table import read_points
 from dicflow.io.region import read_geojson, read_mask
 from dicflow.io.results import csv_text
@@ -40,6 +41,7 @@ from dicflow.pipeline.wiring import wire
 from tests.fuzz.harness import Target
 from tests.io.calibration_files import FILES, SIZE, made_rig, vic3d_xml
 from tests.io.photograph_files import bitmap, png, tiff, tiff_of_samples
+from tests.log_files import balance_log, logger_log, machine_log
 
 __all__ = ["targets"]
 
@@ -91,6 +93,7 @@ def targets() -> tuple[Target, ...]:
         Target("settings", "setting", _SETTINGS, _setting, mark="--set"),
         Target("caliper", "lengths.csv", (_CALIPER, _CALIPER.replace(b",", b";").replace(b".", b",")), _caliper),
         Target("stress table", "curve.csv", (_STRESSES, _STRESSES.replace(b",", b";")), _stresses),
+        Target("log", "log.csv", _logs(), _log),
         Target("points", "points.csv", _POINTS, _points),
         Target("geojson", "region.geojson", [json.dumps(one).encode() for one in _GEOJSON], _region),
         Target("rig", "rig.json", [_written("dicflow.json"), _rig_with_covariance()], _rig),
@@ -169,6 +172,21 @@ def _caliper(path: Path) -> Any:
 def _stresses(path: Path) -> Any:
     found = read_stresses(path)
     return [one for one in found if isinstance(one, np.ndarray)]
+
+
+def _logs() -> tuple[bytes, ...]:
+    seconds = np.arange(0.0, 3000.0, 217.3)
+    return (
+        machine_log(seconds, 0.5 * seconds, 0.1 * seconds),
+        balance_log(seconds, 1.5 * seconds - 20.0),
+        logger_log(seconds, 20.0 + 0.01 * seconds, 1e-4 * seconds),
+    )
+
+
+def _log(path: Path) -> Any:
+    log = read_log(path)
+    clock = None if log.clock is None else log.clock.seconds / 10.0
+    return [[column.values for column in log.columns.values()], clock if clock is not None else 0.0]
 
 
 def _points(path: Path) -> Any:

@@ -193,7 +193,7 @@ def test_every_format_has_its_module():
 
 def test_what_is_written_beside_a_whole_test():
     assert beside() == {
-        "csv": ("comparison", "probes", "noise", "curve", "material"),
+        "csv": ("comparison", "probes", "channels", "noise", "curve", "material"),
         "geojson": ("region",),
         "json": ("rig",),
         "material": ("material",),

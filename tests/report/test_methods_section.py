@@ -23,6 +23,8 @@ REQUIRED = {
     "curve": {"file": "a.csv", "mode": "uniaxial"},
     "stress": {"width": 20.0, "thickness": 0.2, "u_thickness": 0.005},
     "virtual_fields": {"width": 20.0, "thickness": 0.2, "u_thickness": 0.005},
+    "channels": {"file": "log.csv"},
+    "scale": {"square": 1.0},
 }
 
 

@@ -18,7 +18,7 @@ from dicflow.kinds.kind import summary_of
 __all__ = ["DESCRIPTION", "KINDS", "write"]
 
 DESCRIPTION = "a workbook with one sheet per table (needs dicflow[xlsx])"
-KINDS = ("total", "probes", "comparison", "noise")
+KINDS = ("total", "probes", "comparison", "channels", "noise")
 _MOST_ROWS = 1_048_576
 _LONGEST_NAME = 31
 _REFUSED = re.compile(r"[\[\]:*?/\\]|^'|'$")
