@@ -23,6 +23,8 @@ _UNCERTAIN = 0.3
 """Half an interval of 95 %, relative to the constant, from which a constant counts as uncertain."""
 _DISCUSSED = 3
 """Models whose constants are discussed."""
+_CLOSE = 0.1
+"""Residuals, relative to the stress, up to which an unstable model is named."""
 _BADLY = 0.15
 """Error of a prediction, relative to the stress, from which the tests contradict one another."""
 _MODES = {
@@ -51,9 +53,9 @@ def verdict(
     best, alike = fitted[0], _fitting_alike(fitted)
     found = [(_best(best, curves), False)]
     found += [(text, True) for text in _unstable(fitted, best)]
-    found += [(text, True) for text in _untold_modes(alike, curves, points)]
-    found += [(text, best is model) for model in alike[:_DISCUSSED] for text in _untold_constants(model)]
-    found += [(text, "every model" in text) for text in _predictions(fitted, curves)]
+    found += [(text, True) for text in _ambiguous_modes(alike, curves, points)]
+    found += [(text, best is model) for model in alike[:_DISCUSSED] for text in _ambiguous_constants(model)]
+    found += _predictions(fitted, curves)
     found += [(text, True) for text in _misfit(best)]
     found += [(text, False) for text in _common(curves)]
     found += [(f"{name} was not fitted: {reason}.", False) for name, reason in refused.items()]
@@ -77,12 +79,12 @@ def _best(best: FittedModel, curves: Sequence[FittedCurve]) -> str:
 
 def _unstable(fitted: Sequence[FittedModel], best: FittedModel) -> Iterator[str]:
     for model in fitted:
-        if model.unstable and (model is best or model.rms_all <= 0.1):
+        if model.unstable and (model is best or model.rms_all <= _CLOSE):
             where = ", ".join(f"{_MODES[mode]} from stretch {stretch:.2f}" for mode, stretch in model.unstable.items())
             yield f"{model.title} with these constants is unstable in {where}; do not compute with it there."
 
 
-def _untold_modes(
+def _ambiguous_modes(
     alike: Sequence[FittedModel], curves: Sequence[FittedCurve], points: Sequence[Curve]
 ) -> Iterator[str]:
     """Modes in which models that fit alike differ, and the tests that would tell."""
@@ -125,8 +127,8 @@ def _guesses(alike: Sequence[FittedModel]) -> list[Guess]:
     return found
 
 
-def _untold_constants(model: FittedModel) -> Iterator[str]:
-    """Constants that the tests do not tell."""
+def _ambiguous_constants(model: FittedModel) -> Iterator[str]:
+    """Constants that the tests do not determine."""
     uncertain = {one.name for one in model.constants if one.half_width > _UNCERTAIN * abs(one.value)}
     if pairs := [pair for pair in model.unsure if uncertain & set(pair[:2])]:
         one, other, rho = pairs[0]
@@ -141,21 +143,20 @@ def _untold_constants(model: FittedModel) -> Iterator[str]:
         yield f"{model.title}: {fit} as well within the scatter."
 
 
-def _predictions(fitted: Sequence[FittedModel], curves: Sequence[FittedCurve]) -> Iterator[str]:
-    """How well each test is predicted by the others."""
+def _predictions(fitted: Sequence[FittedModel], curves: Sequence[FittedCurve]) -> Iterator[tuple[str, bool]]:
+    """How well each test is predicted by the others, and whether it contradicts them."""
     for index, curve in enumerate(curves):
         known = [(error, model.title) for model in fitted if (error := model.left_out[index]) is not None]
         if not known:
             continue
         (error, title), (worst, bad) = min(known), max(known)
+        text = f"Left out, {curve.name} ({curve.mode}) is predicted"
         if error >= _BADLY:
-            yield (
-                f"Left out, {curve.name} ({curve.mode}) is predicted badly by every model, within {_percent(error)} at "
-                f"best ({title}): look at its mode, section, first length and slack."
-            )
-            continue
-        text = f"Left out, {curve.name} ({curve.mode}) is predicted within {_percent(error)} by {title}"
-        yield text + (f", and within {_percent(worst)} by {bad}." if bad != title else ".")
+            reason = "look at its mode, section, first length and slack"
+            yield f"{text} badly by every model, within {_percent(error)} at best ({title}): {reason}.", True
+        else:
+            others = f", and within {_percent(worst)} by {bad}" if bad != title else ""
+            yield f"{text} within {_percent(error)} by {title}{others}.", False
 
 
 def _misfit(best: FittedModel) -> Iterator[str]:
