@@ -44,8 +44,8 @@ _CHUNK = 4000
 """Windows that are fitted at once."""
 _AROUND = (5, 5)
 """Points around one that share the directions of their errors."""
-_UNSURE = 2.0
-"""Standard deviation over the least one around, above which a point is much less certain."""
+_UNSURE = 1.5
+"""Standard deviation over the least one around, above which a point is much less certain; half a subset has √2."""
 _QUARTER_TURN = np.array([[0.0, 1.0], [-1.0, 0.0]])
 
 
