@@ -50,7 +50,7 @@ def parameters_of(pipeline: Pipeline, name: str) -> dict[str, Any]:
         "stage": entry["stage"],
         "title": kind.title,
         "about": [" ".join(part.split()) for part in (getdoc(kind) or "").split("\n\n")],
-        "parameters": list(_parameters(kind, entry, instance)),
+        "parameters": [_with_names(one, pipeline, instance) for one in _parameters(kind, entry, instance)],
         "inputs": list(_inputs(pipeline, kind, name, entry)),
     }
 
@@ -75,6 +75,14 @@ def _parameters(kind: type[Node], entry: Mapping[str, Any], values: Mapping[str,
             }
 
 
+def _with_names(parameter: dict[str, Any], pipeline: Pipeline, instance: Mapping[str, Any]) -> dict[str, Any]:
+    """A parameter that names a probe, with the names of the probes as choices."""
+    if parameter["name"] != "extensometer" or "probes" not in instance["inputs"]:
+        return parameter
+    probes = pipeline.resolved()["stages"][instance["inputs"]["probes"]]
+    return {**parameter, "choices": ["null", *(probes["extensometers"] or ())]}
+
+
 def _choices(own: Mapping[str, Any]) -> list[str] | None:
     """The values of a parameter that takes a few words only."""
     if own.get("type") == "boolean":
@@ -96,7 +104,7 @@ def _inputs(pipeline: Pipeline, kind: type[Node], name: str, entry: Mapping[str,
     joined = pipeline.resolved()["stages"][names[name]]["inputs"]
     gives = {other: node_class(pipeline.document.data["stages"][other]["stage"]).gives for other in names}
     for port_name, port in kind.takes.items():
-        if not port.own and not port_name.endswith(("_before", "_first", "_early")):
+        if not port.own and not port.several and not port_name.endswith(("_before", "_first", "_early")):
             yield {
                 "name": port_name,
                 "kinds": list(port.kinds),

@@ -118,6 +118,16 @@ class Total(Kind):
         attrs = {**self.product.attrs, "lost": True}
         return replace(self.product, variables={**self.product.variables, **variables}, attrs=attrs)
 
+    def with_scale(self, facts: Mapping[str, Any]) -> Product:
+        """The product of one camera in millimetres. facts : of the scale"""
+        return replace(self.product, attrs={**self.product.attrs, "scale": dict(facts)})
+
+    @property
+    def window_shares(self) -> Mapping[str, float]:
+        """Side of the window in points, as text → share of the points; empty where all have the same."""
+        found: Mapping[str, float] = self.product.attrs.get("window_shares", {})
+        return found
+
     @property
     def last(self) -> Total | None:
         """The total of the last step with displacements: this one, or one before; None if unknown yet."""
@@ -144,13 +154,19 @@ class Total(Kind):
 
     @property
     def unit(self) -> str:
-        """Unit of displacements and places: mm, or px with one camera."""
+        """Unit of displacements and places: mm, or px with one camera and no scale."""
         return str(self.product.attrs["unit"])
 
     @property
     def in_space(self) -> bool:
         """Whether two cameras measured it."""
-        return self.unit == "mm"
+        return self.unit == "mm" and "scale" not in self.product.attrs
+
+    @property
+    def relative_u_of_scale(self) -> float | None:
+        """Relative standard uncertainty of all lengths by the scale of one camera; None without a scale."""
+        found: float | None = self.product.attrs.get("scale", {}).get("relative_u")
+        return found
 
     @property
     def measure(self) -> str:

@@ -24,6 +24,7 @@ from dicflow.kinds.quantities import (
     strain_measure,
 )
 from dicflow.kinds.rig import CalibratedRig
+from dicflow.kinds.scale import Scale
 from dicflow.kinds.total import (
     DEGREE,
     VSG,
@@ -34,7 +35,9 @@ from dicflow.kinds.total import (
     named_with_unit,
     rigid_motion_to_json,
 )
+from dicflow.stages._deformed import combined, consistent_status, degrees, displacements, median_errors, shares
 from dicflow.stages._point_errors import bias_of_places, errors_by_shape, variance_shares
+from dicflow.stages._scaled import in_unit, scale_shares
 
 if TYPE_CHECKING:
     import numpy as np
@@ -78,7 +81,7 @@ class Deformation(Node):
     The deformation gradient comes from least-squares fits over a window, in the tangent planes of the surface at both
     steps. Each value has a standard deviation by the noise of the photographs, an estimate of the bias that remains,
     both combined as its uncertainty u, and, if the uncertainty of the rig is known, the calibration's share. With one
-    camera everything lies in the plane of the photograph.
+    camera everything lies in the plane of the photograph, in pixels, or in millimetres if its scale is known.
     """
 
     title: ClassVar = "displacement and strain"
@@ -88,6 +91,7 @@ class Deformation(Node):
         "points_first": Port("points", "correlation", at=At.FIRST),
         "rig": Port("rig", optional=True),
         "frame": Port("frame", optional=True),
+        "scale": Port("scale", optional=True),
     }
     gives: ClassVar = "total"
     impl_version: ClassVar = 6
@@ -116,7 +120,12 @@ class Deformation(Node):
         return tuple(filter(None, [strain_measure(self.measure).function, *quantities]))
 
     def run(
-        self, points: Product, points_first: Product, rig: Product | None = None, frame: Product | None = None
+        self,
+        points: Product,
+        points_first: Product,
+        rig: Product | None = None,
+        frame: Product | None = None,
+        scale: Product | None = None,
     ) -> Product:
         """``points_first`` are those of the first step."""
         from dicflow.core.cameras.frames import LEFT_CAMERA, compose_frames
@@ -127,8 +136,8 @@ class Deformation(Node):
         from dicflow.core.uncertainty.covariance import joint_covariance, points_in_frame, with_errors
 
         axes = LEFT_CAMERA if frame is None else ResultFrame.read(frame).axes
-        step = Points.read(points)
-        first = Points.read(points_first).with_noise_of(step)
+        step = in_unit(Points.read(points), scale)
+        first = in_unit(Points.read(points_first), scale).with_noise_of(step)
         before = points_in_frame(first.measured_at_first_step(), axes)
         after = points_in_frame(step.measured(), axes)
         motion = self._motion(before, after)
@@ -143,13 +152,16 @@ class Deformation(Node):
         surface = chosen.surface
         frames = (compose_frames(along, axes), axes)
         bias = bias_of_places(step, frames[0].rotation, jumps)
-        fields = {**_displacements(before, after, covariance), **bias, **self._strains(chosen)}
-        fields |= _combined(fields)
-        if rig is not None:
+        fields = {**displacements(before, after, covariance), **bias, **self._strains(chosen)}
+        fields |= combined(fields)
+        if scale is not None:
+            fields |= scale_shares(Scale.read(scale).relative_u, self._quantities(), fields, after.xyz)
+        elif rig is not None and step.in_space:
             fields |= self._calibration(CalibratedRig.read(rig), (after.xyz, before.xyz), frames, surface)
         fields |= {"xyz": after.xyz, "xyz_reference": before.xyz, "gradient": surface.gradient}
         fields["covariance"] = upper_triangle(covariance)
-        return self._product(fields, errors, (step, first), _Motion(motion, frames), chosen)
+        product = self._product(fields, errors, (step, first), _Motion(motion, frames), chosen)
+        return product if scale is None else Total.read(product).with_scale(Scale.read(scale).facts)
 
     def _window(self, points: Points) -> tuple[int, int]:
         """Rows and columns of the window of a strain [points]."""
@@ -256,7 +268,7 @@ class Deformation(Node):
 
         step, first = steps
         moved, strained = np.isfinite(fields["U"]), np.isfinite(fields["exx"])
-        reasons = _consistent_status(np.maximum(step["status"], first["status"]), moved)
+        reasons = consistent_status(np.maximum(step["status"], first["status"]), moved)
         status = fitted_status(
             moved, strained, reasons, self._window(first), 1 if self.degree == "auto" else self.degree
         )
@@ -266,12 +278,12 @@ class Deformation(Node):
         means = field_means(fields, step.unit)
         further = {
             **self._facts(fields, first, step.unit),
-            **_degrees(chosen.degree[moved & strained]),
-            "window_shares": _shares(chosen.window[moved & strained]),
+            **degrees(chosen.degree[moved & strained]),
+            "window_shares": shares(chosen.window[moved & strained]),
             "shape_shares": variance_shares(errors),
             "rigid": rigid_motion_to_json(motion.removed),
             "frames": frames_to_json(motion.frames),
-            "summary": {"valid_share": float(share), **means, **_median_errors(fields, step.unit)},
+            "summary": {"valid_share": float(share), **means, **median_errors(fields, step.unit)},
         }
         beside = {name: step.product.variables[name] for name in ("way", "way_right", "znssd") if name in step}
         if self.degree == "auto":
@@ -312,45 +324,6 @@ def _moving_frame(motion: RigidMotion | None) -> Frame:
     return LEFT_CAMERA if motion is None else co_moving_frame(motion)
 
 
-def _displacements(before: MeasuredPoints, after: MeasuredPoints, covariance: np.ndarray) -> dict[str, np.ndarray]:
-    """U, V and W, and σ of each."""
-    import numpy as np
-
-    from dicflow.core.uncertainty.covariance import displacement_covariance
-
-    values = after.xyz - before.xyz
-    values[np.isnan(values).any(axis=-1)] = np.nan
-    variances = np.diagonal(displacement_covariance(covariance), axis1=-2, axis2=-1)
-    deviations = np.sqrt(np.maximum(variances, 0.0))
-    return {
-        **{name: values[..., axis] for axis, name in enumerate("UVW")},
-        **{f"sigma_{name}": deviations[..., axis] for axis, name in enumerate("UVW")},
-    }
-
-
-def _combined(fields: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
-    """Combined uncertainty of each quantity that has a standard deviation; this itself where the bias is unknown."""
-    import numpy as np
-
-    names = [name.removeprefix("sigma_") for name in fields if name.startswith("sigma_")]
-    biases = {name: np.nan_to_num(fields.get(f"bias_{name}", 0.0)) for name in names}
-    return {f"u_{name}": np.hypot(fields[f"sigma_{name}"], biases[name]) for name in names}
-
-
-def _degrees(degree: np.ndarray) -> dict[str, Any]:
-    """The degree of most points, and the share of points of each."""
-    shares = _shares(degree)
-    return {"degree": int(max(shares, key=lambda one: shares[one])) if shares else 1, "degree_shares": shares}
-
-
-def _shares(values: np.ndarray) -> dict[str, float]:
-    """The share of points of each value."""
-    import numpy as np
-
-    found, counts = np.unique(values, return_counts=True)
-    return {str(one): float(count / counts.sum()) for one, count in zip(found, counts, strict=True)}
-
-
 def _gauges(chosen: ChosenGradient, first: Points) -> np.ndarray:
     """Sides of the virtual strain gauges (row, col) [px]."""
     import numpy as np
@@ -359,29 +332,6 @@ def _gauges(chosen: ChosenGradient, first: Points) -> np.ndarray:
 
     sides = [vsg_px(points, first.grid.step_size, first.grid.subset_size) for points in range(chosen.window.max() + 1)]
     return np.array(sides, dtype=np.float32)[chosen.window]
-
-
-def _consistent_status(status: np.ndarray, known: np.ndarray) -> np.ndarray:
-    """Status that agrees with the values: valid or filled if known, else a reason."""
-    import numpy as np
-
-    from dicflow.core.status import Status
-
-    reasons = np.where(known, np.minimum(status, Status.FILLED), np.maximum(status, Status.OUTSIDE))
-    return np.asarray(reasons, dtype=np.uint8)
-
-
-def _median_errors(fields: Mapping[str, np.ndarray], unit: str) -> dict[str, float]:
-    """Median σ and u of displacements and strains; a quantity without values is absent."""
-    import numpy as np
-
-    found = {}
-    for prefix in ("sigma_", "u_"):
-        for name in BASIC:
-            known = fields[f"{prefix}{name}"][np.isfinite(fields[f"{prefix}{name}"])]
-            if known.size:
-                found[f"{prefix}{named_with_unit(name, unit)}"] = float(np.median(known))
-    return found
 
 
 def sentence(stage: Deformation, product: Product | None) -> str:
@@ -405,7 +355,7 @@ def _smaller(total: Total) -> str:
     """The gauge where the window is smaller, and at how many points that is; empty without any."""
     from dicflow.core.strain.deformation_gradient import vsg_px
 
-    side, shares = total.window_points[0], total.product.attrs.get("window_shares", {})
+    side, shares = total.window_points[0], total.window_shares
     others = [(int(points), share) for points, share in shares.items() if int(points) < side]
     said = [f"{vsg_px(n, total.step_size, total.subset_size):g} px at {share:.1%} of the points" for n, share in others]
     return "".join(f", {words}" for words in said)

@@ -1,5 +1,7 @@
 """Grey levels of photographs: PNG, TIFF, JPEG and BMP with 8 or 16 bits, colour or grey, with or without opacity.
 
+Frames of videos are read in the same way.
+
 The check of a photograph and the stage that uses it call :func:`read_photograph`. Its first bytes say which format a
 file has; a file of another format is handed to no library.
 """
@@ -8,7 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
-from functools import cache, lru_cache
+from functools import lru_cache
 from io import BytesIO
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, BinaryIO, NamedTuple
@@ -19,11 +21,16 @@ from dicflow.engine.files import FilePart, Stamp, stamp
 from dicflow.engine.hashing import digest_array, digest_json
 from dicflow.engine.whole_file import read_file
 from dicflow.errors import InputError
-from dicflow.io.images.formats import Format, format_of
-from dicflow.io.images.orientation import exif_orientation, jpeg_segments
+from dicflow.io.images.extras import read_heic, read_raw
+from dicflow.io.images.formats import Format, format_of, is_video
+from dicflow.io.images.libraries import library, opencv, opened, pillow
+from dicflow.io.images.metadata import jpeg_segments
+from dicflow.io.images.orientation import exif_orientation
 from dicflow.io.images.png import animation, without_metadata
 from dicflow.io.images.quiet import quiet
 from dicflow.io.images.tiff import Page, Tiff
+from dicflow.io.images.video import video_of
+from dicflow.io.images.video_stream import read_frame
 
 if TYPE_CHECKING:
     from PIL.ImageFile import ImageFile
@@ -31,8 +38,6 @@ if TYPE_CHECKING:
 __all__ = ["Photograph", "page_count", "probe", "read_grey", "read_photograph"]
 
 _MOST_BITS, _BITS_OF_PILLOW = 16, 8
-_SILENT = 0
-"""OpenCV's level of logging that prints nothing."""
 _JPEG_END, _JPEG_SCAN = b"\xff\xd9", b"\xff\xda"
 """Markers of JPEG (ITU-T T.81, table B.1): end of image, start of scan."""
 _MOST_PIXELS_PER_BYTE = 8 * 1032
@@ -77,7 +82,7 @@ def read_photograph(file: Path | FilePart) -> Photograph:
 
 
 def page_count(path: Path) -> int:
-    """The number of photographs in a file: pages of a TIFF, frames of an animated PNG, else 1.
+    """The number of photographs in a file: pages of a TIFF, frames of a video or an animated PNG, else 1.
 
     1 also for a file that cannot be used, which :func:`read_photograph` refuses.
     """
@@ -85,7 +90,10 @@ def page_count(path: Path) -> int:
         with _open(path) as file:
             form = format_of(file)
             if form == "TIFF":
-                return len(Tiff(file).photographs())
+                tiff = Tiff(file)
+                return 1 if tiff.is_raw() else len(tiff.photographs())
+            if form == "video":
+                return len(video_of(path).times)
             return animation(file).frames if form == "PNG" else 1
     except (InputError, OSError, ValueError):
         return 1
@@ -95,10 +103,16 @@ def probe(file: Path | FilePart) -> dict[str, Any]:
     """Width and height [px], bits per grey level, orientation and mosaic of a photograph as the sensor lies.
 
     ``mosaic`` is the pattern of colour filters that the grey levels show, None for a usual photograph; a page of a file
-    has the ``digest`` of its contents too. Raises InputError as :func:`read_photograph` does.
+    has the ``digest`` of its contents too, but no frame of a video, which would have to be decoded for it. Raises
+    InputError as :func:`read_photograph` does.
     """
     from dicflow.core.photographs.mosaic import colour_filters
 
+    path = file.path if isinstance(file, FilePart) else file
+    if is_video(path):
+        video = video_of(path)
+        size = {"width": video.width, "height": video.height, "bits": 8}
+        return {**size, "orientation": video.orientation, "mosaic": None}
     grey, orientation, counts = read_photograph(file)
     height, width = grey.shape
     facts = {
@@ -135,6 +149,8 @@ class _Samples(NamedTuple):
 
 
 def _tiff(path: Path, number: int) -> _Samples:
+    if _is_raw(path, stamp(path)):
+        return _raw(path, number)
     pages = _pages(path, stamp(path))
     with path.open("rb") as file:
         tiff = Tiff(file)
@@ -149,9 +165,9 @@ def _tiff(path: Path, number: int) -> _Samples:
         if bits > _BITS_OF_PILLOW and tiff.samples(page) == 2:
             raise InputError("grey levels of 16 bits with a second value each; save it as PNG, or without opacity")
         data = tiff.alone(page)
-    with _opened(BytesIO(data), "TIFF") as image:
+    with opened(BytesIO(data), "TIFF") as image:
         tiles: Any = image.tile
-        with _library(), quiet():
+        with library(), quiet():
             image.load()  # OpenCV passes over damage in a compressed TIFF
         if has_opacity:
             levels = np.asarray(image) if bits <= _BITS_OF_PILLOW else _by_opencv(data, whole=True)
@@ -159,6 +175,13 @@ def _tiff(path: Path, number: int) -> _Samples:
         if tiles[0][3][0] == "L":  # grey levels of 8 bits, which OpenCV expands to colour and back
             return _Samples(np.array(image), orientation)
     return _Samples(_by_opencv(data), orientation)
+
+
+@lru_cache(maxsize=4)
+def _is_raw(path: Path, unchanged: Stamp) -> bool:
+    """Whether a file with the form of TIFF is a camera's raw file, looked up once. unchanged : the stamp of the file"""
+    with path.open("rb") as file:
+        return Tiff(file).is_raw()
 
 
 @lru_cache(maxsize=4)
@@ -171,7 +194,7 @@ def _pages(path: Path, unchanged: Stamp) -> list[Page]:
 def _png(path: Path, number: int) -> _Samples:
     data = read_file(path)
     orientation, series = exif_orientation(BytesIO(data), "PNG"), animation(BytesIO(data))
-    with _opened(BytesIO(data), "PNG") as image:
+    with opened(BytesIO(data), "PNG") as image:
         if series.frames > 1:
             _check_animation(image.width * image.height, series.frames, len(data))
             return _frame(image, series.first + number - 1, orientation)
@@ -191,7 +214,7 @@ def _frame(image: ImageFile, number: int, orientation: int) -> _Samples:
     """One frame of an animated PNG; each is drawn over those before it."""
     if image.mode.startswith("I"):
         raise InputError("an animation of 16 bits; save its frames as single PNG or TIFF files")
-    with _library():
+    with library():
         image.seek(number)
         levels = np.asarray(image.convert("RGBA"))
     return _Samples(_luma(levels), orientation, levels[..., 3])
@@ -200,7 +223,7 @@ def _frame(image: ImageFile, number: int, orientation: int) -> _Samples:
 def _png_opacity(image: ImageFile, grey: np.ndarray, data: bytes) -> np.ndarray:
     """Opacity of every pixel of a PNG with an alpha channel or a transparent colour."""
     if grey.dtype == np.uint8:
-        with _library():
+        with library():
             return np.asarray(image.convert("RGBA"))[..., 3]
     if image.mode == "I;16":
         return np.asarray(grey != image.info["transparency"])
@@ -216,7 +239,7 @@ def _jpeg(path: Path, number: int) -> _Samples:
         raise ValueError("no end-of-image marker")  # OpenCV 4.10 fills the rest with grey
     if data.count(_JPEG_SCAN, place) > _MOST_SCANS:
         raise InputError(f"more than {_MOST_SCANS} scans, which no camera writes; save it as PNG or TIFF")
-    with _opened(BytesIO(data), "JPEG") as image:
+    with opened(BytesIO(data), "JPEG") as image:
         image.draft("L", image.size)  # the luma that the file holds
         grey = _grey_by_pillow(image) if image.mode == "L" else _by_opencv(data)
         return _Samples(grey, exif_orientation(BytesIO(data), "JPEG"))
@@ -224,14 +247,34 @@ def _jpeg(path: Path, number: int) -> _Samples:
 
 def _bmp(path: Path, number: int) -> _Samples:
     data = read_file(path)
-    with _opened(BytesIO(data), "BMP") as image, _library():
+    with opened(BytesIO(data), "BMP") as image, library():
         opacity = np.asarray(image)[..., 3] if image.mode == "RGBA" else None
         if opacity is not None and not opacity.any():
             opacity = None  # many programs leave the fourth byte at 0 without a meaning
         return _Samples(_by_opencv(data), 1, opacity)
 
 
-_READERS: Mapping[Format, Callable[[Path, int], _Samples]] = {"PNG": _png, "TIFF": _tiff, "JPEG": _jpeg, "BMP": _bmp}
+def _heic(path: Path, number: int) -> _Samples:
+    return _Samples(*read_heic(path))
+
+
+def _raw(path: Path, number: int) -> _Samples:
+    return _Samples(*read_raw(path))
+
+
+def _video(path: Path, number: int) -> _Samples:
+    return _Samples(read_frame(path, number), video_of(path).orientation)
+
+
+_READERS: Mapping[Format, Callable[[Path, int], _Samples]] = {
+    "PNG": _png,
+    "TIFF": _tiff,
+    "JPEG": _jpeg,
+    "BMP": _bmp,
+    "HEIC": _heic,
+    "raw": _raw,
+    "video": _video,
+}
 """Format → reader of a page of a file. All raise InputError without the file's name, ValueError for damage, OSError."""
 
 
@@ -239,13 +282,13 @@ def _luma(levels: np.ndarray) -> np.ndarray:
     """Grey levels of red, green and blue or of grey (row, col, sample), without a further sample, the opacity."""
     if levels.shape[2] <= 2:
         return np.ascontiguousarray(levels[..., 0])
-    grey: np.ndarray = _opencv().cvtColor(np.ascontiguousarray(levels[..., :3]), _opencv().COLOR_RGB2GRAY)
+    grey: np.ndarray = opencv().cvtColor(np.ascontiguousarray(levels[..., :3]), opencv().COLOR_RGB2GRAY)
     return grey
 
 
 def _grey_by_pillow(image: ImageFile) -> np.ndarray:
     """Samples of an image of grey levels; Pillow gives the same ones as OpenCV, and prints nothing about damage."""
-    with _library():
+    with library():
         levels = np.array(image)
     return levels if levels.dtype == np.uint8 else levels.astype(np.uint16)
 
@@ -255,36 +298,15 @@ def _by_opencv(data: bytes, whole: bool = False) -> np.ndarray:
 
     Raises ValueError if it is truncated or cannot be decoded.
     """
-    cv2 = _opencv()
+    cv2 = opencv()
     grey = cv2.IMREAD_ANYDEPTH | cv2.IMREAD_GRAYSCALE | cv2.IMREAD_IGNORE_ORIENTATION
-    with _library(), quiet():
+    with library(), quiet():
         levels: np.ndarray | None = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_UNCHANGED if whole else grey)
     if levels is None or (whole and levels.shape[2:] != (4,)):
         raise ValueError("OpenCV cannot decode it")
     if levels.dtype not in (np.uint8, np.uint16):
         raise InputError("expected grey levels of 8 or 16 bits; save the photograph as PNG or TIFF")
     return levels[..., [2, 1, 0, 3]] if whole else levels
-
-
-@contextmanager
-def _opened(file: BinaryIO, form: Format) -> Iterator[ImageFile]:
-    """A photograph that Pillow has opened, but not decoded. Raises ValueError if it cannot."""
-    pillow = _pillow()
-    with _library():
-        image = pillow.open(file, formats=(form,))
-    with image:
-        yield image
-
-
-@contextmanager
-def _library() -> Iterator[None]:
-    """Turn any error of a library on a damaged file into ValueError."""
-    try:
-        yield
-    except (MemoryError, InputError, _pillow().DecompressionBombError):
-        raise
-    except Exception as error:
-        raise ValueError(str(error)) from error
 
 
 @contextmanager
@@ -298,33 +320,9 @@ def _naming(file: Path | FilePart) -> Iterator[None]:
         raise InputError(f"{file}: no such file; check the folder and the pattern") from error
     except PermissionError as error:
         raise InputError(f"{file}: may not be read; get the right to, or leave it out") from error
-    except _pillow().DecompressionBombError as error:
+    except pillow().DecompressionBombError as error:
         raise InputError(f"{file}: larger than any camera's photograph; cut it to the specimen") from error
     except (IndexError, OSError, ValueError) as error:
         raise InputError(
             f"{file}: the photograph is truncated or damaged; copy it again from the camera or leave it out"
         ) from error
-
-
-@cache
-def _opencv() -> Any:
-    """OpenCV with its log switched off: the error that names the file says enough."""
-    import cv2
-
-    opencv: Any = cv2
-    set_level = opencv.setLogLevel if hasattr(opencv, "setLogLevel") else opencv.utils.logging.setLogLevel
-    set_level(_SILENT)
-    return opencv
-
-
-@cache
-def _pillow() -> Any:
-    """Pillow without its warnings, for the same reason."""
-    import logging
-    import warnings
-
-    from PIL import Image
-
-    logging.getLogger("PIL").setLevel(logging.CRITICAL)
-    warnings.filterwarnings("ignore", module=r"PIL\.")
-    return Image
