@@ -44,6 +44,8 @@ _CHUNK = 4000
 """Windows that are fitted at once."""
 _AROUND = (5, 5)
 """Points around one that share the directions of their errors."""
+_UNSURE = 1.5
+"""Standard deviation over the least one around, above which a point is much less certain; half a subset has √2."""
 _QUARTER_TURN = np.array([[0.0, 1.0], [-1.0, 0.0]])
 
 
@@ -149,18 +151,22 @@ def measured_surface(
 
 
 def _as_around(covariance: Array, sigma: Array) -> Array:
-    """Covariances (row, col, 6, 6) with the size of each point and the directions of the points around it.
+    """Covariances (row, col, 6, 6), those of much less certain points with the directions of the points around.
 
-    A window's fit has those of all its points, more of the more certain ones; a point beside a jump may differ.
+    A window's fit has those of all its points, more of the more certain ones, from which a point beside a jump differs.
     sigma : (row, col) — standard deviations of the points; 0 where unknown
     """
     known = sigma > 0.0
+    least = cv2.erode(np.where(known, sigma, np.inf), np.ones(_AROUND, dtype=np.uint8))
+    unsure = known & (sigma / _UNSURE > least)
+    if not unsure.any():
+        return covariance
     share = np.divide(1.0, sigma**4, out=np.zeros_like(sigma), where=known)
     flat = np.where(known[..., None], covariance.reshape(*sigma.shape, -1), 0.0)
     sums = [cv2.boxFilter(share * part, -1, _AROUND, normalize=False) for part in np.moveaxis(flat, -1, 0)]
     scale = sigma**2 / np.maximum(cv2.boxFilter(share * sigma**2, -1, _AROUND, normalize=False), 1e-300)
-    found = np.where(known[..., None], np.stack(sums, axis=-1) * scale[..., None], np.nan)
-    return np.asarray(found.reshape(covariance.shape))
+    found = (np.stack(sums, axis=-1) * scale[..., None]).reshape(covariance.shape)
+    return np.where(unsure[..., None, None], found, covariance)
 
 
 def pixel_size_mm(reference: Array, step_size: float) -> Array:

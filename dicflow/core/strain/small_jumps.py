@@ -18,7 +18,7 @@ from numpy.lib.stride_tricks import sliding_window_view
 from dicflow.core.arrays import Array, Codes, Index, Mask
 from dicflow.core.parts import beside_borders
 from dicflow.core.strain.deformation_gradient import ErrorShare, MeasuredSurface
-from dicflow.core.strain.window_fits import places_of
+from dicflow.core.strain.window_fits import WindowedPoints, places_of
 from dicflow.core.uncertainty.covariance import displacement_covariance
 from dicflow.core.uncertainty.overlap import ShapeFunction, subset_weights
 
@@ -110,15 +110,16 @@ def jumps_at_points(surface: MeasuredSurface, lost: Mask, subsets: GridOfSubsets
     values = points.values[..., :3] - points.values[..., 3:]
     whole = (surface.known & ~beside_borders(points.parts)).astype(np.float64)
     near = grown(lost, np.ones((2 * subsets.reach + 1,) * 2, dtype=np.uint8)) & surface.known
-    certain = surface._replace(errors=_least_around(surface, subsets.reach))
+    errors = _least_around(surface, subsets.reach)
     for fit in _fits(subsets):
         square = fit.on_square(np.ones((1, len(fit.places))))[0]
         complete = (_summed(whole, square) > len(fit.places) - 0.5) & surface.known
         at = places_of(complete)
-        _take(best, at, _summed(values, fit.weights)[complete], _covariance(certain, at, fit.weights), fit.number)
+        covariance = np.sum([one.rho.variance(fit.weights) * one.covariance[complete] for one in errors], axis=0)
+        _take(best, at, _summed(values, fit.weights)[complete], covariance, fit.number)
         at = places_of(near & ~complete)
         if len(at):
-            _take(best, *_by_some_points(certain, at, fit), fit.number)
+            _take(best, *_by_some_points(points, errors, at, fit), fit.number)
     return best
 
 
@@ -128,11 +129,11 @@ def grown(mask: Mask, by: Codes) -> Mask:
 
 
 def _least_around(surface: MeasuredSurface, reach: int) -> list[ErrorShare]:
-    """Errors of the points, as large as the least ones around: those beside a jump are uncertain by the jump itself."""
+    """Errors of displacements, as large as the least ones around: beside a jump they are those by the jump itself."""
     sigma = np.where(surface.known, surface.points.sigma, np.inf)
     least = cv2.erode(sigma, np.ones((reach + 1,) * 2, dtype=np.uint8))
     share = np.divide(least, sigma, out=np.ones_like(sigma), where=surface.known)[..., None, None] ** 2
-    return [error._replace(covariance=share * error.covariance) for error in surface.errors]
+    return [one._replace(covariance=share * displacement_covariance(one.covariance)) for one in surface.errors]
 
 
 def _fits(subsets: GridOfSubsets) -> Iterator[_Fit]:
@@ -155,18 +156,10 @@ def _summed(values: Array, weights: Array) -> Array:
     return np.asarray(cv2.filter2D(values, -1, weights, borderType=cv2.BORDER_CONSTANT))
 
 
-def _covariance(surface: MeasuredSurface, at: Index, weights: Array) -> Array:
-    """Covariance (n, 3, 3) of such sums of displacements at rows and columns (n, 2)."""
-    shares = [
-        share.rho.variance(weights) * displacement_covariance(share.covariance[at[:, 0], at[:, 1]])
-        for share in surface.errors
-    ]
-    return np.asarray(np.sum(shares, axis=0))
-
-
-def _by_some_points(surface: MeasuredSurface, at: Index, fit: _Fit) -> tuple[Index, Array, Array]:
+def _by_some_points(
+    points: WindowedPoints, errors: list[ErrorShare], at: Index, fit: _Fit
+) -> tuple[Index, Array, Array]:
     """Where the known points tell, of rows and columns (n, 2): these (m, 2), jumps (m, 3), covariances (m, 3, 3)."""
-    points = surface.points
     own = points.parts.number[at[:, 0], at[:, 1]]
     part = fit.around(points.parts.number.astype(np.float64), at)
     weights = np.where(part == own[:, None], fit.around(points.weights, at), 0.0)
@@ -177,10 +170,8 @@ def _by_some_points(surface: MeasuredSurface, at: Index, fit: _Fit) -> tuple[Ind
     unit = np.broadcast_to(np.eye(len(fit.terms))[:, :1], (len(at), len(fit.terms), 1))
     squares = fit.on_square((np.linalg.solve(normal[firm], unit)[..., 0] @ fit.terms) * weights)[:, None]
     both = points.sums(at, squares)[:, 0]
-    shares = [
-        points.variances(at, squares, share.rho) * displacement_covariance(share.covariance[at[:, 0], at[:, 1]])
-        for share in surface.errors
-    ]
+    rows, cols = at.T
+    shares = [points.variances(at, squares, one.rho) * one.covariance[rows, cols] for one in errors]
     return at, both[:, :3] - both[:, 3:], np.sum(shares, axis=0)
 
 
@@ -188,9 +179,23 @@ def _take(best: Jumps, at: Index, jump: Array, covariance: Array, number: int) -
     """Set jumps (n, 3) at rows and columns (n, 2) where they are more significant than those before."""
     if not len(at):
         return
-    whitened = np.einsum("nij,nj->ni", np.linalg.pinv(covariance, hermitian=True), jump)
-    significance = np.sqrt(np.maximum((whitened * jump).sum(axis=1), 0.0))
+    significance = _in_standard_deviations(jump, covariance)
     better = significance > best.significance[at[:, 0], at[:, 1]]
     rows, cols = at[better].T
     best.significance[rows, cols], best.jump[rows, cols] = significance[better], jump[better]
     best.direction[rows, cols] = number
+
+
+def _in_standard_deviations(vectors: Array, covariance: Array) -> Array:
+    """√(vᵀ C⁻¹ v), (n,), of vectors (n, 3), by elimination; an axis without variance does not count."""
+    left, rest, total = covariance.copy(), vectors.copy(), np.zeros(len(vectors))
+    least = 1e-9 * np.trace(covariance, axis1=1, axis2=2)
+    for k in range(3):
+        counts = left[:, k, k] > least
+        pivot = np.divide(1.0, left[:, k, k], out=np.zeros_like(total), where=counts)
+        total += rest[:, k] ** 2 * pivot
+        for i in range(k + 1, 3):
+            factor = left[:, i, k] * pivot
+            rest[:, i] -= factor * rest[:, k]
+            left[:, i, k + 1 :] -= factor[:, None] * left[:, k, k + 1 :]
+    return np.asarray(np.sqrt(total))

@@ -25,6 +25,8 @@ _SIGMAS = 6.0
 """Significance above which a jump counts; on rendered photographs noise reaches it in one of 10,000 points."""
 _OF_BAND = 1.0 / 3.0**0.5
 """Standard deviation of the wrong share of a ridge that may be a narrow band: any share is as likely."""
+_TURN = np.pi / 8.0 / 3.0**0.5
+"""Standard deviation of the angle between a line and the nearest of four directions [rad]."""
 _BESIDE = 1.5
 """Distance from a line up to which points lie on it [points]."""
 
@@ -55,22 +57,26 @@ class UnseenJumps(NamedTuple):
         return np.asarray(np.abs(share[..., None] * self.jump))
 
     def of_slopes(self, at: Index, weights: Array) -> Array:
-        """What slopes per column and per row have by the jumps, and by their change along cracks, (n, 2, 2, 3) [mm].
+        """What slopes per column and per row have by jumps, (n, 3, 2, 3) [mm].
+
+        By the jumps themselves, by how far their lines may be turned from the four directions, and by the change of
+        jumps along cracks.
 
         at : (n, 2) — rows and columns; weights : (n, 2, high, wide) — of the points in both slopes
         """
         row, col = (np.arange(-(side // 2), side // 2 + 1) for side in weights.shape[2:])
         rows, cols = at.T
-        shares = np.zeros((len(at), 2, 2))
+        shares = np.zeros((len(at), 3, 2))
         for number, normal in enumerate(NORMALS):
             here = np.flatnonzero(self.direction[rows, cols] == number)
             distance = self.distance[rows, cols][here, None, None]
-            rise = self.subsets.profile(distance + np.add.outer(normal[0] * row, normal[1] * col), normal)
-            along = np.add.outer(normal[1] * row, -normal[0] * col) / (0.5 * self.window)
-            change = (rise - np.where(distance < 0.0, -0.5, 0.5)) * along
-            shares[here] = np.einsum("naij,knij->nka", weights[here], np.stack([rise, change]))
-        is_crack = self.is_crack[rows, cols][:, None]
-        shares *= np.stack([np.where(is_crack, 1.0, _OF_BAND), 1.0 * is_crack], axis=1)
+            across = distance + np.add.outer(normal[0] * row, normal[1] * col)
+            along = np.add.outer(normal[1] * row, -normal[0] * col)
+            rise, one, other = (self.subsets.profile(across + turn * along, normal) for turn in (0.0, _TURN, -_TURN))
+            change = (rise - np.where(distance < 0.0, -0.5, 0.5)) * along / (0.5 * self.window)
+            shares[here] = np.einsum("naij,knij->nka", weights[here], np.stack([rise, 0.5 * (one - other), change]))
+        shares[:, 2] *= self.is_crack[rows, cols][:, None]
+        shares[~self.is_crack[rows, cols]] *= _OF_BAND
         return np.asarray(shares[..., None] * self.jump[rows, cols][:, None, None])
 
 
