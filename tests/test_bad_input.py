@@ -27,10 +27,10 @@ NEEDED = {
     "compare": {"caliper": "x"},
     "rig_file": {"file": "x"},
     "probes": {"points": {"a": (1, 1)}},
+    "scale": {"length": 1, "ends": ((1, 1), (1, 9))},
     "curve": {"file": "x", "mode": "uniaxial"},
     "stress": {"width": 20, "thickness": 0.2, "u_thickness": 0.005},
     "virtual_fields": {"width": 20, "thickness": 0.2, "u_thickness": 0.005},
-    "scale": {"length": 1, "ends": ((1, 1), (1, 9))},
 }
 AFTER = {"computed": 0, "failed": 0, "skipped": 0}
 

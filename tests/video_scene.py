@@ -15,11 +15,13 @@ from dicflow.core.synthetic.speckle import Speckles, scatter_speckles
 from dicflow.core.synthetic.stand import Stand, board_poses, in_right_frame, verged_stand
 from dicflow.io.images.quiet import quiet
 
-__all__ = ["Film", "film", "write_boards", "write_videos"]
+__all__ = ["LENGTH", "Film", "film", "write_boards", "write_video", "write_videos", "write_videos_of_boards"]
 
 SIZE, FIELD = (480, 360), 60.0
 LENGTH, WIDTH, OVERHANG = 44.0, 40.0, 4.0
 PIXEL = FIELD / SIZE[1]
+BOARD = Checkerboard(9, 6, square=4.5, edge=1.3 * PIXEL)
+SIDES = ("left", "right")
 LOOKS = (GreyLevels(), GreyLevels(paper=205.0))
 START, DURATION, STRAIN = 1.5, 16.0, 0.05
 """When the load begins to rise [s], how long it takes [s], and the strain in the end."""
@@ -68,12 +70,13 @@ def write_videos(
     rates: tuple[float, float],
     codec: str = "mp4v",
     noise: float = 1.5,
+    suffix: str = ".mp4",
 ) -> None:
     """Write left.mp4 and right.mp4. frames, rates : of the left and of the right camera [1, 1/s]"""
-    for side, name in enumerate(("left", "right")):
+    for side, name in enumerate(SIDES):
         begin = side * scene.offset
         pictures = (scene.take(side, begin + k / rates[side], noise, k) for k in range(frames[side]))
-        write_video(folder / f"{name}.mp4", pictures, rates[side], codec)
+        write_video(folder / f"{name}{suffix}", pictures, rates[side], codec)
 
 
 def write_video(path: Path, pictures, rate: float, codec: str = "mp4v") -> None:
@@ -89,14 +92,39 @@ def write_video(path: Path, pictures, rate: float, codec: str = "mp4v") -> None:
         writer.release()
 
 
-def write_boards(folder: Path, scene: Film, count: int = 14) -> Checkerboard:
+def write_boards(folder: Path, scene: Film, count: int = 14) -> None:
     """Write photographs of the board, boards/left/board_00.png and so on."""
-    board = Checkerboard(9, 6, square=4.5, edge=1.3 * PIXEL)
-    for k, pose in enumerate(board_poses(scene.stand, board, count, depth=(0.0, 100.0), seed=1)):
-        for side, name in enumerate(("left", "right")):
-            camera = (scene.stand.rig.left, scene.stand.rig.right)[side]
-            state = in_right_frame(scene.stand.rig, pose) if side else pose
-            image = add_noise_and_round(render_board(camera, state, board, LOOKS[side]), 1.0, [8, side, k])
+    for k, pose in enumerate(poses(scene, count)):
+        for side, name in enumerate(SIDES):
             (folder / "boards" / name).mkdir(parents=True, exist_ok=True)
-            cv2.imwrite(str(folder / "boards" / name / f"board_{k:02d}.png"), image)
-    return board
+            cv2.imwrite(str(folder / "boards" / name / f"board_{k:02d}.png"), take_board(scene, pose, side, k))
+
+
+def write_videos_of_boards(folder: Path, scene: Film, count: int, rates: tuple[float, float]) -> None:
+    """Write left.mp4 and right.mp4 of a board that is held still for 0.6 s in each place, and moved in 0.4 s."""
+    held = poses(scene, count)
+    for side, name in enumerate(SIDES):
+        times = side * scene.offset + np.arange(round(rates[side] * (count - 1.5))) / rates[side]
+        pictures = (take_board(scene, moving(held, time), side, k) for k, time in enumerate(times))
+        write_video(folder / f"{name}.mp4", pictures, rates[side])
+
+
+def poses(scene: Film, count: int) -> list[Deformation]:
+    """Places of the board, in the left camera's frame."""
+    return board_poses(scene.stand, BOARD, count, depth=(0.0, 100.0), seed=1)
+
+
+def moving(held: list[Deformation], time: float) -> Deformation:
+    """The board on its way through places, one a second."""
+    place, share = int(time), float(np.clip((time % 1.0 - 0.6) / 0.4, 0.0, 1.0))
+    one, other = held[place], held[place + 1]
+    turn, _ = cv2.Rodrigues(other.rotation @ one.rotation.T)
+    rotation = cv2.Rodrigues(share * turn)[0] @ one.rotation
+    return one._replace(rotation=rotation, translation=(1.0 - share) * one.translation + share * other.translation)
+
+
+def take_board(scene: Film, pose: Deformation, side: int, number: int) -> np.ndarray:
+    """A picture (row, col) uint8 of the board."""
+    camera = (scene.stand.rig.left, scene.stand.rig.right)[side]
+    state = in_right_frame(scene.stand.rig, pose) if side else pose
+    return add_noise_and_round(render_board(camera, state, BOARD, LOOKS[side], order=2), 1.0, [8, side, number])

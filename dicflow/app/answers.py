@@ -6,7 +6,7 @@ from collections.abc import Callable, Mapping
 from contextlib import suppress
 from typing import Any
 
-from dicflow.app import document, drawing, explored, folder, pictures, results, sides, stages, versions
+from dicflow.app import caliper, document, drawing, explored, folder, pictures, results, sides, stages, versions
 from dicflow.app.plans import plan_of
 from dicflow.app.project import Project
 from dicflow.app.runs import Runs
@@ -162,7 +162,8 @@ def _draw(desk: Desk, asked: Asked) -> Any:
 
 
 def _probe(desk: Desk, asked: Asked) -> Any:
-    drawing.write_probes(desk.project, asked["file"], str(asked["stage"]), asked["probes"], asked["digest"])
+    wanted = (str(asked["stage"]), asked["probes"], str(asked["digest"]), asked.get("renamed") or {})
+    drawing.write_probes(desk.project, asked["file"], *wanted)
     return {}
 
 
@@ -174,8 +175,13 @@ def _series(desk: Desk, asked: Asked) -> Any:
     return desk.series[1]
 
 
+def _pairings(desk: Desk, asked: Asked) -> Any:
+    return desk.work("series.pairings_of", desk.project, asked["series"])
+
+
 def _make(desk: Desk, asked: Asked) -> Any:
-    return desk.work("series.make_pipeline", desk.project, asked["roles"], str(asked.get("square", "")))
+    wanted = (asked["series"], str(asked.get("square", "")), asked.get("pair_by"))
+    return desk.work("series.make_pipeline", desk.project, *wanted)
 
 
 def _calibration(desk: Desk, asked: Asked) -> Any:
@@ -282,6 +288,14 @@ def _sides(desk: Desk, asked: Asked) -> Any:
     return sides.sides_of(desk.project, str(asked["file"]))
 
 
+def _caliper(desk: Desk, asked: Asked) -> Any:
+    return caliper.comparison_of(desk.project, str(asked["file"]))
+
+
+def _lengths(desk: Desk, asked: Asked) -> Any:
+    return caliper.write_lengths(desk.project, str(asked["file"]), list(asked["lengths"]), asked["seen"])
+
+
 def _written(desk: Desk, asked: Asked) -> Any:
     return {"report": results.has_report(desk.project, str(asked["file"]))}
 
@@ -324,6 +338,7 @@ ANSWERS: Mapping[str, Callable[[Desk, Asked], Any]] = {
     "draw": _draw,
     "probe": _probe,
     "series": _series,
+    "pairings": _pairings,
     "make": _make,
     "calibration": _calibration,
     "leave_out_of_rig": _leave_out_of_rig,
@@ -340,6 +355,8 @@ ANSWERS: Mapping[str, Callable[[Desk, Asked], Any]] = {
     "survey": _survey,
     "curve": _curve,
     "sides": _sides,
+    "caliper": _caliper,
+    "lengths": _lengths,
     "written": _written,
     "formats": _formats,
     "facts": _facts,

@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from dicflow.app.drawing import photographs_of, stages_of
 from dicflow.app.previews import Maker
 from dicflow.app.project import Project
 from dicflow.core.calibration.bundle import residuals
@@ -19,6 +20,8 @@ from dicflow.engine.node import At
 from dicflow.errors import ConfigurationError
 from dicflow.kinds.boards import BoardMarks
 from dicflow.kinds.rig import CalibratedRig
+from dicflow.pipeline import Pipeline
+from dicflow.pipeline.rig_answer import rig_answer
 
 __all__ = ["calibration_of"]
 
@@ -33,7 +36,8 @@ def calibration_of(project: Project, name: str, text: str) -> dict[str, Any]:
     ``pairs``: each with ``name``, ``used``, errors [px] or ``reason``, and for left and right the ``marks`` [px],
     their ``residuals``, reprojected minus observed [px], and ``gross``: which of them the stage has left out by itself;
     ``left_out``: the corners that the file leaves out; ``empty``: left and right → ninths of the frame where the board
-    must still be shown; ``limit_px``: the error above which a pair is dropped.
+    must still be shown; ``limit_px``: the error above which a pair is dropped; ``answer``: whether the photographs of
+    the specimen still fit the rig, as a sentence, and whether they do, None before their points are computed.
     Raises the error with which the stage would fail.
     """
     pipeline = project.candidate(name, text)
@@ -45,7 +49,13 @@ def calibration_of(project: Project, name: str, text: str) -> dict[str, Any]:
     stage = next((name for name in rigs if "corners" in graph.stages[names[name]].node.takes), rigs[-1])
     maker = Maker(graph, pipeline.plan("ignore"), pipeline.store)
     rig = CalibratedRig.read(maker.product(names[stage]))
-    known: dict[str, Any] = {"stage": stage, "verdict": rig.verdict, "summary": dict(rig.summary)}
+    known: dict[str, Any] = {
+        "stage": stage,
+        "verdict": rig.verdict,
+        "summary": dict(rig.summary),
+        "answer": _answer(pipeline),
+        "refines": _refines(pipeline, stage),
+    }
     spec = graph.stages[names[stage]]
     if "corners" not in spec.node.takes or spec.node.takes["corners"].at is not At.ALL:
         return {**known, "boards": None, "pairs": []}
@@ -61,6 +71,19 @@ def calibration_of(project: Project, name: str, text: str) -> dict[str, Any]:
         "pairs": _pairs(rig, boards, _target(boards[0], node.square)),
         "empty": _empty(rig, boards),
     }
+
+
+def _answer(pipeline: Pipeline) -> dict[str, Any] | None:
+    found = rig_answer(pipeline.result())
+    return None if found is None else {"fits": found.fits, "sentence": found.sentence}
+
+
+def _refines(pipeline: Pipeline, rig: str) -> dict[str, str] | None:
+    """The stage that would refine a rig from the photographs of the specimen; None where there is one already."""
+    regions = stages_of(pipeline, "region")
+    if stages_of(pipeline, "refine") or not regions:
+        return None
+    return {"stage": "refine", "images": photographs_of(pipeline, regions[0]), "rig": rig}
 
 
 def _target(marks: BoardMarks, square_mm: float) -> Target:

@@ -160,15 +160,19 @@ def _check(polygons: Sequence[Polygon], cuts: Sequence[np.ndarray]) -> None:
         raise ConfigurationError("a corner is no number; type it again")
 
 
-def write_probes(project: Project, name: str, stage: str, probes: Mapping[str, Any], seen: str) -> None:
+def write_probes(
+    project: Project, name: str, stage: str, probes: Mapping[str, Any], seen: str, renamed: Mapping[str, str]
+) -> None:
     """Write points, lines, extensometers and areas to the stage ``probes``, which is made or removed with the last one.
 
     probes : each sort → name → places [px], or the unit that the stage has
+    renamed : old → new name of probes; stages that compare one follow it
+    Raises ConfigurationError if a stage compares an extensometer that would be gone.
     """
     text, _ = read_pipeline(project, name)
     stages = project.candidate(name, text).document.data["stages"]
     chosen = {sort: dict(probes.get(sort) or {}) for sort in _PROBES}
-    edits = _probe_edits(stages, stage, chosen)
+    edits = [*_probe_edits(stages, stage, chosen), *_followed(stages, stage, chosen["extensometers"], renamed)]
     change(project, {name: seen}, {name: _checked(project, name, text, edits).encode()}, "probes")
 
 
@@ -182,6 +186,24 @@ def _probe_edits(stages: Mapping[str, Any], stage: str, chosen: Mapping[str, Map
     old = stages[stage]
     edits = [Edit((*place, sort), places) for sort, places in given.items() if old.get(sort) != places]
     return edits + [Edit((*place, sort), REMOVED) for sort in _PROBES if sort in old and sort not in given]
+
+
+def _followed(
+    stages: Mapping[str, Any], stage: str, extensometers: Mapping[str, Any], renamed: Mapping[str, str]
+) -> list[Edit]:
+    """Edits of the stages that compare an extensometer which has another name now."""
+    before = (stages.get(stage) or {}).get("extensometers") or {}
+    edits = []
+    for name, entry in stages.items():
+        compared = str(entry.get("extensometer")) if isinstance(entry, dict) else ""
+        if compared in before and compared not in extensometers:
+            new = renamed.get(compared, "")
+            if new not in extensometers:
+                raise ConfigurationError(
+                    f"{name} compares the extensometer '{compared}'; choose another one at the caliper first"
+                )
+            edits.append(Edit(("stages", name, "extensometer"), new))
+    return edits
 
 
 def _checked(project: Project, name: str, text: str, edits: Sequence[Edit]) -> str:

@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 
 from dicflow.app.project import Project
+from dicflow.core.photographs.outline import simple_outline
 from dicflow.engine.graph import Graph, TaskInput
 from dicflow.engine.plan import Plan
 from dicflow.engine.product import Product
@@ -32,7 +33,7 @@ _DIGITS = 2
 
 
 def proposed_region(project: Project, name: str, stage: str) -> dict[str, Any]:
-    """The region that the stage ``region`` finds by itself, in pixels of the first left photograph.
+    """A simple outline of what the stage ``region`` finds by itself, in pixels of the first left photograph.
 
     Raises StageError if the photograph shows no speckled specimen.
     """
@@ -46,8 +47,9 @@ def proposed_region(project: Project, name: str, stage: str) -> dict[str, Any]:
         maker, tuple((step, f"{images}/{step}") for step in (steps[k] for k in (1, 2, 4, 8, 16) if k < len(steps)))
     )
     window = getattr(graph.stages[pipeline.instances[0][stage]].node, "window", 32)
-    product = node(window=window).run(images=maker.product(f"{images}/{steps[0]}"), images_early=early)
-    return {"polygons": polygons_to_json(Region.read(product).polygons, _DIGITS)}
+    first = maker.product(f"{images}/{steps[0]}")
+    found = Region.read(node(window=window).run(images=first, images_early=early)).polygons
+    return {"polygons": polygons_to_json(simple_outline(found, Images.read(first).left.shape, window), _DIGITS)}
 
 
 def grid_preview(project: Project, name: str, text: str, stage: str) -> dict[str, Any]:

@@ -3,19 +3,21 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from pathlib import Path
+from pathlib import Path, PurePosixPath
 from typing import Any
 
 from dicflow.app.project import Project
 from dicflow.app.versions import MISSING, change
 from dicflow.errors import ConfigurationError
 from dicflow.start.choice import Candidate, Choice
+from dicflow.start.facts import Facts
 from dicflow.start.first_file import OPEN, pipeline_text
-from dicflow.start.folder import Survey, look, survey
+from dicflow.start.folder import look, photographs_in, survey
 from dicflow.start.layouts import Series
 from dicflow.start.patterns import listed, patterns_of
+from dicflow.start.ways import Way, usual_way, ways_to_pair
 
-__all__ = ["ROLES", "found_in", "make_pipeline"]
+__all__ = ["ROLES", "found_in", "make_pipeline", "pairings_of"]
 
 ROLES = {
     "left": "specimen, left camera",
@@ -25,6 +27,8 @@ ROLES = {
     "": "left out",
 }
 """What a series of photographs can be."""
+_PAIRED = (("specimen", "left", "right"), ("board", "left_boards", "right_boards"))
+"""Subjects, and the roles of their left and right photographs."""
 _FILE = "pipeline.yaml"
 _SORTS = ("specimen", "board", "named like boards, but no board is recognised", "cannot be read")
 
@@ -33,8 +37,8 @@ def found_in(project: Project) -> dict[str, Any]:
     """The series in the project's folder of photographs, each with the role that is proposed.
 
     ``series``: each with ``names`` of its files for the project, its ``pattern``, what it ``shows``, and ``role``;
-    ``reason``: why the proposal is not certain, "" if it is; ``calibration``: a file with the rig; ``single``: names
-    that fit no series.
+    ``reason``: why the proposal is not certain, "" if it is; ``calibration``: a file with the rig; ``copies``:
+    photographs that are there twice; ``single``: names that fit no series.
     Raises InputError if the folder holds no photographs of a specimen.
     """
     folder = project.data_folder
@@ -45,6 +49,7 @@ def found_in(project: Project) -> dict[str, Any]:
             "names": [project.name_of(folder / path) for path in one.files],
             "pattern": listed(patterns_of(one.files, found.paths)),
             "shows": shows,
+            "camera": one.camera,
             "role": used.get(one, ""),
         }
         for shows, group in zip(_SORTS, found.subjects, strict=True)
@@ -56,7 +61,8 @@ def found_in(project: Project) -> dict[str, Any]:
         "roles": ROLES,
         "reason": found.undecided.reason if found.undecided is not None else "",
         "calibration": found.calibration,
-        "single": sorted(str(path) for path in set(found.paths) - in_series),
+        "copies": list(map(str, found.copies)),
+        "single": sorted(str(path) for path in set(found.paths) - in_series - set(found.copies)),
     }
 
 
@@ -69,16 +75,51 @@ def _roles(candidate: Candidate) -> dict[Series | None, str]:
     }
 
 
-def make_pipeline(project: Project, roles: Sequence[Mapping[str, Any]], square: str) -> dict[str, Any]:
+def pairings_of(project: Project, series: Sequence[Mapping[str, Any]]) -> list[dict[str, Any]]:
+    """Ways to pair the photographs of two cameras, for each subject that both have taken.
+
+    series : of each the ``names`` of its photographs for the project, in their order, and its ``role``
+    Returns for each ``subject`` its ``ways``, each with ``by``, ``words``, the number of ``pairs``, and the ``first``
+    and ``last`` of them as names; and ``usual``: the way that needs nobody to confirm it, None if there is none.
+    """
+    facts, found = Facts(project.data_folder), []
+    for subject, *sides in _PAIRED:
+        files = [tuple(path for one in _with_role(project, series, role) for path in one) for role in sides]
+        if all(files):
+            left, right = (Series(one, ()) for one in files)
+            ways = ways_to_pair(left, right, facts.taken)
+            usual = usual_way(left, right, ways)
+            shown = [_shown(project, way) for way in ways]
+            found.append({"subject": subject, "ways": shown, "usual": usual and usual.by})
+    return found
+
+
+def _with_role(project: Project, series: Sequence[Mapping[str, Any]], role: str) -> list[list[PurePosixPath]]:
+    """The files of each series that has a role."""
+    return [[_relative(project, name) for name in one["names"]] for one in series if one["role"] == role]
+
+
+def _shown(project: Project, way: Way) -> dict[str, Any]:
+    ends = {
+        end: [project.name_of(project.data_folder / path) for path in way.pairs[k]]
+        for end, k in (("first", 0), ("last", -1))
+    }
+    return {"by": way.by, "words": way.words, "pairs": len(way.pairs), **ends}
+
+
+def make_pipeline(
+    project: Project, series: Sequence[Mapping[str, Any]], square: str, pair_by: Mapping[str, Any] | None = None
+) -> dict[str, Any]:
     """Write pipeline.yaml as ``dicflow init`` does, for series with the roles that a person gave them.
 
-    roles : for each series its first file for the project, ``name``, and its ``role``
+    series : as for :func:`pairings_of`
     square : side of the board's squares, such as "14.5 mm"; "" leaves it to be filled in
+    pair_by : "specimen" and "board" → what makes their pairs, as :func:`pairings_of` names it
     Returns the ``file``, and ``said``: what was found.
     Raises ConfigurationError if the roles do not give a measurement, or if the file exists.
     """
-    folder = project.data_folder
-    choice = _choice(survey(folder, Choice()), {_relative(project, one["name"]): str(one["role"]) for one in roles})
+    folder, ways = project.data_folder, pair_by or {}
+    choice = _choice(project, series)._replace(pair_by=ways.get("specimen"), pair_boards_by=ways.get("board"))
     said: list[str] = []
     text = pipeline_text(
         look(folder, choice, ["dicflow", "init", str(folder)], said.append), square or None, Path(_FILE)
@@ -89,15 +130,17 @@ def make_pipeline(project: Project, roles: Sequence[Mapping[str, Any]], square: 
     return {"file": _FILE, "said": said, "open": OPEN in text}
 
 
-def _relative(project: Project, name: str) -> str:
-    return project.path(name).relative_to(project.data_folder.resolve()).as_posix()
+def _relative(project: Project, name: str) -> PurePosixPath:
+    return PurePosixPath(project.path(name).relative_to(project.data_folder.resolve()).as_posix())
 
 
-def _choice(found: Survey, roles: Mapping[str, str]) -> Choice:
-    """Arguments of ``dicflow init`` for these series. roles : by the first file of a series"""
-    patterns: dict[str, list[str]] = {role: [] for role in ROLES}
-    for one in (one for group in found.subjects for one in group):
-        patterns[roles.get(str(one.files[0]), "")] += patterns_of(one.files, found.paths)
+def _choice(project: Project, series: Sequence[Mapping[str, Any]]) -> Choice:
+    """Arguments of ``dicflow init`` for series with their roles."""
+    photographs = photographs_in(project.data_folder)
+    patterns = {
+        role: [one for files in _with_role(project, series, role) for one in patterns_of(files, photographs)]
+        for role in ROLES
+    }
     if not patterns["left"]:
         raise ConfigurationError("no photographs of the specimen by the left camera; say which series they are")
     boards = tuple(patterns["left_boards"] + patterns["right_boards"])

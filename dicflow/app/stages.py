@@ -50,7 +50,7 @@ def parameters_of(pipeline: Pipeline, name: str) -> dict[str, Any]:
         "stage": entry["stage"],
         "title": kind.title,
         "about": [" ".join(part.split()) for part in (getdoc(kind) or "").split("\n\n")],
-        "parameters": list(_parameters(kind, entry, instance)),
+        "parameters": [_with_names(one, pipeline, instance) for one in _parameters(kind, entry, instance)],
         "inputs": list(_inputs(pipeline, kind, name, entry)),
     }
 
@@ -73,6 +73,14 @@ def _parameters(kind: type[Node], entry: Mapping[str, Any], values: Mapping[str,
                 "given": name in entry,
                 "affects": own.get("affects", "result"),
             }
+
+
+def _with_names(parameter: dict[str, Any], pipeline: Pipeline, instance: Mapping[str, Any]) -> dict[str, Any]:
+    """A parameter that names a probe, with the names of the probes as choices."""
+    if parameter["name"] != "extensometer" or "probes" not in instance["inputs"]:
+        return parameter
+    probes = pipeline.resolved()["stages"][instance["inputs"]["probes"]]
+    return {**parameter, "choices": ["null", *(probes["extensometers"] or ())]}
 
 
 def _choices(own: Mapping[str, Any]) -> list[str] | None:

@@ -6,13 +6,15 @@ import json
 import os
 import shlex
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, Literal
 
 import typer
 
 from dicflow.cli.options import Force, refuse_existing, refuse_full, say, tick, warn, write_new
 
 __all__ = ["doctor", "init", "schema", "stages", "synth", "warm"]
+
+PairBy = Literal["name", "taken", "order"]
 
 
 def schema() -> None:
@@ -63,12 +65,17 @@ def init(
     boards: Annotated[list[str], _named("boards, of both cameras")],
     one_camera: Annotated[bool, typer.Option("--one-camera", help="measure in the plane, with one camera")] = False,
     square: Annotated[str | None, typer.Option(help="side of a square of the board, such as '14.5 mm'")] = None,
+    pair_by: Annotated[
+        PairBy | None,
+        typer.Option(help="pair the photographs by their names, by the time when they were taken, or in order"),
+    ] = None,
     force: Force = False,
 ) -> None:
     """Write a commented pipeline.yaml for a folder of photographs.
 
     The two cameras are found by the names of folders and files, boards and specimen by what the photographs show. Where
-    this leaves a doubt, nothing is written, and the message has a command line for each possibility.
+    this leaves a doubt, nothing is written, and the message has a command line for each possibility. Photographs whose
+    names do not agree are paired by the time when they were taken; the clocks may differ.
 
     \b
     dicflow init experiment --square "14.5 mm"
@@ -81,7 +88,7 @@ def init(
     path = folder / "pipeline.yaml"
     refuse_existing(path, force)
     command = ["dicflow", "init", str(folder), *(["--square", square] if square else []), *["--force"] * force]
-    choice = Choice(tuple(left), tuple(right), tuple(boards), one_camera)
+    choice = Choice(tuple(left), tuple(right), tuple(boards), one_camera, pair_by, pair_by)
     text = pipeline_text(look(folder, choice, command, say), square, path)
     write_new(path, text.encode(), force)
     first = f"fill in what is marked '{OPEN}'" if OPEN in text else "read it"

@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import math
 from collections.abc import Iterator, Sequence
-from typing import TypedDict
+from typing import Any, TypedDict
 
 from dicflow.explorer.content import Keep
 from dicflow.kinds.channels import Channels
@@ -14,7 +14,7 @@ from dicflow.kinds.probes import ProbeTable
 from dicflow.kinds.quantities import unit_of
 from dicflow.pipeline.result import Result
 
-__all__ = ["Curve", "loads", "probe_curves"]
+__all__ = ["Curve", "Loads", "ProbePlace", "loads", "probe_curves", "probe_places"]
 
 
 class Curve(TypedDict):
@@ -37,6 +37,58 @@ class Curve(TypedDict):
     errors: list[float | None]
 
 
+class ProbePlace(TypedDict):
+    """A probe as it lies on the first left photograph.
+
+    name : of the probe
+    sort : "point", "line", "area" or "extensometer"
+    places : corners or ends [px]
+    """
+
+    name: str
+    sort: str
+    places: list[tuple[float, float]]
+
+
+class Loads(TypedDict):
+    """The load of steps; None if unknown.
+
+    unit : of the load
+    steps : of the steps that are shown
+    first : of the first photograph
+    """
+
+    unit: str
+    steps: list[float | None]
+    first: float | None
+
+
+_SORTS = {"points": "point", "lines": "line", "areas": "area", "extensometers": "extensometer"}
+
+
+def probe_places(result: Result, variant: int = 0) -> list[ProbePlace]:
+    """The probes of the pipeline that are given in pixels, computed or not."""
+    stages = result.stages_of("probes")
+    node: Any = result.node(stages[0], variant) if stages else None
+    if node is None or node.unit != "px":
+        return []
+    return [
+        ProbePlace(name=name, sort=sort, places=_corners(places))
+        for key, sort in _SORTS.items()
+        for name, places in getattr(node, key).items()
+    ]
+
+
+def _corners(places: Sequence[Any]) -> list[tuple[float, float]]:
+    """Places of a probe; a point has one, two corners of a rectangle stand for four."""
+    if isinstance(places[0], (int, float)):
+        if len(places) == 4:
+            x0, y0, x1, y1 = places
+            return [(x0, y0), (x1, y0), (x1, y1), (x0, y1)]
+        return [(float(places[0]), float(places[1]))]
+    return [(float(x), float(y)) for x, y in places]
+
+
 def probe_curves(result: Result, quantity: str, keep: Keep, variant: int = 0) -> list[Curve]:
     """Strain of each extensometer, and a quantity at each point, line and area."""
     for stage in result.stages_of("probes"):
@@ -48,19 +100,21 @@ def probe_curves(result: Result, quantity: str, keep: Keep, variant: int = 0) ->
     return []
 
 
-def loads(result: Result, numbers: Sequence[int], variant: int = 0) -> tuple[str, list[float | None]] | None:
-    """Unit and load of steps by their numbers, of the comparison or else of a machine's log; None without either."""
+def loads(result: Result, numbers: Sequence[int], variant: int = 0) -> Loads | None:
+    """Loads of steps by their numbers, of the comparison or else of a machine's log; None without either."""
     for stage in result.stages_of("comparison"):
         if result.has(stage, None, variant):
             rows = Comparison.read(result.product(stage, None, variant)).rows
-            found = [rows[number].get("load_g") if number < len(rows) else None for number in numbers]
-            return ("g", found) if any(value is not None for value in found) else None
+            found = [rows[number].get("load_g") if number < len(rows) else None for number in (0, *numbers)]
+            known = any(value is not None for value in found)
+            return Loads(unit="g", steps=found[1:], first=found[0]) if known else None
     for stage in result.stages_of("channels"):
         if result.has(stage, None, variant):
             table = Channels.read(result.product(stage, None, variant))
             if table.has_load:
                 load = table.of(table.load)
-                return load.unit, [_json_number(load.values[number]) for number in numbers]
+                first, *steps = (_json_number(load.values[number]) for number in (0, *numbers))
+                return Loads(unit=load.unit, steps=steps, first=first)
     return None
 
 

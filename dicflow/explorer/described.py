@@ -6,10 +6,12 @@ from collections.abc import Sequence
 
 from dicflow.explorer.cameras import camera_facts
 from dicflow.explorer.content import Keep
-from dicflow.explorer.curves import loads, probe_curves
+from dicflow.explorer.curves import loads, probe_curves, probe_places
 from dicflow.explorer.entries import Contents, crop_entry, first_entry, quantity_entry, reasons, step_entry
 from dicflow.explorer.manifest import Manifest, QuantityEntry
+from dicflow.explorer.meaning import meaning
 from dicflow.explorer.reading import Reading
+from dicflow.pipeline.rig_answer import rig_answer
 from dicflow.views.colours import palette
 
 __all__ = ["manifest_of"]
@@ -35,9 +37,17 @@ def manifest_of(reading: Reading, title: str, shown: Contents, keep: Keep) -> Ma
         cameras=camera_facts(reading.result, source, step, keep),
         palettes=_palettes(quantities, keep),
         curves=[] if source.facts["form"] == "difference" else probe_curves(reading.result, quantity, keep),
+        probes=probe_places(reading.result),
         load=loads(reading.result, [entry["number"] for entry in steps]),
+        rig=_rig_sentence(reading),
         left_out=list(shown.left_out),
+        meaning=meaning(quantities, source.facts["unit"]),
     )
+
+
+def _rig_sentence(reading: Reading) -> str:
+    found = None if reading.source.facts["form"] == "difference" else rig_answer(reading.result)
+    return "" if found is None else found.sentence
 
 
 def _palettes(quantities: Sequence[QuantityEntry], keep: Keep) -> dict[str, str]:

@@ -5,11 +5,13 @@ from __future__ import annotations
 import inspect
 import itertools
 from collections.abc import Mapping, Sequence
+from functools import cache
 from typing import NamedTuple
 
 from dicflow.core.status import Status
 from dicflow.explorer.fields import QuantityFacts
 from dicflow.explorer.manifest import Crop, FirstFacts, QuantityEntry, Reason, StepEntry
+from dicflow.explorer.outside import Outside
 from dicflow.explorer.reading import Reading
 from dicflow.explorer.survey import valid_share
 from dicflow.views.colours import REASON_COLOURS
@@ -83,14 +85,27 @@ def quantity_entry(reading: Reading, facts: QuantityFacts, steps: Sequence[StepE
 
 
 def reasons() -> list[Reason]:
-    """Each status with the sentence that documents it."""
-    lines = [line.strip() for line in inspect.getsource(Status).splitlines()]
+    """Each status with the sentence that documents it; "outside" by what the point is outside of."""
+    found = [_reason(code, code.label, REASON_COLOURS.get(code, "")) for code in Status]
+    found[Status.OUTSIDE] = Reason(
+        code=int(Status.OUTSIDE),
+        label="outside the region",
+        sentence="Outside of the region of interest, or of the photograph.",
+        colour=REASON_COLOURS[Status.OUTSIDE],
+    )
+    return [*found, *(_reason(code, code.label, code.colour) for code in Outside)]
+
+
+def _reason(code: Status | Outside, label: str, colour: str) -> Reason:
+    return Reason(code=int(code), label=label, sentence=_sentences(type(code))[code.name], colour=colour)
+
+
+@cache
+def _sentences(codes: type[Status | Outside]) -> dict[str, str]:
+    """Name of a code → the sentence below it in the source."""
+    lines = [line.strip() for line in inspect.getsource(codes).splitlines()]
     pairs = itertools.pairwise(lines)
-    sentences = {one.split(" = ")[0]: text.strip('"') for one, text in pairs if " = " in one and text.startswith('"""')}
-    return [
-        Reason(code=int(code), label=code.label, sentence=sentences[code.name], colour=REASON_COLOURS.get(code, ""))
-        for code in Status
-    ]
+    return {one.split(" = ")[0]: text.strip('"') for one, text in pairs if " = " in one and text.startswith('"""')}
 
 
 def crop_entry(crop: PhotographCrop) -> Crop:

@@ -11,7 +11,9 @@ from typing import Any, Literal, NamedTuple, Protocol, TypedDict
 import numpy as np
 from numpy.typing import NDArray
 
+from dicflow.core.status import Status
 from dicflow.errors import DicflowError
+from dicflow.explorer.outside import status_by_photograph
 from dicflow.kinds.cloud import Cloud
 from dicflow.kinds.points import Points
 from dicflow.kinds.quantities import ERRORS, QUANTITIES, is_signed, of_field
@@ -36,6 +38,8 @@ _ROUTES = ("status", "way", "way_right")
 ERROR_PARTS = {"u": "u_", "sigma": "sigma_", "bias": "bias_", "share": "calibration_"}
 """What is known of the error of a value, and how names of its arrays begin in a total: combined standard uncertainty,
 standard deviation by noise, that of the bias that remains, and the calibration's share beside them."""
+_FROM_FIRST = frozenset(QUANTITIES) - {"angle"}
+"""Displacement and what follows from it."""
 _KEPT_BYTES = 30_000_000
 """Memory for steps of all results that were read last, since they are read twice, and again for a difference."""
 _MOST_POINTS = 60_000
@@ -68,6 +72,7 @@ class QuantityFacts(TypedDict):
     unit : of its values; "1" for a pure number
     signed : whether values of both signs mean opposite things
     positive : what a positive value means; "" if unknown
+    starts : whether it is 0 at the first step, since it counts from there
     """
 
     name: str
@@ -76,6 +81,7 @@ class QuantityFacts(TypedDict):
     unit: str
     signed: bool
     positive: str
+    starts: bool
 
 
 class StepFields(NamedTuple):
@@ -176,6 +182,8 @@ class TotalFields:
         found = [self._result.digest(self._stage, step, self._variant), *self._rig]
         if self._right is not None:
             found.append(self._result.digest(self._right, step, self._variant))
+        if self._tells_photographs(step):
+            found.append(self._result.digest(self._followed, step, self._variant))
         return found
 
     def read(self, step: str) -> StepFields:
@@ -191,7 +199,32 @@ class TotalFields:
         if self._right is not None:
             right = self._result.product(self._right, step, self._variant)["xy"]
             places["right"] = np.where(np.isfinite(places["space"][..., :1]), right, np.nan)
-        return StepFields({name: total[name] for name in names}, _errors(total, names), total["status"], places)
+        return StepFields(
+            {name: total[name] for name in names}, _errors(total, names), self._status(total, step), places
+        )
+
+    def _status(self, total: Total, step: str) -> Array:
+        """The status of each point; of one outside, which photograph it has left, where that is known."""
+        if not self._tells_photographs(step) or not (total["status"] == Status.OUTSIDE).any():
+            return total["status"]
+        inside = np.asarray(np.isfinite(self.at_first()).all(axis=-1))
+        left = self._result.product(self._followed, step, self._variant)["status"]
+        if self._right is None:
+            return status_by_photograph(total["status"], inside, left, None, None)
+        right, first = (self._result.product(self._right, at, self._variant)["status"] for at in (step, 0))
+        return status_by_photograph(total["status"], inside, left, right, first)
+
+    def _tells_photographs(self, step: str) -> bool:
+        """Whether the products are there that say which photograph a point has left."""
+        steps: list[str | int] = [] if self._right is None else [step, 0]
+        needed = [(self._followed, step), *((self._right or "", at) for at in steps)]
+        return bool(self._followed) and all(self._result.has(stage, at, self._variant) for stage, at in needed)
+
+    @cached_property
+    def _followed(self) -> str:
+        """The stage that follows the points in the left photographs; "" for one of another kind."""
+        grid = self._places.grid
+        return grid if grid is not None and self.facts["follows"] and self._result.kind(grid) == "correlation" else ""
 
     def at_point(self, step: str, quantity: str, index: int) -> tuple[float, float]:
         """Value and standard uncertainty at a point; no other array is read."""
@@ -243,6 +276,7 @@ class TotalFields:
             unit=total.unit_of(name),
             signed=signed,
             positive=positive,
+            starts=name in _FROM_FIRST,
         )
 
 
@@ -281,7 +315,7 @@ class ShapeFields:
         """Depth first, then X and Y, in the left camera's frame."""
         words = {"Z": "depth Z", "X": "place X", "Y": "place Y"}
         return [
-            QuantityFacts(name=name, symbol=name, title=title, unit="mm", signed=False, positive="")
+            QuantityFacts(name=name, symbol=name, title=title, unit="mm", signed=False, positive="", starts=False)
             for name, title in words.items()
         ]
 

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from typing import TypedDict
 
-from dicflow.explorer.curves import Curve
+from dicflow.explorer.curves import Curve, Loads, ProbePlace
 from dicflow.explorer.fields import FieldFacts, QuantityFacts
 
 __all__ = ["CameraFacts", "Crop", "FirstFacts", "Manifest", "QuantityEntry", "Reason", "StepEntry"]
@@ -98,8 +98,11 @@ class Manifest(FieldFacts):
     cameras : empty if the rig is unknown
     palettes : name of a colour map → 256 colours, six hexadecimal digits each
     curves : :class:`dicflow.explorer.curves.Curve` of the pipeline's probes
-    load : unit and load of each step; None if unknown
+    probes : :class:`dicflow.explorer.curves.ProbePlace` of the pipeline's probes that are given in pixels
+    load : :class:`dicflow.explorer.curves.Loads`; None if unknown
+    rig : whether the rig is still calibrated, as a sentence; empty where the points do not tell it
     left_out : sentences on what had to be left out
+    meaning : sentences on what ± means; none without uncertainties
     """
 
     title: str
@@ -113,5 +116,8 @@ class Manifest(FieldFacts):
     cameras: list[CameraFacts]
     palettes: dict[str, str]
     curves: list[Curve]
-    load: tuple[str, list[float | None]] | None
+    probes: list[ProbePlace]
+    load: Loads | None
+    rig: str
     left_out: list[str]
+    meaning: list[str]

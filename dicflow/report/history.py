@@ -15,8 +15,10 @@ from dicflow.kinds.quantities import QUANTITIES, UNCERTAINTY
 from dicflow.pipeline import Result
 from dicflow.report.context import Context
 
-__all__ = ["Column", "History", "step_history", "step_names"]
+__all__ = ["EXTENSOMETERS", "Column", "History", "step_history", "step_names"]
 
+EXTENSOMETERS = "Extensometers"
+"""Source of a history that extensometers give."""
 _UNITS = {"_mm": "mm", "_px": "px", "_g": "g", "_pct": "%", "_per_s": "1/s"}
 _TITLES = {
     "load_g": "load",
@@ -85,7 +87,7 @@ def step_history(context: Context) -> History | None:
         values = {key: tuple(row.get(key) for row in rows) for key in columns}
         remark = _other_length(rows[0])
     elif values := _extensometers(result):
-        source = "Extensometers"
+        source = EXTENSOMETERS
     else:
         source, values = "Means over the field", _means(result, total, steps)
     lengths = ("displacement", "length") if remark else ()

@@ -84,7 +84,7 @@ def pairs_of(series: Sequence[Series]) -> list[Pair]:
 def _by_key(series: Sequence[Series]) -> dict[tuple[object, ...], list[tuple[Series, _Reading]]]:
     by_key: dict[tuple[object, ...], list[tuple[Series, _Reading]]] = defaultdict(list)
     for one in series:
-        for reading in dict.fromkeys(_readings(one.name)):
+        for reading in dict.fromkeys([*_readings(one.name), *_makes(one)]):
             by_key[reading.key].append((one, reading))
     return by_key
 
@@ -103,6 +103,13 @@ def _readings(name: Name) -> Iterator[_Reading]:
     yield from _sides(name)
     yield from _devices(name)
     yield from _numbers(name)
+
+
+def _makes(one: Series) -> Iterator[_Reading]:
+    """The make and model of the camera, beside the same folders and words, the same folders, or any."""
+    if one.camera:
+        for key in ((True, one.name), (False, one.name[:-1]), (False,)):
+            yield _Reading(("make", *key), Evidence.DEVICE, one.camera)
 
 
 def _sides(name: Name) -> Iterator[_Reading]:

@@ -5,19 +5,23 @@ from __future__ import annotations
 from collections.abc import Sequence
 from itertools import permutations, product
 from pathlib import PurePosixPath
-from typing import NamedTuple
+from typing import Literal, NamedTuple
 
 from dicflow.io.images.search import fits
 from dicflow.start.cameras import Evidence, Pair, pairs_of
 from dicflow.start.layouts import Series, are_numbers, is_serial
 from dicflow.start.words import LEFT_RIGHT
 
-__all__ = ["Candidate", "Choice", "Undecided", "decide", "is_named"]
+__all__ = ["By", "Candidate", "Choice", "Undecided", "decide", "is_named"]
 
 _NEARLY = 0.8
 _NOT_SHORT = 0.5
 """Least length, over that of the longest, of a series that may be the other camera's where names do not say so."""
 _MAX_CANDIDATES = 4
+
+
+By = Literal["name", "taken", "order"]
+"""What makes pairs: names, the times when the photographs were taken, or their order."""
 
 
 class Choice(NamedTuple):
@@ -26,12 +30,16 @@ class Choice(NamedTuple):
     left, right : photographs of each camera
     boards : photographs of boards, of any camera
     one_camera : measure in the plane, with one camera
+    pair_by, pair_boards_by : what pairs the photographs of two cameras, of the specimen and of boards; None lets names,
+        times and counters decide
     """
 
     left: tuple[str, ...] = ()
     right: tuple[str, ...] = ()
     boards: tuple[str, ...] = ()
     one_camera: bool = False
+    pair_by: By | None = None
+    pair_boards_by: By | None = None
 
 
 class Candidate(NamedTuple):
@@ -149,10 +157,17 @@ def _pairs(series: Sequence[Series], choice: Choice) -> list[Pair]:
 
 def _longest_pairs(pairs: Sequence[Pair]) -> list[Pair]:
     """The surest pairs, of these the longest and those nearly as long."""
-    alike = [pair for pair in pairs if pair.evidence >= Evidence.SIDE or _steps(pair) >= _NEARLY * _most(pair)]
+    alike = [pair for pair in pairs if _steps(pair) >= _least_share(pair) * _most(pair)]
     tests = [pair for pair in alike if _steps(pair) > 1] or alike
     surest = [pair for pair in tests if pair.evidence == max(one.evidence for one in tests)]
     return [pair for pair in surest if _steps(pair) >= _NEARLY * max(map(_steps, surest))]
+
+
+def _least_share(pair: Pair) -> float:
+    """Least length of one series of a pair, as a share of the other; the less, the surer the cameras are."""
+    if pair.evidence >= Evidence.SIDE:
+        return 0.0
+    return _NOT_SHORT if pair.left.camera and pair.right.camera else _NEARLY
 
 
 def _steps(pair: Pair) -> int:

@@ -10,7 +10,8 @@ from typing import Any
 from dicflow.core.calibration.board import Board
 from dicflow.io.configuration import parse
 from dicflow.pipeline.wiring import wire
-from dicflow.start.folder import Found, Photographs
+from dicflow.start.folder import Found
+from dicflow.start.photographs import Photographs
 
 __all__ = ["OPEN", "pipeline_text"]
 
@@ -53,7 +54,7 @@ def _image_lines(name: str, series: Photographs) -> list[str]:
     """A stage of photographs, on one line if it fits; of long lists each file on a line."""
     cameras = {side: patterns for side, patterns in (("left", series.left), ("right", series.right)) if patterns}
     values = [_quoted(side, patterns) for side, patterns in cameras.items()]
-    way = [f"{key}: {_flow(value)}" for key, value in series.way.items()]
+    way = [f"{key}: {_flow(value)}" for key, value in series.parameters.items()]
     line = f"  {name}: {{stage: images, {', '.join([*values, *way])}}}"
     if len(line) <= _WIDTH:
         return [line]

@@ -4,10 +4,9 @@ from __future__ import annotations
 
 import os
 import shlex
-from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterator, Sequence
 from functools import cache
 from pathlib import Path, PurePosixPath
-from types import MappingProxyType
 from typing import Any, NamedTuple
 
 from dicflow.core.calibration.board import Board
@@ -15,23 +14,26 @@ from dicflow.core.calibration.identify import identify_board
 from dicflow.core.photographs.polygon import Polygon
 from dicflow.engine.files import FilePart
 from dicflow.engine.graph import EARLY_STEPS
-from dicflow.engine.node import Node
 from dicflow.engine.product import Product
 from dicflow.errors import ConfigurationError, DicflowError, InputError, StageError
 from dicflow.io.calibrations.read import parse_calibration
-from dicflow.io.images import ALL_SUFFIXES, counter_offset, is_video, pair_names, read_grey, video_of
+from dicflow.io.images import ALL_SUFFIXES, read_grey
 from dicflow.io.images.search import MOST_ENTRIES
 from dicflow.kinds.images import Images
 from dicflow.kinds.region import Region
-from dicflow.pipeline.registry import node_class
 from dicflow.start.choice import Candidate, Choice, Undecided, decide, is_named
 from dicflow.start.contents import See, Subjects, board_in, subjects_of
+from dicflow.start.facts import Facts
 from dicflow.start.gauge import Gauge, gauge_over, in_8bit
 from dicflow.start.layouts import Series, series_of, step_folders
 from dicflow.start.patterns import listed, patterns_of
+from dicflow.start.photographs import Photographs, maker, photographs_of
 from dicflow.start.question import question
+from dicflow.start.sorting import copies_in, parted_by_counter
+from dicflow.start.videos import SHARPEST, frames_to_see
+from dicflow.start.ways import possible_way
 
-__all__ = ["Caliper", "Found", "Photographs", "Survey", "look", "survey"]
+__all__ = ["Caliper", "Found", "Photographs", "Survey", "look", "photographs_in", "survey"]
 
 Say = Callable[[str], None]
 
@@ -42,30 +44,6 @@ _TABLE_SUFFIXES = frozenset({".csv", ".txt", ".tsv"})
 _MAX_BYTES = 1_000_000
 """Size of a table or a calibration."""
 _QUICK_PIXELS = 600_000
-_LOOKS_AT_VIDEO = (0.25, 0.5, 0.75)
-"""Where in a video a board is looked for, as shares of its frames."""
-_MOST_STEPS, _BOARDS = 300, 30
-"""Frames of a test that are measured at first, and of a board's video that are used."""
-
-
-class Photographs(NamedTuple):
-    """Photographs of one subject.
-
-    left, right : patterns below the folder; right is empty for one camera
-    steps : files of each step, as the stage of the photographs finds them
-    way : further parameters of the stage: how pairs are made, which frames of videos are used
-    """
-
-    left: list[str]
-    right: list[str]
-    steps: Mapping[str, Mapping[str, Path | FilePart]]
-    way: Mapping[str, Any] = MappingProxyType({})
-
-    def __str__(self) -> str:
-        if not self.right:
-            return f"{len(self.steps)} photographs of one camera, {listed(self.left)}"
-        order = " in their order, as their counters run alike but never agree" if "pair_by" in self.way else ""
-        return f"{len(self.steps)} pairs{order}, {listed(self.left)} and {listed(self.right)}"
 
 
 class Caliper(NamedTuple):
@@ -96,6 +74,7 @@ class Survey(NamedTuple):
     """The series in a folder, and which of them may be measured.
 
     paths : of all photographs, relative to the folder
+    copies : photographs that are there twice, which belong to no series
     subjects : the series by what they show
     candidates : what may be measured; the first is the most likely
     undecided : why the others are as likely; None where the first is certain
@@ -103,6 +82,7 @@ class Survey(NamedTuple):
     """
 
     paths: list[PurePosixPath]
+    copies: list[PurePosixPath]
     subjects: Subjects
     candidates: Sequence[Candidate]
     undecided: Undecided | None
@@ -118,8 +98,9 @@ def survey(folder: Path, choice: Choice, see: See | None = None) -> Survey:
     """
     if not folder.is_dir():
         raise InputError(f"{folder}: no such folder; name the folder that holds the photographs")
-    paths = list(_photographs(folder))
-    series = _series(folder, paths, choice)
+    paths, facts = photographs_in(folder), Facts(folder)
+    copies = copies_in(folder, paths, facts.camera, facts.taken)
+    series = _series(folder, [path for path in paths if path not in set(copies)], choice, facts)
     if steps := step_folders(series):
         raise InputError(
             f"{folder}: {len(steps)} folders hold one photograph each, as {steps[0].files[0]} and {steps[1].files[0]}, "
@@ -130,8 +111,8 @@ def survey(folder: Path, choice: Choice, see: See | None = None) -> Survey:
     try:
         chosen = decide(subjects.specimen, subjects.boards, choice, calibration is not None)
     except Undecided as undecided:
-        return Survey(paths, subjects, undecided.candidates, undecided, calibration)
-    return Survey(paths, subjects, [chosen], None, calibration)
+        return Survey(paths, copies, subjects, undecided.candidates, undecided, calibration)
+    return Survey(paths, copies, subjects, [chosen], None, calibration)
 
 
 def look(folder: Path, choice: Choice, command: Sequence[str], say: Say) -> Found:
@@ -143,11 +124,11 @@ def look(folder: Path, choice: Choice, command: Sequence[str], say: Say) -> Foun
     Raises InputError without photographs of a specimen, and ConfigurationError if the cameras are not certain.
     """
     see = _see(folder)
-    paths, subjects, candidates, undecided, calibration = survey(folder, choice, see)
+    paths, copies, subjects, candidates, undecided, calibration = survey(folder, choice, see)
     if undecided is not None:
         raise ConfigurationError(question(folder, undecided, command, paths, calibration is not None)) from undecided
     chosen = candidates[0]
-    found = _described(folder, chosen, paths, see)
+    found = _described(folder, chosen, paths, see, choice)
     say(f"specimen: {found.photos}")
     if chosen.right and calibration:
         found = found._replace(calibration=calibration)
@@ -157,10 +138,20 @@ def look(folder: Path, choice: Choice, command: Sequence[str], say: Say) -> Foun
     series = [one for group in subjects for one in group]
     for one, reason in _left_out(subjects, chosen):
         say(f"left out: {len(one.files)} photographs, {listed(patterns_of(one.files, paths))}{reason}")
-    single = sorted(set(paths) - {path for one in series for path in one.files})
+    if copies:
+        say(f"left out: {len(copies)} copies of photographs, {listed(list(map(str, copies)))}")
+    single = sorted(set(paths) - set(copies) - {path for one in series for path in one.files})
     if single:
         say(f"left out: {len(single)} photographs, {listed(list(map(str, single)))}: their names fit no series")
     return _with_places(folder, found, say)
+
+
+def photographs_in(folder: Path) -> list[PurePosixPath]:
+    """Paths, relative to a folder, of all photographs in it and below that may be measured.
+
+    Raises InputError for too many of them.
+    """
+    return list(_photographs(folder))
 
 
 def _photographs(folder: Path) -> Iterator[PurePosixPath]:
@@ -201,8 +192,8 @@ def _is_text(name: str) -> bool:
     return not any("\ud800" <= sign <= "\udfff" for sign in name)
 
 
-def _series(folder: Path, paths: Sequence[PurePosixPath], choice: Choice) -> list[Series]:
-    """The series, none of which lies on both sides of what the user named.
+def _series(folder: Path, paths: Sequence[PurePosixPath], choice: Choice, facts: Facts) -> list[Series]:
+    """The series, none of which is of two cameras, or lies on both sides of what the user named.
 
     Raises ConfigurationError if a pattern names no photograph.
     """
@@ -216,25 +207,18 @@ def _series(folder: Path, paths: Sequence[PurePosixPath], choice: Choice) -> lis
     for path in paths:
         named = tuple(is_named(path, patterns) for patterns in (choice.left, choice.right, choice.boards))
         groups.setdefault(named, []).append(path)
-    return [one for group in groups.values() for one in series_of(group)]
+    whole = [one for group in groups.values() for one in series_of(group, facts.label(set(paths)))]
+    return whole if choice.one_camera else [part for one in whole for part in parted_by_counter(one, facts.taken)]
 
 
 def _see(folder: Path) -> See:
     @cache
     def see(path: PurePosixPath, thorough: bool = False) -> Board | None:
-        images = (read_grey(file) for file in _frames_to_see(folder / path))
+        images = (read_grey(file) for file in frames_to_see(folder / path))
         boards = (identify_board(one if thorough else in_8bit(one, _QUICK_PIXELS), thorough) for one in images)
         return next((board for board in boards if board is not None), None)
 
     return see
-
-
-def _frames_to_see(path: Path) -> list[Path | FilePart]:
-    """A photograph itself, or a few frames of a video."""
-    if not is_video(path):
-        return [path]
-    last = len(video_of(path).times)
-    return [FilePart(path, max(round(share * last), 1)) for share in _LOOKS_AT_VIDEO]
 
 
 def _subjects(folder: Path, series: Sequence[Series], choice: Choice, see: See) -> Subjects:
@@ -259,64 +243,21 @@ def _left_out(subjects: Subjects, chosen: Candidate) -> Iterator[tuple[Series, s
         yield from ((one, reason) for one in group if one not in used)
 
 
-def _described(folder: Path, chosen: Candidate, paths: Sequence[PurePosixPath], see: See) -> Found:
-    photos = _found_by(folder, chosen.left, chosen.right, paths)
+def _described(folder: Path, chosen: Candidate, paths: Sequence[PurePosixPath], see: See, choice: Choice) -> Found:
+    facts = Facts(folder)
+    photos = photographs_of(folder, chosen.left, chosen.right, paths, facts, choice.pair_by)
     if chosen.boards is None:
         return Found(photos)
-    both = (chosen.boards.left, chosen.boards.right)
+    both = chosen.boards.left, chosen.boards.right
     board = board_in(both, see)
-    boards = _found_by(folder, *both, paths, {"sharpest": _BOARDS})
+    way = possible_way(*both, facts.taken, choice.pair_boards_by)
+    boards = photographs_of(folder, *both, paths, facts, way, SHARPEST)
     if board is None:
         raise InputError(
             f"{folder}: no checkerboard, ChArUco board or grid of circles is recognised in {boards}; "
             "name others with --boards"
         )
     return Found(photos, boards, board)
-
-
-def _found_by(
-    folder: Path,
-    left: Series,
-    right: Series | None,
-    paths: Sequence[PurePosixPath],
-    select: Mapping[str, int] | None = None,
-) -> Photographs:
-    """The photographs as patterns, and the steps that the stage of the photographs makes of them.
-
-    select : which frames of a video are used; None for a few hundred at most
-    """
-    named = {"left": patterns_of(left.files, paths)}
-    way: dict[str, Any] = {}
-    try:
-        if right:
-            named["right"] = patterns_of(right.files, paths)
-            way = _pairing(left, right)
-        if is_video(folder / left.files[0]):
-            way |= _of_videos([folder / one.files[0] for one in (left, right) if one], select)
-        steps = _maker("images")(**named, **way).steps(folder) or {}
-    except InputError as error:
-        raise InputError(f"{folder / named['left'][0]}: {error}") from error
-    return Photographs(named["left"], named.get("right", []), steps, way)
-
-
-def _of_videos(files: Sequence[Path], select: Mapping[str, int] | None) -> dict[str, Any]:
-    """How two clocks are joined, and which frames of a video are used: not all of a long one."""
-    every = -(-min(len(video_of(file).times) for file in files) // _MOST_STEPS)
-    way: dict[str, Any] = {"offset": "auto"} if len(files) > 1 else {}
-    return way | {"select": dict(select or {"every": every})}
-
-
-def _pairing(left: Series, right: Series) -> dict[str, str]:
-    """What pairs the photographs of two cameras where no names agree: the order, if their counters run alike."""
-    names, others = ([path.name for path in one.files] for one in (left, right))
-    try:
-        pair_names(names, others)
-    except InputError:
-        offset = counter_offset(names, others)
-        if offset is None or abs(offset) < len(left.files):
-            raise
-        return {"pair_by": "order"}
-    return {}
 
 
 def _with_places(folder: Path, found: Found, say: Say) -> Found:
@@ -342,15 +283,15 @@ def _with_places(folder: Path, found: Found, say: Say) -> Found:
 
 def _read(file: Path | FilePart) -> Product:
     """A photograph as the stage of the photographs reads it."""
-    return _maker("images")(left="*").run(left=file)
+    return maker("images")(left="*").run(left=file)
 
 
 def _polygons(folder: Path, first: Product, left: Sequence[Path | FilePart], region: str | None) -> list[Polygon]:
     """The region that the pipeline measures."""
     if region:
-        product = _maker("region")(file=region).run(images=first, file_path=folder / region)
+        product = maker("region")(file=region).run(images=first, file_path=folder / region)
     else:
-        product = _maker("region")().run(images=first, images_early=_Early(left))
+        product = maker("region")().run(images=first, images_early=_Early(left))
     return Region.read(product).polygons
 
 
@@ -386,7 +327,7 @@ def _small_files(folder: Path, suffixes: Collection[str]) -> list[Path]:
 
 def _caliper(folder: Path, steps: int) -> Caliper | None:
     """The first table in the folder that holds a caliper's lengths, and whether it fits the steps."""
-    node = _maker("compare")
+    node = maker("compare")
     for path in sorted(_small_files(folder, _TABLE_SUFFIXES), key=lambda path: "caliper" not in path.name.lower()):
         try:
             rows = node(caliper=path.name).check(path)["rows"]
@@ -396,8 +337,3 @@ def _caliper(folder: Path, steps: int) -> Caliper | None:
             continue
         return Caliper(path.name, "" if rows == steps else f"{rows} rows, but {steps} steps; write one row per step")
     return None
-
-
-def _maker(stage: str) -> Callable[..., Node]:
-    """The node of a stage as a function of its parameters."""
-    return node_class(stage)

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import re
 from collections import defaultdict
-from collections.abc import Collection, Iterable, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from pathlib import PurePosixPath
 from typing import NamedTuple
 
@@ -38,10 +38,12 @@ class Series(NamedTuple):
 
     files : relative paths in the order of the steps
     name : words of the folders and files
+    camera : make and model of the camera; empty if unknown
     """
 
     files: tuple[PurePosixPath, ...]
     name: Name
+    camera: str = ""
 
     @property
     def folder(self) -> PurePosixPath:
@@ -54,16 +56,20 @@ class Series(NamedTuple):
         return frozenset(word for part in self.name for word in part)
 
 
-def series_of(paths: Iterable[PurePosixPath]) -> list[Series]:
+def series_of(paths: Iterable[PurePosixPath], camera_of: Callable[[PurePosixPath], str] | None = None) -> list[Series]:
     """The series among photographs, in natural order of their paths; their own order does not matter.
+
+    camera_of : label of the camera that took a photograph; photographs with different labels are in different series
 
     A photograph whose name has words of its own joins the series beside it only if it is the first of the test, or if
     all photographs in its folder are named so; else it belongs to no series.
     """
-    by_folder: dict[PurePosixPath, list[PurePosixPath]] = defaultdict(list)
+    groups: dict[tuple[PurePosixPath, str], list[PurePosixPath]] = defaultdict(list)
     for path in sorted(set(paths), key=_natural):
-        by_folder[path.parent].append(path)
-    return [series for folder, files in by_folder.items() for series in _in_folder(folder, files)]
+        groups[path.parent, camera_of(path) if camera_of else ""].append(path)
+    return [
+        one._replace(camera=camera) for (folder, camera), files in groups.items() for one in _in_folder(folder, files)
+    ]
 
 
 def _natural(path: PurePosixPath) -> tuple[object, ...]:

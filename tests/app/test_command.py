@@ -38,7 +38,7 @@ def test_it_prints_its_link_and_ends_with_ctrl_c(tmp_path):
 
 
 def test_runs_go_on_without_the_app(tmp_path):
-    path = small_test(tmp_path / "test", steps=20)
+    path = small_test(tmp_path / "test", steps=6)
     lines = [
         "from pathlib import Path",
         "from dicflow.app.project import open_project",

@@ -14,7 +14,7 @@ from dicflow.core.probes.weights import point_probe, value_of
 from dicflow.explorer.packing import LinearScale, LogScale, unpacked
 from dicflow.kinds.total import Total
 from dicflow.pipeline import Pipeline
-from tests.explorer.test_results import PAIR, POINTS, ROOT, SAMPLES
+from tests.explorer.test_results import PAIR, POINTS, SAMPLES
 
 pytestmark = pytest.mark.slow
 
@@ -180,6 +180,46 @@ def test_steps_appear_while_a_run_makes_them_and_the_scene_stays(tmp_path):
         assert page.evaluate(f"{EXPLORER}.quantity.name") == shown
 
 
+def test_the_curve_over_the_load_begins_at_zero_and_the_probe_lies_on_the_material(sample_result):
+    """The extensometer's ends move as the points there do, and are at their first places over the first photograph."""
+    result = Pipeline.load(sample_result).result()
+    with served(sample_result) as app, opened_page(app) as someone:
+        screen(app, someone)
+        page = someone.page
+        assert "7 of 7 steps, each against the first photograph" in page.inner_text(".tools")
+        assert "Yes, the rig is still calibrated" in page.inner_text(".x-rig")
+        page.get_by_role("button", name="Load", exact=True).click()
+        curve = page.evaluate(f"{EXPLORER}.side.curve.content.series[0]")
+        assert (curve["x"][0], curve["y"][0]) == (0, 0)
+        assert curve["x"][1:] == pytest.approx(result.product("comparison")["load_g"][1:])
+        stretched = page.evaluate(f"{EXPLORER}.manifest.probes[0].places.map(([x, y]) => {EXPLORER}.frame.nowAt(x, y))")
+        total = Total.read(result.product("total", result.steps("total")[page.evaluate(f"{EXPLORER}.scene.step")]))
+        first = total["xy_reference"].reshape(-1, 2)
+        for place, end in zip([(362, 134), (362, 455)], stretched, strict=True):
+            near = np.nanargmin(np.hypot(*(first - place).T))
+            assert np.hypot(*(total["xy"].reshape(-1, 2)[near] + (place - first[near]) - end)) < 4.0
+        page.get_by_role("button", name="Undeformed").click()
+        someone.until(f"{EXPLORER}.frame.scene.over === 'first'")
+        ends = page.evaluate(
+            "[...document.querySelectorAll('.x-probe-end')].map((one) => [one.cx, one.cy].map((v) => v.baseVal.value))"
+        )
+        places = page.evaluate(
+            f"{EXPLORER}.manifest.probes[0].places.map(([x, y]) => {EXPLORER}.stage.window.toPicture(x, y))"
+        )
+        assert np.abs(np.array(ends) - places).max() < 0.1
+
+
+def test_the_slider_of_the_steps_reaches_both_ends(file):
+    """No padding keeps its handle away from them."""
+    with served(file) as app, opened_page(app) as someone:
+        screen(app, someone)
+        found = someone.page.evaluate(
+            "(() => { const look = getComputedStyle(document.querySelector('.x-transport input'));"
+            " return ['paddingLeft', 'paddingRight', 'borderLeftWidth', 'borderRightWidth'].map((k) => look[k]); })()"
+        )
+        assert found == ["0px"] * 4
+
+
 def test_before_a_run_the_screen_says_where_to_go(tmp_path):
     path = small_test(tmp_path / "test")
     with served(path) as app, opened_page(app) as someone:
@@ -202,13 +242,19 @@ def test_only_parts_of_opened_results_are_served(file):
         assert app.own("GET", "/explorer/page.py").status == 404
 
 
-@pytest.mark.parametrize("form", ["deformation", "shape"])
-def test_two_cameras_show_both_photographs_and_a_surface(form, tmp_path):
-    """A pair alone shows its shape."""
+@pytest.fixture
+def shape(tmp_path):
+    """A pair alone, measured."""
     path = shutil.copytree(SAMPLES, tmp_path / "test") / FILE
-    quickstart = (ROOT / "pipelines" / "quickstart.yaml").read_text()
-    path.write_text(quickstart if form == "deformation" else PAIR + POINTS)
+    path.write_text(PAIR + POINTS)
     assert dicflow("run", path, "--scheduler", "sync").code == 0
+    return path
+
+
+@pytest.mark.parametrize("form", ["deformation", "shape"])
+def test_two_cameras_show_both_photographs_and_a_surface(form, request):
+    """A pair alone shows its shape."""
+    path = request.getfixturevalue("sample_result" if form == "deformation" else "shape")
     with served(path) as app, opened_page(app) as someone:
         screen(app, someone)
         page = someone.page

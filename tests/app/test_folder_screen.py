@@ -15,17 +15,26 @@ from dicflow.app.series import found_in, make_pipeline
 from dicflow.errors import ConfigurationError
 from dicflow.io.configuration import read
 from dicflow.pipeline import Pipeline
+from tests.phones import UNLIKE, taken_by_phones
 
 pytestmark = pytest.mark.slow
 SAMPLES = Path(__file__).resolve().parents[2] / "data_samples"
 
 
+def few_photographs(folder):
+    """Four steps of the sample, and four of its boards."""
+    for part, name in (("photos", "step"), ("boards", "board")):
+        for side in ("left", "right"):
+            (folder / part / side).mkdir(parents=True)
+            for k in range(4):
+                shutil.copy(SAMPLES / part / side / f"{name}_{k:02}.png", folder / part / side)
+
+
 @pytest.fixture
 def messy(tmp_path):
-    """Photographs of a strip and of boards, and one that belongs nowhere."""
-    for name in ("photos", "boards"):
-        shutil.copytree(SAMPLES / name, tmp_path / "messy" / name)
-    (tmp_path / "messy" / "photos" / "left" / "step_07.png").unlink()
+    """Photographs of a strip and of boards; the left camera lacks the last step, and one belongs nowhere."""
+    few_photographs(tmp_path / "messy")
+    (tmp_path / "messy" / "photos" / "left" / "step_03.png").unlink()
     shutil.copy(SAMPLES / "photos" / "left" / "step_00.png", tmp_path / "messy" / "setup.png")
     return tmp_path / "messy"
 
@@ -33,26 +42,79 @@ def messy(tmp_path):
 def test_series_have_the_roles_that_init_would_give_them(messy):
     found = found_in(open_project(messy))
     roles = {one["pattern"]: (len(one["names"]), one["shows"], one["role"]) for one in found["series"]}
-    assert roles["photos/left/*.png"] == (7, "specimen", "left")
-    assert roles["photos/right/*.png"] == (8, "specimen", "right")
-    assert roles["boards/left/*.png"] == (12, "board", "left_boards")
-    assert roles["boards/right/*.png"] == (12, "board", "right_boards")
+    assert roles["photos/left/*.png"] == (3, "specimen", "left")
+    assert roles["photos/right/*.png"] == (4, "specimen", "right")
+    assert roles["boards/left/*.png"] == (4, "board", "left_boards")
+    assert roles["boards/right/*.png"] == (4, "board", "right_boards")
     assert "setup.png" in [*found["single"], *(name for one in found["series"] for name in one["names"])]
 
 
 def test_the_file_is_that_of_init(tmp_path):
     for name in ("app", "init"):
-        for part in ("photos", "boards"):
-            shutil.copytree(SAMPLES / part, tmp_path / name / "test" / part)
+        few_photographs(tmp_path / name / "test")
     project = open_project(tmp_path / "app" / "test")
-    roles = [{"name": one["names"][0], "role": one["role"]} for one in found_in(project)["series"]]
-    made = make_pipeline(project, roles, "14.5 mm")
+    series = found_in(project)["series"]
+    made = make_pipeline(project, series, "14.5 mm")
     assert dicflow("init", tmp_path / "init" / "test", "--square", "14.5 mm").code == 0
     expected = (tmp_path / "init" / "test" / FILE).read_text()
     assert project.path(FILE).read_text() == expected
-    assert any("specimen: 8 pairs" in line for line in made["said"])
+    assert any("specimen: 4 pairs" in line for line in made["said"])
     with pytest.raises(ConfigurationError, match="exists"):
-        make_pipeline(project, roles, "")
+        make_pipeline(project, series, "")
+
+
+def test_ways_to_pair_two_phones_are_shown_with_their_first_and_last_pair(tmp_path):
+    """Unlike names and a clock that is an hour ahead; the right phone lacks the second photograph of the specimen."""
+    folder = taken_by_phones(tmp_path / "test", steps=4, boards=4, missing=(5,))
+    shutil.copy(folder / "IMG_2308.jpg", folder / "IMG_2308 (1).jpg")
+    with served(folder) as app, opened_page(app) as someone:
+        page = someone.page
+        page.wait_for_selector(".way", timeout=60_000)
+        assert "Copies of others, left out: IMG_2308 (1).jpg" in page.inner_text("section.folder")
+        assert page.locator(".series", has_text="iPhone 12").count() == 2
+        specimen, board = page.locator(".pairings fieldset").all()
+        assert specimen.locator(".way").count() == 1
+        words = specimen.inner_text()
+        assert "By the time taken 3 pairs" in words
+        assert "1 h 2 min ahead; without a partner, left out: IMG_2306.jpg" in words
+        assert "first: IMG_2305.jpg with DSC_0011.jpg" in words
+        assert "last: IMG_2308.jpg with DSC_0013.jpg" in words
+        assert board.locator(".way").count() == 2
+        board.get_by_label("Pair in order").check()
+        someone.until("[...document.querySelectorAll('.way img')].every((one) => one.naturalWidth > 0)")
+        specimen.scroll_into_view_if_needed()
+        someone.picture("pairs_1280")
+        assert someone.overlaps() == []
+        page.fill("#square", "14.5 mm")
+        page.get_by_role("button", name="Make the pipeline file").click()
+        page.wait_for_selector("section.region .viewer", timeout=60_000)
+    stages = read(folder / FILE).data["stages"]
+    assert stages["photos"]["left"] == [f"IMG_{k}.jpg" for k in (2305, 2307, 2308)]
+    assert stages["photos"]["right"] == [f"DSC_{k:04}.jpg" for k in (11, 12, 13)]
+    assert stages["boards"]["pair_by"] == "order"
+    assert list(Pipeline.load(folder / FILE).graph.steps["photos"]) == ["IMG_2305", "IMG_2307", "IMG_2308"]
+
+
+def test_without_times_pairs_in_order_must_be_chosen(tmp_path):
+    """A messenger has taken the metadata away, and one counter jumps."""
+    phones = tuple(phone._replace(model="") for phone in UNLIKE)
+    folder = taken_by_phones(tmp_path / "test", phones, steps=3, boards=3)
+    (folder / "DSC_0012.jpg").rename(folder / "DSC_0019.jpg")
+    with served(folder) as app, opened_page(app, 390, 844) as someone:
+        page = someone.page
+        page.wait_for_selector(".way", timeout=60_000)
+        assert "Not certain: 2 series of the specimen look alike" in page.inner_text("section.folder")
+        page.fill("#square", "14.5 mm")
+        page.get_by_role("button", name="Make the pipeline file").click()
+        page.wait_for_selector("text=Choose what makes the pairs of the specimen first")
+        assert page.evaluate("document.activeElement.type") == "radio"
+        assert someone.overlaps() == []
+        page.keyboard.press("Space")
+        page.get_by_role("button", name="Make the pipeline file").click()
+        page.wait_for_selector("section.region .viewer", timeout=60_000)
+    assert read(folder / FILE).data["stages"]["photos"]["pair_by"] == "order"
+    *_, last = Pipeline.load(folder / FILE).graph.files["photos"].values()
+    assert {file.name for file in last.values()} == {"IMG_2306.jpg", "DSC_0019.jpg"}
 
 
 def test_a_folder_is_sorted_with_the_mouse(messy):
@@ -71,13 +133,17 @@ def test_a_folder_is_sorted_with_the_mouse(messy):
         page.fill("#square", "14.5 mm")
         assert someone.overlaps() == []
         page.get_by_role("button", name="Make the pipeline file").click()
-        page.wait_for_selector("#messages .error", timeout=60_000)
-        assert "unpaired" in page.inner_text("#messages .error") or "partner" in page.inner_text("#messages .error")
-        (messy / "photos" / "right" / "step_07.png").unlink()
+        someone.said("Choose what makes the pairs of the specimen first")
+        assert "3 pairs by the numbers and words in their names" in page.inner_text(".way")
+        assert "without a partner, left out: step_03.png" in page.inner_text(".way")
+        page.get_by_label("By the names").check()
         page.get_by_role("button", name="Make the pipeline file").click()
         page.wait_for_selector("section.region .viewer", timeout=60_000)
     stages = read(messy / FILE).data["stages"]
-    assert (stages["photos"]["left"], stages["photos"]["right"]) == ("photos/right/*.png", "photos/left/*.png")
+    kept = ["step_00.png", "step_01.png", "step_02.png"]
+    assert stages["photos"]["left"] == [f"photos/right/{name}" for name in kept]
+    assert stages["photos"]["right"] == "photos/left/*.png"
+    assert stages["photos"]["pair_by"] == "order"
     assert (stages["boards"]["left"], stages["boards"]["right"]) == ("boards/right/*.png", "boards/left/*.png")
     assert stages["rig"]["square"] == "14.5 mm"
 

@@ -53,7 +53,7 @@ def test_a_run_is_started_and_watched_to_its_end(tmp_path):
 
 
 def test_a_run_is_stopped_and_gone_on_with(tmp_path):
-    project = open_project(small_test(tmp_path / "test", steps=60, size=(400, 300)).parent)
+    project = open_project(small_test(tmp_path / "test", steps=24, size=(300, 220)).parent)
     known = Runs(project)
     known.start(FILE)
     with pytest.raises(ConfigurationError, match="under way"):
@@ -69,7 +69,7 @@ def test_a_run_is_stopped_and_gone_on_with(tmp_path):
 
 
 def test_a_run_of_a_terminal_is_seen_and_stopped(tmp_path):
-    path = small_test(tmp_path / "test", steps=60, size=(400, 300))
+    path = small_test(tmp_path / "test", steps=24, size=(300, 220))
     known = Runs(open_project(path))
     assert known.watch(FILE)["state"] == "none"
     with pytest.raises(ConfigurationError, match="no run"):

@@ -122,9 +122,10 @@ def test_a_click_gives_the_curve_of_the_point(seen, packed, waves):
     series = seen.js("explorer.side.curve.content.series.map((one) => [one.x, one.y, one.error])")
     truth = [waves.read(step) for step in waves.steps]
     assert len(series) == 1
-    assert series[0][0] == [1, 2, 3, 4]
-    np.testing.assert_allclose(series[0][1], [one.values["exx"][12, 30] for one in truth], atol=quantum(packed, "exx"))
-    np.testing.assert_allclose(series[0][2], [one.errors["u"]["exx"][12, 30] for one in truth], rtol=0.01)
+    x, y, error = series[0]
+    assert (x, y[0], error[0]) == ([0, 1, 2, 3, 4], 0, 0)
+    np.testing.assert_allclose(y[1:], [one.values["exx"][12, 30] for one in truth], atol=quantum(packed, "exx"))
+    np.testing.assert_allclose(error[1:], [one.errors["u"]["exx"][12, 30] for one in truth], rtol=0.01)
     assert seen.page.locator(".x-chip").inner_text().startswith("point 12, 30")
     seen.page.locator(".x-chip button").click()
     assert seen.page.locator(".x-chip").count() == 0
@@ -136,7 +137,8 @@ def test_the_table_of_a_curve_has_units_and_the_same_numbers(seen, waves):
         seen.page.locator(".x-side .x-quiet", has_text="CSV").first.click()
     lines = saved.value.path().read_text(encoding="utf-8-sig").splitlines()
     assert lines[0] == '"step","point 12, 30 εxx [–]","± point 12, 30"'.replace('"step"', "step")
-    values = [float(line.split(",")[1]) for line in lines[1:]]
+    assert lines[1] == "first step,0,0"
+    values = [float(line.split(",")[1]) for line in lines[2:]]
     np.testing.assert_allclose(values, [waves.read(step).values["exx"][12, 30] for step in waves.steps], rtol=1e-3)
 
 

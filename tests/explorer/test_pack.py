@@ -10,6 +10,7 @@ import pytest
 
 from dicflow.core.status import Status
 from dicflow.explorer.content import select, spread
+from dicflow.explorer.outside import Outside
 from dicflow.explorer.pack import pack
 from dicflow.explorer.packing import LinearScale, LogScale, unpacked
 from dicflow.explorer.page import fragment, script
@@ -79,7 +80,7 @@ def test_means_and_counts_are_those_of_the_field():
 
 def test_every_reason_has_the_sentence_that_defines_it():
     reasons = {one["code"]: one for one in packed_waves().manifest["reasons"]}
-    assert reasons.keys() == {int(code) for code in Status}
+    assert reasons.keys() == {int(code) for code in (*Status, *Outside)}
     assert reasons[Status.HIDDEN]["sentence"] == "Not visible in the other camera."
     assert reasons[Status.VALID]["sentence"] == "Measured."
 

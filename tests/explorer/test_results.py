@@ -149,8 +149,11 @@ def test_the_main_view_the_probe_and_the_loads(quickstart, packed):
     assert (curve["name"], curve["quantity"], curve["unit"]) == ("length", "strain", "1")
     np.testing.assert_allclose(curve["values"], quickstart.product("probes")["strain"][0])
     np.testing.assert_allclose(curve["errors"], quickstart.product("probes")["u_strain"][0])
-    assert manifest["load"][0] == "g"
-    np.testing.assert_allclose(manifest["load"][1], quickstart.product("comparison")["load_g"][1:])
+    load, table = manifest["load"], quickstart.product("comparison")["load_g"]
+    assert (load["unit"], load["first"]) == ("g", table[0])
+    np.testing.assert_allclose(load["steps"], table[1:])
+    (probe,) = manifest["probes"]
+    assert (probe["name"], probe["sort"], probe["places"]) == ("length", "extensometer", [(362, 134), (362, 455)])
 
 
 def test_cameras_look_at_the_points_that_they_photographed(quickstart, packed):

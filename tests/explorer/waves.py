@@ -28,11 +28,11 @@ class Waves:
         self.steps = [f"step_{number:03d}" for number in range(1, count + 1)]
 
     def quantities(self) -> list[QuantityFacts]:
-        names = ("name", "symbol", "title", "unit", "signed", "positive")
+        names = ("name", "symbol", "title", "unit", "signed", "positive", "starts")
         rows = [
-            ("exx", "εxx", "engineering strain εxx, VSG 40 px", "1", True, "longer"),
-            ("W", "W", "displacement W", "mm", True, "towards larger Z"),
-            ("<b>", "<b>", "</script><b>a name of a plug-in", "1", False, ""),
+            ("exx", "εxx", "engineering strain εxx, VSG 40 px", "1", True, "longer", True),
+            ("W", "W", "displacement W", "mm", True, "towards larger Z", True),
+            ("<b>", "<b>", "</script><b>a name of a plug-in", "1", False, "", False),
         ]
         return [QuantityFacts(**dict(zip(names, row, strict=True))) for row in rows]
 

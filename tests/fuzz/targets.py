@@ -92,8 +92,8 @@ def targets() -> tuple[Target, ...]:
         Target("pipeline", "p.yaml", _pipelines(), _pipeline),
         Target("settings", "setting", _SETTINGS, _setting, mark="--set"),
         Target("caliper", "lengths.csv", (_CALIPER, _CALIPER.replace(b",", b";").replace(b".", b",")), _caliper),
-        Target("stress table", "curve.csv", (_STRESSES, _STRESSES.replace(b",", b";")), _stresses),
         Target("log", "log.csv", _logs(), _log),
+        Target("stress table", "curve.csv", (_STRESSES, _STRESSES.replace(b",", b";")), _stresses),
         Target("points", "points.csv", _POINTS, _points),
         Target("geojson", "region.geojson", [json.dumps(one).encode() for one in _GEOJSON], _region),
         Target("rig", "rig.json", [_written("dicflow.json"), _rig_with_covariance()], _rig),
@@ -169,11 +169,6 @@ def _caliper(path: Path) -> Any:
     return read_caliper(path)[1:]
 
 
-def _stresses(path: Path) -> Any:
-    found = read_stresses(path)
-    return [one for one in found if isinstance(one, np.ndarray)]
-
-
 def _logs() -> tuple[bytes, ...]:
     seconds = np.arange(0.0, 3000.0, 217.3)
     return (
@@ -187,6 +182,11 @@ def _log(path: Path) -> Any:
     log = read_log(path)
     clock = None if log.clock is None else log.clock.seconds / 10.0
     return [[column.values for column in log.columns.values()], clock if clock is not None else 0.0]
+
+
+def _stresses(path: Path) -> Any:
+    found = read_stresses(path)
+    return [one for one in found if isinstance(one, np.ndarray)]
 
 
 def _points(path: Path) -> Any:

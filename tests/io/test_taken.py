@@ -7,11 +7,11 @@ import numpy as np
 import pytest
 from PIL import Image, TiffImagePlugin
 
-from dicflow.io.images import time_taken
+from dicflow.io.images import camera_model, time_taken
 
 GREY = np.random.default_rng(5).integers(20, 230, (24, 32), dtype=np.uint8)
 NOON = datetime(2026, 3, 1, 12, 0, 5, tzinfo=UTC).timestamp()
-MAKER, EXIF, TIME, FRACTION, OFFSET = 271, 0x8769, 36867, 37521, 36881
+MAKER, MODEL, EXIF, TIME, FRACTION, OFFSET = 271, 272, 0x8769, 36867, 37521, 36881
 
 
 def photograph(path, **settings):
@@ -75,3 +75,21 @@ def test_damaged_metadata_give_a_time_or_none(tmp_path, name):
             data[place] = rng.integers(256)
         path.write_bytes(data)
         assert time_taken(path) is None or isinstance(time_taken(path), float)
+
+
+@pytest.mark.parametrize(
+    ("make", "model", "expected"),
+    [
+        ("Apple", "iPhone 12", "Apple iPhone 12"),
+        ("NIKON CORPORATION", "NIKON D3500", "NIKON CORPORATION NIKON D3500"),
+        ("Canon", "Canon EOS 90D", "Canon EOS 90D"),
+        ("", "Pixel 7", "Pixel 7"),
+        ("", "", ""),
+    ],
+)
+def test_make_and_model_of_the_camera(tmp_path, make, model, expected):
+    exif = Image.Exif()
+    exif[MAKER], exif[MODEL] = make, model
+    Image.fromarray(GREY).save(tmp_path / "a.jpg", exif=exif)
+    assert camera_model(tmp_path / "a.jpg") == expected
+    assert camera_model(tmp_path / "missing.jpg") == ""

@@ -17,6 +17,7 @@ from dicflow.stages.images import Images
 from dicflow.start.first_file import OPEN, pipeline_text
 from dicflow.start.folder import Caliper, Found, Photographs
 from dicflow.start.gauge import Gauge
+from dicflow.start.ways import Way
 
 
 @pytest.fixture(scope="module")
@@ -114,7 +115,7 @@ def test_folders_without_photographs(photographs, tmp_path):
 @pytest.mark.parametrize("name", ['a "b", c', "x: [1}", "#1 \\n é 😀"])
 def test_names_with_signs_of_yaml_read_back(name, square):
     photos = Photographs([f"{name}/*.png"], [f"{name}/r*.png"], {})
-    boards = Photographs([f"{name}*", "b"], [f"{name}?", "c"], {}, "order")
+    boards = Photographs([f"{name}*", "b"], [f"{name}?", "c"], {}, Way("order", ()))
     gauge = Gauge("x", "its longer side", ((1, 2), (30, 2)))
     found = Found(
         photos, boards, Board("checkerboard", (9, 6)), None, f"{name}.geojson", Caliper(f"{name}.csv", ""), gauge

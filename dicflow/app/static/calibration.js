@@ -10,6 +10,7 @@ const LABEL = 130; // width of the words on a ninth [px]
 const NEAR = 12; // of a click to its corner [px of the screen]
 const SAME = 5; // of a place in the file to its corner [px], as the stage has it
 const LISTED = 6; // corners of a photograph, the worst first
+const REFINED = "refined_rig";
 const LONG = 40; // wanted length of a usual residual [px of the photograph]
 const FIGURES = [
   ["rms_px", "reprojection error (RMS)", "px", 3], ["epipolar_px", "epipolar error (mean)", "px", 3], ["pairs_used", "pairs used", "", 0],
@@ -62,7 +63,7 @@ class CalibrationScreen {
     this.times = TIMES.findLast((times) => times <= wanted) ?? TIMES[0];
     this.chosen = this.sorted()[0]?.name;
     if (!this.saved.boards) {
-      fill(this.place, h("div", { className: "page" }, h("h1", {}, title), h("div", { className: "card" }, this.verdict(), this.figures()),
+      fill(this.place, h("div", { className: "page" }, h("h1", {}, title), h("div", { className: "card" }, this.answer(), this.verdict(), this.figures()),
         h("p", { className: "faint" }, "The rig comes from a file, so there are no pairs of boards to judge.")));
       return;
     }
@@ -101,12 +102,31 @@ class CalibrationScreen {
     fill(this.tools, h("div", { className: "group" }, side("left"), side("right")),
       h("label", {}, "residuals ", h("select", { onchange: (event) => { this.times = Number(event.target.value); this.viewer.draw(); } }, TIMES.map((times) => h("option", { value: times, selected: times === this.times }, `${times} ×`)))),
       button("Whole", () => this.viewer.fit()), h("span", { className: "faint" }, this.chosen ? `${this.chosen}, ${this.side}` : ""));
-    fill(this.list, this.verdict(), this.weigh(), this.figures(), this.table(), this.cornerTable());
+    fill(this.list, this.answer(), this.verdict(), this.weigh(), this.figures(), this.table(), this.cornerTable());
   }
 
   verdict() {
     const { verdict } = this.found;
     return h("p", { className: /^(poor|usable)/.test(verdict) ? "verdict problem" : "verdict" }, verdict);
+  }
+
+  /** Whether the photographs of the specimen still fit the rig, and what to do. */
+  answer() {
+    const { answer, refines } = this.saved;
+    const question = h("strong", {}, "Is the rig still calibrated? ");
+    if (!answer) return h("p", {}, question, "The photographs of the specimen tell it once a run has matched them.");
+    return h("div", {}, h("p", { className: answer.fits ? "answer" : "answer problem" }, question, answer.sentence),
+      answer.fits || !refines ? null : h("div", { className: "row" }, button("Add the stage that refines the rig", () => this.refine(refines), { className: "main" })));
+  }
+
+  async refine(entry) {
+    try {
+      await ask("edit", { file: this.app.file, digest: this.app.document.digest, edits: [{ place: ["stages", REFINED], value: entry }], words: "stage that refines the rig" });
+      this.app.say("saved: stage that refines the rig; the next run takes it");
+      await this.app.changed(true);
+    } catch (error) {
+      await this.app.fail(error);
+    }
   }
 
   /** Key figures; after a trial those of the file beside the new ones. */

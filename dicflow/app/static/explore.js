@@ -95,7 +95,7 @@ class ExploreScreen {
     const isUsual = this.most === USUAL_STEPS && found.steps > USUAL_STEPS && shown >= USUAL_STEPS;
     fill(this.tools,
       found.variants.length > 1 && h("label", {}, "variant ", h("select", { onchange: (event) => this.choose(Number(event.target.value)) }, found.variants.map((one, k) => h("option", { value: k, selected: k === variant }, words(one, k))))),
-      h("span", { className: "shown faint" }, `${shown} of ${found.steps} steps`),
+      h("span", { className: "shown faint" }, `${shown} of ${found.steps} steps${shown ? ", each against the first photograph" : ""}`),
       isUsual && button("Show all steps", () => { this.most = ALL_STEPS; this.inTurn(() => this.readMore()); }),
       button("Read again", () => this.inTurn(() => this.read(this.most))),
       button("Compare", () => this.app.go("compare"), { title: "Beside an earlier run, another variant or file" }),
@@ -111,6 +111,7 @@ class ExploreScreen {
   async keep(one) {
     const names = await keep(this.app, one);
     this.app.say(`saved: ${names.join(", ")}; the next run gives their values`);
+    await this.read(this.most);
   }
 
   choose(variant) {

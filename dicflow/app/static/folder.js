@@ -2,9 +2,11 @@
 
 import { ask } from "./api.js";
 import { button, empty, fill, h } from "./dom.js";
+import { Pairings } from "./pairings.js";
 
 export const title = "Folder";
 const PAGE = 40;
+const NAMED = 8;
 
 export async function show(place, app) {
   const page = h("div", { className: "page" });
@@ -19,7 +21,8 @@ export async function show(place, app) {
     fill(page, h("h1", {}, `${app.file} is not valid`), h("ul", { className: "problems" }, app.document.problems.map((line) => h("li", {}, line))));
     return null;
   }
-  return series(page, app);
+  series(page, app).catch((error) => app.fail(error));
+  return null;
 }
 
 const picture = (name, words) => h("img", { src: `/picture/thumbnail?path=${encodeURIComponent(name)}`, alt: words, title: words, loading: "lazy", decoding: "async" });
@@ -44,10 +47,15 @@ async function series(page, app) {
       app.say("Measure one square of the board first, and type its side.");
       return;
     }
+    if (pairings.open) {
+      pairings.element.querySelector("input")?.focus();
+      app.say(pairings.open);
+      return;
+    }
     start.disabled = true;
     start.textContent = "Making the pipeline file …";
     try {
-      const made = await ask("make", { roles: found.series.map((one, k) => ({ name: one.names[0], role: roles[k] })), square: square.value.trim() });
+      const made = await ask("make", { series: found.series.map(({ names }, k) => ({ names, role: roles[k] })), square: square.value.trim(), pair_by: pairings.chosen });
       for (const line of made.said) app.say(line);
       await app.open(made.file);
       app.go("region");
@@ -61,6 +69,8 @@ async function series(page, app) {
   const start = button(MAKE, make, { className: "main" });
   const hasBoards = () => roles.some((role) => role.endsWith("boards"));
   const foot = h("div", {});
+  const pairings = new Pairings(picture);
+  const pair = () => pairings.look(found.series.map(({ names }, k) => ({ names, role: roles[k] }))).catch((error) => app.fail(error));
   const drawFoot = () => fill(foot, counts(found, roles), h("div", { className: "row" },
     hasBoards() ? h("label", {}, "Side of one square of the board, measured: ", square) : null,
     start));
@@ -70,14 +80,18 @@ async function series(page, app) {
     found.calibration ? h("p", {}, `The rig comes from ${found.calibration}.`) : null,
     found.series.map((one, k) => h("div", { className: "card series" },
       h("div", { className: "thumbs" }, sample(one.names).map((name) => picture(name, name))),
-      h("div", {}, h("strong", {}, one.pattern), h("div", { className: "faint" }, `${one.names.length} photographs; ${one.shows}`),
-        h("label", {}, "is ", h("select", { "aria-label": `what ${one.pattern} is`, onchange: (event) => { roles[k] = event.target.value; drawFoot(); } },
+      h("div", {}, h("strong", {}, one.pattern), h("div", { className: "faint" }, `${one.names.length} photographs; ${one.shows}${one.camera ? `; ${one.camera}` : ""}`),
+        h("label", {}, "is ", h("select", { "aria-label": `what ${one.pattern} is`, onchange: (event) => { roles[k] = event.target.value; drawFoot(); pair(); } },
           Object.entries(found.roles).map(([role, words]) => h("option", { value: role, selected: role === one.role }, words))))))),
-    found.single.length ? h("p", { className: "faint" }, `In no series: ${found.single.slice(0, 8).join(", ")}${found.single.length > 8 ? " …" : ""}`) : null,
-    foot);
+    found.copies.length ? h("p", { className: "faint" }, `Copies of others, left out: ${brief(found.copies)}`) : null,
+    found.single.length ? h("p", { className: "faint" }, `In no series: ${brief(found.single)}`) : null,
+    pairings.element, foot);
   drawFoot();
+  await pair();
   return null;
 }
+
+const brief = (names) => `${names.slice(0, NAMED).join(", ")}${names.length > NAMED ? " …" : ""}`;
 
 /** First, middle and last of a series. */
 function sample(names) {

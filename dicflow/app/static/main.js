@@ -3,6 +3,7 @@
 import { ask } from "./api.js";
 import { button, fill, h } from "./dom.js";
 import { sidebar } from "./sidebar.js";
+import * as caliper from "./caliper.js";
 import * as calibration from "./calibration.js";
 import * as compare from "./compare.js";
 import * as explore from "./explore.js";
@@ -12,7 +13,7 @@ import * as region from "./region.js";
 import * as run from "./run.js";
 import * as settings from "./settings.js";
 
-const SCREENS = { folder, calibration, region, settings, run, explore, compare, hand_over: handOver };
+const SCREENS = { folder, calibration, region, settings, run, explore, caliper, compare, hand_over: handOver };
 const place = document.getElementById("screen");
 
 /** What all screens share. document : the open file as the page has seen it; states : of the stages, by the plan */

@@ -30,6 +30,7 @@ class RegionScreen {
     this.pen.isBarred = (sort) => this.barred(sort) !== "";
     this.pen.onpoint = ([x, y]) => { this.where.textContent = `x ${x.toFixed(1)}  y ${y.toFixed(1)} px`; };
     this.saving = Promise.resolve();
+    this.renamed = {};
   }
 
   async open() {
@@ -84,8 +85,9 @@ class RegionScreen {
     if (JSON.stringify(region) !== JSON.stringify(regionOf(before))) {
       await ask("draw", { file, stage: this.drawing.regions[0], drawn: region, seen: { [file]: document.digest, ...this.seen() } });
     } else if (JSON.stringify(probesOf(now)) !== JSON.stringify(probesOf(before))) {
-      await ask("probe", { file, stage: this.drawing.probes?.stage ?? "probes", probes: probesOf(now), digest: document.digest });
+      await ask("probe", { file, stage: this.drawing.probes?.stage ?? "probes", probes: probesOf(now), digest: document.digest, renamed: this.renamed });
     } else return;
+    this.renamed = {};
     this.saved = structuredClone(now);
     this.drawing = await ask("drawing", { file });
     await this.app.changed();
@@ -190,6 +192,7 @@ class RegionScreen {
       input.value = path.name;
       return;
     }
+    this.renamed = { [path.name]: name };
     path.name = name;
     this.viewer.draw();
     this.commit(`name ${name}`);

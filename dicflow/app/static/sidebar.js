@@ -26,6 +26,13 @@ export function sidebar(place, app, screens, acts) {
       button("Undo", () => acts.step("undo"), { disabled: !found?.can.undo, title: found?.can.undo ? `Undo ${found.can.undo} (Ctrl+Z)` : "nothing to undo" }),
       button("Redo", () => acts.step("redo"), { disabled: !found?.can.redo, title: found?.can.redo ? `Redo ${found.can.redo} (Ctrl+Y)` : "nothing to redo" }),
       button("Light/dark", swapTheme, { className: "quiet" })));
+  showCurrent(place);
+}
+
+/** Bring the link of the shown screen into view, where the list of screens scrolls sideways. */
+function showCurrent(place) {
+  const [list, link] = [place.querySelector(".screens"), place.querySelector(".screens [aria-current=page]")];
+  if (list && link) list.scrollLeft = link.offsetLeft - list.offsetLeft - (list.clientWidth - link.offsetWidth) / 2;
 }
 
 function entry(stage, app) {

@@ -45,6 +45,8 @@ __all__ = [
     "Refined",
     "motion_since",
     "refine_rig",
+    "residuals_and_slopes",
+    "unmodelled_lenses",
     "unseen_motions",
 ]
 
@@ -170,7 +172,7 @@ def refine_rig(
         raise ValueError(f"a rig needs {MIN_POINTS} matched points, found {len(points.left)}")
     size = len(PARAMETERS)
     calibration = np.zeros((size, size)) if covariance is None else covariance
-    lenses = _unmodelled(rig, calibration)
+    lenses = unmodelled_lenses(rig, calibration)
     known = np.hstack([error_modes(calibration), lenses, _freed(rig, freed)])
     moved, blocks = _unit_motion(rig, points), _blocks(points.left)
     motion, step = _FIRST_TURN, np.zeros(size)
@@ -255,7 +257,7 @@ def _fitted(rig: Rig, points: MatchedPoints, blocks: Index, modes: Array, step: 
 def _linearised(rig: Rig, step: Array, points: MatchedPoints, blocks: Index) -> _Fit:
     """The share of the points at a step (24,) from the calibrated rig."""
     moved = rig_after_step(rig, step)
-    residual, slopes = _residuals(moved, points)
+    residual, slopes = residuals_and_slopes(moved, points)
     slopes[:, _TURN] = slopes[:, _TURN] @ _turn_slopes(step[_TURN])
     scale = _CAUCHY * max(_SIGMA_PER_MAD * float(np.median(np.abs(residual))), _MIN_SCALE)
     weight = 1.0 / (1.0 + (residual / scale) ** 2)
@@ -304,7 +306,7 @@ def _evidence(found: _Modes) -> float:
     return float(0.5 * np.sum(squares / (1.0 + squares) * found.target**2 - np.log1p(squares)))
 
 
-def _residuals(rig: Rig, points: MatchedPoints) -> tuple[Array, Array]:
+def residuals_and_slopes(rig: Rig, points: MatchedPoints) -> tuple[Array, Array]:
     """r / σ (n,) and its derivatives by the rig's parameters (n, 24); 0 for a point that cannot be behind both."""
     found = triangulate(rig, *points).xyz
     measured = np.concatenate([points.left, points.right], axis=-1)
@@ -314,13 +316,13 @@ def _residuals(rig: Rig, points: MatchedPoints) -> tuple[Array, Array]:
         raise ValueError("fewer than half of the matched points lie in front of both cameras; check left and right")
     by_point, by_rig = reprojection_slopes(rig, np.where(known[:, None], found, [0.0, 0.0, 1.0]))
     normal = np.linalg.svd(by_point)[0][..., 3]
-    sigma = np.sqrt(_variance_along(normal, points))
+    sigma = np.sqrt(variance_along(normal, points))
     residual = np.einsum("ni,ni->n", normal, np.where(known[:, None], error, 0.0)) / sigma
     slopes = -np.einsum("ni,nip->np", normal, by_rig) / sigma[:, None]
     return residual, np.where(known[:, None], slopes, 0.0)
 
 
-def _variance_along(normal: Array, points: MatchedPoints) -> Array:
+def variance_along(normal: Array, points: MatchedPoints) -> Array:
     """nᵀCn (n,) of normals (n, 4) [px²]."""
     parts = (normal[:, :2], points.covariance_left), (normal[:, 2:], points.covariance_right)
     return np.asarray(
@@ -350,7 +352,7 @@ def _unit_motion(rig: Rig, points: MatchedPoints) -> Array:
     return modes
 
 
-def _unmodelled(rig: Rig, covariance: Array) -> Array:
+def unmodelled_lenses(rig: Rig, covariance: Array) -> Array:
     """Modes (24, m) of the distortion of real lenses by coefficients that a calibration takes as exact."""
     modes = []
     for k, camera in enumerate((rig.left, rig.right)):

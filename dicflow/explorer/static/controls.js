@@ -250,10 +250,10 @@ export class Transport {
     const step = manifest.steps[scene.step];
     this.slider.value = scene.step;
     this.slider.setAttribute("aria-valuetext", step.name);
-    const load = manifest.load && manifest.load[1][scene.step];
+    const load = manifest.load?.steps[scene.step];
     this.name.textContent = [
       step.name,
-      ...(load === null || load === undefined ? [] : [`${brief(load)} ${manifest.load[0]}`]),
+      ...(load === null || load === undefined ? [] : [`${brief(load)} ${manifest.load.unit}`]),
     ].join(" · ");
     this.play.replaceChildren(icon(playing ? "pause" : "play"));
     this.play.setAttribute("aria-label", playing ? "Pause" : "Play");

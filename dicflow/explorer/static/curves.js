@@ -29,14 +29,20 @@ async function ownSeries(host) {
     return curves.map(({ values, errors }, k) => {
       const { row, col, colour } = points[k];
       const name = `point ${row}, ${col}`;
-      return { name, what: name, colour, symbol, unit, numbers, y: values, error: errors };
+      return fromFirst(quantity, { name, what: name, colour, symbol, unit, numbers, y: values, error: errors });
     });
   }
   const probes = manifest.curves.filter((one) => belongs(one, quantity, manifest.main[0]));
   if (probes.length) return probes.map((one, k) => ofProbe(one, k ? COLOURS[(k - 1) % COLOURS.length] : ACCENT));
   const part = (k) => quantity.means.map((pair) => (pair ? pair[k] : NaN));
   const name = "mean of the field ± spread";
-  return [{ name, what: name, colour: ACCENT, symbol, unit, numbers, y: part(0), error: part(1) }];
+  return [fromFirst(quantity, { name, what: name, colour: ACCENT, symbol, unit, numbers, y: part(0), error: part(1) })];
+}
+
+// What counts from the first step is 0 there.
+function fromFirst({ starts }, series) {
+  if (!starts) return series;
+  return { ...series, numbers: [0, ...series.numbers], y: [0, ...series.y], error: [0, ...series.error] };
 }
 
 // An extensometer belongs to the main quantity, since it measures the same strain.
@@ -64,7 +70,9 @@ export function placesOf(manifest, numbers) {
 
 /** Loads of steps by their numbers; NaN for an unknown one. */
 export function loadsOf(manifest, numbers) {
-  return placesOf(manifest, numbers).map((place) => manifest.load?.[1][place] ?? NaN);
+  const { load } = manifest;
+  const places = placesOf(manifest, numbers);
+  return numbers.map((number, k) => (number === 0 ? load?.first : load?.steps[places[k]]) ?? NaN);
 }
 
 /** Name of a step by its number. */
@@ -80,7 +88,7 @@ export function tableOf(manifest, series) {
   return {
     columns: [
       "step",
-      ...(loads ? [axisText("load", manifest.load[0])] : []),
+      ...(loads ? [axisText("load", manifest.load.unit)] : []),
       ...series.flatMap((one) => [`${one.name} ${axisText(one.symbol, one.unit)}`, `± ${one.name}`]),
     ],
     rows: numbers.map((number, k) => [

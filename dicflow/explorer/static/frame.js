@@ -134,6 +134,16 @@ export class Frame {
     return [0, 1].map((part) => found.points.reduce((sum, k, j) => sum + found.weights[j] * this.first[3 * k + part], 0));
   }
 
+  /** Where the material that lay at a place of the first left photograph is now; null where that is unknown. */
+  nowAt(x, y) {
+    if (!this.first || !this.isFlat) return null;
+    if (this.scene.over === "first" && this.scene.camera === "left") return [x, y];
+    const apart = this._once("firstSpacing", () => spacing(this.first, this.rows, this.cols));
+    const buckets = this._once("firstBuckets", () => new Buckets(this.first, apart));
+    const found = trianglesAt(buckets, this.rows, this.cols, this.known, x, y, 1.5 * apart);
+    return found && [0, 1].map((part) => found.points.reduce((sum, k, j) => sum + found.weights[j] * this.places[3 * k + part], 0));
+  }
+
   /** Where a point lay at the first step [px]; null where that is unknown. */
   firstOf(k) {
     return this.first ? [this.first[3 * k], this.first[3 * k + 1]] : null;

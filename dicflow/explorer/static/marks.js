@@ -11,6 +11,22 @@ export function lineMarks([[x0, y0], [x1, y1]]) {
   return [line("x-line x-line-below"), line("x-line"), end(x0, y0), end(x1, y1)];
 }
 
+/** Probes of the pipeline where their material lies now, with their names; one on lost points is left out. */
+export function probeMarks(probes, frame, view) {
+  return probes.flatMap(({ name, sort, places }) => {
+    const found = places.map(([x, y]) => frame.nowAt(x, y));
+    if (!found.length || found.some((one) => !one)) return [];
+    const ends = found.map((one) => view.toPicture(...one));
+    const path = `M${ends.map(([x, y]) => `${x.toFixed(1)} ${y.toFixed(1)}`).join("L")}${sort === "area" ? "Z" : ""}`;
+    const [x, y] = ends[0];
+    return [
+      ...(ends.length > 1 ? ["x-probe x-probe-below", `x-probe x-probe-${sort}`].map((look) => svg("path", { d: path, class: look })) : []),
+      ...(sort === "area" ? [] : ends.map(([cx, cy]) => svg("circle", { cx, cy, r: 3.5, class: "x-probe-end" }))),
+      ...["x-probe-name x-probe-below", "x-probe-name"].map((look) => svg("text", { x: x + 7, y: y - 7, class: look }, name)),
+    ];
+  });
+}
+
 /** A bar of round length: in mm where the points' places in space are known, else in px. */
 export function scaleBar(frame, view, [, height], unit) {
   const perPixel = unit === "mm" ? lengthPerPixel(frame) : 1;

@@ -115,7 +115,7 @@ export class Side {
     this.curve.show({
       series,
       label: `${quantity.symbol} over ${byLoad ? "load" : "step"}`,
-      xAxis: byLoad ? { text: axisText("load", manifest.load[0]) } : { text: "step", whole: true },
+      xAxis: byLoad ? { text: axisText("load", manifest.load.unit) } : { text: "step", whole: true },
       yAxis: { text: axisText(series[0].symbol, series[0].unit) },
       mark: (byLoad ? loadsOf(manifest, now) : now)[0],
       text: (one, k) => `${nameOf(manifest, one.numbers[k])}: ${withError(one.y[k], one.error[k], one.unit)}${
@@ -230,6 +230,8 @@ export class Side {
     this.facts.replaceChildren(
       html("p", { class: "x-valid" }, ...(step.valid === null ? ["This step was not measured."] : measured)),
       html("ul", { class: "x-reasons" }, ...rows),
+      ...(manifest.rig ? [html("p", { class: "x-rig" }, html("strong", {}, "Is the rig still calibrated? "), manifest.rig)] : []),
+      ...(manifest.meaning.length ? [html("p", { class: "x-hint x-meaning" }, manifest.meaning.join(" "))] : []),
       ...notes.map((one) => html("p", { class: "x-hint" }, one)),
     );
   }

@@ -5,7 +5,7 @@ import { directionMarks } from "./directions.js";
 import { painterFor } from "./mesh.js";
 import { html, svg } from "./page.js";
 import { Buckets } from "./pick.js";
-import { frustums, lineMarks, scaleBar, triad } from "./marks.js";
+import { frustums, lineMarks, probeMarks, scaleBar, triad } from "./marks.js";
 
 const CLICK_PX = 4;
 const MOST_PIXELS = 2;
@@ -200,6 +200,7 @@ export class Stage {
         );
       else if (scene.directions && scene.camera === "left")
         parts.push(...directionMarks(frame, scene, this.host.manifest.directions === "material", this.window));
+      if (this.isFlat) parts.push(...probeMarks(this.host.manifest.probes, frame, this.window));
       if (this.isFlat) parts.push(...scaleBar(frame, this.window, this.size, this.host.manifest.unit));
       if (scene.line && this.isFlat) parts.push(...lineMarks(scene.line.map((end) => this.window.toPicture(...end))));
       for (const { index, colour } of this.host.marks) {

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dicflow.io.images.clocks import joined_clocks
 from dicflow.io.images.formats import ALL_SUFFIXES, RAW_SUFFIXES, is_video
 from dicflow.io.images.moments import moment_of, read_times
 from dicflow.io.images.orientation import orientation_sentence, turned_upright, upright_size
@@ -10,7 +11,7 @@ from dicflow.io.images.reading import Photograph, page_count, probe, read_grey, 
 from dicflow.io.images.search import search_start
 from dicflow.io.images.selection import Selection, selected
 from dicflow.io.images.series import find_photographs, steps_of, video_sentences
-from dicflow.io.images.taken import time_taken
+from dicflow.io.images.taken import camera_model, time_taken
 from dicflow.io.images.video import video_of
 
 __all__ = [
@@ -21,9 +22,11 @@ __all__ = [
     "Selection",
     "Unpaired",
     "Way",
+    "camera_model",
     "counter_offset",
     "find_photographs",
     "is_video",
+    "joined_clocks",
     "moment_of",
     "natural_key",
     "orientation_sentence",

@@ -263,7 +263,7 @@ def _raw(path: Path, number: int) -> _Samples:
 
 
 def _video(path: Path, number: int) -> _Samples:
-    return _Samples(read_frame(path, number).grey, video_of(path).orientation)
+    return _Samples(read_frame(path, number), video_of(path).orientation)
 
 
 _READERS: Mapping[Format, Callable[[Path, int], _Samples]] = {

@@ -6,13 +6,14 @@ import os
 from collections.abc import Iterator, Sequence
 from contextlib import suppress
 from functools import lru_cache
+from io import BytesIO
 from pathlib import Path
-from tempfile import NamedTemporaryFile
 from typing import TYPE_CHECKING
 
 from dicflow.engine.files import FilePart, stamp
 from dicflow.engine.hashing import digest_json
 from dicflow.engine.kernel_cache import account_folder
+from dicflow.engine.whole_file import write_file
 from dicflow.io.images.reading import read_grey
 
 if TYPE_CHECKING:
@@ -77,8 +78,8 @@ def _keep(path: Path, survey: Survey) -> None:
 
     with suppress(OSError):
         path.parent.mkdir(exist_ok=True)
-        with NamedTemporaryFile(dir=path.parent, suffix=".part", delete=False) as draft:
-            np.savez_compressed(draft, **survey._asdict())
-        os.replace(draft.name, path)
+        content = BytesIO()
+        np.savez_compressed(content, **survey._asdict())
+        write_file(path, content.getvalue())
         for old in sorted(path.parent.iterdir(), key=lambda one: -one.stat().st_mtime)[_MOST_KEPT:]:
             old.unlink()

@@ -1,4 +1,4 @@
-"""When a photograph was taken, by its EXIF metadata."""
+"""When a photograph was taken, and by which camera, by its EXIF metadata."""
 
 from __future__ import annotations
 
@@ -14,12 +14,14 @@ from dicflow.io.images.formats import format_of
 from dicflow.io.images.libraries import library, opened, pillow
 from dicflow.io.images.metadata import metadata
 
-__all__ = ["time_taken"]
+__all__ = ["camera_model", "time_taken"]
 
 _EXIF = 34665
 """Tag of the directory of the camera's settings (EXIF 2.32)."""
 _TIME, _FRACTION, _OFFSET = 36867, 37521, 36881
 """Tags DateTimeOriginal, SubSecTimeOriginal and OffsetTimeOriginal in it."""
+_MAKE, _MODEL = 271, 272
+"""Tags Make and Model of TIFF 6.0."""
 _TIME_FORM = re.compile(r"(\d{4})[:/.-](\d\d)[:/.-](\d\d)[ T](\d\d):(\d\d):(\d\d)")
 _FRACTION_FORM, _OFFSET_FORM = re.compile(r"\d{1,9}"), re.compile(r"([+-])(\d\d):?(\d\d)")
 
@@ -31,13 +33,21 @@ def time_taken(path: Path) -> float | None:
     from UTC (OffsetTimeOriginal) the camera's clock counts as UTC; differences of its times are right all the same.
     """
     try:
-        return next((time for tags in _settings(path) if (time := _moment(tags)) is not None), None)
+        return next((time for tags in _tags(path) if (time := _moment(tags)) is not None), None)
     except (InputError, OSError, OverflowError, ValueError, pillow().DecompressionBombError):
         return None
 
 
-def _settings(path: Path) -> Iterator[Mapping[int, Any]]:
-    """The camera's settings, tag by tag, of each block of metadata that has some."""
+def camera_model(path: Path) -> str:
+    """Make and model of the camera, as ``Apple iPhone 12``; empty if the file does not say it, or cannot be read."""
+    try:
+        return next((name for tags in _tags(path) if (name := _name(tags))), "")
+    except (InputError, OSError, ValueError, pillow().DecompressionBombError):
+        return ""
+
+
+def _tags(path: Path) -> Iterator[Mapping[int, Any]]:
+    """Tags of the file and of the camera's settings, of each block of metadata that has some."""
     if not path.is_file():
         return
     with path.open("rb") as file:
@@ -45,22 +55,32 @@ def _settings(path: Path) -> Iterator[Mapping[int, Any]]:
         if form == "TIFF":
             file.seek(0)
             with opened(file, form) as image, library():
-                yield image.getexif().get_ifd(_EXIF)
+                yield _values(image.getexif())
         elif form == "HEIC":
-            yield _directory(heic_metadata(path))
+            yield _loaded(heic_metadata(path))
         elif form in ("PNG", "JPEG"):
             for block in metadata(file, form):
-                yield _directory(block)
+                yield _loaded(block)
 
 
-def _directory(block: bytes) -> Mapping[int, Any]:
+def _loaded(block: bytes) -> Mapping[int, Any]:
     exif = pillow().Exif()
     try:
         with library():
             exif.load(block)
-            return dict(exif.get_ifd(_EXIF))
+            return _values(exif)
     except ValueError:
         return {}
+
+
+def _values(exif: Any) -> Mapping[int, Any]:
+    return {**exif, **exif.get_ifd(_EXIF)}
+
+
+def _name(tags: Mapping[int, Any]) -> str:
+    """Make and model; the make once, where the model begins with it."""
+    make, model = (_text(tags.get(tag)) for tag in (_MAKE, _MODEL))
+    return model if model.lower().startswith(make.lower()) else f"{make} {model}".strip()
 
 
 def _moment(tags: Mapping[int, Any]) -> float | None:

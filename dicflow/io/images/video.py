@@ -71,12 +71,12 @@ def _video(path: Path, unchanged: Stamp) -> Video:
     with quiet() as heard:
         with opened(path, packets=True) as capture:
             found = sorted((time_of(capture), _is_key(capture)) for _ in _grabbed(capture))
-        said = complaint(heard())
         if not _ends_at(path, [time for time, _ in found]):
             found = _decoded(path)  # an edit leaves frames out, or they cannot be decoded
-            said = said or complaint(heard())
+        said = complaint(heard())
     if not found:
-        raise InputError("a video without frames; copy it again from the camera, or leave it out")
+        why = said and f" ({said})"
+        raise InputError(f"no frame of the video can be decoded{why}; copy it again from the camera, or leave it out")
     times = tuple(time for time, _ in found)
     keys = tuple(k for k, (_, is_key) in enumerate(found, start=1) if is_key)
     return Video(*_size(path), times, keys, said)

@@ -7,7 +7,7 @@ from collections import OrderedDict
 from functools import lru_cache
 from pathlib import Path
 from threading import Lock
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
@@ -16,9 +16,9 @@ from dicflow.errors import InputError
 from dicflow.io.images.libraries import opencv
 from dicflow.io.images.quiet import quiet
 from dicflow.io.images.video import SAME_TIME_S, video_of
-from dicflow.io.images.video_capture import complaint, start, time_of
+from dicflow.io.images.video_capture import start, time_of
 
-__all__ = ["Frame", "read_frame"]
+__all__ = ["read_frame"]
 
 _RECENT = 4
 """Frames that a stream remembers, for tasks that come in another order than the frames."""
@@ -26,19 +26,12 @@ _WORTH_A_JUMP = 16
 """Frames that are decoded rather than jumped over: the decoder goes back that far when it looks for one."""
 
 
-class Frame(NamedTuple):
-    """One frame of a video, as the sensor lies.
+def read_frame(path: Path, number: int) -> np.ndarray:
+    """Grey levels (row, col) uint8 of a frame as the sensor lies: luma (ITU-R BT.601).
 
-    grey : (row, col) uint8 — luma (ITU-R BT.601)
-    complaint : what the decoder said of damage at this frame; empty if nothing
+    number : from 1
+    Raises InputError that names the file and the frame.
     """
-
-    grey: np.ndarray
-    complaint: str = ""
-
-
-def read_frame(path: Path, number: int) -> Frame:
-    """A frame of a video, by its number from 1. Raises InputError that names the file and frame."""
     return _stream(path, stamp(path)).frame(number)
 
 
@@ -55,25 +48,23 @@ class _Stream:
         self._video = video_of(path)
         self._capture: Any = None
         self._place = 0
-        self._recent: OrderedDict[int, Frame] = OrderedDict()
+        self._recent: OrderedDict[int, np.ndarray] = OrderedDict()
         self._lock = Lock()
 
-    def frame(self, number: int) -> Frame:
+    def frame(self, number: int) -> np.ndarray:
         with self._lock:
             if number not in self._recent:
                 self._go_to(number)
-            return self._recent[number]
+            return self._recent[number].copy()
 
     def _go_to(self, number: int) -> None:
         if not 1 <= number <= len(self._video.times):
             raise InputError(f"{self._path}#{number}: the video has {len(self._video.times)} frames")
-        with quiet() as heard:
+        with quiet():
             if self._capture is None or number <= self._place or self._key_before(number) > self._place + _WORTH_A_JUMP:
                 self._jump(number)
             while self._place < number:
                 self._advance(number)
-            said = complaint(heard())
-        self._recent[number] = self._recent[number]._replace(complaint=said)
 
     def _key_before(self, number: int) -> int:
         """The last frame up to this one that decodes without others."""
@@ -117,6 +108,6 @@ class _Stream:
         if not found:
             raise InputError(f"{self._path}#{self._place}: the frame cannot be decoded; leave it out with select")
         grey = image if image.ndim == 2 else opencv().cvtColor(image, opencv().COLOR_BGR2GRAY)
-        self._recent[self._place] = Frame(grey)
+        self._recent[self._place] = grey
         while len(self._recent) > _RECENT:
             self._recent.popitem(last=False)
