@@ -54,6 +54,7 @@ peer:           ## install the program that the benchmark compares with, in .ven
 
 samples: $(READY) ## make data_samples again; the bytes do not change
 	$(BIN)/dicflow synth sample data_samples --force
+	$(BIN)/dicflow synth rubber data_samples/rubber --force
 
 lock: $(READY)  ## write constraints.txt from the installed versions
 	$(BIN)/python -m pip freeze --exclude-editable --exclude dicflow > constraints.txt

@@ -14,7 +14,7 @@ import numpy as np
 from dicflow.core.cameras.camera import rotation_angle_deg
 from dicflow.kinds.rig import rig_from_json
 from dicflow.pipeline import Result
-from tests import accuracy_photographs, accuracy_scenes, accuracy_stereo
+from tests import accuracy_material, accuracy_photographs, accuracy_scenes, accuracy_stereo
 from tests.accuracy_coverage import coverage
 from tests.accuracy_planar import planar
 from tests.accuracy_rig import bumped_rigs
@@ -175,10 +175,12 @@ def main() -> int:
         *coverage(),
         *accuracy_stereo.replicas(),
         *accuracy_scenes.scenes(),
+        *accuracy_material.material(),
     ]
     if SHARED.is_dir():
         for real in (d_specimen, board_photographs, sample3, necking):
             figures += real()
+        figures += accuracy_material.published()
         for real in (accuracy_stereo.d_specimen, accuracy_photographs.rigid_points, accuracy_photographs.necking):
             figures += real()
     else:

@@ -77,7 +77,9 @@ ONLY_IN: Mapping[str, Set[str]] = {
 """The layers that import a library."""
 
 CHAPTERS: Mapping[str, Set[str]] = {
+    "channels": set(),
     "photographs": set(),
+    "motion": set(),
     "cameras": set(),
     "matching": {"photographs"},
     "calibration": {"cameras", "matching", "photographs"},
@@ -87,6 +89,7 @@ CHAPTERS: Mapping[str, Set[str]] = {
     "strain": {"cameras", "surfaces", "uncertainty"},
     "probes": {"strain", "surfaces", "uncertainty"},
     "synthetic": {"calibration", "cameras"},
+    "material": set(),
 }
 """The chapters of core, each with those that it imports. All may import core's single modules, which import none."""
 

@@ -23,9 +23,14 @@ NEEDED = {
     "images": {"left": "x"},
     "corners": {"size": (9, 6)},
     "calibrate": {"square": 1},
+    "channels": {"file": "x"},
     "compare": {"caliper": "x"},
     "rig_file": {"file": "x"},
     "probes": {"points": {"a": (1, 1)}},
+    "scale": {"length": 1, "ends": ((1, 1), (1, 9))},
+    "curve": {"file": "x", "mode": "uniaxial"},
+    "stress": {"width": 20, "thickness": 0.2, "u_thickness": 0.005},
+    "virtual_fields": {"width": 20, "thickness": 0.2, "u_thickness": 0.005},
 }
 AFTER = {"computed": 0, "failed": 0, "skipped": 0}
 

@@ -6,9 +6,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from dicflow.kinds.curve import StressCurve
+from dicflow.kinds.material import Material
 from dicflow.pipeline import Pipeline
 from dicflow.report.build import write_report
 from dicflow.synth import latex_experiment, write_experiment
+from dicflow.synth.rubber import CONSTANTS
 from tests.browser import chromium, opened
 from tests.reference_points import difference
 
@@ -98,6 +101,21 @@ def test_planar_strain_follows_the_caliper(store):
     assert result.product("comparison").attrs["summary"]["max_strain_error_pct"] < 2.0
 
 
+def test_one_camera_in_millimetres_over_the_load(store):
+    """Lengths of the caliper within the scale's uncertainty, and what perspective adds: 0.5 % of the strain."""
+    result = _run("one_camera", SAMPLES, store)
+    rows = result.product("probes").attrs["rows"]
+    imposed = np.array([60.0, 69.05, 82.05, 101.85, 122.85, 106.45, 88.0, 74.55]) / 60.0
+    strain, length = (np.array([row[name] for row in rows]) for name in ("strain", "length_mm"))
+    share = np.array([row["calibration_length_mm"] for row in rows])
+    np.testing.assert_allclose(strain, imposed - 1.0, rtol=5e-3)
+    assert np.all(np.abs(length - 60.0 * 321.0 / 348.1 * imposed) < 2.0 * share + 5e-3 * length)
+    grams = np.array([0.0, 118.53, 268.53, 418.53, 568.53, 218.53, 118.53, 68.53])
+    np.testing.assert_allclose([row["force_N"] for row in rows], grams * 9.80665e-3)
+    phases = result.product("load").attrs["phases"]
+    assert phases == ["loading"] * 5 + ["unloading"] * 3
+
+
 def test_polynomial_degree_sse_never_grows(store):
     result = _run("polynomial_degree", SAMPLES, store, FIRST_STEPS)
     for step in result.steps("surface"):
@@ -119,6 +137,25 @@ def test_latex_experiments(number, tmp_path):
     result = _run(f"latex_experiment_{number}", tmp_path, tmp_path / "store")
     table = result.product("comparison").attrs["rows"]
     assert table[1]["dic_strain"] == pytest.approx(table[1]["caliper_strain"], rel=0.03)
+
+
+def test_rubber_curves_give_the_constants_that_made_them(store):
+    found = Material.read(_run("rubber_curves", SAMPLES / "rubber", store).product("material")).models[0]
+    assert found.name == "ogden_2"
+    for constant, truth in zip(
+        sorted(found.constants, key=lambda one: one.value), sorted(CONSTANTS.values()), strict=True
+    ):
+        assert abs(constant.value - truth) <= 1.5 * constant.half_width
+
+
+def test_latex_tables(store):
+    """Young's modulus of the narrow strips at rest is the mean of their secants there, within a tenth."""
+    result = _run("latex_tables", ROOT / "dicflow" / "synth" / "latex", store)
+    found = Material.read(result.product("narrow")).models[0]
+    curves = [StressCurve.read(result.product(f"narrow_{number}")) for number in (1, 2, 3)]
+    secants = [curve["nominal_stress"][1:5] / (curve["stretch"] - curve["stretch"] ** -2)[1:5] for curve in curves]
+    assert found.shear_modulus[0] == pytest.approx(np.mean(secants), rel=0.1)
+    assert all(curve.summary["loop_work_mJ_mm3"] > 0.4 for curve in curves)
 
 
 @pytest.fixture(scope="module")

@@ -332,7 +332,7 @@ from dicflow.report.sections import entries
 print(node_class("brightness").__module__)
 print(dicflow.io.calibrations.FORMATS.load("toy").PROGRAM)
 print(dicflow.io.exports.descriptions()["toy"], "helper" in dicflow.io.exports.FORMATS.names())
-print([entry.title for entry in entries()][3])
+print([entry.title for entry in entries()][4])
 """
     done = site.python("-c", code, tmp_path)
     expected = ["dicflow.stages.brightness", "Toy", "one line per product False", "Brightness of the photographs"]

@@ -15,6 +15,7 @@ from dicflow.io.rig import read_rig
 from dicflow.kinds.rig import rig_to_json
 from dicflow.synth import latex_experiment, sample_experiment, write_experiment
 from dicflow.synth.folder import photographs, take
+from dicflow.synth.rubber import write_rubber
 from dicflow.synth.truth import field_truth, length_rows
 
 pytestmark = pytest.mark.slow
@@ -176,6 +177,11 @@ def test_the_samples_boards_show_their_true_corners():
         assert found
         apart = np.linalg.norm(corners.reshape(-1, 1, 2) - truth[pair].reshape(-1, 2), axis=-1).min(axis=1)
         assert apart.mean() < 0.04
+
+
+def test_the_rubber_is_what_the_command_makes(tmp_path):
+    write_rubber(tmp_path)
+    assert contents(tmp_path) == contents(SAMPLES / "rubber")
 
 
 def test_the_samples_are_complete():

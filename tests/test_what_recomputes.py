@@ -25,6 +25,7 @@ RECOMPUTES = {
     "core.cameras": "accumulate calibrate compare deformation disparity frame maps noise_floor probes reconstruct "
     "rectify refine region rig_file stereo triangulate undistort",
     "core.correlation": "correlate match refine stereo track triangulate",
+    "core.material": "curve hyperelastic stress virtual_fields",
     "core.matching": "calibrate corners correlate disparity displacement features match refine region stereo track "
     "triangulate",
     "core.photographs": "compare corners correlate disparity displacement features images probes reconstruct refine "
@@ -35,10 +36,11 @@ RECOMPUTES = {
     "strain surface",
     "core.uncertainty": "deformation frame noise_floor probes triangulate",
     "io.calibrations": "rig_file",
-    "io.caliper": "compare",
+    "io.caliper": "compare stress",
     "io.images": "images region",
     "io.region": "region",
     "io.rig": "rig_file",
+    "io.stress_table": "curve",
 }
 """Chapter → the stages that an edit there may recompute. What is in no chapter, all may share."""
 

@@ -104,7 +104,7 @@ def _inputs(pipeline: Pipeline, kind: type[Node], name: str, entry: Mapping[str,
     joined = pipeline.resolved()["stages"][names[name]]["inputs"]
     gives = {other: node_class(pipeline.document.data["stages"][other]["stage"]).gives for other in names}
     for port_name, port in kind.takes.items():
-        if not port.own and not port_name.endswith(("_before", "_first", "_early")):
+        if not port.own and not port.several and not port_name.endswith(("_before", "_first", "_early")):
             yield {
                 "name": port_name,
                 "kinds": list(port.kinds),

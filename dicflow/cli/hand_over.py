@@ -62,6 +62,9 @@ def report(
     ] = None,
     workers: Annotated[int, typer.Option(min=1, help="drawn at once; default: one per core")] = os.cpu_count() or 1,
     pdf: Annotated[bool, typer.Option("--pdf", help="also as PDF, through Chromium, Chrome or Edge")] = False,
+    appendix: Annotated[
+        bool, typer.Option("--appendix", help="with --pdf: calibration, quality, provenance too")
+    ] = False,
     methods: Annotated[bool, typer.Option("--methods", help="print a methods paragraph for a paper instead")] = False,
 ) -> None:
     """Write the report of what the store holds; nothing is measured.
@@ -69,12 +72,15 @@ def report(
     \b
     dicflow report pipeline.yaml
     dicflow report pipeline.yaml --pdf
+    dicflow report pipeline.yaml --pdf --appendix
     dicflow report pipeline.yaml --methods
     """
     from dicflow.report.build import write_report
     from dicflow.report.paper import write_pdf
     from dicflow.report.paragraph import methods_paragraph
 
+    if appendix and not pdf:
+        raise ConfigurationError("--appendix prints more of a PDF; add --pdf")
     loaded = load(pipeline, data, store, settings)
     if methods:
         say(methods_paragraph(loaded, stored(loaded)))
@@ -83,7 +89,7 @@ def report(
     page = write_report(loaded, stored(loaded), folder, workers, partial(say, error=True))
     say(page)
     if pdf:
-        say(write_pdf(page))
+        say(write_pdf(page, appendix))
 
 
 class ExportCommand(TyperCommand):
@@ -118,17 +124,19 @@ def export(
     data: Data = None,
     store: StoreFolder = None,
     variant: VariantNumber = 1,
-    digits: Annotated[int, typer.Option(min=1, max=17, help="significant, of numbers in CSV; 17 for all")] = 6,
+    digits: Annotated[int, typer.Option(min=1, max=17, help="significant, of numbers in CSV and xlsx; 17 for all")] = 6,
     locale: Annotated[Locale, typer.Option(help="de: decimal commas and semicolons in CSV")] = Locale.en,
     force: Force = False,
 ) -> None:
     """Write a whole test, or one stage, for other programs.
 
-    Without a stage: every total, and beside it the tables, the region and the rig.
+    Without a stage: every total, and beside it the tables, the region and the rig; a workbook (xlsx) has the points of
+    one step, that of --step or of the largest strain.
 
     \b
     dicflow export pipeline.yaml
     dicflow export pipeline.yaml --format xlsx
+    dicflow export pipeline.yaml total --format xlsx
     dicflow export pipeline.yaml --format hdf5 --output exported
     dicflow export pipeline.yaml total --step step_03 --quantity eyy --format png
     dicflow export pipeline.yaml total --quantity eyy --format mp4

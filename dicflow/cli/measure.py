@@ -55,6 +55,8 @@ def run(
     code_policy: Policy = CodePolicy.recompute,
     as_json: Annotated[bool, typer.Option("--json", help="end with one line of JSON on standard output")] = False,
     profile: Annotated[bool, typer.Option("--profile", help="end with a table of where the time went")] = False,
+    no_pictures: Annotated[bool, typer.Option("--no-pictures", help="draw no maps")] = False,
+    no_report: Annotated[bool, typer.Option("--no-report", help="write no report")] = False,
 ) -> None:
     """Compute what is missing, then write maps, tables and the report.
 
@@ -87,7 +89,11 @@ def run(
         linger=_until_enter if dashboard and wait else None,
     )
     phases.end(TASKS)
-    _write_results(loaded, result, folder, workers, progress, phases)
+    _write_files(result, folder, workers, progress, pictures=not no_pictures)
+    phases.end("pictures and tables")
+    if not no_report:
+        _write_report(loaded, result, folder, workers, progress)
+        phases.end("report")
     _end_run(progress, result, phases if profile else None, as_json)
     raise typer.Exit(_exit_code(result))
 
@@ -152,22 +158,23 @@ def _compute(loaded: Pipeline, progress: Console, phases: Phases, **options: Any
         return loaded.run(on_event=on_event, **options)
 
 
-def _write_results(
-    loaded: Pipeline, result: Result, folder: Path, workers: int, progress: Console, phases: Phases
-) -> None:
-    """Write pictures, tables and report of a run, and print where they are."""
-    from dicflow.report.build import write_report
+def _write_files(result: Result, folder: Path, workers: int, progress: Console, *, pictures: bool) -> None:
+    """Write pictures and tables of a run, and print where they are."""
     from dicflow.views.publish import publish
 
-    files = publish(result, folder, workers)
-    phases.end("pictures and tables")
+    files = publish(result, folder, workers, pictures=pictures)
+    _print_run(progress, result, folder, files)
+
+
+def _write_report(loaded: Pipeline, result: Result, folder: Path, workers: int, progress: Console) -> None:
+    """Write the report of a run, and print where it is."""
+    from dicflow.report.build import write_report
+
     problems: list[str] = []
     report = write_report(loaded, result, folder, workers, problems.append)
-    _print_run(progress, result, folder, files)
     for problem in problems:
         progress.print(f"warning: {problem}", style="yellow", soft_wrap=True)
     progress.print(f"report: {report}", soft_wrap=True)
-    phases.end("report")
 
 
 def _exit_code(result: Result) -> int:

@@ -95,9 +95,7 @@ def init(
     say(f"wrote {path}; {first}, then: {shlex.join(['dicflow', 'run', str(path)])}")
 
 
-synth = typer.Typer(
-    no_args_is_help=True, rich_markup_mode=None, help="Make photographs of experiments whose truth is known."
-)
+synth = typer.Typer(no_args_is_help=True, rich_markup_mode=None, help="Make experiments whose truth is known.")
 
 
 @synth.command("latex")
@@ -131,6 +129,20 @@ def synth_sample(folder: Annotated[Path, typer.Argument(help="folder to write")]
 
     refuse_full(folder, force)
     write_sample(folder, on_progress=tick)
+
+
+@synth.command("rubber")
+def synth_rubber(folder: Annotated[Path, typer.Argument(help="folder to write")], force: Force = False) -> None:
+    """Make tables of three tests on one rubber whose constants are known.
+
+    \b
+    dicflow synth rubber data_samples/rubber --force
+    dicflow run pipelines/rubber_curves.yaml --data data_samples/rubber
+    """
+    from dicflow.synth.rubber import write_rubber
+
+    refuse_full(folder, force)
+    write_rubber(folder)
 
 
 def warm(

@@ -127,7 +127,7 @@ def _write_files(found: Tuning, folder: Path) -> list[Path]:
 def _print_found(console: Console, found: Tuning, files: list[Path]) -> None:
     from dicflow.tuning.choice import strain_text
     from dicflow.views.console import simple_table
-    from dicflow.views.tuning import setting_words, shown_trials, trial_columns, trial_row
+    from dicflow.views.tuning import caliper_words, setting_words, shown_trials, trial_columns, trial_row
 
     console.print(simple_table(trial_columns(found), [trial_row(*one) for one in shown_trials(found)]))
     for name, trial in (("present", found.present), ("recommended", found.choice.trial)):
@@ -137,6 +137,8 @@ def _print_found(console: Console, found: Tuning, files: list[Path]) -> None:
                 f"bias {strain_text(trial.bias)}, together {strain_text(trial.error)}",
                 soft_wrap=True,
             )
+    if found.caliper is not None:
+        console.print(caliper_words(found.caliper), soft_wrap=True)
     lost = f"; {found.left_out} more lose points" if found.left_out else ""
     because = f"because: {found.choice.reason}, of {len(found.tried)} settings{lost}"
     console.print(because if found.choice.trial is not None else found.choice.reason, soft_wrap=True)

@@ -15,12 +15,12 @@ from pathlib import Path
 from stat import S_ISREG
 from typing import Any, NamedTuple
 
-from dicflow.engine.hashing import digest_file
+from dicflow.engine.hashing import digest_file, digest_json
 from dicflow.engine.stored_json import anything, fields, is_number, list_of, mapping_of, seal, stored
 from dicflow.engine.whole_file import write_file
 from dicflow.errors import InputError
 
-__all__ = ["FACTS", "FileIndex", "FilePart", "Stamp", "stamp"]
+__all__ = ["FACTS", "FileIndex", "FilePart", "Stamp", "part_digest", "stamp"]
 
 FACTS = mapping_of(fields({"stamp": list_of(is_number), "facts": mapping_of(anything)}))
 """Form of the index's file: by path of a file its stamp and its facts, by purpose."""
@@ -68,6 +68,11 @@ def stamp(path: Path | FilePart) -> Stamp:
     if not S_ISREG(status.st_mode):
         raise InputError(f"{path}: cannot be read (not a regular file); name a file")
     return Stamp(status.st_size, status.st_mtime_ns, status.st_ctime_ns, status.st_ino)
+
+
+def part_digest(whole: str, number: int) -> str:
+    """Digest of a part of a file, by that of the whole and the part's number."""
+    return digest_json([whole, number])
 
 
 class FileIndex:

@@ -14,7 +14,7 @@ from typing import Any
 from pydantic.fields import FieldInfo
 
 from dicflow.engine.files import FilePart
-from dicflow.engine.node import At, Node, Scope
+from dicflow.engine.node import At, Node, Scope, port_of
 from dicflow.errors import ConfigurationError, InputError
 
 __all__ = ["EARLY_STEPS", "Graph", "StageSpec", "Task", "TaskInput", "expand", "file_fields"]
@@ -36,7 +36,7 @@ class StageSpec:
     """One stage of a pipeline.
 
     node : what it does, with its parameters
-    inputs : port → name of the stage that gives it
+    inputs : port → name of the stage that gives it; of several stages the later ones as ``port[1]``, ``port[2]`` …
     folder : where the relative paths among its parameters start
     where : position in the pipeline file, put in front of messages
     only : names of the steps to keep, of a stage that starts a series; all if empty
@@ -221,24 +221,35 @@ def _check_inputs(name: str, stages: Mapping[str, StageSpec]) -> None:
     spec = stages[name]
     takes = spec.node.takes
     for given in spec.inputs:
-        if given not in takes:
+        if port_of(given) not in takes or (given not in takes and not takes[port_of(given)].several):
             _fail(name, spec, f"has no input '{given}'; its inputs are {', '.join(takes) or 'none'}")
     for port_name, port in takes.items():
-        source = name if port.own else spec.inputs.get(port_name)
-        if source is None:
-            if not port.optional:
-                _fail(name, spec, f"needs an input '{port_name}' ({' or '.join(port.kinds)}); name the stage for it")
-        elif source not in stages:
-            _fail(name, spec, f"input '{port_name}' names an unknown stage '{source}'; stages: {', '.join(stages)}")
-        elif stages[source].node.gives not in port.kinds:
-            kind = stages[source].node.gives
-            _fail(name, spec, f"input '{port_name}' needs {' or '.join(port.kinds)}, but '{source}' gives {kind}")
-        elif port.own and port.at not in (At.PREVIOUS, At.FIRST):
-            _fail(name, spec, f"input '{port_name}' takes its own output at the step before or the first only")
+        sources = [name] if port.own else _joined_to(spec, port_name)
+        if not sources and not port.optional:
+            _fail(name, spec, f"needs an input '{port_name}' ({' or '.join(port.kinds)}); name the stage for it")
+        for source in sources:
+            _check_source(name, spec, port_name, source, stages)
     try:
         spec.node.check_joined({port: stages[source].node for port, source in spec.inputs.items()})
     except ConfigurationError as error:
         _fail(name, spec, str(error))
+
+
+def _check_source(name: str, spec: StageSpec, port_name: str, source: str, stages: Mapping[str, StageSpec]) -> None:
+    """Raise ConfigurationError if a port does not fit a stage that is joined to it."""
+    port = spec.node.takes[port_name]
+    if source not in stages:
+        _fail(name, spec, f"input '{port_name}' names an unknown stage '{source}'; stages: {', '.join(stages)}")
+    if stages[source].node.gives not in port.kinds:
+        kind = stages[source].node.gives
+        _fail(name, spec, f"input '{port_name}' needs {' or '.join(port.kinds)}, but '{source}' gives {kind}")
+    if port.own and port.at not in (At.PREVIOUS, At.FIRST):
+        _fail(name, spec, f"input '{port_name}' takes its own output at the step before or the first only")
+
+
+def _joined_to(spec: StageSpec, port_name: str) -> list[str]:
+    """The stages joined to a port, in the order of the pipeline."""
+    return [source for given, source in spec.inputs.items() if port_of(given) == port_name]
 
 
 def _repeats(node: Node) -> bool:
@@ -258,7 +269,7 @@ def _series_of(name: str, stages: Mapping[str, StageSpec], series: Mapping[str, 
         return _Series(name, {step: own[step] for step in spec.only} if spec.only else own)
     outer = _outer_inputs(name, spec)
     found = {one.start: one for source in outer.values() if (one := series[source]) is not None}
-    following = [port for port in outer if spec.node.takes[port].at in (At.SAME, At.PREVIOUS)]
+    following = [port for port in outer if spec.node.takes[port_of(port)].at in (At.SAME, At.PREVIOUS)]
     if following and len(found) > 1:
         found = {one.start: one for port in following if (one := series[outer[port]]) is not None}
     if not found:
@@ -297,13 +308,15 @@ class _Joints:
         """What one port is joined to, at one place in the series of its stage (None: the stage runs once)."""
         spec = self.stages[name]
         port = spec.node.takes[port_name]
+        if port.several:
+            return tuple(pair for source in _joined_to(spec, port_name) for pair in self._every(source)) or None
         source = name if port.own else spec.inputs.get(port_name)
         if source is None:
             return None
-        if self.series[source] is None:
-            return ((source, source),) if port.at is At.ALL else None if port.at is At.EARLY else source
         if port.at is At.ALL:
-            return tuple((step, f"{source}/{step}") for step in self.steps[source])
+            return self._every(source)
+        if self.series[source] is None:
+            return None if port.at is At.EARLY else source
         if port.at is At.EARLY:
             early = (self.offset[source] + after for after in EARLY_STEPS)
             steps = self.all_steps[source]
@@ -320,6 +333,12 @@ class _Joints:
                 _fail(name, spec, _LATER.format(port=port_name, source=source))
             return None
         return f"{source}/{steps[source_place]}"
+
+    def _every(self, source: str) -> tuple[tuple[str, str], ...]:
+        """All tasks of a stage, each with the name of its step, or of the stage if it runs once."""
+        if self.series[source] is None:
+            return ((source, source),)
+        return tuple((step, f"{source}/{step}") for step in self.steps[source])
 
 
 def _own_files(spec: StageSpec) -> dict[str, Path]:

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import heapq
 from collections.abc import Container, Iterator, Mapping
+from functools import partial
 
 from dicflow.engine.work import Job, Outcome
 
@@ -16,6 +17,10 @@ _AHEAD = 2000
 """So many jobs may wait for a producer while jobs after them begin; a chained stage may be so far behind the others."""
 _END = 32
 """With so many jobs left the end of the run is near."""
+_NEXT = 8
+"""So many of the jobs that can begin may overtake one another."""
+_NEARLY_AS_LONG = 2
+"""A chain of jobs shorter by so many tasks than the longest one."""
 _STAGE = "stage "
 """Before the name of a stage that is waited for; no task's name begins so."""
 
@@ -44,14 +49,17 @@ class JobQueue:
         self._waiting: dict[str, list[tuple[int, Job]]] = {}
         self._waiting_count = 0
 
-    def pop(self) -> tuple[int, Job] | None:
-        """Rank and job of the first that can begin; None where none can before another task ends."""
+    def pop(self, free: int = 0) -> tuple[int, Job] | None:
+        """Rank and job of the first that can begin; None where none can before another task ends.
+
+        free : id of a process; of the next jobs one whose input it has in its memory is taken first
+        """
         while self._wants_more():
             entry = next(self._jobs, None)
             if entry is None:
-                return self._pop_at_the_end()
+                return self._pop_at_the_end(free)
             self._place(entry)
-        return heapq.heappop(self._ready) if self._ready else None
+        return self._taken(min(heapq.nsmallest(_NEXT, self._ready), key=partial(self._away, free), default=None))
 
     def release(self, name: str) -> None:
         """Look again at the jobs that wait for a task that has ended or begun."""
@@ -73,14 +81,23 @@ class JobQueue:
         left = len(self._ready) + self._waiting_count
         return self._waiting_count < _AHEAD and (not self._ready or left < _END)
 
-    def _pop_at_the_end(self) -> tuple[int, Job] | None:
+    def _pop_at_the_end(self, free: int) -> tuple[int, Job] | None:
         """Of the jobs that can begin the one that most jobs wait for, one after the other."""
-        if not self._ready:
-            return None
-        chosen = min(self._ready, key=lambda entry: (-self._behind(entry[1]), entry[0]))
-        self._ready.remove(chosen)
-        heapq.heapify(self._ready)
-        return chosen
+        behind = {entry[0]: self._behind(entry[1]) for entry in self._ready}
+        near = [entry for entry in self._ready if behind[entry[0]] >= max(behind.values()) - _NEARLY_AS_LONG]
+        return self._taken(
+            min(near, key=lambda entry: (self._away(free, entry)[0], -behind[entry[0]], entry[0]), default=None)
+        )
+
+    def _away(self, free: int, entry: tuple[int, Job]) -> tuple[bool, int]:
+        """Whether no input of a job is in the memory of a process, and its rank."""
+        return free == 0 or free not in entry[1].workers(self._outcomes)[:1], entry[0]
+
+    def _taken(self, entry: tuple[int, Job] | None) -> tuple[int, Job] | None:
+        if entry is not None:
+            self._ready.remove(entry)
+            heapq.heapify(self._ready)
+        return entry
 
     def _behind(self, job: Job) -> int:
         """Length of the longest chain of jobs that wait for this one."""

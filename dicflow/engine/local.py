@@ -10,6 +10,7 @@ from dataclasses import replace
 from functools import partial
 from typing import Any
 
+from dicflow.engine.compilation import Uncompiled
 from dicflow.engine.job_queue import JobQueue
 from dicflow.engine.processes import WorkerLost, survive
 from dicflow.engine.schedulers import Backend, BackendOptions
@@ -50,12 +51,11 @@ class _InTurn:
         self, jobs: Iterator[Job], outcomes: Mapping[str, Outcome], finished: Callable[[Outcome], None]
     ) -> None:
         """Run jobs in their order."""
-        calls = dict(self._compilation.calls)
+        uncompiled = Uncompiled(self._compilation.pieces)
         for job in jobs:
-            stage = job.task.stage
-            if (call := calls.pop(stage, None)) is not None:
-                self._compilation.began(stage)
-                self._compilation.ended(stage, _compiled(call))
+            while (piece := uncompiled.take(job.task.stage)) is not None:
+                self._compilation.began(job.task.stage)
+                self._compilation.ended(job.task.stage, _compiled(piece[2]))
             finished(_attempted(perform, self._retries, job, job.known_inputs(outcomes)))
 
 
@@ -96,7 +96,8 @@ class _Flow:
     A job is tried again where its worker dies, so often as ``retries`` says but at least once. After that it is run
     once more when nothing runs beside it: the worker may have died of what did, and alone a job has all the memory.
 
-    One worker compiles, stage by stage; the jobs of a stage wait for that, those of other stages begin.
+    One worker compiles, piece by piece, and others that have nothing to do; numba of one process compiles one after the
+    other. The jobs of a stage wait for its pieces, those of other stages begin.
     """
 
     def __init__(
@@ -113,18 +114,22 @@ class _Flow:
         self._threads = threads
         self._outcomes = outcomes
         self._finished = finished
-        self._uncompiled = dict(options.compilation.calls)
+        self._uncompiled = Uncompiled(options.compilation.pieces)
         self._queue = JobQueue(jobs, outcomes, held=self._uncompiled)
-        self._compiling: Future[float] | None = None
+        self._compiling: dict[Future[float], tuple[str, str]] = {}
         self._running: dict[Future[Outcome], Job] = {}
+        self._free = 0
         self._lost: list[Job] = []
 
     def run(self) -> None:
         """Run jobs until none can begin. Raises WorkerError where no worker is left."""
         retries, at_once = self._options.retries, self._options.workers
-        self._compile_next()
         while True:
+            if not self._compiling:
+                self._compile_next()
             jobs = self._ready(at_once - self._busy())
+            while self._options.processes is not None and self._busy() + len(jobs) < at_once and self._compile_next():
+                pass
             threads = self._threads_each(self._busy() + len(jobs))
             for job in jobs:
                 self._submit(replace(job, threads=threads), deaths=max(1, retries))
@@ -138,7 +143,7 @@ class _Flow:
     def _ready(self, at_most: int) -> list[Job]:
         """The next jobs that can begin."""
         jobs: list[Job] = []
-        while len(jobs) < at_most and (entry := self._queue.pop()) is not None:
+        while len(jobs) < at_most and (entry := self._queue.pop(self._free)) is not None:
             jobs.append(entry[1])
         return jobs
 
@@ -148,44 +153,49 @@ class _Flow:
         return at_once // max(1, busy) if self._options.processes is not None or busy == 1 else 1
 
     def _busy(self) -> int:
-        return len(self._running) + (self._compiling is not None)
+        return len(self._running) + len(self._compiling)
 
-    def _compile_next(self) -> None:
-        """Let a worker compile for the next stage; where that is not wanted any more, all of them are released."""
-        compilation = self._options.compilation
-        while self._uncompiled and not compilation.is_wanted():
-            self._release_first()
-        if self._uncompiled:
-            stage, call = next(iter(self._uncompiled.items()))
-            compilation.began(stage)
-            self._compiling = self._threads.submit(self._call, _compiled, call)
+    def _compile_next(self) -> bool:
+        """Let a worker compile the next piece, if there is one; where that is not wanted any more, none is left."""
+        if not self._options.compilation.is_wanted():
+            self._release(self._uncompiled.give_up())
+        taken = self._uncompiled.take()
+        if taken is None:
+            return False
+        piece, stage, call = taken
+        self._options.compilation.began(stage)
+        self._compiling[self._threads.submit(self._call, _compiled, call)] = piece, stage
+        return True
 
-    def _release_first(self) -> str:
-        stage = next(iter(self._uncompiled))
-        del self._uncompiled[stage]
-        self._queue.release_stage(stage)
-        return stage
+    def _release(self, stages: list[str]) -> None:
+        for stage in stages:
+            self._queue.release_stage(stage)
 
     def _end_compiling(self, future: Future[float]) -> None:
-        """Release the stage. A worker that died of it dies again in a task, which reports it."""
-        self._compiling = None
+        """Release stages that wait for nothing more. A worker that died dies again in a task, which reports it."""
+        piece, stage = self._compiling.pop(future)
         lost = isinstance(future.exception(), WorkerLost)
-        self._options.compilation.ended(self._release_first(), 0.0 if lost else future.result())
-        self._compile_next()
+        self._options.compilation.ended(stage, 0.0 if lost else future.result())
+        self._release(self._uncompiled.done(piece))
 
     def _submit(self, job: Job, deaths: int) -> None:
         """Begin a job. deaths : so many of its workers may die"""
         inputs = job.known_inputs(self._outcomes)
-        performed = partial(survive, deaths, self._call, perform)
+        performed = partial(survive, deaths, self._call_for(job), perform)
         future = self._threads.submit(_attempted, performed, self._options.retries, job, inputs)
         self._running[future] = job
 
+    def _call_for(self, job: Job) -> Callable[..., Any]:
+        """What calls a function in a worker, if possible in the one that has an input of the job in its memory."""
+        if self._options.processes is None:
+            return self._call
+        return partial(self._call, preferred=next(iter(job.workers(self._outcomes)), 0))
+
     def _take(self) -> None:
         """Wait for the next job to end, and take it in."""
-        compiling = self._compiling
-        waiting: list[Future[Any]] = [*self._running, *([compiling] if compiling is not None else [])]
+        waiting: list[Future[Any]] = [*self._running, *self._compiling]
         for future in wait(waiting, return_when=FIRST_COMPLETED).done:
-            if future is compiling:
+            if future in self._compiling:
                 self._end_compiling(future)
                 continue
             job = self._running.pop(future)
@@ -202,6 +212,7 @@ class _Flow:
             self._end(job.outcome("failed", error=f"{job.task.name}: {KILLED}"))
 
     def _end(self, outcome: Outcome) -> None:
+        self._free = outcome.worker
         self._finished(outcome)
         self._queue.release(outcome.name)
 

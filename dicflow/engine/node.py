@@ -26,8 +26,11 @@ __all__ = [
     "Pixels",
     "Port",
     "Scope",
+    "Seconds",
     "keeping",
+    "numbered_port",
     "parameter",
+    "port_of",
 ]
 
 
@@ -73,6 +76,8 @@ class Port:
     optional : the stage also works without it and then gets None
     own : the producer is this stage itself, at another step
     of : another port; unless named, the producer is what the stage joined to that port takes by the same name
+    several : a pipeline may name a list of stages, by default all that fit; with ``At.ALL``, whose tuple has the
+        products of all of them, under ``.steps`` the name of the step or of a stage that runs once
     """
 
     kinds: tuple[str, ...]
@@ -80,13 +85,33 @@ class Port:
     optional: bool = False
     own: bool = False
     of: str = ""
+    several: bool = False
 
-    def __init__(self, *kinds: str, at: At = At.SAME, optional: bool = False, own: bool = False, of: str = "") -> None:
+    def __init__(
+        self,
+        *kinds: str,
+        at: At = At.SAME,
+        optional: bool = False,
+        own: bool = False,
+        of: str = "",
+        several: bool = False,
+    ) -> None:
         object.__setattr__(self, "kinds", kinds)
         object.__setattr__(self, "at", at)
         object.__setattr__(self, "optional", optional)
         object.__setattr__(self, "own", own)
         object.__setattr__(self, "of", of)
+        object.__setattr__(self, "several", several)
+
+
+def numbered_port(port: str, number: int) -> str:
+    """Name under which a stage keeps one of several stages joined to a port: ``curves``, ``curves[1]`` …"""
+    return f"{port}[{number}]" if number else port
+
+
+def port_of(name: str) -> str:
+    """The port of a name that :func:`numbered_port` gave."""
+    return name.partition("[")[0]
 
 
 Affects = Literal["result", "speed", "report"]
@@ -114,6 +139,8 @@ Pixels = Annotated[float, BeforeValidator(quantity("px"))]
 """A length in the image; a bare number is in px."""
 Degrees = Annotated[float, BeforeValidator(quantity("deg"))]
 """An angle; a bare number is in degrees, text may say ``"0.1 rad"``."""
+Seconds = Annotated[float, BeforeValidator(quantity("s"))]
+"""A time; a bare number is in seconds, text may say ``"5 min"``."""
 Odd = Annotated[int, AfterValidator(_odd)]
 """The side of a window with a pixel in its middle."""
 InputFile = Annotated[str, Field(json_schema_extra={"file": True})]
@@ -171,7 +198,7 @@ class Node(BaseModel):
         return None
 
     def left_out(self, folder: Path, steps: Mapping[str, Mapping[str, Path | FilePart]]) -> tuple[str, ...]:
-        """Sentences about files that :meth:`steps` found and left out, for the warnings of a run.
+        """Sentences about files that :meth:`steps` found and left out, or joined, for the warnings of a run.
 
         steps : what it returned
         """
@@ -180,7 +207,8 @@ class Node(BaseModel):
     def check(self, path: Path | FilePart) -> dict[str, Any]:
         """Facts about one file, found before anything runs and kept while the file is unchanged.
 
-        Of a part of a file the fact ``digest`` is that of its contents, which enters the key.
+        Of a part of a file the fact ``digest``, if given, is that of its contents and enters the key; otherwise the
+        contents of the whole file and the number of the part do.
         Raises InputError that names the file if it cannot be used.
         """
         return {}

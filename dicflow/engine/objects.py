@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from itertools import chain
 from pathlib import Path
@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any
 
 from dicflow.engine.hashing import digest_array, digest_json, is_digest, plain
 from dicflow.engine.product import Product, Variable
+from dicflow.engine.share import in_free_threads
 from dicflow.engine.stored_json import anything, fields, is_count, is_flag, is_text, list_of, mapping_of, read_stored
 from dicflow.engine.zarr_files import array_description, array_files, group_description, group_file, read_array
 from dicflow.errors import StageError
@@ -148,9 +149,10 @@ def normalised(product: Product) -> Product:
 def describe(product: Product) -> Manifest:
     """Manifest of a product in memory. Raises StageError for an array that has no digest."""
     try:
-        variables = {name: _spec(variable) for name, variable in product.variables.items()}
+        specs = in_free_threads(_spec, product.variables.values())
     except TypeError as error:
         raise StageError(f"{product.kind}: {error}") from error
+    variables = dict(zip(product.variables, specs, strict=True))
     content = {"kind": product.kind, "attrs": product.attrs, "variables": variables}
     nbytes = sum(variable.values.nbytes for variable in product.variables.values())
     return Manifest(digest_json(content), content, nbytes)
@@ -161,14 +163,15 @@ def write_group(folder: Path, product: Product) -> dict[str, int]:
 
     Raises OSError.
     """
-    sizes = {}
     for name in ("", *product.variables):
         (folder / name).mkdir()
+
+    def written(files: Iterable[tuple[str, bytes]]) -> list[tuple[str, int]]:
+        return [(name, (folder / name).write_bytes(content)) for name, content in files]
+
     arrays = (array_files(name, variable) for name, variable in product.variables.items())
-    for name, content in chain([group_file({"kind": product.kind, **product.attrs})], *arrays):
-        (folder / name).write_bytes(content)
-        sizes[name] = len(content)
-    return sizes
+    group = [group_file({"kind": product.kind, **product.attrs})]
+    return dict(chain.from_iterable(in_free_threads(written, [group, *arrays])))
 
 
 def descriptions(manifest: Manifest) -> dict[str, Any]:

@@ -18,7 +18,7 @@ from pathlib import Path
 from typing import Any, Literal, TypeVar
 
 from dicflow.engine.action_index import Action, action_of
-from dicflow.engine.files import FilePart, Stamp, stamp
+from dicflow.engine.files import FilePart, Stamp, part_digest, stamp
 from dicflow.engine.fingerprint import Fingerprint, Sources, changed_names, kept_sources
 from dicflow.engine.graph import Graph, Task, TaskInput
 from dicflow.engine.hashing import plain
@@ -240,6 +240,7 @@ class _Planner:
         self.entries: dict[str, PlanEntry] = {}
         self.files: dict[str, Mapping[str, FileStamp]] = {}
         self.unindexed: list[tuple[str, Action]] = []
+        self.wholes: dict[tuple[Path, Stamp], str] = {}
         self.indexed = store.index.present(store.path) if by_index else None
         values = {name: parameters(spec.node) for name, spec in graph.stages.items()}
         sources = Sources(kept_sources() or store.files)
@@ -267,9 +268,16 @@ class _Planner:
 
     def _stamped(self, node: Node, file: Path | FilePart) -> FileStamp:
         before = stamp(file)  # first: of a file that changes meanwhile the stamp then no longer fits
-        if isinstance(file, FilePart):
-            return FileStamp(_facts(self.store, node, file)["digest"], before)
-        return FileStamp(self.store.files.digest(file), before)
+        if not isinstance(file, FilePart):
+            return FileStamp(self.store.files.digest(file), before)
+        digest = _facts(self.store, node, file).get("digest")
+        return FileStamp(digest or part_digest(self._whole(file.path, before), file.number), before)
+
+    def _whole(self, path: Path, unchanged: Stamp) -> str:
+        """Digest of a file of many parts, found once for all of them."""
+        if (path, unchanged) not in self.wholes:
+            self.wholes[path, unchanged] = self.store.files.digest(path)
+        return self.wholes[path, unchanged]
 
     def _indexed(self, task: Task, key: str, inputs: dict[str, RefInput]) -> PlanEntry | None:
         """A hit by the index; None where only the record can tell."""

@@ -18,7 +18,6 @@ from concurrent.futures import ThreadPoolExecutor
 from contextlib import suppress
 from functools import partial
 from multiprocessing.connection import Connection
-from queue import Empty, SimpleQueue
 from typing import Any, TypeVar
 
 from dicflow.engine.workers import limit_threads, prepare, with_room
@@ -67,7 +66,7 @@ class WorkerProcesses:
         self._ahead = ahead
         self._unstarted = count
         self._places = count
-        self._idle: SimpleQueue[_Worker | None] = SimpleQueue()
+        self._idle = _Idle()
         self._workers: set[_Worker] = set()
         self._closed = False
         self._problem = ""
@@ -91,10 +90,9 @@ class WorkerProcesses:
             self._closed = True
             workers = list(self._workers)
         busy = set(workers)
-        with suppress(Empty):
-            while (worker := self._idle.get_nowait()) is not None:
-                worker.dismiss()
-                busy.discard(worker)
+        for worker in self._idle.take_all():
+            worker.dismiss()
+            busy.discard(worker)
         self._idle.put(None)
         for worker in busy:
             worker.process.kill()
@@ -108,12 +106,13 @@ class WorkerProcesses:
                 self._start()
             self._unstarted = 0
 
-    def call(self, function: Callable[..., T], *arguments: Any) -> T:
+    def call(self, function: Callable[..., T], *arguments: Any, preferred: int = 0) -> T:
         """The value of a function, computed in a worker; waits for a free one.
 
+        preferred : id of the process of a worker that is taken before others that are free
         Raises what the function raises, WorkerLost, and WorkerError where no worker can be started.
         """
-        worker = self._free()
+        worker = self._free(preferred)
         try:
             succeeded, value, cpu_s = worker.ask(function, arguments)
         except (EOFError, OSError):
@@ -147,13 +146,13 @@ class WorkerProcesses:
         except WorkerLost:
             raise WorkerError("a worker was killed twice at the same work, probably out of memory; use fewer") from None
 
-    def _free(self) -> _Worker:
+    def _free(self, preferred: int) -> _Worker:
         while True:
             with self._lock:
-                if self._unstarted and self._idle.empty():
+                if self._unstarted and not self._idle:
                     self._unstarted -= 1
                     self._start()
-            worker = self._idle.get()
+            worker = self._idle.get(preferred)
             if worker is None:
                 self._idle.put(None)
                 remedy = "run with --scheduler threads"
@@ -218,6 +217,36 @@ def survive(deaths: int, call: Callable[..., T], *arguments: Any) -> T:
         with suppress(WorkerLost):
             return call(*arguments)
     return call(*arguments)
+
+
+class _Idle:
+    """Workers that have nothing to do, the one that has waited longest first. None means that there will be no more."""
+
+    def __init__(self) -> None:
+        self._waiting: list[_Worker | None] = []
+        self._changed = threading.Condition()
+
+    def __bool__(self) -> bool:
+        return bool(self._waiting)
+
+    def put(self, worker: _Worker | None) -> None:
+        """Add one."""
+        with self._changed:
+            self._waiting.append(worker)
+            self._changed.notify()
+
+    def get(self, preferred: int) -> _Worker | None:
+        """Take the preferred one, or else the first one; waits for it."""
+        with self._changed:
+            self._changed.wait_for(lambda: self._waiting)
+            ids = [None if worker is None else worker.process.pid for worker in self._waiting]
+            return self._waiting.pop(ids.index(preferred) if preferred in ids else 0)
+
+    def take_all(self) -> list[_Worker]:
+        """Take all that wait."""
+        with self._changed:
+            found, self._waiting = self._waiting, []
+        return [worker for worker in found if worker is not None]
 
 
 class _Worker:

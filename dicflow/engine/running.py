@@ -6,12 +6,13 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 
+from dicflow.engine.compilation import Compilation, Pieces
 from dicflow.engine.expectation import expected_cpu_s
 from dicflow.engine.graph import Graph
 from dicflow.engine.journal import Event, Journal
 from dicflow.engine.node import Node
 from dicflow.engine.plan import CodePolicy, Plan
-from dicflow.engine.schedulers import Backend, Compilation
+from dicflow.engine.schedulers import Backend
 from dicflow.engine.store import Store
 from dicflow.engine.work import Job, Outcome, stop_path
 from dicflow.errors import WorkerError
@@ -38,8 +39,7 @@ class Options:
         once; then it gets one more attempt, alone.
     on_event : called with every event, in the thread that called ``run``
     worker_setup : called once in every worker, a function of a module
-    uncompiled : gives for stages that will run by name the functions of modules that compile what each of them needs,
-        where that is not compiled yet
+    uncompiled : gives the pieces of code that stages which will run need, where these are not compiled yet
     ahead : gives for all stages by name what workers do while they wait for work
     linger : called when all is done, before workers and dashboard end
     """
@@ -52,7 +52,7 @@ class Options:
     retries: int = 0
     on_event: Callable[[Event], None] | None = None
     worker_setup: Callable[[], None] | None = None
-    uncompiled: Callable[[Mapping[str, Node]], Mapping[str, Callable[[], None]]] | None = None
+    uncompiled: Callable[[Mapping[str, Node]], Pieces] | None = None
     ahead: Callable[[Mapping[str, Node]], Sequence[Callable[[], None]]] | None = None
     linger: Callable[[], None] | None = None
 
@@ -119,14 +119,14 @@ class Running:
         """What is to compile for the stages that will run, and who listens."""
         entries = (entry.task for entry in self.plan.entries.values() if entry.state != "hit")
         nodes = {task.stage: task.node for task in entries}
-        calls = self.options.uncompiled(nodes) if self.options.uncompiled is not None else {}
-        return Compilation(calls, lambda: not self.stopped, self._compiling, self._compiled)
+        pieces = self.options.uncompiled(nodes) if self.options.uncompiled is not None else {}
+        return Compilation(pieces, lambda: not self.stopped, self._compiling, self._compiled)
 
     def _compiling(self, stage: str) -> None:
         self.report(Event("compiling", stage=stage))
 
     def _compiled(self, stage: str, cpu_s: float) -> None:
-        self.compiled_s[stage] = cpu_s
+        self.compiled_s[stage] = self.compiled_s.get(stage, 0.0) + cpu_s
         self.report(Event("compiled", stage=stage, seconds=cpu_s))
 
     def stop(self) -> None:

@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Protocol
 from urllib.parse import urlsplit
 
 from dicflow.discovery import Registry, nearest
+from dicflow.engine.compilation import Compilation
 from dicflow.errors import ConfigurationError
 
 if TYPE_CHECKING:
@@ -25,7 +26,6 @@ __all__ = [
     "SCHEDULERS",
     "Backend",
     "BackendOptions",
-    "Compilation",
     "Scheduler",
     "check_scheduler",
     "is_loopback",
@@ -56,29 +56,6 @@ class Backend(Protocol):
 
         Raises WorkerError where no worker is left to run them.
         """
-
-
-def _always() -> bool:
-    return True
-
-
-def _ignore(*_: object) -> None:
-    pass
-
-
-@dataclass(frozen=True)
-class Compilation:
-    """Code that is compiled before the first task of a stage, by one worker while the others do other stages' tasks.
-
-    calls : stage → function of a module that compiles what the stage needs, those of early stages first
-    is_wanted : whether to go on with the next stage
-    began, ended : called with a stage, and with the processor time that it took [s], in the thread of the run
-    """
-
-    calls: Mapping[str, Callable[[], None]] = field(default_factory=dict)
-    is_wanted: Callable[[], bool] = _always
-    began: Callable[[str], None] = _ignore
-    ended: Callable[[str, float], None] = _ignore
 
 
 @dataclass(frozen=True)

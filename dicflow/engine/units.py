@@ -12,6 +12,7 @@ __all__ = ["quantity"]
 _FACTORS = {
     "mm": {"um": 1e-3, "µm": 1e-3, "mm": 1.0, "cm": 10.0, "m": 1000.0, "in": 25.4},
     "px": {"px": 1.0},
+    "s": {"s": 1.0, "ms": 1e-3, "min": 60.0, "h": 3600.0},
     "deg": {"deg": 1.0, "°": 1.0, "rad": 180.0 / math.pi},
 }
 _TEXT = re.compile(r"\s*+([-+]?(?:\d++\.?\d*+|\.\d++)(?:[eE][-+]?\d++)?)\s*+(\S++)\s*+")
@@ -20,7 +21,7 @@ _TEXT = re.compile(r"\s*+([-+]?(?:\d++\.?\d*+|\.\d++)(?:[eE][-+]?\d++)?)\s*+(\S+
 def quantity(unit: str) -> Callable[[Any], Any]:
     """A validator that turns text with a unit into a number in ``unit`` and returns other values unchanged.
 
-    unit : "mm", "px" or "deg"
+    unit : "mm", "px", "s" or "deg"
     The function it returns raises ValueError for a unit of another dimension.
 
     >>> quantity("mm")("2 cm")

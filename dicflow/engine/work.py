@@ -7,10 +7,12 @@ its attempts: dask's scheduler by ``retries``, since it outlives a worker and ma
 
 from __future__ import annotations
 
+import os
 import platform
 import sys
 import time
 import traceback
+from collections import Counter
 from collections.abc import Callable, Mapping
 from contextlib import suppress
 from dataclasses import dataclass, replace
@@ -19,7 +21,7 @@ from pathlib import Path
 from typing import Any
 
 from dicflow.engine.action_index import action_of
-from dicflow.engine.files import FilePart, stamp
+from dicflow.engine.files import FilePart, part_digest, stamp
 from dicflow.engine.fingerprint import Fingerprint
 from dicflow.engine.graph import Task, TaskInput
 from dicflow.engine.hashing import digest_file
@@ -58,6 +60,7 @@ class Outcome:
         and storing
     cpu_s, stage_cpu_s : processor time of all of it, and of the stage with the reading of its inputs [s]
     peak_bytes : most memory that its process held while it ran
+    worker : id of the process that has the product in its memory, for a while
     damaged : failed because an input's object turned out damaged; another run repairs it
     warning : of a hit that other code has made
     warnings : of the product
@@ -76,6 +79,7 @@ class Outcome:
     cpu_s: float = 0.0
     stage_cpu_s: float = 0.0
     peak_bytes: int = 0
+    worker: int = 0
     damaged: bool = False
     warning: str = ""
     warnings: tuple[str, ...] = ()
@@ -118,6 +122,12 @@ class Job:
         """The outcomes among those given that :func:`perform` takes."""
         return [outcomes[name] for name in self.awaited() if name in outcomes]
 
+    def workers(self, outcomes: Mapping[str, Outcome]) -> list[int]:
+        """Ids of the processes that have inputs in their memory that others would make again, that of most first."""
+        made = (outcome for outcome in self.known_inputs(outcomes) if outcome.worker)
+        near = Counter(outcome.worker for outcome in made if outcome.ref is not None and outcome.ref.recipe is not None)
+        return [worker for worker, _ in near.most_common()]
+
     def outcome(self, status: Status, **more: Any) -> Outcome:
         """An outcome of this task."""
         return Outcome(self.task.name, self.task.stage, self.task.step, status, **more)
@@ -151,7 +161,7 @@ def perform(job: Job, *inputs: Outcome) -> Outcome:
         return job.outcome("skipped", error="the run was stopped")
     try:
         done = _performed(job, inputs, start)
-        return replace(done, cpu_s=processor() - cpu_start)
+        return replace(done, cpu_s=processor() - cpu_start, worker=os.getpid())
     except DicflowError as error:
         return job.outcome("failed", error=_with_task(job, error), damaged=isinstance(error, DamagedError))
     except Exception as error:
@@ -192,9 +202,10 @@ def _performed(job: Job, inputs: tuple[Outcome, ...], start: float) -> Outcome:
         warning = code_warning(store, task.stage, record, job.code, job.code_policy)
         return job.outcome("hit", ref=ref, key=key, warning=warning, warnings=record.warnings)
     product, times, stage_cpu_s = _run(job, store, recipe)
-    manifest = describe(product)
-    keep = is_kept(task.node, len(product.variables), manifest.nbytes, sum(times), recipe.depth, job.gathered)
-    manifest = store.put(product, manifest, keep)
+    with with_threads(job.threads):
+        manifest = describe(product)
+        keep = is_kept(task.node, len(product.variables), manifest.nbytes, sum(times), recipe.depth, job.gathered)
+        manifest = store.put(product, manifest, keep)
     products.put(manifest.digest, product, manifest.nbytes)
     ref = Ref(manifest.digest, None if manifest.kept else recipe)
     stage_s, remake_s = times
@@ -258,10 +269,15 @@ def _has_changed(node: Node, file: Path | FilePart, known: FileStamp) -> bool:
     if stamp(file) == known.stamp:
         return False
     try:
-        digest = node.check(file)["digest"] if isinstance(file, FilePart) else digest_file(file)
+        digest = _part_digest(node, file) if isinstance(file, FilePart) else digest_file(file)
     except (OSError, InputError):
         return True
     return bool(digest != known.digest)
+
+
+def _part_digest(node: Node, part: FilePart) -> str:
+    digest: str | None = node.check(part).get("digest")
+    return digest or part_digest(digest_file(part.path), part.number)
 
 
 def _provenance(job: Job, done: Outcome, manifest: Manifest) -> dict[str, Any]:

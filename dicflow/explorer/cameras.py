@@ -24,7 +24,7 @@ __all__ = ["camera_facts"]
 def camera_facts(result: Result, source: FieldSource, step: str, keep: Keep) -> list[CameraFacts]:
     """The left and the right camera; empty without a rig, or with one camera."""
     stage = next((stage for stage in reversed(result.stages_of("rig")) if result.has(stage)), None)
-    if stage is None or source.facts["unit"] != "mm":
+    if stage is None or source.facts["unit"] != "mm" or result.stages_of("scale"):
         return []
     made = keep(["cameras", result.digest(stage), *source.sources(step)], lambda: _both(result, stage, source, step))
     found: list[CameraFacts] = json.loads(made)

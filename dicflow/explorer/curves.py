@@ -8,6 +8,7 @@ from collections.abc import Iterator, Sequence
 from typing import Any, TypedDict
 
 from dicflow.explorer.content import Keep
+from dicflow.kinds.channels import Channels
 from dicflow.kinds.comparison import Comparison
 from dicflow.kinds.probes import ProbeTable
 from dicflow.kinds.quantities import unit_of
@@ -100,14 +101,25 @@ def probe_curves(result: Result, quantity: str, keep: Keep, variant: int = 0) ->
 
 
 def loads(result: Result, numbers: Sequence[int], variant: int = 0) -> Loads | None:
-    """Loads of steps by their numbers; None if the test has no table of loads."""
+    """Loads of steps by their numbers, of the comparison or else of a machine's log; None without either."""
     for stage in result.stages_of("comparison"):
         if result.has(stage, None, variant):
             rows = Comparison.read(result.product(stage, None, variant)).rows
             found = [rows[number].get("load_g") if number < len(rows) else None for number in (0, *numbers)]
             known = any(value is not None for value in found)
             return Loads(unit="g", steps=found[1:], first=found[0]) if known else None
+    for stage in result.stages_of("channels"):
+        if result.has(stage, None, variant):
+            table = Channels.read(result.product(stage, None, variant))
+            if table.has_load:
+                load = table.of(table.load)
+                first, *steps = (_json_number(load.values[number]) for number in (0, *numbers))
+                return Loads(unit=load.unit, steps=steps, first=first)
     return None
+
+
+def _json_number(value: float) -> float | None:
+    return float(value) if math.isfinite(value) else None
 
 
 def _json(table: ProbeTable, quantity: str) -> bytes:

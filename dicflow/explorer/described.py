@@ -9,6 +9,7 @@ from dicflow.explorer.content import Keep
 from dicflow.explorer.curves import loads, probe_curves, probe_places
 from dicflow.explorer.entries import Contents, crop_entry, first_entry, quantity_entry, reasons, step_entry
 from dicflow.explorer.manifest import Manifest, QuantityEntry
+from dicflow.explorer.meaning import meaning
 from dicflow.explorer.reading import Reading
 from dicflow.pipeline.rig_answer import rig_answer
 from dicflow.views.colours import palette
@@ -40,6 +41,7 @@ def manifest_of(reading: Reading, title: str, shown: Contents, keep: Keep) -> Ma
         load=loads(reading.result, [entry["number"] for entry in steps]),
         rig=_rig_sentence(reading),
         left_out=list(shown.left_out),
+        meaning=meaning(quantities, source.facts["unit"]),
     )
 
 

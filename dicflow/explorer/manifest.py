@@ -102,6 +102,7 @@ class Manifest(FieldFacts):
     load : :class:`dicflow.explorer.curves.Loads`; None if unknown
     rig : whether the rig is still calibrated, as a sentence; empty where the points do not tell it
     left_out : sentences on what had to be left out
+    meaning : sentences on what ± means; none without uncertainties
     """
 
     title: str
@@ -119,3 +120,4 @@ class Manifest(FieldFacts):
     load: Loads | None
     rig: str
     left_out: list[str]
+    meaning: list[str]

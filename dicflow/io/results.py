@@ -14,8 +14,9 @@ from dicflow.engine.product import Product, Variable
 from dicflow.errors import InputError
 from dicflow.io.table import EXACT, TableStyle, note_line, row_text
 from dicflow.kinds.kind import rows_of, steps_of, summary_of, titles_of
+from dicflow.kinds.status import STATUS_NAME, status_legend
 
-__all__ = ["ProductTable", "columns_text", "csv_text", "npz_bytes", "product_table", "table_text"]
+__all__ = ["ProductTable", "columns_text", "csv_text", "legends", "npz_bytes", "product_table", "table_text"]
 
 
 class ProductTable(NamedTuple):
@@ -91,17 +92,24 @@ def table_text(rows: Sequence[Mapping[str, object]], style: TableStyle = EXACT) 
 def npz_bytes(product: Product) -> bytes:
     """All arrays under their names, and ``attributes`` as JSON text with the units of each."""
     units = {key: variable.units for key, variable in product.variables.items()}
-    attributes = json.dumps({"kind": product.kind, "units": units, **product.attrs}, ensure_ascii=False)
+    texts = {"kind": product.kind, "units": units, **product.attrs, **legends(product)}
+    attributes = json.dumps(texts, ensure_ascii=False)
     buffer = io.BytesIO()
     arrays = {key: variable.values for key, variable in product.variables.items()}
     np.savez_compressed(buffer, attributes=np.array(attributes), **arrays)  # type: ignore[arg-type]
     return buffer.getvalue()
 
 
+def legends(product: Product) -> dict[str, str]:
+    """``status_codes``: what the codes of a status mean; empty for a product without one."""
+    return {"status_codes": status_legend()} if STATUS_NAME in product else {}
+
+
 def _header(product: Product, name: str) -> str:
     notes = {key: value for key, value in product.attrs.items() if isinstance(value, str | int | float)}
     lines = [f"dicflow {__version__}", f"product: {name}", f"kind: {product.kind}"]
-    return "".join(map(note_line, [*lines, *(f"{key}: {value}" for key, value in notes.items())]))
+    texts = {**notes, **legends(product)}
+    return "".join(map(note_line, [*lines, *(f"{key}: {value}" for key, value in texts.items())]))
 
 
 def _titles(product: Product) -> str:

@@ -25,6 +25,7 @@ __all__ = [
     "Table",
     "TableStyle",
     "cell_text",
+    "cells_of",
     "note_line",
     "plain_text",
     "read_table",
@@ -76,7 +77,7 @@ def read_table(path: Path, what: str, columns: str, most_bytes: int) -> Table:
             separator = found[1]
         elif line.strip():
             separator = separator or max(_SEPARATORS, key=line.count)
-            names = [plain_text(name.strip()) for name in _cells(line, separator)]
+            names = [plain_text(name.strip()) for name in cells_of(line, separator)]
             return Table(f"{path}:{number}", names, notes, _rows(path, lines, separator, len(names)))
     raise InputError(
         str(path), f"has no rows, expected {what}", f"write a line of names, {columns}, and one row per line"
@@ -192,14 +193,15 @@ def _rows(path: Path, lines: Iterable[tuple[int, str]], separator: str, width: i
     for number, line in lines:
         if _is_note(line) or not line.strip(' \t;,"'):
             continue
-        cells, where = _cells(line, separator), f"{name}:{number}"
+        cells, where = cells_of(line, separator), f"{name}:{number}"
         if len(cells) != width:
             problem = f"has {len(cells)} values for {width} columns"
             raise InputError(where, problem, "write one for each, and decimal points if commas separate them")
         yield where, cells
 
 
-def _cells(line: str, separator: str) -> list[str]:
+def cells_of(line: str, separator: str) -> list[str]:
+    """The cells of a line, without the quotes around them."""
     if '"' not in line:
         return line.split(separator)
     return next(csv.reader([line], delimiter=separator, skipinitialspace=True))

@@ -44,6 +44,7 @@ class Images(Kind):
         kind: Literal["images", "rectified", "plane"] = "images",
         counts: Mapping[str, np.ndarray] = _NONE,
         notes: Mapping[str, str] = _NONE,
+        time: float | None = None,
     ) -> Product:
         """A product of photographs.
 
@@ -52,6 +53,7 @@ class Images(Kind):
         counts : left or right → (row, col) bool, False for pixels that are not measured. A mask that is True
             everywhere is left out
         notes : left or right → a sentence about the photograph that people need to know
+        time : of the left photograph [s]; None if unknown
         """
         sides = {"left": left} if right is None else {"left": left, "right": right}
         grey = Layout(GRID, "grey level", _TITLES[kind])
@@ -60,7 +62,7 @@ class Images(Kind):
             kind,
             {side: grey._replace(long_name=grey.long_name.format(side=side))(image) for side, image in sides.items()}
             | masks,
-            {"notes": dict(notes)} if notes else {},
+            ({"notes": dict(notes)} if notes else {}) | ({} if time is None else {"time": time}),
         )
 
     @property
@@ -88,6 +90,15 @@ class Images(Kind):
     def notes(self) -> Mapping[str, str]:
         """Left or right → a sentence about the photograph that people need to know, if there is one."""
         found: Mapping[str, str] = self.product.attrs.get("notes", {})
+        return found
+
+    @property
+    def time(self) -> float | None:
+        """When the left photograph was taken [s], by the clock of its camera; None if unknown.
+
+        Of a video the seconds count from its first frame, of photographs from 1970: only differences have a meaning.
+        """
+        found: float | None = self.product.attrs.get("time")
         return found
 
     @property

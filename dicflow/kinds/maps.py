@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import replace
 from typing import TYPE_CHECKING, Any, ClassVar, Literal, NamedTuple
 
 from dicflow.engine.product import Product
@@ -11,7 +12,7 @@ from dicflow.kinds.kind import Kind
 if TYPE_CHECKING:
     import numpy as np
 
-__all__ = ["MapQuantity", "Maps", "Positions", "colour_range", "joined_range"]
+__all__ = ["MapQuantity", "Maps", "Positions", "colour_range", "drawn_at", "joined_range"]
 
 Positions = Literal["xyz", "xyz_reference"]
 
@@ -97,6 +98,18 @@ class Maps(Kind):
     def phases(self) -> Sequence[str]:
         """Of each total, loading or unloading."""
         return tuple(self.product.attrs["phases"])
+
+    @property
+    def drawn(self) -> Sequence[int]:
+        """Numbers of the totals that are drawn; the others of a long series have no pictures."""
+        return tuple(self.product.attrs.get("drawn", range(len(self.phases))))
+
+
+def drawn_at(product: Product, numbers: Sequence[int]) -> Product:
+    """The product of maps of which only some totals are drawn; unchanged if these are all."""
+    if len(numbers) == len(product.attrs["phases"]):
+        return product
+    return replace(product, attrs={**product.attrs, "drawn": list(numbers)})
 
 
 LEFT_OUT_PERCENT = 0.5

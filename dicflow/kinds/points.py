@@ -34,6 +34,9 @@ _LAYOUTS = {
 }
 
 
+_MM_PER_PX = "mm_per_px"
+
+
 class PointErrors(NamedTuple):
     """Errors of the points of one step.
 
@@ -118,8 +121,18 @@ class Points(Kind):
 
     @property
     def unit(self) -> str:
-        """Unit of places: mm in space, px in the plane of one camera's photograph."""
-        return "mm" if self.in_space else "px"
+        """Unit of places: mm in space or with a scale, px in the plane of one camera's photograph."""
+        return "mm" if self.in_space or self._pixel != 1.0 else "px"
+
+    def in_mm(self, mm_per_px: float) -> Self:
+        """These points of one camera in millimetres of the plane that it looks at."""
+        attrs = {**self.product.attrs, _MM_PER_PX: mm_per_px}
+        return type(self)(Product(self.product.kind, self.product.variables, attrs))
+
+    @property
+    def _pixel(self) -> float:
+        """Size of a pixel in the unit of places, with one camera."""
+        return float(self.product.attrs.get(_MM_PER_PX, 1.0))
 
     @property
     def in_space(self) -> bool:
@@ -167,7 +180,7 @@ class Points(Kind):
 
         if "bias" not in self:
             return None
-        found = self["bias"].astype(np.float64)
+        found = self._pixel * self["bias"].astype(np.float64)
         return found if self.in_space else np.pad(found[..., None] * np.eye(2), [(0, 0), (0, 0), (0, 1), (0, 0)])
 
     @property
@@ -188,7 +201,7 @@ class Points(Kind):
         return type(self)(Product(self.product.kind, {**variables, **scaled}, self.product.attrs))
 
     def measured(self) -> MeasuredPoints:
-        """Places and their errors; of one camera, in the plane of its photograph at height 0."""
+        """Places and their errors; of one camera, in the plane of its photograph or specimen at height 0."""
         import numpy as np
 
         from dicflow.core.tensors import symmetric
@@ -197,9 +210,9 @@ class Points(Kind):
         if self.in_space:
             return MeasuredPoints(self["xyz"], symmetric(self["covariance"]), self["sensitivity"])
         return MeasuredPoints(
-            np.pad(self["xy"], [(0, 0), (0, 0), (0, 1)]),
-            np.pad(symmetric(self["covariance"]), [(0, 0), (0, 0), (0, 1), (0, 1)]),
-            np.pad(self["gradient"], [(0, 0), (0, 0), (0, 1), (0, 0)]),
+            self._pixel * np.pad(self["xy"], [(0, 0), (0, 0), (0, 1)]),
+            self._pixel**2 * np.pad(symmetric(self["covariance"]), [(0, 0), (0, 0), (0, 1), (0, 1)]),
+            self._pixel * np.pad(self["gradient"], [(0, 0), (0, 0), (0, 1), (0, 0)]),
         )
 
     def measured_at_first_step(self) -> MeasuredPoints:

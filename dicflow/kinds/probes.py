@@ -67,12 +67,27 @@ class ProbeTable(Table):
         """Names of the extensometers."""
         return tuple(self.product.attrs["probes"]["extensometer"])
 
+    @property
+    def areas(self) -> Sequence[str]:
+        """Names of the areas."""
+        return tuple(self.product.attrs["probes"]["area"])
+
     def of_extensometer(self, name: str, quantity: str) -> np.ndarray:
         """A quantity of one extensometer at every step. Raises StageError for an unknown name."""
         if name not in self.extensometers:
             known = ", ".join(self.extensometers) or "none"
             raise StageError(f"unknown extensometer '{name}'; the probes have: {known}")
         values: np.ndarray = self[quantity][self.extensometers.index(name)]
+        return values
+
+    def of_area(self, name: str, quantity: str) -> np.ndarray:
+        """A quantity of one area at every step. Raises StageError for an unknown name or quantity."""
+        if name not in self.areas:
+            raise StageError(f"unknown area '{name}'; the probes have: {', '.join(self.areas) or 'none'}")
+        if quantity not in self:
+            raise StageError(f"the probes do not read {quantity}; add it to their quantities")
+        listed = self.product.attrs["probes"]
+        values: np.ndarray = self[quantity][[*listed["point"], *listed["line"], *listed["area"]].index(name)]
         return values
 
 

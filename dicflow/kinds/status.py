@@ -1,15 +1,35 @@
-"""Values of known points, and the status of points after a fit."""
+"""Values of known points, the status of points after a fit, and what its codes mean."""
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from dicflow.errors import StageError
 
 if TYPE_CHECKING:
     import numpy as np
 
-__all__ = ["fitted_status", "known_or_nan"]
+__all__ = ["STATUS_NAME", "fitted_status", "known_or_nan", "status_attributes", "status_legend"]
+
+STATUS_NAME = "status"
+"""Name of the arrays that hold the status of points."""
+
+
+def status_attributes() -> dict[str, Any]:
+    """``flag_values`` and ``flag_meanings`` of a status, as the conventions for climate and forecast data have them."""
+    import numpy as np
+
+    from dicflow.core.status import Status
+
+    meanings = " ".join(code.label.replace(" ", "_") for code in Status)
+    return {"flag_values": np.array([*Status], dtype=np.uint8), "flag_meanings": meanings}
+
+
+def status_legend() -> str:
+    """The codes in words: ``0 valid, 1 filled, …``."""
+    from dicflow.core.status import Status
+
+    return ", ".join(f"{code:d} {code.label}" for code in Status)
 
 
 def known_or_nan(known: np.ndarray, values: np.ndarray) -> np.ndarray:

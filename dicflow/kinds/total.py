@@ -21,6 +21,7 @@ if TYPE_CHECKING:
 
 __all__ = [
     "DEGREE",
+    "VSG",
     "Gauge",
     "Total",
     "TotalFacts",
@@ -45,6 +46,7 @@ _PLACES = {
     "calibration_xyz": Layout((*GRID, "component"), "{unit}", "calibration's share in σ of the place"),
 }
 DEGREE = Layout(GRID, "1", "degree of the polynomial of the strain")
+VSG = Layout(GRID, "px", "side of the virtual strain gauge")
 _LAST = "last_"
 """Begins the names of arrays, and of their axes, that hold the last total with displacements."""
 _SINGLE = ("covariance", "calibration_xyz")
@@ -116,6 +118,16 @@ class Total(Kind):
         attrs = {**self.product.attrs, "lost": True}
         return replace(self.product, variables={**self.product.variables, **variables}, attrs=attrs)
 
+    def with_scale(self, facts: Mapping[str, Any]) -> Product:
+        """The product of one camera in millimetres. facts : of the scale"""
+        return replace(self.product, attrs={**self.product.attrs, "scale": dict(facts)})
+
+    @property
+    def window_shares(self) -> Mapping[str, float]:
+        """Side of the window in points, as text → share of the points; empty where all have the same."""
+        found: Mapping[str, float] = self.product.attrs.get("window_shares", {})
+        return found
+
     @property
     def last(self) -> Total | None:
         """The total of the last step with displacements: this one, or one before; None if unknown yet."""
@@ -142,13 +154,19 @@ class Total(Kind):
 
     @property
     def unit(self) -> str:
-        """Unit of displacements and places: mm, or px with one camera."""
+        """Unit of displacements and places: mm, or px with one camera and no scale."""
         return str(self.product.attrs["unit"])
 
     @property
     def in_space(self) -> bool:
         """Whether two cameras measured it."""
-        return self.unit == "mm"
+        return self.unit == "mm" and "scale" not in self.product.attrs
+
+    @property
+    def relative_u_of_scale(self) -> float | None:
+        """Relative standard uncertainty of all lengths by the scale of one camera; None without a scale."""
+        found: float | None = self.product.attrs.get("scale", {}).get("relative_u")
+        return found
 
     @property
     def measure(self) -> str:

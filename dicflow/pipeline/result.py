@@ -5,6 +5,7 @@ from __future__ import annotations
 import difflib
 import importlib
 import math
+import re
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
@@ -17,6 +18,7 @@ from dicflow.engine.references import Ref, load
 from dicflow.engine.store import Store
 from dicflow.errors import ConfigurationError, DicflowError
 from dicflow.kinds.kind import summary_of
+from dicflow.kinds.status import STATUS_NAME, status_attributes
 
 if TYPE_CHECKING:
     import xarray
@@ -26,6 +28,9 @@ if TYPE_CHECKING:
 
 __all__ = ["ArrayFacts", "Result"]
 
+Variant = int | str
+"""A variant of a sweep: "#2" as tables, reports and the command line name the second one, or its index, which is 1."""
+_NAME = re.compile(r"#([1-9]\d{0,5})")
 _VIEW = "dicflow.explorer.page:Explorer"
 """``module:class`` that shows a result; it belongs to a layer above, and is loaded when somebody asks for it."""
 
@@ -46,6 +51,8 @@ class ArrayFacts(NamedTuple):
 class Result:
     """Products by stage and step, of one variant or of several.
 
+    A variant is chosen by its name, "#1" for the first one as in tables, reports and on the command line, or by its
+    index in ``values`` and :meth:`table`, which counts from 0 as all of Python does.
     ``outcome`` is what the run did, None if nothing was run. ``graph`` has the stages and steps, ``notes`` whole
     sentences about where the products come from. :func:`dicflow.plot` draws them, :meth:`view`
     shows their fields in a notebook.
@@ -69,10 +76,10 @@ class Result:
         """Names of the stages in the file."""
         return tuple(self._instances[0])
 
-    def variant(self, number: int) -> Result:
-        """One variant alone. Raises ConfigurationError for a number that does not exist."""
-        self._check_variant(number)
-        alone = ([self._instances[number]], [self.values[number]])
+    def variant(self, which: Variant) -> Result:
+        """One variant alone. Raises ConfigurationError for one that does not exist."""
+        place = self._place(which)
+        alone = ([self._instances[place]], [self.values[place]])
         return Result(self.graph, self._store, self._refs, *alone, self.outcome, self.notes)
 
     def noted(self, note: str) -> Result:
@@ -85,11 +92,11 @@ class Result:
         """Task → reference of its product, for all products in the store."""
         return self._refs
 
-    def steps(self, stage: str, variant: int = 0) -> tuple[str, ...]:
+    def steps(self, stage: str, variant: Variant = 0) -> tuple[str, ...]:
         """Names of the steps of a stage; empty for one that runs once. Variants may have photographs of their own."""
         return self.graph.steps[self._instance(stage, variant)]
 
-    def number(self, stage: str, step: str | None, variant: int = 0) -> int:
+    def number(self, stage: str, step: str | None, variant: Variant = 0) -> int:
         """Number of a step in the test; the first photograph has 0, and so has a stage that runs once."""
         instance = self._instance(stage, variant)
         if step not in self.graph.steps[instance]:
@@ -109,9 +116,9 @@ class Result:
         """Where the products are kept."""
         return self._store.path
 
-    def source(self, stage: str, port: str, variant: int = 0) -> str:
+    def source(self, stage: str, port: str, variant: Variant = 0) -> str:
         """The stage in the file that feeds a port of another."""
-        names = self._instances[variant]
+        names = self._instances[self._place(variant)]
         producer = self.graph.stages[names[stage]].inputs[port]
         return next(name for name, instance in names.items() if instance == producer)
 
@@ -119,12 +126,12 @@ class Result:
         """Stages that give a kind of product."""
         return [stage for stage in self.stages if self.kind(stage) == kind]
 
-    def has(self, stage: str, step: str | int | None = None, variant: int = 0) -> bool:
+    def has(self, stage: str, step: str | int | None = None, variant: Variant = 0) -> bool:
         """Whether the product is stored, or can be made again."""
         ref = self._refs.get(self.task(stage, step, variant))
         return ref is not None and not ref.lost
 
-    def digest(self, stage: str, step: str | int | None = None, variant: int = 0) -> str:
+    def digest(self, stage: str, step: str | int | None = None, variant: Variant = 0) -> str:
         """Digest of the product's contents."""
         return self.ref(stage, step, variant).digest
 
@@ -133,17 +140,17 @@ class Result:
         """Task → digest of its product, for all products in the store."""
         return {task: ref.digest for task, ref in sorted(self._refs.items())}
 
-    def product(self, stage: str, step: str | int | None = None, variant: int = 0) -> Product:
+    def product(self, stage: str, step: str | int | None = None, variant: Variant = 0) -> Product:
         """One product; its arrays are read when they are first used.
 
         step : name or number of the step, None for a stage that runs once
-        variant : number of the sweep's variant
+        variant : of a sweep: "#2" for the second one, or its index, which is 1
         Raises ConfigurationError for a name that does not exist and lists those that do, DicflowError for a product
         that was not computed.
         """
         return load(self._store, self.ref(stage, step, variant))
 
-    def arrays(self, stage: str, step: str | int | None = None, variant: int = 0) -> dict[str, ArrayFacts]:
+    def arrays(self, stage: str, step: str | int | None = None, variant: Variant = 0) -> dict[str, ArrayFacts]:
         """What is known of each array of a product; none is read or made again. Raises as :meth:`product` does."""
         manifest = self._store.manifest(self.ref(stage, step, variant).digest)
         if manifest is None:
@@ -152,24 +159,25 @@ class Result:
         return {name: ArrayFacts(one["digest"], tuple(one["shape"]), one["dtype"]) for name, one in variables.items()}
 
     def dataset(
-        self, stage: str, step: str | int | None = None, variant: int = 0, *, chunks: Any = None
+        self, stage: str, step: str | int | None = None, variant: Variant = 0, *, chunks: Any = None
     ) -> xarray.Dataset:
         """One product as an xarray dataset; with ``chunks`` all steps, whose arrays dask reads when they are used.
 
         chunks : as in xarray: "auto" for one chunk per array and step, or lengths by dimension; only without a step
+        The status of points has ``flag_values`` and ``flag_meanings``.
         Raises ConfigurationError for chunks of one step, and if the shape of an array differs between steps.
         """
         if chunks is None:
-            return self.product(stage, step, variant).to_dataset()
+            return _with_flags(self.product(stage, step, variant).to_dataset())
         if step is not None:
             raise ConfigurationError("chunks are for all steps of a stage at once; leave out the step, or the chunks")
         refs = {name: self.ref(stage, name, variant) for name in self.steps(stage, variant)}
         if not refs:
             raise ConfigurationError(f"{stage} runs once and has no steps; leave out the chunks")
-        dataset = lazy_dataset(self._store, refs)
+        dataset = _with_flags(lazy_dataset(self._store, refs))
         return dataset if chunks == "auto" else dataset.chunk(chunks)
 
-    def open(self, stage: str, step: str | int | None = None, variant: int = 0) -> zarr.Group:
+    def open(self, stage: str, step: str | int | None = None, variant: Variant = 0) -> zarr.Group:
         """One product as a group of zarr's arrays, read-only. Raises as :meth:`product` does."""
         return open_group(self._store, self.ref(stage, step, variant))
 
@@ -177,7 +185,7 @@ class Result:
         """One row per variant: the values of the sweep, then the scalars of every stage, as means over its steps."""
         return [{**values, **self._scalars(variant)} for variant, values in enumerate(self.values)]
 
-    def task(self, stage: str, step: str | int | None, variant: int) -> str:
+    def task(self, stage: str, step: str | int | None, variant: Variant) -> str:
         """Name of the task that gives a product."""
         instance = self._instance(stage, variant)
         steps = self.graph.steps[instance]
@@ -201,19 +209,26 @@ class Result:
         module, _, name = _VIEW.partition(":")
         return getattr(importlib.import_module(module), name)(self)
 
-    def _check_variant(self, variant: int) -> None:
-        if not 0 <= variant < len(self._instances):
-            raise ConfigurationError(f"no variant {variant}; the sweep has 0 … {len(self._instances) - 1}")
+    def _place(self, variant: Variant) -> int:
+        """Index of a variant."""
+        count = len(self._instances)
+        found = _NAME.fullmatch(variant) if isinstance(variant, str) else None
+        place = int(found[1]) - 1 if found else variant
+        if isinstance(place, str) or not 0 <= place < count:
+            named = f"'{variant}'" if isinstance(variant, str) else f"with index {variant}"
+            known = "there is one, '#1' or index 0" if count == 1 else f"'#1' to '#{count}', or index 0 to {count - 1}"
+            raise ConfigurationError(f"no variant {named}: {known}")
+        return place
 
-    def _instance(self, stage: str, variant: int) -> str:
-        self._check_variant(variant)
-        if stage not in self._instances[variant]:
+    def _instance(self, stage: str, variant: Variant) -> str:
+        names = self._instances[self._place(variant)]
+        if stage not in names:
             near = difflib.get_close_matches(stage, self.stages, n=1)
             hint = f", did you mean '{near[0]}'?" if near else ""
             raise ConfigurationError(f"no stage '{stage}'{hint}; stages: {', '.join(self.stages)}")
-        return self._instances[variant][stage]
+        return names[stage]
 
-    def ref(self, stage: str, step: str | int | None = None, variant: int = 0) -> Ref:
+    def ref(self, stage: str, step: str | int | None = None, variant: Variant = 0) -> Ref:
         """Reference by which the store, also in another process, loads a product."""
         task = self.task(stage, step, variant)
         if task not in self._refs:
@@ -233,6 +248,13 @@ class Result:
                 if finite:
                     columns[f"{stage}.{key}"] = sum(finite) / len(finite)
         return columns
+
+
+def _with_flags(dataset: xarray.Dataset) -> xarray.Dataset:
+    """A dataset whose status says what its codes mean."""
+    if STATUS_NAME in dataset:
+        dataset[STATUS_NAME].attrs.update(status_attributes())
+    return dataset
 
 
 def _listed(names: Sequence[str]) -> str:

@@ -54,7 +54,7 @@ def _stage_schema(kind: type[Node], schema: dict[str, Any]) -> dict[str, Any]:
     """A stage's schema with its inputs."""
     for port_name, port in kind.takes.items():
         if not port.own:
-            types = ["string", "null"] if port.optional else ["string"]
+            types = ["string", *(["null"] if port.optional else []), *(["array"] if port.several else [])]
             description = f"stage that gives {' or '.join(port.kinds)}"
             schema["properties"][port_name] = {"type": types, "description": description}
     schema["required"] = sorted({"stage", *schema.get("required", [])})

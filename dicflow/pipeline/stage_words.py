@@ -84,7 +84,8 @@ def _kinds(port: Port) -> str:
 def _port(name: str, port: Port) -> str:
     if port.own:
         return f"{name}: its own product, {_STEPS[port.at]}"
-    return " ".join(filter(None, [f"{name}: {_kinds(port)}", _STEPS[port.at]]))
+    several = "of one or several stages" if port.several else ""
+    return " ".join(filter(None, [f"{name}: {_kinds(port)}", _STEPS[port.at], several]))
 
 
 def _value(value: Any) -> str:

@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 from pydantic import ValidationError
 
 from dicflow.discovery import nearest
-from dicflow.engine.node import Node, Port
+from dicflow.engine.node import Node, Port, numbered_port, port_of
 from dicflow.errors import ConfigurationError
 from dicflow.io.configuration import Document, Place
 from dicflow.pipeline.complaints import complaints
@@ -30,7 +30,8 @@ class Wired(NamedTuple):
     """One stage of a pipeline.
 
     node : its validated parameters
-    inputs : port → name of the stage that gives it; a port left open is absent
+    inputs : port → name of the stage that gives it, as :class:`dicflow.engine.graph.StageSpec` has them; a port left
+        open is absent
     where : ``file:line:column`` of the stage
     """
 
@@ -139,6 +140,9 @@ def _inputs(
                 where = document.where(("stages", name, port_name))
                 problems.append(f"{where}: {name}.{port_name}: not used with these parameters; remove it")
             continue
+        if port.several:
+            found |= _producers(document, name, port_name, port, nodes, problems)
+            continue
         if port.own:
             producer: str | None = name
         elif same != port_name and same in takes and port_name not in entry:
@@ -150,6 +154,23 @@ def _inputs(
         if producer is not None:
             found[port_name] = producer
     return found
+
+
+def _producers(
+    document: Document, name: str, port_name: str, port: Port, nodes: Mapping[str, Node], problems: list[str]
+) -> dict[str, str]:
+    """The stages joined to a port that takes several: those of a list or a single one, else all that fit."""
+    entry, fitting = document.data["stages"][name], [other for other, node in nodes.items() if node.gives in port.kinds]
+    if port_name not in entry:
+        producers = [other for other in fitting if other != name]
+    else:
+        listed = entry[port_name] if isinstance(entry[port_name], list) else [entry[port_name]]
+        given = [_producer(document, name, port_name, port, {port_name: one}, nodes, problems) for one in listed]
+        producers = [one for one in given if one is not None]
+    if not producers and not port.optional and port_name not in entry:
+        where, kinds = document.where(("stages", name, port_name)), " or ".join(port.kinds)
+        problems.append(f"{where}: {name}.{port_name}: needs {kinds}; {_suggestion([], kinds)}")
+    return {numbered_port(port_name, number): producer for number, producer in enumerate(producers)}
 
 
 def _taken(document: Document, stage: str | None, port_name: str, nodes: Mapping[str, Node]) -> str | None:
@@ -225,7 +246,7 @@ def _refuse_cycles(document: Document, wired: Mapping[str, Wired], problems: lis
         if name in done:
             return
         for port, producer in wired[name].inputs.items():
-            if not wired[name].node.takes[port].own:
+            if not wired[name].node.takes[port_of(port)].own:
                 visit(producer, (*trail, name))
         done.add(name)
 

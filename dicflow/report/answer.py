@@ -12,6 +12,7 @@ from dicflow.explorer.manifest import Manifest
 from dicflow.explorer.pack import packed_result
 from dicflow.explorer.page import fragment
 from dicflow.report.context import Context, Section
+from dicflow.report.main_fields import main_fields
 from dicflow.report.rendering import render
 from dicflow.report.words import number, percent
 
@@ -43,7 +44,14 @@ def answer(context: Context, sections: Sequence[Section]) -> Section | None:
         return None
     warnings = sum(len(section.warnings) for section in sections)
     line = verdict(found.manifest, warnings, _failures(context))
-    return Section("answer", "Result", render("answer.html", verdict=line, explorer=Markup(fragment(found))))
+    body = render(
+        "answer.html",
+        verdict=line,
+        meaning=" ".join(found.manifest["meaning"]),
+        explorer=Markup(fragment(found)),
+        fields=main_fields(context, found.manifest),
+    )
+    return Section("answer", "Result", body)
 
 
 def verdict(manifest: Manifest, warnings: int, failures: int) -> Verdict:

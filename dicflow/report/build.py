@@ -29,6 +29,8 @@ from dicflow.views.source_digest import source_digest
 __all__ = ["write_report"]
 
 _OPEN_IN_SWEEP = ("answer", "summary", "sweep")
+APPENDIX = ("calibration", "quality", "provenance")
+"""Sections that are printed on request alone."""
 
 
 def write_report(
@@ -148,6 +150,8 @@ def _page(context: Context, sections: list[Section], logo: bytes) -> str:
         script=assets(".js"),
         sections=sections,
         folded=_folded(context, sections),
+        appendix=APPENDIX,
+        paper_title=_css_text(f"{context.pipeline.title} · {context.pipeline.path.name}"),
         logo=base64.b64encode(logo).decode(),
         version=__version__,
     )
@@ -157,6 +161,11 @@ def _folded(context: Context, sections: list[Section]) -> set[str]:
     """Keys of the sections that a reader unfolds: of a sweep all that describe its first variant in detail."""
     is_swept = len(context.result.values) > 1
     return {section.key for section in sections if is_swept and section.key not in _OPEN_IN_SWEEP}
+
+
+def _css_text(text: str) -> Markup:
+    """A text as CSS has it between quotes, by the codes of all that is not a letter or digit."""
+    return Markup("".join(one if one.isalnum() and one.isascii() else f"\\{ord(one):06x}" for one in text))
 
 
 def _subtitle(context: Context) -> str:

@@ -59,6 +59,8 @@ def difference_page(comparison: Comparison) -> bytes:
         sections=[difference(comparison)],
         logo="",
         folded=(),
+        appendix=(),
+        paper_title="",
         version=__version__,
     )
     return page.encode()

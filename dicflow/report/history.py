@@ -7,6 +7,7 @@ from collections.abc import Mapping, Sequence
 from typing import Any, NamedTuple
 
 from dicflow.core.status import Status
+from dicflow.kinds.channels import Channels, named_with_unit
 from dicflow.kinds.comparison import Comparison
 from dicflow.kinds.kind import summary_of
 from dicflow.kinds.probes import ProbeTable
@@ -14,9 +15,11 @@ from dicflow.kinds.quantities import QUANTITIES, UNCERTAINTY
 from dicflow.pipeline import Result
 from dicflow.report.context import Context
 
-__all__ = ["Column", "History", "step_history", "step_names"]
+__all__ = ["EXTENSOMETERS", "Column", "History", "step_history", "step_names"]
 
-_UNITS = {"_mm": "mm", "_px": "px", "_g": "g", "_pct": "%"}
+EXTENSOMETERS = "Extensometers"
+"""Source of a history that extensometers give."""
+_UNITS = {"_mm": "mm", "_px": "px", "_g": "g", "_pct": "%", "_per_s": "1/s"}
 _TITLES = {
     "load_g": "load",
     "caliper_length": "length, caliper",
@@ -49,6 +52,7 @@ class History(NamedTuple):
     steps, phases : names of the steps, and loading or unloading; phases are empty if unknown
     values : column's key → number per step, None if unknown
     drawn : keys of what belongs into one plot
+    axis : key of what it is drawn over, the load or the time; empty for the steps
     valid_share : of each step but the first; None where it was not measured
     """
 
@@ -60,6 +64,7 @@ class History(NamedTuple):
     valid_share: tuple[float | None, ...]
     drawn: tuple[str, ...]
     remark: str = ""
+    axis: str = ""
 
 
 def step_history(context: Context) -> History | None:
@@ -82,11 +87,41 @@ def step_history(context: Context) -> History | None:
         values = {key: tuple(row.get(key) for row in rows) for key in columns}
         remark = _other_length(rows[0])
     elif values := _extensometers(result):
-        source = "Extensometers"
+        source = EXTENSOMETERS
     else:
         source, values = "Means over the field", _means(result, total, steps)
-    drawn = tuple(key for key in values if not (remark and ("displacement" in key or "length" in key)))
-    return History(source, steps, phases, tuple(_column(key) for key in values), values, shares, drawn, remark)
+    lengths = ("displacement", "length") if remark else ()
+    drawn = tuple(key for key in values if not key.endswith("_per_s") and not any(word in key for word in lengths))
+    logged = _logged(result, steps)
+    axis = "load_g" if "load_g" in values else logged.axis
+    shown = (*map(_column, values), *logged.columns)
+    values = {**values, **logged.values}
+    return History(source, steps, phases or logged.phases, shown, values, shares, drawn, remark, axis)
+
+
+class _Logged(NamedTuple):
+    """Channels of a machine at the steps. axis : key of the load, else of the time; empty without either"""
+
+    columns: tuple[Column, ...] = ()
+    values: Mapping[str, tuple[float | None, ...]] = {}
+    phases: tuple[str, ...] = ()
+    axis: str = ""
+
+
+def _logged(result: Result, steps: tuple[str, ...]) -> _Logged:
+    """The channels of the log with the load, else of the first log."""
+    there = [result.product(stage) for stage in result.stages_of("channels") if result.has(stage)]
+    tables = sorted(map(Channels.read, there), key=lambda table: not table.has_load)
+    if not tables:
+        return _Logged()
+    table = tables[0]
+    found = {name: table.of(name) for name in table.names}
+    keys = {name: named_with_unit(name, channel.unit) for name, channel in found.items()}
+    columns = tuple(Column(keys[name], channel.title, channel.unit) for name, channel in found.items())
+    values = {key: tuple(column) for key, column in table.columns_at(("reference", *steps[1:])).items()}
+    axis = keys[table.load] if table.has_load else keys.get("time", "")
+    phases = table.phases_at(("reference", *steps[1:]))
+    return _Logged(columns, values, tuple(phases), axis)
 
 
 def step_names(result: Result, total: str) -> tuple[str, ...]:

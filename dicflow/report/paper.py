@@ -28,9 +28,10 @@ _WAIT_MS = 20_000
 _REMEDY = "install Chromium, Google Chrome or Microsoft Edge, or print report.html from any browser"
 
 
-def write_pdf(page: Path) -> Path:
+def write_pdf(page: Path, appendix: bool = False) -> Path:
     """Print a page on A4, and return the path of the PDF beside it.
 
+    appendix : whether all of it is printed, or what a reader needs first
     Raises ConfigurationError without a browser, InputError that names the PDF if it cannot be made.
     """
     browser = find_browser()
@@ -39,7 +40,7 @@ def write_pdf(page: Path) -> Path:
     target = page.with_suffix(".pdf")
     with TemporaryDirectory(prefix="print-", dir=page.parent) as folder:
         made = Path(folder) / "page.pdf"
-        _print(browser, page, made)
+        _print(browser, page.resolve().as_uri() + ("?appendix" if appendix else ""), made)
         try:
             content = read_file(made)
         except OSError as error:
@@ -66,7 +67,7 @@ def _usual_places() -> Iterator[Path]:
                 yield from (Path(root) / name for name in _WINDOWS_PROGRAMS)
 
 
-def _print(browser: str, page: Path, target: Path) -> None:
+def _print(browser: str, address: str, target: Path) -> None:
     """Let the browser write the PDF, with a profile of its own, and without the network."""
     as_root = hasattr(os, "geteuid") and os.geteuid() == 0
     command = [
@@ -75,11 +76,11 @@ def _print(browser: str, page: Path, target: Path) -> None:
         "--host-resolver-rules=MAP * ~NOTFOUND", f"--user-data-dir={target.parent / 'profile'}",
         f"--virtual-time-budget={_WAIT_MS}", "--no-pdf-header-footer", f"--print-to-pdf={target}",
         *(["--no-sandbox"] if as_root else []),  # the browser refuses to start as root with it
-        page.resolve().as_uri(),
+        address,
     ]  # fmt: skip
     try:
         subprocess.run(command, check=True, capture_output=True, timeout=_PATIENCE_S)
     except subprocess.TimeoutExpired as error:
-        raise InputError(str(page), f"{browser} has not printed it after {_PATIENCE_S} s", _REMEDY) from error
+        raise InputError(address, f"{browser} has not printed it after {_PATIENCE_S} s", _REMEDY) from error
     except (OSError, subprocess.CalledProcessError) as error:
-        raise InputError(str(page), f"{browser} cannot print it ({type(error).__name__})", _REMEDY) from error
+        raise InputError(address, f"{browser} cannot print it ({type(error).__name__})", _REMEDY) from error

@@ -68,6 +68,8 @@ def _last_product(result: Result, stage: str) -> Product | None:
 
 def _opening(pipeline: Pipeline, result: Result) -> str:
     """What was measured, by which method, and what the user states of specimen and cameras."""
+    if not result.stages_of("images"):
+        return f"Curves of stress and stretch were evaluated with dicflow {__version__}."
     what = "Displacement and strain" if result.stages_of("total") else "The shape of the surface"
     two = "stereo " if result.stages_of("rig") and not result.stages_of("plane") else ""
     steps = max((len(result.steps(result.source(stage, "images"))) for stage in result.stages_of("region")), default=0)

@@ -15,6 +15,7 @@ from dicflow.pipeline import Result
 from dicflow.report.context import Context, Section
 from dicflow.report.measured import pattern
 from dicflow.report.rendering import render
+from dicflow.report.rest import at_rest
 from dicflow.report.words import number, percent
 
 __all__ = ["PLACE", "TITLE", "advice_on", "quality"]
@@ -84,6 +85,7 @@ def quality(context: Context) -> Section | None:
     panels = _panels(result, steps)
     speckle = pattern(context)
     advice = advice_on(speckle, _subset(result)) if speckle is not None else []
+    rest = at_rest(context)
     names = [(_heading(panel, name), "number") for panel, series in panels.items() for name in series]
     body = render(
         "quality.html",
@@ -95,8 +97,10 @@ def quality(context: Context) -> Section | None:
         rows=_rows(steps, panels),
         predicts=bool(result.stages_of("correlation")),
         floor=_noise_floor(result),
+        rest=rest,
     )
-    warnings = (*(sentence for good, sentence in advice if not good), *_overexposed(result))
+    shaken = (rest.warning,) if rest is not None and rest.warning else ()
+    warnings = (*shaken, *(sentence for good, sentence in advice if not good), *_overexposed(result))
     return Section("quality", TITLE, body, warnings)
 
 

@@ -394,5 +394,6 @@ def _window(chosen: Mapping[str, Any]) -> str:
 
 def _axes(facts: _Facts) -> str:
     if facts.total is not None and not facts.total.in_space:
-        return "pixels of the image: x right, y down"
+        unit = "pixels of the image" if facts.total.unit == "px" else "mm in the plane of the specimen"
+        return f"{unit}: x right, y down"
     return "left camera: X right, Y down, Z away"

@@ -14,8 +14,10 @@ PLACE = 50
 TITLE = "Settings"
 
 
-def settings(context: Context) -> Section:
-    """The section; rows without a known value are left to the user."""
+def settings(context: Context) -> Section | None:
+    """The section, None without photographs; rows without a known value are left to the user."""
+    if not context.result.stages_of("images"):
+        return None
     rows = reporting_rows(context)
     groups = [(name, list(members)) for name, members in groupby(rows, key=lambda row: row.group)]
     body = render(

@@ -9,8 +9,9 @@ from markupsafe import Markup
 
 from dicflow.pipeline.provenance import RunFacts
 from dicflow.report.context import Context, Section
-from dicflow.report.history import Column, History, step_history
+from dicflow.report.history import EXTENSOMETERS, Column, History, step_history
 from dicflow.report.rendering import render
+from dicflow.report.rest import at_rest
 from dicflow.report.words import date, duration, number, percent
 
 __all__ = ["summary"]
@@ -27,7 +28,7 @@ def summary(context: Context, sections: Sequence[Section]) -> Section:
     warnings = [(section.title, section.key, text) for section in sections for text in section.warnings]
     covered = {stage for section in sections for stage in section.covers}
     unlinked = (*_notes(context), *_run_warnings(context, covered), *own)
-    run, failures = context.run, _failures(context)
+    run, failures, rest = context.run, _failures(context), at_rest(context)
     body = render(
         "summary.html",
         state=_state(run),
@@ -42,6 +43,7 @@ def summary(context: Context, sections: Sequence[Section]) -> Section:
         rows=None if history is None else _rows(history),
         chart=None if history is None else _chart(context, history),
         stages=_stages(context),
+        at_rest=rest.probes if rest is not None and history is not None and history.source == EXTENSOMETERS else (),
     )
     return Section("summary", "Summary", body, unlinked)
 
@@ -159,16 +161,17 @@ def _rows(history: History) -> list[list[str]]:
 
 
 def _chart(context: Context, history: History) -> Markup | None:
-    """The plots of the table over load, or over the steps."""
-    values = {key: history.values[key] for key in ("load_g", *history.drawn) if key in history.values}
+    """The plots of the table over load or time, or over the steps."""
+    values = {key: history.values[key] for key in (history.axis, *history.drawn) if key in history.values}
     if not values:
         return None
-    sources = ["history", repr((history.steps, history.phases, values))]
+    label = next((f"{column.title} [{column.unit}]" for column in history.columns if column.key == history.axis), "")
+    sources = ["history", repr((history.steps, history.phases, values, label))]
 
     def drawn() -> bytes:
-        from dicflow.views.load_curve import load_curves
+        from dicflow.views.load_curve import Axis, load_curves
 
-        return "\n".join(load_curves(history.steps, history.phases, values)).encode()
+        return "\n".join(load_curves(history.steps, history.phases, values, Axis(history.axis, label))).encode()
 
     return Markup(context.pieces.get(sources, drawn).decode())
 

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from functools import partial
+from typing import Any
 
 from dicflow.engine.kernel_cache import kernel_mark
 from dicflow.engine.node import Node
@@ -25,10 +26,14 @@ def get_ready() -> None:
     cv2.setNumThreads(1)
 
 
-def uncompiled(nodes: Mapping[str, Node]) -> dict[str, Callable[[], None]]:
-    """For each stage by name whose kernels are not kept yet, a call that compiles them; empty where none are kept."""
+def uncompiled(nodes: Mapping[str, Node]) -> dict[str, dict[str, Callable[[], None]]]:
+    """Calls that compile the kernels of each stage by name, where these are not kept yet; empty without a place."""
     missing = {name: [kernel for kernel in _used(node) if _is_missing(kernel)] for name, node in nodes.items()}
-    return {name: partial(compile_kernels, kernels) for name, kernels in missing.items() if kernels}
+    return {
+        name: {kernel: partial(compile_kernels, [kernel]) for kernel in kernels}
+        for name, kernels in missing.items()
+        if kernels
+    }
 
 
 def ahead(nodes: Mapping[str, Node]) -> list[Callable[[], None]]:
@@ -60,15 +65,38 @@ def _used(node: Node) -> Sequence[str]:
     return found
 
 
-def _correlation() -> None:
+def _search() -> None:
     """Four subsets of a photograph, described and found in itself."""
     import numpy as np
 
     from dicflow.core.correlation.follow import correlate_field
+    from dicflow.core.correlation.subsets import Subset, describe
+    from dicflow.core.correlation.template import template
+    from dicflow.core.photographs.interpolate import spline
+
+    photograph = spline(np.random.default_rng(0).integers(0, 255, (_SIDE, _SIDE)).astype(np.uint8))
+    reference, grid = template(photograph), _grid()
+    starts = np.full((2, 2, 2, 3), np.nan)
+    starts[0, 0] = [[20.0, 1.0, 0.0], [20.0, 0.0, 1.0]]
+    describe(reference, None, grid.reshape(-1, 2), Subset(11))
+    correlate_field(reference, photograph, grid, starts, Subset(11))
+
+
+def _grid() -> Any:
+    """Centres (2, 2, 2) of four subsets in a photograph."""
+    import numpy as np
+
+    return np.stack(np.meshgrid([20.0, 28.0], [20.0, 28.0]), axis=-1)
+
+
+def _judgement() -> None:
+    """Four subsets of a photograph, judged as if they had been found in itself."""
+    import numpy as np
+
     from dicflow.core.correlation.jumps import predicted_by_sides
     from dicflow.core.correlation.light import light_shift
     from dicflow.core.correlation.residuals import residuals
-    from dicflow.core.correlation.subsets import Subset, describe
+    from dicflow.core.correlation.subsets import Subset
     from dicflow.core.correlation.template import template
     from dicflow.core.correlation.uneven import uneven_variance
     from dicflow.core.correlation.warp import identity
@@ -76,14 +104,9 @@ def _correlation() -> None:
     from dicflow.core.photographs.interpolate import interpolate, spline
 
     photograph = spline(np.random.default_rng(0).integers(0, 255, (_SIDE, _SIDE)).astype(np.uint8))
-    reference = template(photograph)
-    grid = np.stack(np.meshgrid([20.0, 28.0], [20.0, 28.0]), axis=-1)
-    starts = np.full((2, 2, 2, 3), np.nan)
-    starts[0, 0] = [[20.0, 1.0, 0.0], [20.0, 0.0, 1.0]]
-    describe(reference, None, grid.reshape(-1, 2), Subset(11))
-    found = correlate_field(reference, photograph, grid, starts, Subset(11))
-    one = np.zeros((1, 2), dtype=np.int64)
-    predicted_by_sides(one, found.status, found.warp, grid, single_part(grid), 1)
+    reference, grid = template(photograph), _grid()
+    one, status = np.zeros((1, 2), dtype=np.int64), np.zeros((2, 2), dtype=np.uint8)
+    predicted_by_sides(one, status, identity(grid), grid, single_part(grid), 1)
     centres = grid.reshape(-1, 2).astype(np.int64)
     fit = residuals(reference, photograph, centres, identity(centres), Subset(11))
     uneven_variance(fit, 11)
@@ -141,7 +164,8 @@ def _disparity() -> None:
 
 
 KERNELS: Mapping[str, Callable[[], None]] = {
-    "correlation": _correlation,
+    "search": _search,
+    "judgement": _judgement,
     "refinement": _refinement,
     "polynomials": _polynomials,
     "strain": _strain,
@@ -150,8 +174,8 @@ KERNELS: Mapping[str, Callable[[], None]] = {
 }
 """Kernels by name, those that take longest to compile first."""
 _USED: Mapping[str, Sequence[str]] = {
-    "correlate": ("motion", "correlation"),
-    "stereo": ("motion", "correlation"),
+    "correlate": ("search", "judgement", "motion"),
+    "stereo": ("search", "judgement", "motion"),
     "track": ("motion",),
     "disparity": ("disparity",),
     "displacement": ("polynomials",),

@@ -12,6 +12,7 @@ if TYPE_CHECKING:
 
     from dicflow.core.cameras.frames import Frame
     from dicflow.core.strain.deformation_gradient import ErrorShare
+    from dicflow.core.strain.unseen_jumps import UnseenJumps
     from dicflow.core.uncertainty.overlap import ShapeFunction
 
 __all__ = ["bias_of_places", "errors_by_shape", "variance_shares"]
@@ -55,12 +56,18 @@ def variance_shares(errors: Mapping[ShapeFunction, ErrorShare]) -> dict[str, lis
     return {name: part.tolist() for name, part in zip(errors, means, strict=True)}
 
 
-def bias_of_places(step: Points, turn: np.ndarray) -> dict[str, np.ndarray]:
-    """Remaining bias of U, V and W by the shape functions; empty if unknown. turn : into the frame of the result"""
+def bias_of_places(step: Points, turn: np.ndarray, jumps: UnseenJumps | None) -> dict[str, np.ndarray]:
+    """Remaining bias of U, V and W by the shape functions and by jumps; empty if unknown.
+
+    turn : into the frame of the result, in which the jumps are given
+    """
     import numpy as np
 
     bias = step.bias
     if bias is None:
         return {}
     deviations = np.linalg.norm(turn @ bias, axis=-1)
+    if jumps is not None:
+        between = jumps.of_places()
+        deviations = np.where(between > 0.0, np.hypot(np.nan_to_num(deviations), between), deviations)
     return {f"bias_{name}": deviations[..., axis] for axis, name in enumerate("UVW")}

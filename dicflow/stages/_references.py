@@ -37,6 +37,8 @@ REFERENCES = {
     "holland1977": "P. W. Holland and R. E. Welsch, Robust regression using iteratively reweighted least-squares, "
     "Communications in Statistics – Theory and Methods 6 (1977) 813–827",
     "huber1981": "P. J. Huber, Robust Statistics, Wiley (1981)",
+    "hurvich1989": "C. M. Hurvich and C.-L. Tsai, Regression and time series model selection in small samples, "
+    "Biometrika 76 (1989) 297–307",
     "idics2018": "E. M. C. Jones and M. A. Iadicola (eds.), A Good Practices Guide for Digital Image Correlation, "
     "International Digital Image Correlation Society (2018)",
     "kabsch1976": "W. Kabsch, A solution for the best rotation to relate two sets of vectors, Acta Crystallographica "
@@ -48,12 +50,16 @@ REFERENCES = {
     "lucas1981": "B. D. Lucas and T. Kanade, An iterative image registration technique with an application to stereo "
     "vision, International Joint Conference on Artificial Intelligence (1981) 674–679",
     "mackay1992": "D. J. C. MacKay, Bayesian interpolation, Neural Computation 4 (1992) 415–447",
+    "ogden2004": "R. W. Ogden, G. Saccomandi and I. Sgura, Fitting hyperelastic models to experimental data, "
+    "Computational Mechanics 34 (2004) 484–502",
     "orb2011": "E. Rublee, V. Rabaud, K. Konolige and G. Bradski, ORB: an efficient alternative to SIFT or SURF, "
     "International Conference on Computer Vision (2011) 2564–2571",
     "pan2008": "B. Pan, H. Xie, Z. Wang, K. Qian and Z. Wang, Study on subset size selection in digital image "
     "correlation for speckle patterns, Optics Express 16 (2008) 7037–7048",
     "pan2013": "B. Pan, K. Li and W. Tong, Fast, robust and accurate digital image correlation calculation without "
     "redundant computations, Experimental Mechanics 53 (2013) 1277–1289",
+    "pierron2012": "F. Pierron and M. Grédiac, The Virtual Fields Method: Extracting Constitutive Mechanical "
+    "Parameters from Full-field Deformation Measurements, Springer (2012)",
     "savitzky1964": "A. Savitzky and M. J. E. Golay, Smoothing and differentiation of data by simplified least squares "
     "procedures, Analytical Chemistry 36 (1964) 1627–1639",
     "seth1961": "B. R. Seth, Generalized strain measure with applications to physical problems, MRC Technical Summary "

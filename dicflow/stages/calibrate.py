@@ -10,12 +10,12 @@ from dicflow.engine.product import Product
 from dicflow.errors import StageError
 from dicflow.kinds.boards import BoardMarks
 from dicflow.kinds.rig import CalibratedRig
+from dicflow.stages._target import target_of
 from dicflow.stages._window import OFFSET, Offset, with_windows
 
 if TYPE_CHECKING:
     import numpy as np
 
-    from dicflow.core.calibration.board import Board
     from dicflow.core.calibration.calibrate import Calibration
     from dicflow.core.calibration.targets import Target
 
@@ -87,7 +87,7 @@ class Calibrate(Node):
 
         boards = [BoardMarks.read(product) for product in corners]
         _check_sizes(boards)
-        target, names = _target(boards[0].board, self.square), _names(corners)
+        target, names = target_of(boards[0].board, self.square), _names(corners)
         marks = self._marks(boards, names)
         seen = [k for k, board in enumerate(boards) if board.is_found_by_both and _show_enough(marks[k], target)]
         if len(seen) < self.min_pairs:
@@ -152,16 +152,6 @@ def _check_sizes(boards: Sequence[BoardMarks]) -> None:
                     "all board photographs of a camera must have one size, but the {} one of pair 1 has {} × {} px and "
                     "that of pair {} has {} × {}; remove those of another size".format(side, *first[side], k + 1, *size)
                 )
-
-
-def _target(board: Board, square_mm: float) -> Target:
-    from dicflow.core.calibration.charuco import charuco_target
-    from dicflow.core.calibration.circles import circle_target
-    from dicflow.core.calibration.targets import checkerboard_target
-
-    if board.target in ("circles", "asymmetric_circles"):
-        return circle_target(board.size, square_mm, asymmetric=board.target == "asymmetric_circles")
-    return (charuco_target if board.target == "charuco" else checkerboard_target)(board.size, square_mm)
 
 
 def _show_enough(marks: Mapping[str, np.ndarray], target: Target) -> bool:

@@ -50,7 +50,9 @@ class Compare(Node):
     gives: ClassVar = "comparison"
 
     stage: Literal["compare"] = "compare"
-    caliper: InputFile = parameter(..., "CSV table with the columns phase, load_g, length_mm; one row per step")
+    caliper: InputFile = parameter(
+        ..., "CSV table with the columns load_g, length_mm and perhaps phase; one row per step"
+    )
     axis: Literal["y", "x"] = parameter("y", "direction of the load in the image")
     length: Literal["tracked", "cloud"] = parameter("tracked", "which of the two lengths is compared")
     extensometer: str | None = parameter(None, "name of the extensometer among the probes that is compared instead")

@@ -72,7 +72,7 @@ class _Searched(NamedTuple):
     template : (row, col, 3) — covariance of the places by the noise of the template, with the shape function of the
         first step [px²]
     reference : the reference step for the next photograph
-    bias : (row, col, 2) — standard deviation of what the shape function leaves out [px]
+    bias : (row, col, 2) — standard deviation of what the shape function leaves out [px]; None if it is not known yet
     """
 
     found: FoundPoints
@@ -80,7 +80,7 @@ class _Searched(NamedTuple):
     noise: Noise
     template: np.ndarray
     reference: ReferencePhotograph | None
-    bias: np.ndarray
+    bias: np.ndarray | None
 
 
 class Correlate(SubsetSearch):
@@ -182,6 +182,7 @@ class Correlate(SubsetSearch):
         import numpy as np
 
         from dicflow.core.correlation.course import next_course
+        from dicflow.core.threads import at_once
 
         before = previous.points
         course, lost = before.course, np.asarray(np.isnan(before.course.place).any(axis=-1))
@@ -189,20 +190,30 @@ class Correlate(SubsetSearch):
         found = searched.found
         found = found._replace(status=np.where(lost, before["status"], found.status))
         found, said = (found, {}) if found.valid.any() else _all_lost(found, image.grey)
-        polygons = before.outline(first.outline, found, first.parts)
+        shape = searched.search.subset.shape_function
+        bias, polygons = at_once(
+            self.thread_count,
+            partial(self._left_out, searched, shape, first),
+            partial(before.outline, first.outline, found, first.parts),
+        )
         product = Correlation.write(
             found,
             next_course(course, before["xy"], found.warp[..., 0]),
             searched.template,
             (searched.noise, searched.search.noise),
             polygons,
-            self._grid(searched.search.subset.shape_function),
+            self._grid(shape),
             searched.reference,
             {**self._facts(found, searched.noise, image, polygons), **before.period_facts, **said},
         )
-        richer = searched.search.subset.shape_function != before.first_shape_function
-        own = found.template_covariance if richer else None
-        return Correlation.read(product).with_shape_errors(searched.bias, own, first.parts)
+        own = found.template_covariance if shape != before.first_shape_function else None
+        return Correlation.read(product).with_shape_errors(bias, own, first.parts)
+
+    def _left_out(self, searched: _Searched, shape: str, first: _First) -> np.ndarray:
+        """What the shape function leaves out of the places (row, col, 2) [px]."""
+        if searched.bias is not None:
+            return searched.bias
+        return left_out(searched.found, shape, (self.subset_size, self.step_size), first.parts)
 
     def _searched(
         self, image: Photograph, first: _First, previous: _Previous, pairs: Pairs | None, lost: np.ndarray
@@ -237,7 +248,6 @@ class Correlate(SubsetSearch):
             start = first_photograph(first.image, first.region, grid, search)
             direct = search_again(start, direct, found, search)
             found, reference = follow_step(start, reference_step, direct, search, updating, expected)
-        bias = left_out(found, shape, grid_px, first.parts) if bias is None else bias
         return _Searched(found, search, noise, template, reference, bias)
 
     def _usual_shape(self, points: Correlation) -> ShapeFunction:

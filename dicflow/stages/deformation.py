@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal, NamedTuple
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal, NamedTuple, cast
 
 from pydantic import AfterValidator, Field
 
@@ -24,8 +24,10 @@ from dicflow.kinds.quantities import (
     strain_measure,
 )
 from dicflow.kinds.rig import CalibratedRig
+from dicflow.kinds.scale import Scale
 from dicflow.kinds.total import (
     DEGREE,
+    VSG,
     Total,
     TotalFacts,
     field_means,
@@ -33,7 +35,9 @@ from dicflow.kinds.total import (
     named_with_unit,
     rigid_motion_to_json,
 )
+from dicflow.stages._deformed import combined, consistent_status, degrees, displacements, median_errors, shares
 from dicflow.stages._point_errors import bias_of_places, errors_by_shape, variance_shares
+from dicflow.stages._scaled import in_unit, scale_shares
 
 if TYPE_CHECKING:
     import numpy as np
@@ -43,6 +47,7 @@ if TYPE_CHECKING:
     from dicflow.core.strain.deformation_gradient import ErrorShare, SurfaceGradient
     from dicflow.core.strain.degree_choice import ChosenGradient
     from dicflow.core.strain.measures import GradientMeasures
+    from dicflow.core.strain.small_jumps import GridOfSubsets
     from dicflow.core.uncertainty.covariance import MeasuredPoints
     from dicflow.core.uncertainty.overlap import ShapeFunction
 
@@ -76,7 +81,7 @@ class Deformation(Node):
     The deformation gradient comes from least-squares fits over a window, in the tangent planes of the surface at both
     steps. Each value has a standard deviation by the noise of the photographs, an estimate of the bias that remains,
     both combined as its uncertainty u, and, if the uncertainty of the rig is known, the calibration's share. With one
-    camera everything lies in the plane of the photograph.
+    camera everything lies in the plane of the photograph, in pixels, or in millimetres if its scale is known.
     """
 
     title: ClassVar = "displacement and strain"
@@ -86,6 +91,7 @@ class Deformation(Node):
         "points_first": Port("points", "correlation", at=At.FIRST),
         "rig": Port("rig", optional=True),
         "frame": Port("frame", optional=True),
+        "scale": Port("scale", optional=True),
     }
     gives: ClassVar = "total"
     impl_version: ClassVar = 6
@@ -114,18 +120,24 @@ class Deformation(Node):
         return tuple(filter(None, [strain_measure(self.measure).function, *quantities]))
 
     def run(
-        self, points: Product, points_first: Product, rig: Product | None = None, frame: Product | None = None
+        self,
+        points: Product,
+        points_first: Product,
+        rig: Product | None = None,
+        frame: Product | None = None,
+        scale: Product | None = None,
     ) -> Product:
         """``points_first`` are those of the first step."""
         from dicflow.core.cameras.frames import LEFT_CAMERA, compose_frames
         from dicflow.core.strain.deformation_gradient import measured_surface
         from dicflow.core.strain.degree_choice import candidate_fits, chosen_gradient
+        from dicflow.core.strain.unseen_jumps import unseen_jumps
         from dicflow.core.tensors import upper_triangle
         from dicflow.core.uncertainty.covariance import joint_covariance, points_in_frame, with_errors
 
         axes = LEFT_CAMERA if frame is None else ResultFrame.read(frame).axes
-        step = Points.read(points)
-        first = Points.read(points_first).with_noise_of(step)
+        step = in_unit(Points.read(points), scale)
+        first = in_unit(Points.read(points_first), scale).with_noise_of(step)
         before = points_in_frame(first.measured_at_first_step(), axes)
         after = points_in_frame(step.measured(), axes)
         motion = self._motion(before, after)
@@ -135,23 +147,36 @@ class Deformation(Node):
         covariance = joint_covariance(after, before, step.template)
         errors = errors_by_shape(covariance, step, first, (axes, along))
         measured = measured_surface(before.xyz, after.xyz, [*errors.values()], first.parts, self.min_share)
-        chosen = chosen_gradient(measured, candidate_fits(self._window(first), self.degree))
+        jumps = unseen_jumps(measured, *self._jumps(step, first))
+        chosen = chosen_gradient(measured, candidate_fits(self._window(first), self.degree), jumps)
         surface = chosen.surface
         frames = (compose_frames(along, axes), axes)
-        bias = bias_of_places(step, frames[0].rotation)
-        fields = {**_displacements(before, after, covariance), **bias, **self._strains(chosen)}
-        fields |= _combined(fields)
-        if rig is not None:
+        bias = bias_of_places(step, frames[0].rotation, jumps)
+        fields = {**displacements(before, after, covariance), **bias, **self._strains(chosen)}
+        fields |= combined(fields)
+        if scale is not None:
+            fields |= scale_shares(Scale.read(scale).relative_u, self._quantities(), fields, after.xyz)
+        elif rig is not None and step.in_space:
             fields |= self._calibration(CalibratedRig.read(rig), (after.xyz, before.xyz), frames, surface)
         fields |= {"xyz": after.xyz, "xyz_reference": before.xyz, "gradient": surface.gradient}
         fields["covariance"] = upper_triangle(covariance)
-        return self._product(fields, errors, (step, first), _Motion(motion, frames), chosen.degree)
+        product = self._product(fields, errors, (step, first), _Motion(motion, frames), chosen)
+        return product if scale is None else Total.read(product).with_scale(Scale.read(scale).facts)
 
     def _window(self, points: Points) -> tuple[int, int]:
         """Rows and columns of the window of a strain [points]."""
         from dicflow.core.surfaces.filters import odd_window
 
         return odd_window((self.window, self.window), points.grid.step_size)
+
+    def _jumps(self, step: Points, first: Points) -> tuple[np.ndarray, GridOfSubsets, int]:
+        """Points at which a jump was found, the grid of subsets, and the side of the window [points]."""
+        from dicflow.core.status import Status
+        from dicflow.core.strain.small_jumps import GridOfSubsets
+
+        lost, shape_function = step["status"] == Status.DISCONTINUITY, cast(Any, step.left_shape_function)
+        grid = GridOfSubsets(first.grid.subset_size, first.grid.step_size, shape_function)
+        return lost, grid, max(self._window(first))
 
     def _motion(self, before: MeasuredPoints, after: MeasuredPoints) -> RigidMotion | None:
         """The rigid-body motion to remove; None if it stays in, or no point is left."""
@@ -235,7 +260,7 @@ class Deformation(Node):
         errors: Mapping[ShapeFunction, ErrorShare],
         steps: tuple[Points, Points],
         motion: _Motion,
-        degree: np.ndarray,
+        chosen: ChosenGradient,
     ) -> Product:
         import numpy as np
 
@@ -243,7 +268,7 @@ class Deformation(Node):
 
         step, first = steps
         moved, strained = np.isfinite(fields["U"]), np.isfinite(fields["exx"])
-        reasons = _consistent_status(np.maximum(step["status"], first["status"]), moved)
+        reasons = consistent_status(np.maximum(step["status"], first["status"]), moved)
         status = fitted_status(
             moved, strained, reasons, self._window(first), 1 if self.degree == "auto" else self.degree
         )
@@ -253,15 +278,17 @@ class Deformation(Node):
         means = field_means(fields, step.unit)
         further = {
             **self._facts(fields, first, step.unit),
-            **_degrees(degree[moved & strained]),
+            **degrees(chosen.degree[moved & strained]),
+            "window_shares": shares(chosen.window[moved & strained]),
             "shape_shares": variance_shares(errors),
             "rigid": rigid_motion_to_json(motion.removed),
             "frames": frames_to_json(motion.frames),
-            "summary": {"valid_share": float(share), **means, **_median_errors(fields, step.unit)},
+            "summary": {"valid_share": float(share), **means, **median_errors(fields, step.unit)},
         }
         beside = {name: step.product.variables[name] for name in ("way", "way_right", "znssd") if name in step}
         if self.degree == "auto":
-            beside["degree"] = DEGREE(np.where(moved & strained, degree, np.uint8(0)))
+            beside["degree"] = DEGREE(np.where(moved & strained, chosen.degree, np.uint8(0)))
+            beside["vsg"] = VSG(known_or_nan(moved & strained, _gauges(chosen, first)))
         return Total.write(fields, status, TotalFacts("precise", step.unit, self._titles(), further), beside)
 
     def _titles(self) -> dict[str, str]:
@@ -297,61 +324,14 @@ def _moving_frame(motion: RigidMotion | None) -> Frame:
     return LEFT_CAMERA if motion is None else co_moving_frame(motion)
 
 
-def _displacements(before: MeasuredPoints, after: MeasuredPoints, covariance: np.ndarray) -> dict[str, np.ndarray]:
-    """U, V and W, and σ of each."""
+def _gauges(chosen: ChosenGradient, first: Points) -> np.ndarray:
+    """Sides of the virtual strain gauges (row, col) [px]."""
     import numpy as np
 
-    from dicflow.core.uncertainty.covariance import displacement_covariance
+    from dicflow.core.strain.deformation_gradient import vsg_px
 
-    values = after.xyz - before.xyz
-    values[np.isnan(values).any(axis=-1)] = np.nan
-    variances = np.diagonal(displacement_covariance(covariance), axis1=-2, axis2=-1)
-    deviations = np.sqrt(np.maximum(variances, 0.0))
-    return {
-        **{name: values[..., axis] for axis, name in enumerate("UVW")},
-        **{f"sigma_{name}": deviations[..., axis] for axis, name in enumerate("UVW")},
-    }
-
-
-def _combined(fields: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
-    """Combined uncertainty of each quantity that has a standard deviation; this itself where the bias is unknown."""
-    import numpy as np
-
-    names = [name.removeprefix("sigma_") for name in fields if name.startswith("sigma_")]
-    biases = {name: np.nan_to_num(fields.get(f"bias_{name}", 0.0)) for name in names}
-    return {f"u_{name}": np.hypot(fields[f"sigma_{name}"], biases[name]) for name in names}
-
-
-def _degrees(degree: np.ndarray) -> dict[str, Any]:
-    """The degree of most points, and the share of points of each."""
-    import numpy as np
-
-    found, counts = np.unique(degree, return_counts=True)
-    shares = {str(one): float(count / counts.sum()) for one, count in zip(found, counts, strict=True)}
-    return {"degree": int(found[counts.argmax()]) if len(found) else 1, "degree_shares": shares}
-
-
-def _consistent_status(status: np.ndarray, known: np.ndarray) -> np.ndarray:
-    """Status that agrees with the values: valid or filled if known, else a reason."""
-    import numpy as np
-
-    from dicflow.core.status import Status
-
-    reasons = np.where(known, np.minimum(status, Status.FILLED), np.maximum(status, Status.OUTSIDE))
-    return np.asarray(reasons, dtype=np.uint8)
-
-
-def _median_errors(fields: Mapping[str, np.ndarray], unit: str) -> dict[str, float]:
-    """Median σ and u of displacements and strains; a quantity without values is absent."""
-    import numpy as np
-
-    found = {}
-    for prefix in ("sigma_", "u_"):
-        for name in BASIC:
-            known = fields[f"{prefix}{name}"][np.isfinite(fields[f"{prefix}{name}"])]
-            if known.size:
-                found[f"{prefix}{named_with_unit(name, unit)}"] = float(np.median(known))
-    return found
+    sides = [vsg_px(points, first.grid.step_size, first.grid.subset_size) for points in range(chosen.window.max() + 1)]
+    return np.array(sides, dtype=np.float32)[chosen.window]
 
 
 def sentence(stage: Deformation, product: Product | None) -> str:
@@ -371,10 +351,20 @@ def sentence(stage: Deformation, product: Product | None) -> str:
     return text if product is None else text + _figures_sentence(Total.read(product))
 
 
+def _smaller(total: Total) -> str:
+    """The gauge where the window is smaller, and at how many points that is; empty without any."""
+    from dicflow.core.strain.deformation_gradient import vsg_px
+
+    side, shares = total.window_points[0], total.window_shares
+    others = [(int(points), share) for points, share in shares.items() if int(points) < side]
+    said = [f"{vsg_px(n, total.step_size, total.subset_size):g} px at {share:.1%} of the points" for n, share in others]
+    return "".join(f", {words}" for words in said)
+
+
 def _figures_sentence(total: Total) -> str:
     """The gauge, and the uncertainties at a step."""
     gauge, summary = total.gauge, summary_of(total.product)
-    text = "" if gauge is None else f" The virtual strain gauge measures {gauge.size} [idics2018]."
+    text = "" if gauge is None else f" The virtual strain gauge measures {gauge.size} [idics2018]{_smaller(total)}."
     names = {name: named_with_unit(name, total.unit) for name in BASIC}
     known = {name: summary.get(f"u_{named}") for name, named in names.items()}
     figures = [

@@ -3,14 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar, Literal
 
 from dicflow.engine.files import FilePart
-from dicflow.engine.node import Node, Scope, parameter
+from dicflow.engine.node import InputFile, Node, Scope, Seconds, parameter
 from dicflow.engine.product import Product
 from dicflow.errors import InputError
 from dicflow.kinds.images import Images as Photographs
+from dicflow.stages._selection import MOVED_PX, Place, Select
 
 if TYPE_CHECKING:
     from dicflow.io.images import Photograph
@@ -19,6 +21,7 @@ __all__ = ["Images"]
 
 _Fact = Mapping[str, Any]
 _Facts = Mapping[Path | FilePart, _Fact]
+_Steps = Mapping[str, Mapping[str, Path | FilePart]]
 _NAMED = 3
 
 
@@ -27,7 +30,9 @@ class Images(Node):
 
     One step per left photograph, named by its stem; no two may share one. Those of a pattern follow in natural order of
     the names, those of a list as they are listed. Each page of a TIFF is a step of its own, and each frame of an
-    animated PNG. With ``right`` the photographs are paired by the numbers in their names, or by the times in them.
+    animated PNG or a video. With ``right`` the photographs are paired by the numbers in their names, or by the times
+    in them, and frames of two videos by their times, once ``offset`` has joined the clocks. ``select`` chooses among
+    the steps.
 
     Photographs are measured as the sensor lies; orientation tags are ignored unless ``orientation`` is upright.
     Transparent pixels are not measured.
@@ -36,7 +41,7 @@ class Images(Node):
     title: ClassVar = "read photographs"
     scope: ClassVar = Scope.STEP
     gives: ClassVar = "images"
-    impl_version: ClassVar = 2
+    impl_version: ClassVar = 3
 
     stage: Literal["images"] = "images"
     left: str | list[str] = parameter(
@@ -60,6 +65,26 @@ class Images(Node):
         "tags are refused",
     )
 
+    offset: Literal["auto"] | Seconds = parameter(
+        "auto",
+        "when the first frame of the right video was taken, since the first of the left one; auto finds it from what "
+        "both cameras saw",
+        unit="s",
+        affects="speed",
+    )
+    select: Literal["auto"] | Select | None = parameter(
+        None, f"which steps are measured; auto: one whenever something has moved by {MOVED_PX:g} px", affects="speed"
+    )
+    reference: Place | None = parameter(
+        None, "the step, by number or time, that all others are compared with; absent: the first", affects="speed"
+    )
+    times: InputFile | None = parameter(
+        None, "table of times [s] by name of the file or number of the frame; absent: those of the video, or of EXIF"
+    )
+    time: Literal["file", "name"] = parameter(
+        "file", "where a photograph's time is, without a table: in its file, or the last number in its name [s]"
+    )
+
     def searches(self, folder: Path) -> tuple[Path, ...]:
         from dicflow.io.images import search_start
 
@@ -68,23 +93,41 @@ class Images(Node):
         ]
         return tuple(search_start(folder, pattern)[0] for pattern in patterns)
 
-    def steps(self, folder: Path) -> Mapping[str, Mapping[str, Path | FilePart]]:
+    def steps(self, folder: Path) -> _Steps:
         from dicflow.io.images import steps_of
 
         found = self._photographs(folder)
         listed = isinstance(self.left, list) and isinstance(self.right, list)
-        return steps_of(found["left"], found.get("right"), self.pair_by, self.unpaired, listed)
+        steps = steps_of(found["left"], found.get("right"), self.pair_by, self.unpaired, listed, self._offset)
+        return self._selected(steps, folder)
 
-    def left_out(self, folder: Path, steps: Mapping[str, Mapping[str, Path | FilePart]]) -> tuple[str, ...]:
-        if self.unpaired == "refuse":
-            return ()
-        listed = (file for files in steps.values() for file in files.values())
-        used = {file.path if isinstance(file, FilePart) else file for file in listed}
+    def _selected(self, steps: _Steps, folder: Path) -> _Steps:
+        from dicflow.io.images import Selection, read_times, selected
+
+        if self.select is None and self.reference is None:
+            return steps
+        auto = Selection(moved=MOVED_PX) if self.select == "auto" else Selection()
+        selection = self.select.selection() if isinstance(self.select, Select) else auto
+        table = None if self.times is None else read_times(folder / self.times)
+        return selected(steps, selection, partial(self._moment, table=table), self.reference)
+
+    def _moment(self, file: Path | FilePart, table: Mapping[str, float] | None) -> float | None:
+        from dicflow.io.images import moment_of
+
+        return moment_of(file, self.time == "name", table)
+
+    @property
+    def _offset(self) -> float | None:
+        return None if self.offset == "auto" else self.offset
+
+    def left_out(self, folder: Path, steps: _Steps) -> tuple[str, ...]:
+        from dicflow.io.images import video_sentences
+
         found = self._photographs(folder)
-        alone = [f"{side} {name}" for side, files in found.items() for name, path in files.items() if path not in used]
-        count = "1 photograph has" if len(alone) == 1 else f"{len(alone)} photographs have"
-        problem = f"{count} no partner, and their steps are left out: {_named(alone)}"
-        return (f"{problem}; add the missing ones to measure these steps",) if alone else ()
+        sentences = tuple(video_sentences(found["left"], found.get("right"), self._offset))
+        return (
+            sentences if self.unpaired == "refuse" or self.select is not None else (*sentences, *_alone(found, steps))
+        )
 
     def _photographs(self, folder: Path) -> dict[str, dict[str, Path]]:
         """Left and right → file name → file."""
@@ -94,18 +137,23 @@ class Images(Node):
         return {side: find_photographs(folder, given, side) for side, given in patterns.items() if given is not None}
 
     def check(self, path: Path | FilePart) -> dict[str, Any]:
-        from dicflow.io.images import probe
+        from dicflow.io.images import probe, read_times
 
+        if self._is_table(path):
+            return {"rows": len(read_times(Path(path)))}
         return probe(path)
+
+    def _is_table(self, path: Path | FilePart) -> bool:
+        return self.times is not None and isinstance(path, Path) and path.name == Path(self.times).name
 
     def agree(
         self,
         facts: _Facts,
-        steps: Mapping[str, Mapping[str, Path | FilePart]],
+        steps: _Steps,
         inputs: Mapping[str, tuple[str, ...]],
     ) -> None:
         if self.orientation is None:
-            _check_tags(facts)
+            _check_tags({file: fact for file, fact in facts.items() if not self._is_table(file)})
         cameras = [
             {files[side]: self._as_measured(facts[files[side]]) for files in steps.values() if side in files}
             for side in ("left", "right")
@@ -114,15 +162,18 @@ class Images(Node):
             _check_camera(camera)
         _check_depth(*(next(iter(camera.items())) for camera in cameras if camera))
 
-    def run(self, left: Path | FilePart, right: Path | FilePart | None = None) -> Product:
-        from dicflow.io.images import read_photograph, turned_upright
+    def run(
+        self, left: Path | FilePart, right: Path | FilePart | None = None, times_path: Path | None = None
+    ) -> Product:
+        from dicflow.io.images import read_photograph, read_times, turned_upright
 
         photographs = {side: read_photograph(file) for side, file in (("left", left), ("right", right)) if file}
         turn = turned_upright if self.orientation == "upright" else lambda image, _: image
         grey = {side: turn(one.grey, one.orientation) for side, one in photographs.items()}
         counts = {s: turn(one.counts, one.orientation) for s, one in photographs.items() if one.counts is not None}
         notes = {side: note for side, one in photographs.items() if (note := self._note(one))}
-        return Photographs.write(grey["left"], grey.get("right"), counts=counts, notes=notes)
+        time = self._moment(left, None if times_path is None else read_times(times_path))
+        return Photographs.write(grey["left"], grey.get("right"), counts=counts, notes=notes, time=time)
 
     def _note(self, photograph: Photograph) -> str:
         """Which way up the pixels count; empty without an orientation tag."""
@@ -139,6 +190,16 @@ class Images(Node):
             return fact
         width, height = upright_size(fact["orientation"], fact["width"], fact["height"])
         return {**fact, "width": width, "height": height}
+
+
+def _alone(found: Mapping[str, Mapping[str, Path]], steps: _Steps) -> tuple[str, ...]:
+    """The sentence about photographs that are in no step, if there are any."""
+    listed = (file for files in steps.values() for file in files.values())
+    used = {file.path if isinstance(file, FilePart) else file for file in listed}
+    alone = [f"{side} {name}" for side, files in found.items() for name, path in files.items() if path not in used]
+    count = "1 photograph has" if len(alone) == 1 else f"{len(alone)} photographs have"
+    problem = f"{count} no partner, and their steps are left out: {_named(alone)}"
+    return (f"{problem}; add the missing ones to measure these steps",) if alone else ()
 
 
 def _check_tags(facts: _Facts) -> None:

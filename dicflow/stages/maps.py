@@ -2,16 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Annotated, ClassVar, Literal
 
-from pydantic import AfterValidator
+from pydantic import AfterValidator, Field
 
 from dicflow.engine.node import At, Node, Port, Scope, parameter
 from dicflow.engine.product import Product
 from dicflow.errors import StageError
 from dicflow.kinds.comparison import Comparison
-from dicflow.kinds.maps import MapQuantity, Positions, colour_range, joined_range
+from dicflow.kinds.maps import MapQuantity, Positions, colour_range, drawn_at, joined_range
 from dicflow.kinds.maps import Maps as MapsProduct
 from dicflow.kinds.quantities import ERRORS, QUANTITIES, of_field
 from dicflow.kinds.total import Total
@@ -70,6 +70,10 @@ class Maps(Node):
         "matplotlib's colour map; auto: RdBu_r about zero for values of both signs, else viridis; the thesis used jet",
     )
 
+    pictures: Annotated[int, Field(ge=2)] | Literal["all"] = parameter(
+        24, "steps that are drawn: so many, evenly chosen, and those with the extreme values; all for every one"
+    )
+
     def run(self, total: Sequence[Product], comparison: Product | None = None) -> Product:
         import numpy as np
 
@@ -90,7 +94,8 @@ class Maps(Node):
         }
         corners = [*extent.low.tolist(), *extent.high.tolist()]
         phases = _phases(total, comparison)
-        return MapsProduct.write(quantities, positions, corners, first.unit, self.colour_map, phases)
+        product = MapsProduct.write(quantities, positions, corners, first.unit, self.colour_map, phases)
+        return product if self.pictures == "all" else drawn_at(product, _chosen(ranges, len(total), self.pictures))
 
     def _check_drawable(self, total: Total) -> None:
         if missing := [name for name in self.quantities if name not in total]:
@@ -114,6 +119,20 @@ class _Extent:
         rows = rows[np.isfinite(rows).all(axis=1)]
         if len(rows):
             self.low, self.high = np.minimum(self.low, rows.min(axis=0)), np.maximum(self.high, rows.max(axis=0))
+
+
+def _chosen(ranges: Mapping[str, Sequence[tuple[float, float] | None]], count: int, pictures: int) -> list[int]:
+    """Numbers of the totals that are drawn: evenly chosen ones, and where a quantity has its least or largest value.
+
+    ranges : quantity → its range at each total; None without a value
+    """
+    import numpy as np
+
+    found = set(np.linspace(0, count - 1, min(pictures, count)).round().astype(int).tolist())
+    for seen in ranges.values():
+        known = [(low, high, number) for number, one in enumerate(seen) if one is not None for low, high in [one]]
+        found |= {min(known)[2], max(known, key=lambda one: one[1])[2]} if known else set()
+    return sorted(found)
 
 
 def _phases(total: Sequence[Product], comparison: Product | None) -> list[str]:

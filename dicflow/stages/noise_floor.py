@@ -18,7 +18,7 @@ from dicflow.kinds.total import Total, named_with_unit
 if TYPE_CHECKING:
     import numpy as np
 
-__all__ = ["NoiseFloor", "sentence"]
+__all__ = ["NoiseFloor", "fields_at_rest", "sentence"]
 
 _QUANTITIES = {name: quantity for name, quantity in QUANTITIES.items() if "noise_floor" in quantity.uses}
 _FIGURES = ("bias", "sigma", "predicted_sigma")
@@ -68,18 +68,26 @@ class NoiseFloor(Node):
 
     def _floor(self, total: Total) -> dict[str, dict[str, float]]:
         """The figures of each quantity at one step."""
-        import numpy as np
+        return {name: _figures(*field) for name, field in fields_at_rest(total, self.rigid).items()}
 
-        if not total.has_uncertainty:
-            raise StageError("this total has no uncertainty to compare with; give one of a stage 'deformation'")
-        known = np.isfinite(total["U"])
-        if known.sum() < 3:
-            raise StageError(f"a noise floor needs points, but a step has {known.sum()}; look at its correlation")
-        errors, deviations = _displacement(total, known, self.rigid)
-        fields = dict(zip("UVW", zip(errors.T, deviations.T, strict=True), strict=True))
-        strains = [name for name, quantity in _QUANTITIES.items() if not quantity.is_displacement]
-        fields |= {name: (total[name][known], total.sigma(name)[known]) for name in strains}
-        return {name: _figures(*field) for name, field in fields.items()}
+
+def fields_at_rest(total: Total, rigid: bool = True) -> dict[str, tuple[np.ndarray, np.ndarray]]:
+    """Values (n,) and stated σ (n,) of each quantity at the n points of a step without deformation.
+
+    rigid : whether the best rigid-body motion is removed from the displacement first
+    Raises StageError for a total without uncertainty, and for fewer than three points.
+    """
+    import numpy as np
+
+    if not total.has_uncertainty:
+        raise StageError("this total has no uncertainty to compare with; give one of a stage 'deformation'")
+    known = np.isfinite(total["U"])
+    if known.sum() < 3:
+        raise StageError(f"a noise floor needs points, but a step has {known.sum()}; look at its correlation")
+    errors, deviations = _displacement(total, known, rigid)
+    fields = dict(zip("UVW", zip(errors.T, deviations.T, strict=True), strict=True))
+    strains = [name for name, quantity in _QUANTITIES.items() if not quantity.is_displacement]
+    return fields | {name: (total[name][known], total.sigma(name)[known]) for name in strains}
 
 
 def _displacement(total: Total, known: np.ndarray, rigid: bool) -> tuple[np.ndarray, np.ndarray]:

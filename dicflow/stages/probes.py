@@ -11,15 +11,16 @@ from pydantic import BeforeValidator, Field, model_validator
 from dicflow.engine.node import At, Node, Port, Scope, parameter
 from dicflow.engine.product import Product, Variable
 from dicflow.errors import StageError
+from dicflow.kinds.channels import Channels
 from dicflow.kinds.probes import ProbeTable, Reading, gauge_facts
 from dicflow.kinds.quantities import ERRORS, QUANTITIES, unit_of
 from dicflow.kinds.rig import CalibratedRig
 from dicflow.kinds.total import Total, gradient_measures
+from dicflow.stages._probed import beside, probe_error
 
 if TYPE_CHECKING:
     import numpy as np
 
-    from dicflow.core.probes.probe_error import ProbeError
     from dicflow.core.probes.weights import ErrorCorrelation, Probe
     from dicflow.core.uncertainty.overlap import Overlap
 
@@ -55,12 +56,17 @@ class Probes(Node):
     the first step, and elongation per first length. Each has its standard deviation, from those of the points and from
     how much the subsets and windows of neighbours overlap, the bias that remains, which the points of a mean share,
     both combined as its uncertainty u, and beside it the calibration's share, if the uncertainty of the rig is known.
-    A place belongs to the material and moves with it.
+    A place belongs to the material and moves with it. Channels of a machine stand beside the readings of each step;
+    with their times extensometers have a strain rate.
     """
 
     title: ClassVar = "probes"
     scope: ClassVar = Scope.TEST
-    takes: ClassVar = {"total": Port("total", at=At.ALL), "rig": Port("rig", optional=True)}
+    takes: ClassVar = {
+        "total": Port("total", at=At.ALL),
+        "rig": Port("rig", optional=True),
+        "channels": Port("channels", optional=True),
+    }
     gives: ClassVar = "probes"
 
     stage: Literal["probes"] = "probes"
@@ -86,7 +92,7 @@ class Probes(Node):
             raise ValueError(f"each name stands for one probe, but {', '.join(twice)} for several")
         return self
 
-    def run(self, total: Sequence[Product], rig: Product | None = None) -> Product:
+    def run(self, total: Sequence[Product], rig: Product | None = None, channels: Product | None = None) -> Product:
         if not len(total):
             raise StageError("expected two or more steps, found one; give more photographs")
         steps: list[str] = ["reference", *getattr(total, "steps", map(str, range(1, len(total) + 1)))]
@@ -102,7 +108,7 @@ class Probes(Node):
         self._check_measured(readings)
         facts = gauge_facts(total[0])
         parts = ["", *ERRORS]
-        if cameras is None or cameras.covariance is None:
+        if Total.read(total[0]).relative_u_of_scale is None and (cameras is None or cameras.covariance is None):
             parts.remove("calibration_")
         rows = [
             {"probe": name, "kind": kind, "step": step, **_columns(reading[name], facts["unit"], parts)}
@@ -112,6 +118,8 @@ class Probes(Node):
         ]
         variables = self._variables(readings, facts["unit"], parts)
         variables |= self._profile_variables(profiles, facts["unit"])
+        if channels is not None:
+            variables |= beside(Channels.read(channels), steps, list(self.extensometers), variables, rows)
         return ProbeTable.write(variables, steps, self._kinds(), rows, {**facts, "summary": _summary(readings)})
 
     def _kinds(self) -> dict[str, list[str]]:
@@ -237,13 +245,13 @@ class _Step:
         self.grid = total["xy_reference"]
         if unit == "mm":
             if total.gauge is None or total.gauge.side_mm is None:
-                raise StageError("places in mm need two cameras; give them in px, with unit: px")
+                raise StageError("places in mm need two cameras or a scale; give them in px, with unit: px")
             self.grid = total["xyz_reference"][..., :2]
             self.spacing *= total.gauge.side_mm / total.gauge.side_px
         self.covariance = symmetric(total["covariance"])
         self.gradient = total["gradient"]
         self.slopes = jacobian(total["xyz_reference"], (3, 3), 1)
-        self.error = _probe_error(total, rig)
+        self.error = probe_error(total, rig)
 
     def at(self, place: Any) -> Probe | None:
         """The probe at a place."""
@@ -321,22 +329,6 @@ class _Step:
             name: strain_correlation(self.rho(QUANTITIES[name].sources), total.window_points, total.degree, share)
             for name, share in shares._asdict().items()
         }
-
-
-def _probe_error(total: Total, rig: CalibratedRig | None) -> ProbeError | None:
-    """Calibration uncertainty of a total's points; None if unknown."""
-    import numpy as np
-
-    from dicflow.core.probes.probe_error import ProbeError
-    from dicflow.core.strain.calibration_error import rig_error, thinned_grid
-
-    if rig is None or rig.covariance is None or not total.in_space:
-        return None
-    after, before = total["xyz"], total["xyz_reference"]
-    part = thinned_grid(np.isfinite(after + before).all(axis=-1))
-    fitted = (after[part], before[part]) if total.rigid_motion_removed else None
-    error = rig_error(rig.cameras, rig.covariance, total.frames, fitted)
-    return ProbeError.with_plane_slopes(error, after, before, gradient_measures(total))
 
 
 def _array(places: Any) -> np.ndarray:

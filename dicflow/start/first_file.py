@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
+from typing import Any
 
 from dicflow.core.calibration.board import Board
 from dicflow.io.configuration import parse
 from dicflow.pipeline.wiring import wire
-from dicflow.start.folder import Found, Photographs
+from dicflow.start.folder import Found
+from dicflow.start.photographs import Photographs
 
 __all__ = ["OPEN", "pipeline_text"]
 
@@ -52,7 +54,7 @@ def _image_lines(name: str, series: Photographs) -> list[str]:
     """A stage of photographs, on one line if it fits; of long lists each file on a line."""
     cameras = {side: patterns for side, patterns in (("left", series.left), ("right", series.right)) if patterns}
     values = [_quoted(side, patterns) for side, patterns in cameras.items()]
-    way = [f"pair_by: {series.pair_by}"] if series.pair_by else []
+    way = [f"{key}: {_flow(value)}" for key, value in series.parameters.items()]
     line = f"  {name}: {{stage: images, {', '.join([*values, *way])}}}"
     if len(line) <= _WIDTH:
         return [line]
@@ -63,6 +65,13 @@ def _image_lines(name: str, series: Photographs) -> list[str]:
         else:
             lines += [f"    {side}:", *(f"      - {json.dumps(one, ensure_ascii=False)}" for one in cameras[side])]
     return lines
+
+
+def _flow(value: Any) -> str:
+    """A value on one line."""
+    if isinstance(value, Mapping):
+        return f"{{{', '.join(f'{key}: {one}' for key, one in value.items())}}}"
+    return str(value)
 
 
 def _stereo_lines(found: Found, square: str | None) -> list[str]:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 import shlex
-from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterator, Sequence
 from functools import cache
 from pathlib import Path, PurePosixPath
 from typing import Any, NamedTuple
@@ -14,24 +14,24 @@ from dicflow.core.calibration.identify import identify_board
 from dicflow.core.photographs.polygon import Polygon
 from dicflow.engine.files import FilePart
 from dicflow.engine.graph import EARLY_STEPS
-from dicflow.engine.node import Node
 from dicflow.engine.product import Product
 from dicflow.errors import ConfigurationError, DicflowError, InputError, StageError
 from dicflow.io.calibrations.read import parse_calibration
-from dicflow.io.images import SUFFIXES, read_grey
+from dicflow.io.images import ALL_SUFFIXES, read_grey
 from dicflow.io.images.search import MOST_ENTRIES
 from dicflow.kinds.images import Images
 from dicflow.kinds.region import Region
-from dicflow.pipeline.registry import node_class
-from dicflow.start.choice import By, Candidate, Choice, Undecided, decide, is_named
+from dicflow.start.choice import Candidate, Choice, Undecided, decide, is_named
 from dicflow.start.contents import See, Subjects, board_in, subjects_of
 from dicflow.start.facts import Facts
 from dicflow.start.gauge import Gauge, gauge_over, in_8bit
 from dicflow.start.layouts import Series, series_of, step_folders
 from dicflow.start.patterns import listed, patterns_of
+from dicflow.start.photographs import Photographs, maker, photographs_of
 from dicflow.start.question import question
 from dicflow.start.sorting import copies_in, parted_by_counter
-from dicflow.start.ways import Way, chosen_way, possible_way
+from dicflow.start.videos import SHARPEST, frames_to_see
+from dicflow.start.ways import possible_way
 
 __all__ = ["Caliper", "Found", "Photographs", "Survey", "look", "photographs_in", "survey"]
 
@@ -44,31 +44,6 @@ _TABLE_SUFFIXES = frozenset({".csv", ".txt", ".tsv"})
 _MAX_BYTES = 1_000_000
 """Size of a table or a calibration."""
 _QUICK_PIXELS = 600_000
-
-
-class Photographs(NamedTuple):
-    """Photographs of one subject.
-
-    left, right : patterns below the folder; right is empty for one camera
-    steps : files of each step, as the stage of the photographs finds them
-    way : what makes pairs; None for one camera
-    """
-
-    left: list[str]
-    right: list[str]
-    steps: Mapping[str, Mapping[str, Path | FilePart]]
-    way: Way | None = None
-
-    @property
-    def pair_by(self) -> str:
-        """What the stage of the photographs must know of it; empty for what it assumes."""
-        return "order" if self.way is not None and self.way.is_listed else ""
-
-    def __str__(self) -> str:
-        if not self.right:
-            return f"{len(self.steps)} photographs of one camera, {listed(self.left)}"
-        how = f" {self.way.words}" if self.way is not None and self.way.is_listed else ""
-        return f"{len(self.steps)} pairs{how}, {listed(self.left)} and {listed(self.right)}"
 
 
 class Caliper(NamedTuple):
@@ -186,7 +161,7 @@ def _photographs(folder: Path) -> Iterator[PurePosixPath]:
         entries = _visible(waiting.pop())
         visited += len(entries)
         for entry in entries:
-            if PurePosixPath(entry.name).suffix.lower() in SUFFIXES and not entry.is_dir():
+            if PurePosixPath(entry.name).suffix.lower() in ALL_SUFFIXES and not entry.is_dir():
                 count += 1
                 yield _named(Path(entry.path).relative_to(folder))
         if count > _MAX_PHOTOGRAPHS or visited > MOST_ENTRIES:
@@ -239,8 +214,9 @@ def _series(folder: Path, paths: Sequence[PurePosixPath], choice: Choice, facts:
 def _see(folder: Path) -> See:
     @cache
     def see(path: PurePosixPath, thorough: bool = False) -> Board | None:
-        image = read_grey(folder / path)
-        return identify_board(image if thorough else in_8bit(image, _QUICK_PIXELS), thorough)
+        images = (read_grey(file) for file in frames_to_see(folder / path))
+        boards = (identify_board(one if thorough else in_8bit(one, _QUICK_PIXELS), thorough) for one in images)
+        return next((board for board in boards if board is not None), None)
 
     return see
 
@@ -255,7 +231,7 @@ def _subjects(folder: Path, series: Sequence[Series], choice: Choice, see: See) 
     if subjects.specimen:
         return subjects
     counts = ", ".join(f"{one.folder}: {len(one.files)}" for one in subjects.boards)
-    instead = f"only those of a board ({counts})" if counts else f"expected {', '.join(SUFFIXES)} in it or below"
+    instead = f"only those of a board ({counts})" if counts else f"expected {', '.join(ALL_SUFFIXES)} in it or below"
     raise InputError(f"{folder}: no photographs of a specimen found, {instead}; name the folder that holds them")
 
 
@@ -269,34 +245,19 @@ def _left_out(subjects: Subjects, chosen: Candidate) -> Iterator[tuple[Series, s
 
 def _described(folder: Path, chosen: Candidate, paths: Sequence[PurePosixPath], see: See, choice: Choice) -> Found:
     facts = Facts(folder)
-    photos = _found_by(folder, chosen.left, chosen.right, paths, facts, choice.pair_by)
+    photos = photographs_of(folder, chosen.left, chosen.right, paths, facts, choice.pair_by)
     if chosen.boards is None:
         return Found(photos)
     both = chosen.boards.left, chosen.boards.right
     board = board_in(both, see)
-    boards = _found_by(folder, *both, paths, facts, possible_way(*both, facts.taken, choice.pair_boards_by))
+    way = possible_way(*both, facts.taken, choice.pair_boards_by)
+    boards = photographs_of(folder, *both, paths, facts, way, SHARPEST)
     if board is None:
         raise InputError(
             f"{folder}: no checkerboard, ChArUco board or grid of circles is recognised in {boards}; "
             "name others with --boards"
         )
     return Found(photos, boards, board)
-
-
-def _found_by(
-    folder: Path, left: Series, right: Series | None, paths: Sequence[PurePosixPath], facts: Facts, by: By | None
-) -> Photographs:
-    """The photographs as patterns, and the steps that the stage of the photographs makes of them."""
-    named, way = {"left": patterns_of(left.files, paths)}, None
-    try:
-        if right:
-            way = chosen_way(left, right, facts.taken, by)
-            named = way.patterns(left, right, paths)
-        given = {"pair_by": "order"} if way is not None and way.is_listed else {}
-        steps = _maker("images")(**named, **given).steps(folder) or {}
-    except InputError as error:
-        raise InputError(f"{folder / named['left'][0]}: {error}") from error
-    return Photographs(named["left"], named.get("right", []), steps, way)
 
 
 def _with_places(folder: Path, found: Found, say: Say) -> Found:
@@ -322,15 +283,15 @@ def _with_places(folder: Path, found: Found, say: Say) -> Found:
 
 def _read(file: Path | FilePart) -> Product:
     """A photograph as the stage of the photographs reads it."""
-    return _maker("images")(left="*").run(left=file)
+    return maker("images")(left="*").run(left=file)
 
 
 def _polygons(folder: Path, first: Product, left: Sequence[Path | FilePart], region: str | None) -> list[Polygon]:
     """The region that the pipeline measures."""
     if region:
-        product = _maker("region")(file=region).run(images=first, file_path=folder / region)
+        product = maker("region")(file=region).run(images=first, file_path=folder / region)
     else:
-        product = _maker("region")().run(images=first, images_early=_Early(left))
+        product = maker("region")().run(images=first, images_early=_Early(left))
     return Region.read(product).polygons
 
 
@@ -366,7 +327,7 @@ def _small_files(folder: Path, suffixes: Collection[str]) -> list[Path]:
 
 def _caliper(folder: Path, steps: int) -> Caliper | None:
     """The first table in the folder that holds a caliper's lengths, and whether it fits the steps."""
-    node = _maker("compare")
+    node = maker("compare")
     for path in sorted(_small_files(folder, _TABLE_SUFFIXES), key=lambda path: "caliper" not in path.name.lower()):
         try:
             rows = node(caliper=path.name).check(path)["rows"]
@@ -376,8 +337,3 @@ def _caliper(folder: Path, steps: int) -> Caliper | None:
             continue
         return Caliper(path.name, "" if rows == steps else f"{rows} rows, but {steps} steps; write one row per step")
     return None
-
-
-def _maker(stage: str) -> Callable[..., Node]:
-    """The node of a stage as a function of its parameters."""
-    return node_class(stage)

@@ -12,7 +12,7 @@ from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from pathlib import PurePosixPath
 from typing import NamedTuple
 
-from dicflow.io.images import natural_key
+from dicflow.io.images import RAW_SUFFIXES, natural_key
 from dicflow.start.words import DEVICES, FIRST_WORDS, REGION_WORDS, SIDES, words
 
 __all__ = ["COUNTER", "Name", "Series", "are_numbers", "counted_words", "is_serial", "series_of", "step_folders"]
@@ -97,8 +97,9 @@ def _without_copies(files: Sequence[PurePosixPath]) -> list[PurePosixPath]:
 
 
 def _loss(path: PurePosixPath) -> int:
-    """Place of a format among all: JPEG loses most, BMP keeps 8 bits."""
-    return next((k for k, start in enumerate((".tif", ".png", ".bmp")) if path.suffix.lower().startswith(start)), 3)
+    """Place of a format among all: JPEG loses most of those that need no decoder of their own; a video comes last."""
+    starts = (".tif", ".png", ".bmp", ".jp", *RAW_SUFFIXES)
+    return next((k for k, start in enumerate(starts) if path.suffix.lower().startswith(start)), len(starts))
 
 
 def counted_words(stem: str) -> tuple[str, ...]:

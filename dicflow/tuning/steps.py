@@ -8,20 +8,17 @@ from typing import NamedTuple
 
 import numpy as np
 
+from dicflow.comparison.rest import MOST_OVER_SIGMA, NORMAL_STRAINS, strain_over_sigma
 from dicflow.errors import StageError
 from dicflow.kinds.kind import summary_of
 from dicflow.kinds.total import Total
 from dicflow.pipeline import Pipeline, Result
 from dicflow.tuning.stages import Tuned, reduced
 
-__all__ = ["NORMAL_STRAINS", "ChosenSteps", "Run", "choose_steps"]
+__all__ = ["ChosenSteps", "Run", "choose_steps"]
 
-NORMAL_STRAINS = ("exx", "eyy")
-"""The strains by which settings are judged."""
 _SURVEYED = 6
 """Steps that are looked at where a test has not been run."""
-_STILL = 1.5
-"""Largest strain over its σ of a step at rest, root mean square."""
 _FOUND = 0.95
 """Share of the points, of those found from step to step, that must be found from the first photograph at once."""
 
@@ -74,7 +71,7 @@ def choose_steps(pipeline: Pipeline, tuned: Tuned, run: Run) -> ChosenSteps:
     if not states:
         raise StageError(f"{pipeline.name}: no step after the first has strains to tune by; look at the run's report")
     still = min(states, key=lambda state: state.over_sigma)
-    at_rest = still.name if still.over_sigma <= _STILL and len(states) > 1 else None
+    at_rest = still.name if still.over_sigma <= MOST_OVER_SIGMA and len(states) > 1 else None
     moving = [state for state in states if state.name != at_rest]
     for state in _from_largest(moving):
         chosen = ChosenSteps(names[0], at_rest, state.name, state.strain)
@@ -96,17 +93,11 @@ def _states(result: Result, total: str) -> list[_State]:
 def _state(result: Result, stage: str, step: str) -> _State:
     total = Total.read(result.product(stage, step))
     strains = np.stack([total[name] for name in NORMAL_STRAINS])
-    sigma = np.stack([total.sigma(name) for name in NORMAL_STRAINS])
-    known = np.isfinite(strains) & (sigma > 0.0)
-    if not known.any():
+    over_sigma = strain_over_sigma(total)
+    if math.isinf(over_sigma):
         return _State(step, 0.0, math.inf, 0.0)
-    over = strains[known] / sigma[known]
     valid = float(summary_of(total.product)["valid_share"])
-    return _State(step, _root_mean_square(strains[known]), _root_mean_square(over), valid)
-
-
-def _root_mean_square(values: np.ndarray) -> float:
-    return float(np.sqrt(np.mean(values**2)))
+    return _State(step, float(np.sqrt(np.nanmean(strains**2))), over_sigma, valid)
 
 
 def _from_largest(states: Sequence[_State]) -> Iterator[_State]:

@@ -9,6 +9,7 @@ from typing import NamedTuple
 import numpy as np
 from scipy.ndimage import map_coordinates
 
+from dicflow.comparison.rest import NORMAL_STRAINS
 from dicflow.core.arrays import Array
 from dicflow.core.strain.blur import difference_by_noise, estimated_bias, mean_square_differences
 from dicflow.core.strain.gauge_kernel import GaugeSetting, gauge_kernel
@@ -18,7 +19,7 @@ from dicflow.kinds.kind import summary_of
 from dicflow.kinds.total import Gauge, Total
 from dicflow.pipeline import Result
 from dicflow.tuning.stages import Tuned
-from dicflow.tuning.steps import NORMAL_STRAINS, ChosenSteps
+from dicflow.tuning.steps import ChosenSteps
 
 __all__ = ["Trial", "trials"]
 

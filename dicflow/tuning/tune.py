@@ -10,6 +10,7 @@ from dicflow.errors import ConfigurationError, StageError
 from dicflow.kinds.correlation import Correlation
 from dicflow.kinds.points import Points
 from dicflow.pipeline import Pipeline, Result
+from dicflow.tuning.caliper import Agreement, caliper_agreement
 from dicflow.tuning.candidates import Region, candidates
 from dicflow.tuning.choice import Choice, Wish, choose, strain_text
 from dicflow.tuning.expected import expected_cpu_s
@@ -35,6 +36,7 @@ class Tuning(NamedTuple):
     present : that of the file; None if it loses points
     left_out : number of settings that lose points
     warnings : whole sentences
+    caliper : how the present and the recommended setting agree with it; None without one
     """
 
     tuned: Tuned
@@ -44,6 +46,7 @@ class Tuning(NamedTuple):
     left_out: int
     choice: Choice
     warnings: list[str]
+    caliper: Agreement | None
 
 
 def tune(pipeline: Pipeline, wish: Wish, run: Run, begin: Callable[[Begun], None]) -> Tuning:
@@ -62,11 +65,15 @@ def tune(pipeline: Pipeline, wish: Wish, run: Run, begin: Callable[[Begun], None
     settings = candidates(tuned.present, _region(measured, tuned, steps))
     sweep = reduced(pipeline, tuned, settings, steps.names)
     begin(Begun(steps, len(settings), expected_cpu_s(present, sweep, tuned, settings)))
-    tried = trials(run(sweep), tuned, settings, steps)
+    swept = run(sweep)
+    tried = trials(swept, tuned, settings, steps)
     own = next((trial for trial in tried if trial.setting == tuned.present), None)
     choice = choose(tried, wish)
     warnings = [*(measured.outcome.warnings if measured.outcome else ()), *_warnings(tried, own, steps, choice, wish)]
-    return Tuning(tuned, steps, tried, own, len(settings) - len(tried), choice, warnings)
+    marked = {"present": own, "recommended": choice.trial}
+    places = {name: settings.index(trial.setting) for name, trial in marked.items() if trial is not None}
+    agreement = caliper_agreement(pipeline, tuned, swept, steps, places)
+    return Tuning(tuned, steps, tried, own, len(settings) - len(tried), choice, warnings, agreement)
 
 
 def _region(result: Result, tuned: Tuned, steps: ChosenSteps) -> Region:

@@ -53,7 +53,7 @@ class Progress:
         self._totals: dict[str, int] = {}
         self._seconds: dict[str, float] = {}
         self._checking = ""
-        self._compiling = ""
+        self._compiling: list[str] = []
         self._started = time.monotonic()
 
     def __enter__(self) -> Progress:
@@ -96,9 +96,16 @@ class Progress:
             self._seconds[stage] = 0.0
 
     def _compile(self, event: Event) -> None:
-        self._compiling = f"compiling for {event.stage}, once per version" if event.kind == "compiling" else ""
-        if self._compiling and not self._live:
-            self._console.print(self._compiling, soft_wrap=True)
+        if event.kind == "compiled":
+            self._compiling.remove(event.stage)
+            return
+        self._compiling.append(event.stage)
+        if not self._live:
+            self._console.print(self._compiling_text(), soft_wrap=True)
+
+    def _compiling_text(self) -> str:
+        stages = ", ".join(dict.fromkeys(self._compiling))
+        return f"compiling for {stages}, once per version" if stages else ""
 
     def _finish(self, event: Event) -> None:
         counts = self._stages[event.stage]
@@ -120,7 +127,7 @@ class Progress:
             cells = [str(counts[name] or "·") for name in STATUSES]
             style = "red" if counts["failed"] else "dim" if left else ""
             table.add_row(plain_line(stage), *cells, str(left or "·"), f"{self._seconds[stage]:.1f}", style=style)
-        table.caption = self._checking or self._compiling or self._time_left()
+        table.caption = self._checking or self._compiling_text() or self._time_left()
         return table
 
     def _time_left(self) -> str:

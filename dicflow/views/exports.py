@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from functools import partial
 from pathlib import Path
 from typing import NamedTuple
 
 from dicflow.discovery import nearest
 from dicflow.errors import ConfigurationError
-from dicflow.io.exports import FORMATS, beside, kinds_of
+from dicflow.io.exports import FORMATS, beside, has_one_step, kinds_of
 from dicflow.io.exports.items import Item
 from dicflow.io.files import staged
 from dicflow.io.table import TableStyle
@@ -18,11 +18,14 @@ from dicflow.kinds.total import Total
 from dicflow.pipeline.places import Places
 from dicflow.pipeline.result import Result
 from dicflow.views.exported_pictures import PICTURES, Drawn, check_quantities
+from dicflow.views.workbooks import Steps, megabytes, of_one_step, shown_steps
 
 __all__ = ["export", "format_names"]
 
 _MOST_ROWS = 1_048_576
 """Rows of a table that spreadsheets open."""
+_LARGE_MB = 30.0
+"""Size of a workbook from which it is named before it is written."""
 
 
 def format_names() -> tuple[str, ...]:
@@ -70,14 +73,19 @@ def export(
     chosen = tuple(dict.fromkeys(quantities))
     with staged(output, force) as folder:
         for job in _jobs(result, stage, to, variant, note):
-            steps = {name: _steps(result, name, step, variant, note) for name in job.stages}
+            one_step = stage is None and has_one_step(job.form)
+            steps = {name: _steps(result, name, None if one_step else step, variant, note) for name in job.stages}
             selected = chosen if job.main else ()
-            for which, there in steps.items():
+            for which, there in steps.items() if not one_step else ():
                 _note_surprises(result, which, there, job.form, variant, note)
             if job.form in PICTURES:
                 PICTURES[job.form].write(Drawn(result, steps, selected, variant), job.form, folder, stage is None)
             else:
                 items = (item for name in job.stages for item in _items(result, name, steps[name], selected, variant))
+                if one_step:
+                    shown = shown_steps(result, steps, step, variant)
+                    _note_one_step(result, steps, shown, variant, note)
+                    items = (of_one_step(item, shown) for item in items)
                 styled = (item._replace(style=style) for item in items)
                 FORMATS.load(job.form).write(styled, folder, name if stage is None else stage)
         files = sorted(path.name for path in folder.iterdir())
@@ -167,15 +175,30 @@ def _steps(
 def _note_surprises(
     result: Result, stage: str, steps: Sequence[str | None], form: str, variant: int, note: Callable[[str], None]
 ) -> None:
-    """Note surprising files: a movie of one step, tables too long for a spreadsheet."""
+    """Note surprising files: a movie of one step, tables too long for a spreadsheet, a large workbook."""
     if form in PICTURES and PICTURES[form].moves and len(steps) == 1:
         note(f"{stage}: the movie has only one step; the format png gives its picture")
+    if has_one_step(form) and (size := megabytes(result, stage, steps, variant)) > _LARGE_MB:
+        note(f"{stage}: about {size:.0f} MB for the points of {len(steps)} steps; --step writes those of one")
     if form == "csv" and (rows := _rows(result, stage, steps[0], variant)) > _MOST_ROWS:
         tables = "a table" if len(steps) == 1 else f"{len(steps)} tables"
         note(
             f"{stage}: {tables} of {rows:,} rows, more than a spreadsheet opens; "
             "the formats npz and hdf5 take far less room"
         )
+
+
+def _note_one_step(
+    result: Result, steps: Steps, shown: Mapping[str, str | None], variant: int, note: Callable[[str], None]
+) -> None:
+    """Note whose points a file has, and how to get the others."""
+    for stage, names in steps.items():
+        if len(names) > 1:
+            size = megabytes(result, stage, names, variant)
+            note(
+                f"{stage}: the points of {shown[stage]} alone, of {len(names)} steps; --step chooses another one, and "
+                f"naming the stage ({stage}) writes all, about {size:.0f} MB"
+            )
 
 
 def _rows(result: Result, stage: str, step: str | None, variant: int) -> int:

@@ -28,19 +28,21 @@ def plot(
     quantity: str,
     *,
     step: str | int = -1,
-    variant: int = 0,
+    variant: int | str = 0,
     over: Literal["photograph", "specimen"] = "photograph",
     colours: str = "auto",
 ) -> Figure:
     """One quantity of one step: that of a total over the photograph or the specimen, any other on its grid.
 
     step : name or number; the last by default. Ignored for a stage that runs once
+    variant : of a sweep: "#2" for the second one, or its index, which is 1
     over : the left photograph of the step, or the plane of X and Y; this plane also if the store has no photograph
     colours : a matplotlib colour map; "auto" is the choice of the maps stage, or a diverging one for values of both
         signs and viridis else. The range is that of the maps where they draw the quantity
     Raises ConfigurationError for a quantity that the product does not have and lists those it has.
     """
-    product = result.product(stage, step if result.steps(stage) else None, variant)
+    result = result.variant(variant)
+    product = result.product(stage, step if result.steps(stage) else None)
     if quantity not in product.variables:
         known = ", ".join(product.variables)
         raise ConfigurationError(
@@ -50,22 +52,22 @@ def plot(
     if len(variable.dims) != 2:
         fields = ", ".join(name for name, other in product.variables.items() if len(other.dims) == 2) or "none"
         raise ConfigurationError(f"{stage}: {quantity} is not one number per row and column; choose of {fields}")
-    name = result.task(stage, step if result.steps(stage) else None, variant).rpartition("/")[2]
+    name = result.task(stage, step if result.steps(stage) else None, 0).rpartition("/")[2]
     if quantity == "status":
         return _reasons(product, f"{stage} · {name}")
     if product.kind != "total":
         from dicflow.views.maps import picture
 
         return picture(variable, f"{stage} · {quantity}")
-    total, maps = Total.read(product), maps_of(result, stage, variant)
+    total, maps = Total.read(product), maps_of(result, stage)
     look = look_of(total, quantity, maps, colours)
     if over == "specimen":
         return _specimen_map(total, look, maps, name)
     from dicflow.views.maps import photo_map
 
-    places = Places(result, variant)
+    places = Places(result)
     try:
-        photograph = Images.read(result.product(places.photographs, name, variant)).left
+        photograph = Images.read(result.product(places.photographs, name)).left
     except NotKeptError:
         return _specimen_map(total, look, maps, name)
     return photo_map(product[quantity], places.at_step(total), photograph, look, name)

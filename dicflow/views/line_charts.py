@@ -36,6 +36,8 @@ class Curve(NamedTuple):
     square : whether marks are squares, larger than the dots of other curves and below them
     joined : whether a line joins the points
     titles : of the marks, for who points at them; empty for none
+    x_half, y_half : half the lengths of the bars through the marks, (n,); None for none
+    marked : whether marks are drawn
     """
 
     name: str
@@ -45,6 +47,15 @@ class Curve(NamedTuple):
     square: bool = False
     joined: bool = True
     titles: Sequence[str] = ()
+    x_half: Numbers | None = None
+    y_half: Numbers | None = None
+    marked: bool = True
+
+    @property
+    def ends(self) -> tuple[Numbers, Numbers]:
+        """Ends of the bars: x (m,) and y (m,), which the chart has room for."""
+        x_half, y_half = (0.0 if half is None else np.nan_to_num(half) for half in (self.x_half, self.y_half))
+        return np.concatenate([self.x - x_half, self.x + x_half]), np.concatenate([self.y - y_half, self.y + y_half])
 
 
 class _Scale(NamedTuple):
@@ -95,7 +106,7 @@ class _Plot(NamedTuple):
 
 def chart_over_values(curves: Sequence[Curve], x_label: str, y_label: str) -> str:
     """Curves over a quantity. Both labels have their unit."""
-    x_range = _range(np.concatenate([curve.x for curve in curves]))
+    x_range = _range(np.concatenate([curve.ends[0] for curve in curves]))
     width = 0.8 * _WIDTH
     found = ticks_that_fit(*x_range, lambda share, texts: share * width >= pitch(texts, _LETTER) + _LETTER)
     return _chart(curves, _Scale(x_range, found.shares, found.texts, f"{x_label} {found.factor}".rstrip()), y_label)
@@ -114,7 +125,7 @@ def chart_over_steps(steps: Sequence[str], series: Mapping[str, Sequence[float |
 
 
 def _chart(curves: Sequence[Curve], scale: _Scale, y_label: str) -> str:
-    y_range = _range(np.concatenate([curve.y for curve in curves]))
+    y_range = _range(np.concatenate([curve.ends[1] for curve in curves]))
     numbers = ticks_that_fit(*y_range, lambda share, _texts: share * _PLOT_HEIGHT >= 2 * _LETTER)
     left = max(_LINE + 12 + widest(numbers.texts, _LETTER), 10 + text_width(numbers.factor, _LETTER))
     keys = _key_places([curve.name for curve in curves], left) if len(curves) > 1 else []
@@ -126,6 +137,7 @@ def _chart(curves: Sequence[Curve], scale: _Scale, y_label: str) -> str:
         *_below(plot, scale),
         *(_key(x, y, curve.name, colour) for (x, y), (curve, colour) in zip(keys, coloured, strict=False)),
         *(_line(plot, curve, colour) for curve, colour in coloured if curve.joined),
+        *(_bars(plot, curve, colour) for curve, colour in coloured),
         *(_marks(plot, curve, colour) for curve, colour in sorted(coloured, key=lambda pair: not pair[0].square)),
     ]
     height = plot.bottom + scale.room + 4
@@ -194,7 +206,22 @@ def _line(plot: _Plot, curve: Curve, colour: str) -> str:
     return element("path", d=path, fill="none", stroke=colour, stroke_opacity="0.7", stroke_width="1.3")
 
 
+def _bars(plot: _Plot, curve: Curve, colour: str) -> str:
+    """The bars through the marks of a curve along both axes; none if it has no lengths for them."""
+    x, y = curve.x, curve.y
+    path = ""
+    for half, shift in ((curve.x_half, (1.0, 0.0)), (curve.y_half, (0.0, 1.0))):
+        if half is not None:
+            first, second = (plot.place(x + sign * shift[0] * half, y + sign * shift[1] * half) for sign in (-1, 1))
+            known = np.isfinite(first).all(axis=1) & np.isfinite(second).all(axis=1) & (half > 0.0)
+            ends = zip(first[known].tolist(), second[known].tolist(), strict=True)
+            path += "".join(f"M{a:.1f} {b:.1f}L{c:.1f} {d:.1f}" for (a, b), (c, d) in ends)
+    return element("path", d=path, fill="none", stroke=colour, stroke_opacity="0.6") if path else ""
+
+
 def _marks(plot: _Plot, curve: Curve, colour: str) -> str:
+    if not curve.marked:
+        return ""
     known = np.isfinite(curve.x) & np.isfinite(curve.y)
     places = plot.place(curve.x, curve.y)[known].tolist()
     hollow = curve.hollow[known].tolist()

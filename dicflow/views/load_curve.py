@@ -4,35 +4,53 @@ from __future__ import annotations
 
 import re
 from collections.abc import Mapping, Sequence
+from typing import NamedTuple
 
 import numpy as np
 
 from dicflow.views.line_charts import Curve, chart_over_steps, chart_over_values
 
-__all__ = ["load_curves"]
+__all__ = ["Axis", "load_curves"]
 
 Values = Mapping[str, Sequence[float | None]]
 
 _NAMES = {"dic": "DIC", "caliper": "caliper"}
 
 
-def load_curves(steps: Sequence[str], phases: Sequence[str], values: Values) -> list[str]:
-    """A plot of the displacements or lengths, one of the strains; over load if it is known, else over the steps.
+class Axis(NamedTuple):
+    """What curves are drawn over. key : of its values; label : with the unit"""
+
+    key: str
+    label: str
+
+
+_LOAD = Axis("load_g", "load [g]")
+
+
+def load_curves(steps: Sequence[str], phases: Sequence[str], values: Values, axis: Axis = _LOAD) -> list[str]:
+    """A plot of the displacements or lengths, one of the strains; over the axis if it is known, else over the steps.
 
     phases : loading or unloading per step; unloading is drawn hollow
     values : as :func:`dicflow.report.history.step_history` gives them; None is a gap
     """
-    return [_drawn(title, keys, steps, phases, values) for title, keys in _plots(values)]
+    curves = {key: column for key, column in values.items() if key != axis.key}
+    if axis.key not in values:
+        return [_over_steps(title, keys, steps, values) for title, keys in _plots(curves)]
+    return [_over_axis(title, keys, phases, values, axis) for title, keys in _plots(curves)]
 
 
-def _drawn(title: str, keys: Sequence[str], steps: Sequence[str], phases: Sequence[str], values: Values) -> str:
-    ordered = sorted(keys, key=_is_caliper)
-    if "load_g" not in values:
-        return chart_over_steps(steps, {_label(key): values[key] for key in ordered}, title)
-    load = _numbers(values["load_g"])
+def _over_steps(title: str, keys: Sequence[str], steps: Sequence[str], values: Values) -> str:
+    return chart_over_steps(steps, {_label(key): values[key] for key in sorted(keys, key=_is_caliper)}, title)
+
+
+def _over_axis(title: str, keys: Sequence[str], phases: Sequence[str], values: Values, axis: Axis) -> str:
+    load = _numbers(values[axis.key])
     hollow = np.array([phase == "unloading" for phase in phases] or [False] * len(load))
-    curves = [Curve(_label(key), load, _numbers(values[key]), hollow, _is_caliper(key)) for key in ordered]
-    return chart_over_values(curves, "load [g]", title)
+    curves = [
+        Curve(_label(key), load, _numbers(values[key]), hollow, _is_caliper(key))
+        for key in sorted(keys, key=_is_caliper)
+    ]
+    return chart_over_values(curves, axis.label, title)
 
 
 def _plots(values: Values) -> list[tuple[str, list[str]]]:

@@ -24,39 +24,46 @@ if TYPE_CHECKING:
 
 __all__ = ["publish"]
 
-_TABLES = ("comparison", "probes", "noise")
+_TABLES = ("comparison", "probes", "channels", "noise")
 
 
-def publish(result: Result, folder: Path, workers: int = 1) -> list[Path]:
+def publish(result: Result, folder: Path, workers: int = 1, *, pictures: bool = True) -> list[Path]:
     """Write the maps, the tables of comparisons, probes and noise floors, and the sweep's table of a result.
 
     folder : made if missing; files whose sources have not changed since are not made again. Pictures of
         steps, phases and quantities that the result no longer has are deleted, unless they were changed since.
     workers : threads that draw at once
+    pictures : whether maps are drawn; else those of earlier runs are left as they are
     Returns the paths of all files, new or not.
     """
     make_folder(folder)
     published, code = Published(folder), source_digest("io", "views")
-    whole = source_of(code, result.digests, result.values)
+    whole = source_of(code, result.digests, result.values, pictures)
     files = published.files_of(whole)
     if files is None:
-        files = _made(result, published, code, workers)
+        files = _made(published, _rounds(result, published, code, pictures), workers)
+        if pictures:
+            _delete_others(result, published, files)
         published.save(whole, files)
     return [folder / file for file in files]
 
 
-def _made(result: Result, published: Published, code: str, workers: int) -> list[str]:
-    """Make what is missing, and delete what the result no longer has; the names of all files of the result."""
-    rounds = _rounds(result, published, code)
+def _made(published: Published, rounds: Sequence[Sequence[Job]], workers: int) -> list[str]:
+    """Make what is missing; the names of all files of the result."""
     sources = {file: source for jobs in rounds for job in jobs for file, source in job.sources.items()}
     stale = {file for file, source in sources.items() if not published.is_current(file, source)}
     with ThreadPoolExecutor(workers) as pool:
         for jobs in rounds:
             list(pool.map(partial(_do, published, stale), jobs))
-    for file in published.listed:
-        if file not in sources and file.startswith(_picture_folders(result)):
-            published.delete(file)
     return list(sources)
+
+
+def _delete_others(result: Result, published: Published, files: Sequence[str]) -> None:
+    """Delete pictures that the result no longer has. files : those that it has"""
+    kept = set(files)
+    for file in published.listed:
+        if file not in kept and file.startswith(_picture_folders(result)):
+            published.delete(file)
 
 
 def _do(published: Published, stale: Collection[str], job: Job) -> None:
@@ -67,9 +74,9 @@ def _do(published: Published, stale: Collection[str], job: Job) -> None:
             published.write(file, job.sources[file], content)
 
 
-def _rounds(result: Result, published: Published, code: str) -> list[list[Job]]:
-    """All the work: first what shows the products, then what is put together from that."""
-    maps = list(_maps(result, code))
+def _rounds(result: Result, published: Published, code: str, draws: bool) -> list[list[Job]]:
+    """All the work: first what shows the products, then what is put together from that. draws : also maps"""
+    maps = list(_maps(result, code)) if draws else []
     tables = list(_tables(result, code))
     pictures = [job for files in maps for job in files.pictures()]
     return [[*pictures, *tables], [job for files in maps for job in files.overviews(published)]]

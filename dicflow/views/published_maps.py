@@ -28,7 +28,8 @@ class MapFiles:
         self._total = partial(result.product, total, variant=variant)
         self._folder, self._code, self._window = folder, code, map_window(maps)
         self._looks = {quantity: map_look(maps, quantity) for quantity in maps.quantities}
-        self._phases, self._steps = maps.phases, result.steps(total, variant)
+        steps = result.steps(total, variant)
+        self._phases, self._steps = [maps.phases[n] for n in maps.drawn], [steps[n] for n in maps.drawn]
         self._titles = [f"{step} · {phase}" for step, phase in zip(self._steps, self._phases, strict=True)]
         self._arrays = [result.arrays(total, step, variant) for step in self._steps]
         self._sheet = cache(lambda quantity: map_sheet(self._looks[quantity], self._window, self._titles))

@@ -13,11 +13,12 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import FixedLocator, FuncFormatter, NullLocator
 from numpy.typing import NDArray
 
-from dicflow.tuning.choice import pareto_front
+from dicflow.tuning.caliper import Agreement
+from dicflow.tuning.choice import pareto_front, strain_text
 from dicflow.tuning.trials import Trial
 from dicflow.tuning.tune import Tuning
 
-__all__ = ["setting_words", "shown_trials", "trial_columns", "trial_row", "tuning_figure"]
+__all__ = ["caliper_words", "setting_words", "shown_trials", "trial_columns", "trial_row", "tuning_figure"]
 
 _COLOURS = {"auto": "#4d9a3a", "affine": "#3b82b5", "quadratic": "#d95f02"}
 _MARKS: Mapping[str, Mapping[str, Any]] = {
@@ -142,3 +143,22 @@ def setting_words(trial: Trial) -> str:
         f"subset {setting.subset_size} px, step {setting.step_size} px, {setting.shape_function}, "
         f"window {setting.window_points * setting.step_size} px"
     )
+
+
+def caliper_words(found: Agreement) -> str:
+    """A line on whether the settings agree with the caliper."""
+    caliper = f"{_percent(found.caliper.strain)} ± {strain_text(found.caliper.u)}"
+    parts = [_against(found, name) for name in found.settings]
+    return f"against the caliper, {caliper} at {found.step} ({found.what}): {'; '.join(parts) or 'nothing measured'}"
+
+
+def _against(found: Agreement, name: str) -> str:
+    one, off = found.settings[name], found.difference(name)
+    error = f" ± {strain_text(one.u)}" if one.u else ""
+    word = "agrees" if found.agrees(name) else "does not agree"
+    sign = "+" if off >= 0.0 else "−"
+    return f"{name} {_percent(one.strain)}{error}, {word} ({sign}{strain_text(abs(off))})"
+
+
+def _percent(strain: float) -> str:
+    return f"{100.0 * strain:.4g} %".replace("-", "−")

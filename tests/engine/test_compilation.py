@@ -10,6 +10,7 @@ from test_execute import trouble
 from toys import chain, run_sync
 
 from dicflow.engine import processes
+from dicflow.engine.compilation import Uncompiled
 from dicflow.engine.execute import Options, run
 from dicflow.engine.expectation import expected_cpu_s
 from dicflow.engine.plan import make_plan
@@ -26,7 +27,7 @@ class Calls:
         return Options(scheduler="threads", workers=workers, uncompiled=self.uncompiled, on_event=self.on_event, **more)
 
     def uncompiled(self, nodes):
-        return {stage: partial(self.compile, stage) for stage in self.stages if stage in nodes}
+        return {stage: {stage: partial(self.compile, stage)} for stage in self.stages if stage in nodes}
 
     def compile(self, stage):
         self.seen.append(f"compile {stage}")
@@ -47,6 +48,41 @@ def test_a_stage_is_compiled_once_before_its_first_task(folder, store, workers):
         order = [calls.seen.index(f"{word} {stage}") for word in ("compiling", "compile", "compiled")]
         assert [*order, first] == sorted([*order, first])
     assert set(result.compiled_s) == {"scale", "total"}
+
+
+@pytest.mark.parametrize("workers", [1, 2])
+def test_pieces_that_stages_share_are_compiled_once(folder, store, workers):
+    calls = Calls()
+    pieces = {"scale": ["loops", "sums"], "total": ["sums", "ends"]}
+    uncompiled = {stage: {name: partial(calls.compile, name) for name in names} for stage, names in pieces.items()}
+    options = Options("threads", workers, uncompiled=lambda _: uncompiled, on_event=calls.on_event)
+    result = run(chain(folder), store, options=options)
+    assert result.ok
+    assert [seen for seen in calls.seen if seen.startswith("compile ")] == [
+        f"compile {n}" for n in ("loops", "sums", "ends")
+    ]
+    for stage, names in pieces.items():
+        first = min(i for i, seen in enumerate(calls.seen) if seen.startswith(f"finished {stage}/"))
+        assert all(calls.seen.index(f"compile {name}") < first for name in names)
+    assert set(result.compiled_s) == {"scale", "total"}
+
+
+def test_a_stage_waits_until_all_its_pieces_are_compiled():
+    uncompiled = Uncompiled({"a": {"x": print, "y": print}, "b": {"y": print}, "c": {}})
+    assert [stage in uncompiled for stage in "abc"] == [True, True, False]
+    assert [taken and taken[:2] for taken in (uncompiled.take(), uncompiled.take("b"), uncompiled.take())] == [
+        ("x", "a"), ("y", "a"), None,
+    ]  # fmt: skip
+    assert uncompiled.done("y") == ["b"]
+    assert uncompiled.done("x") == ["a"]
+    assert "a" not in uncompiled
+
+
+def test_of_what_is_given_up_the_rest_is_still_waited_for():
+    uncompiled = Uncompiled({"a": {"x": print}, "b": {"y": print}})
+    assert uncompiled.take() == ("x", "a", print)
+    assert uncompiled.give_up() == ["b"]
+    assert uncompiled.done("x") == ["a"]
 
 
 def test_other_stages_go_on_while_one_worker_compiles(folder, store):
@@ -93,7 +129,7 @@ def test_after_a_failure_nothing_more_is_compiled(folder, store):
         if event.status == "failed":
             ended.set()
 
-    uncompiled = {stage: partial(compile_until_failure, stage) for stage in ("scale", "report")}
+    uncompiled = {stage: {stage: partial(compile_until_failure, stage)} for stage in ("scale", "report")}
     options = Options("threads", 2, uncompiled=lambda _: uncompiled, on_event=on_event)
     assert not run(trouble(folder, "stage"), store, options=options).ok
     assert calls.seen == ["compile scale"]

@@ -12,10 +12,11 @@ from toys import StageSpec, chain, expand, numbers, run_sync
 from dicflow.engine import cluster, job_queue
 from dicflow.engine.fingerprint import Fingerprint
 from dicflow.engine.job_queue import JobQueue
+from dicflow.engine.references import Recipe, Ref
 from dicflow.engine.schedulers import SCHEDULERS, scheduler_names, scheduler_warning
 from dicflow.engine.share import free_threads
 from dicflow.engine.store import Store
-from dicflow.engine.work import Job
+from dicflow.engine.work import Job, Outcome
 from dicflow.errors import StageError
 
 BACKENDS = {
@@ -203,6 +204,21 @@ def test_near_the_end_a_queue_gives_those_with_most_behind_them(folder, monkeypa
     assert popped(JobQueue(iter(jobs), outcomes))[:2] == sorted(first, key=[job.task.name for job in jobs].index)
     monkeypatch.undo()
     assert popped(JobQueue(iter(jobs), outcomes)) == [*(f"read/step_0{n}" for n in range(2, 7)), "clip/step_01"]
+
+
+@pytest.mark.parametrize("end", [4, 32])
+def test_a_queue_prefers_jobs_whose_input_a_free_process_has_in_its_memory(folder, monkeypatch, end):
+    """Of six clips that can begin: the input of the third was made in process 7, the one of the fifth is kept."""
+    monkeypatch.setattr(job_queue, "_END", end)
+    jobs = [job for job in jobs_of(clipped(folder, 1.0)) if job.task.stage == "clip"]
+    outcomes = {}
+    for n, (job, worker) in enumerate(zip(jobs, [5, 5, 7, 5, 7, 5], strict=True)):
+        (name,) = job.awaited()
+        ref = Ref(f"{n}", None if n == 4 else Recipe(name, job.task.node, {}, {}))
+        outcomes[name] = Outcome(name, "read", None, "computed", ref, worker=worker)
+    queue = JobQueue(iter(jobs), outcomes)
+    assert [queue.pop(free=7)[1].task.name for _ in range(3)] == ["clip/step_03", "clip/step_01", "clip/step_02"]
+    assert popped(queue) == ["clip/step_04", "clip/step_05", "clip/step_06"]
 
 
 def test_a_queue_looks_ahead_so_far(folder, monkeypatch):

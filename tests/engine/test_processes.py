@@ -7,6 +7,7 @@ import signal
 import subprocess
 import sys
 import threading
+import time
 from functools import partial
 from pathlib import Path
 
@@ -35,6 +36,12 @@ def raise_odd():
 
 def raise_input_error():
     raise InputError("photo.png: is empty")
+
+
+def process_after_a_while(_: object) -> int:
+    """The process, which is busy long enough for another one to be taken beside it."""
+    time.sleep(0.5)
+    return os.getpid()
 
 
 def die(mark=None):
@@ -78,6 +85,17 @@ def test_calls_run_elsewhere_and_bring_values_and_errors_back():
         with pytest.raises(AttributeError):
             workers.call(partial(raise_odd, lambda: None))  # this cannot be sent
         assert workers.call(pow, 2, 3) == 8
+
+
+def test_a_preferred_worker_is_taken_if_it_is_free():
+    with WorkerProcesses(2) as workers:
+        workers.start()
+        both = {process for process in workers.map(process_after_a_while, [None, None])}
+        first, second = sorted(both)
+        assert [workers.call(os.getpid, preferred=second) for _ in range(3)] == [second] * 3
+        assert [workers.call(os.getpid, preferred=first) for _ in range(3)] == [first] * 3
+        assert {workers.call(os.getpid) for _ in range(2)} == both, "the one that has waited longest comes first"
+        assert workers.call(os.getpid, preferred=-1) in both
 
 
 def test_workers_end_with_the_context_and_start_when_they_are_needed():

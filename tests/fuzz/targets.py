@@ -28,10 +28,12 @@ from dicflow.io.caliper import read_caliper
 from dicflow.io.configuration import parse
 from dicflow.io.images import page_count, probe
 from dicflow.io.images.png import chunks
+from dicflow.io.logs.log import read_log
 from dicflow.io.points_table import read_points
 from dicflow.io.region import read_geojson, read_mask
 from dicflow.io.results import csv_text
 from dicflow.io.rig import read_covariance, read_rig
+from dicflow.io.stress_table import read_stresses
 from dicflow.io.table import plain_text
 from dicflow.pipeline.pipeline import Pipeline
 from dicflow.pipeline.sweep import variants, with_settings
@@ -39,12 +41,14 @@ from dicflow.pipeline.wiring import wire
 from tests.fuzz.harness import Target
 from tests.io.calibration_files import FILES, SIZE, made_rig, vic3d_xml
 from tests.io.photograph_files import bitmap, png, tiff, tiff_of_samples
+from tests.log_files import balance_log, logger_log, machine_log
 
 __all__ = ["targets"]
 
 _ROOT = Path(__file__).parents[2]
 _SWEEP = b"sweep:\n  grid: {strain.window: [[3, 3], [5, 5]], smooth.degree: [1, 2]}\n  exclude: [{smooth.degree: 2}]\n"
 _CALIPER = b"# by hand\nphase,load_g,length_mm\nloading,0,59.95\nloading,68.53,64.4\nunloading,0,60.02\n"
+_STRESSES = b"# by hand\nphase,stretch,u_stretch,nominal_stress_kPa\nloading,1.1,0.01,98.5\nunloading,1.05,0.01,44\n"
 _POINTS = (
     b"x_image,y_image,X,Y,Z,U,V,W,exx,eyy,exy,e1,e2\n10,20,1,2,3,0.1,0.2,0.3,0.01,0.02,0.004,0.02,0.01\n11,20,,,,,,,,,,,\n",
     b"# U: mm\nrow,col,U,V,W,exx,eyy,gxy,sigma_U,reference_x,reference_y\n0,0,0.1,0.2,0.3,0.01,0.02,0.008,0.5,10,20\n",
@@ -88,6 +92,8 @@ def targets() -> tuple[Target, ...]:
         Target("pipeline", "p.yaml", _pipelines(), _pipeline),
         Target("settings", "setting", _SETTINGS, _setting, mark="--set"),
         Target("caliper", "lengths.csv", (_CALIPER, _CALIPER.replace(b",", b";").replace(b".", b",")), _caliper),
+        Target("log", "log.csv", _logs(), _log),
+        Target("stress table", "curve.csv", (_STRESSES, _STRESSES.replace(b",", b";")), _stresses),
         Target("points", "points.csv", _POINTS, _points),
         Target("geojson", "region.geojson", [json.dumps(one).encode() for one in _GEOJSON], _region),
         Target("rig", "rig.json", [_written("dicflow.json"), _rig_with_covariance()], _rig),
@@ -161,6 +167,26 @@ def _setting(path: Path) -> None:
 
 def _caliper(path: Path) -> Any:
     return read_caliper(path)[1:]
+
+
+def _logs() -> tuple[bytes, ...]:
+    seconds = np.arange(0.0, 3000.0, 217.3)
+    return (
+        machine_log(seconds, 0.5 * seconds, 0.1 * seconds),
+        balance_log(seconds, 1.5 * seconds - 20.0),
+        logger_log(seconds, 20.0 + 0.01 * seconds, 1e-4 * seconds),
+    )
+
+
+def _log(path: Path) -> Any:
+    log = read_log(path)
+    clock = None if log.clock is None else log.clock.seconds / 10.0
+    return [[column.values for column in log.columns.values()], clock if clock is not None else 0.0]
+
+
+def _stresses(path: Path) -> Any:
+    found = read_stresses(path)
+    return [one for one in found if isinstance(one, np.ndarray)]
 
 
 def _points(path: Path) -> Any:

@@ -19,6 +19,11 @@ def test_table(tmp_path):
     assert np.array_equal(table.length_mm, [59.95, 64.4, 60.0])
 
 
+def test_without_a_column_of_phases_they_follow_from_the_loads(tmp_path):
+    table = read_caliper(written(tmp_path, "load_g,length_mm\n0,60\n100,70\n200,80\n90,72\n0,60\n"))
+    assert table.phase == ("loading",) * 3 + ("unloading",) * 2
+
+
 def test_comments_blank_lines_a_mark_and_other_columns(tmp_path):
     text = "\ufeff# specimen 3\n\nlength, caliper_length_mm ,phase,load_g\n# at rest\na,59.95,loading,0\n\n"
     assert read_caliper(written(tmp_path, text)).length_mm.tolist() == [59.95]

@@ -41,6 +41,8 @@ def test_hdf5(form, tmp_path):
                 assert group[name].dtype == variable.values.dtype
                 assert group[name].attrs["units"] == variable.units
                 assert tuple(group[name].attrs["dims"]) == variable.dims
+            meanings = group["status"].attrs["flag_meanings"].split()
+            assert meanings[group["status"].attrs["flag_values"].tolist().index(10)] == "not_converged"
         assert json.loads(file["comparison"]["attributes"].asstr()[()]) == TABLE.attrs
 
 
@@ -52,7 +54,9 @@ def test_mat(form, tmp_path):
     for name, variable in one.product.variables.items():
         np.testing.assert_array_equal(found[name], variable.values)
         assert found["units"][name] == variable.units
-    assert json.loads(found["attributes"]) == {"kind": "total", **one.product.attrs}
+    codes = json.loads(found["attributes"])["status_codes"]
+    assert "10 not converged" in codes.split(", ")
+    assert json.loads(found["attributes"]) == {"kind": "total", **one.product.attrs, "status_codes": codes}
 
 
 def test_mat_of_a_product_without_arrays(tmp_path):
@@ -69,7 +73,9 @@ def test_npz(form, tmp_path):
         assert set(found) == {*one.product.variables, "attributes"}
         for name, variable in one.product.variables.items():
             np.testing.assert_array_equal(found[name], variable.values)
-        assert json.loads(str(found["attributes"]))["units"]["exx"] == "1"
+        attributes = json.loads(str(found["attributes"]))
+        assert attributes["units"]["exx"] == "1"
+        assert "1 filled" in attributes["status_codes"].split(", ")
 
 
 @pytest.mark.filterwarnings("ignore:unclosed file:ResourceWarning")

@@ -86,7 +86,17 @@ def read_german(path):
 def test_csv_of_chosen_quantities(tmp_path):
     written("csv", [item()._replace(quantities=("eyy", "sigma_exx"))], tmp_path)
     _, table = read(tmp_path / "total_step_01.csv")
-    assert list(table) == ["row", "col", "eyy", "sigma_exx"]
+    places = ["reference_x", "reference_y", "reference_X", "reference_Y", "reference_Z"]
+    assert list(table) == ["row", "col", *places, "eyy", "sigma_exx"]
+    for axis, name in enumerate(places[2:]):
+        np.testing.assert_allclose(table[name], item().product["xyz_reference"][..., axis].ravel(), rtol=5e-6)
+
+
+def test_chosen_quantities_of_points_without_a_place_in_the_product_get_the_one_that_is_known(tmp_path):
+    written("csv", [item("thesis")._replace(quantities=("eyy",))], tmp_path)
+    _, table = read(tmp_path / "total_step_01.csv")
+    expected = item("thesis").places()[..., 1].ravel()
+    np.testing.assert_allclose(table["reference_y"], expected, rtol=5e-6)
 
 
 @pytest.mark.parametrize("form", FORMS)
@@ -172,14 +182,32 @@ def test_two_products_never_share_a_file(tmp_path):
 
 
 def test_every_format_has_its_module():
-    names = ["challenge", "csv", "geojson", "hdf5", "json", "mat", "matchid", "npz", "opencv", "vtu", "xlsx"]
+    names = [
+        "challenge",
+        "csv",
+        "geojson",
+        "hdf5",
+        "json",
+        "mat",
+        "matchid",
+        "material",
+        "npz",
+        "opencv",
+        "vtu",
+        "xlsx",
+    ]
     assert list(FORMATS.names()) == names
     for name in names:
         assert {"DESCRIPTION", "KINDS", "write"} <= set(FORMATS.load(name).__all__)
 
 
 def test_what_is_written_beside_a_whole_test():
-    assert beside() == {"csv": ("comparison", "probes", "noise"), "geojson": ("region",), "json": ("rig",)}
+    assert beside() == {
+        "csv": ("comparison", "probes", "channels", "noise", "curve", "material"),
+        "geojson": ("region",),
+        "json": ("rig",),
+        "material": ("material",),
+    }
 
 
 FORMULAS = ("=cmd|' /C calc'!A0", "+1+1", "-a", "@SUM(A1)", "\t=1", "a\r=1", "x, y", "-1.5", "'=1")

@@ -7,10 +7,12 @@ import sys
 import numpy as np
 import pytest
 
+from dicflow.core.status import Status
 from dicflow.engine.product import Product
 from dicflow.errors import ConfigurationError, InputError
 from dicflow.io.exports import FORMATS, xlsx
 from dicflow.io.exports.items import Item
+from dicflow.io.table import EXACT
 from tests.io.exported_totals import COLS, FORMS, ROWS, hole, item
 
 FORMULAS = ("=1+1", "+1", "-a", "@SUM(A1)", "{=1}", "\x01bell")
@@ -31,7 +33,7 @@ def columns_of(sheet):
 @pytest.mark.parametrize("form", FORMS)
 def test_points_of_a_step_come_back_with_units_in_the_header(form, tmp_path):
     one = item(form)
-    columns = columns_of(book_of([one], tmp_path)["total_step_01"])
+    columns = columns_of(book_of([one._replace(style=EXACT)], tmp_path)["total_step_01"])
     unit = "px" if form == "planar" else "mm"
     assert {"U [mm]", "exx", f"X [{unit}]", "y [px]"} <= columns.keys()
     lost = hole().ravel()
@@ -40,7 +42,38 @@ def test_points_of_a_step_come_back_with_units_in_the_header(form, tmp_path):
         assert [cell is None for cell in cells] == lost.tolist()
         known = [cell for cell in cells if cell is not None]
         np.testing.assert_allclose(known, one.product[name].ravel()[~lost], rtol=1e-15)
+    assert "sigma_exx" in columns or form != "precise"
+    assert not [name for name in columns if name.startswith("covariance")]
     assert np.asarray(columns["row"]) @ np.ones(ROWS * COLS) == sum(range(ROWS)) * COLS
+
+
+def test_numbers_have_as_many_digits_as_those_of_other_tables(tmp_path):
+    one = item()
+    columns = columns_of(book_of([one], tmp_path)["total_step_01"])
+    expected = [float(f"{value:.6g}") for value in one.product["U"].ravel()]
+    np.testing.assert_array_equal([np.nan if cell is None else cell for cell in columns["U [mm]"]], expected)
+
+
+def test_points_outside_of_the_region_have_no_row(tmp_path):
+    one = item()
+    status = one.product.variables["status"]
+    lost = np.where(hole(), Status.OUTSIDE, status.values)
+    product = Product("total", {**one.product.variables, "status": status._replace(values=lost)}, one.product.attrs)
+    sheet = book_of([one._replace(product=product)], tmp_path)["total_step_01"]
+    assert sheet.max_row == 1 + ROWS * COLS - hole().sum()
+
+
+def test_selected_arrays_have_places_and_no_other_column(tmp_path):
+    columns = columns_of(book_of([item()._replace(quantities=("eyy",))], tmp_path)["total_step_01"])
+    places = ("reference_x [px]", "reference_y [px]", *(f"reference_{axis} [mm]" for axis in "XYZ"))
+    assert tuple(columns) == ("row", "col", *places, "eyy")
+
+
+def test_a_step_that_is_not_shown_has_its_row_of_the_summary_alone(tmp_path):
+    items = [item(), item(step=2)._replace(whole=False)]
+    book = book_of(items, tmp_path)
+    assert book.sheetnames == ["summary", "total_step_01"]
+    assert columns_of(book["summary"])["step"] == ("step_01", "step_02")
 
 
 def test_a_summary_has_one_row_per_step(tmp_path):

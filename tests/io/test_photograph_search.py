@@ -99,8 +99,8 @@ def test_the_folder_of_a_search_is_known_before_it(tmp_path, monkeypatch):
 
 
 def test_photographs_in_another_format_are_named(tmp_path):
-    touch(tmp_path, "IMG_1.HEIC", "IMG_2.HEIC")
+    touch(tmp_path, "IMG_1.webp", "IMG_2.webp")
     with pytest.raises(
-        InputError, match=r"left: '\*' matches IMG_[12]\.HEIC and 1 more, but no PNG, TIFF, JPEG or BMP"
+        InputError, match=r"left: '\*' matches IMG_[12]\.webp and 1 more, but no PNG, TIFF, JPEG or BMP"
     ):
         Images(left="*").steps(tmp_path)

@@ -67,3 +67,9 @@ def test_a_mask_names_the_pixels_that_count_and_is_left_out_where_all_do():
 def test_photographs_in_which_all_pixels_count_are_stored_without_masks():
     assert set(Images.write(LEFT, RIGHT).variables) == {"left", "right"}
     assert set(Images.write(LEFT, counts={"left": np.ones(LEFT.shape, bool)}).variables) == {"left"}
+
+
+def test_the_time_of_a_step_comes_back_and_may_be_unknown():
+    assert Images.read(stored(Images.write(LEFT, RIGHT, time=1772366405.25))).time == 1772366405.25
+    assert Images.read(stored(Images.write(LEFT, time=0.0))).time == 0.0
+    assert Images.read(stored(Images.write(LEFT))).time is None

@@ -222,7 +222,7 @@ def test_names_that_do_not_exist(result):
         (lambda: result.product("total"), "total has steps; name one of step_01, step_02"),
         (lambda: result.product("total", 7), "total has no step '7'; it has step_01, step_02"),
         (lambda: result.product("rig", "step_01"), "rig runs once and has no steps"),
-        (lambda: result.product("rig", variant=1), r"no variant 1; the sweep has 0 … 0"),
+        (lambda: result.product("rig", variant=1), r"no variant with index 1: there is one, '#1' or index 0"),
     ]:
         with pytest.raises(ConfigurationError, match=message.replace("?", r"\?")):
             call()

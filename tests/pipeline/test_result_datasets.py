@@ -5,9 +5,11 @@ from __future__ import annotations
 import dask.array
 import numpy as np
 import pytest
+import xarray
 import zarr
 
 import dicflow
+from dicflow.core.status import Status
 from dicflow.engine import lazy
 from dicflow.engine.references import load
 from dicflow.errors import ConfigurationError
@@ -50,6 +52,18 @@ def test_all_steps_are_one_lazy_dataset(result, monkeypatch):
     assert (whole.U.attrs["units"], whole.U.dims) == ("mm", ("step", "row", "col"))
 
 
+@pytest.mark.parametrize("chunks", [None, "auto"])
+def test_the_status_says_what_its_codes_mean(result, chunks, tmp_path):
+    """As conventions for climate and forecast data have it; it outlives a file of zarr's."""
+    whole = result.dataset("total", None if chunks else 0, chunks=chunks)[["status"]]
+    whole.drop_vars("step", errors="ignore").drop_attrs(deep=False).to_zarr(tmp_path / "total.zarr", consolidated=False)
+    for status in (whole.status, xarray.open_zarr(tmp_path / "total.zarr", consolidated=False).status):
+        values, meanings = np.asarray(status.attrs["flag_values"]), status.attrs["flag_meanings"].split()
+        assert values.tolist() == [*Status]
+        assert meanings[Status.TOO_FEW_NEIGHBOURS] == "too_few_neighbours"
+        assert set(np.unique(status)) <= set(values.tolist())
+
+
 def test_chunks_along_a_dimension(result):
     whole = result.dataset("total", chunks={"row": 5})
     assert max(whole.U.chunksizes["row"]) == 5
@@ -64,3 +78,25 @@ def test_arrays_of_several_shapes_are_not_one_dataset(result):
 def test_chunks_are_for_stages_with_steps(result, stage, step):
     with pytest.raises(ConfigurationError, match="leave out"):
         result.dataset(stage, step, chunks="auto")
+
+
+def test_a_variant_has_its_name_of_the_command_line_or_an_index(copied):
+    swept = dicflow.Pipeline.load(copied, settings=["smooth.degree=1,2"]).result()
+    assert len(swept.values) == 2
+    names, indices = (
+        [swept.task("smooth", 0, name) for name in ("#1", "#2")],
+        [swept.task("smooth", 0, k) for k in (0, 1)],
+    )
+    assert names == indices
+    assert len(set(names)) == 2
+    assert swept.variant("#2").values == [swept.values[1]]
+    assert swept.source("strain", "increment", "#2") == "smooth"
+    for wrong, said in (
+        ("#3", "'#3'"),
+        ("#0", "'#0'"),
+        ("second", "'second'"),
+        (2, "with index 2"),
+        (-1, "with index -1"),
+    ):
+        with pytest.raises(ConfigurationError, match=f"no variant {said}: '#1' to '#2', or index 0 to 1"):
+            swept.product("rig", variant=wrong)

@@ -217,7 +217,7 @@ def test_one_camera(copied, tmp_path):
 
 
 def test_the_sections_and_their_order():
-    order = ["sweep", "calibration", "quality", "settings", "methods", "provenance"]
+    order = ["sweep", "material", "calibration", "quality", "settings", "methods", "provenance"]
     assert [entry.key for entry in entries()] == order
     assert set(SECTIONS.names()) == set(order)
 

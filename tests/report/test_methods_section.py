@@ -16,7 +16,16 @@ from tests.browser import chromium, opened
 from tests.pages import Page, context_of
 
 SILENT = {"images", "region", "probes", "compare", "maps"}
-REQUIRED = {"calibrate": {"square": 1.0}, "corners": {"size": (9, 6)}, "rig_file": {"file": "rig.json"}}
+REQUIRED = {
+    "calibrate": {"square": 1.0},
+    "channels": {"file": "log.csv"},
+    "corners": {"size": (9, 6)},
+    "rig_file": {"file": "rig.json"},
+    "scale": {"square": 1.0},
+    "curve": {"file": "a.csv", "mode": "uniaxial"},
+    "stress": {"width": 20.0, "thickness": 0.2, "u_thickness": 0.005},
+    "virtual_fields": {"width": 20.0, "thickness": 0.2, "u_thickness": 0.005},
+}
 
 
 def sentence_of(kind, **parameters):

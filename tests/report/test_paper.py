@@ -85,5 +85,10 @@ def test_the_command_prints_the_report_of_a_test(pipeline, measured, tmp_path):
     answer = dicflow("report", pipeline, "--pdf", "--output", tmp_path)
     assert answer.out.splitlines() == [str(tmp_path / "report.html"), str(tmp_path / "report.pdf")]
     content = (tmp_path / "report.pdf").read_bytes()
-    assert len(re.findall(rb"/Type /Page\b", content)) > 3
+    client = len(re.findall(rb"/Type /Page\b", content))
+    assert 2 <= client <= 4
     assert b"/Subtype /Image" in content
+    answer = dicflow("report", pipeline, "--pdf", "--appendix", "--output", tmp_path)
+    assert answer.code == 0, answer.err
+    assert len(re.findall(rb"/Type /Page\b", (tmp_path / "report.pdf").read_bytes())) > client + 2
+    dicflow("report", pipeline, "--appendix").refuses(2, "--pdf")

@@ -32,7 +32,14 @@ def page(section, tmp_path_factory):
     """The section alone, and another one that is folded away."""
     if chromium() is None:
         pytest.skip("needs chromium on the PATH")
-    values = {"title": "Sweep", "subtitle": "60 variants", "logo": "", "version": "0"}
+    values = {
+        "title": "Sweep",
+        "subtitle": "60 variants",
+        "logo": "",
+        "version": "0",
+        "appendix": (),
+        "paper_title": "",
+    }
     values |= {"folded": {"other"}, "sections": [section, Section("other", "Other", Markup("<p>inside</p>"))]}
     path = tmp_path_factory.mktemp("page") / "sweep.html"
     path.write_text(render("page.html", style=assets(".css"), script=assets(".js"), **values))

@@ -13,7 +13,7 @@ __all__ = ["SCENES", "scene"]
 
 SCENES = (
     "gentle", "tilt", "nod", "bend", "strip", "hole", "crack", "blur", "compression", "leap", "light", "sensor",
-    "meeting_cracks", "bead", "twist", "bulge", "fastener", "shear_band",
+    "meeting_cracks", "bead", "twist", "bulge", "fastener", "shear_band", "mixed_mode", "inner_crack", "hairline",
 )  # fmt: skip
 """Names of all scenes."""
 

@@ -285,6 +285,7 @@ def test_uncertainty_combines_noise_and_bias():
     even = Deformation(degree=1).run(points=points(1.01 * FLAT, rng), points_first=first)
     assert np.median(even["bias_exx"]) == 0.0
     assert "degree" not in even
+    assert "vsg" not in even
 
 
 def test_the_degree_is_stated():
@@ -297,6 +298,13 @@ def test_the_degree_is_stated():
         str(k): pytest.approx(n / counts.sum()) for k, n in zip(found, counts, strict=True)
     }
     assert result.attrs["degree"] == found[counts.argmax()] > 1
+    sides = {
+        (int(points) - 1) * STEP_SIZE + SUBSET_SIZE: share for points, share in result.attrs["window_shares"].items()
+    }
+    assert sides == {
+        side: pytest.approx((result["vsg"] == side).mean()) for side in np.unique(result["vsg"][result["degree"] > 0])
+    }
+    assert max(sides) == result.attrs["vsg_px"]
     error = np.abs(result["exx"] - 0.01 * 2.0 * np.pi / 5.0 * np.cos(2.0 * np.pi * FLAT[..., 0] / 5.0))
     assert (error < 2.0 * result["u_exx"]).mean() == pytest.approx(0.954, abs=0.04)
 

@@ -12,6 +12,7 @@ from dicflow.core.cameras.rig_parameters import error_modes, rig_after_step
 from dicflow.core.cameras.triangulate import triangulate
 from dicflow.engine.product import Product
 from dicflow.errors import StageError
+from dicflow.kinds.channels import Channel, Channels
 from dicflow.kinds.rig import rig_to_json
 from dicflow.stages.deformation import Deformation
 from dicflow.stages.frame import Frame
@@ -64,6 +65,22 @@ def test_perfect_readings(perfect):
     assert result["profile_eyy"].shape == (1, 2, 101)
     assert result["profile_eyy"][0, 1] == pytest.approx(1.3)
     assert result["profile_U"][0, :].mean(axis=-1) == pytest.approx(result["U"][1, 1:])
+
+
+def test_channels_stand_beside_the_readings_of_each_step(perfect):
+    """1.3 of strain in the last 4 s; the parabola through 0, 0 and 1.3 at 0, 2 and 6 s rises by 0.325 / 3 at 2 s."""
+    force = Channel(np.array([0.5, np.nan, 2.0]), "N", "force")
+    time = Channel(np.array([0.0, 2.0, 6.0]), "s", "time")
+    channels = Channels.write({"force": force, "time": time}, ["first", "one", "two"], "force")
+    result = Probes(**PLACES).run(total=perfect, channels=channels)
+    plain = Probes(**PLACES).run(total=perfect)
+    assert [row["force_N"] for row in result.attrs["rows"] if row["probe"] == "P"] == [0.5, None, 2.0]
+    np.testing.assert_array_equal(result["channel_time_s"], [0.0, 2.0, 6.0])
+    assert result["strain_rate"][0] == pytest.approx([0.0, 1.3 / 4 / 3, 1.3 / 4], abs=1e-9)
+    last = result.attrs["rows"][-1]
+    assert last["strain_rate_per_s"] == pytest.approx(0.325)
+    assert {name: last[name] for name in plain.attrs["rows"][-1]} == plain.attrs["rows"][-1]
+    json.dumps(result.attrs, allow_nan=False)
 
 
 def test_rows_are_a_table(perfect):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+import math
 import shutil
 
 import pytest
@@ -12,11 +13,21 @@ from small import ROOT, dicflow
 from dicflow.pipeline import Pipeline
 from tests.tuning.strained import PIPELINE, band, photographed
 
+MEAN = 0.03 * 25.0 * math.sqrt(2.0 * math.pi) / 240.0
+"""Strain of an extensometer of 240 px across the band."""
+COMPARED = """\
+  probes: {stage: probes, total: total, extensometers: {E: [[180, 60], [180, 300]]}}
+  comparison: {stage: compare, caliper: caliper.csv, probes: probes, extensometer: E, total: total}
+"""
+
 
 @pytest.fixture(scope="module")
 def tuned(tmp_path_factory):
     """A test that was tuned without wishes: its file, and the answer."""
     path = photographed(tmp_path_factory.mktemp("tuned"), band(0.03, 25.0)[0], 3.0)
+    path.write_text(path.read_text() + COMPARED)
+    rows = "".join(f"loading,0,{length:.2f}\n" for length in (100.0, 100.0, 100.0 * (1.0 + MEAN)))
+    (path.parent / "caliper.csv").write_text(f"phase,load_g,length_mm\n{rows}")
     return path, dicflow("tune", path, "--workers", 1)
 
 
@@ -76,6 +87,11 @@ def test_it_says_what_it_does_and_recommends(tuned):
     assert any(line.startswith("present: subset 31 px, step 7 px, auto, window 49 px: VSG 73 px") for line in lines)
     assert any(line.startswith("recommended: ") for line in lines)
     assert "VSG [px]" in lines[0]
+    (against,) = (line for line in lines if line.startswith("against the caliper, "))
+    assert against.startswith(
+        f"against the caliper, {100 * MEAN:.2f} % ± 141 µε at step_2 (extensometer E): present 0.78"
+    )
+    assert against.count("agrees") == 2
 
 
 @pytest.mark.slow

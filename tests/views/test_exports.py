@@ -13,6 +13,7 @@ from PIL import Image
 
 from dicflow.core.cameras.camera import Camera, Rig, camera_matrix, project, undistort
 from dicflow.core.photographs.region import contains, densify, rectangle
+from dicflow.core.status import Status
 from dicflow.engine.product import Product
 from dicflow.errors import ConfigurationError, DicflowError
 from dicflow.io.exports import csv as csv_module
@@ -26,6 +27,7 @@ from dicflow.views import exports
 from dicflow.views.exported_pictures import Drawn, write_surfaces
 from dicflow.views.exports import Selection, format_names
 from dicflow.views.exports import export as write
+from dicflow.views.workbooks import megabytes
 from tests.io.exported_totals import total
 from tests.small import STEPS, dicflow
 
@@ -197,15 +199,43 @@ def test_a_rig_comes_back(result, tmp_path):
 
 def test_a_whole_test_as_one_workbook(result, tmp_path):
     openpyxl = pytest.importorskip("openpyxl")
-    assert names(export(result, tmp_path, to="xlsx")) == {"test.xlsx", "region.geojson", "rig.json"}
+    notes = []
+    assert names(export(result, tmp_path, to="xlsx", note=notes.append)) == {"test.xlsx", "region.geojson", "rig.json"}
     book = openpyxl.load_workbook(tmp_path / "test.xlsx", read_only=True)
-    assert book.sheetnames == ["summary", *(f"total_{step}" for step in PAIRS), "comparison"]
+    assert book.sheetnames == ["summary", f"total_{PAIRS[-1]}", "comparison"]
+    assert notes[0].startswith(f"total: the points of {PAIRS[-1]} alone, of {len(PAIRS)} steps; ")
     header, *rows = book[f"total_{PAIRS[-1]}"].iter_rows(values_only=True)
     column = [row[header.index("eyy")] for row in rows]
-    expected = result.product("total", PAIRS[-1])["eyy"].ravel()
-    np.testing.assert_allclose([np.nan if cell is None else cell for cell in column], expected, rtol=1e-14)
+    total = result.product("total", PAIRS[-1])
+    expected = total["eyy"][total["status"] != Status.OUTSIDE]
+    np.testing.assert_allclose([np.nan if cell is None else cell for cell in column], expected, rtol=5e-6)
+    summary = list(book["summary"].iter_rows(values_only=True))
+    assert [row[1] for row in summary[1:]] == PAIRS
     comparison = list(book["comparison"].iter_rows(values_only=True))
     assert len(comparison) == 1 + len(result.product("comparison").attrs["rows"])
+
+
+def test_a_workbook_of_another_step_and_of_all(result, tmp_path):
+    openpyxl = pytest.importorskip("openpyxl")
+    export(result, tmp_path / "one", to="xlsx", step=PAIRS[0])
+    one = openpyxl.load_workbook(tmp_path / "one" / "test.xlsx", read_only=True)
+    assert one.sheetnames == ["summary", f"total_{PAIRS[0]}", "comparison"]
+    assert len(list(one["summary"].rows)) == 1 + len(PAIRS)
+    notes = []
+    export(result, tmp_path / "all", stage="total", to="xlsx", note=notes.append)
+    every = openpyxl.load_workbook(tmp_path / "all" / "total.xlsx", read_only=True)
+    assert every.sheetnames == ["summary", *(f"total_{step}" for step in PAIRS)]
+    assert notes == []
+
+
+def test_a_large_workbook_is_named_before_it_is_written(result, tmp_path, monkeypatch):
+    pytest.importorskip("openpyxl")
+    monkeypatch.setattr(exports, "_LARGE_MB", 0.01)
+    notes = []
+    (path,) = export(result, tmp_path, stage="total", to="xlsx", note=notes.append)
+    stated = megabytes(result, "total", PAIRS, 0)
+    assert notes == [f"total: about {stated:.0f} MB for the points of {len(PAIRS)} steps; --step writes those of one"]
+    assert 0.1 < path.stat().st_size / 1e6 / stated < 1.5  # totals of tracking have fewer columns
 
 
 def test_digits_and_decimal_commas_of_the_command_line(pipeline, measured, result, tmp_path):

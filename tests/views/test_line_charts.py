@@ -107,3 +107,18 @@ def test_it_asks_for_nothing_takes_the_pages_colour_and_is_equal_for_equal_input
 def test_names_are_text():
     svg = chart_over_steps(["<b>", "&"], {"<i>": [1.0, 2.0], '"': [2.0, 1.0]}, "<u> [px]")
     assert {"<b>", "&", "<i>", '"', "<u> [px]"} <= {text for text, _box in texts(svg)}
+
+
+def test_bars_reach_as_far_as_the_values_say_and_have_room():
+    """Both axes show 0 to 1.5 from the first mark, with a twentieth at each end; the second has bars of length 1."""
+    half = np.array([0.0, 0.5])
+    bars = Curve("a", np.array([1.0, 2.0]), np.array([0.0, 1.0]), np.zeros(2, bool), x_half=half, y_half=half)
+    chart = chart_over_values([bars._replace(marked=False)], "x", "y")
+    assert "<circle" not in chart
+    width = float(re.search(r"V[\d.]+h([\d.]+)", chart)[1])
+    found = [[float(v) for v in bar] for bar in re.findall(r"M([\d.]+) ([\d.]+)L([\d.]+) ([\d.]+)", chart)]
+    (left, level, right, other), (across, low, same, high) = found[-2:]
+    assert (level, across) == (other, same)
+    assert right - left == pytest.approx(width / 1.65, abs=0.2)
+    assert low - high == pytest.approx(190 / 1.65, abs=0.2)
+    assert (left + right) / 2 == pytest.approx(across, abs=0.1)

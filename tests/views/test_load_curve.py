@@ -2,7 +2,7 @@
 
 import pytest
 
-from dicflow.views.load_curve import load_curves
+from dicflow.views.load_curve import Axis, load_curves
 from tests.pages import Page
 
 STEPS = ("a", "b", "c")
@@ -25,6 +25,12 @@ def test_a_plot_of_displacements_and_one_of_strains_over_load():
     ]
     assert all({"caliper", "DIC"} <= set(plot.texts) for plot in plots)
     assert not any("sigma" in plot.text for plot in plots)
+
+
+def test_a_plot_over_another_axis():
+    values = {"force_N": (0.0, 2.5, None), "E · strain": (0.0, 0.2, 0.1)}
+    plots = [Page(text) for text in load_curves(STEPS, PHASES, values, Axis("force_N", "force [N]"))]
+    assert [{text for text in plot.texts if "[" in text} for plot in plots] == [{"force [N]", "strain [–]"}]
 
 
 def test_without_a_load_the_steps_are_named():

@@ -18,6 +18,7 @@ from dicflow.core.correlation.edges import Edges
 from dicflow.core.correlation.follow import Field, sigma_by_residual
 from dicflow.core.correlation.subsets import Subset
 from dicflow.core.correlation.warp import set_recentred
+from dicflow.core.medians import median
 from dicflow.core.parts import Parts, are_apart
 from dicflow.core.status import Status
 
@@ -163,7 +164,8 @@ def _compare(
             jump = np.hypot(middles[1, 0] - middles[0, 0], middles[1, 1] - middles[0, 1])
             if jump / (_FREE_PX + total) > largest:
                 largest, spread[k] = jump / (_FREE_PX + total), total
-                place[k] = middles
+                for s in range(2):
+                    place[k, s, 0], place[k, s, 1] = middles[s, 0], middles[s, 1]
 
 
 @njit(cache=True, nogil=True)
@@ -178,10 +180,10 @@ def _medians(values: Array, terms: int, side: Array, scratch: Array, middles: Ar
                     scratch[count] = values[axis * terms, n]
                     count += 1
             if count < _MIN_POINTS:
-                middles[:] = np.nan
+                middles[0, 0] = middles[0, 1] = middles[1, 0] = middles[1, 1] = np.nan
                 return np.nan
-            middles[s, axis] = np.median(scratch[:count])
+            middles[s, axis] = median(scratch, count)
             for n in range(count):
                 scratch[n] = abs(scratch[n] - middles[s, axis])
-            total += np.median(scratch[:count])
+            total += median(scratch, count)
     return total

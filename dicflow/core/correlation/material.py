@@ -30,9 +30,11 @@ from dicflow.core.correlation.points import (
 from dicflow.core.correlation.search import (
     CorrelatedField,
     Search,
+    correlate_again,
     correlate_points,
     find_points,
     judge,
+    own_template,
     target_spline,
 )
 from dicflow.core.correlation.seed import Pairs, seed_warps
@@ -93,14 +95,14 @@ def search_directly(
     previous = next((photograph for photograph in references if _shows_motion(photograph)), previous)
     with_target = partial(target_spline, image, search)
     with_starts = partial(_starting_warps, references, image.grey, matches, search)
-    target, starts = at_once(search.threads, with_target, with_starts)
-    return DirectSearch(previous, target, starts, correlate_points(first, target, starts, search))
+    starts, target, own = at_once(search.threads, with_starts, with_target, partial(own_template, first, search))
+    return DirectSearch(previous, target, starts, correlate_points(first, target, starts, search, own))
 
 
 def search_again(first: ReferencePhotograph, direct: DirectSearch, found: FoundPoints, search: Search) -> DirectSearch:
     """The same photograph, searched from where the points were found, with another shape function."""
     starts = np.where(np.isfinite(found.warp[..., :3]), found.warp[..., :3], direct.starts)
-    return direct._replace(starts=starts, correlation=correlate_points(first, direct.target, starts, search))
+    return direct._replace(starts=starts, correlation=correlate_again(first, direct.correlation, starts, search))
 
 
 def follow_step(

@@ -9,6 +9,11 @@ Their sums within blocks of pixels estimate the covariance for any such correlat
 (White, Econometrica 48, 1980; for blocks, Liang and Zeger, Biometrika 73, 1986). Bell-shaped windows replace the blocks
 here, because residuals that cancel between blocks, as after a change of contrast or focus, would count at sharp edges.
 The sum is scaled so that white noise gives its own covariance in spite of the parameters that were fitted.
+
+A pattern that is a little sharper in one photograph leaves second derivatives of the grey levels f, along one
+direction more than along another after a stretch. These move no place: f_x f_xx, f_x f_xy and f_x f_yy are made of
+derivatives, as of f_x² / 2, whose sums over a subset depend on its rim alone. Sums within windows would count, so that
+this part is taken out of the residuals, and its sum over the subset, the shift that it makes, is counted instead.
 """
 
 from __future__ import annotations
@@ -131,7 +136,14 @@ def _inside(reference: Template, target: Spline, centres: Index, warp: Array, su
     for brightness in (np.ones_like(f), f):
         part = _weighted_mean(jacobian * brightness, weight) / _weighted_mean(brightness * brightness, weight)
         jacobian = jacobian - part[..., None] * brightness
-    return _sandwich(jacobian, weight, residual, _windows(subset.size))
+    return _sandwich(jacobian, weight, residual, _second_derivatives(fit, subset.size), _windows(subset.size))
+
+
+def _second_derivatives(fit: Residuals, size: int) -> Array:
+    """Second derivatives of the grey levels, (n, 3, pixel)."""
+    by_x, by_y = (part.reshape(-1, size, size).astype(np.float64) for part in (fit.by_x, fit.by_y))
+    terms = np.stack([np.gradient(by_x, axis=2), np.gradient(by_x, axis=1), np.gradient(by_y, axis=1)], axis=1)
+    return np.asarray(terms.reshape(len(by_x), 3, -1))
 
 
 def _weighted_mean(values: Array, weight: Array) -> Array:
@@ -153,10 +165,11 @@ def _windows(size: int) -> Array:
     return np.asarray(np.einsum("ia,jb->ijab", band, band).reshape(size**2, _WINDOWS**2))
 
 
-def _sandwich(jacobian: Array, weight: Array, residual: Array, windows: Array) -> PlaceCovariances:
+def _sandwich(jacobian: Array, weight: Array, residual: Array, blur: Array, windows: Array) -> PlaceCovariances:
     """The sandwich estimate of the covariances.
 
-    jacobian : (term, n, pixel); weight, residual : (n, pixel); windows : (pixel, window)
+    jacobian : (term, n, pixel); weight, residual : (n, pixel); blur : (n, 3, pixel) — what a change of sharpness leaves
+    windows : (pixel, window)
     """
     terms = len(jacobian)
     by_point = np.moveaxis(jacobian, 0, 1)
@@ -164,11 +177,21 @@ def _sandwich(jacobian: Array, weight: Array, residual: Array, windows: Array) -
     inverse = np.asarray(np.linalg.pinv(weighted @ np.swapaxes(by_point, -1, -2), hermitian=True), dtype=np.float64)
     kernel = np.asarray(inverse[:, [0, terms // 2]] @ weighted)
     noise = kernel @ np.swapaxes(kernel, -1, -2)
-    scores = (kernel * residual[:, None]) @ windows
+    left = blur - (blur @ np.swapaxes(weighted, -1, -2)) @ inverse @ by_point
+    factors = _factors(left, weight, residual)
+    shift = kernel @ np.swapaxes(blur, -1, -2) @ factors
+    scores = (kernel * (residual[:, None] - np.swapaxes(factors, -1, -2) @ left)) @ windows
     by_residual = scores @ np.swapaxes(scores, -1, -2)
     sampled = slice(None, None, _LOSS_STRIDE)
     loss = _fit_loss(kernel[sampled], by_point[sampled], weighted[sampled], inverse[sampled], windows)
-    return PlaceCovariances(by_residual * np.median(loss), noise)
+    return PlaceCovariances(by_residual * np.median(loss) + shift @ np.swapaxes(shift, -1, -2), noise)
+
+
+def _factors(left: Array, weight: Array, residual: Array) -> Array:
+    """Factors (n, k, 1) of terms (n, k, pixel) that explain the residuals best."""
+    weighted = left * weight[:, None]
+    normal = np.asarray(np.linalg.pinv(weighted @ np.swapaxes(left, -1, -2), hermitian=True))
+    return np.asarray(normal @ (weighted @ residual[..., None]))
 
 
 def _fit_loss(kernel: Array, by_point: Array, weighted: Array, inverse: Array, windows: Array) -> Array:

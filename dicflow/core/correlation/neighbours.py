@@ -18,6 +18,7 @@ from numba import njit
 from dicflow.core.arrays import Array, Codes, Index, Mask
 from dicflow.core.correlation.warp import set_recentred
 from dicflow.core.kernels import INNER
+from dicflow.core.medians import median
 from dicflow.core.parts import Parts, are_apart
 from dicflow.core.status import Status
 from dicflow.core.threads import over
@@ -100,12 +101,12 @@ def _take_medians(
                     count += 1
         if count >= _MIN_NEIGHBOURS and not _agree(values[0, :count], values[terms, :count], warp[i, j, :, 0]):
             for m in range(2 * terms):
-                out[k, m // terms, m % terms] = np.median(values[m, :count])
+                out[k, m // terms, m % terms] = median(values[m], count)
             for axis in range(2):
                 place = values[axis * terms]
                 for n in range(count):
                     place[n] = abs(place[n] - out[k, axis, 0])
-                spread[k, axis] = np.median(place[:count])
+                spread[k, axis] = median(place, count)
 
 
 @njit(**INNER)

@@ -35,10 +35,12 @@ __all__ = [
     "UNEXPLAINED",
     "CorrelatedField",
     "Search",
+    "correlate_again",
     "correlate_points",
     "find_points",
     "first_photograph",
     "judge",
+    "own_template",
     "points_in_first_photograph",
     "target_spline",
 ]
@@ -149,23 +151,54 @@ def find_points(
     return judge(reference, correlate_points(reference, target, starts, search), search, route, usual)
 
 
-def correlate_points(reference: ReferencePhotograph, target: Spline, starts: Array, search: Search) -> CorrelatedField:
+def own_template(reference: ReferencePhotograph, search: Search) -> Template:
+    """The template of a reference photograph."""
+    return _template(reference, _smoothed(reference.image.grey, search), search)
+
+
+def correlate_points(
+    reference: ReferencePhotograph, target: Spline, starts: Array, search: Search, own: Template | None = None
+) -> CorrelatedField:
     """Correlate the subsets around the whole pixels next to the points of a reference photograph.
 
     starts : (rows, cols, 2, 3) — from the first photograph to the target
+    own : the :func:`own_template` of the reference photograph; None if it is not made yet
     """
+    own = own_template(reference, search) if own is None else own
+    centres, places, warps = _centres_and_warps(reference, starts)
+    known = np.isfinite(warps).all(axis=(-2, -1)) & np.isfinite(places).all(axis=-1)
+    image, target, damping = equally_sharp(
+        own.grey, reference.region, target, places[known], warps[known], search.smoothing_px
+    )
+    sharp = own if image is own.grey else _template(reference, image, search)
+    return CorrelatedField(sharp, target, centres, _correlated(sharp, target, places, warps, search), damping)
+
+
+def correlate_again(
+    reference: ReferencePhotograph, before: CorrelatedField, starts: Array, search: Search
+) -> CorrelatedField:
+    """The same photographs, as sharp as before, correlated with another shape function or other starts."""
+    centres, places, warps = _centres_and_warps(reference, starts)
+    field = _correlated(before.template, before.target, places, warps, search)
+    return before._replace(centres=centres, field=field)
+
+
+def _template(reference: ReferencePhotograph, image: Image, search: Search) -> Template:
+    """The template of a reference photograph with other grey levels."""
+    return template(spline(image, search.degree, reference.image.measured), reference.region, search.threads)
+
+
+def _centres_and_warps(reference: ReferencePhotograph, starts: Array) -> tuple[Array, Array, Array]:
+    """Whole pixels next to the points, in the first photograph and in the reference's crop, and the warps there."""
     slope, centres = _motion_gradients(reference, starts), np.rint(reference.points)
     place = starts[..., 0] + np.einsum("...ij,...j->...i", slope, centres - reference.points)
-    warps, places = warp_from_gradient(place, slope), centres - reference.origin
-    known = np.isfinite(warps).all(axis=(-2, -1)) & np.isfinite(places).all(axis=-1)
-    image = _smoothed(reference.image.grey, search)
-    image, target, damping = equally_sharp(
-        image, reference.region, target, places[known], warps[known], search.smoothing_px
-    )
-    sharp = spline(image, search.degree, reference.image.measured)
-    pair = template(sharp, reference.region, search.threads), target
-    field = correlate_field(
-        *pair,
+    return centres, centres - reference.origin, warp_from_gradient(place, slope)
+
+
+def _correlated(own: Template, target: Spline, places: Array, warps: Array, search: Search) -> Field:
+    return correlate_field(
+        own,
+        target,
         places,
         warps,
         search.subset,
@@ -173,7 +206,6 @@ def correlate_points(reference: ReferencePhotograph, target: Spline, starts: Arr
         threads=search.threads,
         parts=search.parts,
     )
-    return CorrelatedField(*pair, centres, field, damping)
 
 
 def judge(

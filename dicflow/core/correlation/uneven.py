@@ -160,7 +160,8 @@ def _leave_out(sums: Array, total: Array, cells: Index, lanes: Array) -> None:
     """Products without each part, and in the next lane all of them, into ``lanes`` (pair, lane)."""
     rest = np.empty(len(total))
     for lane in range(_LANES):
-        rest[:] = total
+        for pair in range(len(rest)):
+            rest[pair] = total[pair]
         if lane < len(cells):
             for c in cells[lane]:
                 if c < 0:

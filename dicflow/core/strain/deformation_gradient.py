@@ -18,6 +18,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import NamedTuple
 
+import cv2
 import numpy as np
 
 from dicflow.core.arrays import Array, Index, Mask
@@ -41,6 +42,8 @@ __all__ = [
 
 _CHUNK = 4000
 """Windows that are fitted at once."""
+_AROUND = (5, 5)
+"""Points around one that share the directions of their errors."""
 _QUARTER_TURN = np.array([[0.0, 1.0], [-1.0, 0.0]])
 
 
@@ -141,7 +144,23 @@ def measured_surface(
     centre = both[known].mean(axis=0) if known.any() else 0.0
     values = np.where(known[..., None], both - centre, 0.0)
     parts = single_part(reference[..., :2]) if parts is None else parts
-    return MeasuredSurface(WindowedPoints(values, weights, sigma, parts, min_share), errors)
+    typical = [share._replace(covariance=_as_around(share.covariance, sigma)) for share in errors]
+    return MeasuredSurface(WindowedPoints(values, weights, sigma, parts, min_share), typical)
+
+
+def _as_around(covariance: Array, sigma: Array) -> Array:
+    """Covariances (row, col, 6, 6) with the size of each point and the directions of the points around it.
+
+    A window's fit has those of all its points, more of the more certain ones; a point beside a jump may differ.
+    sigma : (row, col) — standard deviations of the points; 0 where unknown
+    """
+    known = sigma > 0.0
+    share = np.divide(1.0, sigma**4, out=np.zeros_like(sigma), where=known)
+    flat = np.where(known[..., None], covariance.reshape(*sigma.shape, -1), 0.0)
+    sums = [cv2.boxFilter(share * part, -1, _AROUND, normalize=False) for part in np.moveaxis(flat, -1, 0)]
+    scale = sigma**2 / np.maximum(cv2.boxFilter(share * sigma**2, -1, _AROUND, normalize=False), 1e-300)
+    found = np.where(known[..., None], np.stack(sums, axis=-1) * scale[..., None], np.nan)
+    return np.asarray(found.reshape(covariance.shape))
 
 
 def pixel_size_mm(reference: Array, step_size: float) -> Array:

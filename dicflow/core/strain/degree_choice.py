@@ -14,9 +14,10 @@ from typing import Literal, NamedTuple
 
 import numpy as np
 
-from dicflow.core.arrays import Array, Codes, Index
+from dicflow.core.arrays import Array, Codes, Counts, Index
 from dicflow.core.strain.deformation_gradient import MeasuredSurface, SurfaceGradient
-from dicflow.core.strain.remaining_bias import CUBIC, WindowFit, relative_bias
+from dicflow.core.strain.remaining_bias import CUBIC, RelativeBias, WindowFit, relative_bias
+from dicflow.core.strain.unseen_jumps import UnseenJumps
 from dicflow.core.strain.window_fits import places_of, terms_of_degree
 
 __all__ = ["ChosenGradient", "candidate_fits", "chosen_gradient"]
@@ -34,11 +35,13 @@ class ChosenGradient(NamedTuple):
     surface : NaN where the point or too much of its window is missing
     bias : (row, col, 4, 4) — second moments of the systematic error that remains in F₁₁, F₁₂, F₂₁, F₂₂ [-]
     degree : (row, col) — of the polynomial; 0 where unknown
+    window : (row, col) — rows of its window [points]; 0 where unknown
     """
 
     surface: SurfaceGradient
     bias: Array
     degree: Codes
+    window: Counts
 
 
 def candidate_fits(window: tuple[int, int], degree: int | Literal["auto"]) -> list[WindowFit]:
@@ -50,37 +53,65 @@ def candidate_fits(window: tuple[int, int], degree: int | Literal["auto"]) -> li
     return [*(WindowFit(window, one) for one in range(1, CUBIC + 1)), *smaller]
 
 
-def chosen_gradient(surface: MeasuredSurface, fits: Sequence[WindowFit]) -> ChosenGradient:
-    """Deformation gradients by the first fit at each point whose bias is small beside its noise, or by the best one."""
+def chosen_gradient(
+    surface: MeasuredSurface, fits: Sequence[WindowFit], jumps: UnseenJumps | None = None
+) -> ChosenGradient:
+    """Deformation gradients by the first fit at each point whose bias is small beside its noise, or by the best one.
+
+    jumps : across which the windows reach; None without any
+    """
     chosen, least = _unknown(surface.known.shape), np.full(surface.known.shape, np.inf)
     left = surface.known
     for fit in fits:
         if not left.any():
             break
         relative = relative_bias(surface, fit, left)
-        _take_better(chosen, least, surface, fit, relative, places_of(left))
-        left = left & (_WEIGHT * np.diagonal(relative, axis1=-2, axis2=-1).max(axis=-1) > 1.0)
+        better = _take_better(chosen, least, surface, fit, relative, places_of(left))
+        if jumps is not None:
+            chosen.bias[tuple(better.T)] = _with_jumps(chosen.bias[tuple(better.T)], jumps, surface, fit, better)
+        left = left & (_WEIGHT * np.diagonal(relative.near, axis1=-2, axis2=-1).max(axis=-1) > 1.0)
     return chosen
+
+
+def _with_jumps(bias: Array, jumps: UnseenJumps, surface: MeasuredSurface, fit: WindowFit, at: Index) -> Array:
+    """Second moments (n, 4, 4) of the bias of a fit at rows and columns (n, 2), that by jumps if it is larger."""
+    crossed = np.flatnonzero((jumps.jump[at[:, 0], at[:, 1]] != 0.0).any(axis=-1))
+    if not len(crossed):
+        return bias
+    here, larger = at[crossed], bias.copy()
+    weights = surface.points.slope_weights(here, *fit)
+    response = surface.gradient_by(here, weights).response
+    shares = np.einsum("nfai,nkai->nkf", response[..., :3], jumps.of_slopes(here, weights))
+    moments = np.einsum("nkf,nkg->nfg", shares, shares)
+    more = np.trace(moments, axis1=-2, axis2=-1) > np.trace(bias[crossed], axis1=-2, axis2=-1)
+    larger[crossed[more]] = moments[more]
+    return larger
 
 
 def _unknown(shape: tuple[int, ...]) -> ChosenGradient:
     """Unknown gradients of a grid."""
     sides = ((2, 2), (4, 4), (4, 2, 6), (4, 4))
     *surface, bias = (np.full((*shape, *side), np.nan) for side in sides)
-    return ChosenGradient(SurfaceGradient(*surface), bias, np.zeros(shape, dtype=np.uint8))
+    degree, window = np.zeros(shape, dtype=np.uint8), np.zeros(shape, dtype=np.int32)
+    return ChosenGradient(SurfaceGradient(*surface), bias, degree, window)
 
 
 def _take_better(
-    chosen: ChosenGradient, least: Array, surface: MeasuredSurface, fit: WindowFit, relative: Array, at: Index
-) -> None:
-    """Set the gradients at rows and columns (n, 2) where a fit is better than those before. least : their sums"""
+    chosen: ChosenGradient, least: Array, surface: MeasuredSurface, fit: WindowFit, relative: RelativeBias, at: Index
+) -> Index:
+    """Set the gradients at rows and columns (n, 2) where a fit is better than those before; returns these.
+
+    least : the sums of variance and bias, of those before
+    """
     found = surface.gradient(at, *fit)
     sigma = np.sqrt(np.diagonal(found.covariance, axis1=-2, axis2=-1))
-    bias = relative[at[:, 0], at[:, 1]] * sigma[:, :, None] * sigma[:, None]
-    total = np.trace(found.covariance + _WEIGHT * bias, axis1=-2, axis2=-1)
+    scale = sigma[:, :, None] * sigma[:, None]
+    near, bias = (scale * moments[at[:, 0], at[:, 1]] for moments in relative)
+    total = np.trace(found.covariance + _WEIGHT * near, axis1=-2, axis2=-1)
     better = total < least[at[:, 0], at[:, 1]]
     rows, cols = at[better].T
     least[rows, cols] = total[better]
     for field, values in zip((*chosen.surface, chosen.bias), (*found, bias), strict=True):
         field[rows, cols] = values[better]
-    chosen.degree[rows, cols] = fit.degree
+    chosen.degree[rows, cols], chosen.window[rows, cols] = fit.degree, fit.window[0]
+    return np.ascontiguousarray(at[better])

@@ -6,7 +6,8 @@ the gradient, which would be noise alone without it. From degree 3 the pilot has
 with the window's side by at least the power of the degree, so that it is a share of the change between both.
 
 δF is a weighted sum of the points, so its covariance is known. The mean of δF δFᵀ − Cov δF over neighbouring points, in
-units of the fit's own σ, less four times its standard error, estimates the second moments of the bias.
+units of the fit's own σ, less four times its standard error, estimates the second moments of the bias. A small bias
+that is much the same over several windows, as in a sheet that is bent evenly, shows in the mean of δF over these.
 """
 
 from __future__ import annotations
@@ -21,7 +22,7 @@ from dicflow.core.arrays import Array, Index, Mask
 from dicflow.core.strain.deformation_gradient import MeasuredSurface
 from dicflow.core.strain.window_fits import places_of, polynomial_terms, terms_of_degree, widened
 
-__all__ = ["CUBIC", "WindowFit", "relative_bias"]
+__all__ = ["CUBIC", "RelativeBias", "WindowFit", "relative_bias"]
 
 
 CUBIC = 3
@@ -30,8 +31,10 @@ _PILOT = 1.5
 """Side of the pilot's window in sides of the window."""
 _STANDARD_ERRORS = 4.0
 """Standard errors by which the mean of changes must exceed that of noise."""
-_REACH = 0.6
-"""Standard deviation of the weights of neighbours [sides of the window]."""
+_REACH, _FAR = 0.6, 2.5
+"""Standard deviations of the weights in means of squares, and of changes, over neighbours [sides of the window]."""
+_MEAN_SIGMAS, _ALONE_SIGMAS = 2.5, 3.5
+"""Standard errors that a mean of changes must exceed, and above which a single change is no part of it."""
 _AREA = 0.8
 """Area over which the errors of changes are correlated, Σ ρ² over all distances [squares of the window's side]."""
 _NEGLIGIBLE = 1e-3
@@ -51,6 +54,16 @@ class WindowFit(NamedTuple):
         """The pilot's window [points]."""
         rows, cols = (2 * int(np.ceil((_PILOT * side - 1.0) / 2.0)) + 1 for side in self.window)
         return rows, cols
+
+
+class RelativeBias(NamedTuple):
+    """Second moments (row, col, 4, 4) of the bias of a fit in F₁₁, F₁₂, F₂₁, F₂₂, in units of σ of each.
+
+    near : by the changes at the neighbours; stated : the same, or by the mean over several windows where that is more
+    """
+
+    near: Array
+    stated: Array
 
 
 class _Samples(NamedTuple):
@@ -82,43 +95,46 @@ class _Samples(NamedTuple):
         whole = cells.repeat(self.stride, axis=0).repeat(self.stride, axis=1)
         return np.asarray(whole[: shape[0], : shape[1]])
 
-    def sums(self, values: Array) -> Array:
-        """Weighted sums over the neighbours of each cell, of a field (row, col, k); the weights add up to 1."""
-        return self._blurred(values, 1.0)
+    def sums(self, values: Array, reach: float) -> Array:
+        """Weighted sums over the neighbours of each cell, of a field (row, col, k); the weights add up to 1.
 
-    def variances(self, variances: Array) -> Array:
-        """Variances of such sums, from those (row, col, k) of values whose errors are correlated over an area."""
-        down, across = (_REACH * side / self.stride for side in self.window)
-        correlated = max(1.0, _AREA * self.window[0] * self.window[1] / self.stride**2)
-        return correlated / (4.0 * np.pi * down * across) * self._blurred(variances, np.sqrt(0.5))
-
-    def _blurred(self, values: Array, scale: float) -> Array:
-        down, across = (scale * _REACH * side / self.stride for side in self.window)
+        reach : standard deviation of the weights [sides of the window]
+        """
+        down, across = (reach * side / self.stride for side in self.window)
         return np.asarray(
             cv2.GaussianBlur(values, (0, 0), across, sigmaY=down, borderType=cv2.BORDER_CONSTANT)
         ).reshape(values.shape)
 
+    def variances(self, variances: Array, reach: float) -> Array:
+        """Variances of such sums, from those (row, col, k) of values whose errors are correlated over an area."""
+        down, across = (reach * side / self.stride for side in self.window)
+        correlated = max(1.0, _AREA * self.window[0] * self.window[1] / self.stride**2)
+        return correlated / (4.0 * np.pi * down * across) * self.sums(variances, np.sqrt(0.5) * reach)
 
-def relative_bias(surface: MeasuredSurface, fit: WindowFit, wanted: Mask) -> Array:
-    """Second moments (row, col, 4, 4) of the bias of a fit in F₁₁, F₁₂, F₂₁, F₂₂, in units of σ of each.
 
-    wanted : (row, col) — points around which they are estimated; 0 far from them
-    """
+def relative_bias(surface: MeasuredSurface, fit: WindowFit, wanted: Mask) -> RelativeBias:
+    """The bias of a fit. wanted : (row, col) — points around which it is estimated; 0 far from them"""
     rows, cols = wanted.shape
     stride = max(1, min(*fit.window, 2 * rows, 2 * cols) // 2)
     samples = _Samples((-(-rows // stride), -(-cols // stride)), stride, fit.window)
     near = cv2.dilate(wanted.astype(np.uint8), np.ones([2 * side + 1 for side in fit.window], dtype=np.uint8)) > 0
     places = samples.places(surface.known & near)
-    largest = np.zeros((*samples.shape, 4, 4))
+    largest, mean = np.zeros((2, *samples.shape, 4, 4))
     if len(places) == 0:
-        return np.zeros((rows, cols, 4, 4))
+        return RelativeBias(*np.zeros((2, rows, cols, 4, 4)))
     chunks = np.array_split(places, -(-len(places) // _CHUNK))
     for parts in zip(*(list(_estimates(surface, part, fit)) for part in chunks), strict=True):
         bias, covariance = (np.concatenate(field) for field in zip(*parts, strict=True))
-        moments = _mean_excess(samples, places, bias, covariance)
-        larger = np.trace(moments, axis1=-2, axis2=-1) > np.trace(largest, axis1=-2, axis2=-1)
-        largest[larger] = moments[larger]
-    return samples.on_grid(largest, wanted.shape)
+        largest = _larger(largest, _mean_excess(samples, places, bias, covariance))
+        mean = _larger(mean, _square_of_mean(samples, places, bias, covariance))
+    found = (samples.on_grid(moments, wanted.shape) for moments in (largest, _larger(largest, mean)))
+    return RelativeBias(*found)
+
+
+def _larger(first: Array, second: Array) -> Array:
+    """Of each two matrices (row, col, 4, 4) the one with the larger trace."""
+    is_more = np.trace(second, axis1=-2, axis2=-1) > np.trace(first, axis1=-2, axis2=-1)
+    return np.where(is_more[..., None, None], second, first)
 
 
 def _estimates(surface: MeasuredSurface, at: Index, fit: WindowFit) -> Iterator[tuple[Array, Array]]:
@@ -160,26 +176,52 @@ def _errors_of_terms(own: Array, window: tuple[int, int], count: int) -> Array:
     return np.asarray(found)
 
 
+def _weighted(places: Index, bias: Array, covariance: Array) -> tuple[Index, Array, Array, Array]:
+    """Samples that are measured: places, biases (n, 4), their variances (n, 4), and weights, the less the noisier."""
+    measured = np.isfinite(bias).all(axis=1) & np.isfinite(covariance).all(axis=(1, 2))
+    noise = np.diagonal(covariance[measured], axis1=-2, axis2=-1)
+    return places[measured], bias[measured], noise, 1.0 / (1.0 + noise.mean(axis=-1, keepdims=True)) ** 2
+
+
 def _mean_excess(samples: _Samples, places: Index, bias: Array, covariance: Array) -> Array:
     """Mean of δF δFᵀ − Cov δF over neighbours, less some standard errors, positive semidefinite; (row, col, 4, 4).
 
-    bias, covariance : (n, 4) and (n, 4, 4) — of samples; one counts the less the larger its noise is
+    bias, covariance : (n, 4) and (n, 4, 4) — of samples
     """
-    measured = np.isfinite(bias).all(axis=1) & np.isfinite(covariance).all(axis=(1, 2))
-    places, bias, covariance = places[measured], bias[measured], covariance[measured]
-    noise = np.diagonal(covariance, axis1=-2, axis2=-1)
-    weight = 1.0 / (1.0 + noise.mean(axis=-1, keepdims=True)) ** 2
     excess = (bias[:, :, None] * bias[:, None] - covariance).reshape(-1, 16)
+    excess = excess[np.isfinite(excess).all(axis=1)]
+    places, _, noise, weight = _weighted(places, bias, covariance)
     weights, products, variances = (
         samples.cells(places, values) for values in (weight, weight * excess, 2.0 * (weight * noise) ** 2)
     )
-    share = samples.sums(weights)
+    share = samples.sums(weights, _REACH)
     near = share[..., 0] > 0.0
-    moments = (samples.sums(products)[near] / share[near]).reshape(-1, 4, 4)
-    error = np.sqrt(np.maximum(samples.variances(variances)[near], 0.0)) / share[near]
+    moments = (samples.sums(products, _REACH)[near] / share[near]).reshape(-1, 4, 4)
+    error = np.sqrt(np.maximum(samples.variances(variances, _REACH)[near], 0.0)) / share[near]
     moments[:, range(4), range(4)] -= _STANDARD_ERRORS * error
     result = np.zeros((*samples.shape, 4, 4))
     result[near] = _positive(moments)
+    return result
+
+
+def _square_of_mean(samples: _Samples, places: Index, bias: Array, covariance: Array) -> Array:
+    """Square of the mean of δF over several windows, less its variance, where it stands out; (row, col, 4, 4).
+
+    What stands out alone is no part of it: it belongs to its neighbours.
+    """
+    places, bias, noise, weight = _weighted(places, bias, covariance)
+    weight[(bias**2 > _ALONE_SIGMAS**2 * noise).any(axis=1)] = 0.0
+    weights, products, variances = (
+        samples.cells(places, values) for values in (weight, weight * bias, weight**2 * noise)
+    )
+    share = samples.sums(weights, _FAR)
+    near = share[..., 0] > 0.0
+    mean = samples.sums(products, _FAR)[near] / share[near]
+    variance = np.maximum(samples.variances(variances, _FAR)[near], 0.0) / share[near] ** 2
+    square = np.where(mean**2 > _MEAN_SIGMAS**2 * variance, mean**2 - variance, 0.0)
+    remaining = np.sign(mean) * np.sqrt(square)
+    result = np.zeros((*samples.shape, 4, 4))
+    result[near] = remaining[:, :, None] * remaining[:, None]
     return result
 
 

@@ -1,7 +1,7 @@
 """Slopes of polynomials that are fitted to the points of a window, as weighted sums of these points.
 
-A window belongs to the point at its centre. It holds the points that are connected with it inside the window: of its
-part of the grid, and not behind lost points that form a gap, such as a crack that has opened. Every slope is a sum
+A window belongs to the point at its centre. It holds the points of its part of the grid to which a way leads, further
+away with each step: none behind lost points that form a gap, such as a crack that has opened. Every slope is a sum
 Σₙ wₙ Xₙ over the window, so that a difference of two fits is one too, and its covariance is that of a point times
 Q = Σₙₘ wₙ ρₙₘ wₘ, where ρ is the correlation of points whose subsets overlap.
 """
@@ -137,7 +137,7 @@ def _fit_weights(weights: Array, parts: Parts, at: Index, terms: Array, function
 
 @njit(**INNER)
 def _connected_weights(weights: Array, parts: Parts, centre: Index, own: Array, reached: Index) -> int:
-    """Set the weights (high, wide) of the points of a window that are connected with its centre, 0 for others.
+    """Set the weights (high, wide) of the points of a window to which a way leads from its centre, 0 for others.
 
     reached : (high · wide, 2) — set to the places of these points in the window. Returns their number.
     """
@@ -162,10 +162,18 @@ def _connected_weights(weights: Array, parts: Parts, centre: Index, own: Array, 
                     continue
                 if weights[a, b] == 0.0 or are_apart(parts, centre[0], centre[1], a, b):
                     continue
+                if not _is_further(i - high // 2, j - wide // 2, row - high // 2, col - wide // 2):
+                    continue
                 own[i, j] = weights[a, b]
                 reached[count, 0], reached[count, 1] = i, j
                 count += 1
     return count
+
+
+@njit(**INNER)
+def _is_further(i: int, j: int, row: int, col: int) -> bool:
+    """Whether a point at (i, j) from the centre is further away on the grid than one at (row, col)."""
+    return max(abs(i), abs(j)) > max(abs(row), abs(col))
 
 
 @njit(**INNER)

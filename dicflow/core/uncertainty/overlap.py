@@ -38,6 +38,14 @@ class Overlap(NamedTuple):
         )
         return np.asarray((down * across).sum(axis=0))
 
+    def variance(self, weights: Array) -> float:
+        """Variance of a sum of points with weights (row, col), whose errors have unit variance."""
+        bands = []
+        for lags, side in zip((self.down, self.across), weights.shape, strict=True):
+            apart = np.abs(np.subtract.outer(np.arange(side), np.arange(side)))
+            bands.append(np.pad(lags, ((0, 0), (0, max(0, side - lags.shape[1]))))[:, apart])
+        return float((bands[0] @ weights @ bands[1] * weights).sum())
+
 
 def overlap(subset_size: int, step_size: float, shape_function: ShapeFunction = "affine") -> Overlap:
     """Correlation of the errors of points on a grid.

@@ -231,6 +231,7 @@ export class Side {
       html("p", { class: "x-valid" }, ...(step.valid === null ? ["This step was not measured."] : measured)),
       html("ul", { class: "x-reasons" }, ...rows),
       ...(manifest.rig ? [html("p", { class: "x-rig" }, html("strong", {}, "Is the rig still calibrated? "), manifest.rig)] : []),
+      ...(manifest.meaning.length ? [html("p", { class: "x-hint x-meaning" }, manifest.meaning.join(" "))] : []),
       ...notes.map((one) => html("p", { class: "x-hint" }, one)),
     );
   }

@@ -8,8 +8,10 @@ A module of this package, or an entry point of the group ``dicflow.exports``, is
   one after the other;
 - ``BESIDE``, if need be: kinds that an export of a whole test writes in this format beside the totals, which
   may have any format.
+- ``ONE_STEP``, if need be: True where an export of a whole test has the points of one step alone; the items of the
+  others are not ``whole``.
 
-``DESCRIPTION`` and ``BESIDE`` are literals: they are read from the source, without importing the module.
+``DESCRIPTION``, ``BESIDE`` and ``ONE_STEP`` are literals: they are read from the source, without importing the module.
 """
 
 from __future__ import annotations
@@ -19,7 +21,7 @@ from typing import Any
 from dicflow.discovery import Registry
 from dicflow.errors import ConfigurationError
 
-__all__ = ["FORMATS", "beside", "descriptions", "kinds_of"]
+__all__ = ["FORMATS", "beside", "descriptions", "has_one_step", "kinds_of"]
 
 FORMATS = Registry("export format", __name__, "dicflow.exports", ("DESCRIPTION", "KINDS", "write"))
 _UNREADABLE = "a plug-in that cannot be used, or whose DESCRIPTION is not one text"
@@ -44,6 +46,11 @@ def kinds_of(name: str) -> tuple[str, ...] | None:
 def beside() -> dict[str, tuple[str, ...]]:
     """Format → kinds of products that an export of a whole test writes in it beside the totals."""
     return {name: kinds for name in FORMATS.names() if (kinds := tuple(_read(name, "BESIDE", ())))}
+
+
+def has_one_step(name: str) -> bool:
+    """Whether an export of a whole test in this format has the points of one step alone."""
+    return bool(_read(name, "ONE_STEP", False))
 
 
 def _read(name: str, constant: str, default: Any) -> Any:

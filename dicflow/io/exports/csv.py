@@ -12,7 +12,7 @@ __all__ = ["BESIDE", "DESCRIPTION", "KINDS", "write"]
 
 DESCRIPTION = "a table with units"
 KINDS = None
-BESIDE = ("comparison", "probes", "noise")
+BESIDE = ("comparison", "probes", "channels", "noise", "curve", "material")
 
 
 def write(items: Iterable[Item], folder: Path, name: str) -> None:

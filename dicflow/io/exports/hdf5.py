@@ -12,6 +12,7 @@ import h5py
 from dicflow._version import __version__
 from dicflow.engine.product import Product
 from dicflow.io.exports.items import Item, file_stem, place
+from dicflow.kinds.status import STATUS_NAME, status_attributes
 
 __all__ = ["DESCRIPTION", "KINDS", "write"]
 
@@ -22,8 +23,8 @@ KINDS = None
 def write(items: Iterable[Item], folder: Path, name: str) -> None:
     """All products in one file: ``stage/step/array``.
 
-    An array carries ``units``, ``long_name`` and ``dims``; a group ``kind``, and the further attributes of its product
-    as JSON text in the dataset ``attributes``.
+    An array carries ``units``, ``long_name`` and ``dims``, a status also ``flag_values`` and ``flag_meanings``; a group
+    ``kind``, and the further attributes of its product as JSON text in the dataset ``attributes``.
     """
     with h5py.File(place(folder, f"{file_stem(name)}.h5"), "w", track_order=True) as file:
         file.attrs["program"] = f"dicflow {__version__}"
@@ -47,3 +48,5 @@ def _fill(group: Any, product: Product) -> None:
         array.attrs["units"] = variable.units
         array.attrs["long_name"] = variable.long_name or name
         array.attrs["dims"] = list(variable.dims)
+        if name == STATUS_NAME:
+            array.attrs.update(status_attributes())

@@ -24,6 +24,10 @@ _DEVICE = re.compile(r"(con|prn|aux|nul|com[0-9¹²³]|lpt[0-9¹²³]|conin\$|co
 """Names that Windows keeps for devices, with any suffix."""
 
 
+_PLACES = ("xy_reference", "xyz_reference")
+"""Places at the first step, in the left photograph [px] and in space, beside selected arrays of a total."""
+
+
 class Item(NamedTuple):
     """A product to be written.
 
@@ -34,6 +38,7 @@ class Item(NamedTuple):
         unknown
     outline : carries pixels of the image in which a region is kept, (n, 2), into those of the left photograph
     number : of the step in the test; the first photograph has 0
+    whole : whether all points are written; otherwise the summary alone, by a format with ``ONE_STEP``
     style : of the numbers in tables for people
     """
 
@@ -44,6 +49,7 @@ class Item(NamedTuple):
     places: Callable[[], NDArray[Any]] | None = None
     outline: Callable[[NDArray[Any]], NDArray[Any]] | None = None
     number: int = 0
+    whole: bool = True
     style: TableStyle = TableStyle()
 
     @property
@@ -53,15 +59,20 @@ class Item(NamedTuple):
 
     @property
     def chosen(self) -> Product:
-        """The product with the selected arrays. Raises InputError for an array whose name is not a word."""
+        """The product with the selected arrays; of a total also the places at the first step.
+
+        Raises InputError for an array whose name is not a word.
+        """
         for name in self.product.variables:
             if not _WORD.fullmatch(name):
                 problem = f"has an array '{printable(name)}', expected a word of letters and digits"
                 raise InputError(self.stem, problem, "do not use this store, or fix the plug-in that gave the name")
+        product = self.product
         if not self.quantities:
-            return self.product
-        arrays = {name: self.product.variables[name] for name in self.quantities}
-        return Product(self.product.kind, arrays, self.product.attrs)
+            return product
+        places = [name for name in _PLACES if product.kind == "total" and name in product]
+        arrays = {name: product.variables[name] for name in (*places, *self.quantities)}
+        return Product(product.kind, arrays, product.attrs)
 
     def refuse_choice(self, format_name: str) -> None:
         """Raise ConfigurationError if arrays are selected, for a format whose columns are fixed."""
@@ -70,9 +81,9 @@ class Item(NamedTuple):
 
     @property
     def placed(self) -> Product:
-        """The selected arrays; of a whole total also the places in the first photograph, which comparisons need."""
+        """The selected arrays; of a total also the places in the first photograph, which comparisons need."""
         product = self.chosen
-        if self.quantities or self.places is None or "xy_reference" in product:
+        if self.places is None or "xy_reference" in product:
             return product
         places = Variable(
             ("row", "col", "component"), self.places(), "px", "place in the left photograph of the first step"

@@ -12,6 +12,7 @@ from scipy.io import savemat
 from dicflow._version import __version__
 from dicflow.engine.product import Product
 from dicflow.io.exports.items import Item, place
+from dicflow.io.results import legends
 
 __all__ = ["DESCRIPTION", "KINDS", "write"]
 
@@ -29,7 +30,7 @@ def write(items: Iterable[Item], folder: Path, name: str) -> None:
 def _content(product: Product) -> bytes:
     arrays = {name: variable.values for name, variable in product.variables.items()}
     units = {name: variable.units for name, variable in product.variables.items()}
-    attributes = json.dumps({"kind": product.kind, **product.attrs}, ensure_ascii=False)
+    attributes = json.dumps({"kind": product.kind, **product.attrs, **legends(product)}, ensure_ascii=False)
     buffer = io.BytesIO()
     savemat(
         buffer,

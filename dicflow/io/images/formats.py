@@ -2,16 +2,23 @@
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import BinaryIO, Literal
 
 from dicflow.errors import InputError
 
-__all__ = ["SUFFIXES", "Format", "format_of"]
+__all__ = ["ALL_SUFFIXES", "RAW_SUFFIXES", "SUFFIXES", "VIDEO_SUFFIXES", "Format", "format_of", "is_video"]
 
 SUFFIXES = (".png", ".tif", ".tiff", ".jpg", ".jpeg", ".bmp")
 """Suffixes that a pattern finds, in lower case."""
+VIDEO_SUFFIXES = (".mp4", ".mov", ".m4v", ".avi", ".mkv", ".webm")
+"""The same of videos."""
+RAW_SUFFIXES = (".heic", ".heif", ".dng", ".nef", ".cr2", ".cr3", ".arw", ".raf", ".rw2", ".orf")
+"""The same of photographs that need a decoder of their own. Cameras also save them beside JPEG files."""
+ALL_SUFFIXES = (*SUFFIXES, *RAW_SUFFIXES, *VIDEO_SUFFIXES)
+"""The suffixes of all photographs and videos."""
 
-Format = Literal["PNG", "JPEG", "BMP", "TIFF"]
+Format = Literal["PNG", "JPEG", "BMP", "TIFF", "HEIC", "raw", "video"]
 
 _FIRST_BYTES: dict[bytes, Format] = {
     b"\x89PNG\r\n\x1a\n": "PNG",
@@ -25,25 +32,22 @@ _FIRST_BYTES: dict[bytes, Format] = {
 _CONVERT = "save it as PNG or TIFF"
 _DEVELOP = "develop it to TIFF with 16 bits, or let the camera save TIFF or JPEG"
 _FRAMES = "save its frames as PNG or TIFF"
+_DECODED: tuple[tuple[int, bytes, Format], ...] = (
+    *((4, first, "HEIC") for first in (b"ftyphei", b"ftyphev", b"ftypmif1", b"ftypmsf1")),
+    (4, b"ftypcrx", "raw"),
+    *((0, first, "raw") for first in (b"FUJIFILMCCD-RAW", b"IIU\0", b"IIRO", b"IIRS")),
+)
+"""Place [bytes], first bytes and format of photographs that need a decoder of their own."""
+_VIDEOS = ((8, b"AVI "), (4, b"ftyp"), (4, b"moov"), (4, b"mdat"), (4, b"wide"), (4, b"free"), (0, b"\x1aE\xdf\xa3"))
+"""Place [bytes] and first bytes of videos: AVI, MP4 and MOV, MKV and WebM."""
 _OTHERS: tuple[tuple[int, bytes, str, str], ...] = (
     (0, b"GIF8", "a GIF image", _FRAMES),
     (8, b"WEBP", "a WebP image", _CONVERT),
-    (8, b"AVI ", "a video (AVI)", _FRAMES),
-    (4, b"ftyphei", "a HEIC image", "let the phone save JPEG ('most compatible'), or " + _CONVERT),
-    (4, b"ftyphev", "a HEIC image", "let the phone save JPEG ('most compatible'), or " + _CONVERT),
-    (4, b"ftypmif1", "a HEIF image", "let the phone save JPEG ('most compatible'), or " + _CONVERT),
     (4, b"ftypavif", "an AVIF image", _CONVERT),
-    (4, b"ftypcrx", "a camera's raw file (CR3)", _DEVELOP),
-    (4, b"ftyp", "a video (MP4, MOV)", _FRAMES),
     (4, b"jP  \r\n", "a JPEG 2000 image", _CONVERT),
     (0, b"\xff\x4f\xff\x51", "a JPEG 2000 image", _CONVERT),
     (0, b"\xff\x0a", "a JPEG XL image", _CONVERT),
     (4, b"JXL \r\n", "a JPEG XL image", _CONVERT),
-    (0, b"\x1aE\xdf\xa3", "a video (MKV, WebM)", _FRAMES),
-    (0, b"FUJIFILMCCD-RAW", "a camera's raw file (RAF)", _DEVELOP),
-    (0, b"IIU\0", "a camera's raw file (RW2)", _DEVELOP),
-    (0, b"IIRO", "a camera's raw file (ORF)", _DEVELOP),
-    (0, b"IIRS", "a camera's raw file (ORF)", _DEVELOP),
     (0, b"\0MRM", "a camera's raw file (MRW)", _DEVELOP),
     (0, b"FOVb", "a camera's raw file (X3F)", _DEVELOP),
     (0, b"%!PS", "a PostScript drawing", _CONVERT),
@@ -75,7 +79,24 @@ def format_of(file: BinaryIO) -> Format:
     for first, form in _FIRST_BYTES.items():
         if start.startswith(first):
             return form
+    for place, first, form in _DECODED:
+        if start.startswith(first, place):
+            return form
+    is_other = any(start.startswith(first, place) for place, first, _, _ in _OTHERS)
+    if not is_other and any(start.startswith(first, place) for place, first in _VIDEOS):
+        return "video"
     raise InputError(_refusal(start))
+
+
+def is_video(path: Path) -> bool:
+    """Whether a file is a video by its first bytes; False where it cannot be read."""
+    if not path.is_file():
+        return False  # opening a pipe would wait for ever
+    try:
+        with path.open("rb") as file:
+            return format_of(file) == "video"
+    except (InputError, OSError):
+        return False
 
 
 def _refusal(start: bytes) -> str:

@@ -1,5 +1,7 @@
 """Grey levels of photographs: PNG, TIFF, JPEG and BMP with 8 or 16 bits, colour or grey, with or without opacity.
 
+Frames of videos are read in the same way.
+
 The check of a photograph and the stage that uses it call :func:`read_photograph`. Its first bytes say which format a
 file has; a file of another format is handed to no library.
 """
@@ -19,13 +21,16 @@ from dicflow.engine.files import FilePart, Stamp, stamp
 from dicflow.engine.hashing import digest_array, digest_json
 from dicflow.engine.whole_file import read_file
 from dicflow.errors import InputError
-from dicflow.io.images.formats import Format, format_of
+from dicflow.io.images.extras import read_heic, read_raw
+from dicflow.io.images.formats import Format, format_of, is_video
 from dicflow.io.images.libraries import library, opencv, opened, pillow
 from dicflow.io.images.metadata import jpeg_segments
 from dicflow.io.images.orientation import exif_orientation
 from dicflow.io.images.png import animation, without_metadata
 from dicflow.io.images.quiet import quiet
 from dicflow.io.images.tiff import Page, Tiff
+from dicflow.io.images.video import video_of
+from dicflow.io.images.video_stream import read_frame
 
 if TYPE_CHECKING:
     from PIL.ImageFile import ImageFile
@@ -77,7 +82,7 @@ def read_photograph(file: Path | FilePart) -> Photograph:
 
 
 def page_count(path: Path) -> int:
-    """The number of photographs in a file: pages of a TIFF, frames of an animated PNG, else 1.
+    """The number of photographs in a file: pages of a TIFF, frames of a video or an animated PNG, else 1.
 
     1 also for a file that cannot be used, which :func:`read_photograph` refuses.
     """
@@ -85,7 +90,10 @@ def page_count(path: Path) -> int:
         with _open(path) as file:
             form = format_of(file)
             if form == "TIFF":
-                return len(Tiff(file).photographs())
+                tiff = Tiff(file)
+                return 1 if tiff.is_raw() else len(tiff.photographs())
+            if form == "video":
+                return len(video_of(path).times)
             return animation(file).frames if form == "PNG" else 1
     except (InputError, OSError, ValueError):
         return 1
@@ -95,10 +103,16 @@ def probe(file: Path | FilePart) -> dict[str, Any]:
     """Width and height [px], bits per grey level, orientation and mosaic of a photograph as the sensor lies.
 
     ``mosaic`` is the pattern of colour filters that the grey levels show, None for a usual photograph; a page of a file
-    has the ``digest`` of its contents too. Raises InputError as :func:`read_photograph` does.
+    has the ``digest`` of its contents too, but no frame of a video, which would have to be decoded for it. Raises
+    InputError as :func:`read_photograph` does.
     """
     from dicflow.core.photographs.mosaic import colour_filters
 
+    path = file.path if isinstance(file, FilePart) else file
+    if is_video(path):
+        video = video_of(path)
+        size = {"width": video.width, "height": video.height, "bits": 8}
+        return {**size, "orientation": video.orientation, "mosaic": None}
     grey, orientation, counts = read_photograph(file)
     height, width = grey.shape
     facts = {
@@ -135,6 +149,8 @@ class _Samples(NamedTuple):
 
 
 def _tiff(path: Path, number: int) -> _Samples:
+    if _is_raw(path, stamp(path)):
+        return _raw(path, number)
     pages = _pages(path, stamp(path))
     with path.open("rb") as file:
         tiff = Tiff(file)
@@ -159,6 +175,13 @@ def _tiff(path: Path, number: int) -> _Samples:
         if tiles[0][3][0] == "L":  # grey levels of 8 bits, which OpenCV expands to colour and back
             return _Samples(np.array(image), orientation)
     return _Samples(_by_opencv(data), orientation)
+
+
+@lru_cache(maxsize=4)
+def _is_raw(path: Path, unchanged: Stamp) -> bool:
+    """Whether a file with the form of TIFF is a camera's raw file, looked up once. unchanged : the stamp of the file"""
+    with path.open("rb") as file:
+        return Tiff(file).is_raw()
 
 
 @lru_cache(maxsize=4)
@@ -231,7 +254,27 @@ def _bmp(path: Path, number: int) -> _Samples:
         return _Samples(_by_opencv(data), 1, opacity)
 
 
-_READERS: Mapping[Format, Callable[[Path, int], _Samples]] = {"PNG": _png, "TIFF": _tiff, "JPEG": _jpeg, "BMP": _bmp}
+def _heic(path: Path, number: int) -> _Samples:
+    return _Samples(*read_heic(path))
+
+
+def _raw(path: Path, number: int) -> _Samples:
+    return _Samples(*read_raw(path))
+
+
+def _video(path: Path, number: int) -> _Samples:
+    return _Samples(read_frame(path, number), video_of(path).orientation)
+
+
+_READERS: Mapping[Format, Callable[[Path, int], _Samples]] = {
+    "PNG": _png,
+    "TIFF": _tiff,
+    "JPEG": _jpeg,
+    "BMP": _bmp,
+    "HEIC": _heic,
+    "raw": _raw,
+    "video": _video,
+}
 """Format → reader of a page of a file. All raise InputError without the file's name, ValueError for damage, OSError."""
 
 

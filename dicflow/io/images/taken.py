@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from dicflow.errors import InputError
+from dicflow.io.images.extras import heic_metadata
 from dicflow.io.images.formats import format_of
 from dicflow.io.images.libraries import library, opened, pillow
 from dicflow.io.images.metadata import metadata
@@ -55,7 +56,9 @@ def _tags(path: Path) -> Iterator[Mapping[int, Any]]:
             file.seek(0)
             with opened(file, form) as image, library():
                 yield _values(image.getexif())
-        elif form != "BMP":
+        elif form == "HEIC":
+            yield _loaded(heic_metadata(path))
+        elif form in ("PNG", "JPEG"):
             for block in metadata(file, form):
                 yield _loaded(block)
 

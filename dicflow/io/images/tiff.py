@@ -91,16 +91,9 @@ class Tiff:
     def photographs(self) -> list[Page]:
         """The pages that are photographs: neither smaller copies nor masks of another page.
 
-        Raises InputError, without the file's name, for a camera's raw file and for a stack whose pages have no
-        directories of their own.
+        Raises InputError, without the file's name, for a stack whose pages have no directories of their own.
         """
         pages = [page for page in self._directories() if not self._is_copy(page)]
-        filtered = any(self._number(page, _PHOTOMETRIC, 1) in (_COLOUR_FILTER, _LINEAR_RAW) for page in pages)
-        if not pages or filtered or any(_DNG_VERSION in page for page in pages):
-            raise InputError(
-                "a camera's raw file (DNG, NEF, CR2 …); develop it to TIFF with 16 bits, or let the camera save "
-                "TIFF or JPEG"
-            )
         described = _described_pages(self._raw(pages[0], _DESCRIPTION))
         if described > len(pages):
             raise InputError(
@@ -108,6 +101,12 @@ class Tiff:
                 "image sequence"
             )
         return pages
+
+    def is_raw(self) -> bool:
+        """Whether it is a camera's raw file: DNG, NEF, CR2 …"""
+        pages = [page for page in self._directories() if not self._is_copy(page)]
+        filtered = any(self._number(page, _PHOTOMETRIC, 1) in (_COLOUR_FILTER, _LINEAR_RAW) for page in pages)
+        return not pages or filtered or any(_DNG_VERSION in page for page in pages)
 
     def orientation(self) -> int:
         """Orientation by the first directory, 0 if it is not given."""

@@ -1,5 +1,7 @@
-// What is folded away on the screen is open on paper.
+// Printed is what a reader needs first; with "?appendix" behind the address all of it, also what is folded away.
 (() => {
+  if (!new URLSearchParams(location.search).has("appendix")) return;
+  document.documentElement.dataset.appendix = "";
   const folded = () => document.querySelectorAll("details:not([open])");
   let opened = [];
   addEventListener("beforeprint", () => {

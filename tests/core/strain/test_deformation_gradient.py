@@ -101,6 +101,16 @@ def test_uncertain_points_count_less():
     assert error < 1e-9 < np.abs(gradient_of(PLANE, rough).gradient[18, 15] - np.eye(2)).max()
 
 
+def test_a_point_that_is_uncertain_along_one_axis_has_the_noise_of_its_window():
+    """Its own weight is small, so that σ across that axis is at least that of the whole window with one point less."""
+    covariance = EXACT.copy()
+    covariance[20, 15, 0, 0] *= 1e6
+    plain = gradient_of(PLANE, PLANE).covariance[20, 15]
+    found = gradient_of(PLANE, PLANE, covariance=covariance).covariance[20, 15]
+    assert (np.diagonal(found) > 0.999 * np.diagonal(plain)).all()
+    assert (np.diagonal(found) < 1.3 * np.diagonal(plain)).all()
+
+
 def test_the_response_is_the_derivative():
     """Against differences of the gradient itself, for a surface that tilts and stretches much."""
     before = np.array([[1.0, 0.1], [0.2, 0.9], [0.5, -0.3]]) * 0.25

@@ -80,13 +80,21 @@ def test_no_window_reaches_across_a_gap(lost):
     np.testing.assert_allclose(found[right], [[-0.03, 0.0]] * int(right.sum()), atol=1e-12)
 
 
-def test_a_gap_that_ends_in_the_window_is_walked_around():
-    """Points behind single lost ones still count: the window of their neighbour is whole but for them."""
+def test_a_single_lost_point_hides_none():
     weights = ONES.copy()
-    weights[20, 15:17] = 0.0
-    points = windowed(weights=weights)
-    used = points.slope_weights(np.array([[19, 15]]), (7, 7), 1)[0, 1] != 0.0
-    assert used.sum() == 49 - 2
+    weights[20, 15] = 0.0
+    used = windowed(weights=weights).slope_weights(np.array([[19, 15]]), (7, 7), 1)[0, 1] != 0.0
+    assert used.sum() == 49 - 1
+
+
+def test_no_window_reaches_around_the_end_of_a_gap():
+    """Of a gap below the centre that ends two columns to its right, points count up to the diagonal past its end."""
+    weights = np.where((ROW == 20) & (COL < 17), 0.0, 1.0)
+    used = windowed(weights=weights).slope_weights(np.array([[19, 15]]), (7, 7), 1)[0, 1] != 0.0
+    below = np.zeros((7, 7), dtype=bool)
+    below[4, 5:], below[5, 6] = True, True
+    assert np.array_equal(used[4:], below[4:])
+    assert used[:4].all()
 
 
 def test_too_few_points_are_unknown():

@@ -32,3 +32,12 @@ def test_correlation_of_a_sum_is_the_mean_by_shares():
     rows, cols = np.array([0, 1, 0, 3, 9]), np.array([0, 0, 2, 1, 0])
     expected = 0.7 * affine.at(rows, cols) + 0.3 * quadratic.at(rows, cols)
     assert mixed([(0.7, affine), (0.3, quadratic)]).at(rows, cols) == pytest.approx(expected)
+
+
+@pytest.mark.parametrize("shape_function", ["affine", "quadratic"])
+def test_variance_of_a_weighted_sum(shape_function):
+    """Against the quadratic form over all pairs of points, of a sum that is wider than the correlation."""
+    weights, rho = np.random.default_rng(3).normal(size=(9, 5)), overlap(21, 7, shape_function)
+    row, col = np.indices(weights.shape).reshape(2, -1)
+    pairs = rho.at(np.subtract.outer(row, row), np.subtract.outer(col, col))
+    assert rho.variance(weights) == pytest.approx(weights.ravel() @ pairs @ weights.ravel(), rel=1e-12)

@@ -1,0 +1,37 @@
+"""Stress in a thin sheet of incompressible material, from the deformation gradient in its plane."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from dicflow.core.arrays import Array
+from dicflow.core.material.models import Model
+
+__all__ = ["sheet_stress", "sheet_stress_by_constants"]
+
+
+def sheet_stress(model: Model, c: Array, gradient: Array) -> Array:
+    """Nominal stress P (..., 2, 2) of a sheet whose surfaces are free of stress; force is P N per first area.
+
+    gradient : F (..., 2, 2), ∂x/∂X in the plane
+    With F = Σ λₐ nₐ ⊗ Nₐ and λ3 = 1/(λ1 λ2), P = Σ (tₐ − t3)/λₐ nₐ ⊗ Nₐ.
+    """
+    left, stretches, right = _principal(gradient)
+    slopes = model.slopes(c, stretches)
+    principal = (slopes[..., :2] - slopes[..., 2:]) / stretches[..., :2]
+    return np.asarray((left * principal[..., None, :]) @ right)
+
+
+def sheet_stress_by_constants(model: Model, c: Array, gradient: Array) -> Array:
+    """∂P/∂c (..., p, 2, 2) of :func:`sheet_stress`."""
+    left, stretches, right = _principal(gradient)
+    slopes = np.moveaxis(model.sensitivities(c, stretches), -1, -2)
+    principal = (slopes[..., :2] - slopes[..., 2:]) / stretches[..., None, :2]
+    return np.asarray((left[..., None, :, :] * principal[..., None, :]) @ right[..., None, :, :])
+
+
+def _principal(gradient: Array) -> tuple[Array, Array, Array]:
+    """Directions nₐ as columns (..., 2, 2), principal stretches (..., 3), and directions Nₐ as rows (..., 2, 2)."""
+    left, stretches, right = np.linalg.svd(gradient)
+    third = 1.0 / stretches.prod(axis=-1, keepdims=True)
+    return left, np.concatenate([stretches, third], axis=-1), right

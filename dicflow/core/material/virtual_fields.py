@@ -1,0 +1,274 @@
+"""Constants from whole fields: the virtual work of the stresses is that of the load, for every virtual displacement.
+
+For a sheet of thickness t between two grips, one at rest and the other pulled along Y by the force F, and every virtual
+displacement u* that is 0 at the first grip and (0, e) at the second, t ∫ P : ∂u*/∂X dA = F e. The sides are free. A
+**virtual field** is the gradient of u* at the points, and its work e by a unit force.
+
+Points (n,) have places, areas and deformation gradients F (step, n, 2, 2) in the first configuration; together their
+areas should be the sheet's.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+from scipy.optimize import least_squares
+from scipy.stats import chi2
+
+from dicflow.core.arrays import Array
+from dicflow.core.material.membrane import sheet_stress, sheet_stress_by_constants
+from dicflow.core.material.models import Model
+
+__all__ = [
+    "FieldFit",
+    "Sheet",
+    "VirtualField",
+    "balance",
+    "constants_of",
+    "piecewise_fields",
+    "sensitive_fields",
+    "uniform",
+]
+
+
+_ROUNDS = 2
+"""Searches, each with weights at the constants of the one before."""
+_LEAST_VARIANCE = 1e-8
+"""Variance of a sum of virtual works, relative to that of the noisiest one, that counts as noise at least."""
+_STEP = 1e-5
+"""Change of a gradient for differences."""
+
+
+class Sheet(NamedTuple):
+    """A thin specimen between two grips.
+
+    places : (n, 2) — X across the load, from 0 to ``width``, and Y along it, from 0 at the resting grip to ``length``
+    areas : (n,) — of the first surface that each point stands for [mm²]
+    gradients : (step, n, 2, 2)
+    forces : (step,) [N]
+    width, length, thickness : [mm]
+    u_gradient : standard deviation of each component of the gradients by noise
+    shared : number of neighbours that have the same noise, since their windows overlap
+    u_force : standard deviation of each force [N]
+    u_thickness : of the thickness, relative to it
+    """
+
+    places: Array
+    areas: Array
+    gradients: Array
+    forces: Array
+    width: float
+    length: float
+    thickness: float
+    u_gradient: float = 0.0
+    shared: float = 1.0
+    u_force: float = 0.0
+    u_thickness: float = 0.0
+
+
+class VirtualField(NamedTuple):
+    """gradient : ∂u*/∂X (n, 2, 2), or (step, n, 2, 2) for one that differs by step; work : e, one number or (step,)"""
+
+    gradient: Array
+    work: float | Array
+
+
+class FieldFit(NamedTuple):
+    """Constants (p,), and their covariance by noise of fields and forces, and by the thickness, (p, p).
+
+    residuals : of each sheet, virtual work of the stresses less that of the force, (step, field) [N]
+    """
+
+    constants: Array
+    independent: Array
+    common: Array
+    residuals: tuple[Array, ...]
+
+    @property
+    def covariance(self) -> Array:
+        """Of the constants, both shares together, (p, p)."""
+        return self.independent + self.common
+
+    @property
+    def correlation(self) -> Array:
+        """Of the constants by the independent share, (p, p)."""
+        scale = np.sqrt(np.diag(self.independent))
+        return np.asarray(self.independent / np.outer(scale, scale))
+
+
+def uniform(sheet: Sheet) -> VirtualField:
+    """u* = (0, Y / L), by which the mean of P_yy carries the force."""
+    gradient = np.zeros((len(sheet.areas), 2, 2))
+    gradient[:, 1, 1] = 1.0 / sheet.length
+    return VirtualField(gradient, 1.0)
+
+
+def balance(model: Model, c: Array, sheet: Sheet) -> Array:
+    """Force that the mean of P_yy carries at each step, relative to that measured, (step,); NaN without force."""
+    stress = sheet_stress(model, c, sheet.gradients)
+    work = sheet.thickness * np.einsum("n,sn->s", sheet.areas, stress[..., 1, 1]) / sheet.length
+    with np.errstate(divide="ignore", invalid="ignore"):
+        return np.asarray(np.where(sheet.forces == 0.0, np.nan, work / sheet.forces))
+
+
+def piecewise_fields(sheet: Sheet, columns: Array, rows: Array) -> list[VirtualField]:
+    """Bilinear virtual displacements on a mesh over the sheet.
+
+    One field for each component of each node between the grips, and one that moves the whole pulled grip along Y.
+    columns, rows : where the lines of the mesh lie along X and Y, from 0 to the width and the length; they should lie
+        between the points, so that the areas of these sum up each cell
+    """
+    shapes = _shapes(sheet, columns, rows)
+    fields = []
+    for row in range(1, len(rows) - 1):
+        for column in range(len(columns)):
+            for axis in (0, 1):
+                gradient = np.zeros((len(sheet.areas), 2, 2))
+                gradient[:, axis] = shapes[row, column]
+                fields.append(VirtualField(gradient, 0.0))
+    grip = np.zeros((len(sheet.areas), 2, 2))
+    grip[:, 1] = shapes[-1].sum(axis=0)
+    return [VirtualField(grip, 1.0), *fields]
+
+
+def _shapes(sheet: Sheet, columns: Array, rows: Array) -> Array:
+    """Gradients of the bilinear shape functions at the points, (row, column, n, 2)."""
+    across, by_x = _hats(sheet.places[:, 0], columns)
+    along, by_y = _hats(sheet.places[:, 1], rows)
+    return np.stack([along[:, None, :] * by_x[None, :, :], by_y[:, None, :] * across[None, :, :]], axis=-1)
+
+
+def _hats(places: Array, lines: Array) -> tuple[Array, Array]:
+    """Hat functions of the lines of a mesh and their slopes at places (n,), (line, n) each."""
+    cell = np.clip(np.searchsorted(lines, places, side="right") - 1, 0, len(lines) - 2)
+    side = np.diff(lines)[cell]
+    share, points = (places - lines[cell]) / side, np.arange(len(places))
+    values, slopes = np.zeros((2, len(lines), len(places)))
+    values[cell, points], values[cell + 1, points] = 1.0 - share, share
+    slopes[cell, points], slopes[cell + 1, points] = -1.0 / side, 1.0 / side
+    return values, slopes
+
+
+def sensitive_fields(model: Model, c: Array, sheet: Sheet, basis: Sequence[VirtualField]) -> list[VirtualField]:
+    """One virtual field per constant, most like the change of the stresses by it at each step; sums of a basis.
+
+    c : constants (p,) near the result
+    basis : fields that are equal at all steps
+    """
+    gradients = np.stack([field.gradient for field in basis]).reshape(len(basis), -1)
+    works, weights = np.array([field.work for field in basis]), np.sqrt(np.repeat(sheet.areas, 4))
+    solver = np.linalg.pinv((gradients * weights).T, rcond=1e-8)
+    changes = sheet_stress_by_constants(model, c, sheet.gradients)
+    found = []
+    for index in range(changes.shape[2]):
+        factors = (changes[:, :, index].reshape(len(changes), -1) * weights) @ solver.T
+        factors /= np.abs(factors).max()
+        shape = (len(changes), *basis[0].gradient.shape)
+        found.append(VirtualField((factors @ gradients).reshape(shape), factors @ works))
+    return found
+
+
+def constants_of(
+    model: Model, sheets: Sequence[Sheet], fields: Sequence[Sequence[VirtualField]], start: Array
+) -> FieldFit:
+    """Constants by weighted least squares over all steps and virtual fields of one or several specimens.
+
+    The virtual works of one step are weighted by the inverse of their covariance, since they share the noise of the
+    points; where the noise of gradients is unknown, alike. Where residuals are larger than the noise explains (5 %
+    level), or nothing is known of it, they give the variance.
+    fields : of each sheet
+    start : constants (p,) from which Gauss and Newton's search begins
+    Raises ValueError if there are not more equations than constants.
+    """
+    equations = sum(len(sheet.forces) * len(listed) for sheet, listed in zip(sheets, fields, strict=True))
+    if equations <= len(model.constants):
+        raise ValueError(f"{equations} equations for {len(model.constants)} constants; give more steps or fields")
+    systems, c = [_System(*pair) for pair in zip(sheets, fields, strict=True)], start
+    for _ in range(_ROUNDS):
+        whiteners = [system.whitener(model, c) for system in systems]
+        c = least_squares(
+            lambda x: _all(whiteners, [system.residuals(model, x) for system in systems]),  # noqa: B023
+            c,
+            lambda x: _all(whiteners, [system.slopes(model, x) for system in systems]),  # noqa: B023
+            x_scale="jac",
+            xtol=1e-12,
+        ).x
+    solver = np.linalg.pinv(_all(whiteners, [system.slopes(model, c) for system in systems]))
+    residuals = [system.residuals(model, c) for system in systems]
+    left = _all(whiteners, residuals)
+    variance = _variance(float(left @ left), equations - len(c), all(system.is_noisy for system in systems))
+    shift = solver @ _all(whiteners, [system.by_thickness() for system in systems])
+    return FieldFit(c, solver @ solver.T * variance, np.outer(shift, shift), tuple(residuals))
+
+
+def _variance(squares: float, freedom: int, is_known: bool) -> float:
+    """Variance of weighted residuals by their sum of squares; 1 where the known noise explains them."""
+    return 1.0 if is_known and squares <= chi2.ppf(0.95, freedom) else squares / freedom
+
+
+def _all(whiteners: Sequence[Array], parts: Sequence[Array]) -> Array:
+    """Parts of all sheets, (step, field) or (step, field, p), in units of their noise, one under the other."""
+    found = [(whitener @ part.reshape(*part.shape[:2], -1)) for whitener, part in zip(whiteners, parts, strict=True)]
+    flat = np.concatenate([one.reshape(-1, one.shape[-1]) for one in found])
+    return flat if parts[0].ndim == 3 else flat[:, 0]
+
+
+class _System:
+    """The equations of one sheet: a virtual work for each step and field."""
+
+    def __init__(self, sheet: Sheet, fields: Sequence[VirtualField]) -> None:
+        steps = len(sheet.forces)
+        self.sheet = sheet
+        self.gradients = [np.broadcast_to(field.gradient, (steps, *field.gradient.shape[-3:])) for field in fields]
+        self.works = np.stack([np.broadcast_to(field.work, steps) for field in fields], axis=-1)
+
+    @property
+    def is_noisy(self) -> bool:
+        """Whether the noise of the gradients is known."""
+        return self.sheet.u_gradient > 0.0
+
+    def residuals(self, model: Model, c: Array) -> Array:
+        """Work of the stresses less that of the forces, (step, field) [N]."""
+        work = self._work(sheet_stress(model, c, self.sheet.gradients)[:, :, None])
+        return np.asarray(work[..., 0] - self.works * self.sheet.forces[:, None])
+
+    def slopes(self, model: Model, c: Array) -> Array:
+        """Changes of the residuals by the constants, (step, field, p)."""
+        return self._work(sheet_stress_by_constants(model, c, self.sheet.gradients))
+
+    def by_thickness(self) -> Array:
+        """Change of the residuals by a standard error of the thickness: its share of the work, (step, field)."""
+        return np.asarray(self.sheet.u_thickness * self.works * self.sheet.forces[:, None])
+
+    def whitener(self, model: Model, c: Array) -> Array:
+        """Matrices (step, field, field) that make the noise of the residuals of one step independent and 1."""
+        steps, count = self.works.shape
+        if not self.is_noisy:
+            return np.broadcast_to(np.eye(count), (steps, count, count))
+        sheet, changes = self.sheet, _by_gradient(model, c, self.sheet.gradients)
+        noise = sheet.thickness * sheet.u_gradient * np.sqrt(sheet.shared) * sheet.areas[:, None, None]
+        parts = [np.einsum("snijkl,snij->snkl", changes, gradient) * noise for gradient in self.gradients]
+        by_point = np.stack(parts, axis=1).reshape(steps, count, -1)
+        by_force = sheet.u_force * self.works[..., None]
+        values, vectors = np.linalg.eigh(by_point @ by_point.swapaxes(1, 2) + by_force @ by_force.swapaxes(1, 2))
+        values = np.maximum(values, _LEAST_VARIANCE * values[:, -1:])
+        return np.asarray(vectors.swapaxes(1, 2) / np.sqrt(values)[..., None])
+
+    def _work(self, stress: Array) -> Array:
+        """Virtual work of stresses (step, n, p, 2, 2), (step, field, p)."""
+        parts = [np.einsum("n,snpij,snij->sp", self.sheet.areas, stress, gradient) for gradient in self.gradients]
+        return np.asarray(self.sheet.thickness * np.stack(parts, axis=1))
+
+
+def _by_gradient(model: Model, c: Array, gradients: Array) -> Array:
+    """∂P_ij/∂F_kl (..., 2, 2, 2, 2) by central differences."""
+    found = np.empty((*gradients.shape, 2, 2))
+    for k in range(2):
+        for column in range(2):
+            shift = np.zeros((2, 2))
+            shift[k, column] = _STEP
+            change = sheet_stress(model, c, gradients + shift) - sheet_stress(model, c, gradients - shift)
+            found[..., k, column] = change / (2.0 * _STEP)
+    return found

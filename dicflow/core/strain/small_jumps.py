@@ -1,0 +1,196 @@
+"""How much the motion jumps across lines through the points of a grid.
+
+Subsets on the line of a jump J average both sides, so that their places rise across it by J r(δ), with δ the distance
+from the line and r the **profile** of a subset, from −1/2 to 1/2 over its side. J is a coefficient of a least-squares
+fit to the displacements around a point: a polynomial of degree 3, which follows smooth motion, and J r(δ), for lines in
+four directions. It is a weighted sum of points, so that its covariance is known.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import NamedTuple
+
+import cv2
+import numpy as np
+from numpy.lib.stride_tricks import sliding_window_view
+
+from dicflow.core.arrays import Array, Codes, Index, Mask
+from dicflow.core.parts import beside_borders
+from dicflow.core.strain.deformation_gradient import ErrorShare, MeasuredSurface
+from dicflow.core.strain.window_fits import places_of
+from dicflow.core.uncertainty.covariance import displacement_covariance
+from dicflow.core.uncertainty.overlap import ShapeFunction, subset_weights
+
+__all__ = ["NORMALS", "GridOfSubsets", "Jumps", "grown", "jumps_at_points"]
+
+
+NORMALS = np.array([[1.0, 0.0], [0.0, 1.0], [0.5**0.5, 0.5**0.5], [0.5**0.5, -(0.5**0.5)]])
+"""Normals (row, col) of the lines."""
+_DEPTH, _WIDTH = 1.6, 0.7
+"""Distances from a point, normal to the line and along it, up to which points count [sides of a subset]."""
+_DEGREE, _MIN_POINTS_PER_TERM, _MAX_CONDITION = 3, 1.5, 1e7
+
+
+class GridOfSubsets(NamedTuple):
+    """Subsets of a grid: their side, the distance of its points [px], and how they may deform."""
+
+    size: int
+    step: int
+    shape_function: ShapeFunction
+
+    @property
+    def reach(self) -> int:
+        """Distance normal to a line up to which points count [points]."""
+        return max(1, round(_DEPTH * self.size / self.step))
+
+    @property
+    def width(self) -> int:
+        """The same along the line."""
+        return max(1, round(_WIDTH * self.size / self.step))
+
+    def profile(self, distance: Array, normal: Array) -> Array:
+        """r at distances from a line [points], −1/2 to 1/2. normal : (2,) — of the line"""
+        weights, pixel = subset_weights(self.size, self.shape_function), np.arange(self.size) - self.size // 2
+        across = np.add.outer(normal[0] * pixel, normal[1] * pixel)
+        table = np.arange(-self.size, self.size + 1)
+        values = [0.5 * np.sum(weights * np.sign(np.rint(1e6 * (across + at)))) for at in table]
+        return np.asarray(np.interp(self.step * distance, table, values))
+
+
+class Jumps(NamedTuple):
+    """The most significant of the jumps across lines through each point of a grid.
+
+    significance : (row, col) — |J| in standard deviations; 0 where unknown
+    jump : (row, col, 3) — J [mm]; direction : (row, col) — number of the normal of its line
+    """
+
+    significance: Array
+    jump: Array
+    direction: Codes
+
+
+class _Fit(NamedTuple):
+    """The fit for lines with a normal, over points of a square (side, side) around each one.
+
+    number : of the normal
+    terms : (term, n) — of the points that count, the profile first; places : (n,) — of these in the square
+    """
+
+    number: int
+    terms: Array
+    places: Index
+    side: int
+
+    @property
+    def weights(self) -> Array:
+        """Weights (side, side) of the points in J where all of them are known."""
+        in_jump = np.asarray(np.linalg.pinv(self.terms.T), dtype=np.float64)[:1]
+        return np.asarray(self.on_square(in_jump)[0])
+
+    def on_square(self, values: Array) -> Array:
+        """Values (k, n) of the points that count as squares (k, side, side), 0 elsewhere."""
+        whole = np.zeros((len(values), self.side**2))
+        whole[:, self.places] = values
+        return whole.reshape(-1, self.side, self.side)
+
+    def around(self, field: Array, at: Index) -> Array:
+        """Values (k, n) of a field (row, col) at the points that count around rows and columns (k, 2)."""
+        squares = sliding_window_view(np.pad(field, self.side // 2), (self.side, self.side))
+        return np.asarray(squares[at[:, 0], at[:, 1]].reshape(len(at), -1)[:, self.places])
+
+
+def jumps_at_points(surface: MeasuredSurface, lost: Mask, subsets: GridOfSubsets) -> Jumps:
+    """Jumps at all points around which none is missing, and at points near those where a jump was found.
+
+    lost : (row, col) — where a jump was found
+    """
+    best = Jumps(np.zeros(lost.shape), np.zeros((*lost.shape, 3)), np.zeros(lost.shape, dtype=np.uint8))
+    points = surface.points
+    values = points.values[..., :3] - points.values[..., 3:]
+    whole = (surface.known & ~beside_borders(points.parts)).astype(np.float64)
+    near = grown(lost, np.ones((2 * subsets.reach + 1,) * 2, dtype=np.uint8)) & surface.known
+    certain = surface._replace(errors=_least_around(surface, subsets.reach))
+    for fit in _fits(subsets):
+        square = fit.on_square(np.ones((1, len(fit.places))))[0]
+        complete = (_summed(whole, square) > len(fit.places) - 0.5) & surface.known
+        at = places_of(complete)
+        _take(best, at, _summed(values, fit.weights)[complete], _covariance(certain, at, fit.weights), fit.number)
+        at = places_of(near & ~complete)
+        if len(at):
+            _take(best, *_by_some_points(certain, at, fit), fit.number)
+    return best
+
+
+def grown(mask: Mask, by: Codes) -> Mask:
+    """The mask grown by a set of points (side, side)."""
+    return np.asarray(cv2.dilate(mask.astype(np.uint8), by) > 0, dtype=np.bool_)
+
+
+def _least_around(surface: MeasuredSurface, reach: int) -> list[ErrorShare]:
+    """Errors of the points, as large as the least ones around: those beside a jump are uncertain by the jump itself."""
+    sigma = np.where(surface.known, surface.points.sigma, np.inf)
+    least = cv2.erode(sigma, np.ones((reach + 1,) * 2, dtype=np.uint8))
+    share = np.divide(least, sigma, out=np.ones_like(sigma), where=surface.known)[..., None, None] ** 2
+    return [error._replace(covariance=share * error.covariance) for error in surface.errors]
+
+
+def _fits(subsets: GridOfSubsets) -> Iterator[_Fit]:
+    """The fits for all normals; none where too few points count."""
+    depth, width = subsets.reach, subsets.width
+    half = int(np.ceil(np.hypot(depth, width)))
+    row, col = np.mgrid[-half : half + 1, -half : half + 1]
+    for number, normal in enumerate(NORMALS):
+        across, along = row * normal[0] + col * normal[1], row * normal[1] - col * normal[0]
+        places = np.flatnonzero((np.abs(across) < depth + 0.1) & (np.abs(along) < width + 0.1))
+        x, y = across.ravel()[places] / depth, along.ravel()[places] / depth
+        powers = [x**a * y**b for a in range(_DEGREE + 1) for b in range(_DEGREE + 1 - a)]
+        terms = np.stack([subsets.profile(depth * x, normal), *powers])
+        if len(places) >= _MIN_POINTS_PER_TERM * len(terms) and np.linalg.cond(terms) ** 2 < _MAX_CONDITION:
+            yield _Fit(number, terms, places, 2 * half + 1)
+
+
+def _summed(values: Array, weights: Array) -> Array:
+    """Sums of a field (row, col, …) with weights (side, side) around each point."""
+    return np.asarray(cv2.filter2D(values, -1, weights, borderType=cv2.BORDER_CONSTANT))
+
+
+def _covariance(surface: MeasuredSurface, at: Index, weights: Array) -> Array:
+    """Covariance (n, 3, 3) of such sums of displacements at rows and columns (n, 2)."""
+    shares = [
+        share.rho.variance(weights) * displacement_covariance(share.covariance[at[:, 0], at[:, 1]])
+        for share in surface.errors
+    ]
+    return np.asarray(np.sum(shares, axis=0))
+
+
+def _by_some_points(surface: MeasuredSurface, at: Index, fit: _Fit) -> tuple[Index, Array, Array]:
+    """Where the known points tell, of rows and columns (n, 2): these (m, 2), jumps (m, 3), covariances (m, 3, 3)."""
+    points = surface.points
+    own = points.parts.number[at[:, 0], at[:, 1]]
+    part = fit.around(points.parts.number.astype(np.float64), at)
+    weights = np.where(part == own[:, None], fit.around(points.weights, at), 0.0)
+    weights /= np.maximum(weights.max(axis=1, keepdims=True, initial=0.0), 1e-300)
+    normal = (fit.terms * weights[:, None]) @ fit.terms.T
+    firm = np.linalg.cond(normal) < _MAX_CONDITION
+    at, weights = np.ascontiguousarray(at[firm]), weights[firm]
+    unit = np.broadcast_to(np.eye(len(fit.terms))[:, :1], (len(at), len(fit.terms), 1))
+    squares = fit.on_square((np.linalg.solve(normal[firm], unit)[..., 0] @ fit.terms) * weights)[:, None]
+    both = points.sums(at, squares)[:, 0]
+    shares = [
+        points.variances(at, squares, share.rho) * displacement_covariance(share.covariance[at[:, 0], at[:, 1]])
+        for share in surface.errors
+    ]
+    return at, both[:, :3] - both[:, 3:], np.sum(shares, axis=0)
+
+
+def _take(best: Jumps, at: Index, jump: Array, covariance: Array, number: int) -> None:
+    """Set jumps (n, 3) at rows and columns (n, 2) where they are more significant than those before."""
+    if not len(at):
+        return
+    whitened = np.einsum("nij,nj->ni", np.linalg.pinv(covariance, hermitian=True), jump)
+    significance = np.sqrt(np.maximum((whitened * jump).sum(axis=1), 0.0))
+    better = significance > best.significance[at[:, 0], at[:, 1]]
+    rows, cols = at[better].T
+    best.significance[rows, cols], best.jump[rows, cols] = significance[better], jump[better]
+    best.direction[rows, cols] = number

@@ -1,0 +1,144 @@
+"""Jumps of the motion that no lost points mark: a crack towards its tip, or one that opens by a fraction of a pixel.
+
+Strain has a ridge there that is none. The line of a jump goes where the jump is most significant along its normal
+(:mod:`dicflow.core.strain.small_jumps`). It counts where it stands out against noise; ahead of the end of its line,
+what is found there counts as the jump that may go on unseen. A line that goes on from lost points is a crack. Any other
+may be a narrow band of true strain as well, so that between none and all of the ridge is wrong.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import cv2
+import numpy as np
+
+from dicflow.core.arrays import Array, Codes, Index, Mask
+from dicflow.core.strain.deformation_gradient import MeasuredSurface
+from dicflow.core.strain.small_jumps import NORMALS, GridOfSubsets, Jumps, grown, jumps_at_points
+from dicflow.core.strain.window_fits import places_of
+
+__all__ = ["UnseenJumps", "unseen_jumps"]
+
+
+_SIGMAS = 6.0
+"""Significance above which a jump counts; on rendered photographs noise reaches it in one of 10,000 points."""
+_OF_BAND = 1.0 / 3.0**0.5
+"""Standard deviation of the wrong share of a ridge that may be a narrow band: any share is as likely."""
+_BESIDE = 1.5
+"""Distance from a line up to which points lie on it [points]."""
+
+
+class UnseenJumps(NamedTuple):
+    """The jump whose line counts most at each point of a grid.
+
+    jump : (row, col, 3) [mm]; 0 far from all lines
+    direction : (row, col) — number of the normal of its line
+    distance : (row, col) — of the point from the line, along its normal [points]
+    is_crack : (row, col) — where the line goes on from lost points; the jump may vanish within half a window there
+    subsets : of the grid; window : side of the window of a strain [points]
+    """
+
+    jump: Array
+    direction: Codes
+    distance: Array
+    is_crack: Mask
+    subsets: GridOfSubsets
+    window: int
+
+    def of_places(self) -> Array:
+        """What displacements (row, col, 3) may be off, since subsets average both sides of a crack [mm]."""
+        share = np.zeros(self.distance.shape)
+        for number, normal in enumerate(NORMALS):
+            here = self.is_crack & (self.direction == number)
+            share[here] = 0.5 - np.abs(self.subsets.profile(self.distance[here], normal))
+        return np.asarray(np.abs(share[..., None] * self.jump))
+
+    def of_slopes(self, at: Index, weights: Array) -> Array:
+        """What slopes per column and per row have by the jumps, and by their change along cracks, (n, 2, 2, 3) [mm].
+
+        at : (n, 2) — rows and columns; weights : (n, 2, high, wide) — of the points in both slopes
+        """
+        row, col = (np.arange(-(side // 2), side // 2 + 1) for side in weights.shape[2:])
+        rows, cols = at.T
+        shares = np.zeros((len(at), 2, 2))
+        for number, normal in enumerate(NORMALS):
+            here = np.flatnonzero(self.direction[rows, cols] == number)
+            distance = self.distance[rows, cols][here, None, None]
+            rise = self.subsets.profile(distance + np.add.outer(normal[0] * row, normal[1] * col), normal)
+            along = np.add.outer(normal[1] * row, -normal[0] * col) / (0.5 * self.window)
+            change = (rise - np.where(distance < 0.0, -0.5, 0.5)) * along
+            shares[here] = np.einsum("naij,knij->nka", weights[here], np.stack([rise, change]))
+        is_crack = self.is_crack[rows, cols][:, None]
+        shares *= np.stack([np.where(is_crack, 1.0, _OF_BAND), 1.0 * is_crack], axis=1)
+        return np.asarray(shares[..., None] * self.jump[rows, cols][:, None, None])
+
+
+def unseen_jumps(surface: MeasuredSurface, lost: Mask, subsets: GridOfSubsets, window: int) -> UnseenJumps | None:
+    """Jumps between the points of a surface; None where there is none.
+
+    lost : (row, col) — points at which a jump was found; window : side of the window of a strain [points]
+    """
+    jumps = jumps_at_points(surface, lost, subsets)
+    if not (jumps.significance > _SIGMAS).any():
+        return None
+    counts = _lines(jumps, surface, subsets.reach)
+    found = UnseenJumps(
+        np.zeros_like(jumps.jump),
+        np.zeros_like(jumps.direction),
+        np.zeros(lost.shape),
+        np.zeros(lost.shape, dtype=np.bool_),
+        subsets,
+        window,
+    )
+    _take_nearest(found, jumps, places_of(counts), _going_on(jumps, counts, lost, subsets.reach))
+    return found
+
+
+def _lines(jumps: Jumps, surface: MeasuredSurface, reach: int) -> Mask:
+    """Points (row, col) on the lines of jumps that count."""
+    gap = ~surface.known & (surface.points.parts.number > 0)
+    strength, strong = np.where(gap, np.inf, jumps.significance), jumps.significance > _SIGMAS
+    counts = np.zeros_like(gap)
+    for number, normal in enumerate(NORMALS):
+        largest = cv2.dilate(strength, _line(normal, reach, 0.1))
+        crest = (jumps.direction == number) & (jumps.significance > 0.0) & (strength >= largest) & surface.known
+        counts |= crest & grown(strong & crest, _line(normal[::-1] * (1.0, -1.0), reach, _BESIDE))
+    return counts
+
+
+def _going_on(jumps: Jumps, counts: Mask, lost: Mask, reach: int) -> Mask:
+    """Which of the points on lines (row, col) lie on one that goes on from lost points."""
+    found, before = np.zeros_like(counts), -1
+    while found.sum() > before:
+        before = found.sum()
+        for number, normal in enumerate(NORMALS):
+            ahead = grown(found | lost, _line(normal[::-1] * (1.0, -1.0), reach, _BESIDE))
+            found |= counts & (jumps.direction == number) & ahead
+    return found
+
+
+def _line(direction: Array, reach: int, beside: float) -> Codes:
+    """The points (side, side) within a reach of the middle that lie on a line through it."""
+    row, col = np.mgrid[-reach : reach + 1, -reach : reach + 1]
+    across, along = row * direction[1] - col * direction[0], row * direction[0] + col * direction[1]
+    return np.asarray((np.abs(across) <= beside) & (np.abs(along) <= reach), dtype=np.uint8)
+
+
+def _take_nearest(found: UnseenJumps, jumps: Jumps, lines: Index, is_crack: Mask) -> None:
+    """Set the jump that counts most at each point, of those at points (n, 2) on lines, the less the further away."""
+    shape, rows, cols = found.distance.shape, *lines.T
+    normal, size = NORMALS[jumps.direction[rows, cols]], np.linalg.norm(jumps.jump[rows, cols], axis=1)
+    reach, most = int(np.ceil(0.5 * (found.window + found.subsets.size / found.subsets.step))), np.zeros(shape)
+    for offset in np.ndindex(2 * reach + 1, 2 * reach + 1):
+        away = np.array(offset) - reach
+        to = lines + away
+        across, along = normal @ away, np.abs(normal[:, ::-1] @ (away * (1, -1)))
+        near = (np.abs(across) < reach) & (along <= 0.5 * found.window) & ((to >= 0) & (to < shape)).all(axis=1)
+        value = size * (1.0 - np.hypot(across, along) / (reach + found.window))
+        k = np.flatnonzero(near)
+        k = k[value[k] > most[tuple(to[k].T)]]
+        here, source = tuple(to[k].T), (rows[k], cols[k])
+        most[here], found.distance[here] = value[k], across[k]
+        found.jump[here], found.direction[here] = jumps.jump[source], jumps.direction[source]
+        found.is_crack[here] = is_crack[source]

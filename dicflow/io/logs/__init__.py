@@ -1,0 +1,1 @@
+"""Logs: what testing machines, balances and data loggers write while a test runs, as columns with units."""

@@ -1,0 +1,78 @@
+"""Fields of a deformed surface, and figures of a step."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import TYPE_CHECKING, Any
+
+from dicflow.kinds.quantities import BASIC
+from dicflow.kinds.total import named_with_unit
+
+if TYPE_CHECKING:
+    import numpy as np
+
+    from dicflow.core.uncertainty.covariance import MeasuredPoints
+
+__all__ = ["combined", "consistent_status", "degrees", "displacements", "median_errors", "shares"]
+
+
+def displacements(before: MeasuredPoints, after: MeasuredPoints, covariance: np.ndarray) -> dict[str, np.ndarray]:
+    """U, V and W, and σ of each."""
+    import numpy as np
+
+    from dicflow.core.uncertainty.covariance import displacement_covariance
+
+    values = after.xyz - before.xyz
+    values[np.isnan(values).any(axis=-1)] = np.nan
+    variances = np.diagonal(displacement_covariance(covariance), axis1=-2, axis2=-1)
+    deviations = np.sqrt(np.maximum(variances, 0.0))
+    return {
+        **{name: values[..., axis] for axis, name in enumerate("UVW")},
+        **{f"sigma_{name}": deviations[..., axis] for axis, name in enumerate("UVW")},
+    }
+
+
+def combined(fields: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
+    """Combined uncertainty of each quantity that has a standard deviation; this itself where the bias is unknown."""
+    import numpy as np
+
+    names = [name.removeprefix("sigma_") for name in fields if name.startswith("sigma_")]
+    biases = {name: np.nan_to_num(fields.get(f"bias_{name}", 0.0)) for name in names}
+    return {f"u_{name}": np.hypot(fields[f"sigma_{name}"], biases[name]) for name in names}
+
+
+def degrees(degree: np.ndarray) -> dict[str, Any]:
+    """The degree of most points, and the share of points of each."""
+    found = shares(degree)
+    return {"degree": int(max(found, key=lambda one: found[one])) if found else 1, "degree_shares": found}
+
+
+def shares(values: np.ndarray) -> dict[str, float]:
+    """The share of points of each value."""
+    import numpy as np
+
+    found, counts = np.unique(values, return_counts=True)
+    return {str(one): float(count / counts.sum()) for one, count in zip(found, counts, strict=True)}
+
+
+def consistent_status(status: np.ndarray, known: np.ndarray) -> np.ndarray:
+    """Status that agrees with the values: valid or filled if known, else a reason."""
+    import numpy as np
+
+    from dicflow.core.status import Status
+
+    reasons = np.where(known, np.minimum(status, Status.FILLED), np.maximum(status, Status.OUTSIDE))
+    return np.asarray(reasons, dtype=np.uint8)
+
+
+def median_errors(fields: Mapping[str, np.ndarray], unit: str) -> dict[str, float]:
+    """Median σ and u of displacements and strains; a quantity without values is absent."""
+    import numpy as np
+
+    found = {}
+    for prefix in ("sigma_", "u_"):
+        for name in BASIC:
+            known = fields[f"{prefix}{name}"][np.isfinite(fields[f"{prefix}{name}"])]
+            if known.size:
+                found[f"{prefix}{named_with_unit(name, unit)}"] = float(np.median(known))
+    return found

@@ -1,0 +1,179 @@
+"""What tests of a material say, and what they cannot say, in sentences."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from typing import TYPE_CHECKING
+
+from dicflow.kinds.material import FittedCurve, FittedModel
+
+if TYPE_CHECKING:
+    from dicflow.core.material.fit import Curve
+    from dicflow.core.material.prediction import Guess
+
+__all__ = ["verdict"]
+
+_ALIKE, _ALIKE_LEAST = 2.0, 0.02
+"""Residuals up to so many times those of the best model count as alike, and up to this share of the stress."""
+_WIDE = 0.1
+"""Half the range of predictions of models that fit alike, relative to their mean, from which it matters."""
+_UNLIKELY = 10.0
+"""AICc above the least one from which a model is excluded."""
+_UNCERTAIN = 0.3
+"""Half an interval of 95 %, relative to the constant, from which a constant counts as uncertain."""
+_DISCUSSED = 3
+"""Models whose constants are discussed."""
+_BADLY = 0.15
+"""Error of a prediction, relative to the stress, from which the tests contradict one another."""
+_MODES = {
+    "uniaxial": "uniaxial tension",
+    "planar": "planar tension (pure shear)",
+    "equibiaxial": "equibiaxial tension",
+    "biaxial": "biaxial tension",
+}
+_MISSING = {
+    "planar": "a wide specimen between long grips, such as 60 × 60 mm or wider than high",
+    "uniaxial": "a narrow strip, such as 60 × 20 mm",
+    "equibiaxial": "an equibiaxial test, such as a balloon",
+}
+
+
+def verdict(
+    fitted: Sequence[FittedModel],
+    curves: Sequence[FittedCurve],
+    refused: Mapping[str, str],
+    points: Sequence[Curve],
+) -> tuple[list[str], list[str]]:
+    """Sentences about the best model and about what the tests cannot tell, and those of them that warn.
+
+    fitted : the best first
+    """
+    best, alike = fitted[0], _fitting_alike(fitted)
+    found = [(_best(best, curves), False)]
+    found += [(text, True) for text in _unstable(fitted, best)]
+    found += [(text, True) for text in _untold_modes(alike, curves, points)]
+    found += [(text, best is model) for model in alike[:_DISCUSSED] for text in _untold_constants(model)]
+    found += [(text, "every model" in text) for text in _predictions(fitted, curves)]
+    found += [(text, True) for text in _misfit(best)]
+    found += [(text, False) for text in _common(curves)]
+    found += [(f"{name} was not fitted: {reason}.", False) for name, reason in refused.items()]
+    return [text for text, _ in found], [text.rstrip(".") for text, warns in found if warns]
+
+
+def _fitting_alike(fitted: Sequence[FittedModel]) -> list[FittedModel]:
+    """The best model and those stable ones with nearly as small residuals."""
+    most = max(_ALIKE * min(model.rms_all for model in fitted), _ALIKE_LEAST)
+    return [model for model in fitted if model is fitted[0] or (model.rms_all <= most and not model.unstable)]
+
+
+def _best(best: FittedModel, curves: Sequence[FittedCurve]) -> str:
+    names = ", ".join(f"{curve.name} ({curve.mode}, {curve.points} points)" for curve in curves)
+    modulus, half = best.shear_modulus
+    return (
+        f"{best.title} describes {names} best: residuals of {_percent(best.rms_all)} (rms), initial shear modulus "
+        f"{modulus:.4g} ± {half:.2g} MPa."
+    )
+
+
+def _unstable(fitted: Sequence[FittedModel], best: FittedModel) -> Iterator[str]:
+    for model in fitted:
+        if model.unstable and (model is best or model.rms_all <= 0.1):
+            where = ", ".join(f"{_MODES[mode]} from stretch {stretch:.2f}" for mode, stretch in model.unstable.items())
+            yield f"{model.title} with these constants is unstable in {where}; do not compute with it there."
+
+
+def _untold_modes(
+    alike: Sequence[FittedModel], curves: Sequence[FittedCurve], points: Sequence[Curve]
+) -> Iterator[str]:
+    """Modes in which models that fit alike differ, and the tests that would tell."""
+    from dicflow.core.material.prediction import spread_of
+
+    measured = {curve.mode for curve in curves}
+    wide = [one for one in spread_of(_guesses(alike), points) if one.percent > 100.0 * _WIDE]
+    if wide:
+        where = " and ".join(
+            f"±{_percent(one.percent / 100.0)} in {_MODES[one.mode]} at {one.stretch:.2f}" for one in wide
+        )
+        missing = [_MISSING[one.mode] for one in wide if one.mode not in measured]
+        advice = f"; add {' or '.join(missing)}" if missing else ""
+        names = ", ".join(model.title for model in alike)
+        which = f"Models that fit alike ({names})" if len(alike) > 1 else f"Constants of {names} that fit alike"
+        yield f"{which} predict stresses that differ by {where}: these tests cannot tell which holds there{advice}."
+    elif len(measured) == 1 and "biaxial" not in measured:
+        mode = next(iter(measured))
+        other = "planar" if mode != "planar" else "uniaxial"
+        yield (
+            f"All tests are in {_MODES[mode]}: no prediction of another mode could be checked; add {_MISSING[other]}."
+        )
+
+
+def _guesses(alike: Sequence[FittedModel]) -> list[Guess]:
+    """All constants that fit alike; with their covariance those that AICc does not exclude."""
+    import numpy as np
+
+    from dicflow.core.material.models import MODELS
+    from dicflow.core.material.prediction import Guess
+
+    least = min((model.aicc for model in alike if model.aicc is not None), default=0.0)
+    found = []
+    for model in alike:
+        likely = model.aicc is not None and model.aicc <= least + _UNLIKELY
+        zero = np.zeros((len(model.constants),) * 2)
+        covariance = np.array(model.covariance) if likely else zero
+        found.append(Guess(MODELS[model.name], np.array(model.values), covariance))
+        found += [Guess(MODELS[model.name], np.array(c), zero) for c in model.others]
+    return found
+
+
+def _untold_constants(model: FittedModel) -> Iterator[str]:
+    """Constants that the tests do not tell."""
+    uncertain = {one.name for one in model.constants if one.half_width > _UNCERTAIN * abs(one.value)}
+    if pairs := [pair for pair in model.unsure if uncertain & set(pair[:2])]:
+        one, other, rho = pairs[0]
+        yield f"{model.title}: these tests cannot tell {one} from {other} (correlation {rho:+.2f})."
+    if limits := [one.name for one in model.constants if one.at_limit]:
+        yield f"{model.title}: the tests do not need {', '.join(limits)}, which stopped at a limit of the search."
+    if unsure := [one.name for one in model.constants if not one.at_limit and not one.is_certain]:
+        yield f"{model.title}: the interval of 95 % of {' and '.join(unsure)} contains 0."
+    if model.others:
+        count = len(model.others)
+        fit = "1 other set of constants fits" if count == 1 else f"{count} other sets of constants fit"
+        yield f"{model.title}: {fit} as well within the scatter."
+
+
+def _predictions(fitted: Sequence[FittedModel], curves: Sequence[FittedCurve]) -> Iterator[str]:
+    """How well each test is predicted by the others."""
+    for index, curve in enumerate(curves):
+        known = [(error, model.title) for model in fitted if (error := model.left_out[index]) is not None]
+        if not known:
+            continue
+        (error, title), (worst, bad) = min(known), max(known)
+        if error >= _BADLY:
+            yield (
+                f"Left out, {curve.name} ({curve.mode}) is predicted badly by every model, within {_percent(error)} at "
+                f"best ({title}): look at its mode, section, first length and slack."
+            )
+            continue
+        text = f"Left out, {curve.name} ({curve.mode}) is predicted within {_percent(error)} by {title}"
+        yield text + (f", and within {_percent(worst)} by {bad}." if bad != title else ".")
+
+
+def _misfit(best: FittedModel) -> Iterator[str]:
+    if best.misfit_ratio is not None and best.scatter:
+        yield (
+            f"Points scatter about {best.title} by {_percent(best.scatter)} of the stress beyond their uncertainty: "
+            "the specimens differ, or the material is not such a model; the intervals contain this scatter."
+        )
+
+
+def _common(curves: Sequence[FittedCurve]) -> Iterator[str]:
+    if largest := max(curve.common for curve in curves):
+        yield (
+            f"Up to {_percent(largest)} of every stress is a common uncertainty of section and load (68 %): it scales "
+            "the constants in MPa and is part of their intervals, but not of the scatter about the curve."
+        )
+
+
+def _percent(share: float) -> str:
+    percent = 100.0 * share
+    return f"{percent:.1f} %" if percent < 10.0 else f"{percent:.0f} %" if percent < 1000.0 else "more than 1000 %"

@@ -1,0 +1,131 @@
+"""Jumps that no lost points mark, on points with the noise of overlapping subsets."""
+
+import numpy as np
+import pytest
+
+from dicflow.core.strain.deformation_gradient import ErrorShare, measured_surface
+from dicflow.core.strain.degree_choice import candidate_fits, chosen_gradient
+from dicflow.core.strain.small_jumps import NORMALS, GridOfSubsets, jumps_at_points
+from dicflow.core.strain.unseen_jumps import unseen_jumps
+from dicflow.core.uncertainty.overlap import overlap
+from tests.noise import point_errors
+
+STEP, SUBSET, WINDOW, NOISE_PX = 7, 31, 7, 0.005
+SHAPE = (50, 70)
+ROW, COL = np.mgrid[: SHAPE[0], : SHAPE[1]].astype(float)
+ROWS_FROM_LINE = ROW - 24.3
+SUBSETS = GridOfSubsets(SUBSET, STEP, "affine")
+NOWHERE = np.zeros(SHAPE, dtype=bool)
+
+
+def measured(displacement, seed=None, lost=NOWHERE):
+    """Points of a plane [px] with a displacement (row, col) along y, and errors as overlapping subsets have them."""
+    reference = STEP * np.stack([COL, ROW, 0.0 * ROW], axis=-1)
+    deformed = reference.copy()
+    deformed[..., 1] += displacement
+    if seed is not None:
+        rng = np.random.default_rng(seed)
+        deformed[..., :2] += point_errors(rng, SHAPE, NOISE_PX**2 * np.eye(2), SUBSET, STEP)
+    deformed[lost] = np.nan
+    covariance = np.diag([NOISE_PX**2, NOISE_PX**2, 0.0, 0.0, 0.0, 0.0])
+    share = ErrorShare(np.broadcast_to(covariance, (*SHAPE, 6, 6)), overlap(SUBSET, STEP))
+    return measured_surface(reference, deformed, [share])
+
+
+def ramp(jump):
+    """What affine subsets measure of a jump [px] across the line."""
+    return jump * np.clip(ROWS_FROM_LINE * STEP / SUBSET, -0.5, 0.5)
+
+
+def bent():
+    """A field of degree 3, with 3 % strain at the corners."""
+    x, y = COL / 35.0 - 1.0, ROW / 25.0 - 1.0
+    return 0.9 * (y**3 + x * y**2) + 2.0 * x * x
+
+
+def wrong_strain(surface, jumps):
+    """εyy of a plate without strain over σ, and over the uncertainty with the bias by the jumps."""
+    found = chosen_gradient(surface, candidate_fits((WINDOW, WINDOW), 1), jumps)
+    error = np.abs(found.surface.gradient[..., 1, 1] - 1.0)
+    variance, bias = found.surface.covariance[..., 3, 3], found.bias[..., 3, 3]
+    return error / np.sqrt(variance), error / np.sqrt(variance + bias)
+
+
+@pytest.mark.parametrize("shape", ["affine", "quadratic"])
+def test_profile(shape):
+    """Odd, from −1/2 to 1/2 over a subset along the grid; a third of an affine subset is beyond at a sixth of it."""
+    subsets = SUBSETS._replace(shape_function=shape)
+    for normal in NORMALS:
+        far = subsets.profile(np.array([-9.0, 0.0, 9.0]), normal)
+        assert far == pytest.approx([-0.5, 0.0, 0.5], abs=1e-9)
+        assert subsets.profile(np.array([-1.3]), normal) == pytest.approx(-subsets.profile(np.array([1.3]), normal))
+    if shape == "affine":
+        along = subsets.profile(np.array([SUBSET / 6.0 / STEP]), NORMALS[0])
+        assert along == pytest.approx([1.0 / 6.0], abs=0.02)
+
+
+@pytest.mark.parametrize("direction", range(4))
+def test_a_jump_is_measured_in_a_bent_field(direction):
+    """On its line it has its size, whatever smooth motion of degree 3 is around."""
+    normal = NORMALS[direction]
+    distance = (ROW - 25) * normal[0] + (COL - 35) * normal[1]
+    found = jumps_at_points(measured(0.3 * SUBSETS.profile(distance, normal) + bent()), NOWHERE, SUBSETS)
+    on_line = np.abs(distance) < 1e-6
+    on_line[:9], on_line[-9:], on_line[:, :9], on_line[:, -9:] = False, False, False, False
+    assert on_line.sum() > 20
+    assert (found.direction[on_line] == direction).all()
+    assert np.abs(found.jump[on_line][:, 1]) == pytest.approx(0.3, rel=1e-6)
+
+
+def test_noise_of_a_jump():
+    """Its squares are χ² with two degrees of freedom at rims, where a single direction has all its points."""
+    found = np.stack([jumps_at_points(measured(bent(), seed), NOWHERE, SUBSETS).significance for seed in range(30)])
+    assert found.max() < 6.0
+    squares = found[:, 10:-10, [3, 4, 5, 6, -7, -6, -5, -4]] ** 2
+    assert squares.min() > 0.0
+    assert squares.mean() == pytest.approx(2.0, rel=0.15)
+    assert (squares > 2.0 * np.log(20.0)).mean() == pytest.approx(0.05, abs=0.02)
+
+
+def test_smooth_motion_and_noise_have_none():
+    assert all(unseen_jumps(measured(bent(), seed), NOWHERE, SUBSETS, WINDOW) is None for seed in range(6))
+
+
+@pytest.mark.parametrize("jump", [0.1, 0.3])
+def test_a_crack_that_no_point_shows(jump):
+    """Strain along the whole line is beyond 3 σ, and within 3 u; away from it u is σ nearly everywhere."""
+    surface = measured(ramp(jump), 1)
+    scaled, stated = wrong_strain(surface, unseen_jumps(surface, NOWHERE, SUBSETS, WINDOW))
+    line, away = np.abs(ROWS_FROM_LINE) < 2.0, np.abs(ROWS_FROM_LINE) > 14.0
+    line[:, :4] = line[:, -4:] = False
+    assert (scaled[line] > 3.0).mean() > 0.95
+    assert (stated[line] > 3.0).mean() < 0.01
+    assert (stated[away] > 0.9 * scaled[away]).mean() > 0.9
+
+
+def test_a_crack_towards_its_tip():
+    """It is lost where it opens wide; from there to its tip displacements and strains are within 3 u."""
+    opening = 2.0 * np.maximum(1.0 - COL / 50.0, 0.0) ** 2
+    lost = (np.abs(ROWS_FROM_LINE) < 2.3) & (opening > 0.4)
+    surface = measured(ramp(opening), 2, lost)
+    jumps = unseen_jumps(surface, lost, SUBSETS, WINDOW)
+    scaled, stated = wrong_strain(surface, jumps)
+    beside = (np.abs(ROWS_FROM_LINE) < SUBSET / STEP) & (COL > 3) & (COL < 54) & ~lost
+    assert (scaled[beside] > 3.0).mean() > 0.2
+    assert (stated[beside] > 3.0).mean() < 0.01
+    wrong = np.abs(ramp(opening) - 0.5 * opening * np.sign(ROWS_FROM_LINE))
+    near_tip = (opening < 0.4) & (opening > 0.0)
+    u = np.hypot(jumps.of_places()[..., 1], NOISE_PX)
+    assert (wrong > 3.0 * NOISE_PX)[near_tip].mean() > 0.01
+    assert (wrong > 2.0 * u)[near_tip].mean() < 0.002
+
+
+def test_places_beside_a_crack_lie_between_both_sides():
+    """Half of the jump on the line, nothing beyond half a subset."""
+    opening = np.full(SHAPE, 0.3)
+    lost = (np.abs(ROWS_FROM_LINE) < 2.0) & (COL < 20)
+    off = unseen_jumps(measured(ramp(opening), lost=lost), lost, SUBSETS, WINDOW).of_places()[..., 1]
+    on_line = off[24, 25:60]
+    assert on_line == pytest.approx(0.15, rel=0.15)
+    assert off[24 + 3 :].max() == pytest.approx(0.0, abs=1e-12)
+    assert off[: 24 - 2].max() == pytest.approx(0.0, abs=1e-12)
