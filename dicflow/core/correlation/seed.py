@@ -27,8 +27,6 @@ __all__ = ["Pairs", "epipolar_pairs", "feature_pairs", "seed_warps", "window_cor
 
 CELL_PX = 12.0
 """Side of the cells of which each keeps one pair: close pairs give noisy gradients [px]."""
-_COARSE_PX = 3.0 * CELL_PX
-"""The same for cells of points, of which each has one motion [px]."""
 MAX_REACH = 2.0
 """Largest distance of a point from a pair, over the usual distance of a pair from its farthest neighbour in use."""
 SAMPLED_POINTS = 150
@@ -205,11 +203,11 @@ def _warps_from_pairs(pairs: Pairs, centres: Array) -> Array:
 
     Of close centres one gives the motion of all: it is affine there.
     """
-    kept, _ = _one_per_cell(pairs.source, CELL_PX)
+    kept, _ = _one_per_cell(pairs.source)
     pairs = Pairs(pairs.source[kept], pairs.target[kept])
     if len(pairs.source) < MIN_PAIRS:
         return np.full((len(centres), 2, 3), np.nan)
-    chosen, cell = _one_per_cell(centres, _COARSE_PX)
+    chosen, cell = _one_per_cell(centres)
     some = centres[chosen]
     warps = warp_from_gradient(*local_motion(*pairs, some))
     neighbours = min(len(pairs.source), 24)
@@ -218,9 +216,9 @@ def _warps_from_pairs(pairs: Pairs, centres: Array) -> Array:
     return recentred(warps[cell], centres - some[cell])
 
 
-def _one_per_cell(places: Array, side: float) -> tuple[Index, Index]:
-    """The first of the places (n, 2) in each cell of a side [px], and the cell of each place."""
-    column, row = np.floor(places / side).astype(np.int64).T
+def _one_per_cell(places: Array) -> tuple[Index, Index]:
+    """The first of the places (n, 2) in each cell, and the cell of each place."""
+    column, row = np.floor(places / CELL_PX).astype(np.int64).T
     _, first, cell = np.unique((column << 32) + row, return_index=True, return_inverse=True)
     return first, cell
 
