@@ -226,7 +226,7 @@ def test_a_region_file_without_a_region(run, data, text, words):
         (
             lambda rows: [],
             2,
-            "caliper.csv: has no rows, expected a caliper table; write a line of names, phase, load_g, length_mm",
+            "caliper.csv: has no rows, expected a caliper table; write a line of names, load_g, length_mm, phase",
         ),
         (lambda rows: [row.replace("length_mm", "length") for row in rows], 2, "no column 'length_mm' among phase"),
         (lambda rows: [row.replace("loading,0.00", "loading,nan") for row in rows], 2, "load_g is 'nan', expected"),

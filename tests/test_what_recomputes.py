@@ -21,13 +21,15 @@ THESIS = {
 }  # fmt: skip
 
 RECOMPUTES = {
-    "core.calibration": "calibrate corners",
+    "core.calibration": "calibrate corners scale",
     "core.cameras": "accumulate calibrate compare deformation disparity frame maps noise_floor probes reconstruct "
-    "rectify refine region rig_file stereo triangulate undistort",
+    "rectify refine region rig_file scale stereo triangulate undistort virtual_fields",
+    "core.channels": "channels compare probes stress",
     "core.correlation": "correlate match refine stereo track triangulate",
     "core.material": "curve hyperelastic stress virtual_fields",
-    "core.matching": "calibrate corners correlate disparity displacement features match refine region stereo track "
-    "triangulate",
+    "core.matching": "calibrate corners correlate disparity displacement features match refine region scale stereo "
+    "track triangulate",
+    "core.motion": "images",
     "core.photographs": "compare corners correlate disparity displacement features images probes reconstruct refine "
     "region stereo track triangulate",
     "core.probes": "frame probes",

@@ -11,7 +11,7 @@ from dicflow.explorer.entries import Contents, crop_entry, first_entry, quantity
 from dicflow.explorer.manifest import Manifest, QuantityEntry
 from dicflow.explorer.meaning import meaning
 from dicflow.explorer.reading import Reading
-from dicflow.pipeline.rig_answer import rig_answer
+from dicflow.pipeline.rig_answer import rig_answer, rig_sources
 from dicflow.views.colours import palette
 
 __all__ = ["manifest_of"]
@@ -39,15 +39,20 @@ def manifest_of(reading: Reading, title: str, shown: Contents, keep: Keep) -> Ma
         curves=[] if source.facts["form"] == "difference" else probe_curves(reading.result, quantity, keep),
         probes=probe_places(reading.result),
         load=loads(reading.result, [entry["number"] for entry in steps]),
-        rig=_rig_sentence(reading),
+        rig=_rig_sentence(reading, keep),
         left_out=list(shown.left_out),
         meaning=meaning(quantities, source.facts["unit"]),
     )
 
 
-def _rig_sentence(reading: Reading) -> str:
-    found = None if reading.source.facts["form"] == "difference" else rig_answer(reading.result)
-    return "" if found is None else found.sentence
+def _rig_sentence(reading: Reading, keep: Keep) -> str:
+    sources = [] if reading.source.facts["form"] == "difference" else rig_sources(reading.result)
+    return keep(["rig answer", *sources], lambda: _answered(reading)).decode() if sources else ""
+
+
+def _answered(reading: Reading) -> bytes:
+    found = rig_answer(reading.result)
+    return b"" if found is None else found.sentence.encode()
 
 
 def _palettes(quantities: Sequence[QuantityEntry], keep: Keep) -> dict[str, str]:

@@ -13,7 +13,7 @@ if TYPE_CHECKING:
     from dicflow.core.cameras.relative_orientation import MatchedPoints
     from dicflow.core.cameras.rig_check import RigCheck
 
-__all__ = ["rig_answer"]
+__all__ = ["rig_answer", "rig_sources"]
 
 _MOST_POINTS = 2000
 
@@ -22,15 +22,27 @@ def rig_answer(result: Result, variant: int = 0) -> RigCheck | None:
     """The check of the rig with which points were matched; None where no such points are stored."""
     from dicflow.core.cameras.rig_check import check_rig
 
+    stored = _stored(result, variant)
+    if not stored:
+        return None
+    right, left, rig = (result.product(stage, step, variant) for stage, step in stored)
+    calibrated = CalibratedRig.read(rig)
+    return check_rig(calibrated.cameras, calibrated.covariance, _matched(Correlation.read(left), Stereo.read(right)))
+
+
+def rig_sources(result: Result, variant: int = 0) -> list[str]:
+    """Digests of the products on which :func:`rig_answer` rests; empty without any."""
+    return [result.digest(stage, step, variant) for stage, step in _stored(result, variant)]
+
+
+def _stored(result: Result, variant: int) -> list[tuple[str, int | None]]:
+    """Stages and steps of the matched points, those of the left photograph, and the rig; empty if one is not there."""
     for stage in result.stages_of("stereo"):
         sources = {port: result.source(stage, port, variant) for port in ("rig", "correlation")}
-        stored = [(stage, 0), (sources["correlation"], 0), (sources["rig"], None)]
+        stored: list[tuple[str, int | None]] = [(stage, 0), (sources["correlation"], 0), (sources["rig"], None)]
         if all(result.has(one, step, variant) for one, step in stored):
-            right, left, rig = (result.product(one, step, variant) for one, step in stored)
-            calibrated = CalibratedRig.read(rig)
-            points = _matched(Correlation.read(left), Stereo.read(right))
-            return check_rig(calibrated.cameras, calibrated.covariance, points)
-    return None
+            return stored
+    return []
 
 
 def _matched(left: Correlation, right: Stereo) -> MatchedPoints:

@@ -22,7 +22,7 @@ export function probeMarks(probes, frame, view) {
     return [
       ...(ends.length > 1 ? ["x-probe x-probe-below", `x-probe x-probe-${sort}`].map((look) => svg("path", { d: path, class: look })) : []),
       ...(sort === "area" ? [] : ends.map(([cx, cy]) => svg("circle", { cx, cy, r: 3.5, class: "x-probe-end" }))),
-      ...["x-probe-name x-probe-below", "x-probe-name"].map((look) => svg("text", { x: x + 7, y: y - 7, class: look }, name)),
+      svg("text", { x: x + 7, y: y - 7, class: "x-probe-name" }, name),
     ];
   });
 }
