@@ -17,7 +17,7 @@ from dicflow.engine.graph import EARLY_STEPS
 from dicflow.engine.product import Product
 from dicflow.errors import ConfigurationError, DicflowError, InputError, StageError
 from dicflow.io.calibrations.read import parse_calibration
-from dicflow.io.images import ALL_SUFFIXES, read_grey
+from dicflow.io.images import ALL_SUFFIXES, RAW_SUFFIXES, read_grey
 from dicflow.io.images.search import MOST_ENTRIES
 from dicflow.kinds.images import Images
 from dicflow.kinds.region import Region
@@ -160,15 +160,25 @@ def _photographs(folder: Path) -> Iterator[PurePosixPath]:
     while waiting:
         entries = _visible(waiting.pop())
         visited += len(entries)
-        for entry in entries:
-            if PurePosixPath(entry.name).suffix.lower() in ALL_SUFFIXES and not entry.is_dir():
-                count += 1
-                yield _named(Path(entry.path).relative_to(folder))
+        for entry in _photographs_among(entries):
+            count += 1
+            yield _named(Path(entry.path).relative_to(folder))
         if count > _MAX_PHOTOGRAPHS or visited > MOST_ENTRIES:
             most = f"{_MAX_PHOTOGRAPHS} photographs or {MOST_ENTRIES} files and folders"
             raise InputError(f"{folder}: more than {most}; name the folder of one test")
         folders = [entry for entry in entries if entry.is_dir(follow_symlinks=False)]
         waiting += [entry.path for entry in reversed(folders) if entry.name.lower() not in _SKIPPED]
+
+
+def _photographs_among(entries: Sequence[os.DirEntry[str]]) -> list[os.DirEntry[str]]:
+    """The photographs of one folder: those that a camera has developed, else raw ones."""
+    suffixes = [PurePosixPath(entry.name).suffix.lower() for entry in entries]
+    found = [
+        (entry, suffix in RAW_SUFFIXES)
+        for entry, suffix in zip(entries, suffixes, strict=True)
+        if suffix in ALL_SUFFIXES and not entry.is_dir()
+    ]
+    return [entry for entry, is_raw in found if not is_raw] or [entry for entry, _ in found]
 
 
 def _visible(folder: str) -> list[os.DirEntry[str]]:
