@@ -3,6 +3,8 @@ VENV   ?= .venv
 PYTHON ?= $(firstword $(foreach version,3.11 3.12 3.13,$(shell command -v python$(version) 2>/dev/null)) python3)
 BIN    := $(VENV)/bin
 READY  := $(VENV)/.ready
+# Tests run in as many processes as there are cores; those of a file share what they prepare.
+AT_ONCE := -n logical --maxprocesses 4 --dist loadfile
 .DEFAULT_GOAL := help
 .PHONY: help setup quickstart test test-fast faults fuzz check measure accuracy bench peer samples lock clean
 
@@ -23,10 +25,10 @@ quickstart: $(READY) ## measure the specimen in data_samples and say where the m
 	@echo 'in the browser: $(BIN)/dicflow app pipelines/quickstart.yaml --data data_samples'
 
 test: $(READY)  ## run the tests
-	$(BIN)/python -m pytest
+	$(BIN)/python -m pytest $(AT_ONCE)
 
 test-fast: $(READY) ## run the tests that need neither a whole pipeline nor many repetitions
-	$(BIN)/python -m pytest -m "not slow"
+	$(BIN)/python -m pytest $(AT_ONCE) -m "not slow"
 
 faults: $(READY) ## kill, damage, fill up and race a store, hundreds of times; takes ten minutes
 	$(BIN)/python -m tests.faults
