@@ -1,7 +1,7 @@
 """Partners among the photographs of two cameras, by the times when they were taken.
 
 The clocks of two cameras disagree, by seconds or by hours, but hardly change within a test. So the intervals between
-photographs are alike on both sides, and one difference of the clocks makes most partners.
+photographs are alike on both sides, and one difference of the clocks makes most partners, and those that agree best.
 """
 
 from __future__ import annotations
@@ -15,6 +15,8 @@ __all__ = ["Ambiguous", "Clocks", "partners_by_time"]
 
 _FARTHEST = 0.25
 """Greatest lag between partners, as a share of the shortest interval between two photographs of one camera."""
+_AS_GOOD = 0.5
+"""Another difference of the clocks is as good if its partners count for so many less."""
 _SHARE_OF_PARTNERS = 0.5
 """With a smaller share of partners the times agree by chance."""
 _MOST_STEADY_S = 1.0
@@ -48,8 +50,9 @@ def partners_by_time(left_s: Sequence[float], right_s: Sequence[float]) -> Clock
     if not reach > 0.0:
         return None
     found = [_refined(left_s, right_s, ahead, reach) for ahead in _differences(left_s, right_s, reach)]
-    most = max(len(one.pairs) for one in found)
-    best = {one.pairs: one for one in found if len(one.pairs) == most}
+    scores = {one.pairs: _score(left_s, right_s, one, reach) for one in found}
+    best = {one.pairs: one for one in found if scores[one.pairs] >= max(scores.values()) - _AS_GOOD}
+    most = max(map(len, best))
     if len(best) > 1:
         best = {pairs: one for pairs, one in best.items() if abs(one.ahead_s) <= max(reach, _MOST_STEADY_S)}
     if most < 2 or most < _SHARE_OF_PARTNERS * max(len(left_s), len(right_s)):
@@ -57,6 +60,11 @@ def partners_by_time(left_s: Sequence[float], right_s: Sequence[float]) -> Clock
     if len(best) != 1:
         raise Ambiguous
     return next(iter(best.values()))
+
+
+def _score(left_s: Sequence[float], right_s: Sequence[float], clocks: Clocks, reach: float) -> float:
+    """Number of the partners, each of which counts the less the farther apart it is."""
+    return sum(1.0 - ((right_s[j] - left_s[i] - clocks.ahead_s) / reach) ** 2 for i, j in clocks.pairs)
 
 
 def _shortest(times: Sequence[float]) -> float:
