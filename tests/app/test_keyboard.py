@@ -146,3 +146,21 @@ def test_the_keyboard_alone_goes_the_whole_way(tmp_path):
         keys.press("Control+z")
         someone.said("taken back: title")
         assert "title" not in read(path).data
+
+
+def test_the_focus_stays_where_it_is_when_the_sidebar_is_drawn_again(tmp_path):
+    """It is drawn again when the server has said what a run would compute, which waits here until a link is focused."""
+    link = '#sidebar a[href="#settings"]'
+    with served(small_test(tmp_path)) as app, opened_page(app) as someone:
+        page, waiting = someone.page, []
+        page.route("**/plan*", lambda route: waiting.append(route))
+        page.reload()
+        someone.until(f"document.querySelector('{link}')")
+        page.focus(link)
+        page.evaluate(f"document.querySelector('{link}').isOld = true")
+        while not waiting:
+            page.wait_for_timeout(50)
+        for one in waiting:
+            one.continue_()
+        someone.until(f"!document.querySelector('{link}').isOld")
+        assert page.evaluate("document.activeElement.getAttribute('href')") == "#settings"

@@ -9,6 +9,7 @@ const WORDS = {
 /** Draw the sidebar. acts : choose(file), step("undo" or "redo") */
 export function sidebar(place, app, screens, acts) {
   const found = app.document;
+  const held = place.contains(document.activeElement) ? nameOf(document.activeElement) : null;
   fill(place,
     h("div", { className: "title" },
       h("strong", {}, found?.title ?? app.folder),
@@ -27,6 +28,12 @@ export function sidebar(place, app, screens, acts) {
       button("Redo", () => acts.step("redo"), { disabled: !found?.can.redo, title: found?.can.redo ? `Redo ${found.can.redo} (Ctrl+Y)` : "nothing to redo" }),
       button("Light/dark", swapTheme, { className: "quiet" })));
   showCurrent(place);
+  if (held) [...place.querySelectorAll("a, button, select")].find((one) => nameOf(one) === held)?.focus({ preventScroll: true });
+}
+
+/** What stays the same of an element when the sidebar is drawn again, so that the keyboard does not lose its place. */
+function nameOf(element) {
+  return element.getAttribute("href") ?? element.getAttribute("aria-label") ?? element.textContent;
 }
 
 /** Bring the link of the shown screen into view, where the list of screens scrolls sideways. */
