@@ -80,6 +80,20 @@ class Person:
         self.page.mouse.move(*self.at(end), steps=12)
         self.page.mouse.up()
 
+    def draw_extensometer(self, places: Sequence[Sequence[float]]) -> None:
+        """On the screen of the region, the first extensometer of this person, between two places of the photograph."""
+        self.page.focus(".viewer")
+        self.page.keyboard.press("e")
+        for place in places:
+            self.click(place)
+        self.said("saved: extensometer_1")
+
+    def compare_lengths_of(self, extensometer: str) -> None:
+        """Choose what the caliper is compared with."""
+        self.go("caliper")
+        self.page.get_by_label("extensometer").select_option(extensometer)
+        self.said("saved: extensometer of the comparison")
+
     def said(self, words: str) -> None:
         """Wait for a message, and close it."""
         message = self.page.locator("#messages .message", has_text=words)

@@ -80,7 +80,7 @@ def pairings_of(project: Project, series: Sequence[Mapping[str, Any]]) -> list[d
 
     series : of each the ``names`` of its photographs for the project, in their order, and its ``role``
     Returns for each ``subject`` its ``ways``, each with ``by``, ``note``, the number of ``pairs``, and the ``first``
-    and ``last`` of them as names; and ``usual``: the way that needs nobody to confirm it, None if there is none.
+    and ``last`` of them as names; and ``usual``: the way that needs nobody to confirm it, or None.
     """
     facts, found = Facts(project.data_folder), []
     for subject, *sides in _PAIRED:

@@ -90,7 +90,7 @@ class Channels(Table):
 
     @property
     def load(self) -> str:
-        """Name of the channel with the load on the specimen. Raises StageError if there is none."""
+        """Name of the channel with the load on the specimen. Raises StageError without a load."""
         found = self.product.attrs["load"]
         if found is None:
             raise StageError(

@@ -126,7 +126,7 @@ def _rows_by(log: Log, names: Sequence[str], steps: Sequence[str]) -> np.ndarray
 
 
 def _number(name: str) -> str:
-    """The last number in a name, without zeros before it; empty if there is none."""
+    """The last number in a name, without zeros before it; empty without a number."""
     found = _NUMBER.findall(name)
     return str(int(found[-1])) if found else ""
 

@@ -149,7 +149,7 @@ class Channels(Node):
             raise InputError(log.where, f"the load, {self.load}, is in {unit}", "expected a force or a weight")
 
     def _load(self, log: Log) -> str | None:
-        """Name of the channel with the load; None if there is none, or several and none is called force."""
+        """Name of the channel with the load; None without one, or if several are loads and none is called force."""
         forces = [name for name, column in log.columns.items() if column.unit == "N"]
         if self.load is not None:
             return self.load

@@ -47,8 +47,8 @@ class VirtualFields(Node):
     The specimen is a thin sheet of rubber whose sides are free, pulled along the y of the photographs. For virtual
     displacements on a coarse mesh, which move the last row of points as a whole and leave the first at rest, the work
     of the stresses is that of the load: one equation each at every step. They are weighted by the noise that their
-    points share. The mean stress along the load times the section is the load whatever the section does: the **force
-    balance**.
+    points share. The mean stress along the load times the section is the load, also where the section is not uniform:
+    the **force balance**.
 
     Points lost at some step are left out of all; where the points do not reach the sides of the specimen, its rim is
     taken to carry as much as the others.

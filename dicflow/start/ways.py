@@ -76,7 +76,7 @@ def chosen_way(left: Series, right: Series, taken: Taken, by: By | None) -> Way:
 
 
 def usual_way(left: Series, right: Series, ways: Sequence[Way]) -> Way | None:
-    """The surest of these ways that nobody has to confirm; None if there is none.
+    """The surest of these ways that nobody has to confirm; None without one.
 
     Names that leave a photograph alone must be confirmed, and so must the order, unless the counters run alike.
     """

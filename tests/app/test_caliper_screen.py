@@ -77,14 +77,8 @@ def test_another_extensometer_is_drawn_chosen_and_renamed(copied):
         page = someone.page
         page.wait_for_selector(".viewer")
         page.wait_for_timeout(400)
-        page.focus(".viewer")
-        page.keyboard.press("e")
-        for place in SECOND:
-            someone.click(place)
-        someone.said("saved: extensometer_1")
-        someone.go("caliper")
-        page.get_by_label("extensometer").select_option("extensometer_1")
-        someone.said("saved: extensometer of the comparison")
+        someone.draw_extensometer(SECOND)
+        someone.compare_lengths_of("extensometer_1")
         assert stages(copied)["comparison"]["extensometer"] == "extensometer_1"
         page.get_by_role("button", name="Compute the comparison").click()
         page.wait_for_selector(".x-chart polyline", timeout=120_000)

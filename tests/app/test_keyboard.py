@@ -41,6 +41,11 @@ class Keys:
         for key in keys:
             self.page.keyboard.press(key)
 
+    def choose(self, words) -> None:
+        """Press Enter on a control."""
+        self.reach(words)
+        self.press("Enter")
+
     def go(self, title, screen) -> None:
         """Go to a screen by its link."""
         self.reach(title, "a")
@@ -77,8 +82,7 @@ def changes_a_setting(keys, path):
     keys.page.wait_for_selector(".parameter")
     keys.type("window", "60 px")
     keys.page.wait_for_selector(".would")
-    keys.reach("Save to the file")
-    keys.press("Enter")
+    keys.choose("Save to the file")
     keys.someone.until("document.querySelector('.pending') && !document.querySelector('.would')")
     assert read(path).data["stages"]["total"]["window"] == "60 px"
 
@@ -86,8 +90,7 @@ def changes_a_setting(keys, path):
 def runs(keys):
     keys.go("Run", "run")
     keys.page.wait_for_selector("h1.state.none")
-    keys.reach("Start")
-    keys.press("Enter")
+    keys.choose("Start")
     keys.page.wait_for_selector("h1.state.done")
 
 
@@ -99,8 +102,7 @@ def reads_and_keeps_a_point(keys, path):
     keys.press("Home", "Shift+ArrowRight", "Shift+ArrowDown", "Enter")
     keys.someone.until(f"{EXPLORER}.points.length === 1")
     k = keys.page.evaluate(f"{EXPLORER}.points[0].index")
-    keys.reach("Keep the point as a probe")
-    keys.press("Enter")
+    keys.choose("Keep the point as a probe")
     keys.someone.until(f"{EXPLORER}.manifest.probes.length === 2")
     total = Total.read(Pipeline.load(path).result().product("total", 1))
     kept = read(path).data["stages"]["probes"]["points"]["point_1"]
@@ -112,12 +114,10 @@ def compares_with_a_caliper(keys, path):
     for step, length in enumerate(("60", "60,05", "60")):
         keys.type(f"load at step_{step:04}", str(10 * step))
         keys.type(f"length at step_{step:04}", length)
-    keys.reach("Save the lengths")
-    keys.press("Enter")
+    keys.choose("Save the lengths")
     keys.page.wait_for_selector("text=Compute the comparison")
     assert read_caliper(path.parent / "caliper.csv").length_mm.tolist() == [60.0, 60.05, 60.0]
-    keys.reach("Compute the comparison")
-    keys.press("Enter")
+    keys.choose("Compute the comparison")
     keys.page.wait_for_selector(".x-chart polyline")
 
 
@@ -126,8 +126,7 @@ def hands_over(keys, path):
     keys.page.wait_for_selector(".fact")
     keys.type("title", "By keys")
     keys.someone.until("document.querySelector('#sidebar strong').textContent === 'By keys'")
-    keys.reach("Write the report")
-    keys.press("Enter")
+    keys.choose("Write the report")
     keys.page.wait_for_selector("text=written: results/pipeline/report.html")
     assert "By keys" in (path.parent / "results/pipeline/report.html").read_text()
 

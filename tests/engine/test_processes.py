@@ -7,7 +7,6 @@ import signal
 import subprocess
 import sys
 import threading
-import time
 from functools import partial
 from pathlib import Path
 
@@ -15,6 +14,7 @@ import psutil
 import pytest
 from test_execute import trouble
 from toys import chain, numbers, run_sync
+from waiting import until
 
 from dicflow.engine import processes
 from dicflow.engine.processes import WorkerLost, WorkerProcesses, survive
@@ -38,9 +38,10 @@ def raise_input_error():
     raise InputError("photo.png: is empty")
 
 
-def process_after_a_while(_: object) -> int:
-    """The process, which is busy long enough for another one to be taken beside it."""
-    time.sleep(0.5)
+def process_that_meets(others: Path) -> int:
+    """The process, once two have come to a folder: so both are at work at once."""
+    (others / str(os.getpid())).touch()
+    until(lambda: len(list(others.iterdir())) == 2)
     return os.getpid()
 
 
@@ -87,10 +88,10 @@ def test_calls_run_elsewhere_and_bring_values_and_errors_back():
         assert workers.call(pow, 2, 3) == 8
 
 
-def test_a_preferred_worker_is_taken_if_it_is_free():
+def test_a_preferred_worker_is_taken_if_it_is_free(tmp_path):
     with WorkerProcesses(2) as workers:
         workers.start()
-        both = {process for process in workers.map(process_after_a_while, [None, None])}
+        both = set(workers.map(process_that_meets, [tmp_path, tmp_path]))
         first, second = sorted(both)
         assert [workers.call(os.getpid, preferred=second) for _ in range(3)] == [second] * 3
         assert [workers.call(os.getpid, preferred=first) for _ in range(3)] == [first] * 3

@@ -1,4 +1,4 @@
-"""Loading and unloading, told apart by the load."""
+"""Loading and unloading, by the course of the load."""
 
 from __future__ import annotations
 

@@ -14,7 +14,7 @@ from dicflow.core.material.models import Model
 from dicflow.core.material.modes import MODES, principal_stretches
 from dicflow.core.material.response import nominal_stress, stress_by_constants, stress_by_stretch
 
-__all__ = ["Curve", "Fit", "fit", "largest_invariant", "relative_errors"]
+__all__ = ["Curve", "Fit", "correlation_of", "fit", "largest_invariant", "relative_errors"]
 
 _LEAST_SHARE = 0.05
 """Errors in proportion to the stress are at least those of this share of the largest stress."""
@@ -86,9 +86,7 @@ class Fit(NamedTuple):
     @property
     def correlation(self) -> Array:
         """Of the constants by the independent share, (p, p); NaN for those at a limit."""
-        scale = np.sqrt(np.diag(self.independent))
-        with np.errstate(invalid="ignore", divide="ignore"):
-            return np.asarray(self.independent / np.outer(scale, scale))
+        return correlation_of(self.independent)
 
     @property
     def half_width(self) -> Array:
@@ -103,6 +101,13 @@ class Fit(NamedTuple):
 
 
 _NORMAL = float(norm.ppf(0.975))
+
+
+def correlation_of(covariance: Array) -> Array:
+    """Correlation (p, p) of constants from their covariance (p, p); NaN for those without a variance."""
+    scale = np.sqrt(np.diag(covariance))
+    with np.errstate(invalid="ignore", divide="ignore"):
+        return np.asarray(covariance / np.outer(scale, scale))
 
 
 def fit(model: Model, curves: Sequence[Curve]) -> Fit:

@@ -18,6 +18,7 @@ from scipy.optimize import least_squares
 from scipy.stats import chi2
 
 from dicflow.core.arrays import Array
+from dicflow.core.material.fit import correlation_of
 from dicflow.core.material.membrane import sheet_stress, sheet_stress_by_constants
 from dicflow.core.material.models import Model
 
@@ -94,8 +95,7 @@ class FieldFit(NamedTuple):
     @property
     def correlation(self) -> Array:
         """Of the constants by the independent share, (p, p)."""
-        scale = np.sqrt(np.diag(self.independent))
-        return np.asarray(self.independent / np.outer(scale, scale))
+        return correlation_of(self.independent)
 
 
 def uniform(sheet: Sheet) -> VirtualField:

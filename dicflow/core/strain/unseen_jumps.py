@@ -81,7 +81,7 @@ class UnseenJumps(NamedTuple):
 
 
 def unseen_jumps(surface: MeasuredSurface, lost: Mask, subsets: GridOfSubsets, window: int) -> UnseenJumps | None:
-    """Jumps between the points of a surface; None where there is none.
+    """Jumps between the points of a surface; None without any.
 
     lost : (row, col) — points at which a jump was found; window : side of the window of a strain [points]
     """

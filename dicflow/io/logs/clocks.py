@@ -62,7 +62,7 @@ def read_clocks(cells: Sequence[str], dates: Sequence[str] | None = None) -> Clo
 
 
 def read_dates(matches: Sequence[re.Match[str] | None]) -> np.ndarray | None:
-    """Days (row,) since 1970; None without dates, or if day and month cannot be told apart.
+    """Days (row,) since 1970; None without dates, or if the day may be the month.
 
     ``03/05/2026`` may be in March or in May. If all dates are one such date, nothing tells; of several, the order in
     which they span fewer days is the right one.

@@ -50,7 +50,7 @@ class NumberStyle(NamedTuple):
 
 
 def number_and_unit(cell: str) -> tuple[str, str] | None:
-    """The number in a cell, as text, and the unit behind it, empty if there is none; None for other text."""
+    """The number in a cell, as text, and the unit behind it, which may be empty; None for other text."""
     match = NUMBER.fullmatch(cell.strip())
     return (match["number"], match["unit"] or "") if match else None
 

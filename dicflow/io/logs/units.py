@@ -94,7 +94,7 @@ def in_brackets(title: str) -> str:
 
 
 def without_unit(title: str) -> tuple[str, str]:
-    """The title of a column and the unit at its end, which is empty if there is none that is known.
+    """The title of a column and the unit at its end, which is empty if no known one stands there.
 
     >>> without_unit("Load [kN]"), without_unit("Weg in mm"), without_unit("Zeit / s"), without_unit("Cycle")
     (('Load', 'kN'), ('Weg', 'mm'), ('Zeit', 's'), ('Cycle', ''))

@@ -134,7 +134,7 @@ def test_three_shapes_by_fields_that_follow_the_sensitivity(sheets):
 
 
 def noisy(sheet, rng, thickness=1.0):
-    """The sheet with noise of gradients and forces, and another thickness than is told."""
+    """The sheet with noise of gradients and forces, and another thickness than is stated."""
     u_gradient, u_force = 2e-3, 1e-3
     gradients = sheet.gradients + u_gradient * rng.standard_normal(sheet.gradients.shape)
     forces = sheet.forces * thickness + u_force * rng.standard_normal(len(sheet.forces))

@@ -66,7 +66,7 @@ def test_profile(shape):
 
 @pytest.mark.parametrize("direction", range(4))
 def test_a_jump_is_measured_in_a_bent_field(direction):
-    """On its line it has its size, whatever smooth motion of degree 3 is around."""
+    """On its line it has its size, with any smooth motion of degree 3 around it."""
     normal = NORMALS[direction]
     distance = (ROW - 25) * normal[0] + (COL - 35) * normal[1]
     found = jumps_at_points(measured(0.3 * SUBSETS.profile(distance, normal) + bent()), NOWHERE, SUBSETS)
