@@ -65,8 +65,9 @@ class JobQueue:
 
     def release(self, name: str) -> None:
         """Look again at the jobs that wait for a task that has ended or begun."""
-        if name in self._outcomes:
-            self._durations.add(self._outcomes[name])
+        outcome = self._outcomes.get(name)
+        if outcome is not None:
+            self._durations.add(outcome)
         entries = self._waiting.pop(name, [])
         self._waiting_count -= len(entries)
         for entry in entries:
@@ -86,7 +87,7 @@ class JobQueue:
         return self._waiting_count < _AHEAD and (not self._ready or left < _END)
 
     def _pop_at_the_end(self, free: int) -> tuple[int, Job] | None:
-        """Of the jobs that can begin the one that most jobs wait for, one after the other; of equal ones the longest."""
+        """Of the jobs that can begin the one with most behind it, one after the other; of equal ones the longest."""
         behind = {entry[0]: self._behind(entry[1]) for entry in self._ready}
         near = [entry for entry in self._ready if behind[entry[0]] >= max(behind.values()) - _NEARLY_AS_LONG]
 
