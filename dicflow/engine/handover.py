@@ -7,7 +7,6 @@ with the run. What is read is the product of its digest, or nothing.
 from __future__ import annotations
 
 import io
-import os
 import shutil
 import zipfile
 from collections import deque
@@ -76,7 +75,7 @@ def _write(path: Path, product: Product) -> None:
 
     content = io.BytesIO()
     np.savez(content, *(variable.values for variable in product.variables.values()))
-    write_file(path, content.getvalue(), path.with_suffix(f".{os.getpid()}"))
+    write_file(path, content.getvalue())
 
 
 def _read(path: Path, manifest: Manifest) -> Product | None:
