@@ -20,6 +20,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple, overload
 from dicflow.engine.files import FilePart
 from dicflow.engine.handover import Handover
 from dicflow.engine.integrity import GONE, check_product
+from dicflow.engine.looks import with_looks
 from dicflow.engine.node import Node
 from dicflow.engine.objects import LazyVariables, Manifest, describe, normalised, stored_array
 from dicflow.engine.product import Product
@@ -251,7 +252,7 @@ def _remade(store: Store, ref: Ref) -> Product:
     if recipe is None:
         raise NotKeptError(f"{store.path}: {ref.digest[:19]}… was not kept; run the pipeline again to use it")
     with clock.remaking():
-        product = normalised(recipe.node.run(**arguments(store, recipe.inputs, recipe.files)))
+        product = normalised(recipe.node.run(**with_looks(recipe.node, arguments(store, recipe.inputs, recipe.files))))
         manifest = describe(product)
     if manifest.digest != ref.digest:
         raise StageError(

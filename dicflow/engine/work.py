@@ -27,6 +27,7 @@ from dicflow.engine.graph import Task, TaskInput
 from dicflow.engine.hashing import digest_file
 from dicflow.engine.journal import Status
 from dicflow.engine.keys import input_digests, key_of, key_parts
+from dicflow.engine.looks import looks_product, with_looks
 from dicflow.engine.node import At, Node
 from dicflow.engine.objects import Manifest, describe, normalised
 from dicflow.engine.plan import CodePolicy, FileStamp, code_warning, find_hit
@@ -192,7 +193,7 @@ def _performed(job: Job, inputs: tuple[Outcome, ...], start: float) -> Outcome:
     refs = {**job.known, **{outcome.name: outcome.ref for outcome in inputs if outcome.ref is not None}}
     sources = {port: _joined(source, refs) for port, source in task.inputs.items()}
     digests = {name: file.digest for name, file in job.files.items()}
-    parts = key_parts(task.node, job.parameters, input_digests(sources), digests)
+    parts = key_parts(task.node, job.parameters, input_digests(sources), digests, task.is_look)
     key = key_of(parts)
     recipe = Recipe(task.name, task.node, sources, task.files)
     record, kept, against = find_hit(store, key, job.code, job.code_policy)
@@ -206,7 +207,9 @@ def _performed(job: Job, inputs: tuple[Outcome, ...], start: float) -> Outcome:
     product, times, stage_cpu_s = _run(job, store, recipe)
     with with_threads(job.threads):
         manifest = describe(product)
-        keep = is_kept(task.node, len(product.variables), manifest.nbytes, sum(times), recipe.depth, job.gathered)
+        keep = task.is_look or is_kept(
+            task.node, len(product.variables), manifest.nbytes, sum(times), recipe.depth, job.gathered
+        )
         manifest = store.put(product, manifest, keep)
     products.put(manifest.digest, product, manifest.nbytes, manifest.kept)
     if not manifest.kept:
@@ -250,11 +253,11 @@ def _run(job: Job, store: Store, recipe: Recipe) -> tuple[Product, tuple[float, 
     processor = _clock(job)
     cpu_start = processor()
     with with_threads(job.threads):
-        product = node.run(**given)
+        product = looks_product(node, given) if job.task.is_look else node.run(**with_looks(node, given))
     remake_s = clock.remake_s - remade
     stage_s = time.perf_counter() - start - remake_s - (clock.read_s - read)
     stage_cpu_s = processor() - cpu_start
-    if not isinstance(product, Product) or product.kind != node.gives:
+    if not isinstance(product, Product) or (product.kind != node.gives and not job.task.is_look):
         found = f"a product '{product.kind}'" if isinstance(product, Product) else type(product).__name__
         raise StageError(f"the stage '{node.stage}' gave {found} where it declares '{node.gives}'; fix the stage")
     for name, file in job.files.items():
