@@ -31,7 +31,7 @@ if TYPE_CHECKING:
     from dicflow.engine.phases import Phases
     from dicflow.pipeline import Pipeline, Result
 
-__all__ = ["plan", "run", "why"]
+__all__ = ["compute_and_write", "exit_code", "plan", "run", "why"]
 
 
 def run(
@@ -67,20 +67,19 @@ def run(
     """
     from dicflow.engine.phases import Phases
     from dicflow.io.files import make_folder
-    from dicflow.pipeline.profile import TASKS
-    from dicflow.views.console import consoles
 
     phases = Phases()
     phases.end("start")
-    _, progress = consoles()
     loaded = load(pipeline, data, store, settings)
     folder = results_folder(loaded, output)
     assert loaded.graph
     make_folder(folder)
-    result = _compute(
+    result = compute_and_write(
         loaded,
-        progress,
+        folder,
         phases,
+        pictures=not no_pictures,
+        report=not no_report,
         scheduler=scheduler,
         workers=workers,
         dashboard=dashboard,
@@ -88,14 +87,8 @@ def run(
         keep_going=keep_going,
         linger=_until_enter if dashboard and wait else None,
     )
-    phases.end(TASKS)
-    _write_files(result, folder, workers, progress, pictures=not no_pictures)
-    phases.end("pictures and tables")
-    if not no_report:
-        _write_report(loaded, result, folder, workers, progress)
-        phases.end("report")
-    _end_run(progress, result, phases if profile else None, as_json)
-    raise typer.Exit(_exit_code(result))
+    _end_run(result, phases if profile else None, as_json)
+    raise typer.Exit(exit_code(result))
 
 
 def plan(
@@ -144,6 +137,27 @@ def why(
         out.print(line, soft_wrap=True)
 
 
+def compute_and_write(
+    loaded: Pipeline, folder: Path, phases: Phases, *, pictures: bool, report: bool, **options: Any
+) -> Result:
+    """Run a loaded pipeline, and write pictures, tables and the report into a folder; each part is noted in `phases`.
+
+    options : of the run, with its workers
+    """
+    from dicflow.pipeline.profile import TASKS
+    from dicflow.views.console import consoles
+
+    _, progress = consoles()
+    result = _compute(loaded, progress, phases, **options)
+    phases.end(TASKS)
+    _write_files(result, folder, options["workers"], progress, pictures=pictures)
+    phases.end("pictures and tables")
+    if report:
+        _write_report(loaded, result, folder, options["workers"], progress)
+        phases.end("report")
+    return result
+
+
 def _compute(loaded: Pipeline, progress: Console, phases: Phases, **options: Any) -> Result:
     """The run of a loaded pipeline, its progress shown, the end of its plan noted in `phases`."""
     from dicflow.views.console import Progress
@@ -177,7 +191,8 @@ def _write_report(loaded: Pipeline, result: Result, folder: Path, workers: int, 
     progress.print(f"report: {report}", soft_wrap=True)
 
 
-def _exit_code(result: Result) -> int:
+def exit_code(result: Result) -> int:
+    """Exit code of the command after a run."""
     assert result.outcome is not None
     return 130 if result.outcome.interrupted else 0 if result.outcome.ok else 1
 
@@ -197,16 +212,17 @@ def _run_line(result: Result) -> dict[str, Any]:
     }
 
 
-def _end_run(console: Console, result: Result, phases: Phases | None, as_json: bool) -> None:
+def _end_run(result: Result, phases: Phases | None, as_json: bool) -> None:
     """The last lines: where the time went, if phases are given, and the line of ``--json``."""
     profile: dict[str, Any] = {}
     if phases is not None:
         from dicflow.pipeline.profile import shares
+        from dicflow.views.console import consoles
         from dicflow.views.profile import profile_json, profile_table
 
         assert result.outcome is not None
         found = shares(phases, result.outcome)
-        console.print(profile_table(found))
+        consoles()[1].print(profile_table(found))
         profile = {"profile": profile_json(found)}
     if as_json:
         say(json.dumps({**_run_line(result), **profile}))
