@@ -32,7 +32,7 @@ if TYPE_CHECKING:
     from dicflow.pipeline import Pipeline, Result
     from dicflow.views.progress import Progress
 
-__all__ = ["plan", "run", "why"]
+__all__ = ["compute_and_write", "plan", "run", "why"]
 
 
 def run(
@@ -68,35 +68,28 @@ def run(
     """
     from dicflow.engine.phases import Phases
     from dicflow.io.files import make_folder
-    from dicflow.pipeline.profile import TASKS
-    from dicflow.views.console import consoles
-    from dicflow.views.progress import Progress
 
     phases = Phases()
     phases.end("start")
-    _, progress = consoles()
     loaded = load(pipeline, data, store, settings)
     folder = results_folder(loaded, output)
     assert loaded.graph
     make_folder(folder)
-    with Progress(progress, _afterwards(loaded, pictures=not no_pictures, report=not no_report)) as shown:
-        result = _compute(
-            loaded,
-            shown,
-            phases,
-            scheduler=scheduler,
-            workers=workers,
-            dashboard=dashboard,
-            code_policy=code_policy.value,
-            keep_going=keep_going,
-            linger=_until_enter if dashboard and wait else None,
-        )
-        phases.end(TASKS)
-        chosen = {"pictures": not no_pictures, "report": not no_report}
-        drawn = _draw(loaded, result, folder, workers, shown, phases, **chosen)
-    _print_run(progress, result, folder, drawn)
-    _end_run(progress, result, phases if profile else None, as_json)
-    raise typer.Exit(_exit_code(result, drawn))
+    result, code = compute_and_write(
+        loaded,
+        folder,
+        phases,
+        pictures=not no_pictures,
+        report=not no_report,
+        scheduler=scheduler,
+        workers=workers,
+        dashboard=dashboard,
+        code_policy=code_policy.value,
+        keep_going=keep_going,
+        linger=_until_enter if dashboard and wait else None,
+    )
+    _end_run(result, phases if profile else None, as_json)
+    raise typer.Exit(code)
 
 
 def plan(
@@ -145,6 +138,27 @@ def why(
         made = load(pipeline, data, store, settings).plan(on_event=shown.on_event)
     for line in why_lines(made, stage):
         out.print(line, soft_wrap=True)
+
+
+def compute_and_write(
+    loaded: Pipeline, folder: Path, phases: Phases, *, pictures: bool, report: bool, **options: Any
+) -> tuple[Result, int]:
+    """Run a loaded pipeline, and write pictures, tables and the report into a folder; each part is noted in `phases`.
+
+    options : of the run, with its workers
+    Returns the result, and the exit code of the command.
+    """
+    from dicflow.pipeline.profile import TASKS
+    from dicflow.views.console import consoles
+    from dicflow.views.progress import Progress
+
+    _, progress = consoles()
+    with Progress(progress, _afterwards(loaded, pictures=pictures, report=report)) as shown:
+        result = _compute(loaded, shown, phases, **options)
+        phases.end(TASKS)
+        drawn = _draw(loaded, result, folder, options["workers"], shown, phases, pictures=pictures, report=report)
+    _print_run(progress, result, folder, drawn)
+    return result, _exit_code(result, drawn)
 
 
 class _Drawn(NamedTuple):
@@ -230,16 +244,17 @@ def _run_line(result: Result) -> dict[str, Any]:
     }
 
 
-def _end_run(console: Console, result: Result, phases: Phases | None, as_json: bool) -> None:
+def _end_run(result: Result, phases: Phases | None, as_json: bool) -> None:
     """The last lines: where the time went, if phases are given, and the line of ``--json``."""
     profile: dict[str, Any] = {}
     if phases is not None:
         from dicflow.pipeline.profile import shares
+        from dicflow.views.console import consoles
         from dicflow.views.profile import profile_json, profile_table
 
         assert result.outcome is not None
         found = shares(phases, result.outcome)
-        console.print(profile_table(found))
+        consoles()[1].print(profile_table(found))
         profile = {"profile": profile_json(found)}
     if as_json:
         say(json.dumps({**_run_line(result), **profile}))

@@ -21,6 +21,7 @@ from pathlib import Path
 from typing import Any
 
 from dicflow.engine.action_index import action_of
+from dicflow.engine.file_stamps import FileStamp
 from dicflow.engine.files import FilePart, part_digest, stamp
 from dicflow.engine.fingerprint import Fingerprint
 from dicflow.engine.graph import Task, TaskInput
@@ -30,7 +31,7 @@ from dicflow.engine.keys import input_digests, key_of, key_parts
 from dicflow.engine.looks import looks_product, with_looks
 from dicflow.engine.node import At, Node
 from dicflow.engine.objects import Manifest, describe, normalised
-from dicflow.engine.plan import CodePolicy, FileStamp, code_warning, find_hit
+from dicflow.engine.plan import CodePolicy, code_warning, find_hit
 from dicflow.engine.product import Product
 from dicflow.engine.records import Record, versions
 from dicflow.engine.references import Recipe, Ref, RefInput, arguments, clock, handover
