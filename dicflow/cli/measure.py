@@ -23,6 +23,7 @@ from dicflow.cli.options import (
 )
 from dicflow.engine.journal import STATUSES
 from dicflow.engine.schedulers import scheduler_names
+from dicflow.views.topics import advice, topic_of
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -225,12 +226,22 @@ def _print_run(console: Console, result: Result, folder: Path, files: list[Path]
                 console.print(f"{stage}: {verdict}", soft_wrap=True)
     for warning in outcome.warnings:
         console.print(f"warning: {warning}", style="yellow", soft_wrap=True)
+    if topics := _topics(result):
+        console.print(advice(topics), style="dim", soft_wrap=True)
     counts = ", ".join(f"{number} {name}" for name, number in outcome.counts.items() if number)
     console.print(f"{counts} in {outcome.seconds:.1f} s, run {outcome.run_id}", soft_wrap=True)
     if outcome.interrupted:
         console.print("interrupted; finished tasks are kept, and the same command continues", style="yellow")
     if files:
         console.print(f"{len(files)} maps and tables in {folder}", soft_wrap=True)
+
+
+def _topics(result: Result) -> list[str]:
+    """Sections of troubleshooting for the stages that failed or warned."""
+    outcome = result.outcome
+    assert outcome is not None
+    stages = [done.stage for done in outcome.outcomes.values() if done.status == "failed" or done.warnings]
+    return [topic_of(type(result.graph.stages[stage].node).__module__) for stage in stages]
 
 
 def _until_enter() -> None:
