@@ -2,7 +2,7 @@
 
 >>> import dicflow
 >>> dicflow.Pipeline.load("pipelines/quickstart.yaml", data="data_samples")
-<dicflow.Pipeline quickstart.yaml: 15 stages>
+<dicflow.Pipeline quickstart.yaml: 14 stages>
 """
 
 from __future__ import annotations

@@ -17,8 +17,12 @@ if TYPE_CHECKING:
 
 __all__ = ["with_places", "with_steps"]
 
+Column = tuple[Any, dict[str, str]]
+"""Values along the steps, and their attributes."""
 _TIME = "time"
 _LETTERS = "xyz"
+_UNEVEN = 1e-3
+"""Largest departure of a regular grid from one, relative to its step."""
 
 
 def with_places(dataset: xarray.Dataset) -> xarray.Dataset:
@@ -28,10 +32,10 @@ def with_places(dataset: xarray.Dataset) -> xarray.Dataset:
     ``y_mm`` and ``z_mm`` (row, col), NaN where unknown, in the frame of the results.
     """
     found: dict[str, Any] = {}
-    if "xy_reference" in dataset and "step_size" in dataset.attrs:
-        found |= _lattice(_at_first(dataset["xy_reference"]).values, float(dataset.attrs["step_size"]))
+    if "xy_reference" in dataset:
+        found |= _lattice(_at_first(dataset["xy_reference"]).values)
     places = dataset.get("xyz_reference")
-    if places is not None and places.attrs["units"] == "mm":
+    if places is not None and places.units == "mm":
         for k, letter in enumerate(_LETTERS):
             part = _at_first(places)[..., k]
             attributes = {"units": "mm", "long_name": f"{letter} at the first step"}
@@ -47,7 +51,7 @@ def with_steps(
     ``step`` : number of the step in the test, 0 for the first photograph; ``step_name`` : its name; ``time`` [s] and
     ``load``, where a stage ``channels`` or the photographs know them.
     """
-    columns: dict[str, tuple[Sequence[Any], dict[str, str]]] = {
+    columns: dict[str, Column] = {
         "step": ([result.number(stage, step, variant) for step in steps], {"long_name": "step"}),
         "step_name": (list(steps), {"long_name": "name of the step"}),
         **_channels(result, steps, variant),
@@ -64,27 +68,33 @@ def _at_first(places: xarray.DataArray) -> xarray.DataArray:
     return places.isel(step=0) if "step" in places.dims else places
 
 
-def _lattice(places: np.ndarray, step_size: float) -> dict[str, Any]:
+def _lattice(places: np.ndarray) -> dict[str, Any]:
     """Coordinates of the columns and rows of places (row, col, 2), where these are a regular grid with known points."""
-    import numpy as np
-
     found: dict[str, Any] = {}
-    for k, (letter, dim, axis) in enumerate((("x", "col", 1), ("y", "row", 0))):
-        shape = (1, -1) if axis else (-1, 1)
-        number = np.arange(places.shape[axis])
-        start = places[..., k] - step_size * number.reshape(shape)
-        if not np.isfinite(start).any() or np.nanmax(start) - np.nanmin(start) > 1e-3 * step_size:
+    for letter, dim, regular in (("x", "col", _regular(places[..., 0])), ("y", "row", _regular(places[..., 1].T))):
+        if regular is None:
             return {}
-        attributes = {"units": "px", "long_name": f"{letter} in the first left photograph"}
-        found[f"{letter}_px"] = (dim, np.nanmedian(start) + step_size * number, attributes)
+        found[f"{letter}_px"] = (dim, regular, {"units": "px", "long_name": f"{letter} in the first left photograph"})
     return found
 
 
-def _channels(
-    result: Result, steps: Sequence[str], variant: int | str
-) -> dict[str, tuple[Sequence[Any], dict[str, str]]]:
+def _regular(values: np.ndarray) -> np.ndarray | None:
+    """Values (row, col) that grow evenly with the column, the same in each row, as (col,); None for any others."""
+    import numpy as np
+
+    steps = np.diff(values, axis=1)
+    if not np.isfinite(steps).any():
+        return None
+    step = float(np.nanmedian(steps))
+    grown = step * np.arange(values.shape[1])
+    start = values - grown
+    is_even = np.nanmax(start) - np.nanmin(start) <= _UNEVEN * abs(step)
+    return np.nanmedian(start) + grown if is_even else None
+
+
+def _channels(result: Result, steps: Sequence[str], variant: int | str) -> dict[str, Column]:
     """Time and load at some steps, of the channels that have them."""
-    found: dict[str, tuple[Sequence[Any], dict[str, str]]] = {}
+    found: dict[str, Column] = {}
     for product in _products(result, "channels", variant):
         channels = Channels.read(product)
         wished = {_TIME: _TIME, **({"load": channels.load} if channels.has_load else {})}

@@ -63,7 +63,7 @@ def measure(
     left : photographs of the left camera, (row, col) uint8 or uint16, the reference first
     right : those of the right camera at the same moments; None for one camera, whose results are in px
     rig : both cameras, or a file of a calibration; with ``right`` only
-    region : outlines, each corners [x, y] [px] in the first left photograph; None finds the speckled part
+    region : outlines, each a list of corners (x, y) in px of the first left photograph; None finds the speckled part
     settings : as after ``--set``: ``["correlation.subset_size=21", "total.window=40 px"]``
     folder : for photographs, pipeline file and store, which may be run again; None for one that is deleted as soon as
         nobody uses the result
