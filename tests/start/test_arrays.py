@@ -11,7 +11,7 @@ import dicflow
 from dicflow.core.synthetic.planar import planar_pair
 from dicflow.errors import ConfigurationError, StageError
 from dicflow.io.rig import write_rig
-from tests.stereo_scene import REGION, REST, RIG, State, photographs
+from tests.stereo_scene import REGION, REST, RIG, photographs
 
 SHIFT = (1.3, -0.4)
 OUTLINE = [[40, 40], [160, 40], [160, 140], [40, 140]]
