@@ -23,6 +23,7 @@ from dicflow.cli.options import (
 )
 from dicflow.engine.journal import STATUSES
 from dicflow.engine.schedulers import scheduler_names
+from dicflow.views.topics import advice, topic_of
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -273,6 +274,8 @@ def _print_run(console: Console, result: Result, folder: Path, drawn: _Drawn) ->
                 console.print(f"{stage}: {verdict}", soft_wrap=True)
     for warning in outcome.warnings:
         console.print(f"warning: {warning}", style="yellow", soft_wrap=True)
+    if topics := _topics(result):
+        console.print(advice(topics), style="dim", soft_wrap=True)
     counts = ", ".join(f"{number} {name}" for name, number in outcome.counts.items() if number)
     console.print(f"{counts} in {outcome.seconds:.1f} s, run {outcome.run_id}", soft_wrap=True)
     if outcome.interrupted:
@@ -285,6 +288,14 @@ def _print_run(console: Console, result: Result, folder: Path, drawn: _Drawn) ->
         console.print(f"warning: {problem}", style="yellow", soft_wrap=True)
     if drawn.report is not None:
         console.print(f"report: {drawn.report}", soft_wrap=True)
+
+
+def _topics(result: Result) -> list[str]:
+    """Sections of troubleshooting for the stages that failed or warned."""
+    outcome = result.outcome
+    assert outcome is not None
+    stages = [done.stage for done in outcome.outcomes.values() if done.status == "failed" or done.warnings]
+    return [topic_of(type(result.graph.stages[stage].node).__module__) for stage in stages]
 
 
 def _until_enter() -> None:
