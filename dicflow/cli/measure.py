@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, NamedTuple
 
@@ -262,20 +263,10 @@ def _end_run(result: Result, phases: Phases | None, as_json: bool) -> None:
 
 
 def _print_run(console: Console, result: Result, folder: Path, drawn: _Drawn) -> None:
-    """Verdicts that no warning has, warnings, counts and where the files are."""
+    """Verdicts, warnings, counts and where the files are."""
     outcome = result.outcome
     assert outcome is not None
-    from dicflow.kinds.rig import CalibratedRig
-
-    for stage in result.stages_of("rig"):
-        if result.has(stage):
-            verdict = CalibratedRig.read(result.product(stage)).verdict
-            if not any(verdict in warning for warning in outcome.warnings):
-                console.print(f"{stage}: {verdict}", soft_wrap=True)
-    for warning in outcome.warnings:
-        console.print(f"warning: {warning}", style="yellow", soft_wrap=True)
-    if topics := _topics(result):
-        console.print(advice(topics), style="dim", soft_wrap=True)
+    _print_warnings(console, result, outcome.warnings)
     counts = ", ".join(f"{number} {name}" for name, number in outcome.counts.items() if number)
     console.print(f"{counts} in {outcome.seconds:.1f} s, run {outcome.run_id}", soft_wrap=True)
     if outcome.interrupted:
@@ -288,6 +279,21 @@ def _print_run(console: Console, result: Result, folder: Path, drawn: _Drawn) ->
         console.print(f"warning: {problem}", style="yellow", soft_wrap=True)
     if drawn.report is not None:
         console.print(f"report: {drawn.report}", soft_wrap=True)
+
+
+def _print_warnings(console: Console, result: Result, warnings: Sequence[str]) -> None:
+    """Verdicts that no warning has, warnings, and where troubleshooting speaks of them."""
+    from dicflow.kinds.rig import CalibratedRig
+
+    for stage in result.stages_of("rig"):
+        if result.has(stage):
+            verdict = CalibratedRig.read(result.product(stage)).verdict
+            if not any(verdict in warning for warning in warnings):
+                console.print(f"{stage}: {verdict}", soft_wrap=True)
+    for warning in warnings:
+        console.print(f"warning: {warning}", style="yellow", soft_wrap=True)
+    if topics := _topics(result):
+        console.print(advice(topics), style="dim", soft_wrap=True)
 
 
 def _topics(result: Result) -> list[str]:
