@@ -25,7 +25,7 @@ from tests.manual.blocks import (
     prose_commands,
 )
 
-LANGUAGES = ("", "js", "python", "sh", "toml", "yaml")
+LANGUAGES = ("", "js", "python", "sh", "text", "toml", "yaml")
 ELSEWHERE = ("extending.md", "README.md")
 """Pages whose Python and whose unnamed blocks have tests of their own."""
 STEPS = 4
