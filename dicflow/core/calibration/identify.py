@@ -18,7 +18,7 @@ from dicflow.core.calibration.board import MARKER_COUNTS, Board
 from dicflow.core.calibration.charuco import marker_dictionary
 from dicflow.core.calibration.circles import detect_blobs
 from dicflow.core.calibration.lattice import lattice_places
-from dicflow.core.calibration.targets import SMALLEST_BOARD
+from dicflow.core.calibration.targets import SMALLEST_BOARD, detect_checkerboard
 from dicflow.core.matching.transform import apply_transform, estimate_transform, transfer_error
 from dicflow.core.photographs.grey import reduced, scale_for, to_8bit
 
@@ -94,12 +94,12 @@ def marker_board(grey: Bytes) -> Board | None:
 def _checkerboard(grey: Bytes, thorough: bool) -> Board | None:
     """The checkerboard that an image shows as a whole, with its margin; by a thorough search also the part of one."""
     flags = cv2.CALIB_CB_LARGER | (cv2.CALIB_CB_EXHAUSTIVE | cv2.CALIB_CB_NORMALIZE_IMAGE if thorough else 0)
-    found, corners, marks = cv2.findChessboardCornersSBWithMeta(grey, SMALLEST_BOARD, flags)
-    if not found:
+    grid = detect_checkerboard(grey, SMALLEST_BOARD, flags)
+    if grid is None:
         return None
-    squares = _Squares.seen(grey, corners.reshape(*marks.shape, 2).astype(float))
+    squares = _Squares.seen(grey, grid)
     is_board = squares.alternate and (thorough or squares.end)
-    return Board("checkerboard", (max(marks.shape), min(marks.shape))) if is_board else None
+    return Board("checkerboard", (max(grid.shape[:2]), min(grid.shape[:2]))) if is_board else None
 
 
 class _Squares(NamedTuple):

@@ -23,6 +23,7 @@ __all__ = [
     "board_points",
     "board_size",
     "checkerboard_target",
+    "detect_checkerboard",
     "determines_pose",
     "find_board",
 ]
@@ -110,24 +111,28 @@ def board_size(image: Grey) -> Size | None:
     Of a board that the photograph cuts off, the size of the visible part.
     """
     flags = cv2.CALIB_CB_LARGER | cv2.CALIB_CB_EXHAUSTIVE | cv2.CALIB_CB_NORMALIZE_IMAGE
-    found, _, marks = cv2.findChessboardCornersSBWithMeta(to_8bit(image), SMALLEST_BOARD, flags)
-    return (max(marks.shape), min(marks.shape)) if found else None
+    grid = detect_checkerboard(to_8bit(image), SMALLEST_BOARD, flags)
+    return None if grid is None else (max(grid.shape[:2]), min(grid.shape[:2]))
+
+
+def detect_checkerboard(grey: Bytes, size: Size, flags: int) -> Array | None:
+    """Corners (rows, cols, 2) by OpenCV's detector with some flags [px]; None if not detected.
+
+    The detector draws random numbers: from a state of its own, a photograph always gives the same.
+    """
+    cv2.setRNGSeed(0)
+    found, corners, marks = cv2.findChessboardCornersSBWithMeta(grey, size, flags)
+    return corners.reshape(*marks.shape, 2).astype(float) if found else None
 
 
 def _locate_corners(grey: Bytes, size: Size, thorough: bool) -> Array | None:
     """Corners accurate to about a pixel, from the half-sized image where that suffices."""
     if grey.size > _MIN_PIXELS_TO_HALVE:
         half = cv2.resize(grey, None, fx=0.5, fy=0.5, interpolation=cv2.INTER_AREA)
-        corners = _detect_corners(half, size, 0)
+        corners = detect_checkerboard(half, size, 0)
         if corners is not None:
-            return 2.0 * corners + 0.5
-    corners = _detect_corners(grey, size, 0)
+            return 2.0 * corners.reshape(-1, 2) + 0.5
+    corners = detect_checkerboard(grey, size, 0)
     if corners is None and thorough:
-        corners = _detect_corners(grey, size, cv2.CALIB_CB_EXHAUSTIVE | cv2.CALIB_CB_NORMALIZE_IMAGE)
-    return corners
-
-
-def _detect_corners(grey: Bytes, size: Size, flags: int) -> Array | None:
-    """Corners by OpenCV's detector with some flags; None if not detected."""
-    found, corners = cv2.findChessboardCornersSB(grey, size, flags=flags)
-    return corners.reshape(-1, 2).astype(float) if found else None
+        corners = detect_checkerboard(grey, size, cv2.CALIB_CB_EXHAUSTIVE | cv2.CALIB_CB_NORMALIZE_IMAGE)
+    return None if corners is None else corners.reshape(-1, 2)

@@ -1,13 +1,25 @@
+from pathlib import Path
+
+import cv2
 import numpy as np
 import pytest
 from boards import SIZE, board_photograph
 from hypothesis import given
 from hypothesis import strategies as st
 
-from dicflow.core.calibration.targets import board_orders, board_points, board_size, determines_pose, find_board
+from dicflow.core.calibration.targets import (
+    SMALLEST_BOARD,
+    board_orders,
+    board_points,
+    board_size,
+    detect_checkerboard,
+    determines_pose,
+    find_board,
+)
 
 pytestmark = pytest.mark.slow
 
+SPECKLES = Path(__file__).resolve().parents[3] / "data_samples" / "photos" / "right" / "step_05.png"
 HOMOGRAPHY = np.array([[30.0, -4.0, 90.0], [5.0, 28.0, 70.0], [6e-3, 1e-2, 1.0]])
 
 
@@ -52,6 +64,17 @@ def test_corners_are_found_where_they_are(photograph):
     found = find_board(photograph, SIZE)
     truth = corners_of(HOMOGRAPHY)
     assert error_px(found, truth) < 0.008
+
+
+def test_what_is_detected_does_not_depend_on_what_was_detected_before():
+    """Speckles, in which the detector's random search finds now this, now that."""
+    speckles = cv2.imread(str(SPECKLES), cv2.IMREAD_GRAYSCALE)
+    found = []
+    for state in range(6):
+        cv2.setRNGSeed(7919 * state + 1)
+        grid = detect_checkerboard(speckles, SMALLEST_BOARD, cv2.CALIB_CB_LARGER)
+        found.append(None if grid is None else grid.tolist())
+    assert all(one == found[0] for one in found)
 
 
 def test_corners_of_a_large_photograph():
