@@ -9,9 +9,9 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import NamedTuple, Protocol
 
+import cv2
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from scipy.fft import irfft2, next_fast_len, rfft2
 
 from dicflow.core.arrays import Array, Index, Mask
 from dicflow.core.surfaces.filters import slope_weights
@@ -179,9 +179,9 @@ def _sigma_of_many(probe: Probe, scaled: Array, correlation: ErrorCorrelation) -
 def _autocorrelation(field: Array) -> Array:
     """Σ f[row, col] f[row + i, col + j] at all distances (i, j); (2 rows − 1, 2 cols − 1), distance 0 in the middle."""
     shape = [2 * side - 1 for side in field.shape]
-    fast = [next_fast_len(side, real=True) for side in shape]
-    spectrum = rfft2(field, fast) * rfft2(field[::-1, ::-1], fast)
-    return np.asarray(irfft2(spectrum, fast)[: shape[0], : shape[1]])
+    fast = [cv2.getOptimalDFTSize(side) for side in shape]
+    spectrum = np.fft.rfft2(field, fast) * np.fft.rfft2(field[::-1, ::-1], fast)
+    return np.asarray(np.fft.irfft2(spectrum, fast)[: shape[0], : shape[1]])
 
 
 def _correlated(field: Array, kernel: Array) -> Array:

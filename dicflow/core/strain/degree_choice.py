@@ -68,19 +68,25 @@ def chosen_gradient(
         relative = relative_bias(surface, fit, left)
         better = _take_better(chosen, least, surface, fit, relative, places_of(left))
         if jumps is not None:
-            chosen.bias[tuple(better.T)] = _with_jumps(chosen.bias[tuple(better.T)], jumps, surface, fit, better)
+            chosen.bias[tuple(better.T)] = _with_jumps(chosen, jumps, surface, fit, better)
         left = left & (_WEIGHT * np.diagonal(relative.near, axis1=-2, axis2=-1).max(axis=-1) > 1.0)
     return chosen
 
 
-def _with_jumps(bias: Array, jumps: UnseenJumps, surface: MeasuredSurface, fit: WindowFit, at: Index) -> Array:
-    """Second moments (n, 4, 4) of the bias of a fit at rows and columns (n, 2), that by jumps if it is larger."""
+def _with_jumps(
+    chosen: ChosenGradient, jumps: UnseenJumps, surface: MeasuredSurface, fit: WindowFit, at: Index
+) -> Array:
+    """Second moments (n, 4, 4) of the bias of a fit at rows and columns (n, 2), that by jumps if it is larger.
+
+    chosen : with the gradients by this fit there
+    """
+    bias = chosen.bias[at[:, 0], at[:, 1]]
     crossed = np.flatnonzero((jumps.jump[at[:, 0], at[:, 1]] != 0.0).any(axis=-1))
     if not len(crossed):
         return bias
     here, larger = at[crossed], bias.copy()
     weights = surface.points.slope_weights(here, *fit)
-    response = surface.gradient_by(here, weights).response
+    response = chosen.surface.response[here[:, 0], here[:, 1]]
     shares = np.einsum("nfai,nkai->nkf", response[..., :3], jumps.of_slopes(here, weights))
     moments = np.einsum("nkf,nkg->nfg", shares, shares)
     more = np.trace(moments, axis1=-2, axis2=-1) > np.trace(bias[crossed], axis1=-2, axis2=-1)

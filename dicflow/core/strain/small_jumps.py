@@ -9,6 +9,7 @@ four directions. It is a weighted sum of points, so that its covariance is known
 from __future__ import annotations
 
 from collections.abc import Iterator
+from functools import cache
 from typing import NamedTuple
 
 import cv2
@@ -51,11 +52,8 @@ class GridOfSubsets(NamedTuple):
 
     def profile(self, distance: Array, normal: Array) -> Array:
         """r at distances from a line [points], −1/2 to 1/2. normal : (2,) — of the line"""
-        weights, pixel = subset_weights(self.size, self.shape_function), np.arange(self.size) - self.size // 2
-        across = np.add.outer(normal[0] * pixel, normal[1] * pixel)
-        table = np.arange(-self.size, self.size + 1)
-        values = [0.5 * np.sum(weights * np.sign(np.rint(1e6 * (across + at)))) for at in table]
-        return np.asarray(np.interp(self.step * distance, table, values))
+        table = _profile(self.size, self.shape_function, float(normal[0]), float(normal[1]))
+        return np.asarray(np.interp(self.step * distance, np.arange(-self.size, self.size + 1), table))
 
 
 class Jumps(NamedTuple):
@@ -98,6 +96,14 @@ class _Fit(NamedTuple):
         """Values (k, n) of a field (row, col) at the points that count around rows and columns (k, 2)."""
         squares = sliding_window_view(np.pad(field, self.side // 2), (self.side, self.side))
         return np.asarray(squares[at[:, 0], at[:, 1]].reshape(len(at), -1)[:, self.places])
+
+
+@cache
+def _profile(size: int, shape_function: ShapeFunction, row: float, col: float) -> Array:
+    """r at distances of −size … size pixels from a line with the normal (row, col)."""
+    weights, pixel = subset_weights(size, shape_function), np.arange(size) - size // 2
+    across = np.add.outer(row * pixel, col * pixel)
+    return np.array([0.5 * np.sum(weights * np.sign(np.rint(1e6 * (across + at)))) for at in range(-size, size + 1)])
 
 
 def jumps_at_points(surface: MeasuredSurface, lost: Mask, subsets: GridOfSubsets) -> Jumps:
