@@ -96,7 +96,6 @@ def test_a_file_gets_a_line_whenever_nothing_else_was_printed_for_a_while(monkey
     monkeypatch.setattr(progress, "_SILENT_S", 0.05)
     buffer = _Lines()
     with Progress(Console(file=buffer, width=200)) as one:
-        assert buffer.holds("planning\n")
         one.on_event(Event("checking", text="files", counts={"done": 5, "all": 9000}))
         assert buffer.holds("checking files: 5 of 9,000\n")
         one.on_event(Event("planned", stages=STAGES))
