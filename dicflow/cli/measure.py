@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, NamedTuple
 
@@ -23,6 +24,7 @@ from dicflow.cli.options import (
 )
 from dicflow.engine.journal import STATUSES
 from dicflow.engine.schedulers import scheduler_names
+from dicflow.views.topics import advice, topic_of
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -32,7 +34,7 @@ if TYPE_CHECKING:
     from dicflow.pipeline import Pipeline, Result
     from dicflow.views.progress import Progress
 
-__all__ = ["plan", "run", "why"]
+__all__ = ["compute_and_write", "plan", "run", "why"]
 
 
 def run(
@@ -68,35 +70,28 @@ def run(
     """
     from dicflow.engine.phases import Phases
     from dicflow.io.files import make_folder
-    from dicflow.pipeline.profile import TASKS
-    from dicflow.views.console import consoles
-    from dicflow.views.progress import Progress
 
     phases = Phases()
     phases.end("start")
-    _, progress = consoles()
     loaded = load(pipeline, data, store, settings)
     folder = results_folder(loaded, output)
     assert loaded.graph
     make_folder(folder)
-    with Progress(progress, _afterwards(loaded, pictures=not no_pictures, report=not no_report)) as shown:
-        result = _compute(
-            loaded,
-            shown,
-            phases,
-            scheduler=scheduler,
-            workers=workers,
-            dashboard=dashboard,
-            code_policy=code_policy.value,
-            keep_going=keep_going,
-            linger=_until_enter if dashboard and wait else None,
-        )
-        phases.end(TASKS)
-        chosen = {"pictures": not no_pictures, "report": not no_report}
-        drawn = _draw(loaded, result, folder, workers, shown, phases, **chosen)
-    _print_run(progress, result, folder, drawn)
-    _end_run(progress, result, phases if profile else None, as_json)
-    raise typer.Exit(_exit_code(result, drawn))
+    result, code = compute_and_write(
+        loaded,
+        folder,
+        phases,
+        pictures=not no_pictures,
+        report=not no_report,
+        scheduler=scheduler,
+        workers=workers,
+        dashboard=dashboard,
+        code_policy=code_policy.value,
+        keep_going=keep_going,
+        linger=_until_enter if dashboard and wait else None,
+    )
+    _end_run(result, phases if profile else None, as_json)
+    raise typer.Exit(code)
 
 
 def plan(
@@ -145,6 +140,27 @@ def why(
         made = load(pipeline, data, store, settings).plan(on_event=shown.on_event)
     for line in why_lines(made, stage):
         out.print(line, soft_wrap=True)
+
+
+def compute_and_write(
+    loaded: Pipeline, folder: Path, phases: Phases, *, pictures: bool, report: bool, **options: Any
+) -> tuple[Result, int]:
+    """Run a loaded pipeline, and write pictures, tables and the report into a folder; each part is noted in `phases`.
+
+    options : of the run, with its workers
+    Returns the result, and the exit code of the command.
+    """
+    from dicflow.pipeline.profile import TASKS
+    from dicflow.views.console import consoles
+    from dicflow.views.progress import Progress
+
+    _, progress = consoles()
+    with Progress(progress, _afterwards(loaded, pictures=pictures, report=report)) as shown:
+        result = _compute(loaded, shown, phases, **options)
+        phases.end(TASKS)
+        drawn = _draw(loaded, result, folder, options["workers"], shown, phases, pictures=pictures, report=report)
+    _print_run(progress, result, folder, drawn)
+    return result, _exit_code(result, drawn)
 
 
 class _Drawn(NamedTuple):
@@ -230,34 +246,27 @@ def _run_line(result: Result) -> dict[str, Any]:
     }
 
 
-def _end_run(console: Console, result: Result, phases: Phases | None, as_json: bool) -> None:
+def _end_run(result: Result, phases: Phases | None, as_json: bool) -> None:
     """The last lines: where the time went, if phases are given, and the line of ``--json``."""
     profile: dict[str, Any] = {}
     if phases is not None:
         from dicflow.pipeline.profile import shares
+        from dicflow.views.console import consoles
         from dicflow.views.profile import profile_json, profile_table
 
         assert result.outcome is not None
         found = shares(phases, result.outcome)
-        console.print(profile_table(found))
+        consoles()[1].print(profile_table(found))
         profile = {"profile": profile_json(found)}
     if as_json:
         say(json.dumps({**_run_line(result), **profile}))
 
 
 def _print_run(console: Console, result: Result, folder: Path, drawn: _Drawn) -> None:
-    """Verdicts that no warning has, warnings, counts and where the files are."""
+    """Verdicts, warnings, counts and where the files are."""
     outcome = result.outcome
     assert outcome is not None
-    from dicflow.kinds.rig import CalibratedRig
-
-    for stage in result.stages_of("rig"):
-        if result.has(stage):
-            verdict = CalibratedRig.read(result.product(stage)).verdict
-            if not any(verdict in warning for warning in outcome.warnings):
-                console.print(f"{stage}: {verdict}", soft_wrap=True)
-    for warning in outcome.warnings:
-        console.print(f"warning: {warning}", style="yellow", soft_wrap=True)
+    _print_warnings(console, result, outcome.warnings)
     counts = ", ".join(f"{number} {name}" for name, number in outcome.counts.items() if number)
     console.print(f"{counts} in {outcome.seconds:.1f} s, run {outcome.run_id}", soft_wrap=True)
     if outcome.interrupted:
@@ -270,6 +279,29 @@ def _print_run(console: Console, result: Result, folder: Path, drawn: _Drawn) ->
         console.print(f"warning: {problem}", style="yellow", soft_wrap=True)
     if drawn.report is not None:
         console.print(f"report: {drawn.report}", soft_wrap=True)
+
+
+def _print_warnings(console: Console, result: Result, warnings: Sequence[str]) -> None:
+    """Verdicts that no warning has, warnings, and where troubleshooting speaks of them."""
+    from dicflow.kinds.rig import CalibratedRig
+
+    for stage in result.stages_of("rig"):
+        if result.has(stage):
+            verdict = CalibratedRig.read(result.product(stage)).verdict
+            if not any(verdict in warning for warning in warnings):
+                console.print(f"{stage}: {verdict}", soft_wrap=True)
+    for warning in warnings:
+        console.print(f"warning: {warning}", style="yellow", soft_wrap=True)
+    if topics := _topics(result):
+        console.print(advice(topics), style="dim", soft_wrap=True)
+
+
+def _topics(result: Result) -> list[str]:
+    """Sections of troubleshooting for the stages that failed or warned."""
+    outcome = result.outcome
+    assert outcome is not None
+    stages = [done.stage for done in outcome.outcomes.values() if done.status == "failed" or done.warnings]
+    return [topic_of(type(result.graph.stages[stage].node).__module__) for stage in stages]
 
 
 def _until_enter() -> None:

@@ -15,7 +15,7 @@ from pydantic.fields import FieldInfo
 
 from dicflow.engine.files import FilePart
 from dicflow.engine.looks import AT_ONCE, look_ports
-from dicflow.engine.node import At, Node, Scope, port_of
+from dicflow.engine.node import At, Node, Scope, Steps, port_of
 from dicflow.errors import ConfigurationError, InputError
 
 __all__ = ["EARLY_STEPS", "Graph", "StageSpec", "Task", "TaskInput", "expand", "file_fields"]
@@ -90,12 +90,14 @@ class Graph:
         that step.
     steps : stage → names of its steps in order; empty for a stage that runs once
     files : stage → step → argument → file, for stages that start a series of steps
+    starts : stage that repeats over steps → the one whose files these are
     """
 
     stages: Mapping[str, StageSpec]
     tasks: Mapping[str, Task]
     steps: Mapping[str, tuple[str, ...]]
-    files: Mapping[str, Mapping[str, Mapping[str, Path | FilePart]]]
+    files: Mapping[str, Steps]
+    starts: Mapping[str, str]
 
     def tasks_of(self, stage: str) -> list[Task]:
         """The tasks of one stage, in the order of its steps."""
@@ -121,13 +123,14 @@ class Graph:
             {name: task for name, task in self.tasks.items() if task.stage in needed},
             {name: steps for name, steps in self.steps.items() if name in needed},
             {name: files for name, files in self.files.items() if name in needed},
+            {name: start for name, start in self.starts.items() if name in needed},
         )
 
 
-def expand(stages: Mapping[str, StageSpec], steps: Mapping[str, Sequence[str]] | None = None) -> Graph:
+def expand(stages: Mapping[str, StageSpec], steps: Mapping[str, Steps] | None = None) -> Graph:
     """All tasks of the given stages.
 
-    steps : names of the steps of the stages that start a series, where no file is to be looked for
+    steps : of the stages that start a series, where these are known; their folders are not looked at
 
     Raises ConfigurationError with the stage's position where the stages do not fit together (an unknown or missing
     input, one of another kind, a cycle, two series of steps in one stage), and InputError where files are missing
@@ -139,14 +142,15 @@ def expand(stages: Mapping[str, StageSpec], steps: Mapping[str, Sequence[str]] |
     series: dict[str, _Series | None] = {}
     for name in ordered:
         if steps is not None and name in steps:
-            series[name] = _Series(name, {step: {} for step in steps[name]})
+            series[name] = _Series(name, steps[name])
         else:
             series[name] = _series_of(name, stages, series)
     joints = _Joints(ordered, series)
     tasks = _step_major([task for name in ordered for task in joints.tasks(name)], joints.places)
     _check_names(tasks.values())
     files = {name: one.files for name, one in series.items() if one is not None and one.start == name}
-    return Graph(ordered, tasks, joints.steps, files)
+    starts = {name: one.start for name, one in series.items() if one is not None}
+    return Graph(ordered, tasks, joints.steps, files, starts)
 
 
 @cache
@@ -161,7 +165,7 @@ class _Series:
     """A series of steps. start : the stage whose files it follows; files : step → argument → file."""
 
     start: str
-    files: Mapping[str, Mapping[str, Path | FilePart]]
+    files: Steps
 
 
 def _holds_file(hint: Any) -> bool:

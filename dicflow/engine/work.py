@@ -21,6 +21,7 @@ from pathlib import Path
 from typing import Any
 
 from dicflow.engine.action_index import action_of
+from dicflow.engine.file_stamps import FileStamp
 from dicflow.engine.files import FilePart, part_digest, stamp
 from dicflow.engine.fingerprint import Fingerprint
 from dicflow.engine.graph import Task, TaskInput
@@ -30,10 +31,10 @@ from dicflow.engine.keys import input_digests, key_of, key_parts
 from dicflow.engine.looks import looks_product, with_looks
 from dicflow.engine.node import At, Node
 from dicflow.engine.objects import Manifest, describe, normalised
-from dicflow.engine.plan import CodePolicy, FileStamp, code_warning, find_hit
+from dicflow.engine.plan import CodePolicy, code_warning, find_hit
 from dicflow.engine.product import Product
 from dicflow.engine.records import Record, versions
-from dicflow.engine.references import Recipe, Ref, RefInput, arguments, clock
+from dicflow.engine.references import Recipe, Ref, RefInput, arguments, clock, handover
 from dicflow.engine.references import cache as products
 from dicflow.engine.share import with_threads
 from dicflow.engine.store import Store
@@ -96,6 +97,7 @@ class Job:
     code : fingerprint of the stage; the store knows its parts
     gathered : whether a stage takes this product together with those of all other steps
     threads : that the stage may use, because no other task can
+    handover : folder through which products that are not kept reach the other workers; None without others
     """
 
     run_id: str
@@ -108,6 +110,7 @@ class Job:
     gathered: bool = False
     code_policy: CodePolicy = "recompute"
     threads: int = 1
+    handover: Path | None = None
 
     @property
     def key(self) -> tuple[str, ...]:
@@ -153,7 +156,7 @@ def perform(job: Job, *inputs: Outcome) -> Outcome:
     inputs : outcomes of the producers that were no hits in the plan
     Raises Defect where the stage raised an error that is not a DicflowError; a DicflowError is part of the outcome.
     """
-    processor = _clock(job)
+    processor, handover.folder = _clock(job), job.handover
     start, cpu_start = time.perf_counter(), processor()
     lacking = next((outcome for outcome in inputs if outcome.ref is None), None)
     if lacking is not None:
@@ -209,7 +212,9 @@ def _performed(job: Job, inputs: tuple[Outcome, ...], start: float) -> Outcome:
             task.node, len(product.variables), manifest.nbytes, sum(times), recipe.depth, job.gathered
         )
         manifest = store.put(product, manifest, keep)
-    products.put(manifest.digest, product, manifest.nbytes)
+    products.put(manifest.digest, product, manifest.nbytes, manifest.kept)
+    if not manifest.kept:
+        handover.put(product, manifest)
     ref = Ref(manifest.digest, None if manifest.kept else recipe)
     stage_s, remake_s = times
     engine_s = time.perf_counter() - start - stage_s - remake_s

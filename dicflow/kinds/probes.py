@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple
 
 from dicflow.engine.product import Product, Variable
@@ -14,7 +14,7 @@ from dicflow.kinds.quantities import ERRORS
 if TYPE_CHECKING:
     import numpy as np
 
-__all__ = ["ProbeTable", "Reading", "StepReadings", "gauge_facts"]
+__all__ = ["ProbeTable", "Reading", "StepReadings", "gauge_facts", "main_readings"]
 
 
 class Reading(NamedTuple):
@@ -142,6 +142,17 @@ class ProbeTable(Table):
         listed = self.product.attrs["probes"]
         values: np.ndarray = self[quantity][[*listed["point"], *listed["line"], *listed["area"]].index(name)]
         return values
+
+
+def main_readings(row: Mapping[str, Any]) -> Iterator[tuple[str, float | None, float | None]]:
+    """Quantity, value and uncertainty u of what a row of the table is mostly read for; None where it is unknown.
+
+    Of an extensometer its strain; of other probes exx and eyy, or else all that they read.
+    """
+    names = [name for name in ("strain", "exx", "eyy") if name in row]
+    others = [name.removeprefix("u_") for name in row if name.startswith("u_")]
+    for name in names or others:
+        yield name, row[name], row.get(f"u_{name}")
 
 
 def gauge_facts(total: Product) -> dict[str, Any]:
