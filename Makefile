@@ -33,7 +33,7 @@ test-fast: $(READY) ## run the tests that need neither a whole pipeline nor many
 faults: $(READY) ## kill, damage, fill up and race a store, hundreds of times; takes ten minutes
 	$(BIN)/python -m tests.faults
 
-fuzz: $(READY)  ## every reader of files on 500 changed files each, 11,000 in all; a few minutes
+fuzz: $(READY)  ## every reader of files on 500 changed files each, 13,000 in all; a few minutes
 	$(BIN)/python -m tests.fuzz
 
 check: $(READY) ## ruff and mypy

@@ -69,6 +69,23 @@ def test_a_run_with_nothing_to_do(own):
     assert "pairs" in answer.err
 
 
+def test_pictures_and_the_report_may_be_left_out(own, tmp_path):
+    folder = tmp_path / "out"
+
+    def files():
+        return {path.name: path.stat().st_mtime_ns for path in folder.rglob("*") if ".report" not in path.parts}
+
+    assert run(own, folder, "--no-pictures", "--no-report").code == 0
+    assert set(files()) == {".published.json", "comparison.csv"}
+    assert run(own, folder, "--no-report").code == 0
+    drawn = files()
+    assert "eyy.gif" in drawn
+    assert "report.html" not in drawn
+    assert run(own, folder, "--no-pictures").code == 0
+    assert "report.html" in files()
+    assert files()["eyy.gif"] == drawn["eyy.gif"]
+
+
 def test_a_value_changes_what_depends_on_it_and_nothing_else(own, tmp_path):
     def objects():
         return {path: path.read_bytes() for path in (tmp_path / "store" / "objects").rglob("*") if path.is_file()}

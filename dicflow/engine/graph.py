@@ -104,9 +104,10 @@ class Graph:
         return [task for task in self.tasks.values() if task.stage == stage]
 
     def gathered(self) -> frozenset[str]:
-        """Names of the tasks that some stage takes together with those of all other steps."""
-        inputs = (source for task in self.tasks.values() for source in task.inputs.values())
-        return frozenset(name for source in inputs if isinstance(source, tuple) for _, name in source)
+        """Names of the tasks whose arrays some stage takes together with those of all other steps."""
+        inputs = ((task.node, *pair) for task in self.tasks.values() for pair in task.inputs.items())
+        taken = (source for node, port, source in inputs if isinstance(source, tuple) and node.gathers(port))
+        return frozenset(name for source in taken for _, name in source)
 
     def upstream(self, stages: Iterable[str]) -> Graph:
         """The part of the graph that these stages need, with the stages themselves."""

@@ -13,7 +13,7 @@ from functools import cache
 from typing import Any, overload
 
 from dicflow.engine.node import At, Node
-from dicflow.engine.product import Product, Variable
+from dicflow.engine.product import Product, stacked, unstacked
 
 __all__ = ["AT_ONCE", "Looks", "look_ports", "looks_product", "with_looks"]
 
@@ -55,16 +55,7 @@ def looks_product(node: Node, given: Mapping[str, Any]) -> Product:
 
     given : the arguments of its look, with a series of products in place of one
     """
-    import numpy as np
-
-    seen = dict(_seen(node, given))
-    first, *_ = seen.values()
-    variables = {
-        name: Variable(("look", *one.dims), np.stack([look[name] for look in seen.values()]), one.units, one.long_name)
-        for name, one in first.variables.items()
-    }
-    attrs = [dict(look.attrs) for look in seen.values()]
-    return Product(_KIND, variables, {"kind": first.kind, "steps": list(seen), "looks": attrs})
+    return stacked(_KIND, dict(_seen(node, given)))
 
 
 def with_looks(node: Node, given: Mapping[str, Any]) -> dict[str, Any]:
@@ -86,14 +77,6 @@ def _seen(node: Node, given: Mapping[str, Any]) -> Iterator[tuple[str, Product]]
     names = getattr(products, "steps", map(str, range(1, len(products) + 1)))
     for step, product in zip(names, products, strict=True):
         if product.kind == _KIND:
-            yield from _parted(product)
+            yield from unstacked(product)
         else:
             yield step, node.look(**{series: product}, **beside)
-
-
-def _parted(product: Product) -> Iterator[tuple[str, Product]]:
-    """The looks that :func:`looks_product` joined, each with the name of its step."""
-    arrays = {name: part._replace(dims=part.dims[1:]) for name, part in product.variables.items()}
-    for place, (step, attrs) in enumerate(zip(product.attrs["steps"], product.attrs["looks"], strict=True)):
-        values = {name: one._replace(values=one.values[place]) for name, one in arrays.items()}
-        yield step, Product(product.attrs["kind"], values, attrs)

@@ -253,6 +253,13 @@ class Node(BaseModel):
         """Whether an optional port is joined to a stage, with these parameters."""
         return True
 
+    def gathers(self, port: str) -> bool:
+        """Whether :meth:`run` reads arrays of the products of all steps, with these parameters, so that they are kept.
+
+        Attributes are there in any case.
+        """
+        return True
+
     def uses(self) -> tuple[str, ...]:
         """Code that :meth:`run` finds while it runs, beside what it imports: it counts as the stage's own.
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -10,7 +10,7 @@ if TYPE_CHECKING:
     import numpy as np
     import xarray
 
-__all__ = ["Product", "Variable"]
+__all__ = ["Product", "Variable", "stacked", "unstacked"]
 
 
 class Variable(NamedTuple):
@@ -84,3 +84,25 @@ class Product:
             for name, v in self.variables.items()
         }
         return xarray.Dataset(arrays, attrs={"kind": self.kind, **self.attrs})
+
+
+def stacked(kind: str, products: Mapping[str, Product]) -> Product:
+    """Products of one layout as one product of a kind, their arrays along a first axis.
+
+    products : by name, one at least; arrays of one name have one shape
+    """
+    import numpy as np
+
+    first, *_ = products.values()
+    variables = {
+        name: Variable(("product", *one.dims), np.stack([two[name] for two in products.values()]), *one[2:])
+        for name, one in first.variables.items()
+    }
+    return Product(kind, variables, {"products": [[name, one.kind, one.attrs] for name, one in products.items()]})
+
+
+def unstacked(product: Product) -> Iterator[tuple[str, Product]]:
+    """The products that :func:`stacked` joined, with their names."""
+    arrays = {name: one._replace(dims=one.dims[1:]) for name, one in product.variables.items()}
+    for place, (name, kind, attrs) in enumerate(product.attrs["products"]):
+        yield name, Product(kind, {key: one._replace(values=one.values[place]) for key, one in arrays.items()}, attrs)

@@ -19,8 +19,8 @@ from dicflow.views.figures import maps_of
 
 __all__ = ["Reading", "read_result", "read_source", "surveyed"]
 
-_MOST_STEPS = 400
-"""Steps that are looked at for one page, evenly from the first to the last."""
+_MOST_STEPS, _FEW_STEPS = 60, 24
+"""Steps that a page shows at most, and of a longer series without maps."""
 
 
 class Reading(NamedTuple):
@@ -77,15 +77,31 @@ class Reading(NamedTuple):
         return look(name, facts["title"], facts["unit"], low, high, choice)
 
 
-def read_result(result: Result, keep: Keep, most_steps: int = _MOST_STEPS) -> Reading | None:
-    """One reading of all steps, or of so many from the first to the last; None if no step has fields."""
+def read_result(result: Result, keep: Keep) -> Reading | None:
+    """One reading of all steps, or of some of a long series; None if no step has fields."""
     source = field_source(result)
-    return None if source is None else read_source(result, source, keep, most_steps)
+    return None if source is None else _read(result, source, keep, _page_steps(result, source))
 
 
 def read_source(result: Result, source: FieldSource, keep: Keep, most_steps: int) -> Reading | None:
-    """The same of chosen fields. result : has the photographs"""
-    steps = spread(source.steps, most_steps)
+    """One reading of chosen fields at so many steps, evenly from the first to the last.
+
+    result : has the photographs
+    """
+    return _read(result, source, keep, spread(source.steps, most_steps))
+
+
+def _page_steps(result: Result, source: FieldSource) -> Sequence[str]:
+    """All steps; of a long series those of which there are maps, else evenly chosen ones."""
+    steps = source.steps
+    if len(steps) <= _MOST_STEPS:
+        return steps
+    maps = maps_of(result, source.facts["stage"])
+    drawn = () if maps is None or len(maps.phases) != len(steps) else maps.drawn
+    return [steps[number] for number in drawn] if 0 < len(drawn) <= _MOST_STEPS else spread(steps, _FEW_STEPS)
+
+
+def _read(result: Result, source: FieldSource, keep: Keep, steps: Sequence[str]) -> Reading | None:
     surveys = {step: surveyed(source, step, keep) for step in steps if source.has(step)}
     first = _first(source, keep)
     scales = scales_of([*surveys.values()], None if first is None else first["extents"])

@@ -260,7 +260,7 @@ class Result:
             raise ConfigurationError(f"{stage} has steps; name one of {_listed(steps)}")
         if isinstance(step, int) and -len(steps) <= step < len(steps):
             step = steps[step]
-        if step not in steps:
+        if f"{instance}/{step}" not in self.graph.tasks:
             raise ConfigurationError(f"{stage} has no step '{step}'; it has {_listed(steps)}")
         return f"{instance}/{step}"
 

@@ -14,9 +14,10 @@ from dicflow.explorer.page import fragment
 from dicflow.report.context import Context, Section
 from dicflow.report.main_fields import main_fields
 from dicflow.report.rendering import render
+from dicflow.report.step_summaries import step_summaries
 from dicflow.report.words import number, percent
 
-__all__ = ["Verdict", "answer", "verdict"]
+__all__ = ["Seen", "Verdict", "answer", "verdict"]
 
 _FEW = 0.9
 
@@ -34,6 +35,14 @@ class Verdict(NamedTuple):
     text: str
 
 
+class Seen(NamedTuple):
+    """Number of steps, how many of them were measured, and the least share of points with a value."""
+
+    steps: int
+    measured: int
+    least: float
+
+
 def answer(context: Context, sections: Sequence[Section]) -> Section | None:
     """The section, None for a pipeline whose points have no place.
 
@@ -43,7 +52,7 @@ def answer(context: Context, sections: Sequence[Section]) -> Section | None:
     if found is None:
         return None
     warnings = sum(len(section.warnings) for section in sections)
-    line = verdict(found.manifest, warnings, _failures(context))
+    line = verdict(found.manifest, _seen(context, found.manifest), warnings, _failures(context))
     body = render(
         "answer.html",
         verdict=line,
@@ -54,19 +63,28 @@ def answer(context: Context, sections: Sequence[Section]) -> Section | None:
     return Section("answer", "Result", body)
 
 
-def verdict(manifest: Manifest, warnings: int, failures: int) -> Verdict:
+def _seen(context: Context, manifest: Manifest) -> Seen:
+    """What is known of the steps, also of those that the page does not show."""
+    stage, shown = manifest["stage"], {step["name"]: step["valid"] for step in manifest["steps"]}
+    steps = context.result.steps(stage)
+    hidden = len(shown) < len(steps)
+    summaries = step_summaries(context, stage) if hidden else {}
+    shares = [*shown.values(), *(one.get("valid_share") for step, one in summaries.items() if step not in shown)]
+    measured = sum(context.result.has(stage, step) for step in steps)
+    return Seen(len(steps), measured, min((share for share in shares if share is not None), default=0.0))
+
+
+def verdict(manifest: Manifest, seen: Seen, warnings: int, failures: int) -> Verdict:
     """The verdict on a result.
 
     warnings, failures : how many warnings there are, and how many tasks failed
     """
-    measured = [step for step in manifest["steps"] if step["valid"] is not None]
-    least = min((step["valid"] or 0.0 for step in measured), default=0.0)
-    count = len(manifest["steps"])
-    steps = f"{len(measured)} of {count} steps" if count > 1 else "the surface"
-    valid = "all points have a value" if least == 1.0 else f"{_floor(least, len(measured))} of the points have a value"
+    count, measured, least = seen
+    steps = f"{measured} of {count} steps" if count > 1 else "the surface"
+    valid = "all points have a value" if least == 1.0 else f"{_floor(least, measured)} of the points have a value"
     remark = {0: "", 1: " One warning is below."}.get(warnings, f" {warnings} warnings are below.")
     text = f"{_peak(manifest)}; {steps} measured, {valid}.{remark}"
-    if failures or len(measured) < count:
+    if failures or measured < count:
         return Verdict("error", "Incomplete", text)
     if least < _FEW or warnings:
         return Verdict("warning", "Measured, with warnings" if warnings else "Measured, with gaps", text)

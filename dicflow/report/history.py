@@ -9,11 +9,11 @@ from typing import Any, NamedTuple
 from dicflow.core.status import Status
 from dicflow.kinds.channels import Channels, named_with_unit
 from dicflow.kinds.comparison import Comparison
-from dicflow.kinds.kind import summary_of
 from dicflow.kinds.probes import ProbeTable
 from dicflow.kinds.quantities import QUANTITIES, UNCERTAINTY
 from dicflow.pipeline import Result
 from dicflow.report.context import Context
+from dicflow.report.step_summaries import step_summaries
 
 __all__ = ["EXTENSOMETERS", "Column", "History", "step_history", "step_names"]
 
@@ -78,7 +78,8 @@ def step_history(context: Context) -> History | None:
         return None
     total = totals[-1]
     steps = step_names(result, total)
-    shares = (None, *(_valid_share(context, total, step) for step in steps[1:]))
+    summaries = step_summaries(context, total)
+    shares = (None, *(_valid_share(context, total, step, summaries) for step in steps[1:]))
     phases: tuple[str, ...] = ()
     remark = ""
     if rows := _comparison(result):
@@ -89,7 +90,7 @@ def step_history(context: Context) -> History | None:
     elif values := _extensometers(result):
         source = EXTENSOMETERS
     else:
-        source, values = "Means over the field", _means(result, total, steps)
+        source, values = "Means over the field", _means([summaries.get(step, {}) for step in steps[1:]])
     lengths = ("displacement", "length") if remark else ()
     drawn = tuple(key for key in values if not key.endswith("_per_s") and not any(word in key for word in lengths))
     logged = _logged(result, steps)
@@ -163,22 +164,21 @@ def _extensometers(result: Result) -> dict[str, tuple[float | None, ...]]:
     return {}
 
 
-def _means(result: Result, total: str, steps: tuple[str, ...]) -> dict[str, tuple[float | None, ...]]:
-    summaries = [summary_of(result.product(total, step)) if result.has(total, step) else {} for step in steps[1:]]
+def _means(summaries: Sequence[Mapping[str, Any]]) -> dict[str, tuple[float | None, ...]]:
+    """Mean of each quantity at all steps. summaries : of the steps after the first"""
     keys = dict.fromkeys(key for summary in summaries for key in summary if key.startswith("mean_"))
     return {key: (0.0, *(summary.get(key) for summary in summaries)) for key in keys}
 
 
-def _valid_share(context: Context, total: str, step: str) -> float | None:
+def _valid_share(context: Context, total: str, step: str, summaries: Mapping[str, Mapping[str, Any]]) -> float | None:
     """Share of the region's points that have a value; counted here if the total does not state it."""
-    if not context.result.has(total, step):
+    if step not in summaries:
         return None
-    product = context.result.product(total, step)
-    if "valid_share" in summary_of(product):
-        return float(summary_of(product)["valid_share"])
+    if "valid_share" in summaries[step]:
+        return float(summaries[step]["valid_share"])
 
     def counted() -> bytes:
-        status = product["status"]
+        status = context.result.product(total, step)["status"]
         inside = int((status != Status.OUTSIDE).sum())
         return json.dumps(int((status <= Status.FILLED).sum()) / inside if inside else None).encode()
 

@@ -8,7 +8,6 @@ from typing import Any, NamedTuple
 from markupsafe import Markup
 
 from dicflow.kinds.correlation import Correlation
-from dicflow.kinds.kind import summary_of
 from dicflow.kinds.noise_floor import NoiseFloorTable
 from dicflow.kinds.quantities import DISPLACEMENTS, QUANTITIES, STRAINS
 from dicflow.pipeline import Result
@@ -16,6 +15,7 @@ from dicflow.report.context import Context, Section
 from dicflow.report.measured import pattern
 from dicflow.report.rendering import render
 from dicflow.report.rest import at_rest
+from dicflow.report.step_summaries import step_summaries
 from dicflow.report.words import number, percent
 
 __all__ = ["PLACE", "TITLE", "advice_on", "quality"]
@@ -82,7 +82,7 @@ def quality(context: Context) -> Section | None:
     if not followed:
         return None
     steps = result.steps(followed[0])
-    panels = _panels(result, steps)
+    panels = _panels(context, steps)
     speckle = pattern(context)
     advice = advice_on(speckle, _subset(result)) if speckle is not None else []
     rest = at_rest(context.result, context.piece)
@@ -100,29 +100,22 @@ def quality(context: Context) -> Section | None:
         rest=rest,
     )
     shaken = (rest.warning,) if rest is not None and rest.warning else ()
-    warnings = (*shaken, *(sentence for good, sentence in advice if not good), *_overexposed(result))
+    warnings = (*shaken, *(sentence for good, sentence in advice if not good), *_overexposed(context))
     return Section("quality", TITLE, body, warnings)
 
 
-def _panels(result: Result, steps: Sequence[str]) -> _Panels:
+def _panels(context: Context, steps: Sequence[str]) -> _Panels:
     """The figures that some step has: panel → series → one value per step, None if unknown."""
     panels: _Panels = {}
-    summaries: dict[str, list[Mapping[str, Any]]] = {}
+    summaries: dict[str, Mapping[str, Mapping[str, Any]]] = {}
     for figure in _FIGURES:
-        for stage in result.stages_of(figure.kind):
+        for stage in context.result.stages_of(figure.kind):
             if stage not in summaries:
-                summaries[stage] = [_summary(result, stage, step) for step in steps]
-            values = [summary.get(figure.key) for summary in summaries[stage]]
+                summaries[stage] = step_summaries(context, stage)
+            values = [summaries[stage].get(step, {}).get(figure.key) for step in steps]
             if any(value is not None for value in values):
                 panels.setdefault(figure.panel, {})[figure.series] = values
     return panels
-
-
-def _summary(result: Result, stage: str, step: str) -> Mapping[str, Any]:
-    """Figures of a product; empty if it is missing."""
-    if step not in result.steps(stage) or not result.has(stage, step):
-        return {}
-    return summary_of(result.product(stage, step))
 
 
 def _heading(panel: _Panel, series: str) -> str:
@@ -190,12 +183,12 @@ def _size_sentence(size: float) -> str:
     return f"{finding} are of a good size; {good}."
 
 
-def _overexposed(result: Result) -> Iterator[str]:
+def _overexposed(context: Context) -> Iterator[str]:
     """A warning for each camera that was overexposed at a later step."""
     for side, kind in (("left", "correlation"), ("right", "stereo")):
-        for stage in result.stages_of(kind):
-            steps = result.steps(stage)
-            shares = {step: _summary(result, stage, step).get("overexposed_share") or 0.0 for step in steps[1:]}
+        for stage in context.result.stages_of(kind):
+            steps, summaries = context.result.steps(stage), step_summaries(context, stage)
+            shares = {step: summaries.get(step, {}).get("overexposed_share") or 0.0 for step in steps[1:]}
             bad = {step: share for step, share in shares.items() if share > _MOST_SATURATED}
             if bad:
                 worst = max(bad, key=lambda step: bad[step])

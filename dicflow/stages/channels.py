@@ -110,6 +110,10 @@ class Channels(Node):
                     "write one per step, or join by name or time",
                 )
 
+    def gathers(self, port: str) -> bool:
+        """Only the motion needs the photographs, beside their times."""
+        return self.offset == "auto"
+
     def run(self, file_path: Path, images: Sequence[Product]) -> Product:
         from dicflow.io.logs.log import read_log
 

@@ -23,6 +23,8 @@ _WIDTH, _PLOT_HEIGHT, _RIGHT = 440, 190, 16
 _LETTER, _NAME, _LINE = 12, 10, 17
 """Height of the letters of labels and numbers, and of the names of steps; distance of two lines [px]."""
 _MOST_NAMES, _LONGEST_NAME = 40, 24
+_MOST_MARKS = 200
+"""Points of a curve that have marks; more would hide one another, and a page would be long."""
 _MARGIN = 0.05
 
 Numbers = NDArray[np.float64]
@@ -37,7 +39,7 @@ class Curve(NamedTuple):
     joined : whether a line joins the points
     titles : of the marks, for who points at them; empty for none
     x_half, y_half : half the lengths of the bars through the marks, (n,); None for none
-    marked : whether marks are drawn
+    marked : whether marks are drawn; of a joined curve of many points none are
     """
 
     name: str
@@ -220,7 +222,7 @@ def _bars(plot: _Plot, curve: Curve, colour: str) -> str:
 
 
 def _marks(plot: _Plot, curve: Curve, colour: str) -> str:
-    if not curve.marked:
+    if not curve.marked or (curve.joined and len(curve.x) > _MOST_MARKS):
         return ""
     known = np.isfinite(curve.x) & np.isfinite(curve.y)
     places = plot.place(curve.x, curve.y)[known].tolist()

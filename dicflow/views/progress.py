@@ -95,15 +95,15 @@ class Progress:
         self._console.print(text, style=style or None, soft_wrap=True)
 
     def _tick(self) -> None:
-        """Print a line whenever none was printed for a while."""
+        """Print a line whenever none was printed for a while; of a plan only where there is much to check."""
         while not self._ended.wait(0.1):
-            if time.monotonic() - self._printed >= _SILENT_S:
+            if (self._stages or self._checking) and time.monotonic() - self._printed >= _SILENT_S:
                 self._print(self._line())
 
     def _line(self) -> str:
         """What goes on now, the share done, and the time left."""
         if not self._stages:
-            return self._checking or "planning"
+            return self._checking
         now = self._compiling_text() or next(self._under_way(), "working")
         return f"{now}: {100 * self._done():.0f} %, {self._times()}"
 

@@ -132,6 +132,15 @@ class Steps(Node):
     stage: Literal["steps"] = "steps"
 
 
+def test_a_stage_that_reads_attributes_alone_gathers_nothing(folder):
+    class Names(Rig):
+        def gathers(self, port):
+            return False
+
+    stages = {"read": StageSpec(Read(), {}, folder), "names": StageSpec(Names(), {"numbers": "read"})}
+    assert expand(stages).gathered() == frozenset()
+
+
 def test_what_a_step_takes_from_pairs_and_from_what_runs_once(folder):
     inputs = {"number": "scale", "pair": "difference", "pair_before": "difference", "first_pair": "difference"}
     graph = expand({**chain(folder).stages, "steps": StageSpec(Steps(stage="steps"), {**inputs, "rig": "rig"})})

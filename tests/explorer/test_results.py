@@ -20,7 +20,7 @@ from dicflow.explorer.page import NOTEBOOK_PAGE, fragment
 from dicflow.kinds.quantities import ERRORS
 from dicflow.kinds.rig import CalibratedRig
 from dicflow.pipeline import Pipeline
-from dicflow.report.answer import verdict
+from dicflow.report.answer import Seen, verdict
 from dicflow.report.build import write_report
 from tests.explorer.chromium import Tabs
 
@@ -178,13 +178,18 @@ def test_photographs_are_where_their_crop_says(quickstart, packed):
 
 
 def test_the_verdict_is_one_line_with_the_numbers(packed):
-    line = verdict(packed.manifest, 1, 0)
+    seen = Seen(7, 7, 1.0)
+    line = verdict(packed.manifest, seen, 1, 0)
     assert (line.tone, line.head) == ("warning", "Measured, with warnings")
     quantity = next(one for one in packed.manifest["quantities"] if one["name"] == "eyy")
     assert f"{quantity['means'][packed.manifest['main'][1]][0]:.3f}" in line.text
     assert "7 of 7 steps" in line.text
-    assert verdict(packed.manifest, 0, 0).tone == "good"
-    assert verdict(packed.manifest, 0, 2).tone == "error"
+    assert verdict(packed.manifest, seen, 0, 0).tone == "good"
+    assert verdict(packed.manifest, seen, 0, 2).tone == "error"
+    assert (
+        "6 of 7 steps measured, at least 93.2 % of the points"
+        in verdict(packed.manifest, Seen(7, 6, 0.9321), 0, 0).text
+    )
 
 
 @pytest.mark.parametrize(("name", "stages"), [("points", POINTS), ("cloud", CLOUD)])
@@ -200,7 +205,7 @@ def test_a_pair_alone_is_a_shape(store, tmp_path, tabs, name, stages):
     truth = result.product(name, step["name"])["xyz"][..., 2]
     stride = -(-truth.shape[0] // back.shape[0])
     np.testing.assert_allclose(back, truth[::stride, ::stride], atol=scale.quantum)
-    assert "the surface measured" in verdict(found.manifest, 0, 0).text
+    assert "the surface measured" in verdict(found.manifest, Seen(1, 1, 1.0), 0, 0).text
     page = tmp_path / "page.html"
     page.write_text(NOTEBOOK_PAGE.replace("{body}", fragment(found)), encoding="utf-8")
     with tabs.open() as seen:

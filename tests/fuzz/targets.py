@@ -13,6 +13,7 @@ import zipfile
 import zlib
 from collections.abc import Callable
 from functools import cache
+from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
@@ -26,7 +27,7 @@ from dicflow.io.calibrations.draft import Calibration
 from dicflow.io.calibrations.read import read_calibration
 from dicflow.io.caliper import read_caliper
 from dicflow.io.configuration import parse
-from dicflow.io.images import page_count, probe
+from dicflow.io.images import page_count, probe, read_photograph, time_taken, video_of
 from dicflow.io.images.png import chunks
 from dicflow.io.logs.log import read_log
 from dicflow.io.points_table import read_points
@@ -99,8 +100,11 @@ def targets() -> tuple[Target, ...]:
         Target("rig", "rig.json", [_written("dicflow.json"), _rig_with_covariance()], _rig),
         Target("mask", "mask.png", _pictures(), _without_warnings(read_mask), _with_check_sums),
         Target("photograph", "photo.tif", _pictures(), _without_warnings(_photograph), _with_check_sums),
+        Target("video", "video.mp4", _files("videos/*.m*"), _video),
         Target("results", "names", _NAMES, _results),
     )
+    if find_spec("pi_heif"):
+        readers += (Target("heic", "photo.heic", _files("photographs/*.heic"), _without_warnings(_levels)),)
     return readers + tuple(_calibration(name) for name in FILES)
 
 
@@ -288,6 +292,24 @@ def _photograph(path: Path) -> None:
     count = page_count(path)
     for number in range(1, count + 1):
         probe(FilePart(path, number) if count > 1 else path)
+
+
+def _files(pattern: str) -> tuple[bytes, ...]:
+    """Contents of the small files that tests of readers keep."""
+    return tuple(path.read_bytes() for path in sorted((_ROOT / "tests" / "io").glob(pattern)))
+
+
+def _video(path: Path) -> Any:
+    """Times of all frames, and grey levels of a few."""
+    found = video_of(path)
+    count = len(found.times)
+    levels = [read_photograph(FilePart(path, number)).grey.mean() for number in {1, count // 2 + 1, count}]
+    return [found.width, found.height, levels]
+
+
+def _levels(path: Path) -> Any:
+    time_taken(path)
+    return read_photograph(path).grey.mean()
 
 
 def _results(path: Path) -> None:

@@ -3,6 +3,8 @@ import pytest
 from dicflow.engine.product import Product
 from dicflow.pipeline import Pipeline
 from dicflow.report import quality as module
+from dicflow.report.context import Context
+from dicflow.report.pieces import Pieces
 from dicflow.report.quality import quality
 from tests.pages import context_of
 
@@ -25,10 +27,10 @@ def test_the_thesis_form_says_that_it_predicts_no_deviation(section):
     assert "RMSE [mm]" in section.body
 
 
-def test_figures_of_the_steps_are_those_of_the_products(loaded):
+def test_figures_of_the_steps_are_those_of_the_products(loaded, tmp_path):
     result = loaded.result()
     steps = result.steps("track")
-    panels = module._panels(result, steps)
+    panels = module._panels(context_of(loaded, tmp_path), steps)
     residuals = [result.product("track", step).attrs["summary"].get("residual_px") for step in steps]
     assert residuals[0] is None
     assert panels[module._RESIDUAL] == {"residual": residuals}
@@ -101,7 +103,7 @@ def test_the_noise_is_that_of_the_last_step_at_hand():
     assert text == "Noise of the photographs: 0.79 grey levels, from static pair."
 
 
-def test_steps_that_are_overexposed_come_with_a_warning():
+def test_steps_that_are_overexposed_come_with_a_warning(tmp_path):
     class Followed:
         def stages_of(self, kind):
             return {"correlation": ["left"], "stereo": ["right"]}[kind]
@@ -112,11 +114,15 @@ def test_steps_that_are_overexposed_come_with_a_warning():
         def has(self, stage, step):
             return step != "d"
 
+        def digest(self, stage, step):
+            return f"{stage} {step}"
+
         def product(self, stage, step):
             share = {"left": {"a": 0.0, "b": 0.005, "c": None}, "right": {"a": 0.2, "b": 0.02, "c": 0.313}}[stage][step]
             return Product(stage, {}, {"summary": {"overexposed_share": share}})
 
-    assert list(module._overexposed(Followed())) == [
+    context = Context(None, Followed(), None, Pieces(tmp_path, "code"), tmp_path)
+    assert list(module._overexposed(context)) == [
         "The right photographs of 2 of 4 steps are overexposed in more than 1.0 % of the region, c in 31.3 %: "
         "expose for a shorter time."
     ]

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from dicflow.engine.product import Product
 from dicflow.errors import ConfigurationError, InputError, StageError
 from dicflow.io.configuration import parse
 from dicflow.kinds.channels import Channels as Table
@@ -89,6 +90,15 @@ def test_the_offset_is_found_by_the_motion(tmp_path, offset):
     np.testing.assert_allclose(
         table.of("force").values, force(TIMES), atol=0.1 * np.abs(np.gradient(force(LOG), LOG)).max()
     )
+
+
+def test_photographs_are_looked_at_for_the_motion_alone(tmp_path):
+    """Otherwise their times are enough, and they are neither kept for it nor decoded again."""
+    path = written(tmp_path, machine_log(LOG + OFFSET, force(LOG), crosshead(LOG)))
+    times_alone = [Product("images", {}, one.attrs) for one in photographs(TIMES[::6])]
+    assert np.isfinite(run(path, times_alone, offset=OFFSET).of("force").values).any()
+    gathers = {offset: Channels(file="log.csv", offset=offset).gathers("images") for offset in ("auto", 0.0, None)}
+    assert gathers == {"auto": True, 0.0: False, None: False}
 
 
 def test_steps_may_stand_in_another_order_than_their_times(tmp_path):

@@ -59,6 +59,18 @@ def test_sentences_about_two_videos(folder):
     assert "variable frame rate" in sentence
 
 
+def test_a_broken_tail_is_left_out_and_said(tmp_path):
+    write_video(tmp_path / "whole.mkv", pictures(40, (120, 160)), 30.0, "FFV1")
+    data = (tmp_path / "whole.mkv").read_bytes()
+    (tmp_path / "part.mkv").write_bytes(data[: len(data) * 2 // 3])
+    node = Images(left="part.mkv")
+    steps = node.steps(tmp_path)
+    assert 10 < len(steps) < 40
+    (sentence,) = node.left_out(tmp_path, steps)
+    assert sentence.startswith("part.mkv: damaged (")
+    assert f"); {len(steps)} frames can be read, up to {(len(steps) - 1) / 30.0:.2f} s; copy it again" in sentence
+
+
 @pytest.mark.parametrize(
     ("more", "expected"),
     [

@@ -122,3 +122,10 @@ def test_bars_reach_as_far_as_the_values_say_and_have_room():
     assert right - left == pytest.approx(width / 1.65, abs=0.2)
     assert low - high == pytest.approx(190 / 1.65, abs=0.2)
     assert (left + right) / 2 == pytest.approx(across, abs=0.1)
+
+
+def test_many_points_are_a_line_without_marks():
+    few, many = (chart_over_steps([f"s{n}" for n in range(count)], {"a": [0.1] * count}, "a") for count in (200, 201))
+    assert few.count("<circle") == 200
+    assert "<circle" not in many
+    assert many.count("L") >= 200

@@ -81,6 +81,25 @@ def test_a_damaged_file_is_made_again_and_never_shown(result, tmp_path, name, da
     assert contents(tmp_path) == whole
 
 
+def test_whoever_stops_the_drawing_keeps_what_is_drawn(result, tmp_path, monkeypatch):
+    """Ctrl-C after the first of three parts; what is under way is finished, and the rest is drawn by the next call."""
+    seen = []
+
+    def stop(done, count):
+        seen.append((done, count))
+        raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        publish(result, tmp_path, note=stop)
+    drawn = stamps(tmp_path.rglob("*.png"))
+    assert seen == [(1, 4)]
+    assert 1 <= len(drawn) <= 2
+    files = publish(result, tmp_path, note=lambda done, count: seen.append((done, count)))
+    assert seen[1:] == [(1, 4), (2, 4), (3, 4), (4, 4)]
+    assert {path: path.stat().st_mtime_ns for path in drawn} == drawn
+    assert len(files) == 5
+
+
 @pytest.mark.parametrize("writes", range(5))
 def test_a_killed_process_leaves_nothing_that_counts_as_made(copied, result, tmp_path, monkeypatch, writes):
     """It dies at one of its five writes, and the settings go back to those of the files that it has replaced."""

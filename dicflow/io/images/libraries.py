@@ -9,12 +9,15 @@ from typing import TYPE_CHECKING, Any, BinaryIO
 
 from dicflow.errors import InputError
 from dicflow.io.images.formats import Format
+from dicflow.io.text import printable
 
 if TYPE_CHECKING:
     from PIL.ImageFile import ImageFile
 
 __all__ = ["library", "opencv", "opened", "pillow"]
 
+_MOST_LETTERS = 200
+"""Of what a library says about a file."""
 _SILENT = 0
 """OpenCV's level of logging that prints nothing."""
 
@@ -30,13 +33,13 @@ def opened(file: BinaryIO, form: Format) -> Iterator[ImageFile]:
 
 @contextmanager
 def library() -> Iterator[None]:
-    """Turn any error of a library on a damaged file into ValueError."""
+    """Turn any error of a library on a damaged file into ValueError, with a text of one line for a message."""
     try:
         yield
     except (MemoryError, InputError, pillow().DecompressionBombError):
         raise
     except Exception as error:
-        raise ValueError(str(error)) from error
+        raise ValueError(printable(" ".join(str(error).split()), _MOST_LETTERS)) from error
 
 
 @cache

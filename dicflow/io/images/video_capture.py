@@ -11,6 +11,7 @@ from typing import Any
 from dicflow.errors import InputError
 from dicflow.io.images.libraries import opencv
 from dicflow.io.images.quiet import quiet
+from dicflow.io.text import printable
 
 __all__ = ["complaint", "opened", "start", "time_of"]
 
@@ -58,4 +59,4 @@ def time_of(capture: Any) -> float:
 def complaint(heard: str) -> str:
     """The first line that the decoder wrote about damage, without its name; empty if it wrote nothing."""
     lines = (_SPEAKER.sub("", line.strip()) for line in heard.splitlines())
-    return next((line[:_MOST_LETTERS] for line in lines if line), "")
+    return next((printable(line, _MOST_LETTERS) for line in lines if line), "")
