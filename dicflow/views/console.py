@@ -79,7 +79,7 @@ class Progress:
             self._plan(event)
         elif event.kind == "finished":
             self._finish(event)
-        elif event.kind == "dashboard":
+        elif event.kind in ("dashboard", "waiting"):
             self._console.print(event.text, style="cyan", soft_wrap=True)
         if self._live:
             self._live.update(self._shown())
