@@ -1,7 +1,7 @@
 """The quick start on two jobs of a SLURM on this machine, one of which is cancelled half-way.
 
-``python -m tests.bench_cluster``, as root, with Debian's ``slurm-wlm`` and ``munge``. Compares all products with those of a
-run without a cluster.
+``python -m tests.bench_cluster``, as root, with Debian's ``slurm-wlm`` and ``munge``. Compares all products with those
+of a run without a cluster.
 """
 
 from __future__ import annotations
