@@ -28,7 +28,10 @@ def workers_of(text: str) -> tuple[int, int]:
     found = _RANGE.fullmatch(text.strip())
     if found is None:
         raise ConfigurationError(f"--workers {text}: write a number such as 4, or a range such as 2..40")
-    return int(found[1]), int(found[2] or found[1])
+    least, most = int(found[1]), int(found[2] or found[1])
+    if least < 1:
+        raise ConfigurationError(f"--workers {text}: the number must be at least 1")
+    return least, most
 
 
 def cluster_of(given: str, least: int, most: int) -> ClusterSpec:
