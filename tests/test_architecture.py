@@ -60,7 +60,7 @@ ONLY_IN: Mapping[str, Set[str]] = {
     "dask_jobqueue": {"engine"},
     "numcodecs": {"engine"},
     "zarr": {"engine", "pipeline"},
-    "pandas": set(),
+    "pandas": {"pipeline"},
     "matplotlib": {"views"},
     "bokeh": {"views"},
     "pyvista": {"views"},

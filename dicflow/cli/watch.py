@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from dicflow.cli.measure import compute_and_write, exit_code
+from dicflow.cli.measure import compute_and_write
 from dicflow.cli.options import Data, Output, PipelineFile, Settings, StoreFolder, load, results_folder, say
 
 if TYPE_CHECKING:
@@ -57,10 +57,10 @@ def watch(
         _note("watching; Ctrl-C ends it and writes pictures and report")
         with interruptible(watched.end):
             watched.run()
-    result = compute_and_write(
+    _, code = compute_and_write(
         watched.pipeline_so_far(), folder, Phases(), pictures=not no_pictures, report=not no_report, workers=workers
     )
-    raise typer.Exit(exit_code(result))
+    raise typer.Exit(code)
 
 
 def _note(text: str) -> None:

@@ -14,6 +14,7 @@ from typing import Any
 from pydantic.fields import FieldInfo
 
 from dicflow.engine.files import FilePart
+from dicflow.engine.looks import AT_ONCE, look_ports
 from dicflow.engine.node import At, Node, Scope, Steps, port_of
 from dicflow.errors import ConfigurationError, InputError
 
@@ -57,6 +58,7 @@ class Task:
     step : name of the step; of a pair, the one that it ends in
     inputs : port → task
     files : argument of ``run`` → file, or part of one
+    is_look : whether it is a look at some steps, which the stage takes in place of these; its step names them
     """
 
     name: str
@@ -65,6 +67,7 @@ class Task:
     node: Node
     inputs: Mapping[str, TaskInput]
     files: Mapping[str, Path | FilePart]
+    is_look: bool = False
 
     def producers(self) -> list[str]:
         """Names of all tasks that this one takes something from, each once."""
@@ -199,9 +202,10 @@ def _step_major(tasks: Sequence[Task], places: Mapping[str, Mapping[str, int]]) 
 
     A task is due at the first step that needs it, itself or through others: due(t) = min(place(t), due(consumers)).
     It can begin once the last step is through that it needs: ready(t) = max(place(t), ready(producers)). Neither falls
-    from a producer to its consumer, so the order by (due, ready) keeps producers first.
+    from a producer to its consumer, so the order by (due, ready) keeps producers first. A look is due as soon as it can
+    begin.
     """
-    place = {task.name: places[task.stage][task.step] if task.step is not None else None for task in tasks}
+    place = {task.name: None if task.step is None else places[task.stage].get(task.step) for task in tasks}
     due = {name: math.inf if where is None else where for name, where in place.items()}
     ready = {name: where or 0 for name, where in place.items()}
     for task in reversed(tasks):
@@ -209,6 +213,8 @@ def _step_major(tasks: Sequence[Task], places: Mapping[str, Mapping[str, int]]) 
             due[producer] = min(due[producer], due[task.name])
     for task in tasks:
         ready[task.name] = max([ready[task.name], *(ready[producer] for producer in task.producers())])
+        if task.is_look:
+            due[task.name] = ready[task.name]
     return {task.name: task for task in sorted(tasks, key=lambda task: (due[task.name], ready[task.name]))}
 
 
@@ -298,7 +304,9 @@ class _Joints:
         """The tasks of one stage, in the order of its steps."""
         node, own, files = self.stages[name].node, self.series[name], _own_files(self.stages[name])
         if own is None:
-            return [Task(name, name, None, node, self._inputs(name, None), files)]
+            inputs = self._inputs(name, None)
+            looks = _looks(name, node, inputs)
+            return [*looks, Task(name, name, None, node, _seen_through(looks, node, inputs), files)]
         here = own.files if own.start == name else {}
         return [
             Task(f"{name}/{step}", name, step, node, self._inputs(name, place), {**files, **here.get(step, {})})
@@ -343,6 +351,31 @@ class _Joints:
         if self.series[source] is None:
             return ((source, source),)
         return tuple((step, f"{source}/{step}") for step in self.steps[source])
+
+
+def _looks(name: str, node: Node, inputs: Mapping[str, TaskInput]) -> list[Task]:
+    """The looks of a stage that runs once at each whole part of its series; none for a stage without a look."""
+    ports = look_ports(type(node))
+    series = inputs[ports[0]] if ports else None
+    if not isinstance(series, tuple):
+        return []
+    found = []
+    for end in range(AT_ONCE, len(series) + 1, AT_ONCE):
+        part = series[end - AT_ONCE : end]
+        label, given = f"{part[0][0]}…{part[-1][0]}", {port: inputs[port] for port in ports}
+        found.append(Task(f"{name}/{label}", name, label, node, {**given, ports[0]: part}, {}, is_look=True))
+    return found
+
+
+def _seen_through(looks: Sequence[Task], node: Node, inputs: Mapping[str, TaskInput]) -> Mapping[str, TaskInput]:
+    """The inputs of a stage with looks in place of the steps that they are of."""
+    if not looks:
+        return inputs
+    port = look_ports(type(node))[0]
+    series = inputs[port]
+    assert isinstance(series, tuple)
+    rest = series[len(looks) * AT_ONCE :]
+    return {**inputs, port: (*((str(task.step), task.name) for task in looks), *rest)}
 
 
 def _own_files(spec: StageSpec) -> dict[str, Path]:

@@ -262,6 +262,15 @@ class Node(BaseModel):
         """
         return ()
 
+    def look(self, **inputs: Any) -> Product:
+        """What :meth:`run` needs of one step, of a stage that takes all steps of a series that may be long.
+
+        A stage that defines it names as arguments the port with ``At.ALL``, for which it gets the product of one step,
+        and all other ports that it needs. ``run`` then gets what it returned in place of each step's product: a few
+        numbers, as arrays that have the same names and shapes at every step, and attributes.
+        """
+        raise NotImplementedError
+
     def run(self, **inputs: Any) -> Product:
         """Make the product. Raises StageError if the inputs do not allow it."""
         raise NotImplementedError

@@ -234,7 +234,11 @@ class _Planner:
         sources = Sources(kept_sources() or store.files)
         code = {name: sources.fingerprint(type(spec.node), spec.node.uses()) for name, spec in graph.stages.items()}
         sources.save()
-        self.keys = {name: key_maker(spec.node, values[name]) for name, spec in graph.stages.items()}
+        self.keys = {
+            (name, is_look): key_maker(spec.node, values[name], is_look)
+            for name, spec in graph.stages.items()
+            for is_look in (False, True)
+        }
         self.plan = Plan(graph, self.entries, values, code, self.files, policy)
 
     @cached_property
@@ -251,7 +255,7 @@ class _Planner:
             return
         inputs = {port: self._refs(source) for port, source in task.inputs.items()}
         digests = {name: file.digest for name, file in files.items()}
-        key = self.keys[task.stage](input_digests(inputs), digests)
+        key = self.keys[task.stage, task.is_look](input_digests(inputs), digests)
         self.entries[task.name] = self._indexed(task, key, inputs) or self._found(task, key, inputs, digests)
 
     def _indexed(self, task: Task, key: str, inputs: dict[str, RefInput]) -> PlanEntry | None:
@@ -297,7 +301,7 @@ class _Planner:
         record = self.store.record(last["key"]) if last["key"] != key else None
         if record is None:
             return (Change("record", "its record is no longer in the store"),)
-        parts = key_parts(task.node, self.plan.parameters[task.stage], input_digests(inputs), files)
+        parts = key_parts(task.node, self.plan.parameters[task.stage], input_digests(inputs), files, task.is_look)
         return tuple(differences(record.parts, parts)) or (Change("record", "made with another key"),)
 
     def _refs(self, source: TaskInput) -> RefInput:

@@ -13,7 +13,7 @@ from dicflow.engine.units import quantity
 from dicflow.errors import ConfigurationError
 from dicflow.io.configuration import Document, read
 
-__all__ = ["cluster_of", "workers_of"]
+__all__ = ["cluster_in", "cluster_of", "workers_of"]
 
 _KEYS = ("cluster", "options", "wait")
 _RANGE = re.compile(r"([0-9]{1,5})(?:\.\.([0-9]{1,5}))?")
@@ -42,7 +42,11 @@ def cluster_of(given: str, least: int, most: int) -> ClusterSpec:
     """
     if given in KINDS or not given.lower().endswith((".yaml", ".yml")):
         return ClusterSpec(given, {}, least, most)
-    document = read(Path(given))
+    return cluster_in(read(Path(given)), least, most)
+
+
+def cluster_in(document: Document, least: int, most: int) -> ClusterSpec:
+    """The cluster of a file. Raises ConfigurationError with the place of what is wrong."""
     for key in document.data:
         if key not in _KEYS:
             known = ", ".join(_KEYS)

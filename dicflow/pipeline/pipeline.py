@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
@@ -11,10 +12,12 @@ from typing import TYPE_CHECKING, Any
 from dicflow.engine.files import FilePart
 from dicflow.engine.graph import Graph, StageSpec, expand
 from dicflow.engine.journal import Event, RunInfo, find_run, runs
+from dicflow.engine.node import Node
 from dicflow.engine.plan import CodePolicy, Plan, make_plan
 from dicflow.engine.store import Store
 from dicflow.errors import ConfigurationError, InputError
 from dicflow.io.configuration import Document, read
+from dicflow.pipeline.notebook import table_html
 from dicflow.pipeline.past import past_result
 from dicflow.pipeline.report_facts import ReportFacts, report_facts
 from dicflow.pipeline.resolved import kept_settings, resolved_of
@@ -34,7 +37,7 @@ _SETTINGS = ("stages", "variants")
 """Parts of the resolved pipeline that are equal in all runs of one measurement."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class Pipeline:
     """A validated pipeline file.
 
@@ -80,6 +83,23 @@ class Pipeline:
         pipeline = cls(path, document, folder.absolute(), store_folder.absolute())
         assert pipeline._wired
         return pipeline
+
+    def __repr__(self) -> str:
+        return f"<dicflow.Pipeline {self._size}>"
+
+    def _repr_html_(self) -> str:
+        rows = [
+            (name, node.stage, ", ".join(dict.fromkeys(wired.inputs.values())), _settings(node))
+            for name, wired in self._wired[0].items()
+            for node in [wired.node]
+        ]
+        return table_html(f"Pipeline {self._size}", ("stage", "kind", "takes", "settings"), rows)
+
+    @property
+    def _size(self) -> str:
+        """``pipeline.yaml: 14 stages, 2 variants``."""
+        count = len(self.variants)
+        return f"{self.path.name}: {len(self._wired[0])} stages" + (f", {count} variants" if count > 1 else "")
 
     @property
     def name(self) -> str:
@@ -266,6 +286,12 @@ class Pipeline:
             "variants": [dict(variant.values) for variant in self.variants],
             "instances": [dict(names) for names in self.instances],
         }
+
+
+def _settings(node: Node) -> str:
+    """Parameters that are not the default, as a pipeline file has them."""
+    given = node.model_dump(mode="json", exclude_defaults=True, exclude={"stage"})
+    return ", ".join(f"{name}: {json.dumps(value, ensure_ascii=False)}" for name, value in given.items())
 
 
 def _in_order(wired: Mapping[str, Wired]) -> Iterable[str]:

@@ -6,6 +6,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
+from dicflow.engine.looks import with_looks
 from dicflow.engine.node import Node
 from dicflow.engine.references import Ref, arguments
 from dicflow.engine.store import Store
@@ -21,4 +22,4 @@ def readings_of_step(store: Path, node: Node, step: str, total: Ref, rig: Ref | 
     Raises StageError where no probe is measured at this step.
     """
     given = arguments(Store(store), {"total": ((step, total),), "rig": rig}, {})
-    return [row for row in ProbeTable.read(node.run(**given)).rows if row["step"] == step]
+    return [row for row in ProbeTable.read(node.run(**with_looks(node, given))).rows if row["step"] == step]
