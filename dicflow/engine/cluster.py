@@ -267,11 +267,11 @@ def remote_cluster(options: BackendOptions) -> Iterator[Backend]:
         raise ConfigurationError(message) from error
     with distributed.utils.silence_logging_cmgr(logging.CRITICAL), client:
         _await_workers(client, address)
-        yield checked_backend(client, address, options, client.dashboard_link)
+        yield checked_backend(client, address, options, client.dashboard_link, _WITHOUT_WORKERS_S)
 
 
 def checked_backend(
-    client: distributed.Client, name: str, options: BackendOptions, link: str, patience_s: float = _WITHOUT_WORKERS_S
+    client: distributed.Client, name: str, options: BackendOptions, link: str, patience_s: float
 ) -> Backend:
     """A backend of the workers that a client has, which are checked and prepared.
 
