@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import signal
 import subprocess
 from dataclasses import replace
 from pathlib import Path
@@ -81,19 +82,33 @@ def test_a_run_with_nothing_to_do_starts_no_job(folder, store):
     assert run_sync(chain(folder), store, cluster=impossible).counts["hit"] == 24
 
 
-def test_a_cluster_that_gives_no_job(machine, folder, store, monkeypatch):
-    """More cores than the partition has free: the first job waits for ever, and says so."""
+@pytest.fixture
+def full(machine, monkeypatch):
+    """The machine with all of its cores taken by somebody else; a run soon says that it waits."""
     monkeypatch.setattr("dicflow.engine.job_cluster._SAY_S", 0.5)
-    holding = subprocess.run(["sbatch", "-n2", "--parsable", "-o", "/dev/null", "--wrap", "sleep 60"],
-                             capture_output=True, text=True, check=True).stdout.strip()  # fmt: skip
+    command = ["sbatch", "-n2", "--parsable", "-o", "/dev/null", "--wrap", "sleep 60"]
+    job = subprocess.run(command, capture_output=True, text=True, check=True).stdout.strip()
+    yield
+    subprocess.run(["scancel", job], check=True)
+
+
+def test_a_cluster_that_gives_no_job(full, folder, store):
     said = []
-    try:
-        with pytest.raises(ConfigurationError, match="slurm: no job has begun within 3 s; look at the queue"):
-            run_sync(chain(folder), store, cluster=cluster(wait_s=3.0), on_event=said.append)
-    finally:
-        subprocess.run(["scancel", holding], check=True)
+    with pytest.raises(ConfigurationError, match="slurm: no job has begun within 3 s; look at the queue"):
+        run_sync(chain(folder), store, cluster=cluster(wait_s=3.0), on_event=said.append)
     assert ["no job has begun yet" in event.text for event in said if event.kind == "waiting"] == [True]
-    assert squeue("-n", "dask-worker", "-t", "PENDING") == []
+    assert squeue("-n", "dask-worker") == []
+
+
+def test_ctrl_c_while_no_job_has_begun(full, folder, store):
+    def on_event(event):
+        if event.kind == "waiting":
+            signal.raise_signal(signal.SIGINT)
+
+    result = run_sync(chain(folder), store, cluster=cluster(wait_s=60.0), on_event=on_event)
+    assert result.interrupted
+    assert result.counts["skipped"] == 24
+    assert squeue("-n", "dask-worker") == []
 
 
 def test_a_job_that_is_refused(machine, folder, store):
