@@ -57,6 +57,7 @@ CORE_LIBRARIES = NUMERICS | {
 ONLY_IN: Mapping[str, Set[str]] = {
     "dask": {"engine"},
     "distributed": {"engine"},
+    "dask_jobqueue": {"engine"},
     "numcodecs": {"engine"},
     "zarr": {"engine", "pipeline"},
     "pandas": {"pipeline"},

@@ -169,7 +169,7 @@ def test_keep_going_computes_what_does_not_need_the_failure(own, tmp_path):
         (("run",), "Missing argument"),
         (("frobnicate",), "No such command"),
         (("run", SAMPLE, "--frobnicate"), "No such option"),
-        (("run", SAMPLE, "--workers", "0"), "greater than or equal to 1"),
+        (("run", SAMPLE, "--workers", "0"), "must be at least 1"),
         (
             ("run", "nothing.yaml"),
             "(no such file or directory); name a pipeline file, or make one",

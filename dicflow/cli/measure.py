@@ -22,8 +22,10 @@ from dicflow.cli.options import (
     results_folder,
     say,
 )
+from dicflow.engine.cluster_spec import KINDS
 from dicflow.engine.journal import STATUSES
 from dicflow.engine.schedulers import scheduler_names
+from dicflow.errors import ConfigurationError
 from dicflow.views.topics import advice, topic_of
 
 if TYPE_CHECKING:
@@ -43,8 +45,13 @@ def run(
     data: Data = None,
     store: StoreFolder = None,
     output: Output = None,
-    workers: Annotated[int, typer.Option(min=1, help="workers at once; default: one per core")] = os.cpu_count() or 1,
+    workers: Annotated[
+        str, typer.Option(metavar="N or N..M", help="workers at once; default: one per core; of a cluster from N to M")
+    ] = str(os.cpu_count() or 1),
     scheduler: Annotated[str, typer.Option(help=scheduler_names())] = "auto",
+    cluster: Annotated[
+        str, typer.Option(metavar="NAME | FILE", help=f"start workers as jobs: {', '.join(KINDS)}, or a file")
+    ] = "",
     dashboard: Annotated[
         bool,
         typer.Option(
@@ -67,12 +74,14 @@ def run(
     dicflow run pipeline.yaml
     dicflow run pipeline.yaml --set surface.robust=LAR
     dicflow run pipeline.yaml --set smooth.degree=1,2,3 --workers 4
+    dicflow run pipeline.yaml --cluster slurm --workers 2..40
     """
     from dicflow.engine.phases import Phases
     from dicflow.io.files import make_folder
 
     phases = Phases()
     phases.end("start")
+    chosen = _workers(workers, cluster, scheduler)
     loaded = load(pipeline, data, store, settings)
     folder = results_folder(loaded, output)
     assert loaded.graph
@@ -84,11 +93,11 @@ def run(
         pictures=not no_pictures,
         report=not no_report,
         scheduler=scheduler,
-        workers=workers,
         dashboard=dashboard,
         code_policy=code_policy.value,
         keep_going=keep_going,
         linger=_until_enter if dashboard and wait else None,
+        **chosen,
     )
     _end_run(result, phases if profile else None, as_json)
     raise typer.Exit(code)
@@ -140,6 +149,20 @@ def why(
         made = load(pipeline, data, store, settings).plan(on_event=shown.on_event)
     for line in why_lines(made, stage):
         out.print(line, soft_wrap=True)
+
+
+def _workers(given: str, cluster: str, scheduler: str) -> dict[str, Any]:
+    """Options of a run for its workers: how many, and the cluster that they are jobs of."""
+    from dicflow.io.cluster_file import cluster_of, workers_of
+
+    least, most = workers_of(given)
+    if cluster and scheduler != "auto":
+        raise ConfigurationError(f"--cluster {cluster} starts a scheduler of its own; leave --scheduler out")
+    if cluster:
+        return {"workers": os.cpu_count() or 1, "cluster": cluster_of(cluster, least, most)}
+    if least != most:
+        raise ConfigurationError(f"--workers {given}: a range is for --cluster; give one number")
+    return {"workers": least}
 
 
 def compute_and_write(

@@ -24,7 +24,7 @@ from dicflow.engine.work import KILLED, Defect, Job, Outcome, Perform, perform
 from dicflow.engine.workers import ignore_interrupts, prepare, reads_probe
 from dicflow.errors import ConfigurationError, StoreError, WorkerError
 
-__all__ = ["ClusterBackend", "remote_cluster"]
+__all__ = ["ClusterBackend", "checked_backend", "remote_cluster"]
 
 _MUST_AGREE = ("python", "dicflow", "dask", "distributed", "numpy", "scipy", "numba", "opencv-python-headless")
 _PATIENCE_S = 15
@@ -48,10 +48,19 @@ class ClusterBackend:
     link : address of the dashboard, "" without one
     retries : of a task with a defect
     perform : what a worker of dask's calls with a job
+    patience_s : how long the scheduler may be without workers [s]
     """
 
-    def __init__(self, client: distributed.Client, link: str, retries: int, perform: Perform = perform) -> None:
+    def __init__(
+        self,
+        client: distributed.Client,
+        link: str,
+        retries: int,
+        perform: Perform = perform,
+        patience_s: float = _WITHOUT_WORKERS_S,
+    ) -> None:
         self.link = link
+        self._watch = _Watch(client, patience_s)
         self._client = client
         self._retries = retries
         self._perform = perform
@@ -75,7 +84,7 @@ class ClusterBackend:
             lost = self._window(outcomes, finished).compute(itertools.chain(left, jobs))
 
     def _window(self, outcomes: Mapping[str, Outcome], finished: Callable[[Outcome], None]) -> _Window:
-        return _Window(self._client, self._retries, self._perform, outcomes, finished)
+        return _Window(self._client, self._watch, self._retries, self._perform, outcomes, finished)
 
 
 class _Inside(NamedTuple):
@@ -97,6 +106,7 @@ class _Window:
     def __init__(
         self,
         client: distributed.Client,
+        watch: _Watch,
         retries: int,
         perform: Perform,
         outcomes: Mapping[str, Outcome],
@@ -105,7 +115,7 @@ class _Window:
         self._client = client
         self._retries = retries
         self._perform = perform
-        self._watch = _Watch(client)
+        self._watch = watch
         self._outcomes = outcomes
         self._finished = finished
         self._suffix = uuid.uuid4().hex[:6]  # dask must not take a second attempt for the first one
@@ -218,8 +228,9 @@ class _Window:
 class _Watch:
     """Tells whether a scheduler can still make progress."""
 
-    def __init__(self, client: distributed.Client) -> None:
+    def __init__(self, client: distributed.Client, patience_s: float) -> None:
         self.address = client.scheduler.address
+        self._patience_s = patience_s
         self._client = client
         self._looked = self._had_workers = time.monotonic()
 
@@ -234,8 +245,8 @@ class _Watch:
         with suppress(OSError):
             if self._client.nthreads():
                 self._had_workers = now
-        if now - self._had_workers > _WITHOUT_WORKERS_S:
-            lacking = f"has had no worker for {_WITHOUT_WORKERS_S:.0f} s"
+        if now - self._had_workers > self._patience_s:
+            lacking = f"has had no worker for {self._patience_s:.0f} s"
             raise WorkerError(f"{self.address}: {lacking}; start 'dask worker {self.address}', then run again")
 
 
@@ -255,10 +266,24 @@ def remote_cluster(options: BackendOptions) -> Iterator[Backend]:
         message = f"{address}: no scheduler answers there{stranger}; start 'dask scheduler' first"
         raise ConfigurationError(message) from error
     with distributed.utils.silence_logging_cmgr(logging.CRITICAL), client:
-        _check_workers(client, address)
-        _check_store(client, address, options.store, options.run_id)
-        client.register_plugin(_Prepare(options.setup))
-        yield ClusterBackend(client, client.dashboard_link, options.retries)
+        _await_workers(client, address)
+        yield checked_backend(client, address, options, client.dashboard_link, _WITHOUT_WORKERS_S)
+
+
+def checked_backend(
+    client: distributed.Client, name: str, options: BackendOptions, link: str, patience_s: float
+) -> Backend:
+    """A backend of the workers that a client has, which are checked and prepared.
+
+    name : of their scheduler, in messages
+    link : address of its dashboard, "" without one
+    patience_s : how long it may be without workers later [s]
+    Raises ConfigurationError and StoreError as :func:`remote_cluster` does.
+    """
+    _check_workers(client)
+    _check_store(client, name, options.store, options.run_id)
+    client.register_plugin(_Prepare(options.setup))
+    return ClusterBackend(client, link, options.retries, patience_s=patience_s)
 
 
 class _Prepare(distributed.WorkerPlugin):  # type: ignore[misc]
@@ -294,11 +319,14 @@ def _check_certificates(address: str) -> None:
         raise ConfigurationError(f"{address}: dask's settings name no certificates; set {_CERTIFICATES}")
 
 
-def _check_workers(client: distributed.Client, address: str) -> None:
+def _await_workers(client: distributed.Client, address: str) -> None:
     try:
         client.wait_for_workers(1, timeout=_PATIENCE_S)
     except TimeoutError as error:
         raise ConfigurationError(f"{address}: the scheduler has no workers; start 'dask worker {address}'") from error
+
+
+def _check_workers(client: distributed.Client) -> None:
     here = versions()
     for worker, found in client.run(versions).items():
         there = {**found, "python": here["python"]} if _minor(found) == _minor(here) else found

@@ -134,7 +134,12 @@ def run(
 def _workers(options: Options, graph: Graph, store: Store) -> Iterator[WorkerProcesses | None]:
     """Worker processes, for a scheduler that has them; in a new store, where there is work for sure, they start."""
     is_auto = options.scheduler == "auto"
-    if options.dashboard or not (is_auto or options.scheduler == "processes") or (is_auto and has_few_tasks(graph)):
+    if (
+        options.cluster
+        or options.dashboard
+        or not (is_auto or options.scheduler == "processes")
+        or (is_auto and has_few_tasks(graph))
+    ):
         yield None
         return
     nodes = {task.stage: task.node for task in graph.tasks.values()}
@@ -270,6 +275,8 @@ def backend_options(state: Running, run_id: str, processes: WorkerProcesses | No
         processes,
         state.compilation(),
         state.ahead(),
+        options.cluster,
+        state.say,
     )
 
 

@@ -69,7 +69,9 @@ ABOUT = fields({"id": is_text, "pipeline": is_text, "started": _is_time, "resolv
 RESULT = fields({"counts": mapping_of(is_count), "interrupted": is_flag})
 """Form of ``result.json``."""
 
-Happening = Literal["checking", "planned", "dashboard", "compiling", "compiled", "finished", "warning", "ended"]
+Happening = Literal[
+    "checking", "planned", "dashboard", "waiting", "compiling", "compiled", "finished", "warning", "ended"
+]
 """What an event is."""
 Status = Literal["hit", "computed", "failed", "skipped"]
 """What became of a task."""
@@ -90,7 +92,7 @@ class Event:
     seconds : of a finished task, in its stage; of a stage that is compiled, processor time; of an ended run, altogether
     stage : of a warning: the stage whose products it is of; "" for one of the run; of code that is compiled: the stage
         that needs it
-    text : message of an error or warning, the dashboard's link, or what is being checked: files or tasks
+    text : message of an error or warning, the dashboard's link, what is waited for, or being checked: files or tasks
     counts : checking: done and all, of what ``text`` names; planned: hit, run, pending;
         ended: hit, computed, failed, skipped
     stages : planned: the same counts per stage

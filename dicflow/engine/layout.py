@@ -45,7 +45,10 @@ _PARTS: tuple[tuple[Part, tuple[Sort, ...], re.Pattern[str]], ...] = (
 """Each part of a store: what it is, and its path below the store's folder."""
 
 _IN_GROUP = re.compile(r"([^/]+/)?zarr\.json|[^/]+/c(\.\d+)*"), re.compile("[^/]+")
-_IN_RUN = re.compile(r"(pipeline|index|result)\.json|journal\.jsonl|stop|errors/[^/]+\.txt"), re.compile("errors")
+_IN_RUN = (
+    re.compile(r"(pipeline|index|result)\.json|journal\.jsonl|stop|errors/[^/]+\.txt|jobs/[^/]+"),
+    re.compile("errors|jobs"),
+)
 """Files and folders inside."""
 
 

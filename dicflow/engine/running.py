@@ -6,6 +6,7 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 
+from dicflow.engine.cluster_spec import ClusterSpec
 from dicflow.engine.compilation import Compilation, Pieces
 from dicflow.engine.expectation import expected_cpu_s
 from dicflow.engine.graph import Graph
@@ -42,6 +43,7 @@ class Options:
     uncompiled : gives the pieces of code that stages which will run need, where these are not compiled yet
     ahead : gives for all stages by name what workers do while they wait for work
     linger : called when all is done, before workers and dashboard end
+    cluster : whose workers are started for the run, in the place of those of ``scheduler``
     """
 
     scheduler: str = "auto"
@@ -55,6 +57,7 @@ class Options:
     uncompiled: Callable[[Mapping[str, Node]], Pieces] | None = None
     ahead: Callable[[Mapping[str, Node]], Sequence[Callable[[], None]]] | None = None
     linger: Callable[[], None] | None = None
+    cluster: ClusterSpec | None = None
 
 
 def has_few_tasks(graph: Graph) -> bool:
@@ -130,6 +133,10 @@ class Running:
     def ahead(self) -> Sequence[Callable[[], None]]:
         """What is done while there is nothing to do yet."""
         return self.options.ahead(self._nodes()) if self.options.ahead is not None else ()
+
+    def say(self, text: str) -> None:
+        """Report a sentence about what is waited for."""
+        self.report(Event("waiting", text=text))
 
     def _nodes(self) -> dict[str, Node]:
         """The stages that will run, by name."""

@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Protocol
 from urllib.parse import urlsplit
 
 from dicflow.discovery import Registry, nearest
+from dicflow.engine.cluster_spec import ClusterSpec
 from dicflow.engine.compilation import Compilation
 from dicflow.errors import ConfigurationError
 
@@ -69,6 +70,8 @@ class BackendOptions:
     processes : worker processes of the caller, which outlive the backend; None to start own ones
     ahead : what workers do while they wait for work
     compilation : a scheduler may ignore it; then each worker compiles what it uses
+    cluster : whose workers are started in the place of those of ``scheduler``
+    say : called with sentences for the user, about what is waited for
     """
 
     scheduler: str
@@ -81,6 +84,8 @@ class BackendOptions:
     processes: WorkerProcesses | None = None
     compilation: Compilation = field(default_factory=Compilation)
     ahead: Sequence[Callable[[], None]] = ()
+    cluster: ClusterSpec | None = None
+    say: Callable[[str], None] = print
 
 
 @dataclass(frozen=True)
@@ -191,6 +196,10 @@ def open_backend(options: BackendOptions) -> AbstractContextManager[Backend]:
 
     Raises ConfigurationError for a plug-in that cannot be imported, and for a name that two packages use.
     """
+    if options.cluster is not None:
+        from dicflow.engine.job_cluster import started_cluster
+
+        return started_cluster(options)
     entry = SCHEDULERS.get(_entry(options.scheduler))
     if entry is None:
         entry = Scheduler(_PLUGINS.load(_plugin(options.scheduler)))

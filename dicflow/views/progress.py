@@ -76,7 +76,7 @@ class Progress:
             self._plan(event)
         elif event.kind == "finished":
             self._finish(event)
-        elif event.kind == "dashboard":
+        elif event.kind in ("dashboard", "waiting"):
             self._print(event.text, style="cyan")
 
     def drawing(self, what: str) -> Callable[[int, int], None]:

@@ -242,18 +242,18 @@ class Fake:
 def test_workers_with_other_versions_are_refused():
     there = {**cluster.versions(), "numpy": "1.0"}
     with pytest.raises(ConfigurationError, match=r"tcp://far:1: has numpy 1\.0 \(here .*install the same versions"):
-        cluster._check_workers(Fake(versions=there), "tcp://far:0")
+        cluster._check_workers(Fake(versions=there))
     for name in ("scipy", "numba", "opencv-python-headless"):
         with pytest.raises(ConfigurationError, match=f"has {name} 0 "):
-            cluster._check_workers(Fake(versions={**cluster.versions(), name: "0"}), "tcp://far:0")
-    cluster._check_workers(Fake(versions={**cluster.versions(), "zarr": "9"}, sources=cluster.sources()), "tcp://far:0")
+            cluster._check_workers(Fake(versions={**cluster.versions(), name: "0"}))
+    cluster._check_workers(Fake(versions={**cluster.versions(), "zarr": "9"}, sources=cluster.sources()))
     with pytest.raises(ConfigurationError, match="the scheduler has no workers; start"):
-        cluster._check_workers(Fake(workers=0), "tcp://far:0")
+        cluster._await_workers(Fake(workers=0), "tcp://far:0")
 
 
 def test_workers_with_other_code_are_refused():
     with pytest.raises(ConfigurationError, match=r"tcp://far:1: runs different dicflow source"):
-        cluster._check_workers(Fake(versions=cluster.versions(), sources="sha256:" + "0" * 64), "tcp://far:0")
+        cluster._check_workers(Fake(versions=cluster.versions(), sources="sha256:" + "0" * 64))
 
 
 def test_workers_that_do_not_see_the_store_are_refused(store):

@@ -13,6 +13,7 @@ import typer
 import yaml
 
 from dicflow.cli.commands import app
+from dicflow.io.cluster_file import cluster_in
 from dicflow.io.configuration import parse
 from dicflow.pipeline.registry import node_class
 from dicflow.pipeline.report_facts import report_facts
@@ -61,11 +62,14 @@ def prose_commands() -> Iterator[tuple[str, str]]:
 
 
 def check_yaml(block: Block) -> None:
-    """Wire a whole pipeline; of a part, validate each stage and section. Raises ConfigurationError."""
+    """Wire a whole pipeline, or read a cluster; of a part, validate stages and sections. Raises ConfigurationError."""
     text = textwrap.dedent(block.text)
     whole = "dicflow: 1" in text and _ELLIPSIS not in map(str.strip, text.splitlines())
     if whole:
         wire(parse(text, block.name))
+        return
+    if re.search("^cluster:", text, re.MULTILINE):
+        cluster_in(parse(text, block.name), 1, 1)
         return
     data = yaml.safe_load("\n".join(line for line in text.splitlines() if line.strip() != _ELLIPSIS))
     for name, entry in {**data, **data.get("stages", {})}.items():
