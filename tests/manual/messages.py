@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ast
+import re
 from collections.abc import Iterator
 from functools import cache
 from pathlib import Path
@@ -43,11 +44,9 @@ def register() -> tuple[Message, ...]:
 
 def sections() -> dict[str, str]:
     """Anchor → title of each section of the page on troubleshooting, as MkDocs makes them."""
-    from markdown.extensions.toc import slugify
-
     lines = (_ROOT / "docs" / "troubleshooting.md").read_text(encoding="utf-8").splitlines()
     titles = [line.removeprefix("## ") for line in lines if line.startswith("## ")]
-    return {slugify(title, "-"): title for title in titles}
+    return {re.sub(r"[\s-]+", "-", re.sub(r"[^\w\s-]", "", title).lower()): title for title in titles}
 
 
 def messages_page() -> str:
