@@ -73,6 +73,7 @@ ONLY_IN: Mapping[str, Set[str]] = {
     "rich": {"cli", "views"},
     "ruamel": {"io"},
     "tornado": {"app"},
+    "watchfiles": {"io"},
 }
 """The layers that import a library."""
 

@@ -16,6 +16,7 @@ from dicflow.cli.products import graph, list_products, show
 from dicflow.cli.store import gc, pin, verify
 from dicflow.cli.tools import demo, doctor, help_topics, init, schema, stages, synth, warm
 from dicflow.cli.tune import tune
+from dicflow.cli.watch import watch
 
 __all__ = ["app"]
 
@@ -28,6 +29,7 @@ app = typer.Typer(
 )
 COMMANDS: dict[str, Callable[..., None]] = {
     "run": run,
+    "watch": watch,
     "plan": plan,
     "why": why,
     "tune": tune,

@@ -27,7 +27,9 @@ from dicflow.pipeline.wiring import Wired, wire
 
 if TYPE_CHECKING:
     from dicflow.engine.execute import RunResult
+    from dicflow.engine.node import Steps
     from dicflow.engine.references import Ref
+    from dicflow.engine.running import Options
 
 __all__ = ["Pipeline"]
 
@@ -44,6 +46,7 @@ class Pipeline:
     folder : where relative paths of photographs and tables start
     store_folder : where products are kept; both absolute, since workers may have another working directory
     only : names of the steps to keep, by the stage that starts their series; all steps of others
+    found : the steps of each stage that starts a series, where they are known; else their folders are looked at
     """
 
     path: Path
@@ -51,6 +54,7 @@ class Pipeline:
     folder: Path
     store_folder: Path
     only: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
+    found: Mapping[str, Steps] | None = None
 
     @classmethod
     def load(
@@ -151,12 +155,24 @@ class Pipeline:
 
         Raises InputError for photographs that are missing or that lie outside the folders this file may read.
         """
-        for name, spec in self._instances[1].items():
-            self._check_inside(name, spec.node.searches(spec.folder))
-        graph = expand(self._instances[1])
+        assert self.searched is not None
+        graph = expand(self._instances[1], self.found)
         for task in graph.tasks.values():
             self._check_inside(task.stage, task.files.values())
         return graph
+
+    @cached_property
+    def searched(self) -> Mapping[str, tuple[Path, ...]]:
+        """Stage that starts a series → folders in which it looks. Raises InputError as :attr:`graph` does."""
+        places = {name: spec.node.searches(spec.folder) for name, spec in self._instances[1].items()}
+        for name, folders in places.items():
+            self._check_inside(name, folders)
+        return {name: folders for name, folders in places.items() if folders}
+
+    @property
+    def stages(self) -> Mapping[str, StageSpec]:
+        """The stages of the graph by name."""
+        return self._instances[1]
 
     def _check_inside(self, stage: str, files: Iterable[Path | FilePart]) -> None:
         """Raise InputError for a file or folder that lies outside those this pipeline may read."""
@@ -187,15 +203,25 @@ class Pipeline:
         options : fields of :class:`dicflow.engine.execute.Options`: ``scheduler``, ``workers``, ``dashboard``, …
         A script calls it under ``if __name__ == "__main__":``, since worker processes import the script again.
         """
-        from dicflow.engine.execute import Options, run
-        from dicflow.stages._kernels import ahead, get_ready, uncompiled
+        from dicflow.engine.execute import run
 
-        chosen = Options(**{"worker_setup": get_ready, "uncompiled": uncompiled, "ahead": ahead, **options})
-        steps = {stage: list(files) for stage, files in self.graph.files.items()}
-        resolved = {**self.resolved(), "steps": steps, "data": self.folder.name}
-        outcome = run(self.graph, self.store, pipeline=self.name, resolved=resolved, options=chosen)
+        chosen = self.options(**options)
+        outcome = run(self.graph, self.store, pipeline=self.name, resolved=self.described(), options=chosen)
         refs = {name: done.ref for name, done in outcome.outcomes.items() if done.ref is not None}
         return self._result(refs, outcome)
+
+    @staticmethod
+    def options(**options: Any) -> Options:
+        """How stages of dicflow are run. options : fields of :class:`dicflow.engine.running.Options`"""
+        from dicflow.engine.running import Options
+        from dicflow.stages._kernels import ahead, get_ready, uncompiled
+
+        return Options(**{"worker_setup": get_ready, "uncompiled": uncompiled, "ahead": ahead, **options})
+
+    def described(self) -> dict[str, Any]:
+        """What a run keeps: :meth:`resolved`, the steps of each series, and the name of the folder with the files."""
+        steps = {stage: list(files) for stage, files in self.graph.files.items()}
+        return {**self.resolved(), "steps": steps, "data": self.folder.name}
 
     def result(self) -> Result:
         """The stored products of this pipeline; nothing is computed.
@@ -248,8 +274,7 @@ class Pipeline:
         """The pipeline with every default written out, as a run keeps it.
 
         ``title``; ``stages``: parameters and inputs of each stage of the graph; ``variants``: values of the sweep;
-        ``instances``: per variant the stage of the graph that stands for each stage in the file. A run also keeps
-        ``steps``: their names for each stage that starts a series, and ``data``: name of the folder with the files.
+        ``instances``: per variant the stage of the graph that stands for each stage in the file.
         """
         stages = {
             name: {**spec.node.model_dump(mode="json"), "inputs": dict(spec.inputs)}

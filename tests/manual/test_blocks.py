@@ -26,7 +26,7 @@ from tests.manual.blocks import (
 )
 from tests.manual.notebooks import NOTEBOOKS, notebook_page
 
-LANGUAGES = ("", "js", "python", "sh", "toml", "yaml")
+LANGUAGES = ("", "js", "python", "sh", "text", "toml", "yaml")
 ELSEWHERE = ("extending.md", "README.md")
 """Pages whose Python and whose unnamed blocks have tests of their own."""
 STEPS = 4
