@@ -124,7 +124,9 @@ def demo(
 def help_topics(
     topics: Annotated[list[str], typer.Argument(metavar="TOPIC", default_factory=list, help="default: list all")],
 ) -> None:
-    """Say what to do about an error or a warning: sections of the manual's page on troubleshooting.
+    """Say what to do about an error or a warning.
+
+    Prints sections of the manual's page on troubleshooting.
 
     \b
     dicflow help photographs
