@@ -6,7 +6,7 @@ READY  := $(VENV)/.ready
 # Tests run in as many processes as there are cores; those of a file share what they prepare.
 AT_ONCE := -n logical --maxprocesses 4 --dist loadfile
 .DEFAULT_GOAL := help
-.PHONY: help setup quickstart test test-fast faults fuzz check measure accuracy bench peer samples docs dist lock clean
+.PHONY: help setup quickstart test test-fast faults fuzz check measure accuracy bench peer samples docs dist versions lock clean
 
 help:           ## show these lines
 	@grep -hE '^[a-z-]+: .*##' $(MAKEFILE_LIST) | sed -E 's/^([a-z-]+):.*## */\1\t/' | expand -t 14
@@ -68,6 +68,9 @@ dist: $(READY)  ## build wheel and sdist in dist, and check them
 	rm -rf dist
 	$(BIN)/python -m build
 	$(BIN)/python -m twine check --strict dist/*
+
+versions: $(READY) ## the wheel under every Python from 3.11 to 3.13 that is here: install it, measure the demonstration
+	$(BIN)/python -m tests.versions
 
 lock: $(READY)  ## write constraints.txt from the installed versions
 	$(BIN)/python -m pip freeze --exclude-editable --exclude dicflow > constraints.txt

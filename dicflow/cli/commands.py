@@ -14,7 +14,7 @@ from dicflow.cli.hand_over import ExportCommand, compare, export, report
 from dicflow.cli.measure import plan, run, why
 from dicflow.cli.products import graph, list_products, show
 from dicflow.cli.store import gc, pin, verify
-from dicflow.cli.tools import demo, doctor, init, schema, stages, synth, warm
+from dicflow.cli.tools import demo, doctor, help_topics, init, schema, stages, synth, warm
 from dicflow.cli.tune import tune
 from dicflow.cli.watch import watch
 
@@ -48,6 +48,7 @@ COMMANDS: dict[str, Callable[..., None]] = {
     "app": browser_app,
     "demo": demo,
     "doctor": doctor,
+    "help": help_topics,
     "warm": warm,
 }
 CLASSES: dict[str, type[TyperCommand]] = {"export": ExportCommand}

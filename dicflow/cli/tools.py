@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+import re
 import shlex
 from pathlib import Path
 from typing import Annotated, Any, Literal
@@ -11,8 +12,9 @@ from typing import Annotated, Any, Literal
 import typer
 
 from dicflow.cli.options import Force, refuse_existing, refuse_full, say, tick, warn, write_new
+from dicflow.errors import ConfigurationError
 
-__all__ = ["demo", "doctor", "init", "schema", "stages", "synth", "warm"]
+__all__ = ["demo", "doctor", "help_topics", "init", "schema", "stages", "synth", "warm"]
 
 PairBy = Literal["name", "taken", "order"]
 
@@ -117,6 +119,28 @@ def demo(
         run(folder / "pipeline.yaml", [])
     finally:
         say(f"look around: {shlex.join(['dicflow', 'app', str(folder)])}")
+
+
+def help_topics(
+    topics: Annotated[list[str], typer.Argument(metavar="TOPIC", default_factory=list, help="default: list all")],
+) -> None:
+    """Say what to do about an error or a warning.
+
+    Prints sections of the manual's page on troubleshooting.
+
+    \b
+    dicflow help photographs
+    """
+    from dicflow.discovery import nearest
+    from dicflow.views.topics import sections
+
+    known = sections()
+    for topic in topics:
+        if topic not in known:
+            raise ConfigurationError(f"no topic '{topic}'{nearest(topic, known)}; topics: {', '.join(known)}")
+        say(re.sub(r"\[([^]]+)\]\([^)]*\)", r"\1", known[topic]))
+    if not topics:
+        say("\n".join(known))
 
 
 synth = typer.Typer(no_args_is_help=True, rich_markup_mode=None, help="Make experiments whose truth is known.")

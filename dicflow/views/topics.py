@@ -2,10 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+import re
+from collections.abc import Iterable, Mapping
+from functools import cache
+from pathlib import Path
 from types import TracebackType
 
-__all__ = ["TOPICS", "advice", "topic_of", "topic_raised"]
+__all__ = ["TOPICS", "advice", "sections", "topic_of", "topic_raised"]
+
+_PAGE = "troubleshooting.md"
+_PACKAGE = Path(__file__).parents[1]
 
 TOPICS: Mapping[str, str] = {
     "dicflow.app": "the-app",
@@ -86,7 +92,7 @@ TOPICS: Mapping[str, str] = {
     "dicflow.views": "pictures-reports-exports",
     "dicflow.views.solid": "pictures-reports-exports",
 }
-"""Module or package → section of ``docs/troubleshooting.md``; the nearest package around a module counts."""
+"""Module or package → section of ``docs/troubleshooting.md`` by its anchor; the nearest package of a module counts."""
 
 
 def topic_of(module: str) -> str:
@@ -107,7 +113,18 @@ def topic_raised(traceback: TracebackType | None) -> str:
     return topic_of(module)
 
 
-def advice(topics: list[str]) -> str:
-    """The line below a message that names its sections."""
-    named = ", ".join(f"#{topic}" for topic in dict.fromkeys(topics))
-    return f"help: docs/troubleshooting.md, {named}"
+def advice(topics: Iterable[str]) -> str:
+    """The line below a message that says how to read its sections."""
+    return f"help: dicflow help {' '.join(dict.fromkeys(topics))}"
+
+
+@cache
+def sections() -> Mapping[str, str]:
+    """The sections of the page on troubleshooting: topic, which is its anchor, → its text with the title.
+
+    An installation has the page in the package, a clone among its other pages.
+    """
+    page = _PACKAGE / _PAGE
+    text = (page if page.is_file() else _PACKAGE.parent / "docs" / _PAGE).read_text(encoding="utf-8")
+    parts = text.split("\n## ")[1:]
+    return {re.sub(r"[\s-]+", "-", re.sub(r"[^\w\s-]", "", part.partition("\n")[0]).lower()): part for part in parts}

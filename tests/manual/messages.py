@@ -8,9 +8,9 @@ from functools import cache
 from pathlib import Path
 from typing import NamedTuple
 
-from dicflow.views.topics import topic_of
+from dicflow.views.topics import sections, topic_of
 
-__all__ = ["Message", "messages_page", "register", "sections"]
+__all__ = ["Message", "messages_page", "register"]
 
 _ROOT = Path(__file__).parents[2]
 _ERRORS = {
@@ -41,15 +41,6 @@ def register() -> tuple[Message, ...]:
     return tuple(sorted({message for file in files for message in _messages(file)}))
 
 
-def sections() -> dict[str, str]:
-    """Anchor → title of each section of the page on troubleshooting, as MkDocs makes them."""
-    from markdown.extensions.toc import slugify
-
-    lines = (_ROOT / "docs" / "troubleshooting.md").read_text(encoding="utf-8").splitlines()
-    titles = [line.removeprefix("## ") for line in lines if line.startswith("## ")]
-    return {slugify(title, "-"): title for title in titles}
-
-
 def messages_page() -> str:
     """The register as a page."""
     lines = [
@@ -59,7 +50,8 @@ def messages_page() -> str:
         "that deals with it. `…` stands for names and numbers.",
         "",
     ]
-    for topic, title in sections().items():
+    for topic, section in sections().items():
+        title = section.partition("\n")[0]
         found = [message for message in register() if message.topic == topic]
         lines += [f"## {title}", "", f"[What to do](../troubleshooting.md#{topic})", ""] if found else []
         lines += [f"- {message.sort}: `{message.text}` ({message.module})" for message in found]

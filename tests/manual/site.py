@@ -5,8 +5,10 @@ from __future__ import annotations
 import re
 from collections.abc import Mapping
 from functools import cache
+from pathlib import Path
 from typing import Any
 
+from mkdocs.exceptions import PluginError
 from mkdocs.structure.files import File, Files
 
 from dicflow.engine.kernel_cache import keep_kernels
@@ -14,11 +16,14 @@ from tests.manual.advice import advice_table
 from tests.manual.commands import commands_page
 from tests.manual.gallery import gallery_page
 from tests.manual.messages import messages_page
+from tests.manual.notebooks import NOTEBOOKS, notebook_page
 from tests.manual.sizes import sizes_table
 from tests.manual.stages import stage_pages
 
 _FILL = re.compile(r"<!-- (\w+)(?:: (\w+))? -->")
 """Where a page asks for a generated part."""
+_ELSEWHERE = re.compile(r'''<(?:script|img|iframe|link)\b[^>]*\b(?:src|href)="(?:https?:)?//[^"]*"''')
+"""What a page would load from another host; links to follow are no loads."""
 _OVERVIEW = "reference/stages.md"
 
 keep_kernels()
@@ -40,6 +45,7 @@ def on_files(files: Files, config: Any) -> Files:
         "reference/commands.md": commands_page(),
         "reference/messages.md": messages_page(),
         "gallery.md": gallery,
+        **{f"notebooks/{notebook.stem}.md": notebook_page(notebook) for notebook in NOTEBOOKS},
         **pictures,
         **{name: data for subject in ("pattern", "light", "camera") for name, data in _advice(subject)[1].items()},
     }
@@ -51,6 +57,13 @@ def on_files(files: Files, config: Any) -> Files:
 def on_page_markdown(markdown: str, **_: Any) -> str:
     """Fill in generated parts of written pages."""
     return _FILL.sub(lambda found: _part(found[1], found[2]), markdown)
+
+
+def on_post_build(config: Any) -> None:
+    """Raise PluginError where a page loads anything from another host."""
+    for page in sorted(Path(config.site_dir).rglob("*.html")):
+        if found := _ELSEWHERE.search(page.read_text(encoding="utf-8")):
+            raise PluginError(f"{page}: loads from elsewhere: {found[0]}")
 
 
 def _part(name: str, subject: str) -> str:

@@ -102,7 +102,8 @@ def _parameters(kind: type[Node]) -> Iterator[str]:
     schema = kind.model_json_schema()
     followed = {parameter: port for port, names in kind.follows.items() for parameter in names}
     yield from ("| parameter | default | unit | values | meaning | changes |", "|---|---|---|---|---|---|")
-    for name, own in schema["properties"].items():
+    own_first = sorted(schema["properties"].items(), key=lambda one: one[0] == "keep")
+    for name, own in own_first:
         if name != "stage":
             default = f"as in `{followed[name]}`" if name in followed else _default(name, own, schema)
             values, meaning = _cell(allowed(own, schema.get("$defs", {}))), _cell(own.get("description", ""))

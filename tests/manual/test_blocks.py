@@ -24,6 +24,7 @@ from tests.manual.blocks import (
     parse_command,
     prose_commands,
 )
+from tests.manual.notebooks import NOTEBOOKS, notebook_page
 
 LANGUAGES = ("", "js", "python", "sh", "text", "toml", "yaml")
 ELSEWHERE = ("extending.md", "README.md")
@@ -104,6 +105,15 @@ def test_python_runs(page):
         if block.page.name == page:
             exec(compile(block.text, block.name, "exec"), names)
     assert names["dicflow"] is dicflow
+
+
+@pytest.mark.parametrize("notebook", NOTEBOOKS, ids=lambda path: path.stem)
+def test_notebooks_run(notebook):
+    page = notebook_page(notebook)
+    assert page.count("```python") >= 5
+    assert "<table>" in page
+    assert "data:image/png" in page
+    assert '"outputs": []' in notebook.read_text(encoding="utf-8")
 
 
 def modules_with_examples() -> list[str]:

@@ -4,14 +4,17 @@ from __future__ import annotations
 
 import re
 
+import cv2
+import numpy as np
 import pytest
+from small import dicflow
 
 from dicflow.pipeline.registry import node_class, stage_names
-from dicflow.views.topics import TOPICS, topic_of
+from dicflow.views.topics import TOPICS, sections, topic_of
 from tests.manual.advice import SCENES, measured
 from tests.manual.commands import command_tree, commands_page, metavar_of
 from tests.manual.gallery import SCRIPTS
-from tests.manual.messages import register, sections
+from tests.manual.messages import register
 from tests.manual.sizes import needed
 from tests.manual.stages import example_of, stage_pages
 
@@ -49,6 +52,31 @@ def test_every_message_has_a_section_of_troubleshooting():
     assert {message.topic for message in register()} <= set(known)
     assert len(register()) > 450
     assert sum(message.sort == "warning" for message in register()) > 40
+
+
+def test_an_error_names_its_section():
+    answer = dicflow("run", "missing.yaml")
+    assert answer.code == 2
+    assert answer.err.splitlines()[-1] == "help: dicflow help pipeline-file"
+
+
+def test_a_run_names_the_sections_of_what_failed(tmp_path):
+    for step in range(2):
+        cv2.imwrite(str(tmp_path / f"blank_{step}.png"), np.full((120, 120), 90, np.uint8))
+    stages = '{photos: {stage: images, left: "*.png"}, region: {stage: region, images: photos, auto: true}}'
+    (tmp_path / "pipeline.yaml").write_text(f"dicflow: 1\nstages: {stages}\n")
+    answer = dicflow("run", tmp_path / "pipeline.yaml", "--no-report", "--scheduler", "sync")
+    assert answer.code == 1
+    assert "help: dicflow help region\n" in answer.err
+
+
+def test_help_prints_a_section_and_lists_all():
+    assert dicflow("help").out.split() == list(sections())
+    section = dicflow("help", "a-camera-has-moved").out
+    assert section.startswith("A camera has moved\n")
+    assert "stage: refine" in section
+    assert "](" not in section
+    dicflow("help", "photograps").refuses(2, "did you mean 'photographs'")
 
 
 def test_the_nearest_package_decides():

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import shutil
 
+import cv2
 import numpy as np
 import pytest
 
@@ -49,3 +50,14 @@ def test_steps_have_time_and_load(result):
     assert (whole.time.attrs["units"], whole["load"].attrs["units"]) == ("s", "N")
     alone = result.dataset("total", -1)
     assert (float(alone.time), float(alone["load"])) == (TIMES_S[-1], LOADS_N[-1])
+
+
+def test_photographs_have_the_time_of_their_names(tmp_path):
+    for second in (0, 2, 7):
+        cv2.imwrite(str(tmp_path / f"test_{second}.png"), np.full((32, 32), 90 + second, np.uint8))
+    file = tmp_path / "pipeline.yaml"
+    file.write_text('dicflow: 1\nstages: {photos: {stage: images, left: "*.png", time: name}}\n')
+    result = dicflow.Pipeline.load(file).run(scheduler="sync")
+    times = result.dataset("photos", chunks="auto").time
+    assert times.values.tolist() == [0.0, 2.0, 7.0]
+    assert float(result.dataset("photos", 1).time) == result.attributes("photos", 1)["time"] == 2.0
