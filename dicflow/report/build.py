@@ -54,7 +54,7 @@ def write_report(
         return page
     make_folder(folder)
     pieces = Pieces(folder / ".report", _code())
-    context = Context(pipeline, result, facts, pieces, folder, workers)
+    context = Context(pipeline, result.of_one_test(), facts, pieces, folder, workers)
     sections = _made(entries(), context, problems)
     opening = _made([Entry("answer", "Result", lambda context: answer(context, sections))], context, problems)
     sections = [*opening, *sections]
