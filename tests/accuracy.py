@@ -176,6 +176,7 @@ def main() -> int:
         *accuracy_stereo.replicas(),
         *accuracy_scenes.scenes(),
         *accuracy_material.material(),
+        *accuracy_sheets.sheets(),
     ]
     if SHARED.is_dir():
         for real in (d_specimen, board_photographs, sample3, necking):
