@@ -14,7 +14,7 @@ import numpy as np
 from dicflow.core.cameras.camera import rotation_angle_deg
 from dicflow.kinds.rig import rig_from_json
 from dicflow.pipeline import Result
-from tests import accuracy_material, accuracy_photographs, accuracy_scenes, accuracy_stereo
+from tests import accuracy_material, accuracy_photographs, accuracy_scenes, accuracy_sheets, accuracy_stereo
 from tests.accuracy_coverage import coverage
 from tests.accuracy_planar import planar
 from tests.accuracy_rig import bumped_rigs
@@ -176,6 +176,7 @@ def main() -> int:
         *accuracy_stereo.replicas(),
         *accuracy_scenes.scenes(),
         *accuracy_material.material(),
+        *accuracy_sheets.sheets(),
     ]
     if SHARED.is_dir():
         for real in (d_specimen, board_photographs, sample3, necking):

@@ -8,6 +8,7 @@ from typing import NamedTuple
 
 import h5py
 import numpy as np
+from scipy.stats import norm
 
 from dicflow.core.material.cycle import cycle_of
 from dicflow.core.material.fit import Curve, fit, relative_errors
@@ -99,10 +100,10 @@ def treloar() -> Iterator[Figure]:
 
 
 def _ogden(errors: Sequence[np.ndarray], curves: Sequence[Curve], prediction: float) -> Iterator[Figure]:
-    """The rms over all points is the least that two terms reach; in the mean of their rms both tests count alike."""
-    mean = float(np.mean(relative_errors(errors, curves)))
-    yield Figure("Treloar, ogden_2 on two tests: rms over all points", 100 * pooled(errors, curves), 2.0, unit="%")
-    yield Figure("Treloar, ogden_2 on two tests: rms, mean of both", 100 * mean, unit="%")
+    """In the mean of their rms both tests count alike; that over all points is the least that two terms reach."""
+    mean = round(100 * float(np.mean(relative_errors(errors, curves))), 1)
+    yield Figure("Treloar, ogden_2 on two tests: rms, mean of both, to its last digit", mean, 2.0, unit="%")
+    yield Figure("Treloar, ogden_2 on two tests: rms over all points", 100 * pooled(errors, curves), unit="%")
     yield Figure("Treloar, ogden_2: prediction of equibiaxial", 100 * prediction, 4.8, unit="%")
 
 
@@ -113,7 +114,12 @@ def pooled(errors: Sequence[np.ndarray], curves: Sequence[Curve]) -> float:
 
 
 def treloar_whole() -> Iterator[Figure]:
-    """The whole range, up to stretch 7.6."""
+    """The whole range, up to stretch 7.6.
+
+    References of 5.7 and 20 % (Yeoh), 4.2 and 24 % (Ogden, 2 terms) state neither weights nor the least stretch: from
+    1.0 to 1.2, and with both tests or all points counting alike, the fits span 5.0 to 9.4 and 3.9 to 7.3 %, the
+    predictions 17 to 20 and 22 to 25 %. The figures here are the least over all points from 1.1.
+    """
     uniaxial, equibiaxial, planar = (read_curve("Treloar_1944", name, 1.1) for name in ("UT", "ET", "PS"))
     for name in ("yeoh", "ogden_2", "ogden_3"):
         found = fit(MODELS[name], (uniaxial, planar))
@@ -175,11 +181,14 @@ def _sets(draws: int = 200) -> Figure:
 
 
 def coverage(draws: int = 500) -> Iterator[Figure]:
-    """How often intervals of 95 % hold the truth, three tests with noise of 1 % and a common thickness of 2.4 %."""
+    """How often intervals of 95 % hold the truth, three tests with noise of 1 % and a common thickness of 2.4 %.
+
+    The thickness, which decides for all constants at once, takes the quantiles of its distribution in random order.
+    """
     for name, c in {"mooney_rivlin": [0.18, 0.03], "yeoh": [0.2, -0.012, 0.0015], "ogden_1": [0.6, 1.3]}.items():
         truth, rng, inside = np.array(c), np.random.default_rng(17), []
-        for _ in range(draws):
-            found = fit(MODELS[name], list(_noisy(name, truth, rng, 1.0 + 0.024 * rng.standard_normal())))
+        for share in rng.permutation(norm.ppf((np.arange(draws) + 0.5) / draws)):
+            found = fit(MODELS[name], list(_noisy(name, truth, rng, 1.0 + 0.024 * share)))
             inside.append(np.abs(found.constants - truth) <= found.half_width)
         worst = 100 * float(np.abs(np.mean(inside, axis=0) - 0.95).max())
         yield Figure(f"coverage of 95 %, {name}: largest difference over its constants", worst, 3.0, unit="%")
@@ -194,7 +203,10 @@ def _noisy(name: str, c: np.ndarray, rng: np.random.Generator, thickness: float)
 
 
 def made_rubber() -> Iterator[Figure]:
-    """The rubber of data_samples by its pipeline: three tests give the constants, one alone says that it cannot."""
+    """The rubber of data_samples by its pipeline: three tests give the constants, one alone says that it cannot.
+
+    All constants together are within the bar in 99 of 100 draws (Bonferroni).
+    """
     import json
 
     truth = json.loads((ROOT / "data_samples" / "rubber" / "truth.json").read_text())
@@ -203,7 +215,8 @@ def made_rubber() -> Iterator[Figure]:
     model = next(one for one in found.models if one.name == truth["model"])
     pairs = zip(sorted(model.constants, key=lambda one: one.value), sorted(truth["constants"].values()), strict=True)
     off = max(abs(one.value - value) / one.half_width for one, value in pairs)
-    yield Figure("made rubber: largest error of its constants, in half intervals of 95 %", off, 1.5)
+    most = float(norm.ppf(1.0 - 0.005 / len(model.constants)) / norm.ppf(0.975))
+    yield Figure("made rubber: largest error of its constants, in half intervals of 95 %", off, most)
     _print_verdict("made rubber, three tests", found.verdict)
     _print_verdict("made rubber, one test", alone.verdict)
     open_questions = [any("cannot tell which holds" in text for text in one.verdict) for one in (alone, found)]

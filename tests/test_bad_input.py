@@ -30,7 +30,7 @@ NEEDED = {
     "scale": {"length": 1, "ends": ((1, 1), (1, 9))},
     "curve": {"file": "x", "mode": "uniaxial"},
     "stress": {"width": 20, "thickness": 0.2, "u_thickness": 0.005},
-    "virtual_fields": {"width": 20, "thickness": 0.2, "u_thickness": 0.005},
+    "sheet": {"thickness": 0.2, "u_thickness": 0.005},
 }
 AFTER = {"computed": 0, "failed": 0, "skipped": 0}
 

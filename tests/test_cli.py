@@ -489,8 +489,14 @@ def test_doctor_says_where_kernels_are_kept_or_what_to_set(tmp_path, monkeypatch
 
 def test_synth_keeps_what_is_there(tmp_path):
     (tmp_path / "mine.txt").write_text("")
-    for words in (("sample",), ("latex", "--scale", "0.2")):
+    for words in (("sample",), ("latex", "--scale", "0.2"), ("sheets",)):
         dicflow("synth", words[0], tmp_path, *words[1:]).refuses(2, "is not empty; name another folder or add --force")
+
+
+def test_synth_sheets_names_its_models(tmp_path):
+    dicflow("synth", "sheets", tmp_path / "new", "--model", "gent").refuses(
+        2, "expected one of neo_hooke, mooney_rivlin"
+    )
 
 
 def test_synth_sample_writes_what_is_in_the_repository(tmp_path, monkeypatch):

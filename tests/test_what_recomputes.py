@@ -23,10 +23,10 @@ THESIS = {
 RECOMPUTES = {
     "core.calibration": "calibrate corners scale",
     "core.cameras": "accumulate calibrate compare deformation disparity frame maps noise_floor probes reconstruct "
-    "rectify refine region rig_file scale stereo triangulate undistort virtual_fields",
+    "rectify refine region rig_file scale sheet stereo triangulate undistort",
     "core.channels": "channels compare probes stress",
     "core.correlation": "correlate match refine stereo track triangulate",
-    "core.material": "curve hyperelastic stress virtual_fields",
+    "core.material": "curve hyperelastic sheet stress virtual_fields",
     "core.matching": "calibrate corners correlate disparity displacement features match refine region scale stereo "
     "track triangulate",
     "core.motion": "images",

@@ -193,6 +193,31 @@ def synth_rubber(folder: Annotated[Path, typer.Argument(help="folder to write")]
     write_rubber(folder)
 
 
+@synth.command("sheets")
+def synth_sheets(
+    folder: Annotated[Path, typer.Argument(help="folder to write")],
+    model: Annotated[str, typer.Option(help="neo_hooke, mooney_rivlin, yeoh or ogden_2")] = "mooney_rivlin",
+    damage: Annotated[float, typer.Option(min=0, max=0.9, help="share of the stress lost on unloading")] = 0.0,
+    down: Annotated[int, typer.Option(min=0, max=12, help="steps of unloading")] = 0,
+    seed: Annotated[int, typer.Option(help="of thickness, weights, pattern and noise")] = 0,
+    workers: Annotated[int, typer.Option(min=1, help="photographs rendered at once")] = os.cpu_count() or 1,
+    force: Force = False,
+) -> None:
+    """Photograph three sheets of one rubber in equilibrium with weights.
+
+    \b
+    dicflow synth sheets sheets --model yeoh
+    dicflow run pipelines/latex_material.yaml --data sheets
+    """
+    from dicflow.synth.sheets import CONSTANTS, Rubber, write_sheets
+
+    if model not in CONSTANTS:
+        raise ConfigurationError(f"--model is '{model}'; expected one of {', '.join(CONSTANTS)}")
+    refuse_full(folder, force)
+    rubber = Rubber(model, CONSTANTS[model], down=down, damage=damage, seed=seed)
+    write_sheets(folder, rubber, workers=workers, on_progress=tick)
+
+
 def warm(
     workers: Annotated[int, typer.Option(min=1, help="processes at once; default: one per core")] = os.cpu_count() or 1,
 ) -> None:

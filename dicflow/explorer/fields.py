@@ -134,6 +134,7 @@ class FieldSource(Protocol):
 
 def field_source(result: Result, variant: int = 0) -> FieldSource | None:
     """Fields of the total that the maps stage draws, else of the last total, else the shape; None without points."""
+    result = result.of_one_test()
     drawn = [result.source(stage, "total", variant) for stage in result.stages_of("maps")]
     for stage in (*drawn, *reversed(result.stages_of("total"))):
         if any(result.has(stage, step, variant) for step in result.steps(stage, variant)):

@@ -139,6 +139,11 @@ class Material(Table):
         """What the tests can say and what they cannot, in sentences."""
         return tuple(self.product.attrs["verdict"])
 
+    @property
+    def is_of_fields(self) -> bool:
+        """Whether the curves are mean stretches of whole fields, and stresses of models their mean."""
+        return "force_balance" in self
+
     def of_curve(self, name: str, index: int) -> np.ndarray:
         """The part of an array that belongs to one curve. index : of the curve"""
         found: np.ndarray = self[name][self["curve"] == index]

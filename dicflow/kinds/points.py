@@ -135,6 +135,11 @@ class Points(Kind):
         return float(self.product.attrs.get(_MM_PER_PX, 1.0))
 
     @property
+    def image_width(self) -> int:
+        """Of the left photograph [px]."""
+        return int(self.product.attrs["image_size"][0])
+
+    @property
     def in_space(self) -> bool:
         """Whether two cameras measured them."""
         return self.product.kind == "points"

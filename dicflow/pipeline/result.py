@@ -6,7 +6,7 @@ import difflib
 import importlib
 import math
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Container, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -86,6 +86,29 @@ class Result:
         place = self._place(which)
         alone = ([self._instances[place]], [self.values[place]])
         return Result(self.graph, self._store, self._refs, *alone, self.outcome, self.notes)
+
+    def of_one_test(self) -> Result:
+        """The same without other specimens, where a file measures several: the one that maps draw, else the last.
+
+        Stages that they share, such as the calibration, and what is known of their material stay.
+        """
+        if len({self.source(region, "images") for region in self.stages_of("region")}) < 2:
+            return self
+        totals = [self.source(stage, "total") for stage in self.stages_of("maps")] or self.stages_of("total")
+        if not totals:
+            return self
+        chosen, names = self._instance(totals[-1], 0), self._instances[0]
+        needed = self.graph.upstream([chosen]).stages
+        kept = {stage for stage, instance in names.items() if self._belongs(stage, instance, chosen, needed)}
+        instances = [{stage: one[stage] for stage in one if stage in kept} for one in self._instances]
+        return Result(self.graph, self._store, self._refs, instances, self.values, self.outcome, self.notes)
+
+    def _belongs(self, stage: str, instance: str, total: str, needed: Container[str]) -> bool:
+        """Whether a stage has no photographs but those that a total needs, or takes that total, or is of a material."""
+        if self.kind(stage) in ("curve", "material"):
+            return True
+        above = self.graph.upstream([instance]).stages
+        return total in above or all(one in needed for one, spec in above.items() if spec.node.gives == "images")
 
     def noted(self, note: str) -> Result:
         """The same with one more sentence about where the products come from."""

@@ -62,7 +62,7 @@ def write_report(
         return page
     make_folder(folder)
     pieces = Pieces(folder / ".report", _code())
-    context = Context(pipeline, result, facts, pieces, folder, workers)
+    context = Context(pipeline, result.of_one_test(), facts, pieces, folder, workers)
     text = _page(context, _sections(context, problems, progress), logo)
     pieces.drop_unused()
     write_whole(page, text.encode())

@@ -103,8 +103,11 @@ def _fit_part(context: Context, name: str, found: Material) -> Mapping[str, obje
         "prediction_columns": [("left out", ""), *((model.title, "number") for model in found.models)],
         "predictions": _prediction_rows(found),
         "charts": [
-            (_caption(curve), _kept(context, name, f"fit {index}", lambda: _fit_chart(found, index)))  # noqa: B023
-            for index, curve in enumerate(found.curves)
+            *(
+                (_caption(curve), _kept(context, name, f"fit {index}", lambda: _fit_chart(found, index)))  # noqa: B023
+                for index, curve in enumerate(found.curves)
+            ),
+            (_residual_caption(found), _kept(context, name, "residuals", lambda: _residual_chart(found))),
         ],
         "correlations": [(model.title, _correlation(model)) for model in found.models[:1] if len(model.constants) > 1],
     }
@@ -112,6 +115,24 @@ def _fit_part(context: Context, name: str, found: Material) -> Mapping[str, obje
 
 def _caption(curve: FittedCurve) -> str:
     return f"{curve.name}, {curve.mode}: measured, and the best fits to all curves"
+
+
+def _residual_caption(found: Material) -> str:
+    title = found.models[0].title
+    if found.is_of_fields:
+        return f"Force balance: load that the mean stress of {title} carries, less the measured one, at every step"
+    return f"Residuals of {title}: stress of the model less the measured one"
+
+
+def _residual_chart(found: Material) -> str:
+    """Residuals of the best model at all points, relative to the stress, a line for each curve."""
+    lines = []
+    for index, curve in enumerate(found.curves):
+        stretch, stress = (found.of_curve(name, index) for name in ("stretch", "nominal_stress"))
+        percent_off = 100.0 * (found.of_curve(f"stress_{found.models[0].name}", index) / stress - 1.0)
+        half = 100.0 * _TWICE * found.of_curve("u_stress", index) / np.abs(stress)
+        lines.append(Curve(curve.name, stretch, percent_off, np.zeros(len(stretch), bool), y_half=half))
+    return chart_over_values(lines, _AXES[0], "of the measured stress [%]")
 
 
 def _model_row(model: FittedModel) -> list[str]:
@@ -166,9 +187,18 @@ def _fit_chart(found: Material, index: int) -> str:
         x_half=_TWICE * found.of_curve("u_stretch", index),
         y_half=_TWICE * found.of_curve("u_stress", index),
     )
-    along = _line(found.curves[index].mode, stretch, lateral)
-    lines = [_model_line(model, along) for model in found.models[:_LINES]]
+    if found.is_of_fields:
+        lines = [_field_line(found, model, index) for model in found.models[:_LINES]]
+    else:
+        along = _line(found.curves[index].mode, stretch, lateral)
+        lines = [_model_line(model, along) for model in found.models[:_LINES]]
     return chart_over_values([points, *lines], *_AXES)
+
+
+def _field_line(found: Material, model: FittedModel, index: int) -> Curve:
+    """Mean stress of the field of one sheet."""
+    stretch, stress = (found.of_curve(name, index) for name in ("stretch", f"stress_{model.name}"))
+    return Curve(model.title, stretch, stress, np.zeros(len(stretch), bool), marked=False)
 
 
 def _line(mode: str, stretch: np.ndarray, lateral: np.ndarray) -> np.ndarray:

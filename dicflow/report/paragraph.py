@@ -38,8 +38,8 @@ def methods_paragraph(pipeline: Pipeline, result: Result) -> Paragraph:
     known = dict(REFERENCES)
     numbers: dict[str, int] = {}
     sentences = [_opening(pipeline, result)]
-    for stage, instance in pipeline.instances[0].items():
-        node = result.graph.stages[instance].node
+    for stage in result.stages:
+        node = result.node(stage)
         module = vars(sys.modules[type(node).__module__])
         if "sentence" in module:
             known |= module.get("REFERENCES", {})

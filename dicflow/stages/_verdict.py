@@ -13,8 +13,10 @@ if TYPE_CHECKING:
 
 __all__ = ["verdict"]
 
-_ALIKE, _ALIKE_LEAST = 2.0, 0.02
-"""Residuals up to so many times those of the best model count as alike, and up to this share of the stress."""
+_ALIKE = 2.0
+"""Residuals up to so many times those of the best model count as alike."""
+_ACCURACY = 0.02
+"""Share of the stress that tests by weights and lengths are good for."""
 _WIDE = 0.1
 """Half the range of predictions of models that fit alike, relative to their mean, from which it matters."""
 _UNLIKELY = 10.0
@@ -45,12 +47,14 @@ def verdict(
     curves: Sequence[FittedCurve],
     refused: Mapping[str, str],
     points: Sequence[Curve],
+    accuracy: float = _ACCURACY,
 ) -> tuple[list[str], list[str]]:
     """Sentences about the best model and about what the tests cannot tell, and those of them that warn.
 
     fitted : the best first
+    accuracy : residuals up to this share of the stress count as alike
     """
-    best, alike = fitted[0], _fitting_alike(fitted)
+    best, alike = fitted[0], _fitting_alike(fitted, accuracy)
     found = [(_best(best, curves), False)]
     found += [(text, True) for text in _unstable(fitted, best)]
     found += [(text, True) for text in _ambiguous_modes(alike, curves, points)]
@@ -62,9 +66,9 @@ def verdict(
     return [text for text, _ in found], [text.rstrip(".") for text, warns in found if warns]
 
 
-def _fitting_alike(fitted: Sequence[FittedModel]) -> list[FittedModel]:
+def _fitting_alike(fitted: Sequence[FittedModel], accuracy: float) -> list[FittedModel]:
     """The best model and those stable ones with nearly as small residuals."""
-    most = max(_ALIKE * min(model.rms_all for model in fitted), _ALIKE_LEAST)
+    most = max(_ALIKE * min(model.rms_all for model in fitted), accuracy)
     return [model for model in fitted if model is fitted[0] or (model.rms_all <= most and not model.unstable)]
 
 

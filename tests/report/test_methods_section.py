@@ -24,7 +24,7 @@ REQUIRED = {
     "scale": {"square": 1.0},
     "curve": {"file": "a.csv", "mode": "uniaxial"},
     "stress": {"width": 20.0, "thickness": 0.2, "u_thickness": 0.005},
-    "virtual_fields": {"width": 20.0, "thickness": 0.2, "u_thickness": 0.005},
+    "sheet": {"thickness": 0.2, "u_thickness": 0.005},
 }
 
 

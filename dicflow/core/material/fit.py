@@ -14,7 +14,7 @@ from dicflow.core.material.models import Model
 from dicflow.core.material.modes import MODES, principal_stretches
 from dicflow.core.material.response import nominal_stress, stress_by_constants, stress_by_stretch
 
-__all__ = ["Curve", "Fit", "correlation_of", "fit", "largest_invariant", "relative_errors"]
+__all__ = ["Curve", "Fit", "corrected_criterion", "correlation_of", "fit", "largest_invariant", "relative_errors"]
 
 _LEAST_SHARE = 0.05
 """Errors in proportion to the stress are at least those of this share of the largest stress."""
@@ -341,10 +341,14 @@ def _common(model: Model, c: Array, curves: Sequence[Curve], by_stress: Array) -
 
 
 def _aicc(chi_squared: float, sigma: Array, constants: int) -> float:
+    """Akaike's corrected criterion of weighted points, comparable where the weights differ."""
+    return corrected_criterion(chi_squared, len(sigma), constants) + 2.0 * float(np.log(sigma).sum())
+
+
+def corrected_criterion(chi_squared: float, points: int, constants: int) -> float:
     """Akaike's corrected criterion with a common factor of all variances estimated; infinite with too few points."""
-    points, estimated = len(sigma), constants + 1
+    estimated = constants + 1
     if points <= estimated + 1:
         return float("inf")
     correction = 2.0 * estimated * (estimated + 1) / (points - estimated - 1)
-    deviance = points * np.log(max(chi_squared, 1e-300) / points) + 2.0 * float(np.log(sigma).sum())
-    return float(deviance + 2.0 * estimated + correction)
+    return float(points * np.log(max(chi_squared, 1e-300) / points) + 2.0 * estimated + correction)

@@ -31,7 +31,17 @@ def sheet_stress_by_constants(model: Model, c: Array, gradient: Array) -> Array:
 
 
 def _principal(gradient: Array) -> tuple[Array, Array, Array]:
-    """Directions nₐ as columns (..., 2, 2), principal stretches (..., 3), and directions Nₐ as rows (..., 2, 2)."""
-    left, stretches, right = np.linalg.svd(gradient)
-    third = 1.0 / stretches.prod(axis=-1, keepdims=True)
-    return left, np.concatenate([stretches, third], axis=-1), right
+    """Directions nₐ as columns (..., 2, 2), principal stretches (..., 3), and directions Nₐ as rows (..., 2, 2).
+
+    FᵀF = Σ λₐ² Nₐ ⊗ Nₐ in closed form, and nₐ = F Nₐ / λₐ.
+    """
+    a, b, c, d = gradient[..., 0, 0], gradient[..., 0, 1], gradient[..., 1, 0], gradient[..., 1, 1]
+    first, second, mixed = a * a + c * c, b * b + d * d, a * b + c * d
+    angle = 0.5 * np.arctan2(2.0 * mixed, first - second)
+    cosine, sine = np.cos(angle), np.sin(angle)
+    right = np.stack([np.stack([cosine, sine], axis=-1), np.stack([-sine, cosine], axis=-1)], axis=-2)
+    larger = np.sqrt(0.5 * (first + second) + np.hypot(0.5 * (first - second), mixed))
+    determinant = a * d - b * c
+    stretches = np.stack([larger, np.abs(determinant) / larger, 1.0 / np.abs(determinant)], axis=-1)
+    left = gradient @ np.swapaxes(right, -1, -2) / stretches[..., None, :2]
+    return left, stretches, right

@@ -18,7 +18,7 @@ from scipy.optimize import least_squares
 from scipy.stats import chi2
 
 from dicflow.core.arrays import Array
-from dicflow.core.material.fit import correlation_of
+from dicflow.core.material.fit import corrected_criterion, correlation_of
 from dicflow.core.material.membrane import sheet_stress, sheet_stress_by_constants
 from dicflow.core.material.models import Model
 
@@ -45,15 +45,17 @@ _STEP = 1e-5
 class Sheet(NamedTuple):
     """A thin specimen between two grips.
 
-    places : (n, 2) — X across the load, from 0 to ``width``, and Y along it, from 0 at the resting grip to ``length``
+    places : (n, 2) — X across the load, from 0 to ``width``, and Y along it, from 0 at the resting grip to ``length``;
+        or any two numbers in their place that are 0, ``width`` and ``length`` at the sides and the grips
     areas : (n,) — of the first surface that each point stands for [mm²]
     gradients : (step, n, 2, 2)
     forces : (step,) [N]
     width, length, thickness : [mm]
-    u_gradient : standard deviation of each component of the gradients by noise
+    u_gradient : standard deviation of each component of the gradients by noise, one number or (step,)
     shared : number of neighbours that have the same noise, since their windows overlap
     u_force : standard deviation of each force [N]
-    u_thickness : of the thickness, relative to it
+    u_thickness, u_width : of the thickness, which all sheets share, and of the width, relative to them
+    slopes : (n, 2, 2) — derivatives of the places along X and Y; None where the places are X and Y
     """
 
     places: Array
@@ -63,10 +65,16 @@ class Sheet(NamedTuple):
     width: float
     length: float
     thickness: float
-    u_gradient: float = 0.0
+    u_gradient: float | Array = 0.0
     shared: float = 1.0
     u_force: float = 0.0
     u_thickness: float = 0.0
+    u_width: float = 0.0
+    slopes: Array | None = None
+
+    def in_space(self, gradient: Array) -> Array:
+        """Derivatives (..., n, 2) by the places as those along X and Y."""
+        return gradient if self.slopes is None else np.asarray(np.einsum("...nk,nkj->...nj", gradient, self.slopes))
 
 
 class VirtualField(NamedTuple):
@@ -77,15 +85,28 @@ class VirtualField(NamedTuple):
 
 
 class FieldFit(NamedTuple):
-    """Constants (p,), and their covariance by noise of fields and forces, and by the thickness, (p, p).
+    """Constants (p,), and their covariance by noise of fields and forces, and by the section, (p, p).
 
     residuals : of each sheet, virtual work of the stresses less that of the force, (step, field) [N]
+    squares, equations : sum of the weighted squares of the residuals, and their number
     """
 
     constants: Array
     independent: Array
     common: Array
     residuals: tuple[Array, ...]
+    squares: float
+    equations: int
+
+    @property
+    def misfit_ratio(self) -> float:
+        """Weighted squares per degree of freedom: 1 where the noise explains the residuals."""
+        return self.squares / (self.equations - len(self.constants))
+
+    @property
+    def aicc(self) -> float:
+        """Akaike's corrected criterion with a common factor of all variances estimated."""
+        return corrected_criterion(self.squares, self.equations, len(self.constants))
 
     @property
     def covariance(self) -> Array:
@@ -101,14 +122,14 @@ class FieldFit(NamedTuple):
 def uniform(sheet: Sheet) -> VirtualField:
     """u* = (0, Y / L), by which the mean of P_yy carries the force."""
     gradient = np.zeros((len(sheet.areas), 2, 2))
-    gradient[:, 1, 1] = 1.0 / sheet.length
+    gradient[:, 1] = sheet.in_space(np.broadcast_to([0.0, 1.0 / sheet.length], (len(sheet.areas), 2)))
     return VirtualField(gradient, 1.0)
 
 
 def balance(model: Model, c: Array, sheet: Sheet) -> Array:
     """Force that the mean of P_yy carries at each step, relative to that measured, (step,); NaN without force."""
     stress = sheet_stress(model, c, sheet.gradients)
-    work = sheet.thickness * np.einsum("n,sn->s", sheet.areas, stress[..., 1, 1]) / sheet.length
+    work = sheet.thickness * np.einsum("n,snij,nij->s", sheet.areas, stress, uniform(sheet).gradient)
     with np.errstate(divide="ignore", invalid="ignore"):
         return np.asarray(np.where(sheet.forces == 0.0, np.nan, work / sheet.forces))
 
@@ -137,7 +158,8 @@ def _shapes(sheet: Sheet, columns: Array, rows: Array) -> Array:
     """Gradients of the bilinear shape functions at the points, (row, column, n, 2)."""
     across, by_x = _hats(sheet.places[:, 0], columns)
     along, by_y = _hats(sheet.places[:, 1], rows)
-    return np.stack([along[:, None, :] * by_x[None, :, :], by_y[:, None, :] * across[None, :, :]], axis=-1)
+    by_place = np.stack([along[:, None, :] * by_x[None, :, :], by_y[:, None, :] * across[None, :, :]], axis=-1)
+    return sheet.in_space(by_place)
 
 
 def _hats(places: Array, lines: Array) -> tuple[Array, Array]:
@@ -198,9 +220,19 @@ def constants_of(
     solver = np.linalg.pinv(_all(whiteners, [system.slopes(model, c) for system in systems]))
     residuals = [system.residuals(model, c) for system in systems]
     left = _all(whiteners, residuals)
-    variance = _variance(float(left @ left), equations - len(c), all(system.is_noisy for system in systems))
-    shift = solver @ _all(whiteners, [system.by_thickness() for system in systems])
-    return FieldFit(c, solver @ solver.T * variance, np.outer(shift, shift), tuple(residuals))
+    squares = float(left @ left)
+    variance = _variance(squares, equations - len(c), all(system.is_noisy for system in systems))
+    shifts = np.stack([solver @ _all(whiteners, changes) for changes in _by_section(systems)])
+    return FieldFit(c, solver @ solver.T * variance, shifts.T @ shifts, tuple(residuals), squares, equations)
+
+
+def _by_section(systems: Sequence[_System]) -> list[list[Array]]:
+    """Changes of the residuals of all sheets by the thickness, which they share, and by the width of each."""
+    works = [system.works * system.sheet.forces[:, None] for system in systems]
+    found = [[work * system.sheet.u_thickness for work, system in zip(works, systems, strict=True)]]
+    for system, own in zip(systems, works, strict=True):
+        found.append([own * system.sheet.u_width if work is own else np.zeros_like(work) for work in works])
+    return found
 
 
 def _variance(squares: float, freedom: int, is_known: bool) -> float:
@@ -227,7 +259,7 @@ class _System:
     @property
     def is_noisy(self) -> bool:
         """Whether the noise of the gradients is known."""
-        return self.sheet.u_gradient > 0.0
+        return bool(np.all(np.asarray(self.sheet.u_gradient) > 0.0))
 
     def residuals(self, model: Model, c: Array) -> Array:
         """Work of the stresses less that of the forces, (step, field) [N]."""
@@ -238,17 +270,14 @@ class _System:
         """Changes of the residuals by the constants, (step, field, p)."""
         return self._work(sheet_stress_by_constants(model, c, self.sheet.gradients))
 
-    def by_thickness(self) -> Array:
-        """Change of the residuals by a standard error of the thickness: its share of the work, (step, field)."""
-        return np.asarray(self.sheet.u_thickness * self.works * self.sheet.forces[:, None])
-
     def whitener(self, model: Model, c: Array) -> Array:
         """Matrices (step, field, field) that make the noise of the residuals of one step independent and 1."""
         steps, count = self.works.shape
         if not self.is_noisy:
             return np.broadcast_to(np.eye(count), (steps, count, count))
         sheet, changes = self.sheet, _by_gradient(model, c, self.sheet.gradients)
-        noise = sheet.thickness * sheet.u_gradient * np.sqrt(sheet.shared) * sheet.areas[:, None, None]
+        u_gradient = np.broadcast_to(sheet.u_gradient, steps)[:, None, None, None]
+        noise = sheet.thickness * u_gradient * np.sqrt(sheet.shared) * sheet.areas[:, None, None]
         parts = [np.einsum("snijkl,snij->snkl", changes, gradient) * noise for gradient in self.gradients]
         by_point = np.stack(parts, axis=1).reshape(steps, count, -1)
         by_force = sheet.u_force * self.works[..., None]

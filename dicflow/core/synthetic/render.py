@@ -20,6 +20,7 @@ __all__ = [
     "PixelShares",
     "add_noise_and_round",
     "extent_outline",
+    "painted",
     "photograph",
     "pixel_shares",
     "render_board",
@@ -28,6 +29,9 @@ __all__ = [
 
 Pattern = Callable[[Array], Array]
 """Darkness (...) of material points (..., 2) [mm], 0 … 1."""
+
+Traced = Callable[[Box], tuple[Array, Array]]
+"""Material points (row, col, 2) [mm] and their slopes (row, col, 2, 2) [mm/px] at the pixels of a box."""
 
 _ROWS_AT_ONCE = 32
 
@@ -98,19 +102,33 @@ def photograph(
 ) -> Array:
     """Photograph of any flat pattern in a deformed state without noise: (height, width) grey levels.
 
-    The background, over which the surface is rendered a few rows at a time.
-
     deformation : in this camera's frame
     extent : of the material
     order : Gauss–Legendre points per direction and pixel
     """
+    start = np.array([extent.left + extent.right, extent.top + extent.bottom]) / 2.0
+
+    def traced(box: Box) -> tuple[Array, Array]:
+        return trace(camera, deformation, box, start)
+
+    outline = image_of(camera, deformation, extent_outline(extent))
+    return painted(camera, outline, traced, extent, pattern, levels, order)
+
+
+def painted(
+    camera: Camera, outline: Array, traced: Traced, extent: Extent, pattern: Pattern, levels: GreyLevels, order: int
+) -> Array:
+    """Photograph of any surface: the background, over which the surface is rendered a few rows at a time.
+
+    outline : of the extent in the photograph, (n, 2) [px]
+    traced : finds the material of pixels
+    """
     backdrop, light = _backdrop(camera, levels), _light(camera, levels)
     image = backdrop.copy()
-    x0, y0, x1, y1 = _clipped_box(camera, image_of(camera, deformation, extent_outline(extent)))
-    start = np.array([extent.left + extent.right, extent.top + extent.bottom]) / 2.0
+    x0, y0, x1, y1 = _clipped_box(camera, outline)
     for top in range(y0, y1, _ROWS_AT_ONCE):
         bottom = min(top + _ROWS_AT_ONCE, y1)
-        points, slopes = trace(camera, deformation, (x0, top, x1, bottom), start)
+        points, slopes = traced((x0, top, x1, bottom))
         surface, ink = pixel_shares(points, slopes, extent, pattern, order)
         here = np.s_[top:bottom, x0:x1]
         image[here] = backdrop[here] * (1.0 - surface) + levels.paper * (surface - ink) + levels.ink * ink

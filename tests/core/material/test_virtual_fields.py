@@ -13,12 +13,13 @@ from dicflow.core.material.virtual_fields import (
     sensitive_fields,
     uniform,
 )
+from dicflow.synth.equilibrium import equilibrium
 from tests.core.material.test_models import CONSTANTS
-from tests.sheets import solve
 
 MOONEY, TRUTH = MODELS["mooney_rivlin"], np.array([0.18, 0.03])
 SIZES = {"strip": (20.0, 60.0), "square": (60.0, 60.0), "wide": (60.0, 20.0)}
 STRETCHES = np.array([1.15, 1.4, 1.8])
+STRESSES = np.array([0.15, 0.35, 0.6])
 THICKNESS = 0.21
 
 
@@ -94,10 +95,12 @@ def sheets():
     """Exact fields of the three shapes, each of 24 elements along its longer side."""
     found = {}
     for name, (width, length) in SIZES.items():
-        scale = 24 / max(width, length)
-        cells = (round(width * scale), round(length * scale))
-        solution = solve(MOONEY, TRUTH, (width, length), cells, length * (STRETCHES - 1.0))
-        found[name] = Sheet(*solution[:3], solution.forces * THICKNESS, width, length, THICKNESS)
+        side = max(width, length) / 24
+        mesh = tuple(np.linspace(0.0, extent, round(extent / side) + 1) for extent in (width, length))
+        solved = equilibrium(MOONEY, TRUTH, mesh, width * STRESSES)
+        found[name] = Sheet(
+            solved.places, solved.areas, solved.gradients, solved.forces * THICKNESS, width, length, THICKNESS
+        )
     return found
 
 
