@@ -14,7 +14,7 @@ import numpy as np
 
 from dicflow.core.arrays import Array, Image, Mask
 from dicflow.core.correlation.warp import apply_warp
-from dicflow.core.photographs.footprint import blurred, missing_blurs, white_noise_share
+from dicflow.core.photographs.footprint import Blurs, blurred, missing_blurs, white_noise_share
 from dicflow.core.photographs.interpolate import Spline, spline
 from dicflow.core.photographs.sharpness import blur_difference
 
@@ -31,10 +31,10 @@ _NEGLIGIBLE_PX2, _MIN_SIGNIFICANCE, _MAX_PX2 = 0.15, 4.0, 36.0
 class Damping(NamedTuple):
     """What a blur does to the noise of the photograph that it is applied to: ratios of variances, 1 without a blur.
 
-    blur : variance of the Gaussian [px²]
     template, target : of the place of a subset by the noise of each
     template_grey, target_grey : of the noise itself
     excess : of the place by the noise of the template, beyond that with the subset before the blur
+    blur : variance of the Gaussian that a change of sharpness takes [px²]
     """
 
     template: float = 1.0
@@ -43,10 +43,6 @@ class Damping(NamedTuple):
     target_grey: float = 1.0
     excess: float = 0.0
     blur: float = 0.0
-
-    def residual(self, ratio: float) -> float:
-        """Variance of the residual over that without a blur. ratio : of the noise of the target to the template's"""
-        return (self.template_grey + ratio * self.target_grey) / (1.0 + ratio)
 
 
 def equally_sharp(
@@ -61,19 +57,44 @@ def equally_sharp(
     if not len(places):
         return image, target, Damping()
     slope = np.median(warps[..., 1:3], axis=0)
-    blurs = missing_blurs(slope, smoothing_px)
-    image, target = blurred(image, blurs.template), _blurred_spline(target, blurs.target)
-    variance = _missing_variance(image, target.image, places, warps)
-    if variance == 0.0:
-        return image, target, Damping()
-    covariance = variance * np.eye(2) if variance > 0.0 else -variance * slope @ slope.T
-    grey = white_noise_share(covariance)
-    if variance < 0.0:
-        softer = _blurred_spline(target, covariance)
-        return image, softer, Damping(target=_damped(softer.image, covariance), target_grey=grey, blur=-variance)
-    soft = blurred(image, covariance)
-    place, slopes = _damped(soft, covariance, region), _slope_energy(soft, region) / _slope_energy(image, region)
-    return soft, target, Damping(place, template_grey=grey, excess=max(0.0, place - slopes), blur=variance)
+    by_pixels = missing_blurs(slope, smoothing_px)
+    soft, softer = blurred(image, by_pixels.template), _blurred_spline(target, by_pixels.target)
+    variance = _missing_variance(soft, softer.image, places, warps)
+    further = Blurs(variance * np.eye(2), None) if variance > 0.0 else Blurs(None, -variance * slope @ slope.T)
+    if variance != 0.0:
+        soft, softer = blurred(soft, further.template), _blurred_spline(softer, further.target)
+    covariances = [_sum(*parts) for parts in zip(by_pixels, further, strict=True)]
+    seen = softer.image[_box(softer.image.shape, warps[..., 0])]
+    return soft, softer, _damping(image, region, soft, seen, covariances)._replace(blur=abs(variance))
+
+
+def _box(shape: tuple[int, ...], places: Array) -> tuple[slice, slice]:
+    """The part (rows, columns) of an image around places (n, 2) [px]; all of it where they are few or outside."""
+    limits = np.array(shape[::-1])
+    low, high = np.clip([places.min(axis=0) - _SIDE, places.max(axis=0) + _SIDE], 0, limits).astype(int)
+    (x0, y0), (x1, y1) = (low, high) if (high - low > _SIDE).all() else (0 * limits, limits)
+    return slice(y0, y1), slice(x0, x1)
+
+
+def _damping(image: Image, region: Mask, soft: Image, softer: Image, covariances: list[Array | None]) -> Damping:
+    """What the blurs do to the noise.
+
+    image : the template's photograph before; soft, softer : it and the target around the points, blurred
+    """
+    of_template, of_target = covariances
+    damping = Damping()
+    if of_template is not None:
+        place, slopes = _damped(soft, of_template, region), _slope_energy(soft, region) / _slope_energy(image, region)
+        grey = white_noise_share(of_template)
+        damping = damping._replace(template=place, template_grey=grey, excess=max(0.0, place - slopes))
+    if of_target is not None:
+        damping = damping._replace(target=_damped(softer, of_target), target_grey=white_noise_share(of_target))
+    return damping
+
+
+def _sum(first: Array | None, second: Array | None) -> Array | None:
+    """Sum of the covariances of two blurs; None without any."""
+    return first if second is None else second if first is None else first + second
 
 
 def _damped(soft: Image, covariance: Array, region: Mask | None = None) -> float:
