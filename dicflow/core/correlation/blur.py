@@ -60,12 +60,24 @@ def equally_sharp(
     by_pixels = missing_blurs(slope, smoothing_px)
     soft, softer = blurred(image, by_pixels.template), _blurred_spline(target, by_pixels.target)
     variance = _missing_variance(soft, softer.image, places, warps)
-    further = Blurs(variance * np.eye(2), None) if variance > 0.0 else Blurs(None, -variance * slope @ slope.T)
+    further = _further_blurs(variance, slope)
     if variance != 0.0:
         soft, softer = blurred(soft, further.template), _blurred_spline(softer, further.target)
     covariances = [_sum(*parts) for parts in zip(by_pixels, further, strict=True)]
     seen = softer.image[_box(softer.image.shape, warps[..., 0])]
     return soft, softer, _damping(image, region, soft, seen, covariances)._replace(blur=abs(variance))
+
+
+def _further_blurs(variance: float, slope: Array) -> Blurs:
+    """Blurs for a change of sharpness, which is equal in all directions of the photograph that it blurred.
+
+    variance : mean over all directions in pixels of the template, of the target's blur; negative of the template's
+    slope : (2, 2) — gradient of the motion from the template to the target
+    """
+    if variance <= 0.0:
+        return Blurs(None, -variance * slope @ slope.T)
+    covariance = np.linalg.inv(slope.T @ slope)
+    return Blurs(variance * covariance / (0.5 * np.trace(covariance)), None)
 
 
 def _box(shape: tuple[int, ...], places: Array) -> tuple[slice, slice]:
