@@ -7,6 +7,7 @@ that, its edges pull the subsets.
 
 from __future__ import annotations
 
+from functools import reduce
 from typing import NamedTuple
 
 import cv2
@@ -24,6 +25,8 @@ __all__ = ["Damping", "equally_sharp"]
 _WINDOWS, _SIDE = 32, 48
 """Windows whose spectra are compared, at most, and their side [px]."""
 _MIN_WINDOWS = 4
+_ROUNDS = 5
+"""Estimates of a blur at most, each of what those before left: windows flatten spectra that fall steeply."""
 _NEGLIGIBLE_PX2, _MIN_SIGNIFICANCE, _MAX_PX2 = 0.15, 4.0, 36.0
 """Variance of a blur up to which it is left alone, that in standard errors, and the largest that is made up for."""
 
@@ -57,13 +60,14 @@ def equally_sharp(
     if not len(places):
         return image, target, Damping()
     slope = np.median(warps[..., 1:3], axis=0)
-    by_pixels = missing_blurs(slope, smoothing_px)
-    soft, softer = blurred(image, by_pixels.template), _blurred_spline(target, by_pixels.target)
-    variance = _missing_variance(soft, softer.image, places, warps)
-    further = _further_blurs(variance, slope)
-    if variance != 0.0:
-        soft, softer = blurred(soft, further.template), _blurred_spline(softer, further.target)
-    covariances = [_sum(*parts) for parts in zip(by_pixels, further, strict=True)]
+    by_pixels, variance = missing_blurs(slope, smoothing_px), 0.0
+    soft, softer, covariances = _softened(image, target, by_pixels)
+    for _ in range(_ROUNDS):
+        more = _missing_variance(soft, softer.image, places, warps)
+        if more == 0.0:
+            break
+        variance += more
+        soft, softer, covariances = _softened(image, target, by_pixels, _further_blurs(variance, slope))
     seen = softer.image[_box(softer.image.shape, warps[..., 0])]
     return soft, softer, _damping(image, region, soft, seen, covariances)._replace(blur=abs(variance))
 
@@ -86,6 +90,12 @@ def _box(shape: tuple[int, ...], places: Array) -> tuple[slice, slice]:
     low, high = np.clip([places.min(axis=0) - _SIDE, places.max(axis=0) + _SIDE], 0, limits).astype(int)
     (x0, y0), (x1, y1) = (low, high) if (high - low > _SIDE).all() else (0 * limits, limits)
     return slice(y0, y1), slice(x0, x1)
+
+
+def _softened(image: Image, target: Spline, *blurs: Blurs) -> tuple[Image, Spline, list[Array | None]]:
+    """Template and target after blurs, and the covariances of all these together."""
+    covariances = [reduce(_sum, parts) for parts in zip(*blurs, strict=True)]
+    return blurred(image, covariances[0]), _blurred_spline(target, covariances[1]), covariances
 
 
 def _damping(image: Image, region: Mask, soft: Image, softer: Image, covariances: list[Array | None]) -> Damping:
