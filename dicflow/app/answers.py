@@ -315,6 +315,11 @@ def _resolution(desk: Desk, asked: Asked) -> Any:
     return desk.work("results.resolution_of", desk.project, str(asked["file"]))
 
 
+def _rest(desk: Desk, asked: Asked) -> Any:
+    """What the extensometers read at steps at rest."""
+    return desk.work("results.rest_of", desk.project, str(asked["file"]))
+
+
 def _export(desk: Desk, asked: Asked) -> Any:
     return desk.work("results.export_files", desk.project, str(asked["file"]), asked)
 
@@ -361,6 +366,7 @@ ANSWERS: Mapping[str, Callable[[Desk, Asked], Any]] = {
     "formats": _formats,
     "facts": _facts,
     "resolution": _resolution,
+    "rest": _rest,
     "export": _export,
     "report": _report,
     "pin": _pin,

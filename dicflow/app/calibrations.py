@@ -37,7 +37,8 @@ def calibration_of(project: Project, name: str, text: str) -> dict[str, Any]:
     their ``residuals``, reprojected minus observed [px], and ``gross``: which of them the stage has left out by itself;
     ``left_out``: the corners that the file leaves out; ``empty``: left and right → ninths of the frame where the board
     must still be shown; ``limit_px``: the error above which a pair is dropped; ``answer``: whether the photographs of
-    the specimen still fit the rig, as a sentence, and whether they do, None before their points are computed.
+    the specimen still fit the rig, as a sentence, and whether they do, None before their points are computed;
+    ``matches``: whether a stage computes them.
     Raises the error with which the stage would fail.
     """
     pipeline = project.candidate(name, text)
@@ -54,6 +55,7 @@ def calibration_of(project: Project, name: str, text: str) -> dict[str, Any]:
         "verdict": rig.verdict,
         "summary": dict(rig.summary),
         "answer": _answer(pipeline),
+        "matches": bool(stages_of(pipeline, "stereo")),
         "refines": _refines(pipeline, stage),
     }
     spec = graph.stages[names[stage]]

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from dicflow.app.project import Project
-from dicflow.errors import ConfigurationError, InputError
+from dicflow.errors import ConfigurationError, InputError, NotKeptError
 from dicflow.pipeline import Pipeline, Result
 from dicflow.pipeline.report_facts import ReportFacts
 
@@ -19,6 +19,7 @@ __all__ = [
     "has_report",
     "report_page",
     "resolution_of",
+    "rest_of",
     "write_report",
 ]
 
@@ -94,6 +95,17 @@ def resolution_of(project: Project, name: str) -> dict[str, Any]:
         "measured": any(one.measured for one in known),
         "variants": variants,
     }
+
+
+def rest_of(project: Project, name: str) -> list[str]:
+    """How far each extensometer scatters at steps at rest, beside its stated σ, in sentences; empty without any."""
+    from dicflow.report.rest import at_rest
+
+    try:
+        found = at_rest(project.pipeline(name).result(), lambda _sources, make: make())
+    except NotKeptError:
+        return []
+    return [] if found is None else found.probes
 
 
 def write_report(project: Project, name: str) -> dict[str, Any]:

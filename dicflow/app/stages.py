@@ -7,7 +7,7 @@ from collections.abc import Iterator, Mapping
 from inspect import getdoc
 from typing import Any
 
-from dicflow.engine.node import Node
+from dicflow.engine.node import Node, port_of
 from dicflow.errors import ConfigurationError
 from dicflow.pipeline import Pipeline
 from dicflow.pipeline.registry import node_class
@@ -37,7 +37,8 @@ def parameters_of(pipeline: Pipeline, name: str) -> dict[str, Any]:
 
     ``about``: paragraphs on the stage; ``parameters``: each with ``name``, ``words`` (its sentence), ``unit``,
     ``allowed`` (limits in words), ``choices`` (None, or the values there are), ``default``, ``value`` and whether it is
-    ``given`` in the file; ``inputs``: each with its kinds, the stage joined to it, and the stages that fit.
+    ``given`` in the file; ``inputs``: each with its kinds, the stage joined to it (a list where it takes
+    ``several``), and the stages that fit.
     """
     names = pipeline.instances[0]
     if name not in names:
@@ -104,12 +105,14 @@ def _inputs(pipeline: Pipeline, kind: type[Node], name: str, entry: Mapping[str,
     joined = pipeline.resolved()["stages"][names[name]]["inputs"]
     gives = {other: node_class(pipeline.document.data["stages"][other]["stage"]).gives for other in names}
     for port_name, port in kind.takes.items():
-        if not port.own and not port.several and not port_name.endswith(("_before", "_first", "_early")):
+        if not port.own and not port_name.endswith(("_before", "_first", "_early")):
+            sources = [back[instance] for given, instance in joined.items() if port_of(given) == port_name]
             yield {
                 "name": port_name,
                 "kinds": list(port.kinds),
                 "optional": port.optional,
-                "value": back.get(joined.get(port_name, "")),
+                "several": port.several,
+                "value": sources if port.several else next(iter(sources), None),
                 "given": port_name in entry,
                 "fitting": [other for other, given in gives.items() if given in port.kinds and other != name],
             }

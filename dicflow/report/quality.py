@@ -85,7 +85,7 @@ def quality(context: Context) -> Section | None:
     panels = _panels(result, steps)
     speckle = pattern(context)
     advice = advice_on(speckle, _subset(result)) if speckle is not None else []
-    rest = at_rest(context)
+    rest = at_rest(context.result, context.piece)
     names = [(_heading(panel, name), "number") for panel, series in panels.items() for name in series]
     body = render(
         "quality.html",

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import NamedTuple
 
 from dicflow.comparison.rest import (
@@ -20,7 +20,6 @@ from dicflow.kinds.probes import ProbeTable
 from dicflow.kinds.quantities import QUANTITIES
 from dicflow.kinds.total import Total
 from dicflow.pipeline import Result
-from dicflow.report.context import Context
 from dicflow.report.words import number, percent
 
 __all__ = ["AtRest", "at_rest"]
@@ -29,6 +28,9 @@ _COMMON, _SMOOTH = 0.75, 0.5
 """Shares from which a scatter counts as one of the first photographs, and as one that neighbouring points share."""
 _OFF_LINES_PX = 0.05
 """Distance from the epipolar lines from which a rig counts as one that does not fit."""
+
+Keep = Callable[[Sequence[str], Callable[[], bytes]], bytes | None]
+"""Returns the bytes made from some sources, by the function unless they are kept; None if the store lacks products."""
 
 
 class AtRest(NamedTuple):
@@ -46,9 +48,8 @@ class AtRest(NamedTuple):
     probes: list[str]
 
 
-def at_rest(context: Context) -> AtRest | None:
+def at_rest(result: Result, keep: Keep) -> AtRest | None:
     """The facts of the last total; None without uncertainties, or without a step at rest."""
-    result = context.result
     totals = result.stages_of("total")
     if not totals or not any(result.has(totals[-1], step) for step in result.steps(totals[-1])):
         return None
@@ -56,7 +57,7 @@ def at_rest(context: Context) -> AtRest | None:
     stages = [stage for kind in kinds for stage in result.stages_of(kind)]
     places = [(stage, step) for stage in stages for step in result.steps(stage) or (None,)]
     sources = [result.digest(*place) for place in places if result.has(*place)]
-    kept = context.piece(["scatter at rest", *sources], lambda: json.dumps(_found(result, totals[-1])).encode())
+    kept = keep(["scatter at rest", *sources], lambda: json.dumps(_found(result, totals[-1])).encode())
     found = None if kept is None else json.loads(kept)
     return None if found is None else AtRest(tuple(found[0]), *found[1:])
 

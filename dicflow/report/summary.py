@@ -28,7 +28,7 @@ def summary(context: Context, sections: Sequence[Section]) -> Section:
     warnings = [(section.title, section.key, text) for section in sections for text in section.warnings]
     covered = {stage for section in sections for stage in section.covers}
     unlinked = (*_notes(context), *_run_warnings(context, covered), *own)
-    run, failures, rest = context.run, _failures(context), at_rest(context)
+    run, failures, rest = context.run, _failures(context), at_rest(context.result, context.piece)
     body = render(
         "summary.html",
         state=_state(run),

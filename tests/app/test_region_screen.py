@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import json
 import os
+import re
+import shutil
 
 import numpy as np
 import pytest
@@ -12,8 +14,10 @@ from app_serving import FILE, served, small_test
 
 from dicflow.io.configuration import read
 from dicflow.io.region import read_geojson
+from dicflow.kinds.probes import ProbeTable
 from dicflow.kinds.region import Region
 from dicflow.pipeline import Pipeline
+from dicflow.report.words import number
 
 pytestmark = pytest.mark.slow
 OUTER = [(30, 25), (170, 28), (165, 120), (35, 118)]
@@ -152,6 +156,25 @@ def test_what_an_editor_changes_meanwhile_is_not_overwritten(person, folder):
     draw(person, "p", [(60, 60)], "")
     person.said("saved: point_1")
     assert stage(folder, "correlation")["subset_size"] == 31
+
+
+def test_what_an_extensometer_reads_at_rest_stands_below_the_probes(small_result, tmp_path):
+    path = shutil.copytree(small_result.parent, tmp_path / "test") / FILE
+    path.write_text(path.read_text() + "  probes: {stage: probes, extensometers: {gauge: [[60, 75], [140, 75]]}}\n")
+    pipeline = Pipeline.load(path)
+    table = ProbeTable.read(pipeline.run(scheduler="sync").product("probes"))
+    strain, sigma = (np.array([row[key] for row in table.rows if row[key]]) for key in ("strain", "sigma_strain"))
+    found, stated = np.sqrt(np.mean(strain**2)), np.sqrt(np.mean(sigma**2))
+    with served(path) as app, opened_page(app) as someone:
+        someone.go("region")
+        someone.page.wait_for_selector(".rest p")
+        (words,) = someone.page.locator(".rest p").all_inner_texts()
+    assert len(strain) == 2
+    scatter, ratio = re.fullmatch(
+        r"At rest \(2 steps\) the strain of gauge scatters by (.+), (.+) times.*", words
+    ).groups()
+    assert scatter == number(found, 3)
+    assert float(ratio) == pytest.approx(found / stated, abs=0.06)
 
 
 def test_the_automatic_region_is_a_proposal_to_edit(person, folder):

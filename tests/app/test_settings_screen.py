@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import shutil
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -17,6 +18,7 @@ from dicflow.kinds.correlation import Correlation
 from dicflow.pipeline import Pipeline
 
 pytestmark = pytest.mark.slow
+ROOT = Path(__file__).parents[2]
 
 
 @pytest.fixture(scope="module")
@@ -66,6 +68,36 @@ def test_a_change_shows_what_it_computes_and_is_saved_and_taken_back(measured):
         someone.said("taken back: total.window")
         assert measured.read_bytes() == before
         page.wait_for_selector('#sidebar a.hit[href="#settings/total"]')
+
+
+def test_a_port_takes_the_stages_that_are_ticked(tmp_path):
+    path = tmp_path / FILE
+    given = "narrow: {stage: hyperelastic, curves: [narrow_1, narrow_2, narrow_3]}"
+    path.write_text((ROOT / "pipelines" / "latex_tables.yaml").read_text())
+    for table in (ROOT / "dicflow" / "synth" / "latex").glob("*.csv"):
+        shutil.copy(table, tmp_path)
+    with served(path) as app, opened_page(app) as someone:
+        page = someone.page
+        page.click('#sidebar a[href="#settings/narrow"]')
+        page.wait_for_selector("fieldset.parameter")
+        tick = page.get_by_role("group", name="curves").get_by_role("checkbox")
+        assert [one.is_checked() for one in tick.all()] == [False, True, True, True, False, False]
+        page.get_by_label("curves: square").check()
+        page.get_by_label("curves: narrow_2").uncheck()
+        page.wait_for_selector(".would")
+        page.click("text=Save to the file")
+        someone.said("saved: narrow.curves")
+        assert given.replace("narrow_2, narrow_3", "narrow_3, square") in path.read_text()
+        page.get_by_label("curves: all that fit").check()
+        page.click("text=Save to the file")
+        someone.said("saved: narrow.curves")
+        assert "narrow: {stage: hyperelastic}" in path.read_text()
+        assert all(one.is_checked() for one in page.get_by_role("group", name="curves").get_by_role("checkbox").all())
+        for name in ("narrow_1", "narrow_2", "narrow_3", "square", "wide"):
+            page.get_by_label(f"curves: {name}").uncheck()
+        page.wait_for_selector(".pending .problem")
+        assert "needs an input 'curves'" in page.inner_text(".pending .problem")
+        assert someone.overlaps() == []
 
 
 def test_a_wrong_value_is_refused_in_the_words_of_the_command_line(measured):

@@ -107,13 +107,15 @@ class CalibrationScreen {
 
   verdict() {
     const { verdict } = this.found;
-    return h("p", { className: /^(poor|usable)/.test(verdict) ? "verdict problem" : "verdict" }, verdict);
+    const kind = /^poor/.test(verdict) ? "problem" : /^usable/.test(verdict) ? "doubt" : "";
+    return h("p", { className: `verdict ${kind}` }, verdict);
   }
 
   /** Whether the photographs of the specimen still fit the rig, and what to do. */
   answer() {
-    const { answer, refines } = this.saved;
+    const { answer, refines, matches } = this.saved;
     const question = h("strong", {}, "Is the rig still calibrated? ");
+    if (!matches) return h("p", {}, question, "This pipeline does not tell it: a stage 'stereo' matches points, whose distance from their epipolar lines is the answer.");
     if (!answer) return h("p", {}, question, "The photographs of the specimen tell it once a run has matched them.");
     return h("div", {}, h("p", { className: answer.fits ? "answer" : "answer problem" }, question, answer.sentence),
       answer.fits || !refines ? null : h("div", { className: "row" }, button("Add the stage that refines the rig", () => this.refine(refines), { className: "main" })));

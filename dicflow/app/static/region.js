@@ -31,6 +31,7 @@ class RegionScreen {
     this.pen.onpoint = ([x, y]) => { this.where.textContent = `x ${x.toFixed(1)}  y ${y.toFixed(1)} px`; };
     this.saving = Promise.resolve();
     this.renamed = {};
+    this.atRest = [];
   }
 
   async open() {
@@ -45,6 +46,16 @@ class RegionScreen {
     fill(this.place, this.tools, h("div", { className: "stage" }, this.viewer.element, this.list), h("div", { className: "status" }, this.where, h("span", { className: "hint" })));
     this.panel();
     this.viewer.open(await ask("photograph", { file: this.app.file, stage: this.drawing.images }));
+    this.lookAtRest();
+  }
+
+  /** What the extensometers of the last run read where nothing deforms. */
+  async lookAtRest() {
+    if (!this.saved.some((path) => path.sort === "extensometer")) return;
+    try {
+      this.atRest = await ask("rest", { file: this.app.file });
+      this.panel();
+    } catch { /* said by the screen of the run */ }
   }
 
   leave() {
@@ -109,7 +120,7 @@ class RegionScreen {
         button("−", () => this.viewer.zoomAt(null, 1 / 1.4), { "aria-label": "Zoom out" }),
         button("+", () => this.viewer.zoomAt(null, 1.4), { "aria-label": "Zoom in" }),
         button("Whole", () => this.viewer.fit())));
-    fill(this.list, this.proposal(), this.listed("Region", (sort) => !SORTS[sort].probe), this.listed("Probes", (sort) => SORTS[sort].probe), this.numbers());
+    fill(this.list, this.proposal(), this.listed("Region", (sort) => !SORTS[sort].probe), this.listed("Probes", (sort) => SORTS[sort].probe), this.rest(), this.numbers());
     fill(this.place.querySelector(".hint"), this.hint());
   }
 
@@ -148,6 +159,11 @@ class RegionScreen {
       h("ul", { className: "paths" }, rows.map(([path, number]) => h("li", {}, h("button", {
         type: "button", className: "path-name", "aria-pressed": String(number === this.pen.chosen.path), onclick: () => this.pen.choose(number),
       }, h("span", { className: `swatch ${path.sort}` }), path.name || SORTS[path.sort].title, h("span", { className: "faint" }, SORTS[path.sort].most ? SORTS[path.sort].title : `${path.places.length} corners`))))));
+  }
+
+  rest() {
+    if (!this.atRest.length) return null;
+    return h("div", { className: "block rest" }, h("h2", {}, "At rest, in the last run"), this.atRest.map((words) => h("p", {}, words)));
   }
 
   /** Numbers of the chosen path, to be typed. */

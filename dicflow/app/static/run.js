@@ -124,7 +124,7 @@ class RunScreen {
       ask("disk", { file: this.app.file }).then((bytes) => fill(size, `${megabytes(bytes)} on the disk`), () => fill(size));
       if (!runs.length) return fill(this.past);
       return fill(this.past, h("div", { className: "card scroll" }, h("h2", {}, "Runs in this store"), size,
-        h("table", {}, h("thead", {}, h("tr", {}, ["run", "pipeline", "started", "computed", "failed", ""].map((word, k) => h("th", { className: k === 3 || k === 4 ? "number" : "" }, word)))),
+        h("table", { className: "runs" }, h("thead", {}, h("tr", {}, ["run", "pipeline", "started", "computed", "failed", ""].map((word, k) => h("th", { className: k === 3 || k === 4 ? "number" : "" }, word)))),
           h("tbody", {}, runs.map((run) => this.row(run)))), this.cleaning()));
     } catch (error) {
       return fill(this.past, h("p", { className: "problem" }, error.message));

@@ -59,6 +59,9 @@ export function expected(states) {
   return `${tasks}, about ${duration(states.seconds / workers)} with ${workers} ${workers === 1 ? "worker" : "workers"}, by the times of the last run.`;
 }
 
+/** Names as a pipeline file lists them. */
+const listed = (names) => `[${names.join(", ")}]`;
+
 class StageScreen {
   constructor(place, app, name) {
     Object.assign(this, { place, app, name });
@@ -78,7 +81,7 @@ class StageScreen {
       h("h1", {}, `${name}: ${this.stage.title}`),
       h("p", {}, first), more.length ? h("details", {}, h("summary", {}, "More on this stage"), more.map((part) => h("p", {}, part))) : null,
       this.pending, this.past,
-      this.stage.inputs.length ? h("div", { className: "card" }, h("h2", {}, "Takes"), this.stage.inputs.map((one) => this.input(one))) : null,
+      this.stage.inputs.length ? h("div", { className: "card" }, h("h2", {}, "Takes"), this.stage.inputs.map((one) => (one.several ? this.inputs(one) : this.input(one)))) : null,
       h("div", { className: "card" }, h("h2", {}, "Parameters"), usual.length ? usual.map((one) => this.parameter(one)) : h("p", { className: "faint" }, "none")),
       others.length ? h("details", { className: "card" }, h("summary", {}, "Speed and files; these change no result"), others.map((one) => this.parameter(one))) : null);
     if (this.stage.stage === "correlate") {
@@ -145,8 +148,20 @@ class StageScreen {
       h("span", { className: "about" }, `${one.kinds.join(" or ")}${one.optional ? ", optional" : ""}`));
   }
 
+  /** An input that takes several stages: all that fit, or those that are ticked. */
+  inputs(one) {
+    const names = [...one.value, ...one.fitting.filter((name) => !one.value.includes(name))];
+    const tick = (words, checked, onchange) => h("input", { type: "checkbox", checked, onchange, "aria-label": `${one.name}: ${words}` });
+    const tell = () => this.type(one, all.checked ? "" : listed(names.filter((_, k) => boxes[k].checked)));
+    const boxes = names.map((name) => tick(name, one.value.includes(name), () => { all.checked = false; tell(); }));
+    const all = tick("all that fit", !one.given, () => { if (all.checked) boxes.forEach((box) => { box.checked = true; }); tell(); });
+    return h("fieldset", { className: one.given ? "parameter given" : "parameter", "aria-label": one.name }, h("span", { className: "key" }, one.name),
+      h("span", { className: "several" }, h("label", {}, all, "all that fit, by itself"), names.map((name, k) => h("label", {}, boxes[k], name))),
+      h("span", { className: "about" }, `${one.kinds.join(" or ")}, of one or several stages`));
+  }
+
   type(one, text) {
-    const before = one.given ? one.value ?? "null" : "";
+    const before = !one.given ? "" : one.several ? listed(one.value) : one.value ?? "null";
     if (text === before || (!one.given && text === (one.value === "null" ? "" : one.value))) this.texts.delete(one.name);
     else this.texts.set(one.name, text);
     this.weigh();
