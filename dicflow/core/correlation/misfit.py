@@ -24,7 +24,7 @@ from typing import Any, NamedTuple
 
 import cv2
 import numpy as np
-from scipy.fft import irfft2, rfft2
+from scipy.fft import irfft2, next_fast_len, rfft2
 
 from dicflow.core.arrays import Array, Index
 from dicflow.core.correlation.residuals import Residuals, residuals
@@ -43,7 +43,7 @@ _CHUNK = 64
 """Subsets that are computed at once."""
 _MAX_SAMPLES = 250
 """Subsets of a field whose residuals are computed, about; those between them get the misfit of their neighbours."""
-_LOSS_STRIDE, _MAX_LOSS, _MAX_TAKEN = 16, 5.0, 0.8
+_LOSS_STRIDE, _MAX_LOSS, _MAX_TAKEN = 32, 5.0, 0.8
 """Every so many of these give the loss by the fit, which is much the same for all, and the largest that is made up
 for; also of the power at a frequency."""
 _MIN_PAIRS = 0.05
@@ -209,7 +209,8 @@ def _spectrum(residual: Array, weight: Array, fitted: Array) -> Array:
     fitted : share of the power that the warp has taken, at each frequency
     """
     power = _power(np.where(weight > 0.0, residual, 0.0)).mean(axis=0) / (1.0 - fitted)
-    pairs = irfft2(_power((weight > 0.0).astype(np.float64)).mean(axis=0))
+    counts = weight > 0.0
+    pairs = irfft2(_power(counts[:1] if counts.all() else counts).mean(axis=0))
     seldom = pairs < _MIN_PAIRS * pairs[0, 0]
     mean = np.where(seldom, 0.0, irfft2(power) / np.maximum(pairs, 1e-12))
     return np.asarray(rfft2(mean / max(mean[0, 0], 1e-12)).real)
@@ -236,7 +237,8 @@ def _power(values: Array) -> Array:
 def _transform(values: Array) -> Any:
     """Fourier transforms (..., row, col) of squares of pixels (..., pixel), amid zeros as wide as they are."""
     size = int(np.sqrt(values.shape[-1]))
-    return rfft2(values.reshape(*values.shape[:-1], size, size), s=(2 * size, 2 * size))
+    side = 2 * next_fast_len(size, real=True)
+    return rfft2(values.reshape(*values.shape[:-1], size, size).astype(np.float32), s=(side, side))
 
 
 def _fit_loss(
@@ -255,6 +257,6 @@ def _fit_loss(
 
 def _variance(weights: Array, spectrum: Array) -> Array:
     """Variance (...) of sums with weights (..., pixel) of values with an autocorrelation, given by its spectrum."""
-    power = _power(weights.astype(np.float32)) * spectrum
+    power = _power(weights) * spectrum
     ends = power[..., [0, -1]].sum(axis=(-1, -2))
     return np.asarray((2.0 * power.sum(axis=(-1, -2)) - ends) / len(spectrum) ** 2)
