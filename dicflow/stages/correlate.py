@@ -236,11 +236,9 @@ class Correlate(SubsetSearch):
         search = search._replace(jumps=points["status"] == Status.DISCONTINUITY)
         start = first_photograph(first.image, first.region, grid, search)
         direct = search_directly(start, reference_step, last, image, search, pairs)
-        template = points["template"]
         if not before.is_final:
             noise = self._measured_noise(before, direct.correlation, first, image.grey)
             search = search._replace(noise=self._level(noise.grey, first))
-            template = (noise.grey / before.grey) ** 2 * template
         updating, expected = self.reference.updating(), points.course.expected
         found, reference = follow_step(start, reference_step, direct, search, updating, expected)
         used, grid_px = search.subset.shape_function, (self.subset_size, self.step_size)
@@ -250,7 +248,11 @@ class Correlate(SubsetSearch):
             search = search._replace(subset=search.subset._replace(shape_function=shape))
             start = first_photograph(first.image, first.region, grid, search)
             direct = search_again(start, direct, found, search)
+            if not before.is_final:
+                noise = self._measured_noise(before, direct.correlation, first, image.grey)
+                search = search._replace(noise=self._level(noise.grey, first))
             found, reference = follow_step(start, reference_step, direct, search, updating, expected)
+        template = (noise.grey / before.grey) ** 2 * points["template"]
         return _Searched(found, search, noise, template, reference, bias)
 
     def _usual_shape(self, points: Correlation) -> ShapeFunction:
@@ -278,24 +280,11 @@ class Correlate(SubsetSearch):
 
     def _measured_noise(self, noise: Noise, correlation: CorrelatedField, first: _First, image: np.ndarray) -> Noise:
         """The noise, measured in the first photograph and this one."""
-        from dicflow.core.correlation.edges import residual_variance
-        from dicflow.core.photographs.noise import interpolated_variance, noise_from_pair
-        from dicflow.core.status import Status
+        from dicflow.core.correlation.search import noise_of_residual
+        from dicflow.core.photographs.noise import noise_from_pair
 
-        field = correlation.field
-        valid = field.status == Status.VALID
-        residual = residual_variance(field)[valid] / correlation.damping.residual(
-            interpolated_variance(self.spline_degree)
-        )
-        return noise_from_pair(
-            noise,
-            first.image.grey,
-            image,
-            first.measured,
-            (correlation.centres[valid], field.warp[valid][..., 0], residual),
-            degree=self.spline_degree,
-            smoothing_px=self.smoothing,
-        )
+        points = noise_of_residual(correlation, self.spline_degree, self.subset_size)
+        return noise_from_pair(noise, first.image.grey, image, first.measured, points, smoothing_px=self.smoothing)
 
     def _no_subset(self, region: np.ndarray, status: np.ndarray) -> str:
         """The message if no subset of the first photograph can be followed."""

@@ -130,7 +130,7 @@ class Stereo(SubsetSearch):
 
     def _first_step(self, rig: CalibratedRig, view: _View) -> Product:
         """The points matched at the first step; the order of left and right and the pattern are checked."""
-        from dicflow.core.correlation.across import inherited_covariance
+        from dicflow.core.correlation.across import contrast, inherited_covariance
 
         cameras = rig.cameras
         starts = _starts_from_epipolar_lines(cameras, view)
@@ -141,7 +141,9 @@ class Stereo(SubsetSearch):
         product = self._product(cameras, view, found, ratio, bump_warnings(rig, view.points, found))
         if self.match == "every_step":
             return product
-        found = found._replace(inherited_covariance=inherited_covariance(found, search))
+        views = (view.images.left, view.points["xy"]), (view.images.right, found.warp[..., 0])
+        contrasts = contrast(*views[0]), contrast(*views[1])
+        found = found._replace(inherited_covariance=inherited_covariance(found, search, contrasts))
         outline = view.points.outline(view.points_first.polygons, found, view.points_first.parts)
         return StereoPoints.read(product).with_reference(found, outline)
 
@@ -187,14 +189,12 @@ class Stereo(SubsetSearch):
         """The points of the left photograph, found in the right one from starting warps (row, col, 2, 3)."""
         import numpy as np
 
-        from dicflow.core.correlation.across import contrast, follow_across
+        from dicflow.core.correlation.across import follow_across
         from dicflow.core.correlation.search import first_photograph, target_spline
         from dicflow.core.photographs.region import interior
 
         image, right = photograph_of(view.images_first, "left"), photograph_of(view.images, "right")
-        contrasts = contrast(image.grey, view.points_first["xy"]), contrast(right.grey, starts[..., 0])
-        search = self._search(view, view.points.noise_level)
-        search = search._replace(target_noise_ratio=noise_ratio * contrasts[0] / contrasts[1])
+        search = self._search(view, view.points.noise_level)._replace(target_noise_ratio=noise_ratio)
         region = interior(view.points_first.polygons, image.grey.shape)
         grid = np.where(np.isfinite(view.points["xy"]), view.points_first["xy"], np.nan)
         first, reference_step = first_photograph(image, region, grid, search), view.points.reference_step

@@ -97,17 +97,19 @@ def follow_across(
     return merged(found, chained._replace(route=routes))
 
 
-def inherited_covariance(matched: FoundPoints, search: Search) -> Array:
+def inherited_covariance(matched: FoundPoints, search: Search, contrasts: tuple[float, float] = (1.0, 1.0)) -> Array:
     """Covariance (row, col, 3) that places found with subsets of the right photograph inherit from the match [px²].
 
     matched : result of :func:`follow_across` with the first left photograph and ``search``, on the grid (row, col)
+    contrasts : of the left and of the right photograph [grey levels]
 
     The noise of the right photograph moved the matched point; with the point's own subset as the template it moves
     later places back, and little of it remains (:func:`dicflow.core.correlation.chain.uncancelled_noise`). The misfit
     between the two cameras remains.
     """
     slope = matched.slope
-    noise = search.target_noise_ratio**2 * congruent(slope, matched.template_covariance)
+    ratio = search.target_noise_ratio * contrasts[0] / contrasts[1]
+    noise = ratio**2 * congruent(slope, matched.template_covariance)
     remaining = uncancelled_noise(slope, matched.warp.shape[-1], search.degree)
     return np.asarray(
         matched.covariance + (remaining - interpolated_noise_ratio(slope, search.degree))[..., None] * noise

@@ -7,6 +7,7 @@ that, its edges pull the subsets.
 
 from __future__ import annotations
 
+from functools import reduce
 from typing import NamedTuple
 
 import cv2
@@ -14,7 +15,7 @@ import numpy as np
 
 from dicflow.core.arrays import Array, Image, Mask
 from dicflow.core.correlation.warp import apply_warp
-from dicflow.core.photographs.footprint import blurred, missing_blurs, white_noise_share
+from dicflow.core.photographs.footprint import Blurs, blurred, missing_blurs, white_noise_share
 from dicflow.core.photographs.interpolate import Spline, spline
 from dicflow.core.photographs.sharpness import blur_difference
 
@@ -24,6 +25,8 @@ __all__ = ["Damping", "equally_sharp"]
 _WINDOWS, _SIDE = 32, 48
 """Windows whose spectra are compared, at most, and their side [px]."""
 _MIN_WINDOWS = 4
+_ROUNDS = 5
+"""Estimates of a blur at most, each of what those before left: windows flatten spectra that fall steeply."""
 _NEGLIGIBLE_PX2, _MIN_SIGNIFICANCE, _MAX_PX2 = 0.15, 4.0, 36.0
 """Variance of a blur up to which it is left alone, that in standard errors, and the largest that is made up for."""
 
@@ -31,10 +34,10 @@ _NEGLIGIBLE_PX2, _MIN_SIGNIFICANCE, _MAX_PX2 = 0.15, 4.0, 36.0
 class Damping(NamedTuple):
     """What a blur does to the noise of the photograph that it is applied to: ratios of variances, 1 without a blur.
 
-    blur : variance of the Gaussian [px²]
     template, target : of the place of a subset by the noise of each
     template_grey, target_grey : of the noise itself
     excess : of the place by the noise of the template, beyond that with the subset before the blur
+    blur : variance of the Gaussian that a change of sharpness takes [px²]
     """
 
     template: float = 1.0
@@ -43,10 +46,6 @@ class Damping(NamedTuple):
     target_grey: float = 1.0
     excess: float = 0.0
     blur: float = 0.0
-
-    def residual(self, ratio: float) -> float:
-        """Variance of the residual over that without a blur. ratio : of the noise of the target to the template's"""
-        return (self.template_grey + ratio * self.target_grey) / (1.0 + ratio)
 
 
 def equally_sharp(
@@ -61,19 +60,63 @@ def equally_sharp(
     if not len(places):
         return image, target, Damping()
     slope = np.median(warps[..., 1:3], axis=0)
-    blurs = missing_blurs(slope, smoothing_px)
-    image, target = blurred(image, blurs.template), _blurred_spline(target, blurs.target)
-    variance = _missing_variance(image, target.image, places, warps)
-    if variance == 0.0:
-        return image, target, Damping()
-    covariance = variance * np.eye(2) if variance > 0.0 else -variance * slope @ slope.T
-    grey = white_noise_share(covariance)
-    if variance < 0.0:
-        softer = _blurred_spline(target, covariance)
-        return image, softer, Damping(target=_damped(softer.image, covariance), target_grey=grey, blur=-variance)
-    soft = blurred(image, covariance)
-    place, slopes = _damped(soft, covariance, region), _slope_energy(soft, region) / _slope_energy(image, region)
-    return soft, target, Damping(place, template_grey=grey, excess=max(0.0, place - slopes), blur=variance)
+    by_pixels, variance = missing_blurs(slope, smoothing_px), 0.0
+    soft, softer, covariances = _softened(image, target, by_pixels)
+    for _ in range(_ROUNDS):
+        more = _missing_variance(soft, softer.image, places, warps)
+        if more == 0.0:
+            break
+        variance += more
+        soft, softer, covariances = _softened(image, target, by_pixels, _further_blurs(variance, slope))
+    seen = softer.image[_box(softer.image.shape, warps[..., 0])]
+    return soft, softer, _damping(image, region, soft, seen, covariances)._replace(blur=abs(variance))
+
+
+def _further_blurs(variance: float, slope: Array) -> Blurs:
+    """Blurs for a change of sharpness, which is equal in all directions of the photograph that it blurred.
+
+    variance : mean over all directions in pixels of the template, of the target's blur; negative of the template's
+    slope : (2, 2) — gradient of the motion from the template to the target
+    """
+    if variance <= 0.0:
+        return Blurs(None, -variance * slope @ slope.T)
+    covariance = np.linalg.inv(slope.T @ slope)
+    return Blurs(variance * covariance / (0.5 * np.trace(covariance)), None)
+
+
+def _box(shape: tuple[int, ...], places: Array) -> tuple[slice, slice]:
+    """The part (rows, columns) of an image around places (n, 2) [px]; all of it where they are few or outside."""
+    limits = np.array(shape[::-1])
+    low, high = np.clip([places.min(axis=0) - _SIDE, places.max(axis=0) + _SIDE], 0, limits).astype(int)
+    (x0, y0), (x1, y1) = (low, high) if (high - low > _SIDE).all() else (0 * limits, limits)
+    return slice(y0, y1), slice(x0, x1)
+
+
+def _softened(image: Image, target: Spline, *blurs: Blurs) -> tuple[Image, Spline, list[Array | None]]:
+    """Template and target after blurs, and the covariances of all these together."""
+    covariances = [reduce(_sum, parts) for parts in zip(*blurs, strict=True)]
+    return blurred(image, covariances[0]), _blurred_spline(target, covariances[1]), covariances
+
+
+def _damping(image: Image, region: Mask, soft: Image, softer: Image, covariances: list[Array | None]) -> Damping:
+    """What the blurs do to the noise.
+
+    image : the template's photograph before; soft, softer : it and the target around the points, blurred
+    """
+    of_template, of_target = covariances
+    damping = Damping()
+    if of_template is not None:
+        place, slopes = _damped(soft, of_template, region), _slope_energy(soft, region) / _slope_energy(image, region)
+        grey = white_noise_share(of_template)
+        damping = damping._replace(template=place, template_grey=grey, excess=max(0.0, place - slopes))
+    if of_target is not None:
+        damping = damping._replace(target=_damped(softer, of_target), target_grey=white_noise_share(of_target))
+    return damping
+
+
+def _sum(first: Array | None, second: Array | None) -> Array | None:
+    """Sum of the covariances of two blurs; None without any."""
+    return first if second is None else second if first is None else first + second
 
 
 def _damped(soft: Image, covariance: Array, region: Mask | None = None) -> float:

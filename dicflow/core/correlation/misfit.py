@@ -8,7 +8,9 @@ Their sums within blocks of pixels estimate the covariance for any such correlat
 
 (White, Econometrica 48, 1980; for blocks, Liang and Zeger, Biometrika 73, 1986). Bell-shaped windows replace the blocks
 here, because residuals that cancel between blocks, as after a change of contrast or focus, would count at sharp edges.
-The sum is scaled so that white noise gives its own covariance in spite of the parameters that were fitted.
+The sum is scaled by what it should be over what it is on average, for residuals with the autocorrelation that these
+have: the parameters that were fitted take a part of them, and windows leave out what is correlated over more than their
+side.
 
 A pattern that is a little sharper in one photograph leaves second derivatives of the grey levels f, along one
 direction more than along another after a stretch. These move no place: f_x f_xx, f_x f_xy and f_x f_yy are made of
@@ -18,10 +20,11 @@ this part is taken out of the residuals, and its sum over the subset, the shift 
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import cv2
 import numpy as np
+from scipy.fft import irfft2, next_fast_len, rfft2
 
 from dicflow.core.arrays import Array, Index
 from dicflow.core.correlation.residuals import Residuals, residuals
@@ -40,8 +43,11 @@ _CHUNK = 64
 """Subsets that are computed at once."""
 _MAX_SAMPLES = 250
 """Subsets of a field whose residuals are computed, about; those between them get the misfit of their neighbours."""
-_LOSS_STRIDE = 4
-"""Every so many of these give the loss by the fit, which is much the same for all."""
+_LOSS_STRIDE, _MAX_LOSS, _MAX_TAKEN = 32, 5.0, 0.8
+"""Every so many of these give the loss by the fit, which is much the same for all, and the largest that is made up
+for; also of the power at a frequency."""
+_MIN_PAIRS = 0.05
+"""Share of the pixels of a subset that must have a partner at a distance, for the correlation there to be known."""
 _NEIGHBOUR_SIGMA = 2.5
 """Standard deviation of the weights of neighbouring samples [samples]: a single one is too uncertain."""
 
@@ -182,9 +188,12 @@ def _sandwich(jacobian: Array, weight: Array, residual: Array, blur: Array, wind
     shift = kernel @ np.swapaxes(blur, -1, -2) @ factors
     scores = (kernel * (residual[:, None] - np.swapaxes(factors, -1, -2) @ left)) @ windows
     by_residual = scores @ np.swapaxes(scores, -1, -2)
+    unexplained = residual - (np.swapaxes(factors, -1, -2) @ left)[:, 0]
     sampled = slice(None, None, _LOSS_STRIDE)
-    loss = _fit_loss(kernel[sampled], by_point[sampled], weighted[sampled], inverse[sampled], windows)
-    return PlaceCovariances(by_residual * np.median(loss) + shift @ np.swapaxes(shift, -1, -2), noise)
+    fits = (kernel[sampled], by_point[sampled], weighted[sampled], inverse[sampled])
+    spectrum = _spectrum(unexplained, weight, _fitted_share(by_point[sampled], inverse[sampled] @ weighted[sampled]))
+    loss = np.sqrt(_fit_loss(*fits, windows, spectrum))
+    return PlaceCovariances(by_residual * np.outer(loss, loss) + shift @ np.swapaxes(shift, -1, -2), noise)
 
 
 def _factors(left: Array, weight: Array, residual: Array) -> Array:
@@ -194,17 +203,60 @@ def _factors(left: Array, weight: Array, residual: Array) -> Array:
     return np.asarray(normal @ (weighted @ residual[..., None]))
 
 
-def _fit_loss(kernel: Array, by_point: Array, weighted: Array, inverse: Array, windows: Array) -> Array:
-    """Covariance of white noise over the mean of its sandwich estimate (n,), which is less because a warp was fitted.
+def _spectrum(residual: Array, weight: Array, fitted: Array) -> Array:
+    """Spectrum of the autocorrelation of residuals (n, pixel) before a warp was fitted, the same for all of them.
+
+    fitted : share of the power that the warp has taken, at each frequency
+    """
+    power = _power(np.where(weight > 0.0, residual, 0.0)).mean(axis=0) / (1.0 - fitted)
+    counts = weight > 0.0
+    pairs = irfft2(_power(counts[:1] if counts.all() else counts).mean(axis=0))
+    seldom = pairs < _MIN_PAIRS * pairs[0, 0]
+    mean = np.where(seldom, 0.0, irfft2(power) / np.maximum(pairs, 1e-12))
+    return np.asarray(rfft2(mean / max(mean[0, 0], 1e-12)).real)
+
+
+def _fitted_share(by_point: Array, gain: Array) -> Array:
+    """Share of the power of white noise that the fit of a warp takes, at each frequency.
+
+    by_point : (n, term, pixel) — J; gain : (n, term, pixel) — A, of which the coefficients are sums over the noise
+
+    Of noise n the fit leaves n − Jᵀ A n, the power of which lacks 2 Re Ĵᵀ Â* − Ĵᵀ (A Aᵀ) Ĵ*.
+    """
+    slopes, gains = _transform(by_point), _transform(gain)
+    both = np.einsum("nst,ntij->nsij", gain @ np.swapaxes(gain, -1, -2), slopes)
+    taken = (slopes * (2.0 * gains - both).conj()).real.sum(axis=1).mean(axis=0)
+    return np.asarray(np.clip(taken / by_point.shape[-1], 0.0, _MAX_TAKEN))
+
+
+def _power(values: Array) -> Array:
+    """Power spectra (..., row, col) of squares of pixels (..., pixel), amid zeros as wide as they are."""
+    return np.asarray(np.abs(_transform(values)) ** 2)
+
+
+def _transform(values: Array) -> Any:
+    """Fourier transforms (..., row, col) of squares of pixels (..., pixel), amid zeros as wide as they are."""
+    size = int(np.sqrt(values.shape[-1]))
+    side = 2 * next_fast_len(size, real=True)
+    return rfft2(values.reshape(*values.shape[:-1], size, size).astype(np.float32), s=(side, side))
+
+
+def _fit_loss(
+    kernel: Array, by_point: Array, weighted: Array, inverse: Array, windows: Array, spectrum: Array
+) -> Array:
+    """Variances (2,) by residuals over the mean of their sandwich estimate: a warp was fitted, and windows are small.
 
     kernel : (n, 2, pixel); by_point, weighted : (n, term, pixel); inverse : (n, term, term)
+    windows : (pixel, window); spectrum : of the autocorrelation of the residuals
     """
-    spread = inverse @ (weighted @ np.swapaxes(weighted, -1, -2)) @ inverse
-    total, kept = (kernel * kernel).sum(axis=(1, 2)), np.zeros(len(kernel))
-    for window in windows.T:
-        windowed = kernel * window
-        response = windowed @ np.swapaxes(by_point, -1, -2)
-        both = windowed @ np.swapaxes(weighted, -1, -2) @ inverse
-        whole = (windowed * windowed).sum(axis=(1, 2))
-        kept += whole - 2.0 * (both * response).sum(axis=(1, 2)) + ((response @ spread) * response).sum(axis=(1, 2))
-    return np.asarray(total / np.maximum(kept, 1e-3 * total))
+    parts = kernel[:, :, None] * windows.T
+    seen = parts - ((parts @ np.swapaxes(by_point, -1, -2)[:, None]) @ inverse[:, None]) @ weighted[:, None]
+    total, kept = _variance(kernel, spectrum).mean(axis=0), _variance(seen, spectrum).sum(axis=-1).mean(axis=0)
+    return np.asarray(np.clip(total / np.maximum(kept, 1e-12), 1.0, _MAX_LOSS))
+
+
+def _variance(weights: Array, spectrum: Array) -> Array:
+    """Variance (...) of sums with weights (..., pixel) of values with an autocorrelation, given by its spectrum."""
+    power = _power(weights) * spectrum
+    ends = power[..., [0, -1]].sum(axis=(-1, -2))
+    return np.asarray((2.0 * power.sum(axis=(-1, -2)) - ends) / len(spectrum) ** 2)

@@ -27,7 +27,7 @@ from dicflow.core.correlation.warp import gradient, identity, warp_from_gradient
 from dicflow.core.parts import Parts, single_part
 from dicflow.core.photographs.exposure import Photograph
 from dicflow.core.photographs.interpolate import Spline, spline
-from dicflow.core.photographs.noise import interpolated_noise_ratio
+from dicflow.core.photographs.noise import interpolated_noise_ratio, interpolated_variance
 from dicflow.core.status import Status
 from dicflow.core.tensors import congruent, inverse
 
@@ -40,6 +40,7 @@ __all__ = [
     "find_points",
     "first_photograph",
     "judge",
+    "noise_of_residual",
     "own_template",
     "points_in_first_photograph",
     "target_spline",
@@ -48,6 +49,8 @@ __all__ = [
 
 UNEXPLAINED = (Status.UNTRACKED, Status.NOT_CONVERGED, Status.LOW_CORRELATION)
 """Codes of lost points for which the search knows no reason."""
+_MIN_POINTS_FOR_GAIN = 100
+"""With fewer, the contrast of both photographs counts as equal."""
 _STRONG_BLUR_PX2 = 1.0
 """Variance of the blur of one photograph against the other from which it is the reason [px²]."""
 
@@ -60,7 +63,7 @@ class Search(NamedTuple):
     smoothing_px : standard deviation of the Gaussian that smooths all photographs first; 0 for none
     max_znssd : a subset that fits worse is not found
     noise : standard deviation of the noise of the templates' photographs [grey levels]
-    target_noise_ratio : noise of the target over that of the template, each relative to its contrast
+    target_noise_ratio : noise of the target over that of the template [grey levels]
     threads : how many share the points
     counts_misfit : whether residuals beyond the noise add to the covariance
     parts : of the grid; None for a single one
@@ -126,6 +129,7 @@ class CorrelatedField(NamedTuple):
     centres : (rows, cols, 2) — of the subsets, whole pixels of the reference photograph
     field : with warps of the subsets from the reference photograph
     damping : of the noise of both, by a blur that made them equally sharp
+    gain : variance of the template's grey levels over that of the target's
     """
 
     template: Template
@@ -133,6 +137,21 @@ class CorrelatedField(NamedTuple):
     centres: Array
     field: Field
     damping: Damping = Damping()
+    gain: float = 1.0
+
+
+def noise_of_residual(correlation: CorrelatedField, degree: int, side: int) -> tuple[Array, Array, Array]:
+    """Points found (n, 2), their places in the target (n, 2) [px], and the variance of the noise of one photograph as
+    the residual of their subsets has it (n,) [grey levels²].
+
+    degree : of the spline; side : of the subsets [px]
+    """
+    field, damping = correlation.field, correlation.damping
+    valid = field.status == Status.VALID
+    warp = field.warp[valid]
+    of_target = correlation.gain * damping.target_grey * interpolated_variance(degree, warp, side)
+    variance = residual_variance(field)[valid] / (damping.template_grey + of_target)
+    return correlation.centres[valid], warp[..., 0], variance
 
 
 def find_points(
@@ -171,7 +190,8 @@ def correlate_points(
         own.grey, reference.region, target, places[known], warps[known], search.smoothing_px
     )
     sharp = own if image is own.grey else _template(reference, image, search)
-    return CorrelatedField(sharp, target, centres, _correlated(sharp, target, places, warps, search), damping)
+    field = _correlated(sharp, target, places, warps, search)
+    return CorrelatedField(sharp, target, centres, field, damping, _gain(sharp, target, places, field))
 
 
 def correlate_again(
@@ -193,6 +213,16 @@ def _centres_and_warps(reference: ReferencePhotograph, starts: Array) -> tuple[A
     slope, centres = _motion_gradients(reference, starts), np.rint(reference.points)
     place = starts[..., 0] + np.einsum("...ij,...j->...i", slope, centres - reference.points)
     return centres, centres - reference.origin, warp_from_gradient(place, slope)
+
+
+def _gain(own: Template, target: Spline, places: Array, field: Field) -> float:
+    """Variance of the grey levels of a template over that of a target, at the points found; 1 where it is unknown."""
+    valid = field.status == Status.VALID
+    if valid.sum() < _MIN_POINTS_FOR_GAIN:
+        return 1.0
+    views = (own.grey, places[valid]), (target.image, field.warp[valid][..., 0])
+    here, there = (np.var(image[tuple(np.rint(at).astype(int).T[::-1])]) for image, at in views)
+    return float(here / there) if here > 0.0 and there > 0.0 else 1.0
 
 
 def _correlated(own: Template, target: Spline, places: Array, warps: Array, search: Search) -> Field:
@@ -230,7 +260,7 @@ def judge(
     if route == VIA_REFERENCE_STEP:
         remaining = uncancelled_noise(reference.slope, field.warp.shape[-1], search.degree)
         inherited = inherited + (damping.template * remaining)[..., None] * noise
-    ratio = damping.target * search.target_noise_ratio**2
+    ratio = damping.target * correlation.gain * search.target_noise_ratio**2
     target_noise = ratio * interpolated_noise_ratio(slope, search.degree)
     covariance, by_misfit = inherited + (target_noise + damping.excess)[..., None] * noise, 0.0 * noise
     if search.counts_misfit:
@@ -257,7 +287,7 @@ def _without_edges(correlation: CorrelatedField, places: Array, search: Search, 
     places : (rows, cols, 2) — of the subsets in the template
     """
     field, pair = correlation.field, (correlation.template, correlation.target)
-    noise_variance = search.noise**2 * (1.0 + search.target_noise_ratio**2)
+    noise_variance = search.noise**2 * (1.0 + correlation.gain * search.target_noise_ratio**2)
     usual = min(usual, usual_residual(residual_variance(field)))
     usual = max(usual, noise_variance) if np.isfinite(usual) else noise_variance
     edges = find_edges(*pair, places, field, search.subset, usual)

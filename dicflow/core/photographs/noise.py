@@ -31,6 +31,7 @@ MIN_PLAIN_SHARE, MIN_PLAIN_PIXELS = 0.03, 500  # size of the plainest part of th
 _FOURTH_DIFFERENCE = np.array([1.0, -4.0, 6.0, -4.0, 1.0]) / np.sqrt(70.0)
 _INTERPOLATED_VARIANCE = {3: 0.874**2, 5: 0.918**2}
 """Mean variance of white noise after interpolation, over that before: (∫ φ²)² of the cardinal spline φ."""
+_PLACES_PER_SIDE = 5  # of a subset at which the noise of its interpolated pixels is computed
 _SIGMA_PER_MAD = 1.4826  # of a normal distribution: standard deviation over median absolute deviation
 
 
@@ -62,16 +63,14 @@ def noise_from_pair(
     usable: Mask,
     points: tuple[Array, Array, Array],
     *,
-    degree: int,
     smoothing_px: float,
 ) -> Noise:
     """The noise estimated from two correlated photographs, or that of the first where it is smaller.
 
     noise : estimated from the first photograph
     first, second : (rows, cols) grey; usable : (rows, cols) bool — the region in the first one
-    points : points in the first one (n, 2), their matches in the second one (n, 2) [px], and the variance of the
-        residual of their subsets (n,) [grey levels²]
-    degree : of the spline, 3 or 5
+    points : points in the first one (n, 2), their matches in the second one (n, 2) [px], and the variance of the noise
+        as the residual of their subsets has it (n,) [grey levels²]
     smoothing_px : smoothing of both before the correlation; the residual of smoothed photographs is not used
 
     Final, except without points.
@@ -81,7 +80,7 @@ def noise_from_pair(
         return noise
     if np.quantile(np.linalg.norm(places - centres, axis=-1), 0.95) < MAX_STATIC_MOTION_PX:
         return Noise(max(pair_noise(first, second, usable), ROUNDING_NOISE), "static pair", True)
-    residual = np.inf if smoothing_px > 0.0 else max(residual_noise(variance, degree), ROUNDING_NOISE)
+    residual = np.inf if smoothing_px > 0.0 else max(float(np.sqrt(np.median(variance))), ROUNDING_NOISE)
     return (
         Noise(residual, "residual of a second photograph", True)
         if residual < noise.grey
@@ -141,9 +140,30 @@ def residual_noise(variance: Array, degree: int) -> float:
     return float(np.sqrt(np.median(variance) / (1.0 + _INTERPOLATED_VARIANCE[degree]))) if len(variance) else np.nan
 
 
-def interpolated_variance(degree: int) -> float:
-    """Mean variance of white noise after interpolation with a spline of degree 3 or 5, over that before."""
-    return _INTERPOLATED_VARIANCE[degree]
+def interpolated_variance(degree: int, warp: Array, side: int) -> Array:
+    """Variance (n,) of white noise after interpolation at the pixels of subsets, over that before.
+
+    degree : of the spline, 3 or 5; warp : (n, 2, 3 or 6) — of subsets around whole pixels; side : of these [px]
+
+    Between the pixels interpolation with the cardinal spline φ keeps less noise than on them, Σⱼ φ(x − j)² for either
+    coordinate x. A motion without strain brings all pixels of a subset to the same x.
+    """
+    offset = np.rint(np.linspace(-0.5, 0.5, _PLACES_PER_SIDE) * (side - 1))
+    offsets = np.stack(np.meshgrid(offset, offset)).reshape(2, -1)
+    fraction = np.mod(warp[..., :1] + warp[..., 1:3] @ offsets, 1.0)
+    kept = np.interp(fraction, *_variance_between_pixels(degree))
+    return np.asarray(kept.prod(axis=1).mean(axis=1))
+
+
+@cache
+def _variance_between_pixels(degree: int) -> tuple[Array, Array]:
+    """Fractions x of a pixel from 0 to 1, and Σⱼ φ(x − j)², (41,) each."""
+    fraction, frequency = np.linspace(0.0, 1.0, 41), (np.arange(64) + 0.5) / 64.0 - 0.5
+    aliases = frequency[:, None] + np.arange(-4, 5)
+    power = np.sinc(aliases) ** (degree + 1)
+    transfer = power / power.sum(axis=1, keepdims=True)
+    response = (transfer * np.exp(2j * np.pi * aliases * fraction[:, None, None])).sum(axis=-1)
+    return fraction, (np.abs(response) ** 2).mean(axis=1)
 
 
 def interpolated_noise_ratio(slope: Array, degree: int) -> Array:

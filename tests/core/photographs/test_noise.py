@@ -49,7 +49,7 @@ def noise_from_moved_pair(noise, shift, variance, smoothing_px=0.0, points=50):
     pair = planar_pair((240, 240), shift, noise=2.0)
     centres = np.random.default_rng(0).integers(40, 200, (points, 2)).astype(float)
     found = centres, centres + shift, np.full(points, variance)
-    return noise_from_pair(noise, pair.reference, pair.deformed, INSIDE, found, degree=5, smoothing_px=smoothing_px)
+    return noise_from_pair(noise, pair.reference, pair.deformed, INSIDE, found, smoothing_px=smoothing_px)
 
 
 def test_a_second_photograph_makes_the_noise_final():

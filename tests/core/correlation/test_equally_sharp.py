@@ -1,0 +1,53 @@
+"""Blur of the target against the template: its size, its direction, and what it does to the noise."""
+
+import cv2
+import numpy as np
+import pytest
+
+from dicflow.core.correlation.blur import equally_sharp
+from dicflow.core.photographs.interpolate import spline
+
+SIDE = 420
+EVERYWHERE = np.ones((SIDE, SIDE), dtype=bool)
+PLACES = np.stack(np.meshgrid(*[np.arange(60.0, 361.0, 20.0)] * 2), axis=-1).reshape(-1, 2)
+
+
+def pattern(seed=0):
+    grey = np.random.default_rng(seed).normal(size=(SIDE, SIDE))
+    return np.asarray(128.0 + 900.0 * cv2.GaussianBlur(grey, (0, 0), 2.0) * 0.3, dtype=np.float32)
+
+
+def noisy(grey, seed):
+    """A photograph with noise of one grey level."""
+    return np.asarray(grey + np.random.default_rng(seed).normal(size=grey.shape), dtype=np.float32)
+
+
+def warps(gradient):
+    """Of the places, about the middle, by a gradient."""
+    middle = 0.5 * (SIDE - 1)
+    moved = middle + (PLACES - middle) @ gradient.T
+    return np.concatenate([moved[..., None], np.broadcast_to(gradient, (len(PLACES), 2, 2))], axis=-1)
+
+
+@pytest.mark.parametrize("sigma", [1.5, 3.0, 4.5])
+def test_the_whole_blur_is_found(sigma):
+    """One estimate alone finds three quarters of the largest, since windows flatten steep spectra."""
+    target = spline(noisy(cv2.GaussianBlur(pattern(), (0, 0), sigma), 2))
+    _, same, damping = equally_sharp(noisy(pattern(), 1), EVERYWHERE, target, PLACES, warps(np.eye(2)), 0.0)
+    assert damping.blur == pytest.approx(sigma**2, rel=0.05)
+    assert same is target
+
+
+def test_a_blur_of_a_stretched_photograph_is_narrower_along_the_stretch():
+    """The template shows it in its own pixels, of which the stretched photograph has more."""
+    gradient = np.diag([1.5, 1.0])
+    middle = 0.5 * (SIDE - 1)
+    stretch = np.array([[1.5, 0.0, middle - 1.5 * middle], [0.0, 1.0, 0.0]])
+    seen = cv2.warpAffine(pattern(), stretch, (SIDE, SIDE), flags=cv2.INTER_CUBIC, borderMode=cv2.BORDER_REFLECT)
+    sigma = 3.0
+    target = spline(noisy(cv2.GaussianBlur(seen, (0, 0), sigma), 2))
+    near = np.abs(warps(gradient)[..., 0] - middle).max(axis=1) < 150.0
+    soft, _, _ = equally_sharp(noisy(pattern(), 1), EVERYWHERE, target, PLACES[near], warps(gradient)[near], 0.0)
+    expected = cv2.GaussianBlur(pattern(), (0, 0), sigmaX=sigma / 1.5, sigmaY=sigma)
+    inside = np.s_[120:-120, 120:-120]
+    assert np.std((soft - expected)[inside]) < 0.1 * np.std(expected[inside])
