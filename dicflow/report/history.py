@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-import json
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from typing import Any, NamedTuple
 
-from dicflow.core.status import Status
+from dicflow.explorer.fields import TotalFields
+from dicflow.explorer.reading import surveyed
+from dicflow.explorer.survey import valid_share
 from dicflow.kinds.channels import Channels, named_with_unit
 from dicflow.kinds.comparison import Comparison
 from dicflow.kinds.kind import summary_of
@@ -78,7 +79,7 @@ def step_history(context: Context) -> History | None:
         return None
     total = totals[-1]
     steps = step_names(result, total)
-    shares = (None, *(_valid_share(context, total, step) for step in steps[1:]))
+    shares = (None, *_valid_shares(context, total, steps[1:]))
     phases: tuple[str, ...] = ()
     remark = ""
     if rows := _comparison(result):
@@ -169,21 +170,17 @@ def _means(result: Result, total: str, steps: tuple[str, ...]) -> dict[str, tupl
     return {key: (0.0, *(summary.get(key) for summary in summaries)) for key in keys}
 
 
-def _valid_share(context: Context, total: str, step: str) -> float | None:
-    """Share of the region's points that have a value; counted here if the total does not state it."""
-    if not context.result.has(total, step):
-        return None
-    product = context.result.product(total, step)
-    if "valid_share" in summary_of(product):
-        return float(summary_of(product)["valid_share"])
-
-    def counted() -> bytes:
-        status = product["status"]
-        inside = int((status != Status.OUTSIDE).sum())
-        return json.dumps(int((status <= Status.FILLED).sum()) / inside if inside else None).encode()
-
-    share: float | None = json.loads(context.pieces.get(["valid share", context.result.digest(total, step)], counted))
-    return share
+def _valid_shares(context: Context, total: str, steps: Sequence[str]) -> Iterator[float | None]:
+    """Share of the region's points that have a value at each step; counted here if the total does not state it."""
+    result, fields = context.result, None
+    for step in steps:
+        if not result.has(total, step):
+            yield None
+        elif "valid_share" in (stated := summary_of(result.product(total, step))):
+            yield float(stated["valid_share"])
+        else:
+            fields = fields or TotalFields(result, total)
+            yield valid_share(surveyed(fields, step, context.pieces.get))
 
 
 def _ending(key: str) -> str:
