@@ -299,10 +299,10 @@ def test_points_and_lines_are_kept_as_probes_where_the_material_lay_at_first(sma
         page.mouse.move(box["x"] + x, box["y"] + y, steps=6)
         page.mouse.down()
         page.mouse.up()
-        page.get_by_role("button", name="Keep the point as a probe").click()
+        page.get_by_role("button", name="Keep the point").click()
         someone.said("saved: point_1")
         page.get_by_role("button", name="Line", exact=True).click()
-        page.get_by_role("button", name="Keep it as an extensometer").click()
+        page.get_by_role("button", name="Keep as extensometer").click()
         someone.said("saved: extensometer_1")
         line = np.array(page.evaluate(f"{EXPLORER}.scene.line"))
         assert someone.overlaps() == []

@@ -105,7 +105,7 @@ class ExploreScreen {
 
   /** Buttons for what can be kept of the points and the line that are shown. */
   offer() {
-    if (this.explorer) fill(this.keeps, keepable(this.explorer).map((one) => button(one.words, () => this.inTurn(() => this.keep(one)))));
+    if (this.explorer) fill(this.keeps, keepable(this.explorer).map((one) => button(one.words, () => this.inTurn(() => this.keep(one)), { title: "As a probe; the next run gives its values" })));
   }
 
   async keep(one) {
