@@ -6,7 +6,7 @@ READY  := $(VENV)/.ready
 # Tests run in as many processes as there are cores; those of a file share what they prepare.
 AT_ONCE := -n logical --maxprocesses 4 --dist loadfile
 .DEFAULT_GOAL := help
-.PHONY: help setup quickstart test test-fast faults fuzz check measure accuracy bench peer samples lock clean
+.PHONY: help setup quickstart test test-fast faults fuzz check measure accuracy bench peer samples docs dist lock clean
 
 help:           ## show these lines
 	@grep -hE '^[a-z-]+: .*##' $(MAKEFILE_LIST) | sed -E 's/^([a-z-]+):.*## */\1\t/' | expand -t 14
@@ -57,6 +57,17 @@ peer:           ## install the program that the benchmark compares with, in .ven
 samples: $(READY) ## make data_samples again; the bytes do not change
 	$(BIN)/dicflow synth sample data_samples --force
 	$(BIN)/dicflow synth rubber data_samples/rubber --force
+
+docs: $(READY)  ## build the manual in build/manual; warnings are errors
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check --constraint constraints.txt --editable '.[docs]'
+	$(BIN)/python -m mkdocs --quiet build --clean
+	@echo 'the manual: build/manual/index.html'
+
+dist: $(READY)  ## build wheel and sdist in dist, and check them
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check --constraint constraints.txt --editable '.[release]'
+	rm -rf dist
+	$(BIN)/python -m build
+	$(BIN)/python -m twine check --strict dist/*
 
 lock: $(READY)  ## write constraints.txt from the installed versions
 	$(BIN)/python -m pip freeze --exclude-editable --exclude dicflow > constraints.txt

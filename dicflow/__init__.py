@@ -1,4 +1,9 @@
-"""dicflow: stereo digital image correlation as a cached graph of stages."""
+"""dicflow: stereo digital image correlation as a cached graph of stages.
+
+>>> import dicflow
+>>> dicflow.Pipeline.load("pipelines/quickstart.yaml", data="data_samples")
+<dicflow.Pipeline quickstart.yaml: 14 stages>
+"""
 
 from __future__ import annotations
 
@@ -8,9 +13,10 @@ from dicflow._version import __version__
 
 if TYPE_CHECKING:
     from dicflow.pipeline import Pipeline, Result
+    from dicflow.start.arrays import measure
     from dicflow.views.figures import plot
 
-__all__ = ["Pipeline", "Result", "__version__", "plot"]
+__all__ = ["Pipeline", "Result", "__version__", "measure", "plot"]
 
 
 def __getattr__(name: str) -> Any:
@@ -19,6 +25,10 @@ def __getattr__(name: str) -> Any:
         from dicflow import pipeline
 
         return getattr(pipeline, name)
+    if name == "measure":
+        from dicflow.start.arrays import measure
+
+        return measure
     if name == "plot":
         from dicflow.views.figures import plot
 

@@ -59,7 +59,7 @@ ONLY_IN: Mapping[str, Set[str]] = {
     "distributed": {"engine"},
     "numcodecs": {"engine"},
     "zarr": {"engine", "pipeline"},
-    "pandas": set(),
+    "pandas": {"pipeline"},
     "matplotlib": {"views"},
     "bokeh": {"views"},
     "pyvista": {"views"},
@@ -73,6 +73,7 @@ ONLY_IN: Mapping[str, Set[str]] = {
     "rich": {"cli", "views"},
     "ruamel": {"io"},
     "tornado": {"app"},
+    "watchfiles": {"io"},
 }
 """The layers that import a library."""
 

@@ -24,6 +24,7 @@ def main() -> None:
     from dicflow.engine.workers import collect_rarely, limit_threads, with_room
     from dicflow.errors import DicflowError
     from dicflow.views.plain_text import ascii_signs, plain
+    from dicflow.views.topics import advice, topic_raised
 
     collect_rarely()
     limit_threads()
@@ -37,6 +38,7 @@ def main() -> None:
         with_room(app)
     except DicflowError as error:
         typer.secho(plain(error), fg="red", err=True)
+        typer.echo(advice([topic_raised(error.__traceback__)]), err=True)
         sys.exit(error.exit_code)
     finally:
         gc.freeze()  # the system takes the memory back; doing so object by object costs a quarter of a second

@@ -14,8 +14,9 @@ from dicflow.cli.hand_over import ExportCommand, compare, export, report
 from dicflow.cli.measure import plan, run, why
 from dicflow.cli.products import graph, list_products, show
 from dicflow.cli.store import gc, pin, verify
-from dicflow.cli.tools import doctor, init, schema, stages, synth, warm
+from dicflow.cli.tools import demo, doctor, init, schema, stages, synth, warm
 from dicflow.cli.tune import tune
+from dicflow.cli.watch import watch
 
 __all__ = ["app"]
 
@@ -23,12 +24,12 @@ app = typer.Typer(
     name="dicflow",
     help="Full-field displacement and strain from photographs of two cameras.",
     no_args_is_help=True,
-    add_completion=False,
     rich_markup_mode=None,
     pretty_exceptions_enable=False,
 )
 COMMANDS: dict[str, Callable[..., None]] = {
     "run": run,
+    "watch": watch,
     "plan": plan,
     "why": why,
     "tune": tune,
@@ -45,6 +46,7 @@ COMMANDS: dict[str, Callable[..., None]] = {
     "schema": schema,
     "init": init,
     "app": browser_app,
+    "demo": demo,
     "doctor": doctor,
     "warm": warm,
 }

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import json
 import os
+from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any, NamedTuple
 
 import typer
 
@@ -23,6 +24,7 @@ from dicflow.cli.options import (
 )
 from dicflow.engine.journal import STATUSES
 from dicflow.engine.schedulers import scheduler_names
+from dicflow.views.topics import advice, topic_of
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -30,8 +32,9 @@ if TYPE_CHECKING:
     from dicflow.engine.journal import Event
     from dicflow.engine.phases import Phases
     from dicflow.pipeline import Pipeline, Result
+    from dicflow.views.progress import Progress
 
-__all__ = ["plan", "run", "why"]
+__all__ = ["compute_and_write", "plan", "run", "why"]
 
 
 def run(
@@ -67,20 +70,19 @@ def run(
     """
     from dicflow.engine.phases import Phases
     from dicflow.io.files import make_folder
-    from dicflow.pipeline.profile import TASKS
-    from dicflow.views.console import consoles
 
     phases = Phases()
     phases.end("start")
-    _, progress = consoles()
     loaded = load(pipeline, data, store, settings)
     folder = results_folder(loaded, output)
     assert loaded.graph
     make_folder(folder)
-    result = _compute(
+    result, code = compute_and_write(
         loaded,
-        progress,
+        folder,
         phases,
+        pictures=not no_pictures,
+        report=not no_report,
         scheduler=scheduler,
         workers=workers,
         dashboard=dashboard,
@@ -88,14 +90,8 @@ def run(
         keep_going=keep_going,
         linger=_until_enter if dashboard and wait else None,
     )
-    phases.end(TASKS)
-    _write_files(result, folder, workers, progress, pictures=not no_pictures)
-    phases.end("pictures and tables")
-    if not no_report:
-        _write_report(loaded, result, folder, workers, progress)
-        phases.end("report")
-    _end_run(progress, result, phases if profile else None, as_json)
-    raise typer.Exit(_exit_code(result))
+    _end_run(result, phases if profile else None, as_json)
+    raise typer.Exit(code)
 
 
 def plan(
@@ -111,7 +107,8 @@ def plan(
     dicflow plan pipeline.yaml
     dicflow plan pipeline.yaml --set smooth.window=[40,20]
     """
-    from dicflow.views.console import Progress, consoles, plan_table
+    from dicflow.views.console import consoles, plan_table
+    from dicflow.views.progress import Progress
 
     out, progress = consoles()
     with Progress(progress) as shown:
@@ -135,7 +132,8 @@ def why(
     \b
     dicflow why pipeline.yaml strain
     """
-    from dicflow.views.console import Progress, consoles, why_lines
+    from dicflow.views.console import consoles, why_lines
+    from dicflow.views.progress import Progress
 
     out, progress = consoles()
     with Progress(progress) as shown:
@@ -144,42 +142,93 @@ def why(
         out.print(line, soft_wrap=True)
 
 
-def _compute(loaded: Pipeline, progress: Console, phases: Phases, **options: Any) -> Result:
-    """The run of a loaded pipeline, its progress shown, the end of its plan noted in `phases`."""
-    from dicflow.views.console import Progress
+def compute_and_write(
+    loaded: Pipeline, folder: Path, phases: Phases, *, pictures: bool, report: bool, **options: Any
+) -> tuple[Result, int]:
+    """Run a loaded pipeline, and write pictures, tables and the report into a folder; each part is noted in `phases`.
 
-    with Progress(progress) as shown:
+    options : of the run, with its workers
+    Returns the result, and the exit code of the command.
+    """
+    from dicflow.pipeline.profile import TASKS
+    from dicflow.views.console import consoles
+    from dicflow.views.progress import Progress
 
-        def on_event(event: Event) -> None:
-            if event.kind == "planned":
-                phases.end("plan")
-            shown.on_event(event)
+    _, progress = consoles()
+    with Progress(progress, _afterwards(loaded, pictures=pictures, report=report)) as shown:
+        result = _compute(loaded, shown, phases, **options)
+        phases.end(TASKS)
+        drawn = _draw(loaded, result, folder, options["workers"], shown, phases, pictures=pictures, report=report)
+    _print_run(progress, result, folder, drawn)
+    return result, _exit_code(result, drawn)
 
-        return loaded.run(on_event=on_event, **options)
+
+class _Drawn(NamedTuple):
+    """What was written beside the products.
+
+    files : maps and tables; report : the page, None without one; problems : of its sections
+    interrupted : whether somebody pressed Ctrl-C meanwhile
+    """
+
+    files: list[Path]
+    report: Path | None
+    problems: list[str]
+    interrupted: bool = False
 
 
-def _write_files(result: Result, folder: Path, workers: int, progress: Console, *, pictures: bool) -> None:
-    """Write pictures and tables of a run, and print where they are."""
+def _afterwards(loaded: Pipeline, *, pictures: bool, report: bool) -> dict[str, float]:
+    """What is drawn after the tasks, and about how long it takes [s]; it moves the bar alone."""
+    steps = max(map(len, loaded.graph.steps.values()), default=0)
+    expected = {
+        "pictures": 0.06 * min(steps, 24) if pictures else 0.0,
+        "report": 2.0 + 0.004 * steps if report else 0.0,
+    }
+    return {what: seconds for what, seconds in expected.items() if seconds}
+
+
+def _compute(loaded: Pipeline, shown: Progress, phases: Phases, **options: Any) -> Result:
+    """The run of a loaded pipeline, the end of its plan noted in `phases`."""
+
+    def on_event(event: Event) -> None:
+        if event.kind == "planned":
+            phases.end("plan")
+        shown.on_event(event)
+
+    return loaded.run(on_event=on_event, **options)
+
+
+def _draw(
+    loaded: Pipeline,
+    result: Result,
+    folder: Path,
+    workers: int,
+    shown: Progress,
+    phases: Phases,
+    *,
+    pictures: bool,
+    report: bool,
+) -> _Drawn:
+    """Write pictures, tables and the report of a run; Ctrl-C ends it, and what is drawn is kept."""
+    from dicflow.report.build import write_report
     from dicflow.views.publish import publish
 
-    files = publish(result, folder, workers, pictures=pictures)
-    _print_run(progress, result, folder, files)
+    drawn = _Drawn([], None, [])
+    try:
+        files = publish(result, folder, workers, pictures=pictures, note=shown.drawing("pictures"))
+        drawn = drawn._replace(files=files)
+        phases.end("pictures and tables")
+        if report:
+            page = write_report(loaded, result, folder, workers, drawn.problems.append, shown.drawing("report"))
+            drawn = drawn._replace(report=page)
+            phases.end("report")
+    except KeyboardInterrupt:
+        return drawn._replace(interrupted=True)
+    return drawn
 
 
-def _write_report(loaded: Pipeline, result: Result, folder: Path, workers: int, progress: Console) -> None:
-    """Write the report of a run, and print where it is."""
-    from dicflow.report.build import write_report
-
-    problems: list[str] = []
-    report = write_report(loaded, result, folder, workers, problems.append)
-    for problem in problems:
-        progress.print(f"warning: {problem}", style="yellow", soft_wrap=True)
-    progress.print(f"report: {report}", soft_wrap=True)
-
-
-def _exit_code(result: Result) -> int:
+def _exit_code(result: Result, drawn: _Drawn) -> int:
     assert result.outcome is not None
-    return 130 if result.outcome.interrupted else 0 if result.outcome.ok else 1
+    return 130 if result.outcome.interrupted or drawn.interrupted else 0 if result.outcome.ok else 1
 
 
 def _run_line(result: Result) -> dict[str, Any]:
@@ -197,40 +246,62 @@ def _run_line(result: Result) -> dict[str, Any]:
     }
 
 
-def _end_run(console: Console, result: Result, phases: Phases | None, as_json: bool) -> None:
+def _end_run(result: Result, phases: Phases | None, as_json: bool) -> None:
     """The last lines: where the time went, if phases are given, and the line of ``--json``."""
     profile: dict[str, Any] = {}
     if phases is not None:
         from dicflow.pipeline.profile import shares
+        from dicflow.views.console import consoles
         from dicflow.views.profile import profile_json, profile_table
 
         assert result.outcome is not None
         found = shares(phases, result.outcome)
-        console.print(profile_table(found))
+        consoles()[1].print(profile_table(found))
         profile = {"profile": profile_json(found)}
     if as_json:
         say(json.dumps({**_run_line(result), **profile}))
 
 
-def _print_run(console: Console, result: Result, folder: Path, files: list[Path]) -> None:
-    """Verdicts that no warning has, warnings, counts and where the files are."""
+def _print_run(console: Console, result: Result, folder: Path, drawn: _Drawn) -> None:
+    """Verdicts, warnings, counts and where the files are."""
     outcome = result.outcome
     assert outcome is not None
+    _print_warnings(console, result, outcome.warnings)
+    counts = ", ".join(f"{number} {name}" for name, number in outcome.counts.items() if number)
+    console.print(f"{counts} in {outcome.seconds:.1f} s, run {outcome.run_id}", soft_wrap=True)
+    if outcome.interrupted:
+        console.print("interrupted; finished tasks are kept, and the same command continues", style="yellow")
+    elif drawn.interrupted:
+        console.print("interrupted; all is measured, and the same command draws what is missing", style="yellow")
+    if drawn.files:
+        console.print(f"{len(drawn.files)} maps and tables in {folder}", soft_wrap=True)
+    for problem in drawn.problems:
+        console.print(f"warning: {problem}", style="yellow", soft_wrap=True)
+    if drawn.report is not None:
+        console.print(f"report: {drawn.report}", soft_wrap=True)
+
+
+def _print_warnings(console: Console, result: Result, warnings: Sequence[str]) -> None:
+    """Verdicts that no warning has, warnings, and where troubleshooting speaks of them."""
     from dicflow.kinds.rig import CalibratedRig
 
     for stage in result.stages_of("rig"):
         if result.has(stage):
             verdict = CalibratedRig.read(result.product(stage)).verdict
-            if not any(verdict in warning for warning in outcome.warnings):
+            if not any(verdict in warning for warning in warnings):
                 console.print(f"{stage}: {verdict}", soft_wrap=True)
-    for warning in outcome.warnings:
+    for warning in warnings:
         console.print(f"warning: {warning}", style="yellow", soft_wrap=True)
-    counts = ", ".join(f"{number} {name}" for name, number in outcome.counts.items() if number)
-    console.print(f"{counts} in {outcome.seconds:.1f} s, run {outcome.run_id}", soft_wrap=True)
-    if outcome.interrupted:
-        console.print("interrupted; finished tasks are kept, and the same command continues", style="yellow")
-    if files:
-        console.print(f"{len(files)} maps and tables in {folder}", soft_wrap=True)
+    if topics := _topics(result):
+        console.print(advice(topics), style="dim", soft_wrap=True)
+
+
+def _topics(result: Result) -> list[str]:
+    """Sections of troubleshooting for the stages that failed or warned."""
+    outcome = result.outcome
+    assert outcome is not None
+    stages = [done.stage for done in outcome.outcomes.values() if done.status == "failed" or done.warnings]
+    return [topic_of(type(result.graph.stages[stage].node).__module__) for stage in stages]
 
 
 def _until_enter() -> None:

@@ -12,7 +12,7 @@ import typer
 
 from dicflow.cli.options import Force, refuse_existing, refuse_full, say, tick, warn, write_new
 
-__all__ = ["doctor", "init", "schema", "stages", "synth", "warm"]
+__all__ = ["demo", "doctor", "init", "schema", "stages", "synth", "warm"]
 
 PairBy = Literal["name", "taken", "order"]
 
@@ -93,6 +93,30 @@ def init(
     write_new(path, text.encode(), force)
     first = f"fill in what is marked '{OPEN}'" if OPEN in text else "read it"
     say(f"wrote {path}; {first}, then: {shlex.join(['dicflow', 'run', str(path)])}")
+
+
+def demo(
+    folder: Annotated[Path, typer.Argument(help="folder to write")] = Path("dicflow-demo"), force: Force = False
+) -> None:
+    """Measure a small experiment, from photographs to the report.
+
+    A strip of latex and a checkerboard are photographed by rendering, 8 pairs and 12, with the lengths of a caliper
+    beside them. The rest is what init and run do in a folder of yours.
+
+    \b
+    dicflow demo
+    """
+    from dicflow.cli.measure import run
+    from dicflow.synth import sample_experiment, write_experiment
+
+    refuse_full(folder, force)
+    experiment = sample_experiment()
+    write_experiment(folder, experiment, workers=os.cpu_count() or 1, on_progress=tick)
+    init(folder, [], [], [], square=f"{experiment.board.square} mm", force=force)
+    try:
+        run(folder / "pipeline.yaml", [])
+    finally:
+        say(f"look around: {shlex.join(['dicflow', 'app', str(folder)])}")
 
 
 synth = typer.Typer(no_args_is_help=True, rich_markup_mode=None, help="Make experiments whose truth is known.")

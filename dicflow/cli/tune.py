@@ -78,7 +78,8 @@ def tune(
 
 def _measured(pipeline: Pipeline, console: Console, workers: int) -> Result:
     """Run a pipeline with its progress, one line for all variants of a stage."""
-    from dicflow.views.console import Progress, joined_variants
+    from dicflow.views.console import joined_variants
+    from dicflow.views.progress import Progress
 
     with Progress(console) as shown:
         result = pipeline.run(

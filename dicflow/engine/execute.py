@@ -6,7 +6,7 @@ import signal
 import threading
 import time
 from collections import Counter
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Container, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field, replace
 from functools import partial
@@ -30,7 +30,17 @@ from dicflow.engine.work import Job, Outcome, perform, stop_path
 from dicflow.engine.workers import keep_memory
 from dicflow.errors import StageError, StoreError
 
-__all__ = ["STATUSES", "Options", "RunResult", "dask_graph", "run"]
+__all__ = [
+    "STATUSES",
+    "Options",
+    "RunResult",
+    "backend_options",
+    "dask_graph",
+    "interruptible",
+    "jobs_of",
+    "keep_code",
+    "run",
+]
 
 
 _MOST_REPAIRS = 20
@@ -137,7 +147,7 @@ def _workers(options: Options, graph: Graph, store: Store) -> Iterator[WorkerPro
 
 def dask_graph(plan: Plan, store: Store, run_id: str = "plan") -> dict[tuple[str, ...], tuple[Any, ...]]:
     """The plain dask graph of what a plan lacks: (stage, step, run) → a call and the names of its inputs."""
-    jobs = {job.task.name: job for job in _jobs(plan, store, run_id, "recompute")}
+    jobs = {job.task.name: job for job in jobs_of(plan, store, run_id, "recompute")}
     return {job.key: (perform, job, *(jobs[name].key for name in job.awaited())) for job in jobs.values()}
 
 
@@ -168,7 +178,7 @@ def _run_once(
         journal.write_index(state.index())
         try:
             if plan.counts["hit"] < len(plan.entries):
-                _keep_code(plan, store)
+                keep_code(plan, store)
                 _compute(state, journal.id, processes)
             for stage, text in product_warnings(graph, state.outcomes):
                 state.report(Event("warning", stage=stage, text=text))
@@ -198,19 +208,21 @@ def _journal(plan: Plan, store: Store, pipeline: str, resolved: Any) -> Journal 
         raise
 
 
-def _keep_code(plan: Plan, store: Store) -> None:
+def keep_code(plan: Plan, store: Store) -> None:
     """Keep which code the records will name."""
     for stage in dict.fromkeys(entry.task.stage for entry in plan.entries.values() if entry.state != "hit"):
         with suppress(StoreError):  # it only explains; a full disk is reported by the tasks
             store.put_code(plan.code[stage].root, plan.code[stage].parts)
 
 
-def _jobs(plan: Plan, store: Store, run_id: str, code_policy: CodePolicy) -> Iterator[Job]:
-    """A job for every task that is not a hit, in the order of the plan."""
+def jobs_of(
+    plan: Plan, store: Store, run_id: str, code_policy: CodePolicy, only: Container[str] | None = None
+) -> Iterator[Job]:
+    """A job for every task that is not a hit, in the order of the plan. only : names of the tasks; None for all"""
     gathered = plan.graph.gathered()
     codes = {stage: Fingerprint(code.root) for stage, code in plan.code.items()}
     for name, entry in plan.entries.items():
-        if entry.state != "hit":
+        if entry.state != "hit" and (only is None or name in only):
             task = entry.task
             refs = {producer: plan.entries[producer].ref for producer in task.producers()}
             yield Job(
@@ -232,7 +244,22 @@ def _compute(state: Running, run_id: str, processes: WorkerProcesses | None) -> 
     if warning:
         state.plan.warnings.append(warning)
         state.report(Event("warning", text=warning))
-    opened = BackendOptions(
+    opened = backend_options(state, run_id, processes)
+    if options.scheduler == "auto" and state.is_short():
+        opened = replace(opened, processes=None)
+    with interruptible(state.interrupt), open_backend(opened) as backend:
+        if backend.link:
+            state.report(Event("dashboard", text=backend.link))
+        state.compute(backend, jobs_of(state.plan, state.store, run_id, options.code_policy))
+        state.skip_rest()
+        if options.linger is not None:
+            options.linger()
+
+
+def backend_options(state: Running, run_id: str, processes: WorkerProcesses | None) -> BackendOptions:
+    """What the scheduler of a run is opened with."""
+    options = state.options
+    return BackendOptions(
         options.scheduler,
         state.store,
         run_id,
@@ -244,14 +271,6 @@ def _compute(state: Running, run_id: str, processes: WorkerProcesses | None) -> 
         state.compilation(),
         state.ahead(),
     )
-    if options.scheduler == "auto" and state.is_short():
-        opened = replace(opened, processes=None)
-    with _interruptible(state.interrupt), open_backend(opened) as backend:
-        if backend.link:
-            state.report(Event("dashboard", text=backend.link))
-        state.compute(backend, _jobs(state.plan, state.store, run_id, options.code_policy))
-        if options.linger is not None:
-            options.linger()
 
 
 def _close(state: Running, journal: Journal) -> None:
@@ -267,7 +286,7 @@ def _close(state: Running, journal: Journal) -> None:
 
 
 @contextmanager
-def _interruptible(first: Callable[[], None]) -> Iterator[None]:
+def interruptible(first: Callable[[], None]) -> Iterator[None]:
     """Turn the first Ctrl-C into a call of ``first``, and the second into KeyboardInterrupt."""
     if threading.current_thread() is not threading.main_thread():
         yield

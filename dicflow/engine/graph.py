@@ -14,7 +14,8 @@ from typing import Any
 from pydantic.fields import FieldInfo
 
 from dicflow.engine.files import FilePart
-from dicflow.engine.node import At, Node, Scope, port_of
+from dicflow.engine.looks import AT_ONCE, look_ports
+from dicflow.engine.node import At, Node, Scope, Steps, port_of
 from dicflow.errors import ConfigurationError, InputError
 
 __all__ = ["EARLY_STEPS", "Graph", "StageSpec", "Task", "TaskInput", "expand", "file_fields"]
@@ -57,6 +58,7 @@ class Task:
     step : name of the step; of a pair, the one that it ends in
     inputs : port → task
     files : argument of ``run`` → file, or part of one
+    is_look : whether it is a look at some steps, which the stage takes in place of these; its step names them
     """
 
     name: str
@@ -65,6 +67,7 @@ class Task:
     node: Node
     inputs: Mapping[str, TaskInput]
     files: Mapping[str, Path | FilePart]
+    is_look: bool = False
 
     def producers(self) -> list[str]:
         """Names of all tasks that this one takes something from, each once."""
@@ -87,12 +90,14 @@ class Graph:
         that step.
     steps : stage → names of its steps in order; empty for a stage that runs once
     files : stage → step → argument → file, for stages that start a series of steps
+    starts : stage that repeats over steps → the one whose files these are
     """
 
     stages: Mapping[str, StageSpec]
     tasks: Mapping[str, Task]
     steps: Mapping[str, tuple[str, ...]]
-    files: Mapping[str, Mapping[str, Mapping[str, Path | FilePart]]]
+    files: Mapping[str, Steps]
+    starts: Mapping[str, str]
 
     def tasks_of(self, stage: str) -> list[Task]:
         """The tasks of one stage, in the order of its steps."""
@@ -117,13 +122,14 @@ class Graph:
             {name: task for name, task in self.tasks.items() if task.stage in needed},
             {name: steps for name, steps in self.steps.items() if name in needed},
             {name: files for name, files in self.files.items() if name in needed},
+            {name: start for name, start in self.starts.items() if name in needed},
         )
 
 
-def expand(stages: Mapping[str, StageSpec], steps: Mapping[str, Sequence[str]] | None = None) -> Graph:
+def expand(stages: Mapping[str, StageSpec], steps: Mapping[str, Steps] | None = None) -> Graph:
     """All tasks of the given stages.
 
-    steps : names of the steps of the stages that start a series, where no file is to be looked for
+    steps : of the stages that start a series, where these are known; their folders are not looked at
 
     Raises ConfigurationError with the stage's position where the stages do not fit together (an unknown or missing
     input, one of another kind, a cycle, two series of steps in one stage), and InputError where files are missing
@@ -135,14 +141,15 @@ def expand(stages: Mapping[str, StageSpec], steps: Mapping[str, Sequence[str]] |
     series: dict[str, _Series | None] = {}
     for name in ordered:
         if steps is not None and name in steps:
-            series[name] = _Series(name, {step: {} for step in steps[name]})
+            series[name] = _Series(name, steps[name])
         else:
             series[name] = _series_of(name, stages, series)
     joints = _Joints(ordered, series)
     tasks = _step_major([task for name in ordered for task in joints.tasks(name)], joints.places)
     _check_names(tasks.values())
     files = {name: one.files for name, one in series.items() if one is not None and one.start == name}
-    return Graph(ordered, tasks, joints.steps, files)
+    starts = {name: one.start for name, one in series.items() if one is not None}
+    return Graph(ordered, tasks, joints.steps, files, starts)
 
 
 @cache
@@ -157,7 +164,7 @@ class _Series:
     """A series of steps. start : the stage whose files it follows; files : step → argument → file."""
 
     start: str
-    files: Mapping[str, Mapping[str, Path | FilePart]]
+    files: Steps
 
 
 def _holds_file(hint: Any) -> bool:
@@ -195,9 +202,10 @@ def _step_major(tasks: Sequence[Task], places: Mapping[str, Mapping[str, int]]) 
 
     A task is due at the first step that needs it, itself or through others: due(t) = min(place(t), due(consumers)).
     It can begin once the last step is through that it needs: ready(t) = max(place(t), ready(producers)). Neither falls
-    from a producer to its consumer, so the order by (due, ready) keeps producers first.
+    from a producer to its consumer, so the order by (due, ready) keeps producers first. A look is due as soon as it can
+    begin.
     """
-    place = {task.name: places[task.stage][task.step] if task.step is not None else None for task in tasks}
+    place = {task.name: None if task.step is None else places[task.stage].get(task.step) for task in tasks}
     due = {name: math.inf if where is None else where for name, where in place.items()}
     ready = {name: where or 0 for name, where in place.items()}
     for task in reversed(tasks):
@@ -205,6 +213,8 @@ def _step_major(tasks: Sequence[Task], places: Mapping[str, Mapping[str, int]]) 
             due[producer] = min(due[producer], due[task.name])
     for task in tasks:
         ready[task.name] = max([ready[task.name], *(ready[producer] for producer in task.producers())])
+        if task.is_look:
+            due[task.name] = ready[task.name]
     return {task.name: task for task in sorted(tasks, key=lambda task: (due[task.name], ready[task.name]))}
 
 
@@ -294,7 +304,9 @@ class _Joints:
         """The tasks of one stage, in the order of its steps."""
         node, own, files = self.stages[name].node, self.series[name], _own_files(self.stages[name])
         if own is None:
-            return [Task(name, name, None, node, self._inputs(name, None), files)]
+            inputs = self._inputs(name, None)
+            looks = _looks(name, node, inputs)
+            return [*looks, Task(name, name, None, node, _seen_through(looks, node, inputs), files)]
         here = own.files if own.start == name else {}
         return [
             Task(f"{name}/{step}", name, step, node, self._inputs(name, place), {**files, **here.get(step, {})})
@@ -339,6 +351,31 @@ class _Joints:
         if self.series[source] is None:
             return ((source, source),)
         return tuple((step, f"{source}/{step}") for step in self.steps[source])
+
+
+def _looks(name: str, node: Node, inputs: Mapping[str, TaskInput]) -> list[Task]:
+    """The looks of a stage that runs once at each whole part of its series; none for a stage without a look."""
+    ports = look_ports(type(node))
+    series = inputs[ports[0]] if ports else None
+    if not isinstance(series, tuple):
+        return []
+    found = []
+    for end in range(AT_ONCE, len(series) + 1, AT_ONCE):
+        part = series[end - AT_ONCE : end]
+        label, given = f"{part[0][0]}…{part[-1][0]}", {port: inputs[port] for port in ports}
+        found.append(Task(f"{name}/{label}", name, label, node, {**given, ports[0]: part}, {}, is_look=True))
+    return found
+
+
+def _seen_through(looks: Sequence[Task], node: Node, inputs: Mapping[str, TaskInput]) -> Mapping[str, TaskInput]:
+    """The inputs of a stage with looks in place of the steps that they are of."""
+    if not looks:
+        return inputs
+    port = look_ports(type(node))[0]
+    series = inputs[port]
+    assert isinstance(series, tuple)
+    rest = series[len(looks) * AT_ONCE :]
+    return {**inputs, port: (*((str(task.step), task.name) for task in looks), *rest)}
 
 
 def _own_files(spec: StageSpec) -> dict[str, Path]:

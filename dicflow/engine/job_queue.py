@@ -1,4 +1,4 @@
-"""Jobs in the order in which they can begin; at the end of a run, those with most behind them first.
+"""Jobs in the order in which they can begin; at the end of a run, those with most behind them first, and long ones.
 
 So the workers have something to do until the last product.
 """
@@ -9,6 +9,7 @@ import heapq
 from collections.abc import Container, Iterator, Mapping
 from functools import partial
 
+from dicflow.engine.durations import Durations
 from dicflow.engine.work import Job, Outcome
 
 __all__ = ["JobQueue"]
@@ -48,6 +49,7 @@ class JobQueue:
         self._ready: list[tuple[int, Job]] = []
         self._waiting: dict[str, list[tuple[int, Job]]] = {}
         self._waiting_count = 0
+        self._durations = Durations()
 
     def pop(self, free: int = 0) -> tuple[int, Job] | None:
         """Rank and job of the first that can begin; None where none can before another task ends.
@@ -63,6 +65,9 @@ class JobQueue:
 
     def release(self, name: str) -> None:
         """Look again at the jobs that wait for a task that has ended or begun."""
+        outcome = self._outcomes.get(name)
+        if outcome is not None:
+            self._durations.add(outcome)
         entries = self._waiting.pop(name, [])
         self._waiting_count -= len(entries)
         for entry in entries:
@@ -82,12 +87,15 @@ class JobQueue:
         return self._waiting_count < _AHEAD and (not self._ready or left < _END)
 
     def _pop_at_the_end(self, free: int) -> tuple[int, Job] | None:
-        """Of the jobs that can begin the one that most jobs wait for, one after the other."""
+        """Of the jobs that can begin the one with most behind it, one after the other; of equal ones the longest."""
         behind = {entry[0]: self._behind(entry[1]) for entry in self._ready}
         near = [entry for entry in self._ready if behind[entry[0]] >= max(behind.values()) - _NEARLY_AS_LONG]
-        return self._taken(
-            min(near, key=lambda entry: (self._away(free, entry)[0], -behind[entry[0]], entry[0]), default=None)
-        )
+
+        def order(entry: tuple[int, Job]) -> tuple[bool, int, float, int]:
+            rank, job = entry
+            return self._away(free, entry)[0], -behind[rank], -self._durations.expected_s(job.task), rank
+
+        return self._taken(min(near, key=order, default=None))
 
     def _away(self, free: int, entry: tuple[int, Job]) -> tuple[bool, int]:
         """Whether no input of a job is in the memory of a process, and its rank."""

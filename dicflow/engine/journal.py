@@ -214,12 +214,16 @@ class Journal:
         self.pipeline = pipeline
         self.folder = store.path / "runs" / self.id
         self._store = store
-        about = {"id": self.id, "pipeline": pipeline, "started": now, "resolved": resolved}
-        store.write_json(self.folder / "pipeline.json", about)
+        self._about = {"id": self.id, "pipeline": pipeline, "started": now}
+        self.describe(resolved)
         with store.writing():
             self._file = (self.folder / "journal.jsonl").open("ab", buffering=0)
         self._cut = False
         self._listed = 0
+
+    def describe(self, resolved: Any) -> None:
+        """Write what the run is of, as the caller of ``run`` describes it. Raises StoreError."""
+        self._store.write_json(self.folder / "pipeline.json", {**self._about, "resolved": resolved})
 
     def write(self, event: Event) -> None:
         """Append an event. A full disk is ignored here; the tasks report it."""

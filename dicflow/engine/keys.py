@@ -43,16 +43,17 @@ def parameters(node: Node) -> dict[str, Any]:
 
 
 def key_parts(
-    node: Node, values: Mapping[str, Any], inputs: Mapping[str, Any], files: Mapping[str, str]
+    node: Node, values: Mapping[str, Any], inputs: Mapping[str, Any], files: Mapping[str, str], is_look: bool = False
 ) -> dict[str, Any]:
     """Everything that the result of a task depends on.
 
     values : :func:`parameters` of the node
     inputs : :func:`input_digests`
     files : argument → digest of the file
+    is_look : of a look of the stage at some steps
     """
     return {
-        "stage": node.stage,
+        "stage": _action(node, is_look),
         "impl_version": node.impl_version,
         "parameters": values,
         "inputs": inputs,
@@ -76,20 +77,26 @@ def key_of(parts: Mapping[str, Any]) -> str:
     return digest_json(parts)
 
 
-def key_maker(node: Node, values: Mapping[str, Any]) -> Callable[[Mapping[str, Any], Mapping[str, str]], str]:
+def key_maker(
+    node: Node, values: Mapping[str, Any], is_look: bool = False
+) -> Callable[[Mapping[str, Any], Mapping[str, str]], str]:
     """A function of the inputs and files of a task that gives its key, as :func:`key_of` its :func:`key_parts`.
 
     The part common to all tasks of a node is encoded once. values : :func:`parameters` of the node
     Raises TypeError or ValueError for a parameter that JSON cannot express.
     """
     version = canonical_json(node.impl_version)
-    common = canonical_json({"parameters": values, "stage": node.stage})[1:]
+    common = canonical_json({"parameters": values, "stage": _action(node, is_look)})[1:]
 
     def key(inputs: Mapping[str, Any], files: Mapping[str, str]) -> str:
         varying = canonical_json(files), version, canonical_json(inputs), common
         return digest_bytes(b'{"files":%b,"impl_version":%b,"inputs":%b,%b' % varying)
 
     return key
+
+
+def _action(node: Node, is_look: bool) -> str:
+    return f"{node.stage} look" if is_look else node.stage
 
 
 def differences(old: Mapping[str, Any], new: Mapping[str, Any]) -> list[Change]:

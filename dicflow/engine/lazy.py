@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -50,7 +50,13 @@ def lazy_dataset(store: Store, refs: Mapping[str, Ref]) -> xarray.Dataset:
         name: (("step", *spec["dims"]), _stacked(store.path, refs, manifests, name), _attributes(name, spec))
         for name, spec in first["variables"].items()
     }
-    return xarray.Dataset(arrays, coords={"step": list(refs)}, attrs={"kind": first["kind"]})
+    return xarray.Dataset(arrays, attrs={"kind": first["kind"], **_common_attributes(manifests.values())})
+
+
+def _common_attributes(manifests: Iterable[Manifest]) -> dict[str, Any]:
+    """Attributes that are equal at all steps."""
+    first, *others = (manifest.content["attrs"] for manifest in manifests)
+    return {name: value for name, value in first.items() if all(other.get(name) == value for other in others)}
 
 
 def _attributes(name: str, spec: Mapping[str, Any]) -> dict[str, str]:

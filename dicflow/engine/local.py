@@ -6,12 +6,14 @@ import threading
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import FIRST_COMPLETED, Future, ThreadPoolExecutor, wait
-from contextlib import contextmanager, suppress
+from contextlib import contextmanager, nullcontext, suppress
 from dataclasses import replace
 from functools import partial
+from pathlib import Path
 from typing import Any
 
 from dicflow.engine.compilation import Uncompiled
+from dicflow.engine.handover import handover_folder
 from dicflow.engine.job_queue import JobQueue
 from dicflow.engine.processes import WorkerLost, survive
 from dicflow.engine.schedulers import Backend, BackendOptions
@@ -33,7 +35,8 @@ def in_process(options: BackendOptions) -> Iterator[Backend]:
 def in_processes(options: BackendOptions) -> Iterator[Backend]:
     """A backend that runs jobs in the worker processes of the run."""
     assert options.processes is not None
-    yield _AtOnce(options, options.processes.call)
+    with handover_folder(options.store) if options.workers > 1 else nullcontext() as folder:
+        yield _AtOnce(options, options.processes.call, folder)
 
 
 def _all_called(calls: Sequence[Callable[[], None]]) -> None:
@@ -80,13 +83,15 @@ class _AtOnce:
     """Runs as many jobs at once as there are workers, the first ones first.
 
     call : calls a function in a worker; may raise WorkerLost
+    handover : folder through which workers hand over products, if they do
     """
 
     link = ""
 
-    def __init__(self, options: BackendOptions, call: Callable[..., Any]) -> None:
+    def __init__(self, options: BackendOptions, call: Callable[..., Any], handover: Path | None = None) -> None:
         self._options = options
         self._call = call
+        self._handover = handover
 
     def compute(
         self, jobs: Iterator[Job], outcomes: Mapping[str, Outcome], finished: Callable[[Outcome], None]
@@ -94,7 +99,8 @@ class _AtOnce:
         """Run jobs; a worker that gets free takes the first job that can begin."""
         threads = ThreadPoolExecutor(self._options.workers)
         try:
-            _Flow(self._options, self._call, threads, jobs, outcomes, finished).run()
+            handed = (replace(job, handover=self._handover) for job in jobs)
+            _Flow(self._options, self._call, threads, handed, outcomes, finished).run()
         finally:
             threads.shutdown(wait=False, cancel_futures=True)
 

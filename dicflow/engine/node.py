@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from enum import StrEnum
 from pathlib import Path
@@ -27,11 +27,16 @@ __all__ = [
     "Port",
     "Scope",
     "Seconds",
+    "Steps",
     "keeping",
     "numbered_port",
     "parameter",
     "port_of",
 ]
+
+
+Steps = Mapping[str, Mapping[str, Path | FilePart]]
+"""Steps of a series in order, each with its files: step → argument of ``run`` → file, or part of one."""
 
 
 class Scope(StrEnum):
@@ -189,13 +194,23 @@ class Node(BaseModel):
         """
         return ()
 
-    def steps(self, folder: Path) -> Mapping[str, Mapping[str, Path | FilePart]] | None:
+    def steps(self, folder: Path) -> Steps | None:
         """Files of each step, for a stage that starts a series of steps: step name → argument of run → path.
 
         folder : where relative paths start
         Returns None for every other stage. Raises InputError if the files are not a series.
         """
         return None
+
+    def steps_so_far(self, folder: Path, is_whole: Callable[[Path], bool]) -> Steps | None:
+        """The same of a series to which files are added: what is not whole, or lacks a partner, is not in it yet.
+
+        is_whole : whether a file is no longer being written
+        """
+        steps = self.steps(folder)
+        if steps is None:
+            return None
+        return {step: files for step, files in steps.items() if all(is_whole(Path(file)) for file in files.values())}
 
     def left_out(self, folder: Path, steps: Mapping[str, Mapping[str, Path | FilePart]]) -> tuple[str, ...]:
         """Sentences about files that :meth:`steps` found and left out, or joined, for the warnings of a run.
@@ -246,6 +261,15 @@ class Node(BaseModel):
         registry; so does one that looks for subclasses.
         """
         return ()
+
+    def look(self, **inputs: Any) -> Product:
+        """What :meth:`run` needs of one step, of a stage that takes all steps of a series that may be long.
+
+        A stage that defines it names as arguments the port with ``At.ALL``, for which it gets the product of one step,
+        and all other ports that it needs. ``run`` then gets what it returned in place of each step's product: a few
+        numbers, as arrays that have the same names and shapes at every step, and attributes.
+        """
+        raise NotImplementedError
 
     def run(self, **inputs: Any) -> Product:
         """Make the product. Raises StageError if the inputs do not allow it."""

@@ -18,18 +18,18 @@ from pathlib import Path
 from typing import Any, Literal, TypeVar
 
 from dicflow.engine.action_index import Action, action_of
-from dicflow.engine.files import FilePart, Stamp, part_digest, stamp
+from dicflow.engine.file_stamps import FileStamp, FileStamps, file_facts
+from dicflow.engine.files import FilePart
 from dicflow.engine.fingerprint import Fingerprint, Sources, changed_names, kept_sources
 from dicflow.engine.graph import Graph, Task, TaskInput
-from dicflow.engine.hashing import plain
 from dicflow.engine.journal import Entry, Event, latest
 from dicflow.engine.keys import Change, differences, input_digests, key_maker, key_parts, parameters
-from dicflow.engine.node import At, Node, Scope
+from dicflow.engine.node import At, Scope
 from dicflow.engine.records import Record
 from dicflow.engine.references import Recipe, Ref, RefInput
 from dicflow.engine.store import Store
 
-__all__ = ["CodePolicy", "FileStamp", "Plan", "PlanEntry", "code_changes", "code_warning", "find_hit", "make_plan"]
+__all__ = ["CodePolicy", "Plan", "PlanEntry", "code_changes", "code_warning", "find_hit", "make_plan"]
 
 CodePolicy = Literal["recompute", "warn", "ignore"]
 """What to do with a result that other code has made, though its ``impl_version`` is the same."""
@@ -45,18 +45,6 @@ _REPORTS = 100
 """Reports of progress in one pass."""
 
 T = TypeVar("T")
-
-
-@dataclass(frozen=True, slots=True)
-class FileStamp:
-    """The contents of a file, and how to see that it is still the same."""
-
-    digest: str
-    stamp: Stamp
-
-
-_NO_FILES: Mapping[str, FileStamp] = {}
-"""The files of a task without any, shared by all of them."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -240,13 +228,17 @@ class _Planner:
         self.entries: dict[str, PlanEntry] = {}
         self.files: dict[str, Mapping[str, FileStamp]] = {}
         self.unindexed: list[tuple[str, Action]] = []
-        self.wholes: dict[tuple[Path, Stamp], str] = {}
+        self.stamps = FileStamps(store)
         self.indexed = store.index.present(store.path) if by_index else None
         values = {name: parameters(spec.node) for name, spec in graph.stages.items()}
         sources = Sources(kept_sources() or store.files)
         code = {name: sources.fingerprint(type(spec.node), spec.node.uses()) for name, spec in graph.stages.items()}
         sources.save()
-        self.keys = {name: key_maker(spec.node, values[name]) for name, spec in graph.stages.items()}
+        self.keys = {
+            (name, is_look): key_maker(spec.node, values[name], is_look)
+            for name, spec in graph.stages.items()
+            for is_look in (False, True)
+        }
         self.plan = Plan(graph, self.entries, values, code, self.files, policy)
 
     @cached_property
@@ -255,7 +247,7 @@ class _Planner:
         return latest(self.store, self.pipeline)
 
     def add(self, task: Task) -> None:
-        files = {name: self._stamped(task.node, file) for name, file in task.files.items()} if task.files else _NO_FILES
+        files = self.stamps.of(task)
         self.files[task.name] = files
         waits_for = tuple(name for name in task.producers() if self.entries[name].state != "hit")
         if waits_for:
@@ -263,21 +255,8 @@ class _Planner:
             return
         inputs = {port: self._refs(source) for port, source in task.inputs.items()}
         digests = {name: file.digest for name, file in files.items()}
-        key = self.keys[task.stage](input_digests(inputs), digests)
+        key = self.keys[task.stage, task.is_look](input_digests(inputs), digests)
         self.entries[task.name] = self._indexed(task, key, inputs) or self._found(task, key, inputs, digests)
-
-    def _stamped(self, node: Node, file: Path | FilePart) -> FileStamp:
-        before = stamp(file)  # first: of a file that changes meanwhile the stamp then no longer fits
-        if not isinstance(file, FilePart):
-            return FileStamp(self.store.files.digest(file), before)
-        digest = _facts(self.store, node, file).get("digest")
-        return FileStamp(digest or part_digest(self._whole(file.path, before), file.number), before)
-
-    def _whole(self, path: Path, unchanged: Stamp) -> str:
-        """Digest of a file of many parts, found once for all of them."""
-        if (path, unchanged) not in self.wholes:
-            self.wholes[path, unchanged] = self.store.files.digest(path)
-        return self.wholes[path, unchanged]
 
     def _indexed(self, task: Task, key: str, inputs: dict[str, RefInput]) -> PlanEntry | None:
         """A hit by the index; None where only the record can tell."""
@@ -322,7 +301,7 @@ class _Planner:
         record = self.store.record(last["key"]) if last["key"] != key else None
         if record is None:
             return (Change("record", "its record is no longer in the store"),)
-        parts = key_parts(task.node, self.plan.parameters[task.stage], input_digests(inputs), files)
+        parts = key_parts(task.node, self.plan.parameters[task.stage], input_digests(inputs), files, task.is_look)
         return tuple(differences(record.parts, parts)) or (Change("record", "made with another key"),)
 
     def _refs(self, source: TaskInput) -> RefInput:
@@ -350,19 +329,11 @@ def _check_files(graph: Graph, store: Store, on_event: Callable[[Event], None] |
     with ThreadPoolExecutor() as threads:
         for name, found in paths.items():
             node = graph.stages[name].node
-            looked = threads.map(partial(_facts, store, node), found)
+            looked = threads.map(partial(file_facts, store, node), found)
             looked = _reported("files", looked, len(found), _MANY_FILES, on_event)
             facts = dict(zip(found, looked, strict=True))
             inputs = {port: graph.steps[source] for port, source in graph.stages[name].inputs.items()}
             node.agree(facts, graph.files.get(name, {}), inputs)
-
-
-def _facts(store: Store, node: Node, file: Path | FilePart) -> Any:
-    """What a stage finds in a file, as JSON, from the store if it was found before."""
-    purpose = f"check:{node.stage}:{node.impl_version}"
-    if isinstance(file, FilePart):
-        purpose += f"#{file.number}"
-    return store.files.fact(file, purpose, lambda file: plain(node.check(file)))
 
 
 def _reported(

@@ -294,8 +294,8 @@ def _serve(pipe: Connection, setup: Callable[[], None] | None, ahead: Sequence[C
         multiprocessing.set_start_method("fork", force=True)
     threading.Thread(target=_end_with_parent, daemon=True).start()
     prepare(setup)
-    pipe.send(True)
-    with suppress(EOFError, OSError):
+    with suppress(EOFError, OSError):  # the other end is closed, or its process has died
+        pipe.send(True)
         with_room(partial(_answer_all, pipe, ahead))
     _leave()
 

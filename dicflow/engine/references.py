@@ -15,10 +15,12 @@ from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, overload
+from typing import TYPE_CHECKING, Any, NamedTuple, overload
 
 from dicflow.engine.files import FilePart
+from dicflow.engine.handover import Handover
 from dicflow.engine.integrity import GONE, check_product
+from dicflow.engine.looks import with_looks
 from dicflow.engine.node import Node
 from dicflow.engine.objects import LazyVariables, Manifest, describe, normalised, stored_array
 from dicflow.engine.product import Product
@@ -39,6 +41,7 @@ __all__ = [
     "cache",
     "can_be_read",
     "clock",
+    "handover",
     "load",
     "refs_in",
 ]
@@ -111,15 +114,25 @@ class Series(Sequence[Product]):
         return len(self._refs)
 
 
+class _Cached(NamedTuple):
+    """A product in the cache, its size [bytes], and whether it is in the store."""
+
+    product: Product
+    nbytes: int
+    kept: bool
+
+
 class ProductCache:
     """Products last made in this process, up to a number of bytes. Safe between threads.
+
+    Those that are in the store as well give way to those that would have to be made again.
 
     limit : size of all arrays together [bytes]
     """
 
     def __init__(self, limit: int = 64_000_000) -> None:
         self.limit = limit
-        self._products: OrderedDict[str, tuple[int, Product]] = OrderedDict()
+        self._products: OrderedDict[str, _Cached] = OrderedDict()
         self._size = 0
         self._lock = threading.Lock()
 
@@ -133,18 +146,19 @@ class ProductCache:
             if digest not in self._products:
                 return None
             self._products.move_to_end(digest)
-            return self._products[digest][1]
+            return self._products[digest].product
 
-    def put(self, digest: str, product: Product, nbytes: int) -> None:
-        """Remember a product; evicts the least recently used."""
+    def put(self, digest: str, product: Product, nbytes: int, kept: bool = False) -> None:
+        """Remember a product; evicts the least recently used. kept : it is in the store"""
         with self._lock:
             if nbytes > self.limit or digest in self._products:
                 return
-            self._products[digest] = (nbytes, product)
+            self._products[digest] = _Cached(product, nbytes, kept)
             self._size += nbytes
             while self._size > self.limit:
-                _, (freed, _) = self._products.popitem(last=False)
-                self._size -= freed
+                others = (other for other, cached in self._products.items() if cached.kept and other != digest)
+                evicted = self._products.pop(next(others, next(iter(self._products))))
+                self._size -= evicted.nbytes
 
     def clear(self) -> None:
         """Remove all products."""
@@ -180,6 +194,7 @@ class Clock(threading.local):
 
 
 cache = ProductCache()
+handover = Handover()
 clock = Clock()
 
 
@@ -197,7 +212,7 @@ def load(store: Store, ref: Ref) -> Product:
     def read(name: str) -> np.ndarray:
         made = cache.get(ref.digest)
         if made is None and not manifest.kept:
-            made = _remade(store, ref)
+            made = _handed_over(manifest) or _remade(store, ref)
         return made[name].copy() if made is not None else _stored(store, manifest, name)
 
     content = manifest.content
@@ -234,12 +249,21 @@ def refs_in(inputs: Mapping[str, RefInput]) -> Iterator[Ref]:
             yield from (ref for _, ref in source)
 
 
+def _handed_over(manifest: Manifest) -> Product | None:
+    """A product that another worker of the run has made; None if it is not to be had."""
+    with clock.reading():
+        product = handover.get(manifest)
+    if product is not None:
+        cache.put(manifest.digest, product, manifest.nbytes)
+    return product
+
+
 def _remade(store: Store, ref: Ref) -> Product:
     recipe = ref.recipe
     if recipe is None:
         raise NotKeptError(f"{store.path}: {ref.digest[:19]}… was not kept; run the pipeline again to use it")
     with clock.remaking():
-        product = normalised(recipe.node.run(**arguments(store, recipe.inputs, recipe.files)))
+        product = normalised(recipe.node.run(**with_looks(recipe.node, arguments(store, recipe.inputs, recipe.files))))
         manifest = describe(product)
     if manifest.digest != ref.digest:
         raise StageError(

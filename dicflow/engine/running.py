@@ -81,6 +81,12 @@ class Running:
             for name, entry in hits.items()
         }
 
+    def take(self, plan: Plan) -> None:
+        """Go on with a plan that has grown; outcomes of tasks that are joined otherwise now are forgotten."""
+        before = self.plan.entries
+        self.outcomes = {name: one for name, one in self.outcomes.items() if plan.entries.get(name) is before[name]}
+        self.plan = plan
+
     def report(self, event: Event) -> None:
         """Journal an event and call the listener with it."""
         if self.journal is not None:
@@ -150,16 +156,16 @@ class Running:
         self.stop()
 
     def compute(self, backend: Backend, jobs: Iterator[Job]) -> None:
-        """Run all jobs; after a stop those that were not handed over are skipped.
-
-        Where no worker is left, the first task without an outcome has failed.
-        """
+        """Run jobs until a stop. Where no worker is left, the first task without an outcome has failed."""
         try:
             backend.compute(self._until_stop(jobs), self.outcomes, self.finished)
         except WorkerError as error:
             lost = next(entry.task for name, entry in self.plan.entries.items() if name not in self.outcomes)
             self.stopped = True
             self.finished(Outcome(lost.name, lost.stage, lost.step, "failed", error=f"{lost.name}: {error}"))
+
+    def skip_rest(self) -> None:
+        """Give an outcome to the tasks that were not handed over before a stop."""
         for name, entry in self.plan.entries.items():
             if name not in self.outcomes:
                 task = entry.task

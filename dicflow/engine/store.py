@@ -278,12 +278,12 @@ class Store:
 
     def replace(self, path: Path, content: bytes, durable: bool = False) -> None:
         """Write a file, or replace it. Raises OSError."""
-        write_file(path, content, self._draft(), durable)
+        write_file(path, content, self.draft(), durable)
 
     def _put_group(self, product: Product, digest: str) -> dict[str, int]:
         folder = self.object_path(digest)
         with self.writing():
-            draft = self._draft()
+            draft = self.draft()
             try:
                 files = write_group(draft, product)
                 folder.parent.mkdir(parents=True, exist_ok=True)
@@ -303,7 +303,7 @@ class Store:
             if not _holds(folder, files):
                 raise
 
-    def _draft(self) -> Path:
+    def draft(self) -> Path:
         """Unused path in ``tmp``."""
         folder = self.path / "tmp"
         folder.mkdir(exist_ok=True)

@@ -21,18 +21,20 @@ from pathlib import Path
 from typing import Any
 
 from dicflow.engine.action_index import action_of
+from dicflow.engine.file_stamps import FileStamp
 from dicflow.engine.files import FilePart, part_digest, stamp
 from dicflow.engine.fingerprint import Fingerprint
 from dicflow.engine.graph import Task, TaskInput
 from dicflow.engine.hashing import digest_file
 from dicflow.engine.journal import Status
 from dicflow.engine.keys import input_digests, key_of, key_parts
+from dicflow.engine.looks import looks_product, with_looks
 from dicflow.engine.node import At, Node
 from dicflow.engine.objects import Manifest, describe, normalised
-from dicflow.engine.plan import CodePolicy, FileStamp, code_warning, find_hit
+from dicflow.engine.plan import CodePolicy, code_warning, find_hit
 from dicflow.engine.product import Product
 from dicflow.engine.records import Record, versions
-from dicflow.engine.references import Recipe, Ref, RefInput, arguments, clock
+from dicflow.engine.references import Recipe, Ref, RefInput, arguments, clock, handover
 from dicflow.engine.references import cache as products
 from dicflow.engine.share import with_threads
 from dicflow.engine.store import Store
@@ -95,6 +97,7 @@ class Job:
     code : fingerprint of the stage; the store knows its parts
     gathered : whether a stage takes this product together with those of all other steps
     threads : that the stage may use, because no other task can
+    handover : folder through which products that are not kept reach the other workers; None without others
     """
 
     run_id: str
@@ -107,6 +110,7 @@ class Job:
     gathered: bool = False
     code_policy: CodePolicy = "recompute"
     threads: int = 1
+    handover: Path | None = None
 
     @property
     def key(self) -> tuple[str, ...]:
@@ -152,7 +156,7 @@ def perform(job: Job, *inputs: Outcome) -> Outcome:
     inputs : outcomes of the producers that were no hits in the plan
     Raises Defect where the stage raised an error that is not a DicflowError; a DicflowError is part of the outcome.
     """
-    processor = _clock(job)
+    processor, handover.folder = _clock(job), job.handover
     start, cpu_start = time.perf_counter(), processor()
     lacking = next((outcome for outcome in inputs if outcome.ref is None), None)
     if lacking is not None:
@@ -190,7 +194,7 @@ def _performed(job: Job, inputs: tuple[Outcome, ...], start: float) -> Outcome:
     refs = {**job.known, **{outcome.name: outcome.ref for outcome in inputs if outcome.ref is not None}}
     sources = {port: _joined(source, refs) for port, source in task.inputs.items()}
     digests = {name: file.digest for name, file in job.files.items()}
-    parts = key_parts(task.node, job.parameters, input_digests(sources), digests)
+    parts = key_parts(task.node, job.parameters, input_digests(sources), digests, task.is_look)
     key = key_of(parts)
     recipe = Recipe(task.name, task.node, sources, task.files)
     record, kept, against = find_hit(store, key, job.code, job.code_policy)
@@ -204,9 +208,13 @@ def _performed(job: Job, inputs: tuple[Outcome, ...], start: float) -> Outcome:
     product, times, stage_cpu_s = _run(job, store, recipe)
     with with_threads(job.threads):
         manifest = describe(product)
-        keep = is_kept(task.node, len(product.variables), manifest.nbytes, sum(times), recipe.depth, job.gathered)
+        keep = task.is_look or is_kept(
+            task.node, len(product.variables), manifest.nbytes, sum(times), recipe.depth, job.gathered
+        )
         manifest = store.put(product, manifest, keep)
-    products.put(manifest.digest, product, manifest.nbytes)
+    products.put(manifest.digest, product, manifest.nbytes, manifest.kept)
+    if not manifest.kept:
+        handover.put(product, manifest)
     ref = Ref(manifest.digest, None if manifest.kept else recipe)
     stage_s, remake_s = times
     engine_s = time.perf_counter() - start - stage_s - remake_s
@@ -246,11 +254,11 @@ def _run(job: Job, store: Store, recipe: Recipe) -> tuple[Product, tuple[float, 
     processor = _clock(job)
     cpu_start = processor()
     with with_threads(job.threads):
-        product = node.run(**given)
+        product = looks_product(node, given) if job.task.is_look else node.run(**with_looks(node, given))
     remake_s = clock.remake_s - remade
     stage_s = time.perf_counter() - start - remake_s - (clock.read_s - read)
     stage_cpu_s = processor() - cpu_start
-    if not isinstance(product, Product) or product.kind != node.gives:
+    if not isinstance(product, Product) or (product.kind != node.gives and not job.task.is_look):
         found = f"a product '{product.kind}'" if isinstance(product, Product) else type(product).__name__
         raise StageError(f"the stage '{node.stage}' gave {found} where it declares '{node.gives}'; fix the stage")
     for name, file in job.files.items():

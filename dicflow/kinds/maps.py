@@ -6,13 +6,13 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any, ClassVar, Literal, NamedTuple
 
-from dicflow.engine.product import Product
+from dicflow.engine.product import Product, Variable
 from dicflow.kinds.kind import Kind
 
 if TYPE_CHECKING:
     import numpy as np
 
-__all__ = ["MapQuantity", "Maps", "Positions", "colour_range", "drawn_at", "joined_range"]
+__all__ = ["MapQuantity", "Maps", "Positions", "StepRanges", "colour_range", "drawn_at", "joined_range"]
 
 Positions = Literal["xyz", "xyz_reference"]
 
@@ -28,6 +28,54 @@ class MapQuantity(NamedTuple):
     title: str
     unit: str
     range: tuple[float, float]
+
+
+class StepRanges(Kind):
+    """What maps need of one step: the colour range of each quantity, where points lie, and how far they have moved."""
+
+    KINDS: ClassVar = ("ranges",)
+
+    @classmethod
+    def write(
+        cls,
+        ranges: Mapping[str, tuple[float, float] | None],
+        extent: Sequence[float],
+        motion: float,
+        facts: Mapping[str, Any],
+    ) -> Product:
+        """A product of ranges.
+
+        ranges : quantity → range; None without a value
+        extent : x_min, y_min, x_max, y_max; infinite without a place
+        motion : mean displacement; 0 without any
+        facts : of the total
+        """
+        import numpy as np
+
+        pairs = [(np.nan, np.nan) if one is None else one for one in ranges.values()]
+        variables = {
+            "ranges": Variable(("quantity", "side"), np.array(pairs, dtype=float)),
+            "extent": Variable(("corner",), np.array(extent, dtype=float)),
+            "motion": Variable(("number",), np.array([motion])),
+        }
+        return Product("ranges", variables, {"quantities": list(ranges), "facts": dict(facts)})
+
+    @property
+    def ranges(self) -> dict[str, tuple[float, float] | None]:
+        """Quantity → range; None without a value."""
+        pairs = zip(self.product.attrs["quantities"], self["ranges"].tolist(), strict=True)
+        return {name: None if low != low else (low, high) for name, (low, high) in pairs}
+
+    @property
+    def motion(self) -> float:
+        """Mean displacement; 0 without any."""
+        return float(self["motion"][0])
+
+    @property
+    def facts(self) -> Mapping[str, Any]:
+        """Facts of the total."""
+        found: Mapping[str, Any] = self.product.attrs["facts"]
+        return found
 
 
 class Maps(Kind):

@@ -3,18 +3,18 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple
 
 from dicflow.engine.product import Product, Variable
 from dicflow.errors import StageError
-from dicflow.kinds.kind import Table
+from dicflow.kinds.kind import Kind, Table
 from dicflow.kinds.quantities import ERRORS
 
 if TYPE_CHECKING:
     import numpy as np
 
-__all__ = ["ProbeTable", "Reading", "gauge_facts"]
+__all__ = ["ProbeTable", "Reading", "StepReadings", "gauge_facts", "main_readings"]
 
 
 class Reading(NamedTuple):
@@ -29,6 +29,59 @@ class Reading(NamedTuple):
         """The numbers by the prefixes of their names; u combines noise and bias."""
         errors = (self.sigma, self.bias, math.hypot(self.sigma, self.bias), self.calibration)
         return dict(zip(("", *ERRORS), (self.value, *errors), strict=True))
+
+
+class StepReadings(Kind):
+    """What probes read at one step, and quantities along lines, (line, sample)."""
+
+    KINDS: ClassVar = ("readings",)
+
+    @classmethod
+    def write(
+        cls,
+        readings: Sequence[Mapping[str, Mapping[str, Reading]]],
+        profiles: Mapping[str, np.ndarray],
+        facts: Mapping[str, Any],
+    ) -> Product:
+        """A product of readings.
+
+        readings : groups of probes that read the same: probe → quantity → reading
+        profiles : quantity → (line, sample)
+        facts : of the total
+        """
+        import numpy as np
+
+        groups = [group for group in readings if group]
+        listed = [[list(group), list(next(iter(group.values())))] for group in groups]
+        variables = {
+            f"readings_{k}": Variable(
+                (f"probe_{k}", f"quantity_{k}", "part"),
+                np.array([[group[probe][name] for name in names] for probe in probes], dtype=float),
+            )
+            for k, (group, (probes, names)) in enumerate(zip(groups, listed, strict=True))
+        }
+        along = {f"profile_{name}": Variable(("line", "sample"), values) for name, values in profiles.items()}
+        return Product("readings", {**variables, **along}, {"groups": listed, "facts": dict(facts)})
+
+    @property
+    def readings(self) -> dict[str, dict[str, Reading]]:
+        """Probe → quantity → reading."""
+        return {
+            probe: {name: Reading(*parts) for name, parts in zip(names, row, strict=True)}
+            for k, (probes, names) in enumerate(self.product.attrs["groups"])
+            for probe, row in zip(probes, self[f"readings_{k}"].tolist(), strict=True)
+        }
+
+    @property
+    def profiles(self) -> dict[str, np.ndarray]:
+        """Quantity → values along lines, (line, sample)."""
+        named = (name for name in self.product.variables if name.startswith("profile_"))
+        return {name.removeprefix("profile_"): self[name] for name in named}
+
+    @property
+    def facts(self) -> dict[str, Any]:
+        """Facts of the total."""
+        return dict(self.product.attrs["facts"])
 
 
 class ProbeTable(Table):
@@ -89,6 +142,17 @@ class ProbeTable(Table):
         listed = self.product.attrs["probes"]
         values: np.ndarray = self[quantity][[*listed["point"], *listed["line"], *listed["area"]].index(name)]
         return values
+
+
+def main_readings(row: Mapping[str, Any]) -> Iterator[tuple[str, float | None, float | None]]:
+    """Quantity, value and uncertainty u of what a row of the table is mostly read for; None where it is unknown.
+
+    Of an extensometer its strain; of other probes exx and eyy, or else all that they read.
+    """
+    names = [name for name in ("strain", "exx", "eyy") if name in row]
+    others = [name.removeprefix("u_") for name in row if name.startswith("u_")]
+    for name in names or others:
+        yield name, row[name], row.get(f"u_{name}")
 
 
 def gauge_facts(total: Product) -> dict[str, Any]:

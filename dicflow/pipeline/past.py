@@ -47,7 +47,8 @@ def _graph(run: RunInfo, resolved: Mapping[str, Any]) -> Graph:
     try:
         stages = {name: _spec(entry) for name, entry in resolved["stages"].items()}
         starts = [name for name, spec in stages.items() if spec.node.searches(spec.folder)]
-        return expand(stages, {**dict.fromkeys(starts, ()), **resolved["steps"]})  # looks for no file
+        named = {**dict.fromkeys(starts, ()), **resolved["steps"]}
+        return expand(stages, {start: {step: {} for step in steps} for start, steps in named.items()})
     except (ConfigurationError, ValidationError, KeyError) as error:
         raise StoreError(
             f"run {run.id} has stages or parameters that this version of dicflow does not know; open it with the "

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
@@ -11,10 +12,12 @@ from typing import TYPE_CHECKING, Any
 from dicflow.engine.files import FilePart
 from dicflow.engine.graph import Graph, StageSpec, expand
 from dicflow.engine.journal import Event, RunInfo, find_run, runs
+from dicflow.engine.node import Node
 from dicflow.engine.plan import CodePolicy, Plan, make_plan
 from dicflow.engine.store import Store
 from dicflow.errors import ConfigurationError, InputError
 from dicflow.io.configuration import Document, read
+from dicflow.pipeline.notebook import table_html
 from dicflow.pipeline.past import past_result
 from dicflow.pipeline.report_facts import ReportFacts, report_facts
 from dicflow.pipeline.resolved import kept_settings, resolved_of
@@ -24,7 +27,9 @@ from dicflow.pipeline.wiring import Wired, wire
 
 if TYPE_CHECKING:
     from dicflow.engine.execute import RunResult
+    from dicflow.engine.node import Steps
     from dicflow.engine.references import Ref
+    from dicflow.engine.running import Options
 
 __all__ = ["Pipeline"]
 
@@ -32,7 +37,7 @@ _SETTINGS = ("stages", "variants")
 """Parts of the resolved pipeline that are equal in all runs of one measurement."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class Pipeline:
     """A validated pipeline file.
 
@@ -41,6 +46,7 @@ class Pipeline:
     folder : where relative paths of photographs and tables start
     store_folder : where products are kept; both absolute, since workers may have another working directory
     only : names of the steps to keep, by the stage that starts their series; all steps of others
+    found : the steps of each stage that starts a series, where they are known; else their folders are looked at
     """
 
     path: Path
@@ -48,6 +54,7 @@ class Pipeline:
     folder: Path
     store_folder: Path
     only: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
+    found: Mapping[str, Steps] | None = None
 
     @classmethod
     def load(
@@ -76,6 +83,23 @@ class Pipeline:
         pipeline = cls(path, document, folder.absolute(), store_folder.absolute())
         assert pipeline._wired
         return pipeline
+
+    def __repr__(self) -> str:
+        return f"<dicflow.Pipeline {self._size}>"
+
+    def _repr_html_(self) -> str:
+        rows = [
+            (name, node.stage, ", ".join(dict.fromkeys(wired.inputs.values())), _settings(node))
+            for name, wired in self._wired[0].items()
+            for node in [wired.node]
+        ]
+        return table_html(f"Pipeline {self._size}", ("stage", "kind", "takes", "settings"), rows)
+
+    @property
+    def _size(self) -> str:
+        """``pipeline.yaml: 14 stages, 2 variants``."""
+        count = len(self.variants)
+        return f"{self.path.name}: {len(self._wired[0])} stages" + (f", {count} variants" if count > 1 else "")
 
     @property
     def name(self) -> str:
@@ -131,12 +155,24 @@ class Pipeline:
 
         Raises InputError for photographs that are missing or that lie outside the folders this file may read.
         """
-        for name, spec in self._instances[1].items():
-            self._check_inside(name, spec.node.searches(spec.folder))
-        graph = expand(self._instances[1])
+        assert self.searched is not None
+        graph = expand(self._instances[1], self.found)
         for task in graph.tasks.values():
             self._check_inside(task.stage, task.files.values())
         return graph
+
+    @cached_property
+    def searched(self) -> Mapping[str, tuple[Path, ...]]:
+        """Stage that starts a series → folders in which it looks. Raises InputError as :attr:`graph` does."""
+        places = {name: spec.node.searches(spec.folder) for name, spec in self._instances[1].items()}
+        for name, folders in places.items():
+            self._check_inside(name, folders)
+        return {name: folders for name, folders in places.items() if folders}
+
+    @property
+    def stages(self) -> Mapping[str, StageSpec]:
+        """The stages of the graph by name."""
+        return self._instances[1]
 
     def _check_inside(self, stage: str, files: Iterable[Path | FilePart]) -> None:
         """Raise InputError for a file or folder that lies outside those this pipeline may read."""
@@ -167,15 +203,25 @@ class Pipeline:
         options : fields of :class:`dicflow.engine.execute.Options`: ``scheduler``, ``workers``, ``dashboard``, …
         A script calls it under ``if __name__ == "__main__":``, since worker processes import the script again.
         """
-        from dicflow.engine.execute import Options, run
-        from dicflow.stages._kernels import ahead, get_ready, uncompiled
+        from dicflow.engine.execute import run
 
-        chosen = Options(**{"worker_setup": get_ready, "uncompiled": uncompiled, "ahead": ahead, **options})
-        steps = {stage: list(files) for stage, files in self.graph.files.items()}
-        resolved = {**self.resolved(), "steps": steps, "data": self.folder.name}
-        outcome = run(self.graph, self.store, pipeline=self.name, resolved=resolved, options=chosen)
+        chosen = self.options(**options)
+        outcome = run(self.graph, self.store, pipeline=self.name, resolved=self.described(), options=chosen)
         refs = {name: done.ref for name, done in outcome.outcomes.items() if done.ref is not None}
         return self._result(refs, outcome)
+
+    @staticmethod
+    def options(**options: Any) -> Options:
+        """How stages of dicflow are run. options : fields of :class:`dicflow.engine.running.Options`"""
+        from dicflow.engine.running import Options
+        from dicflow.stages._kernels import ahead, get_ready, uncompiled
+
+        return Options(**{"worker_setup": get_ready, "uncompiled": uncompiled, "ahead": ahead, **options})
+
+    def described(self) -> dict[str, Any]:
+        """What a run keeps: :meth:`resolved`, the steps of each series, and the name of the folder with the files."""
+        steps = {stage: list(files) for stage, files in self.graph.files.items()}
+        return {**self.resolved(), "steps": steps, "data": self.folder.name}
 
     def result(self) -> Result:
         """The stored products of this pipeline; nothing is computed.
@@ -228,8 +274,7 @@ class Pipeline:
         """The pipeline with every default written out, as a run keeps it.
 
         ``title``; ``stages``: parameters and inputs of each stage of the graph; ``variants``: values of the sweep;
-        ``instances``: per variant the stage of the graph that stands for each stage in the file. A run also keeps
-        ``steps``: their names for each stage that starts a series, and ``data``: name of the folder with the files.
+        ``instances``: per variant the stage of the graph that stands for each stage in the file.
         """
         stages = {
             name: {**spec.node.model_dump(mode="json"), "inputs": dict(spec.inputs)}
@@ -241,6 +286,12 @@ class Pipeline:
             "variants": [dict(variant.values) for variant in self.variants],
             "instances": [dict(names) for names in self.instances],
         }
+
+
+def _settings(node: Node) -> str:
+    """Parameters that are not the default, as a pipeline file has them."""
+    given = node.model_dump(mode="json", exclude_defaults=True, exclude={"stage"})
+    return ", ".join(f"{name}: {json.dumps(value, ensure_ascii=False)}" for name, value in given.items())
 
 
 def _in_order(wired: Mapping[str, Wired]) -> Iterable[str]:

@@ -17,10 +17,13 @@ from dicflow.engine.product import Product
 from dicflow.engine.references import Ref, can_be_read, load
 from dicflow.engine.store import Store
 from dicflow.errors import ConfigurationError, DicflowError
-from dicflow.kinds.kind import summary_of
+from dicflow.kinds.kind import rows_of, summary_of
 from dicflow.kinds.status import STATUS_NAME, status_attributes
+from dicflow.pipeline.coordinates import with_places, with_steps
+from dicflow.pipeline.notebook import table_html
 
 if TYPE_CHECKING:
+    import pandas
     import xarray
     import zarr
 
@@ -31,6 +34,8 @@ __all__ = ["ArrayFacts", "Result"]
 Variant = int | str
 """A variant of a sweep: "#2" as tables, reports and the command line name the second one, or its index, which is 1."""
 _NAME = re.compile(r"#([1-9]\d{0,5})")
+_TABLES = ("channels", "comparison", "curve", "material", "noise", "probes")
+"""Kinds of product that are tables."""
 _VIEW = "dicflow.explorer.page:Explorer"
 """``module:class`` that shows a result; it belongs to a layer above, and is loaded when somebody asks for it."""
 
@@ -156,11 +161,20 @@ class Result:
 
     def arrays(self, stage: str, step: str | int | None = None, variant: Variant = 0) -> dict[str, ArrayFacts]:
         """What is known of each array of a product; none is read or made again. Raises as :meth:`product` does."""
+        variables: Mapping[str, Any] = self._content(stage, step, variant)["variables"]
+        return {name: ArrayFacts(one["digest"], tuple(one["shape"]), one["dtype"]) for name, one in variables.items()}
+
+    def attributes(self, stage: str, step: str | int | None = None, variant: Variant = 0) -> Mapping[str, Any]:
+        """Attributes of a product; no array is read or made again. Raises as :meth:`product` does."""
+        found: Mapping[str, Any] = self._content(stage, step, variant)["attrs"]
+        return found
+
+    def _content(self, stage: str, step: str | int | None, variant: Variant) -> Mapping[str, Any]:
+        """What the store says of a product."""
         manifest = self._store.manifest(self.ref(stage, step, variant).digest)
         if manifest is None:
             raise DicflowError(f"{self.task(stage, step, variant)} is no longer in the store; run the pipeline again")
-        variables: Mapping[str, Any] = manifest.content["variables"]
-        return {name: ArrayFacts(one["digest"], tuple(one["shape"]), one["dtype"]) for name, one in variables.items()}
+        return manifest.content
 
     def dataset(
         self, stage: str, step: str | int | None = None, variant: Variant = 0, *, chunks: Any = None
@@ -168,22 +182,71 @@ class Result:
         """One product as an xarray dataset; with ``chunks`` all steps, whose arrays dask reads when they are used.
 
         chunks : as in xarray: "auto" for one chunk per array and step, or lengths by dimension; only without a step
+        Coordinates are ``step``, the number in the test, which is 0 for the first photograph, so that ``sel(step=5)``
+        is that of the sixth; ``step_name``; ``time`` [s] and ``load`` where they are known; and of points their places
+        at the first step: ``x_px`` (col), ``y_px`` (row), and ``x_mm``, ``y_mm``, ``z_mm`` (row, col).
         The status of points has ``flag_values`` and ``flag_meanings``.
         Raises ConfigurationError for chunks of one step, and if the shape of an array differs between steps.
         """
         if chunks is None:
-            return _with_flags(self.product(stage, step, variant).to_dataset())
+            dataset = with_places(_with_flags(self.product(stage, step, variant).to_dataset()))
+            names = self._named(stage, step, variant)
+            return with_steps(dataset, self, stage, names, variant) if names else dataset
         if step is not None:
             raise ConfigurationError("chunks are for all steps of a stage at once; leave out the step, or the chunks")
         refs = {name: self.ref(stage, name, variant) for name in self.steps(stage, variant)}
         if not refs:
             raise ConfigurationError(f"{stage} runs once and has no steps; leave out the chunks")
-        dataset = _with_flags(lazy_dataset(self._store, refs))
-        return dataset if chunks == "auto" else dataset.chunk(chunks)
+        dataset = with_places(_with_flags(lazy_dataset(self._store, refs)))
+        dataset = dataset if chunks == "auto" else dataset.chunk(chunks)
+        return with_steps(dataset, self, stage, list(refs), variant)
+
+    def to_dataframe(self, stage: str, step: str | int | None = None, variant: Variant = 0) -> pandas.DataFrame:
+        """The table of a product, such as that of the probes: a column's name ends in its unit.
+
+        Raises ConfigurationError for a product that is no table, and as :meth:`product` does.
+        """
+        import pandas
+
+        rows = rows_of(self.product(stage, step, variant))
+        if rows is None:
+            tables = ", ".join(name for name in self.stages if self.node(name).gives in _TABLES) or "none here"
+            raise ConfigurationError(
+                f"{stage} gives a product of kind {self.kind(stage)}, which is not a table; read it with dataset(), or "
+                f"name a stage with a table: {tables}"
+            )
+        return pandas.DataFrame(list(rows))
 
     def open(self, stage: str, step: str | int | None = None, variant: Variant = 0) -> zarr.Group:
         """One product as a group of zarr's arrays, read-only. Raises as :meth:`product` does."""
         return open_group(self._store, self.ref(stage, step, variant))
+
+    def __repr__(self) -> str:
+        return f"<dicflow.Result: {self._size}; {self._stored}>"
+
+    def _repr_html_(self) -> str:
+        rows = [
+            (stage, self.node(stage).title, self.kind(stage), len(self.steps(stage)) or "") for stage in self.stages
+        ]
+        return table_html(f"Result: {self._size}; {self._stored}", ("stage", "does", "gives", "steps"), rows)
+
+    @property
+    def _size(self) -> str:
+        """``14 stages, 2 variants``."""
+        count = len(self.values)
+        return f"{len(self.stages)} stages" + (f", {count} variants" if count > 1 else "")
+
+    @property
+    def _stored(self) -> str:
+        """``83 of 83 products stored``."""
+        instances = {instance for names in self._instances for instance in names.values()}
+        tasks = [name for name, task in self.graph.tasks.items() if task.stage in instances]
+        return f"{sum(name in self._refs for name in tasks)} of {len(tasks)} products stored"
+
+    def _named(self, stage: str, step: str | int | None, variant: Variant) -> list[str]:
+        """Name of the one step of a product; empty for a stage that runs once."""
+        names = self.steps(stage, variant)
+        return [names[step] if isinstance(step, int) else str(step)] if names else []
 
     def table(self) -> list[dict[str, Any]]:
         """One row per variant: the values of the sweep, then the scalars of every stage, as means over its steps."""

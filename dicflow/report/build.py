@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import base64
 import hashlib
+import itertools
 import json
 from collections.abc import Callable
 from pathlib import Path
@@ -24,6 +25,7 @@ from dicflow.report.rendering import assets, render
 from dicflow.report.sections import SECTIONS, Entry, entries
 from dicflow.report.summary import summary
 from dicflow.report.words import date
+from dicflow.views.publish import Note, unnoted
 from dicflow.views.source_digest import source_digest
 
 __all__ = ["write_report"]
@@ -34,13 +36,19 @@ APPENDIX = ("calibration", "quality", "provenance")
 
 
 def write_report(
-    pipeline: Pipeline, result: Result, folder: Path, workers: int = 1, note: Callable[[str], None] | None = None
+    pipeline: Pipeline,
+    result: Result,
+    folder: Path,
+    workers: int = 1,
+    note: Callable[[str], None] | None = None,
+    progress: Note = unnoted,
 ) -> Path:
     """Write ``report.html`` and return its path.
 
     folder : of the maps and tables, made if missing
     workers : threads that draw at once
     note : called with the message of each section that fails; a page with one is made again by the next call
+    progress : called with the number of sections made, and of all
     Nothing is computed: what the store lacks is listed as missing, and a section that fails shows its error.
     A page of the same products is kept if the run computed nothing: it describes the run that made them.
     Raises InputError where the file cannot be written.
@@ -55,11 +63,7 @@ def write_report(
     make_folder(folder)
     pieces = Pieces(folder / ".report", _code())
     context = Context(pipeline, result, facts, pieces, folder, workers)
-    sections = _made(entries(), context, problems)
-    opening = _made([Entry("answer", "Result", lambda context: answer(context, sections))], context, problems)
-    sections = [*opening, *sections]
-    first = _made([Entry("summary", "Summary", lambda context: summary(context, sections))], context, problems)
-    text = _page(context, [*opening, *first, *sections[len(opening) :]], logo)
+    text = _page(context, _sections(context, problems, progress), logo)
     pieces.drop_unused()
     write_whole(page, text.encode())
     make_folder(record.parent)
@@ -107,9 +111,20 @@ def _run(pipeline: Pipeline, result: Result) -> RunInfo | None:
     return pipeline.last_run()
 
 
-def _made(parts: list[Entry], context: Context, problems: list[str]) -> list[Section]:
-    """The sections that this pipeline has."""
-    return [section for entry in parts if (section := _built(entry, context, problems)) is not None]
+def _sections(context: Context, problems: list[str], progress: Note) -> list[Section]:
+    """The sections that this pipeline has, in order. problems : takes the messages of those that fail"""
+    parts = entries()
+    count, done = len(parts) + 2, itertools.count(1)
+
+    def made(entry: Entry) -> list[Section]:
+        section = _built(entry, context, problems)
+        progress(next(done), count)
+        return [] if section is None else [section]
+
+    sections = [section for entry in parts for section in made(entry)]
+    opening = made(Entry("answer", "Result", lambda context: answer(context, sections)))
+    first = made(Entry("summary", "Summary", lambda context: summary(context, [*opening, *sections])))
+    return [*opening, *first, *sections]
 
 
 def _built(entry: Entry, context: Context, problems: list[str]) -> Section | None:

@@ -9,6 +9,7 @@ from pydantic import AfterValidator, Field
 
 from dicflow.engine.node import At, Keep, Node, Pixels, Port, Scope, keeping, parameter
 from dicflow.engine.product import Product
+from dicflow.engine.share import free_threads
 from dicflow.errors import ConfigurationError, StageError
 from dicflow.kinds.frame import ResultFrame
 from dicflow.kinds.kind import summary_of
@@ -147,6 +148,7 @@ class Deformation(Node):
         covariance = joint_covariance(after, before, step.template)
         errors = errors_by_shape(covariance, step, first, (axes, along))
         measured = measured_surface(before.xyz, after.xyz, [*errors.values()], first.parts, self.min_share)
+        measured = measured._replace(threads=free_threads())
         jumps = unseen_jumps(measured, *self._jumps(step, first))
         chosen = chosen_gradient(measured, candidate_fits(self._window(first), self.degree), jumps)
         surface = chosen.surface

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar, Literal
 
 from dicflow.engine.files import FilePart
-from dicflow.engine.node import InputFile, Node, Scope, Seconds, parameter
+from dicflow.engine.node import InputFile, Node, Scope, Seconds, Steps, parameter
 from dicflow.engine.product import Product
 from dicflow.errors import InputError
 from dicflow.kinds.images import Images as Photographs
@@ -21,7 +21,6 @@ __all__ = ["Images"]
 
 _Fact = Mapping[str, Any]
 _Facts = Mapping[Path | FilePart, _Fact]
-_Steps = Mapping[str, Mapping[str, Path | FilePart]]
 _NAMED = 3
 
 
@@ -93,15 +92,24 @@ class Images(Node):
         ]
         return tuple(search_start(folder, pattern)[0] for pattern in patterns)
 
-    def steps(self, folder: Path) -> _Steps:
+    def steps(self, folder: Path) -> Steps:
+        return self._steps_of(self._photographs(folder), self.unpaired, folder)
+
+    def steps_so_far(self, folder: Path, is_whole: Callable[[Path], bool]) -> Steps:
+        found = self._photographs(folder)
+        whole = {side: {name: path for name, path in files.items() if is_whole(path)} for side, files in found.items()}
+        return self._steps_of(whole, "skip", folder) if all(whole.values()) else {}
+
+    def _steps_of(
+        self, found: Mapping[str, Mapping[str, Path]], unpaired: Literal["refuse", "skip"], folder: Path
+    ) -> Steps:
         from dicflow.io.images import steps_of
 
-        found = self._photographs(folder)
         listed = isinstance(self.left, list) and isinstance(self.right, list)
-        steps = steps_of(found["left"], found.get("right"), self.pair_by, self.unpaired, listed, self._offset)
+        steps = steps_of(found["left"], found.get("right"), self.pair_by, unpaired, listed, self._offset)
         return self._selected(steps, folder)
 
-    def _selected(self, steps: _Steps, folder: Path) -> _Steps:
+    def _selected(self, steps: Steps, folder: Path) -> Steps:
         from dicflow.io.images import Selection, read_times, selected
 
         if self.select is None and self.reference is None:
@@ -120,14 +128,12 @@ class Images(Node):
     def _offset(self) -> float | None:
         return None if self.offset == "auto" else self.offset
 
-    def left_out(self, folder: Path, steps: _Steps) -> tuple[str, ...]:
+    def left_out(self, folder: Path, steps: Steps) -> tuple[str, ...]:
         from dicflow.io.images import video_sentences
 
         found = self._photographs(folder)
         sentences = tuple(video_sentences(found["left"], found.get("right"), self._offset))
-        return (
-            sentences if self.unpaired == "refuse" or self.select is not None else (*sentences, *_alone(found, steps))
-        )
+        return sentences if self.right is None or self.select is not None else (*sentences, *_alone(found, steps))
 
     def _photographs(self, folder: Path) -> dict[str, dict[str, Path]]:
         """Left and right → file name → file."""
@@ -149,7 +155,7 @@ class Images(Node):
     def agree(
         self,
         facts: _Facts,
-        steps: _Steps,
+        steps: Steps,
         inputs: Mapping[str, tuple[str, ...]],
     ) -> None:
         if self.orientation is None:
@@ -192,7 +198,7 @@ class Images(Node):
         return {**fact, "width": width, "height": height}
 
 
-def _alone(found: Mapping[str, Mapping[str, Path]], steps: _Steps) -> tuple[str, ...]:
+def _alone(found: Mapping[str, Mapping[str, Path]], steps: Steps) -> tuple[str, ...]:
     """The sentence about photographs that are in no step, if there are any."""
     listed = (file for files in steps.values() for file in files.values())
     used = {file.path if isinstance(file, FilePart) else file for file in listed}

@@ -11,14 +11,13 @@ from dicflow.engine.node import At, Node, Port, Scope, parameter
 from dicflow.engine.product import Product
 from dicflow.errors import StageError
 from dicflow.kinds.comparison import Comparison
-from dicflow.kinds.maps import MapQuantity, Positions, colour_range, drawn_at, joined_range
+from dicflow.kinds.maps import MapQuantity, Positions, StepRanges, colour_range, drawn_at, joined_range
 from dicflow.kinds.maps import Maps as MapsProduct
 from dicflow.kinds.quantities import ERRORS, QUANTITIES, of_field
 from dicflow.kinds.total import Total
 
 if TYPE_CHECKING:
     import numpy as np
-
 __all__ = ["Maps"]
 
 
@@ -74,28 +73,34 @@ class Maps(Node):
         24, "steps that are drawn: so many, evenly chosen, and those with the extreme values; all for every one"
     )
 
+    def look(self, total: Product) -> Product:
+        """Ranges, extent and motion at one step."""
+        field = Total.read(total)
+        self._check_drawable(field)
+        ranges = {name: colour_range(field[name], self.percentile) for name in self.quantities}
+        texts = {name: [field.caption(name), field.unit_of(name)] for name in self.quantities}
+        extent = _extent(field[self._positions][..., :2])
+        return StepRanges.write(ranges, extent, _motion(field), {"unit": field.unit, "texts": texts})
+
     def run(self, total: Sequence[Product], comparison: Product | None = None) -> Product:
         import numpy as np
 
-        positions: Positions = "xyz" if self.configuration == "deformed" else "xyz_reference"
-        extent = _Extent()
-        ranges: dict[str, list[tuple[float, float] | None]] = {name: [] for name in self.quantities}
-        for field in map(Total.read, total):
-            self._check_drawable(field)
-            extent.include(field[positions][..., :2])
-            for name, seen in ranges.items():
-                seen.append(colour_range(field[name], self.percentile))
-        if not np.isfinite(extent.low).all():
+        seen = [StepRanges.read(product) for product in total]
+        extents = np.array([one["extent"] for one in seen])
+        corners = [*extents[:, :2].min(axis=0).tolist(), *extents[:, 2:].max(axis=0).tolist()]
+        if not np.isfinite(corners).all():
             raise StageError("no step has a single measured point; look at the tracking and the region of interest")
-        first = Total.read(total[0])
-        quantities = {
-            name: MapQuantity(first.caption(name), first.unit_of(name), joined_range(seen))
-            for name, seen in ranges.items()
-        }
-        corners = [*extent.low.tolist(), *extent.high.tolist()]
-        phases = _phases(total, comparison)
-        product = MapsProduct.write(quantities, positions, corners, first.unit, self.colour_map, phases)
+        found = [one.ranges for one in seen]
+        ranges = {name: [one[name] for one in found] for name in self.quantities}
+        texts: Mapping[str, tuple[str, str]] = seen[0].facts["texts"]
+        quantities = {name: MapQuantity(*texts[name], joined_range(one)) for name, one in ranges.items()}
+        phases, unit = _phases([one.motion for one in seen], comparison), seen[0].facts["unit"]
+        product = MapsProduct.write(quantities, self._positions, corners, unit, self.colour_map, phases)
         return product if self.pictures == "all" else drawn_at(product, _chosen(ranges, len(total), self.pictures))
+
+    @property
+    def _positions(self) -> Positions:
+        return "xyz" if self.configuration == "deformed" else "xyz_reference"
 
     def _check_drawable(self, total: Total) -> None:
         if missing := [name for name in self.quantities if name not in total]:
@@ -103,22 +108,24 @@ class Maps(Node):
             raise StageError(f"the total has no {', '.join(missing)} to draw; it has {drawable}")
 
 
-class _Extent:
-    """Least and largest place, (x, y) each; NaN does not count."""
+def _extent(places: np.ndarray) -> list[float]:
+    """Least and largest x and y of places (…, 2), as x_min, y_min, x_max, y_max; infinite without any."""
+    import numpy as np
 
-    def __init__(self) -> None:
-        import numpy as np
+    rows = places.reshape(-1, 2)
+    rows = rows[np.isfinite(rows).all(axis=1)]
+    if not len(rows):
+        return [np.inf, np.inf, -np.inf, -np.inf]
+    return [*rows.min(axis=0).tolist(), *rows.max(axis=0).tolist()]
 
-        self.low, self.high = np.full(2, np.inf), np.full(2, -np.inf)
 
-    def include(self, places: np.ndarray) -> None:
-        """Extend by further places (…, 2)."""
-        import numpy as np
+def _motion(total: Total) -> float:
+    """Mean displacement in the plane of the photograph; 0 without any."""
+    import numpy as np
 
-        rows = places.reshape(-1, 2)
-        rows = rows[np.isfinite(rows).all(axis=1)]
-        if len(rows):
-            self.low, self.high = np.minimum(self.low, rows.min(axis=0)), np.maximum(self.high, rows.max(axis=0))
+    if not np.isfinite(total["U"]).any():
+        return 0.0
+    return float(np.nan_to_num(np.nanmean(np.hypot(total["U"], total["V"]))))
 
 
 def _chosen(ranges: Mapping[str, Sequence[tuple[float, float] | None]], count: int, pictures: int) -> list[int]:
@@ -135,17 +142,11 @@ def _chosen(ranges: Mapping[str, Sequence[tuple[float, float] | None]], count: i
     return sorted(found)
 
 
-def _phases(total: Sequence[Product], comparison: Product | None) -> list[str]:
+def _phases(motion: Sequence[float], comparison: Product | None) -> list[str]:
     """Loading or unloading for each total: by the comparison, else unloading after the largest displacement."""
     import numpy as np
 
     if comparison is not None:
         return list(Comparison.read(comparison).phases[1:])
-    motion = [
-        float(np.nan_to_num(np.nanmean(np.hypot(product["U"], product["V"]))))
-        if np.isfinite(product["U"]).any()
-        else 0.0
-        for product in total
-    ]
     peak = int(np.argmax(motion))
     return ["loading" if index <= peak else "unloading" for index in range(len(motion))]

@@ -12,7 +12,7 @@ from dicflow.engine.node import At, Node, Port, Scope, parameter
 from dicflow.engine.product import Product, Variable
 from dicflow.errors import StageError
 from dicflow.kinds.channels import Channels
-from dicflow.kinds.probes import ProbeTable, Reading, gauge_facts
+from dicflow.kinds.probes import ProbeTable, Reading, StepReadings, gauge_facts
 from dicflow.kinds.quantities import ERRORS, QUANTITIES, unit_of
 from dicflow.kinds.rig import CalibratedRig
 from dicflow.kinds.total import Total, gradient_measures
@@ -23,6 +23,7 @@ if TYPE_CHECKING:
 
     from dicflow.core.probes.weights import ErrorCorrelation, Probe
     from dicflow.core.uncertainty.overlap import Overlap
+    from dicflow.engine.looks import Looks
 
 __all__ = ["Probes"]
 
@@ -92,23 +93,26 @@ class Probes(Node):
             raise ValueError(f"each name stands for one probe, but {', '.join(twice)} for several")
         return self
 
-    def run(self, total: Sequence[Product], rig: Product | None = None, channels: Product | None = None) -> Product:
+    def look(self, total: Product, rig: Product | None = None) -> Product:
+        """The readings at one step."""
+        field = Total.read(total)
+        step = _Step(field, self.unit, None if rig is None else CalibratedRig.read(rig))
+        along = {name: [step.at(place) for place in _samples(line)] for name, line in self.lines.items()}
+        found = dict(self._read(step, along))
+        lengths = {name: found.pop(name) for name in self.extensometers}
+        facts = {"gauge": gauge_facts(total), "scaled": field.relative_u_of_scale is not None}
+        return StepReadings.write((found, lengths), self._profiles(step, along), facts)
+
+    def run(self, total: Looks, rig: Product | None = None, channels: Product | None = None) -> Product:
         if not len(total):
             raise StageError("expected two or more steps, found one; give more photographs")
-        steps: list[str] = ["reference", *getattr(total, "steps", map(str, range(1, len(total) + 1)))]
-        cameras = None if rig is None else CalibratedRig.read(rig)
-        readings: list[dict[str, Readings]] = []
-        profiles: list[dict[str, np.ndarray]] = []
-        for product in total:
-            step = _Step(Total.read(product), self.unit, cameras)
-            along = {name: [step.at(place) for place in _samples(line)] for name, line in self.lines.items()}
-            readings.append(dict(self._read(step, along)))
-            profiles.append(self._profiles(step, along))
+        steps = ["reference", *total.steps]
+        seen = [StepReadings.read(product) for product in total]
+        readings: list[dict[str, Readings]] = [one.readings for one in seen]
         readings.insert(0, _at_first_step(readings))
         self._check_measured(readings)
-        facts = gauge_facts(total[0])
-        parts = ["", *ERRORS]
-        if Total.read(total[0]).relative_u_of_scale is None and (cameras is None or cameras.covariance is None):
+        facts, parts = seen[0].facts["gauge"], ["", *ERRORS]
+        if not seen[0].facts["scaled"] and (rig is None or CalibratedRig.read(rig).covariance is None):
             parts.remove("calibration_")
         rows = [
             {"probe": name, "kind": kind, "step": step, **_columns(reading[name], facts["unit"], parts)}
@@ -117,7 +121,7 @@ class Probes(Node):
             for step, reading in zip(steps, readings, strict=True)
         ]
         variables = self._variables(readings, facts["unit"], parts)
-        variables |= self._profile_variables(profiles, facts["unit"])
+        variables |= self._profile_variables([one.profiles for one in seen], facts["unit"])
         if channels is not None:
             variables |= beside(Channels.read(channels), steps, list(self.extensometers), variables, rows)
         return ProbeTable.write(variables, steps, self._kinds(), rows, {**facts, "summary": _summary(readings)})

@@ -8,6 +8,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from dicflow.engine.looks import with_looks
 from dicflow.engine.product import Product
 from dicflow.io.caliper import Caliper, read_caliper
 from dicflow.kinds.probes import ProbeTable
@@ -91,7 +92,7 @@ def _reading(total: Product, gauge: Probes | None, along: str) -> Reading:
     if gauge is None:
         field = total[along]
         return Reading(float(np.nanmean(field)), 0.0)
-    row = ProbeTable.read(gauge.run((total,))).rows[-1]
+    row = ProbeTable.read(gauge.run(**with_looks(gauge, {"total": (total,)}))).rows[-1]
     strain, u = row["strain"], row["u_strain"]
     return Reading(math.nan if strain is None else strain, u or 0.0)
 

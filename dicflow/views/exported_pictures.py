@@ -161,13 +161,15 @@ def _usual(drawn: Drawn, stage: str) -> tuple[str, ...]:
 
 def _style(drawn: Drawn, stage: str, quantity: str, totals: Sequence[Product]) -> tuple[Look, MapWindow]:
     """Look and window that all steps share."""
+    from dicflow.engine.looks import with_looks
     from dicflow.stages.maps import Maps as MapsStage
     from dicflow.views.windows import map_look, map_window
 
     maps = maps_of(drawn.result, stage, drawn.variant)
     if maps is None or quantity not in maps.quantities:
         try:
-            maps = Maps.read(MapsStage(quantities=(quantity,)).run(total=totals))
+            node = MapsStage(quantities=(quantity,))
+            maps = Maps.read(node.run(**with_looks(node, {"total": totals})))
         except ValueError as error:
             raise ConfigurationError(
                 f"{stage}: no movie of {quantity}: a movie shows a displacement or strain"

@@ -7,12 +7,15 @@ it shows: where another array of a total has changed, it is left alone too.
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterator, Mapping, Sequence
-from concurrent.futures import ThreadPoolExecutor
+import itertools
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor, as_completed
+from contextlib import suppress
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from dicflow.errors import InputError
 from dicflow.io.files import make_folder
 from dicflow.io.results import csv_text, table_text
 from dicflow.pipeline.result import Result
@@ -22,18 +25,28 @@ from dicflow.views.source_digest import source_digest
 if TYPE_CHECKING:
     from dicflow.views.published_maps import MapFiles
 
-__all__ = ["publish"]
+__all__ = ["Note", "publish", "unnoted"]
 
 _TABLES = ("comparison", "probes", "channels", "noise")
+Note = Callable[[int, int], None]
+"""Takes how many parts of something are done, and of how many."""
 
 
-def publish(result: Result, folder: Path, workers: int = 1, *, pictures: bool = True) -> list[Path]:
+def unnoted(_done: int, _count: int) -> None:
+    """Takes the same, for nobody."""
+
+
+def publish(
+    result: Result, folder: Path, workers: int = 1, *, pictures: bool = True, note: Note = unnoted
+) -> list[Path]:
     """Write the maps, the tables of comparisons, probes and noise floors, and the sweep's table of a result.
 
     folder : made if missing; files whose sources have not changed since are not made again. Pictures of
         steps, phases and quantities that the result no longer has are deleted, unless they were changed since.
     workers : threads that draw at once
     pictures : whether maps are drawn; else those of earlier runs are left as they are
+    note : called with the number of drawn parts, and of all
+    Ctrl-C ends it when the parts under way are drawn; they are kept.
     Returns the paths of all files, new or not.
     """
     make_folder(folder)
@@ -41,20 +54,30 @@ def publish(result: Result, folder: Path, workers: int = 1, *, pictures: bool = 
     whole = source_of(code, result.digests, result.values, pictures)
     files = published.files_of(whole)
     if files is None:
-        files = _made(published, _rounds(result, published, code, pictures), workers)
+        files = _made(published, _rounds(result, published, code, pictures), workers, note)
         if pictures:
             _delete_others(result, published, files)
         published.save(whole, files)
     return [folder / file for file in files]
 
 
-def _made(published: Published, rounds: Sequence[Sequence[Job]], workers: int) -> list[str]:
+def _made(published: Published, rounds: Sequence[Sequence[Job]], workers: int, note: Note) -> list[str]:
     """Make what is missing; the names of all files of the result."""
     sources = {file: source for jobs in rounds for job in jobs for file, source in job.sources.items()}
     stale = {file for file, source in sources.items() if not published.is_current(file, source)}
-    with ThreadPoolExecutor(workers) as pool:
+    count, done = sum(map(len, rounds)), itertools.count(1)
+    pool = ThreadPoolExecutor(workers)
+    try:
         for jobs in rounds:
-            list(pool.map(partial(_do, published, stale), jobs))
+            for drawn in as_completed([pool.submit(_do, published, stale, job) for job in jobs]):
+                drawn.result()
+                note(next(done), count)
+    except BaseException:
+        pool.shutdown(cancel_futures=True)
+        with suppress(InputError):
+            published.save("", [])
+        raise
+    pool.shutdown()
     return list(sources)
 
 

@@ -63,6 +63,15 @@ def test_the_cache_holds_what_was_used_last_within_its_limit():
     assert small.get("too large") is None
 
 
+def test_what_is_in_the_store_gives_way_to_what_would_be_made_again():
+    small = ProductCache(limit=100)
+    for name, kept in (("a", False), ("b", True), ("c", False)):
+        small.put(name, field(name, []), 40, kept)
+    assert [small.get(name) is not None for name in "abc"] == [True, False, True]
+    small.put("d", field("d", []), 40, True)
+    assert [small.get(name) is not None for name in "acd"] == [False, True, True]
+
+
 def test_depth_counts_stages_that_must_run():
     kept = Ref("a")
     one = Ref("b", Recipe("b", toys.Scale(), {"number": kept}, {}))

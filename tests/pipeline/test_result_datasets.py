@@ -42,7 +42,8 @@ def test_all_steps_are_one_lazy_dataset(result, monkeypatch):
     read = []
     monkeypatch.setattr(lazy, "load", lambda store, ref: read.append(ref.digest) or load(store, ref))
     whole = result.dataset("total", chunks="auto")
-    assert list(whole.step.values) == list(result.steps("total"))
+    assert list(whole.step_name.values) == list(result.steps("total"))
+    assert whole.step.values.tolist() == [1, 2]
     assert isinstance(whole.U.data, dask.array.Array)
     assert whole.U.data.numblocks[0] == len(result.steps("total"))
     assert not read
@@ -56,7 +57,7 @@ def test_all_steps_are_one_lazy_dataset(result, monkeypatch):
 def test_the_status_says_what_its_codes_mean(result, chunks, tmp_path):
     """As conventions for climate and forecast data have it; it outlives a file of zarr's."""
     whole = result.dataset("total", None if chunks else 0, chunks=chunks)[["status"]]
-    whole.drop_vars("step", errors="ignore").drop_attrs(deep=False).to_zarr(tmp_path / "total.zarr", consolidated=False)
+    whole.drop_vars("step_name").drop_attrs(deep=False).to_zarr(tmp_path / "total.zarr", consolidated=False)
     for status in (whole.status, xarray.open_zarr(tmp_path / "total.zarr", consolidated=False).status):
         values, meanings = np.asarray(status.attrs["flag_values"]), status.attrs["flag_meanings"].split()
         assert values.tolist() == [*Status]

@@ -4,6 +4,7 @@ import json
 
 import numpy as np
 import pytest
+from looking import ran
 from measured_points import (
     MM_PX,
     RIG,
@@ -250,14 +251,14 @@ def test_variables_have_units_and_names():
 
 def test_maps_of_any_field_with_its_gauge():
     result = total(deformed(STRETCH), measure="hencky")
-    drawn = Maps(quantities=("U", "eyy", "von_mises", "sigma_eyy", "sigma_U")).run(total=[result]).attrs["quantities"]
+    drawn = ran(Maps(quantities=("U", "eyy", "von_mises", "sigma_eyy", "sigma_U")), total=[result]).attrs["quantities"]
     assert drawn["U"]["title"] == "displacement U"
     assert drawn["eyy"]["title"] == "Hencky strain (material directions) εyy, VSG 63 px = 3.15 mm"
     assert drawn["sigma_eyy"]["title"].startswith("σ of the Hencky strain (material directions) εyy, VSG")
     assert drawn["sigma_U"]["unit"] == "mm"
     assert drawn["eyy"]["range"] == pytest.approx([np.log(2.3)] * 2, abs=1e-5)
     with pytest.raises(StageError, match=r"no calibration_U .* U, V, W"):
-        Maps(quantities=("calibration_U",)).run(total=[result])
+        ran(Maps(quantities=("calibration_U",)), total=[result])
 
 
 def test_what_maps_reports_and_exports_read_is_at_hand():

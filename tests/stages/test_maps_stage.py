@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from looking import ran
 
 from dicflow.engine.product import Product, Variable
 from dicflow.kinds.maps import Maps as Table
@@ -18,7 +19,7 @@ def total(value):
 
 
 def drawn(values, **parameters):
-    product = Maps(quantities=("eyy",), **parameters).run(total=[total(value) for value in values])
+    product = ran(Maps(quantities=("eyy",), **parameters), total=[total(value) for value in values])
     return list(Table.read(product).drawn), product
 
 

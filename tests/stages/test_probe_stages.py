@@ -4,6 +4,7 @@ import json
 
 import numpy as np
 import pytest
+from looking import ran
 from measured_points import RIG, SHAPE, STEP_SIZE, first_points, grid_px, points, sheet, template_errors
 from pydantic import ValidationError
 
@@ -52,7 +53,7 @@ def perfect():
 
 
 def test_perfect_readings(perfect):
-    result = Probes(**PLACES).run(total=perfect)
+    result = ran(Probes(**PLACES), total=perfect)
     assert result.kind == "probes"
     assert result["strain"] == pytest.approx(np.array([[0.0, 0.0, 1.3]]), abs=1e-9)
     length = 220 * 0.05
@@ -72,8 +73,8 @@ def test_channels_stand_beside_the_readings_of_each_step(perfect):
     force = Channel(np.array([0.5, np.nan, 2.0]), "N", "force")
     time = Channel(np.array([0.0, 2.0, 6.0]), "s", "time")
     channels = Channels.write({"force": force, "time": time}, ["first", "one", "two"], "force")
-    result = Probes(**PLACES).run(total=perfect, channels=channels)
-    plain = Probes(**PLACES).run(total=perfect)
+    result = ran(Probes(**PLACES), total=perfect, channels=channels)
+    plain = ran(Probes(**PLACES), total=perfect)
     assert [row["force_N"] for row in result.attrs["rows"] if row["probe"] == "P"] == [0.5, None, 2.0]
     np.testing.assert_array_equal(result["channel_time_s"], [0.0, 2.0, 6.0])
     assert result["strain_rate"][0] == pytest.approx([0.0, 1.3 / 4 / 3, 1.3 / 4], abs=1e-9)
@@ -84,7 +85,7 @@ def test_channels_stand_beside_the_readings_of_each_step(perfect):
 
 
 def test_rows_are_a_table(perfect):
-    result = Probes(**PLACES).run(total=perfect)
+    result = ran(Probes(**PLACES), total=perfect)
     assert [(row["probe"], row["kind"], row["step"]) for row in result.attrs["rows"][:3]] == [
         ("P", "point", "reference"),
         ("P", "point", "one"),
@@ -103,7 +104,7 @@ def test_rows_are_a_table(perfect):
 
 def test_places_in_millimetres(perfect):
     in_mm = {"E": tuple(tuple((np.array(end) - [500, 400]) * 0.05) for end in PLACES["extensometers"]["E"])}
-    result = Probes(extensometers=in_mm, unit="mm").run(total=perfect)
+    result = ran(Probes(extensometers=in_mm, unit="mm"), total=perfect)
     assert result["strain"] == pytest.approx(np.array([[0.0, 0.0, 1.3]]), abs=1e-9)
 
 
@@ -115,11 +116,11 @@ def test_a_rectangle_is_an_area(perfect):
 def test_sigma_covers_the_errors(perfect):
     probe = Probes(**{**PLACES, "lines": {}, "areas": {**PLACES["areas"], "thin": (330, 298, 400, 305)}})
     rng, scores = np.random.default_rng(4), {}
-    truth = probe.run(total=perfect[1:])
+    truth = ran(probe, total=perfect[1:])
     for _ in range(60):
         common = template_errors(rng)
         after = moved(STRETCH, (0.1, -0.2, 0.1), (5, 6, 7))
-        noisy = probe.run(total=(total(after, rng, common),))
+        noisy = ran(probe, total=(total(after, rng, common),))
         for name in ("U", "W", "exx", "eyy", "gxy", "length", "strain"):
             error = (noisy[name] - truth[name])[:, 1] / noisy[f"sigma_{name}"][:, 1]
             scores.setdefault(name, []).append(error)
@@ -141,7 +142,7 @@ def test_the_calibration_share_is_what_rigs_of_its_modes_read(rigid):
         for part in (after, before):
             xyz = points(triangulate(rig, part["xy"], part["xy_right"]).xyz)
             states.append(Product("points", {**xyz.variables, "xy": part.variables["xy"]}, xyz.attrs))
-        return probes.run(total=(Deformation(rigid=rigid).run(points=states[0], points_first=states[1]),), rig=given)
+        return ran(probes, total=(Deformation(rigid=rigid).run(points=states[0], points_first=states[1]),), rig=given)
 
     covariance = root @ root.T
     found = read(RIG, Product("rig", attrs={"rig": rig_to_json(RIG), "covariance": covariance.tolist()}))
@@ -157,13 +158,13 @@ def test_the_calibration_share_is_what_rigs_of_its_modes_read(rigid):
 
 def test_without_the_calibrations_error_nothing_is_said_of_it(perfect):
     rig = Product("rig", attrs={"rig": rig_to_json(RIG)})
-    assert not [name for name in Probes(**PLACES).run(total=perfect, rig=rig).variables if "calibration" in name]
+    assert not [name for name in ran(Probes(**PLACES), total=perfect, rig=rig).variables if "calibration" in name]
 
 
 def test_a_lost_probe_has_no_value_there(perfect):
     lost = points(moved(STRETCH))["xyz"].copy()
     lost[:, 10:] = np.nan
-    result = Probes(**PLACES).run(total=Steps((perfect[0], total(lost))))
+    result = ran(Probes(**PLACES), total=Steps((perfect[0], total(lost))))
     assert np.isfinite(result["strain"][0, :2]).all()
     assert np.isnan(result["strain"][0, 2])
     assert result.attrs["rows"][-1]["strain"] is None
@@ -173,7 +174,7 @@ def test_a_lost_probe_has_no_value_there(perfect):
 
 def test_a_probe_beside_the_specimen_is_refused(perfect):
     with pytest.raises(StageError, match=r"'Q' .*no step"):
-        Probes(points={"Q": (5.0, 5.0)}).run(total=perfect)
+        ran(Probes(points={"Q": (5.0, 5.0)}), total=perfect)
 
 
 def test_what_cannot_be_probed_is_refused_early():

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from looking import ran
 from measured_points import SHAPE, correlation, first_points, grid_px, sheet
 
 from dicflow.core.calibration.board import Board
@@ -80,7 +81,7 @@ def test_a_rig_says_nothing_of_places_in_pixels():
 
 def test_probes_have_the_share_of_the_scale():
     scale = Scale(**KNOWN).run(images=PHOTOGRAPH)
-    probes = Probes(extensometers={"E": ENDS}, points={"P": (350.0, 300.0)}).run(total=totals(scale))
+    probes = ran(Probes(extensometers={"E": ENDS}, points={"P": (350.0, 300.0)}), total=totals(scale))
     length, elongation = probes["length"][0, -1], probes["elongation"][0, -1]
     assert length == pytest.approx(0.1 * np.linalg.norm(GRADIENT @ [0.0, 220.0]))
     assert probes["calibration_length"][0, -1] == pytest.approx(0.005 * length)

@@ -11,7 +11,8 @@ from rich.console import Console
 
 from dicflow.engine.journal import Event
 from dicflow.engine.product import Product, Variable
-from dicflow.views.console import Progress, consoles, product_tables, simple_table
+from dicflow.views.console import consoles, product_tables, simple_table
+from dicflow.views.progress import Progress
 
 STAGES = {"photos": {"hit": 2, "run": 0, "pending": 0}, "pair": {"hit": 0, "run": 2, "pending": 0}}
 

@@ -9,8 +9,9 @@ import sys
 import pytest
 
 from dicflow.engine.journal import Event
-from dicflow.views.console import Progress, consoles, simple_table
+from dicflow.views.console import consoles, simple_table
 from dicflow.views.plain_text import ascii_signs, plain, plain_line
+from dicflow.views.progress import Progress
 
 HOSTILE = {
     "\x1b]0;OWNED\a": "\\u001b]0;OWNED\\u0007",

@@ -24,7 +24,7 @@ export async function show(place, app) {
 
 class ExploreScreen {
   constructor(place, app) {
-    Object.assign(this, { place, app, explorer: null, found: null, isLeft: false, isTouched: false, wasRunning: false, variant: Number(app.detail) || 0, most: USUAL_STEPS });
+    Object.assign(this, { place, app, explorer: null, found: null, isLeft: false, isTouched: false, isRunning: false, variant: Number(app.detail) || 0, most: USUAL_STEPS });
     this.tools = h("div", { className: "tools", role: "toolbar", "aria-label": "Result" });
     this.keeps = h("span", { className: "keeps" });
     this.field = h("div", { className: "field" });
@@ -74,7 +74,7 @@ class ExploreScreen {
     fill(this.field, empty(title, "No step has fields yet. A run measures them.", button("Go to the run", () => this.app.go("run"), { className: "main" })));
   }
 
-  /** Show a result with the scene of the one before. */
+  /** Show a result with the scene of the one before; of a run that goes on the last step, until somebody chooses. */
   async mount({ view, manifest }) {
     const old = this.explorer;
     old?.play(false);
@@ -84,6 +84,7 @@ class ExploreScreen {
     fill(this.field, element);
     for (const way of ["pointerdown", "keydown"]) element.addEventListener(way, () => { this.isTouched = true; });
     if (old && this.isTouched) await carry(old, explorer);
+    else if (this.isRunning) await explorer.change({ step: manifest.steps.length - 1 });
     await explorer.ready;
   }
 
@@ -124,9 +125,9 @@ class ExploreScreen {
     this.timer = setTimeout(async () => {
       try {
         const { state } = await ask("watch", { file: this.app.file });
-        const isRunning = state === "running" || state === "starting";
-        if (isRunning || this.wasRunning) await this.inTurn(() => this.read(this.most));
-        this.wasRunning = isRunning;
+        const wasRunning = this.isRunning;
+        this.isRunning = state === "running" || state === "starting";
+        if (this.isRunning || wasRunning) await this.inTurn(() => this.read(this.most));
       } catch { /* said when something is asked for next */ }
       if (!this.isLeft) this.wait();
     }, LOOK_MS);

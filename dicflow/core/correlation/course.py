@@ -35,7 +35,7 @@ def next_course(course: Course, previous: Array, found: Array) -> Course:
     The motion of a point that was not found at the previous step is 0.
 
     >>> course = Course(np.array([[5.0, 5.0]]), np.array([[-4.0, 0.0]]))
-    >>> carried_on(course, np.array([[5.0, 5.0]]), np.array([[np.nan, np.nan]])).expected
+    >>> next_course(course, np.array([[5.0, 5.0]]), np.array([[np.nan, np.nan]])).expected
     array([[-3.,  5.]])
     """
     known = np.isfinite(found)

@@ -101,7 +101,8 @@ def still_background(first: Grey, later: Sequence[Grey], textured: Mask, threads
     seen = cv2.resize(textured.astype(np.uint8), size, interpolation=cv2.INTER_NEAREST) > 0
 
     def still(image: Grey) -> Mask | None:
-        return still_part(estimate_motion(before, reduced(to_8bit(image), scale), seen), seen)
+        after = reduced(to_8bit(image), scale)
+        return None if _at_rest(before, after, seen) else still_part(estimate_motion(before, after, seen), seen)
 
     at_once = (over(threads, still, later[k : k + threads]) for k in range(0, len(later), threads))
     found = next((part for parts in at_once for part in parts if part is not None), None)
@@ -109,6 +110,18 @@ def still_background(first: Grey, later: Sequence[Grey], textured: Mask, threads
         return None
     wide = cv2.dilate(found.astype(np.uint8), _SQUARE) if scale < 1.0 else found.astype(np.uint8)
     return np.asarray(textured & (cv2.resize(wide, textured.shape[::-1], interpolation=cv2.INTER_NEAREST) > 0))
+
+
+def _at_rest(before: Bytes, after: Bytes, textured: Mask) -> bool:
+    """Whether photographs of half the size show that hardly anything moves by half of what counts, and nothing is lost.
+
+    That takes a quarter of the time.
+    """
+    motion = _dense_motion(reduced(before, 0.5), reduced(after, 0.5), None)
+    size = motion.known.shape[::-1]
+    seen = cv2.resize(textured.astype(np.uint8), size, interpolation=cv2.INTER_NEAREST) > 0
+    moves = ~motion.known | (2.0 * np.linalg.norm(motion.shift, axis=-1) > 0.5 * MIN_MOTION_PX)
+    return bool(np.count_nonzero(moves & _inner(seen)) < 0.5 * _MIN_PART_SHARE * np.count_nonzero(seen))
 
 
 def estimate_motion(first: Bytes, later: Bytes, textured: Mask) -> Motion:
@@ -120,8 +133,7 @@ def estimate_motion(first: Bytes, later: Bytes, textured: Mask) -> Motion:
     """
     motion = _dense_motion(first, later, None)
     lost = textured & ~motion.known
-    inner = cv2.erode(lost.astype(np.uint8), _SQUARE)  # a band along the edges is always lost
-    if np.count_nonzero(inner) > _MAX_LOST_SHARE * np.count_nonzero(textured):
+    if np.count_nonzero(_inner(lost)) > _MAX_LOST_SHARE * np.count_nonzero(textured):
         again = _dense_motion(first, later, _motion_of_features(first, later, lost))
         better = again.known & ~motion.known
         motion = Motion(np.where(better[..., None], again.shift, motion.shift), motion.known | again.known)
@@ -154,6 +166,11 @@ def _motion_of_features(before: Bytes, after: Bytes, lost: Mask) -> Image | None
     motion = local_motion(source[keep], target[keep], coarse).position - coarse
     size = before.shape[::-1]
     return np.asarray(cv2.resize(motion.reshape(places.shape).astype(np.float32), size, interpolation=cv2.INTER_LINEAR))
+
+
+def _inner(mask: Mask) -> Mask:
+    """A mask without the band along its edges, in which the motion is always lost."""
+    return np.asarray(cv2.erode(mask.astype(np.uint8), _SQUARE) > 0)
 
 
 def still_part(motion: Motion, textured: Mask) -> Mask | None:

@@ -12,7 +12,7 @@ from typing import NamedTuple
 import cv2
 import numpy as np
 
-from dicflow.core.arrays import Grey, Mask
+from dicflow.core.arrays import Grey, Index, Mask
 from dicflow.core.photographs.noise import image_noise
 from dicflow.core.photographs.texture import saturation_level
 
@@ -73,7 +73,7 @@ def _clip_levels(grey: Grey) -> tuple[int | None, int | None]:
     """The levels at and below, and at and above which pixels are clipped; None where none are."""
     if grey.size == 0 or not np.issubdtype(grey.dtype, np.integer):
         return None, None
-    count = np.bincount(grey.ravel())
+    count = _histogram(grey)
     step = max(1, int(np.gcd.reduce(np.flatnonzero(count))))  # of levels that were multiplied, as 8 bits by 257
     count = count[::step]
     top = len(count) - 1
@@ -85,6 +85,15 @@ def _clip_levels(grey: Grey) -> tuple[int | None, int | None]:
     clips = count[top] > _MIN_PILE_SHARE * grey.size and count[top] > _MIN_RATIO_BELOW_FULL_SCALE * below.max(initial=1)
     is_noisy = clips and image_noise(grey, grey < top * step) > _MIN_NOISE_BELOW_FULL_SCALE
     return low, top * step if is_noisy else None
+
+
+def _histogram(grey: Grey) -> Index:
+    """Number of pixels at each level up to the greatest."""
+    if grey.dtype not in (np.uint8, np.uint16):
+        return np.bincount(grey.ravel())
+    levels = 2 ** (8 * grey.dtype.itemsize)
+    count = cv2.calcHist([grey], [0], None, [levels], [0, levels]).ravel()
+    return np.asarray(np.rint(count[: int(grey.max()) + 1]), dtype=np.int64)
 
 
 def _is_pile(pixels: int, near: Grey) -> bool:

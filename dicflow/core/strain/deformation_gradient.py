@@ -26,6 +26,7 @@ from dicflow.core.parts import Parts, single_part
 from dicflow.core.strain.surface_strain import deformation_gradient, jacobian, tangent_basis
 from dicflow.core.strain.window_fits import WindowedPoints
 from dicflow.core.tensors import inverse
+from dicflow.core.threads import over
 from dicflow.core.uncertainty.covariance import displacement_covariance
 from dicflow.core.uncertainty.overlap import Overlap
 
@@ -40,7 +41,7 @@ __all__ = [
 ]
 
 
-_CHUNK = 4000
+_CHUNK = 2000
 """Windows that are fitted at once."""
 _AROUND = (5, 5)
 """Points around one that share the directions of their errors."""
@@ -90,10 +91,12 @@ class MeasuredSurface(NamedTuple):
 
     points : values (row, col, 6) are the places at the step and in the reference state
     errors : independent shares that add up to the errors of the points
+    threads : so many threads fit windows
     """
 
     points: WindowedPoints
     errors: Sequence[ErrorShare]
+    threads: int = 1
 
     @property
     def known(self) -> Mask:
@@ -103,7 +106,9 @@ class MeasuredSurface(NamedTuple):
     def gradient(self, at: Index, window: tuple[int, int], degree: int) -> SurfaceGradient:
         """Deformation gradients (n, …) at rows and columns (n, 2), by polynomials in a window (high, wide) [points]."""
         chunks = np.array_split(at, max(1, -(-len(at) // _CHUNK)))
-        found = [self.gradient_by(part, self.points.slope_weights(part, window, degree)) for part in chunks]
+        found = over(
+            self.threads, lambda part: self.gradient_by(part, self.points.slope_weights(part, window, degree)), chunks
+        )
         return SurfaceGradient(*(np.concatenate(field) for field in zip(*found, strict=True)))
 
     def gradient_by(self, at: Index, weights: Array) -> SurfaceGradient:

@@ -21,6 +21,7 @@ import numpy as np
 from dicflow.core.arrays import Array, Index, Mask
 from dicflow.core.strain.deformation_gradient import MeasuredSurface
 from dicflow.core.strain.window_fits import places_of, polynomial_terms, terms_of_degree, widened
+from dicflow.core.threads import over
 
 __all__ = ["CUBIC", "RelativeBias", "WindowFit", "relative_bias"]
 
@@ -39,7 +40,7 @@ _AREA = 0.8
 """Area over which the errors of changes are correlated, Σ ρ² over all distances [squares of the window's side]."""
 _NEGLIGIBLE = 1e-3
 """Second moment of a bias below which it is taken as 0 [σ² of the fit]."""
-_CHUNK = 2000
+_CHUNK = 1000
 """Windows whose changes are computed at once."""
 
 
@@ -123,12 +124,12 @@ def relative_bias(surface: MeasuredSurface, fit: WindowFit, wanted: Mask) -> Rel
     if len(places) == 0:
         return RelativeBias(*np.zeros((2, rows, cols, 4, 4)))
     chunks = np.array_split(places, -(-len(places) // _CHUNK))
-    for parts in zip(*(list(_estimates(surface, part, fit)) for part in chunks), strict=True):
+    found = over(surface.threads, lambda part: list(_estimates(surface, part, fit)), chunks)
+    for parts in zip(*found, strict=True):
         bias, covariance = (np.concatenate(field) for field in zip(*parts, strict=True))
         largest = _larger(largest, _mean_excess(samples, places, bias, covariance))
         mean = _larger(mean, _square_of_mean(samples, places, bias, covariance))
-    found = (samples.on_grid(moments, wanted.shape) for moments in (largest, _larger(largest, mean)))
-    return RelativeBias(*found)
+    return RelativeBias(*(samples.on_grid(moments, wanted.shape) for moments in (largest, _larger(largest, mean))))
 
 
 def _larger(first: Array, second: Array) -> Array:

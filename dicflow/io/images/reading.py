@@ -45,6 +45,8 @@ _MOST_PIXELS_PER_BYTE = 8 * 1032
 _MOST_ANIMATED_PIXELS = 1_000_000_000
 _MOST_SCANS = 100
 """Passes over the whole picture in one file; programs write 10 at most."""
+_REMEMBERED = 20_000
+"""Files whose pages are counted once."""
 
 
 class Photograph(NamedTuple):
@@ -84,8 +86,16 @@ def read_photograph(file: Path | FilePart) -> Photograph:
 def page_count(path: Path) -> int:
     """The number of photographs in a file: pages of a TIFF, frames of a video or an animated PNG, else 1.
 
-    1 also for a file that cannot be used, which :func:`read_photograph` refuses.
+    1 also for a file that cannot be used, which :func:`read_photograph` refuses. Counted once while it is unchanged.
     """
+    try:
+        return _counted(path, stamp(path))
+    except InputError:
+        return 1
+
+
+@lru_cache(maxsize=_REMEMBERED)
+def _counted(path: Path, _unchanged: Stamp) -> int:
     try:
         with _open(path) as file:
             form = format_of(file)

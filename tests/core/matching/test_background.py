@@ -4,6 +4,7 @@ import cv2
 import numpy as np
 import pytest
 
+from dicflow.core.matching import background
 from dicflow.core.matching.background import estimate_motion, still_background
 from dicflow.core.photographs.region import rasterise, speckled_region
 from dicflow.core.photographs.texture import speckled_points, texture
@@ -112,6 +113,25 @@ def test_a_held_specimen_in_front_of_a_wall():
 def test_of_a_motion_below_two_pixels_nothing_is_said(motion):
     first, _ = photograph(shape=BLOCK, seed=1)
     assert region_of(first, photograph(shift(motion, 0.3 * motion), BLOCK, seed=2)[0]) is None
+
+
+def test_of_photographs_at_rest_only_halves_are_compared(monkeypatch):
+    """A part of 2 % that moves by 3 px is seen in these already."""
+    first, _ = photograph(seed=1)
+    compared, dense = [], background._dense_motion
+
+    def counted(before, *rest):
+        compared.append(before.shape)
+        return dense(before, *rest)
+
+    monkeypatch.setattr(background, "_dense_motion", counted)
+    assert region_of(first, photograph(shift(0.3, 0.1), seed=2)[0]) is None
+    assert compared == [(150, 200)]
+    part = box(180, 130, 240, 170)
+    later, _ = photograph(shift(3.0, 0.0), part, seed=2)
+    first, _ = photograph(shape=part, seed=1)
+    region_of(first, later)
+    assert compared[1:3] == [(150, 200), SHAPE]
 
 
 def test_a_pattern_that_moves_as_a_whole_has_no_background():

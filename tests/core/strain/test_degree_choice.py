@@ -111,6 +111,13 @@ def test_uncertainty_covers_a_wave(length, strain):
     assert (combined > 3.0).mean() < 0.01
 
 
+def test_threads_change_nothing():
+    surface = measured(wave(300.0, 0.02)[0], seed=3)
+    one, two = (chosen(surface._replace(threads=threads)) for threads in (1, 2))
+    for first, second in zip((*one.surface, *one[1:]), (*two.surface, *two[1:]), strict=True):
+        np.testing.assert_array_equal(first, second)
+
+
 @pytest.mark.parametrize(("length", "strain"), [(300.0, 0.01), (300.0, 0.03), (150.0, 0.01)])
 def test_a_fixed_degree_states_its_bias(length, strain):
     """Degree 1 by force: root mean square of the stated bias against that of the exact field's."""

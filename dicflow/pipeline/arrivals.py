@@ -1,0 +1,117 @@
+"""Photographs that come into a folder: which ones are whole, and the steps that they make so far."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Iterable, Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+from dicflow.engine.file_stamps import file_facts
+from dicflow.engine.files import FilePart, Stamp, stamp
+from dicflow.engine.graph import StageSpec
+from dicflow.engine.node import Steps
+from dicflow.engine.store import Store
+from dicflow.errors import InputError
+
+__all__ = ["Arrivals"]
+
+_QUIET_S = 0.2
+"""A file that has not changed for so long is not being written, unless it cannot be read."""
+
+_File = Path | FilePart
+
+
+class Arrivals:
+    """Looks at the files of stages that start a series.
+
+    A file is whole once it has rested for a moment and the stage can read it. What is not whole, has no partner or does
+    not fit the others is in no step; :attr:`waiting` says why.
+
+    waiting : file → what keeps it out of the steps, after each look
+    resting : whether nothing has changed for so long that the last look holds until a file changes
+    changed : whether a file has been replaced that was whole at an earlier look
+    """
+
+    def __init__(self, store: Store) -> None:
+        self._store = store
+        self._seen: dict[Path, tuple[Stamp, float]] = {}
+        self._whole: dict[Path, Stamp] = {}
+        self._facts: dict[_File, tuple[Stamp, Any]] = {}
+        self.waiting: dict[str, str] = {}
+        self.resting, self.changed = True, False
+
+    def look(self, stages: Mapping[str, StageSpec]) -> dict[str, Steps]:
+        """The steps so far of each stage that starts a series. Raises InputError where there can be none yet."""
+        self.waiting, self.resting, self.changed = {}, True, False
+        found = {name: self._steps(spec) for name, spec in stages.items()}
+        self._store.files.save()
+        return found
+
+    def age(self, files: Iterable[_File]) -> float:
+        """How long ago the last of some files took its present form [s]."""
+        return time.monotonic() - max(self._seen[Path(file)][1] for file in files)
+
+    def _steps(self, spec: StageSpec) -> Steps:
+        steps = spec.node.steps_so_far(spec.folder, self._rests) or {}
+        files = dict.fromkeys(file for own in steps.values() for file in own.values())
+        new = [file for file in files if self._facts.get(file, (None,))[0] != self._whole[Path(file)]]
+        with ThreadPoolExecutor() as threads:
+            for file, found in zip(new, threads.map(partial(self._found_in, spec), new), strict=True):
+                self._facts[file] = self._whole[Path(file)], found
+        facts = {file: self._facts[file][1] for file in files}
+        self.waiting |= {str(file): str(found) for file, found in facts.items() if isinstance(found, InputError)}
+        facts = {file: found for file, found in facts.items() if not isinstance(found, InputError)}
+        readable = {step: own for step, own in steps.items() if all(file in facts for file in own.values())}
+        return self._agreeing(spec, readable, facts)
+
+    def _rests(self, path: Path) -> bool:
+        """Whether a file has not changed for a moment. One that is just replaced is the old one until it rests."""
+        try:
+            now = stamp(path)
+        except InputError:  # gone since its folder was listed
+            self.resting = False
+            return False
+        known, since = self._seen.get(path, (None, 0.0))
+        if known != now:
+            self._seen[path] = now, time.monotonic()
+            since = time.monotonic()
+        if time.monotonic() - since < _QUIET_S:
+            self.resting = False
+            return path in self._whole
+        self.changed |= self._whole.setdefault(path, now) != now
+        self._whole[path] = now
+        return True
+
+    def _found_in(self, spec: StageSpec, file: _File) -> Any:
+        """What the stage finds in a file, or the error of one that it cannot read, perhaps not yet."""
+        try:
+            return file_facts(self._store, spec.node, file)
+        except InputError as error:
+            return error
+
+    def _agreeing(self, spec: StageSpec, steps: Steps, facts: Mapping[_File, Any]) -> Steps:
+        """The steps whose files fit those before them."""
+        agree = partial(_agree, spec, facts)
+        if not steps or agree(list(steps), steps) is None:
+            return steps
+        fitting: list[str] = []
+        for step in steps:
+            problem = agree([*fitting, step], steps)
+            if problem is None:
+                fitting.append(step)
+            else:
+                self.waiting[str(next(iter(steps[step].values())))] = problem
+        return {step: steps[step] for step in fitting}
+
+
+def _agree(spec: StageSpec, facts: Mapping[_File, Any], names: Sequence[str], steps: Steps) -> str | None:
+    """What is wrong with some steps together; None if they fit."""
+    chosen = {name: steps[name] for name in names}
+    try:
+        spec.node.agree({file: facts[file] for own in chosen.values() for file in own.values()}, chosen, {})
+    except InputError as error:
+        return str(error)
+    return None
