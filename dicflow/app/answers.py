@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import suppress
 from typing import Any
 
@@ -24,8 +25,8 @@ _WORKS = 30
 
 
 class Desk:
-    """What answers need beside the question: the project, its runs, and processes for heavy work, for fields, and for
-    the photographs under them, so that no field waits for a photograph."""
+    """What answers need beside the question: the project, its runs, processes for heavy work, for fields, and for the
+    photographs under them, so that no field waits for a photograph, and a thread for thumbnails."""
 
     def __init__(self, project: Project) -> None:
         self.project = project
@@ -33,10 +34,11 @@ class Desk:
         self.series: tuple[int, Any] | None = None
         self.opened: dict[str, explored.Asked] = {}
         self._heavy, self.fields, self._photographs = Worker(_WORKS), Worker(), Worker()
+        self.thumbnails = ThreadPoolExecutor(1)
 
     def begin(self) -> None:
         """Start the process that reads fields, so that they are soon there when they are asked for."""
-        self.fields.begin("explored")
+        self.fields.begin("explored.prepare")
 
     def work(self, name: str, *arguments: Any) -> Any:
         """The value of ``module.function`` of the app, called in another process, which alone loads what it needs.
@@ -64,6 +66,7 @@ class Desk:
         """End the processes."""
         for process in (self._heavy, self.fields, self._photographs):
             process.close()
+        self.thumbnails.shutdown(wait=False, cancel_futures=True)
 
 
 def _project(desk: Desk, asked: Asked) -> Any:
@@ -261,7 +264,7 @@ def _explore(desk: Desk, asked: Asked) -> Any:
     """A result for the explorer, or a difference; its blobs and photographs are asked for by name."""
     minus = None if asked.get("minus") is None else _side(asked["minus"])
     wanted = explored.Asked(_side(asked), minus, int(asked["steps"]))
-    found = desk.fields.do(explored.opened, desk.project, wanted)
+    found = desk.fields.do(explored.opened, desk.project, wanted, bool(asked.get("more")))
     desk.opened[found["view"]] = wanted
     return found
 

@@ -23,9 +23,10 @@ from dicflow.explorer.reading import read_source, surveyed
 from dicflow.io.files import write_whole
 from dicflow.pipeline import Pipeline, Result
 from dicflow.report.pieces import Pieces
+from dicflow.views.colours import palette
 from dicflow.views.source_digest import source_digest
 
-__all__ = ["Asked", "Side", "curve", "is_photograph", "make", "opened", "place_of", "survey"]
+__all__ = ["Asked", "Side", "curve", "is_photograph", "make", "opened", "place_of", "prepare", "survey"]
 
 _KEPT = 3
 """Results that stay open, as two are seen side by side, and their difference."""
@@ -73,58 +74,76 @@ def is_photograph(name: str) -> bool:
     return name.endswith(("_left", "_right"))
 
 
-def opened(project: Project, asked: Asked) -> dict[str, Any]:
+def prepare() -> None:
+    """Load what the first result needs beside this module: the colour maps of matplotlib."""
+    palette("turbo", 2)
+
+
+def opened(project: Project, asked: Asked, is_more: bool = False) -> dict[str, Any]:
     """A result for the page: the newest products of the settings, also while a run makes them, or those of a run.
 
+    is_more : more steps of what was opened last; newer products are not looked for
     ``view``: key of what its manifest names, ``manifest``: None if there are no fields; ``variants``: values of each;
     ``steps``: how many steps have fields; ``notes``: sentences on where the products come from; ``problem``: why two
     results have no difference.
     """
-    result, title = _result(project, asked.side)
+    result, title = _result(project, asked.side, is_more)
     variants = [{name: str(value) for name, value in one.items()} for one in result.values]
     found: dict[str, Any] = {"view": "", "manifest": None, "variants": variants, "steps": 0, "notes": [*result.notes]}
     result = result.variant(asked.side.variant)
     source = field_source(result)
     if source is not None and asked.minus is not None:
-        source, found["problem"] = _difference(project, source, asked.minus)
+        source, found["problem"] = _difference(project, source, asked.minus, is_more)
     view = None if source is None else _view(project, result, source, title, asked.most_steps)
     if view is None:
         return found
     key = hashlib.sha256(f"{_code()} {view.key}".encode()).hexdigest()[:32]
-    _views.pop(key, None)
-    _views[key] = view
-    while len(_views) > _KEPT:
-        del _views[next(iter(_views))]
+    _keep_last(_views, key, view)
     folder = project.own_folder / "fields" / key
     folder.mkdir(parents=True, exist_ok=True)
     keep_newest(folder, _KEPT_ON_DISK)
     return {**found, "view": key, "manifest": view.manifest(), "steps": view.measured}
 
 
-def _result(project: Project, side: Side) -> tuple[Result, str]:
-    """All variants of a result, and the title of its pipeline."""
+def _result(project: Project, side: Side, is_known: bool) -> tuple[Result, str]:
+    """All variants of a result, and the title of its pipeline. is_known : as they were found last"""
+    if not is_known or side not in _results:
+        _keep_last(_results, side, _found(project, side))
+    return _results[side]
+
+
+def _found(project: Project, side: Side) -> tuple[Result, str]:
     pipeline = Pipeline.load(project.path(side.file), data=project.data, store=project.store)  # with new photographs
     if side.run:
         return pipeline.past_result(side.run), pipeline.title
     return pipeline.result(), pipeline.title
 
 
-def _difference(project: Project, source: FieldSource, minus: Side) -> tuple[FieldSource | None, str]:
+def _difference(project: Project, source: FieldSource, minus: Side, is_known: bool) -> tuple[FieldSource | None, str]:
     """Fields minus those of another result; None and the reason where they have no difference."""
-    other = field_source(_result(project, minus)[0].variant(minus.variant))
+    other = field_source(_result(project, minus, is_known)[0].variant(minus.variant))
     if other is None:
         return None, "One of them has no fields."
     problem = obstacle(source, other)
     return None if problem else DifferenceFields(source, other), problem
 
 
+_results: dict[Side, tuple[Result, str]] = {}
 _views: dict[str, OnDemand] = {}
 """Results that are open in this process by key, the last used one last."""
 
 
+def _keep_last(kept: dict[Any, Any], key: Any, value: Any) -> None:
+    """Put a value at the end, and drop those before it that are too many."""
+    kept.pop(key, None)
+    kept[key] = value
+    while len(kept) > _KEPT:
+        del kept[next(iter(kept))]
+
+
 def _view(project: Project, result: Result, source: FieldSource, title: str, most_steps: int) -> OnDemand | None:
-    reading = read_source(result, source, _surveys(project), most_steps)
-    return None if reading is None else OnDemand(reading, title, lambda _sources, make: make())
+    reading = read_source(result, source, _pieces(project), most_steps)
+    return None if reading is None else OnDemand(reading, title, _pieces(project))
 
 
 def make(project: Project, asked: Asked, name: str) -> None:
@@ -147,7 +166,7 @@ def survey(project: Project, asked: Asked, key: str, most_steps: int, start: int
     start : number of the step to begin with, among those that are then shown
     Returns the ``next`` one, and how many there are.
     """
-    source, keep = _open(project, asked, key).source, _surveys(project)
+    source, keep = _open(project, asked, key).source, _pieces(project)
     steps = spread(source.steps, most_steps)
     end = time.monotonic() + _MOMENT_S
     while start < len(steps) and time.monotonic() < end:
@@ -157,7 +176,7 @@ def survey(project: Project, asked: Asked, key: str, most_steps: int, start: int
     return {"next": start, "count": len(steps)}
 
 
-def _surveys(project: Project) -> Keep:
+def _pieces(project: Project) -> Keep:
     return Pieces(project.own_folder / "fields" / "surveys", _code()).get
 
 

@@ -9,7 +9,7 @@ import secrets
 import signal
 import webbrowser
 from collections.abc import Callable
-from concurrent.futures import Executor, ThreadPoolExecutor
+from concurrent.futures import Executor, Future, ThreadPoolExecutor
 from contextlib import suppress
 from importlib.resources import files
 from pathlib import Path
@@ -123,21 +123,35 @@ class _Question(_Handler):
 class _Picture(_Handler):
     """Tiles by name, thumbnails by the photograph's path."""
 
+    _awaited: Future[Path] | None = None
+
     async def get(self, name: str) -> None:
         try:
             if name == "thumbnail":
-                path = await self.in_thread(thumbnail, self.desk.project, self.get_query_argument("path", ""))
+                path = await self._thumbnail(self.get_query_argument("path", ""))
             else:
                 path = picture_path(self.desk.project, name)
             content = path.read_bytes()
         except DicflowError as error:
             return self.refuse(422, str(error))
+        except asyncio.CancelledError:
+            return None
         except OSError:
             return self.refuse(404, "this picture is not made yet; reload the page")
         self.set_header("Content-Type", "image/jpeg")
         self.set_header("Cache-Control", "private, max-age=31536000, immutable" if name != "thumbnail" else "no-cache")
         self.finish(content)
         return None
+
+    async def _thumbnail(self, name: str) -> Path:
+        """One is made at a time, in a thread of their own, so that no other answer waits for them."""
+        self._awaited = self.desk.thumbnails.submit(thumbnail, self.desk.project, name)
+        return await asyncio.wrap_future(self._awaited)
+
+    def on_connection_close(self) -> None:
+        """The page has left the screen: what has not begun is not made."""
+        if self._awaited is not None:
+            self._awaited.cancel()
 
 
 class _Field(_Handler):

@@ -36,9 +36,9 @@ class Worker:
         self._works = works
         self._pool = self._made()
 
-    def begin(self, module: str) -> None:
-        """Start the process, and let it load a module of this package, without waiting for it."""
-        self._pool.submit(import_module, f"{__package__}.{module}")
+    def begin(self, name: str) -> None:
+        """Start the process, and let it call ``module.function`` of this package, without waiting for it."""
+        self._pool.submit(named, name)
 
     def do(self, call: Callable[..., Any], *arguments: Any) -> Any:
         """The value of a function of a module, called in the process. Raises WorkerError if that process dies."""

@@ -39,6 +39,7 @@ __all__ = [
     "Series",
     "arguments",
     "cache",
+    "can_be_read",
     "clock",
     "handover",
     "load",
@@ -216,6 +217,16 @@ def load(store: Store, ref: Ref) -> Product:
 
     content = manifest.content
     return Product(content["kind"], LazyVariables(content["variables"], read), content["attrs"])
+
+
+def can_be_read(store: Store, ref: Ref) -> bool:
+    """Whether the arrays of a product are stored, or the files are there of which it is made again; none is read."""
+    manifest = store.manifest(ref.digest)
+    if manifest is None or manifest.kept or ref.recipe is None:
+        return manifest is not None and manifest.kept
+    return all(map(os.path.isfile, ref.recipe.files.values())) and all(
+        can_be_read(store, one) for one in refs_in(ref.recipe.inputs)
+    )
 
 
 def arguments(store: Store, inputs: Mapping[str, RefInput], files: Mapping[str, Path | FilePart]) -> dict[str, Any]:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import hashlib
 import json
 import math
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from functools import cached_property
 
 from dicflow.errors import InputError
@@ -31,6 +31,7 @@ class OnDemand:
     """
 
     def __init__(self, reading: Reading, title: str, keep: Keep) -> None:
+        """keep : of the parts of the manifest; blobs and photographs are kept by those who ask for them"""
         self._reading, self._title, self._keep = reading, title, keep
         self.source = reading.source
         self._steps = list(reading.steps)
@@ -107,12 +108,12 @@ class OnDemand:
     def _made_blobs(self, head: str) -> dict[str, bytes]:
         reading = self._reading
         if head == _FIRST:
-            blob = first_blob(reading.source, reading.scales, 1, self._keep)
+            blob = first_blob(reading.source, reading.scales, 1, _made)
             return {} if blob is None else {_FIRST: blob}
         step = self._step(head)
         if step not in reading.surveys:
             return {}
-        blobs = step_blobs(reading.source, step, reading.scales, self._selection, self._keep)
+        blobs = step_blobs(reading.source, step, reading.scales, self._selection, _made)
         return {name: blobs[key] for key, name in self._names(step).items()}
 
     def _step(self, head: str) -> str:
@@ -127,7 +128,7 @@ class OnDemand:
         if stage is None:
             return None
         last = [step for step in reading.surveys if step in reading.result.steps(stage)][-1:]
-        return Series(reading.result, stage, last, self._keep)
+        return Series(reading.result, stage, last, _made)
 
     @cached_property
     def _crops(self) -> Mapping[str, Crop]:
@@ -137,8 +138,7 @@ class OnDemand:
     @cached_property
     def _photographed(self) -> bool:
         """Whether the last photographs can be read."""
-        last = list(self._reading.surveys)[-1]
-        return bool(self._crops) and bool(self._pictures(last))
+        return self._series is not None and bool(self._crops) and self._series.can_be_read
 
     def _pictures(self, step: str) -> Mapping[str, bytes]:
         return {} if self._series is None else self._series.pictures(step, self._crops)
@@ -166,6 +166,10 @@ class OnDemand:
         if self._reading.source.photographs is not None and not self._photographed:
             sentences.append("photographs are missing: they are neither in the store nor in their folder")
         return sentences
+
+
+def _made(_sources: Sequence[str], make: Callable[[], bytes]) -> bytes:
+    return make()
 
 
 def _known_number(value: float) -> float | None:

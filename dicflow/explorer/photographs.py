@@ -84,6 +84,11 @@ class Series:
             return {}
         return {side: arrays[side].shape for side in sides if side in arrays}
 
+    @property
+    def can_be_read(self) -> bool:
+        """Whether the store or the folder has the photographs of the last step."""
+        return bool(self._steps) and self._result.can_be_read(self._stage, self._steps[-1])
+
     def pictures(self, step: str, crops: Mapping[str, Crop]) -> dict[str, bytes]:
         """Photographs of a step by side, none where neither store nor folder has them; read at most once."""
 

@@ -14,7 +14,7 @@ from dicflow.engine.graph import Graph
 from dicflow.engine.lazy import lazy_dataset, open_group
 from dicflow.engine.node import Node, Scope
 from dicflow.engine.product import Product
-from dicflow.engine.references import Ref, load
+from dicflow.engine.references import Ref, can_be_read, load
 from dicflow.engine.store import Store
 from dicflow.errors import ConfigurationError, DicflowError
 from dicflow.kinds.kind import rows_of, summary_of
@@ -158,6 +158,10 @@ class Result:
         """Whether the product is stored, or can be made again."""
         ref = self._refs.get(self.task(stage, step, variant))
         return ref is not None and not ref.lost
+
+    def can_be_read(self, stage: str, step: str | int | None = None, variant: Variant = 0) -> bool:
+        """Whether the product is stored, or the files that it is made of again are there."""
+        return self.has(stage, step, variant) and can_be_read(self._store, self.ref(stage, step, variant))
 
     def digest(self, stage: str, step: str | int | None = None, variant: Variant = 0) -> str:
         """Digest of the product's contents."""

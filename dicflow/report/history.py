@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-import json
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from typing import Any, NamedTuple
 
-from dicflow.core.status import Status
+from dicflow.explorer.fields import TotalFields
+from dicflow.explorer.reading import surveyed
+from dicflow.explorer.survey import valid_share
 from dicflow.kinds.channels import Channels, named_with_unit
 from dicflow.kinds.comparison import Comparison
 from dicflow.kinds.probes import ProbeTable
@@ -79,7 +80,7 @@ def step_history(context: Context) -> History | None:
     total = totals[-1]
     steps = step_names(result, total)
     summaries = step_summaries(context, total)
-    shares = (None, *(_valid_share(context, total, step, summaries) for step in steps[1:]))
+    shares = (None, *_valid_shares(context, total, steps[1:], summaries))
     phases: tuple[str, ...] = ()
     remark = ""
     if rows := _comparison(result):
@@ -170,20 +171,19 @@ def _means(summaries: Sequence[Mapping[str, Any]]) -> dict[str, tuple[float | No
     return {key: (0.0, *(summary.get(key) for summary in summaries)) for key in keys}
 
 
-def _valid_share(context: Context, total: str, step: str, summaries: Mapping[str, Mapping[str, Any]]) -> float | None:
-    """Share of the region's points that have a value; counted here if the total does not state it."""
-    if step not in summaries:
-        return None
-    if "valid_share" in summaries[step]:
-        return float(summaries[step]["valid_share"])
-
-    def counted() -> bytes:
-        status = context.result.product(total, step)["status"]
-        inside = int((status != Status.OUTSIDE).sum())
-        return json.dumps(int((status <= Status.FILLED).sum()) / inside if inside else None).encode()
-
-    share: float | None = json.loads(context.pieces.get(["valid share", context.result.digest(total, step)], counted))
-    return share
+def _valid_shares(
+    context: Context, total: str, steps: Sequence[str], summaries: Mapping[str, Mapping[str, Any]]
+) -> Iterator[float | None]:
+    """Share of the region's points that have a value at each step; counted here if the total does not state it."""
+    fields = None
+    for step in steps:
+        if step not in summaries:
+            yield None
+        elif "valid_share" in summaries[step]:
+            yield float(summaries[step]["valid_share"])
+        else:
+            fields = fields or TotalFields(context.result, total)
+            yield valid_share(surveyed(fields, step, context.pieces.get))
 
 
 def _ending(key: str) -> str:

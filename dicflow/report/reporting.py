@@ -16,7 +16,7 @@ from dicflow.kinds.correlation import Correlation
 from dicflow.kinds.images import Images
 from dicflow.kinds.kind import summary_of
 from dicflow.kinds.noise_floor import NoiseFloorTable
-from dicflow.kinds.quantities import BASIC, STRAINS, UNCERTAINTY, strain_measure, unit_of
+from dicflow.kinds.quantities import BASIC, QUANTITIES, STRAINS, UNCERTAINTY, strain_measure, unit_of
 from dicflow.kinds.region import Region
 from dicflow.kinds.rig import CalibratedRig
 from dicflow.kinds.total import Total, named_with_unit
@@ -312,14 +312,14 @@ def _uncertainty(facts: _Facts) -> _Rows:
         yield "image noise", f"{found.noise_grey:.2f} grey levels", found.noise_source
     summary = {} if last is None else summary_of(last)
     for name in BASIC:
-        own = unit_of(name, unit)
+        own, symbol = unit_of(name, unit), QUANTITIES[name].symbol
         rows = [row for row in noise if row["quantity"] == name]
         predicted = summary.get(f"u_{named_with_unit(name, unit)}")
         if rows:
-            yield f"noise floor of {name}", _floor(rows, own), "measured where nothing deforms"
+            yield f"noise floor of {symbol}", _floor(rows, own), "measured where nothing deforms"
         elif predicted is not None:
             remark = "by noise and the bias that remains: median of the last step"
-            yield f"{UNCERTAINTY} of {name}", _with_unit(predicted, own), remark
+            yield f"{UNCERTAINTY} of {symbol}", _with_unit(predicted, own), remark
     if not noise:
         hint = "photograph the unmoved specimen and add a stage noise_floor"
         yield "noise floor and bias of every quantity", None, hint

@@ -35,7 +35,7 @@ class Curve(NamedTuple):
 
     x, y : NaN is a gap
     hollow : which marks are outlines alone
-    square : whether marks are squares, larger than the dots of other curves and below them
+    square : whether marks are squares, larger than the dots of other curves and below them, and the line is dashed
     joined : whether a line joins the points
     titles : of the marks, for who points at them; empty for none
     x_half, y_half : half the lengths of the bars through the marks, (n,); None for none
@@ -137,7 +137,7 @@ def _chart(curves: Sequence[Curve], scale: _Scale, y_label: str) -> str:
     parts = [
         *_beside(plot, numbers, y_label),
         *_below(plot, scale),
-        *(_key(x, y, curve.name, colour) for (x, y), (curve, colour) in zip(keys, coloured, strict=False)),
+        *(_key(x, y, curve, colour) for (x, y), (curve, colour) in zip(keys, coloured, strict=False)),
         *(_line(plot, curve, colour) for curve, colour in coloured if curve.joined),
         *(_bars(plot, curve, colour) for curve, colour in coloured),
         *(_marks(plot, curve, colour) for curve, colour in sorted(coloured, key=lambda pair: not pair[0].square)),
@@ -192,9 +192,13 @@ def _key_places(names: Sequence[str], left: float) -> list[tuple[float, float]]:
     return found
 
 
-def _key(x: float, y: float, name: str, colour: str) -> str:
-    line = element("path", d=f"M{x:.1f} {y - 4:.1f}h16", stroke=colour, stroke_width=2)
-    return line + text_element(x + 20, y, name, "start")
+def _key(x: float, y: float, curve: Curve, colour: str) -> str:
+    line = element("path", d=f"M{x:.1f} {y - 4:.1f}h16", stroke=colour, stroke_width=2, **_dashes(curve))
+    return line + text_element(x + 20, y, curve.name, "start")
+
+
+def _dashes(curve: Curve) -> dict[str, str]:
+    return {"stroke_dasharray": "5 4"} if curve.square else {}
 
 
 def _line(plot: _Plot, curve: Curve, colour: str) -> str:
@@ -205,7 +209,8 @@ def _line(plot: _Plot, curve: Curve, colour: str) -> str:
         for number, (x, y) in enumerate(plot.place(curve.x, curve.y).tolist())
         if known[number]
     )
-    return element("path", d=path, fill="none", stroke=colour, stroke_opacity="0.7", stroke_width="1.3")
+    style = {"stroke": colour, "stroke_opacity": "0.7", "stroke_width": "1.3", **_dashes(curve)}
+    return element("path", d=path, fill="none", **style)
 
 
 def _bars(plot: _Plot, curve: Curve, colour: str) -> str:

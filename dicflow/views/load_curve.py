@@ -8,6 +8,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from dicflow.kinds.quantities import QUANTITIES
 from dicflow.views.line_charts import Curve, chart_over_steps, chart_over_values
 
 __all__ = ["Axis", "load_curves"]
@@ -72,7 +73,8 @@ def _is_caliper(key: str) -> bool:
 def _label(key: str) -> str:
     """What a series is called beside its plot."""
     source = _NAMES.get(key.partition("_")[0])
-    return source or re.sub(r"_(mm|px)$", "", key).removeprefix("mean_").replace("_", " ")
+    bare = re.sub(r"_(mm|px)$", "", key).removeprefix("mean_")
+    return source or (QUANTITIES[bare].symbol if bare in QUANTITIES else bare.replace("_", " "))
 
 
 def _numbers(column: Sequence[float | None]) -> np.ndarray:

@@ -10,6 +10,8 @@ from app_browser import opened_page
 from app_serving import FILE, served, small_test
 from small import dicflow
 
+from dicflow.app import explored
+from dicflow.app.project import open_project
 from dicflow.core.probes.weights import point_probe, value_of
 from dicflow.explorer.packing import LinearScale, LogScale, unpacked
 from dicflow.kinds.total import Total
@@ -64,6 +66,17 @@ def test_blobs_are_the_fields_of_the_products_within_the_stated_rounding(file):
                     errors = scale.values(blob(app, found, step, f"{part}/{name}"))
                     assert np.allclose(errors, total[f"{part}_{name}"], rtol=scale.error + 1e-3, equal_nan=True)
         assert sum(1 for one in found["manifest"]["quantities"] if one["errors"].keys() >= {"u", "sigma"}) >= 5
+
+
+def test_a_result_is_opened_without_a_photograph_and_shown_further_without_a_plan(file, monkeypatch):
+    project, side = open_project(file), explored.Side(FILE)
+    monkeypatch.setattr("dicflow.io.images.read_photograph", None)
+    found = explored.opened(project, explored.Asked(side, None, 1))["manifest"]
+    assert [set(step["photos"]) for step in found["steps"]] == [{"left"}]
+    monkeypatch.setattr(Pipeline, "load", None)
+    further = explored.opened(project, explored.Asked(side, None, 9), is_more=True)
+    assert [step["name"] for step in further["manifest"]["steps"]] == ["step_0001", "step_0002"]
+    assert further["steps"] == 2
 
 
 def test_the_pointer_reads_the_value_of_the_product(file):
@@ -286,10 +299,10 @@ def test_points_and_lines_are_kept_as_probes_where_the_material_lay_at_first(sma
         page.mouse.move(box["x"] + x, box["y"] + y, steps=6)
         page.mouse.down()
         page.mouse.up()
-        page.get_by_role("button", name="Keep the point as a probe").click()
+        page.get_by_role("button", name="Keep the point").click()
         someone.said("saved: point_1")
         page.get_by_role("button", name="Line", exact=True).click()
-        page.get_by_role("button", name="Keep it as an extensometer").click()
+        page.get_by_role("button", name="Keep as extensometer").click()
         someone.said("saved: extensometer_1")
         line = np.array(page.evaluate(f"{EXPLORER}.scene.line"))
         assert someone.overlaps() == []

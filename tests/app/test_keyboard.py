@@ -102,7 +102,7 @@ def reads_and_keeps_a_point(keys, path):
     keys.press("Home", "Shift+ArrowRight", "Shift+ArrowDown", "Enter")
     keys.someone.until(f"{EXPLORER}.points.length === 1")
     k = keys.page.evaluate(f"{EXPLORER}.points[0].index")
-    keys.choose("Keep the point as a probe")
+    keys.choose("Keep the point")
     keys.someone.until(f"{EXPLORER}.manifest.probes.length === 2")
     total = Total.read(Pipeline.load(path).result().product("total", 1))
     kept = read(path).data["stages"]["probes"]["points"]["point_1"]

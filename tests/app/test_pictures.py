@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 import io
+import socket
+import threading
 
 import numpy as np
 import pytest
 from app_serving import FILE, served, small_test
 from PIL import Image
 
-from dicflow.app import pictures
+from dicflow.app import pictures, server
 from dicflow.app.project import open_project
 from dicflow.errors import ConfigurationError, InputError
 
@@ -51,6 +53,32 @@ def test_a_photograph_is_decoded_once_and_again_when_it_changes(tmp_path, monkey
     assert pictures.shown(project, project.pipeline(FILE), "photos", None, "left")["key"] != first["key"]
     with pytest.raises(ConfigurationError, match="no right photograph"):
         pictures.shown(project, project.pipeline(FILE), "photos", None, "right")
+
+
+def test_no_answer_waits_for_thumbnails_and_those_of_a_screen_that_is_left_are_not_made(tmp_path, monkeypatch):
+    path, begun, free = small_test(tmp_path / "test"), [], threading.Event()
+
+    def slow(project, name):
+        begun.append(name)
+        assert free.wait(60)
+        raise InputError(name, "is slow", "wait")
+
+    monkeypatch.setattr(server, "thumbnail", slow)
+    with served(path.parent) as app:
+        asked = [socket.create_connection(("127.0.0.1", app.gate.port)) for _ in range(20)]
+        for number, one in enumerate(asked):
+            one.sendall(
+                f"GET /picture/thumbnail?path={number} HTTP/1.1\r\nHost: 127.0.0.1:{app.gate.port}\r\n"
+                f"Cookie: {app.gate.cookie}={app.gate.token}\r\n\r\n".encode()
+            )
+        assert app.found("project")["files"] == [FILE]
+        for one in asked:
+            one.close()
+        assert app.found("steps", file=FILE, stage="photos") == ["step_0000", "step_0001"]
+        free.set()
+        assert app.own("GET", "/picture/thumbnail?path=last").status == 422
+    assert len(begun) <= 3
+    assert begun[-1] == "last"
 
 
 def test_photographs_are_turned_as_they_are_measured(tmp_path):

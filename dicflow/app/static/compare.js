@@ -55,7 +55,7 @@ class CompareScreen {
 
   async readMore() {
     for (const { view } of this.found) if (view) await survey(this, view, USUAL_STEPS);
-    if (!this.isLeft) await this.read(USUAL_STEPS);
+    if (!this.isLeft) await this.read(USUAL_STEPS, true);
   }
 
   nothing() {
@@ -89,14 +89,14 @@ class CompareScreen {
     return this.isChange ? ["Before", "After"] : ["A", "B"];
   }
 
-  /** Read both, or one and the difference, and show them if they are others than before. */
-  async read(steps) {
+  /** Read both, or one and the difference, and show them if they are others than before. more : of the same steps */
+  async read(steps, more = false) {
     const { chosen } = this;
     const found = [];
-    for (const side of chosen) found.push(await this.opened({ ...side, steps }));
+    for (const side of chosen) found.push(await this.opened({ ...side, steps, more }));
     const [one, other] = this.isChange ? [1, 0] : [0, 1];
     const map = this.isMap && found.every(({ manifest }) => manifest)
-      ? await this.opened({ ...chosen[one], minus: chosen[other], steps }) : null;
+      ? await this.opened({ ...chosen[one], minus: chosen[other], steps, more }) : null;
     if (this.isLeft || chosen !== this.chosen) return;
     this.found = found;
     this.problem = map?.problem ?? "";

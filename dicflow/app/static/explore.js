@@ -41,7 +41,7 @@ class ExploreScreen {
 
   async readMore() {
     await survey(this, this.found.view, this.most);
-    if (!this.isLeft) await this.read(this.most);
+    if (!this.isLeft) await this.read(this.most, true);
   }
 
   leave() {
@@ -56,10 +56,10 @@ class ExploreScreen {
     return this.turn;
   }
 
-  /** Read the result, and show it if it is another one than before. */
-  async read(steps) {
+  /** Read the result, and show it if it is another one than before. more : of the steps of what was read last */
+  async read(steps, more = false) {
     const { file } = this.app;
-    const found = await ask("explore", { file, variant: this.variant, steps });
+    const found = await ask("explore", { file, variant: this.variant, steps, more });
     if (this.isLeft) return;
     const facts = ({ view, manifest }) => JSON.stringify([view, manifest]);
     const isOther = !this.found || facts(this.found) !== facts(found);
@@ -106,7 +106,7 @@ class ExploreScreen {
 
   /** Buttons for what can be kept of the points and the line that are shown. */
   offer() {
-    if (this.explorer) fill(this.keeps, keepable(this.explorer).map((one) => button(one.words, () => this.inTurn(() => this.keep(one)))));
+    if (this.explorer) fill(this.keeps, keepable(this.explorer).map((one) => button(one.words, () => this.inTurn(() => this.keep(one)), { title: "As a probe; the next run gives its values" })));
   }
 
   async keep(one) {

@@ -10,10 +10,10 @@ export function keepable(explorer) {
   const places = points.map(({ index }) => frame.firstOf(index)).filter(isKnown);
   const ends = scene.line && scene.camera === "left" ? scene.line.map(([x, y]) => frame.firstAt(x, y)) : [];
   const found = [];
-  if (places.length) found.push({ words: places.length > 1 ? "Keep the points as probes" : "Keep the point as a probe", sort: "point", shapes: places.map((one) => [one]) });
+  if (places.length) found.push({ words: places.length > 1 ? "Keep the points" : "Keep the point", sort: "point", shapes: places.map((one) => [one]) });
   if (ends.length === 2 && ends.every(isKnown)) {
-    found.push({ words: "Keep the line as a probe", sort: "line", shapes: [ends] });
-    found.push({ words: "Keep it as an extensometer", sort: "extensometer", shapes: [ends] });
+    found.push({ words: "Keep the line", sort: "line", shapes: [ends] });
+    found.push({ words: "Keep as extensometer", sort: "extensometer", shapes: [ends] });
   }
   return found;
 }

@@ -101,6 +101,7 @@ async function show() {
   const [name, detail] = location.hash.slice(1).split("/");
   const screen = SCREENS[name] ? name : app.file ? "region" : "folder";
   app.shown?.leave?.();
+  for (const one of place.querySelectorAll("img")) if (!one.complete) one.removeAttribute("src"); // it is not loaded any more
   const isOther = app.name !== screen;
   [app.name, app.detail, app.shown] = [screen, decodeURIComponent(detail ?? ""), null];
   document.title = `${SCREENS[screen].title} – ${app.document?.title ?? app.folder} – dicflow`;

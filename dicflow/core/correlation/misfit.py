@@ -26,7 +26,7 @@ import cv2
 import numpy as np
 from scipy.fft import irfft2, next_fast_len, rfft2
 
-from dicflow.core.arrays import Array, Index
+from dicflow.core.arrays import Array, Index, Mask
 from dicflow.core.correlation.residuals import Residuals, residuals
 from dicflow.core.correlation.subsets import Subset
 from dicflow.core.correlation.template import Template
@@ -229,12 +229,12 @@ def _fitted_share(by_point: Array, gain: Array) -> Array:
     return np.asarray(np.clip(taken / by_point.shape[-1], 0.0, _MAX_TAKEN))
 
 
-def _power(values: Array) -> Array:
+def _power(values: Array | Mask) -> Array:
     """Power spectra (..., row, col) of squares of pixels (..., pixel), amid zeros as wide as they are."""
     return np.asarray(np.abs(_transform(values)) ** 2)
 
 
-def _transform(values: Array) -> Any:
+def _transform(values: Array | Mask) -> Any:
     """Fourier transforms (..., row, col) of squares of pixels (..., pixel), amid zeros as wide as they are."""
     size = int(np.sqrt(values.shape[-1]))
     side = 2 * next_fast_len(size, real=True)
