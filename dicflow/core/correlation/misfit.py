@@ -24,7 +24,7 @@ from typing import Any, NamedTuple
 
 import cv2
 import numpy as np
-from scipy.fft import irfft2, next_fast_len, rfft2
+from numpy.fft import irfft2, rfft2
 
 from dicflow.core.arrays import Array, Index, Mask
 from dicflow.core.correlation.residuals import Residuals, residuals
@@ -237,7 +237,7 @@ def _power(values: Array | Mask) -> Array:
 def _transform(values: Array | Mask) -> Any:
     """Fourier transforms (..., row, col) of squares of pixels (..., pixel), amid zeros as wide as they are."""
     size = int(np.sqrt(values.shape[-1]))
-    side = 2 * next_fast_len(size, real=True)
+    side = 2 * cv2.getOptimalDFTSize(size)
     return rfft2(values.reshape(*values.shape[:-1], size, size).astype(np.float32), s=(side, side))
 
 
