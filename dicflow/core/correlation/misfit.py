@@ -210,7 +210,8 @@ def _spectrum(residual: Array, weight: Array, fitted: Array) -> Array:
     """
     power = _power(np.where(weight > 0.0, residual, 0.0)).mean(axis=0) / (1.0 - fitted)
     counts = weight > 0.0
-    pairs = irfft2(_power(counts[:1] if counts.all() else counts).mean(axis=0))
+    counted = (counts[:1] if counts.all() else counts).astype(np.float64)
+    pairs = irfft2(_power(counted).mean(axis=0))
     seldom = pairs < _MIN_PAIRS * pairs[0, 0]
     mean = np.where(seldom, 0.0, irfft2(power) / np.maximum(pairs, 1e-12))
     return np.asarray(rfft2(mean / max(mean[0, 0], 1e-12)).real)
