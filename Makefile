@@ -3,8 +3,9 @@ VENV   ?= .venv
 PYTHON ?= $(firstword $(foreach version,3.11 3.12 3.13,$(shell command -v python$(version) 2>/dev/null)) python3)
 BIN    := $(VENV)/bin
 READY  := $(VENV)/.ready
-# Tests run in as many processes as there are cores; those of a file share what they prepare.
-AT_ONCE := -n logical --maxprocesses 4 --dist loadfile
+# Tests run in as many processes as there are cores; those of a file share what they prepare. Files begin in the order of
+# tests/conftest.py, so that no process has nothing to do at the end.
+AT_ONCE := -n logical --maxprocesses 4 --dist loadfile --no-loadscope-reorder
 .DEFAULT_GOAL := help
 .PHONY: help setup quickstart test test-fast faults fuzz check measure accuracy bench peer samples docs dist versions lock clean
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import shutil
 import subprocess
 import sys
+from collections import Counter
 from pathlib import Path
 
 import pytest
@@ -63,7 +64,12 @@ def _source_files_are_remembered_in_the_store(monkeypatch):
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """A test of the small experiment is slow, because the first one renders its photographs and measures them."""
+    """A test of the small experiment is slow, because the first one renders its photographs and measures them.
+
+    Files of few tests begin first: these take longest, and at the end of the run all processes have something to do.
+    """
     for item in items:
         if "pipeline" in getattr(item, "fixturenames", ()):
             item.add_marker(pytest.mark.slow)
+    tests = Counter(item.path for item in items)
+    items.sort(key=lambda item: tests[item.path])

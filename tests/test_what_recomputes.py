@@ -31,12 +31,12 @@ RECOMPUTES = {
     "track triangulate",
     "core.motion": "images",
     "core.photographs": "compare corners correlate disparity displacement features images probes reconstruct refine "
-    "region stereo track triangulate",
+    "region sheet stereo track triangulate",
     "core.probes": "frame probes",
-    "core.strain": "accumulate deformation probes strain",
+    "core.strain": "accumulate deformation probes sheet strain",
     "core.surfaces": "accumulate compare correlate deformation displacement fill probes reconstruct smooth "
     "strain surface",
-    "core.uncertainty": "deformation frame noise_floor probes triangulate",
+    "core.uncertainty": "deformation frame noise_floor probes sheet triangulate",
     "io.calibrations": "rig_file",
     "io.caliper": "compare stress",
     "io.images": "images region",

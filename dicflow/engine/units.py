@@ -35,7 +35,7 @@ def quantity(unit: str) -> Callable[[Any], Any]:
         match = _TEXT.fullmatch(value)
         if match is None or match[2] not in factors:
             raise ValueError(
-                f"'{value:.60}' is not a quantity in {unit}; write a number alone, or with {', '.join(factors)}"
+                f"{value[:60]!r} is not a quantity in {unit}; write a number alone, or with {', '.join(factors)}"
             )
         return round(float(match[1]) * factors[match[2]], 12)
 
