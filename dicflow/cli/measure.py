@@ -256,7 +256,6 @@ def _exit_code(result: Result, drawn: _Drawn) -> int:
 
 def _run_line(result: Result) -> dict[str, Any]:
     """The last line of ``--json``."""
-
     outcome = result.outcome
     assert outcome is not None
     counts = {name: outcome.counts.get(name, 0) for name in STATUSES}

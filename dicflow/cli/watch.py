@@ -9,7 +9,7 @@ import sys
 import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
@@ -102,8 +102,7 @@ def _page_of(pipeline: Pipeline) -> Iterator[None]:
     command += ["--data", str(pipeline.folder), "--store", str(pipeline.store_folder)]
     app = subprocess.Popen(command, stdin=subprocess.DEVNULL, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL,
                            text=True, start_new_session=True)  # fmt: skip
-    assert app.stdout is not None
-    threading.Thread(target=_say_link, args=(app.stdout.readline,), daemon=True).start()
+    threading.Thread(target=_say_link, args=(app,), daemon=True).start()
     try:
         yield
     finally:
@@ -111,7 +110,11 @@ def _page_of(pipeline: Pipeline) -> Iterator[None]:
         app.wait()
 
 
-def _say_link(read: Any) -> None:
-    link = read().strip()
+def _say_link(app: subprocess.Popen[str]) -> None:
+    """Print the link once the app serves; where it ends before by itself, how to learn why."""
+    assert app.stdout is not None
+    link = app.stdout.readline().strip()
     if link:
         _note(f"open {link}#explore for the curve and the maps; the link is for you alone")
+    elif app.wait() > 0:
+        _note("--page: the app did not start; run 'dicflow app' on this pipeline file to see why")

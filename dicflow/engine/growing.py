@@ -22,7 +22,7 @@ from dicflow.engine.journal import STATUSES, Event, Journal
 from dicflow.engine.kernel_cache import keep_kernels
 from dicflow.engine.node import Node
 from dicflow.engine.plan import Plan, PlanEntry, make_plan
-from dicflow.engine.processes import WorkerProcesses
+from dicflow.engine.processes import WorkerProcesses, survive
 from dicflow.engine.references import Ref
 from dicflow.engine.running import Options, Running
 from dicflow.engine.schedulers import open_backend
@@ -93,14 +93,14 @@ class GrowingRun:
         keep_memory()
         self._processes.__enter__()
         self._processes.start()
-        self._compile()
         return self
 
     def __exit__(self, *error: object) -> None:
         self._processes.__exit__(*error)
         if self._state is not None and self._journal is not None:
             counts = Counter[str](outcome.status for outcome in self.outcomes.values())
-            result = {"counts": {status: counts[status] for status in STATUSES}, "interrupted": False}
+            interrupted = len(self.outcomes) < len(self.tasks)
+            result = {"counts": {status: counts[status] for status in STATUSES}, "interrupted": interrupted}
             with suppress(StoreError):
                 self._journal.close(self._state.index(), result)
 
@@ -118,6 +118,19 @@ class GrowingRun:
     def starts(self) -> Mapping[str, str]:
         """Stage that repeats over steps → the one that starts its series."""
         return self._state.plan.graph.starts if self._state is not None else {}
+
+    def compile_ahead(self, is_wanted: Callable[[], bool]) -> None:
+        """Compile what the stages need, in turn: one process of numba's compiles at once.
+
+        is_wanted : whether to go on with the next piece
+        """
+        options = self._options
+        left = Uncompiled(options.uncompiled(self._nodes) if options.uncompiled is not None else {})
+        while is_wanted() and (piece := left.take()) is not None:
+            if options.on_event is not None:
+                options.on_event(Event("compiling", stage=piece[1]))
+            with suppress(Exception):  # what goes wrong shows again in a task, which has a place for errors
+                self.call(piece[2])
 
     def grow(self, graph: Graph, resolved: Any) -> None:
         """Go on with another graph. resolved : the pipeline as JSON, kept with the run
@@ -157,23 +170,18 @@ class GrowingRun:
         return outcome.ref if outcome is not None else None
 
     def call(self, function: Callable[..., T], *arguments: Any) -> T:
-        """The value of a function of a module, computed in a worker. Raises what it raises, and WorkerLost."""
-        return self._processes.call(function, *arguments)
+        """The value of a function of a module, computed in a worker, and in another one where that dies.
+
+        Raises what it raises, and WorkerLost.
+        """
+        found: T = survive(1, self._processes.call, function, *arguments)
+        return found
 
     def show_life(self) -> None:
         """Write a line now and then while nothing happens: a silent run would count as killed."""
         if self._journal is not None and time.monotonic() - self._written > _SIGN_OF_LIFE_S:
             self._journal.write(Event("checking", text="files"))
             self._written = time.monotonic()
-
-    def _compile(self) -> None:
-        """Compile what the stages need, in turn: one process of numba's compiles at once."""
-        options = self._options
-        left = Uncompiled(options.uncompiled(self._nodes) if options.uncompiled is not None else {})
-        while (piece := left.take()) is not None:
-            if options.on_event is not None:
-                options.on_event(Event("compiling", stage=piece[1]))
-            self.call(piece[2])
 
     def _needed(self, names: Iterable[str]) -> frozenset[str]:
         needed: set[str] = set()

@@ -31,6 +31,8 @@ def workers_of(text: str) -> tuple[int, int]:
     least, most = int(found[1]), int(found[2] or found[1])
     if least < 1:
         raise ConfigurationError(f"--workers {text}: the number must be at least 1")
+    if least > most:
+        raise ConfigurationError(f"--workers {text}: write the smaller number first, {most}..{least}")
     return least, most
 
 

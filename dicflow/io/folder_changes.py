@@ -23,7 +23,7 @@ class FolderChanges:
 
     def __init__(self, folders: Iterable[Path], beside: Path) -> None:
         self._folders = tuple(folders)
-        self._beside = str(beside)
+        self._beside = beside
         self._changed = threading.Event()
         self._ended = threading.Event()
         self._thread = threading.Thread(target=self._watch, daemon=True)
@@ -39,7 +39,8 @@ class FolderChanges:
     def wait(self, seconds: float) -> bool:
         """Wait for a change, at most so long; returns whether there was one."""
         changed = self._changed.wait(seconds)
-        self._changed.clear()
+        if changed:  # one that comes just after the time is up is for the next call
+            self._changed.clear()
         return changed
 
     def missing(self) -> list[Path]:
@@ -60,7 +61,7 @@ class FolderChanges:
 
         changes = watch(
             *found,
-            watch_filter=lambda _, path: not path.startswith(self._beside),
+            watch_filter=lambda _, path: not Path(path).is_relative_to(self._beside),
             debounce=_GATHERED_MS,
             step=_QUIET_MS,
             rust_timeout=_LOOK_MS,

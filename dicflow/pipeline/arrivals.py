@@ -28,33 +28,40 @@ class Arrivals:
     """Looks at the files of stages that start a series.
 
     A file is whole once it has rested for a moment and the stage can read it. What is not whole, has no partner or does
-    not fit the others is in no step; :attr:`waiting` says why.
+    not fit the others is in no step; of what rests but cannot be read or does not fit, :attr:`waiting` says why.
 
     waiting : file → what keeps it out of the steps, after each look
     resting : whether nothing has changed for so long that the last look holds until a file changes
-    changed : whether a file has been replaced that was whole at an earlier look
     """
 
     def __init__(self, store: Store) -> None:
         self._store = store
         self._seen: dict[Path, tuple[Stamp, float]] = {}
         self._whole: dict[Path, Stamp] = {}
+        self._asked: set[Path] = set()
+        self._fitting: dict[str, set[str]] = {}
         self._facts: dict[_File, tuple[Stamp, Any]] = {}
         self.waiting: dict[str, str] = {}
-        self.resting, self.changed = True, False
+        self.resting = True
 
     def look(self, stages: Mapping[str, StageSpec]) -> dict[str, Steps]:
         """The steps so far of each stage that starts a series. Raises InputError where there can be none yet."""
-        self.waiting, self.resting, self.changed = {}, True, False
-        found = {name: self._steps(spec) for name, spec in stages.items()}
+        self.waiting, self.resting, self._asked = {}, True, set()
+        found = {name: self._steps(name, spec) for name, spec in stages.items()}
+        self._whole = {path: known for path, known in self._whole.items() if path in self._asked}
         self._store.files.save()
         return found
+
+    def stamps(self, found: Mapping[str, Steps]) -> dict[Path, Stamp]:
+        """The files of some steps, each with its stamp when it became whole."""
+        files = (Path(file) for steps in found.values() for own in steps.values() for file in own.values())
+        return {path: self._whole[path] for path in files}
 
     def age(self, files: Iterable[_File]) -> float:
         """How long ago the last of some files took its present form [s]."""
         return time.monotonic() - max(self._seen[Path(file)][1] for file in files)
 
-    def _steps(self, spec: StageSpec) -> Steps:
+    def _steps(self, name: str, spec: StageSpec) -> Steps:
         steps = spec.node.steps_so_far(spec.folder, self._rests) or {}
         files = dict.fromkeys(file for own in steps.values() for file in own.values())
         new = [file for file in files if self._facts.get(file, (None,))[0] != self._whole[Path(file)]]
@@ -65,10 +72,11 @@ class Arrivals:
         self.waiting |= {str(file): str(found) for file, found in facts.items() if isinstance(found, InputError)}
         facts = {file: found for file, found in facts.items() if not isinstance(found, InputError)}
         readable = {step: own for step, own in steps.items() if all(file in facts for file in own.values())}
-        return self._agreeing(spec, readable, facts)
+        return self._agreeing(name, spec, readable, facts)
 
     def _rests(self, path: Path) -> bool:
         """Whether a file has not changed for a moment. One that is just replaced is the old one until it rests."""
+        self._asked.add(path)
         try:
             now = stamp(path)
         except InputError:  # gone since its folder was listed
@@ -81,7 +89,6 @@ class Arrivals:
         if time.monotonic() - since < _QUIET_S:
             self.resting = False
             return path in self._whole
-        self.changed |= self._whole.setdefault(path, now) != now
         self._whole[path] = now
         return True
 
@@ -92,19 +99,22 @@ class Arrivals:
         except InputError as error:
             return error
 
-    def _agreeing(self, spec: StageSpec, steps: Steps, facts: Mapping[_File, Any]) -> Steps:
-        """The steps whose files fit those before them."""
+    def _agreeing(self, name: str, spec: StageSpec, steps: Steps, facts: Mapping[_File, Any]) -> Steps:
+        """The steps whose files fit those of the last look, or else those before them."""
         agree = partial(_agree, spec, facts)
         if not steps or agree(list(steps), steps) is None:
+            self._fitting[name] = set(steps)
             return steps
-        fitting: list[str] = []
-        for step in steps:
+        known = [step for step in steps if step in self._fitting.get(name, ())]
+        fitting = dict.fromkeys(known if known and agree(known, steps) is None else ())
+        for step in [step for step in steps if step not in fitting]:
             problem = agree([*fitting, step], steps)
             if problem is None:
-                fitting.append(step)
+                fitting[step] = None
             else:
                 self.waiting[str(next(iter(steps[step].values())))] = problem
-        return {step: steps[step] for step in fitting}
+        self._fitting[name] = set(fitting)
+        return {step: files for step, files in steps.items() if step in fitting}
 
 
 def _agree(spec: StageSpec, facts: Mapping[_File, Any], names: Sequence[str], steps: Steps) -> str | None:

@@ -76,13 +76,13 @@ def run_facts(store: Store, run: RunInfo) -> RunFacts:
     events, index = list(run.events()), run.index
     finished = {event.task: event for event in events if event.kind == "finished"}
     made = {task: _made(store, entry["key"]) for task, entry in index.items()}
-    planned: Mapping[str, int] = next((event.counts for event in events if event.kind == "planned"), {})
+    plans: list[Mapping[str, int]] = [event.counts for event in events if event.kind == "planned"]
     tasks = [_hit(task, index[task], made[task]) for task in index if task not in finished]
     tasks += [_finished(event, made.get(task, {})) for task, event in finished.items()]
     return RunFacts(
         run.id,
         run.started,
-        sum(planned.values()),
+        sum(plans[-1].values()) if plans else 0,
         bool((run.result or {}).get("interrupted")),
         run.result is not None,
         tuple(tasks),

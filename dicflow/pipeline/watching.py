@@ -9,12 +9,13 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
+from dicflow.engine.files import Stamp
 from dicflow.engine.graph import Graph
 from dicflow.engine.growing import GrowingRun
 from dicflow.engine.journal import Event
 from dicflow.engine.node import Scope, Steps
 from dicflow.engine.processes import WorkerLost
-from dicflow.engine.work import Outcome
+from dicflow.engine.work import KILLED, Outcome
 from dicflow.errors import DicflowError, InputError
 from dicflow.io.folder_changes import FolderChanges
 from dicflow.pipeline.arrivals import Arrivals
@@ -71,6 +72,7 @@ class Watch:
         self._changes = FolderChanges(sorted(folders), pipeline.store_folder)
         self._arrivals = Arrivals(pipeline.store)
         self._found: dict[str, Steps] = {}
+        self._stamps: dict[Path, Stamp] = {}
         self._noted: set[str] = set()
         self._behind = False
         self._has_ended = False
@@ -84,6 +86,7 @@ class Watch:
         pipeline = self._pipeline
         nodes = {name: spec.node for name, spec in pipeline.stages.items()}
         with self._changes, GrowingRun(pipeline.store, pipeline.name, nodes, self._options) as growing:
+            growing.compile_ahead(lambda: not self._has_ended)
             while not self._has_ended:
                 self._look(growing)
                 if not self._measure_next(growing):
@@ -113,10 +116,11 @@ class Watch:
             if missing := self._changes.missing():
                 raise InputError(f"{missing[0]}: no such folder; it is waited for, and Ctrl-C ends the watch")
             found = self._arrivals.look(self._specs)
-            if found != self._found or self._arrivals.changed or not growing.tasks:
+            stamps = self._arrivals.stamps(found)
+            if found != self._found or stamps != self._stamps or not growing.tasks:
                 so_far = replace(self._pipeline, found=found)
                 growing.grow(_live(so_far.graph), so_far.described())
-                self._found = found
+                self._found, self._stamps = found, stamps
         except InputError as error:
             self._note(f"waiting: {error}")
             return
@@ -166,8 +170,12 @@ class Watch:
                 try:
                     rig = growing.ref(spec.inputs.get("rig", ""))
                     rows += growing.call(readings_of_step, self._pipeline.store_folder, spec.node, step, total, rig)
-                except (DicflowError, WorkerLost) as error:
+                except DicflowError as error:
                     problems.append(f"{stage}: {error}")
+                except WorkerLost:
+                    problems.append(f"{stage}: {KILLED}")
+                except Exception as error:  # the test goes on, and so does the watch
+                    problems.append(f"{stage}: {type(error).__name__}: {error}; the run at the end tries again")
         return Measured(step, self._arrivals.age(self._found[series][step].values()), tuple(rows), tuple(problems))
 
 

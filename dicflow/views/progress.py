@@ -126,11 +126,13 @@ class Progress:
         return Group(self._table(), bar)
 
     def _plan(self, event: Event) -> None:
+        """Take in a plan; the stages last and at once, since another thread draws them."""
         self._started = time.monotonic()
-        for stage, counts in event.stages.items():
-            self._totals[stage] = sum(counts.values())
-            self._stages[stage] = dict.fromkeys(STATUSES, 0) | {"hit": counts.get("hit", 0)}
-            self._seconds[stage] = 0.0
+        self._totals = {stage: sum(counts.values()) for stage, counts in event.stages.items()}
+        self._seconds = dict.fromkeys(event.stages, 0.0)
+        self._stages = {
+            stage: dict.fromkeys(STATUSES, 0) | {"hit": counts.get("hit", 0)} for stage, counts in event.stages.items()
+        }
 
     def _compile(self, event: Event) -> None:
         if event.kind == "compiled":

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import time
 from typing import Any, ClassVar, Literal
 
@@ -144,3 +145,20 @@ def test_a_run_that_waits_shows_that_it_lives(store, tmp_path, monkeypatch):
         time.sleep(0.01)
         growing.show_life()
     assert [event.kind for event in runs(store)[0].events()][-1] == "checking"
+
+
+def test_a_run_that_ends_before_all_is_done_counts_as_interrupted(store, tmp_path):
+    graph = expand(stages(numbers(tmp_path / "files", 2)))
+    with GrowingRun(store, "toys", {}, Options(workers=1)) as growing:
+        growing.grow(graph, {})
+        growing.compute(["read/step_01"])
+    assert runs(store)[0].result["interrupted"]
+
+
+def test_code_that_cannot_be_compiled_ahead_ends_no_run(store):
+    said = []
+    pieces = {"read": {"one": json.loads, "other": json.loads}}
+    options = Options(workers=1, uncompiled=lambda nodes: pieces, on_event=said.append)
+    with GrowingRun(store, "toys", {}, options) as growing:
+        growing.compile_ahead(lambda: len(said) < 1)
+        assert [(event.kind, event.stage) for event in said] == [("compiling", "read")]

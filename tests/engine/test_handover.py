@@ -51,6 +51,17 @@ def test_a_damaged_file_is_no_product(given, tmp_path, damage):
     assert given[1].get(manifest) is None
 
 
+def test_a_file_with_any_byte_damaged_is_no_other_product(given, tmp_path):
+    product, manifest = made([1.0, 2.0])
+    given[0].put(product, manifest)
+    (path,) = tmp_path.iterdir()
+    content = path.read_bytes()
+    for place, byte in enumerate(content):
+        path.write_bytes(content[:place] + bytes([byte ^ 0xFF]) + content[place + 1 :])
+        found = given[1].get(manifest)
+        assert found is None or describe(found) == manifest
+
+
 def test_another_product_under_the_name_is_none(given, tmp_path):
     (product, manifest), (other, described) = made([1.0, 2.0]), made([1.0, 3.0])
     given[0].put(product, manifest)

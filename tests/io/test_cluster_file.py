@@ -47,6 +47,11 @@ def test_numbers_of_workers_that_are_wrong(text):
         workers_of(text)
 
 
+def test_a_range_of_workers_that_falls():
+    with pytest.raises(ConfigurationError, match=r"--workers 40\.\.2: write the smaller number first, 2\.\.40"):
+        workers_of("40..2")
+
+
 def test_the_command_refuses_what_does_not_go_together(tmp_path):
     pipeline = tmp_path / "p.yaml"
     pipeline.write_text("stages: {photos: {stage: images, left: '*.png'}}\n")

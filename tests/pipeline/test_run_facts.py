@@ -54,6 +54,11 @@ def test_facts_of_a_killed_run(store, journal):
     assert found.warnings == (("", "beware"),)
 
 
+def test_of_a_run_that_has_grown_the_last_plan_counts(store, journal):
+    journal.write(Event("planned", counts={"hit": 4, "pending": 2}))
+    assert facts(store).planned == 6
+
+
 def test_time_saved_is_what_the_products_at_hand_once_took(store, journal):
     journal.write(Event("finished", task="rig@2", stage="rig@2", status="computed", seconds=7.0, **entry("rig@2")))
     assert facts(store).saved_s == 3.5

@@ -2,12 +2,17 @@
 
 from __future__ import annotations
 
+import io
 import re
 import time
+from pathlib import Path
+from types import SimpleNamespace
 
 import cv2
 import pytest
 
+from dicflow.cli.watch import _say_link
+from dicflow.engine.processes import WorkerLost
 from dicflow.errors import InputError
 from dicflow.pipeline import Pipeline
 from dicflow.pipeline.arrivals import Arrivals
@@ -145,3 +150,107 @@ def test_photographs_of_another_size_are_in_no_step(tmp_path):
     assert list(arrivals.look(specs)["photos"]) == ["left_000"]
     assert "120 × 100" in arrivals.waiting[str(second[0].path)]
     assert dicflow("plan", pipeline).code == 2
+
+
+def looking(pipeline):
+    """What looks at the photographs of a pipeline, and a function that looks."""
+    loaded = Pipeline.load(pipeline)
+    arrivals = Arrivals(loaded.store)
+    specs = {name: loaded.stages[name] for name in loaded.searched}
+    return lambda: list(arrivals.look(specs)["photos"])
+
+
+def test_a_photograph_that_is_deleted_and_written_anew_is_in_no_step_before_it_rests(tmp_path):
+    pipeline, found = write_pipeline(tmp_path), pairs(tmp_path, 3)
+    for pair in found:
+        feed(pair)
+    look, (path, content, *_) = looking(pipeline), found[2][0]
+    look()
+    time.sleep(0.25)
+    assert look() == ["left_000", "left_001", "left_002"]
+    path.unlink()
+    assert look() == ["left_000", "left_001"]
+    path.write_bytes(content[:2000])
+    assert look() == ["left_000", "left_001"]
+
+
+def test_what_fits_is_not_compared_again_because_of_a_photograph_that_does_not(tmp_path):
+    compared = []
+
+    def agree(facts, steps, inputs):
+        compared.append(len(steps))
+        if len(set(facts.values())) > 1:
+            raise InputError("another size")
+
+    spec = SimpleNamespace(node=SimpleNamespace(agree=agree))
+    steps = {f"{n}": {"left": Path(f"{n}.png")} for n in range(50)}
+    facts = {own["left"]: 1 for own in steps.values()} | {Path("20.png"): 2}
+    arrivals = Arrivals(Pipeline.load(write_pipeline(tmp_path)).store)
+    fitting = {step: own for step, own in steps.items() if step != "20"}
+    assert arrivals._agreeing("photos", spec, steps, facts) == fitting
+    assert arrivals.waiting == {"20.png": "another size"}
+    compared.clear()
+    assert arrivals._agreeing("photos", spec, steps, facts) == fitting
+    assert compared == [50, 49, 50]
+
+
+class Refusing:
+    """A run under way that may refuse to grow."""
+
+    def __init__(self):
+        self.tasks, self.refuses, self.grown = {"one": None}, False, 0
+
+    def grow(self, graph, resolved):
+        if self.refuses:
+            raise InputError("region.geojson: cannot be read")
+        self.grown += 1
+
+
+def test_a_replaced_photograph_counts_although_another_file_cannot_be_read_at_that_moment(tmp_path):
+    pipeline, growing = write_pipeline(tmp_path), Refusing()
+    first, second = pairs(tmp_path, 2)
+    feed(first)
+    watch = Watch(Pipeline.load(pipeline), lambda _: None, lambda _: None)
+
+    def look_twice():
+        watch._look(growing)
+        time.sleep(0.25)
+        watch._look(growing)
+
+    look_twice()
+    before = growing.grown
+    feed([first[0]._replace(content=second[0].content)])
+    growing.refuses = True
+    look_twice()
+    growing.refuses = False
+    watch._look(growing)
+    watch._look(growing)
+    assert growing.grown == before + 1
+
+
+@pytest.mark.parametrize(
+    ("error", "words"), [(WorkerLost(), "out of memory"), (ZeroDivisionError("zero"), "ZeroDivisionError: zero")]
+)
+def test_values_that_cannot_be_read_are_a_problem_of_their_step_alone(tmp_path, error, words):
+    watch = Watch(Pipeline.load(write_pipeline(tmp_path)), lambda _: None, lambda _: None)
+    watch._found = {"photos": {"step": {}}}
+    watch._arrivals.age = lambda files: 0.0
+
+    def call(*arguments):
+        raise error
+
+    growing = SimpleNamespace(outcomes={}, ref=lambda name: name, call=call)
+    (problem,) = watch._measured(growing, "photos", "step", []).problems
+    assert problem.startswith("probes: ")
+    assert words in problem
+
+
+@pytest.mark.parametrize(("line", "code", "words"), [("", 2, "did not start"), ("http://x\n", 0, "open http://x#")])
+def test_a_page_is_announced_or_missed(capsys, line, code, words):
+    _say_link(SimpleNamespace(stdout=io.StringIO(line), wait=lambda: code))
+    assert words in capsys.readouterr().err
+
+
+def test_a_page_that_the_end_of_the_watch_ends_is_not_missed(capsys):
+    _say_link(SimpleNamespace(stdout=io.StringIO(""), wait=lambda: -15))
+    assert capsys.readouterr().err == ""

@@ -53,6 +53,14 @@ def test_the_time_left_follows_what_each_stage_takes(clock):
     assert one._done() == pytest.approx(2.0 / 6.0)
 
 
+def test_a_thread_that_draws_while_a_plan_comes_has_all_stages_or_none(clock):
+    one = shown()
+    before = one._stages
+    one.on_event(Event("planned", stages=STAGES))
+    assert before == {}
+    assert one._stages.keys() == one._totals.keys() == one._seconds.keys() == STAGES.keys()
+
+
 def test_what_no_task_has_told_yet_is_taken_for_one_like_the_others(clock):
     one = shown()
     one.on_event(Event("planned", stages=STAGES))
