@@ -10,7 +10,7 @@ from typing import Any
 
 from dicflow.engine.node import At, Node, Port, Scope
 
-__all__ = ["allowed", "list_lines", "stage_lines"]
+__all__ = ["SCOPES", "allowed", "list_lines", "stage_lines"]
 
 _WIDTH = 79
 _LIMITS = {
@@ -24,7 +24,7 @@ _LIMITS = {
     "le": "at most {}",
 }
 _TYPES = {"integer": "whole number", "number": "number", "string": "text", "boolean": "true or false", "null": "null"}
-_SCOPES = {
+SCOPES = {
     Scope.RIG: "once for the cameras",
     Scope.STEP: "once per step",
     Scope.PAIR: "once per step but the first",
@@ -43,14 +43,14 @@ def list_lines(kinds: Mapping[str, type[Node]]) -> Iterator[str]:
     """Two lines per stage: its name, title and how often it runs; the products it takes and gives."""
     width = max(map(len, kinds))
     for name, kind in kinds.items():
-        yield f"{name:{width}}  {kind.title}, {_SCOPES[kind.scope]}"
+        yield f"{name:{width}}  {kind.title}, {SCOPES[kind.scope]}"
         takes = dict.fromkeys(_kinds(port) for port in kind.takes.values() if not port.own)
         yield from _wrapped(f"{', '.join(takes)} → {kind.gives}".strip(), " " * (width + 2))
 
 
 def stage_lines(name: str, kind: type[Node]) -> Iterator[str]:
     """All about one stage: its description, inputs, product and parameters."""
-    yield f"{name}: {kind.title}, {_SCOPES[kind.scope]}"
+    yield f"{name}: {kind.title}, {SCOPES[kind.scope]}"
     for paragraph in (getdoc(kind) or "").split("\n\n"):
         yield from ("", *_wrapped(paragraph, ""))
     yield from ("", "takes" if kind.takes else "takes no products")

@@ -14,7 +14,7 @@ from scipy.sparse import csr_matrix
 from scipy.sparse.linalg import spsolve
 
 from dicflow.core.arrays import Array
-from dicflow.core.material.membrane import sheet_stress
+from dicflow.core.material.membrane import sheet_stress, sheet_stress_by_gradient
 from dicflow.core.material.models import Model
 
 __all__ = ["Equilibrium", "equilibrium"]
@@ -25,8 +25,6 @@ _ROUNDS, _TOLERANCE = 60, 1e-11
 """Most steps of one search, and largest force that is left at a node, relative to the load."""
 _LARGEST = 0.3
 """Largest change of a displacement gradient in one step of a search."""
-_DIFFERENCE = 1e-6
-"""Change of a displacement for differences, over the side of an element."""
 
 
 class Equilibrium(NamedTuple):
@@ -140,18 +138,8 @@ def _assembled(model: Model, c: Array, mesh: _Mesh, moved: Array) -> tuple[Array
     force = np.zeros(moved.size)
     places = (2 * mesh.elements[..., None] + np.arange(2)).reshape(-1, 8)
     np.add.at(force, places, np.einsum("egij,egaj->eai", sheet_stress(model, c, gradients), weighted).reshape(-1, 8))
-    blocks = np.einsum("egijkl,egaj,egbl->eaibk", _moduli(model, c, gradients), weighted, mesh.slopes, optimize=True)
+    blocks = np.einsum(
+        "egijkl,egaj,egbl->eaibk", sheet_stress_by_gradient(model, c, gradients), weighted, mesh.slopes, optimize=True
+    )
     rows, columns = np.repeat(places, 8, axis=1).ravel(), np.tile(places, (1, 8)).ravel()
     return force, csr_matrix((blocks.ravel(), (rows, columns)), shape=(moved.size, moved.size))
-
-
-def _moduli(model: Model, c: Array, gradients: Array) -> Array:
-    """∂P_ij/∂F_kl (..., 2, 2, 2, 2) by central differences."""
-    found = np.empty((*gradients.shape, 2, 2))
-    for k in range(2):
-        for column in range(2):
-            shift = np.zeros((2, 2))
-            shift[k, column] = _DIFFERENCE
-            change = sheet_stress(model, c, gradients + shift) - sheet_stress(model, c, gradients - shift)
-            found[..., k, column] = change / (2.0 * _DIFFERENCE)
-    return found

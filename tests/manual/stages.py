@@ -10,20 +10,14 @@ from typing import Any
 
 import yaml
 
-from dicflow.engine.node import At, Node, Port, Scope
+from dicflow.engine.node import At, Node, Port
 from dicflow.pipeline.registry import node_class, stage_names
-from dicflow.pipeline.stage_words import allowed
+from dicflow.pipeline.stage_words import SCOPES, allowed
 from tests.manual.kinds import kind_sentence
 
 __all__ = ["example_of", "stage_pages"]
 
 _PIPELINES = Path(__file__).parents[2] / "pipelines"
-_SCOPES = {
-    Scope.RIG: "once for the cameras",
-    Scope.STEP: "once per step",
-    Scope.PAIR: "once per step but the first",
-    Scope.TEST: "once for the test",
-}
 _STEPS = {
     At.SAME: "the same",
     At.PREVIOUS: "the previous one",
@@ -68,11 +62,11 @@ def _overview() -> Iterator[str]:
     for name in stage_names():
         kind = node_class(name)
         takes = ", ".join(dict.fromkeys(" or ".join(port.kinds) for port in kind.takes.values() if not port.own))
-        yield f"| [`{name}`](stages/{name}.md) | {kind.title} | {_SCOPES[kind.scope]} | {takes} | {kind.gives} |"
+        yield f"| [`{name}`](stages/{name}.md) | {kind.title} | {SCOPES[kind.scope]} | {takes} | {kind.gives} |"
 
 
 def _page(name: str, kind: type[Node]) -> Iterator[str]:
-    yield from (f"# {name}", "", f"*{kind.title}, {_SCOPES[kind.scope]}*", "")
+    yield from (f"# {name}", "", f"*{kind.title}, {SCOPES[kind.scope]}*", "")
     yield from (_markdown(getdoc(kind) or ""), "", "## Example", "", "```yaml", _example_text(name), "```", "")
     yield from ("## Inputs", "")
     yield from _inputs(kind) if kind.takes else ["None: it reads files.", ""]

@@ -7,7 +7,11 @@ import numpy as np
 from dicflow.core.arrays import Array
 from dicflow.core.material.models import Model
 
-__all__ = ["sheet_stress", "sheet_stress_by_constants"]
+__all__ = ["sheet_stress", "sheet_stress_by_constants", "sheet_stress_by_gradient"]
+
+
+_DIFFERENCE = 1e-5
+"""Change of an element of F for differences."""
 
 
 def sheet_stress(model: Model, c: Array, gradient: Array) -> Array:
@@ -28,6 +32,18 @@ def sheet_stress_by_constants(model: Model, c: Array, gradient: Array) -> Array:
     slopes = np.moveaxis(model.sensitivities(c, stretches), -1, -2)
     principal = (slopes[..., :2] - slopes[..., 2:]) / stretches[..., None, :2]
     return np.asarray((left[..., None, :, :] * principal[..., None, :]) @ right[..., None, :, :])
+
+
+def sheet_stress_by_gradient(model: Model, c: Array, gradient: Array) -> Array:
+    """∂P_ij/∂F_kl (..., 2, 2, 2, 2) of :func:`sheet_stress`, by central differences."""
+    found = np.empty((*gradient.shape, 2, 2))
+    for k in range(2):
+        for column in range(2):
+            shift = np.zeros((2, 2))
+            shift[k, column] = _DIFFERENCE
+            change = sheet_stress(model, c, gradient + shift) - sheet_stress(model, c, gradient - shift)
+            found[..., k, column] = change / (2.0 * _DIFFERENCE)
+    return found
 
 
 def _principal(gradient: Array) -> tuple[Array, Array, Array]:

@@ -19,7 +19,7 @@ from scipy.stats import chi2
 
 from dicflow.core.arrays import Array
 from dicflow.core.material.fit import corrected_criterion, correlation_of
-from dicflow.core.material.membrane import sheet_stress, sheet_stress_by_constants
+from dicflow.core.material.membrane import sheet_stress, sheet_stress_by_constants, sheet_stress_by_gradient
 from dicflow.core.material.models import Model
 
 __all__ = [
@@ -38,8 +38,6 @@ _ROUNDS = 2
 """Searches, each with weights at the constants of the one before."""
 _LEAST_VARIANCE = 1e-8
 """Variance of a sum of virtual works, relative to that of the noisiest one, that counts as noise at least."""
-_STEP = 1e-5
-"""Change of a gradient for differences."""
 
 
 class Sheet(NamedTuple):
@@ -275,7 +273,7 @@ class _System:
         steps, count = self.works.shape
         if not self.is_noisy:
             return np.broadcast_to(np.eye(count), (steps, count, count))
-        sheet, changes = self.sheet, _by_gradient(model, c, self.sheet.gradients)
+        sheet, changes = self.sheet, sheet_stress_by_gradient(model, c, self.sheet.gradients)
         u_gradient = np.broadcast_to(sheet.u_gradient, steps)[:, None, None, None]
         noise = sheet.thickness * u_gradient * np.sqrt(sheet.shared) * sheet.areas[:, None, None]
         parts = [np.einsum("snijkl,snij->snkl", changes, gradient) * noise for gradient in self.gradients]
@@ -289,15 +287,3 @@ class _System:
         """Virtual work of stresses (step, n, p, 2, 2), (step, field, p)."""
         parts = [np.einsum("n,snpij,snij->sp", self.sheet.areas, stress, gradient) for gradient in self.gradients]
         return np.asarray(self.sheet.thickness * np.stack(parts, axis=1))
-
-
-def _by_gradient(model: Model, c: Array, gradients: Array) -> Array:
-    """∂P_ij/∂F_kl (..., 2, 2, 2, 2) by central differences."""
-    found = np.empty((*gradients.shape, 2, 2))
-    for k in range(2):
-        for column in range(2):
-            shift = np.zeros((2, 2))
-            shift[k, column] = _STEP
-            change = sheet_stress(model, c, gradients + shift) - sheet_stress(model, c, gradients - shift)
-            found[..., k, column] = change / (2.0 * _STEP)
-    return found
