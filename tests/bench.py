@@ -21,6 +21,7 @@ import psutil
 
 from tests import bench_correlation, bench_flow, bench_pictures, bench_planning, bench_run, bench_stereo, bench_waits
 from tests.bars import Figure
+from tests.data_folder import SHARED
 from tests.figures import ROOT, WORK, forth_and_back, fresh, replica, report
 
 PIPELINE = ROOT / "pipelines" / "latex_experiment_1.yaml"
@@ -123,7 +124,6 @@ def cold_and_warm(data: Path) -> Iterator[Figure]:
     command = [DICFLOW, "run", str(PIPELINE), *folders, "--json"]
     cold, warm = cost(command), min((cost(command) for _ in range(3)), key=lambda run: run.seconds)
     yield Figure("cold run with pictures, 2 workers", cold.seconds, 150, unit="s")
-    yield Figure("peak memory over all processes", cold.peak_bytes / 2**30, 2, unit="GiB")
     yield Figure("store", size_of(store) / 1e9, 1.5, unit="GB")
     yield Figure("run with nothing to do, whole process", warm.seconds, 1.5, unit="s")
     yield Figure("  of it computed", warm.said["counts"]["computed"], 0)
@@ -139,6 +139,19 @@ def workers(data: Path) -> Iterator[Figure]:
     short, long = (computed(of_length(data, steps), fresh(f"bench_{steps}"), 2) for steps in (8, 40))
     yield Figure("peak memory, 22 steps / 8 steps", two.peak_bytes / short.peak_bytes)
     yield Figure("peak memory, 40 steps / 22 steps", long.peak_bytes / two.peak_bytes)
+
+
+def memory(data: Path) -> Iterator[Figure]:
+    """Most memory of whole runs, resident sizes added up; the bars are what version 0.1 took, taken alike."""
+    runs = [("replica, precise form", PRECISE, data, 1.22), ("replica, thesis form", PIPELINE, data, 1.52)]
+    if (SHARED / "d_specimen").is_dir():
+        pairs = ROOT / "pipelines" / "precise_d_specimen.yaml"
+        runs.insert(0, ("two cameras, 7 real pairs", pairs, SHARED / "d_specimen", 1.42))
+    for name, pipeline, photographs, bar in runs:
+        folder = fresh("bench_memory")
+        arguments = ["--data", photographs, "--store", folder / "store", "--output", folder / "output"]
+        taken = cost([DICFLOW, "run", *map(str, (pipeline, *arguments))])
+        yield Figure(f"{name}: most memory", taken.peak_bytes / 1e9, bar, unit="GB")
 
 
 def stage_seconds(run: Cost) -> float:
@@ -164,6 +177,7 @@ def figures() -> Iterator[Figure]:
     computed(of_length(data, 3), fresh("bench_first"), 2)  # compiles the kernels, which is not measured
     yield from bench_waits.figures()
     yield from bench_run.waits()
+    yield from memory(data)
     yield from workers(data)
     yield from bench_correlation.speed()
     yield from bench_correlation.growth()
