@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from typing import NamedTuple
 
-__all__ = ["Figure", "print_figures"]
+__all__ = ["Figure", "print_as_they_come", "print_figures"]
 
 
 class Figure(NamedTuple):
@@ -27,9 +27,19 @@ class Figure(NamedTuple):
 
 def print_figures(figures: Sequence[Figure]) -> int:
     """Print the table; returns the exit code, 1 where a bar is missed."""
-    width = max(len(figure.quantity) for figure in figures)
+    return print_as_they_come(figures, max(len(figure.quantity) for figure in figures))
+
+
+def print_as_they_come(figures: Iterable[Figure], width: int) -> int:
+    """Print each row of the table once it is measured; returns the exit code, 1 where a bar is missed.
+
+    width : of the column of quantities
+    """
     print(f"{'quantity':<{width}}  {'bar':>12}  {'measured':>12}")
+    missed = False
     for figure in figures:
         bar = "" if figure.bar is None else f"{'≥' if figure.at_least else '≤'} {figure.bar:.4g}"
-        print(f"{figure.quantity:<{width}}  {bar:>12}  {figure.measured:>12.4g} {figure.unit:<4} {figure.verdict}")
-    return int(any(figure.verdict == "MISSED" for figure in figures))
+        row = f"{figure.quantity:<{width}}  {bar:>12}  {figure.measured:>12.4g} {figure.unit:<4} {figure.verdict}"
+        print(row, flush=True)
+        missed = missed or figure.verdict == "MISSED"
+    return int(missed)

@@ -20,8 +20,13 @@ WORK = ROOT / "build" / "figures"
 
 def report(figures: Sequence[Figure]) -> int:
     """Print the machine and the table; returns the exit code, 1 where a bar is missed."""
-    print(f"\n{platform.processor() or platform.machine()}, Python {platform.python_version()}")
+    print(f"\n{machine()}")
     return print_figures(figures)
+
+
+def machine() -> str:
+    """On what the figures are measured."""
+    return f"{platform.processor() or platform.machine()}, Python {platform.python_version()}"
 
 
 def replica(experiment: int) -> Path:
