@@ -19,6 +19,7 @@ from dicflow.kinds.quantities import (
     MEASURES,
     QUANTITIES,
     Quantity,
+    figure_in_words,
     further_quantity,
     gradient_functions,
     strain_function,
@@ -370,11 +371,7 @@ def _figures_sentence(total: Total) -> str:
     text = "" if gauge is None else f" The virtual strain gauge measures {gauge.size} [idics2018]{_smaller(total)}."
     names = {name: named_with_unit(name, total.unit) for name in BASIC}
     known = {name: summary.get(f"u_{named}") for name, named in names.items()}
-    figures = [
-        f"{value:.2g}{'' if (unit := QUANTITIES[name].unit_in(total.unit)) == '1' else f' {unit}'} for {name}"
-        for name, value in known.items()
-        if value is not None
-    ]
+    figures = [figure_in_words(name, value, total.unit) for name, value in known.items() if value is not None]
     if not figures:
         return text
     said = ", ".join(figures)
