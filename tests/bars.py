@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable
 from typing import NamedTuple
 
 __all__ = ["Figure", "print_figures"]
+
+_WIDTH = 72
+"""Of the names of quantities."""
 
 
 class Figure(NamedTuple):
@@ -25,11 +28,13 @@ class Figure(NamedTuple):
         return "ok" if met else "MISSED"
 
 
-def print_figures(figures: Sequence[Figure]) -> int:
-    """Print the table; returns the exit code, 1 where a bar is missed."""
-    width = max(len(figure.quantity) for figure in figures)
-    print(f"{'quantity':<{width}}  {'bar':>12}  {'measured':>12}")
+def print_figures(figures: Iterable[Figure]) -> int:
+    """Print the table, each line as soon as it is measured; returns the exit code, 1 where a bar is missed."""
+    print(f"{'quantity':<{_WIDTH}}  {'bar':>12}  {'measured':>12}", flush=True)
+    code = 0
     for figure in figures:
         bar = "" if figure.bar is None else f"{'≥' if figure.at_least else '≤'} {figure.bar:.4g}"
-        print(f"{figure.quantity:<{width}}  {bar:>12}  {figure.measured:>12.4g} {figure.unit:<4} {figure.verdict}")
-    return int(any(figure.verdict == "MISSED" for figure in figures))
+        line = f"{figure.quantity:<{_WIDTH}}  {bar:>12}  {figure.measured:>12.4g} {figure.unit:<4} {figure.verdict}"
+        print(line.rstrip(), flush=True)
+        code |= figure.verdict == "MISSED"
+    return int(code)

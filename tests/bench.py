@@ -8,6 +8,7 @@ from __future__ import annotations
 import csv
 import json
 import os
+import resource
 import shutil
 import subprocess
 import sys
@@ -43,17 +44,18 @@ if __name__ == "__main__":
 class Cost(NamedTuple):
     """Cost of one process with its children.
 
-    seconds : wall time; peak_bytes : largest sum of the proportional or resident sizes; said : last line of output
+    seconds, cpu_s : wall and processor time; peak_bytes : largest sum of the resident sizes; said : last line of output
     """
 
     seconds: float
+    cpu_s: float
     peak_bytes: int
     said: dict
 
 
 def cost(command: list[str]) -> Cost:
     """Run a command and watch the memory of all its processes."""
-    start, peak, stop = time.perf_counter(), [0], threading.Event()
+    start, cpu, peak, stop = time.perf_counter(), _cpu_of_children(), [0], threading.Event()
     process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
     watcher = threading.Thread(target=_watch, args=(process.pid, peak, stop))
     watcher.start()
@@ -64,7 +66,13 @@ def cost(command: list[str]) -> Cost:
         sys.exit(f"{' '.join(command)} ended with {process.returncode}:\n{errors}")
     lines = output.strip().splitlines()
     said = json.loads(lines[-1]) if lines and lines[-1].startswith("{") else {}
-    return Cost(time.perf_counter() - start, peak[0], said)
+    return Cost(time.perf_counter() - start, _cpu_of_children() - cpu, peak[0], said)
+
+
+def _cpu_of_children() -> float:
+    """Processor time of all processes that this one started and that have ended [s]."""
+    used = resource.getrusage(resource.RUSAGE_CHILDREN)
+    return used.ru_utime + used.ru_stime
 
 
 def _watch(pid: int, peak: list[int], stop: threading.Event) -> None:
@@ -116,56 +124,62 @@ def size_of(folder: Path) -> int:
     return sum(path.stat().st_size for path in folder.rglob("*") if path.is_file())
 
 
-def main() -> int:
+def figures() -> Iterator[Figure]:
+    """All figures, each as soon as it is measured."""
     data = replica(1)
     computed(of_length(data, 3), fresh("bench_first"), 2)  # compiles the kernels, which is not measured
-    two, one = computed(data, fresh("bench_two"), 2), computed(data, fresh("bench_one"), 1)
+    yield from bench_correlation.speed()
+    yield from bench_correlation.growth()
+    yield from bench_run.waits()
+    yield from bench_waits.figures()
+    yield from bench_stereo.step_cost()
+    yield from bench_planning.figures()
+    yield from bench_flow.figures()
+    yield from _commands(data)
+    yield from _runs(data)
+    yield from _precise_runs(data)
+    yield from reports(WORK / "replica_22_steps", WORK / "bench_22")
+    yield from bench_pictures.figures(WORK / "replica_22_steps", WORK / "bench_22")
+
+
+def _commands(data: Path) -> Iterator[Figure]:
+    """A cold and a warm run, and help, as processes."""
     store, output = fresh("bench"), fresh("bench_out")
-    command = [
-        DICFLOW,
-        "run",
-        str(PIPELINE),
-        "--data",
-        str(data),
-        "--store",
-        str(store),
-        "--output",
-        str(output),
-        "--json",
-    ]
-    cold, warm = cost(command), min((cost(command) for _ in range(3)), key=lambda run: run.seconds)
+    command = [DICFLOW, "run", str(PIPELINE), "--data", str(data), "--store", str(store), "--output", str(output)]
+    cold = cost([*command, "--json"])
+    yield Figure("cold run with pictures, 2 workers", cold.seconds, 150, unit="s")
+    yield Figure("peak memory over all processes", cold.peak_bytes / 2**30, 2, unit="GiB")
+    yield Figure("store", size_of(store) / 1e9, 1.5, unit="GB")
+    warm = min((cost([*command, "--json"]) for _ in range(3)), key=lambda run: run.seconds)
+    yield Figure("run with nothing to do, whole process", warm.seconds, 1.5, unit="s")
+    yield Figure("  of it computed", warm.said["counts"]["computed"], 0)
     helped = min((cost([DICFLOW, "--help"]) for _ in range(3)), key=lambda run: run.seconds)
-    short, long = (computed(of_length(data, steps), fresh(f"bench_{steps}"), 2) for steps in (8, 40))
-    precise = [computed(of_length(data, steps), fresh(f"bench_{steps}"), 2, PRECISE) for steps in (8, 22, 40)]
+    yield Figure("dicflow --help, whole process", helped.seconds, 0.5, unit="s")
+
+
+def _runs(data: Path) -> Iterator[Figure]:
+    """Two workers against one, the engine's share, and memory over the number of steps."""
+    two, one = computed(data, fresh("bench_two"), 2), computed(data, fresh("bench_one"), 1)
     stages = two.said["stage_s"] + two.said["remake_s"]
-    return report([
-        *bench_correlation.speed(),
-        *bench_correlation.growth(),
-        *bench_run.waits(),
-        *bench_waits.figures(),
-        *bench_stereo.step_cost(),
-        *bench_planning.figures(),
-        *bench_flow.figures(),
-        Figure("cold run with pictures, 2 workers", cold.seconds, 150, unit="s"),
-        Figure("peak memory over all processes", cold.peak_bytes / 2**30, 2, unit="GiB"),
-        Figure("store", size_of(store) / 1e9, 1.5, unit="GB"),
-        Figure("one worker / two workers, same run", one.said["seconds"] / two.said["seconds"], 1.7, at_least=True),
-        Figure("engine / stages, one worker", one.said["engine_s"] / (one.said["stage_s"] + one.said["remake_s"]), 0.1),
-        Figure("engine / stages, two workers", two.said["engine_s"] / stages, 0.1),
-        Figure("making again what is not kept / stages", two.said["remake_s"] / stages),
-        Figure("peak memory, 22 steps / 8 steps", two.peak_bytes / short.peak_bytes),
-        Figure("peak memory, 40 steps / 22 steps", long.peak_bytes / two.peak_bytes),
-        Figure("precise form: cold run of 22 steps", precise[1].seconds, unit="s"),
-        Figure("precise form: peak memory", precise[1].peak_bytes / 2**30, 2, unit="GiB"),
-        Figure("precise form: peak memory, 22 steps / 8 steps", precise[1].peak_bytes / precise[0].peak_bytes),
-        Figure("precise form: peak memory, 40 steps / 22 steps", precise[2].peak_bytes / precise[1].peak_bytes),
-        *reports(WORK / "replica_22_steps", WORK / "bench_22"),
-        *bench_pictures.figures(WORK / "replica_22_steps", WORK / "bench_22"),
-        Figure("run with nothing to do, whole process", warm.seconds, 1.5, unit="s"),
-        Figure("  of it computed", warm.said["counts"]["computed"], 0),
-        Figure("dicflow --help, whole process", helped.seconds, 0.5, unit="s"),
-    ])  # fmt: skip
+    yield Figure("one worker / two workers, same run", one.said["seconds"] / two.said["seconds"], 1.7, at_least=True)
+    yield Figure("engine / stages, one worker", one.said["engine_s"] / (one.said["stage_s"] + one.said["remake_s"]), 0.1)
+    yield Figure("engine / stages, two workers", two.said["engine_s"] / stages, 0.1)
+    yield Figure("making again what is not kept / stages", two.said["remake_s"] / stages)
+    short, long = (computed(of_length(data, steps), fresh(f"bench_{steps}"), 2) for steps in (8, 40))
+    yield Figure("peak memory, 22 steps / 8 steps", two.peak_bytes / short.peak_bytes)
+    yield Figure("peak memory, 40 steps / 22 steps", long.peak_bytes / two.peak_bytes)
+
+
+def _precise_runs(data: Path) -> Iterator[Figure]:
+    """Time and memory of the precise form over the number of steps; leaves the products of 22 steps."""
+    short, middle, long = (
+        computed(of_length(data, steps), fresh(f"bench_{steps}"), 2, PRECISE) for steps in (8, 22, 40)
+    )
+    yield Figure("precise form: cold run of 22 steps", middle.seconds, unit="s")
+    yield Figure("precise form: peak memory", middle.peak_bytes / 2**30, 2, unit="GiB")
+    yield Figure("precise form: peak memory, 22 steps / 8 steps", middle.peak_bytes / short.peak_bytes)
+    yield Figure("precise form: peak memory, 40 steps / 22 steps", long.peak_bytes / middle.peak_bytes)
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    sys.exit(report(figures()))

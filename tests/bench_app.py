@@ -208,4 +208,4 @@ def _timed(call: Callable[[], None]) -> float:
 
 if __name__ == "__main__":
     with tempfile.TemporaryDirectory() as place:
-        sys.exit(report(list(figures(Path(place)))))
+        sys.exit(report(figures(Path(place))))

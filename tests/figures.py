@@ -5,7 +5,7 @@ from __future__ import annotations
 import platform
 import shutil
 import sys
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
 from typing import TypeVar
 
@@ -18,9 +18,9 @@ T = TypeVar("T")
 WORK = ROOT / "build" / "figures"
 
 
-def report(figures: Sequence[Figure]) -> int:
-    """Print the machine and the table; returns the exit code, 1 where a bar is missed."""
-    print(f"\n{platform.processor() or platform.machine()}, Python {platform.python_version()}")
+def report(figures: Iterable[Figure]) -> int:
+    """Print the machine and the table, each line as soon as it is measured; returns the exit code, 1 where a bar is missed."""
+    print(f"\n{platform.processor() or platform.machine()}, Python {platform.python_version()}", flush=True)
     return print_figures(figures)
 
 
