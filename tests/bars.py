@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 __all__ = ["Figure", "print_figures"]
 
-WIDTH = 64
+WIDTH = 72
 """Columns for the name of a quantity."""
 
 

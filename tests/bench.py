@@ -8,6 +8,7 @@ from __future__ import annotations
 import csv
 import json
 import os
+import resource
 import shutil
 import subprocess
 import sys
@@ -44,17 +45,18 @@ if __name__ == "__main__":
 class Cost(NamedTuple):
     """Cost of one process with its children.
 
-    seconds : wall time; peak_bytes : largest sum of the proportional or resident sizes; said : last line of output
+    seconds, cpu_s : wall and processor time; peak_bytes : largest sum of the resident sizes; said : last line of output
     """
 
     seconds: float
+    cpu_s: float
     peak_bytes: int
     said: dict
 
 
 def cost(command: list[str]) -> Cost:
     """Run a command and watch the memory of all its processes."""
-    start, peak, stop = time.perf_counter(), [0], threading.Event()
+    start, cpu, peak, stop = time.perf_counter(), _cpu_of_children(), [0], threading.Event()
     process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
     watcher = threading.Thread(target=_watch, args=(process.pid, peak, stop))
     watcher.start()
@@ -65,7 +67,13 @@ def cost(command: list[str]) -> Cost:
         sys.exit(f"{' '.join(command)} ended with {process.returncode}:\n{errors}")
     lines = output.strip().splitlines()
     said = json.loads(lines[-1]) if lines and lines[-1].startswith("{") else {}
-    return Cost(time.perf_counter() - start, peak[0], said)
+    return Cost(time.perf_counter() - start, _cpu_of_children() - cpu, peak[0], said)
+
+
+def _cpu_of_children() -> float:
+    """Processor time of all processes that this one started and that have ended [s]."""
+    used = resource.getrusage(resource.RUSAGE_CHILDREN)
+    return used.ru_utime + used.ru_stime
 
 
 def _watch(pid: int, peak: list[int], stop: threading.Event) -> None:

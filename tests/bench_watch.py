@@ -27,7 +27,7 @@ def figures(count: int = PAIRS) -> Iterator[Figure]:
     folder = fresh("bench_watch")
     pipeline = write_pipeline(folder / "watched")
     arrivals = list(_arrivals(pairs(folder / "watched", count)))
-    result, measured, _ = watched(pipeline, lambda: feed(arrivals), count, workers=2)
+    result, measured, _ = watched(pipeline, lambda *_: feed(arrivals), count, workers=2)
     other = Pipeline.load(pipeline, store=folder / "other").run(scheduler="sync", workers=1)
     found, expected = ({name: ref.digest for name, ref in one.refs.items()} for one in (result, other))
     differing = [name for name in found.keys() | expected.keys() if found.get(name) != expected.get(name)]

@@ -82,10 +82,14 @@ def feed(arrivals: Sequence[Arrival]) -> None:
 
 
 def watched(
-    pipeline: Path, act: Callable[[], None], steps: int, workers: int = 1
+    pipeline: Path,
+    act: Callable[[list[Measured], list[str]], None],
+    steps: int,
+    workers: int = 1,
 ) -> tuple[Result, list[Measured], list[str]]:
     """Watch a pipeline's folder while something is done to it, until so many steps lie in it and are measured.
 
+    act : called with the steps that are measured and what is said, both of which grow
     Returns the complete result, the steps in the order in which they were measured, and what was said.
     """
     measured: list[Measured] = []
@@ -94,7 +98,7 @@ def watched(
 
     def drive() -> None:
         try:
-            act()
+            act(measured, notes)
             end = time.monotonic() + 90.0
             while len({one.step for one in measured}) < steps and time.monotonic() < end:
                 time.sleep(0.05)

@@ -15,12 +15,25 @@ from dicflow.core.synthetic.speckle import Speckles, scatter_speckles
 from dicflow.core.synthetic.stand import Stand, board_poses, in_right_frame, verged_stand
 from dicflow.io.images.quiet import quiet
 
-__all__ = ["LENGTH", "Film", "film", "write_boards", "write_video", "write_videos", "write_videos_of_boards"]
+__all__ = [
+    "DURATION",
+    "LENGTH",
+    "FIELD",
+    "SIDES",
+    "SQUARE",
+    "START",
+    "WIDTH",
+    "Film",
+    "film",
+    "write_boards",
+    "write_video",
+    "write_videos",
+    "write_videos_of_boards",
+]
 
 SIZE, FIELD = (480, 360), 60.0
 LENGTH, WIDTH, OVERHANG = 44.0, 40.0, 4.0
-PIXEL = FIELD / SIZE[1]
-BOARD = Checkerboard(9, 6, square=4.5, edge=1.3 * PIXEL)
+SQUARE = 4.5
 SIDES = ("left", "right")
 LOOKS = (GreyLevels(), GreyLevels(paper=205.0))
 START, DURATION, STRAIN = 1.5, 16.0, 0.05
@@ -29,10 +42,15 @@ SWAY_MM, SWAY_HZ = 0.06, (0.31, 0.83)
 
 
 class Film(NamedTuple):
-    """What both cameras film. offset : when the right one begins, after the left one [s]"""
+    """What both cameras film.
+
+    offset : when the right one begins, after the left one [s]
+    board : held before the cameras, its edges blurred by 1.3 px
+    """
 
     stand: Stand
     speckles: Speckles
+    board: Checkerboard
     offset: float
 
     def state(self, time: float) -> Deformation:
@@ -57,10 +75,15 @@ class Film(NamedTuple):
         return float(after / before - 1.0)
 
 
-def film(offset: float = 0.37) -> Film:
-    """The scene. offset : when the right camera begins, after the left one [s]"""
-    speckles = scatter_speckles((WIDTH, LENGTH), (4.0 * PIXEL, 7.0 * PIXEL), 1.2 * PIXEL, seed=2)
-    return Film(verged_stand(SIZE, FIELD), speckles, offset)
+def film(offset: float = 0.37, size: tuple[int, int] = SIZE) -> Film:
+    """The scene.
+
+    offset : when the right camera begins, after the left one [s]
+    size : (width, height) of the pictures [px]
+    """
+    pixel = FIELD / size[1]
+    speckles = scatter_speckles((WIDTH, LENGTH), (4.0 * pixel, 7.0 * pixel), 1.2 * pixel, seed=2)
+    return Film(verged_stand(size, FIELD), speckles, Checkerboard(9, 6, square=SQUARE, edge=1.3 * pixel), offset)
 
 
 def write_videos(
@@ -111,7 +134,7 @@ def write_videos_of_boards(folder: Path, scene: Film, count: int, rates: tuple[f
 
 def poses(scene: Film, count: int) -> list[Deformation]:
     """Places of the board, in the left camera's frame."""
-    return board_poses(scene.stand, BOARD, count, depth=(0.0, 100.0), seed=1)
+    return board_poses(scene.stand, scene.board, count, depth=(0.0, 100.0), seed=1)
 
 
 def moving(held: list[Deformation], time: float) -> Deformation:
@@ -127,4 +150,4 @@ def take_board(scene: Film, pose: Deformation, side: int, number: int) -> np.nda
     """A picture (row, col) uint8 of the board."""
     camera = (scene.stand.rig.left, scene.stand.rig.right)[side]
     state = in_right_frame(scene.stand.rig, pose) if side else pose
-    return add_noise_and_round(render_board(camera, state, BOARD, LOOKS[side], order=2), 1.0, [8, side, number])
+    return add_noise_and_round(render_board(camera, state, scene.board, LOOKS[side], order=2), 1.0, [8, side, number])

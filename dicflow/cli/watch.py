@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from dicflow.pipeline import Pipeline
     from dicflow.pipeline.watching import Measured
 
-__all__ = ["watch"]
+__all__ = ["serve", "watch"]
 
 
 def watch(
@@ -70,8 +70,13 @@ def _note(text: str) -> None:
 def _print_step(measured: Measured) -> None:
     """One line: the step, the values of the probes, and how long after its photographs."""
     from dicflow.kinds.probes import main_readings
+    from dicflow.views.variant_names import variant_names
 
-    readings = [(row["probe"], *one) for row in measured.readings for one in main_readings(row)]
+    readings = [
+        (" ".join([*variant_names([row.get("variant", {})]), row["probe"]]).strip(), *one)
+        for row in measured.readings
+        for one in main_readings(row)
+    ]
     values = ", ".join(f"{probe} {quantity} {_number(value, u)}" for probe, quantity, value, u in readings)
     words = "; ".join(filter(None, [values, *measured.problems])) or "measured"
     say(f"{measured.step}: {words} ({measured.after_s:.1f} s after the photograph)")
@@ -98,9 +103,9 @@ def _page_of(pipeline: Pipeline) -> Iterator[None]:
     from dicflow.io.edited_yaml import require_editor
 
     require_editor()
-    command = [sys.executable, "-m", "dicflow", "app", str(pipeline.path.absolute()), "--no-browser"]
-    command += ["--data", str(pipeline.folder), "--store", str(pipeline.store_folder)]
-    app = subprocess.Popen(command, stdin=subprocess.DEVNULL, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL,
+    command = [sys.executable, "-c", f"from {__name__} import serve; serve()", "app", str(pipeline.path.absolute())]
+    command += ["--no-browser", "--data", str(pipeline.folder), "--store", str(pipeline.store_folder)]
+    app = subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL,
                            text=True, start_new_session=True)  # fmt: skip
     threading.Thread(target=_say_link, args=(app,), daemon=True).start()
     try:
@@ -108,6 +113,18 @@ def _page_of(pipeline: Pipeline) -> Iterator[None]:
     finally:
         app.terminate()
         app.wait()
+
+
+def serve() -> None:
+    """The command line in a process that ends with the one that started it, however that ends: its input does."""
+    from dicflow.cli import main
+
+    def end() -> None:
+        sys.stdin.read()
+        os._exit(0)
+
+    threading.Thread(target=end, daemon=True).start()
+    main()
 
 
 def _say_link(app: subprocess.Popen[str]) -> None:

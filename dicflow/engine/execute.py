@@ -31,6 +31,7 @@ from dicflow.engine.workers import keep_memory
 from dicflow.errors import StageError, StoreError
 
 __all__ = [
+    "MOST_REPAIRS",
     "STATUSES",
     "Options",
     "RunResult",
@@ -43,7 +44,7 @@ __all__ = [
 ]
 
 
-_MOST_REPAIRS = 20
+MOST_REPAIRS = 20
 """How often a run goes back to make damaged products again: where a disk damages all it gets, that has no end."""
 
 
@@ -119,7 +120,7 @@ def run(
     with _workers(options, graph, store) as processes:
         once = partial(_run_once, graph, store, pipeline, resolved, options, processes)
         result = once({})
-        for _ in range(_MOST_REPAIRS):
+        for _ in range(MOST_REPAIRS):
             if result.interrupted or not any(outcome.damaged for outcome in result.outcomes.values()):
                 break
             before, result = result.compiled_s, once(result.outcomes)

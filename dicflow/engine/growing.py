@@ -15,7 +15,7 @@ from dataclasses import replace
 from typing import Any, TypeVar
 
 from dicflow.engine.compilation import Uncompiled
-from dicflow.engine.execute import backend_options, jobs_of, keep_code
+from dicflow.engine.execute import MOST_REPAIRS, backend_options, jobs_of, keep_code
 from dicflow.engine.file_stamps import FileStamp, FileStamps
 from dicflow.engine.graph import Graph, Task
 from dicflow.engine.journal import STATUSES, Event, Journal
@@ -150,10 +150,17 @@ class GrowingRun:
         self._report_plan(self._state)
 
     def compute(self, names: Iterable[str]) -> None:
-        """Do some tasks and what they need, so far as it has no outcome yet.
+        """Do some tasks and what they need, so far as it has no outcome yet; what turns out damaged is made again.
 
         Raises WorkerError where no worker is left.
         """
+        asked = tuple(names)
+        for _ in range(MOST_REPAIRS):
+            self._compute(asked)
+            if not self._forget_damaged():
+                return
+
+    def _compute(self, names: Iterable[str]) -> None:
         state, journal = self._state, self._journal
         assert state is not None, "a graph comes first"
         assert journal is not None
@@ -182,6 +189,40 @@ class GrowingRun:
         if self._journal is not None and time.monotonic() - self._written > _SIGN_OF_LIFE_S:
             self._journal.write(Event("checking", text="files"))
             self._written = time.monotonic()
+
+    def _forget_damaged(self) -> bool:
+        """Let tasks be done again that met a damaged product, what waits for them, and the makers of such products.
+
+        Returns whether there are any.
+        """
+        state = self._state
+        assert state is not None
+        met = [name for name, one in self.outcomes.items() if one.damaged]
+        if not met:
+            return False
+        skipped = (name for name, one in self.outcomes.items() if one.status == "skipped")
+        again = {*met, *skipped, *filter(self._is_lost, self._behind(met))}
+        entries = {
+            name: PlanEntry(entry.task, "pending", waits_for=tuple(entry.task.producers())) if name in again else entry
+            for name, entry in state.plan.entries.items()
+        }
+        state.take(replace(state.plan, entries=entries))
+        return True
+
+    def _is_lost(self, name: str) -> bool:
+        """Whether the product of a task is no longer whole in the store."""
+        ref = self.ref(name)
+        return ref is not None and self.store.inspect(ref.digest)[0] != "complete"
+
+    def _behind(self, names: Iterable[str]) -> frozenset[str]:
+        """All that some tasks need, however far back."""
+        found: set[str] = set()
+        waiting = list(names)
+        while waiting:
+            further = self.tasks[waiting.pop()].producers()
+            waiting += (name for name in further if name not in found)
+            found.update(further)
+        return frozenset(found)
 
     def _needed(self, names: Iterable[str]) -> frozenset[str]:
         needed: set[str] = set()

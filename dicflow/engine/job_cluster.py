@@ -46,7 +46,7 @@ def started_cluster(options: BackendOptions) -> Iterator[Backend]:
     spec = options.cluster
     assert spec is not None
     refused, folder = list[str](), _folder(options)
-    with _quiet(folder), _made(spec, folder, refused) as cluster:
+    with _quiet(folder), _made(options, spec, folder, refused) as cluster:
         if warning := scheduler_warning(cluster.scheduler_address):
             options.say(f"{spec.kind}: {warning}")
         if hasattr(cluster, "adapt") and spec.kind != "ssh":  # ssh has the workers of its hosts
@@ -64,7 +64,7 @@ def _folder(options: BackendOptions) -> Path:
     return folder
 
 
-def _made(spec: ClusterSpec, folder: Path, refused: list[str]) -> Any:
+def _made(options: BackendOptions, spec: ClusterSpec, folder: Path, refused: list[str]) -> Any:
     """The cluster, without workers yet. refused : takes what the batch system says of jobs that it refuses"""
     module, _, name = spec.place.rpartition(".")
     try:
@@ -75,7 +75,9 @@ def _made(spec: ClusterSpec, folder: Path, refused: list[str]) -> Any:
         raise ConfigurationError(f"{spec.kind}: {module} has no '{name}'; correct the name of the class") from error
     try:
         if spec.kind in BATCH:
-            return made(job_cls=_telling(made.job_cls, refused), **_job_options(spec, folder))
+            with options.store.writing():
+                arguments = _job_options(spec, folder)
+            return made(job_cls=_telling(made.job_cls, refused), **arguments)
         return made(**{"hosts": ["localhost"], **spec.options} if spec.kind == "ssh" else dict(spec.options))
     except ImportError as error:
         raise ConfigurationError(f"{spec.kind}: {error}; {_LACKING}") from error

@@ -155,7 +155,7 @@ class WorkerProcesses:
             worker = self._idle.get(preferred)
             if worker is None:
                 self._idle.put(None)
-                remedy = "run with --scheduler threads"
+                remedy = "'dicflow run --scheduler threads' needs none"
                 raise WorkerError(f"no worker process starts, tried {_STARTS} times{self._problem}; {remedy}")
             if worker.process.is_alive():
                 return worker

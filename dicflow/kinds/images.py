@@ -45,6 +45,7 @@ class Images(Kind):
         counts: Mapping[str, np.ndarray] = _NONE,
         notes: Mapping[str, str] = _NONE,
         time: float | None = None,
+        utc_offset: float | None = None,
     ) -> Product:
         """A product of photographs.
 
@@ -54,15 +55,17 @@ class Images(Kind):
             everywhere is left out
         notes : left or right → a sentence about the photograph that people need to know
         time : of the left photograph [s]; None if unknown
+        utc_offset : what the camera's clock shows more than UTC [s]; None if unknown
         """
         sides = {"left": left} if right is None else {"left": left, "right": right}
         grey = Layout(GRID, "grey level", _TITLES[kind])
+        known = {"notes": dict(notes) or None, "time": time, "utc_offset": utc_offset}
         masks = {f"{side}_counts": _COUNTS(counts[side]) for side in sides if side in counts and not counts[side].all()}
         return Product(
             kind,
             {side: grey._replace(long_name=grey.long_name.format(side=side))(image) for side, image in sides.items()}
             | masks,
-            ({"notes": dict(notes)} if notes else {}) | ({} if time is None else {"time": time}),
+            {name: value for name, value in known.items() if value is not None},
         )
 
     @property
@@ -99,6 +102,12 @@ class Images(Kind):
         Of a video the seconds count from its first frame, of photographs from 1970: only differences have a meaning.
         """
         found: float | None = self.product.attrs.get("time")
+        return found
+
+    @property
+    def utc_offset(self) -> float | None:
+        """What the clock of :attr:`time` shows more than UTC [s]; None if unknown."""
+        found: float | None = self.product.attrs.get("utc_offset")
         return found
 
     @property

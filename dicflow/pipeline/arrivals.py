@@ -20,6 +20,8 @@ __all__ = ["Arrivals"]
 
 _QUIET_S = 0.2
 """A file that has not changed for so long is not being written, unless it cannot be read."""
+_LATE_S = 5.0
+"""So long a photograph waits for its partner before it is named."""
 
 _File = Path | FilePart
 
@@ -31,6 +33,8 @@ class Arrivals:
     not fit the others is in no step; of what rests but cannot be read or does not fit, :attr:`waiting` says why.
 
     waiting : file → what keeps it out of the steps, after each look
+    replaced : files of steps that have just changed, so that nothing should read them
+    alone : sentences about files that have been in no step for some seconds, while nothing changes
     resting : whether nothing has changed for so long that the last look holds until a file changes
     """
 
@@ -42,11 +46,13 @@ class Arrivals:
         self._fitting: dict[str, set[str]] = {}
         self._facts: dict[_File, tuple[Stamp, Any]] = {}
         self.waiting: dict[str, str] = {}
+        self.replaced: list[Path] = []
+        self.alone: list[str] = []
         self.resting = True
 
     def look(self, stages: Mapping[str, StageSpec]) -> dict[str, Steps]:
         """The steps so far of each stage that starts a series. Raises InputError where there can be none yet."""
-        self.waiting, self.resting, self._asked = {}, True, set()
+        self.waiting, self.replaced, self.alone, self.resting, self._asked = {}, [], [], True, set()
         found = {name: self._steps(name, spec) for name, spec in stages.items()}
         self._whole = {path: known for path, known in self._whole.items() if path in self._asked}
         self._store.files.save()
@@ -64,6 +70,8 @@ class Arrivals:
     def _steps(self, name: str, spec: StageSpec) -> Steps:
         steps = spec.node.steps_so_far(spec.folder, self._rests) or {}
         files = dict.fromkeys(file for own in steps.values() for file in own.values())
+        if self.resting and not self._asked <= set(map(Path, files)):
+            self.alone += spec.node.left_out(spec.folder, {**steps, "": self._recent()})
         new = [file for file in files if self._facts.get(file, (None,))[0] != self._whole[Path(file)]]
         with ThreadPoolExecutor() as threads:
             for file, found in zip(new, threads.map(partial(self._found_in, spec), new), strict=True):
@@ -88,9 +96,16 @@ class Arrivals:
             since = time.monotonic()
         if time.monotonic() - since < _QUIET_S:
             self.resting = False
+            if path in self._whole:
+                self.replaced.append(path)
             return path in self._whole
         self._whole[path] = now
         return True
+
+    def _recent(self) -> dict[str, Path]:
+        """Files that came so lately that their partners may be on the way."""
+        oldest = time.monotonic() - _LATE_S
+        return {str(path): path for path in self._asked if self._seen[path][1] > oldest}
 
     def _found_in(self, spec: StageSpec, file: _File) -> Any:
         """What the stage finds in a file, or the error of one that it cannot read, perhaps not yet."""

@@ -34,7 +34,8 @@ class Measured(NamedTuple):
     """A step that is measured.
 
     after_s : since the last of its photographs was there [s]
-    readings : rows of the probes at this step, as their table has them; none at the first step
+    readings : rows of the probes at this step, as their table has them; none at the first step. Of a sweep each has the
+        values of its variant beside, under "variant"
     problems : why it has no values
     """
 
@@ -88,8 +89,7 @@ class Watch:
         with self._changes, GrowingRun(pipeline.store, pipeline.name, nodes, self._options) as growing:
             growing.compile_ahead(lambda: not self._has_ended)
             while not self._has_ended:
-                self._look(growing)
-                if not self._measure_next(growing):
+                if not (self._look(growing) and self._measure_next(growing)):
                     growing.show_life()
                     self._wait(_LOOK_S if self._arrivals.resting else _SOON_S)
 
@@ -110,12 +110,14 @@ class Watch:
         if event.kind == "compiling":
             self._note(f"compiling for {event.stage}, once per version")
 
-    def _look(self, growing: GrowingRun) -> None:
-        """Let the run grow by the steps that are there now."""
+    def _look(self, growing: GrowingRun) -> bool:
+        """Let the run grow by the steps that are there now; returns whether their files are at rest."""
         try:
             if missing := self._changes.missing():
                 raise InputError(f"{missing[0]}: no such folder; it is waited for, and Ctrl-C ends the watch")
             found = self._arrivals.look(self._specs)
+            if self._arrivals.replaced:
+                return False
             stamps = self._arrivals.stamps(found)
             if found != self._found or stamps != self._stamps or not growing.tasks:
                 so_far = replace(self._pipeline, found=found)
@@ -123,12 +125,14 @@ class Watch:
                 self._found, self._stamps = found, stamps
         except InputError as error:
             self._note(f"waiting: {error}")
-            return
+            return True
         if self._arrivals.resting:
-            waiting = [f"waiting: {problem}" for problem in self._arrivals.waiting.values()]
+            problems = [*self._arrivals.waiting.values(), *self._arrivals.alone]
+            waiting = [f"waiting: {problem}" for problem in problems]
             self._noted.intersection_update(waiting)
             for text in waiting:
                 self._note(text)
+        return True
 
     def _note(self, text: str) -> None:
         """Say something once."""
@@ -169,7 +173,8 @@ class Watch:
             if total is not None:
                 try:
                     rig = growing.ref(spec.inputs.get("rig", ""))
-                    rows += growing.call(readings_of_step, self._pipeline.store_folder, spec.node, step, total, rig)
+                    read = growing.call(readings_of_step, self._pipeline.store_folder, spec.node, step, total, rig)
+                    rows += [{**row, **self._variant(stage)} for row in read]
                 except DicflowError as error:
                     problems.append(f"{stage}: {error}")
                 except WorkerLost:
@@ -177,6 +182,13 @@ class Watch:
                 except Exception as error:  # the test goes on, and so does the watch
                     problems.append(f"{stage}: {type(error).__name__}: {error}; the run at the end tries again")
         return Measured(step, self._arrivals.age(self._found[series][step].values()), tuple(rows), tuple(problems))
+
+    def _variant(self, stage: str) -> dict[str, Any]:
+        """Of a stage of a sweep the column "variant": the values that all variants with this stage share."""
+        variants = zip(self._pipeline.variants, self._pipeline.instances, strict=True)
+        first, *others = (variant.values for variant, names in variants if stage in names.values())
+        shared = {name: value for name, value in first.items() if all(one.get(name) == value for one in others)}
+        return {"variant": shared} if shared else {}
 
 
 def _problems(outcomes: Sequence[Outcome]) -> list[str]:

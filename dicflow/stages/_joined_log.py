@@ -20,10 +20,16 @@ _NUMBER = re.compile(r"\d+")
 
 
 class StepClock(NamedTuple):
-    """Times of the steps. seconds : (step,), NaN where unknown; is_date : whether they count from 1970"""
+    """Times of the steps.
+
+    seconds : (step,), as the clock shows them; NaN where unknown
+    is_date : whether they count from 1970
+    utc : (step,) — the same in UTC; None unless all steps say how far their clock is from it
+    """
 
     seconds: np.ndarray
     is_date: bool
+    utc: np.ndarray | None = None
 
 
 class JoinedRows(NamedTuple):
@@ -134,14 +140,16 @@ def _number(name: str) -> str:
 def _on_common_scale(log: Log, clock: StepClock) -> tuple[np.ndarray, np.ndarray]:
     """Times of the log and of the steps: of the date if both show it, else each since its own start.
 
-    A log with times of day alone begins on the day of the first step.
+    Dates are compared in UTC where both clocks say how far they are from it, else as they are shown, since clocks of
+    one place show the same. A log with times of day alone begins on the day of the first step.
     """
     import numpy as np
 
     assert log.clock is not None
     seconds, at = log.clock.seconds, clock.seconds
     if log.clock.has_date and clock.is_date:
-        return seconds, at
+        both = log.clock.utc, clock.utc
+        return (seconds, at) if both[0] is None or both[1] is None else (both[0], both[1])
     first, start = seconds[np.isfinite(seconds)][:1], at[np.isfinite(at)][:1]
     if clock.is_date and log.clock.of_day:
         return seconds + _DAY_S * np.floor(start / _DAY_S), at
@@ -194,6 +202,6 @@ def _check_overlap(log: Log, joined: JoinedRows) -> None:
         apart = f"{first - end:.5g} s after the last" if end < first else f"{start - last:.5g} s before the first"
         verb = "begins" if end < first else "ends"
         raise StageError(
-            f"{log.where}: {verb} {apart} photograph by these clocks; correct offset, now {joined.offset:.5g} s, or "
-            "use offset: auto"
+            f"{log.where}: {verb} {apart} photograph by these clocks; correct offset, now {joined.offset:.5g} s "
+            "(another time zone is 3600 s per hour), or use offset: auto"
         )

@@ -29,6 +29,9 @@ class Select(BaseModel):
     at: list[Place] | None = parameter(None, "these steps alone, by number or time", affects="speed", min_length=1)
     from_: Place | None = parameter(None, "the first step, by number or time", affects="speed", alias="from")
     to: Place | None = parameter(None, "the last step, by number or time", affects="speed")
+    without: list[str | int] = parameter(
+        [], "not these steps, by name or number, such as one whose frame cannot be decoded", affects="speed"
+    )
     every: int = parameter(1, "one step of so many", affects="speed", ge=1)
     moved: Pixels | None = parameter(
         None,
@@ -48,4 +51,5 @@ class Select(BaseModel):
         """The same for :mod:`dicflow.io.images.selection`."""
         from dicflow.io.images import Selection
 
-        return Selection(self.at or (), self.from_, self.to, self.every, self.moved, self.sharpest)
+        places = self.at or (), self.from_, self.to, self.without
+        return Selection(*places, self.every, self.moved, self.sharpest)

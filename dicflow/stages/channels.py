@@ -234,11 +234,13 @@ def _step_clock(images: Sequence[Product]) -> StepClock | None:
 
     from dicflow.stages._joined_log import StepClock
 
-    times = [Images.read(product).time for product in images]
-    if all(time is None for time in times):
+    read = [Images.read(product) for product in images]
+    if all(one.time is None for one in read):
         return None
-    seconds = np.array([np.nan if time is None else time for time in times])
-    return StepClock(seconds, bool(np.nanmin(seconds) > _DATES_FROM))
+    utc = np.array([np.nan if one.time is None else one.time for one in read])
+    zones = np.array([np.nan if one.utc_offset is None else one.utc_offset for one in read])
+    is_known = bool(np.isfinite(zones[np.isfinite(utc)]).all())
+    return StepClock(utc + np.nan_to_num(zones), bool(np.nanmin(utc) > _DATES_FROM), utc if is_known else None)
 
 
 _DATES_FROM = 1e8

@@ -171,15 +171,16 @@ class Images(Node):
     def run(
         self, left: Path | FilePart, right: Path | FilePart | None = None, times_path: Path | None = None
     ) -> Product:
-        from dicflow.io.images import read_photograph, read_times, turned_upright
+        from dicflow.io.images import read_photograph, read_times, turned_upright, utc_offset_of
 
         photographs = {side: read_photograph(file) for side, file in (("left", left), ("right", right)) if file}
         turn = turned_upright if self.orientation == "upright" else lambda image, _: image
         grey = {side: turn(one.grey, one.orientation) for side, one in photographs.items()}
         counts = {s: turn(one.counts, one.orientation) for s, one in photographs.items() if one.counts is not None}
         notes = {side: note for side, one in photographs.items() if (note := self._note(one))}
-        time = self._moment(left, None if times_path is None else read_times(times_path))
-        return Photographs.write(grey["left"], grey.get("right"), counts=counts, notes=notes, time=time)
+        table = None if times_path is None else read_times(times_path)
+        time, utc_offset = self._moment(left, table), utc_offset_of(left, self.time == "name", table)
+        return Photographs.write(grey["left"], grey.get("right"), "images", counts, notes, time, utc_offset)
 
     def _note(self, photograph: Photograph) -> str:
         """Which way up the pixels count; empty without an orientation tag."""

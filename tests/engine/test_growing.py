@@ -7,7 +7,7 @@ import time
 from typing import Any, ClassVar, Literal
 
 import pytest
-from toys import Difference, Read, Rig, Scale, Total, field, numbers, run_sync, write
+from toys import Difference, Read, Rig, Scale, Total, chain, field, numbers, run_sync, write
 
 from dicflow.engine.execute import Options
 from dicflow.engine.graph import StageSpec, expand
@@ -118,6 +118,24 @@ def test_a_failed_step_stops_no_other_and_is_not_tried_again(growing, tmp_path):
     measure(growing, expand(bad))
     assert [one.status for one in growing.outcomes.values()].count("failed") == 2
     assert measure(growing, expand(bad)) == []
+
+
+@pytest.mark.parametrize("lost", ["scale/step_02", "total/step_03"])
+def test_what_turns_out_damaged_is_made_again_and_holds_up_no_later_step(growing, store, tmp_path, lost):
+    folder = numbers(tmp_path / "files", 3)
+    spoil(store, run_sync(chain(folder, keep="always"), store).outcomes[lost].ref.digest)
+    for step in "45":
+        write(folder / f"step_0{step}.txt", step)
+        graph = chain(folder, keep="always")
+        measure(growing, graph)
+        assert [one.error for one in growing.outcomes.values() if one.error] == []
+    assert digests(growing.outcomes) == as_run(graph, tmp_path / "other")
+
+
+def spoil(store, digest):
+    """Make zeros of the arrays of a product."""
+    for chunk in store.object_path(digest).glob("*/c*"):
+        chunk.write_bytes(bytes(chunk.stat().st_size))
 
 
 def test_the_journal_names_all_steps(store, tmp_path):

@@ -112,6 +112,12 @@ def test_clocks(cells, seconds):
     np.testing.assert_allclose(read_clocks(cells).seconds, seconds, rtol=0, atol=1e-6)
 
 
+def test_clocks_that_say_how_far_they_are_from_utc():
+    clock = read_clocks(["2026-03-12 10:15:00+01:00", "2026-03-12 04:15:01 -0500", ""])
+    np.testing.assert_array_equal(clock.utc, [START - 3600.0, START - 3600.0 + 1.0, np.nan])
+    assert read_clocks(["2026-03-12 10:15:00+01:00", "2026-03-12 10:15:01"]).utc is None
+
+
 def test_a_date_that_may_be_two_is_not_used():
     clock = read_clocks(["03/05/2026 10:15:00", "03/05/2026 10:15:01"])
     assert not clock.has_date

@@ -32,6 +32,8 @@ def chosen(reference=None, time=TIMES.get, **conditions):
         ({"first": 2, "every": 3}, [2, 5, 8]),
         ({"at": (9, 2, 7.2, 2)}, [2, 5, 9]),
         ({"at": (9, 2, 7.2, 2), "every": 2}, [2, 9]),
+        ({"without": (2, "s4"), "every": 3}, [1, 6, 9]),
+        ({"at": (2, 3, 4), "without": (3,)}, [2, 4]),
         ({"reference": 5}, [5, 1, 2, 3, 4, 6, 7, 8, 9, 10]),
         ({"reference": 4.1, "every": 4}, [3, 1, 5, 9]),
     ],
@@ -44,6 +46,8 @@ def test_steps_by_number_and_by_time(conditions, expected):
     ("conditions", "message"),
     [
         ({"at": (11,)}, "step 11 does not exist; the series has steps 1 to 10"),
+        ({"without": ("s77",)}, "no step 's77', did you mean 's7'"),
+        ({"without": (12,)}, "step 12 does not exist"),
         ({"first": 0}, "step 0 does not exist"),
         ({"last": 40.0}, r"40 s lies outside the series, which takes 18\.00 s"),
         ({"first": 6, "last": 3}, "no step lies from 6 to 3"),

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from PIL import Image, TiffImagePlugin
 
-from dicflow.io.images import camera_model, time_taken
+from dicflow.io.images import camera_model, time_taken, utc_offset_of
 
 GREY = np.random.default_rng(5).integers(20, 230, (24, 32), dtype=np.uint8)
 NOON = datetime(2026, 3, 1, 12, 0, 5, tzinfo=UTC).timestamp()
@@ -49,6 +49,14 @@ def photograph(path, **settings):
 def test_moment_fraction_and_offset(tmp_path, name, settings, expected):
     found = time_taken(photograph(tmp_path / name, **settings))
     assert found == (expected if expected is None else pytest.approx(expected, abs=1e-6))
+
+
+@pytest.mark.parametrize(("offset", "seconds"), [("+01:30", 5400.0), ("-05:00", -18000.0), ("Z", 0.0), ("", None)])
+def test_what_the_clock_shows_more_than_utc(tmp_path, offset, seconds):
+    path = photograph(tmp_path / "a.jpg", time="2026:03:01 12:00:05", offset=offset)
+    assert utc_offset_of(path) == seconds
+    assert utc_offset_of(path, in_names=True) is None
+    assert utc_offset_of(path, table={"a.jpg": 1.0}) is None
 
 
 def test_files_without_a_time(tmp_path):

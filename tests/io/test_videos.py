@@ -13,7 +13,9 @@ from dicflow.engine.files import FilePart
 from dicflow.errors import InputError
 from dicflow.io.images import page_count, probe, read_photograph, video_of, video_stream
 from dicflow.io.images.frame_pairs import lag_sentence, length_sentence, pair_frames
+from dicflow.io.images.surveys import survey_of
 from dicflow.io.images.video_stream import read_frame
+from tests.mp4 import Mp4
 from tests.video_scene import write_video
 
 VIDEOS = Path(__file__).parent / "videos"
@@ -104,6 +106,50 @@ def test_a_file_that_ends_early_says_how_far_it_can_be_read(tmp_path):
     assert 20 < len(video_of(path).times) < 60
     assert video_of(path).complaint
     assert numbers(path, [20]) == [8]
+
+
+@pytest.mark.parametrize("damage", [bytes, lambda size: np.random.default_rng(1).bytes(size)])
+def test_a_frame_in_the_middle_that_cannot_be_decoded_costs_no_other(tmp_path, damage):
+    path, damaged = tmp_path / "a.mp4", tmp_path / "damaged.mp4"
+    write_video(path, pictures(60), 30.0)
+    film = Mp4(path.read_bytes())
+    damaged.write_bytes(film.with_frame(30, damage))
+    assert len(video_of(damaged).times) == 60
+    order = [*range(1, 30), *range(31, 61), 29, 31, 45, 12]
+    assert numbers(damaged, order) == [(k - 1) % 12 + 1 for k in order]
+    for _ in range(2):
+        with pytest.raises(InputError, match=r"damaged\.mp4#30: the frame cannot be decoded; .*without: \["):
+            read_frame(damaged, 30)
+    files = {name: [FilePart(one, k) for k in range(1, 61)] for name, one in (("whole", path), ("damaged", damaged))}
+    whole, found = (survey_of(files[name]).level for name in ("whole", "damaged"))
+    np.testing.assert_allclose(np.delete(found, 29), np.delete(whole, 29), atol=0.5)
+    assert found[29] == found[28]
+
+
+def test_frames_that_a_camera_dropped_leave_a_gap_in_the_times(tmp_path):
+    """Frames 21 … 23 were never recorded: the others keep their times, and the rate counts as varying."""
+    path = tmp_path / "a.mp4"
+    write_video(path, pictures(40), 25.0)
+    path.write_bytes(Mp4(path.read_bytes()).with_gap(20, 4))
+    video = video_of(path)
+    expected = np.where(np.arange(40) < 20, np.arange(40), np.arange(40) + 3) / 25.0
+    np.testing.assert_allclose(video.times, expected[: len(video.times)], atol=6e-4)
+    assert len(video.times) >= 36  # an index that keeps its length hides the last ones
+    assert not video.is_steady
+    order = [22, 3, 20, 21, 36, 1]
+    assert numbers(path, order) == [(k - 1) % 12 + 1 for k in order]
+
+
+def test_a_header_that_claims_more_frames_than_there_are_is_not_believed(tmp_path):
+    write_video(tmp_path / "a.avi", pictures(30), 25.0, "MJPG")
+    data, path = bytearray((tmp_path / "a.avi").read_bytes()), tmp_path / "more.avi"
+    for name, place in ((b"avih", 24), (b"strh", 40)):
+        start = data.find(name) + place
+        assert int.from_bytes(data[start : start + 4], "little") == 30
+        data[start : start + 4] = (90).to_bytes(4, "little")
+    path.write_bytes(data)
+    assert len(video_of(path).times) == 30
+    assert numbers(path, [30, 7]) == [6, 7]
 
 
 def test_a_video_without_its_index_is_refused(tmp_path):

@@ -3,15 +3,19 @@
 from __future__ import annotations
 
 import io
+import os
 import re
+import subprocess
+import sys
 import time
 from pathlib import Path
 from types import SimpleNamespace
 
 import cv2
+import psutil
 import pytest
 
-from dicflow.cli.watch import _say_link
+from dicflow.cli.watch import _print_step, _say_link
 from dicflow.engine.processes import WorkerLost
 from dicflow.errors import InputError
 from dicflow.pipeline import Pipeline
@@ -19,6 +23,7 @@ from dicflow.pipeline.arrivals import Arrivals
 from dicflow.pipeline.watching import Watch
 from tests.fed_folder import STRAIN, feed, pairs, watched, write_pipeline
 from tests.small import dicflow
+from tests.waiting import until
 
 STEPS = 8
 
@@ -40,7 +45,7 @@ def fed(tmp_path_factory):
     found = pairs(folder, STEPS)
     broken = folder / "left" / "left_099.png"
 
-    def act():
+    def act(*_):
         feed(found[0])
         feed([found[1][0]._replace(after_s=0.3, pause_s=0.5), found[1][1]])
         feed([found[2][0], *found[3], found[2][1]._replace(after_s=1.5)])
@@ -103,7 +108,7 @@ def test_the_newest_step_is_measured_first_and_the_others_follow(tmp_path):
     pipeline = write_pipeline(tmp_path)
     for pair in pairs(tmp_path, 6):
         feed(pair)
-    _, measured, notes = watched(pipeline, lambda: None, 6)
+    _, measured, notes = watched(pipeline, lambda *_: None, 6)
     assert [one.step[-1] for one in measured] == list("051234")
     assert notes == ["6 steps are not measured yet: the newest is measured first, then the others",
                      "all steps are measured"]  # fmt: skip
@@ -115,10 +120,10 @@ def test_a_folder_that_vanishes_is_waited_for(tmp_path):
     first, second, third = pairs(tmp_path, 3)
     feed([*first, *second])
 
-    def act():
-        time.sleep(2.0)
+    def act(measured, notes):
+        until(lambda: len(measured) == 2)
         (tmp_path / "left").rename(tmp_path / "away")
-        time.sleep(2.5)
+        until(lambda: any("no such folder" in note for note in notes))
         (tmp_path / "away").rename(tmp_path / "left")
         feed(third)
 
@@ -194,6 +199,65 @@ def test_what_fits_is_not_compared_again_because_of_a_photograph_that_does_not(t
     assert compared == [50, 49, 50]
 
 
+def test_nothing_is_read_while_a_known_photograph_is_written_again(tmp_path):
+    pipeline, growing = write_pipeline(tmp_path), Refusing()
+    first, second = pairs(tmp_path, 2)
+    feed(first)
+    watch = Watch(Pipeline.load(pipeline), lambda _: None, lambda _: None)
+    watch._look(growing)
+    time.sleep(0.25)
+    assert watch._look(growing)
+    grown = growing.grown
+    feed(second)
+    first[0].path.write_bytes(second[0].content[:2000])
+    assert not watch._look(growing)
+    assert growing.grown == grown
+    first[0].path.write_bytes(second[0].content)
+    assert not watch._look(growing)
+    time.sleep(0.25)
+    assert watch._look(growing)
+    assert growing.grown > grown
+
+
+def test_a_photograph_whose_partner_stays_away_is_named_after_a_while(tmp_path, monkeypatch):
+    pipeline, (first, second) = write_pipeline(tmp_path), pairs(tmp_path, 2)
+    feed([*first, second[0]])
+    loaded = Pipeline.load(pipeline)
+    arrivals = Arrivals(loaded.store)
+    specs = {name: loaded.stages[name] for name in loaded.searched}
+    arrivals.look(specs)
+    time.sleep(0.25)
+    assert list(arrivals.look(specs)["photos"]) == ["left_000"]
+    assert arrivals.alone == []
+    monkeypatch.setattr("dicflow.pipeline.arrivals._LATE_S", 0.2)
+    arrivals.look(specs)
+    (said,) = arrivals.alone
+    assert "1 photograph has no partner" in said
+    assert "left left_001.png" in said
+    feed(second[1:])
+    arrivals.look(specs)
+    time.sleep(0.25)
+    assert list(arrivals.look(specs)["photos"]) == ["left_000", "left_001"]
+    assert arrivals.alone == []
+
+
+def test_lines_of_a_sweep_name_the_variant(tmp_path, capsys):
+    settings = ["total.window=30 px,50 px", "total.measure=engineering,green_lagrange"]
+    watch = Watch(Pipeline.load(write_pipeline(tmp_path), settings=settings), lambda _: None, lambda _: None)
+    watch._found, watch._arrivals.age = {"photos": {"step": {}}}, lambda files: 1.0
+    growing = SimpleNamespace(
+        outcomes={}, ref=lambda name: name, call=lambda *_: [{"probe": "gauge", "strain": 0.0123456, "u_strain": 1e-4}]
+    )
+    _print_step(watch._measured(growing, "photos", "step", []))
+    assert capsys.readouterr().out == (
+        "step: window 30 px, measure engineering gauge strain 0.01235 ± 0.00010, "
+        "window 30 px, measure green_lagrange gauge strain 0.01235 ± 0.00010, "
+        "window 50 px, measure engineering gauge strain 0.01235 ± 0.00010, "
+        "window 50 px, measure green_lagrange gauge strain 0.01235 ± 0.00010 (1.0 s after the photograph)\n"
+    )
+    assert watch._variant("photos") == watch._variant("correlation") == {}
+
+
 class Refusing:
     """A run under way that may refuse to grow."""
 
@@ -249,6 +313,19 @@ def test_values_that_cannot_be_read_are_a_problem_of_their_step_alone(tmp_path, 
 def test_a_page_is_announced_or_missed(capsys, line, code, words):
     _say_link(SimpleNamespace(stdout=io.StringIO(line), wait=lambda: code))
     assert words in capsys.readouterr().err
+
+
+@pytest.mark.skipif(os.name == "nt", reason="needs SIGKILL")
+def test_a_page_ends_with_the_watch_however_that_ends(tmp_path):
+    pytest.importorskip("tornado")
+    code = (
+        "import sys, time; from dicflow.pipeline import Pipeline; from dicflow.cli.watch import _page_of\n"
+        "with _page_of(Pipeline.load(sys.argv[1])): time.sleep(60)"
+    )
+    with subprocess.Popen([sys.executable, "-c", code, write_pipeline(tmp_path)]) as watch:
+        (page,) = until(psutil.Process(watch.pid).children)
+        watch.kill()
+    assert psutil.wait_procs([page], timeout=60.0)[1] == []
 
 
 def test_a_page_that_the_end_of_the_watch_ends_is_not_missed(capsys):

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from datetime import UTC, datetime
+
 import numpy as np
 import pytest
 
@@ -128,6 +130,34 @@ def test_a_loggers_decimal_commas_and_a_clock_that_is_off(tmp_path):
     np.testing.assert_allclose(table.of("force").values, force(TIMES), atol=0.03)
     np.testing.assert_allclose(table.of("temperature").values, 20.0 + 0.01 * TIMES, atol=0.01)
     assert table.of("temperature").unit == "°C"
+
+
+@pytest.mark.parametrize(
+    ("shown", "zone", "utc_offset"),
+    [
+        (0.0, "", 3600.0),
+        (0.0, "+01:00", 3600.0),
+        (-3600.0, "Z", 3600.0),
+        (0.0, "+01:00", None),
+        (7200.0, "+0300", 3600.0),
+    ],
+)
+def test_clocks_of_one_place_agree_whether_they_show_their_time_zone_or_not(tmp_path, shown, zone, utc_offset):
+    """Photographs of a clock one hour before UTC, as phones write it, and logs of that place, of UTC and of another."""
+    stamps = [datetime.fromtimestamp(START + shown + t, UTC).strftime("%Y-%m-%d %H:%M:%S.%f") + zone for t in LOG]
+    rows = [f"{stamp},{force(t):.5f}" for stamp, t in zip(stamps, LOG, strict=True)]
+    images = [
+        Images.write(np.zeros((4, 4), np.float32), time=START + t - (utc_offset or 0.0), utc_offset=utc_offset)
+        for t in TIMES
+    ]
+    table = run(written(tmp_path, "\n".join(["Time,Force [N]", *rows])), images)
+    np.testing.assert_allclose(table.of("force").values, force(TIMES), atol=2e-3)
+
+
+def test_a_clock_of_another_time_zone_is_refused_with_what_an_hour_is(tmp_path):
+    table = written(tmp_path, balance_log(LOG, 100.0 * force(LOG)))
+    with pytest.raises(StageError, match=r"begins 3541\.? s after the last photograph .* 3600 s per hour"):
+        run(table, photographs(start=START - 3600.0))
 
 
 def test_times_of_day_belong_to_the_day_of_the_first_photograph(tmp_path):

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dicflow.io.images.clocks import joined_clocks
 from dicflow.io.images.formats import ALL_SUFFIXES, RAW_SUFFIXES, is_video
-from dicflow.io.images.moments import moment_of, read_times
+from dicflow.io.images.moments import moment_of, read_times, utc_offset_of
 from dicflow.io.images.orientation import orientation_sentence, turned_upright, upright_size
 from dicflow.io.images.pairing import Pairing, Unpaired, Way, counter_offset, natural_key, pair_names
 from dicflow.io.images.reading import Photograph, page_count, probe, read_grey, read_photograph
@@ -40,6 +40,7 @@ __all__ = [
     "selected",
     "steps_of",
     "time_taken",
+    "utc_offset_of",
     "turned_upright",
     "upright_size",
     "video_of",

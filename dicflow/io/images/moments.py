@@ -10,12 +10,12 @@ from pathlib import Path
 from dicflow.engine.files import FilePart, Stamp, stamp
 from dicflow.errors import InputError
 from dicflow.io.images.formats import is_video
-from dicflow.io.images.taken import time_taken
+from dicflow.io.images.taken import time_taken, utc_offset_taken
 from dicflow.io.images.video import video_of
 from dicflow.io.table import Numbers, read_table
 from dicflow.io.text import printable
 
-__all__ = ["moment_of", "read_times"]
+__all__ = ["moment_of", "read_times", "utc_offset_of"]
 
 _MAX_BYTES = 50_000_000
 _MOST_S = 1e12
@@ -39,6 +39,11 @@ def moment_of(file: File, in_names: bool = False, table: Mapping[str, float] | N
     if isinstance(file, FilePart):
         return video_of(path).times[file.number - 1] if is_video(path) else None
     return _taken(path, stamp(path))
+
+
+def utc_offset_of(file: File, in_names: bool = False, table: Mapping[str, float] | None = None) -> float | None:
+    """What the clock of :func:`moment_of` shows more than UTC [s]; None if unknown, as of frames, names and tables."""
+    return None if table is not None or in_names or isinstance(file, FilePart) else utc_offset_taken(file)
 
 
 @lru_cache(maxsize=100_000)

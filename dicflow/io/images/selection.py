@@ -8,9 +8,11 @@ from itertools import pairwise
 from pathlib import Path
 from typing import NamedTuple
 
+from dicflow.discovery import nearest
 from dicflow.engine.files import FilePart
 from dicflow.errors import InputError
 from dicflow.io.images.surveys import survey_of
+from dicflow.io.text import printable
 
 __all__ = ["Place", "Selection", "selected"]
 
@@ -25,6 +27,7 @@ class Selection(NamedTuple):
 
     at : these alone
     first, last : none before, none after
+    without : not these, by name or number
     every : the first of so many
     moved : a step whenever a part of the picture has moved by so many pixels since the step chosen before
     sharpest : as many steps at most, sharp and as different from one another as possible
@@ -33,6 +36,7 @@ class Selection(NamedTuple):
     at: Sequence[Place] = ()
     first: Place | None = None
     last: Place | None = None
+    without: Sequence[str | int] = ()
     every: int = 1
     moved: float | None = None
     sharpest: int | None = None
@@ -48,7 +52,8 @@ def selected(
     Raises InputError where a step does not exist, or times are asked for that nobody knows.
     """
     series = _Series(steps, time)
-    chosen = _at(series, selection)[:: selection.every]
+    left_out = {series.named(one) if isinstance(one, str) else series.index(one) for one in selection.without}
+    chosen = [k for k in _at(series, selection) if k not in left_out][:: selection.every]
     if selection.moved is not None:
         chosen = [chosen[k] for k in _moved(series.left(chosen), selection.moved)]
     if selection.sharpest is not None:
@@ -97,6 +102,12 @@ class _Series:
     def left(self, chosen: Sequence[int]) -> list[File]:
         """The left photographs of some steps."""
         return [self._files[k] for k in chosen]
+
+    def named(self, name: str) -> int:
+        """Index of the step of this name."""
+        if name not in self.names:
+            raise InputError(f"select: no step '{printable(name)}'{nearest(name, self.names)}")
+        return self.names.index(name)
 
     def index(self, place: Place) -> int:
         """Index of the step of this number, or of the one that is nearest in time."""

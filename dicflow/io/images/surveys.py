@@ -14,6 +14,8 @@ from dicflow.engine.files import FilePart, stamp
 from dicflow.engine.hashing import digest_json
 from dicflow.engine.kernel_cache import account_folder
 from dicflow.engine.whole_file import write_file
+from dicflow.errors import InputError
+from dicflow.io.images.formats import is_video
 from dicflow.io.images.reading import read_grey
 
 if TYPE_CHECKING:
@@ -54,8 +56,15 @@ def _survey(files: tuple[Path | FilePart, ...], digest: str) -> Survey:
 
 
 def _frames(files: Sequence[Path | FilePart]) -> Iterator[np.ndarray]:
+    """Grey levels of all; in place of a frame of a video that cannot be decoded stands the one before it."""
+    before: np.ndarray | None = None
     for file in files:
-        yield read_grey(file)
+        try:
+            before = read_grey(file)
+        except InputError:
+            if before is None or not (isinstance(file, FilePart) and is_video(file.path)):
+                raise
+        yield before
 
 
 def _kept(path: Path) -> Survey | None:

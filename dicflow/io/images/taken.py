@@ -14,7 +14,7 @@ from dicflow.io.images.formats import format_of
 from dicflow.io.images.libraries import library, opened, pillow
 from dicflow.io.images.metadata import metadata
 
-__all__ = ["camera_model", "time_taken"]
+__all__ = ["camera_model", "time_taken", "utc_offset_taken"]
 
 _EXIF = 34665
 """Tag of the directory of the camera's settings (EXIF 2.32)."""
@@ -32,8 +32,19 @@ def time_taken(path: Path) -> float | None:
     The moment and the fraction of a second are those of EXIF (DateTimeOriginal, SubSecTimeOriginal). Without an offset
     from UTC (OffsetTimeOriginal) the camera's clock counts as UTC; differences of its times are right all the same.
     """
+    moment = _moment_and_offset(path)
+    return None if moment is None else moment[0]
+
+
+def utc_offset_taken(path: Path) -> float | None:
+    """What the clock shows more than UTC [s] by which a photograph was taken; None if the file does not say it."""
+    moment = _moment_and_offset(path)
+    return None if moment is None else moment[1]
+
+
+def _moment_and_offset(path: Path) -> tuple[float, float | None] | None:
     try:
-        return next((time for tags in _tags(path) if (time := _moment(tags)) is not None), None)
+        return next((found for tags in _tags(path) if (found := _moment(tags)) is not None), None)
     except (InputError, OSError, OverflowError, ValueError, pillow().DecompressionBombError):
         return None
 
@@ -83,21 +94,23 @@ def _name(tags: Mapping[int, Any]) -> str:
     return model if model.lower().startswith(make.lower()) else f"{make} {model}".strip()
 
 
-def _moment(tags: Mapping[int, Any]) -> float | None:
-    """The moment that the settings of a camera give [s since 1970]."""
+def _moment(tags: Mapping[int, Any]) -> tuple[float, float | None] | None:
+    """The moment that the settings of a camera give [s since 1970], and its clock's offset from UTC [s]."""
     time, fraction, offset = (_text(tags.get(tag)) for tag in (_TIME, _FRACTION, _OFFSET))
     found = _TIME_FORM.fullmatch(time)
     if found is None:
         return None
     year, month, day, hour, minute, second = map(int, found.groups())
-    moment = datetime(year, month, day, hour, minute, second, tzinfo=UTC) - _from_utc(offset)
-    return moment.timestamp() + (float(f"0.{fraction}") if _FRACTION_FORM.fullmatch(fraction) else 0.0)
+    from_utc = _from_utc(offset)
+    moment = datetime(year, month, day, hour, minute, second, tzinfo=UTC) - (from_utc or timedelta())
+    seconds = moment.timestamp() + (float(f"0.{fraction}") if _FRACTION_FORM.fullmatch(fraction) else 0.0)
+    return seconds, None if from_utc is None else from_utc.total_seconds()
 
 
-def _from_utc(offset: str) -> timedelta:
+def _from_utc(offset: str) -> timedelta | None:
     found = _OFFSET_FORM.fullmatch(offset)
     if found is None:
-        return timedelta()
+        return timedelta() if offset == "Z" else None
     sign = -1 if found[1] == "-" else 1
     return sign * timedelta(hours=int(found[2]), minutes=int(found[3]))
 

@@ -12,7 +12,7 @@ from dicflow.engine.files import Stamp, stamp
 from dicflow.errors import InputError
 from dicflow.io.images.libraries import opencv
 from dicflow.io.images.quiet import quiet
-from dicflow.io.images.video_capture import complaint, opened, time_of
+from dicflow.io.images.video_capture import complaint, grabbed, opened, time_of
 
 __all__ = ["SAME_TIME_S", "Video", "video_of"]
 
@@ -85,7 +85,7 @@ def _video(path: Path, unchanged: Stamp) -> Video:
 def _grabbed(capture: Any) -> Iterator[None]:
     """One turn for every frame or packet. Raises InputError for more than a test can have."""
     for _ in range(_MOST_FRAMES):
-        if not capture.grab():
+        if not grabbed(capture):
             return
         yield
     raise InputError(f"more than {_MOST_FRAMES} frames; cut the video to the test")
@@ -103,7 +103,7 @@ def _ends_at(path: Path, times: list[float]) -> bool:
         first = capture.grab() and abs(time_of(capture) - times[0]) < SAME_TIME_S
         capture.set(opencv().CAP_PROP_POS_MSEC, 1000.0 * times[-1])
         last = 0.0
-        while capture.grab():
+        while grabbed(capture):
             last = time_of(capture)
         return bool(first) and abs(last - times[-1]) < SAME_TIME_S
 

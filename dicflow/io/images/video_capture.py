@@ -13,12 +13,14 @@ from dicflow.io.images.libraries import opencv
 from dicflow.io.images.quiet import quiet
 from dicflow.io.text import printable
 
-__all__ = ["complaint", "opened", "start", "time_of"]
+__all__ = ["complaint", "grabbed", "opened", "start", "time_of"]
 
 _PACKETS = -1
 """Format of frames that are not decoded."""
 _SPEAKER = re.compile(r"^\[[^\]]*\]\s*")
 _MOST_LETTERS = 200
+_MOST_DAMAGED = 30
+"""Frames in a row that cannot be decoded, after which the video counts as ended."""
 
 
 @contextmanager
@@ -49,6 +51,11 @@ def start(path: Path, packets: bool = False, threads: int = 1) -> Any:
         )
     capture.set(cv2.CAP_PROP_ORIENTATION_AUTO, 0)
     return capture
+
+
+def grabbed(capture: Any) -> bool:
+    """Take the next frame that can be decoded; returns whether there is one."""
+    return any(capture.grab() for _ in range(_MOST_DAMAGED))
 
 
 def time_of(capture: Any) -> float:

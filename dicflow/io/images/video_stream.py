@@ -16,7 +16,7 @@ from dicflow.errors import InputError
 from dicflow.io.images.libraries import opencv
 from dicflow.io.images.quiet import quiet
 from dicflow.io.images.video import SAME_TIME_S, video_of
-from dicflow.io.images.video_capture import start, time_of
+from dicflow.io.images.video_capture import grabbed, start, time_of
 
 __all__ = ["read_frame"]
 
@@ -88,17 +88,17 @@ class _Stream:
         return bisect_left(self._video.times, time_of(self._capture) - SAME_TIME_S) + 1
 
     def _advance(self, number: int) -> None:
-        if not self._capture.grab():
+        if not grabbed(self._capture):
             raise InputError(
                 f"{self._path}#{self._place + 1}: the video cannot be decoded from here on; copy it again from the "
-                "camera, or end before with select"
+                "camera, or end before with select: {to: …}"
             )
         if (place := self._known_place()) <= self._place:
             return  # a frame that an edit has left out
-        if place > number:
-            raise InputError(f"{self._path}#{number}: the frame cannot be decoded; leave it out with select")
         self._place = place
         self._remember(number)
+        if place > number:
+            raise _undecodable(self._path, number)
 
     def _remember(self, number: int) -> None:
         """Keep the frame that was grabbed, if it is near the one that is asked for."""
@@ -106,8 +106,13 @@ class _Stream:
             return
         found, image = self._capture.retrieve()
         if not found:
-            raise InputError(f"{self._path}#{self._place}: the frame cannot be decoded; leave it out with select")
+            raise _undecodable(self._path, self._place)
         grey = image if image.ndim == 2 else opencv().cvtColor(image, opencv().COLOR_BGR2GRAY)
         self._recent[self._place] = grey
         while len(self._recent) > _RECENT:
             self._recent.popitem(last=False)
+
+
+def _undecodable(path: Path, number: int) -> InputError:
+    remedy = "copy the video again from the camera, or leave its step out with select: {without: [name of the step]}"
+    return InputError(f"{path}#{number}: the frame cannot be decoded; {remedy}")

@@ -14,7 +14,7 @@ __all__ = ["Clock", "is_clock", "is_date", "read_clocks", "read_dates"]
 _DAY_S = 86_400.0
 _DATE = r"(?P<a>\d{1,4})(?P<mark>[-./])(?P<b>\d{1,2})(?P=mark)(?P<c>\d{1,4})"
 _TIME = r"(?P<h>\d{1,3}):(?P<m>\d{2})(?::(?P<s>\d{2})(?:[.,:](?P<f>\d{1,9}))?)?\s*(?P<half>[AaPp]\.?[Mm]\.?)?"
-_ZONE = r"\s*(?:Z|UTC|[+-]\d{2}:?\d{2})?"
+_ZONE = r"\s*(?:(?P<zone>Z|UTC)|(?P<sign>[+-])(?P<zh>\d{2}):?(?P<zm>\d{2}))?"
 _DATES = re.compile(_DATE, re.ASCII)
 _CLOCKS = re.compile(rf"(?:{_DATE}(?:[T_,;]\s*|\s+))?{_TIME}{_ZONE}", re.ASCII)
 _ORDERS = ("dmy", "mdy")
@@ -27,11 +27,13 @@ class Clock(NamedTuple):
     seconds : (row,) — since 1970 by the log's own clock, since midnight, or since a start; NaN for an empty cell
     has_date : whether they count from 1970
     of_day : whether they count from midnight
+    utc : (row,) — the same in UTC; None unless all rows say how far their clock is from it
     """
 
     seconds: np.ndarray
     has_date: bool
     of_day: bool = False
+    utc: np.ndarray | None = None
 
 
 def is_clock(cell: str) -> bool:
@@ -58,7 +60,9 @@ def read_clocks(cells: Sequence[str], dates: Sequence[str] | None = None) -> Clo
         days = read_dates([_DATES.fullmatch(cell.strip()) for cell in dates])
     if days is None:
         return Clock(seconds + _DAY_S * _midnights(seconds), False, True)
-    return Clock(seconds + _DAY_S * days, True)
+    zones = np.array([0.0 if match is None else _utc_offset(match) for match in matches])
+    seconds = seconds + _DAY_S * days
+    return Clock(seconds, True, utc=seconds - zones if np.isfinite(zones).all() else None)
 
 
 def read_dates(matches: Sequence[re.Match[str] | None]) -> np.ndarray | None:
@@ -89,6 +93,15 @@ def _seconds(match: re.Match[str]) -> float:
     if match["half"]:
         hour = hour % 12 + (12 if match["half"].lower().startswith("p") else 0)
     return 3600.0 * hour + 60.0 * int(match["m"]) + float(f"{match['s'] or 0}.{match['f'] or 0}")
+
+
+def _utc_offset(match: re.Match[str]) -> float:
+    """What a clock shows more than UTC [s]; NaN if it does not say it."""
+    if match["zone"]:
+        return 0.0
+    if not match["sign"]:
+        return np.nan
+    return (-1.0 if match["sign"] == "-" else 1.0) * (3600.0 * int(match["zh"]) + 60.0 * int(match["zm"]))
 
 
 def _day(match: re.Match[str], order: str) -> int | None:

@@ -271,7 +271,8 @@ class _Reader:
             seconds, unit = self.numbers("time", index, self.selection.units.get("time") or self.columns.units[index])
             if unit != "s":
                 raise self._unknown_unit(0, "time", unit)
-            clock = Clock(seconds, _is_since_1970(seconds))
+            since_1970 = _is_since_1970(seconds)
+            clock = Clock(seconds, since_1970, utc=seconds if since_1970 else None)
         self._check_forwards(clock.seconds)
         return clock
 
