@@ -1,0 +1,109 @@
+"""A run as a crate, which another machine takes in so that nothing is measured again."""
+
+from __future__ import annotations
+
+import os
+import shutil
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+from dicflow.engine.journal import RunInfo
+from dicflow.engine.store import Store
+from dicflow.engine.transfer import Folder, Moved, pull
+from dicflow.errors import ConfigurationError, StoreError
+from dicflow.io.crate import FILES, METADATA, STORE, Contents, Crate, Described, copy_file, is_plain, read_crate
+from dicflow.io.files import staged
+from dicflow.pipeline.pipeline import Pipeline
+from dicflow.pipeline.provenance import run_facts
+
+__all__ = ["import_crate", "write_crate"]
+
+Progress = Callable[[int, int, str], None]
+
+
+def write_crate(
+    pipeline: Pipeline, methods: str, output: Path, force: bool = False, on_product: Progress = lambda *_: None
+) -> Path:
+    """Write the last run of a pipeline file as a crate into a folder, and return the crate's own folder.
+
+    methods : how it was measured, in sentences
+    Raises ConfigurationError where the crate could not be run elsewhere, StoreError where a product is missing.
+    """
+    run = pipeline.last_run()
+    if run is None:
+        raise StoreError(str(pipeline.path), "has not been run with these settings", "run it, then export it")
+    name = f"{pipeline.name}.crate"
+    with staged(output, force) as draft:
+        crate = draft / name
+        (crate / FILES).mkdir(parents=True)
+        files = {path: _copied(source, crate / FILES / path) for path, source in _sources(pipeline)}
+        pull(Store.open(crate / STORE), Folder(pipeline.store.path), run.id, on_product)
+        _check(pipeline, run, crate)
+        facts = run_facts(pipeline.store, run)
+        contents = Crate(pipeline.path.name, files)
+        described = Described(contents, pipeline.title, methods, run.id, run.started, facts.versions)
+        (crate / METADATA).write_bytes(described.to_json())
+    return output / name
+
+
+def import_crate(crate: Path, folder: Path, on_product: Progress = lambda *_: None) -> tuple[Path, Moved]:
+    """Make a folder with the files and the store of a crate: all of it, or nothing.
+
+    Returns the pipeline file, and what the store has taken. Raises InputError or StoreError for what is damaged.
+    """
+    found = read_crate(crate)
+    with staged(folder) as draft:
+        for path, contents in found.files.items():
+            target = draft / path
+            target.parent.mkdir(parents=True, exist_ok=True)
+            copy_file(crate / FILES / path, crate, target, contents)
+        moved = pull(Store.open(draft / ".dicflow"), Folder(crate / STORE), on_product=on_product)
+    return folder / found.pipeline, moved
+
+
+def _sources(pipeline: Pipeline) -> Iterator[tuple[str, Path]]:
+    """Path in a crate, and here, of the pipeline file and of every file that it reads or leaves out."""
+    yield pipeline.path.name, pipeline.path
+    read = {Path(file) for task in pipeline.graph.tasks.values() for file in task.files.values()}
+    found = {file for spec in pipeline.stages.values() for file in spec.node.finds(spec.folder)}
+    for file in sorted(read | found):
+        yield _place(pipeline, file), file
+    if (logo := pipeline.facts.logo) is not None:
+        yield logo, pipeline.path.parent / logo
+
+
+def _place(pipeline: Pipeline, file: Path) -> str:
+    """Path of a file below the folder where the relative paths of the pipeline file start."""
+    path = Path(os.path.relpath(file, pipeline.folder)).as_posix()
+    if not is_plain(path):
+        raise ConfigurationError(
+            f"{file}: a crate holds files below {pipeline.folder} alone, with names that are not hidden and that every "
+            "system has; move or rename it"
+        )
+    return path
+
+
+def _copied(source: Path, target: Path) -> Contents:
+    target.parent.mkdir(parents=True, exist_ok=True)
+    if target.exists():
+        raise ConfigurationError(f"{source}: the crate has another file of this name; rename one")
+    return copy_file(source, source.resolve().parent, target)
+
+
+def _check(pipeline: Pipeline, run: RunInfo, crate: Path) -> None:
+    """Plan the run as whoever takes in the crate will. Raises ConfigurationError for what would be measured again."""
+    there = Pipeline.load(crate / FILES / pipeline.path.name, store=crate / STORE)
+    files = [Path(file) for task in there.graph.tasks.values() for file in task.files.values()]
+    outside = [file for file in files if not file.is_relative_to(crate.absolute())]
+    if outside:
+        raise ConfigurationError(f"{pipeline.path}: reads {outside[0]} by its whole path; write relative paths")
+    entries = there.plan("ignore").entries
+    again = [task for task in run.index if task not in entries or entries[task].state != "hit"]
+    if again:
+        raise ConfigurationError(
+            f"{pipeline.path}: {len(again)} products of its last run would be measured again, the first {again[0]}; "
+            "files have changed since; run it again, then export it"
+        )
+    for name in ("files.index", "actions.index", "tmp"):  # only of use where they were written
+        path = crate / STORE / name
+        shutil.rmtree(path) if path.is_dir() else path.unlink(missing_ok=True)
