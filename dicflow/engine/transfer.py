@@ -245,12 +245,13 @@ def _damaged(source: Source, path: str, reason: str = "does not fit its digest")
 # what goes out
 
 
-def _send(store: Store, target: Target, there: Mapping[str, int], entry: Entry) -> int:
-    """Copy a product and its record, without the files that are there; bytes written."""
+def _send(store: Store, target: Target, there: dict[str, int], entry: Entry) -> int:
+    """Copy a product and its record, without the files that are there; bytes written. there : takes what was copied"""
     sent = 0
     for path, size, content in _files_of(store, entry):
         if there.get(path) != size:
             target.put(path, content())
+            there[path] = size
             sent += size
     return sent
 

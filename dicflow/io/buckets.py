@@ -13,7 +13,7 @@ from dicflow.errors import ConfigurationError, StoreError
 __all__ = ["Bucket", "is_url", "open_bucket"]
 
 T = TypeVar("T")
-_URL = re.compile(r"s3://[a-z0-9][a-z0-9.-]{1,61}[a-z0-9](/[\w.=+-]+)*/?")
+_URL = re.compile(r"s3://[a-z0-9][a-z0-9.-]{1,61}[a-z0-9](/(?!\.)[\w.=+-]+)*/?")
 _RETRIES = {"max_retries": 3, "retry_timeout": timedelta(seconds=30)}
 
 
@@ -52,7 +52,10 @@ class Bucket:
 
     def put(self, path: str, content: bytes) -> None:
         """Write an object. Raises StoreError."""
-        self._asked(path, lambda: self._store.put(path, content))
+        try:
+            self._asked(path, lambda: self._store.put(path, content))
+        except FileNotFoundError as error:
+            raise StoreError(self.name, "does not exist", "make the bucket first, or correct its name") from error
 
     def sizes(self, folder: str) -> Mapping[str, int]:
         """Size [bytes] of every object below a folder, by path. Raises StoreError."""
@@ -77,4 +80,4 @@ class Bucket:
 
 def _reason(error: Exception) -> str:
     """What obstore says, without the server's markup and its own structures."""
-    return " ".join(str(error).partition("\n")[0].partition(": <?xml")[0].split())[:300]
+    return " ".join(str(error).partition("\n")[0].partition(": <")[0].split())[:300]

@@ -25,15 +25,26 @@ from dicflow.engine.whole_file import open_file
 from dicflow.errors import InputError
 from dicflow.io.json_text import read_json
 
-__all__ = ["FILES", "METADATA", "STORE", "Contents", "Crate", "Described", "copy_file", "is_plain", "read_crate"]
+__all__ = [
+    "FILES",
+    "METADATA",
+    "STORE",
+    "Contents",
+    "Crate",
+    "Described",
+    "copy_file",
+    "is_plain",
+    "read_crate",
+    "refuse_link",
+]
 
 METADATA, FILES, STORE = "ro-crate-metadata.json", "files", "store"
-_LARGEST = 1 << 27
+_LARGEST = 1 << 26
 _CHUNK = 1 << 20
 _CONTEXT = ["https://w3id.org/ro/crate/1.1/context", {"sha256": "https://schema.org/sha256"}]
 _DIGEST = re.compile("[0-9a-f]{64}")
-_PART = re.compile(r'[^./\\:*?"<>|\x00-\x1f\x7f][^/\\:*?"<>|\x00-\x1f\x7f]*')
-"""A name of a file or folder that every system has, and that is not hidden."""
+_PART = re.compile(r'(?!\.)[^/\\:*?"<>|\x00-\x1f\x7f\ud800-\udfff]+')
+"""A name that a file or folder can have on every system, and that is not hidden."""
 _AGAIN = "get the crate again from where it was made"
 
 
@@ -142,30 +153,33 @@ def read_crate(folder: Path) -> Crate:
     return Crate(pipeline, files)
 
 
-def copy_file(source: Path, root: Path, target: Path, expected: Contents | None = None) -> Contents:
+def copy_file(source: Path, target: Path, expected: Contents | None = None) -> Contents:
     """Copy a file, and return what was copied.
 
-    root : folder that a link must not leave
     expected : what it must be; no more than its size is read
-    Raises InputError if it cannot be read, or is something else.
+    Raises InputError if it cannot be read, or is something else; OSError if the target cannot be written.
     """
-    if not source.resolve().is_relative_to(root.resolve()):
-        raise InputError(str(source), "is a link out of its folder", _AGAIN)
-    digest, size, most = hashlib.sha256(), 0, None if expected is None else expected.size
+    remedy = "get read access" if expected is None else _AGAIN
     try:
-        with open_file(source, most) as reading, open(target, "xb") as writing:
-            while chunk := reading.read(_CHUNK):
-                writing.write(chunk)
-                digest.update(chunk)
-                size += len(chunk)
+        reading = open_file(source, None if expected is None else expected.size)
     except OSError as error:
-        if Path(error.filename or source) == target:
-            raise
-        raise InputError(str(source), f"cannot be read ({error.strerror})", _AGAIN) from error
+        raise InputError(str(source), f"cannot be read ({error.strerror})", remedy) from error
+    digest, size = hashlib.sha256(), 0
+    with reading, open(target, "xb") as writing:
+        while chunk := reading.read(_CHUNK):
+            writing.write(chunk)
+            digest.update(chunk)
+            size += len(chunk)
     found = Contents(size, digest.hexdigest())
     if expected is not None and found != expected:
-        raise InputError(str(source), "is damaged (it does not fit its digest)", _AGAIN)
+        raise InputError(str(source), "is damaged (it does not fit its digest)", remedy)
     return found
+
+
+def refuse_link(path: Path, root: Path) -> None:
+    """Raise InputError if a path in a crate leads out of it."""
+    if not path.resolve().is_relative_to(root.resolve()):
+        raise InputError(str(path), "is a link out of the crate", _AGAIN)
 
 
 def _listed(entities: Mapping[str, Any]) -> Iterator[tuple[str, Contents]]:

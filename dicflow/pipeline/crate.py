@@ -4,14 +4,25 @@ from __future__ import annotations
 
 import os
 import shutil
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from pathlib import Path
 
 from dicflow.engine.journal import RunInfo
 from dicflow.engine.store import Store
 from dicflow.engine.transfer import Folder, Moved, pull
 from dicflow.errors import ConfigurationError, StoreError
-from dicflow.io.crate import FILES, METADATA, STORE, Contents, Crate, Described, copy_file, is_plain, read_crate
+from dicflow.io.crate import (
+    FILES,
+    METADATA,
+    STORE,
+    Contents,
+    Crate,
+    Described,
+    copy_file,
+    is_plain,
+    read_crate,
+    refuse_link,
+)
 from dicflow.io.files import staged
 from dicflow.pipeline.pipeline import Pipeline
 from dicflow.pipeline.provenance import run_facts
@@ -36,7 +47,7 @@ def write_crate(
     with staged(output, force) as draft:
         crate = draft / name
         (crate / FILES).mkdir(parents=True)
-        files = {path: _copied(source, crate / FILES / path) for path, source in _sources(pipeline)}
+        files = {path: _copied(source, crate / FILES / path) for path, source in _sources(pipeline).items()}
         pull(Store.open(crate / STORE), Folder(pipeline.store.path), run.id, on_product)
         _check(pipeline, run, crate)
         facts = run_facts(pipeline.store, run)
@@ -56,38 +67,40 @@ def import_crate(crate: Path, folder: Path, on_product: Progress = lambda *_: No
         for path, contents in found.files.items():
             target = draft / path
             target.parent.mkdir(parents=True, exist_ok=True)
-            copy_file(crate / FILES / path, crate, target, contents)
+            refuse_link(crate / FILES / path, crate)
+            copy_file(crate / FILES / path, target, contents)
+        refuse_link(crate / STORE, crate)
         moved = pull(Store.open(draft / ".dicflow"), Folder(crate / STORE), on_product=on_product)
     return folder / found.pipeline, moved
 
 
-def _sources(pipeline: Pipeline) -> Iterator[tuple[str, Path]]:
-    """Path in a crate, and here, of the pipeline file and of every file that it reads or leaves out."""
-    yield pipeline.path.name, pipeline.path
+def _sources(pipeline: Pipeline) -> dict[str, Path]:
+    """Path in a crate → file here: the pipeline file, and every file that it reads or leaves out."""
     read = {Path(file) for task in pipeline.graph.tasks.values() for file in task.files.values()}
     found = {file for spec in pipeline.stages.values() for file in spec.node.finds(spec.folder)}
-    for file in sorted(read | found):
-        yield _place(pipeline, file), file
-    if (logo := pipeline.facts.logo) is not None:
-        yield logo, pipeline.path.parent / logo
+    sources = {_place(pipeline.folder, file): file for file in sorted(read | found)}
+    beside = [pipeline.path.name] + ([] if pipeline.facts.logo is None else [pipeline.facts.logo])
+    for name in beside:
+        file = pipeline.path.parent / name
+        if sources.setdefault(_place(pipeline.path.parent, file), file).resolve() != file.resolve():
+            raise ConfigurationError(f"{file}: {sources[name]} has the same place in the crate; rename one")
+    return sources
 
 
-def _place(pipeline: Pipeline, file: Path) -> str:
-    """Path of a file below the folder where the relative paths of the pipeline file start."""
-    path = Path(os.path.relpath(file, pipeline.folder)).as_posix()
+def _place(folder: Path, file: Path) -> str:
+    """Path of a file below a folder."""
+    path = Path(os.path.relpath(file, folder)).as_posix()
     if not is_plain(path):
         raise ConfigurationError(
-            f"{file}: a crate holds files below {pipeline.folder} alone, with names that are not hidden and that every "
-            "system has; move or rename it"
+            f"{file}: a crate holds files below {folder} alone, with names that are not hidden and that every system "
+            "has; move or rename it"
         )
     return path
 
 
 def _copied(source: Path, target: Path) -> Contents:
     target.parent.mkdir(parents=True, exist_ok=True)
-    if target.exists():
-        raise ConfigurationError(f"{source}: the crate has another file of this name; rename one")
-    return copy_file(source, source.resolve().parent, target)
+    return copy_file(source, target)
 
 
 def _check(pipeline: Pipeline, run: RunInfo, crate: Path) -> None:
