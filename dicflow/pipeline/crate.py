@@ -10,7 +10,7 @@ from pathlib import Path
 from dicflow.engine.journal import RunInfo
 from dicflow.engine.store import Store
 from dicflow.engine.transfer import Folder, Moved, pull
-from dicflow.errors import ConfigurationError, StoreError
+from dicflow.errors import ConfigurationError, InputError, StoreError
 from dicflow.io.crate import (
     FILES,
     METADATA,
@@ -106,10 +106,8 @@ def _copied(source: Path, target: Path) -> Contents:
 def _check(pipeline: Pipeline, run: RunInfo, crate: Path) -> None:
     """Plan the run as whoever takes in the crate will. Raises ConfigurationError for what would be measured again."""
     there = Pipeline.load(crate / FILES / pipeline.path.name, store=crate / STORE)
-    files = [Path(file) for task in there.graph.tasks.values() for file in task.files.values()]
-    outside = [file for file in files if not file.is_relative_to(crate.absolute())]
-    if outside:
-        raise ConfigurationError(f"{pipeline.path}: reads {outside[0]} by its whole path; write relative paths")
+    if not _reads_inside(there, crate.absolute()):
+        raise ConfigurationError(f"{pipeline.path}: names files by their whole paths; write relative ones")
     entries = there.plan("ignore").entries
     again = [task for task in run.index if task not in entries or entries[task].state != "hit"]
     if again:
@@ -120,3 +118,12 @@ def _check(pipeline: Pipeline, run: RunInfo, crate: Path) -> None:
     for name in ("files.index", "actions.index", "tmp"):  # only of use where they were written
         path = crate / STORE / name
         shutil.rmtree(path) if path.is_dir() else path.unlink(missing_ok=True)
+
+
+def _reads_inside(pipeline: Pipeline, folder: Path) -> bool:
+    """Whether all files that a pipeline reads lie in a folder."""
+    try:
+        files = [Path(file) for task in pipeline.graph.tasks.values() for file in task.files.values()]
+    except InputError:  # it would read outside
+        return False
+    return all(file.is_relative_to(folder) for file in files)

@@ -21,7 +21,7 @@ PIPELINE = """\
 dicflow: 1
 title: A plate
 stages:
-  photos: {stage: images, left: "left/*.png", select: {every: 2}, times: times.csv}
+  photos: {stage: images, left: "left/*.png", select: {every: 2}, times: times.csv, keep: always}
   region: {stage: region, images: photos, rectangle: [5, 5, 35, 35]}
 """
 TASKS = STEPS // 2 + 1
@@ -235,7 +235,7 @@ def test_no_name_in_a_crate_leads_out_of_the_folder(crate, tmp_path, name):
     assert set(tmp_path.rglob("*")) == before
 
 
-def test_what_could_not_be_measured_elsewhere_is_refused(measured, tmp_path):
+def test_what_could_not_be_measured_elsewhere_is_refused(measured, tmp_path, monkeypatch):
     folder = shutil.copytree(measured, tmp_path / "plate")
     pipeline, text = folder / "pipeline.yaml", PIPELINE
 
@@ -247,7 +247,9 @@ def test_what_could_not_be_measured_elsewhere_is_refused(measured, tmp_path):
     refused("name no stage", more=["--step", "Löad 0"])
     pipeline.write_text(text.replace('"left/*.png"', f'"{folder}/left/*.png"'))
     assert hits(pipeline)["hit"] == TASKS
-    refused("reads", "by its whole path; write relative paths")
+    refused("names files by their whole paths; write relative ones")
+    monkeypatch.chdir(folder)
+    refused("names files by their whole paths; write relative ones")
     pipeline.write_text(text)
     photograph = folder / "left" / "Löad 0.png"
     photograph.write_bytes((folder / "left" / "Löad 1.png").read_bytes())
