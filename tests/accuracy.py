@@ -1,13 +1,14 @@
 """How exact the measurement is: the five replicas, the two studies, and real photographs where they are at hand.
 
-Run it with ``make accuracy``. Prints Tables 6–10, 1 and 4, then every quantity with its bar.
+Run it with ``make accuracy``, or some parts with ``python -m tests.accuracy PART …``. Prints Tables 6–10, 1 and 4, then
+every quantity with its bar.
 """
 
 from __future__ import annotations
 
 import itertools
 import sys
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator, Mapping, Sequence
 
 import numpy as np
 
@@ -16,9 +17,11 @@ from dicflow.kinds.rig import rig_from_json
 from dicflow.pipeline import Result
 from tests import accuracy_material, accuracy_photographs, accuracy_scenes, accuracy_sheets, accuracy_stereo
 from tests.accuracy_coverage import coverage
+from tests.accuracy_noisy_stars import noisy_stars
 from tests.accuracy_planar import planar
 from tests.accuracy_rig import bumped_rigs
 from tests.accuracy_rigid import rigid_motions
+from tests.accuracy_stars import stars
 from tests.bars import Figure
 from tests.data_folder import SHARED
 from tests.figures import ROOT, pipeline_result, print_table, replica, report, run_text
@@ -164,30 +167,44 @@ def alive(result: Result, known: np.ndarray) -> float:
     return float(known.sum() / first.sum())
 
 
-def main() -> int:
-    figures = [
-        *replicas(),
-        *polynomial_degree(),
-        *detectors(),
-        *planar(),
-        *rigid_motions(),
-        *bumped_rigs(),
-        *coverage(),
-        *accuracy_stereo.replicas(),
-        *accuracy_scenes.scenes(),
-        *accuracy_material.material(),
-        *accuracy_sheets.sheets(),
-    ]
-    if SHARED.is_dir():
-        for real in (d_specimen, board_photographs, sample3, necking):
-            figures += real()
-        figures += accuracy_material.published()
-        for real in (accuracy_stereo.d_specimen, accuracy_photographs.rigid_points, accuracy_photographs.necking):
-            figures += real()
-    else:
+PARTS: Mapping[str, Callable[[], Iterator[Figure]]] = {
+    "replicas": replicas,
+    "polynomials": polynomial_degree,
+    "detectors": detectors,
+    "planar": planar,
+    "stars": stars,
+    "noisy-stars": noisy_stars,
+    "rigid": rigid_motions,
+    "bumped": bumped_rigs,
+    "coverage": coverage,
+    "precise-replicas": accuracy_stereo.replicas,
+    "scenes": accuracy_scenes.scenes,
+    "material": accuracy_material.material,
+    "sheets": accuracy_sheets.sheets,
+}
+REAL: Mapping[str, Callable[[], Iterator[Figure]]] = {
+    "d-specimen": d_specimen,
+    "boards": board_photographs,
+    "sample3": sample3,
+    "necking": necking,
+    "published-rubber": accuracy_material.published,
+    "precise-d-specimen": accuracy_stereo.d_specimen,
+    "rigid-points": accuracy_photographs.rigid_points,
+    "precise-necking": accuracy_photographs.necking,
+}
+"""Parts that need the real photographs."""
+
+
+def main(names: Sequence[str]) -> int:
+    """names : of the parts; without any all that can be measured here"""
+    unknown = [name for name in names if name not in (*PARTS, *REAL)]
+    if unknown:
+        sys.exit(f"no part '{unknown[0]}'; parts: {', '.join((*PARTS, *REAL))}")
+    if not SHARED.is_dir():
         print(f"no real photographs in {SHARED}: left out", file=sys.stderr)
-    return report(figures)
+    parts = {**PARTS, **REAL} if SHARED.is_dir() else PARTS
+    return report([figure for name in names or parts if name in parts for figure in parts[name]()])
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    sys.exit(main(sys.argv[1:]))

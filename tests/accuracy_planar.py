@@ -15,8 +15,6 @@ from dicflow.core.photographs.interpolate import Spline, spline
 from dicflow.core.status import Status
 from dicflow.core.synthetic.motion import Motion, render_pattern, speckle_pattern
 from dicflow.core.synthetic.render import add_noise_and_round
-from tests.accuracy_noisy_stars import noisy_stars
-from tests.accuracy_stars import stars
 from tests.bars import Figure
 from tests.data_folder import SHARED
 
@@ -28,11 +26,9 @@ NOISE = 2.0
 
 
 def planar() -> Iterator[Figure]:
-    """Everything of one camera."""
+    """Shifts and noise of one camera."""
     yield from every_shift()
     yield from coverage()
-    yield from stars()
-    yield from noisy_stars()
     if SHARED.is_dir():
         yield from shifted_photographs()
         yield from growing_frequency()

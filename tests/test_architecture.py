@@ -66,6 +66,7 @@ ONLY_IN: Mapping[str, Set[str]] = {
     "pyvista": {"views"},
     "h5py": {"io"},
     "meshio": {"io"},
+    "obstore": {"io"},
     "openpyxl": {"io"},
     "jinja2": {"report"},
     "markupsafe": {"report"},

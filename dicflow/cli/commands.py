@@ -15,6 +15,7 @@ from dicflow.cli.measure import plan, run, why
 from dicflow.cli.products import graph, list_products, show
 from dicflow.cli.store import gc, pin, verify
 from dicflow.cli.tools import demo, doctor, help_topics, init, schema, stages, synth, warm
+from dicflow.cli.transfer import import_run, pull, push
 from dicflow.cli.tune import tune
 from dicflow.cli.watch import watch
 
@@ -38,6 +39,9 @@ COMMANDS: dict[str, Callable[..., None]] = {
     "show": show,
     "report": report,
     "export": export,
+    "import": import_run,
+    "push": push,
+    "pull": pull,
     "compare": compare,
     "gc": gc,
     "verify": verify,

@@ -32,6 +32,7 @@ from dicflow.errors import ConfigurationError
 
 if TYPE_CHECKING:
     from dicflow.comparison.difference import Comparison
+    from dicflow.pipeline import Pipeline
 
 __all__ = ["ExportCommand", "compare", "export", "report"]
 
@@ -43,6 +44,7 @@ class Locale(StrEnum):
     de = "de"
 
 
+_CRATE, _CRATE_WORDS = "crate", "an RO-Crate of the last run, with its files and products, for 'dicflow import'"
 _SIDE = "pipeline file, id of a run, or table of points; #2 behind it chooses the second variant"
 Quantities = Annotated[
     list[str],
@@ -110,7 +112,7 @@ def _format_words() -> str:
     formats: dict[str, list[str]] = {}
     for name, text in {**descriptions(), **{name: picture.description for name, picture in PICTURES.items()}}.items():
         formats.setdefault(text, []).append(name)
-    return "; ".join(f"{', '.join(names)}: {text}" for text, names in formats.items())
+    return "; ".join(f"{', '.join(names)}: {text}" for text, names in {**formats, _CRATE_WORDS: [_CRATE]}.items())
 
 
 def export(
@@ -141,12 +143,17 @@ def export(
     dicflow export pipeline.yaml total --step step_03 --quantity eyy --format png
     dicflow export pipeline.yaml total --quantity eyy --format mp4
     dicflow export pipeline.yaml total --step step_03 --quantity W --format surface
+    dicflow export pipeline.yaml --format crate
     """
     from dicflow.io.table import LOCALES
     from dicflow.views.exports import Selection
     from dicflow.views.exports import export as write
 
     loaded = load(pipeline, data, store, settings)
+    if to == _CRATE:
+        _refuse_choice(settings, stage, step, quantities, variant)
+        say(_crate(loaded, output, force))
+        return
     result, style = stored(loaded), LOCALES[locale]._replace(digits=digits)
     paths = write(
         result,
@@ -159,6 +166,21 @@ def export(
     )
     for path in paths:
         say(path)
+
+
+def _refuse_choice(settings: list[str], *chosen: object) -> None:
+    if settings or any(chosen[:-1]) or chosen[-1] != 1:
+        raise ConfigurationError(
+            "a crate holds the whole run of the pipeline file as it is; write --set into the file, and name no stage, "
+            "step, quantity or variant"
+        )
+
+
+def _crate(pipeline: Pipeline, output: Path, force: bool) -> Path:
+    from dicflow.pipeline.crate import write_crate
+    from dicflow.report.paragraph import methods_paragraph
+
+    return write_crate(pipeline, str(methods_paragraph(pipeline, stored(pipeline))), output, force)
 
 
 def compare(

@@ -13,7 +13,7 @@ from dicflow.engine.store import Store
 from dicflow.engine.whole_file import NotRegularError, file_size, read_file
 from dicflow.engine.zarr_files import is_described
 
-__all__ = ["GONE", "check_product", "reason_of"]
+__all__ = ["GONE", "check_group", "check_product", "reason_of"]
 
 _CHUNK = re.compile(r"c(\.\d+)*")
 GONE = (FileNotFoundError, NotADirectoryError, NotRegularError)
@@ -36,7 +36,7 @@ def check_product(store: Store, digest: str) -> str:
         return f"{path}: the content does not fit its digest"
     try:
         has_arrays = manifest.kept and manifest.content["variables"]
-        return _check_group(store.object_path(digest), manifest) if has_arrays else ""
+        return check_group(store.object_path(digest), manifest) if has_arrays else ""
     except GONE as error:
         return f"{error.filename}: {reason_of(error)}"
 
@@ -46,7 +46,8 @@ def reason_of(error: OSError | ValueError) -> str:
     return (error.strerror or str(error)).lower() if isinstance(error, OSError) else str(error)
 
 
-def _check_group(folder: Path, manifest: Manifest) -> str:
+def check_group(folder: Path, manifest: Manifest) -> str:
+    """The damage of the arrays of a product in a folder, "" if they are sound. Raises OSError as above."""
     damaged = [file for file, nbytes in manifest.files.items() if file_size(folder / file) != nbytes]
     if damaged:
         return f"{folder / damaged[0]}: is missing or has another size"

@@ -44,10 +44,12 @@ __all__ = [
     "Journal",
     "RunInfo",
     "Status",
+    "adopt",
     "find_run",
     "is_run_id",
     "latest",
     "runs",
+    "whole_lines",
 ]
 
 _TIME = "%Y%m%d-%H%M%S"
@@ -273,6 +275,25 @@ def find_run(store: Store, name: str = "latest", pipeline: str | None = None) ->
     raise StoreError(
         f"{store.path}: unknown run '{name}'; it was cleaned up or is elsewhere, 'dicflow pin STORE' lists all runs"
     )
+
+
+def adopt(store: Store, draft: Path, name: str) -> None:
+    """Take in a run whose folder was written elsewhere. A run that is there, and what is the latest, stay.
+
+    draft : in the same file system; name : id of the run
+    Raises StoreError.
+    """
+    run = RunInfo(name, store.path / "runs" / name)
+    with store.writing():
+        run.folder.parent.mkdir(exist_ok=True)
+        if not run.folder.exists():
+            os.rename(draft, run.folder)
+    store.write_json(_latest_path(store, run.pipeline), {**run.index, **latest(store, run.pipeline)})
+
+
+def whole_lines(content: bytes) -> bytes:
+    """A journal without lines that are damaged or cut short."""
+    return b"".join(line + b"\n" for line in content.split(b"\n") if _event(line) is not None)
 
 
 def latest(store: Store, pipeline: str) -> dict[str, Entry]:

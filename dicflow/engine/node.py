@@ -212,6 +212,13 @@ class Node(BaseModel):
             return None
         return {step: files for step, files in steps.items() if all(is_whole(Path(file)) for file in files.values())}
 
+    def finds(self, folder: Path) -> tuple[Path, ...]:
+        """The files that :meth:`steps` looks at, also those that it leaves out.
+
+        folder : where relative paths start
+        """
+        return ()
+
     def left_out(self, folder: Path, steps: Mapping[str, Mapping[str, Path | FilePart]]) -> tuple[str, ...]:
         """Sentences about files that :meth:`steps` found and left out, or joined, for the warnings of a run.
 

@@ -13,7 +13,17 @@ from typing import TYPE_CHECKING, Any
 from dicflow.engine.hashing import digest_array, digest_json, is_digest, plain
 from dicflow.engine.product import Product, Variable
 from dicflow.engine.share import in_free_threads
-from dicflow.engine.stored_json import anything, fields, is_count, is_flag, is_text, list_of, mapping_of, read_stored
+from dicflow.engine.stored_json import (
+    anything,
+    fields,
+    is_count,
+    is_flag,
+    is_text,
+    list_of,
+    mapping_of,
+    read_stored,
+    unseal,
+)
 from dicflow.engine.zarr_files import array_description, array_files, group_description, group_file, read_array
 from dicflow.errors import StageError
 
@@ -94,6 +104,11 @@ class Manifest:
         Raises ValueError where it is damaged, or names files outside the product's folder.
         """
         return cls(**read_stored(path, _MANIFEST))
+
+    @classmethod
+    def parse(cls, content: bytes) -> Manifest:
+        """The manifest in the contents of such a file. Raises ValueError as :meth:`read` does."""
+        return cls(**unseal(content, _MANIFEST))
 
 
 class LazyVariables(Mapping[str, Variable]):

@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from dicflow.engine.hashing import digest_json, is_digest
-from dicflow.engine.stored_json import anything, fields, is_number, is_text, list_of, mapping_of, read_stored
+from dicflow.engine.stored_json import anything, fields, is_number, is_text, list_of, mapping_of, read_stored, unseal
 
 __all__ = ["Record", "sources", "versions"]
 
@@ -76,7 +76,15 @@ class Record:
     @classmethod
     def read(cls, path: Path) -> Record:
         """The record in a file. Raises OSError where it cannot be read, ValueError where it is damaged."""
-        value = read_stored(path, _RECORD)
+        return cls._of(read_stored(path, _RECORD))
+
+    @classmethod
+    def parse(cls, content: bytes) -> Record:
+        """The record in the contents of such a file. Raises ValueError where they are damaged."""
+        return cls._of(unseal(content, _RECORD))
+
+    @classmethod
+    def _of(cls, value: Mapping[str, Any]) -> Record:
         code = value["code"] if is_digest(value["code"]) else ""
         return cls(value["key"], value["parts"], value["digest"], code, value["made"])
 

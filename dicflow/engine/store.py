@@ -32,9 +32,9 @@ import os
 import re
 import shutil
 import uuid
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager, suppress
-from functools import cached_property
+from functools import cached_property, partial
 from pathlib import Path
 from typing import Any, Literal
 
@@ -240,13 +240,20 @@ class Store:
 
         Raises StoreError; the store is then unchanged.
         """
+        return self.put_written(manifest, keep, partial(write_group, product=product))
+
+    def put_written(self, manifest: Manifest, keep: bool, write: Callable[[Path], dict[str, int]]) -> Manifest:
+        """The same for a product whose arrays a function writes into a new folder.
+
+        write : returns the size [bytes] of each file by its relative path
+        """
         state, present = self.inspect(manifest.digest)
         if state == "damaged":
             self.quarantine(manifest.digest)
         if present is not None and (present.kept or not keep):
             return present
         kept = keep or not manifest.content["variables"]
-        files = self._put_group(product, manifest.digest) if kept and manifest.content["variables"] else {}
+        files = self._put_group(manifest.digest, write) if kept and manifest.content["variables"] else {}
         whole = dataclasses.replace(manifest, kept=kept, files=files)
         self.write_json(self.manifest_path(manifest.digest), whole.to_json())
         return whole
@@ -280,12 +287,12 @@ class Store:
         """Write a file, or replace it. Raises OSError."""
         write_file(path, content, self.draft(), durable)
 
-    def _put_group(self, product: Product, digest: str) -> dict[str, int]:
+    def _put_group(self, digest: str, write: Callable[[Path], dict[str, int]]) -> dict[str, int]:
         folder = self.object_path(digest)
         with self.writing():
             draft = self.draft()
             try:
-                files = write_group(draft, product)
+                files = write(draft)
                 folder.parent.mkdir(parents=True, exist_ok=True)
                 if os.path.lexists(folder) and not _holds(folder, files):
                     self.quarantine(digest)

@@ -92,6 +92,9 @@ class Images(Node):
         ]
         return tuple(search_start(folder, pattern)[0] for pattern in patterns)
 
+    def finds(self, folder: Path) -> tuple[Path, ...]:
+        return tuple(path for files in self._photographs(folder).values() for path in files.values())
+
     def steps(self, folder: Path) -> Steps:
         return self._steps_of(self._photographs(folder), self.unpaired, folder)
 

@@ -7,10 +7,11 @@ import re
 import cv2
 import numpy as np
 import pytest
-from small import dicflow
+from small import ROOT, dicflow
 
 from dicflow.pipeline.registry import node_class, stage_names
 from dicflow.views.topics import TOPICS, sections, topic_of
+from tests.accuracy import PARTS, REAL
 from tests.manual.advice import SCENES, measured
 from tests.manual.commands import command_tree, commands_page, metavar_of
 from tests.manual.gallery import SCRIPTS
@@ -43,6 +44,13 @@ def test_the_page_of_commands_has_every_command_and_option():
             is_option = parameter.param_type_name == "option"
             named = parameter.opts[0] if is_option else metavar_of(parameter)
             assert parameter.name == "help" or f"`{named}`" in part
+
+
+def test_the_parts_that_the_validation_names_exist():
+    page = (ROOT / "docs" / "validation.md").read_text(encoding="utf-8")
+    named = set(re.findall(r"\| `([\w-]+)` \|$", page, re.MULTILINE))
+    assert len(named) > 8
+    assert named <= {*PARTS, *REAL}
 
 
 def test_every_message_has_a_section_of_troubleshooting():
