@@ -8,6 +8,7 @@ from typing import NamedTuple
 
 import h5py
 import numpy as np
+from scipy.optimize import least_squares
 from scipy.stats import norm
 
 from dicflow.core.material.cycle import cycle_of
@@ -15,7 +16,7 @@ from dicflow.core.material.fit import Curve, fit, relative_errors
 from dicflow.core.material.models import MODELS
 from dicflow.core.material.modes import principal_stretches
 from dicflow.core.material.prediction import errors_of
-from dicflow.core.material.response import stress_in_mode
+from dicflow.core.material.response import nominal_stress, stress_in_mode
 from dicflow.kinds.curve import StressCurve
 from dicflow.kinds.material import Material
 from tests.bars import Figure
@@ -41,6 +42,11 @@ DIGITS = {
     "ogden_2": (0.1, 1.0, 0.1, 0.1),
 }
 """One in the last digit of each."""
+TRELOAR_WHOLE = {
+    "yeoh": ((0.17, -0.0014, 2e-5), (5.7, 20.0)),
+    "ogden_2": ((0.6, 1.4, 3e-4, 5.8), (4.2, 24.0)),
+}
+"""Up to stretch 7.6: start of a search; reference of the fit to uniaxial and of the prediction of equibiaxial [%]."""
 
 
 class _Rubber(NamedTuple):
@@ -100,11 +106,33 @@ def treloar() -> Iterator[Figure]:
 
 
 def _ogden(errors: Sequence[np.ndarray], curves: Sequence[Curve], prediction: float) -> Iterator[Figure]:
-    """The rms over all points is the least that two terms reach; in the mean of their rms both tests count alike."""
-    mean = float(np.mean(relative_errors(errors, curves)))
-    yield Figure("Treloar, ogden_2 on two tests: rms over all points", 100 * pooled(errors, curves), 2.0, unit="%")
+    """The rms over all points, and how far it is above the least of all exponents: no two terms reach the bar.
+
+    In the mean of their rms both tests count alike.
+    """
+    mean, found = float(np.mean(relative_errors(errors, curves))), 100 * pooled(errors, curves)
+    yield Figure("Treloar, ogden_2 on two tests: rms over all points", found, 2.0, unit="%")
+    least = 100 * least_of_two_terms(curves)
+    yield Figure("Treloar, ogden_2 on two tests: rms less the least of a lattice of exponents", found - least, 0.0)
     yield Figure("Treloar, ogden_2 on two tests: rms, mean of both", 100 * mean, unit="%")
     yield Figure("Treloar, ogden_2: prediction of equibiaxial", 100 * prediction, 4.8, unit="%")
+
+
+def least_of_two_terms(curves: Sequence[Curve]) -> float:
+    """Least rms over all points of two terms whose exponents are those of a lattice, with factors of any sign."""
+    exponents = np.arange(-24.875, 25.0, 0.25)
+    one, other = np.triu_indices(len(exponents), 1)
+    columns = [
+        np.concatenate([nominal_stress(MODELS["ogden_1"], np.array([1.0, a]), curve.stretches) for curve in curves])
+        for a in exponents
+    ]
+    relative = np.array(columns) / np.concatenate([curve.stress for curve in curves])
+    relative /= np.linalg.norm(relative, axis=1, keepdims=True)
+    first, second = relative[one], relative[other]
+    along = first.sum(axis=1)
+    apart = second - (first * second).sum(axis=1, keepdims=True) * first
+    explained = along**2 + apart.sum(axis=1) ** 2 / (apart**2).sum(axis=1)
+    return float(np.sqrt(1.0 - explained.max() / relative.shape[1]))
 
 
 def pooled(errors: Sequence[np.ndarray], curves: Sequence[Curve]) -> float:
@@ -114,19 +142,34 @@ def pooled(errors: Sequence[np.ndarray], curves: Sequence[Curve]) -> float:
 
 
 def treloar_whole() -> Iterator[Figure]:
-    """The whole range, up to stretch 7.6.
+    """The whole range, from stretch 1.1 to 7.6.
 
-    References of 5.7 and 20 % (Yeoh), 4.2 and 24 % (Ogden, 2 terms) state neither weights nor the least stretch: from
-    1.0 to 1.2, and with both tests or all points counting alike, the fits span 5.0 to 9.4 and 3.9 to 7.3 %, the
-    predictions 17 to 20 and 22 to 25 %. The figures here are the least over all points from 1.1.
+    The reference is that of a search on uniaxial tension from one start, every point relative to its stress. Two terms
+    of which one has a negative exponent fit better, and predict nothing.
     """
     uniaxial, equibiaxial, planar = (read_curve("Treloar_1944", name, 1.1) for name in ("UT", "ET", "PS"))
+    for name, (start, reference) in TRELOAR_WHOLE.items():
+        c = _from_one_start(name, uniaxial, np.array(start))
+        values = [100 * float(np.sqrt(np.mean(_relative(name, c, curve) ** 2))) for curve in (uniaxial, equibiaxial)]
+        print(f"\nTreloar 1944, to 7.6, {name} on uniaxial and its prediction: {values} %, reference {reference}")
+        off = max(abs(value - known) / digit for value, known, digit in zip(values, reference, (0.1, 1.0), strict=True))
+        yield Figure(f"Treloar to 7.6, {name}: largest difference from the reference, in its last digits", off, 1.0)
     for name in ("yeoh", "ogden_2", "ogden_3"):
-        found = fit(MODELS[name], (uniaxial, planar))
-        error = 100 * pooled(found.errors, (uniaxial, planar))
-        yield Figure(f"Treloar to 7.6, {name} on uniaxial and planar: rms", error, unit="%")
-        prediction = 100 * errors_of(MODELS[name], found.constants, equibiaxial)
-        yield Figure(f"Treloar to 7.6, {name}: prediction of equibiaxial", prediction, unit="%")
+        for title, curves in {"uniaxial": (uniaxial,), "uniaxial and planar": (uniaxial, planar)}.items():
+            found = fit(MODELS[name], curves)
+            error = 100 * pooled(found.errors, curves)
+            yield Figure(f"Treloar to 7.6, {name} on {title}: rms", error, unit="%")
+            prediction = 100 * errors_of(MODELS[name], found.constants, equibiaxial)
+            yield Figure(f"Treloar to 7.6, {name} on {title}: prediction of equibiaxial", prediction, unit="%")
+
+
+def _from_one_start(name: str, curve: Curve, start: np.ndarray) -> np.ndarray:
+    found = least_squares(lambda c: _relative(name, c, curve), start, x_scale=np.abs(start), xtol=1e-12, ftol=1e-12)
+    return np.asarray(found.x)
+
+
+def _relative(name: str, c: np.ndarray, curve: Curve) -> np.ndarray:
+    return nominal_stress(MODELS[name], c, curve.stretches) / curve.stress - 1.0
 
 
 def other_rubbers() -> Iterator[Figure]:

@@ -5,9 +5,12 @@ Run it with ``python -m tests.accuracy_sheets``, or as part of ``make accuracy``
 
 from __future__ import annotations
 
+import json
 from collections.abc import Iterator
+from pathlib import Path
 
 import numpy as np
+from scipy.interpolate import CubicSpline
 from scipy.ndimage import convolve1d, uniform_filter
 from scipy.stats import norm
 
@@ -15,12 +18,13 @@ from dicflow.core.material.models import MODELS
 from dicflow.core.material.modes import principal_stretches
 from dicflow.core.material.response import nominal_stress
 from dicflow.core.material.virtual_fields import Sheet, constants_of, piecewise_fields
+from dicflow.kinds.curve import StressCurve
 from dicflow.kinds.material import FittedModel, Material
 from dicflow.pipeline import Result
 from dicflow.synth.equilibrium import equilibrium
-from dicflow.synth.sheets import CONSTANTS, SHAPES, Rubber, write_sheets
+from dicflow.synth.sheets import CONSTANTS, GRAVITY, SHAPES, Rubber, loads_of, softened, write_sheets
 from tests.bars import Figure
-from tests.figures import made, pipeline_result
+from tests.figures import made, pipeline_result, run_text
 
 __all__ = ["sheets"]
 
@@ -51,6 +55,7 @@ def sheets() -> Iterator[Figure]:
         at_least=True,
         unit="%",
     )
+    yield from hysteresis()
     yield from coverage()
 
 
@@ -120,6 +125,66 @@ def _verdicts(result: Result) -> Iterator[Figure]:
         1.0,
         at_least=True,
     )
+
+
+_CYCLE = """
+dicflow: 1
+stages:
+  boards: {stage: images, left: "boards/left/*.png", right: "boards/right/*.png"}
+  corners: {stage: corners, images: boards, size: [9, 6]}
+  rig: {stage: calibrate, square: 14.5 mm, tangential: true}
+  photos: {stage: images, left: "strip/photos/left/*.png", right: "strip/photos/right/*.png"}
+  load: {stage: channels, images: photos, file: strip/weights.csv, u: {force: 0.1 g}}
+  region: {stage: region, images: photos, file: strip/region.geojson}
+  features: {stage: features, images: photos, detector: AKAZE}
+  matches: {stage: match, images: photos, guided: false, refine: false}
+  correlation: {stage: correlate, images: photos}
+  stereo: {stage: stereo, images: photos}
+  points: {stage: triangulate}
+  total: {stage: deformation}
+  sheet: {stage: sheet, thickness: 0.21 mm, u_thickness: 5 um}
+  gauge: {stage: probes, extensometers: {middle: GAUGE}}
+  curve: {stage: stress, probe: middle, thickness: 0.21 mm, u_thickness: 5 um}
+"""
+"""A strip up and down again; its width is that of the photographs."""
+
+
+def hysteresis() -> Iterator[Figure]:
+    """Loop and set of a strip that is loaded and unloaded, photographed at half the size.
+
+    The thickness scales the measured loop and the imposed one, which is that of the weights, alike.
+    """
+    rubber = Rubber(up=6, down=5, damage=0.3)
+    folder = made("sheets_cycle", lambda path: write_sheets(path, rubber, ("strip",), 0.5, boards=15, workers=2))
+    gauge = _gauge(folder)
+    result = run_text("sheets_cycle", _CYCLE.replace("GAUGE", json.dumps(gauge)), folder)
+    found = StressCurve.read(result.product("curve")).summary
+    loop, imposed = found["loop_work_mJ_mm3"], _imposed_loop(rubber)
+    print(f"\nsheets, cycle: loop {loop:.5f}, imposed {imposed:.5f} mJ/mm³; set {found['set']:.2e} ± {found['u_set']:.1e}")
+    yield Figure("sheets, cycle: error of the loop's area", 100 * abs(loop / imposed - 1.0), 1.0, unit="%")
+    yield Figure("sheets, cycle: set, imposed 0, in half intervals of 95 %", abs(found["set"]) / (2 * found["u_set"]), 1.0)
+
+
+def _gauge(folder: Path) -> list[list[float]]:
+    """Two points of the strip's middle line, at three and seven tenths of its height [px]."""
+    outline = json.loads((folder / "strip" / "region.geojson").read_text())["features"][0]["geometry"]["coordinates"][0]
+    least, most = np.min(outline, axis=0), np.max(outline, axis=0)
+    x = float(least[0] + most[0]) / 2.0
+    return [[round(x, 1), round(float(least[1] + share * (most[1] - least[1])), 1)] for share in (0.3, 0.7)]
+
+
+def _imposed_loop(rubber: Rubber) -> float:
+    """Area between loading and unloading of a gauge over three to seven tenths of the length [mJ/mm³]."""
+    shape, (grams, _) = SHAPES["strip"], loads_of(rubber, SHAPES["strip"])
+    share = np.linspace(0.0, 1.0, 25)
+    peak = grams[rubber.up] * 1e-3 * GRAVITY
+    lines = tuple(np.linspace(0.0, side, round(side / 2.0) + 1) for side in (shape.width, shape.length))
+    model, forces = MODELS[rubber.model], share[1:] * peak / rubber.true_thickness
+    moved = equilibrium(model, np.array(rubber.constants), lines, forces).moved[:, :, len(lines[0]) // 2, 1]
+    ends = [[np.interp(part * shape.length, lines[1], one) for part in (0.3, 0.7)] for one in moved]
+    stretch = np.append(1.0, 1.0 + np.diff(ends)[:, 0] / (0.4 * shape.length))
+    lost = (share - softened(share, rubber.damage)) * peak / (shape.width * rubber.thickness)
+    return float(CubicSpline(stretch, lost).integrate(1.0, stretch[-1]))
 
 
 _DRAWS, _CELL_MM, _WINDOW, _SUBSET = 400, 2.5, 3, 2

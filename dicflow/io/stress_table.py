@@ -3,7 +3,9 @@
 A CSV file with one row per point and a line of names: ``stretch``, or ``strain`` (λ − 1) or ``strain_pct``; and
 ``nominal_stress_MPa`` or ``true_stress_MPa``, also in Pa, kPa, N/mm2, psi. Further columns that are read: ``phase``
 (loading or unloading), ``lateral_stretch``, ``u_stretch`` and ``u_nominal_stress_MPa`` (or of the true stress), the
-standard uncertainties of single points. Others are ignored (:mod:`dicflow.io.table`).
+standard uncertainties of single points, and ``common_stretch`` and ``common_nominal_stress_MPa``, those that all points
+share. Of both stresses the nominal one counts. Others are ignored (:mod:`dicflow.io.table`). A point whose stretch or
+stress is empty is unknown. So the exported table of a curve is read as well.
 """
 
 from __future__ import annotations
@@ -30,9 +32,10 @@ _MOST_STRETCH, _MOST_STRESS = 1e3, 1e12
 
 
 class StressTable(NamedTuple):
-    """Points of one test, (n,) each; None for columns that the table lacks.
+    """Points of one test, (n,) each, NaN where unknown; None for columns that the table lacks.
 
     stress : nominal, or true if ``is_true`` [MPa]
+    common_stress, common_stretch : uncertainties that all points share, relative to the stresses and stretches
     """
 
     stretch: NDArray[np.float64]
@@ -42,6 +45,8 @@ class StressTable(NamedTuple):
     lateral: NDArray[np.float64] | None
     u_stretch: NDArray[np.float64] | None
     u_stress: NDArray[np.float64] | None
+    common_stress: float | None
+    common_stretch: float | None
 
 
 class _Column(NamedTuple):
@@ -79,7 +84,18 @@ def read_stresses(path: Path) -> StressTable:
         found.get("lateral"),
         found.get("u_stretch"),
         found.get("u_stress"),
+        _share(found, "stress"),
+        _share(found, "stretch"),
     )
+
+
+def _share(found: dict[str, NDArray[np.float64]], name: str) -> float | None:
+    """The common uncertainty of a quantity, relative to it; None without its column."""
+    if (common := found.get(f"common_{name}")) is None:
+        return None
+    size = np.abs(found[name])
+    known = np.isfinite(size) & (size > 0.0)
+    return float(np.median(common[known] / size[known])) if known.any() else 0.0
 
 
 def _strain_column(where: str, names: Sequence[str]) -> _Column:
@@ -93,7 +109,9 @@ def _strain_column(where: str, names: Sequence[str]) -> _Column:
 
 def _stress_column(where: str, names: Sequence[str]) -> tuple[_Column, bool]:
     """The column of the stress, and whether it is the true one."""
-    found = [name for name in names if "stress" in name and not name.startswith("u_")]
+    stresses = [name for name in names if "stress" in name and not name.startswith(("u_", "common_"))]
+    nominal = [name for name in stresses if name.startswith(_STRESSES[0])]
+    found = nominal if len(nominal) == 1 else stresses
     remedy = f"name one column {_STRESSES[0]}_MPa or {_STRESSES[1]}_MPa; units: {', '.join(_UNITS)}"
     if len(found) != 1:
         amount = "no column" if not found else "several columns"
@@ -110,15 +128,18 @@ def _further(names: Sequence[str], strain: _Column, is_true: bool) -> dict[str, 
     found = {}
     if "lateral_stretch" in names:
         found["lateral"] = _Column(names.index("lateral_stretch"))
-    if (u_strain := f"u_{names[strain.place]}") in names:
-        found["u_stretch"] = _Column(names.index(u_strain), strain.factor)
-    for unit, factor in _UNITS.items():
-        if (name := f"u_{_STRESSES[is_true]}_{unit}") in names:
-            found["u_stress"] = _Column(names.index(name), factor)
+    for share in ("u", "common"):
+        if (name := f"{share}_{names[strain.place]}") in names:
+            found[f"{share}_stretch"] = _Column(names.index(name), strain.factor)
+        for unit, factor in _UNITS.items():
+            if (name := f"{share}_{_STRESSES[is_true]}_{unit}") in names:
+                found[f"{share}_stress"] = _Column(names.index(name), factor)
     return found
 
 
 def _number(numbers: Numbers, where: str, names: Sequence[str], cells: Sequence[str], column: _Column) -> float:
+    if not cells[column.place].strip():
+        return float("nan")
     value = numbers.read(where, names[column.place], cells[column.place], -_MOST_STRESS, _MOST_STRESS)
     return value * column.factor + column.offset
 
@@ -134,9 +155,10 @@ def _check(where: str, found: dict[str, NDArray[np.float64]]) -> None:
     """Raise InputError for values that no specimen has."""
     for name in ("stretch", "lateral"):
         values = found.get(name, np.ones(1))
-        if values.min() <= 0.0 or values.max() > _MOST_STRETCH:
-            bad = values[(values <= 0.0) | (values > _MOST_STRETCH)][0]
-            raise InputError(where, f"a stretch is {bad:g}", "write the length per first length, 1 at rest")
-    for name in ("u_stretch", "u_stress"):
-        if name in found and found[name].min() <= 0.0:
-            raise InputError(where, "an uncertainty is not positive", "write standard uncertainties, or no column")
+        if (bad := values[(values <= 0.0) | (values > _MOST_STRETCH)]).size:
+            raise InputError(where, f"a stretch is {bad[0]:g}", "write the length per first length, 1 at rest")
+    known = np.isfinite(found["stretch"]) & np.isfinite(found["stress"])
+    signs = {name: found[name][known] for name in found if name.startswith(("u_", "common_"))}
+    if any(not (one > 0.0 if name == "u_stress" else one >= 0.0).all() for name, one in signs.items()):
+        problem = "an uncertainty is empty, negative, or that of a stress 0"
+        raise InputError(where, problem, "write standard uncertainties, or no column")

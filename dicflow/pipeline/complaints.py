@@ -65,6 +65,8 @@ def _complaint(
     message = " or ".join(dict.fromkeys(_pydantic_message(detail) for detail in details)).replace(
         " or must be ", " or "
     )
+    if not first["loc"]:
+        return f"{where}: {dotted}: {message}"
     found = printable(repr(details[0]["input"]), _MAX_SHOWN)
     return f"{where}: {dotted}: {message}" + ("" if found in message else f", found {found}") + f"; give {meaning}"
 

@@ -16,6 +16,10 @@ if TYPE_CHECKING:
 __all__ = ["MODES", "Measured", "curve_product"]
 
 MODES = "how the specimen deforms across the load: freely, not at all, as along the load, or as measured"
+_CREEP = 0.05
+"""Work after the largest load, relative to that before it, from which the specimen counts as growing."""
+_MOST_STRETCH = 15.0
+"""Largest stretch that no rubber exceeds."""
 _WORK = ("loading", "unloading", "loop")
 
 
@@ -53,12 +57,13 @@ def curve_product(found: Measured, mode: str, common: tuple[float, float], warni
     _check(found, known, mode)
     phases = found.phases
     if not phases:
-        peak = peak_of(np.where(known, found.nominal, -np.inf))
+        peak = peak_of(np.where(known, found.nominal, np.nan))
         phases = ["loading" if index <= peak else "unloading" for index in range(len(known))]
     values = {**_stresses(found, common), **_moduli(found, known), **_ratios(found)}
     summary = _summary(found, known, common)
     lost = [] if known.all() else [_lost(int((~known).sum()))]
-    facts = {"summary": summary, "warnings": [*warnings, *lost, *_notes(summary)]}
+    notes = [*_turning(np.abs(found.nominal)), *_notes(summary)]
+    facts = {"summary": summary, "warnings": [*warnings, *lost, *notes]}
     return StressCurve.write(values, found.steps, phases, mode, common, facts)
 
 
@@ -171,10 +176,9 @@ def _summary(found: Measured, known: np.ndarray, common: tuple[float, float]) ->
     values, sigma = _vector(found, known)
     cycle = cycle_of(*np.split(values, 2))
     u = propagated(lambda x: np.array(cycle_of(*np.split(x, 2))[:4]), values, sigma)
-    summary = {
-        "largest_stretch": float(values[: known.sum()].max()),
-        "largest_stress_MPa": float(values[known.sum() :].max()),
-    }
+    stretch, stress = np.split(values, 2)
+    most = np.max if stress.max() > 0.0 else np.min
+    summary = {"largest_stretch": float(most(stretch)), "largest_stress_MPa": float(most(stress))}
     share = math.hypot(*common)
     for index, name in enumerate(_WORK):
         if math.isfinite(cycle[index]):
@@ -187,9 +191,27 @@ def _summary(found: Measured, known: np.ndarray, common: tuple[float, float]) ->
     return summary
 
 
+def _turning(load: np.ndarray) -> Iterator[str]:
+    from dicflow.core.channels.phases import is_loading
+
+    rises = is_loading(load)
+    if again := [step for step in range(1, len(rises)) if rises[step] and not rises[step - 1]]:
+        yield (
+            f"the load falls, and rises again to step {again[0] + 1}: the steps are out of order, or there are several "
+            "cycles, of which works and set are the sum; look at the order of the steps"
+        )
+
+
 def _notes(summary: Mapping[str, float]) -> Iterator[str]:
     if summary.get("loop_work_mJ_mm3", 0.0) < -2.0 * summary.get("u_loop_work_mJ_mm3", 0.0):
         yield "unloading lies above loading: the specimen was shorter at the same load; look at the lengths and loads"
+    if summary.get("unloading_work_mJ_mm3", 0.0) < -_CREEP * summary["loading_work_mJ_mm3"]:
+        yield "the specimen went on growing after the largest load: it slips, tears or softens; look at those steps"
+    if summary["largest_stretch"] > _MOST_STRETCH:
+        yield (
+            f"the largest stretch is {summary['largest_stretch']:.3g}, more than rubber bears; a strain in percent is "
+            "a column strain_pct"
+        )
     if "set_under_load" in summary:
         yield (
             "the last step is still under load: the loop's area is that above its stretch, and the set is measured "

@@ -21,7 +21,8 @@ class Curve(Node):
     Columns: ``stretch``, ``strain`` or ``strain_pct``; ``nominal_stress_MPa`` or ``true_stress_MPa``, also in Pa, kPa,
     N/mm2 and psi. True stress is made nominal by P = σ / λ, since volume is kept. The uncertainty of single points is
     read from columns such as ``u_nominal_stress_MPa`` and ``u_stretch``, or given here for all. Where neither says it,
-    a fit weights all points by their stress, and takes the scatter about the curve for the uncertainty.
+    a fit weights all points by their stress, and takes the scatter about the curve for the uncertainty. The exported
+    table of another pipeline's curve is read with both shares of its uncertainty, so that its test joins a fit here.
     """
 
     title: ClassVar = "read a stress–stretch curve"
@@ -57,7 +58,8 @@ class Curve(Node):
             self._u_stress(stress) if table.u_stress is None else table.u_stress * scale,
             table.lateral,
         )
-        return curve_product(measured, self.mode, (self.common_stress, 0.0))
+        shared = self.common_stress if table.common_stress is None else table.common_stress
+        return curve_product(measured, self.mode, (shared, table.common_stretch or 0.0))
 
     def _u_stress(self, stress: np.ndarray) -> np.ndarray | None:
         """The uncertainty in proportion to the stress, of small ones that of a twentieth of the largest."""

@@ -6,6 +6,8 @@ import math
 from collections.abc import Iterator, Sequence
 from typing import TYPE_CHECKING, ClassVar, Literal, NamedTuple
 
+from pydantic import model_validator
+
 from dicflow.engine.node import At, Millimetres, Node, Port, Scope, parameter
 from dicflow.engine.product import Product
 from dicflow.errors import StageError
@@ -14,6 +16,7 @@ from dicflow.kinds.points import Points
 from dicflow.kinds.region import Region
 from dicflow.kinds.sheet import SheetFacts, SheetFields
 from dicflow.kinds.total import Total
+from dicflow.stages._section import check_uncertainty
 
 if TYPE_CHECKING:
     import numpy as np
@@ -74,7 +77,7 @@ class Sheet(Node):
     gives: ClassVar = "sheet"
 
     stage: Literal["sheet"] = "sheet"
-    thickness: Millimetres = parameter(..., "of the unloaded specimen", unit="mm", gt=0)
+    thickness: Millimetres = parameter(..., "thickness of the unloaded specimen", unit="mm", gt=0)
     u_thickness: Millimetres = parameter(..., "standard uncertainty of the thickness", unit="mm", ge=0)
     width: Millimetres | None = parameter(
         None, "of the unloaded specimen, side to side; that of the region unless given", unit="mm"
@@ -84,16 +87,26 @@ class Sheet(Node):
     )
     phase: Literal["loading", "unloading", "both"] = parameter("loading", "part of the cycle that is taken")
 
+    @model_validator(mode="after")
+    def _section(self) -> Sheet:
+        check_uncertainty("width", self.width, self.u_width)
+        check_uncertainty("thickness", self.thickness, self.u_thickness)
+        return self
+
     def run(
         self, total: Sequence[Product], points: Product, channels: Product, region: Product | None = None
     ) -> Product:
+        import numpy as np
 
         names = tuple(getattr(total, "steps", map(str, range(1, len(total) + 1))))
         totals, (forces, u_force, phases) = [Total.read(one) for one in total], _loads(Channels.read(channels), names)
+        unknown = int(np.isnan(forces).sum())
         loaded = [k for k in range(len(totals)) if forces[k] > 0.0 and self.phase in ("both", phases[k])]
         used = [k for k in loaded if totals[k].known().any()]
         if not used:
-            raise StageError("no step has both a load above 0 and measured points; look at the load and the total")
+            least = float(np.nanmin(forces, initial=0.0))
+            sign = f" the load is negative, down to {least:.4g} N: its sign is reversed;" if least < 0.0 else ""
+            raise StageError(f"no step has both a load above 0 and measured points;{sign} look at the load and the total")
         fields = [totals[k] for k in used]
         grid = _grid(fields, Points.read(points))
         rows = list(self._rows(grid, fields[0], Points.read(points), None if region is None else Region.read(region)))
@@ -101,7 +114,7 @@ class Sheet(Node):
         _check_direction(values, forces[used])
         values |= {"forces": forces[used], "u_gradient": _noise(fields, grid.known)}
         facts = facts._replace(u_force=u_force)
-        warnings = [*_lost(len(loaded) - len(used)), *_warnings(facts, len(values["areas"]), rows)]
+        warnings = [*_lost(len(loaded) - len(used)), *_unloaded(unknown), *_warnings(facts, len(values["areas"]), rows)]
         return SheetFields.write(values, [names[k] for k in used], facts, warnings)
 
     def _rows(self, grid: _Grid, total: Total, points: Points, region: Region | None) -> Iterator[_Row]:
@@ -178,7 +191,10 @@ class Sheet(Node):
 
 
 def _loads(channels: Channels, steps: Sequence[str]) -> tuple[np.ndarray, float, Sequence[str]]:
-    """Load at each step of the total [N], its standard uncertainty, and the phases. Raises StageError without N."""
+    """Load at each step of the total [N], NaN where unknown, its standard uncertainty, and the phases.
+
+    Raises StageError without N.
+    """
     import numpy as np
 
     load = channels.of(channels.load)
@@ -188,9 +204,9 @@ def _loads(channels: Channels, steps: Sequence[str]) -> tuple[np.ndarray, float,
     if missing := [step for step in steps if step not in channels.steps]:
         raise StageError(f"the channels have no step {', '.join(missing)}; give a load for every step")
     places = [channels.steps.index(step) for step in steps]
-    forces = np.nan_to_num(load.values[places]) * factor
+    forces = load.values[places] * factor
     u = 0.0 if load.u is None else float(np.nanmedian(load.u[places])) * factor
-    peak = int(np.argmax(forces))
+    peak = int(np.argmax(np.nan_to_num(forces)))
     phases = channels.phases or [
         "loading" if place <= places[peak] else "unloading" for place in range(max(places) + 1)
     ]
@@ -263,6 +279,12 @@ def _lost(count: int) -> Iterator[str]:
     if count:
         steps = "1 loaded step has" if count == 1 else f"{count} loaded steps have"
         yield f"{steps} no points and is left out; look at its photographs"
+
+
+def _unloaded(count: int) -> Iterator[str]:
+    if count:
+        steps = "1 step has no load and is" if count == 1 else f"{count} steps have no load and are"
+        yield f"{steps} left out; look at the load's column"
 
 
 def _warnings(facts: SheetFacts, count: int, rows: Sequence[_Row]) -> Iterator[str]:

@@ -8,13 +8,17 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar, Literal, NamedTuple
 
+from pydantic import model_validator
+
 from dicflow.engine.node import InputFile, Millimetres, Node, Port, Scope, parameter
 from dicflow.engine.product import Product
 from dicflow.errors import ConfigurationError, StageError
 from dicflow.kinds.channels import Channels
 from dicflow.kinds.kind import titles_of
 from dicflow.kinds.probes import ProbeTable
+from dicflow.kinds.sheet import SheetFields
 from dicflow.stages._curve import MODES, Measured, curve_product
+from dicflow.stages._section import check_uncertainty
 
 if TYPE_CHECKING:
     import numpy as np
@@ -25,6 +29,8 @@ __all__ = ["Stress", "sentence"]
 
 _TO_NEWTON = {"N": 1.0, "kN": 1e3, "mN": 1e-3}
 _MASSES = {"g": 1e-3, "kg": 1.0}
+_PRELOAD = 0.02
+"""Load of the first step, relative to the largest one, up to which the specimen counts as unloaded."""
 _ALONG = {"y": ("eyy", "exx"), "x": ("exx", "eyy")}
 
 
@@ -51,13 +57,21 @@ class Stress(Node):
 
     title: ClassVar = "stress from load and section"
     scope: ClassVar = Scope.TEST
-    takes: ClassVar = {"channels": Port("channels", optional=True), "probes": Port("probes", optional=True)}
+    takes: ClassVar = {
+        "channels": Port("channels", optional=True),
+        "probes": Port("probes", optional=True),
+        "sheet": Port("sheet", optional=True),
+    }
     gives: ClassVar = "curve"
 
     stage: Literal["stress"] = "stress"
-    width: Millimetres = parameter(..., "of the unloaded section", unit="mm", gt=0)
-    thickness: Millimetres = parameter(..., "of the unloaded section", unit="mm", gt=0)
-    u_width: Millimetres = parameter(0.0, "standard uncertainty of the width", unit="mm", ge=0)
+    width: Millimetres | None = parameter(
+        None, "of the unloaded section; absent: that of a stage sheet, between the edges of the region", unit="mm", gt=0
+    )
+    thickness: Millimetres = parameter(..., "thickness of the unloaded section", unit="mm", gt=0)
+    u_width: Millimetres | None = parameter(
+        None, "standard uncertainty of the width; absent: 0, or that of the stage sheet", unit="mm", ge=0
+    )
     u_thickness: Millimetres = parameter(..., "standard uncertainty of the thickness", unit="mm", ge=0)
     mode: Literal["uniaxial", "planar", "equibiaxial", "biaxial"] = parameter("uniaxial", MODES)
     caliper: InputFile | None = parameter(None, "CSV table with the columns phase, load_g, length_mm; one row per step")
@@ -67,12 +81,25 @@ class Stress(Node):
     probe: str | None = parameter(None, "name of the extensometer or area whose strain is the stretch")
     axis: Literal["y", "x"] = parameter("y", "direction of the load in the image, for an area")
 
+    @model_validator(mode="after")
+    def _section(self) -> Stress:
+        check_uncertainty("width", self.width, self.u_width)
+        check_uncertainty("thickness", self.thickness, self.u_thickness)
+        return self
+
     def check(self, path: Path) -> dict[str, Any]:
         from dicflow.io.caliper import read_caliper
 
         return {"rows": len(read_caliper(path).phase)}
 
+    def joins(self, port: str) -> bool:
+        return port != "sheet" or self.width is None
+
     def check_joined(self, nodes: Any) -> None:
+        if self.width is None and "sheet" not in nodes:
+            raise ConfigurationError(
+                "stress needs the width: give width: …, or a stage sheet, which takes it from the edges of the region"
+            )
         if self.caliper is None and "channels" not in nodes:
             raise ConfigurationError(
                 "stress needs the load: name a table with caliper: …, or a stage that gives channels"
@@ -83,7 +110,11 @@ class Stress(Node):
             raise ConfigurationError(f"probe '{self.probe}' needs a stage 'probes'; add one")
 
     def run(
-        self, caliper_path: Path | None = None, channels: Product | None = None, probes: Product | None = None
+        self,
+        caliper_path: Path | None = None,
+        channels: Product | None = None,
+        probes: Product | None = None,
+        sheet: Product | None = None,
     ) -> Product:
         from dicflow.io.caliper import read_caliper
 
@@ -95,7 +126,9 @@ class Stress(Node):
                 f"{len(load.values)} loads for {len(stretch.values)} stretches; give one of each per step, the first "
                 "for the unloaded specimen"
             )
-        area = self.width * self.thickness
+        warnings = _of_first(load.values)
+        width, u_width = self._width(sheet)
+        area = width * self.thickness
         measured = Measured(
             steps,
             phases,
@@ -106,8 +139,16 @@ class Stress(Node):
             stretch.lateral,
             load.values,
         )
-        section = math.hypot(self.u_width / self.width, self.u_thickness / self.thickness)
-        return curve_product(measured, self.mode, (math.hypot(section, load.common), stretch.common))
+        section = math.hypot(u_width / width, self.u_thickness / self.thickness)
+        return curve_product(measured, self.mode, (math.hypot(section, load.common), stretch.common), warnings)
+
+    def _width(self, sheet: Product | None) -> tuple[float, float]:
+        """Width and its standard uncertainty [mm]."""
+        if self.width is not None:
+            return self.width, self.u_width or 0.0
+        assert sheet is not None
+        facts = SheetFields.read(sheet).facts
+        return facts.width, facts.u_width if self.u_width is None else self.u_width
 
     def _load(self, caliper: Caliper | None, channels: Product | None) -> tuple[Sequence[str], Sequence[str], _Series]:
         """Names of the steps, their phases, and the load [N]; of the channels if there are any."""
@@ -142,6 +183,24 @@ class Stress(Node):
         return _Series(length / length[0], u, self.u_length / float(length[0]))
 
 
+def _of_first(load: np.ndarray) -> list[str]:
+    """A warning if the first step is under load. Raises StageError if that is the largest one."""
+    import numpy as np
+
+    size = np.abs(load)
+    if not size[0] > _PRELOAD * np.nanmax(size):
+        return []
+    if size[0] == np.nanmax(size) and np.nanmin(size) < size[0]:
+        raise StageError(
+            f"the first step has the largest load, {load[0]:.4g} N, but stretches count from the first step, which is "
+            "the unloaded specimen; look at the order of the steps"
+        )
+    return [
+        f"the first step is under a load of {load[0]:.4g} N: the stretch counts from there, and is too small; measure "
+        "the unloaded specimen first"
+    ]
+
+
 def _of_probe(table: ProbeTable, name: str, axis: str) -> _Series:
     """Stretch of an extensometer or an area at every step."""
     if name in table.extensometers:
@@ -167,7 +226,10 @@ def _strained(read: Callable[[str], np.ndarray], quantity: str, table: ProbeTabl
 
 def sentence(stage: Stress, product: Product | None) -> str:
     """The stage in a methods paragraph."""
+    section = f"of {stage.thickness:g} mm thickness and the width between the edges of the specimen in the photographs"
+    if stage.width is not None:
+        section = f"of {stage.width:g} × {stage.thickness:g} mm"
     return (
-        f"Nominal stress is load per first section of {stage.width:g} × {stage.thickness:g} mm; the uncertainty of the "
-        "section is common to all stresses and was kept apart from that of single readings."
+        f"Nominal stress is load per first section {section}; the uncertainty of the section is common to all stresses "
+        "and was kept apart from that of single readings."
     )

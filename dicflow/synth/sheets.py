@@ -36,7 +36,7 @@ from dicflow.io.rig import write_rig
 from dicflow.synth.equilibrium import Equilibrium, equilibrium
 from dicflow.synth.pictures import LOOKS, SIDES, Progress, Taken, outline_text, take_board, write_photographs
 
-__all__ = ["CONSTANTS", "SHAPES", "Rubber", "Shape", "loads_of", "solved", "write_sheets"]
+__all__ = ["CONSTANTS", "SHAPES", "Rubber", "Shape", "loads_of", "softened", "solved", "write_sheets"]
 
 GRAVITY = 9.80665
 CONSTANTS: Mapping[str, tuple[float, ...]] = {
@@ -51,6 +51,8 @@ _PHOTOGRAPH, _FIELD = (1440, 1920), 150.0
 _BOARD = Checkerboard(10, 7)
 _SPECKLE_PX, _SPECKLE_EDGE_PX, _BOARD_EDGE_PX = (3.0, 7.0), 1.1, 1.3
 _SWAY_DEG, _SWAY_MM = 0.1, 0.15
+_SOFTENING = 0.5
+"""Share of the largest load by which unloading is below it where most of the damage shows."""
 _ELEMENTS = 40
 """Elements across the shorter side of a sheet."""
 
@@ -78,7 +80,7 @@ class Rubber(NamedTuple):
     constants : (p,) [MPa and numbers]
     thickness : of the sheet [mm]; of what is stated, the seed makes it differ by ``u_thickness``
     up, down : steps with weights while loading, and after it
-    damage : share of the stress that is lost on unloading, at the same deformation
+    damage : share of the load that is lost on unloading, far below the largest one, at the same deformation
     u_mass : standard deviation of a weight about what the balance shows [g]
     noise : standard deviation of the grey levels
     """
@@ -102,21 +104,34 @@ class Rubber(NamedTuple):
 
 
 def loads_of(rubber: Rubber, shape: Shape) -> tuple[Array, Array]:
-    """Masses on a sheet at each step, and what the balance shows of them, (step,) each [g]; the first is 0."""
-    stretch = np.linspace(1.0, shape.stretch, rubber.up + 1)[1:]
-    stress = stress_in_mode(MODELS[rubber.model], np.array(rubber.constants), shape.mode, stretch)
-    grams = np.round(stress * shape.width * rubber.thickness / GRAVITY * 1e3)
-    lower = np.round(np.linspace(grams[-1] * (1.0 - rubber.damage), 0.0, rubber.down + 1)[:-1] * 0.98)
-    shown = np.concatenate([[0.0], grams, lower[: rubber.down]])
+    """Masses on a sheet at each step, and what the balance shows of them, (step,) each [g]; 0 at rest."""
+    up, down = (np.linspace(1.0, shape.stretch, count + 1) for count in (rubber.up, rubber.down))
+    loading, lower = (_grams(rubber, shape, stretch) for stretch in (up[1:], down[-2::-1]))
+    unloading = loading[-1] * softened(lower / loading[-1], rubber.damage)
+    shown = np.round(np.concatenate([[0.0], loading, unloading]))
     rng = np.random.default_rng([rubber.seed, round(shape.width), round(shape.length)])
     return np.where(shown > 0.0, shown + rubber.u_mass * rng.standard_normal(len(shown)), 0.0), shown
 
 
+def _grams(rubber: Rubber, shape: Shape, stretch: Array) -> Array:
+    """Masses that stretch a sheet about so far, (n,)."""
+    stress = stress_in_mode(MODELS[rubber.model], np.array(rubber.constants), shape.mode, stretch)
+    return np.asarray(stress * shape.width * rubber.thickness / GRAVITY * 1e3)
+
+
+def softened(share: Array, damage: float) -> Array:
+    """Load of unloading where that of loading had a share of the largest one, relative to that too."""
+    return np.asarray(share * (1.0 - damage * np.tanh((1.0 - share) / _SOFTENING)))
+
+
 def solved(rubber: Rubber, shape: Shape, elements: int = _ELEMENTS) -> Equilibrium:
-    """The sheet at each step. On unloading a load stretches it as one that is larger by the damage did before."""
+    """The sheet at each step. On unloading a load stretches it as the larger one of which it is left over did before."""
     grams, _ = loads_of(rubber, shape)
-    forces = grams * 1e-3 * GRAVITY / rubber.true_thickness
-    forces[rubber.up + 1 :] /= 1.0 - rubber.damage
+    forces, shares = grams * 1e-3 * GRAVITY / rubber.true_thickness, np.linspace(0.0, 1.0, 2001)
+    peak = forces[rubber.up]
+    forces[rubber.up + 1 :] = peak * np.interp(
+        forces[rubber.up + 1 :] / peak, softened(shares, rubber.damage), shares
+    )
     side = min(shape.width, shape.length) / elements
     x, y = (np.linspace(0.0, length, round(length / side) + 1) for length in (shape.width, shape.length))
     return equilibrium(MODELS[rubber.model], np.array(rubber.constants), (x, y), forces)

@@ -7,10 +7,12 @@ from dicflow.core.material.models import MODELS
 from dicflow.core.material.response import stress_in_mode
 from dicflow.engine.product import Variable
 from dicflow.errors import ConfigurationError, DicflowError, InputError, StageError
+from dicflow.io.results import csv_text
 from dicflow.kinds.channels import Channel, Channels
 from dicflow.kinds.curve import StressCurve
 from dicflow.kinds.material import Material
 from dicflow.kinds.probes import ProbeTable
+from dicflow.kinds.sheet import SheetFacts, SheetFields
 from dicflow.pipeline import Pipeline
 from dicflow.stages.curve import Curve
 from dicflow.stages.hyperelastic import Hyperelastic
@@ -68,12 +70,36 @@ def test_uncertainties_may_be_given_for_all_points(tmp_path):
         ("stretch,nominal_stress_MPa\n0,0\n2,1\n", "a stretch is 0"),
         ("strain,nominal_stress_MPa\n-1.5,0\n2,1\n", "a stretch is -0.5"),
         ("phase,stretch,nominal_stress_MPa\nresting,1,0\n", "the phase is 'resting'"),
-        ("stretch,nominal_stress_MPa,u_stretch\n1,0,0\n2,1,1\n", "an uncertainty is not positive"),
+        ("stretch,nominal_stress_MPa,u_stretch\n1,0,-1\n2,1,1\n", "an uncertainty is empty, negative"),
+        ("stretch,nominal_stress_MPa,u_nominal_stress_MPa\n1,0,0\n2,1,1\n", "or that of a stress 0"),
+        ("stretch,nominal_stress_MPa,nominal_stress_kPa\n1,0,0\n2,1,1\n", "several columns of the stress"),
     ],
 )
 def test_what_is_wrong_in_a_table_is_named(tmp_path, text, message):
     with pytest.raises(InputError, match=message):
         Curve(file="a.csv", mode="uniaxial").check(written(tmp_path, text))
+
+
+def test_the_exported_curve_of_another_test_is_the_same(tmp_path):
+    """With a step that is lost, and both shares of its uncertainty; the table has six digits."""
+    stage = Stress(width=20, u_width=0.2, thickness=0.21, u_thickness=0.005, probe="gauge")
+    product = stage.run(channels=made_channels(), probes=made_probes((0.0, 0.1, np.nan)))
+    written(tmp_path, csv_text(product, "strip"), "strip.csv")
+    one, other = (StressCurve.read(p) for p in (product, Curve(file="a", mode="uniaxial").run(tmp_path / "strip.csv")))
+    for mine, read in zip(one.points("loading", 0, 9), other.points("loading", 0, 9), strict=True):
+        assert (mine is None) == (read is None)
+        if mine is not None:
+            np.testing.assert_allclose(read, mine, rtol=1e-5)
+    np.testing.assert_allclose(other.common, one.common, rtol=1e-5)
+    assert one.phases == other.phases
+
+
+def test_an_empty_cell_is_an_unknown_point(tmp_path):
+    found = Curve(file="a.csv", mode="uniaxial").run(
+        written(tmp_path, "stretch,nominal_stress_MPa\n1,0\n1.2,\n1.5,0.3\n2,0.6\n")
+    )
+    assert found.warnings[0].startswith("1 step has no load or no stretch")
+    assert len(StressCurve.read(found).points(None, 0, 9).stress) == 2
 
 
 def test_a_load_that_runs_against_the_stretch_is_refused(tmp_path):
@@ -203,6 +229,94 @@ def test_a_missing_thickness_is_named_with_its_place(tmp_path):
     path = written(tmp_path, PIPELINE % "", "p.yaml")
     with pytest.raises(DicflowError, match=r"p\.yaml:2.*strip.*thickness"):
         Pipeline.load(path).run(scheduler="sync")
+
+
+@pytest.mark.parametrize(
+    ("given", "message"),
+    [
+        ({"width": None}, "stress needs the width: give width: …, or a stage sheet"),
+        ({"width": 20, "probe": "gauge"}, "needs a stage 'probes'"),
+    ],
+)
+def test_a_width_that_nobody_gives_is_asked_for(given, message):
+    with pytest.raises(ConfigurationError, match=message):
+        Stress(thickness=0.21, u_thickness=0.005, **given).check_joined({"channels": None})
+
+
+def test_the_width_of_the_photographs():
+    """That of a sheet with its uncertainty, unless the file gives it; then no sheet is joined."""
+    facts = SheetFacts(20.4, 60.0, 0.21, 0.05, 0.005, 1.0, 0.0, 0.0)
+    sheet = SheetFields.write({"areas": np.ones(1)}, ["b"], facts, ())
+    stage = Stress(thickness=0.21, u_thickness=0.005, probe="gauge")
+    found = StressCurve.read(stage.run(channels=made_channels(), probes=made_probes(), sheet=sheet))
+    np.testing.assert_allclose(found["nominal_stress"], np.arange(3) / (20.4 * 0.21))
+    assert found.common[0] == pytest.approx(np.hypot(0.05 / 20.4, 0.005 / 0.21))
+    assert [stage.joins("sheet"), Stress(**STRIP).joins("sheet")] == [True, False]
+
+
+@pytest.mark.parametrize(
+    ("loads", "message"),
+    [
+        ([300, 200, 100, 0], "the first step has the largest load, 2.942 N"),
+        ([0, -100, -200, -300], r"a\.csv:3: load_g is '-100', expected a number from 0"),
+        ([0, "nan", 200, 300], r"a\.csv:3: load_g is 'nan', expected a number"),
+        ([0, 0, 0, 0], "the load is the same at all 4 steps"),
+    ],
+)
+def test_weights_that_no_test_has_are_refused(tmp_path, loads, message):
+    lengths = [60, 66, 75, 80] if loads[0] == 0 else [80, 75, 66, 60]
+    with pytest.raises((StageError, InputError), match=message):
+        Stress(**STRIP).run(caliper_path=caliper(tmp_path, loads, lengths))
+
+
+def test_a_load_of_the_other_sign_is_refused():
+    with pytest.raises(StageError, match="the load runs against the stretch"):
+        Stress(width=20, thickness=0.21, u_thickness=0.005, probe="gauge").run(
+            channels=Channels.write({"force": Channel(-np.arange(3.0), "N", "force")}, ["a", "b", "c"], load="force"),
+            probes=made_probes(),
+        )
+
+
+@pytest.mark.parametrize(
+    ("loads", "lengths", "message"),
+    [
+        ([50, 100, 200, 300], [62, 66, 75, 80], "the first step is under a load of 0.4903 N"),
+        ([0, 200, 100, 300], [60, 75, 66, 80], "the load falls, and rises again to step 4"),
+        ([0, 100, 200, 100, 50], [60, 66, 75, 80, 90], "the specimen went on growing after the largest load"),
+        ([0, 100, 200, 300], [60, 66, 75, 1200], "the largest stretch is 20, more than rubber bears"),
+    ],
+)
+def test_weights_that_are_unlikely_are_said(tmp_path, loads, lengths, message):
+    product = Stress(**STRIP).run(caliper_path=caliper(tmp_path, loads, lengths))
+    assert any(message in text for text in product.warnings)
+
+
+def test_repeated_steps_and_a_held_load_belong_to_loading(tmp_path):
+    path = caliper(tmp_path, [0, 100, 100, 200, 300, 300, 150, 0], [60, 66, 66, 72, 80, 81, 70, 61])
+    found = StressCurve.read(Stress(**STRIP).run(caliper_path=path))
+    assert found.phases == ("loading",) * 6 + ("unloading",) * 2
+    assert np.isfinite(list(found.summary.values())).all()
+
+
+@pytest.mark.parametrize(
+    ("given", "message"),
+    [
+        ({"thickness": 0}, "greater than 0"),
+        ({"u_thickness": 5}, "u_thickness is 5 mm for a thickness of 0.21 mm; write the unit"),
+        ({"u_width": "20 mm"}, "u_width is 20 mm for a width of 20 mm"),
+    ],
+)
+def test_sections_that_no_specimen_has_are_refused(given, message):
+    with pytest.raises(ValueError, match=message):
+        Stress(**{**STRIP, **given})
+
+
+def test_a_test_in_compression_is_loaded_to_its_largest_pressure(tmp_path):
+    found = curve(tmp_path, "stretch,nominal_stress_MPa\n1,0\n0.9,-0.1\n0.8,-0.3\n0.9,-0.05\n0.99,0\n")
+    assert found.phases == ("loading",) * 3 + ("unloading",) * 2
+    assert found.summary["set"] == pytest.approx(-0.01)
+    assert found.summary["loop_work_mJ_mm3"] > 0
+    assert found.summary["largest_stress_MPa"] == -0.3
 
 
 # hyperelastic

@@ -1,5 +1,7 @@
 """Stages sheet and virtual_fields on fields in equilibrium, solved by finite elements."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -149,6 +151,36 @@ def test_a_step_without_points_is_left_out(solution):
     assert found.warnings[0].startswith("1 loaded step has no points and is left out")
 
 
+def test_a_step_without_a_load_is_left_out_with_a_warning(solution):
+    gradients, forces = solution
+    found = sheet(gradients, np.array([forces[0], np.nan, forces[2]]))
+    assert SheetFields.read(found).steps == ("1", "3")
+    assert found.warnings[0] == "1 step has no load and is left out; look at the load's column"
+
+
+def test_repeated_steps_change_no_constant(solution):
+    gradients, forces = solution
+    steps = [0, 0, 1, 1, 2, 2]
+    products = totals(gradients[steps])
+    loads = channels(forces[steps], steps=tuple("0123456"))
+    twice = VirtualFields(models=("mooney_rivlin",), mesh=(2, 3)).run(
+        [Sheet(**SECTION).run(products, points(), loads, region())]
+    )
+    once = fitted(gradients, forces).models[0]
+    np.testing.assert_allclose(Material.read(twice).models[0].values, once.values, rtol=2e-3)
+
+
+def test_a_measurement_of_one_camera_is_refused(solution):
+    flat = [replace(one, attrs={**one.attrs, "scale": 1.0}) for one in totals(solution[0])]
+    with pytest.raises(StageError, match="virtual work needs lengths in mm; measure with two cameras"):
+        Sheet(**SECTION).run(flat, points(), channels(solution[1]), region())
+
+
+def test_a_thickness_whose_uncertainty_lacks_its_unit_is_refused():
+    with pytest.raises(ValueError, match="u_thickness is 5 mm for a thickness of 0.21 mm"):
+        Sheet(thickness=0.21, u_thickness=5)
+
+
 @pytest.mark.parametrize(
     ("given", "message"),
     [
@@ -176,6 +208,8 @@ def test_a_width_that_nobody_knows_is_asked_for(solution):
         ({"steps": ("0", "1", "2", "4")}, "the channels have no step 3"),
         ({"load": None}, "no channel is the load"),
         ({"forces": np.array([3.0, 2.0, 1.0])}, "the load runs against the stretch"),
+        ({"forces": -np.arange(1.0, 4.0)}, "the load is negative, down to -3 N: its sign is reversed"),
+        ({"forces": np.full(3, np.nan)}, "no step has both a load above 0 and measured points; look"),
     ],
 )
 def test_loads_that_do_not_fit_are_refused(solution, given, message):

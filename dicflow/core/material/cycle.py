@@ -37,14 +37,31 @@ class Cycle(NamedTuple):
 
 
 def peak_of(stress: Array) -> int:
-    """Index of the step where loading ends: the first with the largest stress (n,)."""
-    return int(np.nanargmax(stress))
+    """Index of the step where loading ends: the last with the largest stress (n,), of a test in compression the least.
+
+    NaN is left out.
+    """
+    size = _sign(stress) * stress
+    return int(np.flatnonzero(size == np.nanmax(size))[-1])
+
+
+def _sign(stress: Array) -> float:
+    """−1 of a test in compression, whose stresses are none above 0, else 1."""
+    return 1.0 if np.nanmax(stress) > 0.0 else -1.0
 
 
 def cycle_of(stretch: Array, stress: Array) -> Cycle:
     """The cycle of stretches and stresses (n,) without NaN. Raises ValueError for fewer than two points."""
     if len(stretch) < 2:
         raise ValueError(f"{len(stretch)} points; a curve has two or more")
+    if (sign := _sign(stress)) < 0.0:
+        found = _rising_cycle(sign * stretch, sign * stress)
+        return found._replace(set=sign * found.set)
+    return _rising_cycle(stretch, stress)
+
+
+def _rising_cycle(stretch: Array, stress: Array) -> Cycle:
+    """The cycle of a test whose stress and stretch rise on loading."""
     peak = peak_of(stress)
     loading = work_along(stretch[: peak + 1], stress[: peak + 1])
     if peak == len(stress) - 1:
