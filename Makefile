@@ -61,7 +61,7 @@ samples: $(READY) ## make data_samples again; the bytes do not change
 
 docs: $(READY)  ## build the manual in build/manual; warnings are errors
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check --constraint constraints.txt --editable '.[docs]'
-	$(BIN)/python -m mkdocs --quiet build --clean
+	NO_MKDOCS_2_WARNING=1 $(BIN)/python -m mkdocs --quiet build --clean
 	@echo 'the manual: build/manual/index.html'
 
 dist: $(READY)  ## build wheel and sdist in dist, and check them

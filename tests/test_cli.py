@@ -505,6 +505,7 @@ def test_synth_sample_writes_what_is_in_the_repository(tmp_path, monkeypatch):
 
     every = synth.photographs
     monkeypatch.setattr(synth, "photographs", lambda experiment: [next(every(experiment))])
-    assert dicflow("synth", "sample", tmp_path / "new").code == 0
+    answer = dicflow("synth", "sample", tmp_path / "new")
+    assert answer.out.endswith(f"next: dicflow init {tmp_path / 'new'} --square '14.5 mm'\n")
     for name in ("photos/left/step_00.png", "caliper.csv", "region.geojson", "truth/lengths.csv"):
         assert (tmp_path / "new" / name).read_bytes() == (ROOT / "data_samples" / name).read_bytes()

@@ -163,20 +163,29 @@ def synth_latex(
     from dicflow.synth import latex_experiment, write_experiment
 
     refuse_full(folder, force)
-    write_experiment(folder, latex_experiment(experiment, scale=scale), workers=workers, on_progress=tick)
+    replica = latex_experiment(experiment, scale=scale)
+    write_experiment(folder, replica, workers=workers, on_progress=tick)
+    _say_next(folder, replica.board.square)
 
 
 @synth.command("sample")
 def synth_sample(folder: Annotated[Path, typer.Argument(help="folder to write")], force: Force = False) -> None:
-    """Make the reduced experiment of data_samples again.
+    """Photograph a strip of latex and a checkerboard, with a caliper's table: the experiment of data_samples.
 
     \b
+    dicflow synth sample strip
     dicflow synth sample data_samples --force
     """
-    from dicflow.synth import write_sample
+    from dicflow.synth import sample_experiment, write_sample
 
     refuse_full(folder, force)
     write_sample(folder, on_progress=tick)
+    _say_next(folder, sample_experiment().board.square)
+
+
+def _say_next(folder: Path, square: float) -> None:
+    """How one goes on. square : side of a square of the board [mm]"""
+    say(f"next: {shlex.join(['dicflow', 'init', str(folder), '--square', f'{square} mm'])}")
 
 
 @synth.command("rubber")

@@ -29,7 +29,10 @@ from dicflow.errors import StoreError
 __all__ = ["Folder", "Moved", "Source", "Target", "pull", "push"]
 
 _ARRAY, _IN_GROUP = re.compile(r"\w+"), re.compile(r"(\w+/)?zarr\.json|\w+/c(\.\d+)*")
-_RUN_FILES = {"pipeline.json": partial(unseal, form=ABOUT), "index.json": partial(unseal, form=INDEX)}
+_about = partial(unseal, form=ABOUT)
+_RUN_FILES = {"pipeline.json": _about, "index.json": partial(unseal, form=INDEX)}
+_SECOND = len("20260131-101500")
+"""Length of the second in the id of a run; several may have begun in it."""
 T = TypeVar("T")
 _AGAIN = "copy it again from where it is whole"
 
@@ -150,7 +153,8 @@ def _chosen(source: Source, run: str) -> str:
     names = {path.split("/")[1] for path in source.sizes("runs") if path.endswith("/index.json")}
     known = sorted(filter(is_run_id, names))
     if run == "latest" and known:
-        return known[-1]
+        newest = [name for name in known if name[:_SECOND] == known[-1][:_SECOND]]
+        return max(newest, key=lambda name: _parsed(source, f"runs/{name}/pipeline.json", _about)["started"])
     if run not in known:
         raise StoreError(source.name, f"has no run '{run}'", f"its runs: {', '.join(known) or 'none'}")
     return run

@@ -27,6 +27,7 @@ from dicflow.io.calibrations.draft import Calibration
 from dicflow.io.calibrations.read import read_calibration
 from dicflow.io.caliper import read_caliper
 from dicflow.io.configuration import parse
+from dicflow.io.crate import METADATA, Contents, Crate, Described, read_crate
 from dicflow.io.images import page_count, probe, read_photograph, time_taken, video_of
 from dicflow.io.images.png import chunks
 from dicflow.io.logs.log import read_log
@@ -101,6 +102,7 @@ def targets() -> tuple[Target, ...]:
         Target("mask", "mask.png", _pictures(), _without_warnings(read_mask), _with_check_sums),
         Target("photograph", "photo.tif", _pictures(), _without_warnings(_photograph), _with_check_sums),
         Target("video", "video.mp4", _files("videos/*.m*"), _video),
+        Target("crate", METADATA, (_crate(),), _files_of_crate),
         Target("results", "names", _NAMES, _results),
     )
     if find_spec("pi_heif"):
@@ -159,6 +161,22 @@ def _pipelines() -> tuple[bytes, ...]:
 
 def _pipeline(path: Path) -> None:
     Pipeline.load(path, data=path.parent)
+
+
+def _crate() -> bytes:
+    """The description of a crate, as dicflow writes it."""
+    files = {name: Contents(len(name), 64 * "a") for name in ("p.yaml", "left/a b.png", "left/ä.png")}
+    return Described(
+        Crate("p.yaml", files), "test", "as said", "20260131-101500-ab12cd", 1e9, {"numpy": ["2"]}
+    ).to_json()
+
+
+def _files_of_crate(path: Path) -> Any:
+    found = read_crate(path.parent)
+    for name in (found.pipeline, *found.files):
+        assert (path.parent / "files" / name).resolve().is_relative_to(path.parent.resolve() / "files")
+        assert not any(part.startswith(".") for part in name.split("/"))
+    return [len(found.files)]
 
 
 def _setting(path: Path) -> None:

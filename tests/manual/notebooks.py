@@ -9,7 +9,6 @@ import json
 from collections.abc import Iterator
 from contextlib import redirect_stdout
 from functools import cache
-from html import escape
 from pathlib import Path
 from typing import Any
 
@@ -54,11 +53,11 @@ def _run(source: str, names: dict[str, Any]) -> tuple[str, Any]:
 
 
 def _rich(shown: Any) -> str:
-    """A value as HTML."""
+    """A value as HTML or Markdown."""
     if hasattr(shown, "savefig"):
         stream = io.BytesIO()
         shown.savefig(stream, format="png", dpi=100, bbox_inches="tight")
         return f'<img alt="the figure" src="data:image/png;base64,{base64.b64encode(stream.getvalue()).decode()}">'
-    if hasattr(shown, "_repr_html_"):
+    if hasattr(shown, "_repr_html_") and not hasattr(shown, "dims"):  # arrays bring styles that the manual's undo
         return "".join(line.strip() for line in shown._repr_html_().splitlines())
-    return f"<pre>{escape(repr(shown))}</pre>"
+    return f"```text\n{shown!r}\n```"

@@ -25,7 +25,7 @@ _STEPS = {
     At.ALL: "all",
     At.EARLY: "a few early ones",
 }
-_EFFECTS = {"result": "result", "speed": "time only", "report": "report only"}
+_EFFECTS = {"result": "", "speed": " (never changes the result)", "report": " (changes the report alone)"}
 _EXAMPLES: Mapping[str, Mapping[str, Any]] = {
     "frame": {"axes": {"stage": "frame", "method": "three_points", "places": [[320, 440], [400, 440], [320, 140]]}},
     "noise_floor": {"noise": {"stage": "noise_floor", "still": ["step_01", "step_02"]}},
@@ -95,14 +95,14 @@ def _port_note(port: Port) -> str:
 def _parameters(kind: type[Node]) -> Iterator[str]:
     schema = kind.model_json_schema()
     followed = {parameter: port for port, names in kind.follows.items() for parameter in names}
-    yield from ("| parameter | default | unit | values | meaning | changes |", "|---|---|---|---|---|---|")
+    yield from ("| parameter | default | values | meaning |", "|---|---|---|---|")
     own_first = sorted(schema["properties"].items(), key=lambda one: one[0] == "keep")
     for name, own in own_first:
         if name != "stage":
             default = f"as in `{followed[name]}`" if name in followed else _default(name, own, schema)
             values, meaning = _cell(allowed(own, schema.get("$defs", {}))), _cell(own.get("description", ""))
-            effect = _EFFECTS[own.get("affects", "result")]
-            yield f"| `{name}` | {default} | {own.get('unit', '')} | {values} | {meaning} | {effect} |"
+            unit, effect = own.get("unit", ""), _EFFECTS[own.get("affects", "result")]
+            yield f"| `{name}` | {default} | {values}{f' [{unit}]' if unit else ''} | {meaning}{effect} |"
 
 
 def _default(name: str, own: Mapping[str, Any], schema: Mapping[str, Any]) -> str:

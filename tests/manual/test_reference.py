@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import doctest
+import inspect
 import re
 
 import cv2
@@ -9,9 +11,11 @@ import numpy as np
 import pytest
 from small import ROOT, dicflow
 
+from dicflow.pipeline import Result
 from dicflow.pipeline.registry import node_class, stage_names
 from dicflow.views.topics import TOPICS, sections, topic_of
 from tests.accuracy import PARTS, REAL
+from tests.manual import entries
 from tests.manual.advice import SCENES, measured
 from tests.manual.commands import command_tree, commands_page, metavar_of
 from tests.manual.gallery import SCRIPTS
@@ -34,6 +38,14 @@ def test_the_example_of_a_stage_is_valid(name):
     kind = node_class(name)
     made = kind.model_validate({key: value for key, value in entry.items() if key not in kind.takes})
     assert made.stage == name
+
+
+def test_the_arguments_of_a_docstring_are_a_list():
+    done = doctest.testmod(entries)
+    assert (done.attempted, done.failed) == (1, 0)
+    text = entries.with_entries(inspect.getdoc(Result.product))
+    assert text.splitlines()[2].startswith("- **step**: ")
+    assert "\n\nRaises ConfigurationError" in text
 
 
 def test_the_page_of_commands_has_every_command_and_option():
