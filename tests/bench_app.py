@@ -21,13 +21,12 @@ sys.path.insert(0, str(Path(__file__).parent))
 
 from app_browser import FLAGS
 
-from tests.bars import Figure, print_as_they_come
-from tests.figures import machine
+from tests.bars import Figure
+from tests.figures import report
 from tests.long_result import environment, long_results
 
 STEPS = (22, 200, 3000)
 MOST_MB, PAINT_MS, CHANGE_MS, HOVER_MS, FRAME_MS = 500.0, 2000.0, 150.0, 50.0, 50.0
-WIDTH = 56
 """Of the longest quantity."""
 EXPLORER = "document.querySelector('.fields').explorer"
 CHANGED = f"""
@@ -211,6 +210,5 @@ def _timed(call: Callable[[], None]) -> float:
 
 
 if __name__ == "__main__":
-    print(machine())
     with tempfile.TemporaryDirectory() as place:
-        sys.exit(print_as_they_come(figures(Path(place)), WIDTH))
+        sys.exit(report(figures(Path(place))))
