@@ -100,7 +100,9 @@ def _measured(path: Path, folder: Path) -> Iterator[Figure]:
     from playwright.sync_api import sync_playwright
 
     command = [sys.executable, "-m", "dicflow", "app", path, "--no-browser"]
-    with subprocess.Popen(command, stdout=subprocess.PIPE, text=True, env=environment(folder)) as app:
+    with subprocess.Popen(
+        command, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True, env=environment(folder)
+    ) as app:
         assert app.stdout is not None
         try:
             link = app.stdout.readline().strip()

@@ -164,7 +164,7 @@ def test_a_board_seen_in_no_pair(run, data):
 def test_too_few_boards(run, data):
     for path in sorted((data / "boards").rglob("board_0[567].png")):
         path.unlink()
-    run().refuses(1, "rig: ", "is seen by both cameras in 5 of 5 pairs, and 8 are needed; show the whole board")
+    run().refuses(1, "rig: ", "is seen by both cameras in 5 of 5 pairs, and 8 are needed; take 3 more")
 
 
 def test_wrong_board_size(run, data):

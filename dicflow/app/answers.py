@@ -9,7 +9,7 @@ from typing import Any
 
 from dicflow.app import caliper, document, drawing, explored, folder, pictures, results, sides, stages, versions
 from dicflow.app.plans import plan_of
-from dicflow.app.project import Project
+from dicflow.app.project import USUAL, Project
 from dicflow.app.runs import Runs
 from dicflow.app.workers import Worker, named
 from dicflow.errors import ConfigurationError, InputError
@@ -73,15 +73,15 @@ def _project(desk: Desk, asked: Asked) -> Any:
     """The folder and its pipeline files; which one to open."""
     project = desk.project
     names = project.pipelines()
-    usual = "pipeline.yaml" if "pipeline.yaml" in names else names[0] if len(names) == 1 else ""
+    usual = USUAL if USUAL in names else names[0] if len(names) == 1 else ""
     return {"folder": project.folder.name, "files": names, "chosen": project.chosen or usual}
 
 
 def _document(desk: Desk, asked: Asked) -> Any:
     """A pipeline file: its text, digest and problems, and its graph where it is valid."""
     name, project = str(asked["file"]), desk.project
-    text, digest = document.read_pipeline(project, name)
-    left = document.problems(text, name)
+    digest = versions.digest_of(project, name)
+    text, left = _text_and_problems(project, name)
     found: dict[str, Any] = {
         "digest": digest,
         "problems": left,
@@ -94,6 +94,15 @@ def _document(desk: Desk, asked: Asked) -> Any:
         pipeline = project.pipeline(name)
         found |= {"stages": stages.graph_of(pipeline), "title": pipeline.title}
     return found
+
+
+def _text_and_problems(project: Project, name: str) -> tuple[str | None, list[str]]:
+    """The text, None where it cannot be read as such, and what is wrong with it."""
+    try:
+        text = document.read_pipeline(project, name).text
+    except InputError as error:
+        return None, str(error).splitlines()
+    return text, document.problems(text, name)
 
 
 def _edit(desk: Desk, asked: Asked) -> Any:

@@ -14,7 +14,10 @@ from dicflow.io.configuration import parse, read
 from dicflow.io.files import write_whole
 from dicflow.pipeline import Pipeline
 
-__all__ = ["Project", "open_project"]
+__all__ = ["USUAL", "Project", "is_blank", "open_project"]
+
+USUAL = "pipeline.yaml"
+"""Name of the pipeline file that the app makes, and opens first."""
 
 _OWN = ".dicflow-app"
 _MOST_LISTED = 200
@@ -79,7 +82,7 @@ class Project(NamedTuple):
 
     def pipelines(self) -> list[str]:
         """Names of the pipeline files in the folder."""
-        return [path.name for path in self._yaml_files() if _has_stages(path)]
+        return [path.name for path in self._yaml_files() if _is_meant(path)]
 
     def _yaml_files(self) -> Iterator[Path]:
         names = sorted(entry.name for entry in os.scandir(self.folder) if entry.is_file() and entry.name[0] != ".")
@@ -92,12 +95,19 @@ def _loaded(path: Path, _changed: int, data: Path | None, store: Path | None) ->
     return Pipeline.load(path, data=data, store=store)
 
 
-def _has_stages(path: Path) -> bool:
-    """Whether a file is meant to be a pipeline, right or wrong."""
+def _is_meant(path: Path) -> bool:
+    """Whether a file is meant to be a pipeline, right or wrong: it has stages, or the usual name and any content."""
+    if path.name == USUAL:
+        return not is_blank(path)
     try:
         return "stages" in read(path).data
     except ConfigurationError as error:
         return "stages:" in _text(path) and "not valid YAML" in str(error)
+
+
+def is_blank(path: Path) -> bool:
+    """Whether a file holds nothing, or cannot be read."""
+    return not _text(path).strip()
 
 
 def _text(path: Path) -> str:

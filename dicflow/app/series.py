@@ -6,8 +6,8 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path, PurePosixPath
 from typing import Any
 
-from dicflow.app.project import Project
-from dicflow.app.versions import MISSING, change
+from dicflow.app.project import USUAL, Project, is_blank
+from dicflow.app.versions import MISSING, change, digest_of
 from dicflow.errors import ConfigurationError
 from dicflow.start.choice import Candidate, Choice
 from dicflow.start.facts import Facts
@@ -29,7 +29,6 @@ ROLES = {
 """What a series of photographs can be."""
 _PAIRED = (("specimen", "left", "right"), ("board", "left_boards", "right_boards"))
 """Subjects, and the roles of their left and right photographs."""
-_FILE = "pipeline.yaml"
 _SORTS = ("specimen", "board", "named like boards, but no board is recognised", "cannot be read")
 
 
@@ -122,12 +121,13 @@ def make_pipeline(
     choice = _choice(project, series)._replace(pair_by=ways.get("specimen"), pair_boards_by=ways.get("board"))
     said: list[str] = []
     text = pipeline_text(
-        look(folder, choice, ["dicflow", "init", str(folder)], said.append), square or None, Path(_FILE)
+        look(folder, choice, ["dicflow", "init", str(folder)], said.append), square or None, Path(USUAL)
     )
-    if (project.folder / _FILE).exists():
-        raise ConfigurationError(f"{_FILE} exists; open it, or rename it first")
-    change(project, {_FILE: MISSING}, {_FILE: text.encode()}, f"{_FILE} made")
-    return {"file": _FILE, "said": said, "open": OPEN in text}
+    seen = digest_of(project, USUAL)
+    if seen != MISSING and not is_blank(project.path(USUAL)):
+        raise ConfigurationError(f"{USUAL} exists; open it, or rename it first")
+    change(project, {USUAL: seen}, {USUAL: text.encode()}, f"{USUAL} made")
+    return {"file": USUAL, "said": said, "open": OPEN in text}
 
 
 def _relative(project: Project, name: str) -> PurePosixPath:

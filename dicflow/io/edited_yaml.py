@@ -7,6 +7,7 @@ import difflib
 import importlib.util
 import io
 import re
+import sys
 from collections.abc import Sequence
 from functools import partial
 from typing import Any, NamedTuple
@@ -35,9 +36,14 @@ class Edit(NamedTuple):
 
 def require_editor() -> None:
     """Raise ConfigurationError where the library that edits YAML is not installed."""
-    if importlib.util.find_spec("ruamel.yaml") is None:
+    try:
+        found = importlib.util.find_spec("ruamel.yaml")
+    except ModuleNotFoundError:  # ruamel itself
+        found = None
+    if found is None:
         raise ConfigurationError(
-            "editing pipeline files needs ruamel.yaml; install it with: pip install 'dicflow[app]'"
+            f"editing pipeline files needs ruamel.yaml, which the Python in {sys.prefix} does not have; "
+            "install it there with: pip install 'dicflow[app]'"
         )
 
 

@@ -221,6 +221,8 @@ def _too_few(boards: Sequence[BoardMarks], seen: list[int], needed: int) -> str:
         other, count = common_board(others)
         photographs = "1 photograph shows" if count == 1 else f"{count} photographs show"
         hint = f"{photographs} {other.text}: set {other.settings(expected)}"
+    elif len(seen) == len(boards):
+        hint = f"take {needed - len(seen)} more, with the board at other places and angles"
     if not seen:
         return f"{expected.text} is seen in none of {len(boards)} pairs; {hint}"
     return (

@@ -53,5 +53,6 @@ def test_runs_go_on_without_the_app(tmp_path):
 
 def test_what_cannot_be_opened_is_refused(tmp_path, monkeypatch):
     dicflow("app", tmp_path / "none", "--no-browser").refuses(2, "no such folder or file")
-    monkeypatch.setattr("importlib.util.find_spec", lambda name: None)
-    dicflow("app", tmp_path, "--no-browser").refuses(2, "pip install 'dicflow[app]'")
+    monkeypatch.setitem(sys.modules, "ruamel", None)
+    monkeypatch.delitem(sys.modules, "ruamel.yaml", raising=False)
+    dicflow("app", tmp_path, "--no-browser").refuses(2, "needs ruamel.yaml", sys.prefix, "pip install 'dicflow[app]'")

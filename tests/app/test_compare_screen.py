@@ -12,6 +12,7 @@ from app_serving import FILE, served, small_test
 from small import dicflow
 
 from dicflow.engine.journal import runs
+from dicflow.kinds.total import Total
 from dicflow.pipeline import Pipeline
 from tests.explorer.test_results import ROOT, SAMPLES
 
@@ -115,6 +116,9 @@ def test_the_pointer_reads_both_runs_and_their_difference(quickstart):
         step, quantity = page.evaluate(f"[{ONE}.frame.step.name, {ONE}.quantity]")
         name, quantum = quantity["name"], quantity["scale"][1]
         one, other = (result.product("total", step) for result in (now, before))
+        title = page.inner_text(".side0 .x-legend-title")
+        for total, side in ((one, "A"), (other, "B")):
+            assert f"{Total.read(total).gauge.size} ({side})" in title
         points = middle_of(one, name)
         assert len(points) >= 2
         for side, k in ((0, points[0]), (1, points[1])):

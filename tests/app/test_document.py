@@ -6,7 +6,7 @@ import copy
 from pathlib import Path
 
 import pytest
-from app_serving import FILE, small_test
+from app_serving import FILE, served, small_test
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
@@ -229,3 +229,27 @@ def test_a_file_that_is_no_yaml_is_shown_with_its_problem(project):
     assert "not valid YAML" in problems(read_pipeline(project, FILE).text, FILE)[0]
     with pytest.raises(ConfigurationError):
         change(project, ["title"], "x")
+
+
+@pytest.mark.parametrize(
+    ("content", "words"),
+    [
+        (b"- photos\n- region\n", "found a list"),
+        (b"dicflow: 1\ntitle: none yet\n", "stages"),
+        ("title: Dehnung über Kraft\nstages: {}\n".encode("cp1252"), "UTF-8"),
+        (b"\x00\x01", "control character"),
+    ],
+)
+def test_a_file_of_the_usual_name_is_opened_and_its_problem_shown(tmp_path, content, words):
+    (tmp_path / FILE).write_bytes(content)
+    with served(tmp_path) as app:
+        assert app.found("project")["chosen"] == FILE
+        found = app.found("document", file=FILE)
+        assert words in found["problems"][0]
+        assert (found["text"] is None) == (words in ("UTF-8", "control character"))
+    assert (tmp_path / FILE).read_bytes() == content
+
+
+def test_a_blank_file_counts_as_none(tmp_path):
+    (tmp_path / FILE).write_text("\n")
+    assert open_project(tmp_path).pipelines() == []

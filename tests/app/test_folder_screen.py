@@ -53,6 +53,7 @@ def test_the_file_is_that_of_init(tmp_path):
     for name in ("app", "init"):
         few_photographs(tmp_path / name / "test")
     project = open_project(tmp_path / "app" / "test")
+    project.path(FILE).write_text("\n")
     series = found_in(project)["series"]
     made = make_pipeline(project, series, "14.5 mm")
     assert dicflow("init", tmp_path / "init" / "test", "--square", "14.5 mm").code == 0

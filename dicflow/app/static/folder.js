@@ -11,14 +11,10 @@ const NAMED = 8;
 export async function show(place, app) {
   const page = h("div", { className: "page" });
   fill(place, page);
-  if (app.file && app.document && !app.document.problems.length) return pairs(page, app);
-  if (!app.file && app.files.length) {
+  if (app.file) return pairs(page, app);
+  if (app.files.length) {
     fill(page, h("h1", {}, "Choose a pipeline file"), h("p", {}, "This folder has several; each is a measurement."),
       h("ul", { className: "choices" }, app.files.map((file) => h("li", {}, button(file, () => app.open(file))))));
-    return null;
-  }
-  if (app.file) {
-    fill(page, h("h1", {}, `${app.file} is not valid`), h("ul", { className: "problems" }, app.document.problems.map((line) => h("li", {}, line))));
     return null;
   }
   series(page, app).catch((error) => app.fail(error));

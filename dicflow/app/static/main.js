@@ -109,7 +109,7 @@ async function show() {
   const own = h("section", { className: `screen ${screen}`, "aria-label": SCREENS[screen].title });
   fill(place, own);
   try {
-    if (app.document?.problems.length && screen !== "folder") problems(own);
+    if (app.document?.problems.length) problems(own);
     else app.shown = (await SCREENS[screen].show(own, app)) ?? null;
   } catch (error) {
     fill(own, h("div", { className: "empty" }, h("h2", {}, SCREENS[screen].title), h("p", { className: "problem" }, error.message)));
@@ -117,13 +117,14 @@ async function show() {
   if (isOther && !own.contains(document.activeElement)) place.focus({ preventScroll: true });
 }
 
-/** A file that is not valid: what the command line says, and its text. */
+/** A file that is not valid: what the command line says, and its text, unless that cannot be read. */
 function problems(own) {
-  const text = h("textarea", { className: "text", value: app.document.text, spellcheck: false, "aria-label": app.file });
+  const isText = app.document.text !== null;
+  const text = h("textarea", { className: "text", value: app.document.text ?? "", spellcheck: false, "aria-label": app.file });
   fill(own, h("div", { className: "page" }, h("h1", {}, `${app.file} is not valid`),
     h("ul", { className: "problems" }, app.document.problems.map((line) => h("li", {}, line))),
-    h("p", {}, "Correct it here or in an editor, or undo the last change."),
-    text, h("div", { className: "row" }, button("Save", () => rewrite(text.value), { className: "main" }), button("Read again", () => changed(true)))));
+    h("p", {}, `Correct it ${isText ? "here or " : ""}in an editor, or undo the last change.`), isText ? text : null,
+    h("div", { className: "row" }, isText ? button("Save", () => rewrite(text.value), { className: "main" }) : null, button("Read again", () => changed(true)))));
 }
 
 /** Write the text of a file that is corrected by hand. */

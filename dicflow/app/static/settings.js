@@ -124,7 +124,7 @@ class StageScreen {
     const field = one.choices ? this.choice(one) : this.field(one);
     return h("label", { className: one.given ? "parameter given" : "parameter" },
       h("span", { className: "key" }, one.name),
-      h("span", { className: "value" }, field, one.unit ? h("span", { className: "unit" }, one.unit) : null),
+      h("span", { className: "value" }, field, one.unit && !one.value.endsWith(one.unit) ? h("span", { className: "unit" }, one.unit) : null),
       h("span", { className: "about" }, one.words, h("span", { className: "faint" }, ` (${limits})`)));
   }
 

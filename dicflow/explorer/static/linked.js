@@ -95,7 +95,7 @@ export class Link {
     const [one, other] = this.ends;
     this.matching = await Matching.of(this.ends);
     if (this.shares) {
-      joinRanges(one.manifest, other.manifest);
+      joinLegends(one.manifest, other.manifest, this.names);
       one.setRange(one.ranges.get(one.quantity.name) ?? null);
       one.companion = { explorer: other, names: this.names };
       for (const end of this.ends) end.further = (k) => this._further(end, k);
@@ -234,15 +234,26 @@ export class Link {
   }
 }
 
-// The colours of equal quantities run over the values of both, and are those of the first.
-function joinRanges(manifest, other) {
+// The colours of equal quantities run over the values of both, and are those of the first; their title is that of both.
+function joinLegends(manifest, other, names) {
   for (const one of manifest.quantities) {
     const same = other.quantities.find(({ name, unit }) => name === one.name && unit === one.unit);
     if (!same) continue;
     one.range = [Math.min(one.range[0], same.range[0]), Math.max(one.range[1], same.range[1])];
-    [same.range, same.colours] = [one.range, one.colours];
+    one.title = joinTitles([one.title, same.title], names);
+    [same.range, same.colours, same.title] = [one.range, one.colours, one.title];
     other.palettes[one.colours] = manifest.palettes[one.colours];
   }
+}
+
+// What both titles say, then what each says besides, with its name.
+function joinTitles(titles, names) {
+  if (titles[0] === titles[1]) return titles[0];
+  const parts = titles.map((title) => title.split(", "));
+  const isShared = (part, k) => parts[1].slice(0, k + 1).join() === parts[0].slice(0, k + 1).join();
+  const shared = parts[0].filter(isShared);
+  const own = parts.map((all, k) => [all.slice(shared.length).join(", "), names[k]]);
+  return [...shared, ...own.filter(([text]) => text).map(([text, name]) => `${text} (${name})`)].join(", ");
 }
 
 function quantityIn(to, from) {
