@@ -21,6 +21,7 @@ from dicflow.core.material.virtual_fields import Sheet, constants_of, piecewise_
 from dicflow.kinds.curve import StressCurve
 from dicflow.kinds.material import FittedModel, Material
 from dicflow.pipeline import Result
+from dicflow.stages.virtual_fields import VirtualFields
 from dicflow.synth.equilibrium import equilibrium
 from dicflow.synth.sheets import CONSTANTS, GRAVITY, SHAPES, Rubber, loads_of, softened, write_sheets
 from tests.bars import Figure
@@ -35,6 +36,8 @@ DRAWN = tuple(
     for seed, model in enumerate(("mooney_rivlin", "yeoh", "ogden_2", "mooney_rivlin", "yeoh", "ogden_2"), start=1)
 )
 """Rubbers photographed at half the size: each seed has another thickness, other weights, speckles and noise."""
+_MESHES = ((1, 1), (1, 2), (1, 6), (2, 2), (2, 4), (3, 3), (4, 4))
+"""Cells of the virtual displacements across and along the load."""
 _EQUIBIAXIAL = 1.6
 """Largest stretch of a prediction that stays within the I1 that the sheets reach."""
 
@@ -59,8 +62,7 @@ def sheets() -> Iterator[Figure]:
 
 def _measured(rubber: Rubber, scale: float = 1.0) -> Result:
     name = f"sheets_{rubber.model}_{rubber.seed}"
-    boards = 20 if scale == 1.0 else 15
-    folder = made(name, lambda path: write_sheets(path, rubber, scale=scale, boards=boards, workers=2))
+    folder = made(name, lambda path: write_sheets(path, rubber, scale=scale, workers=2))
     return pipeline_result("latex_material", folder, f"store_{name}")
 
 
@@ -92,6 +94,19 @@ def _figures(rubber: Rubber, result: Result, inside: list[bool]) -> Iterator[Fig
     for mode, error in _stress_errors(model, truth, common, float(found["stretch"].max())).items():
         yield Figure(f"{title}: largest error of the stress, {mode}", error, 1.0, unit="%")
     yield _verdicts(title, result)
+    if MODELS[rubber.model].is_linear:
+        yield from _by_mesh(title, rubber, result)
+
+
+def _by_mesh(title: str, rubber: Rubber, result: Result) -> Iterator[Figure]:
+    """Errors of the constants with other meshes of the virtual displacements, from one cell to sixteen."""
+    sheets_of, truth = [result.product(name) for name in SHAPES], np.array(rubber.constants)
+    common, errors = rubber.true_thickness / rubber.thickness, []
+    for mesh in _MESHES:
+        found = Material.read(VirtualFields(models=(rubber.model,), mesh=mesh).run(sheets_of))
+        errors.append(100 * np.abs(np.array(found.models[0].values) / common / truth - 1.0))
+    for one, error in zip(MODELS[rubber.model].constants, np.max(errors, axis=0), strict=True):
+        yield Figure(f"{title}: error of {one.name}, largest over meshes from 1 × 1 to 4 × 4", float(error), unit="%")
 
 
 def _order(model: FittedModel, truth: np.ndarray) -> np.ndarray:
@@ -150,7 +165,7 @@ def hysteresis() -> Iterator[Figure]:
     The thickness scales the measured loop and the imposed one, which is that of the weights, alike.
     """
     rubber = Rubber(up=6, down=5, damage=0.3)
-    folder = made("sheets_cycle", lambda path: write_sheets(path, rubber, ("strip",), 0.5, boards=15, workers=2))
+    folder = made("sheets_cycle", lambda path: write_sheets(path, rubber, ("strip",), 0.5, workers=2))
     gauge = _gauge(folder)
     result = run_text("sheets_cycle", _CYCLE.replace("GAUGE", json.dumps(gauge)), folder)
     found = StressCurve.read(result.product("curve")).summary
@@ -251,6 +266,6 @@ def _window(axis: int) -> tuple[int, int, int]:
 if __name__ == "__main__":
     import sys
 
-    from tests.figures import report
+    from tests.figures import report, shown
 
-    sys.exit(report(list(sheets())))
+    sys.exit(report(list(shown(sheets()))))

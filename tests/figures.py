@@ -5,7 +5,7 @@ from __future__ import annotations
 import platform
 import shutil
 import sys
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from pathlib import Path
 from typing import TypeVar
 
@@ -22,6 +22,13 @@ def report(figures: Sequence[Figure]) -> int:
     """Print the machine and the table; returns the exit code, 1 where a bar is missed."""
     print(f"\n{platform.processor() or platform.machine()}, Python {platform.python_version()}")
     return print_figures(figures)
+
+
+def shown(figures: Iterable[Figure]) -> Iterator[Figure]:
+    """Figures one by one, each printed as soon as it is measured."""
+    for figure in figures:
+        print(f"{figure.quantity}: {figure.measured:.4g} {figure.unit} {figure.verdict}", flush=True)
+        yield figure
 
 
 def replica(experiment: int) -> Path:
