@@ -266,6 +266,6 @@ def _window(axis: int) -> tuple[int, int, int]:
 if __name__ == "__main__":
     import sys
 
-    from tests.figures import report, shown
+    from tests.figures import report
 
-    sys.exit(report(list(shown(sheets()))))
+    sys.exit(report(sheets()))
