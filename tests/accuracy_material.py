@@ -303,7 +303,8 @@ def published() -> Iterator[Figure]:
 
 if __name__ == "__main__":
     import sys
+    from itertools import chain
 
     from tests.figures import report
 
-    sys.exit(report([*material(), *(published() if Path(_TESTS).is_file() else ())]))
+    sys.exit(report(chain(material(), published() if Path(_TESTS).is_file() else ())))

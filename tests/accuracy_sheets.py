@@ -21,6 +21,7 @@ from dicflow.core.material.virtual_fields import Sheet, constants_of, piecewise_
 from dicflow.kinds.curve import StressCurve
 from dicflow.kinds.material import FittedModel, Material
 from dicflow.pipeline import Result
+from dicflow.stages.virtual_fields import VirtualFields
 from dicflow.synth.equilibrium import equilibrium
 from dicflow.synth.sheets import CONSTANTS, GRAVITY, SHAPES, Rubber, loads_of, softened, write_sheets
 from tests.bars import Figure
@@ -28,26 +29,26 @@ from tests.figures import made, pipeline_result, run_text
 
 __all__ = ["sheets"]
 
-MADE = (
-    Rubber("mooney_rivlin", CONSTANTS["mooney_rivlin"]),
-    Rubber("yeoh", CONSTANTS["yeoh"]),
-    Rubber("ogden_2", CONSTANTS["ogden_2"]),
-    Rubber("mooney_rivlin", CONSTANTS["mooney_rivlin"], seed=1),
-    Rubber("yeoh", CONSTANTS["yeoh"], seed=2),
+MADE = tuple(Rubber(model, CONSTANTS[model]) for model in ("mooney_rivlin", "yeoh", "ogden_2"))
+"""Rubbers that are photographed whole."""
+DRAWN = tuple(
+    Rubber(model, CONSTANTS[model], seed=seed)
+    for seed, model in enumerate(("mooney_rivlin", "yeoh", "ogden_2", "mooney_rivlin", "yeoh", "ogden_2"), start=1)
 )
-"""Photographed rubbers; each seed has another thickness, other weights, speckles and noise."""
+"""Rubbers photographed at half the size: each seed has another thickness, other weights, speckles and noise."""
+_MESHES = ((1, 1), (1, 2), (1, 6), (2, 2), (2, 4), (3, 3), (4, 4))
+"""Cells of the virtual displacements across and along the load."""
 _EQUIBIAXIAL = 1.6
 """Largest stretch of a prediction that stays within the I1 that the sheets reach."""
 
 
 def sheets() -> Iterator[Figure]:
     """All that is measured from photographs, then the coverage over many draws of fields."""
-    inside = []
+    inside: list[bool] = []
+    for rubber in DRAWN:
+        yield from _figures(rubber, _measured(rubber, 0.5), inside)
     for rubber in MADE:
-        result = _measured(rubber)
-        yield from _figures(rubber, Material.read(result.product("material")), inside)
-        if rubber.seed == 0 and rubber.model == "mooney_rivlin":
-            yield from _verdicts(result)
+        yield from _figures(rubber, _measured(rubber), inside)
     yield Figure(
         "sheets: constants whose interval of 95 % holds the truth, of those photographed",
         100 * float(np.mean(inside)),
@@ -59,19 +60,18 @@ def sheets() -> Iterator[Figure]:
     yield from coverage()
 
 
-def _measured(rubber: Rubber) -> Result:
+def _measured(rubber: Rubber, scale: float = 1.0) -> Result:
     name = f"sheets_{rubber.model}_{rubber.seed}"
-    return pipeline_result(
-        "latex_material", made(name, lambda folder: write_sheets(folder, rubber, workers=2)), f"store_{name}"
-    )
+    folder = made(name, lambda path: write_sheets(path, rubber, scale=scale, workers=2))
+    return pipeline_result("latex_material", folder, f"store_{name}")
 
 
-def _figures(rubber: Rubber, found: Material, inside: list[bool]) -> Iterator[Figure]:
+def _figures(rubber: Rubber, result: Result, inside: list[bool]) -> Iterator[Figure]:
     """Of one rubber. The stated thickness is wrong, which scales all stresses: this common share is taken out.
 
     inside : gets whether each interval holds the truth
     """
-    title = f"sheets, {rubber.model} {rubber.seed}"
+    found, title = Material.read(result.product("material")), f"sheets, {rubber.model} {rubber.seed}"
     model = next(one for one in found.models if one.name == rubber.model)
     common = rubber.true_thickness / rubber.thickness
     scale = [common if one.unit == "MPa" else 1.0 for one in model.constants]
@@ -93,6 +93,20 @@ def _figures(rubber: Rubber, found: Material, inside: list[bool]) -> Iterator[Fi
             yield Figure(f"{title}: error of {one.name}", float(error), 1.0, unit="%")
     for mode, error in _stress_errors(model, truth, common, float(found["stretch"].max())).items():
         yield Figure(f"{title}: largest error of the stress, {mode}", error, 1.0, unit="%")
+    yield _verdicts(title, result)
+    if MODELS[rubber.model].is_linear:
+        yield from _by_mesh(title, rubber, result)
+
+
+def _by_mesh(title: str, rubber: Rubber, result: Result) -> Iterator[Figure]:
+    """Errors of the constants with other meshes of the virtual displacements, from one cell to sixteen."""
+    sheets_of, truth = [result.product(name) for name in SHAPES], np.array(rubber.constants)
+    common, errors = rubber.true_thickness / rubber.thickness, []
+    for mesh in _MESHES:
+        found = Material.read(VirtualFields(models=(rubber.model,), mesh=mesh).run(sheets_of))
+        errors.append(100 * np.abs(np.array(found.models[0].values) / common / truth - 1.0))
+    for one, error in zip(MODELS[rubber.model].constants, np.max(errors, axis=0), strict=True):
+        yield Figure(f"{title}: error of {one.name}, largest over meshes from 1 × 1 to 4 × 4", float(error), unit="%")
 
 
 def _order(model: FittedModel, truth: np.ndarray) -> np.ndarray:
@@ -114,17 +128,13 @@ def _stress_errors(model: FittedModel, truth: np.ndarray, common: float, most: f
     return found
 
 
-def _verdicts(result: Result) -> Iterator[Figure]:
+def _verdicts(title: str, result: Result) -> Figure:
     found = [Material.read(result.product(name)) for name in ("strips_alone", "material")]
-    for title, one in zip(("the strip alone", "all three shapes"), found, strict=True):
-        print(f"\nsheets, {title}", *one.verdict, sep="\n  ")
+    for part, one in zip(("the strip alone", "all three shapes"), found, strict=True):
+        print(f"\n{title}, {part}", *one.verdict, sep="\n  ")
     open_questions = [any("cannot tell which holds" in text for text in one.verdict) for one in found]
-    yield Figure(
-        "sheets: the strip alone cannot tell, three shapes can",
-        float(open_questions == [True, False]),
-        1.0,
-        at_least=True,
-    )
+    alone_cannot = float(open_questions == [True, False])
+    return Figure(f"{title}: the strip alone cannot tell, three shapes can", alone_cannot, 1.0, at_least=True)
 
 
 _CYCLE = """
@@ -141,7 +151,7 @@ stages:
   correlation: {stage: correlate, images: photos}
   stereo: {stage: stereo, images: photos}
   points: {stage: triangulate}
-  total: {stage: deformation}
+  total: {stage: deformation, points: points}
   sheet: {stage: sheet, thickness: 0.21 mm, u_thickness: 5 um}
   gauge: {stage: probes, extensometers: {middle: GAUGE}}
   curve: {stage: stress, probe: middle, thickness: 0.21 mm, u_thickness: 5 um}
@@ -155,14 +165,18 @@ def hysteresis() -> Iterator[Figure]:
     The thickness scales the measured loop and the imposed one, which is that of the weights, alike.
     """
     rubber = Rubber(up=6, down=5, damage=0.3)
-    folder = made("sheets_cycle", lambda path: write_sheets(path, rubber, ("strip",), 0.5, boards=15, workers=2))
+    folder = made("sheets_cycle", lambda path: write_sheets(path, rubber, ("strip",), 0.5, workers=2))
     gauge = _gauge(folder)
     result = run_text("sheets_cycle", _CYCLE.replace("GAUGE", json.dumps(gauge)), folder)
     found = StressCurve.read(result.product("curve")).summary
     loop, imposed = found["loop_work_mJ_mm3"], _imposed_loop(rubber)
-    print(f"\nsheets, cycle: loop {loop:.5f}, imposed {imposed:.5f} mJ/mm³; set {found['set']:.2e} ± {found['u_set']:.1e}")
+    print(
+        f"\nsheets, cycle: loop {loop:.5f}, imposed {imposed:.5f} mJ/mm³; set {found['set']:.2e} ± {found['u_set']:.1e}"
+    )
     yield Figure("sheets, cycle: error of the loop's area", 100 * abs(loop / imposed - 1.0), 1.0, unit="%")
-    yield Figure("sheets, cycle: set, imposed 0, in half intervals of 95 %", abs(found["set"]) / (2 * found["u_set"]), 1.0)
+    yield Figure(
+        "sheets, cycle: set, imposed 0, in half intervals of 95 %", abs(found["set"]) / (2 * found["u_set"]), 1.0
+    )
 
 
 def _gauge(folder: Path) -> list[list[float]]:

@@ -120,7 +120,8 @@ def _caption(curve: FittedCurve) -> str:
 def _residual_caption(found: Material) -> str:
     title = found.models[0].title
     if found.is_of_fields:
-        return f"Force balance: load that the mean stress of {title} carries, less the measured one, at every step"
+        balance = f"Force balance: load that the mean stress of {title} carries, less the measured one, at every step"
+        return f"{balance}; bars: 95 % by the load alone"
     return f"Residuals of {title}: stress of the model less the measured one"
 
 
@@ -132,7 +133,8 @@ def _residual_chart(found: Material) -> str:
         percent_off = 100.0 * (found.of_curve(f"stress_{found.models[0].name}", index) / stress - 1.0)
         half = 100.0 * _TWICE * found.of_curve("u_stress", index) / np.abs(stress)
         lines.append(Curve(curve.name, stretch, percent_off, np.zeros(len(stretch), bool), y_half=half))
-    return chart_over_values(lines, _AXES[0], "of the measured stress [%]")
+    label = "imbalance [% of the load]" if found.is_of_fields else "residual [% of the measured stress]"
+    return chart_over_values(lines, _AXES[0], label)
 
 
 def _model_row(model: FittedModel) -> list[str]:

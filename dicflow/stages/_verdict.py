@@ -136,7 +136,8 @@ def _ambiguous_constants(model: FittedModel) -> Iterator[str]:
     uncertain = {one.name for one in model.constants if one.half_width > _UNCERTAIN * abs(one.value)}
     if pairs := [pair for pair in model.unsure if uncertain & set(pair[:2])]:
         one, other, rho = pairs[0]
-        yield f"{model.title}: these tests cannot tell {one} from {other} (correlation {rho:+.2f})."
+        correlation = f"{rho:+.2f}".replace("-", "−")
+        yield f"{model.title}: these tests cannot tell {one} from {other} (correlation {correlation})."
     if limits := [one.name for one in model.constants if one.at_limit]:
         yield f"{model.title}: the tests do not need {', '.join(limits)}, which stopped at a limit of the search."
     if unsure := [one.name for one in model.constants if not one.at_limit and not one.is_certain]:

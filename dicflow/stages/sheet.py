@@ -106,7 +106,9 @@ class Sheet(Node):
         if not used:
             least = float(np.nanmin(forces, initial=0.0))
             sign = f" the load is negative, down to {least:.4g} N: its sign is reversed;" if least < 0.0 else ""
-            raise StageError(f"no step has both a load above 0 and measured points;{sign} look at the load and the total")
+            raise StageError(
+                f"no step has both a load above 0 and measured points;{sign} look at the load and the total"
+            )
         fields = [totals[k] for k in used]
         grid = _grid(fields, Points.read(points))
         rows = list(self._rows(grid, fields[0], Points.read(points), None if region is None else Region.read(region)))

@@ -31,7 +31,7 @@ _NORMAL = 1.96
 _SMALL = 0.1
 """Strain up to which the force balance is not judged."""
 _ACCURACY = 0.01
-"""Share of the load that photographs and weights are good for."""
+"""Share of the load that photographs and weights are good for: twice that within which forces should balance."""
 _UNBALANCED = 0.05
 """Difference of the forces from which it warns."""
 
@@ -231,6 +231,7 @@ def _balance(model: FittedModel, ratios: Sequence[np.ndarray], curves: Sequence[
     import numpy as np
 
     values = ", ".join(f"{one.name} = {one.value:.4g} ± {one.half_width:.2g}" for one in model.constants)
+    values = values.replace("= -", "= −")
     text = f"{model.title} by virtual fields: {values} (95 %)"
     large = [
         np.abs(ratio - 1.0)[curve.stretches[:, 0] > 1.0 + _SMALL] for ratio, curve in zip(ratios, curves, strict=True)

@@ -125,13 +125,11 @@ def softened(share: Array, damage: float) -> Array:
 
 
 def solved(rubber: Rubber, shape: Shape, elements: int = _ELEMENTS) -> Equilibrium:
-    """The sheet at each step. On unloading a load stretches it as the larger one of which it is left over did before."""
+    """The sheet at each step. A load of unloading stretches it as the larger one did of which it is left over."""
     grams, _ = loads_of(rubber, shape)
     forces, shares = grams * 1e-3 * GRAVITY / rubber.true_thickness, np.linspace(0.0, 1.0, 2001)
     peak = forces[rubber.up]
-    forces[rubber.up + 1 :] = peak * np.interp(
-        forces[rubber.up + 1 :] / peak, softened(shares, rubber.damage), shares
-    )
+    forces[rubber.up + 1 :] = peak * np.interp(forces[rubber.up + 1 :] / peak, softened(shares, rubber.damage), shares)
     side = min(shape.width, shape.length) / elements
     x, y = (np.linspace(0.0, length, round(length / side) + 1) for length in (shape.width, shape.length))
     return equilibrium(MODELS[rubber.model], np.array(rubber.constants), (x, y), forces)

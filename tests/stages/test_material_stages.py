@@ -366,6 +366,20 @@ def test_one_mode_cannot_tell_what_three_can(tmp_path):
     assert "Left out, 3 (equibiaxial) is predicted within" in " ".join(joint.verdict)
 
 
+@pytest.mark.parametrize(("name", "c"), [("yeoh", [0.2, -0.01, 0.0015]), ("ogden_2", [0.55, 1.4, 0.004, 5.5])])
+def test_uniaxial_points_leave_the_model_open_that_three_modes_show(tmp_path, name, c):
+    """Points uncertain by 2 %; another model fits one mode as well, and predicts others otherwise."""
+    stretch = np.linspace(1.05, 1.7, 8)
+    curves = [
+        product_of(tmp_path, name, mode, c, stretch, u_stress=0.02) for mode in ("uniaxial", "planar", "equibiaxial")
+    ]
+    stage = Hyperelastic(models=("mooney_rivlin", name))
+    alone, joint = (Material.read(stage.run(given)) for given in (curves[:1], curves))
+    assert any("these tests cannot tell which holds there; add " in text for text in alone.verdict)
+    assert not any("cannot tell which holds" in text for text in joint.verdict)
+    assert joint.models[0].name == name
+
+
 def test_an_unstable_fit_is_named_and_not_the_first(tmp_path):
     stretch = np.linspace(1.05, 2.2, 12)
     curve = product_of(tmp_path, "mooney_rivlin", "uniaxial", [0.3, -0.08], stretch, u_stress=0.005)

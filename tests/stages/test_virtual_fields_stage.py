@@ -177,7 +177,7 @@ def test_a_measurement_of_one_camera_is_refused(solution):
 
 
 def test_a_thickness_whose_uncertainty_lacks_its_unit_is_refused():
-    with pytest.raises(ValueError, match="u_thickness is 5 mm for a thickness of 0.21 mm"):
+    with pytest.raises(ValueError, match=r"u_thickness is 5 mm for a thickness of 0\.21 mm"):
         Sheet(thickness=0.21, u_thickness=5)
 
 

@@ -78,7 +78,11 @@ def _set(stretch: Array, stress: Array, peak: int, is_closed: bool) -> float:
     if is_closed:
         return float(stretch[-1] - stretch[0])
     rising = np.maximum.accumulate(stress[: peak + 1])
-    return float(stretch[-1] - np.interp(stress[-1], rising, stretch[: peak + 1]))
+    keep = np.append(True, np.diff(rising) > 0.0)
+    if keep.sum() < 2:
+        return float(stretch[-1] - stretch[0])
+    before = PchipInterpolator(rising[keep], stretch[: peak + 1][keep])
+    return float(stretch[-1] - before(np.clip(stress[-1], rising[0], rising[-1])))
 
 
 def _up_to(stretch: Array, stress: Array, end: float) -> tuple[Array, Array]:

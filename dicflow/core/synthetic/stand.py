@@ -17,6 +17,7 @@ __all__ = ["Stand", "board_poses", "in_right_frame", "verged_stand"]
 
 
 _CANDIDATES = 4000
+_ROUNDS = 8
 _TILT_DEG = 30.0
 _ROLL_DEG = 14.0
 _BORDER_PX = 8.0
@@ -76,11 +77,14 @@ def board_poses(
     """
     rng = np.random.default_rng([seed, 0xB0A2D])
     outline = board_outline(board)
-    fitting = [pose for pose in _random_poses(stand, outline, depth, rng) if _visible(stand.rig, pose, outline)]
-    if len(fitting) < count:
-        raise ValueError(
-            f"only {len(fitting)} of {_CANDIDATES} random poses fit into both photographs, expected {count}"
-        )
+    fitting: list[Deformation] = []
+    for _ in range(_ROUNDS):
+        fitting += [pose for pose in _random_poses(stand, outline, depth, rng) if _visible(stand.rig, pose, outline)]
+        if len(fitting) >= count:
+            break
+    else:
+        tried = _ROUNDS * _CANDIDATES
+        raise ValueError(f"only {len(fitting)} of {tried} random poses fit into both photographs, expected {count}")
     covered = np.array([_cells_covered(stand.rig, pose, board) for pose in fitting], dtype=float)
     return [fitting[i] for i in _evenly_covering(covered, count)]
 

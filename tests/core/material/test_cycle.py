@@ -3,7 +3,7 @@ import itertools
 import numpy as np
 import pytest
 
-from dicflow.core.material.cycle import cycle_of, propagated, secant_modulus, tangent_modulus, work_along
+from dicflow.core.material.cycle import cycle_of, peak_of, propagated, secant_modulus, tangent_modulus, work_along
 from dicflow.core.material.models import MODELS
 from dicflow.core.material.modes import principal_stretches
 from dicflow.core.material.response import stress_in_mode
@@ -64,6 +64,28 @@ def test_a_cycle_that_ends_under_load_counts_above_its_last_stretch():
     assert not found.is_closed
     assert found.loop == pytest.approx(0.5 * 0.25 / 2)
     assert found.set == pytest.approx(1.5 - 1.25)
+
+
+def test_set_under_load_is_that_between_the_steps_of_loading():
+    """Straight lines between seven steps would miss it by 0.005, since the curve is bent."""
+    stretch = np.linspace(1, 2.2, 8)
+    last = 1.12
+    found = cycle_of(np.r_[stretch, 1.6, last + 0.03], np.r_[loading(stretch), 0.3, loading(np.array([last]))])
+    assert found.set == pytest.approx(0.03, abs=0.001)
+
+
+def test_a_load_that_is_held_belongs_to_loading():
+    assert peak_of(np.array([0.0, 1.0, 2.0, 2.0, 1.0])) == 3
+    assert peak_of(np.array([np.nan, -1.0, -2.0, -2.0, np.nan])) == 3
+
+
+def test_compression_is_the_mirror_of_tension():
+    up = np.array([1.0, 0.9, 0.8, 0.85, 0.95])
+    stress = np.array([0.0, -0.3, -0.8, -0.4, 0.0])
+    found = cycle_of(up, stress)
+    assert found.loading == pytest.approx(-work_along(-up[:3], stress[:3]))
+    assert found.loop > 0.0
+    assert found.set == pytest.approx(-0.05)
 
 
 def test_loading_alone_has_no_loop():
