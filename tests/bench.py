@@ -162,7 +162,9 @@ def _runs(data: Path) -> Iterator[Figure]:
     two, one = computed(data, fresh("bench_two"), 2), computed(data, fresh("bench_one"), 1)
     stages = two.said["stage_s"] + two.said["remake_s"]
     yield Figure("one worker / two workers, same run", one.said["seconds"] / two.said["seconds"], 1.7, at_least=True)
-    yield Figure("engine / stages, one worker", one.said["engine_s"] / (one.said["stage_s"] + one.said["remake_s"]), 0.1)
+    yield Figure(
+        "engine / stages, one worker", one.said["engine_s"] / (one.said["stage_s"] + one.said["remake_s"]), 0.1
+    )
     yield Figure("engine / stages, two workers", two.said["engine_s"] / stages, 0.1)
     yield Figure("making again what is not kept / stages", two.said["remake_s"] / stages)
     short, long = (computed(of_length(data, steps), fresh(f"bench_{steps}"), 2) for steps in (8, 40))

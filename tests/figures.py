@@ -19,7 +19,7 @@ WORK = ROOT / "build" / "figures"
 
 
 def report(figures: Iterable[Figure]) -> int:
-    """Print the machine and the table, each line as soon as it is measured; returns the exit code, 1 where a bar is missed."""
+    """Print the machine and the table, each line as soon as it is measured; returns 1 where a bar is missed, else 0."""
     print(f"\n{platform.processor() or platform.machine()}, Python {platform.python_version()}", flush=True)
     return print_figures(figures)
 

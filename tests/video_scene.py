@@ -15,7 +15,21 @@ from dicflow.core.synthetic.speckle import Speckles, scatter_speckles
 from dicflow.core.synthetic.stand import Stand, board_poses, in_right_frame, verged_stand
 from dicflow.io.images.quiet import quiet
 
-__all__ = ["DURATION", "LENGTH", "FIELD", "SIDES", "SQUARE", "START", "WIDTH", "Film", "film", "write_boards", "write_video", "write_videos", "write_videos_of_boards"]
+__all__ = [
+    "DURATION",
+    "FIELD",
+    "LENGTH",
+    "SIDES",
+    "SQUARE",
+    "START",
+    "WIDTH",
+    "Film",
+    "film",
+    "write_boards",
+    "write_video",
+    "write_videos",
+    "write_videos_of_boards",
+]
 
 SIZE, FIELD = (480, 360), 60.0
 LENGTH, WIDTH, OVERHANG = 44.0, 40.0, 4.0

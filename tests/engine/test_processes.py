@@ -224,7 +224,9 @@ def test_a_run_without_workers_fails_with_one_error_and_names_what_to_do(folder,
     result = run_sync(chain(folder), store, scheduler="processes", workers=2)
     assert result.counts == {"hit": 0, "computed": 0, "failed": 1, "skipped": 23}
     (error,) = result.errors
-    assert error == "read/step_01: no worker process starts, tried 2 times; 'dicflow run --scheduler threads' needs none"
+    assert (
+        error == "read/step_01: no worker process starts, tried 2 times; 'dicflow run --scheduler threads' needs none"
+    )
     monkeypatch.undo()
     assert run_sync(chain(folder), store, scheduler="processes").ok
 

@@ -134,7 +134,13 @@ def test_a_loggers_decimal_commas_and_a_clock_that_is_off(tmp_path):
 
 @pytest.mark.parametrize(
     ("shown", "zone", "utc_offset"),
-    [(0.0, "", 3600.0), (0.0, "+01:00", 3600.0), (-3600.0, "Z", 3600.0), (0.0, "+01:00", None), (7200.0, "+0300", 3600.0)],
+    [
+        (0.0, "", 3600.0),
+        (0.0, "+01:00", 3600.0),
+        (-3600.0, "Z", 3600.0),
+        (0.0, "+01:00", None),
+        (7200.0, "+0300", 3600.0),
+    ],
 )
 def test_clocks_of_one_place_agree_whether_they_show_their_time_zone_or_not(tmp_path, shown, zone, utc_offset):
     """Photographs of a clock one hour before UTC, as phones write it, and logs of that place, of UTC and of another."""
