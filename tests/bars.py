@@ -7,8 +7,8 @@ from typing import NamedTuple
 
 __all__ = ["Figure", "print_figures"]
 
-_WIDTH = 72
-"""Of the names of quantities."""
+WIDTH = 64
+"""Columns for the name of a quantity."""
 
 
 class Figure(NamedTuple):
@@ -29,12 +29,17 @@ class Figure(NamedTuple):
 
 
 def print_figures(figures: Iterable[Figure]) -> int:
-    """Print the table, each line as soon as it is measured; returns the exit code, 1 where a bar is missed."""
-    print(f"{'quantity':<{_WIDTH}}  {'bar':>12}  {'measured':>12}", flush=True)
-    code = 0
+    """Print each figure as it comes, and once more those that miss their bar; returns 1 where there are any, else 0."""
+    print(f"{'quantity':<{WIDTH}}  {'bar':>12}  {'measured':>12}", flush=True)
+    missed = []
     for figure in figures:
-        bar = "" if figure.bar is None else f"{'≥' if figure.at_least else '≤'} {figure.bar:.4g}"
-        line = f"{figure.quantity:<{_WIDTH}}  {bar:>12}  {figure.measured:>12.4g} {figure.unit:<4} {figure.verdict}"
-        print(line.rstrip(), flush=True)
-        code |= figure.verdict == "MISSED"
-    return int(code)
+        print(_row(figure), flush=True)
+        missed += [figure] if figure.verdict == "MISSED" else []
+    if missed:
+        print("\nmissed:", *map(_row, missed), sep="\n", flush=True)
+    return int(bool(missed))
+
+
+def _row(figure: Figure) -> str:
+    bar = "" if figure.bar is None else f"{'≥' if figure.at_least else '≤'} {figure.bar:.4g}"
+    return f"{figure.quantity:<{WIDTH}}  {bar:>12}  {figure.measured:>12.4g} {figure.unit:<4} {figure.verdict}".rstrip()

@@ -27,6 +27,7 @@ from tests.long_result import environment, long_results
 
 STEPS = (22, 200, 3000)
 MOST_MB, PAINT_MS, CHANGE_MS, HOVER_MS, FRAME_MS = 500.0, 2000.0, 150.0, 50.0, 50.0
+"""Of the longest quantity."""
 EXPLORER = "document.querySelector('.fields').explorer"
 CHANGED = f"""
 async () => {{

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import platform
 import shutil
 import sys
@@ -19,9 +20,17 @@ WORK = ROOT / "build" / "figures"
 
 
 def report(figures: Iterable[Figure]) -> int:
-    """Print the machine and the table, each line as soon as it is measured; returns 1 where a bar is missed, else 0."""
-    print(f"\n{platform.processor() or platform.machine()}, Python {platform.python_version()}", flush=True)
+    """Print the machine and the figures as they come; returns the exit code, 1 where a bar is missed."""
+    print(f"\n{_processor()}, {os.cpu_count()} cores, Python {platform.python_version()}", flush=True)
     return print_figures(figures)
+
+
+def _processor() -> str:
+    """What the processor is called, as far as the system says."""
+    names = Path("/proc/cpuinfo")
+    lines = names.read_text().splitlines() if names.is_file() else []
+    models = [line.split(":", 1)[1].strip() for line in lines if line.startswith("model name")]
+    return models[0] if models else platform.processor() or platform.machine()
 
 
 def replica(experiment: int) -> Path:
