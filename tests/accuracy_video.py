@@ -1,8 +1,9 @@
 """Two VP9 videos of a test, 600 frames at 30/s and 500 at 25/s, 0.37 s apart, from ``init`` to the report.
 
 ``python -m tests.accuracy_video [FOLDER]`` renders them, runs the two commands, and prints how far the clocks'
-offset and the extensometer's strain are from the truth. It ends with 1 where the offset differs by more than 0.3
-frames, or the strain by more than 0.2 % of its largest value, root mean square over the steps.
+offset and the extensometer's strain are from the truth: at every step, as a share of the largest strain. Small strains
+have the same errors, by the codec's noise in the first frame and in each other one, and so larger relative ones, which
+are printed without a bar. It takes about 5 min of processor time, most of it to write VP9.
 """
 
 from __future__ import annotations
@@ -51,10 +52,12 @@ def figures(folder: Path) -> Iterator[Figure]:
     strains = _strains(folder, scene)
     yield Figure("steps", len(strains.found))
     yield Figure("strain in the end", strains.truth[-1])
-    yield Figure(
-        "strain, error over the largest: root mean square", 100 * np.sqrt((strains.errors**2).mean()), 0.2, unit="%"
-    )
-    yield Figure("... largest of all steps", 100 * np.abs(strains.errors).max(), unit="%")
+    errors, large = 100 * np.abs(strains.errors), strains.truth >= strains.truth.max() / 2.0
+    yield Figure("strain, error over the largest strain: largest of all steps", errors.max(), 0.2, unit="%")
+    yield Figure("  root mean square", np.sqrt((errors**2).mean()), 0.2, unit="%")
+    relative = errors[large] * strains.truth.max() / strains.truth[large]
+    yield Figure("  over the strain of the step, from half of the largest on: largest", relative.max(), unit="%")
+    yield Figure("  root mean square", np.sqrt((relative**2).mean()), 0.2, unit="%")
     yield Figure("report", _report(folder), 15.0, unit="MB")
 
 

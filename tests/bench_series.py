@@ -22,8 +22,8 @@ from tests.figures import fresh, report
 from tests.video_scene import DURATION, FIELD, LENGTH, SIDES, SQUARE, START, WIDTH, Film, film, write_boards
 
 SHORT, FURTHER = 22, 100
-POINTS = 16
-"""Across the strip, and about as many along it."""
+ACROSS = 16
+"""Points across the strip, and about as many along it."""
 NOISE = 1.5
 PIPELINE = """\
 dicflow: 1
@@ -46,7 +46,7 @@ def figures(steps: int = 3000, height: int = 240) -> Iterator[Figure]:
     """Time, memory and room of a run of so many steps."""
     folder, size = fresh("bench_series"), (4 * height // 3, height)
     scene = film(0.0, size)
-    path = _write(folder, scene, size)
+    path = write_pipeline(folder, scene, ACROSS)
     photographs = _photographs(folder, scene, steps + 1)
     cost([DICFLOW, "warm"])  # which is not measured
     runs = []
@@ -65,14 +65,18 @@ def figures(steps: int = 3000, height: int = 240) -> Iterator[Figure]:
     yield Figure("  of it computed", one.said["counts"]["computed"])
 
 
-def _write(folder: Path, scene: Film, size: tuple[int, int]) -> Path:
-    """The pipeline file and photographs of the board."""
+def write_pipeline(folder: Path, scene: Film, across: int) -> Path:
+    """A pipeline file of the precise form, photographs of the board, and folders for others.
+
+    across : points across the strip
+    """
     write_boards(folder, scene)
     for side in SIDES:
         (folder / side).mkdir()
+    size = scene.stand.rig.left.size
     pixels = size[1] / FIELD
     middle, half = np.array(size) / 2.0, 0.42 * pixels * np.array([WIDTH, LENGTH])
-    step = round(0.84 * WIDTH * pixels / (POINTS - 1))
+    step = round(0.84 * WIDTH * pixels / (across - 1))
     along = 0.3 * LENGTH * pixels
     text = PIPELINE.format(
         square=SQUARE,
@@ -88,12 +92,22 @@ def _write(folder: Path, scene: Film, size: tuple[int, int]) -> Path:
 
 
 def _photographs(folder: Path, scene: Film, steps: int) -> Iterator[None]:
-    """Write one pair after the other; their names end with the time [ms]."""
+    """Write one pair after the other."""
     for number, time in enumerate(np.linspace(START, START + DURATION, steps)):
-        for side, name in enumerate(SIDES):
-            file = folder / name / f"{name}_{round(1000 * time):06d}.png"
-            cv2.imwrite(str(file), scene.take(side, time, NOISE, number))
+        for path, content in pair(folder, scene, time, number):
+            path.write_bytes(content)
         yield
+
+
+def pair(folder: Path, scene: Film, time: float, number: int) -> list[tuple[Path, bytes]]:
+    """Files of both photographs at a time [s], and their contents. number : of their noise"""
+    return [
+        (
+            folder / name / f"{name}_{round(1000 * time):06d}.png",
+            cv2.imencode(".png", scene.take(side, time, NOISE, number))[1].tobytes(),
+        )
+        for side, name in enumerate(SIDES)
+    ]
 
 
 def _run(path: Path, photographs: Iterator[None]) -> Cost:

@@ -11,18 +11,32 @@ import sys
 from collections.abc import Iterator, Sequence
 from statistics import median
 
+import numpy as np
+
 from dicflow.pipeline import Pipeline
+from dicflow.pipeline.watching import Measured
+from tests import bench_series
 from tests.bars import Figure
 from tests.fed_folder import Arrival, feed, pairs, watched, write_pipeline
 from tests.figures import fresh, report
+from tests.video_scene import DURATION, START, film
+from tests.waiting import until
 
 __all__ = ["figures"]
 
 PAIRS, INTERVAL_S = 100, 1.0
 PAUSE_S, LATE_S = 0.4, 0.6
+LARGE, ACROSS, LARGE_PAIRS = (2592, 1944), 105, 8
+"""Size of large photographs [px], points across the strip, and number of pairs."""
 
 
 def figures(count: int = PAIRS) -> Iterator[Figure]:
+    """Both parts."""
+    yield from fed(count)
+    yield from large()
+
+
+def fed(count: int) -> Iterator[Figure]:
     """Products that differ from those of a run, and the time from a small photograph to its value [s]."""
     folder = fresh("bench_watch")
     pipeline = write_pipeline(folder / "watched")
@@ -43,6 +57,28 @@ def _arrivals(taken: Sequence[tuple[Arrival, Arrival]]) -> Iterator[Arrival]:
         late_s = LATE_S if number % 5 == 2 else 0.0
         yield left._replace(after_s=INTERVAL_S - pause_s - late_s, pause_s=pause_s)
         yield right._replace(after_s=late_s)
+
+
+def large() -> Iterator[Figure]:
+    """The time from a large pair to its value, of each pair but the first, which has none."""
+    folder, scene = fresh("bench_watch_large"), film(0.0, LARGE)
+    pipeline = bench_series.write_pipeline(folder, scene, ACROSS)
+    times = np.linspace(START, START + DURATION, LARGE_PAIRS)
+    taken = [bench_series.pair(folder, scene, time, number) for number, time in enumerate(times)]
+
+    def act(measured: list[Measured], notes: list[str]) -> None:
+        for number, files in enumerate(taken, start=1):
+            for path, content in files:
+                path.write_bytes(content)
+            until(lambda: len(measured) == number)  # noqa: B023  waits here
+
+    result, measured, _ = watched(pipeline, act, LARGE_PAIRS, workers=2)
+    after = [one.after_s for one in measured[1:] if one.readings]
+    points = int((result.product("total", result.steps("total")[-1])["status"] == 0).sum())
+    yield Figure("points of a pair of 5 megapixels", points, 12_000, at_least=True)
+    yield Figure("pairs with a value", len(after), LARGE_PAIRS - 1, at_least=True)
+    yield Figure("value after such a pair, median", median(after), 3.0, unit="s")
+    yield Figure("  longest", max(after), 3.0, unit="s")
 
 
 if __name__ == "__main__":

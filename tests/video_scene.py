@@ -17,8 +17,8 @@ from dicflow.io.images.quiet import quiet
 
 __all__ = [
     "DURATION",
-    "LENGTH",
     "FIELD",
+    "LENGTH",
     "SIDES",
     "SQUARE",
     "START",

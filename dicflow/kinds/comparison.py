@@ -5,15 +5,48 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, ClassVar
 
-from dicflow.engine.product import Product
-from dicflow.kinds.kind import Layout, Table
+from dicflow.engine.product import Product, Variable
+from dicflow.kinds.kind import Kind, Layout, Table
 
 if TYPE_CHECKING:
     import numpy as np
 
-__all__ = ["Comparison"]
+__all__ = ["Comparison", "FieldStrain"]
 
 _UNITS = {"_mm": "mm", "_px": "px", "_pct": "%", "_g": "g"}
+
+
+class FieldStrain(Kind):
+    """What a comparison needs of the field at one step."""
+
+    KINDS: ClassVar = ("field_strain",)
+
+    @classmethod
+    def write(cls, mean: float, measure: str, follows_material: bool) -> Product:
+        """A product of one number.
+
+        mean : strain along the load; NaN without measured points
+        measure, follows_material : of the total
+        """
+        import numpy as np
+
+        facts = {"measure": measure, "follows_material": follows_material}
+        return Product("field_strain", {"mean": Variable(("number",), np.array([mean]))}, facts)
+
+    @property
+    def mean(self) -> float:
+        """Mean strain along the load; NaN without measured points."""
+        return float(self["mean"][0])
+
+    @property
+    def measure(self) -> str:
+        """Measure of strain of the total."""
+        return str(self.product.attrs["measure"])
+
+    @property
+    def follows_material(self) -> bool:
+        """Whether the total follows material points."""
+        return bool(self.product.attrs["follows_material"])
 
 
 class Comparison(Table):

@@ -11,7 +11,7 @@ from dicflow.engine.node import At, InputFile, Node, Port, Scope, parameter
 from dicflow.engine.product import Product
 from dicflow.errors import ConfigurationError, InputError, StageError
 from dicflow.kinds.cloud import Cloud
-from dicflow.kinds.comparison import Comparison
+from dicflow.kinds.comparison import Comparison, FieldStrain
 from dicflow.kinds.probes import ProbeTable
 from dicflow.kinds.total import Total
 from dicflow.kinds.track import Track
@@ -85,6 +85,15 @@ class Compare(Node):
         if measure != "engineering":
             raise ConfigurationError(_OTHER_MEASURE.format(measure))
 
+    def look(self, total: Product) -> Product:
+        """Mean strain of the field at one step."""
+        import numpy as np
+
+        field, strain = Total.read(total), total[{"y": "eyy", "x": "exx"}[self.axis]]
+        known = np.isfinite(strain)
+        mean = float(strain[known].mean()) if known.any() else math.nan
+        return FieldStrain.write(mean, field.measure, field.follows_material)
+
     def run(
         self,
         caliper_path: Path,
@@ -96,9 +105,10 @@ class Compare(Node):
         from dicflow.io.caliper import read_caliper
 
         caliper = read_caliper(caliper_path)
-        field_strain = None if total is None else _field_strain(total, {"y": "eyy", "x": "exx"}[self.axis])
-        if self.extensometer is None and track is None and total is not None and field_strain is not None:
-            _refuse_thesis(total)
+        seen = [FieldStrain.read(product) for product in total or ()]
+        field_strain = None if total is None else _field_strain(seen)
+        if self.extensometer is None and track is None and field_strain is not None:
+            _refuse_thesis(seen)
             lengths, unit, chosen = {"field": caliper.length_mm[0] * (1.0 + field_strain)}, "mm", "field"
         else:
             lengths, unit = self._lengths(track, cloud, probes)
@@ -211,21 +221,19 @@ def _percent(error: np.ndarray, truth: np.ndarray) -> np.ndarray:
     return np.where((truth == 0.0) & (error == 0.0), 0.0, 100.0 * error / whole)
 
 
-def _field_strain(total: Sequence[Product], measure: str) -> np.ndarray:
+def _field_strain(seen: Sequence[FieldStrain]) -> np.ndarray:
     """Mean strain of the field at every step; 0 at the first, NaN without measured points."""
     import numpy as np
 
-    measures = {Total.read(product).measure for product in total}
+    measures = {one.measure for one in seen}
     if measures - {"engineering"}:
         raise StageError(_OTHER_MEASURE.format(", ".join(measures)))
-    fields = (product[measure] for product in total)
-    means = [float(field[np.isfinite(field)].mean()) if np.isfinite(field).any() else math.nan for field in fields]
-    return np.array([0.0, *means])
+    return np.array([0.0, *(one.mean for one in seen)])
 
 
-def _refuse_thesis(total: Sequence[Product]) -> None:
+def _refuse_thesis(seen: Sequence[FieldStrain]) -> None:
     """Raise StageError for the thesis's totals: sums on a grid that does not move are not the strain of a length."""
-    if not all(Total.read(product).follows_material for product in total):
+    if not all(one.follows_material for one in seen):
         raise StageError(
             "a caliper measures engineering strain, but the total has the thesis's; "
             "set definition: material, or compare a length of the track"

@@ -3,6 +3,7 @@ import json
 import numpy as np
 import pytest
 from analytic import affine, cloud, run_all, track, tracks
+from looking import ran
 
 from dicflow.engine.product import Product, Variable
 from dicflow.errors import ConfigurationError, InputError, StageError
@@ -91,7 +92,8 @@ def test_one_camera_compares_strain_only(tmp_path):
 def test_mean_strain_of_the_field_stands_beside(tmp_path):
     path = table(tmp_path)
     totals = [total for _, _, total in run_all(TOTALS, [cloud()] * 4)]
-    result = Compare(caliper=str(path)).run(track=tracks(TOTALS), cloud=[cloud()] * 4, total=totals, caliper_path=path)
+    given = {"track": tracks(TOTALS), "cloud": [cloud()] * 4, "total": totals}
+    result = ran(Compare(caliper=str(path)), **given, caliper_path=path)
     assert np.allclose(result["field_strain"], np.array(LENGTHS) / 12 - 1)
 
 
@@ -191,14 +193,14 @@ def test_without_a_track_the_mean_strain_of_the_field_is_compared(tmp_path):
     strains = [length / LENGTHS[0] - 1.0 for length in LENGTHS[1:]]
     field = np.array([[-1e-3, np.nan], [1e-3, 0.0]])
     total = [Product("total", {"eyy": Variable(("row", "col"), strain + field)}, PRECISE) for strain in strains]
-    found = Compare(caliper=str(path)).run(total=total, caliper_path=path)
+    found = ran(Compare(caliper=str(path)), total=total, caliper_path=path)
     assert found.attrs["length"] == "field"
     assert found["dic_strain"] == pytest.approx([0.0, *strains])
     other = [Product("total", total[0].variables, {**PRECISE, "measure": "hencky"})] * len(total)
     with pytest.raises(StageError, match="hencky; set measure: engineering"):
-        Compare(caliper=str(path)).run(total=other, caliper_path=path)
+        ran(Compare(caliper=str(path)), total=other, caliper_path=path)
     thesis = [Product("total", total[0].variables, {"definition": "thesis"})] * len(total)
     with pytest.raises(StageError, match=r"thesis.* definition: material"):
-        Compare(caliper=str(path)).run(total=thesis, caliper_path=path)
+        ran(Compare(caliper=str(path)), total=thesis, caliper_path=path)
     with pytest.raises(StageError, match=r"4 rows .*3 steps"):
-        Compare(caliper=str(path)).run(total=total[1:], caliper_path=path)
+        ran(Compare(caliper=str(path)), total=total[1:], caliper_path=path)

@@ -42,7 +42,7 @@ class Joined(NamedTuple):
 
     offset : time on the first clock where the second one shows 0 [s]
     u : standard uncertainty [s]
-    next_best : how many times more of the motion another offset leaves unexplained; near 1 if it repeats itself
+    next_best : how many times more of the motion another offset leaves unexplained; 1 and less if it repeats itself
     """
 
     offset: float
@@ -65,16 +65,18 @@ def principal_motions(cells: np.ndarray) -> np.ndarray:
 def join_clocks(one: Signal, other: Signal) -> Joined | None:
     """The offset at which both cameras saw the same.
 
-    With L(t) the first signal, R the second: minimise over τ what R(t − τ) leaves after its projection upon
+    With L(t) the first signal, R the second: s(τ) is what R(t − τ) leaves after its projection upon
     [1, t, L(t), L₁(t)²], as a share of what it leaves after that upon [1, t]. A common scale, another view of the same
-    motion and a slow drift have no effect then. Returns None where nothing varies in both.
+    motion and a slow drift have no effect then. The offset is the likeliest one: −n(τ) log s(τ) is largest, where n
+    samples were seen by both. A small share alone says little, since few samples are explained easily. Returns None
+    where nothing varies in both.
     """
     search = _Search(*(_thinned(signal) for signal in (one, other)))
     offsets = search.candidates()
     shares = np.array([search.unexplained(offset) for offset in offsets])
     if not np.isfinite(shares).any():
         return None
-    best = int(np.nanargmin(shares))
+    best = int(np.nanargmax(-np.log(np.maximum(shares, 1e-12)) * search.samples(offsets)))
     fine = _Search(one, other)
     step = offsets[1] - offsets[0] if offsets.size > 1 else 0.0
     found = minimize_scalar(
@@ -123,6 +125,10 @@ class _Search:
         step = 0.5 * min(np.ptp(one) / (one.size - 1), np.ptp(other) / (other.size - 1))
         return np.arange(one[0] - other[-1] + shared, one[-1] - other[0] - shared + step, step)
 
+    def samples(self, offsets: np.ndarray) -> np.ndarray:
+        """How many samples of the first camera lie within what the second one saw, for each offset."""
+        return np.array([self._inside(offset).sum() for offset in offsets])
+
     def unexplained(self, offset: float) -> float:
         """The share of what the second camera saw that the first one does not explain; NaN where nothing varies."""
         parts = self._parts(offset)
@@ -159,7 +165,7 @@ class _Search:
         values = self._one.values[inside]
         if self._spline is None or count < 8 + 2 * values.shape[1]:
             return None
-        times = np.linspace(-1.0, 1.0, count)
+        times = np.interp(self._one.times[inside], self._one.times[inside][[0, -1]], [-1.0, 1.0])
         slow = np.stack([np.ones(count), times], axis=1)
         strongest = values[:, :1] - values[:, :1].mean()
         known = np.concatenate([slow, values, strongest**2], axis=1)

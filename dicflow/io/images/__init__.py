@@ -40,9 +40,9 @@ __all__ = [
     "selected",
     "steps_of",
     "time_taken",
-    "utc_offset_of",
     "turned_upright",
     "upright_size",
+    "utc_offset_of",
     "video_of",
     "video_sentences",
 ]
