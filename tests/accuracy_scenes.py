@@ -65,7 +65,7 @@ def main() -> int:
     parser.add_argument("scenes", nargs="*", metavar="SCENE", help=f"of {', '.join(SCENES)}; all by default")
     parser.add_argument("--set", action="append", default=[], metavar="STAGE.PARAMETER=VALUE", help="another setting")
     given = parser.parse_args()
-    return print_figures(list(scenes(given.scenes or SCENES, given.set)))
+    return print_figures(scenes(given.scenes or SCENES, given.set))
 
 
 if __name__ == "__main__":

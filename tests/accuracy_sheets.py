@@ -189,4 +189,4 @@ if __name__ == "__main__":
 
     from tests.figures import report
 
-    sys.exit(report(list(sheets())))
+    sys.exit(report(sheets()))

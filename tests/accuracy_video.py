@@ -94,6 +94,6 @@ if __name__ == "__main__":
     if len(sys.argv) > 1:
         place = Path(sys.argv[1])
         place.mkdir(parents=True, exist_ok=True)
-        sys.exit(print_figures(list(figures(place))))
+        sys.exit(print_figures(figures(place)))
     with tempfile.TemporaryDirectory() as temporary:
-        sys.exit(print_figures(list(figures(Path(temporary)))))
+        sys.exit(print_figures(figures(Path(temporary))))

@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable
 from typing import NamedTuple
 
 __all__ = ["Figure", "print_figures"]
+
+WIDTH = 64
+"""Columns for the name of a quantity."""
 
 
 class Figure(NamedTuple):
@@ -25,11 +28,18 @@ class Figure(NamedTuple):
         return "ok" if met else "MISSED"
 
 
-def print_figures(figures: Sequence[Figure]) -> int:
-    """Print the table; returns the exit code, 1 where a bar is missed."""
-    width = max(len(figure.quantity) for figure in figures)
-    print(f"{'quantity':<{width}}  {'bar':>12}  {'measured':>12}")
+def print_figures(figures: Iterable[Figure]) -> int:
+    """Print each figure as it comes, and once more those that miss their bar; returns 1 where there are any, else 0."""
+    print(f"{'quantity':<{WIDTH}}  {'bar':>12}  {'measured':>12}", flush=True)
+    missed = []
     for figure in figures:
-        bar = "" if figure.bar is None else f"{'≥' if figure.at_least else '≤'} {figure.bar:.4g}"
-        print(f"{figure.quantity:<{width}}  {bar:>12}  {figure.measured:>12.4g} {figure.unit:<4} {figure.verdict}")
-    return int(any(figure.verdict == "MISSED" for figure in figures))
+        print(_row(figure), flush=True)
+        missed += [figure] if figure.verdict == "MISSED" else []
+    if missed:
+        print("\nmissed:", *map(_row, missed), sep="\n", flush=True)
+    return int(bool(missed))
+
+
+def _row(figure: Figure) -> str:
+    bar = "" if figure.bar is None else f"{'≥' if figure.at_least else '≤'} {figure.bar:.4g}"
+    return f"{figure.quantity:<{WIDTH}}  {bar:>12}  {figure.measured:>12.4g} {figure.unit:<4} {figure.verdict}".rstrip()

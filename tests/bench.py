@@ -21,6 +21,7 @@ import psutil
 
 from tests import bench_correlation, bench_flow, bench_pictures, bench_planning, bench_run, bench_stereo, bench_waits
 from tests.bars import Figure
+from tests.data_folder import SHARED
 from tests.figures import ROOT, WORK, forth_and_back, fresh, replica, report
 
 PIPELINE = ROOT / "pipelines" / "latex_experiment_1.yaml"
@@ -116,56 +117,76 @@ def size_of(folder: Path) -> int:
     return sum(path.stat().st_size for path in folder.rglob("*") if path.is_file())
 
 
-def main() -> int:
+def cold_and_warm(data: Path) -> Iterator[Figure]:
+    """The thesis form with pictures from an empty store, and again with nothing to do."""
+    store, output = fresh("bench"), fresh("bench_out")
+    folders = ["--data", str(data), "--store", str(store), "--output", str(output)]
+    command = [DICFLOW, "run", str(PIPELINE), *folders, "--json"]
+    cold, warm = cost(command), min((cost(command) for _ in range(3)), key=lambda run: run.seconds)
+    yield Figure("cold run with pictures, 2 workers", cold.seconds, 150, unit="s")
+    yield Figure("store", size_of(store) / 1e9, 1.5, unit="GB")
+    yield Figure("run with nothing to do, whole process", warm.seconds, 1.5, unit="s")
+    yield Figure("  of it computed", warm.said["counts"]["computed"], 0)
+
+
+def workers(data: Path) -> Iterator[Figure]:
+    """Two workers against one, the engine's share, and memory over the number of steps."""
+    two, one = computed(data, fresh("bench_two"), 2), computed(data, fresh("bench_one"), 1)
+    yield Figure("one worker / two workers, same run", one.said["seconds"] / two.said["seconds"], 1.7, at_least=True)
+    yield Figure("engine / stages, one worker", one.said["engine_s"] / stage_seconds(one), 0.1)
+    yield Figure("engine / stages, two workers", two.said["engine_s"] / stage_seconds(two), 0.1)
+    yield Figure("making again what is not kept / stages", two.said["remake_s"] / stage_seconds(two))
+    short, long = (computed(of_length(data, steps), fresh(f"bench_{steps}"), 2) for steps in (8, 40))
+    yield Figure("peak memory, 22 steps / 8 steps", two.peak_bytes / short.peak_bytes)
+    yield Figure("peak memory, 40 steps / 22 steps", long.peak_bytes / two.peak_bytes)
+
+
+def memory(data: Path) -> Iterator[Figure]:
+    """Most memory of whole runs, resident sizes added up; the bars are what version 0.1 took, taken alike."""
+    runs = [("replica, precise form", PRECISE, data, 1.22), ("replica, thesis form", PIPELINE, data, 1.52)]
+    if (SHARED / "d_specimen").is_dir():
+        pairs = ROOT / "pipelines" / "precise_d_specimen.yaml"
+        runs.insert(0, ("two cameras, 7 real pairs", pairs, SHARED / "d_specimen", 1.42))
+    for name, pipeline, photographs, bar in runs:
+        folder = fresh("bench_memory")
+        arguments = ["--data", photographs, "--store", folder / "store", "--output", folder / "output"]
+        taken = cost([DICFLOW, "run", *map(str, (pipeline, *arguments))])
+        yield Figure(f"{name}: most memory", taken.peak_bytes / 1e9, bar, unit="GB")
+
+
+def stage_seconds(run: Cost) -> float:
+    """Seconds of all stages, those included that were done again."""
+    return float(run.said["stage_s"] + run.said["remake_s"])
+
+
+def precise_form(data: Path) -> Iterator[Figure]:
+    """The precise form: seconds, memory over the number of steps, its report and pictures."""
+    lengths = (of_length(data, steps) for steps in (8, 22, 40))
+    short, whole, long = (computed(series, fresh(f"bench_{series.name}"), 2, PRECISE) for series in lengths)
+    yield Figure("precise form: cold run of 22 steps", whole.seconds, unit="s")
+    yield Figure("precise form: peak memory", whole.peak_bytes / 2**30, 2, unit="GiB")
+    yield Figure("precise form: peak memory, 22 steps / 8 steps", whole.peak_bytes / short.peak_bytes)
+    yield Figure("precise form: peak memory, 40 steps / 22 steps", long.peak_bytes / whole.peak_bytes)
+    yield from reports(WORK / "replica_22_steps", WORK / "bench_replica_22_steps")
+    yield from bench_pictures.figures(WORK / "replica_22_steps", WORK / "bench_replica_22_steps")
+
+
+def figures() -> Iterator[Figure]:
+    """All of them; what a person waits for comes first."""
     data = replica(1)
     computed(of_length(data, 3), fresh("bench_first"), 2)  # compiles the kernels, which is not measured
-    two, one = computed(data, fresh("bench_two"), 2), computed(data, fresh("bench_one"), 1)
-    store, output = fresh("bench"), fresh("bench_out")
-    command = [
-        DICFLOW,
-        "run",
-        str(PIPELINE),
-        "--data",
-        str(data),
-        "--store",
-        str(store),
-        "--output",
-        str(output),
-        "--json",
-    ]
-    cold, warm = cost(command), min((cost(command) for _ in range(3)), key=lambda run: run.seconds)
-    helped = min((cost([DICFLOW, "--help"]) for _ in range(3)), key=lambda run: run.seconds)
-    short, long = (computed(of_length(data, steps), fresh(f"bench_{steps}"), 2) for steps in (8, 40))
-    precise = [computed(of_length(data, steps), fresh(f"bench_{steps}"), 2, PRECISE) for steps in (8, 22, 40)]
-    stages = two.said["stage_s"] + two.said["remake_s"]
-    return report([
-        *bench_correlation.speed(),
-        *bench_correlation.growth(),
-        *bench_run.waits(),
-        *bench_waits.figures(),
-        *bench_stereo.step_cost(),
-        *bench_planning.figures(),
-        *bench_flow.figures(),
-        Figure("cold run with pictures, 2 workers", cold.seconds, 150, unit="s"),
-        Figure("peak memory over all processes", cold.peak_bytes / 2**30, 2, unit="GiB"),
-        Figure("store", size_of(store) / 1e9, 1.5, unit="GB"),
-        Figure("one worker / two workers, same run", one.said["seconds"] / two.said["seconds"], 1.7, at_least=True),
-        Figure("engine / stages, one worker", one.said["engine_s"] / (one.said["stage_s"] + one.said["remake_s"]), 0.1),
-        Figure("engine / stages, two workers", two.said["engine_s"] / stages, 0.1),
-        Figure("making again what is not kept / stages", two.said["remake_s"] / stages),
-        Figure("peak memory, 22 steps / 8 steps", two.peak_bytes / short.peak_bytes),
-        Figure("peak memory, 40 steps / 22 steps", long.peak_bytes / two.peak_bytes),
-        Figure("precise form: cold run of 22 steps", precise[1].seconds, unit="s"),
-        Figure("precise form: peak memory", precise[1].peak_bytes / 2**30, 2, unit="GiB"),
-        Figure("precise form: peak memory, 22 steps / 8 steps", precise[1].peak_bytes / precise[0].peak_bytes),
-        Figure("precise form: peak memory, 40 steps / 22 steps", precise[2].peak_bytes / precise[1].peak_bytes),
-        *reports(WORK / "replica_22_steps", WORK / "bench_22"),
-        *bench_pictures.figures(WORK / "replica_22_steps", WORK / "bench_22"),
-        Figure("run with nothing to do, whole process", warm.seconds, 1.5, unit="s"),
-        Figure("  of it computed", warm.said["counts"]["computed"], 0),
-        Figure("dicflow --help, whole process", helped.seconds, 0.5, unit="s"),
-    ])  # fmt: skip
+    yield from bench_waits.figures()
+    yield from bench_run.waits()
+    yield from memory(data)
+    yield from workers(data)
+    yield from bench_correlation.speed()
+    yield from bench_correlation.growth()
+    yield from bench_stereo.step_cost()
+    yield from bench_flow.figures()
+    yield from cold_and_warm(data)
+    yield from precise_form(data)
+    yield from bench_planning.figures()
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    sys.exit(report(figures()))

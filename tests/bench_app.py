@@ -27,6 +27,7 @@ from tests.long_result import environment, long_results
 
 STEPS = (22, 200, 3000)
 MOST_MB, PAINT_MS, CHANGE_MS, HOVER_MS, FRAME_MS = 500.0, 2000.0, 150.0, 50.0, 50.0
+"""Of the longest quantity."""
 EXPLORER = "document.querySelector('.fields').explorer"
 CHANGED = f"""
 async () => {{
@@ -208,4 +209,4 @@ def _timed(call: Callable[[], None]) -> float:
 
 if __name__ == "__main__":
     with tempfile.TemporaryDirectory() as place:
-        sys.exit(report(list(figures(Path(place)))))
+        sys.exit(report(figures(Path(place))))

@@ -54,4 +54,4 @@ def figures() -> Iterator[Figure]:
 
 
 if __name__ == "__main__":
-    sys.exit(slurm_machine.obstacle() or report(list(figures())))
+    sys.exit(slurm_machine.obstacle() or report(figures()))

@@ -71,4 +71,4 @@ def figures(folder: Path) -> Iterator[Figure]:
 
 if __name__ == "__main__":
     with tempfile.TemporaryDirectory() as place:
-        sys.exit(report(list(figures(Path(place)))))
+        sys.exit(report(figures(Path(place))))

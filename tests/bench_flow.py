@@ -129,4 +129,4 @@ def figures(steps: int = STEPS) -> Iterator[Figure]:
 
 
 if __name__ == "__main__":
-    sys.exit(report(list(figures(*map(int, sys.argv[1:])))))
+    sys.exit(report(figures(*map(int, sys.argv[1:]))))

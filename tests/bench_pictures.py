@@ -44,4 +44,4 @@ def figures(data: Path, store: Path) -> Iterator[Figure]:
 
 
 if __name__ == "__main__":
-    sys.exit(report(list(figures(replica(1), fresh("bench_pictures_store")))))
+    sys.exit(report(figures(replica(1), fresh("bench_pictures_store"))))

@@ -54,4 +54,4 @@ def _computed(folder: Path) -> None:
 
 
 if __name__ == "__main__":
-    sys.exit(report(list(figures())))
+    sys.exit(report(figures()))

@@ -142,4 +142,4 @@ def waits() -> Iterator[Figure]:
 if __name__ == "__main__":
     from tests.bars import print_figures
 
-    sys.exit(print_figures(list(waits())))
+    sys.exit(print_figures(waits()))

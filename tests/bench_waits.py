@@ -103,4 +103,4 @@ def figures() -> Iterator[Figure]:
 
 
 if __name__ == "__main__":
-    sys.exit(report(list(figures())))
+    sys.exit(report(figures()))

@@ -46,4 +46,4 @@ def _arrivals(taken: Sequence[tuple[Arrival, Arrival]]) -> Iterator[Arrival]:
 
 
 if __name__ == "__main__":
-    sys.exit(report(list(figures(*map(int, sys.argv[1:])))))
+    sys.exit(report(figures(*map(int, sys.argv[1:]))))

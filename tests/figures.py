@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+import os
 import platform
 import shutil
 import sys
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
 from typing import TypeVar
 
@@ -18,10 +19,18 @@ T = TypeVar("T")
 WORK = ROOT / "build" / "figures"
 
 
-def report(figures: Sequence[Figure]) -> int:
-    """Print the machine and the table; returns the exit code, 1 where a bar is missed."""
-    print(f"\n{platform.processor() or platform.machine()}, Python {platform.python_version()}")
+def report(figures: Iterable[Figure]) -> int:
+    """Print the machine and the figures as they come; returns the exit code, 1 where a bar is missed."""
+    print(f"\n{_processor()}, {os.cpu_count()} cores, Python {platform.python_version()}", flush=True)
     return print_figures(figures)
+
+
+def _processor() -> str:
+    """What the processor is called, as far as the system says."""
+    names = Path("/proc/cpuinfo")
+    lines = names.read_text().splitlines() if names.is_file() else []
+    models = [line.split(":", 1)[1].strip() for line in lines if line.startswith("model name")]
+    return models[0] if models else platform.processor() or platform.machine()
 
 
 def replica(experiment: int) -> Path:

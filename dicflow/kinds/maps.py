@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Container, Iterable, Mapping, Sequence
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any, ClassVar, Literal, NamedTuple
 
@@ -12,7 +12,7 @@ from dicflow.kinds.kind import Kind
 if TYPE_CHECKING:
     import numpy as np
 
-__all__ = ["MapQuantity", "Maps", "Positions", "StepRanges", "colour_range", "drawn_at", "joined_range"]
+__all__ = ["MapQuantity", "Maps", "Positions", "StepRanges", "colour_range", "drawn_at", "joined_range", "positions_in"]
 
 Positions = Literal["xyz", "xyz_reference"]
 
@@ -158,6 +158,11 @@ def drawn_at(product: Product, numbers: Sequence[int]) -> Product:
     if len(numbers) == len(product.attrs["phases"]):
         return product
     return replace(product, attrs={**product.attrs, "drawn": list(numbers)})
+
+
+def positions_in(arrays: Container[str]) -> Literal["xyz", "xy"]:
+    """The array of a total with the places of its points: those on the specimen, else those in the image."""
+    return "xyz" if "xyz" in arrays else "xy"
 
 
 LEFT_OUT_PERCENT = 0.5

@@ -30,12 +30,14 @@ __all__ = [
     "UNCERTAINTY",
     "Quantity",
     "StrainMeasure",
+    "figure_in_words",
     "further_quantity",
     "gradient_functions",
     "is_signed",
     "of_field",
     "strain_function",
     "strain_measure",
+    "symbol_of",
     "unit_of",
 ]
 
@@ -212,6 +214,13 @@ def strain_measure(name: str) -> StrainMeasure:
     return _entry(name, MEASURES, StrainMeasure, "measure of strain")
 
 
+def figure_in_words(name: str, value: float, length: str) -> str:
+    """A value of one of :data:`QUANTITIES` in a sentence: ``0.012 mm for V``. length : unit of lengths"""
+    quantity = QUANTITIES[name]
+    unit = quantity.unit_in(length)
+    return f"{value:.2g}{'' if unit == '1' else f' {unit}'} for {quantity.symbol}"
+
+
 def further_quantity(name: str) -> Quantity:
     """The quantity of a name that has a function of its own. Raises ConfigurationError for any other."""
     own = {key: quantity for key, quantity in QUANTITIES.items() if quantity.function}
@@ -278,6 +287,11 @@ def of_field(name: str) -> Quantity | None:
         return QUANTITIES.get(name)
     found = _PLUGINS.load(name)
     return found if isinstance(found, Quantity) else None
+
+
+def symbol_of(name: str) -> str:
+    """The symbol of one of :data:`QUANTITIES`; any other name stays as it is."""
+    return QUANTITIES[name].symbol if name in QUANTITIES else name
 
 
 def is_signed(name: str) -> bool:

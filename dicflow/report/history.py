@@ -11,7 +11,7 @@ from dicflow.explorer.survey import valid_share
 from dicflow.kinds.channels import Channels, named_with_unit
 from dicflow.kinds.comparison import Comparison
 from dicflow.kinds.probes import ProbeTable
-from dicflow.kinds.quantities import QUANTITIES, UNCERTAINTY
+from dicflow.kinds.quantities import UNCERTAINTY, symbol_of
 from dicflow.pipeline import Result
 from dicflow.report.context import Context
 from dicflow.report.step_summaries import step_summaries
@@ -198,10 +198,6 @@ def _column(key: str) -> Column:
     """Title and unit of a column by its key."""
     ending, bare = _ending(key), _bare(key)
     if bare.startswith("mean_"):
-        return Column(key, f"mean {_symbol(bare[5:])}", _UNITS.get(ending, "1"))
+        return Column(key, f"mean {symbol_of(bare[5:])}", _UNITS.get(ending, "1"))
     title = _TITLES.get(key) or _TITLES.get(bare) or bare.replace("u_", f"{UNCERTAINTY} of the ").replace("_", " ")
     return Column(key, title, _UNITS.get(ending, "1"))
-
-
-def _symbol(name: str) -> str:
-    return QUANTITIES[name].symbol if name in QUANTITIES else name

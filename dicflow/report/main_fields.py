@@ -9,6 +9,7 @@ from typing import NamedTuple
 
 from dicflow.explorer.manifest import Manifest, QuantityEntry
 from dicflow.kinds.kind import summary_of
+from dicflow.kinds.maps import positions_in
 from dicflow.kinds.quantities import BASIC
 from dicflow.kinds.total import Total, named_with_unit
 from dicflow.report.context import Context
@@ -53,7 +54,7 @@ def _row(one: QuantityEntry, place: int, summary: Mapping[str, float], length: s
 def _pictures(context: Context, stage: str, step: str, shown: Mapping[str, QuantityEntry]) -> list[tuple[str, str]]:
     """The maps, drawn once for the same arrays in the same colours."""
     arrays = context.result.arrays(stage, step)
-    digests = [arrays[name].digest for name in (*shown, "xyz") if name in arrays]
+    digests = [arrays[name].digest for name in (*shown, positions_in(arrays))]
     looks = [(name, one["title"], one["unit"], one["range"]) for name, one in shown.items()]
     kept = context.piece(
         ["main fields", step, json.dumps(looks), *digests],

@@ -9,7 +9,7 @@ from markupsafe import Markup
 
 from dicflow.kinds.correlation import Correlation
 from dicflow.kinds.noise_floor import NoiseFloorTable
-from dicflow.kinds.quantities import DISPLACEMENTS, QUANTITIES, STRAINS
+from dicflow.kinds.quantities import DISPLACEMENTS, STRAINS, symbol_of
 from dicflow.pipeline import Result
 from dicflow.report.context import Context, Section
 from dicflow.report.measured import pattern
@@ -60,7 +60,7 @@ _SURFACE = _Panel("Distance of the surface from its points, root mean square", "
 _FIGURES = (
     *(_Figure(_MILLIMETRES, name, "total", f"u_{name}_mm") for name in DISPLACEMENTS),
     *(_Figure(_PIXELS, name, "total", f"u_{name}_px") for name in "UV"),
-    *(_Figure(_STRAIN, QUANTITIES[name].symbol, "total", f"u_{name}") for name in STRAINS),
+    *(_Figure(_STRAIN, symbol_of(name), "total", f"u_{name}") for name in STRAINS),
     _Figure(_MISFIT, "left", "correlation", "znssd"),
     _Figure(_DISTANCES, "epipolar", "stereo", "epipolar_px"),
     _Figure(_DISTANCES, "reprojection", "points", "reprojection_px"),
@@ -221,7 +221,7 @@ def _noise_floor(result: Result) -> list[list[str]]:
     return [
         [
             row["step"],
-            f"{row['quantity']} [{'–' if row['unit'] == '1' else row['unit']}]",
+            f"{symbol_of(row['quantity'])} [{'–' if row['unit'] == '1' else row['unit']}]",
             *(number(row[name], 3) for name in ("bias", "sigma", "predicted_sigma")),
             str(row["points"]),
         ]

@@ -17,7 +17,7 @@ from dicflow.comparison.rest import (
 )
 from dicflow.kinds.kind import summary_of
 from dicflow.kinds.probes import ProbeTable
-from dicflow.kinds.quantities import QUANTITIES
+from dicflow.kinds.quantities import symbol_of
 from dicflow.kinds.total import Total
 from dicflow.pipeline import Result
 from dicflow.report.words import number, percent
@@ -80,10 +80,9 @@ def _found(result: Result, stage: str) -> AtRest | None:
 
 
 def _row(one: Scatter) -> list[str]:
-    name = QUANTITIES[one.name].symbol if one.name in QUANTITIES else one.name
     unit = "–" if one.unit == "1" else one.unit
     remark = "more than chance allows" if one.exceeds else ""
-    return [f"{name} [{unit}]", number(one.found, 3), number(one.stated, 3), f"{one.ratio:.2f}", remark]
+    return [f"{symbol_of(one.name)} [{unit}]", number(one.found, 3), number(one.stated, 3), f"{one.ratio:.2f}", remark]
 
 
 def _probe_sentence(one: Scatter, steps: int) -> str:
@@ -98,7 +97,7 @@ def _sentence(worst: Scatter, pattern: Pattern, steps: int, off_lines_px: float)
     unit = "" if worst.unit == "1" else f" {worst.unit}"
     where = "1 step" if steps == 1 else f"{steps} steps"
     text = (
-        f"At rest ({where}) {QUANTITIES[worst.name].symbol} scatters by {number(worst.found, 3)}{unit}, "
+        f"At rest ({where}) {symbol_of(worst.name)} scatters by {number(worst.found, 3)}{unit}, "
         f"{worst.ratio:.1f} times its stated σ"
     )
     is_common = pattern.common is not None and pattern.common >= _COMMON

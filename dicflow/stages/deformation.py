@@ -19,6 +19,7 @@ from dicflow.kinds.quantities import (
     MEASURES,
     QUANTITIES,
     Quantity,
+    figure_in_words,
     further_quantity,
     gradient_functions,
     strain_function,
@@ -302,7 +303,8 @@ class Deformation(Node):
         """Settings of the computation, and the virtual strain gauge."""
         import numpy as np
 
-        from dicflow.core.strain.deformation_gradient import pixel_size_mm, vsg_px
+        from dicflow.core.strain.deformation_gradient import pixel_size_mm
+        from dicflow.core.strain.gauge import vsg_px
 
         window, grid = self._window(first), first.grid
         gauge = vsg_px(window[0], grid.step_size, grid.subset_size)
@@ -330,7 +332,7 @@ def _gauges(chosen: ChosenGradient, first: Points) -> np.ndarray:
     """Sides of the virtual strain gauges (row, col) [px]."""
     import numpy as np
 
-    from dicflow.core.strain.deformation_gradient import vsg_px
+    from dicflow.core.strain.gauge import vsg_px
 
     sides = [vsg_px(points, first.grid.step_size, first.grid.subset_size) for points in range(chosen.window.max() + 1)]
     return np.array(sides, dtype=np.float32)[chosen.window]
@@ -355,7 +357,7 @@ def sentence(stage: Deformation, product: Product | None) -> str:
 
 def _smaller(total: Total) -> str:
     """The gauge where the window is smaller, and at how many points that is; empty without any."""
-    from dicflow.core.strain.deformation_gradient import vsg_px
+    from dicflow.core.strain.gauge import vsg_px
 
     side, shares = total.window_points[0], total.window_shares
     others = [(int(points), share) for points, share in shares.items() if int(points) < side]
@@ -369,11 +371,7 @@ def _figures_sentence(total: Total) -> str:
     text = "" if gauge is None else f" The virtual strain gauge measures {gauge.size} [idics2018]{_smaller(total)}."
     names = {name: named_with_unit(name, total.unit) for name in BASIC}
     known = {name: summary.get(f"u_{named}") for name, named in names.items()}
-    figures = [
-        f"{value:.2g}{'' if (unit := QUANTITIES[name].unit_in(total.unit)) == '1' else f' {unit}'} for {name}"
-        for name, value in known.items()
-        if value is not None
-    ]
+    figures = [figure_in_words(name, value, total.unit) for name, value in known.items() if value is not None]
     if not figures:
         return text
     said = ", ".join(figures)

@@ -12,7 +12,7 @@ from dicflow.errors import StageError
 from dicflow.kinds.kind import steps_of, summary_of
 from dicflow.kinds.noise_floor import NoiseFloorTable
 from dicflow.kinds.probes import gauge_facts
-from dicflow.kinds.quantities import BASIC, QUANTITIES
+from dicflow.kinds.quantities import BASIC, QUANTITIES, figure_in_words
 from dicflow.kinds.total import Total, named_with_unit
 
 if TYPE_CHECKING:
@@ -151,8 +151,7 @@ def sentence(stage: NoiseFloor, product: Product | None) -> str:
     summary = summary_of(product)
     figures = []
     for name in BASIC:
-        named, unit = named_with_unit(name, table.unit), QUANTITIES[name].unit_in(table.unit)
-        if (sigma := summary.get(f"sigma_{named}")) is not None:
-            figures.append(f"{sigma:.2g}{'' if unit == '1' else f' {unit}'} for {name}")
+        if (sigma := summary.get(f"sigma_{named_with_unit(name, table.unit)}")) is not None:
+            figures.append(figure_in_words(name, sigma, table.unit))
     steps = len(steps_of(product))
     return f"{text} ({steps} step{'s' * (steps > 1)}): its standard deviation was {', '.join(figures)} [idics2018]."

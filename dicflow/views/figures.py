@@ -8,7 +8,7 @@ from dicflow.discovery import nearest
 from dicflow.engine.product import Product
 from dicflow.errors import ConfigurationError, NotKeptError
 from dicflow.kinds.images import Images
-from dicflow.kinds.maps import MapQuantity, Maps, colour_range, joined_range
+from dicflow.kinds.maps import MapQuantity, Maps, colour_range, joined_range, positions_in
 from dicflow.kinds.total import Total
 from dicflow.pipeline.places import Places
 from dicflow.pipeline.result import Result
@@ -104,14 +104,18 @@ def look_of(total: Total, quantity: str, maps: Maps | None, colours: str = "auto
 
 
 def specimen_window(total: Total, maps: Maps | None) -> MapWindow:
-    """The plane of X and Y that a total's maps show: the window of all steps, else one around its points."""
+    """The plane of X and Y that a total's maps show: the window of all steps, else one around its points.
+
+    A total without places on the specimen is shown as the image has it.
+    """
     from dicflow.views.crops import point_box
     from dicflow.views.windows import MapWindow, map_window, with_margin
 
     if maps is not None:
         return map_window(maps)
-    extent = point_box(total["xyz"][..., :2]) or (0.0, 0.0, 1.0, 1.0)
-    return MapWindow(with_margin(extent), total.unit, "xyz")
+    positions = positions_in(total)
+    extent = point_box(total[positions][..., :2]) or (0.0, 0.0, 1.0, 1.0)
+    return MapWindow(with_margin(extent), total.unit_of(positions), positions)
 
 
 def _specimen_map(total: Total, look: Look, maps: Maps | None, title: str) -> Figure:

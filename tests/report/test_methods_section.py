@@ -6,6 +6,7 @@ import sys
 import pytest
 from small import ROOT, STEPS, dicflow
 
+from dicflow.engine.product import Product
 from dicflow.pipeline import Pipeline
 from dicflow.pipeline.registry import node_classes
 from dicflow.report.methods import methods
@@ -72,6 +73,17 @@ def test_every_stage_that_measures_has_a_sentence_whose_references_are_known():
 def test_a_sentence_gives_the_settings(stage, parameters, words):
     text = sentence_of(own_stages()[stage], **parameters)
     assert [word for word in words if word not in text] == []
+
+
+def test_quantities_have_their_symbols():
+    summary = {"sigma_exx": 2.1e-4, "sigma_V_px": 0.012, "u_exx": 3.2e-4, "u_V_px": 0.034}
+    facts = {"unit": "px", "summary": summary, "steps": ["rest"]}
+    floor = sys.modules[own_stages()["noise_floor"].__module__]
+    text = floor.sentence(floor.NoiseFloor(), Product("noise", {}, facts))
+    assert "0.012 px for V, 0.00021 for εxx [idics2018]" in text
+    total = sys.modules[own_stages()["deformation"].__module__]
+    text = total.sentence(total.Deformation(), Product("total", {}, facts))
+    assert "0.034 px for V, 0.00032 for εxx at the last step" in text
 
 
 def test_references_have_authors_a_title_a_place_and_a_year():

@@ -81,7 +81,7 @@ def test_the_noise_floor_is_a_table():
             row = {"step": "s", "quantity": "exx", "unit": "1", "bias": 1e-5, "sigma": 2e-4, "predicted_sigma": None}
             return Product("noise", {}, {"rows": [row | {"points": 12}]})
 
-    assert module._noise_floor(Floor()) == [["s", "exx [–]", "1.0·10⁻⁵", "2.0·10⁻⁴", "–", "12"]]
+    assert module._noise_floor(Floor()) == [["s", "εxx [–]", "1.0·10⁻⁵", "2.0·10⁻⁴", "–", "12"]]
 
 
 def test_the_noise_is_that_of_the_last_step_at_hand():

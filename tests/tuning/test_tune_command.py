@@ -16,7 +16,7 @@ from tests.tuning.strained import PIPELINE, band, photographed
 MEAN = 0.03 * 25.0 * math.sqrt(2.0 * math.pi) / 240.0
 """Strain of an extensometer of 240 px across the band."""
 COMPARED = """\
-  probes: {stage: probes, total: total, extensometers: {E: [[180, 60], [180, 300]]}}
+  probes: {stage: probes, total: total, extensometers: {E: [[150, 30], [150, 270]]}}
   comparison: {stage: compare, caliper: caliper.csv, probes: probes, extensometer: E, total: total}
 """
 

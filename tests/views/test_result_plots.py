@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 import shutil
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
 import dicflow
 from dicflow.errors import ConfigurationError
+from dicflow.kinds.quantities import BASIC
+from dicflow.kinds.total import Total, TotalFacts
 from dicflow.views import plots
 from dicflow.views.figures import plot
 
@@ -48,6 +51,21 @@ def test_a_total_in_mm(result):
     low, high = axes.collections[0].get_clim()
     assert low == -high
     assert axes.collections[0].get_cmap().name == "RdBu_r"
+
+
+def test_a_total_with_places_in_the_photograph_alone_is_shown_there():
+    """As a stage of somebody else may write it for one camera."""
+    rows, cols = np.mgrid[0:4, 0:5].astype(float)
+    fields = {name: 1e-3 * cols for name in BASIC} | {"xy": np.stack([100 + 15 * cols, 80 + 14 * rows], axis=-1)}
+    total = Total.write(fields, np.zeros(rows.shape, np.uint8), TotalFacts("precise", "px", {}, {"step_size": 15.0}))
+    alone = SimpleNamespace(
+        variant=lambda variant: alone, product=lambda stage, step: total, steps=lambda stage: ("step_1",),
+        stages_of=lambda kind: [], task=lambda *place: "total/step_1",
+    )  # fmt: skip
+    axes = plot(alone, "total", "eyy", over="specimen").axes[0]
+    assert (axes.get_xlabel(), axes.get_ylabel()) == ("X [px]", "Y [px]")
+    assert np.array_equal(axes.collections[0].get_coordinates(), fields["xy"])
+    assert axes.get_xlim()[0] < 100 < 160 < axes.get_xlim()[1]
 
 
 def test_colours_on_request(result):

@@ -14,12 +14,11 @@ import numpy as np
 
 from dicflow.core.arrays import Array
 from dicflow.core.cameras.camera import Rig
-from dicflow.core.cameras.epipolar import signed_epipolar_distance
+from dicflow.core.cameras.epipolar import epipolar_slopes, signed_epipolar_distance
 
 __all__ = ["PlaceErrors", "independent_share"]
 
 
-_STEP_PX = 1e-3
 _MIN_POINTS, _ENOUGH_POINTS = 100, 3000
 """With fewer, the misfit counts as independent; about so many are looked at."""
 _NORMAL = 1.4826
@@ -41,7 +40,7 @@ def independent_share(rig: Rig, left: PlaceErrors, right: PlaceErrors) -> float:
     """Share of the variance by misfit that is independent in both photographs, 0 to 1."""
     left, right = _thinned(left), _thinned(right)
     distance = signed_epipolar_distance(rig, left.xy, right.xy)
-    slopes = _slopes(rig, left.xy, right.xy)
+    slopes = epipolar_slopes(rig, left.xy, right.xy)
     noise = _along(slopes[0], left.noise) + _along(slopes[1], right.noise)
     misfit = _along(slopes[0], left.misfit) + _along(slopes[1], right.misfit)
     known = np.isfinite(distance + noise + misfit)
@@ -58,18 +57,6 @@ def _thinned(errors: PlaceErrors) -> PlaceErrors:
     """Every so many points of a grid."""
     stride = max(1, int(np.sqrt(errors.xy[..., 0].size / _ENOUGH_POINTS)))
     return PlaceErrors._make(part[::stride, ::stride].reshape(-1, part.shape[-1]) for part in errors)
-
-
-def _slopes(rig: Rig, left: Array, right: Array) -> tuple[Array, Array]:
-    """Derivatives (..., 2) of the distance by the places in both photographs."""
-    steps = _STEP_PX * np.eye(2)
-
-    def along(axis: Array, shifted_left: bool) -> Array:
-        at = [(left + sign * axis * shifted_left, right + sign * axis * (not shifted_left)) for sign in (1.0, -1.0)]
-        return (signed_epipolar_distance(rig, *at[0]) - signed_epipolar_distance(rig, *at[1])) / (2.0 * _STEP_PX)
-
-    by_left, by_right = (np.stack([along(axis, side) for axis in steps], axis=-1) for side in (True, False))
-    return by_left, by_right
 
 
 def _along(slope: Array, covariance: Array) -> Array:

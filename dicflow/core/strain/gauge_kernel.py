@@ -14,7 +14,7 @@ import numpy as np
 from scipy.signal import fftconvolve
 
 from dicflow.core.arrays import Array
-from dicflow.core.strain.deformation_gradient import vsg_px
+from dicflow.core.strain.gauge import vsg_px
 from dicflow.core.surfaces.filters import slope_weights
 from dicflow.core.uncertainty.overlap import ShapeFunction, subset_weights
 

@@ -5,7 +5,13 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from dicflow.core.cameras.camera import Camera, Rig, camera_matrix, project, to_right
-from dicflow.core.cameras.epipolar import epipolar_distance, essential_matrix, fundamental_matrix
+from dicflow.core.cameras.epipolar import (
+    epipolar_distance,
+    epipolar_slopes,
+    essential_matrix,
+    fundamental_matrix,
+    signed_epipolar_distance,
+)
 
 RIG = verged_rig()
 POINTS = np.random.default_rng(1).uniform([-40, -30, 350], [40, 30, 450], (200, 3))
@@ -44,3 +50,16 @@ def test_swapped_cameras_give_the_same_distance():
 def test_shape_follows_the_points():
     assert epipolar_distance(RIG, np.zeros((4, 5, 2)), np.zeros((4, 5, 2))).shape == (4, 5)
     assert np.isnan(epipolar_distance(RIG, [np.nan, 3.0], [1.0, 2.0])) == pytest.approx(True)
+
+
+def test_slopes_are_those_of_the_distance_of_matched_points():
+    camera = RIG.left._replace(distortion=np.array([-0.2, 0.1, 1e-3, -5e-4, 0.02]))
+    rig = RIG._replace(left=camera, right=RIG.right._replace(distortion=-0.5 * camera.distortion))
+    left, right = project(rig.left, POINTS), project(rig.right, to_right(rig, POINTS))
+    step = 1e-3 * np.eye(2)
+    by_left, by_right = epipolar_slopes(rig, left, right)
+    for axis in range(2):
+        of_left = [signed_epipolar_distance(rig, left + sign * step[axis], right) for sign in (1, -1)]
+        of_right = [signed_epipolar_distance(rig, left, right + sign * step[axis]) for sign in (1, -1)]
+        np.testing.assert_allclose(by_left[:, axis], (of_left[0] - of_left[1]) / 2e-3, atol=1e-5)
+        np.testing.assert_allclose(by_right[:, axis], (of_right[0] - of_right[1]) / 2e-3, atol=1e-5)

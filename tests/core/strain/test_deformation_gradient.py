@@ -9,9 +9,9 @@ from dicflow.core.strain.deformation_gradient import (
     gradient_response,
     measured_surface,
     pixel_size_mm,
-    vsg_px,
 )
 from dicflow.core.strain.degree_choice import chosen_gradient
+from dicflow.core.strain.gauge import vsg_px
 from dicflow.core.strain.measures import GradientMeasures, deformation_measures
 from dicflow.core.strain.remaining_bias import WindowFit
 from dicflow.core.strain.surface_strain import deformation_gradient, tangent_basis
