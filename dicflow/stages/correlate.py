@@ -106,7 +106,7 @@ class Correlate(SubsetSearch):
         "correlation_before": Port("correlation", at=At.PREVIOUS, own=True),
     }
     gives: ClassVar = "correlation"
-    impl_version: ClassVar = 8
+    impl_version: ClassVar = 9
 
     stage: Literal["correlate"] = "correlate"
     shape_function: Literal["auto"] | ShapeFunction = parameter(
@@ -284,7 +284,8 @@ class Correlate(SubsetSearch):
         from dicflow.core.photographs.noise import noise_from_pair
 
         points = noise_of_residual(correlation, self.spline_degree, self.subset_size)
-        return noise_from_pair(noise, first.image.grey, image, first.measured, points, smoothing_px=self.smoothing)
+        views, size = (first.image.grey, image, first.measured), self.subset_size
+        return noise_from_pair(noise, *views, points, pixels=size**2, smoothing_px=self.smoothing)
 
     def _no_subset(self, region: np.ndarray, status: np.ndarray) -> str:
         """The message if no subset of the first photograph can be followed."""

@@ -96,7 +96,7 @@ class Deformation(Node):
         "scale": Port("scale", optional=True),
     }
     gives: ClassVar = "total"
-    impl_version: ClassVar = 6
+    impl_version: ClassVar = 7
 
     stage: Literal["deformation"] = "deformation"
     keep: Keep = keeping("always")

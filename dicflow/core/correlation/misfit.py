@@ -1,21 +1,19 @@
 """Covariance of the places of subsets by their residuals, noise and misfit together.
 
 Noise alone moves a subset by Σ k n, with k = H⁻¹ J, which has the covariance σ² Σ k kᵀ. Interpolation of a pattern that
-is too sharp for the pixels, or a pattern that has changed, leaves residuals r that are correlated over a few pixels.
-Their sums within blocks of pixels estimate the covariance for any such correlation, by
+is too sharp for the pixels, or a pattern that has changed, leaves residuals that are correlated over a few pixels. With
+their power P and autocorrelation ρ, whose spectrum is S, the covariance is
 
-    Σ_b (Σ_{i∈b} kᵢ rᵢ)(Σ_{i∈b} kᵢ rᵢ)ᵀ
+    P Σᵢⱼ kᵢ ρ(i − j) kⱼᵀ = P ∫ k̂ S k̂*,
 
-(White, Econometrica 48, 1980; for blocks, Liang and Zeger, Biometrika 73, 1986). Bell-shaped windows replace the blocks
-here, because residuals that cancel between blocks, as after a change of contrast or focus, would count at sharp edges.
-The sum is scaled by what it should be over what it is on average, for residuals with the autocorrelation that these
-have: the parameters that were fitted take a part of them, and windows leave out what is correlated over more than their
-side.
+which takes residuals and slopes of the grey levels as independent. P and ρ are those of the residuals, and no sums of
+k r over parts of a subset, since these also count what cancels over the whole. A fit takes a part of the residuals at
+each frequency, which is known and made up for.
 
 A pattern that is a little sharper in one photograph leaves second derivatives of the grey levels f, along one
 direction more than along another after a stretch. These move no place: f_x f_xx, f_x f_xy and f_x f_yy are made of
-derivatives, as of f_x² / 2, whose sums over a subset depend on its rim alone. Sums within windows would count, so that
-this part is taken out of the residuals, and its sum over the subset, the shift that it makes, is counted instead.
+derivatives, as of f_x² / 2, whose sums over a subset depend on its rim alone. So this part is taken out of the
+residuals, and its sum over the subset, the shift that it makes, is counted instead.
 """
 
 from __future__ import annotations
@@ -37,15 +35,13 @@ from dicflow.core.threads import over
 __all__ = ["PlaceCovariances", "misfit_covariance", "place_covariances"]
 
 
-_WINDOWS, _WINDOW_SIGMA = 5, 0.5
-"""Windows along the side of a subset, and their standard deviation in distances of one from the next."""
 _CHUNK = 64
-"""Subsets that are computed at once."""
+"""Subsets that are computed at once, and share an autocorrelation."""
 _MAX_SAMPLES = 250
 """Subsets of a field whose residuals are computed, about; those between them get the misfit of their neighbours."""
-_LOSS_STRIDE, _MAX_LOSS, _MAX_TAKEN = 32, 5.0, 0.8
-"""Every so many of these give the loss by the fit, which is much the same for all, and the largest that is made up
-for; also of the power at a frequency."""
+_KERNEL_STRIDE, _MAX_TAKEN = 16, 0.8
+"""Every so many of these give what kernels make of an autocorrelation, which is much the same for all, and the largest
+share that a fit takes of the power at a frequency."""
 _MIN_PAIRS = 0.05
 """Share of the pixels of a subset that must have a partner at a distance, for the correlation there to be known."""
 _NEIGHBOUR_SIGMA = 2.5
@@ -86,21 +82,20 @@ def misfit_covariance(
     sampled = [part[::stride, ::stride].reshape(-1, *part.shape[2:]) for part in (centres, warp, noise)]
     whole_pixels = np.nan_to_num(sampled[0]).astype(np.int64)
     residual, white = place_covariances(reference, target, whole_pixels, sampled[1], subset, threads)
-    scale = np.sqrt(np.diagonal(white, axis1=1, axis2=2))
-    excess = (residual - sampled[2][:, None, None] * white) / (scale[:, :, None] * scale[:, None])
-    doubled_error = 2.0 * _standard_error(excess)
-    values, axes = np.linalg.eigh(_smooth(excess.reshape(rows, cols, 2, 2)) - doubled_error * np.eye(2))
+    excess = _in_units(residual - sampled[2][:, None, None] * white, white)
+    doubled_errors = 2.0 * _standard_errors(excess)
+    values, axes = np.linalg.eigh(_smooth(excess.reshape(rows, cols, 2, 2)) - np.diag(doubled_errors))
     positive = upper_triangle((axes * np.maximum(values, 0.0)[..., None, :]) @ np.swapaxes(axes, -1, -2))
     share = positive.repeat(stride, axis=0).repeat(stride, axis=1)[: centres.shape[0], : centres.shape[1]]
     x, y = np.sqrt(unit[..., 0]), np.sqrt(unit[..., 2])
     return np.asarray(share * np.stack([x * x, x * y, y * y], axis=-1))
 
 
-def _standard_error(excess: Array) -> float:
-    """Standard error of the mean of neighbours, from the scatter of samples (n, 2, 2); 0 where all are NaN."""
+def _standard_errors(excess: Array) -> Array:
+    """Standard errors (2,) of the means of neighbours, from the scatter of samples (n, 2, 2); 0 where all are NaN."""
     if not np.isfinite(excess).any():
-        return 0.0
-    return float(np.nanstd(excess[:, [0, 1], [0, 1]]) / np.sqrt(4.0 * np.pi * _NEIGHBOUR_SIGMA**2))
+        return np.zeros(2)
+    return np.asarray(np.nanstd(excess[:, [0, 1], [0, 1]], axis=0) / np.sqrt(4.0 * np.pi * _NEIGHBOUR_SIGMA**2))
 
 
 def _smooth(values: Array) -> Array:
@@ -142,7 +137,7 @@ def _inside(reference: Template, target: Spline, centres: Index, warp: Array, su
     for brightness in (np.ones_like(f), f):
         part = _weighted_mean(jacobian * brightness, weight) / _weighted_mean(brightness * brightness, weight)
         jacobian = jacobian - part[..., None] * brightness
-    return _sandwich(jacobian, weight, residual, _second_derivatives(fit, subset.size), _windows(subset.size))
+    return _by_autocorrelation(jacobian, f, weight, residual, _second_derivatives(fit, subset.size))
 
 
 def _second_derivatives(fit: Residuals, size: int) -> Array:
@@ -164,18 +159,11 @@ def _jacobian(fit: Residuals, size: int) -> Array:
     return np.asarray(np.stack([slope * part for slope in (fit.by_x, fit.by_y) for part in monomials]))
 
 
-def _windows(size: int) -> Array:
-    """Weights of the pixels of a subset in each window, (pixel, window)."""
-    pixel, middle = np.arange(size), (np.arange(_WINDOWS) + 0.5) * size / _WINDOWS - 0.5
-    band = np.exp(-0.5 * ((pixel[:, None] - middle) * _WINDOWS / size / _WINDOW_SIGMA) ** 2)
-    return np.asarray(np.einsum("ia,jb->ijab", band, band).reshape(size**2, _WINDOWS**2))
+def _by_autocorrelation(jacobian: Array, f: Array, weight: Array, residual: Array, blur: Array) -> PlaceCovariances:
+    """The covariances by the autocorrelation of the residuals.
 
-
-def _sandwich(jacobian: Array, weight: Array, residual: Array, blur: Array, windows: Array) -> PlaceCovariances:
-    """The sandwich estimate of the covariances.
-
-    jacobian : (term, n, pixel); weight, residual : (n, pixel); blur : (n, 3, pixel) — what a change of sharpness leaves
-    windows : (pixel, window)
+    jacobian : (term, n, pixel); f, weight, residual : (n, pixel)
+    blur : (n, 3, pixel) — what a change of sharpness leaves
     """
     terms = len(jacobian)
     by_point = np.moveaxis(jacobian, 0, 1)
@@ -184,29 +172,36 @@ def _sandwich(jacobian: Array, weight: Array, residual: Array, blur: Array, wind
     kernel = np.asarray(inverse[:, [0, terms // 2]] @ weighted)
     noise = kernel @ np.swapaxes(kernel, -1, -2)
     left = blur - (blur @ np.swapaxes(weighted, -1, -2)) @ inverse @ by_point
-    factors = _factors(left, weight, residual)
+    factors = _gain(left, weight) @ residual[..., None]
     shift = kernel @ np.swapaxes(blur, -1, -2) @ factors
-    scores = (kernel * (residual[:, None] - np.swapaxes(factors, -1, -2) @ left)) @ windows
-    by_residual = scores @ np.swapaxes(scores, -1, -2)
-    unexplained = residual - (np.swapaxes(factors, -1, -2) @ left)[:, 0]
-    sampled = slice(None, None, _LOSS_STRIDE)
-    fits = (kernel[sampled], by_point[sampled], weighted[sampled], inverse[sampled])
-    spectrum = _spectrum(unexplained, weight, _fitted_share(by_point[sampled], inverse[sampled] @ weighted[sampled]))
-    loss = np.sqrt(_fit_loss(*fits, windows, spectrum))
-    return PlaceCovariances(by_residual * np.outer(loss, loss) + shift @ np.swapaxes(shift, -1, -2), noise)
+    residual = residual - (np.swapaxes(factors, -1, -2) @ left)[:, 0]
+    some = slice(None, None, _KERNEL_STRIDE)
+    all_terms = np.concatenate([by_point, np.ones_like(f)[:, None], f[:, None]], axis=1)[some]
+    fitted = _fitted_share(all_terms, _gain(all_terms, weight[some]))
+    power = _weighted_mean(residual * residual, weight)
+    spectrum = _spectrum(residual, weight, fitted) / max(float(power.mean()), 1e-12)
+    growth = _in_units(_covariance(kernel[some], spectrum), noise[some]).mean(axis=0)
+    scale = np.sqrt(np.diagonal(noise, axis1=1, axis2=2))
+    by_power = power[:, None, None] * growth * scale[:, :, None] * scale[:, None]
+    return PlaceCovariances(by_power + shift @ np.swapaxes(shift, -1, -2), noise)
 
 
-def _factors(left: Array, weight: Array, residual: Array) -> Array:
-    """Factors (n, k, 1) of terms (n, k, pixel) that explain the residuals best."""
+def _gain(left: Array, weight: Array) -> Array:
+    """Weights (n, k, pixel) of residuals in the factors of terms (n, k, pixel) that explain them best."""
     weighted = left * weight[:, None]
-    normal = np.asarray(np.linalg.pinv(weighted @ np.swapaxes(left, -1, -2), hermitian=True))
-    return np.asarray(normal @ (weighted @ residual[..., None]))
+    return np.asarray(np.linalg.pinv(weighted @ np.swapaxes(left, -1, -2), hermitian=True) @ weighted)
+
+
+def _in_units(covariance: Array, noise: Array) -> Array:
+    """Covariances (n, 2, 2) in units of the standard deviations by others (n, 2, 2)."""
+    scale = np.sqrt(np.diagonal(noise, axis1=1, axis2=2))
+    return np.asarray(covariance / np.maximum(scale[:, :, None] * scale[:, None], 1e-300))
 
 
 def _spectrum(residual: Array, weight: Array, fitted: Array) -> Array:
-    """Spectrum of the autocorrelation of residuals (n, pixel) before a warp was fitted, the same for all of them.
+    """Power spectrum of residuals (n, pixel) before anything was fitted, the mean of all of them.
 
-    fitted : share of the power that the warp has taken, at each frequency
+    fitted : share of the power that was taken, at each frequency
     """
     power = _power(np.where(weight > 0.0, residual, 0.0)).mean(axis=0) / (1.0 - fitted)
     counts = weight > 0.0
@@ -214,11 +209,11 @@ def _spectrum(residual: Array, weight: Array, fitted: Array) -> Array:
     pairs = irfft2(_power(counted).mean(axis=0))
     seldom = pairs < _MIN_PAIRS * pairs[0, 0]
     mean = np.where(seldom, 0.0, irfft2(power) / np.maximum(pairs, 1e-12))
-    return np.asarray(rfft2(mean / max(mean[0, 0], 1e-12)).real)
+    return np.asarray(rfft2(mean).real)
 
 
 def _fitted_share(by_point: Array, gain: Array) -> Array:
-    """Share of the power of white noise that the fit of a warp takes, at each frequency.
+    """Share of the power of white noise that a fit takes, at each frequency.
 
     by_point : (n, term, pixel) — J; gain : (n, term, pixel) — A, of which the coefficients are sums over the noise
 
@@ -242,22 +237,10 @@ def _transform(values: Array | Mask) -> Any:
     return rfft2(values.reshape(*values.shape[:-1], size, size).astype(np.float32), s=(side, side))
 
 
-def _fit_loss(
-    kernel: Array, by_point: Array, weighted: Array, inverse: Array, windows: Array, spectrum: Array
-) -> Array:
-    """Variances (2,) by residuals over the mean of their sandwich estimate: a warp was fitted, and windows are small.
-
-    kernel : (n, 2, pixel); by_point, weighted : (n, term, pixel); inverse : (n, term, term)
-    windows : (pixel, window); spectrum : of the autocorrelation of the residuals
-    """
-    parts = kernel[:, :, None] * windows.T
-    seen = parts - ((parts @ np.swapaxes(by_point, -1, -2)[:, None]) @ inverse[:, None]) @ weighted[:, None]
-    total, kept = _variance(kernel, spectrum).mean(axis=0), _variance(seen, spectrum).sum(axis=-1).mean(axis=0)
-    return np.asarray(np.clip(total / np.maximum(kept, 1e-12), 1.0, _MAX_LOSS))
-
-
-def _variance(weights: Array, spectrum: Array) -> Array:
-    """Variance (...) of sums with weights (..., pixel) of values with an autocorrelation, given by its spectrum."""
-    power = _power(weights) * spectrum
-    ends = power[..., [0, -1]].sum(axis=(-1, -2))
-    return np.asarray((2.0 * power.sum(axis=(-1, -2)) - ends) / len(spectrum) ** 2)
+def _covariance(kernel: Array, spectrum: Array) -> Array:
+    """Covariances (n, 2, 2) of sums with weights (n, 2, pixel) of values with a power spectrum."""
+    waves = _transform(kernel)
+    twice = np.full(spectrum.shape[-1], 2.0)
+    twice[[0, -1]] = 1.0
+    products = np.einsum("naij,nbij,ij->nab", waves, waves.conj(), spectrum * twice).real
+    return np.asarray(products / len(spectrum) ** 2)

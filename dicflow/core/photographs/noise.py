@@ -32,6 +32,9 @@ _FOURTH_DIFFERENCE = np.array([1.0, -4.0, 6.0, -4.0, 1.0]) / np.sqrt(70.0)
 _INTERPOLATED_VARIANCE = {3: 0.874**2, 5: 0.918**2}
 """Mean variance of white noise after interpolation, over that before: (∫ φ²)² of the cardinal spline φ."""
 _PLACES_PER_SIDE = 5  # of a subset at which the noise of its interpolated pixels is computed
+_PLAIN_QUANTILE, _NORMAL_QUANTILE = 0.1, 1.2816
+"""Share of the subsets whose residual is noise alone, at least, and standard deviations from the mean of a normal
+distribution to this quantile."""
 _SIGMA_PER_MAD = 1.4826  # of a normal distribution: standard deviation over median absolute deviation
 
 
@@ -63,6 +66,7 @@ def noise_from_pair(
     usable: Mask,
     points: tuple[Array, Array, Array],
     *,
+    pixels: int,
     smoothing_px: float,
 ) -> Noise:
     """The noise estimated from two correlated photographs, or that of the first where it is smaller.
@@ -71,16 +75,19 @@ def noise_from_pair(
     first, second : (rows, cols) grey; usable : (rows, cols) bool — the region in the first one
     points : points in the first one (n, 2), their matches in the second one (n, 2) [px], and the variance of the noise
         as the residual of their subsets has it (n,) [grey levels²]
+    pixels : of a subset
     smoothing_px : smoothing of both before the correlation; the residual of smoothed photographs is not used
 
-    Final, except without points.
+    Final, except without points. What subsets do not follow adds to most residuals at a large strain, so that the small
+    ones tell: by noise alone the variance over n pixels scatters by √(2/n).
     """
     centres, places, variance = points
     if not len(centres):
         return noise
     if np.quantile(np.linalg.norm(places - centres, axis=-1), 0.95) < MAX_STATIC_MOTION_PX:
         return Noise(max(pair_noise(first, second, usable), ROUNDING_NOISE), "static pair", True)
-    residual = np.inf if smoothing_px > 0.0 else max(float(np.sqrt(np.median(variance))), ROUNDING_NOISE)
+    plain = np.quantile(variance, _PLAIN_QUANTILE) / (1.0 - _NORMAL_QUANTILE * np.sqrt(2.0 / pixels))
+    residual = np.inf if smoothing_px > 0.0 else max(float(np.sqrt(plain)), ROUNDING_NOISE)
     return (
         Noise(residual, "residual of a second photograph", True)
         if residual < noise.grey

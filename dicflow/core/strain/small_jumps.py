@@ -31,6 +31,8 @@ NORMALS = np.array([[1.0, 0.0], [0.0, 1.0], [0.5**0.5, 0.5**0.5], [0.5**0.5, -(0
 _DEPTH, _WIDTH = 1.6, 0.7
 """Distances from a point, normal to the line and along it, up to which points count [sides of a subset]."""
 _DEGREE, _MIN_POINTS_PER_TERM, _MAX_CONDITION = 3, 1.5, 1e7
+_DOUBTFUL = 4.0
+"""Significance above which the errors of all points of a window count one by one."""
 
 
 class GridOfSubsets(NamedTuple):
@@ -112,17 +114,15 @@ def jumps_at_points(surface: MeasuredSurface, lost: Mask, subsets: GridOfSubsets
     lost : (row, col) — where a jump was found
     """
     best = Jumps(np.zeros(lost.shape), np.zeros((*lost.shape, 3)), np.zeros(lost.shape, dtype=np.uint8))
-    points = surface.points
+    points, errors = _without_jumps(surface, subsets.reach)
     values = points.values[..., :3] - points.values[..., 3:]
     whole = (surface.known & ~beside_borders(points.parts)).astype(np.float64)
     near = grown(lost, np.ones((2 * subsets.reach + 1,) * 2, dtype=np.uint8)) & surface.known
-    errors = _least_around(surface, subsets.reach)
     for fit in _fits(subsets):
         square = fit.on_square(np.ones((1, len(fit.places))))[0]
         complete = (_summed(whole, square) > len(fit.places) - 0.5) & surface.known
-        at = places_of(complete)
-        covariance = np.sum([one.rho.variance(fit.weights) * one.covariance[complete] for one in errors], axis=0)
-        _take(best, at, _summed(values, fit.weights)[complete], covariance, fit.number)
+        at, jump = places_of(complete), _summed(values, fit.weights)[complete]
+        _take(best, at, *_in_whole_windows(points, errors, at, jump, fit), fit.number)
         at = places_of(near & ~complete)
         if len(at):
             _take(best, *_by_some_points(points, errors, at, fit), fit.number)
@@ -134,12 +134,20 @@ def grown(mask: Mask, by: Codes) -> Mask:
     return np.asarray(cv2.dilate(mask.astype(np.uint8), by) > 0, dtype=np.bool_)
 
 
-def _least_around(surface: MeasuredSurface, reach: int) -> list[ErrorShare]:
-    """Errors of displacements, as large as the least ones around: beside a jump they are those by the jump itself."""
-    sigma = np.where(surface.known, surface.points.sigma, np.inf)
-    least = cv2.erode(sigma, np.ones((reach + 1,) * 2, dtype=np.uint8))
-    share = np.divide(least, sigma, out=np.ones_like(sigma), where=surface.known)[..., None, None] ** 2
-    return [one._replace(covariance=share * displacement_covariance(one.covariance)) for one in surface.errors]
+def _without_jumps(surface: MeasuredSurface, reach: int) -> tuple[WindowedPoints, list[ErrorShare]]:
+    """The points, and the errors of their displacements, with those errors that they would have without a jump.
+
+    Beside a jump the errors are those by the jump itself, so that these are as large as the least ones around, in terms
+    of those at the first step: there, subsets that a rim cuts, or with little texture, have larger errors too.
+    """
+    points, known = surface.points, surface.known
+    first = np.sum([np.trace(one.covariance[..., 3:, 3:], axis1=-2, axis2=-1) for one in surface.errors], axis=0)
+    first = np.where(known & (first > 0.0), np.sqrt(np.abs(first)), 1.0)
+    growth = np.where(known, points.sigma / first, np.inf)
+    sigma = np.where(known, first * cv2.erode(growth, np.ones((reach + 1,) * 2, dtype=np.uint8)), 0.0)
+    share = np.divide(sigma, points.sigma, out=np.ones_like(sigma), where=known)[..., None, None] ** 2
+    errors = [one._replace(covariance=share * displacement_covariance(one.covariance)) for one in surface.errors]
+    return points._replace(sigma=sigma), errors
 
 
 def _fits(subsets: GridOfSubsets) -> Iterator[_Fit]:
@@ -162,10 +170,33 @@ def _summed(values: Array, weights: Array) -> Array:
     return np.asarray(cv2.filter2D(values, -1, weights, borderType=cv2.BORDER_CONSTANT))
 
 
+def _in_whole_windows(
+    points: WindowedPoints, errors: list[ErrorShare], at: Index, jump: Array, fit: _Fit
+) -> tuple[Array, Array]:
+    """Jumps (n, 3) at rows and columns (n, 2), around which no point is missing, and their significance (n,)."""
+    rows, cols = at.T
+    covariance = np.sum([one.rho.variance(fit.weights) * one.covariance[rows, cols] for one in errors], axis=0)
+    significance = _in_standard_deviations(jump, covariance)
+    doubtful = np.flatnonzero(significance > _DOUBTFUL)
+    if len(doubtful):
+        here = np.ascontiguousarray(at[doubtful])
+        weights = np.broadcast_to(fit.weights, (len(here), 1, *fit.weights.shape))
+        covariance = _covariance(points, errors, here, np.ascontiguousarray(weights))
+        significance[doubtful] = _in_standard_deviations(jump[doubtful], covariance)
+    return jump, significance
+
+
+def _covariance(points: WindowedPoints, errors: list[ErrorShare], at: Index, weights: Array) -> Array:
+    """Covariances (n, 3, 3) of sums with weights (n, 1, side, side) around rows and columns (n, 2)."""
+    rows, cols = at.T
+    shares = [points.variances(at, weights, one.rho) * one.covariance[rows, cols] for one in errors]
+    return np.asarray(np.sum(shares, axis=0))
+
+
 def _by_some_points(
     points: WindowedPoints, errors: list[ErrorShare], at: Index, fit: _Fit
 ) -> tuple[Index, Array, Array]:
-    """Where the known points tell, of rows and columns (n, 2): these (m, 2), jumps (m, 3), covariances (m, 3, 3)."""
+    """Where the known points tell, of rows and columns (n, 2): these (m, 2), jumps (m, 3), their significance (m,)."""
     own = points.parts.number[at[:, 0], at[:, 1]]
     part = fit.around(points.parts.number.astype(np.float64), at)
     weights = np.where(part == own[:, None], fit.around(points.weights, at), 0.0)
@@ -176,16 +207,12 @@ def _by_some_points(
     unit = np.broadcast_to(np.eye(len(fit.terms))[:, :1], (len(at), len(fit.terms), 1))
     squares = fit.on_square((np.linalg.solve(normal[firm], unit)[..., 0] @ fit.terms) * weights)[:, None]
     both = points.sums(at, squares)[:, 0]
-    rows, cols = at.T
-    shares = [points.variances(at, squares, one.rho) * one.covariance[rows, cols] for one in errors]
-    return at, both[:, :3] - both[:, 3:], np.sum(shares, axis=0)
+    jump = both[:, :3] - both[:, 3:]
+    return at, jump, _in_standard_deviations(jump, _covariance(points, errors, at, squares))
 
 
-def _take(best: Jumps, at: Index, jump: Array, covariance: Array, number: int) -> None:
-    """Set jumps (n, 3) at rows and columns (n, 2) where they are more significant than those before."""
-    if not len(at):
-        return
-    significance = _in_standard_deviations(jump, covariance)
+def _take(best: Jumps, at: Index, jump: Array, significance: Array, number: int) -> None:
+    """Set jumps (n, 3) at rows and columns (n, 2) where they are more significant (n,) than those before."""
     better = significance > best.significance[at[:, 0], at[:, 1]]
     rows, cols = at[better].T
     best.significance[rows, cols], best.jump[rows, cols] = significance[better], jump[better]

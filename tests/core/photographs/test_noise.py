@@ -49,7 +49,21 @@ def noise_from_moved_pair(noise, shift, variance, smoothing_px=0.0, points=50):
     pair = planar_pair((240, 240), shift, noise=2.0)
     centres = np.random.default_rng(0).integers(40, 200, (points, 2)).astype(float)
     found = centres, centres + shift, np.full(points, variance)
-    return noise_from_pair(noise, pair.reference, pair.deformed, INSIDE, found, smoothing_px=smoothing_px)
+    return noise_from_pair(noise, pair.reference, pair.deformed, INSIDE, found, pixels=10**4, smoothing_px=smoothing_px)
+
+
+def test_residuals_of_subsets_that_follow_the_motion_tell_the_noise():
+    """Of 441 pixels each, with noise alone, and where most of them have a misfit on top."""
+    rng = np.random.default_rng(1)
+    scatter = 4.0 * rng.chisquare(441, 2000) / 441
+    misfit = np.where(rng.uniform(size=2000) < 0.7, rng.uniform(0.0, 4.0, 2000), 0.0)
+    centres, image = rng.uniform(0.0, 200.0, (2000, 2)), np.zeros((240, 240))
+    for variance, rel in ((scatter, 0.01), (scatter + misfit, 0.03)):
+        found = noise_from_pair(
+            Noise(9.0, "first photograph", False), image, image, INSIDE, (centres, centres + 1.0, variance),
+            pixels=441, smoothing_px=0.0,
+        )  # fmt: skip
+        assert found.grey == pytest.approx(2.0, rel=rel)
 
 
 def test_a_second_photograph_makes_the_noise_final():

@@ -18,17 +18,21 @@ SUBSETS = GridOfSubsets(SUBSET, STEP, "affine")
 NOWHERE = np.zeros(SHAPE, dtype=bool)
 
 
-def measured(displacement, seed=None, lost=NOWHERE):
-    """Points of a plane [px] with a displacement (row, col) along y, and errors as overlapping subsets have them."""
+def measured(displacement, seed=None, lost=NOWHERE, growth=None):
+    """Points of a plane [px] with a displacement (row, col) along y, and errors as overlapping subsets have them.
+
+    growth : (row, col) — of the errors of subsets that are worse than others from the first step on
+    """
+    growth = np.ones((*SHAPE, 1)) if growth is None else growth[..., None]
     reference = STEP * np.stack([COL, ROW, 0.0 * ROW], axis=-1)
     deformed = reference.copy()
     deformed[..., 1] += displacement
     if seed is not None:
         rng = np.random.default_rng(seed)
-        deformed[..., :2] += point_errors(rng, SHAPE, NOISE_PX**2 * np.eye(2), SUBSET, STEP)
+        deformed[..., :2] += growth * point_errors(rng, SHAPE, NOISE_PX**2 * np.eye(2), SUBSET, STEP)
     deformed[lost] = np.nan
-    covariance = np.diag([NOISE_PX**2, NOISE_PX**2, 0.0, 0.0, 0.0, 0.0])
-    share = ErrorShare(np.broadcast_to(covariance, (*SHAPE, 6, 6)), overlap(SUBSET, STEP))
+    covariance = 0.5 * NOISE_PX**2 * np.diag([1.0, 1.0, 0.0, 1.0, 1.0, 0.0])
+    share = ErrorShare(growth[..., None] ** 2 * covariance, overlap(SUBSET, STEP))
     return measured_surface(reference, deformed, [share])
 
 
@@ -89,6 +93,17 @@ def test_noise_of_a_jump():
 
 def test_smooth_motion_and_noise_have_none():
     assert all(unseen_jumps(measured(bent(), seed), NOWHERE, SUBSETS, WINDOW) is None for seed in range(6))
+
+
+def test_subsets_that_a_rim_cuts_have_none():
+    """Their larger errors are no jumps; a jump among them is one as soon as it stands out against these."""
+    growth = np.where(np.abs(COL - 34.5) > 32.0, 5.0, 1.0)
+    assert all(
+        unseen_jumps(measured(bent(), seed, growth=growth), NOWHERE, SUBSETS, WINDOW) is None for seed in range(6)
+    )
+    found = unseen_jumps(measured(ramp(0.3), 1, growth=growth), NOWHERE, SUBSETS, WINDOW)
+    on_line = np.abs(ROWS_FROM_LINE) < 1.0
+    assert np.abs(found.jump[on_line][:, 1]) == pytest.approx(0.3, abs=0.15)
 
 
 @pytest.mark.parametrize("jump", [0.1, 0.3])
