@@ -24,7 +24,7 @@ RECOMPUTES = {
     "core.calibration": "calibrate corners scale",
     "core.cameras": "accumulate calibrate compare deformation disparity frame maps noise_floor probes reconstruct "
     "rectify refine region rig_file scale sheet stereo triangulate undistort",
-    "core.channels": "channels compare probes stress",
+    "core.channels": "channels compare curve probes stress",
     "core.correlation": "correlate match refine stereo track triangulate",
     "core.material": "curve hyperelastic sheet stress virtual_fields",
     "core.matching": "calibrate corners correlate disparity displacement features match refine region scale stereo "
