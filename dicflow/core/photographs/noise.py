@@ -87,7 +87,7 @@ def noise_from_pair(
     if np.quantile(np.linalg.norm(places - centres, axis=-1), 0.95) < MAX_STATIC_MOTION_PX:
         return Noise(max(pair_noise(first, second, usable), ROUNDING_NOISE), "static pair", True)
     plain = np.quantile(variance, _PLAIN_QUANTILE) / (1.0 - _NORMAL_QUANTILE * np.sqrt(2.0 / pixels))
-    residual = np.inf if smoothing_px > 0.0 else max(float(np.sqrt(plain)), ROUNDING_NOISE)
+    residual = np.inf if smoothing_px > 0.0 else max(float(np.sqrt(max(plain, 0.0))), ROUNDING_NOISE)
     return (
         Noise(residual, "residual of a second photograph", True)
         if residual < noise.grey
