@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from dicflow.cli.options import open_store, refuse_full, say
+from dicflow.cli.options import open_store, refuse_full, say, tick_rarely
 
 if TYPE_CHECKING:
     from dicflow.engine.transfer import Moved
@@ -36,9 +36,9 @@ def push(
 
     opened = open_store(store)
     if is_url(to):
-        _say(transfer.push(opened, open_bucket(to), run), to)
+        _say(transfer.push(opened, open_bucket(to), run, tick_rarely()), to)
     else:
-        _say(transfer.pull(Store.open(to), transfer.Folder(opened.path), run), to)
+        _say(transfer.pull(Store.open(to), transfer.Folder(opened.path), run, tick_rarely()), to)
 
 
 def pull(
@@ -59,7 +59,7 @@ def pull(
     from dicflow.io.buckets import is_url, open_bucket
 
     origin = open_bucket(source) if is_url(source) else transfer.Folder(Path(source).absolute())
-    _say(transfer.pull(Store.open(store), origin, run), store)
+    _say(transfer.pull(Store.open(store), origin, run, tick_rarely()), store)
 
 
 def import_run(
@@ -75,7 +75,7 @@ def import_run(
     from dicflow.pipeline.crate import import_crate
 
     refuse_full(folder, force=False)
-    pipeline, moved = import_crate(crate, folder)
+    pipeline, moved = import_crate(crate, folder, tick_rarely())
     _say(moved, folder)
     say(f"next: {shlex.join(['dicflow', 'run', str(pipeline)])}")
 
