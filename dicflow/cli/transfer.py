@@ -24,7 +24,9 @@ def push(
     to: Annotated[str, typer.Argument(metavar="TO", help="folder of another store, or s3://BUCKET/FOLDER")],
     run: Run = "latest",
 ) -> None:
-    """Copy a run with all its products into another store, in a folder or a bucket.
+    """Copy a run into another store.
+
+    All its products go along. The store is in a folder, or in a bucket of S3.
 
     \b
     dicflow push .dicflow s3://laboratory/strip
@@ -46,10 +48,10 @@ def pull(
     source: Annotated[str, typer.Argument(metavar="FROM", help="folder of another store, or s3://BUCKET/FOLDER")],
     run: Run = "latest",
 ) -> None:
-    """Copy a run with all its products out of another store, in a folder or a bucket, into a store.
+    """Copy a run out of another store.
 
-    Every product is compared with its digest. Then a run of the same pipeline file with the same photographs measures
-    nothing.
+    The other store is in a folder, or in a bucket of S3. Every product is compared with its digest. Then a run of the
+    same pipeline file with the same photographs measures nothing.
 
     \b
     dicflow pull .dicflow s3://laboratory/strip
@@ -66,7 +68,9 @@ def import_run(
     crate: Annotated[Path, typer.Argument(metavar="CRATE", help="folder that 'dicflow export --format crate' wrote")],
     folder: Annotated[Path, typer.Argument(metavar="FOLDER", help="new folder for its files and products")],
 ) -> None:
-    """Take in a crate: the pipeline file, the photographs, and every product of the run.
+    """Take in a crate.
+
+    The new folder has the pipeline file, the photographs, and every product of the run.
 
     \b
     dicflow import export/pipeline.crate strip
