@@ -25,6 +25,7 @@ from dicflow.cli.options import (
     results_folder,
     say,
     stored,
+    tick_rarely,
     variant_index,
     write_new,
 )
@@ -180,7 +181,7 @@ def _crate(pipeline: Pipeline, output: Path, force: bool) -> Path:
     from dicflow.pipeline.crate import write_crate
     from dicflow.report.paragraph import methods_paragraph
 
-    return write_crate(pipeline, str(methods_paragraph(pipeline, stored(pipeline))), output, force)
+    return write_crate(pipeline, str(methods_paragraph(pipeline, stored(pipeline))), output, force, tick_rarely())
 
 
 def compare(

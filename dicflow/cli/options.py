@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import time
+from collections.abc import Callable
 from enum import StrEnum
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -34,10 +36,14 @@ __all__ = [
     "say",
     "stored",
     "tick",
+    "tick_rarely",
     "variant_index",
     "warn",
     "write_new",
 ]
+
+
+_SILENCE_S = 2.0
 
 
 class CodePolicy(StrEnum):
@@ -110,6 +116,19 @@ def open_store(folder: Path) -> Store:
 
 def tick(done: int, total: int, name: str) -> None:
     say(f"{done}/{total} {name}", error=True)
+
+
+def tick_rarely() -> Callable[[int, int, str], None]:
+    """A :func:`tick` that says something every two seconds at most."""
+    said = time.monotonic()
+
+    def told(done: int, total: int, name: str) -> None:
+        nonlocal said
+        if time.monotonic() - said >= _SILENCE_S:
+            said = time.monotonic()
+            tick(done, total, name)
+
+    return told
 
 
 def refuse_full(folder: Path, force: bool) -> None:

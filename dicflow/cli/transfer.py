@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from dicflow.cli.options import open_store, refuse_full, say
+from dicflow.cli.options import open_store, refuse_full, say, tick_rarely
 
 if TYPE_CHECKING:
     from dicflow.engine.transfer import Moved
@@ -24,7 +24,9 @@ def push(
     to: Annotated[str, typer.Argument(metavar="TO", help="folder of another store, or s3://BUCKET/FOLDER")],
     run: Run = "latest",
 ) -> None:
-    """Copy a run with all its products into another store, in a folder or a bucket.
+    """Copy a run into another store.
+
+    All its products go along. The store is in a folder, or in a bucket of S3.
 
     \b
     dicflow push .dicflow s3://laboratory/strip
@@ -36,9 +38,9 @@ def push(
 
     opened = open_store(store)
     if is_url(to):
-        _say(transfer.push(opened, open_bucket(to), run), to)
+        _say(transfer.push(opened, open_bucket(to), run, tick_rarely()), to)
     else:
-        _say(transfer.pull(Store.open(to), transfer.Folder(opened.path), run), to)
+        _say(transfer.pull(Store.open(to), transfer.Folder(opened.path), run, tick_rarely()), to)
 
 
 def pull(
@@ -46,10 +48,10 @@ def pull(
     source: Annotated[str, typer.Argument(metavar="FROM", help="folder of another store, or s3://BUCKET/FOLDER")],
     run: Run = "latest",
 ) -> None:
-    """Copy a run with all its products out of another store, in a folder or a bucket, into a store.
+    """Copy a run out of another store.
 
-    Every product is compared with its digest. Then a run of the same pipeline file with the same photographs measures
-    nothing.
+    The other store is in a folder, or in a bucket of S3. Every product is compared with its digest. Then a run of the
+    same pipeline file with the same photographs measures nothing.
 
     \b
     dicflow pull .dicflow s3://laboratory/strip
@@ -59,14 +61,16 @@ def pull(
     from dicflow.io.buckets import is_url, open_bucket
 
     origin = open_bucket(source) if is_url(source) else transfer.Folder(Path(source).absolute())
-    _say(transfer.pull(Store.open(store), origin, run), store)
+    _say(transfer.pull(Store.open(store), origin, run, tick_rarely()), store)
 
 
 def import_run(
     crate: Annotated[Path, typer.Argument(metavar="CRATE", help="folder that 'dicflow export --format crate' wrote")],
     folder: Annotated[Path, typer.Argument(metavar="FOLDER", help="new folder for its files and products")],
 ) -> None:
-    """Take in a crate: the pipeline file, the photographs, and every product of the run.
+    """Take in a crate.
+
+    The new folder has the pipeline file, the photographs, and every product of the run.
 
     \b
     dicflow import export/pipeline.crate strip
@@ -75,7 +79,7 @@ def import_run(
     from dicflow.pipeline.crate import import_crate
 
     refuse_full(folder, force=False)
-    pipeline, moved = import_crate(crate, folder)
+    pipeline, moved = import_crate(crate, folder, tick_rarely())
     _say(moved, folder)
     say(f"next: {shlex.join(['dicflow', 'run', str(pipeline)])}")
 
