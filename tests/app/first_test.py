@@ -108,10 +108,12 @@ def _keep(someone: Person, path: Path) -> None:
     """A picture of the window with as many colours as its size allows."""
     path.parent.mkdir(parents=True, exist_ok=True)
     with Image.open(io.BytesIO(someone.page.screenshot())) as picture:
-        for colours in _COLOURS:
-            picture.convert("RGB").quantize(colours).save(path, optimize=True)
-            if path.stat().st_size <= MOST_BYTES:
-                return
+        whole = picture.convert("RGB")
+    for colours in (None, *_COLOURS):
+        shown = whole if colours is None else whole.quantize(colours, Image.Quantize.MAXCOVERAGE)
+        shown.save(path, optimize=True)
+        if path.stat().st_size <= MOST_BYTES:
+            return
     raise ValueError(f"{path}: more than {MOST_BYTES} bytes; show less")
 
 
