@@ -162,16 +162,15 @@ def _explore(someone: Person, result: Result, pictures: Path) -> None:
 def _turn(someone: Person, pictures: Path) -> None:
     page = someone.page
     page.locator(".x-choice").get_by_role("button", name="Surface").first.click()
-    someone.until(f"{EXPLORER}.scene.camera === 'surface'")
-    page.wait_for_timeout(500)
-    before = page.screenshot()
+    someone.until(f"{EXPLORER}.frame.places.some(Number.isFinite) && !{EXPLORER}.frame.isFlat")
+    turned = f"[{EXPLORER}.stage.turntable.yaw, {EXPLORER}.stage.turntable.pitch]"
+    before = page.evaluate(turned)
     box = page.locator(".x-stage").bounding_box()
     page.mouse.move(box["x"] + 0.4 * box["width"], box["y"] + 0.5 * box["height"])
     page.mouse.down()
     page.mouse.move(box["x"] + 0.6 * box["width"], box["y"] + 0.6 * box["height"], steps=8)
     page.mouse.up()
-    page.wait_for_timeout(300)
-    assert page.screenshot() != before
+    assert np.abs(np.subtract(page.evaluate(turned), before)).min() > 0.1
     _looked_at(someone, pictures, "surface")
     print("the surface was turned")
 
