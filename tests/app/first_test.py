@@ -27,7 +27,7 @@ PICTURES = ROOT / "docs" / "pictures"
 SQUARE = "14.5 mm"
 MARKS = [(362, 134), (362, 455)]
 """Where the caliper touched the strip, in the first left photograph [px]."""
-MOST_BYTES = 150_000
+MOST_BYTES = 200_000
 _COLOURS = (256, 128, 64, 32)
 _PATIENCE_MS = 600_000
 
@@ -110,7 +110,7 @@ def _keep(someone: Person, path: Path) -> None:
     with Image.open(io.BytesIO(someone.page.screenshot())) as picture:
         whole = picture.convert("RGB")
     for colours in (None, *_COLOURS):
-        shown = whole if colours is None else whole.quantize(colours, Image.Quantize.MAXCOVERAGE)
+        shown = whole if colours is None else whole.quantize(colours)
         shown.save(path, optimize=True)
         if path.stat().st_size <= MOST_BYTES:
             return
