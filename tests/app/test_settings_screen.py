@@ -171,3 +171,27 @@ def test_a_file_that_is_not_valid_is_edited_in_the_page(tmp_path):
         page.get_by_role("button", name="Save").click()
         page.wait_for_selector("section.region .viewer")
     assert path.read_text() == good
+
+
+def test_photographs_that_are_gone_are_named_and_found_again_stage_by_stage(tmp_path):
+    """Each of two problems is solved by itself; a screen that cannot be shown leads to the settings."""
+    path = small_test(tmp_path / "test")
+    more = '"gone/*.png"}\n  more: {stage: images, left: "lost/*.png"}'
+    path.write_text(path.read_text().replace('"left/*.png"}', more))
+    with served(path) as app, opened_page(app) as someone:
+        page = someone.page
+        someone.go("folder")
+        page.wait_for_selector(".empty .problem")
+        assert "photos: left: no photograph matches 'gone/*.png'" in page.inner_text(".empty .problem")
+        page.get_by_role("button", name="Settings").click()
+        page.wait_for_selector("table .problem, .card .problem")
+        page.locator('section a[href="#settings/photos"]').click()
+        page.locator("label.parameter", has_text="photographs of the left camera").locator("input").fill("left/*.png")
+        page.keyboard.press("Tab")
+        page.wait_for_selector(".pending .problem")
+        assert "more: left: no photograph matches 'lost/*.png'" in page.inner_text(".pending .problem")
+        page.click("text=Save to the file")
+        someone.said("saved: photos.left")
+        assert someone.overlaps() == []
+    stages = read(path).data["stages"]
+    assert (stages["photos"]["left"], stages["more"]["left"]) == ("left/*.png", "lost/*.png")

@@ -288,6 +288,11 @@ def test_a_range_that_is_no_range_is_marked_and_not_used(seen):
     assert seen.js("explorer.range")[1] < before[1] + 1e-3
     seen.toggle("All steps")
     assert seen.js("explorer.range") == before
+    end = seen.page.get_by_label("lower end of the colours")
+    for typed, value, text in (("−2.603e−4", -2.603e-4, "−0.00026"), ("−2.603e−5", -2.603e-5, "−2.6e−5")):
+        end.fill(typed)
+        end.press("Enter")
+        assert (seen.js("explorer.range")[0], end.input_value()) == (value, text)
 
 
 def test_undeformed_is_where_the_points_lay(seen, waves):

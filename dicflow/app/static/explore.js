@@ -27,7 +27,7 @@ class ExploreScreen {
     Object.assign(this, { place, app, explorer: null, found: null, isLeft: false, isTouched: false, isRunning: false, variant: Number(app.detail) || 0, most: USUAL_STEPS });
     this.tools = h("div", { className: "tools", role: "toolbar", "aria-label": "Result" });
     this.keeps = h("span", { className: "keeps" });
-    this.field = h("div", { className: "field" });
+    this.field = h("div", { className: "field" }, h("p", { className: "faint" }, "reading the result …"));
     for (const event of ["explorer-change", "explorer-chosen"]) this.field.addEventListener(event, () => this.offer());
     fill(place, this.tools, this.field);
     this.turn = Promise.resolve();

@@ -1,7 +1,7 @@
 // The page: screens, the sidebar, the open pipeline file, undo, and messages.
 
 import { ask } from "./api.js";
-import { button, fill, h } from "./dom.js";
+import { button, empty, fill, h } from "./dom.js";
 import { sidebar } from "./sidebar.js";
 import * as caliper from "./caliper.js";
 import * as calibration from "./calibration.js";
@@ -112,9 +112,15 @@ async function show() {
     if (app.document?.problems.length) problems(own);
     else app.shown = (await SCREENS[screen].show(own, app)) ?? null;
   } catch (error) {
-    fill(own, h("div", { className: "empty" }, h("h2", {}, SCREENS[screen].title), h("p", { className: "problem" }, error.message)));
+    fill(own, empty(SCREENS[screen].title, "", h("p", { className: "problem" }, error.message), ways(screen)));
   }
   if (isOther && !own.contains(document.activeElement)) place.focus({ preventScroll: true });
+}
+
+/** What can be done where a screen cannot be shown. */
+function ways(screen) {
+  const settings = app.file && screen !== "settings" ? button("Settings", () => app.go("settings")) : null;
+  return h("div", { className: "row" }, button("Try again", () => show()), settings);
 }
 
 /** A file that is not valid: what the command line says, and its text, unless that cannot be read. */

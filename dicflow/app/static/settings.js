@@ -30,17 +30,16 @@ async function overview(place, app) {
   return null;
 }
 
-/** A table of what a run would compute. */
+/** A table of the stages, and of what a run would compute, or why it cannot begin. */
 function planTable(app, states, problem) {
-  if (!states) return h("p", { className: "problem" }, problem);
-  return h("div", { className: "card scroll" }, h("table", {},
+  return h("div", { className: "card scroll" }, states ? null : h("p", { className: "problem" }, problem), h("table", {},
     h("thead", {}, h("tr", {}, ["stage", "does", "stored", "to compute", "because"].map((word, k) => h("th", { className: k === 2 || k === 3 ? "number" : "" }, word)))),
     h("tbody", {}, app.document.stages.map((stage) => {
-      const counts = states.stages[stage.name] ?? { hit: 0, run: 0, pending: 0, reasons: [] };
+      const counts = states ? states.stages[stage.name] ?? { hit: 0, run: 0, pending: 0, reasons: [] } : null;
       return h("tr", {}, h("td", {}, h("a", { href: `#settings/${encodeURIComponent(stage.name)}` }, stage.name)), h("td", {}, stage.title),
-        h("td", { className: "number" }, String(counts.hit)), h("td", { className: "number" }, String(counts.run + counts.pending)),
-        h("td", { className: "faint" }, because(counts.reasons)));
-    }))), h("p", {}, expected(states)), states.warnings.map((words) => h("p", { className: "problem" }, words)));
+        h("td", { className: "number" }, counts ? String(counts.hit) : ""), h("td", { className: "number" }, counts ? String(counts.run + counts.pending) : ""),
+        h("td", { className: "faint" }, counts ? because(counts.reasons) : ""));
+    }))), states ? [h("p", {}, expected(states)), states.warnings.map((words) => h("p", { className: "problem" }, words))] : null);
 }
 
 /** The two most frequent reasons. */
@@ -83,7 +82,7 @@ class StageScreen {
       this.pending, this.past,
       this.stage.inputs.length ? h("div", { className: "card" }, h("h2", {}, "Takes"), this.stage.inputs.map((one) => (one.several ? this.inputs(one) : this.input(one)))) : null,
       h("div", { className: "card" }, h("h2", {}, "Parameters"), usual.length ? usual.map((one) => this.parameter(one)) : h("p", { className: "faint" }, "none")),
-      others.length ? h("details", { className: "card" }, h("summary", {}, "Speed and files; these change no result"), others.map((one) => this.parameter(one))) : null);
+      others.length ? h("details", { className: "card", open: Boolean(app.planProblem) }, h("summary", {}, "Speed and files; these change no result"), others.map((one) => this.parameter(one))) : null);
     if (this.stage.stage === "correlate") {
       this.preview = new GridPreview(app, name, () => this.edits());
       fill(this.place, h("div", { className: "halves" }, own, this.preview.element));
@@ -180,7 +179,7 @@ class StageScreen {
       const plan = await ask("edit", { file: this.app.file, edits, dry: true });
       this.offer(plan);
     } catch (error) {
-      fill(this.pending, h("div", { className: "card bad" }, h("p", { className: "problem" }, error.message), this.discard()));
+      this.refuse(error.message);
     }
     return null;
   }
@@ -190,6 +189,12 @@ class StageScreen {
     fill(this.pending, h("div", { className: "card offer" },
       h("h2", {}, "What would be computed"), h("p", { className: "would" }, again.length ? again.join(", ") : "nothing: all of it is stored"), h("p", { className: "faint" }, expected(plan)),
       h("div", { className: "row" }, button("Save to the file", () => this.save(), { className: "main" }), this.discard())));
+  }
+
+  /** What is wrong with the typed values; of a pipeline that could not be run before either it may be something else. */
+  refuse(problem) {
+    const save = this.app.planProblem ? button("Save to the file", () => this.save()) : null;
+    fill(this.pending, h("div", { className: "card bad" }, h("p", { className: "problem" }, problem), h("div", { className: "row" }, save, this.discard())));
   }
 
   discard() {

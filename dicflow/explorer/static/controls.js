@@ -1,7 +1,7 @@
 // What stands around the picture: quantity, cameras, tools, the bar of colours, and the steps.
 
 import { directionKeys } from "./directions.js";
-import { axisText, brief, roundTicks, typed } from "./numbers.js";
+import { axisText, brief, roundTicks, short, typed } from "./numbers.js";
 import { choice, html, icon } from "./page.js";
 
 const TOGGLES = [
@@ -197,7 +197,7 @@ export class Legend {
       picture.data.set([palette[3 * k], palette[3 * k + 1], palette[3 * k + 2], 255], 4 * k);
     this.bar.getContext("2d").putImageData(picture, 0, 0);
     this.ends.forEach((input, end) => {
-      if (document.activeElement !== input || !input.classList.contains("x-wrong")) input.value = brief(range[end]);
+      if (document.activeElement !== input || !input.classList.contains("x-wrong")) input.value = short(range[end]);
       input.classList.remove("x-wrong");
     });
     this.numbers.replaceChildren(

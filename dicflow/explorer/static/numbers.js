@@ -23,6 +23,12 @@ export function brief(value, digits = 4) {
   return text.replace(/-/g, MINUS);
 }
 
+/** A number with as many digits as a narrow field shows. */
+export function short(value) {
+  const text = brief(value);
+  return text.length > 8 ? brief(value, 2) : text;
+}
+
 /** A unit as it stands behind a number; empty for a pure number. */
 export function unitText(unit) {
   return unit === "1" ? "" : ` ${unit}`;
@@ -35,7 +41,7 @@ export function axisText(symbol, unit) {
 
 /** A number that a person typed, with a comma or a point; NaN for anything else. */
 export function typed(text) {
-  const plain = text.trim().replace(MINUS, "-").replace(",", ".");
+  const plain = text.trim().replaceAll(MINUS, "-").replace(",", ".");
   return plain === "" ? NaN : Number(plain);
 }
 
