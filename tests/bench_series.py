@@ -22,8 +22,8 @@ from tests.figures import fresh, report
 from tests.video_scene import DURATION, FIELD, LENGTH, SIDES, SQUARE, START, WIDTH, Film, film, write_boards
 
 SHORT, FURTHER = 22, 100
-ACROSS = 16
-"""Points across the strip, and about as many along it."""
+PER_POINT = 16
+"""Rows of a photograph for each point across the strip: about as many stand along it."""
 NOISE = 1.5
 PIPELINE = """\
 dicflow: 1
@@ -46,7 +46,7 @@ def figures(steps: int = 3000, height: int = 240) -> Iterator[Figure]:
     """Time, memory and room of a run of so many steps."""
     folder, size = fresh("bench_series"), (4 * height // 3, height)
     scene = film(0.0, size)
-    path = write_pipeline(folder, scene, ACROSS)
+    path = write_pipeline(folder, scene, height // PER_POINT)
     photographs = _photographs(folder, scene, steps + 1)
     cost([DICFLOW, "warm"])  # which is not measured
     runs = []
