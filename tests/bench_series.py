@@ -58,7 +58,10 @@ def figures(steps: int = 3000, height: int = 240) -> Iterator[Figure]:
     further, rest = some.cpu_s / FURTHER, many.cpu_s / (steps - SHORT - FURTHER)
     yield Figure(f"processor time per step, of all the rest / of {FURTHER}", rest / further, 1.1)
     yield Figure(f"peak memory, {steps} steps / {SHORT} steps", many.peak_bytes / few.peak_bytes, 1.1)
-    yield Figure("store, per step", size_of(folder / ".dicflow") / steps / 1e3, unit="kB")
+    store = folder / ".dicflow"
+    yield Figure("store, per step", size_of(store) / steps / 1e3, unit="kB")
+    blocks = sum(path.stat().st_blocks for path in store.rglob("*"))
+    yield Figure("  in blocks of the disk", 512 * blocks / steps / 1e3, unit="kB")
     yield from _afterwards(path, steps)
     one = _run(path, photographs)
     yield Figure(f"run of step {steps + 1}: processor time", one.cpu_s, unit="s")
