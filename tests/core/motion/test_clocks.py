@@ -86,7 +86,7 @@ def found_in_a_part(seed):
 
 
 def test_few_frames_that_happen_to_fit_do_not_win_over_many():
-    """An offset by some periods of one motion fits where little of the pull was seen by both; it is refused, if found."""
+    """An offset by some periods of one motion fits where both saw little of the pull; if it is found, it is refused."""
     found = [found_in_a_part(seed) for seed in range(12)]
     errors = [joined.offset - truth for joined, truth in found if joined is not None and joined.is_unique]
     right = sum(abs(error) < 0.012 for error in errors)
