@@ -22,8 +22,8 @@ from tests.figures import fresh, report
 from tests.video_scene import DURATION, FIELD, LENGTH, SIDES, SQUARE, START, WIDTH, Film, film, write_boards
 
 SHORT, FURTHER = 22, 100
-ACROSS = 16
-"""Points across the strip, and about as many along it."""
+PER_POINT = 16
+"""Rows of a photograph for each point across the strip: about as many stand along it."""
 NOISE = 1.5
 PIPELINE = """\
 dicflow: 1
@@ -46,7 +46,7 @@ def figures(steps: int = 3000, height: int = 240) -> Iterator[Figure]:
     """Time, memory and room of a run of so many steps."""
     folder, size = fresh("bench_series"), (4 * height // 3, height)
     scene = film(0.0, size)
-    path = write_pipeline(folder, scene, ACROSS)
+    path = write_pipeline(folder, scene, height // PER_POINT)
     photographs = _photographs(folder, scene, steps + 1)
     cost([DICFLOW, "warm"])  # which is not measured
     runs = []
@@ -58,7 +58,10 @@ def figures(steps: int = 3000, height: int = 240) -> Iterator[Figure]:
     further, rest = some.cpu_s / FURTHER, many.cpu_s / (steps - SHORT - FURTHER)
     yield Figure(f"processor time per step, of all the rest / of {FURTHER}", rest / further, 1.1)
     yield Figure(f"peak memory, {steps} steps / {SHORT} steps", many.peak_bytes / few.peak_bytes, 1.1)
-    yield Figure("store, per step", size_of(folder / ".dicflow") / steps / 1e3, unit="kB")
+    store = folder / ".dicflow"
+    yield Figure("store, per step", size_of(store) / steps / 1e3, unit="kB")
+    blocks = sum(path.stat().st_blocks for path in store.rglob("*"))
+    yield Figure("  in blocks of the disk", 512 * blocks / steps / 1e3, unit="kB")
     yield from _afterwards(path, steps)
     one = _run(path, photographs)
     yield Figure(f"run of step {steps + 1}: processor time", one.cpu_s, unit="s")

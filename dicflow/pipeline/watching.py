@@ -117,6 +117,7 @@ class Watch:
                 raise InputError(f"{missing[0]}: no such folder; it is waited for, and Ctrl-C ends the watch")
             found = self._arrivals.look(self._specs)
             if self._arrivals.replaced:
+                self._note(f"waiting: {self._arrivals.replaced[0]} is being written again")
                 return False
             stamps = self._arrivals.stamps(found)
             if found != self._found or stamps != self._stamps or not growing.tasks:

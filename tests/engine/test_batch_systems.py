@@ -90,7 +90,8 @@ def test_the_job_that_is_submitted_and_withdrawn(system, folder, store, kind):
 def test_a_job_that_such_a_system_runs(system, folder, store, tmp_path):
     """LSF's way, in which the script comes through a pipe."""
     place = system("lsf", JOB)
-    result = run_sync(chain(folder), store, cluster=cluster("lsf"))
+    patient = cluster("lsf", wait_s=600.0, cores=1, death_timeout=600)
+    result = run_sync(chain(folder), store, cluster=patient)
     assert result.ok, result.errors
     assert index(result) == index(run_sync(chain(folder), Store.open(tmp_path / "other")))
     assert (place / "calls").read_text().splitlines()[-1].endswith("bkill 4711")

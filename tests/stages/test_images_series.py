@@ -50,6 +50,20 @@ def test_videos_whose_clocks_nothing_joins_are_refused(folder):
         Images(left="left.mp4", right="right.mp4").steps(folder)
 
 
+def test_a_video_that_a_phone_has_turned_beside_one_that_it_has_not(tmp_path):
+    shutil.copy(VIDEOS / "turned.mp4", tmp_path / "left.mp4")
+    shutil.copy(VIDEOS / "b_frames.mp4", tmp_path / "right.mp4")
+    node = Images(left="left.mp4", right="right.mp4", offset=0.0)
+    steps = dict(list(node.steps(tmp_path).items())[:2])
+    facts = {file: node.check(file) for files in steps.values() for file in files.values()}
+    with pytest.raises(InputError, match=r"left\.mp4#1.* tagged as rotated \(orientation 6\) .*orientation: upright"):
+        node.agree(facts, steps, {})
+    upright = node.model_copy(update={"orientation": "upright"})
+    upright.agree(facts, steps, {})
+    turned = Photographs.read(upright.run(**steps["left_001"]))
+    assert (turned.left.shape, turned.right.shape) == ((64, 48), (48, 64))
+
+
 def test_sentences_about_two_videos(folder):
     node = Images(left="left.mp4", right="right.mp4", offset=0.0)
     sentences = node.left_out(folder, node.steps(folder))
