@@ -6,15 +6,9 @@ their power P and autocorrelation ρ, whose spectrum is S, the covariance is
 
     P Σᵢⱼ kᵢ ρ(i − j) kⱼᵀ = P ∫ k̂ S k̂*,
 
-which takes residuals and slopes of the grey levels as independent. A fit takes a part of the residuals at each
-frequency, which is known and made up for. Where a subset holds two motions, its residuals depend on the slopes, and
-sums of k r over its windows are large,
-
-    Σ_b (Σ_{i∈b} kᵢ rᵢ)(Σ_{i∈b} kᵢ rᵢ)ᵀ
-
-(White, Econometrica 48, 1980; for blocks, Liang and Zeger, Biometrika 73, 1986; bell-shaped windows replace the blocks
-here, because residuals that cancel between blocks would count at sharp edges). They also count what cancels over
-the subset. So the first formula tells what is usual, and they tell by how much subsets exceed it.
+which takes residuals and slopes of the grey levels as independent. P and ρ are those of the residuals, and no sums of
+k r over parts of a subset, since these also count what cancels over the whole. A fit takes a part of the residuals at
+each frequency, which is known and made up for.
 
 A pattern that is a little sharper in one photograph leaves second derivatives of the grey levels f, along one
 direction more than along another after a stretch. These move no place: f_x f_xx, f_x f_xy and f_x f_yy are made of
@@ -48,10 +42,6 @@ _MAX_SAMPLES = 250
 _KERNEL_STRIDE, _MAX_TAKEN = 16, 0.8
 """Every so many of these give what kernels make of an autocorrelation, which is much the same for all, and the largest
 share that a fit takes of the power at a frequency."""
-_WINDOWS, _WINDOW_SIGMA = 5, 0.5
-"""Windows along the side of a subset, and their standard deviation in distances of one from the next."""
-_USUAL_QUANTILE = 0.9
-"""Quantile of sums over windows, in units of the covariances by the autocorrelation, up to which these are usual."""
 _MIN_PAIRS = 0.05
 """Share of the pixels of a subset that must have a partner at a distance, for the correlation there to be known."""
 _NEIGHBOUR_SIGMA = 2.5
@@ -62,12 +52,10 @@ class PlaceCovariances(NamedTuple):
     """Covariances (n, 2, 2) of the places of subsets, in pixels of the template; NaN where unknown.
 
     residual : by the residuals [px²]; noise : for white noise of one grey level [px² per grey level²]
-    uneven : by sums over windows, scaled so that they are usually as by the residuals, beyond these [px²]
     """
 
     residual: Array
     noise: Array
-    uneven: Array
 
 
 def misfit_covariance(
@@ -93,22 +81,21 @@ def misfit_covariance(
     rows, cols = centres[::stride, ::stride].shape[:2]
     sampled = [part[::stride, ::stride].reshape(-1, *part.shape[2:]) for part in (centres, warp, noise)]
     whole_pixels = np.nan_to_num(sampled[0]).astype(np.int64)
-    found = place_covariances(reference, target, whole_pixels, sampled[1], subset, threads)
-    excess = found.residual - sampled[2][:, None, None] * found.noise
-    parts = [_in_units(part, found.noise).reshape(rows, cols, 2, 2) for part in (excess, found.uneven)]
-    positive = upper_triangle(np.sum([_significant(part) for part in parts], axis=0))
+    residual, white = place_covariances(reference, target, whole_pixels, sampled[1], subset, threads)
+    excess = _in_units(residual - sampled[2][:, None, None] * white, white)
+    doubled_errors = 2.0 * _standard_errors(excess)
+    values, axes = np.linalg.eigh(_smooth(excess.reshape(rows, cols, 2, 2)) - np.diag(doubled_errors))
+    positive = upper_triangle((axes * np.maximum(values, 0.0)[..., None, :]) @ np.swapaxes(axes, -1, -2))
     share = positive.repeat(stride, axis=0).repeat(stride, axis=1)[: centres.shape[0], : centres.shape[1]]
     x, y = np.sqrt(unit[..., 0]), np.sqrt(unit[..., 2])
     return np.asarray(share * np.stack([x * x, x * y, y * y], axis=-1))
 
 
-def _significant(excess: Array) -> Array:
-    """Means over neighbours on the grid (row, col, 2, 2) less two standard errors, positive semidefinite."""
-    scatter = excess[..., [0, 1], [0, 1]].reshape(-1, 2)
-    scatter = scatter[np.isfinite(scatter).all(axis=1)]
-    errors = scatter.std(axis=0) / np.sqrt(4.0 * np.pi * _NEIGHBOUR_SIGMA**2) if len(scatter) else np.zeros(2)
-    values, axes = np.linalg.eigh(_smooth(excess) - 2.0 * np.diag(errors))
-    return np.asarray((axes * np.maximum(values, 0.0)[..., None, :]) @ np.swapaxes(axes, -1, -2))
+def _standard_errors(excess: Array) -> Array:
+    """Standard errors (2,) of the means of neighbours, from the scatter of samples (n, 2, 2); 0 where all are NaN."""
+    if not np.isfinite(excess).any():
+        return np.zeros(2)
+    return np.asarray(np.nanstd(excess[:, [0, 1], [0, 1]], axis=0) / np.sqrt(4.0 * np.pi * _NEIGHBOUR_SIGMA**2))
 
 
 def _smooth(values: Array) -> Array:
@@ -129,46 +116,28 @@ def place_covariances(
 
     centres : (n, 2) — whole pixels of the template; warp : (n, 2, 3 or 6) — results of correlation; NaN where not found
     """
-    found = PlaceCovariances(*np.full((3, len(centres), 2, 2), np.nan))
+    found = PlaceCovariances(np.full((len(centres), 2, 2), np.nan), np.full((len(centres), 2, 2), np.nan))
     half = subset.size // 2
     limits = np.array(reference.grey.shape[::-1]) - half
     inside = np.asarray((centres >= half) & (centres < limits)).all(axis=1)
     whole = np.flatnonzero(inside & np.isfinite(warp).all(axis=(1, 2)))
 
     def compute(part: Index) -> None:
-        for field, values in zip(found, _inside(reference, target, centres[part], warp[part], subset), strict=True):
-            field[part] = values
+        found.residual[part], found.noise[part] = _inside(reference, target, centres[part], warp[part], subset)
 
     over(threads, compute, np.array_split(whole, max(1, len(whole) // _CHUNK)) if len(whole) else ())
-    return found._replace(uneven=_as_usual(found.uneven, found.residual) - found.residual)
+    return found
 
 
-def _as_usual(in_windows: Array, expected: Array) -> Array:
-    """Sums over windows (n, 2, 2) with the factors by which they usually are as expected (n, 2, 2)."""
-    ratio = np.diagonal(in_windows, axis1=1, axis2=2) / np.maximum(np.diagonal(expected, axis1=1, axis2=2), 1e-300)
-    known = ratio[np.isfinite(ratio).all(axis=1)]
-    if not len(known):
-        return in_windows
-    usual = np.minimum(known, np.quantile(known, _USUAL_QUANTILE, axis=0)).mean(axis=0)
-    factors = 1.0 / np.sqrt(np.maximum(usual, 1e-300))
-    return np.asarray(in_windows * np.outer(factors, factors))
-
-
-def _inside(
-    reference: Template, target: Spline, centres: Index, warp: Array, subset: Subset
-) -> tuple[Array, Array, Array]:
-    """Covariances (n, 2, 2) of subsets that lie in the template and were found.
-
-    By the autocorrelation of the residuals, for white noise, and by sums over windows.
-    """
+def _inside(reference: Template, target: Spline, centres: Index, warp: Array, subset: Subset) -> PlaceCovariances:
+    """The same for subsets that lie in the template and were found."""
     fit = residuals(reference, target, centres, warp, subset)
     f, residual, weight = (part.astype(np.float64) for part in (fit.f, fit.residual, fit.weight))
     jacobian = _jacobian(fit, subset.size)
     for brightness in (np.ones_like(f), f):
         part = _weighted_mean(jacobian * brightness, weight) / _weighted_mean(brightness * brightness, weight)
         jacobian = jacobian - part[..., None] * brightness
-    blur = _second_derivatives(fit, subset.size)
-    return _covariances(jacobian, f, weight, residual, blur, _windows(subset.size))
+    return _by_autocorrelation(jacobian, f, weight, residual, _second_derivatives(fit, subset.size))
 
 
 def _second_derivatives(fit: Residuals, size: int) -> Array:
@@ -190,20 +159,11 @@ def _jacobian(fit: Residuals, size: int) -> Array:
     return np.asarray(np.stack([slope * part for slope in (fit.by_x, fit.by_y) for part in monomials]))
 
 
-def _windows(size: int) -> Array:
-    """Weights of the pixels of a subset in each window, (pixel, window)."""
-    pixel, middle = np.arange(size), (np.arange(_WINDOWS) + 0.5) * size / _WINDOWS - 0.5
-    band = np.exp(-0.5 * ((pixel[:, None] - middle) * _WINDOWS / size / _WINDOW_SIGMA) ** 2)
-    return np.asarray(np.einsum("ia,jb->ijab", band, band).reshape(size**2, _WINDOWS**2))
-
-
-def _covariances(
-    jacobian: Array, f: Array, weight: Array, residual: Array, blur: Array, windows: Array
-) -> tuple[Array, Array, Array]:
-    """The covariances of :func:`_inside`.
+def _by_autocorrelation(jacobian: Array, f: Array, weight: Array, residual: Array, blur: Array) -> PlaceCovariances:
+    """The covariances by the autocorrelation of the residuals.
 
     jacobian : (term, n, pixel); f, weight, residual : (n, pixel)
-    blur : (n, 3, pixel) — what a change of sharpness leaves; windows : (pixel, window)
+    blur : (n, 3, pixel) — what a change of sharpness leaves
     """
     terms = len(jacobian)
     by_point = np.moveaxis(jacobian, 0, 1)
@@ -223,8 +183,7 @@ def _covariances(
     growth = _in_units(_covariance(kernel[some], spectrum), noise[some]).mean(axis=0)
     scale = np.sqrt(np.diagonal(noise, axis1=1, axis2=2))
     by_power = power[:, None, None] * growth * scale[:, :, None] * scale[:, None]
-    by_shift, scores = shift @ np.swapaxes(shift, -1, -2), (kernel * residual[:, None]) @ windows
-    return by_power + by_shift, noise, scores @ np.swapaxes(scores, -1, -2) + by_shift
+    return PlaceCovariances(by_power + shift @ np.swapaxes(shift, -1, -2), noise)
 
 
 def _gain(left: Array, weight: Array) -> Array:
