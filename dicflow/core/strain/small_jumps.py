@@ -52,6 +52,11 @@ class GridOfSubsets(NamedTuple):
         """The same along the line."""
         return max(1, round(_WIDTH * self.size / self.step))
 
+    @property
+    def half(self) -> int:
+        """Points from a rim up to which it cuts subsets."""
+        return max(1, int(np.ceil(0.5 * self.size / self.step)))
+
     def profile(self, distance: Array, normal: Array) -> Array:
         """r at distances from a line [points], −1/2 to 1/2. normal : (2,) — of the line"""
         table = _profile(self.size, self.shape_function, float(normal[0]), float(normal[1]))
@@ -114,7 +119,7 @@ def jumps_at_points(surface: MeasuredSurface, lost: Mask, subsets: GridOfSubsets
     lost : (row, col) — where a jump was found
     """
     best = Jumps(np.zeros(lost.shape), np.zeros((*lost.shape, 3)), np.zeros(lost.shape, dtype=np.uint8))
-    points, errors = _without_jumps(surface, subsets.reach)
+    points, errors = _without_jumps(surface, subsets)
     values = points.values[..., :3] - points.values[..., 3:]
     whole = (surface.known & ~beside_borders(points.parts)).astype(np.float64)
     near = grown(lost, np.ones((2 * subsets.reach + 1,) * 2, dtype=np.uint8)) & surface.known
@@ -134,17 +139,19 @@ def grown(mask: Mask, by: Codes) -> Mask:
     return np.asarray(cv2.dilate(mask.astype(np.uint8), by) > 0, dtype=np.bool_)
 
 
-def _without_jumps(surface: MeasuredSurface, reach: int) -> tuple[WindowedPoints, list[ErrorShare]]:
+def _without_jumps(surface: MeasuredSurface, subsets: GridOfSubsets) -> tuple[WindowedPoints, list[ErrorShare]]:
     """The points, and the errors of their displacements, with those errors that they would have without a jump.
 
-    Beside a jump the errors are those by the jump itself, so that these are as large as the least ones around, in terms
-    of those at the first step: there, subsets that a rim cuts, or with little texture, have larger errors too.
+    Beside a jump the errors are those by the jump itself, so that these are as large as the least ones around. Subsets
+    that the rim of the region cuts keep their own.
     """
     points, known = surface.points, surface.known
-    first = np.sum([np.trace(one.covariance[..., 3:, 3:], axis1=-2, axis2=-1) for one in surface.errors], axis=0)
-    first = np.where(known & (first > 0.0), np.sqrt(np.abs(first)), 1.0)
-    growth = np.where(known, points.sigma / first, np.inf)
-    sigma = np.where(known, first * cv2.erode(growth, np.ones((reach + 1,) * 2, dtype=np.uint8)), 0.0)
+    around = np.ones((subsets.reach + 1,) * 2, dtype=np.uint8)
+    least = cv2.erode(np.where(known, points.sigma, np.inf), around)
+    outside = np.pad(points.parts.number == 0, subsets.half, constant_values=True)
+    cut = grown(outside, np.ones((2 * subsets.half + 1,) * 2, dtype=np.uint8))
+    cut = cut[subsets.half : -subsets.half, subsets.half : -subsets.half]
+    sigma = np.where(known, np.where(cut, points.sigma, least), 0.0)
     share = np.divide(sigma, points.sigma, out=np.ones_like(sigma), where=known)[..., None, None] ** 2
     errors = [one._replace(covariance=share * displacement_covariance(one.covariance)) for one in surface.errors]
     return points._replace(sigma=sigma), errors
