@@ -47,8 +47,8 @@ def calibration_of(project: Project, name: str, text: str) -> dict[str, Any]:
     rigs = [stage for stage, instance in names.items() if graph.stages[instance].node.gives == "rig"]
     if not rigs:
         raise ConfigurationError(
-            "this pipeline has no calibration: it measures with one camera, in pixels; a stage 'scale' in the file gives "
-            "millimetres (dicflow stages scale)"
+            "this pipeline has no calibration: it measures with one camera, in pixels; a stage 'scale' in the file "
+            "gives millimetres (dicflow stages scale)"
         )
     stage = next((name for name in rigs if "corners" in graph.stages[names[name]].node.takes), rigs[-1])
     maker = Maker(graph, pipeline.plan("ignore"), pipeline.store)
