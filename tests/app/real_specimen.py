@@ -36,7 +36,7 @@ MOVED = (1740, 170)
 GAUGE = [(920, 520), (920, 840)]
 LEFT_OUT = "09"
 EXPLORER = "document.querySelector('.fields').explorer"
-ONE, OTHER = (f"document.querySelector('.pair .side{side}').explorer" for side in (0, 1))
+ONE, OTHER = (f"document.querySelector('.pair .fields.side{side}').explorer" for side in (0, 1))
 _PATIENCE_MS = 600_000
 
 
