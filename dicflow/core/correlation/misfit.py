@@ -6,9 +6,10 @@ their power P and autocorrelation ρ, whose spectrum is S, the covariance is
 
     P Σᵢⱼ kᵢ ρ(i − j) kⱼᵀ = P ∫ k̂ S k̂*,
 
-which takes residuals and slopes of the grey levels as independent. P and ρ are those of the residuals, and no sums of
-k r over parts of a subset, since these also count what cancels over the whole. A fit takes a part of the residuals at
-each frequency, which is known and made up for.
+which takes residuals and slopes of the grey levels as independent. The squares of sums of k r over windows do not need
+that (White, Econometrica 48, 1980), but count what cancels from window to window. Either is too large where its
+assumption fails, by a pattern too sharp for the pixels or a change of focus, so that the smaller one of both counts. A
+fit takes a part of the residuals at each frequency, which is known and made up for.
 
 A pattern that is a little sharper in one photograph leaves second derivatives of the grey levels f, along one
 direction more than along another after a stretch. These move no place: f_x f_xx, f_x f_xy and f_x f_yy are made of
@@ -42,6 +43,11 @@ _MAX_SAMPLES = 250
 _KERNEL_STRIDE, _MAX_TAKEN = 16, 0.8
 """Every so many of these give what kernels make of an autocorrelation, which is much the same for all, and the largest
 share that a fit takes of the power at a frequency."""
+_WINDOWS, _WINDOW_SIGMA, _MAX_LOSS = 5, 0.5, 5.0
+"""Windows along the side of a subset, their standard deviation in distances of one from the next, and the largest loss
+by the fit that is made up for."""
+_CHANCE = 1.1
+"""Factor by which sums over the windows of some subsets may be too small by chance: two standard errors."""
 _MIN_PAIRS = 0.05
 """Share of the pixels of a subset that must have a partner at a distance, for the correlation there to be known."""
 _NEIGHBOUR_SIGMA = 2.5
@@ -183,7 +189,19 @@ def _by_autocorrelation(jacobian: Array, f: Array, weight: Array, residual: Arra
     growth = _in_units(_covariance(kernel[some], spectrum), noise[some]).mean(axis=0)
     scale = np.sqrt(np.diagonal(noise, axis1=1, axis2=2))
     by_power = power[:, None, None] * growth * scale[:, :, None] * scale[:, None]
+    windows = _windows(int(np.sqrt(f.shape[-1])))
+    loss = _fit_loss(kernel[some], by_point[some], weighted[some], inverse[some], windows, spectrum)
+    in_windows = _CHANCE * loss * (((kernel * residual[:, None]) @ windows) ** 2).sum(axis=-1).mean(axis=0)
+    share = np.sqrt(np.minimum(in_windows / np.maximum(np.diagonal(by_power.mean(axis=0)), 1e-300), 1.0))
+    by_power = by_power * np.outer(share, share)
     return PlaceCovariances(by_power + shift @ np.swapaxes(shift, -1, -2), noise)
+
+
+def _windows(size: int) -> Array:
+    """Weights of the pixels of a subset in each window, (pixel, window)."""
+    pixel, middle = np.arange(size), (np.arange(_WINDOWS) + 0.5) * size / _WINDOWS - 0.5
+    band = np.exp(-0.5 * ((pixel[:, None] - middle) * _WINDOWS / size / _WINDOW_SIGMA) ** 2)
+    return np.asarray(np.einsum("ia,jb->ijab", band, band).reshape(size**2, _WINDOWS**2))
 
 
 def _gain(left: Array, weight: Array) -> Array:
@@ -244,3 +262,24 @@ def _covariance(kernel: Array, spectrum: Array) -> Array:
     twice[[0, -1]] = 1.0
     products = np.einsum("naij,nbij,ij->nab", waves, waves.conj(), spectrum * twice).real
     return np.asarray(products / len(spectrum) ** 2)
+
+
+def _fit_loss(
+    kernel: Array, by_point: Array, weighted: Array, inverse: Array, windows: Array, spectrum: Array
+) -> Array:
+    """Variances (2,) by residuals over the mean of their sandwich estimate: a warp was fitted, and windows are small.
+
+    kernel : (n, 2, pixel); by_point, weighted : (n, term, pixel); inverse : (n, term, term)
+    windows : (pixel, window); spectrum : of the autocorrelation of the residuals
+    """
+    parts = kernel[:, :, None] * windows.T
+    seen = parts - ((parts @ np.swapaxes(by_point, -1, -2)[:, None]) @ inverse[:, None]) @ weighted[:, None]
+    total, kept = _variance(kernel, spectrum).mean(axis=0), _variance(seen, spectrum).sum(axis=-1).mean(axis=0)
+    return np.asarray(np.clip(total / np.maximum(kept, 1e-12), 1.0, _MAX_LOSS))
+
+
+def _variance(weights: Array, spectrum: Array) -> Array:
+    """Variance (...) of sums with weights (..., pixel) of values with an autocorrelation, given by its spectrum."""
+    power = _power(weights) * spectrum
+    ends = power[..., [0, -1]].sum(axis=(-1, -2))
+    return np.asarray((2.0 * power.sum(axis=(-1, -2)) - ends) / len(spectrum) ** 2)
