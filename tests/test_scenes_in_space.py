@@ -127,7 +127,9 @@ def test_photographs_show_speckles_before_a_background_and_a_part_in_front():
 
 @pytest.mark.slow
 def test_without_noise_a_scene_is_measured_as_its_truth_says(tmp_path):
-    """Away from rims all errors are below what noise of two grey levels causes there, and a third of it in the mean."""
+    """Away from rims the errors are a third of what noise of two grey levels causes there, in the mean; each one is below
+    that or within three stated uncertainties, which are larger where a window has a higher degree.
+    """
     half_width, half_height = 11.0, 9.0
     sheet = gentle.SCENE.parts[0]._replace(bounds=bounds(half_width, half_height))
     small = gentle.SCENE._replace(
@@ -141,7 +143,7 @@ def test_without_noise_a_scene_is_measured_as_its_truth_says(tmp_path):
     caused_by_noise = {"U": 3.4e-4, "V": 2.8e-4, "W": 1.5e-3, "exx": 8.5e-5, "eyy": 8.3e-5, "gxy": 1.2e-4}
     for quantity, noise in caused_by_noise.items():
         error = inner.error[quantity]
-        assert np.abs(error).max() < noise
+        assert (np.abs(error) < np.maximum(noise, 3.0 * inner.stated[quantity])).all()
         assert np.sqrt(np.mean(error**2)) < noise / 3.0
         assert abs(np.median(error)) < noise / 10.0
 
