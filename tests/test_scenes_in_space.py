@@ -127,8 +127,8 @@ def test_photographs_show_speckles_before_a_background_and_a_part_in_front():
 
 @pytest.mark.slow
 def test_without_noise_a_scene_is_measured_as_its_truth_says(tmp_path):
-    """Away from rims the errors are a third of what noise of two grey levels causes there, in the mean; each one is below
-    that or within three stated uncertainties, which are larger where a window has a higher degree.
+    """Away from rims the errors are in the mean a third of what noise of two grey levels causes there; each one is
+    below that or within three stated uncertainties, which are larger where a window has a higher degree.
     """
     half_width, half_height = 11.0, 9.0
     sheet = gentle.SCENE.parts[0]._replace(bounds=bounds(half_width, half_height))
