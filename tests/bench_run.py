@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import json
 import os
-import shutil
 import subprocess
 import sys
 import time
@@ -25,7 +24,7 @@ from dicflow.core.correlation.subsets import Subset
 from dicflow.core.photographs.exposure import Photograph
 from tests import bench_correlation as speckles
 from tests.bars import Figure
-from tests.figures import WORK, fresh
+from tests.figures import WORK, cleared, fresh
 
 DICFLOW = str(Path(sys.executable).with_name("dicflow"))
 PIPELINE = """\
@@ -90,7 +89,7 @@ def photographs(shape: str, count: int) -> Path:
 def run(folder: Path) -> float:
     """Seconds of a whole process from an empty store."""
     for made in (".dicflow", "results"):
-        shutil.rmtree(folder / made, ignore_errors=True)
+        cleared(folder / made)
     return _process([DICFLOW, "run", str(folder / "pipeline.yaml")])
 
 

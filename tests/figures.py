@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import atexit
 import os
 import platform
 import shutil
 import sys
+import tempfile
 from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
 from typing import TypeVar
@@ -17,6 +19,7 @@ from tests.bars import Figure, print_figures
 ROOT = Path(__file__).resolve().parents[1]
 T = TypeVar("T")
 WORK = ROOT / "build" / "figures"
+_GONE = ROOT / "build" / "gone"
 
 
 def report(figures: Iterable[Figure]) -> int:
@@ -53,8 +56,19 @@ def made(name: str, write: Callable[[Path], None]) -> Path:
 
 def fresh(name: str) -> Path:
     """A path of work in which nothing is left of an earlier time."""
-    path = WORK / name
-    shutil.rmtree(path, ignore_errors=True)
+    return cleared(WORK / name)
+
+
+def cleared(path: Path) -> Path:
+    """The path, of which nothing is there any more; what was there is deleted when the program ends.
+
+    For minutes after many files are deleted, ext4 takes up to thirty times as long to make new ones beside them, which
+    a measurement would count.
+    """
+    if path.exists():
+        _GONE.mkdir(parents=True, exist_ok=True)
+        path.rename(Path(tempfile.mkdtemp(dir=_GONE)) / path.name)
+        atexit.register(shutil.rmtree, _GONE, ignore_errors=True)
     return path
 
 
