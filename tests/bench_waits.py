@@ -76,6 +76,8 @@ def seconds(program: str, wait: Wait) -> float:
     """Seconds of the whole process, from an empty store."""
     folder = fresh(f"waits_{'now' if program == PROGRAM else 'before'}")
     home = {"HOME": str(folder), "XDG_CACHE_HOME": "", "LOCALAPPDATA": ""} if wait.is_first else {}
+    if wait.is_first and program != PROGRAM:  # whose kernels may lie beside its code
+        home["NUMBA_CACHE_DIR"] = str(folder / "kernels")
     environment = {**os.environ, **home}
     folders = {"store": str(folder / "store"), "output": str(folder / "output")}
     if wait.first:

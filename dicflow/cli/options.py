@@ -122,13 +122,13 @@ def tick_rarely() -> Callable[[int, int, str], None]:
     """A :func:`tick` that says something every two seconds at most."""
     said = time.monotonic()
 
-    def told(done: int, total: int, name: str) -> None:
+    def rarely(done: int, total: int, name: str) -> None:
         nonlocal said
         if time.monotonic() - said >= _SILENCE_S:
             said = time.monotonic()
             tick(done, total, name)
 
-    return told
+    return rarely
 
 
 def refuse_full(folder: Path, force: bool) -> None:

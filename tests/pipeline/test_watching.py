@@ -1,4 +1,4 @@
-"""A folder that is watched: products equal to those of a run afterwards, whatever came half, late or twice."""
+"""A folder that is watched: products equal to those of a run afterwards, also of what came half, late or twice."""
 
 from __future__ import annotations
 
@@ -141,15 +141,19 @@ def test_a_watch_without_photographs_says_so(tmp_path):
         watch.pipeline_so_far()
 
 
+def arriving(pipeline):
+    """What comes into the folder of a pipeline, and the stages that look for photographs there."""
+    loaded = Pipeline.load(pipeline)
+    return Arrivals(loaded.store), {name: loaded.stages[name] for name in loaded.searched}
+
+
 def test_photographs_of_another_size_are_in_no_step(tmp_path):
     pipeline = write_pipeline(tmp_path)
     first, second = pairs(tmp_path, 2)
     feed([*first, *second])
     small = cv2.imencode(".png", cv2.imread(str(second[0].path), 0)[:100])[1].tobytes()
     feed([second[0]._replace(content=small)])
-    loaded = Pipeline.load(pipeline)
-    arrivals = Arrivals(loaded.store)
-    specs = {name: loaded.stages[name] for name in loaded.searched}
+    arrivals, specs = arriving(pipeline)
     arrivals.look(specs)
     time.sleep(0.25)
     assert list(arrivals.look(specs)["photos"]) == ["left_000"]
@@ -159,9 +163,7 @@ def test_photographs_of_another_size_are_in_no_step(tmp_path):
 
 def looking(pipeline):
     """What looks at the photographs of a pipeline, and a function that looks."""
-    loaded = Pipeline.load(pipeline)
-    arrivals = Arrivals(loaded.store)
-    specs = {name: loaded.stages[name] for name in loaded.searched}
+    arrivals, specs = arriving(pipeline)
     return lambda: list(arrivals.look(specs)["photos"])
 
 
@@ -222,9 +224,7 @@ def test_nothing_is_read_while_a_known_photograph_is_written_again(tmp_path):
 def test_a_photograph_whose_partner_stays_away_is_named_after_a_while(tmp_path, monkeypatch):
     pipeline, (first, second) = write_pipeline(tmp_path), pairs(tmp_path, 2)
     feed([*first, second[0]])
-    loaded = Pipeline.load(pipeline)
-    arrivals = Arrivals(loaded.store)
-    specs = {name: loaded.stages[name] for name in loaded.searched}
+    arrivals, specs = arriving(pipeline)
     arrivals.look(specs)
     time.sleep(0.25)
     assert list(arrivals.look(specs)["photos"]) == ["left_000"]
