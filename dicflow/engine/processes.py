@@ -1,7 +1,7 @@
 """Worker processes of this machine. Each has a pipe of its own to this process, and nothing listens.
 
 So nobody else can connect. A worker that dies is replaced; its replacement gets work once it has said that it is
-ready, so that a slow one holds up only itself.
+ready, so that a slow one holds up only itself. Several workers that load the same are forked from one that has.
 """
 
 from __future__ import annotations
@@ -18,8 +18,10 @@ from concurrent.futures import ThreadPoolExecutor
 from contextlib import suppress
 from functools import partial
 from multiprocessing.connection import Connection
+from multiprocessing.process import BaseProcess
 from typing import Any, TypeVar
 
+from dicflow.engine.forks import ForkedProcess, Forks, can_fork
 from dicflow.engine.workers import limit_threads, prepare, with_room
 from dicflow.errors import ConfigurationError, WorkerError
 
@@ -62,8 +64,8 @@ class WorkerProcesses:
         self, count: int, setup: Callable[[], None] | None = None, ahead: Sequence[Callable[[], None]] = ()
     ) -> None:
         self.count = count
-        self._setup = setup
-        self._ahead = ahead
+        self._serve = partial(_serve, setup=setup, ahead=ahead)
+        self._forks = _forks(setup, ahead) if count > 1 and ahead and can_fork() else None
         self._unstarted = count
         self._places = count
         self._idle = _Idle()
@@ -98,6 +100,8 @@ class WorkerProcesses:
             worker.process.kill()
         for worker in workers:
             worker.end()
+        if self._forks is not None:
+            self._forks.end()
 
     def start(self) -> None:
         """Start all processes now, so that they are ready when there is work."""
@@ -193,12 +197,21 @@ class WorkerProcesses:
             if self._closed:
                 return None
             try:
-                worker = _Worker(self._setup, self._ahead)
+                worker = _Worker(self._process)
             except Exception as error:
                 self._problem = f": {error}"
                 return None
             self._workers.add(worker)
             return worker
+
+    def _process(self, pipe: Connection) -> BaseProcess | ForkedProcess:
+        """A new process that serves a pipe."""
+        forked = self._forks.fork(pipe) if self._forks is not None else None
+        if forked is not None:
+            return forked
+        process = _SPAWN.Process(target=self._serve, args=(pipe,), name=_NAME, daemon=True)
+        process.start()
+        return process
 
     def _give_up(self) -> None:
         """Leave a place without a worker; another place takes over, as long as there is one."""
@@ -250,13 +263,12 @@ class _Idle:
 
 
 class _Worker:
-    """A process and this end of its pipe."""
+    """A process and this end of its pipe. start : starts a process that serves the other end"""
 
-    def __init__(self, setup: Callable[[], None] | None, ahead: Sequence[Callable[[], None]]) -> None:
+    def __init__(self, start: Callable[[Connection], BaseProcess | ForkedProcess]) -> None:
         self._pipe, there = _SPAWN.Pipe()
-        self.process = _SPAWN.Process(target=_serve, args=(there, setup, ahead), name=_NAME, daemon=True)
         try:
-            self.process.start()
+            self.process = start(there)
         finally:
             there.close()
 
@@ -287,13 +299,32 @@ class _Worker:
             self.process.join(_END_S)
 
 
+def _forks(setup: Callable[[], None] | None, ahead: Sequence[Callable[[], None]]) -> Forks:
+    """What forks workers that have made the calls ahead."""
+    return Forks(_NAME, partial(_load, setup, ahead), partial(_serve_with_parent, ahead=()))
+
+
+def _load(setup: Callable[[], None] | None, ahead: Sequence[Callable[[], None]]) -> None:
+    _begin(setup)
+    with_room(partial(_call_all, ahead))
+
+
 def _serve(pipe: Connection, setup: Callable[[], None] | None, ahead: Sequence[Callable[[], None]]) -> None:
     """What a worker does until its pipe is closed."""
+    _begin(setup)
+    _serve_with_parent(pipe, ahead)
+
+
+def _begin(setup: Callable[[], None] | None) -> None:
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # the main process lets the workers finish
     with suppress(ValueError):  # with this, locks that libraries make leave no names behind when a worker is killed
         multiprocessing.set_start_method("fork", force=True)
-    threading.Thread(target=_end_with_parent, daemon=True).start()
     prepare(setup)
+
+
+def _serve_with_parent(pipe: Connection, ahead: Sequence[Callable[[], None]]) -> None:
+    """Answer requests as long as the main process lives and the pipe is open."""
+    threading.Thread(target=_end_with_parent, daemon=True).start()
     with suppress(EOFError, OSError):  # the other end is closed, or its process has died
         pipe.send(True)
         with_room(partial(_answer_all, pipe, ahead))
@@ -313,10 +344,15 @@ def _answer_all(pipe: Connection, ahead: Sequence[Callable[[], None]]) -> None:
     to_do = iter(ahead)
     while True:
         while not pipe.poll() and (call := next(to_do, None)) is not None:
-            with suppress(Exception):  # what goes wrong shows again in a task, which has a place for errors
-                call()
+            _call_all([call])
         request, before = pipe.recv_bytes(), time.process_time()
         pipe.send((*_answer(request), time.process_time() - before))
+
+
+def _call_all(calls: Sequence[Callable[[], None]]) -> None:
+    for call in calls:
+        with suppress(Exception):  # what goes wrong shows again in a task, which has a place for errors
+            call()
 
 
 def _answer(request: bytes) -> tuple[bool, Any]:
