@@ -100,7 +100,7 @@ def _derivatives(reference: Spline, threads: int) -> tuple[Image, Image]:
 
 def _dot(a: Image, b: Image) -> float:
     """Σ a b, in one order of summation for any number of threads."""
-    return float(np.sum(a * b, dtype=np.float64))
+    return float(np.einsum("ij,ij->i", a, b).sum(dtype=np.float64))
 
 
 @njit(error_model="numpy", **INNER)

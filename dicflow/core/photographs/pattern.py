@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
+import cv2
 import numpy as np
 
 from dicflow.core.arrays import Grey, Mask
@@ -37,8 +38,8 @@ def pattern_of(image: Grey, usable: Mask) -> Pattern:
 
     image : (rows, cols) grey; usable : (rows, cols) bool — the region in it, not empty
     """
-    levels = image[usable].astype(float)
-    contrast = float(levels.std() / max(levels.mean(), 1e-12))
+    mean, deviation = (float(part[0, 0]) for part in cv2.meanStdDev(image, mask=usable.view(np.uint8)))
+    contrast = deviation / max(mean, 1e-12)
     gradient, saturated = mean_intensity_gradient(image, usable), saturated_share(image, usable)
     return Pattern(speckle_size(image, usable), gradient, contrast, saturated)
 

@@ -48,8 +48,7 @@ def mean_intensity_gradient(image: Grey, mask: Mask | None = None) -> float:
     the image smoothed by 1 px to reduce the sensor's noise.
     """
     gx, gy = _gradient(_smoothed(image))
-    length = np.hypot(gx, gy)
-    return float(length.mean() if mask is None else length[mask].mean())
+    return cv2.mean(cv2.magnitude(gx, gy), None if mask is None else mask.view(np.uint8))[0]
 
 
 def saturation_level(image: Grey) -> float:
