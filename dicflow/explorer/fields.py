@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import threading
 from collections import OrderedDict
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
@@ -276,15 +277,20 @@ class TotalFields:
 
 _read_last: OrderedDict[tuple[str, ...], StepFields] = OrderedDict()
 """Fields by the digests of what they are made of, those that were used last at the end."""
+_keeping = threading.Lock()
 
 
 def _kept(sources: Sequence[str], make: Callable[[], StepFields]) -> StepFields:
     """Fields that were read before, or that are made now. They are shared: nobody changes them."""
     key = tuple(sources)
-    found = _read_last.pop(key, None) or make()
-    _read_last[key] = found
-    while len(_read_last) > 1 and sum(map(_size, _read_last.values())) > _KEPT_BYTES:
-        _read_last.popitem(last=False)
+    with _keeping:
+        found = _read_last.pop(key, None)
+    if found is None:
+        found = make()
+    with _keeping:
+        _read_last[key] = found
+        while len(_read_last) > 1 and sum(map(_size, _read_last.values())) > _KEPT_BYTES:
+            _read_last.popitem(last=False)
     return found
 
 

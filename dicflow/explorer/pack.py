@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import NamedTuple
 
+from dicflow.core.threads import over
 from dicflow.explorer.content import Keep, Selection, first_blob, select, step_blobs
 from dicflow.explorer.described import manifest_of
 from dicflow.explorer.entries import Contents
@@ -28,26 +29,27 @@ class Packed(NamedTuple):
     blobs: Mapping[str, bytes]
 
 
-def packed_result(result: Result, title: str, keep: Keep, budget_bytes: float = 8e6) -> Packed | None:
+def packed_result(result: Result, title: str, keep: Keep, budget_bytes: float = 8e6, threads: int = 1) -> Packed | None:
     """The fields of a result for a page; None if no step has any.
 
     title : of the pipeline
-    keep : keeps pieces from one page to the next
+    keep : keeps pieces from one page to the next; threads may call it
     budget_bytes : of the blobs as base64
+    threads : so many steps are read at once
     """
-    reading = read_result(result, keep)
-    return None if reading is None else pack(reading, title, keep, budget_bytes)
+    reading = read_result(result, keep, threads)
+    return None if reading is None else pack(reading, title, keep, budget_bytes, threads)
 
 
-def pack(reading: Reading, title: str, keep: Keep, budget_bytes: float) -> Packed:
+def pack(reading: Reading, title: str, keep: Keep, budget_bytes: float, threads: int = 1) -> Packed:
     """What was read as a manifest and its blobs; as :func:`packed_result`."""
     budget = budget_bytes / _BASE64
     chosen = _selection(reading, (1 - _PHOTOGRAPHS) * budget, keep)
-    photographs = _photographs(reading, chosen, _PHOTOGRAPHS * budget, keep)
+    photographs = _photographs(reading, chosen, _PHOTOGRAPHS * budget, keep, threads)
     rest = budget - sum(len(one) for found in photographs.pictures.values() for one in found.values())
     chosen = _selection(reading, rest, keep, chosen.steps)
     blobs: dict[str, bytes] = {}
-    shown = _contents(reading, chosen, photographs, blobs, keep)
+    shown = _contents(reading, chosen, photographs, blobs, keep, threads)
     return Packed(manifest_of(reading, title, shown, keep), blobs)
 
 
@@ -59,14 +61,14 @@ def _selection(reading: Reading, budget_bytes: float, keep: Keep, steps: Sequenc
     return select(main, reading.importance, measured, budget_bytes)
 
 
-def _photographs(reading: Reading, chosen: Selection, budget_bytes: float, keep: Keep) -> Photographs:
+def _photographs(reading: Reading, chosen: Selection, budget_bytes: float, keep: Keep, threads: int) -> Photographs:
     stage = reading.source.photographs
     if stage is None:
         return Photographs({}, {})
     names = reading.result.steps(stage)
     first = names[:1] if reading.first is not None else ()
     steps = list(dict.fromkeys([*first, *(step for step in chosen.steps if step in names)]))
-    return Series(reading.result, stage, steps, keep).fitting(boxes_of(reading.scales), budget_bytes)
+    return Series(reading.result, stage, steps, keep).fitting(boxes_of(reading.scales), budget_bytes, threads)
 
 
 def _left_out(reading: Reading, chosen: Selection, photographs: Photographs) -> list[str]:
@@ -86,7 +88,12 @@ def _left_out(reading: Reading, chosen: Selection, photographs: Photographs) -> 
 
 
 def _contents(
-    reading: Reading, chosen: Selection, photographs: Photographs, blobs: dict[str, bytes], keep: Keep
+    reading: Reading,
+    chosen: Selection,
+    photographs: Photographs,
+    blobs: dict[str, bytes],
+    keep: Keep,
+    threads: int,
 ) -> Contents:
     """What is shown. blobs : takes what it names"""
 
@@ -95,7 +102,7 @@ def _contents(
         blobs[found] = blob
         return found
 
-    made = {one: step_blobs(reading.source, one, reading.scales, chosen, keep) for one in chosen.steps}
+    made = over(threads, lambda one: step_blobs(reading.source, one, reading.scales, chosen, keep), chosen.steps)
     first = first_blob(reading.source, reading.scales, chosen.stride, keep)
     pictures: dict[str, dict[str, str]] = {}
     for side, found in photographs.pictures.items():
@@ -105,7 +112,9 @@ def _contents(
         steps=list(reading.steps) if len(chosen.steps) == len(reading.surveys) else list(chosen.steps),
         quantities=chosen.quantities,
         stride=chosen.stride,
-        fields={one: {key: name(blob) for key, blob in found.items()} for one, found in made.items()},
+        fields={
+            one: {key: name(blob) for key, blob in found.items()} for one, found in zip(chosen.steps, made, strict=True)
+        },
         first=None if first is None else name(first),
         photographs=pictures,
         crops=photographs.crops,

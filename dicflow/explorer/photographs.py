@@ -7,6 +7,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from functools import cache
 from typing import NamedTuple
 
+from dicflow.core.threads import over
 from dicflow.engine.product import Product
 from dicflow.errors import DicflowError
 from dicflow.explorer.content import Keep
@@ -52,10 +53,11 @@ class Series:
         self._result, self._stage, self._keep = result, stage, keep
         self._steps = list(steps)
 
-    def fitting(self, boxes: Mapping[str, Box], budget_bytes: float) -> Photographs:
+    def fitting(self, boxes: Mapping[str, Box], budget_bytes: float, threads: int = 1) -> Photographs:
         """The largest photographs that fit into a budget; the last step stands for all.
 
         boxes : side → part of the photograph in which its points lie at all steps [px]
+        threads : so many photographs are reduced at once
         """
         for longest in _SIZES_PX:
             crops = self.crops(boxes, longest)
@@ -64,11 +66,12 @@ class Series:
                 break
         else:
             return Photographs({}, {})
-        made = {step: self.pictures(step, crops) for step in self._steps}
+        found = over(threads, lambda step: self.pictures(step, crops), self._steps)
+        made = dict(zip(self._steps, found, strict=True))
         pictures = {side: {step: one[side] for step, one in made.items() if side in one} for side in crops}
         return Photographs(
             {side: crop for side, crop in crops.items() if pictures[side]},
-            {side: found for side, found in pictures.items() if found},
+            {side: shown for side, shown in pictures.items() if shown},
         )
 
     def crops(self, boxes: Mapping[str, Box], longest: int = _SIZES_PX[0]) -> dict[str, Crop]:

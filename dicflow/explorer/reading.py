@@ -8,6 +8,7 @@ from typing import NamedTuple, TypedDict
 
 import numpy as np
 
+from dicflow.core.threads import over
 from dicflow.explorer.content import Keep, spread
 from dicflow.explorer.fields import FieldSource, QuantityFacts, field_source
 from dicflow.explorer.survey import Scales, StepSurvey, extents, scales_of, survey
@@ -77,10 +78,13 @@ class Reading(NamedTuple):
         return look(name, facts["title"], facts["unit"], low, high, choice)
 
 
-def read_result(result: Result, keep: Keep) -> Reading | None:
-    """One reading of all steps, or of some of a long series; None if no step has fields."""
+def read_result(result: Result, keep: Keep, threads: int = 1) -> Reading | None:
+    """One reading of all steps, or of some of a long series; None if no step has fields.
+
+    threads : so many steps are read at once
+    """
     source = field_source(result)
-    return None if source is None else _read(result, source, keep, _page_steps(result, source))
+    return None if source is None else _read(result, source, keep, _page_steps(result, source), threads)
 
 
 def read_source(result: Result, source: FieldSource, keep: Keep, most_steps: int) -> Reading | None:
@@ -101,8 +105,10 @@ def _page_steps(result: Result, source: FieldSource) -> Sequence[str]:
     return [steps[number] for number in drawn] if 0 < len(drawn) <= _MOST_STEPS else spread(steps, _FEW_STEPS)
 
 
-def _read(result: Result, source: FieldSource, keep: Keep, steps: Sequence[str]) -> Reading | None:
-    surveys = {step: surveyed(source, step, keep) for step in steps if source.has(step)}
+def _read(result: Result, source: FieldSource, keep: Keep, steps: Sequence[str], threads: int = 1) -> Reading | None:
+    measured = [step for step in steps if source.has(step)]
+    found = over(threads, lambda step: surveyed(source, step, keep), measured)
+    surveys = dict(zip(measured, found, strict=True))
     first = _first(source, keep)
     scales = scales_of([*surveys.values()], None if first is None else first["extents"])
     quantities = [facts for facts in source.quantities() if facts["name"] in scales.values]

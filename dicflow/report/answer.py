@@ -48,7 +48,7 @@ def answer(context: Context, sections: Sequence[Section]) -> Section | None:
 
     sections : all others, whose warnings the verdict counts
     """
-    found = packed_result(context.result, context.pipeline.title, context.pieces.get)
+    found = packed_result(context.result, context.pipeline.title, context.pieces.get, threads=context.workers)
     if found is None:
         return None
     warnings = sum(len(section.warnings) for section in sections)
