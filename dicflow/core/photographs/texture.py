@@ -22,6 +22,10 @@ __all__ = [
 ]
 
 STRIDE_PX = 4  # between texture values: fine enough for a region's outline, 16 times cheaper than every pixel
+_STRIP_PX = 32 * STRIDE_PX
+"""Rows that are computed at once: fetching memory for a whole photograph takes longer than computing."""
+_DERIVATIVE_REACH_PX = 5
+"""Reach of the derivatives of the smoothed grey levels."""
 MIN_TEXTURE_RATIO = 3.0  # least ratio of the median textures of pattern and background
 _USUAL_REACH_PX = 64  # shifts that are enough for most speckles
 _ENOUGH_PX = 960  # side of a window in which most speckles can be measured
@@ -47,7 +51,7 @@ def mean_intensity_gradient(image: Grey, mask: Mask | None = None) -> float:
     The measure of a speckle pattern's quality by Pan, Lu and Xie (Optics and Lasers in Engineering 48, 2010), here of
     the image smoothed by 1 px to reduce the sensor's noise.
     """
-    gx, gy = _gradient(_smoothed(image))
+    gx, gy = _gradient(_smoothed(image, _full_scale(image)))
     return cv2.mean(cv2.magnitude(gx, gy), None if mask is None else mask.view(np.uint8))[0]
 
 
@@ -116,10 +120,21 @@ def texture(image: Grey, window_px: int = 32) -> Texture:
     A straight edge has gradients in one direction only, so it does not contribute to the smaller eigenvalue (Shi and
     Tomasi, CVPR 1994).
     """
-    gx, gy = _gradient(_smoothed(image))
+    halo = STRIDE_PX * -(-(window_px // 2 + _DERIVATIVE_REACH_PX) // STRIDE_PX)
+    full_scale, parts = _full_scale(image), []
+    for top in range(0, len(image), _STRIP_PX):
+        first = max(0, top - halo)
+        strength = _strength(image[first : top + _STRIP_PX + halo], window_px, full_scale)
+        parts.append(strength[(top - first) // STRIDE_PX :][: _STRIP_PX // STRIDE_PX])
+    return Texture(np.concatenate(parts), STRIDE_PX, window_px)
+
+
+def _strength(image: Grey, window_px: int, full_scale: float) -> Image:
+    """The strength of the texture of a strip of an image."""
+    gx, gy = _gradient(_smoothed(image, full_scale))
     xx, yy, xy = (_window_mean(product, window_px) for product in (gx * gx, gy * gy, gx * gy))
     smaller = (xx + yy) / 2 - np.sqrt(((xx - yy) / 2) ** 2 + xy**2)
-    return Texture(np.sqrt(np.maximum(smaller, 0)), STRIDE_PX, window_px)
+    return np.asarray(np.sqrt(np.maximum(smaller, 0)))
 
 
 def speckled_points(texture: Texture) -> Mask:
@@ -165,9 +180,9 @@ def _full_scale(image: Grey) -> float:
     return float(2**bits - 1)
 
 
-def _smoothed(image: Grey) -> Image:
-    """Grey levels 0 … 255, smoothed by 1 px."""
-    grey = image.astype(np.float32) * np.float32(255.0 / _full_scale(image))
+def _smoothed(image: Grey, full_scale: float) -> Image:
+    """Grey levels 0 … 255, smoothed by 1 px. full_scale : the level that becomes 255"""
+    grey = image.astype(np.float32) * np.float32(255.0 / full_scale)
     return np.asarray(cv2.GaussianBlur(grey, (0, 0), 1.0), dtype=np.float32)
 
 
