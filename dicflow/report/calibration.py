@@ -5,10 +5,12 @@ from __future__ import annotations
 import json
 from base64 import b64encode
 from collections.abc import Mapping, Sequence
+from functools import partial
 from typing import TYPE_CHECKING, Any
 
 from markupsafe import Markup
 
+from dicflow.core.threads import at_once
 from dicflow.engine.product import Product
 from dicflow.kinds.boards import BoardMarks
 from dicflow.kinds.rig import CalibratedRig
@@ -267,7 +269,9 @@ def _rectified(context: Context, stage: str) -> dict[str, Any] | None:
     if "right" not in product:
         return None
     sources = ["row-aligned pair", result.digest(stage), result.digest(photographs, 0)]
-    found: dict[str, Any] = json.loads(context.pieces.get(sources, lambda: _pair(result.product(stage), product)))
+    found: dict[str, Any] = json.loads(
+        context.pieces.get(sources, lambda: _pair(result.product(stage), product, context.workers))
+    )
     return found
 
 
@@ -279,7 +283,7 @@ def _photographs(result: Result) -> str | None:
     return None
 
 
-def _pair(rig_product: Product, images: Product) -> bytes:
+def _pair(rig_product: Product, images: Product, threads: int) -> bytes:
     """Both photographs with common rows, shrunk, and where lines are drawn across them."""
     from dicflow.core.cameras.rectification import rectification, rectify
     from dicflow.views.crops import crop_around, photo_jpeg
@@ -287,12 +291,12 @@ def _pair(rig_product: Product, images: Product) -> bytes:
     rig = CalibratedRig.read(rig_product).cameras
     aligned = rectification(rig)
     part = crop_around([], aligned.size, _PAIR_PX)
-    left = rectify(images["left"], rig.left, aligned.rotation_left, aligned.matrix_left, aligned.size)
-    right = rectify(images["right"], rig.right, aligned.rotation_right, aligned.matrix_right, aligned.size)
+    left = partial(rectify, images["left"], rig.left, aligned.rotation_left, aligned.matrix_left, aligned.size)
+    right = partial(rectify, images["right"], rig.right, aligned.rotation_right, aligned.matrix_right, aligned.size)
     width, height = part.size
     content = {
         "size": [width, height],
-        "pictures": [b64encode(photo_jpeg(picture, part)).decode() for picture in (left, right)],
+        "pictures": [b64encode(photo_jpeg(picture, part)).decode() for picture in at_once(threads, left, right)],
         "lines": [round((k + 0.5) * height / _LINES, 1) for k in range(_LINES)],
     }
     return json.dumps(content).encode()
