@@ -15,7 +15,7 @@ from numba import njit
 from dicflow.core.arrays import Array, Bytes, Counts, Image, Mask
 from dicflow.core.correlation.subset_sums import Pixels
 from dicflow.core.kernels import INNER
-from dicflow.core.photographs.interpolate import Spline, slopes
+from dicflow.core.photographs.interpolate import PAD, Spline, slopes
 from dicflow.core.threads import over
 
 __all__ = [
@@ -37,6 +37,9 @@ CLEAR_MARGIN_PX = 4.0
 """Margin around a subset in which the target is looked at for pixels that are not measured [px]."""
 _DERIVATIVE_SIGMA_PX, _DERIVATIVE_REACH_PX = 0.7, 3
 """Standard deviation, and half the support, of the Gaussian in the derivatives of the template."""
+_MIRRORED = cv2.BORDER_REFLECT_101
+_STRIP_PX = 128
+"""Rows whose derivatives are compared at once: fetching memory for those of a whole photograph takes longer."""
 _BESIDE, _IN_REGION, _IN_PART = 0, 1, 2
 """Pixels of a square: outside the region, in it, and connected with the centre."""
 
@@ -85,21 +88,25 @@ def _derivatives(reference: Spline, threads: int) -> tuple[Image, Image]:
     reach = np.arange(-_DERIVATIVE_REACH_PX, _DERIVATIVE_REACH_PX + 1)
     gaussian = np.exp(-0.5 * (reach / _DERIVATIVE_SIGMA_PX) ** 2)
     value, slope = gaussian / gaussian.sum(), reach * gaussian / (reach**2 * gaussian).sum()
-    true_slopes = slopes(reference, threads)
+    filters = (slope, value), (value, slope)
+    found = over(threads, lambda pair: cv2.sepFilter2D(reference.image, -1, *pair, borderType=_MIRRORED), filters)
 
-    def derivative(filters: tuple[Array, Array], true_slope: Image) -> tuple[Image, float, float]:
-        found = cv2.sepFilter2D(reference.image, -1, *filters, borderType=cv2.BORDER_REFLECT_101)
-        return found, _dot(found, found), _dot(found, true_slope)
+    def sums(top: int) -> list[tuple[float, float]]:
+        rows = slice(top, top + _STRIP_PX)
+        strip = reference._replace(coefficients=reference.coefficients[top : top + _STRIP_PX + 2 * PAD])
+        return [
+            (_dot(one[rows], one[rows]), _dot(one[rows], true)) for one, true in zip(found, slopes(strip), strict=True)
+        ]
 
-    both = zip(((slope, value), (value, slope)), true_slopes, strict=True)
-    along_x, along_y = over(threads, lambda part: derivative(*part), both)
-    square, product = along_x[1] + along_y[1], along_x[2] + along_y[2]
-    scale = np.float32(product / square if square > 0.0 else 1.0)
-    return along_x[0] * scale, along_y[0] * scale
+    square, product = np.sum(over(threads, sums, range(0, len(reference.image), _STRIP_PX)), axis=(0, 1))
+    for one in found:
+        one *= np.float32(product / square if square > 0.0 else 1.0)
+    by_x, by_y = found
+    return by_x, by_y
 
 
 def _dot(a: Image, b: Image) -> float:
-    """Σ a b, in one order of summation for any number of threads."""
+    """Σ a b, each row's in single precision."""
     return float(np.einsum("ij,ij->i", a, b).sum(dtype=np.float64))
 
 

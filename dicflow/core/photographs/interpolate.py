@@ -16,7 +16,6 @@ from numba import njit
 
 from dicflow.core.arrays import Array, Grey, Image, Mask
 from dicflow.core.kernels import INNER
-from dicflow.core.threads import over
 
 __all__ = ["FAST_MATH", "PAD", "Spline", "interpolate", "slopes", "spline"]
 
@@ -78,17 +77,13 @@ def spline(image: Grey, degree: int = 5, measured: Mask | None = None) -> Spline
     )
 
 
-def slopes(image: Spline, threads: int = 1) -> tuple[Image, Image]:
+def slopes(image: Spline) -> tuple[Image, Image]:
     """Derivatives of a spline along x and y at the pixels, (rows, cols) float32 each [grey levels per px]."""
     (value, whole), (slope, half) = _VALUES_AT_INTEGERS[image.degree], _SLOPES_AT_INTEGERS[image.degree]
     across, along = np.array(value) / whole, np.array(slope) / half
-    inner = slice(PAD, -PAD)
-
-    def derivative(filters: tuple[Array, Array]) -> Image:
-        return np.ascontiguousarray(cv2.sepFilter2D(image.coefficients, -1, *filters)[inner, inner], dtype=np.float32)
-
-    by_x, by_y = over(threads, derivative, ((along, across), (across, along)))
-    return by_x, by_y
+    inner, filters = slice(PAD, -PAD), ((along, across), (across, along))
+    by_x, by_y = (cv2.sepFilter2D(image.coefficients, -1, *pair)[inner, inner] for pair in filters)
+    return np.ascontiguousarray(by_x, dtype=np.float32), np.ascontiguousarray(by_y, dtype=np.float32)
 
 
 def interpolate(image: Spline, xy: npt.ArrayLike) -> Image:
