@@ -41,7 +41,11 @@ def graph(folder: Path, factor: float = 2.0) -> Graph:
 def run(folder: Path, store: Path, factor: float = 2.0, **options: object) -> RunResult:
     """Run the chain as a new process would: with nothing in memory."""
     cache.clear()
-    return toys.run_sync(graph(folder, factor), Store.open(store), **options)
+    return toys.run_sync(graph(folder, factor), Store.open(store), ahead=lambda _: [_load], **options)
+
+
+def _load() -> None:
+    """A call ahead, so that workers are forked from the process that makes it."""
 
 
 def made_clean(folder: Path, store: Path, factor: float = 2.0) -> Expected:
