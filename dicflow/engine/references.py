@@ -30,6 +30,8 @@ from dicflow.errors import DamagedError, NotKeptError, StageError, StoreError
 if TYPE_CHECKING:
     import numpy as np
 
+    from dicflow.engine.graph import Task
+
 __all__ = [
     "Clock",
     "ProductCache",
@@ -43,6 +45,7 @@ __all__ = [
     "clock",
     "handover",
     "load",
+    "recipe_of",
     "refs_in",
 ]
 
@@ -82,6 +85,17 @@ class Recipe:
     def depth(self) -> int:
         """How many stages must run, one after the other, this one included."""
         return 1 + max((ref.depth for ref in refs_in(self.inputs)), default=0)
+
+
+def recipe_of(task: Task, refs: Mapping[str, Ref]) -> Recipe:
+    """How to make the product of a task again. refs : products of the tasks that it takes something from, by name"""
+    inputs: dict[str, RefInput] = {}
+    for port, source in task.inputs.items():
+        if source is None or isinstance(source, str):
+            inputs[port] = None if source is None else refs[source]
+        else:
+            inputs[port] = tuple((step, refs[name]) for step, name in source)
+    return Recipe(task.name, task.node, inputs, task.files)
 
 
 class Series(Sequence[Product]):
