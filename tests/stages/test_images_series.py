@@ -71,7 +71,7 @@ def test_a_video_that_a_phone_has_turned_beside_one_that_it_has_not(tmp_path):
     node = Images(left="left.mp4", right="right.mp4", offset=0.0)
     steps = dict(list(node.steps(tmp_path).items())[:2])
     facts = {file: node.check(file) for files in steps.values() for file in files.values()}
-    with pytest.raises(InputError, match=r"left\.mp4#1.* tagged as rotated \(orientation 6\) .*orientation: upright"):
+    with pytest.raises(InputError, match=r"left\.mp4: tagged as rotated \(orientation 6\) .*orientation: upright"):
         node.agree(facts, steps, {})
     upright = node.model_copy(update={"orientation": "upright"})
     upright.agree(facts, steps, {})

@@ -115,19 +115,18 @@ def _check_videos(left: Mapping[str, Path], right: Mapping[str, Path] | None) ->
             )
     if right is not None and len({is_video(path) for path in (*left.values(), *right.values())}) > 1:
         one, other = next(iter(left.values())), next(iter(right.values()))
-        _check_readable(other if is_video(one) else one)
+        with suppress(OSError):  # whoever reads it says why it cannot be read
+            _check_readable(other if is_video(one) else one)
         raise InputError(f"{one.name} and {other.name}: a video and photographs; both cameras must give the same")
 
 
 def _check_readable(path: Path) -> None:
-    """Raise InputError for a file that is empty, or neither a photograph nor a video."""
-    try:
-        with path.open("rb") as file:
+    """Raise InputError for a file that is empty, or neither a photograph nor a video; OSError as opening it does."""
+    with path.open("rb") as file:
+        try:
             format_of(file)
-    except InputError as error:
-        raise InputError(f"{path}: {error}") from error
-    except OSError:
-        return  # whoever reads it says why it cannot be read
+        except InputError as error:
+            raise InputError(f"{path}: {error}") from error
 
 
 def _check_apart(left: Path, right: Path) -> None:
@@ -135,7 +134,7 @@ def _check_apart(left: Path, right: Path) -> None:
     with suppress(OSError):
         if left.samefile(right):
             raise InputError(f"{left.name}: is the left and the right camera's; name the files of the other camera")
-        if filecmp.cmp(left, right, shallow=False):
+        if is_video(left) and filecmp.cmp(left, right, shallow=False):
             raise InputError(f"{right}: is a copy of {left.name}; copy the right camera's files again")
 
 
