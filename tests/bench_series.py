@@ -1,7 +1,8 @@
 """What a long series costs: thousands of pairs through the precise form, against 22 of them.
 
-``python -m tests.bench_series [STEPS [HEIGHT]]`` renders a tensile test filmed by two cameras, photographs of so many
-pixels high, each with noise of its own, and measures the first 22 pairs, 100 further ones, and the rest, in one store.
+``python -m tests.bench_series [STEPS [HEIGHT [FURTHER]]]`` renders a tensile test filmed by two cameras, photographs of
+so many pixels high, each with noise of its own, and measures the first 22 pairs, 100 (or FURTHER) further ones, and the
+rest, in one store.
 """
 
 from __future__ import annotations
@@ -21,7 +22,7 @@ from tests.bench import DICFLOW, Cost, cost, size_of
 from tests.figures import fresh, report
 from tests.video_scene import DURATION, FIELD, LENGTH, SIDES, SQUARE, START, WIDTH, Film, film, write_boards
 
-SHORT, FURTHER = 22, 100
+SHORT = 22
 PER_POINT = 16
 """Rows of a photograph for each point across the strip: about as many stand along it."""
 NOISE = 1.5
@@ -42,7 +43,7 @@ stages:
 """
 
 
-def figures(steps: int = 3000, height: int = 240) -> Iterator[Figure]:
+def figures(steps: int = 3000, height: int = 240, further: int = 100) -> Iterator[Figure]:
     """Time, memory and room of a run of so many steps."""
     folder, size = fresh("bench_series"), (4 * height // 3, height)
     scene = film(0.0, size)
@@ -50,13 +51,13 @@ def figures(steps: int = 3000, height: int = 240) -> Iterator[Figure]:
     photographs = _photographs(folder, scene, steps + 1)
     cost([DICFLOW, "warm"])  # which is not measured
     runs = []
-    for count in (SHORT, FURTHER, steps - SHORT - FURTHER):
+    for count in (SHORT, further, steps - SHORT - further):
         runs.append(_run(path, islice(photographs, count)))
         yield Figure(f"run of {count} further steps: processor time", runs[-1].cpu_s, unit="s")
         yield Figure("  peak memory over all processes", runs[-1].peak_bytes / 2**20, unit="MiB")
     few, some, many = runs
-    further, rest = some.cpu_s / FURTHER, many.cpu_s / (steps - SHORT - FURTHER)
-    yield Figure(f"processor time per step, of all the rest / of {FURTHER}", rest / further, 1.1)
+    each, rest = some.cpu_s / further, many.cpu_s / (steps - SHORT - further)
+    yield Figure(f"processor time per step, of all the rest / of {further}", rest / each, 1.1)
     yield Figure(f"peak memory, {steps} steps / {SHORT} steps", many.peak_bytes / few.peak_bytes, 1.1)
     store = folder / ".dicflow"
     yield Figure("store, per step", size_of(store) / steps / 1e3, unit="kB")

@@ -11,6 +11,8 @@ import contextlib
 import importlib
 import logging
 import os
+import shlex
+import shutil
 import time
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
@@ -33,7 +35,6 @@ _MEMORY = "4 GB"
 """Of each worker, where neither the options nor the site's settings give the memory of a job."""
 _LOOPBACK = "127.0.0.1:0"
 _PEM, _ROLES = ".pem", ("client", "scheduler", "worker")
-_LACKING = "pip install 'dicflow[cluster]'"
 
 
 @contextmanager
@@ -70,9 +71,11 @@ def _made(options: BackendOptions, spec: ClusterSpec, folder: Path, refused: lis
     try:
         made = getattr(importlib.import_module(module), name)
     except ImportError as error:
-        raise ConfigurationError(f"{spec.kind}: {error}; {_LACKING}") from error
+        raise ConfigurationError(f"{spec.kind}: {error}; {_remedy(spec)}") from error
     except AttributeError as error:
         raise ConfigurationError(f"{spec.kind}: {module} has no '{name}'; correct the name of the class") from error
+    if spec.kind in BATCH:
+        _check_command(spec, made.job_cls.submit_command)
     try:
         if spec.kind in BATCH:
             with options.store.writing():
@@ -80,9 +83,26 @@ def _made(options: BackendOptions, spec: ClusterSpec, folder: Path, refused: lis
             return made(job_cls=_telling(made.job_cls, refused), **arguments)
         return made(**{"hosts": ["localhost"], **spec.options} if spec.kind == "ssh" else dict(spec.options))
     except ImportError as error:
-        raise ConfigurationError(f"{spec.kind}: {error}; {_LACKING}") from error
+        raise ConfigurationError(f"{spec.kind}: {error}; {_remedy(spec)}") from error
     except (TypeError, ValueError, OSError, RuntimeError) as error:
         raise ConfigurationError(f"{spec.kind}: {_first_line(error)}; correct the options of the cluster") from error
+
+
+def _remedy(spec: ClusterSpec) -> str:
+    """What to install where the class of a cluster, or what it needs, is missing."""
+    if spec.kind in BATCH:
+        return "pip install 'dicflow[cluster]'"
+    return "pip install asyncssh" if spec.kind == "ssh" else "correct the name of the class, or install its package"
+
+
+def _check_command(spec: ClusterSpec, submit: str) -> None:
+    """Refuse a batch system whose command is missing. submit : the command that submits a job, with its options"""
+    name = shlex.split(submit)[0]
+    if shutil.which(name) is None:
+        raise ConfigurationError(
+            f"{spec.kind}: the command '{name}' is not found on this machine; start the run where you submit jobs, "
+            "such as a login node of the cluster"
+        )
 
 
 def _job_options(spec: ClusterSpec, folder: Path) -> dict[str, Any]:
@@ -124,6 +144,7 @@ def _quiet(folder: Path) -> Iterator[None]:
     """Silence dask, which logs what is said here otherwise; at the end the run's certificate is deleted."""
     try:
         with distributed.utils.silence_logging_cmgr(logging.CRITICAL):
+            logging.getLogger("tornado.application").setLevel(logging.CRITICAL)  # also for what it says at the very end
             yield
     finally:
         for path in folder.glob(f"*{_PEM}"):
@@ -152,7 +173,7 @@ def _reason(error: Exception) -> str:
 
 
 def _first_line(error: Exception) -> str:
-    return (str(error) or type(error).__name__).splitlines()[0]
+    return (str(error) or type(error).__name__).splitlines()[0].rstrip(":")
 
 
 def _await_worker(client: distributed.Client, spec: ClusterSpec, refused: list[str], options: BackendOptions) -> None:

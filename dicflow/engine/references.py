@@ -30,6 +30,8 @@ from dicflow.errors import DamagedError, NotKeptError, StageError, StoreError
 if TYPE_CHECKING:
     import numpy as np
 
+    from dicflow.engine.graph import Task
+
 __all__ = [
     "Clock",
     "ProductCache",
@@ -43,6 +45,7 @@ __all__ = [
     "clock",
     "handover",
     "load",
+    "recipe_of",
     "refs_in",
 ]
 
@@ -84,6 +87,17 @@ class Recipe:
         return 1 + max((ref.depth for ref in refs_in(self.inputs)), default=0)
 
 
+def recipe_of(task: Task, refs: Mapping[str, Ref]) -> Recipe:
+    """How to make the product of a task again. refs : products of the tasks that it takes something from, by name"""
+    inputs: dict[str, RefInput] = {}
+    for port, source in task.inputs.items():
+        if source is None or isinstance(source, str):
+            inputs[port] = None if source is None else refs[source]
+        else:
+            inputs[port] = tuple((step, refs[name]) for step, name in source)
+    return Recipe(task.name, task.node, inputs, task.files)
+
+
 class Series(Sequence[Product]):
     """The products of all steps in order, as a tuple of them would be; each is opened when it is used.
 
@@ -123,15 +137,19 @@ class _Cached(NamedTuple):
 
 
 class ProductCache:
-    """Products last made in this process, up to a number of bytes. Safe between threads.
+    """Products last made in this process, up to a number of bytes and of products. Safe between threads.
 
-    Those that are in the store as well give way to those that would have to be made again.
+    Those that are in the store as well give way to those that would have to be made again. Of small products the number
+    is what counts: with its names and units an array of some points takes several times its own size, and a long series
+    must not need more memory than a short one.
 
     limit : size of all arrays together [bytes]
+    most : number of products; a run takes up again what was made a few dozens ago, and older ones seldom
     """
 
-    def __init__(self, limit: int = 64_000_000) -> None:
+    def __init__(self, limit: int = 64_000_000, most: int = 128) -> None:
         self.limit = limit
+        self.most = most
         self._products: OrderedDict[str, _Cached] = OrderedDict()
         self._size = 0
         self._lock = threading.Lock()
@@ -155,7 +173,7 @@ class ProductCache:
                 return
             self._products[digest] = _Cached(product, nbytes, kept)
             self._size += nbytes
-            while self._size > self.limit:
+            while self._size > self.limit or len(self._products) > self.most:
                 others = (other for other, cached in self._products.items() if cached.kept and other != digest)
                 evicted = self._products.pop(next(others, next(iter(self._products))))
                 self._size -= evicted.nbytes

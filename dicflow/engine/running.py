@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from dicflow.engine.cluster_spec import ClusterSpec
 from dicflow.engine.compilation import Compilation, Pieces
@@ -13,6 +13,7 @@ from dicflow.engine.graph import Graph
 from dicflow.engine.journal import Event, Journal
 from dicflow.engine.node import Node
 from dicflow.engine.plan import CodePolicy, Plan
+from dicflow.engine.references import Ref, recipe_of
 from dicflow.engine.schedulers import Backend
 from dicflow.engine.store import Store
 from dicflow.engine.work import Job, Outcome, stop_path
@@ -99,6 +100,7 @@ class Running:
 
     def finished(self, outcome: Outcome) -> None:
         """Take in the outcome of a task."""
+        outcome = self._shared(outcome)
         self.outcomes[outcome.name] = outcome
         if outcome.warning and outcome.warning not in self.plan.warnings:
             self.plan.warnings.append(outcome.warning)
@@ -118,6 +120,14 @@ class Running:
                 digest=outcome.ref.digest if outcome.ref is not None else "",
             )
         )
+
+    def _shared(self, outcome: Outcome) -> Outcome:
+        """The outcome with the task and references of this process, in the place of the copies that a worker sent."""
+        task, ref = self.plan.entries[outcome.name].task, outcome.ref
+        if ref is not None and ref.recipe is not None:
+            producers = ((name, self.outcomes[name].ref) for name in task.producers())
+            ref = Ref(ref.digest, recipe_of(task, {name: one for name, one in producers if one is not None}))
+        return replace(outcome, name=task.name, stage=task.stage, step=task.step, ref=ref)
 
     def is_short(self) -> bool:
         """Whether the missing tasks took so little time in the last run that worker processes cost more."""

@@ -24,7 +24,7 @@ from dicflow.engine.action_index import action_of
 from dicflow.engine.file_stamps import FileStamp
 from dicflow.engine.files import FilePart, part_digest, stamp
 from dicflow.engine.fingerprint import Fingerprint
-from dicflow.engine.graph import Task, TaskInput
+from dicflow.engine.graph import Task
 from dicflow.engine.hashing import digest_file
 from dicflow.engine.journal import Status
 from dicflow.engine.keys import input_digests, key_of, key_parts
@@ -34,7 +34,7 @@ from dicflow.engine.objects import Manifest, describe, normalised
 from dicflow.engine.plan import CodePolicy, code_warning, find_hit
 from dicflow.engine.product import Product
 from dicflow.engine.records import Record, versions
-from dicflow.engine.references import Recipe, Ref, RefInput, arguments, clock, handover
+from dicflow.engine.references import Recipe, Ref, arguments, clock, handover, recipe_of
 from dicflow.engine.references import cache as products
 from dicflow.engine.share import with_threads
 from dicflow.engine.store import Store
@@ -192,11 +192,10 @@ def is_kept(node: Node, arrays: int, nbytes: int, seconds: float, depth: int, ga
 def _performed(job: Job, inputs: tuple[Outcome, ...], start: float) -> Outcome:
     store, task = _store(job.store), job.task
     refs = {**job.known, **{outcome.name: outcome.ref for outcome in inputs if outcome.ref is not None}}
-    sources = {port: _joined(source, refs) for port, source in task.inputs.items()}
+    recipe = recipe_of(task, refs)
     digests = {name: file.digest for name, file in job.files.items()}
-    parts = key_parts(task.node, job.parameters, input_digests(sources), digests, task.is_look)
+    parts = key_parts(task.node, job.parameters, input_digests(recipe.inputs), digests, task.is_look)
     key = key_of(parts)
-    recipe = Recipe(task.name, task.node, sources, task.files)
     record, kept, against = find_hit(store, key, job.code, job.code_policy)
     if record is not None and not against:
         ref = Ref(record.digest, None if kept else recipe)
@@ -233,12 +232,6 @@ def _performed(job: Job, inputs: tuple[Outcome, ...], start: float) -> Outcome:
     store.put_record(made)
     store.index.append([(key, action_of(made, manifest))])
     return replace(done, engine_s=time.perf_counter() - start - stage_s - remake_s)
-
-
-def _joined(source: TaskInput, refs: Mapping[str, Ref]) -> RefInput:
-    if source is None or isinstance(source, str):
-        return None if source is None else refs[source]
-    return tuple((step, refs[name]) for step, name in source)
 
 
 def _run(job: Job, store: Store, recipe: Recipe) -> tuple[Product, tuple[float, float], float]:

@@ -188,7 +188,7 @@ class Channels(Node):
         assert joined.seconds is not None
         at_steps = interpolate(joined.seconds, values, joined.at)
         u = self._u(name, at_steps.values, at_steps.slopes * joined.u_offset)
-        return Channel(at_steps.values, unit, title, u, _time_reasons(at_steps, joined))
+        return Channel(at_steps.values, unit, title, u, _time_reasons(at_steps, joined, log.numbers))
 
     def _u(self, name: str, values: np.ndarray, by_offset: np.ndarray) -> np.ndarray | None:
         """Standard uncertainty of a channel (step,); None if it is not given."""
@@ -317,8 +317,8 @@ def _row_reasons(log: Log, joined: JoinedRows, found: np.ndarray) -> list[str]:
     ]
 
 
-def _time_reasons(found: Joined, joined: JoinedRows) -> list[str]:
-    """Why a step has no value, where steps have times."""
+def _time_reasons(found: Joined, joined: JoinedRows, lines: Sequence[int]) -> list[str]:
+    """Why a step has no value, where steps have times. lines : of the log's rows"""
     import numpy as np
 
     from dicflow.core.channels.join import Missing
@@ -330,12 +330,23 @@ def _time_reasons(found: Joined, joined: JoinedRows) -> list[str]:
         Missing.UNTIMED: "the photograph has no time",
         Missing.BEFORE: "the log begins {before:.3g} s after the step",
         Missing.AFTER: "the log ends {after:.3g} s before the step",
-        Missing.GAP: "the log has a gap at the step",
+        Missing.GAP: "the log has a gap at the step, {gap}",
     }
     return [
-        texts[Missing(int(code))].format(before=first - at, after=at - last)
+        texts[Missing(int(code))].format(before=first - at, after=at - last, gap=_gap(joined.seconds, at, lines))
         for code, at in zip(found.missing, joined.at, strict=True)
     ]
+
+
+def _gap(seconds: np.ndarray, at: float, lines: Sequence[int]) -> str:
+    """Where a log has no row about a time [s], and for how long."""
+    import numpy as np
+
+    before, after = np.flatnonzero(seconds <= at), np.flatnonzero(seconds > at)
+    if not (before.size and after.size):
+        return "with no row"
+    lacking = seconds[after[0]] - seconds[before[-1]]
+    return f"of {lacking:.6g} s after line {lines[before[-1]]}; if its clock was set there, correct the times below"
 
 
 def _summary(channels: Mapping[str, Channel], load: str | None, joined: JoinedRows) -> dict[str, float]:

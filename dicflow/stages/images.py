@@ -207,22 +207,27 @@ def _alone(found: Mapping[str, Mapping[str, Path]], steps: Steps) -> tuple[str, 
     listed = (file for files in steps.values() for file in files.values())
     used = {file.path if isinstance(file, FilePart) else file for file in listed}
     alone = [f"{side} {name}" for side, files in found.items() for name, path in files.items() if path not in used]
-    count = "1 photograph has" if len(alone) == 1 else f"{len(alone)} photographs have"
-    problem = f"{count} no partner, and their steps are left out: {_named(alone)}"
+    lacking = (
+        "1 photograph has no partner, and its step is"
+        if len(alone) == 1
+        else f"{len(alone)} photographs have no partner, and their steps are"
+    )
+    problem = f"{lacking} left out: {_named(alone)}"
     return (f"{problem}; add the missing ones to measure these steps",) if alone else ()
 
 
 def _check_tags(facts: _Facts) -> None:
     """Raise InputError if the orientation tags of photographs differ."""
-    tags: dict[int, list[str]] = {}
+    tags: dict[int, dict[str, None]] = {}
     for file, fact in facts.items():
-        tags.setdefault(fact["orientation"], []).append(str(file))
+        path = file.path if isinstance(file, FilePart) else file
+        tags.setdefault(fact["orientation"], {})[str(path)] = None
     if len(tags) > 1:
         common, *_, rare = sorted(tags, key=lambda tag: (-len(tags[tag]), tag))
         raise InputError(
-            f"{_named(tags[rare])}: tagged as rotated (orientation {rare}) otherwise than {tags[common][0]} "
-            f"(orientation {common}); set orientation: sensor to ignore the tags, if the cameras did not turn, or "
-            "orientation: upright to turn every photograph as its tag says"
+            f"{_named(list(tags[rare]))}: tagged as rotated (orientation {rare}) otherwise than "
+            f"{next(iter(tags[common]))} (orientation {common}); set orientation: sensor to ignore the tags, if the "
+            "cameras did not turn, or orientation: upright to turn every photograph as its tag says"
         )
 
 

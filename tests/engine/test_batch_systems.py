@@ -106,3 +106,10 @@ def test_a_full_disk_while_the_certificate_is_written(system, folder, store, mon
     monkeypatch.setattr("dicflow.engine.job_cluster._certificate", full)
     with pytest.raises(StoreError, match="the disk is full; free some space"):
         run_sync(chain(folder), store, cluster=cluster("pbs"))
+
+
+def test_a_batch_system_whose_command_is_not_here(folder, store, monkeypatch):
+    pytest.importorskip("dask_jobqueue", reason="needs pip install 'dicflow[cluster]'")
+    monkeypatch.setenv("PATH", "")
+    with pytest.raises(ConfigurationError, match=r"pbs: the command 'qsub' is not found .* login node"):
+        run_sync(chain(folder), store, cluster=ClusterSpec("pbs"))

@@ -122,7 +122,7 @@ def test_a_job_that_is_refused(machine, folder, store):
     [
         (ClusterSpec("slurm", {"colour": "red"}), r"slurm: .*colour.*; correct the options"),
         (ClusterSpec("distributed.NoSuch"), "distributed has no 'NoSuch'"),
-        (ClusterSpec("no.such.Cluster"), "No module named 'no'"),
+        (ClusterSpec("no.such.Cluster"), "No module named 'no'; correct the name of the class"),
     ],
 )
 def test_a_cluster_that_cannot_be_started(machine, folder, store, spec, words):

@@ -63,6 +63,13 @@ def test_the_cache_holds_what_was_used_last_within_its_limit():
     assert small.get("too large") is None
 
 
+def test_the_cache_holds_so_many_products_at_most_however_small():
+    small = ProductCache(limit=100, most=3)
+    for name in "abcde":
+        small.put(name, field(name, []), 1, kept=name == "d")
+    assert [small.get(name) is not None for name in "abcde"] == [False, True, True, False, True]
+
+
 def test_what_is_in_the_store_gives_way_to_what_would_be_made_again():
     small = ProductCache(limit=100)
     for name, kept in (("a", False), ("b", True), ("c", False)):

@@ -212,3 +212,19 @@ def test_columns_by_title_and_number_and_units_that_are_given(tmp_path):
 def test_what_is_wrong_is_named(tmp_path, text, selection, message):
     with pytest.raises(InputError, match=message):
         read(tmp_path, text, **selection)
+
+
+@pytest.mark.parametrize(
+    ("times", "remarks"),
+    [
+        (
+            np.minimum(np.arange(60.0), 30.0),
+            ["its clock stands still from line 42 to 71; of these 30 rows the mean counts"],
+        ),
+        (np.arange(60.0) // 10, []),
+    ],
+)
+def test_a_clock_that_stands_still_is_told_from_a_coarse_one(tmp_path, times, remarks):
+    path = tmp_path / "log.csv"
+    path.write_bytes(machine_log(times, times, times))
+    assert list(read_log(path).remarks) == remarks

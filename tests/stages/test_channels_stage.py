@@ -224,6 +224,14 @@ def test_what_is_wrong_with_a_log_is_said_before_a_run(tmp_path, text, parameter
         Channels(file=str(path), **parameters).check(path)
 
 
+def test_a_clock_that_was_set_during_the_test_is_named(tmp_path):
+    times = np.arange(60.0)
+    path = written(tmp_path, machine_log(times + 3600.0 * (times >= 2), times, times))
+    dark = [Images.write(np.zeros((4, 4), dtype=np.float32), time=time) for time in (0.0, 1.0, 20.0)]
+    reasons = run(path, dark, offset=0.0).of("force").reasons
+    assert [*reasons[:2], "a gap at the step, of 3601 s after line 13" in reasons[2]] == ["", "", True]
+
+
 def test_numbers_of_rows_and_steps_are_compared_before_a_run(tmp_path):
     path = written(tmp_path, "force [N]\n1\n2\n")
     stage = Channels(file=str(path), join="order")

@@ -50,13 +50,28 @@ def test_videos_whose_clocks_nothing_joins_are_refused(folder):
         Images(left="left.mp4", right="right.mp4").steps(folder)
 
 
+def test_one_file_in_the_place_of_both_cameras_is_refused(folder):
+    shutil.copy(folder / "left.mp4", folder / "copy.mp4")
+    with pytest.raises(InputError, match=r"^left\.mp4: is the left and the right camera's"):
+        Images(left="left.mp4", right="left.mp4", offset=0.0).steps(folder)
+    with pytest.raises(InputError, match=r"copy\.mp4: is a copy of left\.mp4"):
+        Images(left="left.mp4", right="copy.mp4", offset=0.0).steps(folder)
+
+
+@pytest.mark.parametrize(("content", "said"), [(b"", "is empty"), (b"no video", "text, not a photograph")])
+def test_a_video_beside_a_file_that_holds_none(folder, content, said):
+    (folder / "none.mp4").write_bytes(content)
+    with pytest.raises(InputError, match=rf"none\.mp4: .*{said}"):
+        Images(left="left.mp4", right="none.mp4").steps(folder)
+
+
 def test_a_video_that_a_phone_has_turned_beside_one_that_it_has_not(tmp_path):
     shutil.copy(VIDEOS / "turned.mp4", tmp_path / "left.mp4")
     shutil.copy(VIDEOS / "b_frames.mp4", tmp_path / "right.mp4")
     node = Images(left="left.mp4", right="right.mp4", offset=0.0)
     steps = dict(list(node.steps(tmp_path).items())[:2])
     facts = {file: node.check(file) for files in steps.values() for file in files.values()}
-    with pytest.raises(InputError, match=r"left\.mp4#1.* tagged as rotated \(orientation 6\) .*orientation: upright"):
+    with pytest.raises(InputError, match=r"left\.mp4: tagged as rotated \(orientation 6\) .*orientation: upright"):
         node.agree(facts, steps, {})
     upright = node.model_copy(update={"orientation": "upright"})
     upright.agree(facts, steps, {})

@@ -41,15 +41,27 @@ def _joined(left: Path, right: Path, unchanged: tuple[Stamp, Stamp]) -> Joined:
         for path, video in zip((left, right), videos, strict=True)
     ]
     pairs = zip(*(_signals(video, one) for video, one in zip(videos, seen, strict=True)), strict=True)
-    joined = [one for one in (join_clocks(*pair) for pair in pairs) if one is not None and one.is_unique]
-    best = min(joined, key=lambda one: one.u, default=None)
+    joined = [one for one in (join_clocks(*pair) for pair in pairs) if one is not None]
+    best = min((one for one in joined if one.is_unique), key=lambda one: one.u, default=None)
     if best is None or best.u > _MOST_FRAMES * max(video.interval for video in videos):
         raise InputError(
-            f"{left} and {right}: the clocks cannot be joined, since no motion or change of the light that both saw "
-            "says when it was; give offset, the time of the right video's first frame since the left one's [s] (0 with "
-            "a common trigger), or record a flash or a jerk at the start"
+            f"{left.name} and {right.name}: the clocks cannot be joined, since {_why_not(best, joined)}; give offset, "
+            "the time of the right video's first frame since the left one's [s] (0 with a common trigger), or record a "
+            "flash or a jerk at the start"
         )
     return best
+
+
+def _why_not(best: Joined | None, joined: list[Joined]) -> str:
+    """The reason for which an offset is not used."""
+    if best is not None:
+        return (
+            f"what both saw determines the offset ({best.offset:.3f} s) to {best.u:.2g} s only, more than half a frame"
+        )
+    if joined:
+        likeliest = min(joined, key=lambda one: one.u)
+        return f"another offset explains what both saw nearly as well as {likeliest.offset:.3f} s"
+    return "no motion and no change of the light is in both"
 
 
 def joined_sentence(left: Path, right: Path, joined: Joined) -> str:

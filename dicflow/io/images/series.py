@@ -5,14 +5,16 @@ Each frame of a video is a step, with the frame of the other camera that is near
 
 from __future__ import annotations
 
+import filecmp
 from collections.abc import Iterable, Iterator, Mapping, Sequence
+from contextlib import suppress
 from itertools import chain
 from pathlib import Path
 
 from dicflow.engine.files import FilePart
 from dicflow.errors import InputError
 from dicflow.io.images.clocks import joined_clocks, joined_sentence
-from dicflow.io.images.formats import RAW_SUFFIXES, SUFFIXES, VIDEO_SUFFIXES, is_video
+from dicflow.io.images.formats import RAW_SUFFIXES, SUFFIXES, VIDEO_SUFFIXES, format_of, is_video
 from dicflow.io.images.frame_pairs import FramePair, lag_sentence, length_sentence, pair_frames
 from dicflow.io.images.pairing import Unpaired, Way, natural_key, pair_names
 from dicflow.io.images.reading import page_count
@@ -66,7 +68,9 @@ def steps_of(
         rows: Iterable[tuple[Path, ...]] = ((path,) for path in left.values())
     else:
         pairs = pair_names(list(left), list(right), by, unpaired, listed).pairs
-        rows = ((left[a], right[b]) for a, b in pairs)
+        rows = [(left[a], right[b]) for a, b in pairs]
+        for one, other in rows[:1]:
+            _check_apart(one, other)
     steps: dict[str, dict[str, Path | FilePart]] = {}
     for name, files in chain.from_iterable(_parts(row, offset) for row in rows):
         if name in steps:
@@ -111,7 +115,27 @@ def _check_videos(left: Mapping[str, Path], right: Mapping[str, Path] | None) ->
             )
     if right is not None and len({is_video(path) for path in (*left.values(), *right.values())}) > 1:
         one, other = next(iter(left.values())), next(iter(right.values()))
+        with suppress(OSError):  # whoever reads it says why it cannot be read
+            _check_readable(other if is_video(one) else one)
         raise InputError(f"{one.name} and {other.name}: a video and photographs; both cameras must give the same")
+
+
+def _check_readable(path: Path) -> None:
+    """Raise InputError for a file that is empty, or neither a photograph nor a video; OSError as opening it does."""
+    with path.open("rb") as file:
+        try:
+            format_of(file)
+        except InputError as error:
+            raise InputError(f"{path}: {error}") from error
+
+
+def _check_apart(left: Path, right: Path) -> None:
+    """Refuse what one camera took in the place of both."""
+    with suppress(OSError):
+        if left.samefile(right):
+            raise InputError(f"{left.name}: is the left and the right camera's; name the files of the other camera")
+        if is_video(left) and filecmp.cmp(left, right, shallow=False):
+            raise InputError(f"{right}: is a copy of {left.name}; copy the right camera's files again")
 
 
 def _parts(files: tuple[Path, ...], offset: float | None) -> Iterator[tuple[str, tuple[Path | FilePart, ...]]]:

@@ -79,6 +79,10 @@ class Log(NamedTuple):
     remarks: Sequence[str]
 
 
+_STANDSTILL = 20
+"""Times the median number of rows with one time above which a clock stands still."""
+
+
 class _Columns(NamedTuple):
     """Titles, units and cells of all columns."""
 
@@ -107,6 +111,8 @@ def read_log(path: Path, selection: Selection = _ALL) -> Log:
         remarks += left_out
     found = {name: reader.column(name, index) for name, index in chosen.items()}
     clock = None if time is None else reader.clock(time)
+    if clock is not None:
+        remarks += reader.standstill(clock.seconds)
     steps = None if step is None else columns.cells[step]
     return Log(str(path), lines.numbers, found, clock, steps, remarks)
 
@@ -276,6 +282,15 @@ class _Reader:
         self._check_forwards(clock.seconds)
         return clock
 
+    def standstill(self, seconds: np.ndarray) -> list[str]:
+        """A remark on the longest run of rows with one time, unless the clock is only coarser than the rows."""
+        _, first, counts = np.unique(seconds[np.isfinite(seconds)], return_index=True, return_counts=True)
+        if not counts.size or counts.max() < _STANDSTILL * np.median(counts):
+            return []
+        rows = np.flatnonzero(np.isfinite(seconds))[first[counts.argmax()] :]
+        line, last = self.lines.numbers[rows[0]], self.lines.numbers[rows[counts.max() - 1]]
+        return [f"its clock stands still from line {line} to {last}; of these {counts.max()} rows the mean counts"]
+
     def _check_forwards(self, seconds: np.ndarray) -> None:
         known = np.flatnonzero(np.isfinite(seconds))
         back = np.flatnonzero(np.diff(seconds[known]) < 0)
@@ -284,7 +299,7 @@ class _Reader:
             raise InputError(
                 self.where(int(row)),
                 f"the time runs backwards, by {seconds[before] - seconds[row]:.4g} s",
-                "cut the log there into two, one for each test",
+                "cut the log there into two, one for each test, or correct the times below if its clock was set back",
             )
 
 
