@@ -2,7 +2,7 @@
 
 import { Chart } from "/explorer/chart.js";
 import { axisText, withError } from "/explorer/numbers.js";
-import { ask } from "./api.js";
+import { Newest, ask } from "./api.js";
 import { button, empty, fill, h } from "./dom.js";
 
 export const title = "Caliper";
@@ -23,15 +23,18 @@ export async function show(place, app) {
 
 class CaliperScreen {
   constructor(place, app) {
-    Object.assign(this, { place, app, along: "load", isTyping: false });
+    Object.assign(this, { place, app, along: "load", comparisons: new Newest() });
   }
 
   async open() {
-    this.found = await ask("caliper", { file: this.app.file });
+    const found = await this.comparisons.of(ask("caliper", { file: this.app.file }));
+    if (!found) return;
+    this.found = found;
     this.draw();
   }
 
   leave() {
+    this.comparisons.drop();
     clearTimeout(this.later);
     this.isLeft = true;
   }
@@ -137,11 +140,8 @@ class CaliperScreen {
   }
 
   async save(typed) {
-    const { file, document } = this.app;
     try {
-      const seen = { [file]: document.digest, [this.found.file]: this.found.digest };
-      await ask("lengths", { file, lengths: typed, seen });
-      await this.app.changed();
+      await this.app.write("lengths", { lengths: typed }, { [this.found.file]: this.found.digest });
       await this.open();
       this.app.say("saved: lengths of the caliper");
     } catch (error) {
@@ -151,9 +151,8 @@ class CaliperScreen {
 
   async edit(edits, words) {
     try {
-      await ask("edit", { file: this.app.file, digest: this.app.document.digest, edits, words });
+      await this.app.write("edit", { edits, words });
       this.app.say(`saved: ${words}`);
-      await this.app.changed();
     } catch (error) {
       await this.app.fail(error);
     }
