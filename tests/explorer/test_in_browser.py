@@ -131,6 +131,18 @@ def test_a_click_gives_the_curve_of_the_point(seen, packed, waves):
     assert seen.page.locator(".x-chip").count() == 0
 
 
+def test_the_curves_of_several_probes_are_named(seen):
+    seen.js("""(() => {
+      const probe = (title, values) => ({ title, quantity: "strain", unit: "1", numbers: [0, 1], values, errors: [0, 0] });
+      explorer.manifest.curves = [probe("strain of upper", [0, 0.1]), probe("strain of lower", [0, 0.2])];
+      return explorer.side.showCurve();
+    })()""")
+    assert seen.page.locator(".x-chip").all_text_contents() == ["strain of upper", "strain of lower"]
+    assert seen.js("(({ series, text }) => text(series[1], 1))(explorer.side.curve.content)").endswith(
+        "strain of lower"
+    )
+
+
 def test_the_table_of_a_curve_has_units_and_the_same_numbers(seen, waves):
     seen.js("explorer.pick(12 * 40 + 30)")
     with seen.page.expect_download() as saved:
