@@ -133,7 +133,8 @@ def test_a_click_gives_the_curve_of_the_point(seen, packed, waves):
 
 def test_the_curves_of_several_probes_are_named(seen):
     seen.js("""(() => {
-      const probe = (title, values) => ({ title, quantity: "strain", unit: "1", numbers: [0, 1], values, errors: [0, 0] });
+      const facts = { quantity: "strain", unit: "1", numbers: [0, 1], errors: [0, 0] };
+      const probe = (title, values) => ({ title, values, ...facts });
       explorer.manifest.curves = [probe("strain of upper", [0, 0.1]), probe("strain of lower", [0, 0.2])];
       return explorer.side.showCurve();
     })()""")
