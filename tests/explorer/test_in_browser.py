@@ -354,6 +354,15 @@ def test_gaps_are_drawn_in_the_colour_of_their_reason(seen, waves):
     assert np.abs(np.array(colour[:3]) - list(bytes.fromhex(reason[1:]))).max() <= 4
 
 
+def test_gaps_do_not_fade_what_cannot_show_them(seen):
+    drawn = "(explorer.redraw(), explorer.stage.canvas.toDataURL())"
+    for camera in ("space", "right"):
+        seen.js(f"explorer.change({{ camera: '{camera}', reasons: false }})")
+        before = seen.js(drawn)
+        seen.js("explorer.change({ reasons: true })")
+        assert seen.js(drawn) == before
+
+
 def test_names_of_others_are_text(seen):
     seen.page.get_by_label("quantity").select_option(index=2)
     seen.settled()

@@ -152,7 +152,7 @@ class RunScreen {
   }
 
   cleaning() {
-    const keep = h("input", { type: "number", min: 0, value: "5", "aria-label": "newest runs that keep their products" });
+    const keep = h("input", { type: "number", min: 0, required: true, value: "5", "aria-label": "newest runs that keep their products" });
     const answer = h("span", { className: "faint" });
     const newest = new Newest();
     keep.addEventListener("input", () => { newest.drop(); fill(answer); });
@@ -167,6 +167,6 @@ class RunScreen {
         await this.app.fail(error);
       }
     };
-    return h("div", { className: "row" }, "Clean up: keep the newest", keep, "runs of each pipeline, those that are pinned, and what is less than an hour old", button("What would go?", () => clean(keep.valueAsNumber || 0, false)), answer);
+    return h("div", { className: "row" }, "Clean up: keep the newest", keep, "runs of each pipeline, those that are pinned, and what is less than an hour old", button("What would go?", () => keep.reportValidity() && clean(keep.valueAsNumber, false)), answer);
   }
 }
