@@ -7,7 +7,6 @@ swept, and looked at in headless Chromium. The pictures go to FOLDER, default ``
 from __future__ import annotations
 
 import base64
-import io
 import sys
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -15,7 +14,6 @@ from typing import Any
 
 import cv2
 import numpy as np
-from PIL import Image
 
 from dicflow.core.photographs.polygon import Polygon
 from dicflow.io.calibrations.opencv import opencv_text
@@ -26,6 +24,7 @@ from dicflow.synth.experiment import Experiment, sample_experiment
 from dicflow.synth.folder import Photograph, photographs, take
 from dicflow.synth.truth import region_outline
 from tests.browser import Page, opened
+from tests.small_pictures import keep
 
 PICTURES = Path(__file__).resolve().parents[1] / "docs" / "pictures"
 WIDTH, HEIGHT = 1100, 900
@@ -33,7 +32,6 @@ PAPER = (794, 1123)
 """A4 at 96 px per inch."""
 STEPS = (0, 0, 0, 1, 2)
 """Steps of the sample that are photographed: at rest three times, then stretched."""
-COLOURS = 192
 LOST = """
 (async () => {
   const { explorer } = document.querySelector(".explorer");
@@ -47,6 +45,8 @@ LOST = """
 })()
 """
 """Place of a lost point in the window."""
+AT_REST = "new Promise((done) => requestAnimationFrame(() => requestAnimationFrame(() => setTimeout(done, 300))))"
+"""Until the page is laid out for another window."""
 PIPELINE = """\
 dicflow: 1
 title: Latex strip, tension
@@ -117,22 +117,19 @@ def press(page: Page, text: str) -> None:
 
 
 def box_of(page: Page, script: str) -> dict[str, float]:
-    """Box of an element in the whole page. script : gives the element"""
+    """Box of an element in the window. script : gives the element"""
     return dict(
         page.evaluate(
-            "(({ x, y, width, height }) => ({ x: x + scrollX - 8, y: y + scrollY - 8, width: width + 16, "
-            f"height: height + 16 }}))(({script}).getBoundingClientRect())"
+            "(({ x, y, width, height }) => ({ x: x - 8, y: y - 8, width: width + 16, height: height + 12 }))"
+            f"(({script}).getBoundingClientRect())"
         )
     )
 
 
 def shot(page: Page, path: Path, box: dict[str, float] | None = None) -> None:
-    """Write the window, or a part of the page, as a small PNG."""
-    clip: dict[str, Any] = {} if box is None else {"clip": {**box, "scale": 1}, "captureBeyondViewport": True}
-    content = base64.b64decode(page.send("Page.captureScreenshot", **clip)["data"])
-    picture = Image.open(io.BytesIO(content)).convert("RGB").quantize(COLOURS, dither=Image.Dither.NONE)
-    picture.save(path, optimize=True)
-    print(f"{path.name}: {path.stat().st_size / 1000:.0f} kB")
+    """Write the window, or a part of it, as a small PNG."""
+    clip: dict[str, Any] = {} if box is None else {"clip": {**box, "scale": 1}}
+    keep(base64.b64decode(page.send("Page.captureScreenshot", **clip)["data"]), path)
 
 
 def gap(page: Page, report: Path, path: Path) -> None:
@@ -148,10 +145,12 @@ def gap(page: Page, report: Path, path: Path) -> None:
 
 
 def section(page: Page, report: Path, title: str, parts: int, path: Path) -> None:
-    """A title of the report with some elements below it."""
+    """A title of the report with some elements below it, in a window that holds the whole page."""
     page.open(report)
     page.window(WIDTH, HEIGHT)
     page.explorer()
+    page.window(WIDTH, HEIGHT + int(page.evaluate("document.documentElement.scrollHeight")))
+    page.evaluate(AT_REST)
     start = f"[...document.querySelectorAll('h3')].find((one) => one.textContent === {title!r})"
     end = f"({start}){'.nextElementSibling' * parts}"
     first, last = box_of(page, start), box_of(page, end)
@@ -164,11 +163,13 @@ def paper(page: Page, report: Path, path: Path) -> None:
     page.window(WIDTH, HEIGHT)
     page.explorer()
     page.evaluate("dispatchEvent(new Event('beforeprint'))")
+    page.send("Emulation.setScrollbarsHidden", hidden=True)
     page.send("Emulation.setEmulatedMedia", media="print")
     page.window(*PAPER)
     page.send("Emulation.setEmulatedMedia", media="print")
     shot(page, path, {"x": 0.0, "y": 0.0, "width": PAPER[0], "height": PAPER[1]})
     page.send("Emulation.setEmulatedMedia", media="")
+    page.send("Emulation.setScrollbarsHidden", hidden=False)
 
 
 def view(page: Page, html: Path, path: Path) -> None:

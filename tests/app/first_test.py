@@ -6,7 +6,6 @@ data_samples), names them as two phones do, and prints how long each step took a
 
 from __future__ import annotations
 
-import io
 import sys
 import tempfile
 import time
@@ -18,17 +17,15 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
 from app_browser import Person, close_browser, opened_page
 from app_serving import FILE, served
-from PIL import Image
 
 from tests.phones import SAMPLES, taken_by_phones
+from tests.small_pictures import keep
 
 ROOT = Path(__file__).resolve().parents[2]
 PICTURES = ROOT / "docs" / "pictures"
 SQUARE = "14.5 mm"
 MARKS = [(362, 134), (362, 455)]
 """Where the caliper touched the strip, in the first left photograph [px]."""
-MOST_BYTES = 200_000
-_COLOURS = (256, 128, 64, 32)
 _PATIENCE_MS = 600_000
 
 
@@ -105,16 +102,8 @@ def _drawn(someone: Person, key: str, places: Sequence[tuple[int, int]]) -> None
 
 
 def _keep(someone: Person, path: Path) -> None:
-    """A picture of the window with as many colours as its size allows."""
-    path.parent.mkdir(parents=True, exist_ok=True)
-    with Image.open(io.BytesIO(someone.page.screenshot())) as picture:
-        whole = picture.convert("RGB")
-    for colours in (None, *_COLOURS):
-        shown = whole if colours is None else whole.quantize(colours)
-        shown.save(path, optimize=True)
-        if path.stat().st_size <= MOST_BYTES:
-            return
-    raise ValueError(f"{path}: more than {MOST_BYTES} bytes; show less")
+    """A picture of the window."""
+    keep(someone.page.screenshot(), path)
 
 
 @contextmanager

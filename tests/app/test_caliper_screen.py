@@ -58,7 +58,9 @@ def test_curve_table_and_difference_are_seen(sample_result, size, scheme):
         someone.go("caliper")
         page = someone.page
         page.wait_for_selector(".x-chart polyline")
-        worst = max(app.found("caliper", file=FILE)["rows"][1:], key=lambda row: abs(row["strain_error"]))
+        first, *later = app.found("caliper", file=FILE)["rows"]
+        assert f"is {first['dic_length_mm']:.1f} mm long, and the caliper showed 60.0 mm" in page.inner_text(".caliper")
+        worst = max(later, key=lambda row: abs(row["strain_error"]))
         assert f"{abs(worst['strain_error']):.5f} ± {worst['u_difference']:.5f}" in page.inner_text(".verdict")
         assert page.locator(".x-chart").count() == 2
         assert page.locator(".caliper tbody tr").count() == 16

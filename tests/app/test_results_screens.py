@@ -153,7 +153,7 @@ def test_noise_against_resolution_of_a_sweep_is_that_of_the_products(sweep):
         page.wait_for_selector(".variants")
         rows = [row.split("\t") for row in page.inner_text(".variants tbody").splitlines()]
         head = page.inner_text(".variants thead").split("\t")
-        assert head[1:3] == ["virtual strain gauge [px]", "σ of εxx"]
+        assert head[1:3] == ["virtual strain gauge [px]", "σ of εxx [–]"]
         assert len(rows) == len(totals) == 6
         for row, total in zip(rows, totals, strict=True):
             assert float(row[1]) == pytest.approx(total.gauge.side_px, rel=5e-3)

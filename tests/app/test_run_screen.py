@@ -136,10 +136,13 @@ def test_what_is_not_kept_is_deleted(small_result, tmp_path):
         for one in store.rglob("*"):  # what is young stays
             os.utime(one, (1e9, 1e9))
         someone.go("run")
-        page = someone.page
-        page.get_by_label("newest runs that keep their products").fill("0")
-        page.click("text=What would go?")
+        page, asked = someone.page, []
+        page.on("request", lambda request: asked.append(request.url))
+        for count in ("", "-1", "0"):
+            page.get_by_label("newest runs that keep their products").fill(count)
+            page.click("text=What would go?")
         page.wait_for_selector("text=would free")
+        assert sum(url.endswith("/ask/clean") for url in asked) == 1
         assert all(one.exists() for one in added)
         someone.picture("clean_up_1280")
         assert someone.overlaps() == []

@@ -131,6 +131,19 @@ def test_a_click_gives_the_curve_of_the_point(seen, packed, waves):
     assert seen.page.locator(".x-chip").count() == 0
 
 
+def test_the_curves_of_several_probes_are_named(seen):
+    seen.js("""(() => {
+      const facts = { quantity: "strain", unit: "1", numbers: [0, 1], errors: [0, 0] };
+      const probe = (title, values) => ({ title, values, ...facts });
+      explorer.manifest.curves = [probe("strain of upper", [0, 0.1]), probe("strain of lower", [0, 0.2])];
+      return explorer.side.showCurve();
+    })()""")
+    assert seen.page.locator(".x-chip").all_text_contents() == ["strain of upper", "strain of lower"]
+    assert seen.js("(({ series, text }) => text(series[1], 1))(explorer.side.curve.content)").endswith(
+        "strain of lower"
+    )
+
+
 def test_the_table_of_a_curve_has_units_and_the_same_numbers(seen, waves):
     seen.js("explorer.pick(12 * 40 + 30)")
     with seen.page.expect_download() as saved:
@@ -339,6 +352,15 @@ def test_gaps_are_drawn_in_the_colour_of_their_reason(seen, waves):
     colour = seen.pixel(x + 4, y + 4)
     reason = seen.js(f"explorer.manifest.reasons.find((one) => one.code === {int(Status.HIDDEN)}).colour")
     assert np.abs(np.array(colour[:3]) - list(bytes.fromhex(reason[1:]))).max() <= 4
+
+
+def test_gaps_do_not_fade_what_cannot_show_them(seen):
+    drawn = "(explorer.redraw(), explorer.stage.canvas.toDataURL())"
+    for camera in ("space", "right"):
+        seen.js(f"explorer.change({{ camera: '{camera}', reasons: false }})")
+        before = seen.js(drawn)
+        seen.js("explorer.change({ reasons: true })")
+        assert seen.js(drawn) == before
 
 
 def test_names_of_others_are_text(seen):

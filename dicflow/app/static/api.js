@@ -22,3 +22,35 @@ export async function ask(name, asked = {}) {
   if (!response.ok) throw new Refusal(response.status, answer.message);
   return answer;
 }
+
+/** Answers of one kind, of which only the newest is shown: one that comes after a newer question was asked is dropped. */
+export class Newest {
+  asked = null;
+
+  /** The answer of a question that was just asked; null if it is not the newest any more. Throws what the newest throws. */
+  async of(question) {
+    this.asked = question;
+    try {
+      const answer = await question;
+      return this.asked === question ? answer : null;
+    } catch (error) {
+      if (this.asked === question) throw error;
+      return null;
+    }
+  }
+
+  /** Whatever was asked is of no use any more. */
+  drop() {
+    this.asked = null;
+  }
+}
+
+/** A queue: each act begins when those before it have ended, however they ended, and its promise is given. */
+export function queue() {
+  let last = Promise.resolve();
+  return (act) => {
+    const own = last.then(act);
+    last = own.catch(() => {});
+    return own;
+  };
+}

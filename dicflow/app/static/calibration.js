@@ -1,6 +1,6 @@
 // The screen "calibration": pairs by error, residuals on the photographs, pairs left out and the rig solved again.
 
-import { ask } from "./api.js";
+import { Newest, ask } from "./api.js";
 import { button, empty, fill, h, s } from "./dom.js";
 import { Viewer } from "./viewer.js";
 
@@ -52,6 +52,7 @@ class CalibrationScreen {
       if (press && moved < 4) this.click(this.viewer.at(event));
       press = null;
     });
+    [this.photographs, this.trials] = [new Newest(), new Newest()];
     [this.side, this.times, this.without] = ["left", TIMES[0], new Set()];
   }
 
@@ -75,6 +76,8 @@ class CalibrationScreen {
   }
 
   leave() {
+    this.photographs.drop();
+    this.trials.drop();
     this.viewer.leave();
   }
 
@@ -91,7 +94,8 @@ class CalibrationScreen {
   async photograph() {
     if (!this.chosen || !this.saved.boards) return;
     try {
-      this.viewer.open(await ask("photograph", { file: this.app.file, stage: this.saved.boards, step: this.chosen, side: this.side }));
+      const found = await this.photographs.of(ask("photograph", { file: this.app.file, stage: this.saved.boards, step: this.chosen, side: this.side }));
+      if (found) this.viewer.open(found);
     } catch (error) {
       await this.app.fail(error);
     }
@@ -123,9 +127,9 @@ class CalibrationScreen {
 
   async refine(entry) {
     try {
-      await ask("edit", { file: this.app.file, digest: this.app.document.digest, edits: [{ place: ["stages", REFINED], value: entry }], words: "stage that refines the rig" });
+      await this.app.write("edit", { edits: [{ place: ["stages", REFINED], value: entry }], words: "stage that refines the rig" });
       this.app.say("saved: stage that refines the rig; the next run takes it");
-      await this.app.changed(true);
+      await this.app.show();
     } catch (error) {
       await this.app.fail(error);
     }
@@ -212,7 +216,9 @@ class CalibrationScreen {
     this.changed();
   }
 
+  /** Others are ticked: what was solved is of no use any more. */
   changed() {
+    this.trials.drop();
     this.found = this.saved;
     this.panel();
     this.viewer.draw();
@@ -225,7 +231,9 @@ class CalibrationScreen {
   async solve() {
     this.app.say("solving again …");
     try {
-      this.found = await ask("calibration", this.choice);
+      const found = await this.trials.of(ask("calibration", this.choice));
+      if (!found) return;
+      this.found = found;
     } catch (error) {
       await this.app.fail(error);
     }
@@ -236,9 +244,9 @@ class CalibrationScreen {
   async keep() {
     const words = `without ${this.changes.join(", ")}`;
     try {
-      await ask("leave_out_of_rig", { ...this.choice, digest: this.app.document.digest, words });
+      await this.app.write("leave_out_of_rig", { ...this.choice, words });
       this.app.say(`saved: ${words}`);
-      await this.app.changed(true);
+      await this.app.show();
     } catch (error) {
       await this.app.fail(error);
     }

@@ -2,12 +2,13 @@
 
 import { Chart } from "/explorer/chart.js";
 import { axisText, withError } from "/explorer/numbers.js";
-import { ask } from "./api.js";
+import { Newest, ask } from "./api.js";
 import { button, empty, fill, h } from "./dom.js";
 
 export const title = "Caliper";
 const LOOK_MS = 700;
 const COVERAGE = 2;
+const SAME_LENGTH = 0.02; // difference of the first lengths, as a share
 const CALIPER = "#d1495b";
 const PHASES = ["loading", "unloading"];
 
@@ -23,15 +24,18 @@ export async function show(place, app) {
 
 class CaliperScreen {
   constructor(place, app) {
-    Object.assign(this, { place, app, along: "load", isTyping: false });
+    Object.assign(this, { place, app, along: "load", comparisons: new Newest() });
   }
 
   async open() {
-    this.found = await ask("caliper", { file: this.app.file });
+    const found = await this.comparisons.of(ask("caliper", { file: this.app.file }));
+    if (!found) return;
+    this.found = found;
     this.draw();
   }
 
   leave() {
+    this.comparisons.drop();
     clearTimeout(this.later);
     this.isLeft = true;
   }
@@ -116,7 +120,16 @@ class CaliperScreen {
           names.map((name) => h("option", { value: name, selected: name === found.extensometer }, name)))),
         found.files.length > 1 ? h("label", {}, "table ", h("select", { onchange: (event) => choose("caliper", event.target.value, "table of the caliper") }, found.files.map((name) => h("option", { value: name, selected: name === found.file }, name)))) : h("span", { className: "faint" }, `table ${found.file}`)),
       h("p", { className: "faint" }, "Place the extensometer where the caliper touched the specimen: its first length should be the caliper's. ", h("a", { href: "#region" }, "Place or move it")),
+      this.otherLength(),
       found.read_mm ? h("p", { className: "faint" }, `The ± of a difference has dicflow's uncertainty, and that of lengths read in steps of ${found.read_mm} mm. How the caliper was placed is not in it.`) : null);
+  }
+
+  /** An extensometer that is not as long as what the caliper measured. */
+  otherLength() {
+    const [first] = (this.found.extensometer && this.found.rows) || [];
+    const [own, caliper] = [first?.dic_length_mm, first?.caliper_length_mm];
+    if (!own || Math.abs(own / caliper - 1) <= SAME_LENGTH) return null;
+    return h("p", {}, `Without load the extensometer is ${own.toFixed(1)} mm long, and the caliper showed ${caliper.toFixed(1)} mm: strains that differ along the specimen need not agree.`);
   }
 
   /** The lengths, to be typed. */
@@ -137,11 +150,8 @@ class CaliperScreen {
   }
 
   async save(typed) {
-    const { file, document } = this.app;
     try {
-      const seen = { [file]: document.digest, [this.found.file]: this.found.digest };
-      await ask("lengths", { file, lengths: typed, seen });
-      await this.app.changed();
+      await this.app.write("lengths", { lengths: typed }, { [this.found.file]: this.found.digest });
       await this.open();
       this.app.say("saved: lengths of the caliper");
     } catch (error) {
@@ -151,9 +161,8 @@ class CaliperScreen {
 
   async edit(edits, words) {
     try {
-      await ask("edit", { file: this.app.file, digest: this.app.document.digest, edits, words });
+      await this.app.write("edit", { edits, words });
       this.app.say(`saved: ${words}`);
-      await this.app.changed();
     } catch (error) {
       await this.app.fail(error);
     }

@@ -1,6 +1,6 @@
 // The screen "compare": two results side by side, or one beside the difference of both.
 
-import { ask } from "./api.js";
+import { ask, queue } from "./api.js";
 import { button, empty, fill, h, refill } from "./dom.js";
 import { FIRST_STEPS, USUAL_STEPS, survey } from "./explore.js";
 import { TwoFields } from "./two.js";
@@ -30,7 +30,7 @@ const listed = (texts) => (texts.length > 2 ? `${texts.slice(0, 2).join(", ")} a
 
 class CompareScreen {
   constructor(place, app) {
-    Object.assign(this, { place, app, isLeft: false, isMap: false, turn: Promise.resolve() });
+    Object.assign(this, { place, app, isLeft: false, isMap: false, reading: queue() });
     this.tools = h("div", { className: "tools", role: "toolbar", "aria-label": "Results" });
     this.two = new TwoFields();
     this.body = h("div", { className: "field" });
@@ -81,8 +81,7 @@ class CompareScreen {
   }
 
   inTurn(act) {
-    this.turn = this.turn.then(act).catch((error) => this.isLeft || this.app.fail(error));
-    return this.turn;
+    return this.reading(() => this.isLeft || act()).catch((error) => this.isLeft || this.app.fail(error));
   }
 
   get names() {

@@ -60,13 +60,12 @@ export function empty(title, words, ...actions) {
   return h("div", { className: "empty" }, h("h2", {}, title), h("p", {}, words), ...actions);
 }
 
-/** A time as people say it. seconds : null if unknown */
-export function duration(seconds) {
-  if (seconds === null || seconds === undefined) return "unknown";
+/** A time as people say it. */
+export function about(seconds) {
   if (seconds < 1) return "less than 1 s";
-  if (seconds < 100) return `${Math.round(seconds)} s`;
-  if (seconds < 5400) return `${Math.round(seconds / 60)} min`;
-  return `${(seconds / 3600).toFixed(1)} h`;
+  if (seconds < 100) return `about ${Math.round(seconds)} s`;
+  if (seconds < 5400) return `about ${Math.round(seconds / 60)} min`;
+  return `about ${(seconds / 3600).toFixed(1)} h`;
 }
 
 /** A size of files. */

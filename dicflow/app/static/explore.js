@@ -2,7 +2,7 @@
 
 import { mountExplorer } from "/explorer/view.js";
 import { fetchedSource } from "/explorer/source.js";
-import { ask } from "./api.js";
+import { ask, queue } from "./api.js";
 import { button, empty, fill, h } from "./dom.js";
 import { keep, keepable } from "./keep.js";
 
@@ -30,7 +30,7 @@ class ExploreScreen {
     this.field = h("div", { className: "field" }, h("p", { className: "faint" }, "reading the result …"));
     for (const event of ["explorer-change", "explorer-chosen"]) this.field.addEventListener(event, () => this.offer());
     fill(place, this.tools, this.field);
-    this.turn = Promise.resolve();
+    this.reading = queue();
   }
 
   async begin() {
@@ -52,8 +52,7 @@ class ExploreScreen {
 
   /** Do things one after the other, so that the last answer is the one that is shown. */
   inTurn(act) {
-    this.turn = this.turn.then(act).catch((error) => this.isLeft || this.app.fail(error));
-    return this.turn;
+    return this.reading(() => this.isLeft || act()).catch((error) => this.isLeft || this.app.fail(error));
   }
 
   /** Read the result, and show it if it is another one than before. more : of the steps of what was read last */
@@ -106,13 +105,17 @@ class ExploreScreen {
 
   /** Buttons for what can be kept of the points and the line that are shown. */
   offer() {
-    if (this.explorer) fill(this.keeps, keepable(this.explorer).map((one) => button(one.words, () => this.inTurn(() => this.keep(one)), { title: "As a probe; the next run gives its values" })));
+    if (this.explorer) fill(this.keeps, keepable(this.explorer).map((one) => button(one.words, () => this.keep(one), { title: "As a probe; the next run gives its values" })));
   }
 
   async keep(one) {
-    const names = await keep(this.app, one);
-    this.app.say(`saved: ${names.join(", ")}; the next run gives their values`);
-    await this.read(this.most);
+    try {
+      const names = await keep(this.app, one);
+      this.app.say(`saved: ${names.join(", ")}; the next run gives their values`);
+      await this.inTurn(() => this.read(this.most));
+    } catch (error) {
+      await this.app.fail(error);
+    }
   }
 
   choose(variant) {

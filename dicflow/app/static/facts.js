@@ -15,14 +15,14 @@ export async function factsCard(app) {
     const words = field.value.trim().replace(/\s*\n\s*/g, " ");
     field.value = words;
     if (words === one.value) return;
+    const before = one.value;
+    one.value = words;
     try {
-      await ask("edit", { file: app.file, digest: app.document.digest, edits: [edit(facts, one, words)], words: `report.${one.name}` });
-      one.value = words;
+      await app.write("edit", { edits: [edit(facts, one, words)], words: `report.${one.name}` });
       say();
-      await app.changed();
       app.say(`saved: report.${one.name}`);
     } catch (error) {
-      field.value = one.value;
+      one.value = field.value = before;
       await app.fail(error);
     }
   };

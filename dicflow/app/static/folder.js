@@ -115,9 +115,9 @@ async function pairs(page, app) {
   const drawSave = () => fill(save, out.size ? [button(`Leave out ${out.size}`, leave, { className: "main" }), h("span", { className: "faint" }, [...out].join(", "))] : h("span", { className: "faint" }, "Tick photographs that are blurred or wrong, to leave them out."));
   const leave = async () => {
     try {
-      await ask("leave_out", { file: app.file, stage: chosen, steps: [...out], digest: app.document.digest });
+      await app.write("leave_out", { stage: chosen, steps: [...out] });
       app.say(`left out: ${[...out].join(", ")}`);
-      await app.changed(true);
+      await app.show();
     } catch (error) {
       await app.fail(error);
     }

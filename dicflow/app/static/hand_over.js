@@ -32,8 +32,7 @@ function reportCard(app, isThere) {
   const name = h("input", { value: app.document.title, size: 40, onchange: async (event) => {
     try {
       const words = event.target.value.trim();
-      await ask("edit", { file: app.file, digest: app.document.digest, edits: [words ? { place: ["title"], value: words } : { place: ["title"], text: "" }], words: "title" });
-      await app.changed();
+      await app.write("edit", { edits: [words ? { place: ["title"], value: words } : { place: ["title"], text: "" }], words: "title" });
       app.say("saved: title");
     } catch (error) {
       await app.fail(error);

@@ -21,7 +21,11 @@ export function keepable(explorer) {
 const isKnown = (place) => place?.every(Number.isFinite) ?? false;
 
 /** Write shapes into the stage "probes" of a file; the names that they got. Throws where its places are in mm. */
-export async function keep(app, { sort, shapes }) {
+export function keep(app, { sort, shapes }) {
+  return app.inTurn(() => put(app, sort, shapes));
+}
+
+async function put(app, sort, shapes) {
   const { probes } = await ask("drawing", { file: app.file });
   if (probes?.unit === "mm") throw new Error("the probes of this file are given in mm; type them in the settings");
   const paths = pathsOf(null, probes);
@@ -31,7 +35,6 @@ export async function keep(app, { sort, shapes }) {
     paths.push({ sort, name, places: places.map((place) => place.map(rounded)) });
     names.push(name);
   }
-  await ask("probe", { file: app.file, stage: probes?.stage ?? "probes", probes: probesOf(paths), digest: app.document.digest });
-  await app.changed();
+  await app.put("probe", { stage: probes?.stage ?? "probes", probes: probesOf(paths) });
   return names;
 }

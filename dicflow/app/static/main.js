@@ -1,6 +1,6 @@
 // The page: screens, the sidebar, the open pipeline file, undo, and messages.
 
-import { ask } from "./api.js";
+import { Newest, ask, queue } from "./api.js";
 import { button, empty, fill, h } from "./dom.js";
 import { sidebar } from "./sidebar.js";
 import * as caliper from "./caliper.js";
@@ -15,6 +15,10 @@ import * as settings from "./settings.js";
 
 const SCREENS = { folder, calibration, region, settings, run, explore, caliper, compare, hand_over: handOver };
 const place = document.getElementById("screen");
+const inTurn = queue(); // what reads or writes the open file
+const plans = new Newest();
+let planned = null; // the newest question for the plan
+let shows = 0;
 
 /** What all screens share. document : the open file as the page has seen it; states : of the stages, by the plan */
 const app = {
@@ -23,7 +27,7 @@ const app = {
     location.hash = detail ? `#${name}/${encodeURIComponent(detail)}` : `#${name}`;
   },
   watched: null, planProblem: "",
-  open: choose, say, fail, refresh, changed, plan, redraw: drawSidebar,
+  open: choose, say, fail, show, inTurn, put, write, plan, redraw: drawSidebar,
 };
 
 /** Show a sentence for a while; errors stay until they are closed. */
@@ -41,31 +45,48 @@ function say(words, isError = false) {
 async function fail(error) {
   console.info(error.message);
   say(error.message, true);
-  if (error.status === 409) await refresh(true);
+  if (error.status === 409) await refresh();
 }
 
-/** Read the open file again, and draw the sidebar; with `again` the screen too. */
-async function refresh(again = false) {
+/** Read the open file again; only in turn, as all that writes it. */
+async function read() {
   app.document = app.file ? await ask("document", { file: app.file }) : null;
   drawSidebar();
-  if (again) await show();
 }
 
-/** After an edit: read the file again, and what a run would compute. */
-async function changed(again = false) {
-  await refresh(again);
+/** Read the open file again, and show it. */
+async function refresh() {
+  await inTurn(read);
+  await show();
   plan();
 }
 
+/** Write to the open file, as all that was written before has left it; only in turn. seen : digests of other files that it changes */
+async function put(name, asked, seen = {}) {
+  const { file, document: { digest } } = app;
+  const answer = await ask(name, { file, digest, seen: { [file]: digest, ...seen }, ...asked });
+  await read();
+  plan();
+  return answer;
+}
+
+/** The same, when its turn comes. */
+function write(name, asked, seen) {
+  return inTurn(() => put(name, asked, seen));
+}
+
 /** What a run would compute, for the states in the sidebar. */
-async function plan() {
+function plan() {
+  planned = newestPlan();
+  return planned;
+}
+
+async function newestPlan() {
+  plans.drop();
   if (!app.file || !app.document || app.document.problems.length) return null;
-  try {
-    app.states = await ask("plan", { file: app.file });
-    app.planProblem = "";
-  } catch (error) {
-    [app.states, app.planProblem] = [null, error.message];
-  }
+  const found = await plans.of(ask("plan", { file: app.file }).then((states) => [states, ""], (error) => [null, error.message]));
+  if (!found) return planned;
+  [app.states, app.planProblem] = found;
   drawSidebar();
   return app.states;
 }
@@ -74,47 +95,67 @@ function drawSidebar() {
   sidebar(document.getElementById("sidebar"), app, SCREENS, { choose, step });
 }
 
-/** Open another pipeline file. */
+/** Open another pipeline file, once everything is written to this one. */
 async function choose(file) {
-  app.file = file;
-  if (!app.files.includes(file)) app.files = [...app.files, file].sort();
-  [app.states, app.watched] = [null, null];
-  sessionStorage.setItem("file", file);
-  await refresh(true);
+  leave();
+  await inTurn(async () => {
+    app.file = file;
+    if (!app.files.includes(file)) app.files = [...app.files, file].sort();
+    [app.states, app.watched, app.planProblem] = [null, null, ""];
+    sessionStorage.setItem("file", file);
+    await read();
+  });
+  await show();
   plan();
 }
 
 /** Take back the last change, or make it again. */
 async function step(way) {
   try {
-    const seen = app.document ? { [app.file]: app.document.digest } : {};
-    const { words } = await ask(way, { seen: { ...seen, ...(app.shown?.seen?.() ?? {}) } });
+    const { words } = await inTurn(async () => {
+      const seen = app.document ? { [app.file]: app.document.digest } : {};
+      const answer = await ask(way, { seen: { ...seen, ...(app.shown?.seen?.() ?? {}) } });
+      await read();
+      return answer;
+    });
     say(words ? `${way === "undo" ? "taken back" : "made again"}: ${words}` : `nothing to ${way}`);
-    await changed(true);
+    await show();
+    plan();
   } catch (error) {
     await fail(error);
   }
 }
 
-/** Show the screen that the address names. */
+/** The screen that is shown ends what it does. */
+function leave() {
+  app.shown?.leave?.();
+  app.shown = null;
+}
+
+/** Show the screen that the address names; a screen that is left before it has opened ends when it has. */
 async function show() {
+  const number = ++shows;
   const [name, detail] = location.hash.slice(1).split("/");
   const screen = SCREENS[name] ? name : app.file ? "region" : "folder";
-  app.shown?.leave?.();
+  leave();
   for (const one of place.querySelectorAll("img")) if (!one.complete) one.removeAttribute("src"); // it is not loaded any more
   const isOther = app.name !== screen;
-  [app.name, app.detail, app.shown] = [screen, decodeURIComponent(detail ?? ""), null];
+  [app.name, app.detail] = [screen, decodeURIComponent(detail ?? "")];
   document.title = `${SCREENS[screen].title} – ${app.document?.title ?? app.folder} – dicflow`;
   drawSidebar();
   const own = h("section", { className: `screen ${screen}`, "aria-label": SCREENS[screen].title });
   fill(place, own);
   try {
     if (app.document?.problems.length) problems(own);
-    else app.shown = (await SCREENS[screen].show(own, app)) ?? null;
+    else {
+      const opened = (await SCREENS[screen].show(own, app)) ?? null;
+      if (number === shows) app.shown = opened;
+      else opened?.leave?.();
+    }
   } catch (error) {
     fill(own, empty(SCREENS[screen].title, "", h("p", { className: "problem" }, error.message), ways(screen)));
   }
-  if (isOther && !own.contains(document.activeElement)) place.focus({ preventScroll: true });
+  if (isOther && number === shows && !own.contains(document.activeElement)) place.focus({ preventScroll: true });
 }
 
 /** What can be done where a screen cannot be shown. */
@@ -130,14 +171,14 @@ function problems(own) {
   fill(own, h("div", { className: "page" }, h("h1", {}, `${app.file} is not valid`),
     h("ul", { className: "problems" }, app.document.problems.map((line) => h("li", {}, line))),
     h("p", {}, `Correct it ${isText ? "here or " : ""}in an editor, or undo the last change.`), isText ? text : null,
-    h("div", { className: "row" }, isText ? button("Save", () => rewrite(text.value), { className: "main" }) : null, button("Read again", () => changed(true)))));
+    h("div", { className: "row" }, isText ? button("Save", () => rewrite(text.value), { className: "main" }) : null, button("Read again", () => refresh()))));
 }
 
 /** Write the text of a file that is corrected by hand. */
 async function rewrite(text) {
   try {
-    await ask("rewrite", { file: app.file, digest: app.document.digest, text });
-    await changed(true);
+    await write("rewrite", { text });
+    await show();
   } catch (error) {
     await fail(error);
   }
@@ -158,10 +199,10 @@ function onKey(event) {
 async function look() {
   if (!app.file || document.hidden) return;
   try {
-    const now = await ask("document", { file: app.file });
-    if (now.digest !== app.document?.digest) {
+    const isOther = await inTurn(async () => (await ask("document", { file: app.file })).digest !== app.document?.digest);
+    if (isOther) {
       say(`${app.file} was changed by another program or page`);
-      await changed(true);
+      await refresh();
     }
   } catch { /* said when something is asked for next */ }
 }
@@ -173,9 +214,7 @@ async function begin() {
   const last = sessionStorage.getItem("file");
   app.file = found.files.includes(last) && !found.named ? last : found.chosen;
   await refresh();
-  await show();
   document.body.dataset.ready = "yes";
-  plan();
 }
 
 addEventListener("hashchange", show);

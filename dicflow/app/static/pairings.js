@@ -1,6 +1,6 @@
 // What belongs together: the ways to pair the photographs of two cameras, with the first and the last pair of each.
 
-import { ask } from "./api.js";
+import { Newest, ask } from "./api.js";
 import { fill, h } from "./dom.js";
 
 const SIDES = ["left", "right"];
@@ -10,15 +10,14 @@ const TITLES = { name: "By the names", taken: "By the time taken", order: ORDER 
 /** The choice of a way for each subject that two cameras have taken. picture : of a name, with words */
 export class Pairings {
   constructor(picture) {
-    Object.assign(this, { picture, found: [], chosen: {}, asked: 0 });
+    Object.assign(this, { picture, found: [], chosen: {}, ways: new Newest() });
     this.element = h("div", { className: "pairings" });
   }
 
   /** Look for the ways of other roles. series : the names of each, and its role */
   async look(series) {
-    const number = ++this.asked;
-    const found = await ask("pairings", { series });
-    if (number !== this.asked) return;
+    const found = await this.ways.of(ask("pairings", { series }));
+    if (!found) return;
     this.found = found;
     this.chosen = Object.fromEntries(found.map(({ subject, usual }) => [subject, usual]));
     this.draw();

@@ -206,8 +206,16 @@ export class Pen {
     this.viewer.reveal(places[corner]);
     this.onselect();
     clearTimeout(this.later);
-    this.later = setTimeout(() => this.oncommit(`corner of ${this.title(path)}`), 400);
+    this.pending = `corner of ${this.title(path)}`;
+    this.later = setTimeout(() => this.settle(), 400);
     return true;
+  }
+
+  /** Say that corners were moved by keys, if that is not said yet. */
+  settle() {
+    clearTimeout(this.later);
+    if (this.pending) this.oncommit(this.pending);
+    this.pending = "";
   }
 
   moved([x, y], dx, dy) {

@@ -1,6 +1,6 @@
 // The grid of points and one subset on the first photograph, with what the speckles allow.
 
-import { ask } from "./api.js";
+import { Newest, ask } from "./api.js";
 import { button, fill, h, s } from "./dom.js";
 import { Viewer } from "./viewer.js";
 
@@ -17,6 +17,7 @@ export class GridPreview {
     this.viewer.element.addEventListener("pointerup", (event) => this.up(event));
     this.facts = h("div", { className: "facts" }, h("p", { className: "faint" }, "The grid, a subset and its σ can be seen before anything is computed."));
     this.element = h("div", { className: "preview" }, h("div", { className: "tools" }, button("Preview the grid", () => this.look(), { className: "main" }), h("span", { className: "faint" }, "click shows the subset there")), this.viewer.element, this.facts);
+    this.previews = new Newest();
     this.found = null;
     this.saved = null;
     this.chosen = null;
@@ -28,15 +29,16 @@ export class GridPreview {
   }
 
   leave() {
+    this.previews.drop();
     this.viewer.leave();
   }
 
   async look() {
     fill(this.facts, h("p", { className: "faint" }, "laying out the grid; the first time takes longer …"));
     try {
-      const edits = this.edits();
-      this.found = await this.preview(edits);
-      this.saved = edits.length ? this.saved ?? await this.preview([]).catch(() => null) : this.found;
+      const both = await this.previews.of(this.beforeAndAfter(this.edits()));
+      if (!both) return;
+      [this.saved, this.found] = both;
       const { points, is_valid: valid } = this.found;
       this.chosen = points[Math.max(0, valid.indexOf(true, Math.floor(points.length / 2)))];
       this.tell();
@@ -47,8 +49,11 @@ export class GridPreview {
     this.viewer.draw();
   }
 
-  preview(edits) {
-    return ask("preview", { file: this.app.file, stage: this.stage, edits });
+  /** The grid of the file as it is, null where it has none, and with edits. */
+  async beforeAndAfter(edits) {
+    const preview = (some) => ask("preview", { file: this.app.file, stage: this.stage, edits: some });
+    const found = await preview(edits);
+    return [edits.length ? this.saved ?? await preview([]).catch(() => null) : found, found];
   }
 
   /** What the grid is like; with values that are not saved, beside what it is like without them. */

@@ -29,7 +29,6 @@ class RegionScreen {
     this.pen = new Pen(this.viewer, (words) => this.commit(words), () => this.panel());
     this.pen.isBarred = (sort) => this.barred(sort) !== "";
     this.pen.onpoint = ([x, y]) => { this.where.textContent = `x ${x.toFixed(1)}  y ${y.toFixed(1)} px`; };
-    this.saving = Promise.resolve();
     this.renamed = {};
     this.atRest = [];
   }
@@ -59,6 +58,8 @@ class RegionScreen {
   }
 
   leave() {
+    this.isLeft = true;
+    this.pen.settle();
     this.viewer.leave();
   }
 
@@ -81,27 +82,26 @@ class RegionScreen {
 
   /** Write a complete change to the files, one after the other. */
   commit(words) {
-    this.saving = this.saving.then(() => this.save()).then(() => { this.panel(); this.app.say(`saved: ${words}`); }, async (error) => {
+    return this.app.inTurn(() => this.save()).then(() => { this.panel(); this.app.say(`saved: ${words}`); }, async (error) => {
       await this.app.fail(error);
       if (error.status !== 409) this.pen.load(structuredClone(this.saved));
       this.panel();
     });
-    return this.saving;
   }
 
+  /** Write what is drawn now and not written yet. */
   async save() {
-    const { file, document } = this.app;
-    const [now, before] = [this.pen.paths, this.saved];
-    const region = regionOf(now);
-    if (JSON.stringify(region) !== JSON.stringify(regionOf(before))) {
-      await ask("draw", { file, stage: this.drawing.regions[0], drawn: region, seen: { [file]: document.digest, ...this.seen() } });
-    } else if (JSON.stringify(probesOf(now)) !== JSON.stringify(probesOf(before))) {
-      await ask("probe", { file, stage: this.drawing.probes?.stage ?? "probes", probes: probesOf(now), digest: document.digest, renamed: this.renamed });
-    } else return;
-    this.renamed = {};
-    this.saved = structuredClone(now);
-    this.drawing = await ask("drawing", { file });
-    await this.app.changed();
+    const { app, drawing, renamed, saved } = this;
+    const now = structuredClone(this.pen.paths);
+    const isOther = (of) => JSON.stringify(of(now)) !== JSON.stringify(of(saved));
+    const [region, probes] = [isOther(regionOf), isOther(probesOf)];
+    if (region) await app.put("draw", { stage: drawing.regions[0], drawn: regionOf(now) }, this.seen());
+    if (probes) {
+      this.renamed = {};
+      await app.put("probe", { stage: drawing.probes?.stage ?? "probes", probes: probesOf(now), renamed });
+    }
+    this.saved = now;
+    if (region || probes) this.drawing = await ask("drawing", { file: app.file });
   }
 
   /** The tools, the list of paths, and the numbers of the chosen one. */
@@ -143,6 +143,7 @@ class RegionScreen {
     this.app.say("looking for the speckled specimen …");
     try {
       const { polygons } = await ask("proposed", { file: this.app.file, stage: this.drawing.regions[0] });
+      if (this.isLeft) return;
       const probes = this.pen.paths.filter((path) => SORTS[path.sort].probe || path.sort === "cut");
       this.pen.load([...pathsOf({ polygons }, null), ...probes]);
       this.pen.choose(0);

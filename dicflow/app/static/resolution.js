@@ -21,9 +21,10 @@ function draw(place, { chart, unit, measured, variants }) {
 }
 
 function table(unit, symbols, variants) {
-  const number = (value) => h("td", { className: "number" }, value === null || value === undefined ? "–" : String(Number(value.toPrecision(3))));
-  const head = ["variant", `virtual strain gauge [${unit}]`, ...symbols.map((one) => `σ of ${one}`)];
+  const number = (words) => h("td", { className: "number" }, words);
+  const side = (value) => (value === null || value === undefined ? "–" : String(Number(value.toPrecision(3))));
+  const head = ["variant", `virtual strain gauge [${unit}]`, ...symbols.map((one) => `σ of ${one} [–]`)];
   return h("table", { className: "variants" },
     h("thead", {}, h("tr", {}, head.map((words, k) => h("th", { className: k ? "number" : "" }, words)))),
-    h("tbody", {}, variants.map((one, k) => h("tr", {}, h("td", {}, h("a", { href: `#explore/${k}`, title: "see its fields" }, one.name)), number(one.side), symbols.map((symbol) => number(one.sigma[symbol]))))));
+    h("tbody", {}, variants.map((one, k) => h("tr", {}, h("td", {}, h("a", { href: `#explore/${k}`, title: "see its fields" }, one.name)), number(side(one.side)), symbols.map((symbol) => number(one.sigma[symbol]?.toPrecision(3) ?? "–"))))));
 }

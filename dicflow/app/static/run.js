@@ -1,7 +1,7 @@
 // The screen "run": start, watch, stop and go on; what failed and why; the runs before.
 
-import { ask } from "./api.js";
-import { button, duration, empty, fill, h, megabytes } from "./dom.js";
+import { Newest, ask } from "./api.js";
+import { about, button, empty, fill, h, megabytes } from "./dom.js";
 import { expected } from "./settings.js";
 
 export const title = "Run";
@@ -21,7 +21,7 @@ export async function show(place, app) {
 
 class RunScreen {
   constructor(place, app) {
-    Object.assign(this, { place, app });
+    Object.assign(this, { place, app, news: new Newest(), lists: new Newest() });
     this.head = h("div", {});
     this.body = h("div", {});
     this.past = h("div", {});
@@ -36,20 +36,24 @@ class RunScreen {
 
   leave() {
     clearTimeout(this.later);
-    this.ended = true;
+    this.news.drop();
+    this.lists.drop();
   }
 
   /** Ask how the run is going, and again after a while: after three times as long as the answer took, at least. */
   async look() {
     const start = performance.now();
+    clearTimeout(this.later);
     try {
-      this.draw(await ask("watch", { file: this.app.file }));
+      const found = await this.news.of(ask("watch", { file: this.app.file }));
+      if (!found) return;
+      this.draw(found);
     } catch (error) {
       fill(this.body, h("p", { className: "problem" }, error.message));
     }
     const isBusy = ["running", "starting"].includes(this.state);
     const took = performance.now() - start;
-    if (!this.ended) this.later = setTimeout(() => this.look(), Math.max(isBusy ? 700 : 2500, 3 * took));
+    this.later = setTimeout(() => this.look(), Math.max(isBusy ? 700 : 2500, 3 * took));
   }
 
   draw(found) {
@@ -76,7 +80,7 @@ class RunScreen {
     if (this.state === "none") return "Start computes what is missing, then writes maps, tables and the report.";
     if (this.state === "starting") return "reading the photographs and making the plan …";
     const since = found.started ? new Date(found.started * 1000).toLocaleString() : "";
-    if (this.state === "running") return `since ${since}${found.left_s === null ? "" : `, about ${duration(found.left_s)} left`}`;
+    if (this.state === "running") return `since ${since}${found.left_s === null ? "" : `, ${about(found.left_s)} left`}`;
     if (this.state === "killed") return `its last news is of ${new Date(found.last * 1000).toLocaleString()}; what is done is kept, and the next run goes on from there`;
     if (this.state === "stopped") return "finished tasks are kept, and the next run goes on from there";
     return `run ${found.run} of ${since}`;
@@ -112,14 +116,14 @@ class RunScreen {
     } catch (error) {
       await this.app.fail(error);
     }
-    clearTimeout(this.later);
     await this.look();
   }
 
   /** The runs before, and what they keep on the disk. */
   async list() {
     try {
-      const runs = await ask("runs", { file: this.app.file });
+      const runs = await this.lists.of(ask("runs", { file: this.app.file }));
+      if (!runs) return null;
       const size = h("p", { className: "faint" }, "adding up the files …");
       ask("disk", { file: this.app.file }).then((bytes) => fill(size, `${megabytes(bytes)} on the disk`), () => fill(size));
       if (!runs.length) return fill(this.past);
@@ -148,17 +152,21 @@ class RunScreen {
   }
 
   cleaning() {
-    const keep = h("input", { type: "number", min: 0, value: "5", "aria-label": "newest runs that keep their products" });
+    const keep = h("input", { type: "number", min: 0, required: true, value: "5", "aria-label": "newest runs that keep their products" });
     const answer = h("span", { className: "faint" });
-    const clean = async (isDone) => {
+    const newest = new Newest();
+    keep.addEventListener("input", () => { newest.drop(); fill(answer); });
+    const clean = async (count, isDone) => {
       try {
-        const { bytes, products, runs } = await ask("clean", { file: this.app.file, keep: keep.valueAsNumber || 0, delete: isDone });
-        fill(answer, `${isDone ? "freed" : "would free"} ${megabytes(bytes)}: ${products} products, ${runs} runs. `, !isDone && bytes ? button("Delete them", () => clean(true)) : null);
+        const found = await newest.of(ask("clean", { file: this.app.file, keep: count, delete: isDone }));
+        if (!found) return;
+        const { bytes, products, runs } = found;
+        fill(answer, `${isDone ? "freed" : "would free"} ${megabytes(bytes)}: ${products} products, ${runs} runs. `, !isDone && bytes ? button("Delete them", () => clean(count, true)) : null);
         if (isDone) await this.list();
       } catch (error) {
         await this.app.fail(error);
       }
     };
-    return h("div", { className: "row" }, "Clean up: keep the newest", keep, "runs of each pipeline, those that are pinned, and what is less than an hour old", button("What would go?", () => clean(false)), answer);
+    return h("div", { className: "row" }, "Clean up: keep the newest", keep, "runs of each pipeline, those that are pinned, and what is less than an hour old", button("What would go?", () => keep.reportValidity() && clean(keep.valueAsNumber, false)), answer);
   }
 }

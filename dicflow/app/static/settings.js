@@ -1,7 +1,7 @@
 // The screen "settings": what a stage does, its parameters, what a change would compute, and a preview of the grid.
 
-import { ask } from "./api.js";
-import { button, duration, empty, fill, h } from "./dom.js";
+import { Newest, ask } from "./api.js";
+import { about, button, empty, fill, h } from "./dom.js";
 import { GridPreview } from "./preview.js";
 import { resolutionCard } from "./resolution.js";
 
@@ -55,7 +55,7 @@ export function expected(states) {
   const tasks = `${run + pending} ${run + pending === 1 ? "task" : "tasks"} to compute`;
   if (states.seconds === null) return `${tasks}; how long that takes is known after the first run.`;
   const { workers } = states;
-  return `${tasks}, about ${duration(states.seconds / workers)} with ${workers} ${workers === 1 ? "worker" : "workers"}, by the times of the last run.`;
+  return `${tasks}, ${about(states.seconds / workers)} with ${workers} ${workers === 1 ? "worker" : "workers"}, by the times of the last run.`;
 }
 
 /** Names as a pipeline file lists them. */
@@ -65,6 +65,7 @@ class StageScreen {
   constructor(place, app, name) {
     Object.assign(this, { place, app, name });
     this.texts = new Map(); // parameter or input → text as typed; "" takes the key away
+    [this.plans, this.sides] = [new Newest(), new Newest()];
   }
 
   async open() {
@@ -93,9 +94,9 @@ class StageScreen {
 
   /** The newest run in which this stage had other settings, to be seen beside what it gives now. */
   async lookBack() {
-    const { runs } = await ask("sides", { file: this.app.file });
+    const sides = await this.sides.of(ask("sides", { file: this.app.file }));
     const stem = this.app.file.replace(/\.ya?ml$/i, "");
-    const before = runs.find(({ pipeline, changes }) => pipeline === stem && changes?.some((one) => this.concerns(one)));
+    const before = sides?.runs.find(({ pipeline, changes }) => pipeline === stem && changes?.some((one) => this.concerns(one)));
     if (!before) return;
     const counts = this.app.states?.stages[this.name];
     const others = before.changes.filter((one) => !this.concerns(one));
@@ -114,6 +115,8 @@ class StageScreen {
   }
 
   leave() {
+    this.plans.drop();
+    this.sides.drop();
     this.preview?.leave();
   }
 
@@ -172,12 +175,13 @@ class StageScreen {
 
   /** What the typed values would compute. */
   async weigh() {
+    this.plans.drop();
     const edits = this.edits();
     if (!edits.length) return fill(this.pending);
     fill(this.pending, h("div", { className: "card" }, "looking at what would be computed …"));
     try {
-      const plan = await ask("edit", { file: this.app.file, edits, dry: true });
-      this.offer(plan);
+      const plan = await this.plans.of(ask("edit", { file: this.app.file, edits, dry: true }));
+      if (plan) this.offer(plan);
     } catch (error) {
       this.refuse(error.message);
     }
@@ -198,7 +202,7 @@ class StageScreen {
   }
 
   discard() {
-    return button("Discard", () => { this.texts.clear(); this.app.go("settings", this.name); this.again(); });
+    return button("Discard", () => { this.texts.clear(); this.again(); });
   }
 
   async again() {
@@ -209,14 +213,17 @@ class StageScreen {
 
   async save() {
     const words = [...this.texts.keys()].map((name) => `${this.name}.${name}`).join(", ");
+    this.plans.drop();
+    this.place.inert = true; // nothing is typed into fields that are about to be drawn again
     try {
-      await ask("edit", { file: this.app.file, digest: this.app.document.digest, edits: this.edits(), words });
+      await this.app.write("edit", { edits: this.edits(), words });
       this.texts.clear();
-      await this.app.changed();
       await this.again();
       this.app.say(`saved: ${words}`);
     } catch (error) {
       await this.app.fail(error);
+    } finally {
+      this.place.inert = false;
     }
   }
 }

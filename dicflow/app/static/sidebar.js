@@ -44,14 +44,21 @@ function showCurrent(place) {
 
 function entry(stage, app) {
   const state = stateOf(stage, app);
-  const counts = app.states?.stages[stage.name];
-  const total = counts ? counts.hit + counts.run + counts.pending : 0;
+  const { done, all } = countsOf(stage, app);
   const words = `${stage.name}: ${stage.title}; ${WORDS[state]}${stage.takes.length ? `; takes from ${stage.takes.join(", ")}` : ""}`;
   return h("li", {}, h("a", {
     href: `#settings/${encodeURIComponent(stage.name)}`, title: words, "aria-label": words, className: state,
     "aria-current": app.name === "settings" && app.detail === stage.name ? "true" : null,
   }, h("span", { className: "dot" }), h("span", { className: "name" }, stage.name),
-  h("span", { className: "count" }, counts && total > 1 && counts.hit < total ? `${counts.hit}/${total}` : "")));
+  h("span", { className: "count" }, all > 1 && done < all ? `${done}/${all}` : "")));
+}
+
+/** Tasks of a stage that are done, and all: of the run that goes on, else by the plan. */
+function countsOf(stage, app) {
+  const live = app.watched?.state === "running" ? app.watched.stages?.[stage.name] : null;
+  if (live) return { done: live.hit + live.computed, all: live.all };
+  const { hit, run, pending } = app.states?.stages[stage.name] ?? { hit: 0, run: 0, pending: 0 };
+  return { done: hit, all: hit + run + pending };
 }
 
 /** In one word: hit, run, pending, running, failed, unknown. */

@@ -4,6 +4,8 @@ import { directionKeys } from "./directions.js";
 import { axisText, brief, roundTicks, short, typed } from "./numbers.js";
 import { choice, html, icon } from "./page.js";
 
+const [MOST_TICKS, TICK_WIDTH, USUAL_WIDTH] = [6, 48, 300]; // numbers at the bar of colours, and px of each and of the bar
+
 const TOGGLES = [
   {
     text: "Undeformed",
@@ -201,7 +203,7 @@ export class Legend {
       input.classList.remove("x-wrong");
     });
     this.numbers.replaceChildren(
-      ...roundTicks(...range, 6)
+      ...roundTicks(...range, Math.min(MOST_TICKS, (this.bar.clientWidth || USUAL_WIDTH) / TICK_WIDTH))
         .filter(({ value }) => inner(value, range))
         .map(({ value, text }) => {
           const mark = html("span", {}, text);

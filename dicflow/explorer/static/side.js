@@ -119,14 +119,14 @@ export class Side {
       yAxis: { text: axisText(series[0].symbol, series[0].unit) },
       mark: (byLoad ? loadsOf(manifest, now) : now)[0],
       text: (one, k) => `${nameOf(manifest, one.numbers[k])}: ${withError(one.y[k], one.error[k], one.unit)}${
-        host.companion ? `, ${one.name}` : ""
+        series.length > 1 ? `, ${one.name}` : ""
       }`,
     });
     this.curveTable = tableOf(manifest, series);
-    this.showChips();
+    this.showChips(series);
   }
 
-  showChips() {
+  showChips(series) {
     const { host } = this;
     const chip = (one) =>
       html(
@@ -141,13 +141,15 @@ export class Side {
         ),
       );
     const hint = html("span", { class: "x-hint" }, "Click points of the field for their curves.");
-    this.chips.replaceChildren(...(host.points.length ? host.points.map(chip) : [hint]), ...this.key());
+    this.chips.replaceChildren(...(host.points.length ? host.points.map(chip) : [hint]), ...this.key(series));
   }
 
-  /** What the lines of a companion look like. */
-  key() {
-    const names = this.host.companion?.names;
-    return names ? [html("span", { class: "x-hint" }, `Solid: ${names[0]}. Dashed: ${names[1]}.`)] : [];
+  /** What the lines of a companion look like, or those of several probes. */
+  key(series) {
+    const { companion, points } = this.host;
+    if (companion) return [html("span", { class: "x-hint" }, `Solid: ${companion.names[0]}. Dashed: ${companion.names[1]}.`)];
+    if (points.length || series.length < 2) return [];
+    return series.map((one) => html("span", { class: "x-chip" }, dot(one.colour), one.name));
   }
 
   /** The colour of the next chosen point. */

@@ -126,7 +126,8 @@ export class Stage {
       const matrix = this.matrix;
       const codes = this.host.range.map((value) => (value - frame.quantity.scale[0]) / frame.quantity.scale[1] + 1);
       const palette = this.host.palette;
-      const faded = scene.reasons ? 0.25 : 1;
+      const showsReasons = scene.reasons && scene.camera === "left"; // lost points have no place elsewhere
+      const faded = showsReasons ? 0.25 : 1;
       this.painter.draw({
         positions: frame.places,
         values: frame.codes,
@@ -134,10 +135,10 @@ export class Stage {
         matrix,
         range: codes,
         palette,
-        opacity: this.isFlat ? scene.opacity * faded : faded,
+        opacity: this.isFlat ? scene.opacity * faded : 1,
         shaded: !this.isFlat,
       });
-      if (scene.reasons && this.isFlat) {
+      if (showsReasons) {
         this.painter.draw({
           ...frame.lost,
           matrix,
