@@ -10,7 +10,9 @@ areas should be the sheet's.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
+from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
@@ -38,6 +40,11 @@ _ROUNDS = 2
 """Searches, each with weights at the constants of the one before."""
 _LEAST_VARIANCE = 1e-8
 """Variance of a sum of virtual works, relative to that of the noisiest one, that counts as noise at least."""
+_BUMP, _APART, _REACH = 0.25, 1.5, 3.0
+"""Width of a bump of noise, in sides of a gauge; distance of bumps, and how far they go beyond the points, in widths.
+
+Slopes of straight lines through a window of subsets have nearly the noise of the slopes of such bumps.
+"""
 
 
 class Sheet(NamedTuple):
@@ -50,7 +57,7 @@ class Sheet(NamedTuple):
     forces : (step,) [N]
     width, length, thickness : [mm]
     u_gradient : standard deviation of each component of the gradients by noise, one number or (step,)
-    shared : number of neighbours that have the same noise, since their windows overlap
+    shared : number of points in a gauge of the strain, whose windows overlap
     u_force : standard deviation of each force [N]
     u_thickness, u_width : of the thickness, which all sheets share, and of the width, relative to them
     slopes : (n, 2, 2) — derivatives of the places along X and Y; None where the places are X and Y
@@ -219,9 +226,35 @@ def constants_of(
     residuals = [system.residuals(model, c) for system in systems]
     left = _all(whiteners, residuals)
     squares = float(left @ left)
+    noise = _by_noise(model, c, systems, whiteners, solver)
     variance = _variance(squares, equations - len(c), all(system.is_noisy for system in systems))
     shifts = np.stack([solver @ _all(whiteners, changes) for changes in _by_section(systems)])
-    return FieldFit(c, solver @ solver.T * variance, shifts.T @ shifts, tuple(residuals), squares, equations)
+    return FieldFit(c, noise * variance, shifts.T @ shifts, tuple(residuals), squares, equations)
+
+
+def _by_noise(
+    model: Model, c: Array, systems: Sequence[_System], whiteners: Sequence[Array], solver: Array
+) -> Array:
+    """Covariance of the constants by the noise of fields and forces, (p, p). solver : constants by whitened works
+
+    The noise of the first photograph is in every step. So the noise of fields has a share that all steps have in
+    common: that of the step with the least noise, in which both photographs count alike.
+    """
+    ends = np.cumsum([system.works.size for system in systems])[:-1]
+    found = np.zeros((len(c), len(c)))
+    for system, whitener, part in zip(systems, whiteners, np.split(solver, ends, axis=1), strict=True):
+        steps, count = system.works.shape
+        by_work = np.einsum("psf,sfg->spg", part.reshape(-1, steps, count), whitener)
+        if not system.is_noisy:
+            found += np.einsum("spg,sqg->pq", by_work, by_work)
+            continue
+        by_field = by_work @ system.by_noise(model, c)
+        by_force = (by_work @ system.works[..., None])[..., 0] * system.sheet.u_force
+        u = np.broadcast_to(system.sheet.u_gradient, steps)
+        first = float(u.min()) / np.sqrt(2.0)
+        own, common = np.sqrt(u**2 - first**2)[:, None, None] * by_field, first * by_field.sum(axis=0)
+        found += np.einsum("spm,sqm->pq", own, own) + common @ common.T + by_force.T @ by_force
+    return found
 
 
 def _by_section(systems: Sequence[_System]) -> list[list[Array]]:
@@ -243,6 +276,12 @@ def _all(whiteners: Sequence[Array], parts: Sequence[Array]) -> Array:
     found = [(whitener @ part.reshape(*part.shape[:2], -1)) for whitener, part in zip(whiteners, parts, strict=True)]
     flat = np.concatenate([one.reshape(-1, one.shape[-1]) for one in found])
     return flat if parts[0].ndim == 3 else flat[:, 0]
+
+
+def _between(places: Array, width: float) -> Array:
+    """Middles of bumps along one axis, from below the least place to above the largest."""
+    least, most = places.min() - _REACH * width, places.max() + _REACH * width
+    return np.linspace(least, most, math.ceil((most - least) / (_APART * width)) + 1)
 
 
 class _System:
@@ -273,15 +312,31 @@ class _System:
         steps, count = self.works.shape
         if not self.is_noisy:
             return np.broadcast_to(np.eye(count), (steps, count, count))
-        sheet, changes = self.sheet, sheet_stress_by_gradient(model, c, self.sheet.gradients)
-        u_gradient = np.broadcast_to(sheet.u_gradient, steps)[:, None, None, None]
-        noise = sheet.thickness * u_gradient * np.sqrt(sheet.shared) * sheet.areas[:, None, None]
-        parts = [np.einsum("snijkl,snij->snkl", changes, gradient) * noise for gradient in self.gradients]
-        by_point = np.stack(parts, axis=1).reshape(steps, count, -1)
-        by_force = sheet.u_force * self.works[..., None]
-        values, vectors = np.linalg.eigh(by_point @ by_point.swapaxes(1, 2) + by_force @ by_force.swapaxes(1, 2))
+        u_gradient = np.broadcast_to(self.sheet.u_gradient, steps)[:, None, None]
+        by_field, by_force = self.by_noise(model, c) * u_gradient, self.sheet.u_force * self.works[..., None]
+        values, vectors = np.linalg.eigh(by_field @ by_field.swapaxes(1, 2) + by_force @ by_force.swapaxes(1, 2))
         values = np.maximum(values, _LEAST_VARIANCE * values[:, -1:])
         return np.asarray(vectors.swapaxes(1, 2) / np.sqrt(values)[..., None])
+
+    def by_noise(self, model: Model, c: Array) -> Array:
+        """Changes of the works by bumps of noise that give the gradients a standard deviation of 1, (step, field, m)."""
+        changes = sheet_stress_by_gradient(model, c, self.sheet.gradients)
+        weights = self.sheet.thickness * self.sheet.areas[:, None, None]
+        parts = [np.einsum("snijkl,snij->snkl", changes, gradient) * weights for gradient in self.gradients]
+        found = np.einsum("fsnkl,nml->sfkm", np.stack(parts), self._bumps, optimize=True)
+        return np.asarray(found.reshape(*self.works.shape, -1))
+
+    @cached_property
+    def _bumps(self) -> Array:
+        """Gradients of bumps of displacement at the points, (n, m, 2), whose squares have the mean sum 1."""
+        sheet = self.sheet
+        width = _BUMP * np.sqrt(sheet.shared * sheet.areas.mean())
+        lines = [_between(sheet.places[:, axis], width) for axis in (0, 1)]
+        middles = np.stack(np.meshgrid(*lines), axis=-1).reshape(-1, 2)
+        away = (sheet.places[:, None] - middles) / width
+        slopes = np.exp(-0.5 * (away**2).sum(axis=-1))[..., None] * away
+        slopes = sheet.in_space(np.swapaxes(slopes, 0, 1)).swapaxes(0, 1)
+        return np.asarray(slopes / np.sqrt((slopes**2).sum(axis=1).mean()))
 
     def _work(self, stress: Array) -> Array:
         """Virtual work of stresses (step, n, p, 2, 2), (step, field, p)."""
