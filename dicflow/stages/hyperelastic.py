@@ -123,6 +123,7 @@ def _fitted(name: str, model: Model, curves: Sequence[Curve]) -> FittedModel:
         rms_all=float(np.sqrt(counts @ np.square(rms) / counts.sum())),
         scatter=found.scatter,
         misfit_ratio=_known(found.misfit_ratio),
+        freedom=int(counts.sum()) - len(found.constants),
         shear_modulus=(shear, half),
         young_modulus=(3.0 * shear, 3.0 * half),
         unstable=stable_within(model, found.constants, curves),

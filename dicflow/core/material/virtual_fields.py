@@ -31,7 +31,6 @@ __all__ = [
     "balance",
     "constants_of",
     "piecewise_fields",
-    "sensitive_fields",
     "uniform",
 ]
 
@@ -83,10 +82,10 @@ class Sheet(NamedTuple):
 
 
 class VirtualField(NamedTuple):
-    """gradient : ∂u*/∂X (n, 2, 2), or (step, n, 2, 2) for one that differs by step; work : e, one number or (step,)"""
+    """gradient : ∂u*/∂X (n, 2, 2); work : e"""
 
     gradient: Array
-    work: float | Array
+    work: float
 
 
 class FieldFit(NamedTuple):
@@ -178,25 +177,6 @@ def _hats(places: Array, lines: Array) -> tuple[Array, Array]:
     return values, slopes
 
 
-def sensitive_fields(model: Model, c: Array, sheet: Sheet, basis: Sequence[VirtualField]) -> list[VirtualField]:
-    """One virtual field per constant, most like the change of the stresses by it at each step; sums of a basis.
-
-    c : constants (p,) near the result
-    basis : fields that are equal at all steps
-    """
-    gradients = np.stack([field.gradient for field in basis]).reshape(len(basis), -1)
-    works, weights = np.array([field.work for field in basis]), np.sqrt(np.repeat(sheet.areas, 4))
-    solver = np.linalg.pinv((gradients * weights).T, rcond=1e-8)
-    changes = sheet_stress_by_constants(model, c, sheet.gradients)
-    found = []
-    for index in range(changes.shape[2]):
-        factors = (changes[:, :, index].reshape(len(changes), -1) * weights) @ solver.T
-        factors /= np.abs(factors).max()
-        shape = (len(changes), *basis[0].gradient.shape)
-        found.append(VirtualField((factors @ gradients).reshape(shape), factors @ works))
-    return found
-
-
 def constants_of(
     model: Model, sheets: Sequence[Sheet], fields: Sequence[Sequence[VirtualField]], start: Array
 ) -> FieldFit:
@@ -214,7 +194,8 @@ def constants_of(
         raise ValueError(f"{equations} equations for {len(model.constants)} constants; give more steps or fields")
     systems, c = [_System(*pair) for pair in zip(sheets, fields, strict=True)], start
     for _ in range(_ROUNDS):
-        whiteners = [system.whitener(model, c) for system in systems]
+        noise = [system.by_noise(model, c) for system in systems]
+        whiteners = [system.whitener(part) for system, part in zip(systems, noise, strict=True)]
         c = least_squares(
             lambda x: _all(whiteners, [system.residuals(model, x) for system in systems]),  # noqa: B023
             c,
@@ -222,38 +203,28 @@ def constants_of(
             x_scale="jac",
             xtol=1e-12,
         ).x
-    solver = np.linalg.pinv(_all(whiteners, [system.slopes(model, c) for system in systems]))
+    solver = np.asarray(np.linalg.pinv(_all(whiteners, [system.slopes(model, c) for system in systems])), dtype=float)
     residuals = [system.residuals(model, c) for system in systems]
     left = _all(whiteners, residuals)
     squares = float(left @ left)
-    noise = _by_noise(model, c, systems, whiteners, solver)
     variance = _variance(squares, equations - len(c), all(system.is_noisy for system in systems))
     shifts = np.stack([solver @ _all(whiteners, changes) for changes in _by_section(systems)])
-    return FieldFit(c, noise * variance, shifts.T @ shifts, tuple(residuals), squares, equations)
+    independent = _independent(systems, whiteners, noise, solver) * variance
+    return FieldFit(c, independent, shifts.T @ shifts, tuple(residuals), squares, equations)
 
 
-def _by_noise(
-    model: Model, c: Array, systems: Sequence[_System], whiteners: Sequence[Array], solver: Array
+def _independent(
+    systems: Sequence[_System], whiteners: Sequence[Array], noise: Sequence[Array], solver: Array
 ) -> Array:
-    """Covariance of the constants by the noise of fields and forces, (p, p). solver : constants by whitened works
+    """Covariance of the constants by the noise of fields and forces, (p, p).
 
-    The noise of the first photograph is in every step. So the noise of fields has a share that all steps have in
-    common: that of the step with the least noise, in which both photographs count alike.
+    noise : of each sheet, see :meth:`_System.by_noise`; solver : (p, n) — constants by the whitened works
     """
     ends = np.cumsum([system.works.size for system in systems])[:-1]
-    found = np.zeros((len(c), len(c)))
-    for system, whitener, part in zip(systems, whiteners, np.split(solver, ends, axis=1), strict=True):
-        steps, count = system.works.shape
-        by_work = np.einsum("psf,sfg->spg", part.reshape(-1, steps, count), whitener)
-        if not system.is_noisy:
-            found += np.einsum("spg,sqg->pq", by_work, by_work)
-            continue
-        by_field = by_work @ system.by_noise(model, c)
-        by_force = (by_work @ system.works[..., None])[..., 0] * system.sheet.u_force
-        u = np.broadcast_to(system.sheet.u_gradient, steps)
-        first = float(u.min()) / np.sqrt(2.0)
-        own, common = np.sqrt(u**2 - first**2)[:, None, None] * by_field, first * by_field.sum(axis=0)
-        found += np.einsum("spm,sqm->pq", own, own) + common @ common.T + by_force.T @ by_force
+    found = np.zeros((len(solver), len(solver)))
+    for system, whitener, part, own in zip(systems, whiteners, np.split(solver, ends, axis=1), noise, strict=True):
+        by_work = np.einsum("psf,sfg->spg", part.reshape(-1, *system.works.shape), whitener)
+        found += system.covariance(by_work, own)
     return found
 
 
@@ -288,10 +259,9 @@ class _System:
     """The equations of one sheet: a virtual work for each step and field."""
 
     def __init__(self, sheet: Sheet, fields: Sequence[VirtualField]) -> None:
-        steps = len(sheet.forces)
         self.sheet = sheet
-        self.gradients = [np.broadcast_to(field.gradient, (steps, *field.gradient.shape[-3:])) for field in fields]
-        self.works = np.stack([np.broadcast_to(field.work, steps) for field in fields], axis=-1)
+        self.gradients = np.stack([field.gradient for field in fields])
+        self.works = np.tile([field.work for field in fields], (len(sheet.forces), 1))
 
     @property
     def is_noisy(self) -> bool:
@@ -307,23 +277,40 @@ class _System:
         """Changes of the residuals by the constants, (step, field, p)."""
         return self._work(sheet_stress_by_constants(model, c, self.sheet.gradients))
 
-    def whitener(self, model: Model, c: Array) -> Array:
+    def whitener(self, noise: Array) -> Array:
         """Matrices (step, field, field) that make the noise of the residuals of one step independent and 1."""
         steps, count = self.works.shape
         if not self.is_noisy:
             return np.broadcast_to(np.eye(count), (steps, count, count))
-        u_gradient = np.broadcast_to(self.sheet.u_gradient, steps)[:, None, None]
-        by_field, by_force = self.by_noise(model, c) * u_gradient, self.sheet.u_force * self.works[..., None]
+        by_field, by_force = noise * self._u_gradient[:, None, None], self.sheet.u_force * self.works[..., None]
         values, vectors = np.linalg.eigh(by_field @ by_field.swapaxes(1, 2) + by_force @ by_force.swapaxes(1, 2))
         values = np.maximum(values, _LEAST_VARIANCE * values[:, -1:])
         return np.asarray(vectors.swapaxes(1, 2) / np.sqrt(values)[..., None])
 
+    def covariance(self, by_work: Array, noise: Array) -> Array:
+        """Covariance (p, p) by noise of what has derivatives (step, p, field) by the works.
+
+        The noise of the first photograph is in all steps: it is that of the step with the least noise, in which both
+        photographs count alike.
+        """
+        if not self.is_noisy:
+            return np.asarray(np.einsum("spf,sqf->pq", by_work, by_work))
+        by_field, by_force = by_work @ noise, self.sheet.u_force * (by_work @ self.works[..., None])[..., 0]
+        first = float(self._u_gradient.min()) / np.sqrt(2.0)
+        own = np.sqrt(self._u_gradient**2 - first**2)[:, None, None] * by_field
+        common = first * by_field.sum(axis=0)
+        return np.asarray(np.einsum("spm,sqm->pq", own, own) + common @ common.T + by_force.T @ by_force)
+
+    @property
+    def _u_gradient(self) -> Array:
+        return np.broadcast_to(self.sheet.u_gradient, len(self.works))
+
     def by_noise(self, model: Model, c: Array) -> Array:
-        """Changes of the works by bumps of noise that give the gradients a standard deviation of 1, (step, field, m)."""
+        """Changes of the works by bumps of noise, (step, field, m); the gradients have the standard deviation 1."""
         changes = sheet_stress_by_gradient(model, c, self.sheet.gradients)
         weights = self.sheet.thickness * self.sheet.areas[:, None, None]
-        parts = [np.einsum("snijkl,snij->snkl", changes, gradient) * weights for gradient in self.gradients]
-        found = np.einsum("fsnkl,nml->sfkm", np.stack(parts), self._bumps, optimize=True)
+        parts = np.einsum("snijkl,fnij->fsnkl", changes, weights * self.gradients, optimize=True)
+        found = np.einsum("fsnkl,nml->sfkm", parts, self._bumps, optimize=True)
         return np.asarray(found.reshape(*self.works.shape, -1))
 
     @cached_property
@@ -340,5 +327,5 @@ class _System:
 
     def _work(self, stress: Array) -> Array:
         """Virtual work of stresses (step, n, p, 2, 2), (step, field, p)."""
-        parts = [np.einsum("n,snpij,snij->sp", self.sheet.areas, stress, gradient) for gradient in self.gradients]
+        parts = [np.einsum("n,snpij,nij->sp", self.sheet.areas, stress, gradient) for gradient in self.gradients]
         return np.asarray(self.sheet.thickness * np.stack(parts, axis=1))

@@ -10,7 +10,6 @@ from dicflow.core.material.virtual_fields import (
     balance,
     constants_of,
     piecewise_fields,
-    sensitive_fields,
     uniform,
 )
 from dicflow.synth.equilibrium import equilibrium
@@ -121,18 +120,6 @@ def test_virtual_fields_on_the_elements_mesh_give_the_constants(sheets, name):
     sheet = sheets[name]
     cells = {"strip": (2, 6), "square": (4, 4), "wide": (6, 2)}[name]
     found = constants_of(MOONEY, [sheet], [piecewise_fields(sheet, *lines(sheet, *cells))], np.array([0.1, 0.1]))
-    np.testing.assert_allclose(found.constants, TRUTH, rtol=1e-5)
-
-
-def test_three_shapes_by_fields_that_follow_the_sensitivity(sheets):
-    listed = list(sheets.values())
-    bases = [
-        piecewise_fields(sheet, *lines(sheet, *cells))
-        for sheet, cells in zip(listed, ((2, 6), (4, 4), (6, 2)), strict=True)
-    ]
-    start = np.array([0.15, 0.05])
-    fields = [sensitive_fields(MOONEY, start, *pair) for pair in zip(listed, bases, strict=True)]
-    found = constants_of(MOONEY, listed, fields, start)
     np.testing.assert_allclose(found.constants, TRUTH, rtol=1e-5)
 
 
