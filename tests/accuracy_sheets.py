@@ -1,7 +1,8 @@
 """A rubber from photographs of three sheets: force balance, constants, predictions, intervals and verdicts.
 
 Run it with ``python -m tests.accuracy_sheets``, or as part of ``make accuracy``; parts of it by their names: half,
-whole, cycle, coverage. Photographs and measurements are kept in ``build/figures``; a run that was ended goes on from there.
+whole, cycle, coverage. Photographs and measurements are kept in ``build/figures``, from where a run that was ended goes
+on.
 """
 
 from __future__ import annotations

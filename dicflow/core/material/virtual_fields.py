@@ -307,23 +307,32 @@ class _System:
 
     def by_noise(self, model: Model, c: Array) -> Array:
         """Changes of the works by bumps of noise, (step, field, m); the gradients have the standard deviation 1."""
-        changes = sheet_stress_by_gradient(model, c, self.sheet.gradients)
-        weights = self.sheet.thickness * self.sheet.areas[:, None, None]
-        parts = np.einsum("snijkl,fnij->fsnkl", changes, weights * self.gradients, optimize=True)
-        found = np.einsum("fsnkl,nml->sfkm", parts, self._bumps, optimize=True)
-        return np.asarray(found.reshape(*self.works.shape, -1))
+        sheet, changes = self.sheet, sheet_stress_by_gradient(model, c, self.sheet.gradients)
+        weights = sheet.thickness * sheet.areas[:, None, None]
+        parts = np.einsum("snijkl,fnij->sfknl", changes, weights * self.gradients, optimize=True)
+        if sheet.shared > 1.0:
+            by_place = parts if sheet.slopes is None else np.einsum("sfknl,nml->sfknm", parts, sheet.slopes)
+            parts = np.stack([self._of_bumps(part) for part in by_place])
+        return np.asarray(parts.reshape(*self.works.shape, -1))
+
+    def _of_bumps(self, part: Array) -> Array:
+        """Sums of vectors (..., n, 2) times the gradients of bumps at the points, (..., row, col)."""
+        (x, slope_x), (y, slope_y) = self._bumps
+        along_x = np.swapaxes(part[..., :1] * y, -1, -2) @ slope_x
+        return np.asarray(along_x + np.swapaxes(part[..., 1:] * slope_y, -1, -2) @ x)
 
     @cached_property
-    def _bumps(self) -> Array:
-        """Gradients of bumps of displacement at the points, (n, m, 2), whose squares have the mean sum 1."""
-        sheet = self.sheet
-        width = _BUMP * np.sqrt(sheet.shared * sheet.areas.mean())
-        lines = [_between(sheet.places[:, axis], width) for axis in (0, 1)]
-        middles = np.stack(np.meshgrid(*lines), axis=-1).reshape(-1, 2)
-        away = (sheet.places[:, None] - middles) / width
-        slopes = np.exp(-0.5 * (away**2).sum(axis=-1))[..., None] * away
-        slopes = sheet.in_space(np.swapaxes(slopes, 0, 1)).swapaxes(0, 1)
-        return np.asarray(slopes / np.sqrt((slopes**2).sum(axis=1).mean()))
+    def _bumps(self) -> list[tuple[Array, Array]]:
+        """Factors of the bumps along both axes and their slopes, (n, m) each; all slopes have the mean square 1."""
+        width = _BUMP * float(np.sqrt(self.sheet.shared * self.sheet.areas.mean()))
+        found = []
+        for places in self.sheet.places.T:
+            away = (places[:, None] - _between(places, width)) / width
+            values = np.exp(-0.5 * away**2)
+            values /= np.sqrt((values**2).sum(axis=1).mean())
+            slopes = away * values
+            found.append((values, slopes / np.sqrt((slopes**2).sum(axis=1).mean())))
+        return found
 
     def _work(self, stress: Array) -> Array:
         """Virtual work of stresses (step, n, p, 2, 2), (step, field, p)."""
