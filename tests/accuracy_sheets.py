@@ -38,7 +38,7 @@ from dicflow.synth.sheets import CONSTANTS, GRAVITY, SHAPES, Rubber, loads_of, s
 from tests.bars import Figure
 from tests.figures import WORK, made, pipeline_result, report, run_text
 
-__all__ = ["sheets"]
+__all__ = ["GAUGE_POINTS", "sheets", "window_noise"]
 
 MADE = tuple(Rubber(model, CONSTANTS[model]) for model in ("mooney_rivlin", "yeoh", "ogden_2"))
 """Rubbers that are photographed whole."""
@@ -265,6 +265,8 @@ def _imposed_loop(rubber: Rubber) -> float:
 
 _DRAWS, _CELL_MM, _WINDOW, _SUBSET = 400, 2.5, 3, 2
 """Draws; side of the cells between points; side of windows and of subsets in points."""
+GAUGE_POINTS = (_WINDOW - 1 + _SUBSET) ** 2
+"""Points in a gauge of the noise."""
 _U_FORCE, _U_THICKNESS = 0.1 * 9.80665e-3, 0.024
 _U_GRADIENT = {"strip": (7e-4, 3.3e-3), "square": (6e-4, 1.9e-3), "wide": (6e-4, 7.6e-3)}
 """σ of the gradients at rest and at the largest load, as measured in photographs of half the size (seed 1)."""
@@ -310,7 +312,7 @@ def _exact(name: str, shape: str) -> Sheet:
     solved = equilibrium(MODELS[name], np.array(CONSTANTS[name]), lines, forces)
     return Sheet(
         solved.places, solved.areas, solved.gradients, solved.forces * 0.21, width, length, 0.21,
-        u_gradient=np.linspace(*_U_GRADIENT[shape], 6)[1:], shared=4.0 * (_WINDOW - 1 + _SUBSET) ** 2,
+        u_gradient=np.linspace(*_U_GRADIENT[shape], 6)[1:], shared=4.0 * GAUGE_POINTS,
         u_force=_U_FORCE, u_thickness=_U_THICKNESS,
     )  # fmt: skip
 
@@ -318,7 +320,7 @@ def _exact(name: str, shape: str) -> Sheet:
 def _drawn(sheet: Sheet, thickness: float, rng: np.random.Generator) -> Sheet:
     """The sheet with noise, of another thickness than is stated."""
     u = np.asarray(sheet.u_gradient)
-    steps = _noise(len(u) + 1, round(sheet.length / _CELL_MM), round(sheet.width / _CELL_MM), rng)
+    steps = window_noise(len(u) + 1, round(sheet.length / _CELL_MM), round(sheet.width / _CELL_MM), rng)
     first = u.min() / np.sqrt(2.0)
     by_step = first * steps[0] + np.sqrt(u**2 - first**2)[:, None, None, None, None] * steps[1:]
     noise = np.repeat(by_step.reshape(len(u), -1, 2, 2), 4, axis=1)
@@ -326,7 +328,7 @@ def _drawn(sheet: Sheet, thickness: float, rng: np.random.Generator) -> Sheet:
     return sheet._replace(gradients=sheet.gradients + noise, forces=forces)
 
 
-def _noise(count: int, rows: int, cols: int, rng: np.random.Generator) -> np.ndarray:
+def window_noise(count: int, rows: int, cols: int, rng: np.random.Generator) -> np.ndarray:
     """Noise (count, row, col, 2, 2) of gradients whose mean square is 1."""
     return _slopes(count, rows, cols, rng) / _size(rows, cols)
 
