@@ -117,10 +117,10 @@ def spread_of(guesses: Sequence[Guess], curves: Sequence[Curve]) -> list[Spread]
     That stretch has the largest I1 of all curves, so that no mode is extrapolated further than another. The range
     contains the intervals of 95 % of the guesses.
     """
-    largest, most = largest_invariant(curves), max(float(curve.stretches[:, 0].max()) for curve in curves)
+    largest, longest = largest_invariant(curves), max(float(curve.stretches[:, 0].max()) for curve in curves)
     found = []
     for mode in MODES:
-        stretches = principal_stretches(mode, np.linspace(1.0, most, 400))
+        stretches = principal_stretches(mode, np.linspace(1.0, longest, 400))
         end = stretches[(stretches**2).sum(axis=-1) - 3.0 <= largest][-1]
         ends = np.array([_interval(guess, end) for guess in guesses])
         least, most = float(ends[:, 0].min()), float(ends[:, 1].max())
