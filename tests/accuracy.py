@@ -203,7 +203,7 @@ def main(names: Sequence[str]) -> int:
     if not SHARED.is_dir():
         print(f"no real photographs in {SHARED}: left out", file=sys.stderr)
     parts = {**PARTS, **REAL} if SHARED.is_dir() else PARTS
-    return report([figure for name in names or parts if name in parts for figure in parts[name]()])
+    return report(figure for name in names or parts if name in parts for figure in parts[name]())
 
 
 if __name__ == "__main__":

@@ -47,6 +47,7 @@ class FittedModel(NamedTuple):
     rms_all : of the residuals of all points
     scatter : of the points about the model beyond their uncertainty, relative to the stress; all if u is unknown
     misfit_ratio : χ² per degree of freedom without that scatter; None if the uncertainty of the points is unknown
+    freedom : number of points or equations less that of the constants
     shear_modulus, young_modulus : without deformation, each with half its interval of 95 % [MPa]
     unstable : mode → stretch from which it is unstable, within the largest measured stretch and 10 % beyond
     unsure : names and correlation of constants that the curves do not tell apart
@@ -66,6 +67,7 @@ class FittedModel(NamedTuple):
     rms_all: float
     scatter: float
     misfit_ratio: float | None
+    freedom: int
     shear_modulus: tuple[float, float]
     young_modulus: tuple[float, float]
     unstable: Mapping[str, float]

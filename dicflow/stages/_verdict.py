@@ -9,18 +9,14 @@ from dicflow.kinds.material import FittedCurve, FittedModel
 
 if TYPE_CHECKING:
     from dicflow.core.material.fit import Curve
-    from dicflow.core.material.prediction import Guess
+    from dicflow.core.material.prediction import Guess, Spread
 
-__all__ = ["verdict"]
+__all__ = ["guesses_of", "not_excluded", "verdict"]
 
-_ALIKE = 2.0
-"""Residuals up to so many times those of the best model count as alike."""
-_ACCURACY = 0.02
-"""Share of the stress that tests by weights and lengths are good for."""
+_LEVEL = 0.95
+"""Share of tests in which a model that is right is not excluded."""
 _WIDE = 0.1
-"""Half the range of predictions of models that fit alike, relative to their mean, from which it matters."""
-_UNLIKELY = 10.0
-"""AICc above the least one from which a model is excluded."""
+"""Half the range of predictions of models that are not excluded, relative to their mean, from which it matters."""
 _UNCERTAIN = 0.3
 """Half an interval of 95 %, relative to the constant, from which a constant counts as uncertain."""
 _DISCUSSED = 3
@@ -47,14 +43,12 @@ def verdict(
     curves: Sequence[FittedCurve],
     refused: Mapping[str, str],
     points: Sequence[Curve],
-    accuracy: float = _ACCURACY,
 ) -> tuple[list[str], list[str]]:
     """Sentences about the best model and about what the tests cannot tell, and those of them that warn.
 
     fitted : the best first
-    accuracy : residuals up to this share of the stress count as alike
     """
-    best, alike = fitted[0], _fitting_alike(fitted, accuracy)
+    best, alike = fitted[0], not_excluded(fitted)
     found = [(_best(best, curves), False)]
     found += [(text, True) for text in _unstable(fitted, best)]
     found += [(text, True) for text in _ambiguous_modes(alike, curves, points)]
@@ -66,10 +60,36 @@ def verdict(
     return [text for text, _ in found], [text.rstrip(".") for text, warns in found if warns]
 
 
-def _fitting_alike(fitted: Sequence[FittedModel], accuracy: float) -> list[FittedModel]:
-    """The best model and those stable ones with nearly as small residuals."""
-    most = max(_ALIKE * min(model.rms_all for model in fitted), accuracy)
-    return [model for model in fitted if model is fitted[0] or (model.rms_all <= most and not model.unstable)]
+def not_excluded(fitted: Sequence[FittedModel]) -> list[FittedModel]:
+    """The best model, and those stable ones whose residuals do not exclude them (5 % level).
+
+    Residuals may be as large as the uncertainty of the points explains (χ²). Where that is unknown, or explains those
+    of no model, they may be as large as the scatter about the model with the least variance explains (F).
+    """
+    from scipy.stats import chi2, f
+
+    variances = _variances(fitted)
+    least = min(range(len(fitted)), key=variances.__getitem__)
+    found = []
+    for model, variance in zip(fitted, variances, strict=True):
+        most = variances[least] * float(f.ppf(_LEVEL, model.freedom, fitted[least].freedom))
+        if _is_known(fitted):
+            most = max(most, float(chi2.ppf(_LEVEL, model.freedom)) / model.freedom)
+        if model is fitted[0] or (variance <= most and not model.unstable):
+            found.append(model)
+    return found
+
+
+def _is_known(fitted: Sequence[FittedModel]) -> bool:
+    """Whether the uncertainty of the points is known."""
+    return all(model.misfit_ratio is not None for model in fitted)
+
+
+def _variances(fitted: Sequence[FittedModel]) -> list[float]:
+    """Mean square of the residuals per degree of freedom: in units of u², or else of the squared stress."""
+    if _is_known(fitted):
+        return [float(model.misfit_ratio or 0.0) for model in fitted]
+    return [model.rms_all**2 * (1.0 + len(model.constants) / model.freedom) for model in fitted]
 
 
 def _best(best: FittedModel, curves: Sequence[FittedCurve]) -> str:
@@ -91,18 +111,16 @@ def _unstable(fitted: Sequence[FittedModel], best: FittedModel) -> Iterator[str]
 def _ambiguous_modes(
     alike: Sequence[FittedModel], curves: Sequence[FittedCurve], points: Sequence[Curve]
 ) -> Iterator[str]:
-    """Modes in which models that fit alike differ, and the tests that would tell."""
+    """How far models that are not excluded differ by mode, and the tests that would tell."""
     from dicflow.core.material.prediction import spread_of
 
-    measured = {curve.mode for curve in curves}
-    wide = [one for one in spread_of(_guesses(alike), points) if one.percent > 100.0 * _WIDE]
+    measured, spreads = {curve.mode for curve in curves}, spread_of(guesses_of(alike), points)
+    wide = [one for one in spreads if one.percent > 100.0 * _WIDE]
+    names = ", ".join(model.title for model in alike)
     if wide:
-        where = " and ".join(
-            f"±{_percent(one.percent / 100.0)} in {_MODES[one.mode]} at {one.stretch:.2f}" for one in wide
-        )
+        where = " and ".join(_spread(one) for one in wide)
         missing = [_MISSING[one.mode] for one in wide if one.mode not in measured]
         advice = f"; add {' or '.join(missing)}" if missing else ""
-        names = ", ".join(model.title for model in alike)
         which = f"Models that fit alike ({names})" if len(alike) > 1 else f"Constants of {names} that fit alike"
         yield f"{which} predict stresses that differ by {where}: these tests cannot tell which holds there{advice}."
     elif len(measured) == 1 and "biaxial" not in measured:
@@ -113,20 +131,21 @@ def _ambiguous_modes(
         )
 
 
-def _guesses(alike: Sequence[FittedModel]) -> list[Guess]:
-    """All constants that fit alike; with their covariance those that AICc does not exclude."""
+def _spread(one: Spread) -> str:
+    return f"±{_percent(one.percent / 100.0)} in {_MODES[one.mode]} at {one.stretch:.2f}"
+
+
+def guesses_of(models: Sequence[FittedModel]) -> list[Guess]:
+    """All constants of some models that fit, those of the best minimum with their covariance."""
     import numpy as np
 
     from dicflow.core.material.models import MODELS
     from dicflow.core.material.prediction import Guess
 
-    least = min((model.aicc for model in alike if model.aicc is not None), default=0.0)
     found = []
-    for model in alike:
-        likely = model.aicc is not None and model.aicc <= least + _UNLIKELY
+    for model in models:
         zero = np.zeros((len(model.constants),) * 2)
-        covariance = np.array(model.covariance) if likely else zero
-        found.append(Guess(MODELS[model.name], np.array(model.values), covariance))
+        found.append(Guess(MODELS[model.name], np.array(model.values), np.array(model.covariance)))
         found += [Guess(MODELS[model.name], np.array(c), zero) for c in model.others]
     return found
 

@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from dicflow.core.material.fit import Curve, Fit
     from dicflow.core.material.models import Model
 
-__all__ = ["Hyperelastic", "sentence"]
+__all__ = ["Hyperelastic", "fitted_model", "rank", "sentence"]
 
 ModelName = Literal["neo_hooke", "mooney_rivlin", "yeoh", "ogden_1", "ogden_2", "ogden_3", "gent", "arruda_boyce"]
 _ALL: tuple[ModelName, ...] = (
@@ -63,13 +63,13 @@ class Hyperelastic(Node):
         refused: dict[str, str] = {}
         for name in dict.fromkeys(self.models):
             try:
-                fitted.append(_fitted(name, MODELS[name], chosen))
+                fitted.append(fitted_model(name, MODELS[name], chosen))
             except ValueError as error:
                 refused[name] = str(error)
         if not fitted:
             reasons = "; ".join(f"{name}: {reason}" for name, reason in refused.items())
             raise StageError(f"no model can be fitted: {reasons}; give more points or models with fewer constants")
-        fitted.sort(key=_rank)
+        fitted.sort(key=rank)
         listed = [FittedCurve(one.name, one.mode, len(one.stress), one.common_stress) for one in chosen]
         sentences, warnings = verdict(fitted, listed, refused, chosen)
         facts = {"summary": _summary(fitted), "warnings": warnings}
@@ -91,12 +91,12 @@ class Hyperelastic(Node):
         return Curve(name, found.mode, stretches, points.stress, points.u_stress, points.u_stretch, *found.common)
 
 
-def _rank(model: FittedModel) -> tuple[bool, float, float]:
+def rank(model: FittedModel) -> tuple[bool, float, float]:
     """Stable models first, by AICc, and by their residuals where that is unknown."""
     return bool(model.unstable), math.inf if model.aicc is None else model.aicc, model.rms_all
 
 
-def _fitted(name: str, model: Model, curves: Sequence[Curve]) -> FittedModel:
+def fitted_model(name: str, model: Model, curves: Sequence[Curve]) -> FittedModel:
     """One model with all that is known of its fit. Raises ValueError with too few points."""
     import numpy as np
 
@@ -123,6 +123,7 @@ def _fitted(name: str, model: Model, curves: Sequence[Curve]) -> FittedModel:
         rms_all=float(np.sqrt(counts @ np.square(rms) / counts.sum())),
         scatter=found.scatter,
         misfit_ratio=_known(found.misfit_ratio),
+        freedom=int(counts.sum()) - len(found.constants),
         shear_modulus=(shear, half),
         young_modulus=(3.0 * shear, 3.0 * half),
         unstable=stable_within(model, found.constants, curves),

@@ -30,8 +30,6 @@ Cells = Annotated[int, Field(ge=1, le=20)]
 _NORMAL = 1.96
 _SMALL = 0.1
 """Strain up to which the force balance is not judged."""
-_ACCURACY = 0.01
-"""Share of the load that photographs and weights are good for: twice that within which forces should balance."""
 _UNBALANCED = 0.05
 """Difference of the forces from which it warns."""
 
@@ -82,7 +80,7 @@ class VirtualFields(Node):
         models = sorted((model for model, _ in fitted.values()), key=_rank)
         listed = [FittedCurve(one.name, "biaxial", len(one.stress), one.common_stress) for one in test.curves]
         ratios = {model.name: fitted[model.name][1] for model in models}
-        sentences, warnings = verdict(models, listed, refused, test.curves, _ACCURACY)
+        sentences, warnings = verdict(models, listed, refused, test.curves)
         text, warns = _balance(models[0], ratios[models[0].name], test.curves)
         facts = {
             "summary": _summary(models[0], ratios[models[0].name]),
@@ -127,6 +125,7 @@ class _Test:
             rms_all=_rms(np.concatenate(ratios)),
             scatter=0.0,
             misfit_ratio=found.misfit_ratio if all(np.all(one.u_gradient) for one in self.sheets) else None,
+            freedom=found.equations - len(c),
             shear_modulus=(shear, half),
             young_modulus=(3.0 * shear, 3.0 * half),
             unstable=stable_within(model, c, self.curves),

@@ -134,7 +134,7 @@ def fitted(name, at_limit=False):
     model = MODELS[name]
     return FittedModel(
         name=name, title=model.title, formula=model.formula, constants=constants, covariance=[], correlation=[],
-        condition=1.0, aicc=None, rms=[0.01], left_out=[None], rms_all=0.01, scatter=0.0, misfit_ratio=None,
+        condition=1.0, aicc=None, rms=[0.01], left_out=[None], rms_all=0.01, scatter=0.0, misfit_ratio=None, freedom=8,
         shear_modulus=(0.4, 0.1), young_modulus=(1.2, 0.3), unstable={}, unsure=[], others=[],
     )  # fmt: skip
 

@@ -3,7 +3,9 @@
 import numpy as np
 import pytest
 
+from dicflow.core.material.fit import Curve as FitCurve
 from dicflow.core.material.models import MODELS
+from dicflow.core.material.modes import principal_stretches
 from dicflow.core.material.response import stress_in_mode
 from dicflow.engine.product import Variable
 from dicflow.errors import ConfigurationError, DicflowError, InputError, StageError
@@ -14,8 +16,9 @@ from dicflow.kinds.material import Material
 from dicflow.kinds.probes import ProbeTable
 from dicflow.kinds.sheet import SheetFacts, SheetFields
 from dicflow.pipeline import Pipeline
+from dicflow.stages._verdict import not_excluded
 from dicflow.stages.curve import Curve
-from dicflow.stages.hyperelastic import Hyperelastic
+from dicflow.stages.hyperelastic import Hyperelastic, fitted_model
 from dicflow.stages.stress import Stress
 from dicflow.synth.rubber import CONSTANTS, rubber_table
 
@@ -378,6 +381,29 @@ def test_uniaxial_points_leave_the_model_open_that_three_modes_show(tmp_path, na
     assert any("these tests cannot tell which holds there; add " in text for text in alone.verdict)
     assert not any("cannot tell which holds" in text for text in joint.verdict)
     assert joint.models[0].name == name
+
+
+def of_variance(variance, freedom, known):
+    """A fitted model with one constant and a variance per degree of freedom."""
+    curve = np.linspace(1.1, 2.0, 5)
+    stretches = principal_stretches("uniaxial", curve)
+    stress = stress_in_mode(MODELS["neo_hooke"], np.array([0.2]), "uniaxial", curve)
+    model = fitted_model("neo_hooke", MODELS["neo_hooke"], [FitCurve("1", "uniaxial", stretches, stress)])
+    rms = np.sqrt(variance * freedom / (freedom + 1))
+    return model._replace(freedom=freedom, rms_all=rms, misfit_ratio=variance if known else None)
+
+
+@pytest.mark.parametrize(
+    ("known", "least", "kept", "excluded"),
+    [
+        pytest.param(True, 0.5, 1.82, 1.84, id="chi squared of 10 degrees is below 18.31 in 95 % of all cases"),
+        pytest.param(True, 3.0, 8.92, 8.95, id="F of 10 and 10 degrees is below 2.978 in 95 % of all cases"),
+        pytest.param(False, 1e-4, 2.97e-4, 2.99e-4, id="without u the least variance is the measure"),
+    ],
+)
+def test_models_are_excluded_by_their_residuals(known, least, kept, excluded):
+    models = [of_variance(variance, 10, known) for variance in (least, kept, excluded)]
+    assert not_excluded(models) == models[:2]
 
 
 def test_an_unstable_fit_is_named_and_not_the_first(tmp_path):

@@ -43,11 +43,16 @@ class Guess(NamedTuple):
 
 
 class Spread(NamedTuple):
-    """How far guesses differ in a mode at one stretch: half their range, in percent of their mean."""
+    """How far guesses differ in a mode at one stretch.
+
+    percent : half their range, relative to their mean; least, most : ends of the range [MPa]
+    """
 
     mode: str
     stretch: float
     percent: float
+    least: float
+    most: float
 
 
 def predicted(model: Model, found: Fit, stretches: Array) -> tuple[Array, Array]:
@@ -112,14 +117,15 @@ def spread_of(guesses: Sequence[Guess], curves: Sequence[Curve]) -> list[Spread]
     That stretch has the largest I1 of all curves, so that no mode is extrapolated further than another. The range
     contains the intervals of 95 % of the guesses.
     """
-    largest, most = largest_invariant(curves), max(float(curve.stretches[:, 0].max()) for curve in curves)
+    largest, longest = largest_invariant(curves), max(float(curve.stretches[:, 0].max()) for curve in curves)
     found = []
     for mode in MODES:
-        stretches = principal_stretches(mode, np.linspace(1.0, most, 400))
+        stretches = principal_stretches(mode, np.linspace(1.0, longest, 400))
         end = stretches[(stretches**2).sum(axis=-1) - 3.0 <= largest][-1]
         ends = np.array([_interval(guess, end) for guess in guesses])
-        percent = 50.0 * float(ends[:, 1].max() - ends[:, 0].min()) / max(abs(float(ends.mean())), 1e-300)
-        found.append(Spread(mode, float(end[0]), percent))
+        least, most = float(ends[:, 0].min()), float(ends[:, 1].max())
+        percent = 50.0 * (most - least) / max(abs(float(ends.mean())), 1e-300)
+        found.append(Spread(mode, float(end[0]), percent, least, most))
     return found
 
 

@@ -10,7 +10,9 @@ areas should be the sheet's.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
+from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
@@ -29,7 +31,6 @@ __all__ = [
     "balance",
     "constants_of",
     "piecewise_fields",
-    "sensitive_fields",
     "uniform",
 ]
 
@@ -38,6 +39,11 @@ _ROUNDS = 2
 """Searches, each with weights at the constants of the one before."""
 _LEAST_VARIANCE = 1e-8
 """Variance of a sum of virtual works, relative to that of the noisiest one, that counts as noise at least."""
+_BUMP, _APART, _REACH = 0.25, 1.5, 3.0
+"""Width of a bump of noise, in sides of a gauge; distance of bumps, and how far they go beyond the points, in widths.
+
+Slopes of straight lines through a window of subsets have nearly the noise of the slopes of such bumps.
+"""
 
 
 class Sheet(NamedTuple):
@@ -50,7 +56,7 @@ class Sheet(NamedTuple):
     forces : (step,) [N]
     width, length, thickness : [mm]
     u_gradient : standard deviation of each component of the gradients by noise, one number or (step,)
-    shared : number of neighbours that have the same noise, since their windows overlap
+    shared : number of points in a gauge of the strain, whose windows overlap
     u_force : standard deviation of each force [N]
     u_thickness, u_width : of the thickness, which all sheets share, and of the width, relative to them
     slopes : (n, 2, 2) — derivatives of the places along X and Y; None where the places are X and Y
@@ -76,10 +82,10 @@ class Sheet(NamedTuple):
 
 
 class VirtualField(NamedTuple):
-    """gradient : ∂u*/∂X (n, 2, 2), or (step, n, 2, 2) for one that differs by step; work : e, one number or (step,)"""
+    """gradient : ∂u*/∂X (n, 2, 2); work : e"""
 
     gradient: Array
-    work: float | Array
+    work: float
 
 
 class FieldFit(NamedTuple):
@@ -171,25 +177,6 @@ def _hats(places: Array, lines: Array) -> tuple[Array, Array]:
     return values, slopes
 
 
-def sensitive_fields(model: Model, c: Array, sheet: Sheet, basis: Sequence[VirtualField]) -> list[VirtualField]:
-    """One virtual field per constant, most like the change of the stresses by it at each step; sums of a basis.
-
-    c : constants (p,) near the result
-    basis : fields that are equal at all steps
-    """
-    gradients = np.stack([field.gradient for field in basis]).reshape(len(basis), -1)
-    works, weights = np.array([field.work for field in basis]), np.sqrt(np.repeat(sheet.areas, 4))
-    solver = np.linalg.pinv((gradients * weights).T, rcond=1e-8)
-    changes = sheet_stress_by_constants(model, c, sheet.gradients)
-    found = []
-    for index in range(changes.shape[2]):
-        factors = (changes[:, :, index].reshape(len(changes), -1) * weights) @ solver.T
-        factors /= np.abs(factors).max()
-        shape = (len(changes), *basis[0].gradient.shape)
-        found.append(VirtualField((factors @ gradients).reshape(shape), factors @ works))
-    return found
-
-
 def constants_of(
     model: Model, sheets: Sequence[Sheet], fields: Sequence[Sequence[VirtualField]], start: Array
 ) -> FieldFit:
@@ -207,7 +194,8 @@ def constants_of(
         raise ValueError(f"{equations} equations for {len(model.constants)} constants; give more steps or fields")
     systems, c = [_System(*pair) for pair in zip(sheets, fields, strict=True)], start
     for _ in range(_ROUNDS):
-        whiteners = [system.whitener(model, c) for system in systems]
+        noise = [system.by_noise(model, c) for system in systems]
+        whiteners = [system.whitener(part) for system, part in zip(systems, noise, strict=True)]
         c = least_squares(
             lambda x: _all(whiteners, [system.residuals(model, x) for system in systems]),  # noqa: B023
             c,
@@ -215,13 +203,29 @@ def constants_of(
             x_scale="jac",
             xtol=1e-12,
         ).x
-    solver = np.linalg.pinv(_all(whiteners, [system.slopes(model, c) for system in systems]))
+    solver = np.asarray(np.linalg.pinv(_all(whiteners, [system.slopes(model, c) for system in systems])), dtype=float)
     residuals = [system.residuals(model, c) for system in systems]
     left = _all(whiteners, residuals)
     squares = float(left @ left)
     variance = _variance(squares, equations - len(c), all(system.is_noisy for system in systems))
     shifts = np.stack([solver @ _all(whiteners, changes) for changes in _by_section(systems)])
-    return FieldFit(c, solver @ solver.T * variance, shifts.T @ shifts, tuple(residuals), squares, equations)
+    independent = _independent(systems, whiteners, noise, solver) * variance
+    return FieldFit(c, independent, shifts.T @ shifts, tuple(residuals), squares, equations)
+
+
+def _independent(
+    systems: Sequence[_System], whiteners: Sequence[Array], noise: Sequence[Array], solver: Array
+) -> Array:
+    """Covariance of the constants by the noise of fields and forces, (p, p).
+
+    noise : of each sheet, see :meth:`_System.by_noise`; solver : (p, n) — constants by the whitened works
+    """
+    ends = np.cumsum([system.works.size for system in systems])[:-1]
+    found = np.zeros((len(solver), len(solver)))
+    for system, whitener, part, own in zip(systems, whiteners, np.split(solver, ends, axis=1), noise, strict=True):
+        by_work = np.einsum("psf,sfg->spg", part.reshape(-1, *system.works.shape), whitener)
+        found += system.covariance(by_work, own)
+    return found
 
 
 def _by_section(systems: Sequence[_System]) -> list[list[Array]]:
@@ -245,14 +249,19 @@ def _all(whiteners: Sequence[Array], parts: Sequence[Array]) -> Array:
     return flat if parts[0].ndim == 3 else flat[:, 0]
 
 
+def _between(places: Array, width: float) -> Array:
+    """Middles of bumps along one axis, from below the least place to above the largest."""
+    least, most = places.min() - _REACH * width, places.max() + _REACH * width
+    return np.linspace(least, most, math.ceil((most - least) / (_APART * width)) + 1)
+
+
 class _System:
     """The equations of one sheet: a virtual work for each step and field."""
 
     def __init__(self, sheet: Sheet, fields: Sequence[VirtualField]) -> None:
-        steps = len(sheet.forces)
         self.sheet = sheet
-        self.gradients = [np.broadcast_to(field.gradient, (steps, *field.gradient.shape[-3:])) for field in fields]
-        self.works = np.stack([np.broadcast_to(field.work, steps) for field in fields], axis=-1)
+        self.gradients = np.stack([field.gradient for field in fields])
+        self.works = np.tile([field.work for field in fields], (len(sheet.forces), 1))
 
     @property
     def is_noisy(self) -> bool:
@@ -268,22 +277,64 @@ class _System:
         """Changes of the residuals by the constants, (step, field, p)."""
         return self._work(sheet_stress_by_constants(model, c, self.sheet.gradients))
 
-    def whitener(self, model: Model, c: Array) -> Array:
+    def whitener(self, noise: Array) -> Array:
         """Matrices (step, field, field) that make the noise of the residuals of one step independent and 1."""
         steps, count = self.works.shape
         if not self.is_noisy:
             return np.broadcast_to(np.eye(count), (steps, count, count))
-        sheet, changes = self.sheet, sheet_stress_by_gradient(model, c, self.sheet.gradients)
-        u_gradient = np.broadcast_to(sheet.u_gradient, steps)[:, None, None, None]
-        noise = sheet.thickness * u_gradient * np.sqrt(sheet.shared) * sheet.areas[:, None, None]
-        parts = [np.einsum("snijkl,snij->snkl", changes, gradient) * noise for gradient in self.gradients]
-        by_point = np.stack(parts, axis=1).reshape(steps, count, -1)
-        by_force = sheet.u_force * self.works[..., None]
-        values, vectors = np.linalg.eigh(by_point @ by_point.swapaxes(1, 2) + by_force @ by_force.swapaxes(1, 2))
+        by_field, by_force = noise * self._u_gradient[:, None, None], self.sheet.u_force * self.works[..., None]
+        values, vectors = np.linalg.eigh(by_field @ by_field.swapaxes(1, 2) + by_force @ by_force.swapaxes(1, 2))
         values = np.maximum(values, _LEAST_VARIANCE * values[:, -1:])
         return np.asarray(vectors.swapaxes(1, 2) / np.sqrt(values)[..., None])
 
+    def covariance(self, by_work: Array, noise: Array) -> Array:
+        """Covariance (p, p) by noise of what has derivatives (step, p, field) by the works.
+
+        The noise of the first photograph is in all steps: it is that of the step with the least noise, in which both
+        photographs count alike.
+        """
+        if not self.is_noisy:
+            return np.asarray(np.einsum("spf,sqf->pq", by_work, by_work))
+        by_field, by_force = by_work @ noise, self.sheet.u_force * (by_work @ self.works[..., None])[..., 0]
+        first = float(self._u_gradient.min()) / np.sqrt(2.0)
+        own = np.sqrt(self._u_gradient**2 - first**2)[:, None, None] * by_field
+        common = first * by_field.sum(axis=0)
+        return np.asarray(np.einsum("spm,sqm->pq", own, own) + common @ common.T + by_force.T @ by_force)
+
+    @property
+    def _u_gradient(self) -> Array:
+        return np.broadcast_to(self.sheet.u_gradient, len(self.works))
+
+    def by_noise(self, model: Model, c: Array) -> Array:
+        """Changes of the works by bumps of noise, (step, field, m); the gradients have the standard deviation 1."""
+        sheet, changes = self.sheet, sheet_stress_by_gradient(model, c, self.sheet.gradients)
+        weights = sheet.thickness * sheet.areas[:, None, None]
+        parts = np.einsum("snijkl,fnij->sfknl", changes, weights * self.gradients, optimize=True)
+        if sheet.shared > 1.0:
+            by_place = parts if sheet.slopes is None else np.einsum("sfknl,nml->sfknm", parts, sheet.slopes)
+            parts = np.stack([self._of_bumps(part) for part in by_place])
+        return np.asarray(parts.reshape(*self.works.shape, -1))
+
+    def _of_bumps(self, part: Array) -> Array:
+        """Sums of vectors (..., n, 2) times the gradients of bumps at the points, (..., row, col)."""
+        (x, slope_x), (y, slope_y) = self._bumps
+        along_x = np.swapaxes(part[..., :1] * y, -1, -2) @ slope_x
+        return np.asarray(along_x + np.swapaxes(part[..., 1:] * slope_y, -1, -2) @ x)
+
+    @cached_property
+    def _bumps(self) -> list[tuple[Array, Array]]:
+        """Factors of the bumps along both axes and their slopes, (n, m) each; all slopes have the mean square 1."""
+        width = _BUMP * float(np.sqrt(self.sheet.shared * self.sheet.areas.mean()))
+        found = []
+        for places in self.sheet.places.T:
+            away = (places[:, None] - _between(places, width)) / width
+            values = np.exp(-0.5 * away**2)
+            values /= np.sqrt((values**2).sum(axis=1).mean())
+            slopes = away * values
+            found.append((values, slopes / np.sqrt((slopes**2).sum(axis=1).mean())))
+        return found
+
     def _work(self, stress: Array) -> Array:
         """Virtual work of stresses (step, n, p, 2, 2), (step, field, p)."""
-        parts = [np.einsum("n,snpij,snij->sp", self.sheet.areas, stress, gradient) for gradient in self.gradients]
+        parts = [np.einsum("n,snpij,nij->sp", self.sheet.areas, stress, gradient) for gradient in self.gradients]
         return np.asarray(self.sheet.thickness * np.stack(parts, axis=1))

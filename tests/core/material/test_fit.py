@@ -145,3 +145,13 @@ def test_spread_is_that_of_the_guesses():
     for one in spread_of(guesses, curves):
         assert one.percent == pytest.approx(10.0)
     assert next(one.stretch for one in spread_of(guesses, curves)) == pytest.approx(2.4)
+
+
+def test_spread_is_at_the_same_invariant_in_all_modes():
+    curves = [Curve("", "uniaxial", principal_stretches("uniaxial", np.array([2.0])), np.array([0.5]))]
+    for one in spread_of([Guess(MODELS["neo_hooke"], np.array([0.2]), np.zeros((1, 1)))], curves):
+        stretches = principal_stretches(one.mode, np.array([one.stretch]))
+        assert (stretches**2).sum() == pytest.approx(5.0, abs=0.02)
+        assert (
+            one.least == one.most == pytest.approx(nominal_stress(MODELS["neo_hooke"], np.array([0.2]), stretches)[0])
+        )
