@@ -37,7 +37,7 @@ _REACH = 2.2
 _NARROW_REACH = 1.5
 """The same of a narrower window."""
 _DIFFERENT = 4.0
-"""Standard errors by which the mean over nearer neighbours must differ from that over many."""
+"""Standard errors, if it were the same, by which the mean over nearer neighbours must differ from that over many."""
 _UNSURE = 1.5
 """Standard deviation over the least one around, above which a point is much less certain; half a subset has √2."""
 _NEIGHBOUR_SIGMA = 0.5
@@ -124,16 +124,15 @@ def _of_part(
     grid = (subset_size, step_size)
     wide, narrow = (max(_MIN_WINDOW, _odd(reach * subset_size / step_size)) for reach in (_REACH, _NARROW_REACH))
     least = max(_MIN_NARROW, 2 * int(np.ceil(0.5 * (subset_size / step_size - 1.0))) + 1)
-    whole = _differences(found, grid, shape_function, disturbed, wide)
-    square = nearest = whole.mean_square(_NEIGHBOUR_SIGMA)
     found = found._replace(variance=_as_around(found.variance, wide))
-    for side in sorted({wide, narrow, least}, reverse=True):
-        near = _differences(found, grid, shape_function, disturbed, side)
+    by_side = [_differences(found, grid, shape_function, disturbed, side) for side in sorted({wide, narrow, least})]
+    square = nearest = by_side[-1].mean_square(_NEIGHBOUR_SIGMA)
+    for near in reversed(by_side):
         other = near.mean_square(_NEARER_SIGMA)
-        error = _DIFFERENT * _standard_error(np.maximum(other, 0.0), near.noise, _NEARER_SIGMA)
-        is_less = (side >= narrow) & (other + error < nearest)
+        error = _DIFFERENT * _standard_error(np.maximum(nearest, 0.0), near.noise, _NEARER_SIGMA)
+        is_less = (near.side >= narrow) & (other + error < nearest)
         nearest = np.where(is_less | (other - error > nearest), other, nearest)
-    return ShapeBias(square, whole.noise, nearest)
+    return ShapeBias(square, by_side[-1].noise, nearest)
 
 
 class _Differences(NamedTuple):
@@ -157,13 +156,11 @@ def _differences(
     found: PlacesOfSubsets, grid: tuple[int, int], shape_function: ShapeFunction, disturbed: Mask | None, side: int
 ) -> _Differences:
     """Biases by fits in a window of a side [points], of subsets of a size, so many pixels apart."""
-    degree, ratio = (
-        _DEGREES[shape_function],
-        _left_out(side, grid[1], shape_function) / _left_out(grid[0], 1, shape_function),
-    )
-    fit = local_polynomial(found.places, (side, side), degree)
+    size, step = grid
+    ratio = _left_out(side, step, shape_function) / _left_out(size, 1, shape_function)
+    fit = local_polynomial(found.places, (side, side), _DEGREES[shape_function])
     known = np.asarray(np.isfinite(found.places).all(axis=-1))
-    share = _correlated_share(side, *grid, shape_function) * np.clip(1.0 - fit.leverage, 0.0, 1.0)
+    share = _correlated_share(side, size, step, shape_function) * np.clip(1.0 - fit.leverage, 0.0, 1.0)
     bias = np.where(known[..., None], (fit.value - found.places) / ratio, np.nan)
     noise = np.where(known[..., None], share[..., None] * found.variance / ratio**2, np.nan)
     return _Differences(bias, noise, known if disturbed is None else known & ~_within(disturbed, side), side)
@@ -220,9 +217,8 @@ def affine_suffices(bias: ShapeBias, variance: Array) -> bool:
     if not known.any():
         return True
     limit, noise = _SHARE_OF_SIGMA**2 * variance[known], bias.noise[known]
-    biased = (bias.square[known] > limit + _STANDARD_ERRORS * _standard_error(limit, noise, _NEIGHBOUR_SIGMA)).any(
-        axis=-1
-    )
+    error = _standard_error(limit, noise, _NEIGHBOUR_SIGMA)
+    biased = (bias.square[known] > limit + _STANDARD_ERRORS * error).any(axis=-1)
     return bool(biased.mean() <= _MAX_BIASED)
 
 
