@@ -108,10 +108,10 @@ def cut_by_jumps(surface: MeasuredSurface, lost: Mask, subsets: GridOfSubsets, w
 
     lost : (row, col) — points at which a jump was found; window : rows and columns of the window of a strain [points]
     """
-    sigma, number = np.where(surface.known, surface.points.sigma, np.inf), window[0] * window[1]
+    sigma = np.where(surface.known, surface.points.sigma, np.inf)
     least = cv2.erode(sigma, np.ones(window, dtype=np.uint8))
     beside = grown(lost, np.ones((2 * subsets.half + 1,) * 2, dtype=np.uint8))
-    return np.asarray(surface.known & beside & (sigma**2 > number * least**2), dtype=np.bool_)
+    return np.asarray(surface.known & beside & (sigma / np.sqrt(window[0] * window[1]) > least), dtype=np.bool_)
 
 
 def _lines(jumps: Jumps, surface: MeasuredSurface, reach: int) -> Mask:
