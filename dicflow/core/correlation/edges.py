@@ -51,9 +51,9 @@ _LOST_SIGMA_PX = 1.0
 _LIGHT_LIMITS = ((0.06, 0.3), (0.15, 0.2))
 """Shifts of a place by slow changes of the light [px], and their shares of the residual, above which a point is lost:
 above both of either pair. Smaller shifts with the first share add to the variance of the place."""
-_MISFITS_OFF, _STANDARD_ERRORS = 3.0, 3.0
-"""Misfits that a place between two motions is off at most: two, and half as many again for a pattern that is uneven
-within the subset; and standard errors that its variance of the residual may be too small by chance."""
+_MISFITS_OFF, _STANDARD_ERRORS = 4.0, 3.0
+"""Misfits that a place between two motions is off at most: two, and twice as many for a pattern that is uneven within
+the subset (coarse ones reach 4); and standard errors by which its residual may be too small by chance."""
 _MIN_POINTS = 20
 """Points that fix the usual residual."""
 _BLOCK = 16
