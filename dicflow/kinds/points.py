@@ -205,6 +205,15 @@ class Points(Kind):
         scaled = {name: variables[name]._replace(values=share * self[name]) for name in names}
         return type(self)(Product(self.product.kind, {**variables, **scaled}, self.product.attrs))
 
+    def lost_at(self, cut: np.ndarray) -> Self:
+        """These points with the status DISCONTINUITY where a jump cuts them (row, col)."""
+        import numpy as np
+
+        from dicflow.core.status import Status
+
+        status = _LAYOUTS["status"](np.where(cut, np.uint8(Status.DISCONTINUITY), self["status"]))
+        return type(self)(Product(self.product.kind, {**self.product.variables, "status": status}, self.product.attrs))
+
     def measured(self) -> MeasuredPoints:
         """Places and their errors; of one camera, in the plane of its photograph or specimen at height 0."""
         import numpy as np

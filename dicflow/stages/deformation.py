@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from functools import partial
 from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal, NamedTuple, cast
 
 from pydantic import AfterValidator, Field
@@ -130,10 +131,12 @@ class Deformation(Node):
         scale: Product | None = None,
     ) -> Product:
         """``points_first`` are those of the first step."""
+        import numpy as np
+
         from dicflow.core.cameras.frames import LEFT_CAMERA, compose_frames
         from dicflow.core.strain.deformation_gradient import measured_surface
         from dicflow.core.strain.degree_choice import candidate_fits, chosen_gradient
-        from dicflow.core.strain.unseen_jumps import unseen_jumps
+        from dicflow.core.strain.unseen_jumps import cut_by_jumps, unseen_jumps
         from dicflow.core.tensors import upper_triangle
         from dicflow.core.uncertainty.covariance import joint_covariance, points_in_frame, with_errors
 
@@ -148,9 +151,12 @@ class Deformation(Node):
         before = with_errors(before, after.sensitivity.shape[-1])
         covariance = joint_covariance(after, before, step.template)
         errors = errors_by_shape(covariance, step, first, (axes, along))
-        measured = measured_surface(before.xyz, after.xyz, [*errors.values()], first.parts, self.min_share)
-        measured = measured._replace(threads=free_threads())
-        jumps = unseen_jumps(measured, *self._jumps(step, first))
+        surface_of = partial(measured_surface, before.xyz, parts=first.parts, min_share=self.min_share)
+        lost, grid = _jumps(step, first)
+        cut = cut_by_jumps(surface_of(after.xyz, [*errors.values()]), lost, grid, self._window(first))
+        step, after = step.lost_at(cut), after._replace(xyz=np.where(cut[..., None], np.nan, after.xyz))
+        measured = surface_of(after.xyz, [*errors.values()])._replace(threads=free_threads())
+        jumps = unseen_jumps(measured, lost | cut, grid, max(self._window(first)))
         chosen = chosen_gradient(measured, candidate_fits(self._window(first), self.degree), jumps)
         surface = chosen.surface
         frames = (compose_frames(along, axes), axes)
@@ -171,15 +177,6 @@ class Deformation(Node):
         from dicflow.core.surfaces.filters import odd_window
 
         return odd_window((self.window, self.window), points.grid.step_size)
-
-    def _jumps(self, step: Points, first: Points) -> tuple[np.ndarray, GridOfSubsets, int]:
-        """Points at which a jump was found, the grid of subsets, and the side of the window [points]."""
-        from dicflow.core.status import Status
-        from dicflow.core.strain.small_jumps import GridOfSubsets
-
-        lost, shape_function = step["status"] == Status.DISCONTINUITY, cast(Any, step.left_shape_function)
-        grid = GridOfSubsets(first.grid.subset_size, first.grid.step_size, shape_function)
-        return lost, grid, max(self._window(first))
 
     def _motion(self, before: MeasuredPoints, after: MeasuredPoints) -> RigidMotion | None:
         """The rigid-body motion to remove; None if it stays in, or no point is left."""
@@ -318,6 +315,15 @@ class Deformation(Node):
             "vsg_px": gauge,
             "vsg_mm": float(gauge * np.median(size)) if unit == "mm" and size.size else None,
         }
+
+
+def _jumps(step: Points, first: Points) -> tuple[np.ndarray, GridOfSubsets]:
+    """Points (row, col) at which a jump was found, and the grid of subsets."""
+    from dicflow.core.status import Status
+    from dicflow.core.strain.small_jumps import GridOfSubsets
+
+    lost, shape_function = step["status"] == Status.DISCONTINUITY, cast(Any, step.left_shape_function)
+    return lost, GridOfSubsets(first.grid.subset_size, first.grid.step_size, shape_function)
 
 
 def _moving_frame(motion: RigidMotion | None) -> Frame:

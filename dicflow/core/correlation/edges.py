@@ -3,7 +3,8 @@
 A subset of two motions, or one across an edge of light, converges as well, but to a place between. Its residual exceeds
 that of the other subsets. As a motion it amounts to m = √(2 (R − R₀) / S) pixels, for the variance R of the residual,
 the usual variance R₀, and the mean square S of the pattern's slope. With two motions δ apart, and a share p of the
-subset beyond the edge, the place is wrong by p δ, at most 2 m.
+subset beyond the edge, the place is wrong by p δ, at most 2 m: as much only with the edge through the centre, for
+affine and quadratic subsets alike.
 
 How far it is wrong shows where parts of the subset are left out (:mod:`dicflow.core.correlation.uneven`): a residual
 that is the same everywhere, as after a change of focus, moves nothing. Light that changes across a subset moves its
@@ -50,6 +51,9 @@ _LOST_SIGMA_PX = 1.0
 _LIGHT_LIMITS = ((0.06, 0.3), (0.15, 0.2))
 """Shifts of a place by slow changes of the light [px], and their shares of the residual, above which a point is lost:
 above both of either pair. Smaller shifts with the first share add to the variance of the place."""
+_MISFITS_OFF, _STANDARD_ERRORS = 4.0, 3.0
+"""Misfits that a place between two motions is off at most: two, and twice as many for a pattern that is uneven within
+the subset (coarse ones reach 4); and standard errors by which its residual may be too small by chance."""
 _MIN_POINTS = 20
 """Points that fix the usual residual."""
 _BLOCK = 16
@@ -63,10 +67,12 @@ class Edges(NamedTuple):
 
     reason : uint8 — MISFIT, UNEVEN_LIGHT or DISCONTINUITY where the point is lost for it, else VALID
     variance : further variance of the place along each axis [px²]; 0 where the residual is usual
+    most_off : what a place may be off at most by two motions in its subset [px]
     """
 
     reason: Codes
     variance: Array
+    most_off: Array
 
 
 def residual_variance(field: Field) -> Array:
@@ -106,7 +112,18 @@ def find_edges(
         variance[at] += np.where(share > _LIGHT_LIMITS[0][1], shift**2, 0.0)
     unfit |= (variance > _LOST_SIGMA_PX**2) & ~dazzled
     reason = np.where(unfit, Status.MISFIT, np.where(dazzled, Status.UNEVEN_LIGHT, Status.VALID)).astype(np.uint8)
-    return Edges(reason, np.where(unfit | dazzled, 0.0, variance))
+    return Edges(reason, np.where(unfit | dazzled, 0.0, variance), _most_off(residual, usual, field, subset))
+
+
+def _most_off(residual: Array, usual: float, field: Field, subset: Subset) -> Array:
+    """What places (rows, cols) may be off at most by two motions in their subsets [px]."""
+    excess = np.maximum(residual - usual, 0.0) + _STANDARD_ERRORS * np.sqrt(2.0) / subset.size * residual
+    slope = field.warp[..., 1:3]
+    square = 0.5 * (slope**2).sum(axis=(-2, -1))
+    area = slope[..., 0, 0] * slope[..., 1, 1] - slope[..., 0, 1] * slope[..., 1, 0]
+    stretch = np.sqrt(square + np.sqrt(np.maximum(square**2 - area**2, 0.0)))
+    with np.errstate(invalid="ignore", divide="ignore"):
+        return np.asarray(_MISFITS_OFF * stretch * np.sqrt(2.0 * excess / field.texture[..., 1]))
 
 
 def _quantile(residual: Array, share: float, unknown: float) -> float:

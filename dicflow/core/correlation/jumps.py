@@ -2,7 +2,8 @@
 
 A straight line through a point, in one of four directions, parts the points around it. Those of each side predict its
 place by their own warps. Smooth motion, however curved, gives both sides the same place but for terms of the third
-order; across a crack or the border of a part the two differ by the jump.
+order; across a crack or the border of a part the two differ by the jump. A place that lies between them, off from
+either by more than the residual of its subset allows for two motions in it, is that of a steep gradient.
 """
 
 from __future__ import annotations
@@ -103,12 +104,15 @@ def _with_sides(edges: Edges, sides: Sides, points: Index, field: Field) -> Edge
     at, reason, variance = tuple(points.T), edges.reason.copy(), edges.variance.copy()
     noise = sigma_by_residual(field, at)
     place = field.warp[at][..., 0]
-    away = np.nan_to_num(sides.away(place))
-    between = (away > _NEAR_PX + _SIGMAS * noise) & sides.enclose(place)
-    lost = sides.jump & ((away > _LOST_PX + _LOST_SIGMAS * noise + sides.spread) | (reason[at] != Status.VALID))
+    away, enclosed = np.nan_to_num(sides.away(place)), sides.enclose(place)
+    steep = enclosed & (away > edges.most_off[at])
+    between = enclosed & ~steep & (away > _NEAR_PX + _SIGMAS * noise)
+    lost = (
+        sides.jump & ~steep & ((away > _LOST_PX + _LOST_SIGMAS * noise + sides.spread) | (reason[at] != Status.VALID))
+    )
     reason[at] = np.where(lost, np.uint8(Status.DISCONTINUITY), reason[at])
     variance[at] = np.where(reason[at] == Status.VALID, np.maximum(variance[at], np.where(between, away**2, 0.0)), 0.0)
-    return Edges(reason, variance)
+    return edges._replace(reason=reason, variance=variance)
 
 
 def _within(mask: Mask, reach: int) -> Mask:

@@ -34,6 +34,9 @@ _STANDARD_ERRORS = 4.0
 """Standard errors by which the mean of changes must exceed that of noise."""
 _REACH, _FAR = 0.6, 2.5
 """Standard deviations of the weights in means of squares, and of changes, over neighbours [sides of the window]."""
+_FURTHEST = 1.7
+"""Standard deviations of these weights up to which neighbours count: of a narrow band of much strain, whose bias is
+thousands of times that of its surroundings, only those whose windows reach into it."""
 _MEAN_SIGMAS, _ALONE_SIGMAS = 2.5, 3.5
 """Standard errors that a mean of changes must exceed, and above which a single change is no part of it."""
 _AREA = 0.8
@@ -101,16 +104,24 @@ class _Samples(NamedTuple):
 
         reach : standard deviation of the weights [sides of the window]
         """
-        down, across = (reach * side / self.stride for side in self.window)
-        return np.asarray(
-            cv2.GaussianBlur(values, (0, 0), across, sigmaY=down, borderType=cv2.BORDER_CONSTANT)
-        ).reshape(values.shape)
+        return _filtered(values, *self._weights(reach))
 
     def variances(self, variances: Array, reach: float) -> Array:
         """Variances of such sums, from those (row, col, k) of values whose errors are correlated over an area."""
-        down, across = (reach * side / self.stride for side in self.window)
         correlated = max(1.0, _AREA * self.window[0] * self.window[1] / self.stride**2)
-        return correlated / (4.0 * np.pi * down * across) * self.sums(variances, np.sqrt(0.5) * reach)
+        return correlated * _filtered(variances, *(weights**2 for weights in self._weights(reach)))
+
+    def _weights(self, reach: float) -> Iterator[Array]:
+        """Weights of cells along columns and rows, from the one furthest before to the one furthest after."""
+        for side in self.window:
+            furthest = max(1, round(_FURTHEST * reach * side / self.stride))
+            weights = np.exp(-0.5 * (np.arange(-furthest, furthest + 1) * self.stride / (reach * side)) ** 2)
+            yield weights / weights.sum()
+
+
+def _filtered(values: Array, down: Array, across: Array) -> Array:
+    """Sums over the neighbours of each cell, of a field (row, col, k), with weights along columns and rows."""
+    return np.asarray(cv2.sepFilter2D(values, -1, across, down, borderType=cv2.BORDER_CONSTANT)).reshape(values.shape)
 
 
 def relative_bias(surface: MeasuredSurface, fit: WindowFit, wanted: Mask) -> RelativeBias:

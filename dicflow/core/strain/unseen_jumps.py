@@ -18,7 +18,7 @@ from dicflow.core.strain.deformation_gradient import MeasuredSurface
 from dicflow.core.strain.small_jumps import NORMALS, GridOfSubsets, Jumps, grown, jumps_at_points
 from dicflow.core.strain.window_fits import places_of
 
-__all__ = ["UnseenJumps", "unseen_jumps"]
+__all__ = ["UnseenJumps", "cut_by_jumps", "unseen_jumps"]
 
 
 _SIGMAS = 6.0
@@ -99,6 +99,19 @@ def unseen_jumps(surface: MeasuredSurface, lost: Mask, subsets: GridOfSubsets, w
     )
     _take_nearest(found, jumps, places_of(counts), _going_on(jumps, counts, lost, subsets.reach))
     return found
+
+
+def cut_by_jumps(surface: MeasuredSurface, lost: Mask, subsets: GridOfSubsets, window: tuple[int, int]) -> Mask:
+    """Points (row, col) beside a jump whose places count so little that their strain would be that of others.
+
+    Their weight is less than that of the most certain point around over the number of points in a window.
+
+    lost : (row, col) — points at which a jump was found; window : rows and columns of the window of a strain [points]
+    """
+    sigma = np.where(surface.known, surface.points.sigma, np.inf)
+    least = cv2.erode(sigma, np.ones(window, dtype=np.uint8))
+    beside = grown(lost, np.ones((2 * subsets.half + 1,) * 2, dtype=np.uint8))
+    return np.asarray(surface.known & beside & (sigma / np.sqrt(window[0] * window[1]) > least), dtype=np.bool_)
 
 
 def _lines(jumps: Jumps, surface: MeasuredSurface, reach: int) -> Mask:

@@ -3,13 +3,20 @@
 A subset of side h with an affine shape function measures, at its centre, the least-squares plane through the motion of
 its pixels, and one with a quadratic shape function the parabola (Schreier and Sutton 2002, Exp. Mech. 42:303). What the
 plane or parabola leaves out, the same fit to the measured points in a window of side L > h leaves out once more, only
-more of it: with M the mean square of the offsets along one side, M_L/M_h times the bias for planes, and (M_L/M_h)²
-times for parabolas. So the bias is the difference of this fit and the measured place, over that factor.
+more of it: by the ratio of what both leave out of r² or of r⁴, the first power of the distance that they do not follow.
+So the bias is the difference of this fit and the measured place, over that ratio.
+
+A wide window and many neighbours leave little to noise, but hide the bias of motion that changes within them, as in a
+shear band, and spread it to where there is none. So a narrower window and nearer neighbours count instead where they
+differ by more than noise.
 """
 
 from __future__ import annotations
 
-from typing import Literal, NamedTuple
+from collections.abc import Mapping
+from functools import cache
+from types import MappingProxyType
+from typing import NamedTuple
 
 import cv2
 import numpy as np
@@ -17,25 +24,36 @@ import numpy as np
 from dicflow.core.arrays import Array, Mask
 from dicflow.core.parts import Parts, beside_borders
 from dicflow.core.surfaces.filters import local_polynomial
+from dicflow.core.uncertainty.overlap import ShapeFunction, overlap
 
 __all__ = ["PlacesOfSubsets", "ShapeBias", "affine_suffices", "as_of_affine", "shape_bias"]
 
 
-_MIN_WINDOW = 7
-"""Least side of a window [points]."""
+_MIN_WINDOW, _MIN_NARROW = 7, 5
+"""Least side of a window [points]; the points of a smaller one do not follow a wave well enough to tell a bias as small
+as many neighbours do, but one that is larger."""
 _REACH = 2.2
 """Side of a window over that of a subset: small enough for short waves, and so large that noise hardly counts."""
+_NARROW_REACH = 1.5
+"""The same of a narrower window."""
+_DIFFERENT = 4.0
+"""Standard errors, if it were the same, by which the mean over nearer neighbours must differ from that over many."""
+_UNSURE = 1.5
+"""Standard deviation over the least one around, above which a point is much less certain; half a subset has √2."""
 _NEIGHBOUR_SIGMA = 0.5
 """Standard deviation of the weights of neighbours over which the bias is averaged [sides of the window]."""
-_INDEPENDENT = 8.0
-"""Independent differences in such an average: 4π · 0.5² squares of the window's side, over the area of about 0.6² of
-them in which the errors of differences are correlated."""
+_NEARER_SIGMA = 0.25
+"""The same for nearer neighbours: a bias changes its sign within half a subset."""
+_INDEPENDENT = 32.0
+"""Independent differences in such an average, times the square of that standard deviation: 4π of these squares, over
+the area of about 0.6² sides of the window in which the errors of differences are correlated."""
 _SHARE_OF_SIGMA = 1.0 / 3.0
 """Bias over σ from which an affine shape function does not suffice."""
 _MAX_BIASED = 0.03
 """Share of the points that may have such a bias."""
 _STANDARD_ERRORS = 2.0
 """Standard errors by which the bias of a point must exceed that."""
+_DEGREES: Mapping[ShapeFunction, int] = MappingProxyType({"affine": 1, "quadratic": 2})
 _QUADRATIC_VARIANCE = 1.0 + 5.0 / 4.0 + 5.0 / 4.0
 """Variance of the place of a quadratic subset over that of an affine one, of white noise and an even pattern."""
 
@@ -56,22 +74,24 @@ class ShapeBias(NamedTuple):
 
     square : (rows, cols, 2) — mean over the neighbours, less what noise alone gives [px²]
     noise : (rows, cols, 2) — variance of a single estimate by noise [px²]
+    nearest : (rows, cols, 2) — square, or that by a narrower window where it differs by more than noise [px²]
     """
 
     square: Array
     noise: Array
+    nearest: Array
 
     @property
     def deviation(self) -> Array:
         """The bias as a standard deviation (rows, cols, 2) [px]."""
-        return np.asarray(np.sqrt(np.maximum(self.square, 0.0)))
+        return np.asarray(np.sqrt(np.maximum(self.nearest, 0.0)))
 
 
 def shape_bias(
     found: PlacesOfSubsets,
     subset_size: int,
     step_size: int,
-    shape_function: Literal["affine", "quadratic"],
+    shape_function: ShapeFunction,
     parts: Parts | None = None,
     jumps: Mask | None = None,
 ) -> ShapeBias:
@@ -84,7 +104,7 @@ def shape_bias(
     if parts is None or parts.is_single:
         return _of_part(found, subset_size, step_size, shape_function, jumps)
     disturbed = beside_borders(parts) if jumps is None else beside_borders(parts) | jumps
-    whole = ShapeBias(np.full(found.places.shape, np.nan), np.full(found.places.shape, np.nan))
+    whole = ShapeBias(*np.full((3, *found.places.shape), np.nan))
     for number in range(1, int(parts.number.max()) + 1):
         here = (parts.number == number)[..., None]
         alone = found._replace(places=np.where(here, found.places, np.nan))
@@ -97,20 +117,95 @@ def _of_part(
     found: PlacesOfSubsets,
     subset_size: int,
     step_size: int,
-    shape_function: Literal["affine", "quadratic"],
+    shape_function: ShapeFunction,
     disturbed: Mask | None,
 ) -> ShapeBias:
     """The same for points that move as one, but for disturbed ones."""
-    degree = {"affine": 1, "quadratic": 2}[shape_function]
-    side = max(_MIN_WINDOW, _odd(_REACH * subset_size / step_size))
-    ratio = (step_size**2 * (side**2 - 1) / (subset_size**2 - 1)) ** degree
-    fit = local_polynomial(found.places, (side, side), degree)
-    bias = (fit.value - found.places) / ratio
-    noise = found.variance * np.clip(1.0 - fit.leverage, 0.0, 1.0)[..., None] / ratio**2
-    known = np.asarray(np.isfinite(found.places).all(axis=-1))[..., None]
-    counts = known[..., 0] if disturbed is None else known[..., 0] & ~_within(disturbed, side)
-    square = _neighbours_mean(bias**2 - noise, counts, _NEIGHBOUR_SIGMA * side)
-    return ShapeBias(np.where(known, square, np.nan), np.where(known, noise, np.nan))
+    grid = (subset_size, step_size)
+    wide, narrow = (max(_MIN_WINDOW, _odd(reach * subset_size / step_size)) for reach in (_REACH, _NARROW_REACH))
+    least = max(_MIN_NARROW, 2 * int(np.ceil(0.5 * (subset_size / step_size - 1.0))) + 1)
+    found = found._replace(variance=_as_around(found.variance, wide))
+    by_side = [_differences(found, grid, shape_function, disturbed, side) for side in sorted({wide, narrow, least})]
+    square = nearest = by_side[-1].mean_square(_NEIGHBOUR_SIGMA)
+    for near in reversed(by_side):
+        other = near.mean_square(_NEARER_SIGMA)
+        error = _DIFFERENT * _standard_error(np.maximum(nearest, 0.0), near.noise, _NEARER_SIGMA)
+        is_less = (near.side >= narrow) & (other + error < nearest)
+        nearest = np.where(is_less | (other - error > nearest), other, nearest)
+    return ShapeBias(square, by_side[-1].noise, nearest)
+
+
+class _Differences(NamedTuple):
+    """Biases (rows, cols, 2) by the fits in a window of a side [points], NaN where unknown, and their variances.
+
+    counts : (rows, cols) — those that count
+    """
+
+    bias: Array
+    noise: Array
+    counts: Mask
+    side: int
+
+    def mean_square(self, sigma: float) -> Array:
+        """Mean of squares over the neighbours, less noise. sigma : of their weights [sides of the window]"""
+        mean = _neighbours_mean(self.bias**2 - self.noise, self.counts, sigma * self.side)
+        return np.where(np.isfinite(self.bias), mean, np.nan)
+
+
+def _differences(
+    found: PlacesOfSubsets, grid: tuple[int, int], shape_function: ShapeFunction, disturbed: Mask | None, side: int
+) -> _Differences:
+    """Biases by fits in a window of a side [points], of subsets of a size, so many pixels apart."""
+    size, step = grid
+    ratio = _left_out(side, step, shape_function) / _left_out(size, 1, shape_function)
+    fit = local_polynomial(found.places, (side, side), _DEGREES[shape_function])
+    known = np.asarray(np.isfinite(found.places).all(axis=-1))
+    share = _correlated_share(side, size, step, shape_function) * np.clip(1.0 - fit.leverage, 0.0, 1.0)
+    bias = np.where(known[..., None], (fit.value - found.places) / ratio, np.nan)
+    noise = np.where(known[..., None], share[..., None] * found.variance / ratio**2, np.nan)
+    return _Differences(bias, noise, known if disturbed is None else known & ~_within(disturbed, side), side)
+
+
+def _as_around(variance: Array, side: int) -> Array:
+    """Variances (rows, cols, 2), those of much less certain points as the least within the window of a side around.
+
+    Where subsets do not follow the motion their residuals tell so, which is no noise.
+    """
+    square = np.ones((side, side), dtype=np.uint8)
+    least = cv2.erode(np.where(np.isfinite(variance), variance, np.inf), square).reshape(variance.shape)
+    return np.where(variance > _UNSURE**2 * least, least, variance)
+
+
+@cache
+def _centre_weights(side: int, shape_function: ShapeFunction) -> Array:
+    """Weights (side, side) of points in the centre of a plane or parabola that is fitted to them."""
+    down, across = np.mgrid[-1.0 : 1.0 : side * 1j, -1.0 : 1.0 : side * 1j].reshape(2, -1)
+    degree = _DEGREES[shape_function]
+    terms = np.stack([down**a * across**b for a in range(degree + 1) for b in range(degree + 1 - a)], axis=1)
+    return np.asarray(np.linalg.pinv(terms)[0].reshape(side, side))
+
+
+def _left_out(side: int, step: int, shape_function: ShapeFunction) -> float:
+    """What a fit to points of a window of a side [points], so many pixels apart, leaves out at its centre.
+
+    Of r² for planes and r⁴ for parabolas, the first even power of the distance r [px] that these do not follow.
+    """
+    offset = step * (np.arange(side) - side // 2)
+    square = np.add.outer(offset**2, offset**2).astype(np.float64)
+    return float(np.sum(_centre_weights(side, shape_function) * square ** _DEGREES[shape_function]))
+
+
+@cache
+def _correlated_share(side: int, size: int, step: int, shape_function: ShapeFunction) -> float:
+    """Variance of fit less point in a whole window, over that of points whose subsets do not overlap."""
+    weights = _centre_weights(side, shape_function).copy()
+    weights[side // 2, side // 2] -= 1.0
+    return overlap(size, step, shape_function).variance(weights) / float((weights**2).sum())
+
+
+def _standard_error(square: Array, noise: Array, sigma: float) -> Array:
+    """Standard error of a mean of squares over neighbours, by noise. sigma : of their weights [sides of the window]"""
+    return np.asarray(np.sqrt((4.0 * square * noise + 2.0 * noise**2) / (_INDEPENDENT * sigma**2)))
 
 
 def affine_suffices(bias: ShapeBias, variance: Array) -> bool:
@@ -122,7 +217,7 @@ def affine_suffices(bias: ShapeBias, variance: Array) -> bool:
     if not known.any():
         return True
     limit, noise = _SHARE_OF_SIGMA**2 * variance[known], bias.noise[known]
-    error = np.sqrt((4.0 * limit * noise + 2.0 * noise**2) / _INDEPENDENT)
+    error = _standard_error(limit, noise, _NEIGHBOUR_SIGMA)
     biased = (bias.square[known] > limit + _STANDARD_ERRORS * error).any(axis=-1)
     return bool(biased.mean() <= _MAX_BIASED)
 

@@ -90,24 +90,39 @@ def cracked(jump_px, noise_px=0.01):
     return warp, np.broadcast_to((share > 0.0) & (share < 1.0), VALID.shape)
 
 
-@pytest.mark.parametrize("jump_px", [0.6, 2.0, -5.0])
-def test_points_between_the_two_sides_of_a_jump_are_lost_or_less_certain(jump_px):
-    warp, touching = cracked(jump_px)
+def jumps_in(warp, touching, most_off_px):
+    """The jumps of a field whose points at the crack have unusual residuals, and may be off by so much."""
     shape = VALID.shape
     field = Field(
         warp, np.full(shape, 0.01), np.zeros(shape, dtype=np.int16), VALID,
         np.broadcast_to([1e-4, 0.0, 1e-4], (*shape, 3)), np.full((*shape, 2), 100.0),
     )  # fmt: skip
-    edges = Edges(VALID, np.where(touching, 0.01, 0.0))
-    found = find_jumps(edges, GRID, field, single_part(GRID), Subset(31))
+    edges = Edges(VALID, np.where(touching, 0.01, 0.0), np.full(shape, most_off_px))
+    return find_jumps(edges, GRID, field, single_part(GRID), Subset(31))
+
+
+@pytest.mark.parametrize("jump_px", [0.6, 2.0, -5.0])
+def test_points_between_the_two_sides_of_a_jump_are_lost_or_less_certain(jump_px):
+    warp, touching = cracked(jump_px)
+    found = jumps_in(warp, touching, np.abs(jump_px))
     lost = found.reason == Status.DISCONTINUITY
     assert lost[touching].mean() > 0.5
     share = np.clip((np.arange(16) - 7.5) * STEP / 31.0 + 0.5, 0.0, 1.0)[:, None]
     error = np.abs(jump_px) * np.minimum(share, 1.0 - share) * np.ones(VALID.shape)
     assert (lost | (error < 3.0 * np.sqrt(found.variance + 0.01**2)))[touching].all()
     assert (found.reason[~touching] == Status.VALID).all()
-    straight = find_jumps(edges, GRID, field._replace(warp=bent(noise_px=0.01)), single_part(GRID), Subset(31))
+    straight = jumps_in(bent(noise_px=0.01), touching, np.abs(jump_px))
     assert (straight.reason == Status.VALID).all()
+
+
+@pytest.mark.parametrize("jump_px", [0.6, 2.0, -5.0])
+def test_a_steep_gradient_whose_residuals_allow_for_no_second_motion_is_no_jump(jump_px):
+    """The same places as across a crack, but with residuals as small as of a single motion."""
+    warp, touching = cracked(jump_px)
+    middle = np.abs(np.arange(16) - 7.5) < 1.0
+    found = jumps_in(warp, touching, 0.05)
+    assert (found.reason[middle] == Status.VALID).all()
+    np.testing.assert_array_equal(found.variance[middle], 0.01)
 
 
 def test_both_sides_of_a_bent_field_predict_the_same():

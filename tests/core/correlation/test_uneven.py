@@ -78,3 +78,21 @@ def test_pixels_that_do_not_count_change_nothing():
     nothing, _, _ = subsets(np.zeros(SIZE**2))
     weightless = nothing._replace(weight=np.zeros_like(nothing.weight))
     assert uneven_variance(weightless, SIZE).max() == 0.0
+
+
+@pytest.mark.parametrize("terms", [3, 6])
+def test_two_motions_put_a_place_off_by_two_misfits_at_most(terms):
+    """As much on a line through the centre; nearly always within four, as the pattern is uneven (``edges.py``)."""
+    still, _, _ = subsets(np.zeros(SIZE**2), noise=0.0)
+    slope = np.mean(still.by_x**2 + still.by_y**2, axis=1)
+    offs = {}
+    for direction in ((0.0, 1.0), (0.9, 0.4)):
+        for distance in (0.5, 4.5):
+            beyond = (direction[0] * COL + direction[1] * ROW > distance).astype(float)
+            fit, error, _ = subsets(0.5 * still.by_x * beyond, terms, noise=0.0)
+            misfit = np.sqrt(2.0 * np.mean(fit.residual**2, axis=1) / slope)
+            off = np.minimum(np.abs(error[:, 0]), np.abs(0.5 - error[:, 0]))
+            offs[direction, distance] = off / misfit
+    found = np.concatenate([*offs.values()])
+    assert np.mean(found < 4.0) > 0.99
+    assert np.median(offs[(0.0, 1.0), 0.5]) == pytest.approx(2.0, rel=0.15)

@@ -6,7 +6,7 @@ import pytest
 from dicflow.core.strain.deformation_gradient import ErrorShare, measured_surface
 from dicflow.core.strain.degree_choice import candidate_fits, chosen_gradient
 from dicflow.core.strain.small_jumps import NORMALS, GridOfSubsets, jumps_at_points
-from dicflow.core.strain.unseen_jumps import unseen_jumps
+from dicflow.core.strain.unseen_jumps import cut_by_jumps, unseen_jumps
 from dicflow.core.uncertainty.overlap import overlap
 from tests.noise import point_errors
 
@@ -144,3 +144,16 @@ def test_places_beside_a_crack_lie_between_both_sides():
     assert on_line == pytest.approx(0.15, rel=0.15)
     assert off[24 + 3 :].max() == pytest.approx(0.0, abs=1e-12)
     assert off[: 24 - 2].max() == pytest.approx(0.0, abs=1e-12)
+
+
+def test_points_that_count_for_nothing_are_cut_only_beside_a_jump():
+    """Weights are 1/σ²: with 49 points in a window, those whose σ is 8 times that of others, not those with 6 times."""
+    lost = (np.abs(ROWS_FROM_LINE) < 1.0) & (COL < 40)
+    growth = np.where(np.abs(ROWS_FROM_LINE) < 3.0, 8.0, 1.0)
+    beside = (np.abs(ROWS_FROM_LINE) < 3.0) & (COL < 39) & ~lost
+    cut = cut_by_jumps(measured(bent(), 1, lost, growth), lost, SUBSETS, (WINDOW, WINDOW))
+    assert cut[beside].all()
+    assert not cut[np.abs(ROWS_FROM_LINE) > 3.0].any()
+    assert not cut[:, 46:].any()
+    certain = measured(bent(), 1, lost, np.minimum(growth, 6.0))
+    assert not cut_by_jumps(certain, lost, SUBSETS, (WINDOW, WINDOW)).any()
