@@ -93,12 +93,17 @@ def step_history(context: Context) -> History | None:
     else:
         source, values = "Means over the field", _means([summaries.get(step, {}) for step in steps[1:]])
     lengths = ("displacement", "length") if remark else ()
-    drawn = tuple(key for key in values if not key.endswith("_per_s") and not any(word in key for word in lengths))
+    drawn = tuple(key for key in values if _is_drawn(key) and not any(word in key for word in lengths))
     logged = _logged(result, steps)
     axis = "load_g" if "load_g" in values else logged.axis
     shown = (*map(_column, values), *logged.columns)
     values = {**values, **logged.values}
     return History(source, steps, phases or logged.phases, shown, values, shares, drawn, remark, axis)
+
+
+def _is_drawn(key: str) -> bool:
+    """Whether a column has a curve; rates and uncertainties stand in the table alone."""
+    return not key.endswith("_per_s") and not key.rpartition(" · ")[2].startswith("u_")
 
 
 class _Logged(NamedTuple):

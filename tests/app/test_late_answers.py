@@ -173,6 +173,25 @@ def test_what_is_drawn_while_the_last_change_is_written_is_written_too(tmp_path)
     assert len(read_geojson(folder / stages["region"]["file"]).polygons[0].rings) == 2
 
 
+def test_a_number_that_is_typed_while_the_last_one_is_written_is_kept(tmp_path):
+    folder = small_test(tmp_path / "test").parent
+    with served(folder) as app, opened_page(app) as someone:
+        page = someone.page
+        someone.go("region")
+        page.click(".path-name")
+        with held_back(page, "draw") as held:
+            page.get_by_label("x of corner 1").fill("25")
+            page.keyboard.press("Tab")
+            held.until(lambda one: one.kept)
+            page.keyboard.type("3")
+            held.give()
+            page.wait_for_selector("text=saved: corner of outline")
+            page.keyboard.type("0")
+            page.keyboard.press("Tab")
+            someone.until("document.querySelectorAll('#messages .message').length === 2")
+    assert read_geojson(folder / "region.geojson").polygons[0].exterior[0].tolist() == [25, 30]
+
+
 def test_the_photograph_is_that_of_the_pair_that_was_chosen_last(sample_result):
     with served(sample_result) as app, opened_page(app) as someone:
         page = someone.page

@@ -62,6 +62,15 @@ def test_lengths_that_are_not_alike_are_not_compared(loaded, context, monkeypatc
     assert {"caliper_strain", "dic_strain"} <= set(history.drawn)
 
 
+def test_uncertainties_of_extensometers_stand_in_the_table_alone(context, monkeypatch):
+    readings = {f"E · {name}": (0.0,) * STEPS for name in ("length", "u_length", "strain", "u_strain")}
+    monkeypatch.setattr("dicflow.report.history._comparison", lambda result: [])
+    monkeypatch.setattr("dicflow.report.history._extensometers", lambda result: readings)
+    history = step_history(context)
+    assert [column.key for column in history.columns] == [*readings]
+    assert history.drawn == ("E · length", "E · strain")
+
+
 def test_warnings_stand_before_everything_else(context):
     sections = [Section("calibration", "Calibration", "", ("The <rig> is bad.",))]
     run = context.run._replace(warnings=(RunWarning("images", f"{context.pipeline.folder}/photos: dark"),))

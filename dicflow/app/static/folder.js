@@ -53,8 +53,7 @@ async function series(page, app) {
     try {
       const made = await ask("make", { series: found.series.map(({ names }, k) => ({ names, role: roles[k] })), square: square.value.trim(), pair_by: pairings.chosen });
       app.say(made.said.join("\n"));
-      await app.open(made.file);
-      app.go("region");
+      await app.open(made.file, "region");
     } catch (error) {
       await app.fail(error);
     } finally {

@@ -95,8 +95,8 @@ function drawSidebar() {
   sidebar(document.getElementById("sidebar"), app, SCREENS, { choose, step });
 }
 
-/** Open another pipeline file, once everything is written to this one. */
-async function choose(file) {
+/** Open another pipeline file, once everything is written to this one. screen : to show; the same as before without it */
+async function choose(file, screen = "") {
   leave();
   await inTurn(async () => {
     app.file = file;
@@ -105,6 +105,7 @@ async function choose(file) {
     sessionStorage.setItem("file", file);
     await read();
   });
+  if (screen) history.pushState(null, "", `#${screen}`);
   await show();
   plan();
 }

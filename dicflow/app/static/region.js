@@ -1,7 +1,7 @@
 // The screen "region": the first photograph, what is drawn on it, and the numbers of what is chosen.
 
 import { ask } from "./api.js";
-import { button, empty, fill, h } from "./dom.js";
+import { button, empty, fill, h, refill } from "./dom.js";
 import { drawMarks } from "./marks.js";
 import { Pen } from "./pen.js";
 import { SORTS, pathsOf, probesOf, regionOf, rounded, simplified } from "./shapes.js";
@@ -41,8 +41,8 @@ class RegionScreen {
     }
     this.where = h("span", { className: "where" });
     this.tools = h("div", { className: "tools", role: "toolbar", "aria-label": "Drawing" });
-    this.list = h("aside", { className: "panel" });
-    fill(this.place, this.tools, h("div", { className: "stage" }, this.viewer.element, this.list), h("div", { className: "status" }, this.where, h("span", { className: "hint" })));
+    [this.list, this.details] = [h("div", {}), h("div", {})];
+    fill(this.place, this.tools, h("div", { className: "stage" }, this.viewer.element, h("aside", { className: "panel" }, this.list, this.details)), h("div", { className: "status" }, this.where, h("span", { className: "hint" })));
     this.panel();
     this.viewer.open(await ask("photograph", { file: this.app.file, stage: this.drawing.images }));
     this.lookAtRest();
@@ -120,8 +120,17 @@ class RegionScreen {
         button("−", () => this.viewer.zoomAt(null, 1 / 1.4), { "aria-label": "Zoom out" }),
         button("+", () => this.viewer.zoomAt(null, 1.4), { "aria-label": "Zoom in" }),
         button("Whole", () => this.viewer.fit())));
-    fill(this.list, this.proposal(), this.listed("Region", (sort) => !SORTS[sort].probe), this.listed("Probes", (sort) => SORTS[sort].probe), this.rest(), this.numbers());
+    refill(this.list, this.proposal(), this.listed("Region", (sort) => !SORTS[sort].probe), this.listed("Probes", (sort) => SORTS[sort].probe), this.rest());
+    this.detail();
     fill(this.place.querySelector(".hint"), this.hint());
+  }
+
+  /** The numbers of the chosen path; those that somebody is typing stay. */
+  detail() {
+    const path = this.pen.paths[this.pen.chosen.path];
+    const isTyped = document.activeElement?.matches("input") && this.details.contains(document.activeElement);
+    if (!isTyped || path !== this.detailed) refill(this.details, this.numbers());
+    this.detailed = path;
   }
 
   hint() {
@@ -195,6 +204,7 @@ class RegionScreen {
           const typed = [...places[corner]];
           typed[axis] = value;
           places[corner] = this.pen.inFrame(typed);
+          event.target.value = String(places[corner][axis]);
           this.viewer.draw();
           this.commit(`corner of ${this.pen.title(number)}`);
         } else event.target.value = places[corner][axis];
