@@ -173,7 +173,7 @@ def _middle_curve(title: str, sheet: SheetFields) -> Product:
     """The middle third of a strip as a uniaxial test: stretches along the load, and the load per section."""
     along = sheet["places"][:, 1] / sheet.facts.length
     inside = np.abs(along - 0.5) < 1.0 / 6.0
-    fibres = np.linalg.norm(sheet["gradients"][:, inside, :, 1], axis=-1)
+    fibres = np.linalg.norm(sheet["gradients"][:, inside][..., 1], axis=-1)
     stretch = np.average(fibres, axis=1, weights=sheet["areas"][inside])
     u_stretch = sheet["u_gradient"] * np.sqrt(min(1.0, sheet.facts.shared / inside.sum()))
     section = sheet.facts.width * sheet.facts.thickness

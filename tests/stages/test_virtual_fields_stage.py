@@ -218,6 +218,27 @@ def test_loads_that_do_not_fit_are_refused(solution, given, message):
         stage.run(totals(solution[0]), points(), channels(**{"forces": solution[1], **given}), region())
 
 
+def test_a_load_that_falls_while_the_sheet_grows_is_refused_though_its_peak_comes_first(solution):
+    """The first step has the largest load, so that loading is one step."""
+    with pytest.raises(StageError, match="the load runs against the stretch"):
+        Sheet(**SECTION).run(totals(solution[0]), points(), channels(np.array([3.0, 2.0, 1.0])), region())
+
+
+def test_no_cell_is_smaller_than_the_noise_can_tell(solution):
+    """A gauge of 24 points, 72 mm: its bumps are 18 mm wide, and of ten cells along 57 mm three are left."""
+    found = sheet(*solution)
+    facts = {**found.attrs["sheet"], "shared": 24.0**2}
+    fine, coarse = (
+        Material.read(
+            VirtualFields(models=("mooney_rivlin",), mesh=mesh).run(
+                [replace(found, attrs={**found.attrs, "sheet": facts})]
+            )
+        )
+        for mesh in ((3, 10), (3, 3))
+    )
+    assert fine.models[0].freedom == coarse.models[0].freedom
+
+
 def test_a_field_without_points_is_refused(solution):
     with pytest.raises(StageError, match="no step has both"):
         sheet(*solution, known=np.zeros((CELLS, CELLS), bool))
