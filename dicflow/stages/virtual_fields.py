@@ -47,7 +47,7 @@ class VirtualFields(Node):
     scope: ClassVar = Scope.TEST
     takes: ClassVar = {"sheets": Port("sheet", at=At.ALL, several=True)}
     gives: ClassVar = "material"
-    impl_version: ClassVar = 2
+    impl_version: ClassVar = 3
 
     stage: Literal["virtual_fields"] = "virtual_fields"
     models: Annotated[tuple[ModelName, ...], Field(min_length=1)] = parameter(_DEFAULT, "models to fit")
