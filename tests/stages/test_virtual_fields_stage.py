@@ -109,6 +109,13 @@ def test_constants_and_the_balance_of_forces(solution):
     assert model.shear_modulus[0] == pytest.approx(2 * np.sum(model.values))
 
 
+def test_one_sheet_says_that_nothing_checks_it(solution):
+    text = "There is one test, 1: no prediction could be checked; add a specimen of another shape."
+    assert text in fitted(*solution).verdict
+    both = Material.read(VirtualFields(models=("mooney_rivlin",)).run([sheet(*solution)] * 2))
+    assert not any("could be checked" in sentence for sentence in both.verdict)
+
+
 def test_the_section_is_in_the_interval(solution):
     (model,) = fitted(*solution).models
     share = np.hypot(0.005 / THICKNESS, 0.5 * np.sqrt(2) / PX / SIDE)
