@@ -129,6 +129,8 @@ def _ambiguous_modes(
         yield (
             f"All tests are in {_MODES[mode]}: no prediction of another mode could be checked; add {_MISSING[other]}."
         )
+    elif len(curves) == 1:
+        yield f"There is one test, {curves[0].name}: no prediction could be checked; add a specimen of another shape."
 
 
 def _spread(one: Spread) -> str:

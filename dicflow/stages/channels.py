@@ -141,7 +141,8 @@ class Channels(Node):
         from dicflow.io.logs.log import RESERVED
 
         if not log.columns:
-            raise InputError(log.where, "has no column with a known unit", "name them under columns, and their units")
+            advice = "; ".join(log.remarks) or "name them under columns, and their units"
+            raise InputError(log.where, "has no column with a known unit", advice)
         known = ", ".join(log.columns)
         given = {"load": filter(None, [self.load]), "u": self.u, "units": set(self.units).difference(RESERVED)}
         for parameter_name, names in given.items():

@@ -42,6 +42,7 @@ class Hyperelastic(Node):
     scope: ClassVar = Scope.TEST
     takes: ClassVar = {"curves": Port("curve", at=At.ALL, several=True)}
     gives: ClassVar = "material"
+    impl_version: ClassVar = 2
 
     stage: Literal["hyperelastic"] = "hyperelastic"
     models: Annotated[tuple[ModelName, ...], Field(min_length=1)] = parameter(_ALL, "models to fit")

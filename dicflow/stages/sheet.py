@@ -109,11 +109,11 @@ class Sheet(Node):
             raise StageError(
                 f"no step has both a load above 0 and measured points;{sign} look at the load and the total"
             )
+        _check_direction([totals[k] for k in np.flatnonzero(forces > 0.0)], forces[forces > 0.0])
         fields = [totals[k] for k in used]
         grid = _grid(fields, Points.read(points))
         rows = list(self._rows(grid, fields[0], Points.read(points), None if region is None else Region.read(region)))
         values, facts = self._integrals(grid, rows, fields)
-        _check_direction(values, forces[used])
         values |= {"forces": forces[used], "u_gradient": _noise(fields, grid.known)}
         facts = facts._replace(u_force=u_force)
         warnings = [*_lost(len(loaded) - len(used)), *_unloaded(unknown), *_warnings(facts, len(values["areas"]), rows)]
@@ -250,12 +250,16 @@ def _sides_of_region(region: Region, image_width: int, grid: _Grid, row: int) ->
     return left, right
 
 
-def _check_direction(values: dict[str, np.ndarray], forces: np.ndarray) -> None:
-    """Raise StageError for a load that does not grow with the stretch."""
+def _check_direction(totals: Sequence[Total], forces: np.ndarray) -> None:
+    """Raise StageError for a load that does not grow with the stretch, over all loaded steps."""
     import numpy as np
 
-    stretch = values["gradients"][..., 1, 1].mean(axis=1)
-    if len(forces) > 2 and np.ptp(forces) > 0.0 and np.corrcoef(stretch, forces)[0, 1] <= 0.0:
+    points = [total.known() for total in totals]
+    stretch = np.array(
+        [np.mean(one["gradient"][at][:, 1, 1]) if at.any() else np.nan for one, at in zip(totals, points, strict=True)]
+    )
+    seen = np.isfinite(stretch)
+    if seen.sum() > 2 and np.ptp(forces[seen]) > 0.0 and np.corrcoef(stretch[seen], forces[seen])[0, 1] <= 0.0:
         raise StageError(
             "the load runs against the stretch: the more load, the shorter the specimen; look at the order of rows and "
             "the sign of the load"

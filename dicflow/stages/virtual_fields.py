@@ -47,11 +47,11 @@ class VirtualFields(Node):
     scope: ClassVar = Scope.TEST
     takes: ClassVar = {"sheets": Port("sheet", at=At.ALL, several=True)}
     gives: ClassVar = "material"
-    impl_version: ClassVar = 2
+    impl_version: ClassVar = 3
 
     stage: Literal["virtual_fields"] = "virtual_fields"
     models: Annotated[tuple[ModelName, ...], Field(min_length=1)] = parameter(_DEFAULT, "models to fit")
-    mesh: tuple[Cells, Cells] = parameter((1, 3), "cells of the virtual mesh, across and along the load")
+    mesh: tuple[Cells, Cells] = parameter((1, 3), "cells of the virtual mesh, across and along the load, at most")
 
     def run(self, sheets: Sequence[Product]) -> Product:
         from dicflow.core.material.models import MODELS
@@ -191,13 +191,20 @@ def _sheet(fields: SheetFields) -> Sheet:
 
 
 def _virtual(sheet: Sheet, fields: SheetFields, mesh: tuple[int, int]) -> list[VirtualField]:
-    """Virtual fields on a mesh whose lines along the load lie between rows of points; fewer cells where these lack."""
+    """Virtual fields on a mesh whose lines along the load lie between rows of points.
+
+    There are fewer cells where rows lack, and none is smaller than the noise can tell: finer fields see only the errors
+    of the sums over few points.
+    """
     import numpy as np
 
     from dicflow.core.material.virtual_fields import piecewise_fields
 
-    across, along = mesh
     lines, count = fields["lines"], len(fields["lines"]) - 1
+    across, along = (
+        max(1, min(wanted, int(side / sheet.noise_width)))
+        for wanted, side in zip(mesh, (sheet.width, sheet.length), strict=True)
+    )
     chosen = np.unique(np.round(np.linspace(0, count, min(along, count) + 1)).astype(int))
     return piecewise_fields(sheet, np.linspace(0.0, sheet.width, across + 1), lines[chosen])
 

@@ -109,6 +109,13 @@ def test_constants_and_the_balance_of_forces(solution):
     assert model.shear_modulus[0] == pytest.approx(2 * np.sum(model.values))
 
 
+def test_one_sheet_says_that_nothing_checks_it(solution):
+    text = "There is one test, 1: no prediction could be checked; add a specimen of another shape."
+    assert text in fitted(*solution).verdict
+    both = Material.read(VirtualFields(models=("mooney_rivlin",)).run([sheet(*solution)] * 2))
+    assert not any("could be checked" in sentence for sentence in both.verdict)
+
+
 def test_the_section_is_in_the_interval(solution):
     (model,) = fitted(*solution).models
     share = np.hypot(0.005 / THICKNESS, 0.5 * np.sqrt(2) / PX / SIDE)
@@ -216,6 +223,27 @@ def test_loads_that_do_not_fit_are_refused(solution, given, message):
     stage = Sheet(**SECTION, phase="both")
     with pytest.raises(StageError, match=message):
         stage.run(totals(solution[0]), points(), channels(**{"forces": solution[1], **given}), region())
+
+
+def test_a_load_that_falls_while_the_sheet_grows_is_refused_though_its_peak_comes_first(solution):
+    """The first step has the largest load, so that loading is one step."""
+    with pytest.raises(StageError, match="the load runs against the stretch"):
+        Sheet(**SECTION).run(totals(solution[0]), points(), channels(np.array([3.0, 2.0, 1.0])), region())
+
+
+def test_no_cell_is_smaller_than_the_noise_can_tell(solution):
+    """A gauge of 24 points, 72 mm: its bumps are 18 mm wide, and of ten cells along 57 mm three are left."""
+    found = sheet(*solution)
+    facts = {**found.attrs["sheet"], "shared": 24.0**2}
+    fine, coarse = (
+        Material.read(
+            VirtualFields(models=("mooney_rivlin",), mesh=mesh).run(
+                [replace(found, attrs={**found.attrs, "sheet": facts})]
+            )
+        )
+        for mesh in ((3, 10), (3, 3))
+    )
+    assert fine.models[0].freedom == coarse.models[0].freedom
 
 
 def test_a_field_without_points_is_refused(solution):

@@ -76,6 +76,11 @@ class Sheet(NamedTuple):
     u_width: float = 0.0
     slopes: Array | None = None
 
+    @property
+    def noise_width(self) -> float:
+        """Width of the bumps that make the noise of the gradients; cells of virtual fields are no smaller [mm]."""
+        return _BUMP * float(np.sqrt(self.shared * self.areas.mean()))
+
     def in_space(self, gradient: Array) -> Array:
         """Derivatives (..., n, 2) by the places as those along X and Y."""
         return gradient if self.slopes is None else np.asarray(np.einsum("...nk,nkj->...nj", gradient, self.slopes))
@@ -324,8 +329,7 @@ class _System:
     @cached_property
     def _bumps(self) -> list[tuple[Array, Array]]:
         """Factors of the bumps along both axes and their slopes, (n, m) each; all slopes have the mean square 1."""
-        width = _BUMP * float(np.sqrt(self.sheet.shared * self.sheet.areas.mean()))
-        found = []
+        width, found = self.sheet.noise_width, []
         for places in self.sheet.places.T:
             away = (places[:, None] - _between(places, width)) / width
             values = np.exp(-0.5 * away**2)
