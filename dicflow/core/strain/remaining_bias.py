@@ -30,12 +30,12 @@ CUBIC = 3
 """Degree of the pilot, and the highest that is chosen."""
 _PILOT = 1.5
 """Side of the pilot's window in sides of the window."""
-_STANDARD_ERRORS = 4.0
-"""Standard errors by which the mean of changes must exceed that of noise."""
+_STANDARD_ERRORS, _STANDARD_ERRORS_NEAR = 4.0, 2.0
+"""Standard errors by which the mean of changes must exceed that of noise, and that of the near neighbours alone."""
 _REACH, _FAR = 0.6, 2.5
 """Standard deviations of the weights in means of squares, and of changes, over neighbours [sides of the window]."""
-_FURTHEST = 1.7
-"""Standard deviations of these weights up to which neighbours count: of a narrow band of much strain, whose bias is
+_NEAR, _EVERYWHERE = 1.7, 4.0
+"""Standard deviations of these weights up to which neighbours count: beside a narrow band of much strain, whose bias is
 thousands of times that of its surroundings, only those whose windows reach into it."""
 _MEAN_SIGMAS, _ALONE_SIGMAS = 2.5, 3.5
 """Standard errors that a mean of changes must exceed, and above which a single change is no part of it."""
@@ -99,23 +99,24 @@ class _Samples(NamedTuple):
         whole = cells.repeat(self.stride, axis=0).repeat(self.stride, axis=1)
         return np.asarray(whole[: shape[0], : shape[1]])
 
-    def sums(self, values: Array, reach: float) -> Array:
+    def sums(self, values: Array, reach: float, furthest: float = _EVERYWHERE) -> Array:
         """Weighted sums over the neighbours of each cell, of a field (row, col, k); the weights add up to 1.
 
         reach : standard deviation of the weights [sides of the window]
+        furthest : of them, up to which neighbours count
         """
-        return _filtered(values, *self._weights(reach))
+        return _filtered(values, *self._weights(reach, furthest))
 
-    def variances(self, variances: Array, reach: float) -> Array:
+    def variances(self, variances: Array, reach: float, furthest: float = _EVERYWHERE) -> Array:
         """Variances of such sums, from those (row, col, k) of values whose errors are correlated over an area."""
         correlated = max(1.0, _AREA * self.window[0] * self.window[1] / self.stride**2)
-        return correlated * _filtered(variances, *(weights**2 for weights in self._weights(reach)))
+        return correlated * _filtered(variances, *(weights**2 for weights in self._weights(reach, furthest)))
 
-    def _weights(self, reach: float) -> Iterator[Array]:
+    def _weights(self, reach: float, furthest: float) -> Iterator[Array]:
         """Weights of cells along columns and rows, from the one furthest before to the one furthest after."""
         for side in self.window:
-            furthest = max(1, round(_FURTHEST * reach * side / self.stride))
-            weights = np.exp(-0.5 * (np.arange(-furthest, furthest + 1) * self.stride / (reach * side)) ** 2)
+            cells = max(1, round(furthest * reach * side / self.stride))
+            weights = np.exp(-0.5 * (np.arange(-cells, cells + 1) * self.stride / (reach * side)) ** 2)
             yield weights / weights.sum()
 
 
@@ -138,7 +139,11 @@ def relative_bias(surface: MeasuredSurface, fit: WindowFit, wanted: Mask) -> Rel
     found = over(surface.threads, lambda part: list(_estimates(surface, part, fit)), chunks)
     for parts in zip(*found, strict=True):
         bias, covariance = (np.concatenate(field) for field in zip(*parts, strict=True))
-        largest = _larger(largest, _mean_excess(samples, places, bias, covariance))
+        excess = [
+            _mean_excess(samples, places, bias, covariance, *limits)
+            for limits in ((_STANDARD_ERRORS, _EVERYWHERE), (_STANDARD_ERRORS_NEAR, _NEAR))
+        ]
+        largest = _larger(largest, _smaller(*excess))
         mean = _larger(mean, _square_of_mean(samples, places, bias, covariance))
     return RelativeBias(*(samples.on_grid(moments, wanted.shape) for moments in (largest, _larger(largest, mean))))
 
@@ -147,6 +152,12 @@ def _larger(first: Array, second: Array) -> Array:
     """Of each two matrices (row, col, 4, 4) the one with the larger trace."""
     is_more = np.trace(second, axis1=-2, axis2=-1) > np.trace(first, axis1=-2, axis2=-1)
     return np.where(is_more[..., None, None], second, first)
+
+
+def _smaller(first: Array, second: Array) -> Array:
+    """Of each two matrices (row, col, 4, 4) the one with the smaller trace."""
+    is_less = np.trace(second, axis1=-2, axis2=-1) < np.trace(first, axis1=-2, axis2=-1)
+    return np.where(is_less[..., None, None], second, first)
 
 
 def _estimates(surface: MeasuredSurface, at: Index, fit: WindowFit) -> Iterator[tuple[Array, Array]]:
@@ -195,7 +206,9 @@ def _weighted(places: Index, bias: Array, covariance: Array) -> tuple[Index, Arr
     return places[measured], bias[measured], noise, 1.0 / (1.0 + noise.mean(axis=-1, keepdims=True)) ** 2
 
 
-def _mean_excess(samples: _Samples, places: Index, bias: Array, covariance: Array) -> Array:
+def _mean_excess(
+    samples: _Samples, places: Index, bias: Array, covariance: Array, standard_errors: float, furthest: float
+) -> Array:
     """Mean of δF δFᵀ − Cov δF over neighbours, less some standard errors, positive semidefinite; (row, col, 4, 4).
 
     bias, covariance : (n, 4) and (n, 4, 4) — of samples
@@ -206,11 +219,11 @@ def _mean_excess(samples: _Samples, places: Index, bias: Array, covariance: Arra
     weights, products, variances = (
         samples.cells(places, values) for values in (weight, weight * excess, 2.0 * (weight * noise) ** 2)
     )
-    share = samples.sums(weights, _REACH)
+    share = samples.sums(weights, _REACH, furthest)
     near = share[..., 0] > 0.0
-    moments = (samples.sums(products, _REACH)[near] / share[near]).reshape(-1, 4, 4)
-    error = np.sqrt(np.maximum(samples.variances(variances, _REACH)[near], 0.0)) / share[near]
-    moments[:, range(4), range(4)] -= _STANDARD_ERRORS * error
+    moments = (samples.sums(products, _REACH, furthest)[near] / share[near]).reshape(-1, 4, 4)
+    error = np.sqrt(np.maximum(samples.variances(variances, _REACH, furthest)[near], 0.0)) / share[near]
+    moments[:, range(4), range(4)] -= standard_errors * error
     result = np.zeros((*samples.shape, 4, 4))
     result[near] = _positive(moments)
     return result

@@ -13,9 +13,7 @@ differ by more than noise.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from functools import cache
-from types import MappingProxyType
 from typing import NamedTuple
 
 import cv2
@@ -53,7 +51,7 @@ _MAX_BIASED = 0.03
 """Share of the points that may have such a bias."""
 _STANDARD_ERRORS = 2.0
 """Standard errors by which the bias of a point must exceed that."""
-_DEGREES: Mapping[ShapeFunction, int] = MappingProxyType({"affine": 1, "quadratic": 2})
+_DEGREES: dict[ShapeFunction, int] = {"affine": 1, "quadratic": 2}
 _QUADRATIC_VARIANCE = 1.0 + 5.0 / 4.0 + 5.0 / 4.0
 """Variance of the place of a quadratic subset over that of an affine one, of white noise and an even pattern."""
 
@@ -173,7 +171,7 @@ def _as_around(variance: Array, side: int) -> Array:
     """
     square = np.ones((side, side), dtype=np.uint8)
     least = cv2.erode(np.where(np.isfinite(variance), variance, np.inf), square).reshape(variance.shape)
-    return np.where(variance > _UNSURE**2 * least, least, variance)
+    return np.where(variance / _UNSURE**2 > least, least, variance)
 
 
 @cache
