@@ -6,12 +6,12 @@ from collections.abc import Callable
 from typing import Annotated
 
 import typer
-from typer.core import TyperCommand
 
 from dicflow._version import __version__
 from dicflow.cli.app import app as browser_app
 from dicflow.cli.hand_over import ExportCommand, compare, export, report
 from dicflow.cli.measure import plan, run, why
+from dicflow.cli.options import Command
 from dicflow.cli.products import graph, list_products, show
 from dicflow.cli.store import gc, pin, verify
 from dicflow.cli.tools import demo, doctor, help_topics, init, schema, stages, synth, warm
@@ -55,9 +55,9 @@ COMMANDS: dict[str, Callable[..., None]] = {
     "help": help_topics,
     "warm": warm,
 }
-CLASSES: dict[str, type[TyperCommand]] = {"export": ExportCommand}
+CLASSES: dict[str, type[Command]] = {"export": ExportCommand}
 for name, command in COMMANDS.items():
-    app.command(name, cls=CLASSES.get(name))(command)
+    app.command(name, cls=CLASSES.get(name, Command))(command)
 app.add_typer(synth, name="synth")
 
 

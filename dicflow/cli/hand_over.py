@@ -10,9 +10,10 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
-from typer.core import TyperCommand, TyperOption
+from typer.core import TyperOption
 
 from dicflow.cli.options import (
+    Command,
     Data,
     Force,
     PipelineFile,
@@ -95,7 +96,7 @@ def report(
         say(write_pdf(page, appendix))
 
 
-class ExportCommand(TyperCommand):
+class ExportCommand(Command):
     """The command ``export``, whose help lists the formats, which are found when the help is printed."""
 
     def format_help(self, ctx: Any, formatter: Any) -> None:

@@ -6,9 +6,10 @@ import time
 from collections.abc import Callable
 from enum import StrEnum
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
+from typer.core import TyperCommand
 
 from dicflow.errors import ConfigurationError
 from dicflow.views.plain_text import plain, plain_line
@@ -19,6 +20,7 @@ if TYPE_CHECKING:
 
 __all__ = [
     "CodePolicy",
+    "Command",
     "Data",
     "Force",
     "Output",
@@ -108,6 +110,18 @@ def results_folder(pipeline: Pipeline, output: Path | None) -> Path:
     return output or pipeline.path.parent / "results" / pipeline.name
 
 
+class Command(TyperCommand):
+    """A command that says what to do where a value with a blank lacks its quotes."""
+
+    def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
+        try:
+            return super().parse_args(ctx, args)
+        except Exception as error:
+            if "unexpected extra argument" in getattr(error, "message", ""):
+                error.message += '; a value with a blank needs quotes, as in "14.5 mm"'  # type: ignore[attr-defined]
+            raise
+
+
 def open_store(folder: Path) -> Store:
     from dicflow.engine.store import Store
 
@@ -144,9 +158,9 @@ def write_new(path: Path, content: bytes, force: bool) -> None:
     write_whole(path, content)
 
 
-def refuse_existing(path: Path, force: bool) -> None:
+def refuse_existing(path: Path, force: bool, other: str = "name another") -> None:
     if path.exists() and not force:
-        raise ConfigurationError(f"{path} exists; add --force to overwrite it, or name another")
+        raise ConfigurationError(f"{path} exists; add --force to overwrite it, or {other}")
 
 
 def variant_index(result: Result, variant: int) -> int:

@@ -84,11 +84,12 @@ def init(
     dicflow init experiment --left "phone A" --right "phone B" --boards "*/calibration"
     """
     from dicflow.start.choice import Choice
-    from dicflow.start.first_file import OPEN, pipeline_text
+    from dicflow.start.first_file import OPEN, pipeline_text, with_unit
     from dicflow.start.folder import look
 
     path = folder / "pipeline.yaml"
-    refuse_existing(path, force)
+    refuse_existing(path, force, f"keep it: {shlex.join(['dicflow', 'run', str(path)])}")
+    square = with_unit(square) if square else None
     command = ["dicflow", "init", str(folder), *(["--square", square] if square else []), *["--force"] * force]
     choice = Choice(tuple(left), tuple(right), tuple(boards), one_camera, pair_by, pair_by)
     text = pipeline_text(look(folder, choice, command, say), square, path)

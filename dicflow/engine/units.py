@@ -15,6 +15,7 @@ _FACTORS = {
     "s": {"s": 1.0, "ms": 1e-3, "min": 60.0, "h": 3600.0},
     "deg": {"deg": 1.0, "°": 1.0, "rad": 180.0 / math.pi},
 }
+_COMMA = re.compile(r"(?<=\d),(?=\d)")
 _TEXT = re.compile(r"\s*+([-+]?(?:\d++\.?\d*+|\.\d++)(?:[eE][-+]?\d++)?)\s*+(\S++)\s*+")
 
 
@@ -34,6 +35,8 @@ def quantity(unit: str) -> Callable[[Any], Any]:
             return value
         match = _TEXT.fullmatch(value)
         if match is None or match[2] not in factors:
+            if (point := _COMMA.sub(".", value)) != value and _TEXT.fullmatch(point):
+                raise ValueError(f"{value[:60]!r} has a decimal comma; write {point[:60]!r}, with a point")
             raise ValueError(
                 f"{value[:60]!r} is not a quantity in {unit}; write a number alone, or with {', '.join(factors)}"
             )

@@ -20,6 +20,7 @@ Place = tuple[str | int, ...]
 
 MAX_BYTES = 2_000_000
 _MAX_DIGITS = 100
+_MOST_NAMED = 3
 _LARGEST = 2**63
 _QUOTED = ("'", '"', "|", ">")
 _SCALARS: tuple[tuple[re.Pattern[str], Any], ...] = (
@@ -73,8 +74,19 @@ def read(path: Path) -> Document:
         where, problem, remedy = error.args
         if isinstance(error.__cause__, OSError):
             remedy = "name a pipeline file, or make one with 'dicflow init'"
+        if beside := _pipelines_in(path if path.is_dir() else path.parent):
+            remedy += f"; the folder has {beside}"
         raise ConfigurationError(where, problem, remedy) from error
     return parse(text, str(path))
+
+
+def _pipelines_in(folder: Path) -> str:
+    """The YAML files of a folder, in a sentence; "" without one, or if the folder cannot be read."""
+    try:
+        found = sorted(path for path in folder.iterdir() if path.suffix in (".yaml", ".yml") and path.is_file())
+    except (OSError, ValueError):
+        return ""
+    return ", ".join(printable(path, 300) for path in found[:_MOST_NAMED]) + (", …" if len(found) > _MOST_NAMED else "")
 
 
 def parse(text: str, source: str) -> Document:

@@ -80,7 +80,8 @@ def _move(files: list[Path], output: Path, force: bool) -> None:
                 f"{taken}: cannot be written (a folder has this name); name another file, or move the folder"
             )
         if taken.exists() and not force:
-            raise ConfigurationError(f"{taken} exists; add --force to overwrite it, or name another folder")
+            remedy = "add --force to overwrite it, or name another folder with --output"
+            raise ConfigurationError(f"{taken} exists; {remedy}")
     for file in files:
         os.replace(file, output / file.name)
 

@@ -150,6 +150,8 @@ def _open(path: Path, what: str, most_bytes: int) -> BinaryIO:
     if stat.S_ISREG(status.st_mode) and status.st_size <= most_bytes:
         return os.fdopen(number, "rb")
     os.close(number)
+    if stat.S_ISDIR(status.st_mode):
+        raise InputError(str(path), f"expected {what}, but it is a folder", "name the file itself")
     if not stat.S_ISREG(status.st_mode):
         raise InputError(str(path), f"expected {what}, but it is not a regular file", "name the file itself")
     problem = f"is larger ({status.st_size:,} bytes) than {what} may be ({most_bytes:,} bytes)"

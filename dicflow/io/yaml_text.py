@@ -155,6 +155,8 @@ def _explained(text: str, source: str, error: yaml.MarkedYAMLError, raised: type
     problem = f"{error.context or ''} {error.problem or ''}".strip()
     marks = [error.problem_mark, error.context_mark]
     mark = next(filter(None, reversed(marks) if "end of stream" in problem else marks), None)
+    if "flow" in problem and mark is not None and error.context_mark and error.context_mark.line < mark.line:
+        mark = error.context_mark  # the bracket that is not closed
     if mark is None:
         return raised(source, f"not valid YAML: {problem}", _REMEDY)
     lines = text.split("\n")

@@ -57,7 +57,7 @@ def _complaint(
     meaning = field.description if field is not None and field.description else "a value"
     if first["type"] == "extra_forbidden":
         word = str(first["loc"][-1])
-        return f"{where}: {dotted}: unknown parameter{nearest(word, known)}; it takes {', '.join(known)}"
+        return f"{where}: {dotted}: unknown parameter{_slip(word, known)}; it takes {', '.join(known)}"
     if first["type"] == "missing":
         lack = "has too few values" if path and isinstance(first["loc"][-1], int) else "is missing"
         return f"{where}: {dotted}: {lack}; give {meaning}"
@@ -71,6 +71,16 @@ def _complaint(
     return f"{where}: {dotted}: {message}" + ("" if found in message else f", found {found}") + f"; give {meaning}"
 
 
+def _slip(word: str, known: Sequence[str]) -> str:
+    """What was most likely meant by an unknown parameter, with the blank or the point that is missing."""
+    name, sign, value = (part.strip() for part in re.match(r"([^:=]*)([:=]?)(.*)", word, re.DOTALL).groups())  # type: ignore[union-attr]
+    if sign and name in known:
+        return f"; write '{name}: {value}', with a colon and a blank"
+    if word[:1].isdigit():
+        return "; write decimals with a point, and lists in brackets [ ]"
+    return nearest(word, known)
+
+
 def _is_name(part: str | int) -> bool:
     """Whether a part of an error's location is a parameter or an index, not one of several forms."""
     return isinstance(part, int) or (part.isidentifier() and part.islower())
@@ -78,6 +88,9 @@ def _is_name(part: str | int) -> bool:
 
 def _pydantic_message(detail: Mapping[str, Any]) -> str:
     """Pydantic's message in the words of a pipeline file."""
+    numbers = {"int_parsing": "must be a whole number, without a unit", "float_parsing": "must be a number"}
+    if detail["type"] in numbers:
+        return numbers[detail["type"]]
     forms = {"tuple_type": "a list", "list_type": "a list", "model_type": "a mapping", "string_type": "text"}
     if detail["type"] in forms:
         return f"must be {forms[detail['type']]}"

@@ -284,7 +284,7 @@ class Result:
                 raise ConfigurationError(f"{stage} runs once and has no steps; leave the step out")
             return instance
         if step is None:
-            raise ConfigurationError(f"{stage} has steps; name one of {_listed(steps)}")
+            raise ConfigurationError(f"{stage} has steps; name one, as in {stage}/{steps[0]}, of {_listed(steps)}")
         if isinstance(step, int) and -len(steps) <= step < len(steps):
             step = steps[step]
         if f"{instance}/{step}" not in self.graph.tasks:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import itertools
 import math
+import re
 from collections.abc import Mapping, Sequence
 from typing import Any, NamedTuple, NoReturn
 
@@ -20,6 +21,7 @@ _MAX_PARAMETERS = 100
 _MAX_VALUES = 1_000_000
 """Values of all stages, times variants."""
 _MAX_DEPTH = 10
+_DECIMAL_COMMA = re.compile(r"\s*(\d+),(\d+)\s*([^\W\d]+)\s*")
 
 
 class Variant(NamedTuple):
@@ -148,6 +150,10 @@ def _values(setting: str, text: str) -> list[Any]:
         raise ConfigurationError(where, str(error.args[1]), f"{error.args[2]}, and close every bracket") from error
     if not isinstance(values, list) or not values:
         raise ConfigurationError(where, "has no value", "write stage.parameter=value, null for none")
+    if (halves := _DECIMAL_COMMA.fullmatch(text)) is not None:
+        whole, part, unit = halves.groups()
+        remedy = f"write {whole}.{part} {unit} for one value, {whole} {unit},{part} {unit} for a sweep of two"
+        raise ConfigurationError(where, "may be a decimal comma, or two values of which one has no unit", remedy)
     return values
 
 

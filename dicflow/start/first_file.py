@@ -3,17 +3,20 @@
 from __future__ import annotations
 
 import json
+import re
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 from dicflow.core.calibration.board import Board
+from dicflow.engine.units import quantity
+from dicflow.errors import ConfigurationError
 from dicflow.io.configuration import parse
 from dicflow.pipeline.wiring import wire
 from dicflow.start.folder import Found
 from dicflow.start.photographs import Photographs
 
-__all__ = ["OPEN", "pipeline_text"]
+__all__ = ["OPEN", "pipeline_text", "with_unit"]
 
 OPEN = "FILL IN the"
 """Marks what the user has to fill in."""
@@ -31,6 +34,22 @@ def pipeline_text(found: Found, square: str | None, path: Path) -> str:
     """
     wire(parse(_text(found, square or "1 mm"), str(path)))
     return _text(found, square)
+
+
+def with_unit(square: str) -> str:
+    """The side of a square as the user gives it, in mm if it has no unit.
+
+    Raises ConfigurationError if it is not a length.
+
+    >>> with_unit("14.5")
+    '14.5 mm'
+    """
+    text = f"{square} mm" if re.fullmatch(r"\s*[\d.,]+\s*", square) else square
+    try:
+        quantity("mm")(text)
+    except ValueError as error:
+        raise ConfigurationError(f"--square: {error}") from error
+    return text
 
 
 def _text(found: Found, square: str | None) -> str:

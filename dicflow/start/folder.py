@@ -126,7 +126,18 @@ def look(folder: Path, choice: Choice, command: Sequence[str], say: Say) -> Foun
     see = _see(folder)
     paths, copies, subjects, candidates, undecided, calibration = survey(folder, choice, see)
     if undecided is not None:
-        raise ConfigurationError(question(folder, undecided, command, paths, calibration is not None)) from undecided
+
+        def is_settled(brief: Choice, candidate: Candidate) -> bool:
+            try:
+                found = survey(folder, brief, see)
+            except DicflowError:
+                return False
+            chosen = found.candidates[0]
+            same = chosen[:2] == candidate[:2] and (chosen.boards or ())[:2] == (candidate.boards or ())[:2]
+            return found.undecided is None and same
+
+        text = question(folder, undecided, command, paths, calibration is not None, is_settled)
+        raise ConfigurationError(text) from undecided
     chosen = candidates[0]
     found = _described(folder, chosen, paths, see, choice)
     say(f"specimen: {found.photos}")
@@ -139,7 +150,8 @@ def look(folder: Path, choice: Choice, command: Sequence[str], say: Say) -> Foun
     for one, reason in _left_out(subjects, chosen):
         say(f"left out: {len(one.files)} photographs, {listed(patterns_of(one.files, paths))}{reason}")
     if copies:
-        say(f"left out: {len(copies)} copies of photographs, {listed(list(map(str, copies)))}")
+        what = f"{len(copies)} copies of photographs" if len(copies) > 1 else "1 copy of a photograph"
+        say(f"left out: {what}, {listed(list(map(str, copies)))}")
     single = sorted(set(paths) - set(copies) - {path for one in series for path in one.files})
     if single:
         say(f"left out: {len(single)} photographs, {listed(list(map(str, single)))}: their names fit no series")

@@ -11,7 +11,7 @@ from dicflow.io.images import natural_key
 from dicflow.io.images.search import fits
 from dicflow.start.layouts import counted_words
 
-__all__ = ["listed", "named_briefly", "patterns_of"]
+__all__ = ["common_start", "listed", "named_briefly", "patterns_of"]
 
 _MAX_LISTED = 3
 _DIGITS = "0123456789"
@@ -64,7 +64,7 @@ def _usual(names: Sequence[str]) -> list[str]:
         return [glob.escape(names[0])]
     ends = {PurePosixPath(name).suffix.lower() for name in names}
     ending = glob.escape(PurePosixPath(names[0]).suffix) if len(ends) == 1 else ""
-    before, after = glob.escape(_common_start(names)), glob.escape(_common_start([n[::-1] for n in names])[::-1])
+    before, after = glob.escape(common_start(names)), glob.escape(common_start([n[::-1] for n in names])[::-1])
     short_before, short_after = before.rstrip(_DIGITS), after.lstrip(_DIGITS)
     return [
         f"*{ending}",
@@ -75,7 +75,7 @@ def _usual(names: Sequence[str]) -> list[str]:
     ]
 
 
-def _common_start(names: Sequence[str]) -> str:
+def common_start(names: Sequence[str]) -> str:
     """What all names begin with."""
     low, high = min(names), max(names)
     differ = (k for k, (one, other) in enumerate(zip(low, high, strict=False)) if one != other)

@@ -2,15 +2,19 @@
 
 from __future__ import annotations
 
+import glob
 import shlex
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path, PurePosixPath
 
-from dicflow.start.choice import Candidate, Undecided
+from dicflow.start.choice import Candidate, Choice, Undecided
 from dicflow.start.layouts import Series
-from dicflow.start.patterns import listed, named_briefly
+from dicflow.start.patterns import common_start, listed, named_briefly
 
 __all__ = ["question"]
+
+_MAX_WORDS = 10
+"""Of a command line, above which one pattern per camera is tried instead."""
 
 
 def question(
@@ -19,17 +23,23 @@ def question(
     command: Sequence[str],
     photographs: Sequence[PurePosixPath],
     has_calibration: bool = False,
+    is_settled: Callable[[Choice, Candidate], bool] = lambda choice, candidate: False,
 ) -> str:
     """What is believed and what else it could be; each with the command line that settles it.
 
     command : words of the command line so far
     photographs : all in the folder, as relative paths
     has_calibration : whether a file there holds the rig
+    is_settled : whether patterns that the user may name select a candidate and no other
     """
     lines = [f"{folder}: {undecided.reason}; --left, --right and --boards, or --one-camera, settle it"]
     for k, candidate in enumerate(undecided.candidates):
         lines.append(f"{'or' if k else 'most likely'} {_words(candidate, photographs, has_calibration)}:")
-        lines.append("  " + shlex.join([*command, *_options(candidate, photographs)]))
+        options = [*_options(candidate, photographs)]
+        brief = _brief(candidate) if len(options) > _MAX_WORDS else None
+        if brief is not None and is_settled(brief, candidate):
+            options = _named_options(brief)
+        lines.append("  " + shlex.join([*command, *options]))
     return "\n".join(lines)
 
 
@@ -47,6 +57,29 @@ def _words(candidate: Candidate, photographs: Sequence[PurePosixPath], has_calib
 def _named(series: Series, photographs: Sequence[PurePosixPath]) -> str:
     count = len(series.files)
     return f"{listed(named_briefly(series.files, photographs))} ({count} photograph{'s' if count > 1 else ''})"
+
+
+def _brief(candidate: Candidate) -> Choice | None:
+    """One pattern per camera, of its specimen and its boards; None if their names have no common beginning."""
+    boards = candidate.boards
+    left = _beginning([candidate.left, *([boards.left] if boards else [])])
+    right = _beginning([candidate.right, *([boards.right] if boards else [])]) if candidate.right else None
+    if left is None or (candidate.right and right is None):
+        return None
+    return Choice((left,), (right,) if right else (), one_camera=candidate.right is None)
+
+
+def _beginning(series: Sequence[Series]) -> str | None:
+    files = [path for one in series for path in one.files]
+    beginning = common_start([path.name for path in files]).rstrip("0123456789")
+    if not beginning or len({path.parent for path in files}) > 1:
+        return None
+    return glob.escape((files[0].parent / beginning).as_posix()) + "*"
+
+
+def _named_options(choice: Choice) -> list[str]:
+    sides = [*(("--left", one) for one in choice.left), *(("--right", one) for one in choice.right)]
+    return [*(word for pair in sides for word in pair), *["--one-camera"] * choice.one_camera]
 
 
 def _options(candidate: Candidate, photographs: Sequence[PurePosixPath]) -> Iterator[str]:

@@ -14,6 +14,7 @@ import numpy as np
 from rich.console import Console
 from rich.table import Table
 
+from dicflow.discovery import nearest
 from dicflow.engine.journal import Event
 from dicflow.engine.plan import Plan
 from dicflow.engine.product import Product
@@ -62,7 +63,8 @@ def why_lines(plan: Plan, name: str) -> Iterator[str]:
     """
     tasks = [task for task in plan.entries if name in (task, plan.entries[task].task.stage)]
     if not tasks:
-        raise ConfigurationError(f"no stage or task '{name}'; stages: {', '.join(plan.graph.stages)}")
+        stages = plan.graph.stages
+        raise ConfigurationError(f"no stage or task '{name}'{nearest(name, stages)}; stages: {', '.join(stages)}")
     for task in tasks:
         entry = plan.entries[task]
         yield f"{task}: {entry.state if entry.state == 'hit' else entry.reason}"

@@ -66,7 +66,9 @@ def test_a_line_without_end_is_not_read_on(tmp_path):
 
 def test_only_regular_files_are_opened(tmp_path):
     os.mkfifo(tmp_path / "pipe")
-    for place in (tmp_path / "pipe", tmp_path, "/dev/zero"):
+    with pytest.raises(InputError, match="but it is a folder; name the file itself"):
+        read_text(tmp_path, "a table", 100)
+    for place in (tmp_path / "pipe", "/dev/zero"):
         with pytest.raises(InputError, match="not a regular file; name the file itself"):
             read_text(place, "a table", 100)
     for place in (tmp_path / "absent", "a\0b", "x" * 5000):

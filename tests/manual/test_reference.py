@@ -101,7 +101,7 @@ def test_help_prints_a_section_and_lists_all():
 
 def test_the_nearest_package_decides():
     assert topic_of("dicflow.io.images.tiff") == TOPICS["dicflow.io.images"]
-    assert topic_of("dicflow.io.files") == TOPICS["dicflow.io"]
+    assert topic_of("dicflow.io.text") == TOPICS["dicflow.io"]
     assert topic_of("lab_dic.poisson") == "plug-ins"
 
 

@@ -86,6 +86,10 @@ def test_units_are_resolved():
     ("old", "new", "message"),
     [
         ("square: 14.5 mm", "sqare: 14.5 mm", r"p.yaml:6:31: rig.sqare: unknown parameter, did you mean 'square'\?"),
+        ("square: 14.5 mm", "square: 14,5 mm", r"rig.5 mm: unknown parameter; write decimals with a point"),
+        ("square: 14.5 mm", 'square: "14,5 mm"', r"'14,5 mm' has a decimal comma; write '14.5 mm'"),
+        ("square: 14.5 mm", "square:14.5 mm", r"unknown parameter; write 'square: 14.5 mm', with a colon and a blank"),
+        ("square: 14.5 mm", "square = 14.5 mm", r"unknown parameter; write 'square: 14.5 mm', with a colon and"),
         ("square: 14.5 mm", "square: 14.5 px", r"p.yaml:6:31: rig.square: '14.5 px' .*mm"),
         ("square: 14.5 mm", "square: -3", r"p.yaml:6:31: rig.square: .*greater than 0, found -3"),
         ("square: 14.5 mm", "square: .nan", r"p.yaml:6:31: rig.square: .*finite"),

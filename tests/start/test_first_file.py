@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shlex
 import shutil
 from pathlib import Path
 
@@ -18,6 +19,8 @@ from dicflow.start.first_file import OPEN, pipeline_text
 from dicflow.start.folder import Caliper, Found, Photographs
 from dicflow.start.gauge import Gauge
 from dicflow.start.ways import Way
+
+SAMPLES = Path(__file__).parents[2] / "data_samples"
 
 
 @pytest.fixture(scope="module")
@@ -66,8 +69,27 @@ def test_an_existing_file_is_kept(stereo):
     folder, _ = stereo
     before = (folder / "pipeline.yaml").read_bytes()
     dicflow("init", folder).refuses(2, "pipeline.yaml exists; add --force to overwrite it")
-    dicflow("init", folder, "--square", "3 px", "--force").refuses(2, "pipeline.yaml:11:5: rig.square: '3 px'")
+    dicflow("init", folder, "--square", "3 px", "--force").refuses(2, "--square: '3 px' is not a quantity in mm")
+    dicflow("init", folder, "--square", "14,5 mm", "--force").refuses(2, "write '14.5 mm', with a point")
     assert (folder / "pipeline.yaml").read_bytes() == before
+
+
+def test_cameras_mixed_in_one_folder_are_settled_by_a_short_command(tmp_path):
+    """Names and counters of two cameras, no time, and the boards before the specimen; a bare square is in mm."""
+    for side, name in (("left", "IMG_{:04}.PNG"), ("right", "P{:07}.png")):
+        files = [path for part in ("boards", "photos") for path in sorted((SAMPLES / part / side).iterdir())]
+        for k, path in enumerate(files):
+            shutil.copy(path, tmp_path / name.format(k + 12))
+    shutil.copy(tmp_path / "IMG_0013.PNG", tmp_path / "IMG_0013 (1).PNG")
+    (tmp_path / "notes.txt").write_text("60,00 mm\n")
+    asked = dicflow("init", tmp_path, "--square", "14.5")
+    options = ["--left", "IMG_*", "--right", "P*"]
+    short = shlex.join(["dicflow", "init", str(tmp_path), "--square", "14.5 mm", *options])
+    assert (asked.code, asked.err.splitlines()[2].strip()) == (2, short)
+    answer = dicflow("init", tmp_path, "--square", "14.5", *options)
+    assert answer.code == 0, answer.err
+    assert "left out: 1 copy of a photograph, IMG_0013 (1).PNG" in answer.out
+    assert "square: 14.5 mm\n" in (tmp_path / "pipeline.yaml").read_text()
 
 
 def test_without_the_square_it_is_left_open(photographs, tmp_path):
