@@ -281,7 +281,7 @@ def test_plan_and_why_show_old_and_new_values(given):
     why = dicflow("why", *changed, "maps")
     assert "window: [80.0, 20.0] → [60.0, 60.0]" in why.out
     assert dicflow("why", *given, "strain/step_01").out == "strain/step_01: hit\n"
-    dicflow("why", *given, "strian").refuses(2, "no stage or task 'strian'; stages: photos")
+    dicflow("why", *given, "strian").refuses(2, "no stage or task 'strian', did you mean 'strain'?; stages: photos")
 
 
 def test_plan_of_what_was_never_run(pipeline, tmp_path):
@@ -330,7 +330,7 @@ def test_show(given):
 @pytest.mark.parametrize(
     ("product", "code", "words"),
     [
-        (("total",), 2, "total has steps; name one of step_01, step_02"),
+        (("total",), 2, "total has steps; name one, as in total/step_01, of step_01, step_02"),
         (("total/step_7",), 2, "total has no step 'step_7'"),
         (("rig/step_01",), 2, "rig runs once and has no steps"),
         (("totl/step_01",), 2, "no stage 'totl', did you mean 'total'?"),
