@@ -142,7 +142,7 @@ def covariance(
     out[2] = 2.0 * (e * e * xx + 2.0 * e * f * xy + f * f * yy)
 
 
-@njit(error_model="numpy", forceinline=True, **INNER)
+@njit(error_model="numpy", **INNER)
 def mean_square_slope(normal: NormalEquations) -> float:
     """Mean square of the slope of the grey levels, without what brightness and contrast explain [grey levels² per px²].
 

@@ -200,7 +200,7 @@ def _sample(
             places.g[k + j] = _weighted(places.patch, at + j, across, down)
 
 
-@njit(fastmath=FAST_MATH, error_model="numpy", forceinline=True, **INNER)
+@njit(fastmath=FAST_MATH, error_model="numpy", **INNER)
 def _cubic_weights(t: np.float32) -> Weights:
     """Values at an offset t, 0 … 1, of the four B-splines of degree 3 that are not zero there, between two zeros."""
     sixth, half, two_thirds, one, zero = (
@@ -215,7 +215,7 @@ def _cubic_weights(t: np.float32) -> Weights:
     return zero, sixth * r * r * r, middle, next_one, sixth * t * t * t, zero
 
 
-@njit(fastmath=FAST_MATH, error_model="numpy", forceinline=True, **INNER)
+@njit(fastmath=FAST_MATH, error_model="numpy", **INNER)
 def _window(w: Weights, drift: np.float32) -> Window:
     """Weights of a window from those of six coefficients that begin ``drift`` = 0, 1 or 2 after its first one."""
     one, two, zero = np.float32(1), np.float32(2), np.float32(0)
@@ -234,7 +234,7 @@ def _window(w: Weights, drift: np.float32) -> Window:
     )
 
 
-@njit(fastmath=FAST_MATH, error_model="numpy", forceinline=True, **INNER)
+@njit(fastmath=FAST_MATH, error_model="numpy", **INNER)
 def _weighted(patch: Image, at: np.uint64, across: Window, down: Window) -> np.float32:
     """Weighted sum of a window of coefficients, from index ``at`` on."""
     width = np.uint64(STRIDE)
@@ -257,7 +257,7 @@ def _weighted(patch: Image, at: np.uint64, across: Window, down: Window) -> np.f
     return value
 
 
-@njit(fastmath=FAST_MATH, error_model="numpy", forceinline=True, **INNER)
+@njit(fastmath=FAST_MATH, error_model="numpy", **INNER)
 def _weighted_row(patch: Image, at: np.uint64, across: Window) -> np.float32:
     """Weighted sum of one row of a window, from index ``at`` on."""
     one = np.uint64(1)

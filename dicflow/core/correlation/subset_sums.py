@@ -137,7 +137,7 @@ _ZERO_QUADRATIC = (np.float32(0.0),) * 6
 """Σ v fx m, Σ v fy m with m = ξ², ξη, η², before the first pixel."""
 
 
-@njit(fastmath=FAST_MATH, error_model="numpy", forceinline=True, **INNER)
+@njit(fastmath=FAST_MATH, error_model="numpy", **INNER)
 def _affine_sums(s: Sums, p: Pixels, k: int, g: np.float32) -> Sums:
     """The sums for an affine warp, s plus those of pixel k with grey level g."""
     v, xi, eta = p.w[k] * g, p.xi[k], p.eta[k]
@@ -155,7 +155,7 @@ def _affine_sums(s: Sums, p: Pixels, k: int, g: np.float32) -> Sums:
     )
 
 
-@njit(fastmath=FAST_MATH, error_model="numpy", forceinline=True, **INNER)
+@njit(fastmath=FAST_MATH, error_model="numpy", **INNER)
 def _quadratic_sums(s: Sums, p: Pixels, k: int, g: np.float32) -> Sums:
     """The further sums for a quadratic warp."""
     v, xi, eta = p.w[k] * g, p.xi[k], p.eta[k]

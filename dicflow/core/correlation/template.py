@@ -130,7 +130,7 @@ def count_rows(p: Pixels, n: int, half: int) -> None:
         p.row_rest[k] = p.row_rest[k + 1] + 1 if follows else 1
 
 
-@njit(error_model="numpy", forceinline=True, **INNER)
+@njit(error_model="numpy", **INNER)
 def _offset(index: int, size: int) -> np.float32:
     """Distance from the centre in half sides."""
     return np.float32(index - size // 2) / np.float32(size // 2)

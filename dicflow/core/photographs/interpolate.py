@@ -121,7 +121,7 @@ def _anticausal_filter(grey: Image, pole: np.float32) -> None:
             grey[i, j] = pole * (grey[i + 1, j] - grey[i, j])
 
 
-@njit(fastmath=FAST_MATH, error_model="numpy", forceinline=True, **INNER)
+@njit(fastmath=FAST_MATH, error_model="numpy", **INNER)
 def bicubic(c: Image, at: np.uint64, width: np.uint64, t: np.float32, s: np.float32) -> np.float32:
     """Value of the cubic spline of flat coefficients c, of which the 4 × 4 from index ``at`` on contribute.
 
@@ -161,7 +161,7 @@ def quintic_weights(t: np.float32) -> Weights:
     return w0, w1, w2, w3, w4, w5
 
 
-@njit(fastmath=FAST_MATH, error_model="numpy", forceinline=True, **INNER)
+@njit(fastmath=FAST_MATH, error_model="numpy", **INNER)
 def _weighted_row(
     c: Image,
     at: np.uint64,
@@ -182,7 +182,7 @@ def _weighted_row(
     return value
 
 
-@njit(fastmath=FAST_MATH, error_model="numpy", forceinline=True, **INNER)
+@njit(fastmath=FAST_MATH, error_model="numpy", **INNER)
 def biquintic(c: Image, at: np.uint64, width: np.uint64, t: np.float32, s: np.float32) -> np.float32:
     """Value of the quintic spline of flat coefficients c, of which the 6 × 6 from index ``at`` on contribute.
 
