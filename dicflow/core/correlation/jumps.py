@@ -19,6 +19,7 @@ from dicflow.core.correlation.edges import Edges
 from dicflow.core.correlation.follow import Field, sigma_by_residual
 from dicflow.core.correlation.subsets import Subset
 from dicflow.core.correlation.warp import set_recentred
+from dicflow.core.kernels import INNER
 from dicflow.core.medians import median
 from dicflow.core.parts import Parts, are_apart
 from dicflow.core.status import Status
@@ -172,7 +173,7 @@ def _compare(
                     place[k, s, 0], place[k, s, 1] = middles[s, 0], middles[s, 1]
 
 
-@njit(cache=True, nogil=True)
+@njit(**INNER)
 def _medians(values: Array, terms: int, side: Array, scratch: Array, middles: Array) -> float:
     """Set the median predictions (side, axis); NaN without enough. Returns the sum of their median deviations."""
     total = 0.0
