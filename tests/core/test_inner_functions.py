@@ -12,7 +12,7 @@ import dicflow.core
 
 
 def kernels() -> Iterator[CPUDispatcher]:
-    """All compiled functions of the core that measure; of those that render, the bytes of photographs stay as they are."""
+    """All compiled functions of the core that measure; those that render must not change a byte of data_samples."""
     for module in pkgutil.walk_packages(dicflow.core.__path__, "dicflow.core."):
         if module.name.startswith("dicflow.core.synthetic"):
             continue
