@@ -36,7 +36,7 @@ RECOMPUTES = {
     "core.strain": "accumulate deformation probes sheet strain",
     "core.surfaces": "accumulate compare correlate deformation displacement fill probes reconstruct smooth "
     "strain surface",
-    "core.uncertainty": "deformation frame noise_floor probes sheet triangulate",
+    "core.uncertainty": "correlate deformation frame noise_floor probes sheet triangulate",
     "io.calibrations": "rig_file",
     "io.caliper": "compare stress",
     "io.images": "images region",

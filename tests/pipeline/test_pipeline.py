@@ -219,7 +219,7 @@ def test_the_strain_is_what_was_imposed(result):
 def test_names_that_do_not_exist(result):
     for call, message in [
         (lambda: result.product("totl"), "no stage 'totl', did you mean 'total'?"),
-        (lambda: result.product("total"), "total has steps; name one of step_01, step_02"),
+        (lambda: result.product("total"), "total has steps; name one, as in total/step_01, of step_01, step_02"),
         (lambda: result.product("total", 7), "total has no step '7'; it has step_01, step_02"),
         (lambda: result.product("rig", "step_01"), "rig runs once and has no steps"),
         (lambda: result.product("rig", variant=1), r"no variant with index 1: there is one, '#1' or index 0"),
