@@ -35,7 +35,7 @@ class Held:
 
     def until(self, condition: Any) -> None:
         """Wait until a condition holds."""
-        for _ in range(500):
+        for _ in range(3000):
             if condition(self):
                 return
             self.page.wait_for_timeout(10)
@@ -157,6 +157,7 @@ def test_what_is_drawn_while_the_last_change_is_written_is_written_too(tmp_path)
         page = someone.page
         someone.go("region")
         page.wait_for_selector(".path-name")
+        someone.until("document.querySelector('.viewer').viewer.photograph")
         page.focus(".viewer")
         with held_back(page, "draw") as held:
             page.keyboard.press("h")
