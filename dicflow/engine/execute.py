@@ -133,7 +133,11 @@ def run(
 
 @contextmanager
 def _workers(options: Options, graph: Graph, store: Store) -> Iterator[WorkerProcesses | None]:
-    """Worker processes, for a scheduler that has them; in a new store, where there is work for sure, they start."""
+    """Worker processes, for a scheduler that has them.
+
+    In a new store, where all stages have work for sure, they start and load at once what these use; else each one loads
+    what its tasks use, once there are some.
+    """
     is_auto = options.scheduler == "auto"
     if (
         options.cluster
@@ -144,7 +148,7 @@ def _workers(options: Options, graph: Graph, store: Store) -> Iterator[WorkerPro
         yield None
         return
     nodes = {task.stage: task.node for task in graph.tasks.values()}
-    ahead = options.ahead(nodes) if options.ahead is not None else ()
+    ahead = options.ahead(nodes) if options.ahead is not None and store.is_new else ()
     with WorkerProcesses(options.workers, options.worker_setup, ahead) as processes:
         if store.is_new:
             processes.start()
