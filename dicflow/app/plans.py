@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import threading
 from collections import Counter, defaultdict
 from statistics import mean
 from typing import Any
@@ -16,6 +17,8 @@ __all__ = ["plan_of"]
 _SAMPLES = 5
 """Tasks of a stage whose recorded times are looked at."""
 _MOST_REASONS = 4
+_at_work = threading.Lock()
+"""One plan at a time: that of thousands of steps takes hundreds of megabytes, and two at once are no faster."""
 
 
 def plan_of(pipeline: Pipeline) -> dict[str, Any]:
@@ -25,7 +28,12 @@ def plan_of(pipeline: Pipeline) -> dict[str, Any]:
     earlier runs (None if unknown); ``counts``; ``warnings``; ``seconds``: processor time of what is missing, None if a
     stage has no recorded time; ``workers``: that a run would use.
     """
-    plan = pipeline.plan()
+    with _at_work:
+        return _described(pipeline, pipeline.plan())
+
+
+def _described(pipeline: Pipeline, plan: Plan) -> dict[str, Any]:
+    """The plan for the page."""
     back = {instance: name for names in pipeline.instances for name, instance in names.items()}
     reasons = _reasons(plan)
     times = {stage: _task_seconds(pipeline, plan, stage) for stage in plan.graph.stages}
