@@ -74,6 +74,7 @@ def test_an_existing_file_is_kept(stereo):
     assert (folder / "pipeline.yaml").read_bytes() == before
 
 
+@pytest.mark.slow
 def test_cameras_mixed_in_one_folder_are_settled_by_a_short_command(tmp_path):
     """Names and counters of two cameras, no time, and the boards before the specimen; a bare square is in mm."""
     for side, name in (("left", "IMG_{:04}.PNG"), ("right", "P{:07}.png")):
