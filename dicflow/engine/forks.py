@@ -14,6 +14,7 @@ import os
 import signal
 import sys
 import threading
+import weakref
 from collections.abc import Callable
 from contextlib import suppress
 from multiprocessing.connection import Connection, wait
@@ -42,9 +43,7 @@ class ForkedProcess:
     def __init__(self, pid: int) -> None:
         self.pid = pid
         self._handle = os.pidfd_open(pid)
-
-    def __del__(self) -> None:
-        os.close(self._handle)
+        weakref.finalize(self, os.close, self._handle)
 
     def is_alive(self) -> bool:
         """Whether it has not ended."""
@@ -74,15 +73,20 @@ class Forks:
         self._lock = threading.Lock()
 
     def fork(self, pipe: Connection) -> ForkedProcess | None:
-        """A process that serves a pipe, of which this one can close its copy; None where none can be forked."""
+        """A process that serves a pipe, of which this one can close its copy; None after a failure.
+
+        Raises EOFError or OSError where it fails. A process may serve the pipe even then, so that it cannot be used.
+        """
         with self._lock:
-            try:
-                if self._process is None:
-                    self._start()
-                return None if self._pipe is None else self._forked(self._pipe, pipe)
-            except (EOFError, OSError):
-                self._pipe = None
+            if self._process is None:
+                self._start()
+            if self._pipe is None:
                 return None
+            try:
+                return self._forked(self._pipe, pipe)
+            except (EOFError, OSError):
+                self._give_up()
+                raise
 
     def _start(self) -> None:
         self._pipe, there = _SPAWN.Pipe()
@@ -100,12 +104,21 @@ class Forks:
             raise TimeoutError
         return ForkedProcess(forks.recv())
 
+    def _close(self) -> None:
+        if self._pipe is not None:
+            self._pipe.close()
+            self._pipe = None
+
+    def _give_up(self) -> None:
+        """Fork no more."""
+        self._close()
+        if self._process is not None and self._process.pid is not None:
+            self._process.kill()
+
     def end(self) -> None:
         """Let the process that forks end, after those that it forked."""
         with self._lock:
-            if self._pipe is not None:
-                self._pipe.close()
-                self._pipe = None
+            self._close()
             if self._process is not None and self._process.pid is not None:
                 self._process.join(_END_S)
                 self._process.kill()

@@ -153,9 +153,12 @@ class Deformation(Node):
         errors = errors_by_shape(covariance, step, first, (axes, along))
         surface_of = partial(measured_surface, before.xyz, parts=first.parts, min_share=self.min_share)
         lost, grid = _jumps(step, first)
-        cut = cut_by_jumps(surface_of(after.xyz, [*errors.values()]), lost, grid, self._window(first))
-        step, after = step.lost_at(cut), after._replace(xyz=np.where(cut[..., None], np.nan, after.xyz))
-        measured = surface_of(after.xyz, [*errors.values()])._replace(threads=free_threads())
+        measured = surface_of(after.xyz, [*errors.values()])
+        cut = cut_by_jumps(measured, lost, grid, self._window(first))
+        if cut.any():
+            step, after = step.lost_at(cut), after._replace(xyz=np.where(cut[..., None], np.nan, after.xyz))
+            measured = surface_of(after.xyz, [*errors.values()])
+        measured = measured._replace(threads=free_threads())
         jumps = unseen_jumps(measured, lost | cut, grid, max(self._window(first)))
         chosen = chosen_gradient(measured, candidate_fits(self._window(first), self.degree), jumps)
         surface = chosen.surface

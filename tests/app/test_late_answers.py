@@ -151,45 +151,53 @@ def test_facts_that_are_typed_quickly_are_all_written(someone, measured):
     assert page.locator(".message.error").count() == 0
 
 
-def test_what_is_drawn_while_the_last_change_is_written_is_written_too(tmp_path):
-    folder = small_test(tmp_path / "test").parent
-    with served(folder) as app, opened_page(app) as someone:
-        page = someone.page
-        someone.go("region")
-        page.wait_for_selector(".path-name")
-        someone.until("document.querySelector('.viewer').viewer.photograph")
-        page.focus(".viewer")
-        with held_back(page, "draw") as held:
-            page.keyboard.press("h")
-            for place in ((80, 60), (100, 60), (90, 80)):
-                someone.click(place)
-            page.keyboard.press("f")
-            held.until(lambda one: one.kept)
-            page.keyboard.press("p")
-            someone.click((60, 100))
-            held.give()
-            someone.said("saved: point_1")
+@pytest.fixture
+def folder(tmp_path):
+    """A folder with a small test that has not been measured."""
+    return small_test(tmp_path / "test").parent
+
+
+@pytest.fixture
+def drawing(folder):
+    """Somebody at the screen on which its region is drawn, with the photograph there."""
+    with served(folder) as app, opened_page(app) as person:
+        person.go("region")
+        person.page.wait_for_selector(".path-name")
+        person.until("document.querySelector('.viewer').viewer.photograph")
+        yield person
+
+
+def test_what_is_drawn_while_the_last_change_is_written_is_written_too(drawing, folder):
+    page = drawing.page
+    page.focus(".viewer")
+    with held_back(page, "draw") as held:
+        page.keyboard.press("h")
+        for place in ((80, 60), (100, 60), (90, 80)):
+            drawing.click(place)
+        page.keyboard.press("f")
+        held.until(lambda one: one.kept)
+        page.keyboard.press("p")
+        drawing.click((60, 100))
+        held.give()
+        drawing.said("saved: point_1")
     stages = read(folder / FILE).data["stages"]
     assert list(stages["probes"]["points"]) == ["point_1"]
     assert len(read_geojson(folder / stages["region"]["file"]).polygons[0].rings) == 2
 
 
-def test_a_number_that_is_typed_while_the_last_one_is_written_is_kept(tmp_path):
-    folder = small_test(tmp_path / "test").parent
-    with served(folder) as app, opened_page(app) as someone:
-        page = someone.page
-        someone.go("region")
-        page.click(".path-name")
-        with held_back(page, "draw") as held:
-            page.get_by_label("x of corner 1").fill("25")
-            page.keyboard.press("Tab")
-            held.until(lambda one: one.kept)
-            page.keyboard.type("3")
-            held.give()
-            page.wait_for_selector("text=saved: corner of outline")
-            page.keyboard.type("0")
-            page.keyboard.press("Tab")
-            someone.until("document.querySelectorAll('#messages .message').length === 2")
+def test_a_number_that_is_typed_while_the_last_one_is_written_is_kept(drawing, folder):
+    page = drawing.page
+    page.click(".path-name")
+    with held_back(page, "draw") as held:
+        page.get_by_label("x of corner 1").fill("25")
+        page.keyboard.press("Tab")
+        held.until(lambda one: one.kept)
+        page.keyboard.type("3")
+        held.give()
+        page.wait_for_selector("text=saved: corner of outline")
+        page.keyboard.type("0")
+        page.keyboard.press("Tab")
+        drawing.until("document.querySelectorAll('#messages .message').length === 2")
     assert read_geojson(folder / "region.geojson").polygons[0].exterior[0].tolist() == [25, 30]
 
 

@@ -15,6 +15,7 @@ import pytest
 from test_processes import die, process_that_meets
 from waiting import until
 
+from dicflow.engine import forks
 from dicflow.engine.forks import ForkedProcess, can_fork
 from dicflow.engine.processes import WorkerLost, WorkerProcesses
 
@@ -91,6 +92,16 @@ def test_workers_begin_from_nothing_where_the_process_that_forks_has_died(folder
         assert first in both
         (second,) = both - {first}
         until((ahead / str(second)).exists)  # it makes the calls by itself
+
+
+def test_a_fork_that_is_not_answered_leaves_its_pipe_to_nobody(folders, monkeypatch):
+    """The process that forks is given up, and a worker with a pipe of its own begins from nothing."""
+    monkeypatch.setattr(forks, "_START_S", 0.0)
+    ahead, _ = folders
+    with WorkerProcesses(2, ahead=[partial(leave_number, ahead)]) as workers:
+        first = workers.call(os.getpid)
+        until((ahead / str(first)).exists)
+        assert [workers.call(pow, 2, power) for power in range(20)] == [2**power for power in range(20)]
 
 
 def test_processor_time_of_workers_counts_when_they_have_ended(folders):
