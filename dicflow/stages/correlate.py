@@ -216,7 +216,7 @@ class Correlate(SubsetSearch):
         """What the shape function leaves out of the places (row, col, 2) [px]."""
         if searched.bias is not None:
             return searched.bias
-        return left_out(searched.found, shape, (self.subset_size, self.step_size), first.parts)
+        return left_out(searched.found, shape, (self.subset_size, self.step_size), first.parts, self.thread_count)
 
     def _searched(
         self, image: Photograph, first: _First, previous: _Previous, pairs: Pairs | None, lost: np.ndarray
@@ -243,7 +243,7 @@ class Correlate(SubsetSearch):
         found, reference = follow_step(start, reference_step, direct, search, updating, expected)
         used, grid_px = search.subset.shape_function, (self.subset_size, self.step_size)
         is_open = self.shape_function == "auto"
-        shape, bias = needed_shape(found, used, grid_px, first.parts) if is_open else (used, None)
+        shape, bias = needed_shape(found, used, grid_px, first.parts, self.thread_count) if is_open else (used, None)
         if shape != used:
             search = search._replace(subset=search.subset._replace(shape_function=shape))
             start = first_photograph(first.image, first.region, grid, search)

@@ -4,12 +4,13 @@ The local polynomial is the filter of Savitzky & Golay (1964), Anal. Chem. 36:16
 with holes: at every point a polynomial is fitted to the valid points of the window around it and evaluated at its
 centre. With the tricube kernel it is the local regression of Cleveland (1979), J. Am. Stat. Assoc. 74:829.
 
-The normal equations of all windows are correlations of the field with the separable kernels k(u) uᵃ · k(v) vᵇ; each
-point then needs one small Cholesky solution.
+The normal equations of all windows are correlations of the field with the separable kernels k(u) uᵃ · k(v) vᵇ. Whole
+windows share their matrix; every other point needs one small Cholesky solution.
 """
 
 from __future__ import annotations
 
+from functools import cache
 from typing import Literal, NamedTuple
 
 import cv2
@@ -19,6 +20,7 @@ from numpy.typing import ArrayLike
 
 from dicflow.core.arrays import Array, Index, Mask
 from dicflow.core.cholesky import factorise, solve_columns
+from dicflow.core.kernels import INNER
 
 __all__ = [
     "Filled",
@@ -163,21 +165,27 @@ def local_polynomial(
     if window[0] % 2 == 0 or window[1] % 2 == 0 or not 0 <= degree <= 5:
         raise ValueError(f"expected odd windows and a degree of 0 to 5, got {window} and {degree}")
     field = np.asarray(values, dtype=np.float64)
-    data = field.reshape(*field.shape[:2], -1)
-    valid: Mask = np.asarray(np.isfinite(data).all(axis=2))
+    data = np.ascontiguousarray(np.moveaxis(field.reshape(*field.shape[:2], -1), 2, 0))
+    valid: Mask = np.asarray(np.isfinite(data).all(axis=0))
     weight: Array = np.where(valid, 1.0 if weights is None else np.asarray(weights, np.float64), 0.0)
-    centre = data[valid].mean(axis=0) if valid.any() else np.zeros(data.shape[2])
+    known: Array = np.where(valid, data, 0.0)
+    centre = known.sum(axis=(1, 2)) / max(int(valid.sum()), 1)
     powers = _powers(degree)
-    normal = _moments(weight, window, 2 * degree, kernel)
-    centred: Array = np.where(valid[..., None], data - centre, 0.0) * weight[..., None]
-    right = np.stack([_moments(centred[..., plane], window, degree, kernel) for plane in range(data.shape[2])])
     count = _moments(np.sign(weight), window, 0, "box")[0]
-    solved = _solve_all(normal, right, _moment_indices(powers, degree), count, margin * len(powers))
+    solved, leverage = _solve_all(
+        _moments(weight, window, 2 * degree, kernel),
+        np.stack([_moments(plane, window, degree, kernel) for plane in (known - centre[:, None, None]) * weight]),
+        _moment_indices(powers, degree),
+        count,
+        margin * len(powers),
+        _of_whole_window(window, degree, kernel),
+        np.inf if weights is not None else window[0] * window[1],
+    )
     half = (np.array(window) + 1.0) / 2.0
     middle = _kernel_weights(window[0], kernel).max() * _kernel_weights(window[1], kernel).max()
-    value, d_row, d_col = (solved[:, :, index, :-1].reshape(field.shape) for index in range(3))
+    value, d_row, d_col = (part.reshape(field.shape) for part in solved)
     return LocalFit(
-        value + centre.reshape(field.shape[2:]), d_row / half[0], d_col / half[1], solved[:, :, 0, -1] * weight * middle
+        value + centre.reshape(field.shape[2:]), d_row / half[0], d_col / half[1], leverage * weight * middle
     )
 
 
@@ -246,32 +254,78 @@ def _correlate(field: Array, along_row: Array, along_col: Array) -> Array:
     return np.asarray(cv2.sepFilter2D(field, cv2.CV_64F, along_row, along_col, borderType=cv2.BORDER_CONSTANT))
 
 
+@cache
+def _of_whole_window(window: tuple[int, int], degree: int, kernel: Kernel) -> Array:
+    """Weights (n, n) of the moments in the coefficients, for a window whose points are all valid and of weight 1."""
+    rows, cols = (np.stack([_offsets(side) ** a for a in range(2 * degree + 1)]) for side in window)
+    of_rows, of_cols = rows @ _kernel_weights(window[0], kernel), cols @ _kernel_weights(window[1], kernel)
+    powers = np.array(_powers(degree))
+    a, b = np.moveaxis(powers[:, None] + powers, -1, 0)
+    return np.asarray(np.linalg.inv(of_rows[a] * of_cols[b]))
+
+
+@njit(**INNER)
+def _multiply(of_whole: Array, moments: Array, coefficients: Array) -> None:
+    """The coefficients (3, k + 1) of a whole window, those of a unit pulse at its centre last.
+
+    moments : (k, n); coefficients : zeros, those that the polynomial has are written
+    """
+    planes, n = moments.shape
+    for i in range(min(n, 3)):
+        for plane in range(planes):
+            total = 0.0
+            for j in range(n):
+                total += of_whole[i, j] * moments[plane, j]
+            coefficients[i, plane] = total
+        coefficients[i, planes] = of_whole[i, 0]
+
+
+@njit(**INNER)
+def _solve(normal: Array, indices: Index, moments: Array, coefficients: Array) -> bool:
+    """The same of a window with these moments of its weights; False where the polynomial is not determined."""
+    planes, n = moments.shape
+    matrix, side = np.empty((n, n)), np.zeros((n, planes + 1))
+    for i in range(n):
+        for j in range(i + 1):
+            matrix[i, j] = normal[indices[i, j]]
+        for plane in range(planes):
+            side[i, plane] = moments[plane, i]
+    side[0, planes] = 1.0
+    if not factorise(matrix, _MIN_PIVOT_SHARE):
+        return False
+    solve_columns(matrix, side)
+    for i in range(min(n, 3)):
+        for plane in range(planes + 1):
+            coefficients[i, plane] = side[i, plane]
+    return True
+
+
 @njit(cache=True, nogil=True)
-def _solve_all(normal: Array, right: Array, indices: Index, count: Array, needed: float) -> Array:
-    """Coefficients of 1, row and col for every point and data plane, and last those for a unit pulse at the centre.
+def _solve_all(
+    normal: Array, right: Array, indices: Index, count: Array, needed: float, of_whole: Array, whole: float
+) -> tuple[Array, Array]:
+    """Coefficients of 1, row and col for every point and data plane, and the first of them for a pulse at the centre.
 
     normal : (moment, row, col); right : (k, n, row, col); indices : (n, n) into the moments
     count : (row, col) — points in the window; needed : least count
-    Returns (row, col, 3, k + 1); the gradient of degree 0 is 0; NaN where the polynomial is not determined.
+    of_whole : (n, n) — weights of the moments in the coefficients where the count is ``whole``
+    Returns (3, row, col, k) and (row, col); the gradient of degree 0 is 0; NaN where the polynomial is not determined.
     """
     rows, cols = count.shape
-    planes, n = right.shape[0], right.shape[1]
-    solved = np.full((rows, cols, 3, planes + 1), np.nan)
-    matrix = np.empty((n, n))
-    side = np.zeros((n, planes + 1))
+    planes = right.shape[0]
+    solved = np.full((3, rows, cols, planes), np.nan)
+    leverage = np.full((rows, cols), np.nan)
+    coefficients = np.zeros((3, planes + 1))
     for row in range(rows):
         for col in range(cols):
             if count[row, col] < needed - 0.5:
                 continue
-            for i in range(n):
-                for j in range(i + 1):
-                    matrix[i, j] = normal[indices[i, j], row, col]
+            if count[row, col] > whole - 0.5:
+                _multiply(of_whole, right[:, :, row, col], coefficients)
+            elif not _solve(normal[:, row, col], indices, right[:, :, row, col], coefficients):
+                continue
+            for i in range(3):
                 for plane in range(planes):
-                    side[i, plane] = right[plane, i, row, col]
-                side[i, planes] = 1.0 if i == 0 else 0.0
-            if factorise(matrix, _MIN_PIVOT_SHARE):
-                solve_columns(matrix, side)
-                for i in range(3):
-                    for plane in range(planes + 1):
-                        solved[row, col, i, plane] = side[i, plane] if i < n else 0.0
-    return solved
+                    solved[i, row, col, plane] = coefficients[i, plane]
+            leverage[row, col] = coefficients[0, planes]
+    return solved, leverage

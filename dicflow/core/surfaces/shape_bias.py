@@ -13,7 +13,7 @@ differ by more than noise.
 
 from __future__ import annotations
 
-from functools import cache
+from functools import cache, partial
 from typing import NamedTuple
 
 import cv2
@@ -22,6 +22,7 @@ import numpy as np
 from dicflow.core.arrays import Array, Mask
 from dicflow.core.parts import Parts, beside_borders
 from dicflow.core.surfaces.filters import local_polynomial
+from dicflow.core.threads import at_once, over
 from dicflow.core.uncertainty.overlap import ShapeFunction, overlap
 
 __all__ = ["PlacesOfSubsets", "ShapeBias", "affine_suffices", "as_of_affine", "shape_bias"]
@@ -92,6 +93,7 @@ def shape_bias(
     shape_function: ShapeFunction,
     parts: Parts | None = None,
     jumps: Mask | None = None,
+    threads: int = 1,
 ) -> ShapeBias:
     """Bias of places by a shape function.
 
@@ -100,37 +102,38 @@ def shape_bias(
     jumps : (rows, cols) — points beside a crack; what the windows that hold one show does not count, nor across a cut
     """
     if parts is None or parts.is_single:
-        return _of_part(found, subset_size, step_size, shape_function, jumps)
+        return _of_part(found, (subset_size, step_size), shape_function, jumps, threads)
     disturbed = beside_borders(parts) if jumps is None else beside_borders(parts) | jumps
     whole = ShapeBias(*np.full((3, *found.places.shape), np.nan))
     for number in range(1, int(parts.number.max()) + 1):
         here = (parts.number == number)[..., None]
         alone = found._replace(places=np.where(here, found.places, np.nan))
-        of_part = _of_part(alone, subset_size, step_size, shape_function, disturbed)
+        of_part = _of_part(alone, (subset_size, step_size), shape_function, disturbed, threads)
         whole = ShapeBias(*(np.where(here, new, old) for new, old in zip(of_part, whole, strict=True)))
     return whole
 
 
 def _of_part(
-    found: PlacesOfSubsets,
-    subset_size: int,
-    step_size: int,
-    shape_function: ShapeFunction,
-    disturbed: Mask | None,
+    found: PlacesOfSubsets, grid: tuple[int, int], shape_function: ShapeFunction, disturbed: Mask | None, threads: int
 ) -> ShapeBias:
-    """The same for points that move as one, but for disturbed ones."""
-    grid = (subset_size, step_size)
-    wide, narrow = (max(_MIN_WINDOW, _odd(reach * subset_size / step_size)) for reach in (_REACH, _NARROW_REACH))
-    least = max(_MIN_NARROW, 2 * int(np.ceil(0.5 * (subset_size / step_size - 1.0))) + 1)
+    """The same for points that move as one, but for disturbed ones. grid : subset_size, step_size"""
+    in_points = grid[0] / grid[1]
+    wide, narrow = (max(_MIN_WINDOW, _odd(reach * in_points)) for reach in (_REACH, _NARROW_REACH))
+    least = max(_MIN_NARROW, 2 * int(np.ceil(0.5 * (in_points - 1.0))) + 1)
     found = found._replace(variance=_as_around(found.variance, wide))
-    by_side = [_differences(found, grid, shape_function, disturbed, side) for side in sorted({wide, narrow, least})]
-    square = nearest = by_side[-1].mean_square(_NEIGHBOUR_SIGMA)
-    for near in reversed(by_side):
-        other = near.mean_square(_NEARER_SIGMA)
+    differences = partial(_differences, found, grid, shape_function, disturbed)
+    by_side = over(threads, differences, sorted({wide, narrow, least}, reverse=True))
+    square, *nearer = at_once(
+        threads,
+        partial(by_side[0].mean_square, _NEIGHBOUR_SIGMA),
+        *(partial(near.mean_square, _NEARER_SIGMA) for near in by_side),
+    )
+    nearest = square
+    for near, other in zip(by_side, nearer, strict=True):
         error = _DIFFERENT * _standard_error(np.maximum(nearest, 0.0), near.noise, _NEARER_SIGMA)
         is_less = (near.side >= narrow) & (other + error < nearest)
         nearest = np.where(is_less | (other - error > nearest), other, nearest)
-    return ShapeBias(square, by_side[-1].noise, nearest)
+    return ShapeBias(square, by_side[0].noise, nearest)
 
 
 class _Differences(NamedTuple):
@@ -157,7 +160,7 @@ def _differences(
     size, step = grid
     ratio = _left_out(side, step, shape_function) / _left_out(size, 1, shape_function)
     fit = local_polynomial(found.places, (side, side), _DEGREES[shape_function])
-    known = np.asarray(np.isfinite(found.places).all(axis=-1))
+    known = _both(np.isfinite(found.places))
     share = _correlated_share(side, size, step, shape_function) * np.clip(1.0 - fit.leverage, 0.0, 1.0)
     bias = np.where(known[..., None], (fit.value - found.places) / ratio, np.nan)
     noise = np.where(known[..., None], share[..., None] * found.variance / ratio**2, np.nan)
@@ -237,12 +240,17 @@ def _within(disturbed: Mask, side: int) -> Mask:
     return np.asarray(cv2.dilate(disturbed.astype(np.uint8), np.ones((side, side), np.uint8)) > 0)
 
 
+def _both(of_each: Mask) -> Mask:
+    """Points (rows, cols) of which both coordinates (rows, cols, 2) are so."""
+    return np.asarray(of_each[..., 0] & of_each[..., 1])
+
+
 def _neighbours_mean(values: Array, known: Mask, sigma: float) -> Array:
     """Means of values (rows, cols, 2) over the known ones around each point; 0 where there are none."""
-    counts = np.asarray(np.isfinite(values).all(axis=-1) & known)
-    filled = np.where(counts[..., None], values, 0.0)
-    total, share = (
-        cv2.GaussianBlur(part, (0, 0), sigma, borderType=cv2.BORDER_CONSTANT)
-        for part in (filled, counts.astype(np.float64))
-    )
-    return np.asarray(np.where(share[..., None] > 1e-6, total / np.maximum(share[..., None], 1e-6), 0.0))
+    counts = _both(np.isfinite(values)) & known
+    parts = np.zeros((*counts.shape, 3), dtype=np.float32)
+    parts[..., :2] = np.where(counts[..., None], values, 0.0)
+    parts[..., 2] = counts
+    parts = cv2.GaussianBlur(parts, (0, 0), sigma, borderType=cv2.BORDER_CONSTANT)
+    total, share = parts[..., :2].astype(np.float64), parts[..., 2:].astype(np.float64)
+    return np.asarray(np.where(share > 1e-6, total / np.maximum(share, 1e-6), 0.0))
