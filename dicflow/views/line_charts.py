@@ -59,6 +59,11 @@ class Curve(NamedTuple):
         x_half, y_half = (0.0 if half is None else np.nan_to_num(half) for half in (self.x_half, self.y_half))
         return np.concatenate([self.x - x_half, self.x + x_half]), np.concatenate([self.y - y_half, self.y + y_half])
 
+    @property
+    def has_marks(self) -> bool:
+        """Whether marks are drawn."""
+        return self.marked and not (self.joined and len(self.x) > _MOST_MARKS)
+
 
 class _Scale(NamedTuple):
     """What stands along the lower edge of a plot.
@@ -137,10 +142,10 @@ def _chart(curves: Sequence[Curve], scale: _Scale, y_label: str) -> str:
     parts = [
         *_beside(plot, numbers, y_label),
         *_below(plot, scale),
-        *(_key(x, y, curve, colour) for (x, y), (curve, colour) in zip(keys, coloured, strict=False)),
         *(_line(plot, curve, colour) for curve, colour in coloured if curve.joined),
         *(_bars(plot, curve, colour) for curve, colour in coloured),
         *(_marks(plot, curve, colour) for curve, colour in sorted(coloured, key=lambda pair: not pair[0].square)),
+        *(_key(x, y, curve, colour) for (x, y), (curve, colour) in zip(keys, coloured, strict=False)),
     ]
     height = plot.bottom + scale.room + 4
     return (
@@ -193,8 +198,11 @@ def _key_places(names: Sequence[str], left: float) -> list[tuple[float, float]]:
 
 
 def _key(x: float, y: float, curve: Curve, colour: str) -> str:
+    """What a curve is drawn with, its line or its mark or both, and its name."""
     line = element("path", d=f"M{x:.1f} {y - 4:.1f}h16", stroke=colour, stroke_width=2, **_dashes(curve))
-    return line + text_element(x + 20, y, curve.name, "start")
+    mark = _mark(x + 8, y - 4, curve.square, colour, bool(curve.hollow.size and curve.hollow.all()), "")
+    drawn = line * curve.joined + mark * curve.has_marks
+    return element("g", drawn + text_element(x + 20, y, curve.name, "start"), font_size=_LETTER)
 
 
 def _dashes(curve: Curve) -> dict[str, str]:
@@ -227,7 +235,7 @@ def _bars(plot: _Plot, curve: Curve, colour: str) -> str:
 
 
 def _marks(plot: _Plot, curve: Curve, colour: str) -> str:
-    if not curve.marked or (curve.joined and len(curve.x) > _MOST_MARKS):
+    if not curve.has_marks:
         return ""
     known = np.isfinite(curve.x) & np.isfinite(curve.y)
     places = plot.place(curve.x, curve.y)[known].tolist()

@@ -158,7 +158,7 @@ def test_noise_against_resolution_of_a_sweep_is_that_of_the_products(sweep):
         for row, total in zip(rows, totals, strict=True):
             assert float(row[1]) == pytest.approx(total.gauge.side_px, rel=5e-3)
             assert float(row[2]) == pytest.approx(summary_of(total.product)["sigma_exx"], rel=5e-3)
-        marks = page.locator(".chart-place circle")
+        marks = page.locator(".chart-place svg > circle")
         assert marks.count() == 6 * (len(head) - 2)
         assert page.locator(".chart-place title").first.text_content() == rows[0][0]
         assert "virtual strain gauge [px]" in page.locator(".chart-place").inner_text()

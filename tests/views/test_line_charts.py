@@ -129,3 +129,13 @@ def test_many_points_are_a_line_without_marks():
     assert few.count("<circle") == 200
     assert "<circle" not in many
     assert many.count("L") >= 200
+
+
+def test_the_key_shows_what_a_curve_is_drawn_with():
+    alone, joined, many = (
+        Curve(name, np.arange(count, dtype=float), np.arange(count, dtype=float), np.zeros(count, bool), joined=lines)
+        for name, count, lines in (("marks", 3, False), ("both", 3, True), ("line", 300, True))
+    )
+    root = ElementTree.fromstring(chart_over_values([alone, joined, many], "load [g]", "strain [–]"))
+    keys = {key.findtext("text"): {part.tag for part in key} - {"text"} for key in root.iter("g")}
+    assert keys == {"marks": {"circle"}, "both": {"circle", "path"}, "line": {"path"}}
