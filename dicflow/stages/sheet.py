@@ -75,6 +75,7 @@ class Sheet(Node):
         "channels": Port("channels"),
     }
     gives: ClassVar = "sheet"
+    impl_version: ClassVar = 2
 
     stage: Literal["sheet"] = "sheet"
     thickness: Millimetres = parameter(..., "thickness of the unloaded specimen", unit="mm", gt=0)
@@ -114,7 +115,7 @@ class Sheet(Node):
         grid = _grid(fields, Points.read(points))
         rows = list(self._rows(grid, fields[0], Points.read(points), None if region is None else Region.read(region)))
         values, facts = self._integrals(grid, rows, fields)
-        values |= {"forces": forces[used], "u_gradient": _noise(fields, grid.known)}
+        values |= {"forces": forces[used], **_errors(fields, _places(rows))}
         facts = facts._replace(u_force=u_force)
         warnings = [*_lost(len(loaded) - len(used)), *_unloaded(unknown), *_warnings(facts, len(values["areas"]), rows)]
         return SheetFields.write(values, [names[k] for k in used], facts, warnings)
@@ -174,14 +175,12 @@ class Sheet(Node):
         scale = np.concatenate([np.full(len(one.columns), 1.0 / (one.sides[1] - one.sides[0])) for one in rows])
         by_index = np.stack([width * scale, np.full(len(scale), length / count)], axis=-1)
         slopes = by_index[:, :, None] * np.linalg.inv(np.concatenate(jacobians))
-        places = np.concatenate(
-            [np.stack([np.full(len(one.columns), one.number), one.columns]) for one in rows], axis=1
-        )
+        places = _places(rows)
         values = {
             "places": np.stack([width * across, length * along], axis=-1),
             "slopes": slopes,
             "areas": areas,
-            "gradients": np.stack([total["gradient"][places[0], places[1]] for total in fields]),
+            "gradients": np.stack([total["gradient"][places] for total in fields]),
             "lines": np.arange(count + 1) * length / count,
         }
         rim = float(np.mean([1.0 - np.ptp(one.columns) / (one.sides[1] - one.sides[0]) for one in rows]))
@@ -266,14 +265,31 @@ def _check_direction(totals: Sequence[Total], forces: np.ndarray) -> None:
         )
 
 
-def _noise(totals: Sequence[Total], known: np.ndarray) -> np.ndarray:
-    """Root mean square σ of the strains along both axes at each step; 0 if unknown."""
+def _places(rows: Sequence[_Row]) -> tuple[np.ndarray, np.ndarray]:
+    """Rows and columns (n,) of the points of all rows."""
+    import numpy as np
+
+    numbers = np.repeat([one.number for one in rows], [len(one.columns) for one in rows])
+    return numbers, np.concatenate([one.columns for one in rows])
+
+
+def _errors(totals: Sequence[Total], places: tuple[np.ndarray, np.ndarray]) -> dict[str, np.ndarray]:
+    """Root mean square σ of noise and of bias of the strains along both axes over the points at each step, (step,).
+
+    0 if unknown. places : rows and columns (n,) of the points
+    """
     import numpy as np
 
     if not all(total.has_uncertainty for total in totals):
-        return np.zeros(len(totals))
-    squares = [[np.nanmean(total.sigma(name)[known] ** 2) for name in ("exx", "eyy")] for total in totals]
-    return np.asarray(np.sqrt(np.mean(squares, axis=1, dtype=float)))
+        return {"u_gradient": np.zeros(len(totals)), "u_bias": np.zeros(len(totals))}
+    noise, bias = (
+        np.array([[each(total, name)[places] for name in ("exx", "eyy")] for total in totals], dtype=float)
+        for each in (Total.sigma, Total.bias)
+    )
+    return {
+        "u_gradient": np.sqrt(np.nanmean(noise**2, axis=(1, 2))),
+        "u_bias": np.sqrt(np.mean(bias**2, axis=(1, 2))),
+    }
 
 
 def _shared(total: Total) -> float:
