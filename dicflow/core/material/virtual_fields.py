@@ -312,7 +312,7 @@ class _System:
         return np.asarray(np.einsum("spm,sqm->pq", own, own) + common @ common.T + by_force.T @ by_force)
 
     def covariance_by_bias(self, by_work: Array, noise: Array) -> Array:
-        """The same (p, p) by a bias of the gradients: it varies over the sheet as the noise does, alike in all steps."""
+        """The same (p, p) by a bias of the gradients, which varies over the sheet as noise does, alike in all steps."""
         shift = np.einsum("s,spf,sfm->pm", np.broadcast_to(self.sheet.u_bias, len(self.works)), by_work, noise)
         return np.asarray(shift @ shift.T)
 
