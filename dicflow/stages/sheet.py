@@ -3,14 +3,15 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from pathlib import Path
 from typing import TYPE_CHECKING, ClassVar, Literal, NamedTuple
 
 from pydantic import model_validator
 
 from dicflow.engine.node import At, Millimetres, Node, Port, Scope, parameter
 from dicflow.engine.product import Product
-from dicflow.errors import StageError
+from dicflow.errors import InputError, StageError
 from dicflow.kinds.channels import Channels
 from dicflow.kinds.points import Points
 from dicflow.kinds.region import Region
@@ -20,6 +21,9 @@ from dicflow.stages._section import check_uncertainty
 
 if TYPE_CHECKING:
     import numpy as np
+
+    from dicflow.core.photographs.polygon import Polygon
+    from dicflow.engine.joined import Joined
 
 __all__ = ["Sheet", "sentence"]
 
@@ -32,6 +36,8 @@ _U_SIDE_PX = 0.5
 """Standard uncertainty of a side of the region."""
 _FEW = 0.9
 """Share of the points of the field that should be known at all steps."""
+_MIDDLE = (0.25, 0.375, 0.5, 0.625, 0.75)
+"""Places along the region at which its sides are looked at before anything runs."""
 _RIM = 0.1
 """Share of the width without points from which a warning is due."""
 
@@ -93,6 +99,20 @@ class Sheet(Node):
         check_uncertainty("width", self.width, self.u_width)
         check_uncertainty("thickness", self.thickness, self.u_thickness)
         return self
+
+    def check_joined_files(self, joined: Mapping[str, Joined]) -> None:
+        """Refuse a region that is drawn up to the border of the photograph. See :class:`ChecksJoined`."""
+        region, width = joined.get("region"), _image_width(joined)
+        if self.width is not None or region is None or width is None:
+            return
+        try:
+            if polygons := _drawn(region):
+                outline = _outline(polygons)
+                least, most = outline[:, 1].min(), outline[:, 1].max()
+                for share in _MIDDLE:
+                    _sides_in_view(outline, least + share * (most - least), width)
+        except StageError as error:
+            raise InputError(str(error)) from error
 
     def run(
         self, total: Sequence[Product], points: Product, channels: Product, region: Product | None = None
@@ -234,19 +254,57 @@ def _grid(totals: Sequence[Total], points: Points) -> _Grid:
 
 def _sides_of_region(region: Region, image_width: int, grid: _Grid, row: int) -> tuple[float, float]:
     """Edges of the region in a row [columns]. Raises StageError where they are not those of one sheet in view."""
+    sides = _sides_in_view(_outline(region.polygons), grid.origin[1] + grid.step * row, image_width)
+    left, right = ((x - grid.origin[0]) / grid.step for x in sides)
+    return left, right
+
+
+def _outline(polygons: Sequence[Polygon]) -> np.ndarray:
+    """Outline (n, 2) of one sheet [px]. Raises StageError where there are several, or holes."""
+    if len(polygons) != 1 or polygons[0].holes:
+        raise StageError("the region has holes or several parts, but virtual work needs one sheet without holes")
+    return polygons[0].exterior
+
+
+def _sides_in_view(outline: np.ndarray, y: float, image_width: int) -> tuple[float, float]:
+    """Least and largest x of an outline at a y [px]. Raises StageError for a side at the border of the photograph."""
     from dicflow.core.material.quadrature import sides_at
 
-    if len(region.polygons) != 1 or region.polygons[0].holes:
-        raise StageError("the region has holes or several parts, but virtual work needs one sheet without holes")
-    sides = sides_at(region.polygons[0].exterior, grid.origin[1] + grid.step * row)
+    sides = sides_at(outline, y)
     for side, distance in (("left", sides[0]), ("right", image_width - 1 - sides[1])):
         if distance < _BORDER_PX:
             raise StageError(
                 f"the {side} edge of the specimen is not in view: the region reaches the border of the photograph; "
                 "give width, or photograph the whole specimen"
             )
-    left, right = ((x - grid.origin[0]) / grid.step for x in sides)
-    return left, right
+    return sides
+
+
+def _drawn(region: Joined) -> Sequence[Polygon]:
+    """Polygons that the settings or the file of a region give [px of the photograph]; none if it finds them itself."""
+    import numpy as np
+
+    from dicflow.core.photographs.polygon import Polygon
+    from dicflow.core.photographs.region import mask_polygons, rectangle
+    from dicflow.io.region import is_geojson, read_geojson, read_mask
+
+    node = region.node
+    if corners := getattr(node, "rectangle", None):
+        return [rectangle(*corners)]
+    if outlines := getattr(node, "polygons", None):
+        return [Polygon(np.array(one.exterior), tuple(map(np.array, one.holes))) for one in outlines]
+    for file in map(Path, region.facts):
+        return read_geojson(file).polygons if is_geojson(file) else mask_polygons(read_mask(file))
+    return []
+
+
+def _image_width(joined: Mapping[str, Joined]) -> int | None:
+    """Width of the photographs of the region as they are measured [px]; None where it is unknown before they are."""
+    images = joined["region"].inputs.get("images") if "region" in joined else None
+    if images is None or not images.steps or getattr(images.node, "orientation", None) == "upright":
+        return None
+    first = next(iter(images.steps.values()))["left"]
+    return int(images.facts[first]["width"])
 
 
 def _check_direction(totals: Sequence[Total], forces: np.ndarray) -> None:
