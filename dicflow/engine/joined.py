@@ -47,7 +47,8 @@ def check_joined_files(graph: Graph, facts: Mapping[str, Facts]) -> None:
         try:
             joined.node.check_joined_files(joined.inputs)
         except InputError as error:
-            raise InputError(": ".join(filter(None, (graph.stages[name].where, name, str(error))))) from error
+            place = ": ".join(filter(None, (graph.stages[name].where, name)))
+            raise InputError(f"{place}: {error}").with_traceback(error.__traceback__) from error
 
 
 def _all_joined(graph: Graph, facts: Mapping[str, Facts]) -> Iterator[tuple[str, Joined]]:
