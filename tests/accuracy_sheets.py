@@ -105,6 +105,8 @@ def _figures(rubber: Rubber, result: Result, inside: list[bool]) -> Iterator[Fig
     yield Figure(
         f"{title}: largest imbalance of forces above 10 %", 100 * float(np.abs(ratio[large] - 1).max()), 0.5, unit="%"
     )
+    if model.misfit_ratio is not None:
+        yield Figure(f"{title}: weighted squares per degree of freedom", model.misfit_ratio)
     if MODELS[rubber.model].is_linear:
         errors = 100 * np.abs(values / np.array(scale)[index] / truth - 1.0)
         for one, error in zip(MODELS[rubber.model].constants, errors, strict=True):
