@@ -22,6 +22,7 @@ from dicflow.engine.file_stamps import FileStamp, FileStamps, file_facts
 from dicflow.engine.files import FilePart
 from dicflow.engine.fingerprint import Fingerprint, Sources, changed_names, kept_sources
 from dicflow.engine.graph import Graph, Task, TaskInput
+from dicflow.engine.joined import Facts, check_joined_files
 from dicflow.engine.journal import Entry, Event, latest
 from dicflow.engine.keys import Change, differences, input_digests, key_maker, key_parts, parameters
 from dicflow.engine.node import At, Scope
@@ -318,11 +319,12 @@ class _Planner:
 
 
 def _check_files(graph: Graph, store: Store, on_event: Callable[[Event], None] | None) -> None:
-    """Let every stage look at its files, one by one and together.
+    """Let every stage look at its files, one by one, together, and with those of the stages joined to it.
 
     Most of the time goes into unpacking photographs, which threads do side by side.
     """
     paths: dict[str, dict[Path | FilePart, None]] = {}
+    facts: dict[str, Facts] = {}
     for task in graph.tasks.values():
         if task.files:
             paths.setdefault(task.stage, {}).update(dict.fromkeys(task.files.values()))
@@ -331,9 +333,10 @@ def _check_files(graph: Graph, store: Store, on_event: Callable[[Event], None] |
             node = graph.stages[name].node
             looked = threads.map(partial(file_facts, store, node), found)
             looked = _reported("files", looked, len(found), _MANY_FILES, on_event)
-            facts = dict(zip(found, looked, strict=True))
+            facts[name] = dict(zip(found, looked, strict=True))
             inputs = {port: graph.steps[source] for port, source in graph.stages[name].inputs.items()}
-            node.agree(facts, graph.files.get(name, {}), inputs)
+            node.agree(facts[name], graph.files.get(name, {}), inputs)
+    check_joined_files(graph, facts)
 
 
 def _reported(

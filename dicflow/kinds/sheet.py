@@ -20,6 +20,7 @@ _LAYOUTS = {
     "gradients": Layout(("step", "point", "out", "in"), "1", "deformation gradient"),
     "forces": Layout(("step",), "N", "load"),
     "u_gradient": Layout(("step",), "1", "standard deviation of the gradients by noise"),
+    "u_bias": Layout(("step",), "1", "standard deviation of the bias that remains in the gradients"),
     "lines": Layout(("line",), "mm", "places along the load between rows of points"),
 }
 
@@ -55,7 +56,7 @@ class SheetFields(Kind):
     ) -> Product:
         """A product of fields and loads.
 
-        values : places, slopes, areas, gradients, forces, u_gradient, lines
+        values : places, slopes, areas, gradients, forces, u_gradient, u_bias, lines
         steps : names of the loaded steps
         """
         variables: dict[str, Variable] = {name: _LAYOUTS[name](array) for name, array in values.items()}

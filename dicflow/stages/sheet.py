@@ -3,14 +3,15 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from pathlib import Path
 from typing import TYPE_CHECKING, ClassVar, Literal, NamedTuple
 
 from pydantic import model_validator
 
 from dicflow.engine.node import At, Millimetres, Node, Port, Scope, parameter
 from dicflow.engine.product import Product
-from dicflow.errors import StageError
+from dicflow.errors import InputError, StageError
 from dicflow.kinds.channels import Channels
 from dicflow.kinds.points import Points
 from dicflow.kinds.region import Region
@@ -20,6 +21,9 @@ from dicflow.stages._section import check_uncertainty
 
 if TYPE_CHECKING:
     import numpy as np
+
+    from dicflow.core.photographs.polygon import Polygon
+    from dicflow.engine.joined import Joined
 
 __all__ = ["Sheet", "sentence"]
 
@@ -32,6 +36,8 @@ _U_SIDE_PX = 0.5
 """Standard uncertainty of a side of the region."""
 _FEW = 0.9
 """Share of the points of the field that should be known at all steps."""
+_MIDDLE = (0.25, 0.375, 0.5, 0.625, 0.75)
+"""Places along the region at which its sides are looked at before anything runs."""
 _RIM = 0.1
 """Share of the width without points from which a warning is due."""
 
@@ -75,6 +81,7 @@ class Sheet(Node):
         "channels": Port("channels"),
     }
     gives: ClassVar = "sheet"
+    impl_version: ClassVar = 2
 
     stage: Literal["sheet"] = "sheet"
     thickness: Millimetres = parameter(..., "thickness of the unloaded specimen", unit="mm", gt=0)
@@ -92,6 +99,20 @@ class Sheet(Node):
         check_uncertainty("width", self.width, self.u_width)
         check_uncertainty("thickness", self.thickness, self.u_thickness)
         return self
+
+    def check_joined_files(self, joined: Mapping[str, Joined]) -> None:
+        """Refuse a region that is drawn up to the border of the photograph. See :class:`ChecksJoined`."""
+        region, width = joined.get("region"), _image_width(joined)
+        if self.width is not None or region is None or width is None:
+            return
+        try:
+            if polygons := _drawn(region):
+                outline = _outline(polygons)
+                least, most = outline[:, 1].min(), outline[:, 1].max()
+                for share in _MIDDLE:
+                    _sides_in_view(outline, least + share * (most - least), width)
+        except StageError as error:
+            raise InputError(str(error)) from error
 
     def run(
         self, total: Sequence[Product], points: Product, channels: Product, region: Product | None = None
@@ -114,7 +135,7 @@ class Sheet(Node):
         grid = _grid(fields, Points.read(points))
         rows = list(self._rows(grid, fields[0], Points.read(points), None if region is None else Region.read(region)))
         values, facts = self._integrals(grid, rows, fields)
-        values |= {"forces": forces[used], "u_gradient": _noise(fields, grid.known)}
+        values |= {"forces": forces[used], **_errors(fields, _places(rows))}
         facts = facts._replace(u_force=u_force)
         warnings = [*_lost(len(loaded) - len(used)), *_unloaded(unknown), *_warnings(facts, len(values["areas"]), rows)]
         return SheetFields.write(values, [names[k] for k in used], facts, warnings)
@@ -174,14 +195,12 @@ class Sheet(Node):
         scale = np.concatenate([np.full(len(one.columns), 1.0 / (one.sides[1] - one.sides[0])) for one in rows])
         by_index = np.stack([width * scale, np.full(len(scale), length / count)], axis=-1)
         slopes = by_index[:, :, None] * np.linalg.inv(np.concatenate(jacobians))
-        places = np.concatenate(
-            [np.stack([np.full(len(one.columns), one.number), one.columns]) for one in rows], axis=1
-        )
+        places = _places(rows)
         values = {
             "places": np.stack([width * across, length * along], axis=-1),
             "slopes": slopes,
             "areas": areas,
-            "gradients": np.stack([total["gradient"][places[0], places[1]] for total in fields]),
+            "gradients": np.stack([total["gradient"][places] for total in fields]),
             "lines": np.arange(count + 1) * length / count,
         }
         rim = float(np.mean([1.0 - np.ptp(one.columns) / (one.sides[1] - one.sides[0]) for one in rows]))
@@ -235,19 +254,57 @@ def _grid(totals: Sequence[Total], points: Points) -> _Grid:
 
 def _sides_of_region(region: Region, image_width: int, grid: _Grid, row: int) -> tuple[float, float]:
     """Edges of the region in a row [columns]. Raises StageError where they are not those of one sheet in view."""
+    sides = _sides_in_view(_outline(region.polygons), grid.origin[1] + grid.step * row, image_width)
+    left, right = ((x - grid.origin[0]) / grid.step for x in sides)
+    return left, right
+
+
+def _outline(polygons: Sequence[Polygon]) -> np.ndarray:
+    """Outline (n, 2) of one sheet [px]. Raises StageError where there are several, or holes."""
+    if len(polygons) != 1 or polygons[0].holes:
+        raise StageError("the region has holes or several parts, but virtual work needs one sheet without holes")
+    return polygons[0].exterior
+
+
+def _sides_in_view(outline: np.ndarray, y: float, image_width: int) -> tuple[float, float]:
+    """Least and largest x of an outline at a y [px]. Raises StageError for a side at the border of the photograph."""
     from dicflow.core.material.quadrature import sides_at
 
-    if len(region.polygons) != 1 or region.polygons[0].holes:
-        raise StageError("the region has holes or several parts, but virtual work needs one sheet without holes")
-    sides = sides_at(region.polygons[0].exterior, grid.origin[1] + grid.step * row)
+    sides = sides_at(outline, y)
     for side, distance in (("left", sides[0]), ("right", image_width - 1 - sides[1])):
         if distance < _BORDER_PX:
             raise StageError(
                 f"the {side} edge of the specimen is not in view: the region reaches the border of the photograph; "
                 "give width, or photograph the whole specimen"
             )
-    left, right = ((x - grid.origin[0]) / grid.step for x in sides)
-    return left, right
+    return sides
+
+
+def _drawn(region: Joined) -> Sequence[Polygon]:
+    """Polygons that the settings or the file of a region give [px of the photograph]; none if it finds them itself."""
+    import numpy as np
+
+    from dicflow.core.photographs.polygon import Polygon
+    from dicflow.core.photographs.region import mask_polygons, rectangle
+    from dicflow.io.region import is_geojson, read_geojson, read_mask
+
+    node = region.node
+    if corners := getattr(node, "rectangle", None):
+        return [rectangle(*corners)]
+    if outlines := getattr(node, "polygons", None):
+        return [Polygon(np.array(one.exterior), tuple(map(np.array, one.holes))) for one in outlines]
+    for file in map(Path, region.facts):
+        return read_geojson(file).polygons if is_geojson(file) else mask_polygons(read_mask(file))
+    return []
+
+
+def _image_width(joined: Mapping[str, Joined]) -> int | None:
+    """Width of the photographs of the region as they are measured [px]; None where it is unknown before they are."""
+    images = joined["region"].inputs.get("images") if "region" in joined else None
+    if images is None or not images.steps or getattr(images.node, "orientation", None) == "upright":
+        return None
+    first = next(iter(images.steps.values()))["left"]
+    return int(images.facts[first]["width"])
 
 
 def _check_direction(totals: Sequence[Total], forces: np.ndarray) -> None:
@@ -266,14 +323,31 @@ def _check_direction(totals: Sequence[Total], forces: np.ndarray) -> None:
         )
 
 
-def _noise(totals: Sequence[Total], known: np.ndarray) -> np.ndarray:
-    """Root mean square σ of the strains along both axes at each step; 0 if unknown."""
+def _places(rows: Sequence[_Row]) -> tuple[np.ndarray, np.ndarray]:
+    """Rows and columns (n,) of the points of all rows."""
+    import numpy as np
+
+    numbers = np.repeat([one.number for one in rows], [len(one.columns) for one in rows])
+    return numbers, np.concatenate([one.columns for one in rows])
+
+
+def _errors(totals: Sequence[Total], places: tuple[np.ndarray, np.ndarray]) -> dict[str, np.ndarray]:
+    """Root mean square σ of noise and of bias of the strains along both axes over the points at each step, (step,).
+
+    0 if unknown. places : rows and columns (n,) of the points
+    """
     import numpy as np
 
     if not all(total.has_uncertainty for total in totals):
-        return np.zeros(len(totals))
-    squares = [[np.nanmean(total.sigma(name)[known] ** 2) for name in ("exx", "eyy")] for total in totals]
-    return np.asarray(np.sqrt(np.mean(squares, axis=1, dtype=float)))
+        return {"u_gradient": np.zeros(len(totals)), "u_bias": np.zeros(len(totals))}
+    noise, bias = (
+        np.array([[each(total, name)[places] for name in ("exx", "eyy")] for total in totals], dtype=float)
+        for each in (Total.sigma, Total.bias)
+    )
+    return {
+        "u_gradient": np.sqrt(np.nanmean(noise**2, axis=(1, 2))),
+        "u_bias": np.sqrt(np.mean(bias**2, axis=(1, 2))),
+    }
 
 
 def _shared(total: Total) -> float:

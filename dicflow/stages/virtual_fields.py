@@ -47,7 +47,7 @@ class VirtualFields(Node):
     scope: ClassVar = Scope.TEST
     takes: ClassVar = {"sheets": Port("sheet", at=At.ALL, several=True)}
     gives: ClassVar = "material"
-    impl_version: ClassVar = 3
+    impl_version: ClassVar = 4
 
     stage: Literal["virtual_fields"] = "virtual_fields"
     models: Annotated[tuple[ModelName, ...], Field(min_length=1)] = parameter(_DEFAULT, "models to fit")
@@ -182,6 +182,7 @@ def _sheet(fields: SheetFields) -> Sheet:
         length=facts.length,
         thickness=facts.thickness,
         u_gradient=fields["u_gradient"],
+        u_bias=fields["u_bias"],
         shared=facts.shared,
         u_force=facts.u_force,
         u_thickness=facts.u_thickness / facts.thickness,

@@ -86,6 +86,7 @@ TOPICS: Mapping[str, str] = {
     "dicflow.stages.region": "region",
     "dicflow.stages.rig_file": "calibrations-of-other-programs",
     "dicflow.stages.scale": "one-camera",
+    "dicflow.stages.sheet": "material",
     "dicflow.stages.smooth": "noisy-or-smooth-strains",
     "dicflow.stages.strain": "noisy-or-smooth-strains",
     "dicflow.stages.stress": "material",

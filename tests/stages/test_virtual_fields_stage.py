@@ -246,6 +246,24 @@ def test_no_cell_is_smaller_than_the_noise_can_tell(solution):
     assert fine.models[0].freedom == coarse.models[0].freedom
 
 
+def test_errors_of_points_that_are_left_out_do_not_count(solution):
+    """Windows of three rows: the first and the last row are cut, and have ten times the error."""
+    gradients, forces = solution
+    by_row = np.full((CELLS, 1), SIGMA)
+    by_row[[0, -1]] *= 10.0
+    listed = [
+        replace(
+            one,
+            variables={**one.variables, "bias_exx": one.variables["sigma_exx"], "bias_eyy": one.variables["sigma_eyy"]},
+            attrs={**one.attrs, "vsg_px": 3.0 * STEP_PX},
+        )
+        for one in totals(gradients, by_row)
+    ]
+    found = SheetFields.read(Sheet(**SECTION).run(listed, points(), channels(forces), region()))
+    for name in ("u_gradient", "u_bias"):
+        np.testing.assert_allclose(found[name], SIGMA)
+
+
 def test_a_field_without_points_is_refused(solution):
     with pytest.raises(StageError, match="no step has both"):
         sheet(*solution, known=np.zeros((CELLS, CELLS), bool))

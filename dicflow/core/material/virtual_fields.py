@@ -56,6 +56,7 @@ class Sheet(NamedTuple):
     forces : (step,) [N]
     width, length, thickness : [mm]
     u_gradient : standard deviation of each component of the gradients by noise, one number or (step,)
+    u_bias : the same of the bias that remains in them, which is one error of all steps
     shared : number of points in a gauge of the strain, whose windows overlap
     u_force : standard deviation of each force [N]
     u_thickness, u_width : of the thickness, which all sheets share, and of the width, relative to them
@@ -70,6 +71,7 @@ class Sheet(NamedTuple):
     length: float
     thickness: float
     u_gradient: float | Array = 0.0
+    u_bias: float | Array = 0.0
     shared: float = 1.0
     u_force: float = 0.0
     u_thickness: float = 0.0
@@ -94,8 +96,10 @@ class VirtualField(NamedTuple):
 
 
 class FieldFit(NamedTuple):
-    """Constants (p,), and their covariance by noise of fields and forces, and by the section, (p, p).
+    """Constants (p,), and their covariance (p, p).
 
+    independent : by the noise of fields and forces
+    common : by the section and by the bias that remains in the fields
     residuals : of each sheet, virtual work of the stresses less that of the force, (step, field) [N]
     squares, equations : sum of the weighted squares of the residuals, and their number
     """
@@ -214,23 +218,24 @@ def constants_of(
     squares = float(left @ left)
     variance = _variance(squares, equations - len(c), all(system.is_noisy for system in systems))
     shifts = np.stack([solver @ _all(whiteners, changes) for changes in _by_section(systems)])
-    independent = _independent(systems, whiteners, noise, solver) * variance
-    return FieldFit(c, independent, shifts.T @ shifts, tuple(residuals), squares, equations)
+    independent, by_bias = _by_fields(systems, whiteners, noise, solver)
+    return FieldFit(c, independent * variance, shifts.T @ shifts + by_bias, tuple(residuals), squares, equations)
 
 
-def _independent(
+def _by_fields(
     systems: Sequence[_System], whiteners: Sequence[Array], noise: Sequence[Array], solver: Array
-) -> Array:
-    """Covariance of the constants by the noise of fields and forces, (p, p).
+) -> tuple[Array, Array]:
+    """Covariances of the constants by the noise of fields and forces, and by the bias of the fields, (p, p) each.
 
     noise : of each sheet, see :meth:`_System.by_noise`; solver : (p, n) — constants by the whitened works
     """
     ends = np.cumsum([system.works.size for system in systems])[:-1]
-    found = np.zeros((len(solver), len(solver)))
+    by_noise, by_bias = np.zeros((2, len(solver), len(solver)))
     for system, whitener, part, own in zip(systems, whiteners, np.split(solver, ends, axis=1), noise, strict=True):
         by_work = np.einsum("psf,sfg->spg", part.reshape(-1, *system.works.shape), whitener)
-        found += system.covariance(by_work, own)
-    return found
+        by_noise += system.covariance(by_work, own)
+        by_bias += system.covariance_by_bias(by_work, own)
+    return by_noise, by_bias
 
 
 def _by_section(systems: Sequence[_System]) -> list[list[Array]]:
@@ -305,6 +310,11 @@ class _System:
         own = np.sqrt(self._u_gradient**2 - first**2)[:, None, None] * by_field
         common = first * by_field.sum(axis=0)
         return np.asarray(np.einsum("spm,sqm->pq", own, own) + common @ common.T + by_force.T @ by_force)
+
+    def covariance_by_bias(self, by_work: Array, noise: Array) -> Array:
+        """The same (p, p) by a bias of the gradients, which varies over the sheet as noise does, alike in all steps."""
+        shift = np.einsum("s,spf,sfm->pm", np.broadcast_to(self.sheet.u_bias, len(self.works)), by_work, noise)
+        return np.asarray(shift @ shift.T)
 
     @property
     def _u_gradient(self) -> Array:

@@ -174,6 +174,21 @@ def test_the_thickness_scales_all_constants_alike(sheets):
     np.testing.assert_allclose(np.sqrt(np.diag(found.common)), 0.024 * np.abs(found.constants), rtol=0.02)
 
 
+def test_the_bias_of_the_fields_does_not_average_out_over_steps(sheets):
+    """Every step four times: the variance by noise is a quarter, that by the bias what it was."""
+    sheet = noisy(sheets["square"], np.random.default_rng(1))._replace(u_bias=1e-3, u_thickness=0.0, u_force=0.0)
+    often = sheet._replace(
+        gradients=np.repeat(sheet.gradients, 4, axis=0), forces=np.repeat(sheet.forces, 4), u_gradient=1e-2
+    )
+    once, repeated = (
+        constants_of(MOONEY, [one], [piecewise_fields(one, *lines(one, 2, 2))], TRUTH).common for one in (sheet, often)
+    )
+    assert np.all(np.diag(once) > 0.0)
+    np.testing.assert_allclose(repeated, once, rtol=1e-6)
+    unbiased = sheet._replace(u_bias=0.0)
+    assert not constants_of(MOONEY, [unbiased], [piecewise_fields(unbiased, *lines(sheet, 2, 2))], TRUTH).common.any()
+
+
 def test_fewer_equations_than_constants_are_refused():
     sheet = homogeneous("uniaxial")
     one = sheet._replace(gradients=sheet.gradients[:1], forces=sheet.forces[:1])
