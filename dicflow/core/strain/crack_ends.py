@@ -81,4 +81,4 @@ def _square_of_change(surface: MeasuredSurface, at: Index, fit: WindowFit, wides
     response, weights = surface.gradient_by(at, own).response, widened(own, widest.window) - other
     change = np.einsum("nfai,nai->nf", response, surface.points.sums(at, weights))
     noise = np.diagonal(surface.covariance_by(at, weights, response), axis1=-2, axis2=-1)
-    return np.maximum(np.nan_to_num((change**2 - noise).mean(axis=-1)), 0.0)
+    return np.asarray(np.maximum(np.nan_to_num((change**2 - noise).mean(axis=-1)), 0.0))
