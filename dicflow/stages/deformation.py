@@ -134,6 +134,7 @@ class Deformation(Node):
         import numpy as np
 
         from dicflow.core.cameras.frames import LEFT_CAMERA, compose_frames
+        from dicflow.core.strain.crack_ends import with_crack_ends
         from dicflow.core.strain.deformation_gradient import measured_surface
         from dicflow.core.strain.degree_choice import candidate_fits, chosen_gradient
         from dicflow.core.strain.unseen_jumps import cut_by_jumps, unseen_jumps
@@ -160,7 +161,8 @@ class Deformation(Node):
             measured = surface_of(after.xyz, [*errors.values()])
         measured = measured._replace(threads=free_threads())
         jumps = unseen_jumps(measured, lost | cut, grid, max(self._window(first)))
-        chosen = chosen_gradient(measured, candidate_fits(self._window(first), self.degree), jumps)
+        fits = candidate_fits(self._window(first), self.degree)
+        chosen = with_crack_ends(chosen_gradient(measured, fits, jumps), measured, lost | cut, fits[0])
         surface = chosen.surface
         frames = (compose_frames(along, axes), axes)
         bias = bias_of_places(step, frames[0].rotation, jumps)

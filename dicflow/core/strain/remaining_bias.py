@@ -19,11 +19,12 @@ import cv2
 import numpy as np
 
 from dicflow.core.arrays import Array, Index, Mask
+from dicflow.core.parts import beside_borders
 from dicflow.core.strain.deformation_gradient import MeasuredSurface
 from dicflow.core.strain.window_fits import places_of, polynomial_terms, terms_of_degree, widened
 from dicflow.core.threads import over
 
-__all__ = ["CUBIC", "RelativeBias", "WindowFit", "relative_bias"]
+__all__ = ["CUBIC", "RelativeBias", "WindowFit", "at_least", "relative_bias"]
 
 
 CUBIC = 3
@@ -135,23 +136,69 @@ def relative_bias(surface: MeasuredSurface, fit: WindowFit, wanted: Mask) -> Rel
     largest, mean = np.zeros((2, *samples.shape, 4, 4))
     if len(places) == 0:
         return RelativeBias(*np.zeros((2, rows, cols, 4, 4)))
-    chunks = np.array_split(places, -(-len(places) // _CHUNK))
-    found = over(surface.threads, lambda part: list(_estimates(surface, part, fit)), chunks)
-    for parts in zip(*found, strict=True):
-        bias, covariance = (np.concatenate(field) for field in zip(*parts, strict=True))
+    for bias, covariance in _all_estimates(surface, places, fit):
         excess = [
             _mean_excess(samples, places, bias, covariance, *limits)
             for limits in ((_STANDARD_ERRORS, _EVERYWHERE), (_STANDARD_ERRORS_NEAR, _NEAR))
         ]
+        alone = samples.cells(places, _squares_beyond(_ALONE_SIGMAS, bias, _variances(covariance)))
         largest = _larger(largest, _smaller(*excess))
-        mean = _larger(mean, _square_of_mean(samples, places, bias, covariance))
-    return RelativeBias(*(samples.on_grid(moments, wanted.shape) for moments in (largest, _larger(largest, mean))))
+        mean = at_least(_larger(mean, _square_of_mean(samples, places, bias, covariance)), alone)
+    near, stated = (samples.on_grid(moments, wanted.shape) for moments in (largest, at_least(largest, mean)))
+    rims = places_of(wanted & _with_gaps(surface, fit.window))
+    rows, cols = rims.T
+    stated[rows, cols] = at_least(stated[rows, cols], _of_single_points(surface, rims, fit))
+    return RelativeBias(near, stated)
+
+
+def _all_estimates(surface: MeasuredSurface, places: Index, fit: WindowFit) -> Iterator[tuple[Array, Array]]:
+    """Biases (n, 4) by each change and their covariances (n, 4, 4) at rows and columns (n, 2), n > 0."""
+    chunks = np.array_split(places, -(-len(places) // _CHUNK))
+    found = over(surface.threads, lambda part: list(_estimates(surface, part, fit)), chunks)
+    for parts in zip(*found, strict=True):
+        bias, covariance = (np.concatenate(field) for field in zip(*parts, strict=True))
+        yield bias, covariance
+
+
+def _with_gaps(surface: MeasuredSurface, window: tuple[int, int]) -> Mask:
+    """Points (row, col) in whose window one is missing or belongs to another part."""
+    apart = beside_borders(surface.points.parts)
+    whole = np.pad((surface.known & ~apart).astype(np.uint8), 1)
+    return np.asarray(cv2.erode(whole, np.ones(window, dtype=np.uint8))[1:-1, 1:-1] == 0, dtype=np.bool_)
+
+
+def _of_single_points(surface: MeasuredSurface, places: Index, fit: WindowFit) -> Array:
+    """Second moments (n, 4, 4) of the bias at rows and columns (n, 2), each by the changes of this point alone."""
+    largest = np.zeros((len(places), 4, 4))
+    for bias, covariance in _all_estimates(surface, places, fit) if len(places) else ():
+        largest = at_least(largest, _squares_beyond(_MEAN_SIGMAS, bias, _variances(covariance)))
+    return largest
+
+
+def _squares_beyond(standard_errors: float, bias: Array, variance: Array) -> Array:
+    """Products (n, 4, 4) of biases (n, 4) that exceed some standard errors, less what noise makes of them."""
+    with np.errstate(invalid="ignore"):
+        square = np.where(bias**2 > standard_errors**2 * variance, bias**2 - variance, 0.0)
+    remaining = np.sign(np.nan_to_num(bias)) * np.sqrt(square)
+    return np.asarray(remaining[:, :, None] * remaining[:, None])
+
+
+def _variances(covariance: Array) -> Array:
+    return np.asarray(np.diagonal(covariance, axis1=-2, axis2=-1))
 
 
 def _larger(first: Array, second: Array) -> Array:
-    """Of each two matrices (row, col, 4, 4) the one with the larger trace."""
+    """Of each two matrices (…, 4, 4) the one with the larger trace."""
     is_more = np.trace(second, axis1=-2, axis2=-1) > np.trace(first, axis1=-2, axis2=-1)
     return np.where(is_more[..., None, None], second, first)
+
+
+def at_least(moments: Array, others: Array) -> Array:
+    """Matrices (…, 4, 4) whose diagonals have at least the elements of those of both, most alike the larger ones."""
+    larger = _larger(moments, others)
+    most = np.maximum(_variances(moments), _variances(others))
+    lacking = most - _variances(larger)
+    return np.asarray(larger + lacking[..., None] * np.eye(4))
 
 
 def _smaller(first: Array, second: Array) -> Array:
@@ -243,10 +290,8 @@ def _square_of_mean(samples: _Samples, places: Index, bias: Array, covariance: A
     near = share[..., 0] > 0.0
     mean = samples.sums(products, _FAR)[near] / share[near]
     variance = np.maximum(samples.variances(variances, _FAR)[near], 0.0) / share[near] ** 2
-    square = np.where(mean**2 > _MEAN_SIGMAS**2 * variance, mean**2 - variance, 0.0)
-    remaining = np.sign(mean) * np.sqrt(square)
     result = np.zeros((*samples.shape, 4, 4))
-    result[near] = remaining[:, :, None] * remaining[:, None]
+    result[near] = _squares_beyond(_MEAN_SIGMAS, mean, variance)
     return result
 
 

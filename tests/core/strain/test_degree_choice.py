@@ -130,6 +130,22 @@ def test_a_fixed_degree_states_its_bias(length, strain):
     assert (found.degree == 1).all()
 
 
+def test_a_bias_that_only_the_outermost_points_have_is_stated():
+    """Strain that changes evenly, degree 1 by force: it is biased in one-sided windows, and the cells around have none.
+
+    Within a window the bias falls from 5 σ to nothing.
+    """
+    slope = 2e-4
+    truth = np.broadcast_to(np.eye(2), (*SHAPE, 2, 2)).copy()
+    truth[..., 0, 0] += slope * X
+    surfaces = [measured(np.stack([0.5 * slope * X**2, 0.0 * X], axis=-1), seed) for seed in range(2)]
+    sigma, combined = zip(*(scores(chosen(surface, 1), truth) for surface in surfaces), strict=True)
+    outermost = np.s_[:, 3:-3, [0, -1], 0]
+    assert (np.array(sigma)[outermost] > 3.0).mean() > 0.9
+    assert (np.array(combined)[outermost] > 3.0).mean() < 0.01
+    assert np.sqrt(np.mean(np.array(combined)[outermost] ** 2)) == pytest.approx(1.0, abs=0.2)
+
+
 def around_hole(x, y, radius, strain, nu=0.33):
     """Displacement of a sheet with a hole under uniaxial tension along x (Kirsch 1898, plane stress)."""
     r, angle = np.maximum(np.hypot(x, y), 0.5 * radius) / radius, np.arctan2(y, x)
