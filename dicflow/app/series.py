@@ -9,7 +9,7 @@ from typing import Any
 from dicflow.app.project import USUAL, Project, is_blank
 from dicflow.app.versions import MISSING, change, digest_of
 from dicflow.errors import ConfigurationError
-from dicflow.start.choice import Candidate, Choice
+from dicflow.start.choice import Candidate, Choice, Undecided
 from dicflow.start.facts import Facts
 from dicflow.start.first_file import OPEN, pipeline_text
 from dicflow.start.folder import look, photographs_in, survey
@@ -58,11 +58,15 @@ def found_in(project: Project) -> dict[str, Any]:
     return {
         "series": rows,
         "roles": ROLES,
-        "reason": found.undecided.reason if found.undecided is not None else "",
+        "reason": _reason(found.undecided) if found.undecided is not None else "",
         "calibration": found.calibration,
         "copies": list(map(str, found.copies)),
         "single": sorted(str(path) for path in set(found.paths) - in_series - set(found.copies)),
     }
+
+
+def _reason(undecided: Undecided) -> str:
+    return f"{undecided.reason}; {undecided.otherwise}" if undecided.otherwise else undecided.reason
 
 
 def _roles(candidate: Candidate) -> dict[Series | None, str]:

@@ -18,6 +18,9 @@ _NEARLY = 0.8
 _NOT_SHORT = 0.5
 """Least length, over that of the longest, of a series that may be the other camera's where names do not say so."""
 _MAX_CANDIDATES = 4
+_MIN_BOARDS = 3
+"""Photographs of boards that two cameras need, and one has no use for."""
+_SORT = "two cameras: move the photographs of each into a folder of its own, named left and right, and start again"
 
 
 By = Literal["name", "taken", "order"]
@@ -55,12 +58,16 @@ class Candidate(NamedTuple):
 
 
 class Undecided(Exception):
-    """Names and photographs leave more than one candidate; the most likely is the first."""
+    """Names and photographs leave more than one candidate; the most likely is the first.
 
-    def __init__(self, reason: str, candidates: Sequence[Candidate]) -> None:
+    otherwise : what to do where none of the candidates is right; empty where that is not known
+    """
+
+    def __init__(self, reason: str, candidates: Sequence[Candidate], otherwise: str = "") -> None:
         super().__init__(reason)
         self.reason = reason
         self.candidates = candidates[:_MAX_CANDIDATES]
+        self.otherwise = otherwise
 
 
 def is_named(path: PurePosixPath, patterns: Sequence[str]) -> bool:
@@ -90,7 +97,7 @@ def decide(
     pairs = _pairs(specimen, choice)
     longest = _longest_pairs(pairs)
     if not longest:
-        return _without_pair(specimen, boards, choice)
+        return _without_pair(specimen, boards, choice, has_calibration)
     if has_calibration and not boards and len(longest) == 1 and longest[0].evidence > Evidence.NUMBER:
         return Candidate(longest[0].left, longest[0].right)
     rigs = [(pair, rig) for pair in longest for rig in _boards(pair, boards, choice)]
@@ -108,13 +115,23 @@ def _one_camera(specimen: Sequence[Series], choice: Choice) -> Candidate:
     return Candidate(alike[0])
 
 
-def _without_pair(specimen: Sequence[Series], boards: Sequence[Series], choice: Choice) -> Candidate:
-    """The only series, if the boards do not show a second camera."""
+def _without_pair(
+    specimen: Sequence[Series], boards: Sequence[Series], choice: Choice, has_calibration: bool
+) -> Candidate:
+    """The only series, if nothing speaks for a second camera."""
     alike = _alike(specimen)
-    if len(alike) == 1 and not _longest_pairs(_pairs(boards, choice)):
+    if len(alike) > 1:
+        raise Undecided(_alike_reason(alike), [*_any_two(alike, boards, choice), *map(Candidate, alike)])
+    of_boards = sum(len(one.files) for one in boards)
+    if of_boards < _MIN_BOARDS and not has_calibration:
         return Candidate(alike[0])
-    reason = "boards of two cameras, but one series of the specimen" if len(alike) == 1 else _alike_reason(alike)
-    raise Undecided(reason, [*_any_two(alike, boards, choice), *map(Candidate, alike)])
+    if _longest_pairs(_pairs(boards, choice)):
+        reason = "boards of two cameras, but one series of the specimen"
+    else:
+        of = f"{of_boards} photographs of a board" if of_boards else "a file with the calibration of two cameras"
+        reason = f"{of}, but one series of the specimen ({len(alike[0].files)} photographs)"
+        reason += ", and nothing tells whether one camera or two took it"
+    raise Undecided(reason, [Candidate(alike[0])], _SORT)
 
 
 def _any_two(specimen: Sequence[Series], boards: Sequence[Series], choice: Choice) -> list[Candidate]:
@@ -167,7 +184,8 @@ def _least_share(pair: Pair) -> float:
     """Least length of one series of a pair, as a share of the other; the less, the surer the cameras are."""
     if pair.evidence >= Evidence.SIDE:
         return 0.0
-    return _NOT_SHORT if pair.left.camera and pair.right.camera else _NEARLY
+    is_known = pair.left.camera and pair.right.camera
+    return _NOT_SHORT if is_known or pair.evidence == Evidence.NOTHING else _NEARLY
 
 
 def _steps(pair: Pair) -> int:

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Collection, Iterable, Sequence
 from functools import partial
+from itertools import pairwise
 from pathlib import PurePosixPath
 from typing import NamedTuple, Protocol
 
@@ -22,7 +23,12 @@ class See(Protocol):
         """Raises InputError if the file cannot be read."""
 
 
-_FIRST_LOOKS, _MORE_LOOKS, _LOOKS_AT_BOARDS = 3, 7, 5
+_FIRST_LOOKS, _MORE_LOOKS, _MOST_LOOKS, _LOOKS_AT_BOARDS = 3, 7, 25, 5
+_MOST_RUNS, _MOST_NAMED_RUNS = 6, 2
+"""Of boards and of the specimen in one series: boards before and after the test, by two cameras; in one that is named
+like boards."""
+_MIN_BETWEEN, _MIN_BESIDE_OTHERS = 2, 3
+"""Photographs in a run between two others, and in any run where other series show the same."""
 _LEAST_SIDE = 4
 """Speckles look like a smaller board here and there."""
 
@@ -41,21 +47,25 @@ class Subjects(NamedTuple):
 
 
 def subjects_of(series: Sequence[Series], see: See) -> Subjects:
-    """Series of the specimen and of boards; one that shows first the one and then the other is divided."""
-    quick = {one: _looks(one, _FIRST_LOOKS, see) for one in series}
-    doubts = [one for one in series if _is_doubtful(one, quick[one])] if any(map(any, quick.values())) else series
-    seen = quick | {one: _looks(one, _MORE_LOOKS, _twice(see)) for one in doubts}
+    """Series of the specimen and of boards; one that shows both is divided where they change."""
+    seen = _seen(series, see)
     readable = [one for one in series if seen[one]]
-    boards = [one for one in readable if _is_board(one, seen[one])]
-    unsure = [one for one in readable if one not in boards and _says_board(one)]
-    specimen = [one for one in readable if one not in boards and one not in unsure]
-    least = 2 if boards and specimen else 1
-    mixed = [one for one in readable if _changes_once(seen[one], least)]
-    if mixed:
-        parts = [part for one in series for part in (_divided(one, _twice(see)) if one in mixed else [one])]
-        return subjects_of(parts, see)
+    whole = frozenset(all(seen[one]) for one in readable if all(seen[one]) or not any(seen[one]))
+    parts = [part for one in readable for part in _parts(one, seen[one], _twice(see), whole)]
+    boards = tuple(part for part, is_board in parts if is_board)
+    rest = [part for part, is_board in parts if not is_board]
+    unsure = tuple(one for one in rest if _says_board(one))
+    specimen = tuple(one for one in rest if one not in unsure)
     unreadable = tuple(one for one in series if not seen[one])
-    return Subjects(tuple(specimen or unsure), tuple(boards), tuple(unsure if specimen else ()), unreadable)
+    return Subjects(specimen or unsure, boards, unsure if specimen else (), unreadable)
+
+
+def _seen(series: Sequence[Series], see: See) -> dict[Series, list[Board | None]]:
+    """What photographs of each series show; more of them where few leave a doubt, or leave one subject without any."""
+    quick = {one: _looks(one, _FIRST_LOOKS, see) for one in series}
+    is_one_subject = len({all(found) for found in quick.values() if found}) < 2
+    doubts = [one for one in series if is_one_subject or _is_doubtful(one, quick[one])]
+    return quick | {one: _looks(one, _MORE_LOOKS, _twice(see)) for one in doubts}
 
 
 def board_in(series: Iterable[Series], see: See) -> Board | None:
@@ -76,10 +86,8 @@ def _twice(see: See) -> See:
 
 def _looks(one: Series, count: int, see: See) -> list[Board | None]:
     """What photographs spread over a series show; those that cannot be read are left out."""
-    last = len(one.files) - 1
-    places = sorted({round(k * last / (count - 1)) for k in range(count)})
     found = []
-    for place in places:
+    for place in _places(one, count):
         try:
             found.append(_large(see(one.files[place])))
         except InputError:
@@ -87,35 +95,81 @@ def _looks(one: Series, count: int, see: See) -> list[Board | None]:
     return found
 
 
+def _places(one: Series, count: int) -> list[int]:
+    """So many places at most, spread over a series from its first photograph to its last."""
+    last = len(one.files) - 1
+    return sorted({round(k * last / (count - 1)) for k in range(count)})
+
+
 def _large(board: Board | None) -> Board | None:
     return board if board and (board.target != "checkerboard" or min(board.size) >= _LEAST_SIDE) else None
-
-
-def _is_board(one: Series, found: Sequence[Board | None]) -> bool:
-    """Whether most of the photographs show a board, or some of those in a series that is named so."""
-    count = sum(board is not None for board in found)
-    return 2 * count > len(found) or (count > 0 and _says_board(one))
 
 
 def _says_board(one: Series) -> bool:
     return bool(one.words & BOARD_WORDS)
 
 
-def _changes_once(found: Sequence[Board | None], least: int) -> bool:
-    """Whether boards end or begin once, with so many looks at least on either side."""
+def _parts(one: Series, found: Sequence[Board | None], see: See, whole: Collection[bool]) -> list[tuple[Series, bool]]:
+    """A series apart where boards end or begin, and whether each part shows boards; whole where that changes often.
+
+    whole : whether there are other series of boards alone (True), and of the specimen alone (False)
+    """
     shown = [board is not None for board in found]
-    first = next((k for k, board in enumerate(shown) if board != shown[0]), 0)
-    return min(first, len(shown) - first) >= least and len(set(shown[first:])) == 1
+    if all(shown) or not any(shown):
+        return [(one, all(shown))]
+    every = _runs(one, see)
+    runs = _long_runs(every, {True, False} if _says_board(one) else whole)
+    if not 1 < len(runs) <= (_MOST_NAMED_RUNS if _says_board(one) else _MOST_RUNS):
+        return [(one, _says_board(one) or _are_mostly_boards(every))]
+    return [(one._replace(files=one.files[run.start : run.end]), run.is_board) for run in runs]
 
 
-def _divided(one: Series, see: See) -> list[Series]:
-    """A series apart where the boards end or begin."""
-    low, high = 0, len(one.files) - 1
+class _Run(NamedTuple):
+    """Photographs of a series from start to before end that all show a board, or none."""
+
+    is_board: bool
+    start: int
+    end: int
+
+
+def _runs(one: Series, see: See) -> list[_Run]:
+    """Runs of a series, as far as spread photographs meet them; each change is sought between two of these."""
+    places = _places(one, _MOST_LOOKS)
+    shown = {place: _shows_board(one.files[place], see) for place in places}
+    changes = [_change(one, low, high, see) for low, high in pairwise(places) if shown[low] != shown[high]]
+    edges = [0, *changes, len(one.files)]
+    return [_Run(shown[0] ^ bool(k % 2), start, end) for k, (start, end) in enumerate(pairwise(edges))]
+
+
+def _are_mostly_boards(runs: Sequence[_Run]) -> bool:
+    return 2 * sum(run.end - run.start for run in runs if run.is_board) > runs[-1].end
+
+
+def _long_runs(runs: Sequence[_Run], elsewhere: Collection[bool]) -> list[_Run]:
+    """Runs without those that are too short to be meant: a board that is not seen, or speckles that look like one.
+
+    elsewhere : of which sort there are other series, so that nothing is lost with a short run
+    """
+    last = len(runs) - 1
+    joined: list[_Run] = []
+    for k, run in enumerate(runs):
+        least = _MIN_BESIDE_OTHERS if run.is_board in elsewhere else 1 if k in (0, last) else _MIN_BETWEEN
+        is_long = run.end - run.start >= least
+        is_board = run.is_board if is_long else not run.is_board
+        if joined and joined[-1].is_board == is_board:
+            joined[-1] = joined[-1]._replace(end=run.end)
+        else:
+            joined.append(run._replace(is_board=is_board))
+    return joined
+
+
+def _change(one: Series, low: int, high: int, see: See) -> int:
+    """The first photograph after a change between two of a series."""
     first = _shows_board(one.files[low], see)
     while high - low > 1:
         middle = (low + high) // 2
         low, high = (middle, high) if _shows_board(one.files[middle], see) == first else (low, middle)
-    return [one._replace(files=one.files[:high]), one._replace(files=one.files[high:])]
+    return high
 
 
 def _shows_board(path: PurePosixPath, see: See) -> bool:

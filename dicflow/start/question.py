@@ -34,13 +34,12 @@ def question(
     """
     lines = [f"{folder}: {undecided.reason}; --left, --right and --boards, or --one-camera, settle it"]
     for k, candidate in enumerate(undecided.candidates):
-        lines.append(f"{'or' if k else 'most likely'} {_words(candidate, photographs, has_calibration)}:")
+        starts = "or" if k else "either" if undecided.otherwise else "most likely"
+        lines.append(f"{starts} {_words(candidate, photographs, has_calibration)}:")
         options = [*_options(candidate, photographs)]
-        brief = _brief(candidate) if len(options) > _MAX_WORDS else None
-        if brief is not None and is_settled(brief, candidate):
-            options = _named_options(brief)
-        lines.append("  " + shlex.join([*command, *options]))
-    return "\n".join(lines)
+        brief = next((one for one in _briefs(candidate, len(options)) if is_settled(one, candidate)), None)
+        lines.append("  " + shlex.join([*command, *(_named_options(brief) if brief else options)]))
+    return "\n".join([*lines, f"or {undecided.otherwise}"] if undecided.otherwise else lines)
 
 
 def _words(candidate: Candidate, photographs: Sequence[PurePosixPath], has_calibration: bool) -> str:
@@ -57,6 +56,15 @@ def _words(candidate: Candidate, photographs: Sequence[PurePosixPath], has_calib
 def _named(series: Series, photographs: Sequence[PurePosixPath]) -> str:
     count = len(series.files)
     return f"{listed(named_briefly(series.files, photographs))} ({count} photograph{'s' if count > 1 else ''})"
+
+
+def _briefs(candidate: Candidate, words: int) -> Iterator[Choice]:
+    """What may select a candidate in fewer words than those of its options."""
+    if candidate.right is None:
+        yield Choice(one_camera=True)
+    brief = _brief(candidate) if words > _MAX_WORDS else None
+    if brief:
+        yield brief
 
 
 def _brief(candidate: Candidate) -> Choice | None:

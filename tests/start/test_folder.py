@@ -110,6 +110,29 @@ def test_photographs_of_both_subjects_with_one_numbering_are_divided(tmp_path, s
     assert len(rig["left"]) == len(rig["right"]) == 2 * BOARDS
 
 
+def test_two_cameras_under_one_counter_are_asked_about(tmp_path, specimen, boards):
+    """The answers are the command lines: the first one measures both cameras."""
+    write(tmp_path, {"IMG_{:04}.png": [*boards, *specimen, *boards, *specimen]}, first=101)
+    answer = dicflow("init", tmp_path, "--square", "10 mm")
+    assert answer.code == 2
+    assert "2 series of the specimen look alike (3, 3 photographs)" in answer.err
+    command = next(shlex.split(line) for line in answer.err.splitlines() if line.startswith("  dicflow init "))
+    again = dicflow(*command[1:])
+    assert again.code == 0, again.err
+    found = stages(tmp_path)
+    assert found["photos"]["left"] == [f"IMG_{k:04}.png" for k in (105, 106, 107)]
+    assert found["boards"]["right"] == [f"IMG_{k:04}.png" for k in (108, 109, 110, 111)]
+
+
+def test_boards_beside_one_series_are_asked_about(tmp_path, specimen, boards):
+    """Both cameras' photographs may alternate under one counter; one that is told it is alone measures."""
+    write(tmp_path, {"IMG_{:04}.png": [*boards, *specimen]})
+    answer = dicflow("init", tmp_path)
+    answer.refuses(2, "4 photographs of a board, but one series of the specimen (3 photographs)", "start again")
+    assert f"  dicflow init {tmp_path} --one-camera" in answer.err.splitlines()
+    assert dicflow("init", tmp_path, "--one-camera").out.startswith("specimen: 3 photographs of one camera")
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize(
     ("extent", "pattern", "values"),

@@ -183,7 +183,8 @@ def test_one_series_is_one_camera(pattern):
     paths = [PurePosixPath(pattern.format(k)) for k in range(5)]
     assert chosen(paths, []).left.files == tuple(paths)
     boards = [PurePosixPath(f"calib/{k}.png") for k in range(9)]
-    assert chosen([*paths, *boards], boards) == Candidate(series_of(paths)[0])
+    assert chosen([*paths, *boards], boards, Choice(one_camera=True)) == Candidate(series_of(paths)[0])
+    assert chosen([*paths, *boards[:2]], boards) == Candidate(series_of(paths)[0])
 
 
 def test_the_longest_of_several_tests_is_measured_and_equal_ones_are_offered():
