@@ -37,6 +37,8 @@ __all__ = [
 
 _ROUNDS = 2
 """Searches, each with weights at the constants of the one before."""
+_MOST_EVALUATIONS = 100
+"""Of the residuals in one search. Models that fit need 60 at most; of one that does not, terms run away."""
 _LEAST_VARIANCE = 1e-8
 """Variance of a sum of virtual works, relative to that of the noisiest one, that counts as noise at least."""
 _BUMP, _APART, _REACH = 0.25, 1.5, 3.0
@@ -191,9 +193,9 @@ def constants_of(
 ) -> FieldFit:
     """Constants by weighted least squares over all steps and virtual fields of one or several specimens.
 
-    The virtual works of one step are weighted by the inverse of their covariance, since they share the noise of the
-    points; where the noise of gradients is unknown, alike. Where residuals are larger than the noise explains (5 %
-    level), or nothing is known of it, they give the variance.
+    The virtual works of one step are weighted by the inverse of their covariance, since they share the errors of the
+    points, by noise and by the bias that remains; where the noise of gradients is unknown, alike. Where residuals are
+    larger than these errors explain (5 % level), or nothing is known of them, they give the variance.
     fields : of each sheet
     start : constants (p,) from which Gauss and Newton's search begins
     Raises ValueError if there are not more equations than constants.
@@ -211,6 +213,7 @@ def constants_of(
             lambda x: _all(whiteners, [system.slopes(model, x) for system in systems]),  # noqa: B023
             x_scale="jac",
             xtol=1e-12,
+            max_nfev=_MOST_EVALUATIONS,
         ).x
     solver = np.asarray(np.linalg.pinv(_all(whiteners, [system.slopes(model, c) for system in systems])), dtype=float)
     residuals = [system.residuals(model, c) for system in systems]
@@ -288,11 +291,12 @@ class _System:
         return self._work(sheet_stress_by_constants(model, c, self.sheet.gradients))
 
     def whitener(self, noise: Array) -> Array:
-        """Matrices (step, field, field) that make the noise of the residuals of one step independent and 1."""
+        """Matrices (step, field, field) that make the errors of the residuals of one step independent and 1."""
         steps, count = self.works.shape
         if not self.is_noisy:
             return np.broadcast_to(np.eye(count), (steps, count, count))
-        by_field, by_force = noise * self._u_gradient[:, None, None], self.sheet.u_force * self.works[..., None]
+        u = np.hypot(self._u_gradient, self.sheet.u_bias)
+        by_field, by_force = noise * u[:, None, None], self.sheet.u_force * self.works[..., None]
         values, vectors = np.linalg.eigh(by_field @ by_field.swapaxes(1, 2) + by_force @ by_force.swapaxes(1, 2))
         values = np.maximum(values, _LEAST_VARIANCE * values[:, -1:])
         return np.asarray(vectors.swapaxes(1, 2) / np.sqrt(values)[..., None])
