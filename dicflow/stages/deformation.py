@@ -137,6 +137,7 @@ class Deformation(Node):
         from dicflow.core.strain.crack_ends import with_crack_ends
         from dicflow.core.strain.deformation_gradient import measured_surface
         from dicflow.core.strain.degree_choice import candidate_fits, chosen_gradient
+        from dicflow.core.strain.point_scatter import scatter_over_stated, with_scatter
         from dicflow.core.strain.unseen_jumps import cut_by_jumps, unseen_jumps
         from dicflow.core.tensors import upper_triangle
         from dicflow.core.uncertainty.covariance import joint_covariance, points_in_frame, with_errors
@@ -155,6 +156,13 @@ class Deformation(Node):
         surface_of = partial(measured_surface, before.xyz, parts=first.parts, min_share=self.min_share)
         lost, grid = _jumps(step, first)
         measured = surface_of(after.xyz, [*errors.values()])
+        ratios = scatter_over_stated(measured, grid)
+        if (ratios > 1.0).any():
+            covariance = with_scatter(covariance, ratios)
+            errors = {
+                name: one._replace(covariance=with_scatter(one.covariance, ratios)) for name, one in errors.items()
+            }
+            measured = surface_of(after.xyz, [*errors.values()])
         cut = cut_by_jumps(measured, lost, grid, self._window(first))
         if cut.any():
             step, after = step.lost_at(cut), after._replace(xyz=np.where(cut[..., None], np.nan, after.xyz))
