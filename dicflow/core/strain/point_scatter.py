@@ -17,7 +17,7 @@ from dicflow.core.strain.small_jumps import GridOfSubsets
 from dicflow.core.strain.window_fits import places_of, terms_of_degree
 from dicflow.core.uncertainty.covariance import displacement_covariance
 
-__all__ = ["scatter_over_stated", "with_scatter"]
+__all__ = ["scatter_over_stated"]
 
 
 _SIDES = (1.1, 1.6, 2.5)
@@ -41,12 +41,6 @@ def scatter_over_stated(surface: MeasuredSurface, subsets: GridOfSubsets) -> Arr
     some = np.ascontiguousarray(at[:: 1 + len(at) // _POINTS])
     least = np.min([_ratios(surface, some, side) for side in _sides(subsets)], axis=0)
     return np.asarray(np.where(least > 1.0 + limit, least, 1.0))
-
-
-def with_scatter(covariance: Array, ratios: Array) -> Array:
-    """Covariances (..., 6, 6) of points at both states, with standard deviations times ratios (3,) of the axes."""
-    both = np.concatenate([ratios, ratios])
-    return np.asarray(covariance * np.outer(both, both))
 
 
 def _sides(subsets: GridOfSubsets) -> list[int]:
