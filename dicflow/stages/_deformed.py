@@ -13,7 +13,7 @@ if TYPE_CHECKING:
 
     from dicflow.core.uncertainty.covariance import MeasuredPoints
 
-__all__ = ["combined", "consistent_status", "degrees", "displacements", "median_errors", "shares"]
+__all__ = ["beyond_noise", "combined", "consistent_status", "degrees", "displacements", "median_errors", "shares"]
 
 
 def displacements(before: MeasuredPoints, after: MeasuredPoints, covariance: np.ndarray) -> dict[str, np.ndarray]:
@@ -39,6 +39,21 @@ def combined(fields: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
     names = [name.removeprefix("sigma_") for name in fields if name.startswith("sigma_")]
     biases = {name: np.nan_to_num(fields.get(f"bias_{name}", 0.0)) for name in names}
     return {f"u_{name}": np.hypot(fields[f"sigma_{name}"], biases[name]) for name in names}
+
+
+def beyond_noise(
+    bias: Mapping[str, np.ndarray], moved: Mapping[str, np.ndarray], ratios: np.ndarray
+) -> dict[str, np.ndarray]:
+    """Bias of U, V and W with what the points scatter beyond their σ; empty if the bias is unknown.
+
+    moved : with σ of each; ratios : (3,) — of the scatter to σ, at least 1
+    """
+    import numpy as np
+
+    excess = {f"bias_{name}": np.sqrt(r**2 - 1.0) for name, r in zip("UVW", ratios, strict=True)}
+    return {
+        name: np.hypot(values, excess[name] * moved[name.replace("bias", "sigma")]) for name, values in bias.items()
+    }
 
 
 def degrees(degree: np.ndarray) -> dict[str, Any]:

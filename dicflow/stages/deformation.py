@@ -38,7 +38,15 @@ from dicflow.kinds.total import (
     named_with_unit,
     rigid_motion_to_json,
 )
-from dicflow.stages._deformed import combined, consistent_status, degrees, displacements, median_errors, shares
+from dicflow.stages._deformed import (
+    beyond_noise,
+    combined,
+    consistent_status,
+    degrees,
+    displacements,
+    median_errors,
+    shares,
+)
 from dicflow.stages._point_errors import bias_of_places, errors_by_shape, variance_shares
 from dicflow.stages._scaled import in_unit, scale_shares
 
@@ -137,6 +145,7 @@ class Deformation(Node):
         from dicflow.core.strain.crack_ends import with_crack_ends
         from dicflow.core.strain.deformation_gradient import measured_surface
         from dicflow.core.strain.degree_choice import candidate_fits, chosen_gradient
+        from dicflow.core.strain.point_scatter import scatter_over_stated
         from dicflow.core.strain.unseen_jumps import cut_by_jumps, unseen_jumps
         from dicflow.core.tensors import upper_triangle
         from dicflow.core.uncertainty.covariance import joint_covariance, points_in_frame, with_errors
@@ -155,6 +164,7 @@ class Deformation(Node):
         surface_of = partial(measured_surface, before.xyz, parts=first.parts, min_share=self.min_share)
         lost, grid = _jumps(step, first)
         measured = surface_of(after.xyz, [*errors.values()])
+        ratios = scatter_over_stated(measured, grid)
         cut = cut_by_jumps(measured, lost, grid, self._window(first))
         if cut.any():
             step, after = step.lost_at(cut), after._replace(xyz=np.where(cut[..., None], np.nan, after.xyz))
@@ -165,8 +175,9 @@ class Deformation(Node):
         chosen = with_crack_ends(chosen_gradient(measured, fits, jumps), measured, lost | cut, fits[0])
         surface = chosen.surface
         frames = (compose_frames(along, axes), axes)
-        bias = bias_of_places(step, frames[0].rotation, jumps)
-        fields = {**displacements(before, after, covariance), **bias, **self._strains(chosen)}
+        fields = displacements(before, after, covariance)
+        fields |= beyond_noise(bias_of_places(step, frames[0].rotation, jumps), fields, ratios)
+        fields |= self._strains(chosen)
         fields |= combined(fields)
         if scale is not None:
             fields |= scale_shares(Scale.read(scale).relative_u, self._quantities(), fields, after.xyz)
