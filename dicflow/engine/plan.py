@@ -24,10 +24,11 @@ from dicflow.engine.fingerprint import Fingerprint, Sources, changed_names, kept
 from dicflow.engine.graph import Graph, Task, TaskInput
 from dicflow.engine.journal import Entry, Event, latest
 from dicflow.engine.keys import Change, differences, input_digests, key_maker, key_parts, parameters
-from dicflow.engine.node import At, Scope
+from dicflow.engine.node import At, Scope, Series
 from dicflow.engine.records import Record
 from dicflow.engine.references import Recipe, Ref, RefInput
 from dicflow.engine.store import Store
+from dicflow.errors import ConfigurationError
 
 __all__ = ["CodePolicy", "Plan", "PlanEntry", "code_changes", "code_warning", "find_hit", "make_plan"]
 
@@ -44,6 +45,7 @@ _MANY_FILES = 100
 _REPORTS = 100
 """Reports of progress in one pass."""
 
+_Facts = Mapping[Path | FilePart, Mapping[str, Any]]
 T = TypeVar("T")
 
 
@@ -136,10 +138,13 @@ def make_plan(
     pipeline : name under which its last run is looked up, for the reasons
     every_file : look at the files of every product, however many tasks there are
     on_event : receives an event "checking" now and then, where there are many files or tasks
-    Raises InputError for a file that cannot be used, before anything has run.
+    Raises InputError for a file that cannot be used, and ConfigurationError for parameters that do not suit the files,
+    before anything has run.
     """
     try:
-        _check_files(graph, store, on_event)
+        facts = _check_files(graph, store, on_event)
+        if graph.is_whole:
+            _check_parameters(graph, facts)
         planner = _Planner(graph, store, pipeline, code_policy, not every_file and len(graph.tasks) > _MANY)
         for task in _reported("tasks", graph.tasks.values(), len(graph.tasks), _MANY, on_event):
             planner.add(task)
@@ -317,11 +322,12 @@ class _Planner:
         return ref
 
 
-def _check_files(graph: Graph, store: Store, on_event: Callable[[Event], None] | None) -> None:
-    """Let every stage look at its files, one by one and together.
+def _check_files(graph: Graph, store: Store, on_event: Callable[[Event], None] | None) -> dict[str, _Facts]:
+    """Let every stage look at its files, one by one and together; returns what each stage found in each file.
 
     Most of the time goes into unpacking photographs, which threads do side by side.
     """
+    every: dict[str, _Facts] = {}
     paths: dict[str, dict[Path | FilePart, None]] = {}
     for task in graph.tasks.values():
         if task.files:
@@ -331,9 +337,35 @@ def _check_files(graph: Graph, store: Store, on_event: Callable[[Event], None] |
             node = graph.stages[name].node
             looked = threads.map(partial(file_facts, store, node), found)
             looked = _reported("files", looked, len(found), _MANY_FILES, on_event)
-            facts = dict(zip(found, looked, strict=True))
+            every[name] = facts = dict(zip(found, looked, strict=True))
             inputs = {port: graph.steps[source] for port, source in graph.stages[name].inputs.items()}
             node.agree(facts, graph.files.get(name, {}), inputs)
+    return every
+
+
+def _check_parameters(graph: Graph, facts: Mapping[str, _Facts]) -> None:
+    """Raise ConfigurationError that lists every parameter that does not suit the photographs, with its place.
+
+    facts : stage → file → what the stage found in it
+    """
+    found: list[str] = []
+    for name, spec in graph.stages.items():
+        series = {
+            port: Series(graph.steps[source], _first_facts(graph, graph.starts[source], facts))
+            for port, source in spec.inputs.items()
+            if source in graph.starts
+        }
+        for parameter, problem in spec.node.problems(series):
+            where = spec.places.get(parameter, spec.where)
+            found.append(f"{where + ': ' if where else ''}{name}.{parameter}: {problem}")
+    if found:
+        raise ConfigurationError("\n".join(dict.fromkeys(found)))
+
+
+def _first_facts(graph: Graph, start: str, facts: Mapping[str, _Facts]) -> dict[str, Mapping[str, Any]]:
+    """Argument → facts of the file of the first step of a series."""
+    first = next(iter(graph.files[start].values()), {})
+    return {argument: facts[start][file] for argument, file in first.items()}
 
 
 def _reported(
