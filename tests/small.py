@@ -33,7 +33,7 @@ class Answer(NamedTuple):
         return json.loads(self.out.splitlines()[-1])
 
     def refuses(self, code: int, *words: str) -> None:
-        """Check that it ended with this code and one message that holds all these words, perhaps repeated at the end."""
+        """Check that it ended with this code and one message that holds all these words, perhaps twice."""
         assert "Traceback" not in self.out + self.err
         assert self.code == code, self.err
         lines = {line.removeprefix("failed: ") for line in self.err.splitlines()}

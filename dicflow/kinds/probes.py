@@ -136,7 +136,7 @@ class ProbeTable(Table):
         return values
 
     def of_area(self, name: str, quantity: str) -> np.ndarray:
-        """A quantity of one area at every step. Raises StageError for one that is unknown, not read, or not measured."""
+        """A quantity of one area at every step. Raises StageError for one that is unknown, not read or not measured."""
         if name not in self.areas:
             raise StageError(f"unknown area '{name}'; the probes have: {', '.join(self.areas) or 'none'}")
         if quantity not in self:
