@@ -146,9 +146,12 @@ def test_the_risk_of_a_scheduler_is_said_once(tmp_path, monkeypatch):
     assert answer.line["warnings"] == ["anybody may listen"]
 
 
-def test_a_failure_is_reported_once_and_ends_with_1(own, tmp_path):
+def test_a_failure_is_reported_and_repeated_at_the_end_which_is_1(own, tmp_path):
     answer = run(own, tmp_path / "o", "--set", "region.rectangle=[10, 10, 900, 20]", "--set", "region.file=null")
     answer.refuses(1, "region: the region spans x 10 … 900", "0 … 431", "choose the region inside it")
+    assert [line.startswith("failed: region: the region spans") for line in answer.err.splitlines()[-5:]].count(
+        True
+    ) == 1
     assert answer.line["counts"]["failed"] == 1
     assert answer.line["counts"]["skipped"] > 0
 

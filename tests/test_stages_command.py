@@ -16,6 +16,17 @@ def test_every_stage_is_listed_with_what_it_takes_and_gives():
     assert lines[place + 1].split() == ["images,", "rig", "→", "rectified"]
 
 
+@pytest.mark.parametrize(
+    ("name", "nearest"),
+    [("correlation", "correlate"), ("Noise-Floor", "noise_floor"), ("STRAIN", "strain"), ("calibration", "calibrate")],
+)
+def test_an_unknown_name_leads_to_the_nearest_stage(name, nearest):
+    answer = dicflow("stages", name)
+    answer.refuses(2, f"no stage '{name}', did you mean '{nearest}'?; 'dicflow stages' says what each does")
+    assert "plug-ins" not in answer.err
+    dicflow("stages", "xyz").refuses(2, "no stage 'xyz'; stages: accumulate, calibrate, ")
+
+
 @pytest.mark.parametrize("name", ["", *stage_names()])
 def test_a_line_fits_a_terminal_of_80_columns(name):
     lines = dicflow("stages", *filter(None, [name])).out.splitlines()

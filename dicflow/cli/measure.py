@@ -38,6 +38,9 @@ if TYPE_CHECKING:
 
 __all__ = ["compute_and_write", "plan", "run", "why"]
 
+_MOST_FAILURES = 5
+"""Messages of failed tasks that a run repeats in its last lines."""
+
 
 def run(
     pipeline: PipelineFile,
@@ -289,6 +292,7 @@ def _print_run(console: Console, result: Result, folder: Path, drawn: _Drawn) ->
     outcome = result.outcome
     assert outcome is not None
     _print_warnings(console, result, outcome.warnings)
+    _print_failures(console, result)
     counts = ", ".join(f"{number} {name}" for name, number in outcome.counts.items() if number)
     console.print(f"{counts} in {outcome.seconds:.1f} s, run {outcome.run_id}", soft_wrap=True)
     if outcome.interrupted:
@@ -304,7 +308,7 @@ def _print_run(console: Console, result: Result, folder: Path, drawn: _Drawn) ->
 
 
 def _print_warnings(console: Console, result: Result, warnings: Sequence[str]) -> None:
-    """Verdicts that no warning has, warnings, and where troubleshooting speaks of them."""
+    """Verdicts that no warning has, and warnings."""
     from dicflow.kinds.rig import CalibratedRig
 
     for stage in result.stages_of("rig"):
@@ -314,6 +318,18 @@ def _print_warnings(console: Console, result: Result, warnings: Sequence[str]) -
                 console.print(f"{stage}: {verdict}", soft_wrap=True)
     for warning in warnings:
         console.print(f"warning: {warning}", style="yellow", soft_wrap=True)
+
+
+def _print_failures(console: Console, result: Result) -> None:
+    """Why tasks failed, and where troubleshooting speaks of failures and warnings."""
+    from dicflow.engine.product_warnings import failures
+
+    assert result.outcome is not None
+    found = failures(result.graph, result.outcome.outcomes)
+    for text in found[:_MOST_FAILURES]:
+        console.print(f"failed: {text}", style="red", soft_wrap=True)
+    if (more := len(found) - _MOST_FAILURES) > 0:
+        console.print(f"failed: {more} further messages, which stand above", style="red")
     if topics := _topics(result):
         console.print(advice(topics), style="dim", soft_wrap=True)
 

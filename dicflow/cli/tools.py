@@ -6,12 +6,14 @@ import json
 import os
 import re
 import shlex
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
 import typer
 
 from dicflow.cli.options import Force, refuse_existing, refuse_full, say, tick, warn, write_new
+from dicflow.discovery import nearest
 from dicflow.errors import ConfigurationError
 
 __all__ = ["demo", "doctor", "help_topics", "init", "schema", "stages", "synth", "warm"]
@@ -42,16 +44,27 @@ def stages(
     dicflow stages
     dicflow stages correlate
     """
-    from dicflow.pipeline.registry import node_class, node_classes
+    from dicflow.pipeline.registry import node_class, node_classes, stage_names
     from dicflow.pipeline.stage_words import list_lines, stage_lines
 
     if name is not None:
+        _check_stage(name, stage_names())
         say("\n".join(stage_lines(name, node_class(name))))
         return
     kinds, problems = node_classes()
     say("\n".join(list_lines(kinds)))
     for problem in problems:
         warn(problem)
+
+
+def _check_stage(name: str, known: Sequence[str]) -> None:
+    """Raise ConfigurationError for an unknown stage, with the name that is nearest in any spelling."""
+    if name in known:
+        return
+    near = nearest(re.sub(r"[\W_]+", "_", name).lower(), known)
+    raise ConfigurationError(
+        f"no stage '{name}'{near or '; stages: ' + ', '.join(known)}; 'dicflow stages' says what each does"
+    )
 
 
 def _named(subject: str) -> Any:

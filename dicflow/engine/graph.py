@@ -40,6 +40,7 @@ class StageSpec:
     inputs : port → name of the stage that gives it; of several stages the later ones as ``port[1]``, ``port[2]`` …
     folder : where the relative paths among its parameters start
     where : position in the pipeline file, put in front of messages
+    places : parameter → its own position there
     only : names of the steps to keep, of a stage that starts a series; all if empty
     """
 
@@ -47,6 +48,7 @@ class StageSpec:
     inputs: Mapping[str, str] = field(default_factory=dict)
     folder: Path = Path()
     where: str = ""
+    places: Mapping[str, str] = field(default_factory=dict)
     only: tuple[str, ...] = ()
 
 
@@ -91,6 +93,7 @@ class Graph:
     steps : stage → names of its steps in order; empty for a stage that runs once
     files : stage → step → argument → file, for stages that start a series of steps
     starts : stage that repeats over steps → the one whose files these are
+    is_whole : whether the steps are all that there will be
     """
 
     stages: Mapping[str, StageSpec]
@@ -98,6 +101,7 @@ class Graph:
     steps: Mapping[str, tuple[str, ...]]
     files: Mapping[str, Steps]
     starts: Mapping[str, str]
+    is_whole: bool = True
 
     def tasks_of(self, stage: str) -> list[Task]:
         """The tasks of one stage, in the order of its steps."""
@@ -124,6 +128,7 @@ class Graph:
             {name: steps for name, steps in self.steps.items() if name in needed},
             {name: files for name, files in self.files.items() if name in needed},
             {name: start for name, start in self.starts.items() if name in needed},
+            self.is_whole,
         )
 
 
@@ -150,7 +155,8 @@ def expand(stages: Mapping[str, StageSpec], steps: Mapping[str, Steps] | None = 
     _check_names(tasks.values())
     files = {name: one.files for name, one in series.items() if one is not None and one.start == name}
     starts = {name: one.start for name, one in series.items() if one is not None}
-    return Graph(ordered, tasks, joints.steps, files, starts)
+    is_whole = steps is None and not any(spec.only for spec in stages.values())
+    return Graph(ordered, tasks, joints.steps, files, starts, is_whole)
 
 
 @cache

@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from enum import StrEnum
 from pathlib import Path
-from typing import Annotated, Any, ClassVar, Literal
+from typing import Annotated, Any, ClassVar, Literal, NamedTuple
 
 from pydantic import AfterValidator, BaseModel, BeforeValidator, ConfigDict, Field
 
@@ -27,6 +27,7 @@ __all__ = [
     "Port",
     "Scope",
     "Seconds",
+    "Series",
     "Steps",
     "keeping",
     "numbered_port",
@@ -37,6 +38,18 @@ __all__ = [
 
 Steps = Mapping[str, Mapping[str, Path | FilePart]]
 """Steps of a series in order, each with its files: step → argument of ``run`` → file, or part of one."""
+
+
+class Series(NamedTuple):
+    """The series that an input follows, as it is known before anything runs.
+
+    steps : names of the steps of the stage that is joined to the input
+    facts : argument of ``run`` → what :meth:`Node.check` found in the file of the first step; of the stage whose files
+        these are
+    """
+
+    steps: tuple[str, ...]
+    facts: Mapping[str, Mapping[str, Any]]
 
 
 class Scope(StrEnum):
@@ -255,6 +268,13 @@ class Node(BaseModel):
         nodes : port → the stage that gives it
         Raises ConfigurationError that says which setting to change.
         """
+
+    def problems(self, series: Mapping[str, Series]) -> Iterator[tuple[str, str]]:
+        """Parameters that do not suit the photographs, each with what is wrong, found before anything runs.
+
+        series : port → the series that the stage joined to it follows; absent for one that runs once
+        """
+        return iter(())
 
     def joins(self, port: str) -> bool:
         """Whether an optional port is joined to a stage, with these parameters."""

@@ -1,4 +1,4 @@
-"""What the products of a run warn of: each sentence of a stage once, with the steps that it is of."""
+"""What a run ends with: warnings of products, and why tasks failed, each sentence once with the steps it is of."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from collections.abc import Mapping
 from dicflow.engine.graph import Graph
 from dicflow.engine.work import Outcome
 
-__all__ = ["product_warnings"]
+__all__ = ["failures", "product_warnings"]
 
 
 def product_warnings(graph: Graph, outcomes: Mapping[str, Outcome]) -> list[tuple[str, str]]:
@@ -23,6 +23,15 @@ def product_warnings(graph: Graph, outcomes: Mapping[str, Outcome]) -> list[tupl
     return [(stage, f"{_place(graph, stage, steps)}: {text}") for (stage, text), steps in found.items()]
 
 
+def failures(graph: Graph, outcomes: Mapping[str, Outcome]) -> list[str]:
+    """Stage, steps and message of the tasks that failed, in the order of the graph."""
+    found: dict[tuple[str, str], list[str | None]] = {}
+    for name, outcome in outcomes.items():
+        if outcome.status == "failed":
+            found.setdefault((outcome.stage, outcome.error.removeprefix(f"{name}: ")), []).append(outcome.step)
+    return [f"{_place(graph, stage, steps)}: {text}" for (stage, text), steps in found.items()]
+
+
 def _inherited(graph: Graph, name: str, outcomes: Mapping[str, Outcome]) -> set[str]:
     task = graph.tasks[name]
     producers = (outcomes[producer] for producer in task.producers() if producer in outcomes)
@@ -31,7 +40,7 @@ def _inherited(graph: Graph, name: str, outcomes: Mapping[str, Outcome]) -> set[
 
 def _place(graph: Graph, stage: str, steps: list[str | None]) -> str:
     """The stage, with its step, or with the number of its steps and the first and last."""
-    if steps == [None]:
+    if steps == [None] or not graph.steps[stage]:
         return stage
     if len(steps) == 1:
         return f"{stage}/{steps[0]}"

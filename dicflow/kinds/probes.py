@@ -104,7 +104,8 @@ class ProbeTable(Table):
         steps : names of the steps
         probes : "point", "line", "area", "extensometer" → names
         rows : of the table, one per probe and step
-        facts : further attributes, of the total: unit, measures, gauge; and the summary
+        facts : further attributes, of the total: unit, measures, gauge; the summary; and "unmeasured": probe without a
+            value at any step → why
         """
         listed = {kind: list(names) for kind, names in probes.items()}
         attrs = {"steps": list(steps), "probes": listed, "rows": [dict(row) for row in rows]}
@@ -126,22 +127,29 @@ class ProbeTable(Table):
         return tuple(self.product.attrs["probes"]["area"])
 
     def of_extensometer(self, name: str, quantity: str) -> np.ndarray:
-        """A quantity of one extensometer at every step. Raises StageError for an unknown name."""
+        """A quantity of one extensometer at every step. Raises StageError for one that is unknown, or has no value."""
         if name not in self.extensometers:
             known = ", ".join(self.extensometers) or "none"
             raise StageError(f"unknown extensometer '{name}'; the probes have: {known}")
+        self._check_measured(name)
         values: np.ndarray = self[quantity][self.extensometers.index(name)]
         return values
 
     def of_area(self, name: str, quantity: str) -> np.ndarray:
-        """A quantity of one area at every step. Raises StageError for an unknown name or quantity."""
+        """A quantity of one area at every step. Raises StageError for one that is unknown, not read or not measured."""
         if name not in self.areas:
             raise StageError(f"unknown area '{name}'; the probes have: {', '.join(self.areas) or 'none'}")
         if quantity not in self:
             raise StageError(f"the probes do not read {quantity}; add it to their quantities")
+        self._check_measured(name)
         listed = self.product.attrs["probes"]
         values: np.ndarray = self[quantity][[*listed["point"], *listed["line"], *listed["area"]].index(name)]
         return values
+
+    def _check_measured(self, name: str) -> None:
+        reason = self.product.attrs.get("unmeasured", {}).get(name)
+        if reason is not None:
+            raise StageError(f"probe '{name}' {reason}")
 
 
 def main_readings(row: Mapping[str, Any]) -> Iterator[tuple[str, float | None, float | None]]:

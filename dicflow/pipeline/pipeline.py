@@ -140,7 +140,7 @@ class Pipeline:
                 if identity not in known:
                     known[identity] = stage if stage not in specs else f"{stage}@{number}"
                     only = self.only.get(stage, ())
-                    specs[known[identity]] = StageSpec(entry.node, inputs, self.folder, entry.where, only)
+                    specs[known[identity]] = StageSpec(entry.node, inputs, self.folder, entry.where, entry.places, only)
                 names[-1][stage] = known[identity]
         return names, specs
 

@@ -33,11 +33,13 @@ class Wired(NamedTuple):
     inputs : port → name of the stage that gives it, as :class:`dicflow.engine.graph.StageSpec` has them; a port left
         open is absent
     where : ``file:line:column`` of the stage
+    places : parameter → the same of what the file gives for it
     """
 
     node: Node
     inputs: dict[str, str]
     where: str
+    places: Mapping[str, str]
 
 
 def wire(document: Document) -> dict[str, Wired]:
@@ -50,7 +52,12 @@ def wire(document: Document) -> dict[str, Wired]:
     check_report_facts(document, problems)
     nodes = {name: node for name, entry in stages.items() if (node := _node(document, name, entry, problems))}
     wired = {
-        name: Wired(node, _inputs(document, name, stages[name], nodes, problems), document.where(("stages", name)))
+        name: Wired(
+            node,
+            _inputs(document, name, stages[name], nodes, problems),
+            document.where(("stages", name)),
+            {key: document.where(("stages", name, key)) for key in stages[name]},
+        )
         for name, node in nodes.items()
     }
     if not problems:

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal, NamedTuple
 
 from pydantic import Field
 
-from dicflow.engine.node import At, Odd, Port, Scope, parameter
+from dicflow.engine.node import At, Odd, Port, Scope, Series, parameter
 from dicflow.engine.product import Product
 from dicflow.errors import StageError
 from dicflow.kinds.correlation import Correlation, SubsetGrid
@@ -15,12 +15,13 @@ from dicflow.kinds.images import Images
 from dicflow.kinds.matches import Matches
 from dicflow.kinds.region import Region
 from dicflow.stages._lost import lost_status, lost_warning
+from dicflow.stages._parameters import large_subset
 from dicflow.stages._pattern import pattern_of_region, repetition_facts, repetition_of_region
 from dicflow.stages._shape import left_out, needed_shape
 from dicflow.stages._subsets import ShapeFunction, SubsetSearch, photograph_of
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Iterator, Mapping, Sequence
 
     import numpy as np
 
@@ -117,6 +118,9 @@ class Correlate(SubsetSearch):
     noise: Literal["auto"] | Annotated[float, Field(gt=0)] = parameter(
         "auto", "noise of the photographs, for the uncertainties; auto measures it", unit="grey levels"
     )
+
+    def problems(self, series: Mapping[str, Series]) -> Iterator[tuple[str, str]]:
+        return large_subset(self.subset_size, series["images"])
 
     def run(
         self,

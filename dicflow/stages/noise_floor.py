@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from typing import TYPE_CHECKING, ClassVar, Literal
 
-from dicflow.engine.node import At, Node, Port, Scope, parameter
+from dicflow.engine.node import At, Node, Port, Scope, Series, parameter
 from dicflow.engine.product import Product
 from dicflow.errors import StageError
 from dicflow.kinds.kind import steps_of, summary_of
@@ -14,6 +14,7 @@ from dicflow.kinds.noise_floor import NoiseFloorTable
 from dicflow.kinds.probes import gauge_facts
 from dicflow.kinds.quantities import BASIC, QUANTITIES, figure_in_words
 from dicflow.kinds.total import Total, named_with_unit
+from dicflow.stages._parameters import unknown_steps
 
 if TYPE_CHECKING:
     import numpy as np
@@ -42,6 +43,9 @@ class NoiseFloor(Node):
     stage: Literal["noise_floor"] = "noise_floor"
     still: tuple[str, ...] = parameter((), "names of the static or rigidly moved steps; all if none is named")
     rigid: bool = parameter(True, "remove the rigid-body motion of each step first")
+
+    def problems(self, series: Mapping[str, Series]) -> Iterator[tuple[str, str]]:
+        return unknown_steps("still", self.still, series["total"].steps)
 
     def run(self, total: Sequence[Product]) -> Product:
         import numpy as np

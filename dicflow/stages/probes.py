@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal
 
 from pydantic import BeforeValidator, Field, model_validator
@@ -57,7 +57,8 @@ class Probes(Node):
     the first step, and elongation per first length. Each has its standard deviation, from those of the points and from
     how much the subsets and windows of neighbours overlap, the bias that remains, which the points of a mean share,
     both combined as its uncertainty u, and beside it the calibration's share, if the uncertainty of the rig is known.
-    A place belongs to the material and moves with it. Channels of a machine stand beside the readings of each step;
+    A place belongs to the material and moves with it; one at which no step has a measured point has no value, which a
+    warning says. Channels of a machine stand beside the readings of each step;
     with their times extensometers have a strain rate.
     """
 
@@ -100,7 +101,7 @@ class Probes(Node):
         along = {name: [step.at(place) for place in _samples(line)] for name, line in self.lines.items()}
         found = dict(self._read(step, along))
         lengths = {name: found.pop(name) for name in self.extensometers}
-        facts = {"gauge": gauge_facts(total), "scaled": field.relative_u_of_scale is not None}
+        facts = {"gauge": gauge_facts(total), "scaled": field.relative_u_of_scale is not None, "extent": step.extent}
         return StepReadings.write((found, lengths), self._profiles(step, along), facts)
 
     def run(self, total: Looks, rig: Product | None = None, channels: Product | None = None) -> Product:
@@ -109,9 +110,9 @@ class Probes(Node):
         steps = ["reference", *total.steps]
         seen = [StepReadings.read(product) for product in total]
         readings: list[dict[str, Readings]] = [one.readings for one in seen]
-        readings.insert(0, _at_first_step(readings))
-        self._check_measured(readings)
-        facts, parts = seen[0].facts["gauge"], ["", *ERRORS]
+        missing = self._unmeasured(readings, [one.facts["extent"] for one in seen])
+        readings.insert(0, _at_first_step(readings, missing))
+        facts, parts = {**seen[0].facts["gauge"], **_missing_facts(missing)}, ["", *ERRORS]
         if not seen[0].facts["scaled"] and (rig is None or CalibratedRig.read(rig).covariance is None):
             parts.remove("calibration_")
         rows = [
@@ -174,13 +175,16 @@ class Probes(Node):
                         profile[number, sample] = value_of(probe, step.total[name])
         return found
 
-    def _check_measured(self, readings: list[dict[str, Readings]]) -> None:
-        for name in readings[0]:
-            if not any(math.isfinite(value) for reading in readings[1:] for value, *_ in reading[name].values()):
-                raise StageError(
-                    f"probe '{name}' lies where no step has a measured point; move it into the region, in {self.unit} "
-                    "of the first step"
-                )
+    def _unmeasured(self, readings: Sequence[dict[str, Readings]], extents: Sequence[list[float]]) -> dict[str, str]:
+        """Probes without a value at any step, and why. Raises StageError if all are.
+
+        extents : of the measured points at each step
+        """
+        names = [name for name in readings[0] if not any(map(_is_known, (reading[name] for reading in readings)))]
+        reason = f"lies where no step has a measured point; {_extent_text(extents, self.unit)}"
+        if len(names) == len(readings[0]):
+            raise StageError(f"{_probes_text(names)} {reason}")
+        return dict.fromkeys(names, reason)
 
     def _variables(self, readings: list[dict[str, Readings]], unit: str, parts: Sequence[str]) -> dict[str, Variable]:
         """Values and σ: (probe, step) of points, lines and areas in this order, (extensometer, step) of lengths."""
@@ -256,6 +260,12 @@ class _Step:
         self.gradient = total["gradient"]
         self.slopes = jacobian(total["xyz_reference"], (3, 3), 1)
         self.error = probe_error(total, rig)
+
+    @property
+    def extent(self) -> list[float]:
+        """Of the points with a value: least x and y, largest x and y; empty without one."""
+        places = self.grid[self.known]
+        return [*places.min(axis=0).tolist(), *places.max(axis=0).tolist()] if len(places) else []
 
     def at(self, place: Any) -> Probe | None:
         """The probe at a place."""
@@ -349,8 +359,33 @@ def _samples(line: Line) -> np.ndarray:
     return np.asarray(np.linspace(start, end, _SAMPLES))
 
 
-def _at_first_step(readings: list[dict[str, Readings]]) -> dict[str, Readings]:
-    """Readings at the first step: zero, and the lengths themselves."""
+def _is_known(readings: Readings) -> bool:
+    return any(math.isfinite(reading.value) for reading in readings.values())
+
+
+def _probes_text(names: Sequence[str]) -> str:
+    listed = ", ".join(f"'{name}'" for name in names)
+    return f"probe {listed}" if len(names) == 1 else f"each of the probes {listed}"
+
+
+def _extent_text(extents: Sequence[list[float]], unit: str) -> str:
+    """Where a probe may lie."""
+    known = [extent for extent in extents if extent]
+    if not known:
+        return "no step has one anywhere; look at the correlation"
+    least, most = ([choose(column) for column in zip(*known, strict=True)] for choose in (min, max))
+    x, y = f"x {least[0]:.4g} … {most[2]:.4g}", f"y {least[1]:.4g} … {most[3]:.4g}"
+    return f"move it into the region: points are measured at {x}, {y} {unit} of the first step"
+
+
+def _missing_facts(missing: Mapping[str, str]) -> dict[str, Any]:
+    """Attributes for the probes without a value, if there are any: why, and the warning of it."""
+    sentences = [f"{_probes_text(list(missing))} {reason}" for reason in set(missing.values())]
+    return {"unmeasured": dict(missing), "warnings": sentences} if missing else {}
+
+
+def _at_first_step(readings: list[dict[str, Readings]], missing: Collection[str]) -> dict[str, Readings]:
+    """Readings at the first step: zero, and the lengths themselves. missing : probes without a value at any step"""
     zero = Reading(0.0, 0.0, 0.0, 0.0)
 
     def first(name: str) -> Readings:
@@ -359,8 +394,10 @@ def _at_first_step(readings: list[dict[str, Readings]]) -> dict[str, Readings]:
         return {"length": length, "elongation": zero, "strain": zero}
 
     return {
-        name: first(name) if "first" in values else dict.fromkeys(values, zero) for name, values in readings[0].items()
-    }
+        name: first(name) if "first" in values else dict.fromkeys(values, zero)
+        for name, values in readings[0].items()
+        if name not in missing
+    } | {name: dict.fromkeys(readings[0][name], _UNKNOWN) for name in missing}
 
 
 def _columns(readings: Readings, unit: str, parts: Sequence[str]) -> dict[str, float | None]:
@@ -381,6 +418,7 @@ def _summary(readings: list[dict[str, Readings]]) -> dict[str, float]:
     for name, values in readings[0].items():
         if "strain" in values:
             found = (reading[name]["strain"] for reading in reversed(readings))
-            strain = next(reading for reading in found if math.isfinite(reading.value))
-            summary |= {f"{name}_strain": strain.value, f"{name}_sigma_strain": strain.sigma}
+            strain = next((reading for reading in found if math.isfinite(reading.value)), None)
+            if strain is not None:
+                summary |= {f"{name}_strain": strain.value, f"{name}_sigma_strain": strain.sigma}
     return summary

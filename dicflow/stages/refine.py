@@ -2,15 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from typing import TYPE_CHECKING, Any, ClassVar, Literal, NamedTuple
 
-from dicflow.engine.node import At, Degrees, Node, Odd, Port, Scope, parameter
+from dicflow.engine.node import At, Degrees, Node, Odd, Port, Scope, Series, parameter
 from dicflow.engine.product import Product
 from dicflow.engine.share import free_threads
 from dicflow.errors import StageError
 from dicflow.kinds.images import Images
 from dicflow.kinds.rig import CalibratedRig
+from dicflow.stages._parameters import large_subset
 from dicflow.stages._subsets import photograph_of
 
 if TYPE_CHECKING:
@@ -63,6 +64,9 @@ class Refine(Node):
         [], "what has changed besides the relative orientation, as after refocusing"
     )
     subset_size: Odd = parameter(31, "side of the squares that are compared, side by side; odd", unit="px", ge=9)
+
+    def problems(self, series: Mapping[str, Series]) -> Iterator[tuple[str, str]]:
+        return large_subset(self.subset_size, series["images"])
 
     def run(self, rig: Product, images: Product, images_early: Sequence[Product] | None = None) -> Product:
         from dicflow.core.cameras.relative_orientation import MIN_POINTS, motion_since, refine_rig

@@ -37,7 +37,8 @@ def question(
         starts = "or" if k else "either" if undecided.otherwise else "most likely"
         lines.append(f"{starts} {_words(candidate, photographs, has_calibration)}:")
         options = [*_options(candidate, photographs)]
-        brief = next((one for one in _briefs(candidate, len(options)) if is_settled(one, candidate)), None)
+        briefs = _briefs(candidate, len(options), bool(undecided.otherwise))
+        brief = next((one for one in briefs if is_settled(one, candidate)), None)
         lines.append("  " + shlex.join([*command, *(_named_options(brief) if brief else options)]))
     return "\n".join([*lines, f"or {undecided.otherwise}"] if undecided.otherwise else lines)
 
@@ -58,9 +59,9 @@ def _named(series: Series, photographs: Sequence[PurePosixPath]) -> str:
     return f"{listed(named_briefly(series.files, photographs))} ({count} photograph{'s' if count > 1 else ''})"
 
 
-def _briefs(candidate: Candidate, words: int) -> Iterator[Choice]:
-    """What may select a candidate in fewer words than those of its options."""
-    if candidate.right is None:
+def _briefs(candidate: Candidate, words: int, is_only: bool) -> Iterator[Choice]:
+    """What may select a candidate in fewer words than those of its options. is_only : whether there is no other"""
+    if candidate.right is None and is_only:
         yield Choice(one_camera=True)
     brief = _brief(candidate) if words > _MAX_WORDS else None
     if brief:

@@ -28,6 +28,7 @@ TOPICS: Mapping[str, str] = {
     "dicflow.engine.cluster_spec": "a-cluster",
     "dicflow.engine.graph": "pipeline-file",
     "dicflow.engine.job_cluster": "a-cluster",
+    "dicflow.engine.plan": "pipeline-file",
     "dicflow.engine.units": "pipeline-file",
     "dicflow.explorer": "pictures-reports-exports",
     "dicflow.io": "files-of-yours",

@@ -1,17 +1,20 @@
 import os
 import subprocess
 import sys
+from collections.abc import Iterator, Mapping
 from dataclasses import replace
 from pathlib import Path
+from typing import ClassVar, Literal
 
 import pytest
 import toys
-from toys import chain, run_sync, write
+from toys import StageSpec, chain, expand, run_sync, write
 
 from dicflow.engine.fingerprint import Fingerprint
 from dicflow.engine.journal import find_run
+from dicflow.engine.node import At, Node, Port, Scope, Series, parameter
 from dicflow.engine.plan import code_changes, make_plan
-from dicflow.errors import InputError
+from dicflow.errors import ConfigurationError, InputError
 
 
 def plan(graph, store, **options):
@@ -30,6 +33,53 @@ def test_an_empty_store(folder, store):
     assert found.entries["read/step_01"].reason == "not made before"
     assert found.entries["rig"].reason == "waits for read/step_01 and 5 more"
     assert found.entries["difference/step_02"].waits_for == ("scale/step_01", "scale/step_02")
+
+
+class Picky(Node):
+    """Names steps that must exist, and a number that the first file must not exceed."""
+
+    title: ClassVar = "picky"
+    scope: ClassVar = Scope.TEST
+    takes: ClassVar = {"numbers": Port("number", at=At.ALL)}
+    gives: ClassVar = "number"
+    stage: Literal["picky"] = "picky"
+    still: tuple[str, ...] = parameter(())
+    most: float = parameter(9.0)
+
+    def problems(self, series: Mapping[str, Series]) -> Iterator[tuple[str, str]]:
+        """Unknown steps, and a first number that is too large."""
+        yield from (("still", f"no {name}") for name in self.still if name not in series["numbers"].steps)
+        if series["numbers"].facts["source"]["value"] > self.most:
+            yield "most", "exceeded"
+
+    def run(self, numbers):
+        return numbers[0]
+
+
+def picky(folder, **parameters):
+    places = {"still": "p.yaml:7:5"}
+    picky = StageSpec(Picky(**parameters), {"numbers": "read"}, folder, "p.yaml:5:3", places)
+    return {"read": StageSpec(toys.Read(), {}, folder), "picky": picky}
+
+
+def test_parameters_that_do_not_suit_the_files_are_listed_with_their_places(folder, store):
+    stages = picky(folder, still=("step_01", "step_9", "x"), most=0.5)
+    with pytest.raises(ConfigurationError) as caught:
+        plan(expand(stages), store)
+    assert str(caught.value).splitlines() == [
+        "p.yaml:7:5: picky.still: no step_9",
+        "p.yaml:7:5: picky.still: no x",
+        "p.yaml:5:3: picky.most: exceeded",
+    ]
+    assert plan(expand(picky(folder, still=("step_01",))), store).counts["run"] == 6
+
+
+def test_steps_that_may_still_come_are_not_missed(folder, store):
+    stages = picky(folder, still=("step_09",))
+    so_far = {"read": dict(list(toys.Read().steps(folder).items())[:3])}
+    assert plan(expand(stages, so_far), store).counts["run"] == 3
+    few = replace(stages["read"], only=("step_01", "step_02"))
+    assert plan(expand({**stages, "read": few}), store).counts["run"] == 2
 
 
 def test_a_changed_parameter_is_shown_old_and_new(folder, store):

@@ -12,6 +12,8 @@ from dicflow.engine import plan
 from dicflow.engine.journal import find_run
 from dicflow.engine.node import Node, Port, Scope, parameter
 from dicflow.engine.product import Product
+from dicflow.engine.product_warnings import failures
+from dicflow.errors import StageError
 
 
 class Warns(Node):
@@ -82,6 +84,35 @@ def test_other_sentences_stay_apart(folder, store):
         "second": StageSpec(Warns(above=5.5, text="is odd"), {"number": "first"}),
     })  # fmt: skip
     assert run_sync(graph, store).warnings == ["first/step_06: the number is large", "second/step_06: is odd"]
+
+
+class Fails(Node):
+    """Has no product where its number is large."""
+
+    title: ClassVar = "fails"
+    scope: ClassVar = Scope.STEP
+    takes: ClassVar = {"number": Port("number")}
+    gives: ClassVar = "number"
+    stage: Literal["fails"] = "fails"
+    above: float = parameter(3.5)
+
+    def run(self, number: Product) -> Product:
+        if number["values"][0] > self.above:
+            raise StageError("the number is too large")
+        return number
+
+
+def test_each_reason_of_failures_is_given_once_with_its_steps(folder, store):
+    graph = expand({
+        "read": StageSpec(Read(), {}, folder),
+        "some": StageSpec(Fails(), {"number": "read"}),
+        "last": StageSpec(Fails(above=5.5), {"number": "read"}),
+    })  # fmt: skip
+    result = run_sync(graph, store, keep_going=True)
+    assert failures(graph, result.outcomes) == [
+        "some at 3 of 6 steps, step_04 … step_06: the number is too large",
+        "last/step_06: the number is too large",
+    ]
 
 
 class Sparing(Read):

@@ -14,6 +14,7 @@ from dicflow.core.cameras.triangulate import triangulate
 from dicflow.engine.product import Product
 from dicflow.errors import StageError
 from dicflow.kinds.channels import Channel, Channels
+from dicflow.kinds.probes import ProbeTable
 from dicflow.kinds.rig import rig_to_json
 from dicflow.stages.deformation import Deformation
 from dicflow.stages.frame import Frame
@@ -172,9 +173,29 @@ def test_a_lost_probe_has_no_value_there(perfect):
     assert np.isfinite(result["U"][2]).all()
 
 
-def test_a_probe_beside_the_specimen_is_refused(perfect):
-    with pytest.raises(StageError, match=r"'Q' .*no step"):
+def test_probes_that_all_lie_beside_the_specimen_are_refused(perfect):
+    places = r"move it into the region: points are measured at x 300 … 475, y 200 … 431 px of the first step"
+    with pytest.raises(StageError, match=rf"probe 'Q' lies where no step has a measured point; {places}"):
         ran(Probes(points={"Q": (5.0, 5.0)}), total=perfect)
+
+
+def test_a_probe_beside_the_specimen_leaves_the_others(perfect):
+    beside = {"points": {**PLACES["points"], "Q": (5.0, 5.0)}, "extensometers": {**PLACES["extensometers"]}}
+    beside["extensometers"] |= {"F": ((5.0, 5.0), (380.0, 425.0))}
+    beside["areas"] = {**PLACES["areas"], "B": ((5.0, 5.0), (9.0, 5.0), (9.0, 9.0))}
+    result = ran(Probes(**{**PLACES, **beside}), total=perfect)
+    alone = ran(Probes(**PLACES), total=perfect)
+    for name in ("strain", "u_strain", "U", "eyy"):
+        kept = [0] if "strain" in name else [0, 2, 3]
+        np.testing.assert_array_equal(result[name][kept], alone[name])
+        assert np.isnan(np.delete(result[name], kept, axis=0)).all()
+    (warning,) = result.warnings
+    assert warning.startswith("each of the probes 'Q', 'B', 'F' lies where no step has a measured point")
+    assert set(result.attrs["unmeasured"]) == {"Q", "B", "F"}
+    assert "F_strain" not in result.attrs["summary"]
+    with pytest.raises(StageError, match="probe 'F' lies where no step"):
+        ProbeTable.read(result).of_extensometer("F", "strain")
+    json.dumps(result.attrs, allow_nan=False)
 
 
 def test_what_cannot_be_probed_is_refused_early():

@@ -128,7 +128,8 @@ def test_boards_beside_one_series_are_asked_about(tmp_path, specimen, boards):
     """Both cameras' photographs may alternate under one counter; one that is told it is alone measures."""
     write(tmp_path, {"IMG_{:04}.png": [*boards, *specimen]})
     answer = dicflow("init", tmp_path)
-    answer.refuses(2, "4 photographs of a board, but one series of the specimen (3 photographs)", "start again")
+    answer.refuses(2, "4 photographs of a board, but one series of the specimen (3 photographs)")
+    answer.refuses(2, "or two cameras: move the photographs of each into a folder of its own, named left and right")
     assert f"  dicflow init {tmp_path} --one-camera" in answer.err.splitlines()
     assert dicflow("init", tmp_path, "--one-camera").out.startswith("specimen: 3 photographs of one camera")
 
