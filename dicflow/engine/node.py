@@ -19,6 +19,7 @@ __all__ = [
     "At",
     "Degrees",
     "InputFile",
+    "Joined",
     "Keep",
     "Millimetres",
     "Node",
@@ -27,7 +28,6 @@ __all__ = [
     "Port",
     "Scope",
     "Seconds",
-    "Series",
     "Steps",
     "keeping",
     "numbered_port",
@@ -40,16 +40,21 @@ Steps = Mapping[str, Mapping[str, Path | FilePart]]
 """Steps of a series in order, each with its files: step → argument of ``run`` → file, or part of one."""
 
 
-class Series(NamedTuple):
-    """The series that an input follows, as it is known before anything runs.
+class Joined(NamedTuple):
+    """A stage joined to an input of another one, as it is known before anything runs.
 
-    steps : names of the steps of the stage that is joined to the input
-    facts : argument of ``run`` → what :meth:`Node.check` found in the file of the first step; of the stage whose files
-        these are
+    steps : names of its steps; empty for one that runs once
+    facts : argument of ``run`` → what :meth:`Node.check` found in the file of the first of these steps; of the stage
+        whose files these are
+    files : its own, in their order
+    inputs : port → stage joined to it
     """
 
+    node: Node
     steps: tuple[str, ...]
     facts: Mapping[str, Mapping[str, Any]]
+    files: tuple[Path | FilePart, ...]
+    inputs: Mapping[str, Joined]
 
 
 class Scope(StrEnum):
@@ -269,10 +274,12 @@ class Node(BaseModel):
         Raises ConfigurationError that says which setting to change.
         """
 
-    def problems(self, series: Mapping[str, Series]) -> Iterator[tuple[str, str]]:
+    def problems(self, joined: Mapping[str, Joined]) -> Iterator[tuple[str, str]]:
         """Parameters that do not suit the photographs, each with what is wrong, found before anything runs.
 
-        series : port → the series that the stage joined to it follows; absent for one that runs once
+        Or ports, of which the stage joined to them does not suit this one.
+
+        joined : port → the stage joined to it
         """
         return iter(())
 

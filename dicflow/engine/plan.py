@@ -22,14 +22,13 @@ from dicflow.engine.file_stamps import FileStamp, FileStamps, file_facts
 from dicflow.engine.files import FilePart
 from dicflow.engine.fingerprint import Fingerprint, Sources, changed_names, kept_sources
 from dicflow.engine.graph import Graph, Task, TaskInput
-from dicflow.engine.joined import Facts, check_joined_files
 from dicflow.engine.journal import Entry, Event, latest
 from dicflow.engine.keys import Change, differences, input_digests, key_maker, key_parts, parameters
-from dicflow.engine.node import At, Scope, Series
+from dicflow.engine.node import At, Scope
+from dicflow.engine.problems import Facts, check_parameters
 from dicflow.engine.records import Record
 from dicflow.engine.references import Recipe, Ref, RefInput
 from dicflow.engine.store import Store
-from dicflow.errors import ConfigurationError
 
 __all__ = ["CodePolicy", "Plan", "PlanEntry", "code_changes", "code_warning", "find_hit", "make_plan"]
 
@@ -46,7 +45,6 @@ _MANY_FILES = 100
 _REPORTS = 100
 """Reports of progress in one pass."""
 
-_Facts = Mapping[Path | FilePart, Mapping[str, Any]]
 T = TypeVar("T")
 
 
@@ -145,7 +143,7 @@ def make_plan(
     try:
         facts = _check_files(graph, store, on_event)
         if graph.is_whole:
-            _check_parameters(graph, facts)
+            check_parameters(graph, facts)
         planner = _Planner(graph, store, pipeline, code_policy, not every_file and len(graph.tasks) > _MANY)
         for task in _reported("tasks", graph.tasks.values(), len(graph.tasks), _MANY, on_event):
             planner.add(task)
@@ -324,9 +322,7 @@ class _Planner:
 
 
 def _check_files(graph: Graph, store: Store, on_event: Callable[[Event], None] | None) -> dict[str, Facts]:
-    """Let every stage look at its files, one by one, together, and with those of the stages joined to it.
-
-    Returns what each stage found in each file.
+    """Let every stage look at its files, one by one and together; returns what each stage found in each file.
 
     Most of the time goes into unpacking photographs, which threads do side by side.
     """
@@ -343,33 +339,7 @@ def _check_files(graph: Graph, store: Store, on_event: Callable[[Event], None] |
             facts[name] = dict(zip(found, looked, strict=True))
             inputs = {port: graph.steps[source] for port, source in graph.stages[name].inputs.items()}
             node.agree(facts[name], graph.files.get(name, {}), inputs)
-    check_joined_files(graph, facts)
     return facts
-
-
-def _check_parameters(graph: Graph, facts: Mapping[str, Facts]) -> None:
-    """Raise ConfigurationError that lists every parameter that does not suit the photographs, with its place.
-
-    facts : stage → file → what the stage found in it
-    """
-    found: list[str] = []
-    for name, spec in graph.stages.items():
-        series = {
-            port: Series(graph.steps[source], _first_facts(graph, graph.starts[source], facts))
-            for port, source in spec.inputs.items()
-            if source in graph.starts
-        }
-        for parameter, problem in spec.node.problems(series):
-            where = spec.places.get(parameter, spec.where)
-            found.append(f"{where + ': ' if where else ''}{name}.{parameter}: {problem}")
-    if found:
-        raise ConfigurationError("\n".join(dict.fromkeys(found)))
-
-
-def _first_facts(graph: Graph, start: str, facts: Mapping[str, Facts]) -> dict[str, Mapping[str, Any]]:
-    """Argument → facts of the file of the first step of a series."""
-    first = next(iter(graph.files[start].values()), {})
-    return {argument: facts[start][file] for argument, file in first.items()}
 
 
 def _reported(

@@ -8,7 +8,7 @@ from typing import Annotated
 from pydantic import Field
 
 from dicflow.discovery import nearest
-from dicflow.engine.node import Pixels, Series
+from dicflow.engine.node import Joined, Pixels
 
 __all__ = ["WindowSide", "large_subset", "unknown_steps"]
 
@@ -24,7 +24,7 @@ def unknown_steps(parameter: str, named: Iterable[str], known: Sequence[str]) ->
             yield parameter, f"'{name}' is none of the {len(known)} steps{ends}{nearest(name, known)}"
 
 
-def large_subset(subset_size: int, photographs: Series) -> Iterator[tuple[str, str]]:
+def large_subset(subset_size: int, photographs: Joined) -> Iterator[tuple[str, str]]:
     """The problem of a subset that no photograph can hold. subset_size : its side [px]"""
     for fact in photographs.facts.values():
         width, height = fact.get("width", subset_size), fact.get("height", subset_size)

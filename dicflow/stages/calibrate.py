@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping, Sequence
 from typing import TYPE_CHECKING, Any, ClassVar, Literal
 
-from dicflow.engine.node import At, Millimetres, Node, Pixels, Port, Scope, Series, parameter
+from dicflow.engine.node import At, Joined, Millimetres, Node, Pixels, Port, Scope, parameter
 from dicflow.engine.product import Product
 from dicflow.errors import StageError
 from dicflow.kinds.boards import BoardMarks
@@ -77,8 +77,8 @@ class Calibrate(Node):
     offset: Offset | None = parameter(None, OFFSET, unit="px")
     min_pairs: int = parameter(8, "no pair is dropped when only this many remain, and none is solved with fewer", ge=3)
 
-    def problems(self, series: Mapping[str, Series]) -> Iterator[tuple[str, str]]:
-        return unknown_steps("leave_out", self.leave_out, series["corners"].steps)
+    def problems(self, joined: Mapping[str, Joined]) -> Iterator[tuple[str, str]]:
+        return unknown_steps("leave_out", self.leave_out, joined["corners"].steps)
 
     def joins(self, port: str) -> bool:
         return port != "images" or self.offset is not None

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal, NamedTuple
 
 from pydantic import Field
 
-from dicflow.engine.node import At, Odd, Port, Scope, Series, parameter
+from dicflow.engine.node import At, Joined, Odd, Port, Scope, parameter
 from dicflow.engine.product import Product
 from dicflow.errors import StageError
 from dicflow.kinds.correlation import Correlation, SubsetGrid
@@ -119,8 +119,8 @@ class Correlate(SubsetSearch):
         "auto", "noise of the photographs, for the uncertainties; auto measures it", unit="grey levels"
     )
 
-    def problems(self, series: Mapping[str, Series]) -> Iterator[tuple[str, str]]:
-        return large_subset(self.subset_size, series["images"])
+    def problems(self, joined: Mapping[str, Joined]) -> Iterator[tuple[str, str]]:
+        return large_subset(self.subset_size, joined["images"])
 
     def run(
         self,

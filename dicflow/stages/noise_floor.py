@@ -6,7 +6,7 @@ import math
 from collections.abc import Iterator, Mapping, Sequence
 from typing import TYPE_CHECKING, ClassVar, Literal
 
-from dicflow.engine.node import At, Node, Port, Scope, Series, parameter
+from dicflow.engine.node import At, Joined, Node, Port, Scope, parameter
 from dicflow.engine.product import Product
 from dicflow.errors import StageError
 from dicflow.kinds.kind import steps_of, summary_of
@@ -44,8 +44,8 @@ class NoiseFloor(Node):
     still: tuple[str, ...] = parameter((), "names of the static or rigidly moved steps; all if none is named")
     rigid: bool = parameter(True, "remove the rigid-body motion of each step first")
 
-    def problems(self, series: Mapping[str, Series]) -> Iterator[tuple[str, str]]:
-        return unknown_steps("still", self.still, series["total"].steps)
+    def problems(self, joined: Mapping[str, Joined]) -> Iterator[tuple[str, str]]:
+        return unknown_steps("still", self.still, joined["total"].steps)
 
     def run(self, total: Sequence[Product]) -> Product:
         import numpy as np

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping, Sequence
 from typing import TYPE_CHECKING, Any, ClassVar, Literal, NamedTuple
 
-from dicflow.engine.node import At, Degrees, Node, Odd, Port, Scope, Series, parameter
+from dicflow.engine.node import At, Degrees, Joined, Node, Odd, Port, Scope, parameter
 from dicflow.engine.product import Product
 from dicflow.engine.share import free_threads
 from dicflow.errors import StageError
@@ -65,8 +65,8 @@ class Refine(Node):
     )
     subset_size: Odd = parameter(31, "side of the squares that are compared, side by side; odd", unit="px", ge=9)
 
-    def problems(self, series: Mapping[str, Series]) -> Iterator[tuple[str, str]]:
-        return large_subset(self.subset_size, series["images"])
+    def problems(self, joined: Mapping[str, Joined]) -> Iterator[tuple[str, str]]:
+        return large_subset(self.subset_size, joined["images"])
 
     def run(self, rig: Product, images: Product, images_early: Sequence[Product] | None = None) -> Product:
         from dicflow.core.cameras.relative_orientation import MIN_POINTS, motion_since, refine_rig

@@ -9,9 +9,9 @@ from typing import TYPE_CHECKING, ClassVar, Literal, NamedTuple
 
 from pydantic import model_validator
 
-from dicflow.engine.node import At, Millimetres, Node, Port, Scope, parameter
+from dicflow.engine.node import At, Joined, Millimetres, Node, Port, Scope, parameter
 from dicflow.engine.product import Product
-from dicflow.errors import InputError, StageError
+from dicflow.errors import StageError
 from dicflow.kinds.channels import Channels
 from dicflow.kinds.points import Points
 from dicflow.kinds.region import Region
@@ -23,7 +23,6 @@ if TYPE_CHECKING:
     import numpy as np
 
     from dicflow.core.photographs.polygon import Polygon
-    from dicflow.engine.joined import Joined
 
 __all__ = ["Sheet", "sentence"]
 
@@ -100,8 +99,8 @@ class Sheet(Node):
         check_uncertainty("thickness", self.thickness, self.u_thickness)
         return self
 
-    def check_joined_files(self, joined: Mapping[str, Joined]) -> None:
-        """Refuse a region that is drawn up to the border of the photograph. See :class:`ChecksJoined`."""
+    def problems(self, joined: Mapping[str, Joined]) -> Iterator[tuple[str, str]]:
+        """A region that is drawn up to the border of the photograph."""
         region, width = joined.get("region"), _image_width(joined)
         if self.width is not None or region is None or width is None:
             return
@@ -112,7 +111,7 @@ class Sheet(Node):
                 for share in _MIDDLE:
                     _sides_in_view(outline, least + share * (most - least), width)
         except StageError as error:
-            raise InputError(str(error)) from error
+            yield "region", str(error)
 
     def run(
         self, total: Sequence[Product], points: Product, channels: Product, region: Product | None = None
@@ -293,7 +292,7 @@ def _drawn(region: Joined) -> Sequence[Polygon]:
         return [rectangle(*corners)]
     if outlines := getattr(node, "polygons", None):
         return [Polygon(np.array(one.exterior), tuple(map(np.array, one.holes))) for one in outlines]
-    for file in map(Path, region.facts):
+    for file in map(Path, region.files):
         return read_geojson(file).polygons if is_geojson(file) else mask_polygons(read_mask(file))
     return []
 
@@ -301,10 +300,9 @@ def _drawn(region: Joined) -> Sequence[Polygon]:
 def _image_width(joined: Mapping[str, Joined]) -> int | None:
     """Width of the photographs of the region as they are measured [px]; None where it is unknown before they are."""
     images = joined["region"].inputs.get("images") if "region" in joined else None
-    if images is None or not images.steps or getattr(images.node, "orientation", None) == "upright":
+    if images is None or "left" not in images.facts or getattr(images.node, "orientation", None) == "upright":
         return None
-    first = next(iter(images.steps.values()))["left"]
-    return int(images.facts[first]["width"])
+    return int(images.facts["left"]["width"])
 
 
 def _check_direction(totals: Sequence[Total], forces: np.ndarray) -> None:

@@ -12,7 +12,7 @@ from toys import StageSpec, chain, expand, run_sync, write
 
 from dicflow.engine.fingerprint import Fingerprint
 from dicflow.engine.journal import find_run
-from dicflow.engine.node import At, Node, Port, Scope, Series, parameter
+from dicflow.engine.node import At, Joined, Node, Port, Scope, parameter
 from dicflow.engine.plan import code_changes, make_plan
 from dicflow.errors import ConfigurationError, InputError
 
@@ -46,10 +46,10 @@ class Picky(Node):
     still: tuple[str, ...] = parameter(())
     most: float = parameter(9.0)
 
-    def problems(self, series: Mapping[str, Series]) -> Iterator[tuple[str, str]]:
+    def problems(self, joined: Mapping[str, Joined]) -> Iterator[tuple[str, str]]:
         """Unknown steps, and a first number that is too large."""
-        yield from (("still", f"no {name}") for name in self.still if name not in series["numbers"].steps)
-        if series["numbers"].facts["source"]["value"] > self.most:
+        yield from (("still", f"no {name}") for name in self.still if name not in joined["numbers"].steps)
+        if joined["numbers"].facts["source"]["value"] > self.most:
             yield "most", "exceeded"
 
     def run(self, numbers):

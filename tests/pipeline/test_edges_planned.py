@@ -4,8 +4,8 @@ import cv2
 import numpy as np
 import pytest
 
-from dicflow.engine.joined import Joined
-from dicflow.errors import InputError
+from dicflow.engine.node import Joined
+from dicflow.errors import ConfigurationError
 from dicflow.pipeline import Pipeline
 from dicflow.stages.images import Images
 from dicflow.stages.region import Region
@@ -64,7 +64,7 @@ def plan(folder, region):
     ],
 )
 def test_an_edge_out_of_view_is_refused_before_anything_runs(folder, region, message):
-    with pytest.raises(InputError, match=rf"p\.yaml:\d+:\d+: strip: {message}"):
+    with pytest.raises(ConfigurationError, match=rf"p\.yaml:\d+:\d+: strip.region: {message}"):
         plan(folder, region)
 
 
@@ -77,9 +77,9 @@ def test_an_edge_out_of_view_is_refused_before_anything_runs(folder, region, mes
         ({"rectangle": (1, 5, 70, 55)}, {"width": 20.0}),
     ],
 )
-def test_what_may_be_measured_is_not_refused(folder, region, sheet):
+def test_what_may_be_measured_is_not_refused(region, sheet):
     """Both edges in view, a border touched at one end, a region that is not known yet, and a width that is given."""
-    first = folder / "left" / "0.png"
-    photos = Joined(Images(left="left/*.png"), {first: {"width": WIDTH}}, {"0": {"left": first}}, {})
-    joined = {"region": Joined(Region(**region), {}, {}, {"images": photos})}
-    Sheet(thickness=0.21, u_thickness=0.005, **sheet).check_joined_files(joined)
+    first = {"left": {"width": WIDTH}}
+    photos = Joined(Images(left="left/*.png"), ("0",), first, (), {})
+    joined = {"region": Joined(Region(**region), (), {}, (), {"images": photos})}
+    assert list(Sheet(thickness=0.21, u_thickness=0.005, **sheet).problems(joined)) == []
