@@ -87,11 +87,11 @@ class Served(NamedTuple):
 def served(path: Path, data: Path | None = None, store: Path | None = None) -> Iterator[Served]:
     """Serve a folder or a pipeline file from a thread."""
     ready, ended, found = threading.Event(), threading.Event(), []
+    desk = Desk(open_project(path, data, store))
 
     async def serve() -> None:
         sockets = bind_sockets(0, "127.0.0.1")
         gate = Gate(sockets[0].getsockname()[1], "secret-of-the-test")
-        desk = Desk(open_project(path, data, store))
         server = HTTPServer(application(desk, gate))
         server.add_sockets(sockets)
         found.append(gate)
@@ -100,7 +100,6 @@ def served(path: Path, data: Path | None = None, store: Path | None = None) -> I
             await asyncio.sleep(0.02)
         server.stop()
         await server.close_all_connections()
-        desk.close()
 
     thread = threading.Thread(target=lambda: asyncio.run(serve()))
     thread.start()
@@ -110,6 +109,7 @@ def served(path: Path, data: Path | None = None, store: Path | None = None) -> I
     finally:
         ended.set()
         thread.join()
+        desk.close()
 
 
 def small_test(folder: Path, steps: int = 2, size: tuple[int, int] = (200, 150)) -> Path:

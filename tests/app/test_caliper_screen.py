@@ -78,12 +78,11 @@ def test_another_extensometer_is_drawn_chosen_and_renamed(copied):
         someone.go("region")
         page = someone.page
         page.wait_for_selector(".viewer")
-        page.wait_for_timeout(400)
         someone.draw_extensometer(SECOND)
         someone.compare_lengths_of("extensometer_1")
         assert stages(copied)["comparison"]["extensometer"] == "extensometer_1"
         page.get_by_role("button", name="Compute the comparison").click()
-        page.wait_for_selector(".x-chart polyline", timeout=120_000)
+        page.wait_for_selector(".x-chart polyline")
         someone.go("region")
         page.locator(".path-name", has_text="extensometer_1").click()
         page.get_by_label("name").fill("along the load")
@@ -135,7 +134,7 @@ def test_lengths_are_typed_and_compared(small_result, tmp_path):
         assert stages(path)["compare"] == {"stage": "compare", "caliper": "caliper.csv"}
         assert read_caliper(path.parent / "caliper.csv").length_mm.tolist() == [60.0, 60.05, 60.0]
         page.get_by_role("button", name="Compute the comparison").click()
-        page.wait_for_selector(".x-chart polyline", timeout=120_000)
+        page.wait_for_selector(".x-chart polyline")
         rows = app.found("caliper", file=FILE)["rows"]
         assert [row["caliper_strain"] for row in rows] == pytest.approx([0.0, 0.05 / 60.0, 0.0])
         assert someone.overlaps() == []

@@ -11,7 +11,7 @@ import urllib.request
 import pytest
 from app_serving import FILE, small_test
 from small import dicflow
-from waiting import until
+from waiting import PATIENCE_S, started, until
 
 from dicflow.app.project import open_project
 from dicflow.app.runs import Runs
@@ -22,17 +22,17 @@ pytestmark = pytest.mark.slow
 def test_it_prints_its_link_and_ends_with_ctrl_c(tmp_path):
     path = small_test(tmp_path / "test")
     command = [sys.executable, "-m", "dicflow", "app", path, "--no-browser"]
-    with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as process:
+    with started(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as process:
         link = process.stdout.readline().strip()
         assert link.startswith("http://127.0.0.1:")
-        with urllib.request.urlopen(link, timeout=30) as page:
+        with urllib.request.urlopen(link, timeout=PATIENCE_S) as page:
             assert page.status == 200
         with pytest.raises(urllib.error.HTTPError) as refused:
-            urllib.request.urlopen(link.partition("?")[0], timeout=30)
+            urllib.request.urlopen(link.partition("?")[0], timeout=PATIENCE_S)
         assert refused.value.code == 403
         refused.value.close()
         process.send_signal(signal.SIGINT)
-        _, said = process.communicate(timeout=30)
+        _, said = process.communicate(timeout=PATIENCE_S)
     assert process.returncode == 0
     assert said.strip() == "open this link, which is for you alone; Ctrl-C ends the app, and runs go on"
 

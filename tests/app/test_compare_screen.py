@@ -381,7 +381,7 @@ def test_the_preview_shows_before_and_after(quickstart):
         page.locator("label.parameter", has_text="subset_size").locator("input").fill("41")
         page.keyboard.press("Tab")
         page.click("text=Preview the grid")
-        page.wait_for_selector(".facts thead", timeout=120_000)
+        page.wait_for_selector(".facts thead")
         assert page.locator(".facts thead th").all_inner_texts() == ["", "before", "after"]
         cells = page.locator(".facts tbody tr").first.locator("td").all_inner_texts()
         before, after = (int(cell.split(" of ")[0].replace(",", "")) for cell in cells)

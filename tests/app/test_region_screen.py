@@ -34,7 +34,6 @@ def person(folder):
     with served(folder) as app, opened_page(app) as someone:
         someone.go("region")
         someone.page.wait_for_selector(".viewer")
-        someone.page.wait_for_timeout(400)
         yield someone
 
 
@@ -200,7 +199,6 @@ def test_where_the_photographs_cannot_be_written_the_region_stands_in_the_pipeli
         with served(path, data) as app, opened_page(app) as someone:
             someone.go("region")
             someone.page.wait_for_selector(".path-name")
-            someone.page.wait_for_timeout(300)
             draw(someone, "h", HOLE)
             someone.said("saved: hole")
             draw(someone, "c", [(40, 40), (70, 45)])
@@ -231,8 +229,7 @@ def test_zoom_keeps_the_place_under_the_pointer(person):
     place = np.array((150, 40)) + np.subtract((x, y), person.at((150, 40))) / before
     person.page.mouse.move(x, y)
     person.page.mouse.wheel(0, -600)
-    person.page.wait_for_timeout(200)
-    assert person.page.evaluate(scale) > 2 * before
+    person.until(f"{scale} > {2 * before}")
     assert np.hypot(*np.subtract(person.at(place), (x, y))) < 0.1
     person.page.focus(".viewer")
     person.page.keyboard.press("0")

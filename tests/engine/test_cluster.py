@@ -13,6 +13,7 @@ import pytest
 import toys
 from test_execute import index, trouble
 from toys import StageSpec, chain, expand, numbers, run_sync
+from waiting import PATIENCE_S, started
 
 from dicflow.engine import cluster
 from dicflow.engine.schedulers import is_loopback
@@ -38,7 +39,7 @@ def listeners():
 
 
 def page(link, part):
-    with urllib.request.urlopen(link.replace("/status", part), timeout=10) as answer:
+    with urllib.request.urlopen(link.replace("/status", part), timeout=PATIENCE_S) as answer:
         return answer.read().decode()
 
 
@@ -189,16 +190,13 @@ def elsewhere(tmp_path):
     options = {"stdout": subprocess.DEVNULL, "stderr": subprocess.DEVNULL, "env": {**os.environ, "PYTHONPATH": path}}
     file = tmp_path / "scheduler.json"
     line = [sys.executable, "-m", "distributed.cli.dask_scheduler", "--host", "127.0.0.1", "--port", "0"]
-    scheduler = subprocess.Popen([*line, "--no-dashboard", "--scheduler-file", file], **options)
+    scheduling = started([*line, "--no-dashboard", "--scheduler-file", file], **options)
     line = [sys.executable, "-m", "distributed.cli.dask_worker", "--scheduler-file", file, "--nthreads", "1"]
-    worker = subprocess.Popen([*line, "--no-dashboard", "--no-nanny"], **options)
-    with distributed.Client(scheduler_file=str(file), timeout=60, set_as_default=False) as client:
-        client.wait_for_workers(1, timeout=60)
-        address = client.scheduler.address
-    yield address, scheduler, worker
-    for process in (worker, scheduler):
-        process.kill()
-        process.wait()
+    with scheduling as scheduler, started([*line, "--no-dashboard", "--no-nanny"], **options) as worker:
+        with distributed.Client(scheduler_file=str(file), timeout=PATIENCE_S, set_as_default=False) as client:
+            client.wait_for_workers(1, timeout=PATIENCE_S)
+            address = client.scheduler.address
+        yield address, scheduler, worker
 
 
 @pytest.mark.parametrize(
@@ -299,13 +297,11 @@ def test_an_interrupt_of_the_whole_group_lets_workers_finish(folder, store, tmp_
     script = tmp_path / "script.py"
     script.write_text(INTERRUPTED)
     command = [sys.executable, script, folder, store.path, str(Path(__file__).parent)]
-    process = subprocess.Popen(
-        command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, start_new_session=True
-    )
-    lines = iter(process.stdout.readline, "")
-    next(line for line in lines if line == "finished scale\n")
-    os.killpg(process.pid, signal.SIGINT)
-    out, err = process.communicate(timeout=30)
+    pipes = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE, "text": True}
+    with started(command, start_new_session=True, **pipes) as process:
+        next(line for line in iter(process.stdout.readline, "") if line == "finished scale\n")
+        os.killpg(process.pid, signal.SIGINT)
+        out, err = process.communicate(timeout=PATIENCE_S)
     assert out.splitlines()[-1] == "True 0 True", out + err
     assert "Traceback" not in err
     assert run_sync(chain(folder), store).counts["hit"] >= 8

@@ -15,6 +15,7 @@ import distributed
 import psutil
 import pytest
 from toys import chain, run_sync
+from waiting import PATIENCE_S
 
 pytestmark = pytest.mark.slow
 
@@ -93,7 +94,7 @@ def _is_pipe(path):
 def entered(doors, account=""):
     """The doors that let a process in. account : its number if it is another one"""
     command = [sys.executable, "-c", KNOCK, str(account), *map(str, doors)]
-    return subprocess.run(command, capture_output=True, text=True, check=True, timeout=120).stdout.split()
+    return subprocess.run(command, capture_output=True, text=True, check=True, timeout=PATIENCE_S).stdout.split()
 
 
 @pytest.fixture
@@ -155,7 +156,7 @@ def test_the_knock_would_be_heard(during, other_account):
 def status(link, page, method="GET"):
     request = urllib.request.Request(link.replace("/status", page), method=method)
     try:
-        with urllib.request.urlopen(request, timeout=10) as answer:
+        with urllib.request.urlopen(request, timeout=PATIENCE_S) as answer:
             return answer.status
     except urllib.error.HTTPError as error:
         return error.code
@@ -166,7 +167,7 @@ def plots_for(link, origin):
     address = link.removeprefix("http://").removesuffix("/status")
     upgrade = "Upgrade: websocket\r\nConnection: Upgrade\r\nSec-WebSocket-Version: 13"
     key = "Sec-WebSocket-Key: dGhlIHNhbXBsZSBub25jZQ=="
-    with socket.create_connection((address.split(":")[0], int(address.split(":")[1])), timeout=10) as browser:
+    with socket.create_connection((address.split(":")[0], int(address.split(":")[1])), timeout=PATIENCE_S) as browser:
         head = f"GET /status/ws HTTP/1.1\r\nHost: {address}\r\nOrigin: {origin}\r\n{upgrade}\r\n{key}\r\n\r\n"
         browser.sendall(head.encode())
         return int(browser.recv(100).split()[1])
