@@ -6,12 +6,16 @@ import shutil
 import subprocess
 import sys
 from collections import Counter
+from collections.abc import Generator
 from pathlib import Path
 
 import pytest
 
 from dicflow.engine.kernel_cache import keep_kernels
 from tests.data_folder import SHARED
+from tests.threads import wait_for_threads
+
+_PATIENCE_S = 60.0
 
 keep_kernels()  # for this process and those that tests start, so that each kernel is compiled once
 
@@ -61,6 +65,13 @@ def _files_of_tests_are_trusted(monkeypatch):
 def _source_files_are_remembered_in_the_store(monkeypatch):
     """What tests find in source files stays with their stores: some change it."""
     monkeypatch.setattr("dicflow.engine.fingerprint.account_folder", lambda: None)
+
+
+@pytest.hookimpl(wrapper=True)
+def pytest_runtest_teardown() -> Generator[None]:
+    """A test ends when the threads have ended that it has started."""
+    yield
+    wait_for_threads(_PATIENCE_S)
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:

@@ -332,8 +332,9 @@ def _resolution(desk: Desk, asked: Asked) -> Any:
 
 
 def _rest(desk: Desk, asked: Asked) -> Any:
-    """What the extensometers read at steps at rest."""
-    return desk.work("results.rest_of", desk.project, str(asked["file"]))
+    """What the extensometers read at steps at rest; before the first run no process loads numerics for that."""
+    name = str(asked["file"])
+    return desk.work("results.rest_of", desk.project, name) if desk.runs.listed(name) else []
 
 
 def _export(desk: Desk, asked: Asked) -> Any:
