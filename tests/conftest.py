@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import gc
+import re
 import shutil
 import subprocess
 import sys
@@ -13,9 +15,12 @@ import pytest
 
 from dicflow.engine.kernel_cache import keep_kernels
 from tests.data_folder import SHARED
+from tests.made_once import made_once
 from tests.threads import wait_for_threads
 
+ROOT = Path(__file__).resolve().parents[1]
 _PATIENCE_S = 60.0
+_ALL_SLOW = re.compile(r"^pytestmark = \[?\s*pytest\.mark\.slow\b", re.MULTILINE)
 
 keep_kernels()  # for this process and those that tests start, so that each kernel is compiled once
 
@@ -48,6 +53,19 @@ def measured(pipeline: Path) -> Path:
     return pipeline.parent / ".dicflow"
 
 
+@pytest.fixture(scope="session")
+def quickstart_store(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The store of the quick start on the sample with all its products; whoever adds to it takes a copy."""
+    from dicflow.pipeline import Pipeline
+
+    def measure(store: Path) -> None:
+        loaded = Pipeline.load(ROOT / "pipelines" / "quickstart.yaml", data=ROOT / "data_samples", store=store)
+        result = loaded.run(scheduler="threads", workers=2)
+        assert result.outcome.ok, result.outcome.errors
+
+    return made_once(tmp_path_factory, "quickstart_store", measure)
+
+
 @pytest.fixture
 def copied(pipeline: Path, measured: Path, tmp_path: Path) -> Path:
     """The pipeline and its store in a folder that may be changed."""
@@ -72,6 +90,24 @@ def pytest_runtest_teardown() -> Generator[None]:
     """A test ends when the threads have ended that it has started."""
     yield
     wait_for_threads(_PATIENCE_S)
+
+
+def pytest_ignore_collect(collection_path: Path, config: pytest.Config) -> bool | None:
+    """Without the slow tests, a file that has no others is not even imported."""
+    if config.option.markexpr != "not slow" or collection_path.suffix != ".py":
+        return None
+    return bool(_ALL_SLOW.search(collection_path.read_text(encoding="utf-8"))) or None
+
+
+@pytest.hookimpl(wrapper=True)
+def pytest_collection() -> Generator[None, object, object]:
+    """What is imported and collected stays to the end, so that nobody looks for garbage there."""
+    gc.disable()
+    try:
+        return (yield)
+    finally:
+        gc.freeze()
+        gc.enable()
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:

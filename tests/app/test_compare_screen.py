@@ -15,6 +15,7 @@ from dicflow.engine.journal import runs
 from dicflow.kinds.total import Total
 from dicflow.pipeline import Pipeline
 from tests.explorer.test_results import ROOT, SAMPLES
+from tests.made_once import copy_of_store
 
 pytestmark = pytest.mark.slow
 
@@ -33,10 +34,11 @@ CHART_OVERLAPS = """
 
 
 @pytest.fixture(scope="module")
-def quickstart(tmp_path_factory):
+def quickstart(quickstart_store, tmp_path_factory):
     """The quick start, measured with a window of 40 px, then with one of 60 px."""
     folder = tmp_path_factory.mktemp("compared") / "test"
     shutil.copytree(SAMPLES, folder)
+    copy_of_store(quickstart_store, folder / ".dicflow")
     text = (ROOT / "pipelines" / "quickstart.yaml").read_text()
     return measured_twice(folder / FILE, text, text.replace("window: 40 px", "window: 60 px"))
 
