@@ -100,6 +100,7 @@ CHAPTERS: Mapping[str, Set[str]] = {
 ASSIGNED: Set[str] = set()
 """Modules that set an attribute of what they import from another layer."""
 
+
 @cache
 def modules() -> Mapping[str, Module]:
     return read_package()
@@ -131,7 +132,9 @@ def test_chapters_of_core_import_those_of_the_table():
 
 
 def test_folders_of_core_hold_only_a_docstring_in_their_init():
-    inits = [module for name, module in modules().items() if layer_of(name) == "core" and module.path.stem == "__init__"]
+    inits = [
+        module for name, module in modules().items() if layer_of(name) == "core" and module.path.stem == "__init__"
+    ]
     assert len(inits) == 1 + len(CHAPTERS)
     assert not [module.name for module in inits if len(module.tree.body) != 1 or not ast.get_docstring(module.tree)]
 

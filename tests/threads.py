@@ -27,8 +27,8 @@ def _at_work() -> list[str]:
     """Other threads that are in a function of dicflow, each with the place."""
     frames = sys._current_frames()
     others = (thread for thread in threading.enumerate() if thread is not threading.current_thread())
-    places = {thread.name: _place(frames.get(thread.ident or 0)) for thread in others}
-    return [f"{name} at {place}" for name, place in places.items() if place]
+    places = [(thread.name, _place(frames.get(thread.ident or 0))) for thread in others]
+    return [f"{name} at {place}" for name, place in places if place]
 
 
 def _place(frame: FrameType | None) -> str:

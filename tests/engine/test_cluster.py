@@ -26,10 +26,8 @@ pytestmark = pytest.mark.slow
 ROLES, PARTS = ("client", "scheduler", "worker"), ("cert", "key")
 
 
-def listeners():
-    """Addresses on which this process and its children listen."""
-    here = psutil.Process()
-    processes = [here, *here.children(recursive=True)]
+def listeners(processes):
+    """Addresses on which processes listen."""
     return {
         connection.laddr.ip
         for process in processes
@@ -44,11 +42,11 @@ def page(link, part):
 
 
 @pytest.mark.parametrize("scheduler", ["processes", "threads"])
-def test_the_dashboard_answers_on_loopback_only(folder, store, tmp_path, scheduler):
+def test_the_dashboard_answers_on_loopback_only(folder, store, tmp_path, ours, scheduler):
     seen = {}
 
     def look():
-        seen["listeners"] = listeners()
+        seen["listeners"] = listeners(ours())
         seen["page"] = page(seen["link"], "/status")
 
     def on_event(event):
@@ -69,10 +67,10 @@ def test_the_dashboard_answers_on_loopback_only(folder, store, tmp_path, schedul
         assert {name: digest for name, digest in index(result).items() if "threads" not in name} == index(other)
 
 
-def test_a_worker_killed_in_the_middle_costs_nothing(folder, store, tmp_path):
+def test_a_worker_killed_in_the_middle_costs_nothing(folder, store, tmp_path, ours):
     """And without a dashboard nothing listens."""
     seen = []
-    options = {"scheduler": "processes", "linger": lambda: seen.append(listeners())}
+    options = {"scheduler": "processes", "linger": lambda: seen.append(listeners(ours()))}
     result = run_sync(trouble(folder, "kill once"), store, **options)
     assert result.ok
     assert seen == [set()]

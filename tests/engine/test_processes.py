@@ -99,15 +99,10 @@ def test_a_preferred_worker_is_taken_if_it_is_free(tmp_path):
         assert workers.call(os.getpid, preferred=-1) in both
 
 
-def children():
-    return set(psutil.Process().children())
-
-
-def test_workers_end_with_the_context_and_start_when_they_are_needed():
-    before = children()
+def test_workers_end_with_the_context_and_start_when_they_are_needed(ours):
     with WorkerProcesses(5) as workers:
         assert len({workers.call(os.getpid) for _ in range(3)}) == 1
-        (worker,) = [p for p in children() - before if "resource_tracker" not in " ".join(p.cmdline())]
+        (worker,) = [one for one in ours()[1:] if "resource_tracker" not in " ".join(one.cmdline())]
     assert not worker.is_running()
 
 
