@@ -12,6 +12,7 @@ from collections.abc import Generator
 from pathlib import Path
 
 import pytest
+from hypothesis import HealthCheck, settings
 
 from dicflow.engine.kernel_cache import keep_kernels
 from tests.data_folder import SHARED
@@ -21,6 +22,9 @@ from tests.threads import wait_for_threads
 ROOT = Path(__file__).resolve().parents[1]
 _PATIENCE_S = 60.0
 _ALL_SLOW = re.compile(r"^pytestmark = \[?\s*pytest\.mark\.slow\b", re.MULTILINE)
+
+settings.register_profile("dependable", derandomize=True, deadline=None, suppress_health_check=[HealthCheck.too_slow])
+settings.load_profile("dependable")  # the same examples each time, however long they take on a busy machine
 
 keep_kernels()  # for this process and those that tests start, so that each kernel is compiled once
 

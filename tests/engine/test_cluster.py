@@ -203,7 +203,7 @@ def elsewhere(tmp_path):
 def test_a_cluster_that_is_lost_in_the_middle_ends_the_run_with_one_error(
     folder, store, elsewhere, monkeypatch, capfd, lost, words
 ):
-    monkeypatch.setattr(cluster, "_WITHOUT_WORKERS_S", 1.0)
+    monkeypatch.setattr(cluster, "_WITHOUT_WORKERS_S", 1.0 if lost == "worker" else PATIENCE_S)
     monkeypatch.setattr(cluster, "_LOOK_S", 0.2)
     address, scheduler, worker = elsewhere
 

@@ -129,7 +129,7 @@ def test_a_worker_that_dies_while_it_is_idle_costs_no_call():
 def test_a_replacement_that_never_starts_ends_in_one_sentence(starts, monkeypatch):
     monkeypatch.setattr(processes, "_START_S", 0.3)
     with WorkerProcesses(1, partial(stop_unless_first, starts)) as workers:
-        monkeypatch.setattr(processes, "_START_S", 30.0)
+        monkeypatch.setattr(processes, "_START_S", PATIENCE_S)
         assert workers.call(pow, 2, 3) == 8
         monkeypatch.setattr(processes, "_START_S", 0.3)
         with pytest.raises(WorkerError, match="no worker process starts, tried 2 times"):
@@ -184,9 +184,7 @@ def test_a_script_that_runs_again_in_its_workers_is_told_so(folder, store, tmp_p
 
 def test_a_replacement_that_starts_slowly_is_waited_for(starts):
     def continue_it():
-        while not (found := [one for one in replacements(starts) if one.status() == psutil.STATUS_STOPPED]):
-            pass
-        found[0].resume()
+        until(lambda: [one for one in replacements(starts) if one.status() == psutil.STATUS_STOPPED])[0].resume()
 
     with WorkerProcesses(1, partial(stop_unless_first, starts)) as workers:
         assert workers.call(pow, 2, 3) == 8
