@@ -259,6 +259,7 @@ class _Client(distributed.Client):  # type: ignore[misc]
             super().start(**options)
         except BaseException:
             self.close()
+            self._loop_runner.stop()  # close leaves it running where the client never was
             raise
 
 

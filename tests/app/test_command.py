@@ -2,17 +2,22 @@
 
 from __future__ import annotations
 
+import json
 import signal
+import socket
 import subprocess
 import sys
+import threading
+import time
 import urllib.error
 import urllib.request
 
 import pytest
-from app_serving import FILE, small_test
+from app_serving import FILE, served, small_test
 from small import dicflow
 from waiting import PATIENCE_S, started, until
 
+from dicflow.app import server
 from dicflow.app.project import open_project
 from dicflow.app.runs import Runs
 
@@ -49,6 +54,26 @@ def test_runs_go_on_without_the_app(tmp_path):
     subprocess.run([sys.executable, "-c", starter], check=True)
     known = Runs(open_project(path))
     until(lambda: known.watch(FILE)["state"] == "done")
+
+
+def test_the_app_ends_when_what_it_is_at_has_ended(tmp_path, monkeypatch):
+    """Its page is gone by then; what has not begun is left."""
+    path, begun, ended = small_test(tmp_path / "test"), threading.Event(), []
+
+    def slow(desk, asked):
+        begun.set()
+        time.sleep(0.5)
+        ended.append(asked["file"])
+
+    monkeypatch.setattr(server, "ANSWERS", {"plan": slow})
+    with served(path.parent) as app, socket.create_connection(("127.0.0.1", app.gate.port)) as page:
+        body = json.dumps({"file": FILE})
+        page.sendall(
+            f"POST /ask/plan HTTP/1.1\r\nHost: 127.0.0.1:{app.gate.port}\r\nContent-Type: application/json\r\n"
+            f"Cookie: {app.gate.cookie}={app.gate.token}\r\nContent-Length: {len(body)}\r\n\r\n{body}".encode()
+        )
+        assert begun.wait(PATIENCE_S)
+    assert ended == [FILE]
 
 
 def test_what_cannot_be_opened_is_refused(tmp_path, monkeypatch):

@@ -12,6 +12,7 @@ import pytest
 from app_browser import opened_page
 from app_serving import FILE, served, small_test
 
+from dicflow.app.answers import Desk
 from dicflow.io.configuration import read
 from dicflow.io.region import read_geojson
 from dicflow.kinds.probes import ProbeTable
@@ -155,6 +156,12 @@ def test_what_an_editor_changes_meanwhile_is_not_overwritten(person, folder):
     draw(person, "p", [(60, 60)], "")
     person.said("saved: point_1")
     assert stage(folder, "correlation")["subset_size"] == 31
+
+
+def test_before_a_run_nothing_is_loaded_to_read_what_is_at_rest(folder, monkeypatch):
+    monkeypatch.setattr(Desk, "work", None)
+    with served(folder) as app:
+        assert app.found("rest", file=FILE) == []
 
 
 def test_what_an_extensometer_reads_at_rest_stands_below_the_probes(small_result, tmp_path):

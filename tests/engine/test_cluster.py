@@ -3,6 +3,7 @@ import shutil
 import signal
 import subprocess
 import sys
+import threading
 import urllib.request
 from pathlib import Path
 
@@ -177,8 +178,10 @@ def test_an_address_without_host_or_port_is_refused_at_once(folder, store, addre
 
 def test_a_scheduler_that_is_not_there(folder, store, monkeypatch):
     monkeypatch.setattr(cluster, "_PATIENCE_S", 0.3)
+    before = set(threading.enumerate())
     with pytest.raises(ConfigurationError, match=r"tcp://127\.0\.0\.1:9: no scheduler answers there"):
         run_sync(chain(folder), store, scheduler="tcp://127.0.0.1:9")
+    assert "IO loop" not in {one.name for one in set(threading.enumerate()) - before}, "dask's thread has ended"
 
 
 @pytest.fixture

@@ -305,6 +305,18 @@ def test_a_store_that_was_killed_before_its_mark_is_taken_over(tmp_path):
     assert (tmp_path / "dicflow.json").is_file()
 
 
+def test_a_store_that_is_being_made_is_not_there_yet(tmp_path):
+    assert Store.existing(tmp_path / "store") is None
+    (tmp_path / "store" / "tmp").mkdir(parents=True)
+    assert Store.existing(tmp_path / "store") is None
+    (tmp_path / "store" / "tmp" / ("1-" + "a" * 32)).touch()
+    assert Store.existing(tmp_path / "store") is None
+    Store.open(tmp_path / "store")
+    assert Store.existing(tmp_path / "store").mark_state() == "complete"
+    with pytest.raises(StoreError, match="is not a store"):
+        Store.existing(tmp_path)
+
+
 def fill_disk(monkeypatch, store, after):
     """From so many writes on, the disk of a store is full."""
     left = [after]
