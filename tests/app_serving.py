@@ -13,6 +13,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 from PIL import Image
+from small import dicflow
 from tornado.httpserver import HTTPServer
 from tornado.netutil import bind_sockets
 
@@ -21,7 +22,7 @@ from dicflow.app.project import open_project
 from dicflow.app.safety import Gate
 from dicflow.app.server import application
 
-__all__ = ["FILE", "Answer", "Served", "served", "small_test"]
+__all__ = ["FILE", "Answer", "Served", "measure", "served", "small_test"]
 
 FILE = "pipeline.yaml"
 _TEXT = """# a test
@@ -124,3 +125,9 @@ def small_test(folder: Path, steps: int = 2, size: tuple[int, int] = (200, 150))
         Image.fromarray(grey).save(folder / "left" / f"step_{step:04}.png")
     (folder / FILE).write_text(_TEXT)
     return folder / FILE
+
+
+def measure(path: Path) -> None:
+    """Measure a pipeline file by the command line, without pictures and report, which the page does not show."""
+    answer = dicflow("run", path, "--scheduler", "sync", "--no-pictures", "--no-report")
+    assert answer.code == 0, answer.err

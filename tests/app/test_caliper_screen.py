@@ -8,8 +8,7 @@ import shutil
 import numpy as np
 import pytest
 from app_browser import opened_page
-from app_serving import FILE, served, small_test
-from small import dicflow
+from app_serving import FILE, measure, served, small_test
 
 from dicflow.app.caliper import comparison_of
 from dicflow.app.drawing import write_probes
@@ -151,4 +150,4 @@ def test_a_table_with_too_few_rows_is_said(tmp_path):
         someone.go("caliper")
         someone.page.wait_for_selector("section.caliper details .problem")
         assert "caliper.csv has 1 row, but there are 3 photographs" in someone.page.inner_text("section.caliper")
-    assert dicflow("run", path, "--scheduler", "sync").code == 0
+    measure(path)

@@ -8,8 +8,7 @@ import shutil
 import numpy as np
 import pytest
 from app_browser import opened_page
-from app_serving import FILE, served, small_test
-from small import dicflow
+from app_serving import FILE, measure, served, small_test
 
 from dicflow.engine.journal import runs
 from dicflow.kinds.total import Total
@@ -52,7 +51,7 @@ def small(tmp_path):
 def measured_twice(path, before, after):
     for text in (before, after):
         path.write_text(text)
-        assert dicflow("run", path, "--scheduler", "sync").code == 0
+        measure(path)
     return path
 
 
@@ -328,7 +327,7 @@ def test_products_that_were_cleaned_up_are_said_and_so_is_a_run(small):
 
 
 def test_without_another_result_the_screen_says_how_to_get_one(small):
-    assert dicflow("run", small, "--scheduler", "sync").code == 0
+    measure(small)
     with served(small) as app, opened_page(app) as someone:
         someone.go("compare")
         someone.page.get_by_role("button", name="Go to the settings").click()
@@ -340,7 +339,7 @@ def test_variants_and_other_files_are_chosen_by_keys_alone(small):
     small.write_text(f"{text}sweep: {{grid: {{total.window: [40 px, 60 px]}}}}\n")
     (small.parent / "other.yaml").write_text(text.replace("window: 40 px", "window: 50 px"))
     for path in (small, small.parent / "other.yaml"):
-        assert dicflow("run", path, "--scheduler", "sync").code == 0
+        measure(path)
     with served(small) as app, opened_page(app) as someone:
         page = someone.page
         page.focus('#sidebar a[href="#compare"]')
@@ -399,7 +398,7 @@ STRANGE = ({"run": "../../etc"}, {"file": "../pipeline.yaml"}, {"minus": {"file"
 
 @pytest.mark.parametrize("asked", STRANGE)
 def test_only_runs_and_files_of_the_folder_are_opened(small, asked):
-    assert dicflow("run", small, "--scheduler", "sync").code == 0
+    measure(small)
     with served(small) as app:
         answer = app.ask("explore", **{"file": FILE, "steps": 5, **asked})
         assert answer.status == 422, answer.body
