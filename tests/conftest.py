@@ -117,10 +117,12 @@ def pytest_collection() -> Generator[None, object, object]:
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     """A test of the small experiment is slow, because the first one renders its photographs and measures them.
 
-    Files of few tests begin first: these take longest, and at the end of the run all processes have something to do.
+    Files with slow tests begin first, and of these and of the others those of few tests, which take longest: at the end
+    of the run all processes have something to do.
     """
     for item in items:
         if "pipeline" in getattr(item, "fixturenames", ()):
             item.add_marker(pytest.mark.slow)
     tests = Counter(item.path for item in items)
-    items.sort(key=lambda item: tests[item.path])
+    slow = {item.path for item in items if item.get_closest_marker("slow")}
+    items.sort(key=lambda item: (item.path not in slow, tests[item.path]))

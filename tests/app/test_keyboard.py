@@ -153,7 +153,7 @@ def test_the_focus_stays_where_it_is_when_the_sidebar_is_drawn_again(tmp_path):
         page, waiting = someone.page, []
         page.route("**/plan*", lambda route: waiting.append(route))
         page.reload()
-        someone.until(f"document.querySelector('{link}')")
+        page.wait_for_selector("body[data-ready]")
         page.focus(link)
         page.evaluate(f"document.querySelector('{link}').isOld = true")
         while not waiting:
