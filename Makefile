@@ -6,6 +6,8 @@ READY  := $(VENV)/.ready
 # Tests run in as many processes as there are cores; those of a file share what they prepare. Files begin in the order of
 # tests/conftest.py, so that no process has nothing to do at the end.
 AT_ONCE := -n logical --maxprocesses 4 --dist loadfile --no-loadscope-reorder
+# Bytecode and kernels are compiled once, not by each process that tests start.
+KEEPS := PYTHONDONTWRITEBYTECODE=
 .DEFAULT_GOAL := help
 .PHONY: help setup quickstart test test-fast faults fuzz check measure accuracy bench peer samples docs dist versions lock clean
 
@@ -26,10 +28,12 @@ quickstart: $(READY) ## measure the specimen in data_samples and say where the m
 	@echo 'in the browser: $(BIN)/dicflow app pipelines/quickstart.yaml --data data_samples'
 
 test: $(READY)  ## run the tests
-	$(BIN)/python -m pytest $(AT_ONCE)
+	$(KEEPS) $(BIN)/dicflow warm
+	$(KEEPS) $(BIN)/python -m pytest $(AT_ONCE)
 
 test-fast: $(READY) ## run the tests that need neither a whole pipeline nor many repetitions
-	$(BIN)/python -m pytest $(AT_ONCE) -m "not slow"
+	$(KEEPS) $(BIN)/dicflow warm
+	$(KEEPS) $(BIN)/python -m pytest $(AT_ONCE) -m "not slow"
 
 faults: $(READY) ## kill, damage, fill up and race a store, hundreds of times; takes ten minutes
 	$(BIN)/python -m tests.faults

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 import shutil
+import time
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
@@ -11,8 +12,9 @@ from typing import Any
 
 import pytest
 from app_serving import Served
+from waiting import PATIENCE_S
 
-__all__ = ["FLAGS", "Person", "close_browser", "opened_page"]
+__all__ = ["FLAGS", "IS_SHOWN", "Person", "close_browser", "opened_page"]
 
 PICTURES = Path(__file__).resolve().parents[1] / "build" / "app"
 """For a person's eyes."""
@@ -45,6 +47,11 @@ OVERLAPS = """
 }
 """
 
+IS_SHOWN = """(({ photograph, canvas, size }) =>
+  photograph && canvas.width === Math.max(1, Math.round(size[0] * (devicePixelRatio || 1))))
+  (document.querySelector(".viewer").viewer)"""
+"""Whether the viewer has its photograph, and has taken the size that it has in the window."""
+
 
 class Person:
     """Somebody at the page: moves the mouse in small steps, types, and sees photographs at places in px."""
@@ -60,7 +67,8 @@ class Person:
         self.page.wait_for_selector(f"section.screen.{screen}")
 
     def at(self, place: Sequence[float]) -> tuple[float, float]:
-        """Where a place of the photograph lies on the screen."""
+        """Where a place of the photograph lies on the screen, once the photograph is there."""
+        self.until(IS_SHOWN)
         x, y = self.page.evaluate(
             "([x, y]) => { const v = document.querySelector('.viewer'); const b = v.getBoundingClientRect();"
             " const [a, c] = v.viewer.toScreen([x, y]); return [a + b.left, c + b.top]; }", list(place),
@@ -101,12 +109,14 @@ class Person:
         message.first.locator("button").click()
 
     def until(self, condition: str) -> None:
-        """Wait until a condition in JavaScript holds; the page's own policy forbids to evaluate text inside it."""
-        for _ in range(600):
-            if self.page.evaluate(condition):
-                return
-            self.page.wait_for_timeout(100)
-        raise AssertionError(condition)
+        """Wait until a condition in JavaScript holds; the page's own policy forbids to evaluate text inside it.
+
+        What it asks about may not be there yet.
+        """
+        end = time.monotonic() + PATIENCE_S
+        while not self.page.evaluate(f"(() => {{ try {{ return {condition}; }} catch {{ return false; }} }})()"):
+            assert time.monotonic() < end, condition
+            self.page.wait_for_timeout(20)
 
     def tab(self) -> Person:
         """The same person at another tab of the browser, on the same screen."""
@@ -139,6 +149,7 @@ _running: list[Any] = []
 def opened_page(app: Served, width: int = 1280, height: int = 800, **options: Any) -> Iterator[Person]:
     """The app's page, in a session of its own; the test is skipped without Playwright or Chromium."""
     session = _browser().new_context(viewport={"width": width, "height": height}, **options)
+    session.set_default_timeout(1000 * PATIENCE_S)
     try:
         page = session.new_page()
         person = Person(page)

@@ -13,6 +13,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 from PIL import Image
+from small import dicflow
 from tornado.httpserver import HTTPServer
 from tornado.netutil import bind_sockets
 
@@ -21,7 +22,7 @@ from dicflow.app.project import open_project
 from dicflow.app.safety import Gate
 from dicflow.app.server import application
 
-__all__ = ["FILE", "Answer", "Served", "served", "small_test"]
+__all__ = ["FILE", "Answer", "Served", "measure", "served", "small_test"]
 
 FILE = "pipeline.yaml"
 _TEXT = """# a test
@@ -87,11 +88,11 @@ class Served(NamedTuple):
 def served(path: Path, data: Path | None = None, store: Path | None = None) -> Iterator[Served]:
     """Serve a folder or a pipeline file from a thread."""
     ready, ended, found = threading.Event(), threading.Event(), []
+    desk = Desk(open_project(path, data, store))
 
     async def serve() -> None:
         sockets = bind_sockets(0, "127.0.0.1")
         gate = Gate(sockets[0].getsockname()[1], "secret-of-the-test")
-        desk = Desk(open_project(path, data, store))
         server = HTTPServer(application(desk, gate))
         server.add_sockets(sockets)
         found.append(gate)
@@ -100,7 +101,6 @@ def served(path: Path, data: Path | None = None, store: Path | None = None) -> I
             await asyncio.sleep(0.02)
         server.stop()
         await server.close_all_connections()
-        desk.close()
 
     thread = threading.Thread(target=lambda: asyncio.run(serve()))
     thread.start()
@@ -110,6 +110,7 @@ def served(path: Path, data: Path | None = None, store: Path | None = None) -> I
     finally:
         ended.set()
         thread.join()
+        desk.close()
 
 
 def small_test(folder: Path, steps: int = 2, size: tuple[int, int] = (200, 150)) -> Path:
@@ -124,3 +125,9 @@ def small_test(folder: Path, steps: int = 2, size: tuple[int, int] = (200, 150))
         Image.fromarray(grey).save(folder / "left" / f"step_{step:04}.png")
     (folder / FILE).write_text(_TEXT)
     return folder / FILE
+
+
+def measure(path: Path) -> None:
+    """Measure a pipeline file by the command line, without pictures and report, which the page does not show."""
+    answer = dicflow("run", path, "--scheduler", "sync", "--no-pictures", "--no-report")
+    assert answer.code == 0, answer.err

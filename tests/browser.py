@@ -15,11 +15,10 @@ from typing import Any
 
 from tornado.websocket import WebSocketClientConnection, websocket_connect
 
-from tests.waiting import until
+from tests.waiting import PATIENCE_S, until
 
 __all__ = ["Page", "chromium", "opened"]
 
-_PATIENCE_S = 60.0
 _OVERLAPS = """
 (() => {
   const found = [];
@@ -152,7 +151,7 @@ class Page:
 
     def _read(self) -> dict[str, Any]:
         """The next message; one that nobody has asked for is kept."""
-        text = self._loop.run_until_complete(asyncio.wait_for(_message(self._socket), _PATIENCE_S))
+        text = self._loop.run_until_complete(asyncio.wait_for(_message(self._socket), PATIENCE_S))
         message: dict[str, Any] = json.loads(text)
         if "method" in message:
             self.events.append(message)
@@ -189,9 +188,9 @@ def opened(folder: Path) -> Iterator[Page]:
 def _address(folder: Path) -> str:
     """Where the browser's first tab is driven from."""
     file = folder / "DevToolsActivePort"
-    until(lambda: file.is_file() and "\n" in file.read_text(), _PATIENCE_S)
+    until(lambda: file.is_file() and "\n" in file.read_text())
     port = file.read_text().splitlines()[0]
-    return str(until(lambda: _pages(port), _PATIENCE_S)[0]["webSocketDebuggerUrl"])
+    return str(until(lambda: _pages(port))[0]["webSocketDebuggerUrl"])
 
 
 def _pages(port: str) -> list[Any]:

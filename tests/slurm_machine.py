@@ -68,8 +68,8 @@ def slurm(folder: Path) -> Iterator[dict[str, str]]:
             with (folder / f"{command[0]}.out").open("wb") as output:
                 daemons.append(subprocess.Popen(program, env=environment, stdout=output, stderr=output))
             if command[0] == "munged":
-                until((folder / "munge.socket").exists, 20.0)
-        until(lambda: "idle" in _answer(["sinfo", "-h", "-o", "%T"], environment), 60.0)
+                until((folder / "munge.socket").exists)
+        until(lambda: "idle" in _answer(["sinfo", "-h", "-o", "%T"], environment))
         yield environment
     finally:
         for daemon in reversed(daemons):

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import ast
 from collections.abc import Mapping, Set
+from functools import cache
 
 from tests.measure import (
     Module,
@@ -99,52 +100,57 @@ CHAPTERS: Mapping[str, Set[str]] = {
 ASSIGNED: Set[str] = set()
 """Modules that set an attribute of what they import from another layer."""
 
-MODULES = read_package()
+
+@cache
+def modules() -> Mapping[str, Module]:
+    return read_package()
 
 
 def test_a_layer_imports_only_those_below_it():
     allowed = {layer: {*COMMON, *LAYERS[: k + 1]} for k, layer in enumerate(LAYERS)}
     allowed["engine"].remove("core")
     allowed |= {name: COMMON for name in COMMON} | {name: {*COMMON, *LAYERS} for name in ENTRANCES}
-    assert allowed.keys() == {layer_of(name) for name in MODULES}
-    pairs = [(name, target) for name, module in MODULES.items() for target in _imports(module)]
+    assert allowed.keys() == {layer_of(name) for name in modules()}
+    pairs = [(name, target) for name, module in modules().items() for target in _imports(module)]
     assert not [f"{name} imports {target}" for name, target in pairs if layer_of(target) not in allowed[layer_of(name)]]
 
 
 def test_libraries_stay_in_their_layer():
-    used = {(name, library) for name, module in MODULES.items() for library in _libraries(import_nodes(module.tree))}
+    used = {(name, library) for name, module in modules().items() for library in _libraries(import_nodes(module.tree))}
     misplaced = sorted((name, library) for name, library in used if not _may_import(layer_of(name), library))
     assert not [f"{name} imports {library}" for name, library in misplaced]
 
 
 def test_chapters_of_core_import_those_of_the_table():
-    found, common = arrows(MODULES, chapter_of), common_ground(MODULES)
+    found, common = arrows(modules(), chapter_of), common_ground(modules())
     between = {pair: sorted(imports) for pair, imports in found.items() if pair[1] not in common}
     table = {(chapter, other) for chapter, others in CHAPTERS.items() for other in others}
-    assert CHAPTERS.keys() == {chapter_of(name) for name in MODULES} - {None, *common}
+    assert CHAPTERS.keys() == {chapter_of(name) for name in modules()} - {None, *common}
     assert not [imports for pair, imports in between.items() if pair not in table]
     assert not table - between.keys(), "arrows in the table that no import draws"
     assert not circle(found)
 
 
 def test_folders_of_core_hold_only_a_docstring_in_their_init():
-    inits = [module for name, module in MODULES.items() if layer_of(name) == "core" and module.path.stem == "__init__"]
+    inits = [
+        module for name, module in modules().items() if layer_of(name) == "core" and module.path.stem == "__init__"
+    ]
     assert len(inits) == 1 + len(CHAPTERS)
     assert not [module.name for module in inits if len(module.tree.body) != 1 or not ast.get_docstring(module.tree)]
 
 
 def test_stages_and_kinds_load_no_numerics_before_they_work():
-    heavy = {name for name, module in MODULES.items() if NUMERICS & _libraries(_top_imports(module))}
-    light = {name: _loaded_with(name) for name in MODULES if layer_of(name) in ("stages", "kinds")}
+    heavy = {name for name, module in modules().items() if NUMERICS & _libraries(_top_imports(module))}
+    light = {name: _loaded_with(name) for name in modules() if layer_of(name) in ("stages", "kinds")}
     assert not [f"{name} loads {sorted(heavy & loaded)}" for name, loaded in light.items() if heavy & loaded]
 
 
 def test_no_module_sets_attributes_in_another_layer():
-    assert {f"{name} sets {target}" for name, module in MODULES.items() for target in _assigned(module)} == ASSIGNED
+    assert {f"{name} sets {target}" for name, module in modules().items() for target in _assigned(module)} == ASSIGNED
 
 
 def _imports(module: Module) -> list[str]:
-    return imported_modules(import_nodes(module.tree), MODULES)
+    return imported_modules(import_nodes(module.tree), modules())
 
 
 def _libraries(nodes: list[ast.Import | ast.ImportFrom]) -> set[str]:
@@ -167,7 +173,7 @@ def _loaded_with(name: str) -> set[str]:
         name = waiting.pop()
         if name not in loaded:
             loaded.add(name)
-            waiting += imported_modules(_top_imports(MODULES[name]), MODULES)
+            waiting += imported_modules(_top_imports(modules()[name]), modules())
     return loaded
 
 
@@ -181,4 +187,4 @@ def _assigned(module: Module) -> list[str]:
 
 
 def _is_foreign(node: ast.Import | ast.ImportFrom, module: Module) -> bool:
-    return any(layer_of(name) != layer_of(module.name) for name in imported_modules([node], MODULES))
+    return any(layer_of(name) != layer_of(module.name) for name in imported_modules([node], modules()))

@@ -19,6 +19,7 @@ from small import ROOT, STEPS, TASKS, dicflow
 from dicflow.engine.schedulers import SCHEDULERS
 from dicflow.pipeline import Pipeline
 from tests.io.photograph_files import png
+from tests.waiting import PATIENCE_S, started
 
 SAMPLE = ROOT / "pipelines" / "thesis_quickstart.yaml"
 COMMANDS = ("run", "plan", "why", "graph", "ls", "show", "report", "export", "compare", "gc", "verify", "pin")
@@ -249,16 +250,11 @@ def test_an_interrupted_run_ends_with_130_and_the_next_goes_on(pipeline, tmp_pat
     given = (alone, "--data", pipeline.parent)
     command = ["dicflow", "run", *given, "--workers", "1", "--json"]
     code = "from dicflow.cli import main; main()"
-    process = subprocess.Popen(
-        [sys.executable, "-c", code, *map(str, command[1:])],
-        stdout=subprocess.PIPE,
-        stderr=subprocess.PIPE,
-        text=True,
-        start_new_session=True,
-    )
-    first = next(line for line in iter(process.stderr.readline, "") if line.startswith("boards"))
-    os.killpg(process.pid, signal.SIGINT)
-    out, err = process.communicate(timeout=60)
+    pipes = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE, "text": True}
+    with started([sys.executable, "-c", code, *map(str, command[1:])], start_new_session=True, **pipes) as process:
+        first = next(line for line in iter(process.stderr.readline, "") if line.startswith("boards"))
+        os.killpg(process.pid, signal.SIGINT)
+        out, err = process.communicate(timeout=PATIENCE_S)
     assert process.returncode == 130, first + err
     assert "Traceback" not in err
     assert "the same command" in err

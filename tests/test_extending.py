@@ -78,6 +78,7 @@ print(np.nanmin(total["sigma_eyy"]) > 0.0)
 """
 
 
+@pytest.mark.slow
 def test_the_measure_is_computed_along_x_and_y_with_its_uncertainty(site):
     done = site.python("-c", MEASURED)
     assert done.returncode == 0, done.stderr

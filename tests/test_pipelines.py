@@ -13,6 +13,7 @@ from dicflow.report.build import write_report
 from dicflow.synth import latex_experiment, write_experiment
 from dicflow.synth.rubber import CONSTANTS
 from tests.browser import chromium, opened
+from tests.made_once import copy_of_store
 from tests.reference_points import difference
 
 pytestmark = pytest.mark.slow
@@ -26,9 +27,9 @@ FIRST_STEPS = [
 
 
 @pytest.fixture(scope="module")
-def store(tmp_path_factory):
-    """One store for all, so that what pipelines share is computed once."""
-    return tmp_path_factory.mktemp("store")
+def store(quickstart_store, tmp_path_factory):
+    """One store for all, so that what pipelines share is computed once; it begins with the quick start's products."""
+    return copy_of_store(quickstart_store, tmp_path_factory.mktemp("pipelines") / "store")
 
 
 def _load(name, data, store, settings=()):

@@ -92,6 +92,7 @@ def test_unloading_follows_the_damage():
     np.testing.assert_allclose(found.moved[-1], 0.0, atol=1e-9)
 
 
+@pytest.mark.slow
 def test_a_folder_of_sheets(tmp_path):
     rubber = Rubber("neo_hooke", CONSTANTS["neo_hooke"], up=1)
     write_sheets(tmp_path, rubber, shapes=("wide",), scale=0.15, boards=2)

@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 from PIL import Image
 from small import dicflow
+from waiting import PATIENCE_S, started
 
 pytestmark = pytest.mark.slow
 
@@ -70,7 +71,7 @@ def command(folder, *words, **options):
     """A command in a process of its own."""
     line = [sys.executable, "-m", "dicflow", words[0], folder / "p.yaml", *words[1:]]
     environment = {**os.environ, **options.pop("env", {})}
-    return subprocess.run(line, capture_output=True, env=environment, timeout=120, check=False, **options)
+    return subprocess.run(line, capture_output=True, env=environment, timeout=PATIENCE_S, check=False, **options)
 
 
 @pytest.mark.parametrize("encoding", ["ascii", "cp1252", "latin-1"])
@@ -88,10 +89,10 @@ def test_every_encoding_shows_a_plan(test_folder, encoding):
 def test_a_reader_that_goes_away_ends_the_command_without_a_word(test_folder):
     line = [sys.executable, "-m", "dicflow", "schema"]
     reading, writing = os.pipe()
-    process = subprocess.Popen(line, stdout=writing, stderr=subprocess.PIPE)
-    os.close(writing)
-    os.close(reading)
-    _, errors = process.communicate(timeout=60)
+    with started(line, stdout=writing, stderr=subprocess.PIPE) as process:
+        os.close(writing)
+        os.close(reading)
+        _, errors = process.communicate(timeout=PATIENCE_S)
     assert errors == b""
 
 
@@ -99,7 +100,9 @@ def test_a_reader_that_goes_away_ends_the_command_without_a_word(test_folder):
 def test_a_closed_stream_is_no_error(test_folder, closed):
     run(test_folder)
     shell = 'exec "$0" -m dicflow ls "$1" ' + (">&-" if closed == 1 else "2>&-")
-    done = subprocess.run(["sh", "-c", shell, sys.executable, test_folder / "p.yaml"], capture_output=True, timeout=60)
+    done = subprocess.run(
+        ["sh", "-c", shell, sys.executable, test_folder / "p.yaml"], capture_output=True, timeout=PATIENCE_S
+    )
     assert done.returncode == 0
     assert done.stderr == b""
 

@@ -22,11 +22,12 @@ Asked = Mapping[str, Any]
 
 _WORKS = 30
 """Pieces of work after which the process that does them is renewed, with its memory."""
+_THREADS = 8
 
 
 class Desk:
-    """What answers need beside the question: the project, its runs, processes for heavy work, for fields, and for the
-    photographs under them, so that no field waits for a photograph, and a thread for thumbnails."""
+    """What answers need beside the question: the project, its runs, threads that answer, processes for heavy work, for
+    fields, and for the photographs under them, so that no field waits for a photograph, and a thread for thumbnails."""
 
     def __init__(self, project: Project) -> None:
         self.project = project
@@ -34,7 +35,7 @@ class Desk:
         self.series: tuple[int, Any] | None = None
         self.opened: dict[str, explored.Asked] = {}
         self._heavy, self.fields, self._photographs = Worker(_WORKS), Worker(), Worker()
-        self.thumbnails = ThreadPoolExecutor(1)
+        self.threads, self.thumbnails = ThreadPoolExecutor(_THREADS), ThreadPoolExecutor(1)
 
     def begin(self) -> None:
         """Start the process that reads fields, so that they are soon there when they are asked for."""
@@ -63,10 +64,13 @@ class Desk:
         return self.opened[key]
 
     def close(self) -> None:
-        """End the processes."""
+        """End threads and processes, when what they are at is done; what they have not begun is left."""
+        for threads in (self.threads, self.thumbnails):
+            threads.shutdown(wait=False, cancel_futures=True)
         for process in (self._heavy, self.fields, self._photographs):
             process.close()
-        self.thumbnails.shutdown(wait=False, cancel_futures=True)
+        for threads in (self.threads, self.thumbnails):
+            threads.shutdown()
 
 
 def _project(desk: Desk, asked: Asked) -> Any:
@@ -328,8 +332,9 @@ def _resolution(desk: Desk, asked: Asked) -> Any:
 
 
 def _rest(desk: Desk, asked: Asked) -> Any:
-    """What the extensometers read at steps at rest."""
-    return desk.work("results.rest_of", desk.project, str(asked["file"]))
+    """What the extensometers read at steps at rest; before the first run no process loads numerics for that."""
+    name = str(asked["file"])
+    return desk.work("results.rest_of", desk.project, name) if desk.runs.listed(name) else []
 
 
 def _export(desk: Desk, asked: Asked) -> Any:

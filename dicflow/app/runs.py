@@ -79,7 +79,7 @@ class Runs:
         pipeline = self.project.pipeline(name)
         process, log = self._own.get(name, (None, None))
         alive = process is not None and process.poll() is None
-        store = _existing(pipeline.store_folder)
+        store = Store.existing(pipeline.store_folder)
         newest = next((run for run in runs(store) if run.pipeline == pipeline.name), None) if store else None
         started = log.stat().st_mtime if log is not None and alive else 0.0
         if newest is None or (alive and newest.result is not None):
@@ -91,12 +91,12 @@ class Runs:
 
     def size(self, name: str) -> int:
         """Disk that the store of a pipeline file uses [bytes]; of a large store that takes seconds."""
-        store = _existing(self.project.pipeline(name).store_folder)
+        store = Store.existing(self.project.pipeline(name).store_folder)
         return 0 if store is None else housekeeping.size(store)
 
     def listed(self, name: str) -> list[dict[str, Any]]:
         """The runs in the store of a pipeline file, of all its pipelines, newest first."""
-        store = _existing(self.project.pipeline(name).store_folder)
+        store = Store.existing(self.project.pipeline(name).store_folder)
         if store is None:
             return []
         pins = housekeeping.pins(store)
@@ -141,11 +141,6 @@ class Runs:
     def _is_alive(self, name: str) -> bool:
         process, _ = self._own.get(name, (None, None))
         return process is not None and process.poll() is None
-
-
-def _existing(folder: Path) -> Store | None:
-    """The store in a folder; None before the first run. Raises StoreError for one that cannot be used."""
-    return Store.open(folder, create=False) if folder.is_dir() and any(folder.iterdir()) else None
 
 
 def _summary(run: RunInfo) -> dict[str, Any]:

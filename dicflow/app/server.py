@@ -9,8 +9,8 @@ import secrets
 import signal
 import webbrowser
 from collections.abc import Callable
-from concurrent.futures import Executor, Future, ThreadPoolExecutor
-from contextlib import suppress
+from concurrent.futures import Future
+from contextlib import closing, suppress
 from importlib.resources import files
 from pathlib import Path
 from typing import Any
@@ -35,14 +35,13 @@ _LARGEST_BYTES = 5_000_000
 """Of a question."""
 _TYPES = {".html": "text/html", ".js": "text/javascript", ".css": "text/css", ".svg": "image/svg+xml"}
 _OWNERS = {"static": "dicflow.app", "explorer": "dicflow.explorer"}
-_THREADS = 8
 
 
 class _Handler(RequestHandler):
     """Checks every request before anything else is done."""
 
-    def initialize(self, gate: Gate, desk: Desk, threads: Executor) -> None:
-        self.gate, self.desk, self.threads = gate, desk, threads
+    def initialize(self, gate: Gate, desk: Desk) -> None:
+        self.gate, self.desk = gate, desk
 
     def set_default_headers(self) -> None:
         for name, value in HEADERS.items():
@@ -64,7 +63,7 @@ class _Handler(RequestHandler):
 
     async def in_thread(self, call: Callable[..., Any], *arguments: Any) -> Any:
         """The value of a call that may take long."""
-        return await asyncio.get_running_loop().run_in_executor(self.threads, call, *arguments)
+        return await asyncio.get_running_loop().run_in_executor(self.desk.threads, call, *arguments)
 
     def write_error(self, status_code: int, **kwargs: Any) -> None:
         words = {404: "there is no such page", 405: "there is no such page"}
@@ -196,7 +195,7 @@ def _static(name: str, package: str = "dicflow.app") -> bytes:
 
 def application(desk: Desk, gate: Gate) -> Application:
     """The app for the project of a desk: every page of it behind the gate."""
-    given = {"gate": gate, "desk": desk, "threads": ThreadPoolExecutor(_THREADS)}
+    given = {"gate": gate, "desk": desk}
     return Application(
         [
             (r"/", _Page, given),
@@ -229,17 +228,16 @@ def serve(project: Project, say: Callable[[str], None], *, opens: bool = True, p
     port : 0 for any that is free
     """
     os.chdir(project.folder)  # a pipeline may read below the working directory: let that be the opened folder
-    with suppress(KeyboardInterrupt):
-        asyncio.run(_serve(project, say, opens, port))
+    with suppress(KeyboardInterrupt), closing(Desk(project)) as desk:
+        asyncio.run(_serve(desk, say, opens, port))
 
 
-async def _serve(project: Project, say: Callable[[str], None], opens: bool, port: int) -> None:
+async def _serve(desk: Desk, say: Callable[[str], None], opens: bool, port: int) -> None:
     try:
         sockets = bind_sockets(port, "127.0.0.1")
     except OSError as error:
         raise DicflowError(f"port {port} is taken ({error.strerror}); name another, or none") from error
     gate = Gate(sockets[0].getsockname()[1], secrets.token_urlsafe(24))
-    desk = Desk(project)
     server = HTTPServer(application(desk, gate), max_body_size=_LARGEST_BYTES)
     server.add_sockets(sockets)
     say(gate.link)
@@ -251,4 +249,3 @@ async def _serve(project: Project, say: Callable[[str], None], opens: bool, port
         asyncio.get_running_loop().add_signal_handler(signal.SIGINT, ended.set)
     await ended.wait()
     server.stop()
-    desk.close()

@@ -51,8 +51,8 @@ class Worker:
             raise WorkerError("the process that prepares this was killed; probably out of memory") from error
 
     def close(self) -> None:
-        """End the process."""
-        self._pool.shutdown(wait=False, cancel_futures=True)
+        """End the process, when what it is at is done."""
+        self._pool.shutdown(cancel_futures=True)
 
     def _made(self) -> ProcessPoolExecutor:
         return ProcessPoolExecutor(1, get_context("spawn"), initializer=_ready, max_tasks_per_child=self._works)

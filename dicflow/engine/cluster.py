@@ -11,7 +11,7 @@ from collections.abc import Callable, Iterator, Mapping
 from concurrent.futures import CancelledError, wait
 from contextlib import contextmanager, suppress
 from operator import itemgetter
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import distributed
 
@@ -250,6 +250,19 @@ class _Watch:
             raise WorkerError(f"{self.address}: {lacking}; start 'dask worker {self.address}', then run again")
 
 
+class _Client(distributed.Client):  # type: ignore[misc]
+    """A client whose thread also ends where no scheduler answers."""
+
+    def start(self, **options: Any) -> None:
+        """Called by dask as the client is made."""
+        try:
+            super().start(**options)
+        except BaseException:
+            self.close()
+            self._loop_runner.stop()  # close leaves it running where the client never was
+            raise
+
+
 @contextmanager
 def remote_cluster(options: BackendOptions) -> Iterator[Backend]:
     """Workers of a running scheduler, at ``tcp://host:port``, or ``tls://host:port`` with dask's own certificates.
@@ -260,7 +273,7 @@ def remote_cluster(options: BackendOptions) -> Iterator[Backend]:
     address = options.scheduler
     _check_certificates(address)
     try:
-        client = distributed.Client(address, timeout=_PATIENCE_S, set_as_default=False)
+        client = _Client(address, timeout=_PATIENCE_S, set_as_default=False)
     except (OSError, TimeoutError, ValueError) as error:
         stranger = " to these certificates" if address.startswith("tls://") else ""
         message = f"{address}: no scheduler answers there{stranger}; start 'dask scheduler' first"

@@ -27,8 +27,14 @@ __all__ = ["in_process", "in_processes"]
 def in_process(options: BackendOptions) -> Iterator[Backend]:
     """A backend that runs jobs in this process: one worker in the calling thread, more in threads."""
     prepare(options.setup)
-    threading.Thread(target=_all_called, args=(options.ahead,), daemon=True).start()
-    yield _InTurn(options) if options.workers == 1 else _AtOnce(options, _here)
+    ended = threading.Event()
+    loading = threading.Thread(target=_call_until, args=(ended, options.ahead), daemon=True)
+    loading.start()
+    try:
+        yield _InTurn(options) if options.workers == 1 else _AtOnce(options, _here)
+    finally:
+        ended.set()
+        loading.join()
 
 
 @contextmanager
@@ -39,9 +45,11 @@ def in_processes(options: BackendOptions) -> Iterator[Backend]:
         yield _AtOnce(options, options.processes.call, folder)
 
 
-def _all_called(calls: Sequence[Callable[[], None]]) -> None:
-    """Make calls in turn; what goes wrong shows again in a task, which has a place for errors."""
+def _call_until(ended: threading.Event, calls: Sequence[Callable[[], None]]) -> None:
+    """Make calls in turn until an event; what goes wrong shows again in a task, which has a place for errors."""
     for call in calls:
+        if ended.is_set():
+            return
         with suppress(Exception):
             call()
 

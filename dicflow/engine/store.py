@@ -91,6 +91,18 @@ class Store:
             store.write_mark()
         return store
 
+    @classmethod
+    def existing(cls, path: Path | str) -> Store | None:
+        """The store in a folder; None where nothing is yet, or no more than the first run has prepared.
+
+        Raises StoreError as :meth:`open` does.
+        """
+        store = cls(Path(path).absolute())
+        with store.reading():
+            if not _foreign(store.path) and store.mark_state() == "missing":
+                return None
+        return cls.open(path, create=False)
+
     @property
     def mark(self) -> Path:
         """The file that makes a folder a store, and says in which format."""

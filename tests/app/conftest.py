@@ -7,8 +7,10 @@ from pathlib import Path
 
 import pytest
 from app_browser import close_browser
-from app_serving import FILE, small_test
+from app_serving import FILE, measure, small_test
 from small import dicflow
+
+from tests.made_once import copy_of_store
 
 HERE = Path(__file__).parent
 ROOT = HERE.parents[1]
@@ -30,10 +32,11 @@ def small_result(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.fixture(scope="session")
-def sample_result(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def sample_result(quickstart_store: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
     """The pipeline file of the sample that the command line has measured with two cameras; to be copied for changes."""
     path = tmp_path_factory.mktemp("sample_result") / "test" / FILE
     shutil.copytree(ROOT / "data_samples", path.parent)
     shutil.copy(ROOT / "pipelines" / "quickstart.yaml", path)
-    assert dicflow("run", path, "--scheduler", "sync").code == 0
+    copy_of_store(quickstart_store, path.parent / ".dicflow")
+    measure(path)
     return path

@@ -97,7 +97,7 @@ def test_a_single_corner_is_left_out_with_the_mouse_and_by_keyboard(boards, tmp_
     with served(path) as app, opened_page(app, 1920, 1080) as someone:
         someone.go("calibration")
         page = someone.page
-        page.wait_for_selector(".pairs-table", timeout=60_000)
+        page.wait_for_selector(".pairs-table")
         page.get_by_role("button", name="board_02").click()
         page.wait_for_selector(".out.over", state="attached")
         someone.until("document.querySelectorAll('.out.over').length === 1")
@@ -117,7 +117,7 @@ def test_a_single_corner_is_left_out_with_the_mouse_and_by_keyboard(boards, tmp_
         someone.until("document.querySelectorAll('.out.over').length === 1")
         assert "Without corners of board_01" in page.inner_text(".offer")
         page.click("text=Solve again")
-        page.wait_for_selector("text=Leave them out of the file", timeout=60_000)
+        page.wait_for_selector("text=Leave them out of the file")
         trial = page.inner_text(".stage.wide aside table")
         assert someone.overlaps() == []
         assert "leave_out" not in path.read_text()
@@ -142,7 +142,7 @@ def test_a_single_corner_is_left_out_with_the_mouse_and_by_keyboard(boards, tmp_
 def test_the_screen_fits(boards, size, scheme):
     with served(boards / FILE) as app, opened_page(app, *size, color_scheme=scheme) as someone:
         someone.go("calibration")
-        someone.page.wait_for_selector(".corners-table", timeout=60_000)
+        someone.page.wait_for_selector(".corners-table")
         someone.page.get_by_role("button", name="board_02").click()
         someone.page.get_by_label("leave out board_05").check()
         someone.page.wait_for_timeout(300)
@@ -157,14 +157,14 @@ def test_a_bad_pair_is_left_out_with_the_mouse(boards, tmp_path):
     with served(path) as app, opened_page(app) as someone:
         someone.go("calibration")
         page = someone.page
-        page.wait_for_selector(".pairs-table", timeout=60_000)
+        page.wait_for_selector(".pairs-table")
         assert page.locator(".pairs-table tbody tr").first.locator(".pair-name").inner_text() == "board_05"
         page.get_by_role("button", name="board_01").click()
         page.wait_for_selector(".arrow", state="attached")
         assert page.locator(".mark").count() == 54
         page.get_by_label("leave out board_05").check()
         page.click("text=Solve again")
-        page.wait_for_selector("text=Leave them out of the file", timeout=60_000)
+        page.wait_for_selector("text=Leave them out of the file")
         assert "11 of 11 pairs" in page.inner_text(".verdict")
         assert someone.overlaps() == []
         page.click("text=Leave them out of the file")

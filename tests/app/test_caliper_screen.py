@@ -8,8 +8,7 @@ import shutil
 import numpy as np
 import pytest
 from app_browser import opened_page
-from app_serving import FILE, served, small_test
-from small import dicflow
+from app_serving import FILE, measure, served, small_test
 
 from dicflow.app.caliper import comparison_of
 from dicflow.app.drawing import write_probes
@@ -78,12 +77,11 @@ def test_another_extensometer_is_drawn_chosen_and_renamed(copied):
         someone.go("region")
         page = someone.page
         page.wait_for_selector(".viewer")
-        page.wait_for_timeout(400)
         someone.draw_extensometer(SECOND)
         someone.compare_lengths_of("extensometer_1")
         assert stages(copied)["comparison"]["extensometer"] == "extensometer_1"
         page.get_by_role("button", name="Compute the comparison").click()
-        page.wait_for_selector(".x-chart polyline", timeout=120_000)
+        page.wait_for_selector(".x-chart polyline")
         someone.go("region")
         page.locator(".path-name", has_text="extensometer_1").click()
         page.get_by_label("name").fill("along the load")
@@ -135,7 +133,7 @@ def test_lengths_are_typed_and_compared(small_result, tmp_path):
         assert stages(path)["compare"] == {"stage": "compare", "caliper": "caliper.csv"}
         assert read_caliper(path.parent / "caliper.csv").length_mm.tolist() == [60.0, 60.05, 60.0]
         page.get_by_role("button", name="Compute the comparison").click()
-        page.wait_for_selector(".x-chart polyline", timeout=120_000)
+        page.wait_for_selector(".x-chart polyline")
         rows = app.found("caliper", file=FILE)["rows"]
         assert [row["caliper_strain"] for row in rows] == pytest.approx([0.0, 0.05 / 60.0, 0.0])
         assert someone.overlaps() == []
@@ -152,4 +150,4 @@ def test_a_table_with_too_few_rows_is_said(tmp_path):
         someone.go("caliper")
         someone.page.wait_for_selector("section.caliper details .problem")
         assert "caliper.csv has 1 row, but there are 3 photographs" in someone.page.inner_text("section.caliper")
-    assert dicflow("run", path, "--scheduler", "sync").code == 0
+    measure(path)

@@ -8,13 +8,13 @@ import shutil
 import numpy as np
 import pytest
 from app_browser import opened_page
-from app_serving import FILE, served, small_test
-from small import dicflow
+from app_serving import FILE, measure, served, small_test
 
 from dicflow.engine.journal import runs
 from dicflow.kinds.total import Total
 from dicflow.pipeline import Pipeline
 from tests.explorer.test_results import ROOT, SAMPLES
+from tests.made_once import copy_of_store
 
 pytestmark = pytest.mark.slow
 
@@ -33,10 +33,11 @@ CHART_OVERLAPS = """
 
 
 @pytest.fixture(scope="module")
-def quickstart(tmp_path_factory):
+def quickstart(quickstart_store, tmp_path_factory):
     """The quick start, measured with a window of 40 px, then with one of 60 px."""
     folder = tmp_path_factory.mktemp("compared") / "test"
     shutil.copytree(SAMPLES, folder)
+    copy_of_store(quickstart_store, folder / ".dicflow")
     text = (ROOT / "pipelines" / "quickstart.yaml").read_text()
     return measured_twice(folder / FILE, text, text.replace("window: 40 px", "window: 60 px"))
 
@@ -50,7 +51,7 @@ def small(tmp_path):
 def measured_twice(path, before, after):
     for text in (before, after):
         path.write_text(text)
-        assert dicflow("run", path, "--scheduler", "sync").code == 0
+        measure(path)
     return path
 
 
@@ -326,7 +327,7 @@ def test_products_that_were_cleaned_up_are_said_and_so_is_a_run(small):
 
 
 def test_without_another_result_the_screen_says_how_to_get_one(small):
-    assert dicflow("run", small, "--scheduler", "sync").code == 0
+    measure(small)
     with served(small) as app, opened_page(app) as someone:
         someone.go("compare")
         someone.page.get_by_role("button", name="Go to the settings").click()
@@ -338,7 +339,7 @@ def test_variants_and_other_files_are_chosen_by_keys_alone(small):
     small.write_text(f"{text}sweep: {{grid: {{total.window: [40 px, 60 px]}}}}\n")
     (small.parent / "other.yaml").write_text(text.replace("window: 40 px", "window: 50 px"))
     for path in (small, small.parent / "other.yaml"):
-        assert dicflow("run", path, "--scheduler", "sync").code == 0
+        measure(path)
     with served(small) as app, opened_page(app) as someone:
         page = someone.page
         page.focus('#sidebar a[href="#compare"]')
@@ -381,7 +382,7 @@ def test_the_preview_shows_before_and_after(quickstart):
         page.locator("label.parameter", has_text="subset_size").locator("input").fill("41")
         page.keyboard.press("Tab")
         page.click("text=Preview the grid")
-        page.wait_for_selector(".facts thead", timeout=120_000)
+        page.wait_for_selector(".facts thead")
         assert page.locator(".facts thead th").all_inner_texts() == ["", "before", "after"]
         cells = page.locator(".facts tbody tr").first.locator("td").all_inner_texts()
         before, after = (int(cell.split(" of ")[0].replace(",", "")) for cell in cells)
@@ -397,7 +398,7 @@ STRANGE = ({"run": "../../etc"}, {"file": "../pipeline.yaml"}, {"minus": {"file"
 
 @pytest.mark.parametrize("asked", STRANGE)
 def test_only_runs_and_files_of_the_folder_are_opened(small, asked):
-    assert dicflow("run", small, "--scheduler", "sync").code == 0
+    measure(small)
     with served(small) as app:
         answer = app.ask("explore", **{"file": FILE, "steps": 5, **asked})
         assert answer.status == 422, answer.body

@@ -94,7 +94,7 @@ VALUES = st.recursive(
 )
 
 
-@settings(max_examples=150, deadline=None)
+@settings(max_examples=150)
 @given(path=st.sampled_from(PIPELINES), value=VALUES, key=st.from_regex(r"[a-z_]{1,8}", fullmatch=True))
 def test_any_value_comes_back_and_all_else_stays(path, value, key):
     text = path.read_text()
@@ -159,7 +159,7 @@ def test_undo_and_redo_survive_and_give_the_same_bytes(project, tmp_path):
 ACTS = st.lists(st.tuples(st.sampled_from(["edit", "undo", "redo", "elsewhere"]), st.integers(0, 50)), max_size=25)
 
 
-@settings(max_examples=60, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@settings(max_examples=60, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(acts=ACTS)
 def test_history_is_that_of_a_list(acts, tmp_path_factory):
     """What an editor wrote before the app's first change is where the history begins; later it is a change itself."""

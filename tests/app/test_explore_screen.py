@@ -7,8 +7,7 @@ import shutil
 import numpy as np
 import pytest
 from app_browser import opened_page
-from app_serving import FILE, served, small_test
-from small import dicflow
+from app_serving import FILE, measure, served, small_test
 
 from dicflow.app import explored
 from dicflow.app.project import open_project
@@ -156,7 +155,7 @@ def test_photographs_that_are_elsewhere_are_said_to_be_missing(small_result, tmp
 def test_a_variant_of_a_sweep_is_chosen(small_result, tmp_path):
     path = shutil.copytree(small_result.parent, tmp_path / "test") / FILE
     path.write_text(f"{path.read_text()}sweep: {{grid: {{total.window: [40 px, 60 px]}}}}\n")
-    assert dicflow("run", path, "--scheduler", "sync").code == 0
+    measure(path)
     result = Pipeline.load(path).result()
     with served(path) as app, opened_page(app) as someone:
         screen(app, someone)
@@ -175,7 +174,7 @@ def test_steps_appear_while_a_run_makes_them_and_the_scene_stays(tmp_path):
     path = small_test(tmp_path / "test", steps=5)
     late = [path.parent / "left" / f"step_{number:04}.png" for number in (3, 4)]
     kept = [one.rename(tmp_path / one.name) for one in late]
-    assert dicflow("run", path, "--scheduler", "sync").code == 0
+    measure(path)
     with served(path) as app, opened_page(app) as someone:
         screen(app, someone)
         page = someone.page
@@ -186,7 +185,7 @@ def test_steps_appear_while_a_run_makes_them_and_the_scene_stays(tmp_path):
         shown = page.evaluate(f"{EXPLORER}.quantity.name")
         for one, place in zip(kept, late, strict=True):
             one.rename(place)
-        assert dicflow("run", path, "--scheduler", "sync").code == 0
+        measure(path)
         page.get_by_role("button", name="Read again").click()
         someone.until("document.querySelector('.tools').innerText.includes('4 of 4 steps')")
         someone.until(f"{EXPLORER}.manifest.steps.length === 4 && {EXPLORER}.scene.step === 0")
@@ -260,7 +259,7 @@ def shape(tmp_path):
     """A pair alone, measured."""
     path = shutil.copytree(SAMPLES, tmp_path / "test") / FILE
     path.write_text(PAIR + POINTS)
-    assert dicflow("run", path, "--scheduler", "sync").code == 0
+    measure(path)
     return path
 
 
@@ -311,7 +310,7 @@ def test_points_and_lines_are_kept_as_probes_where_the_material_lay_at_first(sma
         assert np.abs(np.array(kept["points"]["point_1"]) - at_first).max() <= 0.006
         moved = np.array([np.nanmean(total[one]) for one in "UV"])
         assert np.abs(np.array(kept["extensometers"]["extensometer_1"]) + moved - line).max() < 0.1
-        assert dicflow("run", path, "--scheduler", "sync").code == 0
+        measure(path)
         page.get_by_role("button", name="Read again").click()
         someone.until(f"{EXPLORER}.manifest.curves.length === 2")
         curves = {one["name"]: one for one in opened(app)["manifest"]["curves"]}

@@ -70,7 +70,7 @@ def test_ways_to_pair_two_phones_are_shown_with_their_first_and_last_pair(tmp_pa
     shutil.copy(folder / "IMG_2308.jpg", folder / "IMG_2308 (1).jpg")
     with served(folder) as app, opened_page(app) as someone:
         page = someone.page
-        page.wait_for_selector(".way", timeout=60_000)
+        page.wait_for_selector(".way")
         assert "Copies of others, left out: IMG_2308 (1).jpg" in page.inner_text("section.folder")
         assert page.locator(".series", has_text="iPhone 12").count() == 2
         specimen, board = page.locator(".pairings fieldset").all()
@@ -88,7 +88,7 @@ def test_ways_to_pair_two_phones_are_shown_with_their_first_and_last_pair(tmp_pa
         assert someone.overlaps() == []
         page.fill("#square", "14.5 mm")
         page.get_by_role("button", name="Make the pipeline file").click()
-        page.wait_for_selector("section.region .viewer", timeout=60_000)
+        page.wait_for_selector("section.region .viewer")
     stages = read(folder / FILE).data["stages"]
     assert stages["photos"]["left"] == [f"IMG_{k}.jpg" for k in (2305, 2307, 2308)]
     assert stages["photos"]["right"] == [f"DSC_{k:04}.jpg" for k in (11, 12, 13)]
@@ -103,7 +103,7 @@ def test_without_times_pairs_in_order_must_be_chosen(tmp_path):
     (folder / "DSC_0012.jpg").rename(folder / "DSC_0019.jpg")
     with served(folder) as app, opened_page(app, 390, 844) as someone:
         page = someone.page
-        page.wait_for_selector(".way", timeout=60_000)
+        page.wait_for_selector(".way")
         assert "Not certain: 2 series of the specimen look alike" in page.inner_text("section.folder")
         page.fill("#square", "14.5 mm")
         page.get_by_role("button", name="Make the pipeline file").click()
@@ -112,7 +112,7 @@ def test_without_times_pairs_in_order_must_be_chosen(tmp_path):
         assert someone.overlaps() == []
         page.keyboard.press("Space")
         page.get_by_role("button", name="Make the pipeline file").click()
-        page.wait_for_selector("section.region .viewer", timeout=60_000)
+        page.wait_for_selector("section.region .viewer")
     assert read(folder / FILE).data["stages"]["photos"]["pair_by"] == "order"
     *_, last = Pipeline.load(folder / FILE).graph.files["photos"].values()
     assert {file.name for file in last.values()} == {"IMG_2306.jpg", "DSC_0019.jpg"}
@@ -121,7 +121,7 @@ def test_without_times_pairs_in_order_must_be_chosen(tmp_path):
 def test_a_folder_is_sorted_with_the_mouse(messy):
     with served(messy) as app, opened_page(app) as someone:
         page = someone.page
-        page.wait_for_selector(".series select", timeout=60_000)
+        page.wait_for_selector(".series select")
         assert page.locator(".series img").count() >= 12
         assert "1 without a partner" in page.inner_text("table.narrow")
         someone.until("[...document.querySelectorAll('.series img')].every((one) => one.naturalWidth > 0)")
@@ -139,7 +139,7 @@ def test_a_folder_is_sorted_with_the_mouse(messy):
         assert "without a partner, left out: step_03.png" in page.inner_text(".way")
         page.get_by_label("By the names").check()
         page.get_by_role("button", name="Make the pipeline file").click()
-        page.wait_for_selector("section.region .viewer", timeout=60_000)
+        page.wait_for_selector("section.region .viewer")
     stages = read(messy / FILE).data["stages"]
     kept = ["step_00.png", "step_01.png", "step_02.png"]
     assert stages["photos"]["left"] == [f"photos/right/{name}" for name in kept]

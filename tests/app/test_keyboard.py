@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import pytest
-from app_browser import opened_page
+from app_browser import IS_SHOWN, opened_page
 from app_serving import served, small_test
 
 from dicflow.io.caliper import read_caliper
@@ -67,7 +67,7 @@ def places_an_extensometer(keys, path):
     """With the cross of the drawing, 40 px above and below the middle."""
     keys.go("Region and probes", "region")
     keys.page.wait_for_selector(".viewer")
-    keys.page.wait_for_timeout(400)
+    keys.someone.until(IS_SHOWN)
     keys.reach("", "div")
     keys.press("e", *["ArrowUp"] * 4, "Enter", *["ArrowDown"] * 8, "Enter")
     keys.page.wait_for_selector("text=saved: extensometer_1")
@@ -135,7 +135,6 @@ def test_the_keyboard_alone_goes_the_whole_way(tmp_path):
     path = small_test(tmp_path / "test", steps=3)
     with served(path) as app, opened_page(app) as someone:
         keys = Keys(someone)
-        keys.page.set_default_timeout(120_000)
         places_an_extensometer(keys, path)
         changes_a_setting(keys, path)
         runs(keys)
@@ -154,7 +153,7 @@ def test_the_focus_stays_where_it_is_when_the_sidebar_is_drawn_again(tmp_path):
         page, waiting = someone.page, []
         page.route("**/plan*", lambda route: waiting.append(route))
         page.reload()
-        someone.until(f"document.querySelector('{link}')")
+        page.wait_for_selector("body[data-ready]")
         page.focus(link)
         page.evaluate(f"document.querySelector('{link}').isOld = true")
         while not waiting:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import shutil
+import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 from typing import Any
@@ -10,6 +11,7 @@ from typing import Any
 import pytest
 from app_browser import opened_page
 from app_serving import FILE, served, small_test
+from waiting import PATIENCE_S
 
 from dicflow.io.configuration import read
 from dicflow.io.region import read_geojson
@@ -35,11 +37,10 @@ class Held:
 
     def until(self, condition: Any) -> None:
         """Wait until a condition holds."""
-        for _ in range(3000):
-            if condition(self):
-                return
+        end = time.monotonic() + PATIENCE_S
+        while not condition(self):
+            assert time.monotonic() < end, self.address
             self.page.wait_for_timeout(10)
-        raise AssertionError(self.address)
 
     def give(self) -> None:
         """Let the first answer come, and the page show it if it does."""
@@ -159,11 +160,10 @@ def folder(tmp_path):
 
 @pytest.fixture
 def drawing(folder):
-    """Somebody at the screen on which its region is drawn, with the photograph there."""
+    """Somebody at the screen on which its region is drawn."""
     with served(folder) as app, opened_page(app) as person:
         person.go("region")
         person.page.wait_for_selector(".path-name")
-        person.until("document.querySelector('.viewer').viewer.photograph")
         yield person
 
 

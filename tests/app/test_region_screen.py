@@ -12,6 +12,7 @@ import pytest
 from app_browser import opened_page
 from app_serving import FILE, served, small_test
 
+from dicflow.app.answers import Desk
 from dicflow.io.configuration import read
 from dicflow.io.region import read_geojson
 from dicflow.kinds.probes import ProbeTable
@@ -34,7 +35,6 @@ def person(folder):
     with served(folder) as app, opened_page(app) as someone:
         someone.go("region")
         someone.page.wait_for_selector(".viewer")
-        someone.page.wait_for_timeout(400)
         yield someone
 
 
@@ -158,6 +158,12 @@ def test_what_an_editor_changes_meanwhile_is_not_overwritten(person, folder):
     assert stage(folder, "correlation")["subset_size"] == 31
 
 
+def test_before_a_run_nothing_is_loaded_to_read_what_is_at_rest(folder, monkeypatch):
+    monkeypatch.setattr(Desk, "work", None)
+    with served(folder) as app:
+        assert app.found("rest", file=FILE) == []
+
+
 def test_what_an_extensometer_reads_at_rest_stands_below_the_probes(small_result, tmp_path):
     path = shutil.copytree(small_result.parent, tmp_path / "test") / FILE
     path.write_text(path.read_text() + "  probes: {stage: probes, extensometers: {gauge: [[60, 75], [140, 75]]}}\n")
@@ -200,7 +206,6 @@ def test_where_the_photographs_cannot_be_written_the_region_stands_in_the_pipeli
         with served(path, data) as app, opened_page(app) as someone:
             someone.go("region")
             someone.page.wait_for_selector(".path-name")
-            someone.page.wait_for_timeout(300)
             draw(someone, "h", HOLE)
             someone.said("saved: hole")
             draw(someone, "c", [(40, 40), (70, 45)])
@@ -231,8 +236,7 @@ def test_zoom_keeps_the_place_under_the_pointer(person):
     place = np.array((150, 40)) + np.subtract((x, y), person.at((150, 40))) / before
     person.page.mouse.move(x, y)
     person.page.mouse.wheel(0, -600)
-    person.page.wait_for_timeout(200)
-    assert person.page.evaluate(scale) > 2 * before
+    person.until(f"{scale} > {2 * before}")
     assert np.hypot(*np.subtract(person.at(place), (x, y))) < 0.1
     person.page.focus(".viewer")
     person.page.keyboard.press("0")

@@ -64,11 +64,11 @@ def test_files_are_those_of_export(folder, tmp_path):
         someone.go("hand_over")
         page = someone.page
         page.click("text=Write the files")
-        page.wait_for_selector(".files li", timeout=60_000)
+        page.wait_for_selector(".files li")
         shown = page.locator(".files li").all_inner_texts()
         assert someone.overlaps() == []
         page.click("text=Write the files")
-        page.wait_for_selector(".card .problem", timeout=60_000)
+        page.wait_for_selector(".card .problem")
         assert "exists; add --force" in page.inner_text(".card .problem")
         assert app.ask("export", file=FILE, format="csv", folder="../out").status == 422
         assert app.ask("export", file=FILE, format="nothing", folder="x").status == 422
@@ -86,7 +86,7 @@ def test_the_title_and_the_report_are_written(folder):
         page.keyboard.press("Tab")
         someone.said("saved: title")
         page.click("text=Write the report")
-        page.wait_for_selector("text=written: results/pipeline/report.html", timeout=120_000)
+        page.wait_for_selector("text=written: results/pipeline/report.html")
     assert 'title: "Strip: <first>"' in (folder / FILE).read_text()
     assert "Strip: &lt;first&gt;" in (folder / "results/pipeline/report.html").read_text()
 
@@ -132,7 +132,7 @@ def test_what_the_report_states_is_filled_in_and_taken_away(folder):
         assert path.read_text() == kept
         assert field(someone, "logo").input_value() == "logo.png"
         page.click("text=Write the report")
-        page.wait_for_selector("text=written: results/pipeline/report.html", timeout=120_000)
+        page.wait_for_selector("text=written: results/pipeline/report.html")
         report = (folder / "results/pipeline/report.html").read_text()
         for words in ("strip &lt;b&gt;&#34;A&#34;&lt;/b&gt;: 20 × 100 mm, rubber", "O&#39;Brien", "# two lamps"):
             assert words in report

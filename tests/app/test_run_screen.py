@@ -10,7 +10,7 @@ import sys
 import pytest
 from app_browser import opened_page
 from app_serving import FILE, served, small_test
-from waiting import until
+from waiting import PATIENCE_S, started, until
 
 from dicflow.app.project import open_project
 from dicflow.app.runs import Runs
@@ -29,7 +29,7 @@ def test_a_run_is_started_and_watched_to_its_end(tmp_path):
         assert someone.page.inner_text("h1") == "Not run yet"
         someone.page.get_by_role("button", name="Start", exact=True).click()
         someone.said("started")
-        someone.page.wait_for_selector("h1.state.done", timeout=120_000)
+        someone.page.wait_for_selector("h1.state.done")
         found = app.found("watch", file=FILE)
         plan = Pipeline.load(path).plan()
         assert plan.counts["run"] == plan.counts["pending"] == 0
@@ -47,7 +47,6 @@ def test_a_run_is_stopped_and_gone_on_with(tmp_path):
     path = small_test(tmp_path / "test", steps=40, size=(300, 220))
     with served(path) as app, opened_page(app) as someone:
         page = someone.page
-        page.set_default_timeout(120_000)
         someone.go("run")
         page.get_by_role("button", name="Start", exact=True).click()
         page.wait_for_selector("h1.state.running")
@@ -71,10 +70,10 @@ def test_a_run_of_a_terminal_is_seen_and_stopped(tmp_path):
     assert known.watch(FILE)["state"] == "none"
     with pytest.raises(ConfigurationError, match="no run"):
         known.stop(FILE)
-    process = subprocess.Popen([sys.executable, "-m", "dicflow", "run", path], stderr=subprocess.DEVNULL)
-    until(lambda: any(row["computed"] for row in known.watch(FILE).get("stages", {}).values()))
-    known.stop(FILE)
-    assert process.wait(120) != 0
+    with started([sys.executable, "-m", "dicflow", "run", path], stderr=subprocess.DEVNULL) as process:
+        until(lambda: any(row["computed"] for row in known.watch(FILE).get("stages", {}).values()))
+        known.stop(FILE)
+        assert process.wait(PATIENCE_S) != 0
     assert known.watch(FILE)["state"] == "stopped"
 
 
@@ -97,7 +96,7 @@ def test_a_run_that_cannot_begin_says_why(tmp_path):
     (path.parent / "left" / "step_0001.png").write_bytes(b"no photograph")
     known = Runs(open_project(path))
     known.start(FILE)
-    message = until(lambda: known.watch(FILE)["message"], 60.0)
+    message = until(lambda: known.watch(FILE)["message"])
     assert "step_0001.png" in message
     assert "Traceback" not in message
 

@@ -29,7 +29,6 @@ def tabs(tmp_path):
         other = one.tab()
         for tab in (one, other):
             tab.page.wait_for_selector(".path-name")
-            tab.page.wait_for_timeout(300)
         yield folder, one, other
         assert other.errors == []
 
@@ -123,10 +122,11 @@ def test_a_region_that_an_editor_has_changed_is_kept(tabs):
     draw(other, "c", [(40, 40), (70, 45)], "f")
     other.said("changed meanwhile")
     one.page.bring_to_front()
+    one.page.evaluate("document.querySelector('.viewer').isOld = true")
     one.drag((20, 130), (30, 120))
     one.said("changed meanwhile")
     assert json.loads(path.read_text()) == found
-    one.page.wait_for_timeout(400)
+    one.until("!document.querySelector('.viewer').isOld")
     one.drag((20, 130), (30, 120))
     one.said("saved: corner")
     (polygon,) = read_geojson(path).polygons

@@ -25,12 +25,10 @@ def test_a_student_compares_a_strip_with_the_caliper(tmp_path):
     folder = taken_by_phones(tmp_path / "strip", steps=3, boards=8)
     with served(folder) as app, opened_page(app) as someone:
         page = someone.page
-        page.set_default_timeout(180_000)
         page.wait_for_selector(".way")
         page.fill("#square", "14.5 mm")
         page.get_by_role("button", name="Make the pipeline file").click()
         page.wait_for_selector("section.region .viewer")
-        page.wait_for_timeout(500)
         page.click("text=Propose the region")
         someone.said("saved: the proposed region")
         someone.draw_extensometer(ENDS)

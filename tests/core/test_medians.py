@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 import numpy as np
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from dicflow.core.medians import median
 
 
-@settings(deadline=None)
 @given(st.lists(st.floats(-1e6, 1e6) | st.sampled_from([0.0, 1.0, np.inf]), min_size=1, max_size=60), st.integers(0, 5))
 def test_as_numpy(values: list[float], beyond: int) -> None:
     array = np.array([*values, *[-1e9] * beyond])

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from scipy.spatial import cKDTree
 
@@ -19,7 +19,6 @@ def _agrees_with_scipy(places: np.ndarray, points: np.ndarray, count: int) -> No
     assert all(len(set(row)) == count for row in index.tolist())
 
 
-@settings(deadline=None)
 @given(
     st.integers(0, 2**32 - 1),
     st.integers(1, 60),

@@ -3,6 +3,7 @@
 import sys
 from pathlib import Path
 
+import psutil
 import pytest
 
 sys.path.insert(0, str(Path(__file__).parent))
@@ -23,6 +24,14 @@ def folder(tmp_path):
 def store(tmp_path):
     """An empty store."""
     return Store.open(tmp_path / "store")
+
+
+@pytest.fixture
+def ours():
+    """A function that gives this process and those that it has started since the test began."""
+    here = psutil.Process()
+    earlier = set(here.children(recursive=True))
+    return lambda: [here, *(set(here.children(recursive=True)) - earlier)]
 
 
 @pytest.fixture(autouse=True)

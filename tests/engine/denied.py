@@ -7,16 +7,15 @@ from pathlib import Path
 
 import pytest
 
+from tests.replaced import replace_below
+
 __all__ = ["deny"]
 
 
 def deny(patched: pytest.MonkeyPatch, hidden: Path) -> None:
     """Let the store's reading of one file fail for want of permission."""
-    opened = os.open
 
     def denied(path, *arguments, **options):
-        if os.fspath(path) == os.fspath(hidden):
-            raise PermissionError(13, "Permission denied", path)
-        return opened(path, *arguments, **options)
+        raise PermissionError(13, "Permission denied", path)
 
-    patched.setattr("dicflow.engine.whole_file.os.open", denied)
+    replace_below(patched, hidden, os, "open", denied)

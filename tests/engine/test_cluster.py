@@ -3,6 +3,7 @@ import shutil
 import signal
 import subprocess
 import sys
+import threading
 import urllib.request
 from pathlib import Path
 
@@ -13,6 +14,7 @@ import pytest
 import toys
 from test_execute import index, trouble
 from toys import StageSpec, chain, expand, numbers, run_sync
+from waiting import PATIENCE_S, started
 
 from dicflow.engine import cluster
 from dicflow.engine.schedulers import is_loopback
@@ -25,10 +27,8 @@ pytestmark = pytest.mark.slow
 ROLES, PARTS = ("client", "scheduler", "worker"), ("cert", "key")
 
 
-def listeners():
-    """Addresses on which this process and its children listen."""
-    here = psutil.Process()
-    processes = [here, *here.children(recursive=True)]
+def listeners(processes):
+    """Addresses on which processes listen."""
     return {
         connection.laddr.ip
         for process in processes
@@ -38,16 +38,16 @@ def listeners():
 
 
 def page(link, part):
-    with urllib.request.urlopen(link.replace("/status", part), timeout=10) as answer:
+    with urllib.request.urlopen(link.replace("/status", part), timeout=PATIENCE_S) as answer:
         return answer.read().decode()
 
 
 @pytest.mark.parametrize("scheduler", ["processes", "threads"])
-def test_the_dashboard_answers_on_loopback_only(folder, store, tmp_path, scheduler):
+def test_the_dashboard_answers_on_loopback_only(folder, store, tmp_path, ours, scheduler):
     seen = {}
 
     def look():
-        seen["listeners"] = listeners()
+        seen["listeners"] = listeners(ours())
         seen["page"] = page(seen["link"], "/status")
 
     def on_event(event):
@@ -68,10 +68,10 @@ def test_the_dashboard_answers_on_loopback_only(folder, store, tmp_path, schedul
         assert {name: digest for name, digest in index(result).items() if "threads" not in name} == index(other)
 
 
-def test_a_worker_killed_in_the_middle_costs_nothing(folder, store, tmp_path):
+def test_a_worker_killed_in_the_middle_costs_nothing(folder, store, tmp_path, ours):
     """And without a dashboard nothing listens."""
     seen = []
-    options = {"scheduler": "processes", "linger": lambda: seen.append(listeners())}
+    options = {"scheduler": "processes", "linger": lambda: seen.append(listeners(ours()))}
     result = run_sync(trouble(folder, "kill once"), store, **options)
     assert result.ok
     assert seen == [set()]
@@ -178,8 +178,10 @@ def test_an_address_without_host_or_port_is_refused_at_once(folder, store, addre
 
 def test_a_scheduler_that_is_not_there(folder, store, monkeypatch):
     monkeypatch.setattr(cluster, "_PATIENCE_S", 0.3)
+    before = set(threading.enumerate())
     with pytest.raises(ConfigurationError, match=r"tcp://127\.0\.0\.1:9: no scheduler answers there"):
         run_sync(chain(folder), store, scheduler="tcp://127.0.0.1:9")
+    assert "IO loop" not in {one.name for one in set(threading.enumerate()) - before}, "dask's thread has ended"
 
 
 @pytest.fixture
@@ -189,16 +191,13 @@ def elsewhere(tmp_path):
     options = {"stdout": subprocess.DEVNULL, "stderr": subprocess.DEVNULL, "env": {**os.environ, "PYTHONPATH": path}}
     file = tmp_path / "scheduler.json"
     line = [sys.executable, "-m", "distributed.cli.dask_scheduler", "--host", "127.0.0.1", "--port", "0"]
-    scheduler = subprocess.Popen([*line, "--no-dashboard", "--scheduler-file", file], **options)
+    scheduling = started([*line, "--no-dashboard", "--scheduler-file", file], **options)
     line = [sys.executable, "-m", "distributed.cli.dask_worker", "--scheduler-file", file, "--nthreads", "1"]
-    worker = subprocess.Popen([*line, "--no-dashboard", "--no-nanny"], **options)
-    with distributed.Client(scheduler_file=str(file), timeout=60, set_as_default=False) as client:
-        client.wait_for_workers(1, timeout=60)
-        address = client.scheduler.address
-    yield address, scheduler, worker
-    for process in (worker, scheduler):
-        process.kill()
-        process.wait()
+    with scheduling as scheduler, started([*line, "--no-dashboard", "--no-nanny"], **options) as worker:
+        with distributed.Client(scheduler_file=str(file), timeout=PATIENCE_S, set_as_default=False) as client:
+            client.wait_for_workers(1, timeout=PATIENCE_S)
+            address = client.scheduler.address
+        yield address, scheduler, worker
 
 
 @pytest.mark.parametrize(
@@ -207,7 +206,7 @@ def elsewhere(tmp_path):
 def test_a_cluster_that_is_lost_in_the_middle_ends_the_run_with_one_error(
     folder, store, elsewhere, monkeypatch, capfd, lost, words
 ):
-    monkeypatch.setattr(cluster, "_WITHOUT_WORKERS_S", 1.0)
+    monkeypatch.setattr(cluster, "_WITHOUT_WORKERS_S", 1.0 if lost == "worker" else PATIENCE_S)
     monkeypatch.setattr(cluster, "_LOOK_S", 0.2)
     address, scheduler, worker = elsewhere
 
@@ -299,13 +298,11 @@ def test_an_interrupt_of_the_whole_group_lets_workers_finish(folder, store, tmp_
     script = tmp_path / "script.py"
     script.write_text(INTERRUPTED)
     command = [sys.executable, script, folder, store.path, str(Path(__file__).parent)]
-    process = subprocess.Popen(
-        command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, start_new_session=True
-    )
-    lines = iter(process.stdout.readline, "")
-    next(line for line in lines if line == "finished scale\n")
-    os.killpg(process.pid, signal.SIGINT)
-    out, err = process.communicate(timeout=30)
+    pipes = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE, "text": True}
+    with started(command, start_new_session=True, **pipes) as process:
+        next(line for line in iter(process.stdout.readline, "") if line == "finished scale\n")
+        os.killpg(process.pid, signal.SIGINT)
+        out, err = process.communicate(timeout=PATIENCE_S)
     assert out.splitlines()[-1] == "True 0 True", out + err
     assert "Traceback" not in err
     assert run_sync(chain(folder), store).counts["hit"] >= 8

@@ -10,6 +10,7 @@ from test_housekeeping import aged
 from dicflow.engine import drafts
 from dicflow.engine.drafts import draft_name, is_abandoned
 from dicflow.engine.housekeeping import collect
+from tests.replaced import replace_here
 
 HOUR, WEEK = 3600.0, 7 * 86400.0
 GONE = "{machine}-{gone}-12345678"
@@ -73,8 +74,7 @@ def test_drafts_of_indexes_are_found_beside_them(store, gone):
 def test_two_machines_of_one_name_are_two(monkeypatch):
     """Their identities tell them apart, and so does a container's own table of processes."""
     here = draft_name().partition("-")[0]
-    for name, value in (("readlink", lambda _: b"pid:[1]"),):
-        monkeypatch.setattr(drafts.os, name, value)
+    replace_here(monkeypatch, os, "readlink", lambda _: b"pid:[1]")
     drafts._machine.cache_clear()
     assert draft_name().partition("-")[0] != here
     monkeypatch.undo()

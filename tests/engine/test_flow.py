@@ -1,6 +1,7 @@
 """The flow of tasks through a run: order, bounded number at once, no barrier, retries, stop, by every backend."""
 
 import threading
+import time
 from pathlib import Path
 
 import distributed
@@ -27,6 +28,7 @@ BACKENDS = {
 """The cluster's workers are threads of this process, so that a test can hold and count its tasks."""
 
 every_backend = pytest.mark.parametrize("options", BACKENDS.values(), ids=BACKENDS)
+parallel_or_not = pytest.mark.parametrize("options", [BACKENDS["sync"], BACKENDS["threads"]], ids=["sync", "threads"])
 parallel_backends = pytest.mark.parametrize(
     "options", [BACKENDS["threads"], BACKENDS["cluster"]], ids=["threads", "cluster"]
 )
@@ -52,6 +54,18 @@ def handed(monkeypatch):
 
     monkeypatch.setattr(distributed.Client, "submit", submit)
     return seen
+
+
+@parallel_or_not
+def test_what_is_loaded_ahead_in_this_process_ends_with_the_run(folder, store, options):
+    threads = []
+
+    def load():
+        threads.append(threading.current_thread())
+        time.sleep(0.5)
+
+    assert run_sync(chain(folder), store, ahead=lambda _: [load], **options).ok
+    assert not threads[0].is_alive()
 
 
 @every_backend

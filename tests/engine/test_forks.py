@@ -13,7 +13,7 @@ from pathlib import Path
 import psutil
 import pytest
 from test_processes import die, process_that_meets
-from waiting import until
+from waiting import PATIENCE_S, started, until
 
 from dicflow.engine import forks
 from dicflow.engine.forks import ForkedProcess, can_fork
@@ -86,7 +86,7 @@ def test_workers_begin_from_nothing_where_the_process_that_forks_has_died(folder
         first = workers.call(os.getpid)
         (loader,) = loaders(ahead)
         loader.kill()
-        loader.wait(60)
+        loader.wait(PATIENCE_S)
         workers.start()
         both = set(workers.map(process_that_meets, [meeting, meeting]))
         assert first in both
@@ -121,7 +121,7 @@ from test_forks import compute, leave_number
 if __name__ == "__main__":
     with WorkerProcesses(2, ahead=[partial(leave_number, Path(sys.argv[1]))]) as workers:
         workers.start()
-        list(workers.map(compute, [60.0, 60.0]))
+        list(workers.map(compute, [600.0, 600.0]))
 """
 
 
@@ -130,23 +130,20 @@ def test_all_end_with_a_main_process_that_is_killed(folders, tmp_path):
     script = tmp_path / "script.py"
     script.write_text(SCRIPT)
     tests = Path(__file__).parent
-    process = subprocess.Popen([sys.executable, script, ahead, *map(str, (tests, tests.parent, tests.parents[1]))])
-    main = psutil.Process(process.pid)
-    until(lambda: list(ahead.iterdir()) and len(loaders(ahead)[0].children()) == 2)
-    family = main.children(recursive=True)
-    process.kill()
-    process.wait(60)
-    assert psutil.wait_procs(family, timeout=60)[1] == []
+    with started([sys.executable, script, ahead, *map(str, (tests, tests.parent, tests.parents[1]))]) as process:
+        until(lambda: list(ahead.iterdir()) and len(loaders(ahead)[0].children()) == 2)
+        family = psutil.Process(process.pid).children(recursive=True)
+    assert psutil.wait_procs(family, timeout=PATIENCE_S)[1] == []
 
 
 def test_a_forked_process_is_seen_to_end():
-    child = subprocess.Popen([sys.executable, "-c", "input()"], stdin=subprocess.PIPE)
-    forked = ForkedProcess(child.pid)
-    forked.join(0.0)
-    assert forked.is_alive()
-    forked.kill()
-    forked.join(60.0)
-    assert not forked.is_alive()
-    forked.kill()  # it is not reaped yet, and there is nothing left to kill
-    child.communicate()
-    forked.kill()
+    with started([sys.executable, "-c", "input()"], stdin=subprocess.PIPE) as child:
+        forked = ForkedProcess(child.pid)
+        forked.join(0.0)
+        assert forked.is_alive()
+        forked.kill()
+        forked.join(PATIENCE_S)
+        assert not forked.is_alive()
+        forked.kill()  # it is not reaped yet, and there is nothing left to kill
+        child.communicate()
+        forked.kill()

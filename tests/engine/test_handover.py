@@ -14,6 +14,7 @@ from dicflow.engine.objects import describe, normalised
 from dicflow.engine.product import Product, Variable
 from dicflow.engine.references import Recipe, Ref, clock, load
 from dicflow.engine.store import Store
+from tests.replaced import replace_below
 
 
 @pytest.fixture
@@ -94,7 +95,8 @@ def test_the_folder_ends_with_the_run(store):
 
 
 def test_a_full_disk_hands_nothing_over(store, monkeypatch):
-    monkeypatch.setattr(Path, "mkdir", lambda self, **options: (_ for _ in ()).throw(OSError(28, "no space left")))
+    full = OSError(28, "no space left")
+    replace_below(monkeypatch, store.path, Path, "mkdir", lambda self, **options: (_ for _ in ()).throw(full))
     with handover_folder(store) as folder:
         assert folder is None
 

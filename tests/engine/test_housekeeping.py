@@ -13,6 +13,7 @@ from dicflow.engine.housekeeping import collect, pin, pins, size, unpin
 from dicflow.engine.journal import find_run, runs
 from dicflow.engine.verification import verify
 from dicflow.errors import StoreError
+from tests.replaced import replace_below
 
 pytestmark = pytest.mark.slow
 
@@ -259,7 +260,7 @@ def test_the_next_gc_takes_what_a_killed_one_leaves(folder, store, three, monkey
     """It deletes first what names others, so that nothing is damaged at any moment."""
     for allowed in range(0, 40, 7):
         with monkeypatch.context() as patch:
-            kill_after(patch, allowed)
+            kill_after(patch, store, allowed)
             with pytest.raises(KeyboardInterrupt):
                 collect(store, keep_runs=1, grace_s=0, delete=True)
         assert verify(store) == []
@@ -270,8 +271,8 @@ def test_the_next_gc_takes_what_a_killed_one_leaves(folder, store, three, monkey
     assert collect(store, keep_runs=1, grace_s=0).found == []
 
 
-def kill_after(patch, allowed):
-    """Interrupt the deletion after so many files and folders."""
+def kill_after(patch, store, allowed):
+    """Interrupt the deletion after so many files and folders of a store."""
     left, unlink, rmtree = [allowed], Path.unlink, shutil.rmtree
 
     def counted(function):
@@ -283,5 +284,5 @@ def kill_after(patch, allowed):
 
         return call
 
-    patch.setattr(Path, "unlink", counted(unlink))
-    patch.setattr(shutil, "rmtree", counted(rmtree))
+    replace_below(patch, store.path, Path, "unlink", counted(unlink))
+    replace_below(patch, store.path, shutil, "rmtree", counted(rmtree))

@@ -8,6 +8,7 @@ import pytest
 
 from dicflow.engine import phases
 from dicflow.engine.phases import Phases, Spent
+from tests.replaced import replace_here
 
 
 @pytest.fixture
@@ -16,8 +17,8 @@ def clock(monkeypatch):
     now = {"wall": 100.0, "cpu": 0.25, "workers": 0.0}
     monkeypatch.setattr(phases, "_age_s", lambda: 2.0)
     monkeypatch.setattr(phases, "called_cpu_s", lambda: now["workers"])
-    monkeypatch.setattr(time, "perf_counter", lambda: now["wall"])
-    monkeypatch.setattr(time, "process_time", lambda: now["cpu"])
+    replace_here(monkeypatch, time, "perf_counter", lambda: now["wall"])
+    replace_here(monkeypatch, time, "process_time", lambda: now["cpu"])
     return now
 
 

@@ -15,6 +15,7 @@ from dicflow.engine.journal import find_run
 from dicflow.engine.node import At, Joined, Node, Port, Scope, parameter
 from dicflow.engine.plan import code_changes, make_plan
 from dicflow.errors import ConfigurationError, InputError
+from tests.replaced import replace_below
 
 
 def plan(graph, store, **options):
@@ -214,7 +215,7 @@ def test_files_are_held_against_the_steps_that_a_stage_takes(folder, store, monk
 
 def test_checked_files_are_not_opened_again(folder, store, monkeypatch):
     run_sync(chain(folder), store)
-    monkeypatch.setattr(Path, "read_text", None)
+    replace_below(monkeypatch, folder, Path, "read_text", None)
     monkeypatch.setattr("dicflow.engine.files.digest_file", None)
     assert plan(chain(folder), type(store).open(store.path)).counts["hit"] == 24
 

@@ -14,7 +14,7 @@ import psutil
 import pytest
 from test_execute import trouble
 from toys import chain, numbers, run_sync
-from waiting import until
+from waiting import PATIENCE_S, started, until
 
 from dicflow.engine import processes
 from dicflow.engine.processes import WorkerLost, WorkerProcesses, survive
@@ -99,10 +99,10 @@ def test_a_preferred_worker_is_taken_if_it_is_free(tmp_path):
         assert workers.call(os.getpid, preferred=-1) in both
 
 
-def test_workers_end_with_the_context_and_start_when_they_are_needed():
+def test_workers_end_with_the_context_and_start_when_they_are_needed(ours):
     with WorkerProcesses(5) as workers:
         assert len({workers.call(os.getpid) for _ in range(3)}) == 1
-        (worker,) = [p for p in psutil.Process().children() if "resource_tracker" not in " ".join(p.cmdline())]
+        (worker,) = [one for one in ours()[1:] if "resource_tracker" not in " ".join(one.cmdline())]
     assert not worker.is_running()
 
 
@@ -129,7 +129,7 @@ def test_a_worker_that_dies_while_it_is_idle_costs_no_call():
 def test_a_replacement_that_never_starts_ends_in_one_sentence(starts, monkeypatch):
     monkeypatch.setattr(processes, "_START_S", 0.3)
     with WorkerProcesses(1, partial(stop_unless_first, starts)) as workers:
-        monkeypatch.setattr(processes, "_START_S", 30.0)
+        monkeypatch.setattr(processes, "_START_S", PATIENCE_S)
         assert workers.call(pow, 2, 3) == 8
         monkeypatch.setattr(processes, "_START_S", 0.3)
         with pytest.raises(WorkerError, match="no worker process starts, tried 2 times"):
@@ -177,16 +177,14 @@ def test_a_script_that_runs_again_in_its_workers_is_told_so(folder, store, tmp_p
     script = tmp_path / "script.py"
     script.write_text(UNGUARDED)
     command = [sys.executable, script, folder, store.path, str(Path(__file__).parent)]
-    done = subprocess.run(command, capture_output=True, text=True, timeout=120)
+    done = subprocess.run(command, capture_output=True, text=True, timeout=PATIENCE_S)
     assert "read/step_01: no worker process starts" in done.stdout
     assert "worker processes import the script again; put what it does below a line" in done.stderr
 
 
 def test_a_replacement_that_starts_slowly_is_waited_for(starts):
     def continue_it():
-        while not (found := [one for one in replacements(starts) if one.status() == psutil.STATUS_STOPPED]):
-            pass
-        found[0].resume()
+        until(lambda: [one for one in replacements(starts) if one.status() == psutil.STATUS_STOPPED])[0].resume()
 
     with WorkerProcesses(1, partial(stop_unless_first, starts)) as workers:
         assert workers.call(pow, 2, 3) == 8
@@ -232,15 +230,16 @@ def test_a_run_without_workers_fails_with_one_error_and_names_what_to_do(folder,
 
 
 RUN = """
-import sys
+import signal, sys
 from pathlib import Path
 sys.path[:0] = sys.argv[3:]
 from dicflow.cli import _end_in_order
 from dicflow.engine.store import Store
 from toys import chain, numbers, run_sync
 if __name__ == "__main__":
+    signal.signal(signal.SIGHUP, signal.SIG_DFL)  # whoever started the tests may ignore it
     _end_in_order()
-    graph = chain(Path(sys.argv[1]), sleep_s=60.0)
+    graph = chain(Path(sys.argv[1]), sleep_s=600.0)
     store = Store.open(Path(sys.argv[2]))
     run_sync(graph, store, scheduler="processes", on_event=lambda event: print(event.stage, flush=True))
 """
@@ -256,21 +255,20 @@ def semaphores(processes):
 @pytest.mark.parametrize(("number", "code"), [("SIGTERM", 143), ("SIGHUP", 129), ("SIGKILL", -9)])
 @pytest.mark.parametrize("group", [False, True], ids=["alone", "group"])
 def test_a_signal_ends_the_workers_too_and_leaves_nothing(folder, store, tmp_path, number, code, group):
-    """While both workers are in a task of a minute."""
+    """While both workers are in a task of ten minutes."""
     script = tmp_path / "script.py"
     script.write_text(RUN)
     command = [sys.executable, script, folder, store.path, str(Path(__file__).parent)]
-    process = subprocess.Popen(
-        command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, start_new_session=True
-    )
-    next(line for line in iter(process.stdout.readline, "") if line == "rig\n")
-    children = psutil.Process(process.pid).children()
-    named = semaphores([process, *children])
-    (os.killpg if group else os.kill)(process.pid, getattr(signal, number))
-    _, errors = process.communicate(timeout=60)
+    pipes = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE, "text": True}
+    with started(command, start_new_session=True, **pipes) as process:
+        next(line for line in iter(process.stdout.readline, "") if line == "rig\n")
+        workers = psutil.Process(process.pid).children()
+        named = semaphores([process, *workers])
+        (os.killpg if group else os.kill)(process.pid, getattr(signal, number))
+        _, errors = process.communicate(timeout=PATIENCE_S)
     assert process.returncode == code
     assert errors == ""
-    assert psutil.wait_procs(children, timeout=60)[1] == []
+    assert psutil.wait_procs(workers, timeout=PATIENCE_S)[1] == []
     assert not any(path.exists() for path in named)
 
 

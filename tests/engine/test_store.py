@@ -18,6 +18,7 @@ from dicflow.engine.records import Record, versions
 from dicflow.engine.references import Ref, load
 from dicflow.engine.store import FORMAT, Store
 from dicflow.errors import DamagedError, StageError, StoreError
+from tests.replaced import replace_below
 
 ROOT = getattr(os, "geteuid", lambda: 1)() == 0
 
@@ -190,7 +191,7 @@ def test_two_processes_may_quarantine_the_same(store, monkeypatch):
         rename(source, target)
         rename(source, target)
 
-    monkeypatch.setattr("dicflow.engine.store.os.rename", late)
+    replace_below(monkeypatch, store.path, os, "rename", late)
     store.quarantine(digest)
     assert store.inspect(digest)[0] == "missing"
 
@@ -304,8 +305,20 @@ def test_a_store_that_was_killed_before_its_mark_is_taken_over(tmp_path):
     assert (tmp_path / "dicflow.json").is_file()
 
 
-def fill_disk(monkeypatch, after):
-    """From so many writes on, the disk is full."""
+def test_a_store_that_is_being_made_is_not_there_yet(tmp_path):
+    assert Store.existing(tmp_path / "store") is None
+    (tmp_path / "store" / "tmp").mkdir(parents=True)
+    assert Store.existing(tmp_path / "store") is None
+    (tmp_path / "store" / "tmp" / ("1-" + "a" * 32)).touch()
+    assert Store.existing(tmp_path / "store") is None
+    Store.open(tmp_path / "store")
+    assert Store.existing(tmp_path / "store").mark_state() == "complete"
+    with pytest.raises(StoreError, match="is not a store"):
+        Store.existing(tmp_path)
+
+
+def fill_disk(monkeypatch, store, after):
+    """From so many writes on, the disk of a store is full."""
     left = [after]
     original = Path.write_bytes, Path.write_text
 
@@ -318,8 +331,8 @@ def fill_disk(monkeypatch, after):
 
         return write
 
-    monkeypatch.setattr(Path, "write_bytes", limited(original[0]))
-    monkeypatch.setattr(Path, "write_text", limited(original[1]))
+    replace_below(monkeypatch, store.path, Path, "write_bytes", limited(original[0]))
+    replace_below(monkeypatch, store.path, Path, "write_text", limited(original[1]))
 
 
 @pytest.mark.parametrize("after", [0, 4, 8, 13, 20])
@@ -327,7 +340,7 @@ def test_a_full_disk_is_told_and_loses_nothing(folder, store, monkeypatch, after
     graph = chain(folder, keep="always")
     run_sync(graph.upstream(["read"]), store)
     with monkeypatch.context() as patch:
-        fill_disk(patch, after)
+        fill_disk(patch, store, after)
         try:
             message = "\n".join(run_sync(graph, store).errors)
         except StoreError as error:

@@ -22,6 +22,7 @@ from dicflow.engine.stored_json import (
     unseal,
 )
 from dicflow.engine.whole_file import LARGEST_TEXT, read_file
+from tests.replaced import replace_here
 
 VALUES = [{}, {"a": 1}, {"crc32": "x", "b": [1.5, None, "é", {"c": True}]}, {"": ""}, {"a": "\udce9"}, {"a": 10**300}]
 
@@ -60,7 +61,7 @@ def test_files_and_numbers_of_values_that_could_fill_the_memory_are_refused_unre
     path = tmp_path / "index.json"
     with path.open("wb") as file:
         file.truncate(LARGEST_TEXT + 1)
-    monkeypatch.setattr(json, "loads", None)
+    replace_here(monkeypatch, json, "loads", lambda *_: pytest.fail("is read"))
     with pytest.raises(ValueError, match="larger than"):
         read_stored(path, anything)
     with pytest.raises(ValueError, match="too many values"):

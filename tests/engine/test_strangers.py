@@ -12,9 +12,9 @@ import urllib.request
 from pathlib import Path
 
 import distributed
-import psutil
 import pytest
 from toys import chain, run_sync
+from waiting import PATIENCE_S
 
 pytestmark = pytest.mark.slow
 
@@ -59,28 +59,23 @@ A server of pages never answers dask's greeting, so that not every knock ends.
 """
 
 
-def ours():
-    here = psutil.Process()
-    return [here, *here.children(recursive=True)]
+def connections(processes, kind):
+    return [one for process in processes for one in process.net_connections(kind=kind)]
 
 
-def connections(kind):
-    return [one for process in ours() for one in process.net_connections(kind=kind)]
+def listening(processes):
+    """Address and port of every socket of processes that waits for others."""
+    return {tuple(one.laddr) for one in connections(processes, "inet") if one.laddr and not one.raddr}
 
 
-def listening():
-    """Address and port of every socket of this process and its children that waits for others."""
-    return {tuple(one.laddr) for one in connections("inet") if one.laddr and not one.raddr}
-
-
-def named_sockets():
+def named_sockets(processes):
     """Sockets that have a name in the file system or beside it."""
-    return {one.laddr for one in connections("unix") if one.laddr}
+    return {one.laddr for one in connections(processes, "unix") if one.laddr}
 
 
-def pipes():
-    """Pipes and sockets of this process and its children, as the system shows them to others."""
-    return {str(path) for process in ours() for path in Path(f"/proc/{process.pid}/fd").glob("*") if _is_pipe(path)}
+def pipes(processes):
+    """Pipes and sockets of processes, as the system shows them to others."""
+    return {str(path) for process in processes for path in Path(f"/proc/{process.pid}/fd").glob("*") if _is_pipe(path)}
 
 
 def _is_pipe(path):
@@ -93,7 +88,7 @@ def _is_pipe(path):
 def entered(doors, account=""):
     """The doors that let a process in. account : its number if it is another one"""
     command = [sys.executable, "-c", KNOCK, str(account), *map(str, doors)]
-    return subprocess.run(command, capture_output=True, text=True, check=True, timeout=120).stdout.split()
+    return subprocess.run(command, capture_output=True, text=True, check=True, timeout=PATIENCE_S).stdout.split()
 
 
 @pytest.fixture
@@ -119,24 +114,24 @@ def other_account():
     return pwd.getpwnam("nobody").pw_uid
 
 
-def test_a_run_listens_nowhere(during):
-    assert during(lambda _: (listening(), named_sockets())) == (set(), set())
+def test_a_run_listens_nowhere(during, ours):
+    assert during(lambda _: (listening(ours()), named_sockets(ours()))) == (set(), set())
 
 
-def test_a_client_of_dasks_is_refused(during):
+def test_a_client_of_dasks_is_refused(during, ours):
     """The ports are those of the dashboard, and none of them takes commands."""
 
     def knock(_):
-        return {host for host, _ in listening()}, entered(port for _, port in listening())
+        return {host for host, _ in listening(ours())}, entered(port for _, port in listening(ours()))
 
     assert during(knock, dashboard=True) == ({"127.0.0.1"}, [])
 
 
-def test_another_account_finds_no_way_in(during, other_account):
+def test_another_account_finds_no_way_in(during, ours, other_account):
     """Neither by a port, nor by a socket with a name, nor by the pipes between this process and its workers."""
 
     def knock(_):
-        doors = [*(port for _, port in listening()), *named_sockets(), *pipes()]
+        doors = [*(port for _, port in listening(ours())), *named_sockets(ours()), *pipes(ours())]
         return len(doors), entered(doors, other_account)
 
     number, open_doors = during(knock, dashboard=True)
@@ -155,7 +150,7 @@ def test_the_knock_would_be_heard(during, other_account):
 def status(link, page, method="GET"):
     request = urllib.request.Request(link.replace("/status", page), method=method)
     try:
-        with urllib.request.urlopen(request, timeout=10) as answer:
+        with urllib.request.urlopen(request, timeout=PATIENCE_S) as answer:
             return answer.status
     except urllib.error.HTTPError as error:
         return error.code
@@ -166,18 +161,18 @@ def plots_for(link, origin):
     address = link.removeprefix("http://").removesuffix("/status")
     upgrade = "Upgrade: websocket\r\nConnection: Upgrade\r\nSec-WebSocket-Version: 13"
     key = "Sec-WebSocket-Key: dGhlIHNhbXBsZSBub25jZQ=="
-    with socket.create_connection((address.split(":")[0], int(address.split(":")[1])), timeout=10) as browser:
+    with socket.create_connection((address.split(":")[0], int(address.split(":")[1])), timeout=PATIENCE_S) as browser:
         head = f"GET /status/ws HTTP/1.1\r\nHost: {address}\r\nOrigin: {origin}\r\n{upgrade}\r\n{key}\r\n\r\n"
         browser.sendall(head.encode())
         return int(browser.recv(100).split()[1])
 
 
-def test_the_dashboard_shows_plots_and_takes_nothing(during):
+def test_the_dashboard_shows_plots_and_takes_nothing(during, ours):
     logs = ("/info/main/workers.html", "/info/logs.html", "/json/counts.json", "/metrics", "/health", "/proxy/80/x")
     pages = (*logs, "/profile", "/profile-server", "/exceptions", "/events", "/hardware", "/individual-profile")
 
     def look(link):
-        others = [f"http://127.0.0.1:{port}/status" for _, port in listening() if f":{port}/" not in link]
+        others = [f"http://127.0.0.1:{port}/status" for _, port in listening(ours()) if f":{port}/" not in link]
         hidden = {status(link, page) for page in pages}
         hidden |= {status(other, page) for other in others for page in ("/status", "/system", "/profile", "/", "/x")}
         origins = plots_for(link, link.removesuffix("/status")), plots_for(link, "http://example.org")

@@ -19,6 +19,7 @@ from dicflow.engine.store import Store
 from dicflow.engine.stored_json import read_stored
 from dicflow.engine.verification import verify
 from dicflow.errors import StoreError
+from tests.replaced import replace_below
 
 pytestmark = pytest.mark.slow
 
@@ -163,14 +164,10 @@ def test_what_cannot_be_read_is_not_called_damaged(store, made, monkeypatch):
 
 
 def test_a_folder_that_cannot_be_listed_is_not_damaged(store, made, monkeypatch):
-    hidden, listed = store.path / "code", os.scandir
-
     def denied(path):
-        if os.fspath(path) == os.fspath(hidden):
-            raise PermissionError(13, "Permission denied", path)
-        return listed(path)
+        raise PermissionError(13, "Permission denied", path)
 
-    monkeypatch.setattr("dicflow.engine.layout.os.scandir", denied)
+    replace_below(monkeypatch, store.path / "code", os, "scandir", denied)
     assert [(damage.what, damage.state) for damage in verify(store, repair=True)] == [("code", "unreadable")]
 
 

@@ -7,6 +7,7 @@ import pytest
 
 import dicflow
 from dicflow.engine.whole_file import read_file, write_file
+from tests.replaced import replace_here
 
 PACKAGE = Path(dicflow.__file__).parent
 
@@ -27,7 +28,7 @@ def test_a_failure_leaves_the_file_and_no_draft(tmp_path, monkeypatch, failure):
     def failing(*_):
         raise failure
 
-    monkeypatch.setattr(os, "replace", failing)
+    replace_here(monkeypatch, os, "replace", failing)
     with pytest.raises(type(failure)):
         write_file(path, b"two")
     assert path.read_bytes() == b"one"
@@ -36,7 +37,7 @@ def test_a_failure_leaves_the_file_and_no_draft(tmp_path, monkeypatch, failure):
 
 def test_the_draft_is_where_the_caller_puts_it(tmp_path, monkeypatch):
     moved = []
-    monkeypatch.setattr(os, "replace", lambda *names: moved.append(names))
+    replace_here(monkeypatch, os, "replace", lambda *names: moved.append(names))
     write_file(tmp_path / "a.json", b"one", tmp_path / "draft")
     assert moved == [(tmp_path / "draft", tmp_path / "a.json")]
 
@@ -44,8 +45,8 @@ def test_the_draft_is_where_the_caller_puts_it(tmp_path, monkeypatch):
 def test_what_must_outlast_a_power_failure_is_on_the_disk_before_it_has_its_name(tmp_path, monkeypatch):
     done = []
     fsync, replace = os.fsync, os.replace
-    monkeypatch.setattr(os, "fsync", lambda descriptor: done.append("fsync") or fsync(descriptor))
-    monkeypatch.setattr(os, "replace", lambda *names: done.append("replace") or replace(*names))
+    replace_here(monkeypatch, os, "fsync", lambda descriptor: done.append("fsync") or fsync(descriptor))
+    replace_here(monkeypatch, os, "replace", lambda *names: done.append("replace") or replace(*names))
     write_file(tmp_path / "a.json", b"one")
     write_file(tmp_path / "a.json", b"two", durable=True)
     assert done == ["replace", "fsync", "replace", "fsync"]

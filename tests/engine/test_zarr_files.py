@@ -20,7 +20,7 @@ def written(folder, values, dims):
     return files
 
 
-@settings(suppress_health_check=[HealthCheck.function_scoped_fixture], deadline=None)
+@settings(suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(st.sampled_from(DTYPES).flatmap(lambda dtype: arrays.arrays(dtype, arrays.array_shapes(min_dims=0, min_side=0))))
 def test_zarr_reads_what_is_written_and_so_does_dicflow(tmp_path_factory, values):
     folder = tmp_path_factory.mktemp("group")

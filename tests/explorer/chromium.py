@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 import shutil
+import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
 import pytest
+
+from tests.waiting import PATIENCE_S
 
 __all__ = ["PICTURES", "Seen", "Tabs", "program"]
 
@@ -101,11 +104,10 @@ class Seen:
 
     def until(self, expression: str) -> None:
         """Wait until an expression is true."""
-        for _ in range(200):
-            if self.js(expression):
-                return
-            self.page.wait_for_timeout(50)
-        raise AssertionError(f"never true: {expression}")
+        end = time.monotonic() + PATIENCE_S
+        while not self.js(expression):
+            assert time.monotonic() < end, expression
+            self.page.wait_for_timeout(20)
 
     def press(self, *keys: str) -> None:
         """Press keys, one after another, while the picture has the focus."""
@@ -169,7 +171,7 @@ class Tabs:
             launch = self._playwright.chromium.launch
             self._browsers[webgl] = launch(executable_path=program(), args=[*_FLAGS.split(), *_WEBGL[webgl].split()])
         page = self._browsers[webgl].new_page(**{"viewport": {"width": 1280, "height": 800}, **options})
-        page.set_default_timeout(30_000)
+        page.set_default_timeout(1000 * PATIENCE_S)
         if webgl:
             page.add_init_script(_SLOW_IS_FINE)
         yield Seen(page)

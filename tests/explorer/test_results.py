@@ -23,6 +23,7 @@ from dicflow.pipeline import Pipeline
 from dicflow.report.answer import Seen, verdict
 from dicflow.report.build import write_report
 from tests.explorer.chromium import Tabs
+from tests.made_once import copy_of_store
 
 pytestmark = pytest.mark.slow
 
@@ -55,8 +56,8 @@ def made(sources, make):
 
 
 @pytest.fixture(scope="module")
-def store(tmp_path_factory):
-    return tmp_path_factory.mktemp("store")
+def store(quickstart_store, tmp_path_factory):
+    return copy_of_store(quickstart_store, tmp_path_factory.mktemp("explored") / "store")
 
 
 @pytest.fixture(scope="module")
@@ -253,21 +254,25 @@ def test_the_pointer_reads_the_quick_start_and_its_gaps(quickstart, packed, tmp_
         assert seen.complaints == []
 
 
+@pytest.fixture(scope="module")
+def report(quickstart, store, tmp_path_factory):
+    loaded = Pipeline.load(ROOT / "pipelines" / "quickstart.yaml", data=SAMPLES, store=store)
+    return write_report(loaded, quickstart, tmp_path_factory.mktemp("report"))
+
+
 @pytest.mark.parametrize("dark", [False, True], ids=["light", "dark"])
 @pytest.mark.parametrize(("width", "height"), [(1280, 800), (1920, 1080), (390, 844)])
-def test_the_report_opens_with_it_and_no_texts_overlap(quickstart, store, tmp_path_factory, tabs, width, height, dark):
-    loaded = Pipeline.load(ROOT / "pipelines" / "quickstart.yaml", data=SAMPLES, store=store)
-    page = write_report(loaded, quickstart, tmp_path_factory.getbasetemp() / "report")
-    assert page.stat().st_size < 10e6
+def test_the_report_opens_with_it_and_no_texts_overlap(report, tabs, width, height, dark):
+    assert report.stat().st_size < 10e6
     scheme = "dark" if dark else "light"
     with tabs.open(viewport={"width": width, "height": height}, color_scheme=scheme) as seen:
-        seen.show(page.as_uri())
+        seen.show(report.as_uri())
         assert seen.page.locator("main > section").first.get_attribute("id") == "answer"
         assert seen.page.locator(".x-stage").bounding_box()["y"] < 0.6 * height
         assert seen.page.evaluate("document.documentElement.scrollWidth") <= width
         assert seen.overlaps() == []
         seen.picture(f"report_{width}_{scheme}")
-        assert (seen.complaints, seen.requests) == ([], [page.as_uri()])
+        assert (seen.complaints, seen.requests) == ([], [report.as_uri()])
 
 
 def test_a_notebook_shows_a_page_that_stands_alone(quickstart):

@@ -12,6 +12,7 @@ from PIL import Image
 from dicflow.errors import InputError
 from dicflow.io.images import natural_key, page_count, pair_names, probe, read_grey
 from dicflow.stages.images import Images
+from tests.replaced import replace_here
 
 RAMP = np.arange(12, dtype=np.uint8).reshape(3, 4) * 20
 
@@ -151,8 +152,8 @@ def test_another_format_reaches_no_library(tmp_path, form, monkeypatch):
     buffer = BytesIO()
     Image.fromarray(COLOUR).save(buffer, form)
     path = _saved(tmp_path, buffer.getvalue())
-    monkeypatch.setattr(Image, "open", None)
-    monkeypatch.setattr(cv2, "imdecode", None)
+    for library, function in ((Image, "open"), (cv2, "imdecode")):
+        replace_here(monkeypatch, library, function, lambda *_, **__: pytest.fail("is opened"))
     with pytest.raises(InputError, match=r"photograph\.png: .*PNG, TIFF, JPEG or BMP"):
         probe(path)
 

@@ -39,7 +39,7 @@ def recordings(draw):
     return form, *([k for k in side if k not in gone] for side, gone in zip((left, right), lost, strict=True))
 
 
-@settings(max_examples=300, deadline=None)
+@settings(max_examples=300)
 @given(recordings())
 def test_either_all_pairs_are_right_or_the_photographs_are_refused(recording):
     form, left, right = recording
@@ -52,7 +52,7 @@ def test_either_all_pairs_are_right_or_the_photographs_are_refused(recording):
             pair_names(*names)
 
 
-@settings(max_examples=300, deadline=None)
+@settings(max_examples=300)
 @given(recordings())
 def test_what_is_left_of_skipped_steps_are_right_pairs(recording):
     form, left, right = recording

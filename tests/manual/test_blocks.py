@@ -96,6 +96,7 @@ def folder(tmp_path, monkeypatch):
     monkeypatch.setattr(Pipeline, "run", partialmethod(Pipeline.run, scheduler="sync"))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("page", python_pages())
 @pytest.mark.usefixtures("folder")
 def test_python_runs(page):
@@ -107,6 +108,7 @@ def test_python_runs(page):
     assert names["dicflow"] is dicflow
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("notebook", NOTEBOOKS, ids=lambda path: path.stem)
 def test_notebooks_run(notebook):
     page = notebook_page(notebook)

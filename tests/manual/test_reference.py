@@ -111,6 +111,7 @@ def test_scripts_of_the_gallery_are_short():
         assert len(script.read_text(encoding="utf-8").splitlines()) <= 20, script.name
 
 
+@pytest.mark.slow
 def test_bad_photographs_measure_worse_than_good_ones():
     """As the page on photographs says of the coarse pattern; others are measured while the page is built."""
     good, coarse = measured(SCENES["pattern"][0]), measured(SCENES["pattern"][2])

@@ -9,6 +9,8 @@ import pytest
 from dicflow.pipeline import Pipeline
 from dicflow.synth.pictures import outline_text
 
+pytestmark = pytest.mark.slow
+
 PIPELINE = Path(__file__).resolve().parents[2] / "pipelines" / "latex_material.yaml"
 SHARED = {"boards", "corners", "rig", "material", "strips_alone"}
 

@@ -8,6 +8,7 @@ from small import BOARDS, STEPS
 
 from dicflow.io.images import reading
 from dicflow.pipeline import Pipeline
+from tests.replaced import replace_below
 
 PHOTOGRAPHS = 2 * (BOARDS + STEPS)
 
@@ -46,7 +47,7 @@ def test_a_store_that_cannot_be_written_decodes_none(known, decoded, monkeypatch
     def refuse(*_, **__):
         raise PermissionError(30, "Read-only file system")
 
-    monkeypatch.setattr(os, "replace", refuse)
+    replace_below(monkeypatch, known.parent, os, "replace", refuse)
     assert Pipeline.load(known).plan().counts["run"] == 0
     assert decoded == []
 

@@ -11,6 +11,8 @@ import pytest
 import dicflow
 from dicflow.core.synthetic.planar import planar_pair
 
+pytestmark = pytest.mark.slow
+
 LOADS_N = (0.0, 1.5, 3.0)
 TIMES_S = (0.0, 2.0, 4.5)
 PROBES = """\

@@ -5,7 +5,6 @@ from __future__ import annotations
 import io
 import os
 import re
-import subprocess
 import sys
 import time
 from pathlib import Path
@@ -23,7 +22,7 @@ from dicflow.pipeline.arrivals import Arrivals
 from dicflow.pipeline.watching import Watch
 from tests.fed_folder import STRAIN, feed, pairs, watched, write_pipeline
 from tests.small import dicflow
-from tests.waiting import until
+from tests.waiting import PATIENCE_S, started, until
 
 STEPS = 8
 
@@ -320,12 +319,11 @@ def test_a_page_ends_with_the_watch_however_that_ends(tmp_path):
     pytest.importorskip("tornado")
     code = (
         "import sys, time; from dicflow.pipeline import Pipeline; from dicflow.cli.watch import _page_of\n"
-        "with _page_of(Pipeline.load(sys.argv[1])): time.sleep(60)"
+        "with _page_of(Pipeline.load(sys.argv[1])): time.sleep(600)"
     )
-    with subprocess.Popen([sys.executable, "-c", code, write_pipeline(tmp_path)]) as watch:
+    with started([sys.executable, "-c", code, write_pipeline(tmp_path)]) as watch:
         (page,) = until(psutil.Process(watch.pid).children)
-        watch.kill()
-    assert psutil.wait_procs([page], timeout=60.0)[1] == []
+    assert psutil.wait_procs([page], timeout=PATIENCE_S)[1] == []
 
 
 def test_a_page_that_the_end_of_the_watch_ends_is_not_missed(capsys):

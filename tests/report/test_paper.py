@@ -2,6 +2,7 @@
 
 import re
 import sys
+from types import SimpleNamespace
 
 import pytest
 from small import dicflow
@@ -47,7 +48,7 @@ def test_a_browser_prints_on_a4(page):
 
 
 def test_without_a_browser_the_message_says_what_to_install(page, monkeypatch):
-    monkeypatch.setattr(paper.shutil, "which", lambda name: None)
+    monkeypatch.setattr(paper, "shutil", SimpleNamespace(which=lambda name: None))
     monkeypatch.setattr(paper, "_usual_places", lambda: iter(()))
     with pytest.raises(ConfigurationError, match="install Chromium, Google Chrome or Microsoft Edge, or print"):
         write_pdf(page)
@@ -57,8 +58,8 @@ def test_a_browser_is_also_found_in_the_usual_places(tmp_path, monkeypatch):
     place = tmp_path / "Microsoft" / "Edge" / "Application" / "msedge.exe"
     place.parent.mkdir(parents=True)
     place.touch()
-    monkeypatch.setattr(paper.shutil, "which", lambda name: None)
-    monkeypatch.setattr(paper.sys, "platform", "win32")
+    monkeypatch.setattr(paper, "shutil", SimpleNamespace(which=lambda name: None))
+    monkeypatch.setattr(paper, "sys", SimpleNamespace(platform="win32"))
     monkeypatch.setenv("PROGRAMFILES", str(tmp_path))
     assert find_browser() == str(place)
 

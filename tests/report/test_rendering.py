@@ -2,6 +2,7 @@ import pytest
 from jinja2 import DictLoader, Environment
 
 from dicflow.report.rendering import KeptTemplates
+from tests.replaced import replace_here
 
 
 @pytest.fixture
@@ -13,7 +14,7 @@ def compiled(monkeypatch):
         names.append(name)
         return compile_template(self, source, name, *arguments, **options)
 
-    monkeypatch.setattr(Environment, "compile", noted)
+    replace_here(monkeypatch, Environment, "compile", noted)
     return names
 
 

@@ -145,6 +145,7 @@ def test_a_window_too_small_is_refused():
         total(sparse, window=21)
 
 
+@pytest.mark.slow
 def test_one_sigma_covers_68_percent_of_displacement_and_strain():
     rng, scores = np.random.default_rng(8), {name: [] for name in ("U", "V", "W", "exx", "eyy", "gxy", "e1")}
     before, after = sheet((0.3, -0.2)), deformed(STRETCH, sheet((0.3, -0.2)), (0.05, -0.1, 0.1), (1, 2, 3))

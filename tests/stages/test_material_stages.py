@@ -332,6 +332,7 @@ def product_of(tmp_path, name, mode, c, stretch, **given):
     return Curve(file=path.name, mode=mode, **given).run(path)
 
 
+@pytest.mark.slow
 def test_constants_of_three_exact_curves(tmp_path):
     stretch = np.linspace(1.05, 2.2, 12)
     curves = [

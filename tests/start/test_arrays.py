@@ -13,6 +13,8 @@ from dicflow.errors import ConfigurationError, StageError
 from dicflow.io.rig import write_rig
 from tests.stereo_scene import REGION, REST, RIG, photographs
 
+pytestmark = pytest.mark.slow
+
 SHIFT = (1.3, -0.4)
 OUTLINE = [[40, 40], [160, 40], [160, 140], [40, 140]]
 X0, Y0, X1, Y1 = (REGION[0] + 100, REGION[1] + 120, REGION[2] - 100, REGION[3] - 120)

@@ -15,7 +15,7 @@ def times(seed, count=12):
     return np.cumsum(np.random.default_rng(seed).uniform(8.0, 40.0, count))
 
 
-@settings(deadline=None, max_examples=100)
+@settings(max_examples=100)
 @given(
     seed=st.integers(0, 10**6),
     ahead=st.floats(-1e5, 1e5),

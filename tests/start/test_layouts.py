@@ -235,7 +235,7 @@ def test_a_folder_for_each_step_is_recognised():
     )
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=60)
 @given(st.sampled_from(LAYOUTS), st.randoms(use_true_random=False), st.sets(st.sampled_from(STRANGERS)))
 def test_neither_the_order_nor_other_files_change_what_is_found(layout, random, strangers):
     paths = paths_of(layout)
@@ -246,7 +246,7 @@ def test_neither_the_order_nor_other_files_change_what_is_found(layout, random, 
     assert files(found) == files(chosen(paths, paths[2 * STEPS :]))
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=60)
 @given(st.sampled_from(LAYOUTS), st.sets(st.sampled_from(STRANGERS)))
 def test_patterns_find_the_files_of_a_series_and_no_others(layout, strangers):
     paths = [*paths_of(layout), *(PurePosixPath(name.format(k)) for name in strangers for k in range(3))]
@@ -256,7 +256,7 @@ def test_patterns_find_the_files_of_a_series_and_no_others(layout, strangers):
         assert [path for path in sorted(set(paths)) if is_named(path, patterns)] == sorted(series.files)
 
 
-@settings(max_examples=200, deadline=None)
+@settings(max_examples=200)
 @given(st.lists(st.text(min_size=1, max_size=12).filter(lambda name: "/" not in name and name.strip(".")), min_size=1))
 def test_any_names_make_series(names):
     """No name is an error, no photograph is in two series, and patterns read back names with any signs."""

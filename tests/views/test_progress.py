@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import io
-import threading
 import time
 
 import pytest
@@ -12,6 +11,7 @@ from rich.console import Console
 from dicflow.engine.journal import Event
 from dicflow.views import progress
 from dicflow.views.progress import Progress
+from tests.waiting import PATIENCE_S
 
 STAGES = {"photos": {"hit": 1, "run": 1, "pending": 0}, "pair": {"hit": 0, "run": 0, "pending": 4}}
 
@@ -109,20 +109,16 @@ def test_a_file_gets_a_line_whenever_nothing_else_was_printed_for_a_while(monkey
         one.on_event(Event("planned", stages=STAGES))
         finish(one, "pair", 1.0)
         assert buffer.holds("pair 1 of 4: ")
-    assert threading.active_count() == buffer.threads
+    assert not one._ticker.is_alive()
     assert " s left\n" in buffer.getvalue()
 
 
 class _Lines(io.StringIO):
-    """A file that somebody waits for. threads : that there were before"""
-
-    def __init__(self):
-        super().__init__()
-        self.threads = threading.active_count()
+    """A file that somebody waits for."""
 
     def holds(self, text):
         """Whether it gets a text soon."""
-        end = time.monotonic() + 30.0
+        end = time.monotonic() + PATIENCE_S
         while text not in self.getvalue() and time.monotonic() < end:
             time.sleep(0.01)
         return text in self.getvalue()

@@ -9,7 +9,7 @@ Y, X = np.mgrid[-20.0:21.0:5.0, -10.0:11.0:5.0]
 
 
 @given(slope_x=st.floats(-1.0, 1.0), slope_y=st.floats(-1.0, 1.0))
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=40)
 def test_best_plane(slope_x, slope_y):
     points = np.stack([X, Y, 600 + slope_x * X + slope_y * Y], axis=-1)
     points[0, 0] = np.nan

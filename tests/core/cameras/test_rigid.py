@@ -12,7 +12,7 @@ triple = st.tuples(*[st.floats(-1.5, 1.5)] * 3)
 
 
 @given(turn=triple, shift=triple)
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=40)
 def test_perfect_motion_comes_back(turn, shift):
     rotation, translation = rotation_matrix(turn), 40 * np.array(shift)
     holed = POINTS.copy()

@@ -132,7 +132,7 @@ def test_msac_without_enough_pairs_finds_nothing(kind):
     assert found.trials == 0
 
 
-@settings(max_examples=25, deadline=None)
+@settings(max_examples=25)
 @given(angle=st.floats(-3, 3), scale=st.floats(0.2, 5), shift=st.floats(-1e3, 1e3), kind=st.sampled_from(KINDS))
 def test_a_change_of_coordinates_changes_only_the_coordinates(angle, scale, shift, kind):
     c, s = scale * np.cos(angle), scale * np.sin(angle)

@@ -42,6 +42,7 @@ def test_intervals_hold_the_truth_in_95_of_100_draws(name):
     np.testing.assert_allclose(np.mean(inside, axis=0), 0.95, atol=0.038)
 
 
+@pytest.mark.slow
 def test_intervals_from_the_scatter_alone():
     truth, rng, inside = np.array(CONSTANTS["yeoh"]), np.random.default_rng(8), []
     for _ in range(300):
@@ -51,6 +52,7 @@ def test_intervals_from_the_scatter_alone():
     np.testing.assert_allclose(np.mean(inside, axis=0), 0.95, atol=0.038)
 
 
+@pytest.mark.slow
 def test_errors_of_stretch_and_section_are_in_the_intervals():
     """Each draw has errors of single stresses and stretches, and one thickness for both curves."""
     truth, rng, inside = np.array(CONSTANTS["mooney_rivlin"]), np.random.default_rng(9), []
@@ -126,6 +128,7 @@ def test_left_out_curves_are_predicted_by_the_true_model():
     assert leave_one_out(MODELS["neo_hooke"], curves)[2] > 0.2
 
 
+@pytest.mark.slow
 def test_predictions_have_the_interval_of_many_draws():
     truth, rng, draws = [0.2, -0.01, 0.001], np.random.default_rng(2), []
     at = principal_stretches("equibiaxial", np.array([1.8]))

@@ -36,6 +36,7 @@ def test_the_offset_of_a_pull_and_of_a_flash(course, noise):
     assert found.is_unique
 
 
+@pytest.mark.slow
 def test_the_uncertainty_covers_the_errors():
     found = [join_clocks(*seen(pull, 0.05, seed)) for seed in range(20)]
     errors = np.array([one.offset - OFFSET for one in found])
@@ -85,6 +86,7 @@ def found_in_a_part(seed):
     return join_clocks(left, right), other - start
 
 
+@pytest.mark.slow
 def test_few_frames_that_happen_to_fit_do_not_win_over_many():
     """An offset by some periods of one motion fits where both saw little of the pull; if it is found, it is refused."""
     found = [found_in_a_part(seed) for seed in range(12)]

@@ -83,7 +83,7 @@ def test_the_interior_keeps_away_from_edges_and_holes_but_not_from_the_photograp
     np.testing.assert_array_equal(interior(region, (60, 30), 0), rasterise(region, (60, 30)))
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=60)
 @given(radii=RADII, inner=RADII)
 def test_rasterise_is_contains_on_the_pixel_grid(radii, inner):
     polygons = [Polygon(star(radii), (star(np.array(inner) / 8).round(),))]
@@ -91,7 +91,7 @@ def test_rasterise_is_contains_on_the_pixel_grid(radii, inner):
     np.testing.assert_array_equal(rasterise(polygons, (60, 70)), contains(polygons, np.stack([x, y], axis=-1)))
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=60)
 @given(radii=RADII, inner=RADII, step_size=st.integers(1, 9))
 def test_grid_points_are_those_that_the_region_contains(radii, inner, step_size):
     polygons = [Polygon(star(radii), (star(np.array(inner) / 8).round(),))]
@@ -104,7 +104,7 @@ def test_grid_points_are_those_that_the_region_contains(radii, inner, step_size)
     np.testing.assert_array_equal(points[inside], whole[inside])
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=60)
 @given(radii=RADII)
 def test_pixels_count_the_area_to_within_the_outline(radii):
     ring = star(radii)
@@ -112,7 +112,7 @@ def test_pixels_count_the_area_to_within_the_outline(radii):
     assert abs(rasterise([Polygon(ring)], (90, 100)).sum() - area([Polygon(ring)])) <= outline
 
 
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=40)
 @given(radii=RADII, spacing=st.floats(0.5, 20))
 def test_densify_keeps_the_shape(radii, spacing):
     ring = star(radii)

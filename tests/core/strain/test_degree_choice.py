@@ -99,6 +99,7 @@ def test_noise_alone_keeps_degree_1():
     assert_covers(combined[:, RIM])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("length", "strain"), [(600.0, 0.03), (300.0, 0.01), (150.0, 0.01), (150.0, 0.1), (80.0, 0.01)]
 )

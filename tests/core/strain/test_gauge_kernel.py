@@ -43,6 +43,7 @@ def test_of_one_point_in_each_pixel_the_noise_is_that_of_a_regression():
     assert (kernel**2).sum() == pytest.approx(12 / (11**2 * (11**2 - 1)), rel=1e-12)
 
 
+@pytest.mark.slow
 def test_errors_of_gauges_are_correlated_as_simulated_noise_is():
     kernels = [gauge_kernel(setting) for setting in SETTINGS]
     rng = np.random.default_rng(1)

@@ -55,7 +55,7 @@ def tensor(gradient, measure, directions):
 
 
 @given(gradient=GRADIENTS, measure=st.sampled_from(TENSORS), directions=st.sampled_from(["material", "global"]))
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=60)
 def test_tensors_are_the_matrix_functions(gradient, measure, directions):
     expected = tensor(gradient, measure, directions)
     found = np.array(strain_components(gradient, measure, directions))
@@ -69,7 +69,7 @@ def test_tensors_are_the_matrix_functions(gradient, measure, directions):
 
 
 @given(gradient=GRADIENTS, degrees=st.floats(-170.0, 170.0), measure=st.sampled_from(MEASURES))
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=60)
 def test_a_rotation_after_the_deformation_changes_no_material_strain(gradient, degrees, measure):
     before, after = deformation_measures(gradient, measure), deformation_measures(turn(degrees) @ gradient, measure)
     for name in ("exx", "eyy", "gxy", "e1", "e2", "von_mises", "area_change"):
@@ -79,7 +79,7 @@ def test_a_rotation_after_the_deformation_changes_no_material_strain(gradient, d
 
 
 @given(gradient=GRADIENTS, degrees=st.floats(-170.0, 170.0), measure=st.sampled_from(MEASURES))
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=60)
 def test_a_rotation_before_the_deformation_changes_no_global_strain(gradient, degrees, measure):
     before = strain_components(gradient, measure, "global")
     after = strain_components(gradient @ turn(degrees), measure, "global")

@@ -63,7 +63,7 @@ def test_basis_of_the_image_plane_is_the_world():
     angle_deg=st.floats(0.0, 59.0),
     shift=st.tuples(*[st.floats(-500.0, 500.0)] * 3),
 )
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=40)
 def test_rigid_motion_gives_no_strain(axis, angle_deg, shift):
     length = np.linalg.norm(axis)
     rotation = rotation_matrix(np.radians(angle_deg) * np.array(axis) / length if length > 0.1 else np.zeros(3))
@@ -73,7 +73,7 @@ def test_rigid_motion_gives_no_strain(axis, angle_deg, shift):
 
 
 @given(st.floats(0.4, 2.5), st.floats(0.4, 2.5), st.floats(-0.8, 0.8), st.floats(-0.7, 0.7), st.floats(-0.7, 0.7))
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=40)
 def test_perfect_homogeneous_deformation_of_a_tilted_sheet(a, d, b, slope_x, slope_y):
     """A gradient [[a, b], [0, d]] in the sheet's own plane comes back for every tilt of the sheet."""
     basis = tangent_basis(np.array([[1.0, 0.0], [0.0, 1.0], [slope_x, slope_y]]))

@@ -63,7 +63,7 @@ def test_fill_lies_between_its_neighbours():
 
 
 @given(degree=st.integers(0, 5), seed=st.integers(0, 10_000), kernel=st.sampled_from(["box", "tricube"]))
-@settings(max_examples=25, deadline=None)
+@settings(max_examples=25)
 def test_perfect_polynomial_with_holes(degree, seed, kernel):
     rng = np.random.default_rng(seed)
     a, b = np.indices((degree + 1, degree + 1))

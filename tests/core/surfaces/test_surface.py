@@ -31,7 +31,7 @@ def test_number_of_terms(degree, count):
 
 
 @given(p=st.integers(0, 5), q=st.integers(0, 5), seed=st.integers(0, 10_000))
-@settings(max_examples=30, deadline=None)
+@settings(max_examples=30)
 def test_perfect_polynomial(p, q, seed):
     rng = np.random.default_rng(seed)
     coefficients = np.where(polynomial_terms((p, q)), rng.normal(size=(p + 1, q + 1)), 0.0)
@@ -54,7 +54,7 @@ def test_fit_agrees_with_plain_least_squares():
 
 
 @given(seed=st.integers(0, 10_000), holes=st.floats(0.0, 0.8), noise=st.floats(1e-3, 10.0))
-@settings(max_examples=30, deadline=None)
+@settings(max_examples=30)
 def test_sse_never_grows_with_the_degree(seed, holes, noise):
     _, field = bowl(noise, seed)
     field[np.random.default_rng(seed + 1).random(field.shape) < holes] = np.nan
