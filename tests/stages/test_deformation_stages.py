@@ -29,6 +29,7 @@ from dicflow.errors import StageError
 from dicflow.kinds.rig import rig_to_json
 from dicflow.stages.deformation import Deformation
 from dicflow.stages.maps import Maps
+from tests.noise import point_errors
 
 STRETCH = np.diag([2.3**-0.5, 2.3, 1.0])
 FLAT = sheet()
@@ -329,6 +330,22 @@ def test_the_bias_of_places_is_that_of_displacements():
     flat = Product("correlation", {**flat.variables, "bias": _spread(np.array([0.1, 0.3]))}, flat.attrs)
     plane = Deformation().run(points=flat, points_first=correlation(grid_px(), np.eye(2)))
     np.testing.assert_allclose([plane["bias_U"][3, 4], plane["bias_V"][3, 4], plane["bias_W"][3, 4]], [0.1, 0.3, 0.0])
+
+
+def test_scatter_beyond_sigma_is_a_bias_of_displacements():
+    """σ stays that of the photographs' noise; u is the scatter."""
+    rng = np.random.default_rng(6)
+    even = Deformation().run(points=points(FLAT, rng), points_first=first_points(FLAT, rng))
+    rough = np.zeros_like(FLAT)
+    variance = 9.0 * np.median(even["sigma_V"]) ** 2
+    rough[..., 1] = point_errors(rng, FLAT.shape[:2], variance * np.eye(2), SUBSET_SIZE, STEP_SIZE)[..., 0]
+    step = points(FLAT + rough, rng)
+    step = Product("points", {**step.variables, "bias": _spread(np.zeros((3, 2)))}, step.attrs)
+    result = Deformation().run(points=step, points_first=first_points(FLAT, rng))
+    np.testing.assert_allclose(result["sigma_V"], even["sigma_V"], rtol=1e-6)
+    np.testing.assert_array_equal(result["bias_U"], np.zeros_like(result["bias_U"]))
+    assert np.median(result["u_V"]) == pytest.approx(np.std(result["V"]), rel=0.25)
+    assert np.median(result["u_V"]) > 2.5 * np.median(result["sigma_V"])
 
 
 def _spread(values):
