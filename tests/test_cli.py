@@ -505,6 +505,7 @@ def test_synth_sheets_names_its_models(tmp_path):
     )
 
 
+@pytest.mark.slow
 def test_synth_sample_writes_what_is_in_the_repository(tmp_path, monkeypatch):
     """The bytes of the one photograph that takes part here; the rest is left out for the time it takes."""
     import dicflow.synth.folder as synth

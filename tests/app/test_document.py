@@ -94,6 +94,7 @@ VALUES = st.recursive(
 )
 
 
+@pytest.mark.slow
 @settings(max_examples=150)
 @given(path=st.sampled_from(PIPELINES), value=VALUES, key=st.from_regex(r"[a-z_]{1,8}", fullmatch=True))
 def test_any_value_comes_back_and_all_else_stays(path, value, key):

@@ -9,11 +9,13 @@ def good(tally):
     return tally.ok, tally.notes
 
 
+@pytest.mark.slow
 def test_a_flipped_bit_in_each_sort_of_file(tmp_path):
     tallies = list(damage.flips(tmp_path, 1))
     assert [good(tally) for tally in tallies] == [(True, [])] * len(damage.FILES)
 
 
+@pytest.mark.slow
 def test_many_files_lost_at_once(tmp_path):
     assert good(damage.power_failures(tmp_path, 6)) == (True, [])
 

@@ -16,6 +16,8 @@ from dicflow.engine.journal import runs
 from dicflow.engine.node import At, Node, Port, Scope
 from dicflow.engine.store import Store
 
+pytestmark = pytest.mark.slow
+
 
 class Early(Node):
     """Once: the sum of a few early numbers."""

@@ -125,6 +125,7 @@ def test_equal_products_give_equal_files(form, tmp_path):
     assert contents[0] == contents[1]
 
 
+@pytest.mark.slow
 @given(stage=NAMES, step=NAMES)
 def test_any_name_of_a_stage_and_a_step(tmp_path_factory, stage, step):
     folder = tmp_path_factory.mktemp("names")

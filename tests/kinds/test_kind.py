@@ -50,6 +50,7 @@ def test_each_kind_that_a_stage_gives_has_a_reader():
     assert {node_class(name).gives for name in stage_names()} <= {kind for kind, _ in OWNERS}
 
 
+@pytest.mark.slow
 def test_keys_of_attributes_are_read_in_kinds_alone():
     """But the warnings, which the engine passes on from products of any kind, and several products as one."""
     modules = [m for m in read_package().values() if layer_of(m.name) != "kinds"]

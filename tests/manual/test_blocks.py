@@ -64,6 +64,7 @@ def test_names_of_javascript_exist(block: Block):
     check_javascript(block)
 
 
+@pytest.mark.slow
 def test_commands_in_the_text_exist():
     found = list(prose_commands())
     assert len(found) > 50

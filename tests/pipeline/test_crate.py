@@ -16,6 +16,8 @@ from dicflow.io.crate import METADATA
 from dicflow.pipeline import Pipeline
 from tests.io.s3_server import serving
 
+pytestmark = pytest.mark.slow
+
 STEPS = 6
 PIPELINE = """\
 dicflow: 1

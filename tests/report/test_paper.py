@@ -34,6 +34,7 @@ def left_behind(page):
     return sorted(path.name for path in page.parent.iterdir() if path.suffix not in (".html", ".pdf", ""))
 
 
+@pytest.mark.slow
 def test_a_browser_prints_on_a4(page):
     if find_browser() is None:
         pytest.skip("needs Chromium, Chrome or Edge")

@@ -88,6 +88,7 @@ def perspective(slope):
     return about_middle(np.eye(2)) @ transform
 
 
+@pytest.mark.slow
 def test_auto_takes_quadratic_subsets_at_steps_that_need_them():
     """Affine subsets of 31 px have a bias of 0.016 px there, at a σ of 0.01 px."""
     images = series([np.eye(3), np.eye(3), perspective(2e-4), np.eye(3)], noise=3.0)
@@ -108,6 +109,7 @@ def test_fixed_subsets_say_what_they_leave_out():
     assert np.nanmedian(found["bias"][..., 0]) == pytest.approx(abs(np.nanmean(away)), rel=0.2)
 
 
+@pytest.mark.slow
 def test_a_reference_step_of_another_shape():
     """The pattern changes from step to step, and the last motion is curved."""
     transforms = [*(translation((3.0 * k, 1.5 * k)) for k in range(5)), translation((15.0, 7.5)) @ perspective(2e-4)]

@@ -432,6 +432,7 @@ def test_a_range_without_points_is_refused(tmp_path):
         Hyperelastic(stretch=(4, 3))
 
 
+@pytest.mark.slow
 def test_the_made_rubber(tmp_path):
     """All constants are within three of their standard deviations; curves are joined from several stages."""
     for mode in ("uniaxial", "planar", "equibiaxial"):

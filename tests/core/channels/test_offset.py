@@ -20,6 +20,7 @@ def seen(motion, rng, noise=0.1):
     return 10.0 * moved / (moved + 1.0) + 1.0 + rng.normal(0.0, noise, moved.size)
 
 
+@pytest.mark.slow
 def test_errors_of_the_offset_agree_with_its_uncertainty():
     rng = np.random.default_rng(2)
     errors, predicted = [], []

@@ -199,6 +199,7 @@ def test_lowess_without_points_is_refused():
         fit_lowess(np.full((30, 30), np.nan), (21, 21), 1, "bisquare")
 
 
+@pytest.mark.slow
 def test_the_number_of_threads_of_linear_algebra_changes_no_bit():
     """Products are made again in other processes, and must come out the same."""
     code = """
