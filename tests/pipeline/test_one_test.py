@@ -23,9 +23,9 @@ def data(tmp_path):
             folder = tmp_path / place / side
             folder.mkdir(parents=True)
             for step in range(2):
-                cv2.imwrite(str(folder / f"step_{step:02d}.png"), np.zeros((8, 8), np.uint8))
+                cv2.imwrite(str(folder / f"step_{step:02d}.png"), np.zeros((40, 40), np.uint8))
     for name in ("strip", "square", "wide"):
-        outline = np.array([[1.0, 1.0], [6.0, 1.0], [6.0, 6.0], [1.0, 1.0]])
+        outline = np.array([[10.0, 5.0], [30.0, 5.0], [30.0, 35.0], [10.0, 35.0], [10.0, 5.0]])
         (tmp_path / name / "region.geojson").write_text(outline_text(outline))
         (tmp_path / name / "weights.csv").write_text("step,load_g\nstep_00,0.0\nstep_01,9.0\n")
     return tmp_path
